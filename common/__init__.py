@@ -1,0 +1,1 @@
+"""What every process must agree on: vocabulary, probability, wire messages, keys, the Zenoh link, configuration."""

@@ -1,0 +1,55 @@
+"""Probability vectors over movements: normalising, entropy, tempering. Pure functions on (..., M) arrays."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+
+def uniform(size: int) -> Floats:
+    """(M,) the uniform distribution: what a judge who has seen nothing believes."""
+    return np.full(size, 1.0 / size)
+
+
+def from_logs(log_p: Floats) -> Floats:
+    """(..., M) unnormalised log probabilities -> (..., M) probabilities that sum to 1 along the last axis.
+
+    The maximum is subtracted before exp; a row of all -inf carries no information and becomes uniform.
+    """
+    top = log_p.max(axis=-1, keepdims=True)
+    p = np.exp(log_p - np.where(np.isfinite(top), top, 0.0))
+    total = p.sum(axis=-1, keepdims=True)
+    return np.where(total > 0, p / np.where(total > 0, total, 1.0), 1.0 / log_p.shape[-1])
+
+
+def normalise(mass: Floats) -> Floats:
+    """(..., M) non-negative masses -> (..., M) probabilities; rows without any mass become uniform."""
+    total = mass.sum(axis=-1, keepdims=True)
+    return np.where(total > 0, mass / np.where(total > 0, total, 1.0), 1.0 / mass.shape[-1])
+
+
+def entropy_bits(p: Floats) -> Floats:
+    """(..., M) -> (...) entropy H = -sum p log2 p in bits, 0 <= H <= log2 M, with 0 log 0 = 0 (section V.B).
+
+    Never -0.0: a rounding error below zero is cut off, because 1/H is a weight later.
+    """
+    safe = np.where(p > 0, p, 1.0)
+    h = -(safe * np.log2(safe)).sum(axis=-1)
+    # np.maximum(-0.0, 0.0) may keep the sign; adding 0.0 clears it.
+    result: Floats = np.clip(h, 0.0, math.log2(p.shape[-1])) + 0.0
+    return result
+
+
+def temper(p: Floats, prior: Floats, exponent: float) -> Floats:
+    """(M,) posterior -> (p/prior)^exponent * prior, normalised: 1 leaves it, 0 gives back the prior.
+
+    This is how an old opinion fades: exponent = exp(-age/tau). Movements the prior excludes stay excluded.
+    """
+    with np.errstate(divide="ignore", invalid="ignore"):
+        log_prior = np.log(prior)
+        log_ratio = np.where(prior > 0, np.log(p) - log_prior, 0.0)
+        # 0 * -inf has no value; an exponent of 0 forgets even a certainty.
+        powered = log_ratio * exponent if exponent > 0 else np.zeros_like(log_ratio)
+    return from_logs(powered + log_prior)

@@ -1,0 +1,1 @@
+"""The referee: posteriors -> weights -> pooled posterior -> judgement and verdict."""

@@ -1,0 +1,1 @@
+"""Who listens: the terminal view today; home bridges, dashboard and metrics later."""

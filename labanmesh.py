@@ -1,0 +1,103 @@
+"""The front door: the command line, which imports a room only when its verb is called."""
+
+import importlib
+import os
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from common.errors import LabanmeshError
+
+__version__ = "0.1.0"
+
+
+@dataclass(frozen=True, slots=True)
+class Verb:
+    """Where a verb lives and what it is for."""
+
+    module: str
+    function: str
+    purpose: str
+
+    def load(self) -> Callable[..., object]:
+        """Import the room of this verb, and nothing else."""
+        loaded: Callable[..., object] = getattr(importlib.import_module(self.module), self.function)
+        return loaded
+
+
+VERBS = {
+    "demo": Verb("studies.commands", "demo", "the whole system on this machine, on what the package carries"),
+    "up": Verb("deploy.commands", "up", "all processes that a scene file names, supervised"),
+    "observe": Verb("observer.commands", "observe", "one observer: its view becomes a judge on the mesh"),
+    "fuse": Verb("fusion.commands", "fuse", "the referee: weighs the observers, publishes judgements and verdicts"),
+    "router": Verb("deploy.commands", "router", "a Zenoh router for a mesh of several machines"),
+    "watch": Verb("hub.commands", "watch", "live view of beliefs, weights and verdicts in the terminal"),
+    "import": Verb("observer.commands", "import_recordings", "recordings of others -> motion archive"),
+    "learn": Verb("observer.commands", "learn", "motion archive -> one observer's model for its view"),
+    "evaluate": Verb("studies.commands", "evaluate", "accuracy, confusion, earliness and calibration on an archive"),
+}
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one verb; returns the exit status: 0, 1 at run time, 2 for bad input, 130 on Ctrl-C."""
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    if not words or words[0] in ("--help", "-h", "help"):
+        print(overview())
+        return 0
+    if words[0] in ("--version", "-V"):
+        print(f"labanmesh {__version__}")
+        return 0
+    verb, rest = words[0], words[1:]
+    try:
+        if verb not in VERBS:
+            raise _unknown(verb)
+        return _run(verb, rest)
+    except LabanmeshError as error:
+        print(f"labanmesh: {error}", file=sys.stderr)
+        return error.exit_status
+    except KeyboardInterrupt:
+        return 130
+    except BrokenPipeError:
+        # Whoever read our output has seen enough; silence the interpreter's own complaint at exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+
+
+def overview() -> str:
+    """The text of `labanmesh --help`, made from the table of verbs without importing any room."""
+    width = max(map(len, VERBS))
+    lines = [f"  {name:<{width}}  {verb.purpose}" for name, verb in VERBS.items()]
+    head = "labanmesh: several cameras judge one person's movement, over Eclipse Zenoh\n\nusage: labanmesh VERB ...\n"
+    return "\n".join([head, *lines, "", "labanmesh VERB --help explains a verb and shows an example."])
+
+
+def _unknown(verb: str) -> LabanmeshError:
+    from difflib import get_close_matches
+
+    from common.errors import BadInput
+
+    near = get_close_matches(verb, VERBS, 1)
+    hint = f"did you mean {near[0]}?" if near else f"known: {', '.join(VERBS)}"
+    return BadInput(f"{verb!r}: unknown verb; {hint}")
+
+
+def _run(verb: str, words: Sequence[str]) -> int:
+    import typer
+    from typer.exceptions import TyperException
+
+    from common.errors import BadInput
+
+    app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
+    app.command(verb)(VERBS[verb].load())
+    try:
+        status = typer.main.get_command(app).main(words, f"labanmesh {verb}", standalone_mode=False)
+    except TyperException as error:
+        text = " ".join(error.format_message().split()) if hasattr(error, "format_message") else str(error)
+        raise BadInput(f"{verb}: {text}; see labanmesh {verb} --help") from None
+    except typer.Abort:
+        raise KeyboardInterrupt from None
+    return status if isinstance(status, int) else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

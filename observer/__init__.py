@@ -1,0 +1,1 @@
+"""One judge: camera -> tracks -> Vector Symbols -> belief -> posterior; and how it learns its perspective."""

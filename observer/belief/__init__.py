@@ -1,0 +1,1 @@
+"""Belief: the Bayes filters that turn evidence into a posterior over movements."""

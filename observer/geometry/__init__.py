@@ -1,0 +1,1 @@
+"""Views: how a point in the room becomes a point in an image."""

@@ -1,0 +1,1 @@
+"""Movement models: log P(observation | movement, phase), learned and stored."""

@@ -1,0 +1,1 @@
+"""Importers of other people's recordings, one file each, found by name."""

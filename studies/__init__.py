@@ -1,0 +1,1 @@
+"""Whole-system runs over real data: the experiments, their curves, plots and reports; and the demo."""
