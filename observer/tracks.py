@@ -33,7 +33,7 @@ class Tracks:
     @property
     def visible(self) -> NDArray[np.bool_]:
         """(P,) whether each part is seen."""
-        seen: NDArray[np.bool_] = np.isfinite(self.centres).all(axis=1)
+        seen: NDArray[np.bool_] = np.logical_and.reduce(np.isfinite(self.centres), axis=1)
         return seen
 
 

@@ -1,1 +1,5 @@
-"""A synthetic performer: a kinematic model of four people doing the paper's eight movements."""
+"""A synthetic performer: a kinematic model of four invented people doing the paper's eight movements."""
+
+from studies.performer.perform import MOVEMENTS, PEOPLE, perform, perform_continuously
+
+__all__ = ["MOVEMENTS", "PEOPLE", "perform", "perform_continuously"]

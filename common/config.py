@@ -1,0 +1,199 @@
+"""The scene file: one TOML file that describes a scene and that every process of it reads (contract: Scene file).
+
+Each section is a frozen model with a default for every key but the scene's name and the observers' sources; which
+environment variables override it is in config_environment.py, how faults are worded in config_faults.py.
+"""
+
+import os
+import re
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    PlainValidator,
+    PositiveFloat,
+    PrivateAttr,
+    ValidationError,
+    model_validator,
+)
+
+from common.config_environment import override
+from common.config_faults import worded
+from common.errors import BadInput
+from common.keys import SceneKeys, identifier
+from common.vocabulary import Vocabulary
+
+ENDPOINT = re.compile(r"(tcp|tls|quic|udp|ws)/[^\s/#?]+:\d{1,5}([#?]\S*)?\Z|unixsock-stream/\S+\Z")
+
+
+def _endpoint(value: str) -> str:
+    if not ENDPOINT.match(value):
+        raise ValueError("must be PROTOCOL/HOST:PORT, e.g. tcp/127.0.0.1:7447 (protocols: tcp, tls, quic, udp, ws)")
+    return value
+
+
+def _recording(value: object) -> int | Literal["all"]:
+    if value == "all":
+        return "all"
+    if isinstance(value, str) and value.isdecimal():
+        return int(value)
+    if isinstance(value, bool) or not isinstance(value, int) or value < 0:
+        raise ValueError('must be the index of a recording, from 0, or "all"')
+    return value
+
+
+class Section(BaseModel):
+    """What all parts of the file share: never changed after reading, no unknown keys, no guessing of types."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
+
+
+class MeshConfig(Section):
+    """[mesh]: how the processes find each other.
+
+    mode: "machine" (peers on one machine; the fusion process listens on `endpoint`), "router" (clients of the router
+    that listens on `endpoint`) or "process" (peers inside one process, as in tests and the demo).
+    """
+
+    mode: Literal["machine", "router", "process"] = "machine"
+    endpoint: Annotated[str, AfterValidator(_endpoint)] = "tcp/127.0.0.1:7447"
+    prefix: str = "laban"
+
+    def at(self, endpoint: str) -> "MeshConfig":
+        """The same mesh, met at another endpoint, e.g. the one that a link really listens on."""
+        return self.model_copy(update={"endpoint": endpoint})
+
+
+class ObserverConfig(Section):
+    """[observers.ID]: where one observer looks at, and with which model.
+
+    speed: recorded motion is played this much faster than it was; 0 is as fast as possible. model: "" until the
+    scene is read, then a file name (by default ID.model).
+    """
+
+    source: Annotated[str, Field(min_length=1)]
+    view: Annotated[str, Field(min_length=1)] = "door"
+    model: str = ""
+    speed: Annotated[float, Field(ge=0)] = 1.0
+    recording: Annotated[int | Literal["all"], PlainValidator(_recording)] = 0
+    loop: bool = False
+    onset: Literal["unknown", "known"] = "unknown"
+    tracker: str = "projected"
+
+
+class FusionConfig(Section):
+    """[fusion]: how the referee judges; seconds and probabilities.
+
+    quorum: least number of agreeing judges; in a scene that does not say, more than half of its observers.
+    fresh_s, fade_s, drop_s: how an opinion ages. step_hz: judgements per second at least.
+    """
+
+    id: str = "fusion"
+    rule: str = "robust_inverse_entropy"
+    quorum: Annotated[int, Field(ge=1)] = 1
+    threshold: Annotated[float, Field(gt=0, le=1)] = 0.8
+    hold_s: Annotated[float, Field(ge=0)] = 0.3
+    fresh_s: Annotated[float, Field(ge=0)] = 0.2
+    fade_s: PositiveFloat = 0.5
+    drop_s: PositiveFloat = 2.0
+    step_hz: Annotated[float, Field(ge=0.1, le=1000)] = 10.0
+
+
+class Scene(Section):
+    """A whole scene. Made by `read_scene`, which also knows the folder that file names in it start from."""
+
+    scene: str
+    vocabulary: Annotated[tuple[str, ...], Field(strict=False)] | None = None
+    vocabulary_name: str = "movements"
+    mesh: MeshConfig = MeshConfig()
+    observers: dict[str, ObserverConfig]
+    fusion: FusionConfig = FusionConfig()
+    _folder: Path = PrivateAttr(default=Path())
+
+    @model_validator(mode="after")
+    def _hangs_together(self) -> "Scene":
+        _ = self.keys, self.named_vocabulary
+        identifier(self.fusion.id, "fusion.id")
+        for name in self.observers:
+            identifier(name, "observers")
+        if self.fusion.quorum > len(self.observers):
+            raise BadInput(
+                f"fusion.quorum = {self.fusion.quorum}: the scene has {len(self.observers)} observers, so many can "
+                f"never agree; choose 1 to {len(self.observers)}"
+            )
+        return self
+
+    @property
+    def keys(self) -> SceneKeys:
+        """Where on the mesh everything of this scene is said."""
+        return SceneKeys(self.scene, self.mesh.prefix)
+
+    @property
+    def roster(self) -> tuple[str, ...]:
+        """The observers' ids, in the file's order."""
+        return tuple(self.observers)
+
+    @property
+    def named_vocabulary(self) -> Vocabulary | None:
+        """The vocabulary that the file names; None: the models bring it."""
+        return None if self.vocabulary is None else Vocabulary(self.vocabulary, self.vocabulary_name)
+
+    def observer(self, observer: str) -> ObserverConfig:
+        """The section of one observer; raises BadInput that lists the known ones."""
+        if observer not in self.observers:
+            raise BadInput(f"observer {observer!r}: not in the scene; known: {', '.join(self.observers)}")
+        return self.observers[observer]
+
+    def place(self, name: str) -> Path:
+        """Where a file named in the scene file is: relative names start from the scene file's folder."""
+        return self._folder / Path(name).expanduser()
+
+
+def read_scene(path: Path, environment: Mapping[str, str] | None = None) -> Scene:
+    """The scene in the file at `path`, overridden by LABANMESH_... of `environment` (default: the process's).
+
+    Raises BadInput, one line that names file, key, value and rule.
+    """
+    table = _table(path)
+    override(table, Scene, os.environ if environment is None else environment)
+    try:
+        _fill_in(table)
+        scene = Scene.model_validate(table)
+    except ValidationError as error:
+        raise BadInput(f"{path}: {worded(error, Scene)}") from None
+    except BadInput as error:
+        raise BadInput(f"{path}: {error}") from None
+    scene._folder = path.absolute().parent
+    return scene
+
+
+def _table(path: Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except tomllib.TOMLDecodeError as error:
+        raise BadInput(f"{path}: not TOML: {error}") from None
+    except UnicodeDecodeError:
+        raise BadInput(f"{path}: not UTF-8 text; a scene file is TOML") from None
+    except OSError as error:
+        raise BadInput(f"{path}: {(error.strerror or str(error)).lower()}; name a scene file (TOML)") from None
+
+
+def _fill_in(table: dict[str, Any]) -> None:
+    """What the defaults cannot say because it depends on the rest of the file."""
+    observers = table.get("observers")
+    if not observers:
+        raise BadInput('no observers: name at least one, e.g. [observers.cam1] with source = "motion.npz"')
+    if not isinstance(observers, dict):
+        return
+    for name, section in observers.items():
+        if isinstance(section, dict):
+            section.setdefault("model", f"{name}.model")
+    fusion = table.setdefault("fusion", {})
+    if isinstance(fusion, dict):
+        fusion.setdefault("quorum", len(observers) // 2 + 1)

@@ -1,0 +1,59 @@
+"""Saying on the mesh how a process is: at every change, each second, and to whoever asks."""
+
+import threading
+import time
+from collections.abc import Callable
+from types import TracebackType
+from typing import Self
+
+from common.errors import LabanmeshError
+from common.health import Health
+from common.link import Link
+from common.messages import ProcessState
+from common.wire import encode
+
+
+class StatusBoard:
+    """Publishes a process's health under its status key; a context manager that says starting and stopping.
+
+    It has a thread of its own, because a process whose camera hangs must still be able to say so.
+    """
+
+    def __init__(
+        self, link: Link, key: str, health: Health, clock: Callable[[], int] = time.time_ns, every_s: float = 1.0
+    ) -> None:
+        self._publisher = link.publisher(key)
+        self._health, self._clock, self._every_s = health, clock, every_s
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._repeat, name="status", daemon=True)
+        link.answer(key, self._payload)
+
+    def become(self, state: ProcessState, reason: str = "") -> None:
+        """A change of state, said at once."""
+        self._health.become(state, reason)
+        self._publisher.put(self._payload())
+
+    def _payload(self) -> bytes:
+        return encode(self._health.status(self._clock()))
+
+    def _repeat(self) -> None:
+        while not self._ended.wait(self._every_s):
+            try:
+                self._publisher.put(self._payload())
+            except LabanmeshError:
+                return  # the link was closed under us: nobody can be told any more
+
+    def __enter__(self) -> Self:
+        self.become("starting")
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._ended.set()
+        self._thread.join()
+        if error is None:
+            self.become("stopping")
+        else:
+            self.become("failed", f"{type(error).__name__}: {error}"[:200])

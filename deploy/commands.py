@@ -1,0 +1,84 @@
+"""The verbs `labanmesh up` and `labanmesh router`: a whole scene on one machine, and where machines meet."""
+
+import sys
+import threading
+import time
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from common.config import MeshConfig, Scene, read_scene
+from common.errors import BadInput, LabanmeshError
+from common.lifecycle import log_to_stderr, stop_on_signals
+from common.link import Link
+from deploy.launcher import Job, Launcher
+from deploy.supervision import Patience
+
+START_TOGETHER_S = 2.0
+"""Recordings begin this long after the launcher, when all observers are up: so that they see the same at once."""
+EACH_OBSERVER_S = 0.2
+FAILURES_WHEN_IT_SHALL_END = 5
+"""A scene that shall end by itself does not try a failing observer for ever."""
+
+
+def up(
+    scene: Annotated[Path, typer.Argument(help="The scene file (TOML).")],
+    for_s: Annotated[
+        float | None, typer.Option("--for", metavar="SECONDS", min=0, help="End by itself after so long.")
+    ] = None,
+    exit_when_done: Annotated[
+        bool, typer.Option("--exit-when-done", help="End when all recordings have been played.")
+    ] = False,
+) -> int:
+    """All processes that a scene file names, on this machine: the referee and each observer, supervised.
+
+    Who fails is started again, ever later; one log on stderr names who says what. SIGTERM or Ctrl-C ends all.
+
+    Example: labanmesh up scene.toml
+
+    Example: labanmesh up scene.toml --exit-when-done
+    """
+    named = read_scene(scene)
+    if named.mesh.mode == "process":
+        raise BadInput(f"{scene}: mesh.mode = 'process': several processes cannot meet so; choose machine or router")
+    start_ns = time.time_ns() + round((START_TOGETHER_S + EACH_OBSERVER_S * len(named.roster)) * 1e9)
+    launcher = Launcher(
+        jobs(scene, named),
+        environment={"LABANMESH_PLAYBACK_START_NS": str(start_ns)},
+        patience=Patience(failures=FAILURES_WHEN_IT_SHALL_END if exit_when_done else None),
+    )
+    with stop_on_signals() as stop:
+        timer = threading.Timer(for_s or 0, stop.set)
+        timer.daemon = True
+        if for_s is not None:
+            timer.start()
+        status = launcher.run(stop, exit_when_done=exit_when_done, linger_s=named.fusion.drop_s)
+        timer.cancel()
+    if status:
+        raise LabanmeshError(f"{scene}: not all processes could do their work; the log above says why")
+    return 0
+
+
+def jobs(path: Path, scene: Scene) -> list[Job]:
+    """The processes of a scene: the referee and each observer. A router, if the mesh has one, is run apart."""
+    python = [sys.executable, "-m", "labanmesh"]
+    fuse = Job("[fuse]", [*python, "fuse", str(path)], lasting=True)
+    return [fuse, *(Job(name, [*python, "observe", str(path), name]) for name in scene.roster)]
+
+
+def router(
+    endpoint: Annotated[
+        str, typer.Argument(help="Where it listens: tcp/0.0.0.0:7447 is every interface of this machine.")
+    ] = MeshConfig().endpoint,
+) -> None:
+    """A Zenoh router, where the machines of a mesh meet. It relays, and keeps nothing.
+
+    Scene files then say mode = "router" and this machine's address under [mesh] endpoint.
+
+    Example: labanmesh router tcp/0.0.0.0:7447
+    """
+    log_to_stderr()
+    with stop_on_signals() as stop, Link.open(MeshConfig(mode="router"), "router", listen=[endpoint]) as link:
+        print(f"labanmesh router: listening on {link.locator}", file=sys.stderr)
+        stop.wait()

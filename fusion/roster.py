@@ -1,0 +1,157 @@
+"""The roster: who judges, what each last said, and how old that is. Pure: time is passed in.
+
+1. An observer's posterior is cumulative, so only its newest by capture time is kept; two are never multiplied.
+2. A restarted observer begins a new session and is heard at once; stragglers of its old session are not.
+3. An opinion older than `fresh_s` fades towards the prior, p <- (p/prior)^exp(-(age-fresh_s)/fade_s) prior.
+4. Past `drop_s`, or before anything was said, a judge is the prior: it takes part and says nothing.
+5. A judge whose process is seen to go is silent at once, until it speaks again.
+6. What cannot be used is counted by reason, and changes nothing.
+"""
+
+from collections import Counter
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from common.messages import PosteriorMessage, VoteState
+from common.probability import normalise, temper, uniform
+from common.vocabulary import Vocabulary
+
+Floats = NDArray[np.float64]
+SECOND_NS = 1_000_000_000
+
+
+class Patience(Protocol):
+    """How long an opinion counts, in seconds: untouched until `fresh_s`, then fading by `fade_s`, gone at `drop_s`."""
+
+    @property
+    def fresh_s(self) -> float:
+        """Age up to which an opinion counts in full: a frame interval and the way over the network."""
+
+    @property
+    def fade_s(self) -> float:
+        """Time constant tau of the fading after that."""
+
+    @property
+    def drop_s(self) -> float:
+        """Age at which the judge is silent; also how far in the future a capture time may lie."""
+
+
+@dataclass(frozen=True, slots=True)
+class Opinion:
+    """One judge as the rule hears it: p (M,) faded to its age, rest the chance that the person is at rest."""
+
+    observer: str
+    p: Floats
+    rest: float
+    age_s: float | None
+    state: VoteState
+
+
+@dataclass(slots=True)
+class _Seat:
+    session: str = ""
+    past_sessions: set[str] = field(default_factory=set)
+    message: PosteriorMessage | None = None
+    trouble: VoteState | None = None
+    rejected: Counter[str] = field(default_factory=Counter)
+
+
+class Roster:
+    """The judges of one scene and their newest opinions."""
+
+    def __init__(self, observers: list[str], vocabulary: Vocabulary, patience: Patience) -> None:
+        self.vocabulary = vocabulary
+        self.prior = uniform(vocabulary.size)
+        self._patience = patience
+        self._seats = {observer: _Seat() for observer in observers}
+        self._alive: frozenset[str] = frozenset()
+
+    @property
+    def rejected(self) -> dict[str, Counter[str]]:
+        """Per observer, how many of its messages could not be used, by reason."""
+        return {observer: seat.rejected for observer, seat in self._seats.items()}
+
+    def receive(self, observer: str, message: PosteriorMessage, now_ns: int) -> str | None:
+        """Take one posterior; returns why it was not used, or None."""
+        seat = self._seats.get(observer)
+        if seat is None:
+            return "unknown_observer"
+        reason = self._refuse(seat, message, now_ns)
+        if reason is None:
+            if message.session != seat.session:
+                seat.past_sessions.add(seat.session)
+                seat.session = message.session
+            seat.message, seat.trouble = message, None
+        else:
+            self._count(seat, reason)
+        return reason
+
+    def reject(self, observer: str, reason: str) -> None:
+        """Count a message that could not even be read."""
+        if observer in self._seats:
+            self._count(self._seats[observer], reason)
+
+    def present(self, alive: frozenset[str]) -> None:
+        """Who is alive on the mesh now. A judge that never announced itself is heard all the same."""
+        for observer in (self._alive - alive) & self._seats.keys():
+            self._seats[observer].message = None
+        self._alive = alive
+
+    def opinions(self, now_ns: int) -> list[Opinion]:
+        """Every judge of the roster in order, faded to its age at `now_ns`."""
+        return [self._opinion(observer, seat, now_ns) for observer, seat in self._seats.items()]
+
+    def _refuse(self, seat: _Seat, message: PosteriorMessage, now_ns: int) -> str | None:
+        if message.vocabulary.hash != self.vocabulary.digest:
+            return "foreign_vocabulary"
+        if len(message.p) != self.vocabulary.size:
+            return "wrong_length"
+        if message.captured_ns > now_ns + self._patience.drop_s * SECOND_NS:
+            return "from_the_future"
+        if message.session in seat.past_sessions:
+            return "past_session"
+        last = seat.message
+        if last is not None and message.session == last.session:
+            if message.seq == last.seq:
+                return "repeated"
+            if message.captured_ns <= last.captured_ns:
+                return "out_of_order"
+        return None
+
+    def _count(self, seat: _Seat, reason: str) -> None:
+        seat.rejected[reason] += 1
+        # A late copy says nothing against the judge; a message that is wrong in itself does.
+        if reason not in ("repeated", "out_of_order", "past_session"):
+            seat.trouble = "foreign" if reason == "foreign_vocabulary" else "invalid"
+
+    def _opinion(self, observer: str, seat: _Seat, now_ns: int) -> Opinion:
+        message, patience = seat.message, self._patience
+        if message is None:
+            return Opinion(observer, self.prior, 1.0, None, seat.trouble or "silent")
+        age_s = (now_ns - message.captured_ns) / SECOND_NS
+        if age_s > patience.drop_s:
+            late = (message.sent_ns - message.captured_ns) / SECOND_NS > patience.drop_s
+            return Opinion(observer, self.prior, 1.0, age_s, seat.trouble or ("late" if late else "silent"))
+        keeps = float(np.exp(-max(age_s - patience.fresh_s, 0.0) / patience.fade_s))
+        p = self._faded(message, keeps)
+        active = keeps * (1.0 - (_rest_of(message) if message.rest is None else message.rest))
+        state = seat.trouble or ("counted" if keeps == 1.0 else "stale")
+        return Opinion(observer, p, 1.0 - active, age_s, state)
+
+    def _faded(self, message: PosteriorMessage, keeps: float) -> Floats:
+        p = normalise(np.array(message.p))
+        if message.prior is not None:
+            # Bayes: what the frames said is p over the judge's own prior; the scene's prior takes its place.
+            own = np.maximum(np.array(message.prior), 1e-12)
+            p = normalise(p / own * self.prior)
+        return p if keeps == 1.0 else temper(p, self.prior, keeps)
+
+
+def _rest_of(message: PosteriorMessage) -> float:
+    """A judge that does not say whether the person rests: as near to rest as its belief is to knowing nothing."""
+    p = np.array(message.p)
+    h = -(p[p > 0] * np.log2(p[p > 0])).sum()
+    return float(np.clip(h / np.log2(len(p)), 0.0, 1.0))

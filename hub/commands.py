@@ -1,0 +1,57 @@
+"""The verb `labanmesh watch`: who listens, at the command line."""
+
+import math
+import signal
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from common.config import read_scene
+from common.link import Link
+from hub.session import listen
+from hub.views import show_json, show_lines, show_live
+
+
+def watch(
+    scene: Annotated[Path, typer.Argument(help="The scene file, as given to observe and fuse.")],
+    json: Annotated[bool, typer.Option("--json", help="Each judgement and verdict as a line of JSON.")] = False,
+    for_s: Annotated[
+        float | None, typer.Option("--for", metavar="SECONDS", min=0, help="End by itself after so long.")
+    ] = None,
+) -> None:
+    """Live view of a scene: every judge in its corner, what the referee makes of it, and the verdicts.
+
+    On a terminal it is a picture, else plain lines: each verdict, and a judgement a second. Ctrl-C ends it.
+
+    Example: labanmesh watch scene.toml
+
+    Example: labanmesh watch scene.toml --json --for 60 | jq -c 'select(.kind == "verdict") | .label'
+    """
+    named = read_scene(scene)
+    end_s = math.inf if for_s is None else time.monotonic() + for_s
+    console = Console()
+    with _termination() as terminated, Link.open(named.mesh, "hub") as link:
+        heard = listen(named, link, lambda: not terminated.is_set() and time.monotonic() < end_s)
+        if json:
+            show_json(heard)
+        elif console.is_terminal:
+            show_live(heard, console)
+        else:
+            show_lines(heard)
+
+
+@contextmanager
+def _termination() -> Iterator[threading.Event]:
+    """An event that SIGTERM sets, so that the terminal is left as it was found."""
+    terminated = threading.Event()
+    before = signal.signal(signal.SIGTERM, lambda *_: terminated.set())
+    try:
+        yield terminated
+    finally:
+        signal.signal(signal.SIGTERM, before)

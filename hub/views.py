@@ -1,0 +1,56 @@
+"""Three ways to show what is heard: a live picture, plain lines, lines of JSON."""
+
+import json
+from collections.abc import Iterable
+
+from rich.console import Console
+from rich.live import Live
+
+from common.messages import JudgementMessage, VerdictMessage
+from hub.scene_state import SceneState
+from hub.session import Heard
+from hub.terminal import render
+from hub.wording import judgement_line, verdict_line
+
+REDRAW_S = 0.1
+LINE_EVERY_S = 1.0
+
+
+def show_live(heard: Iterable[Heard], console: Console) -> None:
+    """Redraw the picture ten times a second on the alternate screen; at the end the verdicts stay as plain lines."""
+    state: SceneState | None = None
+    drawn_ns = 0
+    try:
+        with Live(console=console, screen=True, auto_refresh=False) as live:
+            for state in (each.state for each in heard):
+                if state.now_ns - drawn_ns >= REDRAW_S * 1e9 or state.now_ns < drawn_ns:
+                    drawn_ns = state.now_ns
+                    live.update(render(state, *console.size), refresh=True)
+    finally:
+        for verdict in reversed(state.verdicts if state else ()):
+            console.out(verdict_line(verdict), highlight=False)
+
+
+def show_lines(heard: Iterable[Heard]) -> None:
+    """One line for each verdict when it is first heard, and a judgement a second."""
+    told: set[str] = set()
+    said_ns = 0
+    for each in heard:
+        match each.message:
+            case VerdictMessage(id=verdict_id) as verdict if verdict_id not in told:
+                told.add(verdict_id)
+                print(verdict_line(verdict), flush=True)
+        state = each.state
+        if state.judgement and state.silence_s < LINE_EVERY_S and abs(state.now_ns - said_ns) >= LINE_EVERY_S * 1e9:
+            said_ns = state.now_ns
+            print(judgement_line(state.judgement), flush=True)
+
+
+def show_json(heard: Iterable[Heard]) -> None:
+    """Each judgement and verdict as one line of JSON: the wire's field names, and `kind` before them."""
+    for each in heard:
+        if isinstance(each.message, JudgementMessage):
+            kind = "verdict" if isinstance(each.message, VerdictMessage) else "judgement"
+            # pydantic says a number that is none as null; json would write NaN, which no other language reads.
+            fields = json.loads(each.message.model_dump_json())
+            print(json.dumps({"kind": kind, **fields}), flush=True)

@@ -1,0 +1,115 @@
+"""The verbs of an observer: `observe`, `import` and `learn`."""
+
+import hashlib
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from common.errors import BadInput
+from common.progress import Bar
+from common.vocabulary import Vocabulary
+
+
+def observe(
+    scene: Annotated[Path, typer.Argument(help="The scene file (TOML), the same for every process of the scene.")],
+    observer: Annotated[str, typer.Argument(help="The id of this observer in the scene file.")],
+) -> None:
+    """One observer: sees the performer from its view and says on the mesh what it believes, until its source ends.
+
+    Example: labanmesh observe scene.toml cam1
+    """
+    from common.config import read_scene
+    from common.lifecycle import log_to_stderr, stop_on_signals
+    from common.link import Link
+    from observer.geometry.views import parse_view
+    from observer.model.base import Onset
+    from observer.model.store import read_model, require
+    from observer.pipeline import Observer
+    from observer.projected import ProjectedTracker
+    from observer.service import serve
+    from observer.source import open_source
+
+    log_to_stderr()
+    named = read_scene(scene)
+    section = named.observer(observer)
+    source = open_source(named, observer)
+    place = named.place(section.model)
+    model = read_model(place)
+    require(place, model, named.named_vocabulary, source.rate_hz)
+    view = parse_view(section.view, named.place("."))
+    tracker = ProjectedTracker(view, source.body_parts, model.header.body_parts)
+    onset = Onset(known=section.onset == "known", length=len(source.recordings[0].positions))
+    judge = Observer(tracker, model, onset)
+    with stop_on_signals() as stop, Link.open(named.mesh, "observer") as link:
+        serve(named, observer, judge, source, link, stop)
+
+
+def import_recordings(
+    kind: Annotated[str, typer.Argument(help="msr-action3d, florence3d, bvh or csv.")],
+    path: Annotated[Path, typer.Argument(help="The folder or file that holds the recordings.")],
+    output: Annotated[Path, typer.Option("-o", "--output", help="The motion archive to write (.npz).")],
+) -> None:
+    """Recordings of others become a motion archive: hands and head in metres, as docs/motion.md says.
+
+    Example: labanmesh import msr-action3d MSRAction3DSkeletonReal3D -o msr.npz
+    """
+    from observer.motion.archive_file import write_archive
+    from observer.motion.importers import import_recordings as read
+
+    with Bar() as bar:
+        result = read(kind, path, progress=lambda done, total: bar("reading", done, total))
+    write_archive(output, result.archive)
+    for note in result.notes:
+        print(note, file=sys.stderr)
+    recordings = result.archive.recordings
+    frames = sum(len(r.positions) for r in recordings)
+    labels, subjects = {r.label for r in recordings}, {r.subject for r in recordings}
+    print(
+        f"{output}: {len(recordings)} recordings, {len(labels)} movements, {len(subjects)} people, {frames} frames "
+        f"at {recordings[0].rate_hz:g} Hz"
+    )
+
+
+def learn(
+    archive: Annotated[Path, typer.Argument(help="The motion archive to learn from (.npz).")],
+    view: Annotated[str, typer.Option(help="door, wheel, table, yaw:DEG, yaw:DEG,pitch:DEG, or a camera file.")],
+    output: Annotated[Path, typer.Option("-o", "--output", help="The model file to write.")],
+    model: Annotated[str, typer.Option(help="phase, phase-symbols or frame-table.")] = "phase",
+    labels: Annotated[str, typer.Option(help="The movements to tell apart, by commas; all of the archive's.")] = "",
+    subjects: Annotated[str, typer.Option(help="The people to learn from, by commas; all of the archive's.")] = "",
+    rate: Annotated[float | None, typer.Option(min=1, help="Frames a second of the observer; the archive's.")] = None,
+    name: Annotated[str, typer.Option(help="A name for the vocabulary.")] = "movements",
+) -> None:
+    """One observer's model for its perspective, learned from recordings in 3-D projected into its view.
+
+    Example: labanmesh learn msr.npz --view yaw:45 -o corner1.model
+    """
+    from observer.geometry.views import parse_view
+    from observer.learning import labels_of, learn_view, prepared
+    from observer.model.store import write_model
+    from observer.motion.archive_file import read_archive
+
+    whole = prepared(read_archive(archive), _words(subjects), rate)
+    vocabulary = Vocabulary(tuple(_words(labels)) or labels_of(whole), name)
+    provenance = {
+        "archive": archive.name,
+        "archive_sha256": hashlib.sha256(archive.read_bytes()).hexdigest(),
+        "subjects": ",".join(sorted({r.subject for r in whole.recordings})),
+    }
+    learned = learn_view(whole, parse_view(view), vocabulary, kind=model, provenance=provenance)
+    write_model(output, learned)
+    header = learned.header
+    print(
+        f"{output}: {header.kind} for {header.view}, {vocabulary.size} movements from "
+        f"{header.provenance['examples']} examples of {len(provenance['subjects'].split(','))} people, "
+        f"{header.rate_hz:g} Hz, {output.stat().st_size / 1e6:.2f} MB"
+    )
+
+
+def _words(text: str) -> list[str]:
+    words = [word.strip() for word in text.split(",")] if text else []
+    if not all(words):
+        raise BadInput(f"{text!r}: a name is missing between commas")
+    return words

@@ -1,0 +1,113 @@
+"""Views: the names by which people ask for a perspective (contract: Views), and a performer who turns before it."""
+
+import difflib
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from common.errors import BadInput
+from observer.geometry.camera_file import read_camera
+from observer.geometry.projection import Floats, parallel_matrix
+
+PRINCIPAL_PLANES_DEG = {"door": (0.0, 0.0), "wheel": (90.0, 0.0), "table": (0.0, 90.0)}
+"""Laban's three planes as (yaw, pitch) of who looks at them (section III.A)."""
+
+KNOWN = "door, wheel, table, yaw:DEG, yaw:DEG,pitch:DEG, or a camera file (.toml)"
+
+Real = TypeVar("Real", bound=np.floating)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class View:
+    """A perspective. matrix: (3, 4) projective matrix, to metres for planes and angles, to pixels for a camera file."""
+
+    name: str
+    matrix: Floats
+
+
+def parse_view(text: str, folder: Path | None = None) -> View:
+    """One view by its name; a relative path of a camera file counts from `folder`, else from where we are.
+
+    Raises BadInput for an unknown name, an angle that is no number, a pitch outside -90..90 or a bad camera file.
+    """
+    text = text.strip()
+    if text in PRINCIPAL_PLANES_DEG:
+        return _parallel_view(text, *PRINCIPAL_PLANES_DEG[text])
+    if text.startswith("yaw:"):
+        return _angle_view(text)
+    if text.endswith(".toml"):
+        camera = read_camera((folder or Path()) / text)
+        return View(camera.name, camera.matrix)
+    raise BadInput(f"view {text!r}: unknown view; {_hint(text)}")
+
+
+def split_views(text: str) -> list[str]:
+    """`door,yaw:45,pitch:10` -> [`door`, `yaw:45,pitch:10`]: a pitch belongs to the yaw before it.
+
+    Raises BadInput for an empty piece and for a pitch without a yaw of its own.
+    """
+    views: list[str] = []
+    for piece in (raw.strip() for raw in text.split(",")):
+        if not piece:
+            raise BadInput(f"views {text!r}: a name is missing between commas; e.g. door,wheel")
+        if not piece.startswith("pitch:"):
+            views.append(piece)
+        elif views and views[-1].startswith("yaw:") and "," not in views[-1]:
+            views[-1] += f",{piece}"
+        else:
+            raise BadInput(f"views {text!r}: {piece} needs a yaw before it, e.g. yaw:0,{piece}")
+    return views
+
+
+def turned(positions: NDArray[Real], angle_rad: float, about: NDArray[np.floating] | None = None) -> NDArray[Real]:
+    """(..., 3) positions -> (..., 3), the same type: the performer turned about the vertical through `about` (3,).
+
+    A positive angle turns him to his left, counter-clockwise seen from above. Turned by a and seen from yaw v is the
+    same as unturned and seen from yaw v + a (for a parallel view up to a shift, none when `about` is the origin).
+    about: its height is ignored; by default the mean of the seen points, so that he turns where he stands.
+    """
+    centre = _mean_seen(positions) if about is None else about
+    sin, cos = math.sin(angle_rad), math.cos(angle_rad)
+    x, z = positions[..., 0] - centre[0], positions[..., 2] - centre[2]
+    result = np.stack([x * cos + z * sin + centre[0], positions[..., 1], z * cos - x * sin + centre[2]], axis=-1)
+    return result.astype(positions.dtype)
+
+
+def _mean_seen(positions: NDArray[np.floating]) -> Floats:
+    seen = positions[np.isfinite(positions).all(axis=-1)]
+    mean: Floats = seen.mean(axis=0, dtype=np.float64) if len(seen) else np.zeros(3)
+    return mean
+
+
+def _parallel_view(name: str, yaw_deg: float, pitch_deg: float) -> View:
+    return View(name, parallel_matrix(math.radians(yaw_deg), math.radians(pitch_deg)))
+
+
+def _angle_view(text: str) -> View:
+    yaw, comma, pitch = (piece.strip() for piece in text.removeprefix("yaw:").partition(","))
+    if comma and not pitch.startswith("pitch:"):
+        raise BadInput(f"view {text!r}: after the comma comes a pitch, e.g. yaw:45,pitch:10")
+    yaw_deg = _degrees(text, yaw)
+    pitch_deg = _degrees(text, pitch.removeprefix("pitch:")) if comma else 0.0
+    if abs(pitch_deg) > 90:
+        raise BadInput(f"view {text!r}: pitch is -90 (from below) to 90 (from above); turn the yaw by 180 instead")
+    return _parallel_view(text.replace(" ", ""), yaw_deg, pitch_deg)
+
+
+def _degrees(view: str, text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise BadInput(f"view {view!r}: {text!r} is no angle in degrees; e.g. yaw:45 or yaw:45,pitch:10")
+    return value
+
+
+def _hint(text: str) -> str:
+    near = difflib.get_close_matches(text.lower(), PRINCIPAL_PLANES_DEG, 1)
+    return f"did you mean {near[0]}?" if near else f"known: {KNOWN}"

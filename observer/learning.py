@@ -1,0 +1,99 @@
+"""Learning a perspective: recordings in 3-D, seen from one view, become that view's model (section II.B)."""
+
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+
+from common.errors import BadInput
+from common.vocabulary import Vocabulary
+from observer.geometry.views import View
+from observer.model.base import Example, Header, MovementModel
+from observer.model.registry import DEFAULT_MODEL, model_named
+from observer.motion.archive import MotionArchive, Recording
+from observer.motion.resample import resample
+from observer.projected import ProjectedTracker
+from observer.tracks import Frame, Tracks
+
+
+def learn_view(
+    archive: MotionArchive,
+    view: View,
+    vocabulary: Vocabulary,
+    *,
+    kind: str = DEFAULT_MODEL,
+    body_parts: tuple[str, ...] | None = None,
+    parameters: Mapping[str, float] | None = None,
+    provenance: Mapping[str, str] | None = None,
+) -> MovementModel:
+    """One view's model of the vocabulary's movements, from all recordings of the archive.
+
+    Raises BadInput for recordings at different rates, an unknown model, and a movement that nobody performs.
+    """
+    parts = body_parts or archive.body_parts
+    rate_hz = common_rate(archive)
+    examples = [
+        Example(seen_from(view, recording, archive.body_parts, parts), vocabulary.index(recording.label))
+        for recording in cut_out(archive)
+        if recording.label in vocabulary.labels
+    ]
+    learned = {e.movement for e in examples}
+    never = [label for m, label in enumerate(vocabulary.labels) if m not in learned]
+    if never:
+        raise BadInput(f"movement {never[0]!r}: no recording shows it; leave it out with --labels, or record it")
+    model = model_named(kind)
+    said = {"examples": str(len(examples)), **(provenance or {})}
+    header = Header(kind, vocabulary, view.name, view.matrix, rate_hz, parts, parameters or {}, said)
+    return model.learn(header, examples)
+
+
+def prepared(archive: MotionArchive, subjects: Sequence[str] = (), rate_hz: float | None = None) -> MotionArchive:
+    """Only these people (all, when none is named), at this rate (their own, when none is given).
+
+    Raises BadInput for a person who is not in the archive.
+    """
+    known = sorted({r.subject for r in archive.recordings})
+    for subject in subjects:
+        if subject not in known:
+            raise BadInput(f"subject {subject!r}: not in the archive; it has {', '.join(known)}")
+    chosen = [r for r in archive.recordings if not subjects or r.subject in subjects]
+    if rate_hz is not None:
+        chosen = [r if r.rate_hz == rate_hz else resample(r, rate_hz) for r in chosen]
+    return MotionArchive(archive.body_parts, tuple(chosen))
+
+
+def cut_out(archive: MotionArchive) -> Iterator[Recording]:
+    """Recordings of one movement each: those that are, and the spans of continuous ones."""
+    for recording in archive.recordings:
+        if not recording.spans:
+            yield recording
+        for n, span in enumerate(recording.spans):
+            piece = recording.positions[span.start : span.end]
+            yield Recording(piece, recording.rate_hz, span.label, recording.subject, f"{recording.trial}.{n}")
+
+
+def seen_from(
+    view: View, recording: Recording, recorded: tuple[str, ...], wanted: tuple[str, ...]
+) -> list[Tracks]:
+    """The recording's frames as the view sees them."""
+    tracker = ProjectedTracker(view, recorded, wanted)
+    return [tracker.update(frame) for frame in frames_of(recording)]
+
+
+def frames_of(recording: Recording, start_ns: int = 0) -> Iterator[Frame]:
+    """The recording's frames, captured at its own rate from `start_ns` on."""
+    interval_ns = 1e9 / recording.rate_hz
+    for n, positions in enumerate(recording.positions.astype(np.float64)):
+        yield Frame(start_ns + round(n * interval_ns), positions)
+
+
+def common_rate(archive: MotionArchive) -> float:
+    """The one rate of all recordings, in Hz; raises BadInput when they differ."""
+    rates = sorted({recording.rate_hz for recording in archive.recordings})
+    if len(rates) > 1:
+        raise BadInput(f"recordings at {rates[0]:g} and {rates[-1]:g} Hz: bring them to one rate with --rate")
+    return rates[0]
+
+
+def labels_of(archive: MotionArchive) -> tuple[str, ...]:
+    """All movements that the archive names, in order of first appearance."""
+    return tuple(dict.fromkeys(r.label for r in cut_out(archive) if r.label))

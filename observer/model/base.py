@@ -1,0 +1,93 @@
+"""What every movement model is: learned from examples, stored as arrays, and asked to watch a performer."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import ClassVar, Protocol, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from common.vocabulary import Vocabulary
+from observer.tracks import Floats, Tracks
+
+Arrays = Mapping[str, NDArray[np.generic]]
+
+
+@dataclass(frozen=True, slots=True)
+class Header:
+    """What a model is for: refused for another vocabulary or rate, and it says where it came from.
+
+    view: name of the view it was learned for; matrix: (3, 4) that view's projective matrix. parameters: the model's own
+    numbers. provenance: what it was learned from, for people.
+    """
+
+    kind: str
+    vocabulary: Vocabulary
+    view: str
+    matrix: Floats
+    rate_hz: float
+    body_parts: tuple[str, ...]
+    parameters: Mapping[str, float] = field(default_factory=dict)
+    provenance: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class Example:
+    """One movement, cut out, as seen from the model's view. movement: its index in the vocabulary."""
+
+    tracks: Sequence[Tracks]
+    movement: int
+
+
+@dataclass(frozen=True, slots=True)
+class Onset:
+    """What is known of where the movement begins.
+
+    known: it begins with the first frame. length: its number of frames, which only `frame-table` may use, as the
+    paper's frame clock I does.
+    """
+
+    known: bool = False
+    length: int | None = None
+
+
+class Watch(Protocol):
+    """One performer being watched: frames in, belief out."""
+
+    @property
+    def p(self) -> Floats:
+        """(M,) posterior over movements; what is spent at rest is spread as the prior."""
+
+    @property
+    def rest(self) -> float:
+        """Probability that the person is at rest now, before or after a movement."""
+
+    def update(self, tracks: Tracks) -> None:
+        """One frame at the model's rate."""
+
+
+class MovementModel(Protocol):
+    """log P(observation | movement, phase) and how to believe by it.
+
+    To add one: a file with such a class, a line in registry.py; tests/contracts/test_models.py holds it to this.
+    """
+
+    kind: ClassVar[str]
+
+    @property
+    def header(self) -> Header:
+        """What the model is for."""
+
+    @classmethod
+    def learn(cls, header: Header, examples: Sequence[Example]) -> Self:
+        """Learn from examples of every movement of the vocabulary."""
+
+    @classmethod
+    def from_arrays(cls, header: Header, arrays: Arrays) -> Self:
+        """The inverse of `arrays`."""
+
+    def arrays(self) -> Arrays:
+        """What has to be kept, by name."""
+
+    def watch(self, onset: Onset) -> Watch:
+        """Begin to watch somebody, knowing nothing but the prior."""

@@ -1,0 +1,107 @@
+"""`phase-symbols`: the paper's table, freed from the frame clock by a Bayes filter over phase and speed (science, 2.1)."""
+
+from collections.abc import Sequence
+from typing import ClassVar, Self
+
+import numpy as np
+
+from common.probability import uniform
+from observer.belief.phase_filter import Dynamics, PhaseFilter
+from observer.model.base import Arrays, Example, Header, Onset
+from observer.model.symbol_table import SYMBOLS, learn_table, log_evidence, symbols_of
+from observer.space import SpaceReader, VectorSymbol
+from observer.tracks import Floats, Tracks
+
+DEFAULTS = {
+    "phases": 30.0,
+    "threshold": 0.16,
+    "smoothing": 0.1,
+    "temperature": 4.0,
+    "speeds": 10.0,
+    "slowest": 0.5,
+    "fastest": 2.0,
+    "begin": 0.05,
+    "forget": 0.01,
+}
+STILL_AT_REST = 0.9
+"""P(O | rest) for each part; the other eight symbols share the remainder. Expert wisdom, as the paper calls it."""
+
+
+def tempo_dynamics(mean_speed: float, given: dict[str, float]) -> Dynamics:
+    """V speeds in phases a frame, geometric from slowest to fastest times `mean_speed`; a step v is floor or ceil."""
+    count = int(given["speeds"])
+    speeds = np.full(1, mean_speed) if count == 1 else mean_speed * np.geomspace(given["slowest"], given["fastest"], count)
+    whole = np.floor(speeds).astype(int)
+    steps = np.zeros((count, whole.max() + 2))
+    rows = np.arange(count)
+    steps[rows, whole] = 1 - (speeds - whole)
+    steps[rows, whole + 1] = speeds - whole
+    jitter = np.eye(count)
+    if count > 1:
+        # A tenth of the mass drifts to the neighbouring speeds each frame.
+        jitter = 0.9 * np.eye(count) + 0.05 * np.eye(count, k=1) + 0.05 * np.eye(count, k=-1)
+        jitter /= jitter.sum(axis=1, keepdims=True)
+    entry = np.array([1.0])
+    return Dynamics(steps, np.full(count, 1 / count), jitter, entry, given["begin"], given["forget"])
+
+
+class PhaseSymbols:
+    """One chain of phases a movement, P(b | m, phase) counted with every example laid over the phases."""
+
+    kind: ClassVar[str] = "phase-symbols"
+
+    def __init__(self, header: Header, log_table: Floats, mean_frames: float) -> None:
+        self.header = header
+        self._log_table = log_table
+        self._mean_frames = mean_frames
+
+    @classmethod
+    def learn(cls, header: Header, examples: Sequence[Example]) -> Self:
+        """Count Vector Symbols per movement, phase and part."""
+        given = {**DEFAULTS, **header.parameters}
+        sequences = [(symbols_of(e, header.body_parts, given["threshold"]), e.movement) for e in examples]
+        table = learn_table(sequences, header.vocabulary.size, int(given["phases"]), given["smoothing"])
+        return cls(header, table, float(np.mean([len(e.tracks) for e in examples])))
+
+    @classmethod
+    def from_arrays(cls, header: Header, arrays: Arrays) -> Self:
+        """From log_table (M, Φ, P, 9) and mean_frames ()."""
+        return cls(header, np.asarray(arrays["log_table"], dtype=np.float64), float(arrays["mean_frames"]))
+
+    def arrays(self) -> Arrays:
+        """log_table (M, Φ, P, 9) and mean_frames ()."""
+        return {"log_table": self._log_table, "mean_frames": np.array(self._mean_frames)}
+
+    def watch(self, onset: Onset) -> "_PhaseSymbolsWatch":
+        """Start the filter at rest, or at the first phase where the onset is known."""
+        given = {**DEFAULTS, **self.header.parameters}
+        movements, phases = self._log_table.shape[:2]
+        dynamics = tempo_dynamics(phases / self._mean_frames, given)
+        belief = PhaseFilter(np.arange(movements), phases, uniform(movements), dynamics, onset.known)
+        reader = SpaceReader(self.header.body_parts, given["threshold"])
+        return _PhaseSymbolsWatch(self._log_table, 1 / given["temperature"], reader, belief)
+
+
+class _PhaseSymbolsWatch:
+    def __init__(self, log_table: Floats, exponent: float, reader: SpaceReader, belief: PhaseFilter) -> None:
+        self._log_table, self._exponent = log_table, exponent
+        self._reader, self._belief = reader, belief
+        self._log_rest = np.full(SYMBOLS, np.log((1 - STILL_AT_REST) / (SYMBOLS - 1)))
+        self._log_rest[VectorSymbol.O] = np.log(STILL_AT_REST)
+
+    @property
+    def p(self) -> Floats:
+        return self._belief.p
+
+    @property
+    def rest(self) -> float:
+        return self._belief.rest
+
+    def update(self, tracks: Tracks) -> None:
+        symbols = self._reader.update(tracks)
+        seen = symbols[symbols >= 0]
+        if not len(seen):
+            self._belief.step_blind()
+            return
+        log_rest = float(self._log_rest[seen].sum())
+        self._belief.step(self._exponent * log_evidence(self._log_table, symbols), self._exponent * log_rest)

@@ -1,0 +1,113 @@
+"""The model file: a .npz without pickles, described in docs/model-file.md.
+
+`header` is a JSON text (format version, kind, vocabulary, view, matrix, rate, body parts, parameters, provenance); every
+other array is the model's own.
+"""
+
+import json
+import os
+import tempfile
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from common.errors import BadInput
+from common.vocabulary import Vocabulary
+from observer.model.base import Header, MovementModel
+from observer.model.registry import MODELS
+
+FORMAT = 1
+SUFFIX = ".model"
+
+
+def write_model(path: Path, model: MovementModel) -> None:
+    """Write whole or not at all; raises BadInput when the folder cannot be written."""
+    header = np.array(json.dumps(_as_json(model.header), indent=1))
+    try:
+        with tempfile.NamedTemporaryFile(dir=path.parent, suffix=SUFFIX, delete=False) as file:
+            try:
+                np.savez_compressed(file, allow_pickle=False, header=header, **dict(model.arrays()))
+                file.flush()
+                Path(file.name).replace(path)
+            except BaseException:
+                Path(file.name).unlink(missing_ok=True)
+                raise
+        # A temporary file is private; the model is as readable as any file that the person makes.
+        path.chmod(0o666 & ~_umask())
+    except OSError as error:
+        raise BadInput(f"{path}: cannot be written: {error.strerror or error}") from None
+
+
+def read_model(path: Path) -> MovementModel:
+    """Read a model file; raises BadInput with one line for anything that is not one."""
+    try:
+        with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
+            arrays = {name: file[name] for name in file.files}
+    except FileNotFoundError:
+        raise BadInput(f"{path}: no such model file; make one with labanmesh learn") from None
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
+        raise BadInput(f"{path}: not a model file ({error}); make one with labanmesh learn") from None
+    if "header" not in arrays:
+        raise BadInput(f"{path}: no model file: it has no 'header', as labanmesh learn writes it")
+    try:
+        said = json.loads(str(arrays.pop("header")))
+        if said["format"] != FORMAT:
+            raise BadInput(f"{path}: model format {said['format']}, this labanmesh reads {FORMAT}: learn it again")
+        if said["kind"] not in MODELS:
+            raise BadInput(f"{path}: model kind {said['kind']!r} is unknown; known: {', '.join(MODELS)}")
+        return MODELS[said["kind"]].from_arrays(_from_json(said), arrays)
+    except (KeyError, TypeError, ValueError, IndexError) as error:
+        raise BadInput(f"{path}: damaged model file ({type(error).__name__}: {error}); learn it again") from None
+
+
+def require(path: Path, model: MovementModel, vocabulary: Vocabulary | None, rate_hz: float) -> None:
+    """Raise BadInput when the model is for another vocabulary or rate than the scene and its source."""
+    header = model.header
+    if vocabulary is not None and header.vocabulary.digest != vocabulary.digest:
+        theirs, ours = ", ".join(header.vocabulary.labels), ", ".join(vocabulary.labels)
+        raise BadInput(f"{path}: learned for the vocabulary [{theirs}], the scene has [{ours}]: learn it again")
+    if abs(header.rate_hz - rate_hz) > 0.01 * rate_hz:
+        raise BadInput(
+            f"{path}: learned at {header.rate_hz:g} Hz, the source gives {rate_hz:g} Hz: "
+            f"labanmesh learn ... --rate {rate_hz:g}"
+        )
+
+
+def _as_json(header: Header) -> dict[str, Any]:
+    return {
+        "format": FORMAT,
+        "kind": header.kind,
+        "vocabulary": {
+            "name": header.vocabulary.name,
+            "hash": header.vocabulary.digest,
+            "labels": list(header.vocabulary.labels),
+        },
+        "view": header.view,
+        "matrix": header.matrix.tolist(),
+        "rate_hz": header.rate_hz,
+        "body_parts": list(header.body_parts),
+        "parameters": dict(header.parameters),
+        "provenance": dict(header.provenance),
+    }
+
+
+def _from_json(said: dict[str, Any]) -> Header:
+    words = said["vocabulary"]
+    return Header(
+        kind=said["kind"],
+        vocabulary=Vocabulary(tuple(words["labels"]), words["name"]),
+        view=said["view"],
+        matrix=np.array(said["matrix"], dtype=np.float64).reshape(3, 4),
+        rate_hz=float(said["rate_hz"]),
+        body_parts=tuple(said["body_parts"]),
+        parameters={name: float(value) for name, value in said["parameters"].items()},
+        provenance={name: str(value) for name, value in said["provenance"].items()},
+    )
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask

@@ -1,0 +1,192 @@
+"""Motion archives on disk: reads and writes the .npz file of the contract, and says what is wrong with a broken one."""
+
+import os
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from common.errors import BadInput, LabanmeshError
+from observer.motion.archive import MotionArchive, Recording, Span, check_archive
+
+Arrays = dict[str, NDArray[Any]]
+
+_NEEDED = ("positions", "lengths", "rate_hz", "body_parts", "labels", "subjects", "trials")
+_SPANS = ("span_recording", "span_start", "span_end", "span_label")
+_DTYPES = {
+    "positions": "float32",
+    "lengths": "int64",
+    "rate_hz": "float64",
+    "span_recording": "int64",
+    "span_start": "int64",
+    "span_end": "int64",
+}
+"""Arrays that are not named here hold text."""
+
+
+def read_archive(path: Path) -> MotionArchive:
+    """The motion archive in the .npz file at `path`; nothing in it is ever unpickled.
+
+    Raises BadInput, one line with the file, the array, recording or frame and what was expected, for a file
+    that is missing, empty, truncated, of another format, or that breaks a rule of the contract.
+    """
+    arrays = _load(path)
+    for name in arrays:
+        _check_dtype(path, name, arrays[name])
+    _check_shapes(path, arrays)
+    spans = _spans(path, arrays)
+    lengths = arrays["lengths"]
+    rates = np.broadcast_to(arrays["rate_hz"], lengths.shape)
+    ends = np.cumsum(lengths)
+    positions = arrays["positions"].astype(np.float32, copy=False)
+    recordings = tuple(
+        Recording(
+            positions=positions[end - length : end],
+            rate_hz=float(rates[number]),
+            label=str(arrays["labels"][number]),
+            subject=str(arrays["subjects"][number]),
+            trial=str(arrays["trials"][number]),
+            spans=spans[number],
+        )
+        for number, (end, length) in enumerate(zip(ends, lengths, strict=True))
+    )
+    archive = MotionArchive(tuple(map(str, arrays["body_parts"])), recordings)
+    check_archive(archive, str(path))
+    return archive
+
+
+def write_archive(path: Path, archive: MotionArchive) -> None:
+    """Write `archive` to the .npz file at `path`: whole or not at all, an older file there stays until then.
+
+    Raises BadInput when the archive breaks a rule of the contract or the folder is missing, LabanmeshError when
+    the disk refuses.
+    """
+    check_archive(archive, f"{path}: not written")
+    target = path.resolve()
+    if target.is_dir():
+        raise BadInput(f"{path}: is a folder; the name of a file is expected, such as {path / 'motion.npz'}")
+    if not target.parent.is_dir():
+        raise BadInput(f"{path}: folder {target.parent} does not exist; make it first")
+    arrays = _arrays(archive)
+    # In the same folder, as os.replace is atomic only inside one file system.
+    unfinished = target.with_name(f".{target.name}.{os.getpid()}.part")
+    try:
+        with unfinished.open("wb") as file:
+            np.savez(file, allow_pickle=False, **arrays)
+            file.flush()
+            os.fsync(file.fileno())
+        unfinished.replace(target)
+    except OSError as error:
+        raise LabanmeshError(f"{path}: cannot be written: {error.strerror or error}") from error
+    finally:
+        # Also after Ctrl-C; after success there is nothing left to remove.
+        unfinished.unlink(missing_ok=True)
+
+
+def _load(path: Path) -> Arrays:
+    """All arrays that the contract names, the span arrays only when they are there."""
+    _check_is_zip(path)
+    arrays: Arrays = {}
+    name = "the list of arrays"
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            for name in _names(path, set(file.files)):
+                arrays[name] = file[name]
+                if not isinstance(arrays[name], np.ndarray):
+                    raise ValueError("not an array")
+    except BadInput:
+        raise
+    # What zipfile, zlib and numpy raise over broken bytes has no common base, and every such defect is the file's.
+    except Exception as error:
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise BadInput(f"{path}: {name} cannot be read ({reason}); an array without pickles is expected") from error
+    return arrays
+
+
+def _check_is_zip(path: Path) -> None:
+    try:
+        whole = zipfile.is_zipfile(path)
+        with path.open("rb") as file:
+            start = file.read(4)
+    except OSError as error:
+        raise BadInput(f"{path}: cannot be read: {error.strerror or error}; a motion archive is expected") from error
+    if not start:
+        raise BadInput(f"{path}: is empty; a motion archive (.npz) is expected")
+    if not whole and start.startswith(b"PK"):
+        raise BadInput(f"{path}: is truncated: its table of contents is missing; a whole motion archive is expected")
+    if not whole:
+        raise BadInput(f"{path}: is not a motion archive: an .npz file (a zip of arrays) is expected")
+
+
+def _names(path: Path, present: set[str]) -> tuple[str, ...]:
+    wanted = _NEEDED + _SPANS if present.intersection(_SPANS) else _NEEDED
+    missing = [name for name in wanted if name not in present]
+    if missing:
+        raise BadInput(f"{path}: array {missing[0]} is missing; expected: {', '.join(wanted)}")
+    return wanted
+
+
+def _check_dtype(path: Path, name: str, array: NDArray[Any]) -> None:
+    expected = _DTYPES.get(name, "text")
+    if array.dtype.kind != "U" if expected == "text" else array.dtype.newbyteorder("=") != np.dtype(expected):
+        raise BadInput(f"{path}: {name} has type {array.dtype}: {expected} is expected")
+
+
+def _check_shapes(path: Path, arrays: Arrays) -> None:
+    """Every array beside its shape in the contract, and the lengths beside the frames."""
+    count = arrays["lengths"].size
+    expected: dict[str, tuple[int, ...]] = {"lengths": (count,), "body_parts": (arrays["body_parts"].size,)}
+    expected |= dict.fromkeys(("labels", "subjects", "trials"), (count,))
+    if arrays["rate_hz"].ndim:
+        expected["rate_hz"] = (count,)
+    frames = arrays["positions"].shape[0] if arrays["positions"].ndim else 0
+    expected["positions"] = (frames, arrays["body_parts"].size, 3)
+    if "span_label" in arrays:
+        expected |= dict.fromkeys(_SPANS, (arrays["span_label"].size,))
+    for name, shape in expected.items():
+        if arrays[name].shape != shape:
+            raise BadInput(
+                f"{path}: {name} has shape {arrays[name].shape}: {shape} is expected beside the other arrays"
+            )
+    # One by one first: sums of absurd lengths would overflow.
+    for number, length in enumerate(arrays["lengths"]):
+        if not 0 < length <= frames:
+            raise BadInput(f"{path}: lengths, recording {number}: {length} frames; 1 to {frames} are expected")
+    total = int(arrays["lengths"].sum())
+    if total != frames:
+        raise BadInput(f"{path}: lengths sum to {total}: {frames} is expected, the frames in positions")
+
+
+def _spans(path: Path, arrays: Arrays) -> tuple[tuple[Span, ...], ...]:
+    """For each recording its spans, by their start: the file may hold them in any order."""
+    count = arrays["lengths"].size
+    spans: list[list[Span]] = [[] for _ in range(count)]
+    rows = zip(*(arrays[name] for name in _SPANS), strict=True) if "span_label" in arrays else ()
+    for number, (recording, start, end, label) in enumerate(rows):
+        if not 0 <= recording < count:
+            raise BadInput(f"{path}: span_recording, span {number}: {recording}; 0 to {count - 1} is expected")
+        spans[recording].append(Span(int(start), int(end), str(label)))
+    return tuple(tuple(sorted(few, key=lambda span: (span.start, span.end))) for few in spans)
+
+
+def _arrays(archive: MotionArchive) -> Arrays:
+    recordings = archive.recordings
+    rates = np.array([recording.rate_hz for recording in recordings], np.float64)
+    arrays: Arrays = {
+        "positions": np.concatenate([recording.positions for recording in recordings]),
+        "lengths": np.array([len(recording.positions) for recording in recordings], np.int64),
+        "rate_hz": rates[0] if (rates == rates[0]).all() else rates,
+        "body_parts": np.array(archive.body_parts, np.str_),
+        "labels": np.array([recording.label for recording in recordings], np.str_),
+        "subjects": np.array([recording.subject for recording in recordings], np.str_),
+        "trials": np.array([recording.trial for recording in recordings], np.str_),
+    }
+    spans = [(number, span) for number, recording in enumerate(recordings) for span in recording.spans]
+    if spans:
+        arrays["span_recording"] = np.array([number for number, _ in spans], np.int64)
+        arrays["span_start"] = np.array([span.start for _, span in spans], np.int64)
+        arrays["span_end"] = np.array([span.end for _, span in spans], np.int64)
+        arrays["span_label"] = np.array([span.label for _, span in spans], np.str_)
+    return arrays

@@ -1,0 +1,111 @@
+"""What every importer is, and the reading of text files that they share."""
+
+import math
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from common.errors import BadInput
+from observer.motion.archive import MotionArchive
+
+Progress = Callable[[int, int], None]
+"""Called with how many files or recordings are done, and how many there are."""
+
+
+@dataclass(frozen=True, slots=True)
+class ImportResult:
+    """An archive, and lines for the person: what was left out, assumed or converted."""
+
+    archive: MotionArchive
+    notes: tuple[str, ...] = ()
+
+
+class Importer(Protocol):
+    """Reads one kind of other people's recordings; the body parts are always `observer.tracks.BODY_PARTS`.
+
+    Raises BadInput, one line with the file, the place in it and what was expected.
+    """
+
+    def __call__(self, path: Path, progress: Progress | None = None) -> ImportResult:
+        """Everything of this kind at `path`, a file or a folder, in one archive."""
+
+
+def files_at(path: Path, pattern: str, what: str) -> tuple[Path, ...]:
+    """`path` itself when it is a file, else its files that match `pattern`, else those one folder below; sorted.
+
+    what: the files' description for the error when there is none.
+    """
+    if path.is_file():
+        return (path,)
+    if not path.is_dir():
+        raise BadInput(f"{path}: no such file or folder; {what} expected")
+    found = sorted(path.glob(pattern)) or sorted(path.glob(f"*/{pattern}"))
+    if not found:
+        raise BadInput(f"{path}: nothing to import here; {what} expected")
+    return tuple(found)
+
+
+def read_text(path: Path) -> str:
+    """The whole text of a file, whatever its line ends; a byte order mark is skipped."""
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except OSError as error:
+        raise BadInput(f"{path}: cannot be read: {error.strerror or error}") from error
+    except UnicodeDecodeError as error:
+        raise BadInput(f"{path}: byte {error.start} is no text; a text file is expected") from error
+    if not text.strip():
+        raise BadInput(f"{path}: is empty; recorded motion is expected")
+    return text
+
+
+def number_rows(path: Path, lines: Sequence[str], columns: int, first_line: int = 1) -> NDArray[np.float64]:
+    """(len(lines), columns) finite numbers; first_line: the number in the file of the first of `lines`."""
+    try:
+        # Fast where all is well; the search for the defect is slow.
+        table = np.array([line.split() for line in lines], dtype=np.float64)
+        if table.shape == (len(lines), columns) and np.isfinite(table).all():
+            return table
+    except ValueError:
+        pass
+    rows = [_row(line, columns, f"{path}: line {number}") for number, line in enumerate(lines, first_line)]
+    return np.array(rows, dtype=np.float64).reshape(-1, columns)
+
+
+def finite_number(text: str, place: str) -> float:
+    """`text` as a finite number; the error begins with `place`."""
+    try:
+        number = float(text)
+    except ValueError:
+        number = math.nan
+    if not math.isfinite(number):
+        raise BadInput(f"{place}: {shown(text)}: a finite number is expected")
+    return number
+
+
+def whole_number(text: str, place: str) -> int:
+    """`text` as a whole number of at most nine digits, not negative; the error begins with `place`."""
+    if not (text.isascii() and text.isdecimal() and len(text) <= 9):
+        raise BadInput(f"{place}: {shown(text)}: a whole number is expected")
+    return int(text)
+
+
+def rate_from(step: float) -> float:
+    """The rate in Hz of frames `step` seconds apart, to six digits: files round 1/30 s to 0.03333334."""
+    return float(f"{1 / step:.6g}")
+
+
+def shown(text: str) -> str:
+    """`text` for an error message: on one line and short, as a broken file may hold anything of any length."""
+    return repr(re.sub(r"(?s)(.{40}).+", r"\1...", text))
+
+
+def _row(line: str, columns: int, place: str) -> list[float]:
+    cells = line.split()
+    if len(cells) != columns:
+        raise BadInput(f"{place}: {len(cells)} values; {columns} numbers are expected")
+    return [finite_number(cell, place) for cell in cells]

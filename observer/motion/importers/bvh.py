@@ -1,0 +1,170 @@
+"""Imports BVH motion capture: three body parts by their joints' names, in the archive's axes and in metres.
+
+A BVH file states neither units nor axes nor who faces where. The archive's axes come from the body itself: up is
+where the head is above the hips, right is from the left hip (or shoulder) to the right one in the first frame, the
+back is what completes them. Units come from the size of the skeleton.
+"""
+
+import re
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from common.errors import BadInput
+from observer.motion.archive import MotionArchive, Recording, check_recording, clean_label
+from observer.motion.importers.base import ImportResult, Progress, files_at, rate_from
+from observer.motion.importers.bvh_file import BvhMotion, Joint, joint_positions, read_bvh
+from observer.tracks import BODY_PARTS
+
+Floats = NDArray[np.float64]
+
+_EFFORT_NAME = re.compile(r"(.*[A-Za-z].*?)_(-?[01]_-?[01]_-?[01]_-?[01])")
+"""<action>_<Space>_<Weight>_<Time>_<Flow>, each factor -1, 0 or 1 (PERFORM, Durupinar et al. 2016)."""
+
+_SIDED = {
+    "hand": ("{side}hand", "{s}hand", "hand{side}", "hand{s}", "{side}wrist", "{s}wrist", "wrist{side}", "wrist{s}"),
+    "hip": ("{side}upleg", "{side}hip", "{side}thigh", "{side}upperleg", "{s}hip", "{s}thigh", "{side}femur",
+            "{s}femur", "thigh{side}", "thigh{s}", "upperleg{s}", "upleg{s}"),
+    "shoulder": ("{side}arm", "{side}upperarm", "{side}shoulder", "{s}upperarm", "{s}shldr", "{s}shoulder",
+                 "{side}humerus", "{s}humerus", "upperarm{side}", "upperarm{s}", "shoulder{s}", "arm{s}"),
+    "foot": ("{side}foot", "{side}ankle", "{s}foot", "{s}ankle", "foot{side}", "foot{s}"),
+    "toe": ("{side}toebase", "{side}toe", "{side}toes", "{s}toe", "{s}toes", "toe{s}", "toes{s}", "toebase{s}"),
+}  # fmt: skip
+"""Names that joints have in files of different makers, in lower case, letters and digits only; the best first."""
+
+_MIRRORED = 0.5
+"""Cosine from which feet point backwards so clearly that left and right are exchanged: a mirrored file."""
+_UNITS = ((10.0, 1.0, "metres"), (1000.0, 0.01, "centimetres"), (np.inf, 0.001, "millimetres"))
+"""A skeleton up to this many units tall: metres in one unit, and its name."""
+_PLAUSIBLE = (0.5, 3.0)
+"""Metres, from head to foot: outside, the note warns that the unit is a guess."""
+
+
+def import_files(path: Path, progress: Progress | None = None) -> ImportResult:
+    """The .bvh file `path`, or those in this folder (or just below it), one recording each.
+
+    waving_0_1_-1_1.bvh gives label "waving" and trial "0_1_-1_1"; any other name gives the label alone, with
+    trial "1". The subject is "1". Raises BadInput for a broken file, or when a joint is not found by its name.
+    """
+    files = files_at(path, "*.[bB][vV][hH]", ".bvh files")
+    recordings = []
+    assumed: Counter[str] = Counter()
+    for number, file in enumerate(files, 1):
+        label, trial = _named(file)
+        motion = read_bvh(file)
+        positions, notes = _positions(motion, file)
+        recording = Recording(positions.astype(np.float32), rate_from(motion.frame_time), label, "1", trial)
+        check_recording(recording, len(BODY_PARTS), str(file))
+        recordings.append(recording)
+        assumed.update(notes)
+        if progress:
+            progress(number, len(files))
+    lines = tuple(f"{text} ({count} of {len(files)} files)" for text, count in assumed.items())
+    return ImportResult(MotionArchive(BODY_PARTS, tuple(recordings)), lines)
+
+
+def _named(file: Path) -> tuple[str, str]:
+    """Label and trial, from the name of a file."""
+    effort = _EFFORT_NAME.fullmatch(file.stem)
+    label, trial = clean_label(effort[1] if effort else file.stem), effort[2] if effort else "1"
+    if not label:
+        raise BadInput(f"{file}: its name is to name the movement; letters or digits are expected, such as waving.bvh")
+    return label, trial
+
+
+def _positions(motion: BvhMotion, file: Path) -> tuple[Floats, tuple[str, ...]]:
+    """(F, 3, 3) body parts in metres and the archive's axes, and what was assumed to get there."""
+    joints = motion.joints
+    parts = [_required(joints, _sided("hand", "left"), "the left hand", file),
+             _required(joints, _sided("hand", "right"), "the right hand", file),
+             _required(joints, ("head",), "the head", file)]  # fmt: skip
+    places = joint_positions(motion)
+    axes, notes = _axes(joints, places, parts[2], file)
+    scale, unit = _unit(places[0])
+    # The performer starts above the origin; how high he is stays as recorded.
+    origin = places[0, 0] - np.dot(places[0, 0], axes[1]) * axes[1]
+    return (places[:, parts] - origin) @ axes.T * scale, (unit, *notes)
+
+
+def _axes(joints: tuple[Joint, ...], places: Floats, head: int, file: Path) -> tuple[Floats, tuple[str, ...]]:
+    """Rows: the archive's x, y, z in the file's axes, orthonormal; and what is unusual about them."""
+    left, right = _pair(joints, file)
+    hips = (places[:, left] + places[:, right]) / 2
+    above = (places[:, head] - hips).mean(axis=0)
+    axis = int(np.abs(above).argmax())
+    up = np.zeros(3)
+    up[axis] = np.sign(above[axis]) or 1.0
+    across = places[0, right] - places[0, left]
+    across = across - np.dot(across, up) * up
+    if np.linalg.norm(across) < 1e-9:
+        raise BadInput(f"{file}: frame 0: one hip is above the other; a performer who stands is expected")
+    across /= np.linalg.norm(across)
+    back = np.cross(across, up)
+    notes = [f"took {'+' if up[axis] > 0 else '-'}{'xyz'[axis]} as up"] if up[1] != 1.0 else []
+    if _toes_point(joints, places[0], back) > _MIRRORED:
+        notes.append("the toes point backwards: took the file as mirrored (left-handed axes)")
+        back = -back
+    return np.array([across, up, back]), tuple(notes)
+
+
+def _toes_point(joints: tuple[Joint, ...], places: Floats, direction: Floats) -> float:
+    """The cosine between the feet, from ankle to toe, and `direction`, both together; 0 without toes."""
+    feet = np.zeros(3)
+    for side in ("left", "right"):
+        foot, toe = _found(joints, _sided("foot", side)), _found(joints, _sided("toe", side))
+        if foot is not None and toe is not None:
+            feet += places[toe] - places[foot]
+    length = float(np.linalg.norm(feet))
+    return float(np.dot(feet, direction)) / length if length > 0 else 0.0
+
+
+def _pair(joints: tuple[Joint, ...], file: Path) -> tuple[int, int]:
+    """Left and right hip, or shoulder."""
+    for name in ("hip", "shoulder"):
+        left, right = _found(joints, _sided(name, "left")), _found(joints, _sided(name, "right"))
+        if left is not None and right is not None:
+            return left, right
+    raise BadInput(f"{file}: no pair of hips or shoulders, such as LeftUpLeg and RightUpLeg; {_known(joints)}")
+
+
+def _unit(places: Floats) -> tuple[float, str]:
+    """Metres in one unit, judged from one frame (J, 3), and the line that says so.
+
+    The widest extent counts, so that arms stretched out or a person lying down change little.
+    """
+    size = float(np.ptp(places, axis=0).max())
+    metres, name = next((metres, name) for most, metres, name in _UNITS if size <= most)
+    tall = size * metres
+    doubt = "" if _PLAUSIBLE[0] <= tall <= _PLAUSIBLE[1] else f", though one is then {tall:.2g} m tall"
+    return metres, f"BVH states no unit: took {name}{doubt}"
+
+
+def _sided(joint: str, side: str) -> tuple[str, ...]:
+    return tuple(name.format(side=side, s=side[0]) for name in _SIDED[joint])
+
+
+def _found(joints: tuple[Joint, ...], names: tuple[str, ...]) -> int | None:
+    """The joint with the best of `names`: alone, else behind a prefix such as "Bip01 " or "mixamorig:"."""
+    plain = [re.sub(r"[^a-z0-9]", "", joint.name.lower()) for joint in joints]
+    for name in names:
+        if name in plain:
+            return plain.index(name)
+    for name in names:
+        for index, joint in enumerate(plain):
+            if joint.endswith(name):
+                return index
+    return None
+
+
+def _required(joints: tuple[Joint, ...], names: tuple[str, ...], what: str, file: Path) -> int:
+    found = _found(joints, names)
+    if found is None:
+        raise BadInput(f"{file}: no joint for {what}: {', '.join(names[:3])} or the like is expected; {_known(joints)}")
+    return found
+
+
+def _known(joints: tuple[Joint, ...]) -> str:
+    names = [joint.name[:20] for joint in joints if joint.name]
+    return f"there are: {', '.join(names[:8])}{', ...' if len(names) > 8 else ''}"

@@ -1,0 +1,142 @@
+"""Imports plain tables: .csv files with one row a frame, for whoever can write a table and no other format.
+
+The first line is exactly
+
+    subject,trial,label,frame,time_s,left_hand_x,left_hand_y,left_hand_z,right_hand_x,right_hand_y,right_hand_z,head_x,head_y,head_z
+
+Positions are in metres: x to the performer's right, y up, z to the performer's back; three empty cells are a body part
+that is not seen. Rows with the same subject, trial and label stand together and are one recording of two frames or
+more; `frame` counts up by one in it and `time_s` grows by equal steps, within 1 % (which takes at least five decimals
+at 30 Hz), and gives the rate. The label is [a-z0-9_]*.
+"""
+
+import csv
+import io
+from collections.abc import Iterator
+from itertools import groupby
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from common.errors import BadInput
+from observer.motion.archive import LABEL_RULE, MotionArchive, Recording, check_recording, clean_label, is_label
+from observer.motion.importers.base import (
+    ImportResult,
+    Progress,
+    files_at,
+    finite_number,
+    rate_from,
+    read_text,
+    whole_number,
+)
+from observer.tracks import BODY_PARTS
+
+_KEYS = ("subject", "trial", "label", "frame", "time_s")
+HEADER = _KEYS + tuple(f"{part}_{axis}" for part in BODY_PARTS for axis in "xyz")
+"""The columns, in their order."""
+
+_REGULAR = 0.01
+"""How far a step of time_s may be from the recording's mean step, as a share of it."""
+
+Row = tuple[int, list[str]]
+"""The line's number in the file, and its cells."""
+
+
+def import_files(path: Path, progress: Progress | None = None) -> ImportResult:
+    """The table `path`, or every .csv file in this folder (or just below it).
+
+    Raises BadInput with the line for a wrong header, a cell that is neither empty nor a finite number, a label that
+    cannot be one, frames that are missing, irregular time, or rows of one recording that stand apart.
+    """
+    files = files_at(path, "*.[cC][sS][vV]", ".csv files")
+    recordings: list[Recording] = []
+    for number, file in enumerate(files, 1):
+        recordings.extend(_recordings(file))
+        if progress:
+            progress(number, len(files))
+    return ImportResult(MotionArchive(BODY_PARTS, tuple(recordings)))
+
+
+def _recordings(file: Path) -> Iterator[Recording]:
+    first_lines: dict[tuple[str, ...], int] = {}
+    for key, group in groupby(_rows(file), key=lambda row: tuple(row[1][:3])):
+        rows = list(group)
+        line = rows[0][0]
+        if first_lines.setdefault(key, line) != line:
+            raise BadInput(
+                f"{file}: line {line}: subject {key[0]!r}, trial {key[1]!r}, label {key[2]!r} began on line "
+                f"{first_lines[key]}: the rows of a recording are expected together"
+            )
+        yield _recording(file, rows)
+    if not first_lines:
+        raise BadInput(f"{file}: no rows under the header; one a frame is expected")
+
+
+def _rows(file: Path) -> Iterator[Row]:
+    """The rows under the header, each of the right width."""
+    reader = csv.reader(io.StringIO(read_text(file), newline=""), strict=True)
+    try:
+        header = tuple(cell.strip() for cell in next(reader, []))
+        if header != HEADER:
+            raise BadInput(f"{file}: line 1: the header is expected: {','.join(HEADER)}")
+        for cells in filter(None, reader):
+            if len(cells) != len(HEADER):
+                raise BadInput(f"{file}: line {reader.line_num}: {len(cells)} cells; {len(HEADER)} are expected")
+            yield reader.line_num, [cell.strip() for cell in cells]
+    except csv.Error as error:
+        raise BadInput(f"{file}: line {reader.line_num}: {error}; cells with commas between are expected") from error
+
+
+def _recording(file: Path, rows: list[Row]) -> Recording:
+    line, (subject, trial, label, *_) = rows[0]
+    if not subject or not trial:
+        raise BadInput(f"{file}: line {line}: subject {subject!r}, trial {trial!r}: both are expected")
+    if not is_label(label):
+        raise BadInput(f"{file}: line {line}: label {label!r}: {LABEL_RULE}, such as {clean_label(label) or 'wave'}")
+    if len(rows) < 2:
+        raise BadInput(f"{file}: line {line}: the only row of its recording; two frames or more are expected")
+    _check_frames(file, rows)
+    positions = np.array([_positions(file, row) for row in rows], dtype=np.float32)
+    recording = Recording(positions, _rate_hz(file, rows), label, subject, trial)
+    check_recording(recording, len(BODY_PARTS), f"{file}: lines {line} to {rows[-1][0]}")
+    return recording
+
+
+def _check_frames(file: Path, rows: list[Row]) -> None:
+    column = HEADER.index("frame")
+    before: int | None = None
+    for line, cells in rows:
+        frame = whole_number(cells[column], f"{file}: line {line}: frame")
+        if before is not None and frame != before + 1:
+            raise BadInput(f"{file}: line {line}: frame {frame}: {before + 1} is expected; not seen is empty cells")
+        before = frame
+
+
+def _rate_hz(file: Path, rows: list[Row]) -> float:
+    column = HEADER.index("time_s")
+    times = np.array([finite_number(cells[column], f"{file}: line {line}: time_s") for line, cells in rows])
+    steps = np.diff(times)
+    mean = float(steps.mean())
+    off = np.abs(steps - mean) > _REGULAR * abs(mean) + 1e-12
+    worst = int(off.argmax()) if off.any() else int(steps.argmin())
+    if off.any() or mean <= 0:
+        raise BadInput(
+            f"{file}: line {rows[worst + 1][0]}: time_s grows by {steps[worst]:.6g}: "
+            f"equal steps above 0 are expected, within 1 % of their mean, {mean:.6g}"
+        )
+    return rate_from(mean)
+
+
+def _positions(file: Path, row: Row) -> NDArray[np.float64]:
+    """(3, 3) one frame's body parts, NaN where not seen."""
+    line, cells = row
+    numbers = [
+        finite_number(cell, f"{file}: line {line}: {name}") if cell else np.nan
+        for name, cell in zip(HEADER[len(_KEYS) :], cells[len(_KEYS) :], strict=True)
+    ]
+    frame = np.array(numbers).reshape(len(BODY_PARTS), 3)
+    for part, place in zip(BODY_PARTS, frame, strict=True):
+        if np.isnan(place).any() and not np.isnan(place).all():
+            raise BadInput(f"{file}: line {line}: {part}: three coordinates are expected, or three empty cells")
+    return frame

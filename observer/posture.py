@@ -1,0 +1,69 @@
+"""Posture: where each body part is relative to the body, and how it moves, as soft features (science, section 2.2).
+
+Vector Symbols throw position and magnitude away; these features keep both, still relative to the performer's size.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from observer.space import BodySize
+from observer.tracks import Floats, Tracks
+
+FEATURES_PER_PART = 5
+"""Position right and up, direction right and up, speed."""
+REFERENCE_HZ = 15.0
+"""Speeds are per fifteenth of a second, whatever the frame rate: the constants below were found at 15 Hz."""
+SLOW = 0.1
+"""Below this speed (body sizes per 1/15 s) the direction fades out, so that tracker noise has none."""
+FAST = 0.5
+"""Speeds beyond this count as this; also the length of a full direction, which makes the features comparable."""
+ANCHOR_S = 10.0
+"""Time constant of the place that positions count from: it follows a person who walks, not one who bends."""
+
+
+class PostureReader:
+    """Reads posture from the stream of tracks; only from frames already seen."""
+
+    def __init__(self, body_parts: Sequence[str], rate_hz: float) -> None:
+        self._body_parts = tuple(body_parts)
+        self._head = self._body_parts.index("head")
+        self._rate_hz = rate_hz
+        self._size = BodySize()
+        self._anchor: Floats | None = None
+        self._last: Floats = np.full((len(self._body_parts), 2), np.nan)
+
+    def update(self, tracks: Tracks) -> Floats:
+        """(P * 5,) features in body sizes; NaN where a part was not seen, now (all) or in the frame before (motion).
+
+        In the first frame nothing is known of motion, and all its features are NaN.
+        """
+        size = self._size.update(tracks.centres, self._body_parts)
+        centres = tracks.centres * (1.0, -1.0)
+        self._follow(centres[self._head])
+        anchor = np.full(2, np.nan) if self._anchor is None else self._anchor
+        velocity = (centres - self._last) / size * (self._rate_hz / REFERENCE_HZ)
+        self._last = centres
+        return np.hstack([(centres - anchor) / size, soft_direction(velocity)]).ravel()
+
+    def _follow(self, head: Floats) -> None:
+        if not np.isfinite(head).all():
+            return
+        if self._anchor is None:
+            self._anchor = head.copy()
+        else:
+            self._anchor += (head - self._anchor) / (ANCHOR_S * self._rate_hz)
+
+
+def soft_direction(velocity: Floats) -> Floats:
+    """(P, 2) velocities -> (P, 3): direction v/max(|v|, SLOW) * FAST, and speed min(|v|, FAST)."""
+    speed = np.linalg.norm(velocity, axis=1, keepdims=True)
+    return np.hstack([velocity / np.maximum(speed, SLOW) * FAST, np.minimum(speed, FAST)])
+
+
+def at_rest(features: NDArray[np.floating]) -> Floats:
+    """(..., P * 5) -> the same postures without motion."""
+    still = np.array(features, dtype=np.float64).reshape(*features.shape[:-1], -1, FEATURES_PER_PART)
+    still[..., 2:] = 0.0
+    return still.reshape(features.shape)

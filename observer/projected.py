@@ -1,0 +1,28 @@
+"""A tracker for recorded motion: the projective matrix of a view takes the place of a camera and its tracking."""
+
+from collections.abc import Sequence
+
+from common.errors import BadInput
+from observer.geometry.projection import project
+from observer.geometry.views import View
+from observer.tracks import Frame, Tracks
+
+
+class ProjectedTracker:
+    """Projects the 3-D positions of a frame into a view (section II.B).
+
+    recorded: names of the parts in the frame's content; wanted: those that the model knows, in its order.
+    Raises BadInput when a wanted part was not recorded.
+    """
+
+    def __init__(self, view: View, recorded: Sequence[str], wanted: Sequence[str]) -> None:
+        missing = [part for part in wanted if part not in recorded]
+        if missing:
+            raise BadInput(f"body part {missing[0]!r}: not in the recording; it has {', '.join(recorded)}")
+        self.body_parts = tuple(wanted)
+        self._view = view
+        self._rows = [list(recorded).index(part) for part in wanted]
+
+    def update(self, frame: Frame) -> Tracks:
+        """The recorded positions as this view sees them; a part not recorded in this frame is not seen."""
+        return Tracks(project(self._view.matrix, frame.content[self._rows]))

@@ -1,0 +1,109 @@
+"""One observer on the mesh: frames in, posteriors out, and how it is. The loop around `Observer.step`."""
+
+import logging
+import secrets
+import threading
+import time
+from collections.abc import Callable, Mapping
+from typing import Protocol
+
+from common.config import Scene
+from common.health import Health
+from common.link import Link, Publisher
+from common.messages import PosteriorMessage, VocabularyReference
+from common.status import StatusBoard
+from common.vocabulary import Vocabulary
+from common.wire import encode, encode_vocabulary
+from observer.source import FrameSource
+from observer.tracks import Floats, Frame
+
+log = logging.getLogger("labanmesh.observer")
+
+
+class OpinionLike(Protocol):
+    """What an observer believes after a frame."""
+
+    @property
+    def p(self) -> Floats:
+        """(M,) posterior over the vocabulary, cumulative since the movement began."""
+
+    @property
+    def rest(self) -> float:
+        """Probability that the person is at rest."""
+
+    @property
+    def frames(self) -> int:
+        """How many frames are in it."""
+
+    @property
+    def visible(self) -> Mapping[str, bool]:
+        """Per body part, whether it was seen in the newest frame."""
+
+
+class ObserverLike(Protocol):
+    """What the service needs of an observer."""
+
+    @property
+    def vocabulary(self) -> Vocabulary:
+        """The movements that it tells apart."""
+
+    def step(self, frame: Frame) -> OpinionLike | None:
+        """One frame; None when there is nothing to say yet."""
+
+
+def serve(
+    scene: Scene,
+    observer_id: str,
+    observer: ObserverLike,
+    source: FrameSource,
+    link: Link,
+    stop: threading.Event,
+    clock: Callable[[], int] = time.time_ns,
+) -> None:
+    """Say what `observer` believes after each frame, until the source ends or `stop` is set."""
+    keys = scene.keys
+    health = Health(scene.scene, observer_id)
+    speaker = Speaker(scene.scene, observer_id, observer.vocabulary, link.publisher(keys.posterior(observer_id)))
+    names = encode_vocabulary(scene.scene, observer.vocabulary)
+    link.answer(keys.vocabulary, lambda: names)
+    with StatusBoard(link, keys.observer_status(observer_id), health, clock) as board:
+        link.announce(keys.observer_alive(observer_id))
+        running = False
+        for frame in source.frames(stop):
+            opinion = observer.step(frame)
+            now_ns = clock()
+            if opinion is not None:
+                speaker.say(opinion, frame.captured_ns, now_ns)
+            health.frame(frame.captured_ns, now_ns)
+            if not running:
+                board.become("running")
+                running = True
+    log.info("%s: %s after %d posteriors", observer_id, "stopped" if stop.is_set() else "source ended", speaker.seq)
+
+
+class Speaker:
+    """Numbers and stamps an observer's opinions. A new session begins with each start."""
+
+    def __init__(self, scene: str, observer: str, vocabulary: Vocabulary, publisher: Publisher) -> None:
+        self._scene, self._observer, self._publisher = scene, observer, publisher
+        self._vocabulary = VocabularyReference(name=vocabulary.name, hash=vocabulary.digest)
+        self._session = secrets.token_hex(8)
+        self.seq = 0
+
+    def say(self, opinion: OpinionLike, captured_ns: int, now_ns: int) -> None:
+        """Publish one opinion about the frame captured at `captured_ns`."""
+        message = PosteriorMessage(
+            scene=self._scene,
+            observer=self._observer,
+            seq=self.seq,
+            session=self._session,
+            captured_ns=captured_ns,
+            sent_ns=now_ns,
+            vocabulary=self._vocabulary,
+            p=opinion.p.tolist(),
+            rest=opinion.rest,
+            frames=opinion.frames,
+            visible=dict(opinion.visible),
+        )
+        self.seq += 1
+        self._publisher.put(encode(message))

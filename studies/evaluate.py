@@ -1,0 +1,158 @@
+"""`labanmesh evaluate`: train on some people, judge others, count. The observers and the rule are the mesh's own."""
+
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from common.probability import uniform
+from common.vocabulary import Vocabulary
+from fusion.rules import DEFAULT_RULE, rule_named
+from observer.geometry.views import View
+from observer.learning import frames_of, learn_view
+from observer.model.base import MovementModel, Onset
+from observer.model.registry import DEFAULT_MODEL
+from observer.motion.archive import MotionArchive
+from observer.pipeline import Observer
+from observer.projected import ProjectedTracker
+from studies.faults import disturb
+from studies.trials import Split, Trial, splits, trials, with_labels
+
+Floats = NDArray[np.float64]
+Progress = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Question:
+    """What to evaluate; the fields are the options of the command. turn: degrees, or None for any facing."""
+
+    views: tuple[View, ...]
+    labels: tuple[str, ...]
+    train_subjects: tuple[str, ...] = ()
+    test_subjects: tuple[str, ...] = ()
+    leave_one_subject_out: bool = False
+    model: str = DEFAULT_MODEL
+    rule: str = DEFAULT_RULE
+    turn: float | None = 0.0
+    faults: Mapping[str, str] = field(default_factory=dict)
+    body_parts: tuple[str, ...] = ()
+    onset_known: bool = True
+    seed: int = 0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Judged:
+    """One trial and what was believed in every frame: views (F, V, M) by each observer, fused (F, M)."""
+
+    trial: Trial
+    truth: int
+    views: Floats
+    fused: Floats
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Answer:
+    """All judged trials, and what it took."""
+
+    question: Question
+    vocabulary: Vocabulary
+    judged: tuple[Judged, ...]
+    n_train: int
+    train_seconds: float
+    seconds_per_frame: float
+
+
+def evaluate(archive: MotionArchive, question: Question, progress: Progress = lambda *_: None) -> Answer:
+    """Answer the question.
+
+    Raises BadInput for labels, subjects, body parts, models or rules that are not there.
+    """
+    rule_named(question.rule, len(question.views))
+    chosen = with_labels(archive, question.labels)
+    vocabulary = Vocabulary(question.labels)
+    judged: list[Judged] = []
+    n_train, train_seconds, watch_seconds, frames = 0, 0.0, 0.0, 0
+    folds = list(splits(chosen, question.train_subjects, question.test_subjects, question.leave_one_subject_out))
+    for number, split in enumerate(folds):
+        begun = time.perf_counter()
+        models = learn(split, vocabulary, question)
+        train_seconds += time.perf_counter() - begun
+        n_train += len(split.train.recordings)
+        part = trials_of(split, question, number)
+        begun = time.perf_counter()
+        for n, trial in enumerate(part):
+            judged.append(_judge(trial, models, archive.body_parts, vocabulary, question))
+            progress(f"judging, part {number + 1} of {len(folds)}" if len(folds) > 1 else "judging", n + 1, len(part))
+        watch_seconds += time.perf_counter() - begun
+        frames += sum(len(trial.recording.positions) for trial in part) * len(models)
+    result = refused(judged, question, vocabulary)
+    return Answer(question, vocabulary, result, n_train, train_seconds, watch_seconds / max(frames, 1))
+
+
+def learn(split: Split, vocabulary: Vocabulary, question: Question) -> list[MovementModel]:
+    """One model a view, from the training people."""
+    parts = question.body_parts or None
+    return [learn_view(split.train, v, vocabulary, kind=question.model, body_parts=parts) for v in question.views]
+
+
+def trials_of(split: Split, question: Question, number: int) -> list[Trial]:
+    """The test people's trials as the question wants them shown; `number` of the split seeds them."""
+    rng = np.random.default_rng([question.seed, number])
+    return trials(split.test, onset_known=question.onset_known, turn=question.turn, rng=rng)
+
+
+def observers_of(
+    trial: Trial, models: Sequence[MovementModel], recorded: tuple[str, ...], question: Question
+) -> list[Observer]:
+    """Fresh observers for one trial, one a view."""
+    onset = Onset(known=True, length=len(trial.recording.positions)) if question.onset_known else Onset()
+    return [
+        Observer(ProjectedTracker(view, recorded, model.header.body_parts), model, onset)
+        for view, model in zip(question.views, models, strict=True)
+    ]
+
+
+def _judge(
+    trial: Trial, models: list[MovementModel], recorded: tuple[str, ...], vocabulary: Vocabulary, question: Question
+) -> Judged:
+    observers = observers_of(trial, models, recorded, question)
+    views = np.array([[o.step(frame).p for o in observers] for frame in frames_of(trial.recording)])
+    return Judged(trial, vocabulary.index(trial.recording.label), views, np.empty((0, 0)))
+
+
+def refused(judged: Sequence[Judged], question: Question, vocabulary: Vocabulary) -> tuple[Judged, ...]:
+    """The same trials with the question's faults put in and fused by its rule, frame by frame."""
+    rule = rule_named(question.rule, len(question.views))
+    prior = uniform(vocabulary.size)
+    names = [view.name for view in question.views]
+    beliefs = disturb([j.views for j in judged], names, question.faults, _rate(judged), question.seed)
+    return tuple(
+        Judged(j.trial, j.truth, b, np.array([rule.pool(frame, prior).p for frame in b]))
+        for j, b in zip(judged, beliefs, strict=True)
+    )
+
+
+def _rate(judged: Sequence[Judged]) -> float:
+    return judged[0].trial.recording.rate_hz if judged else 1.0
+
+
+def at_fraction(judged: Sequence[Judged], fraction: float) -> tuple[Floats, Floats]:
+    """Beliefs when a fraction of the true segment has been seen: (N, V, M) by view, (N, M) fused."""
+    frames = [j.trial.frame_at(fraction) for j in judged]
+    return (
+        np.array([j.views[f] for j, f in zip(judged, frames, strict=True)]),
+        np.array([j.fused[f] for j, f in zip(judged, frames, strict=True)]),
+    )
+
+
+def at_end(judged: Sequence[Judged]) -> tuple[Floats, Floats]:
+    """Beliefs after the last frame: (N, V, M) by view, (N, M) fused."""
+    return np.array([j.views[-1] for j in judged]), np.array([j.fused[-1] for j in judged])
+
+
+def typical_confusion(judged: Sequence[Judged], view: int) -> Iterator[Judged]:
+    """Trials that this view judges wrong at the end and the fusion right, the clearest resolution first."""
+    resolved = [j for j in judged if j.views[-1, view].argmax() != j.truth and j.fused[-1].argmax() == j.truth]
+    yield from sorted(resolved, key=lambda j: -j.fused[-1, j.truth])

@@ -1,0 +1,70 @@
+"""Judges that go wrong, for `labanmesh evaluate --fault VIEW=KIND`: what they then say instead. Seeded, pure."""
+
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from common.errors import BadInput
+
+Floats = NDArray[np.float64]
+
+LATE_S = 1.0
+
+
+def wrong(own: Floats, other: Floats, rate_hz: float, rng: np.random.Generator) -> Floats:
+    """Sure, and of another trial: what this judge believed when it saw somebody else do something else."""
+    place = np.minimum(np.arange(len(own)), len(other) - 1)
+    return other[place]
+
+
+def noise(own: Floats, other: Floats, rate_hz: float, rng: np.random.Generator) -> Floats:
+    """A new random belief in every frame, from nearly certain to undecided."""
+    return rng.dirichlet(np.full(own.shape[1], 0.2), size=len(own))
+
+
+def silent(own: Floats, other: Floats, rate_hz: float, rng: np.random.Generator) -> Floats:
+    """Says nothing: the prior."""
+    return np.full_like(own, 1.0 / own.shape[1])
+
+
+def late(own: Floats, other: Floats, rate_hz: float, rng: np.random.Generator) -> Floats:
+    """Says everything a second late, and nothing before."""
+    delay = min(round(LATE_S * rate_hz), len(own))
+    return np.concatenate([silent(own[:delay], other, rate_hz, rng), own[: len(own) - delay]])
+
+
+FAULTS: Mapping[str, Callable[[Floats, Floats, float, np.random.Generator], Floats]] = {
+    "wrong": wrong,
+    "noise": noise,
+    "silent": silent,
+    "late": late,
+}
+
+
+def fault_named(text: str, views: Sequence[str]) -> tuple[str, str]:
+    """`VIEW=KIND` -> (view, kind); raises BadInput that names the known ones."""
+    view, equals, kind = text.rpartition("=")
+    if not equals or view not in views:
+        raise BadInput(f"--fault {text!r}: VIEW=KIND is wanted, VIEW one of {', '.join(views)}")
+    if kind not in FAULTS:
+        raise BadInput(f"--fault {text!r}: {kind!r} is no fault; known: {', '.join(FAULTS)}")
+    return view, kind
+
+
+def disturb(
+    beliefs: Sequence[Floats], views: Sequence[str], faults: Mapping[str, str], rate_hz: float, seed: int
+) -> list[Floats]:
+    """Per trial (F, V, M) beliefs -> the same with the faulty views' replaced."""
+    rng = np.random.default_rng([seed, 1])
+    result = [b.copy() for b in beliefs]
+    for view, kind in faults.items():
+        column = list(views).index(view)
+        for n, own in enumerate(beliefs):
+            other = beliefs[_another(n, len(beliefs), rng)][:, column]
+            result[n][:, column] = FAULTS[kind](own[:, column], other, rate_hz, rng)
+    return result
+
+
+def _another(n: int, count: int, rng: np.random.Generator) -> int:
+    return (n + int(rng.integers(1, count))) % count if count > 1 else n

@@ -1,0 +1,113 @@
+"""Who is judged on what: splitting people, turning them, hiding where a movement begins. Seeded, pure."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from common.errors import BadInput
+from observer.geometry.views import turned
+from observer.learning import cut_out
+from observer.motion.archive import MotionArchive, Recording
+from observer.motion.resample import retime
+
+SLOWEST, FASTEST = 0.6, 1.7
+IDLE_S = (0.5, 2.0)
+IDLE_NOISE_M = 0.01
+"""How much a tracked hand that is held still trembles: the quiet half of the recordings moves 0.8 to 3 cm a frame."""
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """One recording to be judged; the movement lies in frames begin..end-1 of it."""
+
+    recording: Recording
+    begin: int
+    end: int
+
+    @property
+    def name(self) -> str:
+        """For people: movement, subject and trial, as the paper's figures cipher them."""
+        return f"{self.recording.label} {self.recording.subject}.{self.recording.trial}"
+
+    def frame_at(self, fraction: float) -> int:
+        """The last frame that may be used when `fraction` of the true segment has been seen, 0 to 1."""
+        return self.begin + max(int(np.ceil(fraction * (self.end - self.begin) - 1e-9)), 1) - 1
+
+
+@dataclass(frozen=True, slots=True)
+class Split:
+    """Training and test recordings of different people."""
+
+    train: MotionArchive
+    test: tuple[Recording, ...]
+
+
+def with_labels(archive: MotionArchive, labels: Sequence[str]) -> MotionArchive:
+    """Only the recordings of these movements, cut out; raises BadInput for a movement that nobody performs."""
+    pieces = tuple(r for r in cut_out(archive) if r.label in labels)
+    for label in labels:
+        if not any(r.label == label for r in pieces):
+            known = ", ".join(sorted({r.label for r in cut_out(archive)}))
+            raise BadInput(f"--labels: {label!r} is in no recording; known: {known}")
+    return MotionArchive(archive.body_parts, pieces)
+
+
+def splits(
+    archive: MotionArchive, train_subjects: Sequence[str], test_subjects: Sequence[str], leave_one_out: bool
+) -> Iterator[Split]:
+    """One split by the subjects named, or one a subject; raises BadInput for unknown, empty or shared subjects."""
+    subjects = sorted({r.subject for r in archive.recordings}, key=lambda s: (len(s), s))
+    if leave_one_out:
+        if len(subjects) < 2:
+            raise BadInput(f"--leave-one-subject-out: the archive has one subject only, {subjects[0]!r}")
+        for subject in subjects:
+            yield _split(archive, [s for s in subjects if s != subject], [subject])
+        return
+    if not train_subjects and not test_subjects:
+        train_subjects, test_subjects = subjects[0::2], subjects[1::2]
+    train = train_subjects or [s for s in subjects if s not in test_subjects]
+    test = test_subjects or [s for s in subjects if s not in train_subjects]
+    for subject in [*train, *test]:
+        if subject not in subjects:
+            raise BadInput(f"subject {subject!r}: not in the archive; it has {', '.join(subjects)}")
+    both = [s for s in train if s in test]
+    if both:
+        raise BadInput(f"subject {both[0]!r}: both in training and in test; a judge must not know who he judges")
+    if not train or not test:
+        raise BadInput("no subject is left to train or to test on; name them with --train-subjects, --test-subjects")
+    yield _split(archive, train, test)
+
+
+def _split(archive: MotionArchive, train: Sequence[str], test: Sequence[str]) -> Split:
+    learned = tuple(r for r in archive.recordings if r.subject in train)
+    return Split(
+        MotionArchive(archive.body_parts, learned), tuple(r for r in archive.recordings if r.subject in test)
+    )
+
+
+def trials(
+    recordings: Sequence[Recording], *, onset_known: bool, turn: float | None, rng: np.random.Generator
+) -> list[Trial]:
+    """What the judges get to see. turn: degrees, or None for any facing, drawn for each trial.
+
+    Unknown onset: retimed by 0.6 to 1.7 and held still, trembling, for 0.5 to 2 s before and after.
+    """
+    return [_trial(recording, onset_known, turn, rng) for recording in recordings]
+
+
+def _trial(recording: Recording, onset_known: bool, turn: float | None, rng: np.random.Generator) -> Trial:
+    angle = np.deg2rad(rng.uniform(0, 360) if turn is None else turn)
+    if angle:
+        recording = replace(recording, positions=turned(recording.positions, float(angle)))
+    if onset_known:
+        return Trial(recording, 0, len(recording.positions))
+    # Evenly in the logarithm, so that as many are slower as are faster.
+    tempo = float(np.exp(rng.uniform(np.log(SLOWEST), np.log(FASTEST))))
+    moving = retime(recording, tempo).positions
+    shortest, longest = (round(s * recording.rate_hz) for s in IDLE_S)
+    before, after = (int(n) for n in rng.integers(shortest, longest, size=2, endpoint=True))
+    still = np.concatenate([np.repeat(moving[:1], before, axis=0), np.repeat(moving[-1:], after, axis=0)])
+    still = (still + rng.normal(0, IDLE_NOISE_M, still.shape)).astype(np.float32)
+    whole = np.concatenate([still[:before], moving, still[before:]])
+    return Trial(replace(recording, positions=whole), before, before + len(moving))

@@ -1,0 +1,209 @@
+"""The scene file: defaults, faults as one line, environment."""
+
+import os
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pydantic import ValidationError
+
+from common.config import MeshConfig, read_scene
+from common.errors import BadInput
+
+LEAST = 'scene = "dojo"\n[observers.cam1]\nsource = "motion.npz"\n'
+THREE = 'scene = "dojo"\n' + "".join(f'[observers.cam{i}]\nsource = "m.npz"\n' for i in (1, 2, 3))
+
+
+@pytest.fixture
+def scene(tmp_path):
+    def read(text, **environment):
+        (tmp_path / "scene.toml").write_text(text, encoding="utf-8")
+        return read_scene(tmp_path / "scene.toml", environment)
+
+    return read
+
+
+@pytest.fixture
+def fault(scene):
+    def told(text, **environment):
+        with pytest.raises(BadInput) as caught:
+            scene(text, **environment)
+        line = str(caught.value)
+        assert "\n" not in line and "pydantic" not in line
+        return line
+
+    return told
+
+
+def test_everything_has_a_default_but_the_name_and_the_sources(scene):
+    read = scene(LEAST)
+    assert read.scene == "dojo" and read.roster == ("cam1",) and read.named_vocabulary is None
+    assert (read.mesh.mode, read.mesh.endpoint, read.mesh.prefix) == ("machine", "tcp/127.0.0.1:7447", "laban")
+    cam = read.observer("cam1")
+    assert (cam.view, cam.model, cam.speed, cam.recording, cam.loop) == ("door", "cam1.model", 1.0, 0, False)
+    assert (cam.onset, cam.tracker) == ("unknown", "projected")
+    fusion = read.fusion
+    assert (fusion.id, fusion.rule, fusion.quorum, fusion.threshold) == ("fusion", "robust_inverse_entropy", 1, 0.8)
+    assert (fusion.hold_s, fusion.fresh_s, fusion.fade_s, fusion.drop_s, fusion.step_hz) == (0.3, 0.2, 0.5, 2.0, 10)
+
+
+def test_everything_can_be_said(scene):
+    read = scene(
+        'scene = "dojo"\nvocabulary = ["lunging", "bowing"]\nvocabulary_name = "karate"\n'
+        '[mesh]\nmode = "router"\nendpoint = "tls/judge.example:7447"\nprefix = "home/laban"\n'
+        '[observers.cam1]\nsource = "m.npz"\nview = "yaw:45"\nmodel = "a.model"\nspeed = 0\nrecording = "all"\n'
+        'loop = true\nonset = "known"\ntracker = "blobs"\n'
+        '[fusion]\nid = "f2"\nrule = "log"\nquorum = 1\nthreshold = 1\nhold_s = 0\nfresh_s = 0.1\nfade_s = 1\n'
+        "drop_s = 3\nstep_hz = 20\n"
+    )
+    assert read.named_vocabulary.labels == ("lunging", "bowing") and read.named_vocabulary.name == "karate"
+    assert read.keys.judgement == "home/laban/dojo/judgement"
+    assert read.observer("cam1").recording == "all"
+
+
+@pytest.mark.parametrize(("observers", "quorum"), [(1, 1), (2, 2), (3, 2), (4, 3)])
+def test_the_quorum_is_more_than_half(scene, observers, quorum):
+    text = 'scene = "d"\n' + "".join(f'[observers.c{i}]\nsource = "m.npz"\n' for i in range(observers))
+    assert scene(text).fusion.quorum == quorum
+
+
+def test_files_are_found_from_the_scene_file(scene, tmp_path, monkeypatch):
+    assert scene(LEAST).place("motion.npz") == tmp_path / "motion.npz"
+    monkeypatch.chdir(tmp_path)
+    assert read_scene((tmp_path / "scene.toml").relative_to(tmp_path), {}).place("m") == tmp_path / "m"
+    assert scene(LEAST).place(str(tmp_path.parent / "m")) == tmp_path.parent / "m"
+
+
+def test_a_scene_is_never_changed(scene):
+    with pytest.raises(ValidationError):
+        scene(LEAST).fusion.rule = "log"
+
+
+def test_the_mesh_at_another_endpoint():
+    assert MeshConfig(prefix="p").at("tcp/127.0.0.1:9") == MeshConfig(prefix="p", endpoint="tcp/127.0.0.1:9")
+
+
+@pytest.mark.parametrize(
+    ("text", "line"),
+    [
+        ("scene = = 1", "not TOML: Invalid value (at line 1, column 9)"),
+        ('[observers.cam1]\nsource = "m"', "scene: missing; this key has no default"),
+        ('scene = "d"', "no observers: name at least one"),
+        ('scene = "d"\n[observers]', "no observers"),
+        ('scene = "d"\nobservers = 3', "observers = 3: must be a table"),
+        ('scene = "d"\n[observers.cam1]\nview = "door"', "observers.cam1.source: missing"),
+        (LEAST + "sped = 2", "observers.cam1.sped: unknown key; did you mean speed?"),
+        (LEAST + "[fusion]\nrul = 1", "fusion.rul: unknown key; did you mean rule?"),
+        (LEAST + "[fusion]\nxyz = 1", "fusion.xyz: unknown key; known: id, rule, quorum"),
+        (LEAST + "[fusoin]\nrule = 1", "fusoin: unknown key; did you mean fusion?"),
+        (LEAST + "[fusion]\nthreshold = 1.5", "fusion.threshold = 1.5: must be less than or equal to 1"),
+        (LEAST + '[fusion]\nthreshold = "0.5"', "fusion.threshold = '0.5': must be a valid number"),
+        (LEAST + "[fusion]\nquorum = true", "fusion.quorum = True: must be a valid integer"),
+        (LEAST + "[fusion]\nquorum = 2", "fusion.quorum = 2: the scene has 1 observers"),
+        (LEAST + "[fusion]\nfade_s = inf", "fusion.fade_s = inf: must be a finite number"),
+        (LEAST + '[fusion]\nid = "F"', "fusion.id = 'F': 1 to 64 characters of a-z"),
+        (LEAST + "recording = -1", 'observers.cam1.recording = -1: must be the index of a recording, from 0, or "all"'),
+        (LEAST + "speed = -1", "observers.cam1.speed = -1: must be greater than or equal to 0"),
+        (LEAST + '[mesh]\nmode = "cloud"', "mesh.mode = 'cloud': must be 'machine', 'router' or 'process'"),
+        (LEAST + '[mesh]\nendpoint = "localhost"', "mesh.endpoint = 'localhost': must be PROTOCOL/HOST:PORT"),
+        (LEAST + '[mesh]\nprefix = "a b"', "mesh.prefix = 'a b': 1 to 64 characters"),
+        (LEAST.replace("cam1", "Cam1"), "observers = 'Cam1': 1 to 64 characters"),
+        (LEAST.replace('"dojo"', '"my dojo"'), "scene = 'my dojo': 1 to 64 characters"),
+        ('vocabulary = ["a", "a"]\n' + LEAST, "label 'a' stands twice"),
+        ('vocabulary = "ab"\n' + LEAST, "vocabulary = 'ab': must be a valid tuple"),
+    ],
+)
+def test_each_fault_is_one_line_with_file_key_value_and_rule(fault, tmp_path, text, line):
+    assert fault(text).startswith(f"{tmp_path / 'scene.toml'}: {line}")
+
+
+def test_more_faults_are_counted(fault):
+    assert fault(LEAST + "speed = -1\nloop = 3\nsped = 1").endswith("(2 more)")
+
+
+def test_a_long_value_is_cut(fault):
+    assert len(fault(LEAST + f'[mesh]\nendpoint = "{"x" * 5000}"')) < 500
+
+
+def test_files_that_are_none(tmp_path):
+    with pytest.raises(BadInput, match=r"nothing\.toml: no such file or directory"):
+        read_scene(tmp_path / "nothing.toml", {})
+    with pytest.raises(BadInput, match="is a directory"):
+        read_scene(tmp_path, {})
+    (tmp_path / "latin.toml").write_bytes(b'scene = "d\xe9"')
+    with pytest.raises(BadInput, match="not UTF-8"):
+        read_scene(tmp_path / "latin.toml", {})
+
+
+def test_an_unknown_observer_lists_the_known(scene):
+    with pytest.raises(BadInput, match="observer 'cam9': not in the scene; known: cam1, cam2, cam3"):
+        scene(THREE).observer("cam9")
+
+
+def test_the_environment_overrides(scene):
+    read = scene(
+        THREE.replace("cam2", "cam-2") + "[fusion]\nthreshold = 0.5",
+        LABANMESH_SCENE="garden",
+        LABANMESH_VOCABULARY="a, b,c",
+        LABANMESH_MESH_ENDPOINT="tcp/10.0.0.1:1",
+        LABANMESH_FUSION_RULE="log",
+        LABANMESH_FUSION_THRESHOLD="0.9",
+        LABANMESH_FUSION_QUORUM="3",
+        LABANMESH_OBSERVERS_CAM1_LOOP="true",
+        LABANMESH_OBSERVERS_CAM_2_RECORDING="4",
+        LABANMESH_OBSERVERS_CAM3_RECORDING="all",
+        LABANMESH_DATA="elsewhere",
+        HOME="h",
+    )
+    assert read.scene == "garden" and read.vocabulary == ("a", "b", "c") and read.mesh.endpoint == "tcp/10.0.0.1:1"
+    assert (read.fusion.rule, read.fusion.threshold, read.fusion.quorum) == ("log", 0.9, 3)
+    assert read.observer("cam1").loop and read.observer("cam-2").recording == 4
+    assert read.observer("cam3").recording == "all"
+
+
+@pytest.mark.parametrize(
+    ("variable", "value", "line"),
+    [
+        ("LABANMESH_FUSION_THRESHOLD", "high", "LABANMESH_FUSION_THRESHOLD = 'high': must be a valid number"),
+        ("LABANMESH_FUSION_THRESHOLD", "2", "LABANMESH_FUSION_THRESHOLD = '2': must be less than or equal to 1"),
+        ("LABANMESH_FUSION_RULES", "log", "LABANMESH_FUSION_RULES: unknown environment variable; did you mean"),
+        ("LABANMESH_OBSERVERS_CAM9_SPEED", "1", "LABANMESH_OBSERVERS_CAM9_SPEED: unknown environment variable"),
+        ("LABANMESH_MESH_MODE", "cloud", "LABANMESH_MESH_MODE = 'cloud': must be 'machine', 'router' or 'process'"),
+    ],
+)
+def test_a_fault_in_the_environment_names_the_variable(fault, variable, value, line):
+    assert fault(LEAST, **{variable: value}).startswith(line)
+
+
+def test_the_process_environment_is_the_default(tmp_path, monkeypatch):
+    (tmp_path / "s.toml").write_text(LEAST)
+    monkeypatch.setenv("LABANMESH_FUSION_RULE", "log")
+    assert read_scene(tmp_path / "s.toml").fusion.rule == "log"
+    assert "LABANMESH_FUSION_RULE" in os.environ
+
+
+VALUES = st.recursive(
+    st.booleans() | st.integers() | st.floats() | st.text("ab/ ", max_size=5),
+    lambda inner: st.lists(inner, max_size=2) | st.dictionaries(st.text("abc", min_size=1), inner, max_size=2),
+    max_leaves=4,
+)
+
+
+def toml(value):
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{key} = {toml(inner)}" for key, inner in value.items()) + "}"
+    if isinstance(value, list):
+        return "[" + ", ".join(map(toml, value)) + "]"
+    return str(value).lower() if isinstance(value, bool | int | float) else f'"{value}"'
+
+
+@given(st.sampled_from(["scene", "mesh", "fusion", "observers", "vocabulary", "observers.cam1", "mesh.mode"]), VALUES)
+def test_any_value_anywhere_is_read_or_one_line(tmp_path_factory, key, value):
+    path = tmp_path_factory.mktemp("scene") / "scene.toml"
+    rest = "" if key == "scene" else 'scene = "dojo"\n'
+    observers = "" if key.startswith("observers") else '[observers.cam1]\nsource = "m"\n'
+    path.write_text(f"{rest}{key} = {toml(value)}\n{observers}")
+    try:
+        read_scene(path, {})
+    except BadInput as error:
+        assert "\n" not in str(error)

@@ -1,0 +1,95 @@
+"""The picture in the terminal: all that should be there, never wider or higher than there is room."""
+
+import io
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from rich.console import Console
+
+from hub.bars import Bar
+from hub.scene_state import SceneState
+from hub.terminal import render
+
+
+def drawn(renderable, width=80, encoding=None):
+    file = io.TextIOWrapper(io.BytesIO(), encoding or "utf-8")
+    console = Console(file=file, width=width, force_terminal=False, legacy_windows=False)
+    console.print(renderable)
+    file.flush()
+    return file.buffer.getvalue().decode(encoding or "utf-8")
+
+
+def scene(said, judges=4, verdicts=3, label="nthrow"):
+    votes = {f"cam{i}": said.vote(weight=1 / judges) for i in range(judges)}
+    state = SceneState("room").fold(said.vocabulary(), said.NOON)
+    state = state.fold(said.judgement(votes=votes), said.NOON).at(said.NOON)
+    for number in range(verdicts):
+        state = state.fold(said.verdict(number, votes=votes, label=label), said.NOON)
+    return state
+
+
+def test_each_judge_the_referee_and_the_verdict_are_seen(said):
+    text = drawn(render(scene(said), 80))
+    for words in ("cam0 agrees", "cam3 agrees", "referee", "N T H R O W", "4 of 4 agree", "70%", "weight", "1.57 bits"):
+        assert words in text
+
+
+def test_the_referee_stands_between_the_corners(said):
+    lines = drawn(render(scene(said), 80)).splitlines()
+    row = {name: next(i for i, line in enumerate(lines) if name in line) for name in ("cam1", "referee", "cam2")}
+    assert row["cam1"] < row["referee"] < row["cam2"]
+    assert "cam0" in lines[row["cam1"]], "two corners stand side by side"
+
+
+def test_one_who_differs_and_one_who_is_not_counted_are_told(said):
+    votes = {"a": said.vote("ok"), "b": said.vote(state="stale"), "c": said.vote()}
+    state = scene(said).fold(said.judgement(2, said.NOON + 1, votes=votes), said.NOON)
+    state = state.fold(said.status("b", "degraded", "camera frozen", 2.0), said.NOON)
+    text = drawn(render(state, 80))
+    assert "a differs" in text and "b stale" in text and "degraded, 2 Hz, camera frozen" in text
+
+
+def test_a_silent_referee_is_told(said):
+    state = scene(said).at(said.NOON + 5 * said.SECOND)
+    assert "silent for 5.0 s" in drawn(render(state, 80))
+
+
+def test_a_scene_of_which_nothing_was_heard(said):
+    text = drawn(render(SceneState("room", ("cam1", "cam2")), 80))
+    assert "waiting for a referee" in text and "cam1 silent" in text and "no verdict yet" in text
+
+
+def test_an_abstention_is_a_verdict(said):
+    assert "A B S T A I N" in drawn(render(scene(said, label="abstain"), 80))
+
+
+def test_a_strangers_words_do_not_steer_the_terminal(said):
+    evil = "\x1b[2J\x07[red]x\u202e"
+    state = scene(said, label=evil).fold(said.status("cam1", "failed", evil), said.NOON)
+    text = drawn(render(state, 100))
+    assert "\x1b" not in text and "\x07" not in text and "\u202e" not in text and "[red]x" in text
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(0, 9), st.integers(0, 12), st.integers(24, 160))
+def test_no_line_is_wider_than_the_terminal(said, judges, verdicts, width):
+    assert max(map(len, drawn(render(scene(said, max(judges, 1), verdicts), width), width).splitlines())) <= width
+
+
+@pytest.mark.parametrize(("judges", "height"), [(2, 18), (2, 24), (4, 19), (4, 20), (4, 22), (4, 24), (4, 50), (6, 30)])
+def test_it_fits_the_terminals_height(said, judges, height):
+    lines = drawn(render(scene(said, judges, 10), 80, height)).splitlines()
+    assert len(lines) <= height
+    assert sum("agree  1.57 bits" in line and "┃" not in line for line in lines) >= min(2, height - 18)
+
+
+def test_bars_are_as_long_as_the_share():
+    assert drawn(Bar(0.5), 10).strip("\n") == "━" * 5 + "─" * 5
+    assert drawn(Bar(0.25), 10).strip("\n") == "━━╸" + "─" * 7
+    assert drawn(Bar(2.0), 4).strip("\n") == "━━━━"
+    assert drawn(Bar(0.5), 10, "ascii").strip("\n") == "#####....."
+
+
+def test_a_terminal_without_unicode_is_served(said):
+    assert "N T H R O W" in drawn(render(scene(said), 80), 80, "ascii")

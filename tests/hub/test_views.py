@@ -1,0 +1,56 @@
+"""Plain lines and lines of JSON: what a log and a program read. And the picture on a terminal."""
+
+import io
+import json
+
+from rich.console import Console
+
+from common.wire import decode, encode
+from hub.scene_state import SceneState
+from hub.session import Heard
+from hub.views import show_json, show_lines, show_live
+
+
+def heard(said, *messages, step_s=0.1):
+    state = SceneState("room").fold(said.vocabulary(), said.NOON)
+    for place, message in enumerate(messages):
+        now_ns = said.NOON + int(place * step_s * said.SECOND)
+        state = state.at(now_ns).fold(message, now_ns) if message else state.at(now_ns)
+        yield Heard(state, message)
+
+
+def test_one_line_for_each_verdict_however_often_it_is_said(said, capsys):
+    ended = said.verdict(1, ended_ns=said.NOON, at_ns=said.NOON + 1)
+    show_lines(heard(said, said.verdict(1), ended, said.verdict(2)))
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) == 2 and all("verdict  nthrow  1 of 2 agree  1.57 bits  cam1: ok" in line for line in lines)
+
+
+def test_a_judgement_a_second_and_none_while_the_referee_is_silent(said, capsys):
+    talking = [said.judgement(i, said.NOON + i * said.SECOND // 10) for i in range(25)]
+    show_lines(heard(said, *talking, *[None] * 50))
+    lines = [line for line in capsys.readouterr().out.splitlines() if "judgement" in line]
+    assert 3 <= len(lines) <= 4 and "cam2: nthrow 0.50" in lines[0]
+
+
+def test_json_has_the_wires_fields_and_can_be_read_back(said, capsys):
+    messages = [said.judgement(), said.status(), None, said.verdict()]
+    show_json(heard(said, *messages))
+    first, second = map(json.loads, capsys.readouterr().out.splitlines())
+    assert (first.pop("kind"), second.pop("kind")) == ("judgement", "verdict")
+    assert type(messages[0]).model_validate(first) == messages[0] == decode(type(messages[0]), encode(messages[0]))
+    assert second["ended_ns"] is None and second["id"] == "v1"
+
+
+def test_json_never_says_nan(said, capsys):
+    show_json(heard(said, said.judgement(p=(float("nan"), 0.5, 0.25, 0.25))))
+    assert json.loads(capsys.readouterr().out, parse_constant=lambda word: 1 / 0)["p"][0] is None
+
+
+def test_the_picture_leaves_the_verdicts_behind_and_the_screen_as_it_was(said):
+    file = io.StringIO()
+    console = Console(file=file, force_terminal=True, width=80, height=24, legacy_windows=False)
+    show_live(heard(said, said.judgement(), said.verdict(1)), console)
+    opened, closed = "\x1b[?1049h", "\x1b[?1049l"
+    picture, after = file.getvalue().split(closed)
+    assert opened in picture and "cam1" in picture and "verdict  nthrow" in after

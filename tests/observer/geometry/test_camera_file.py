@@ -1,0 +1,99 @@
+"""The camera file: what is written is read back; what is wrong is named in one line."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from common.errors import BadInput, LabanmeshError
+from observer.geometry.camera_file import Camera, read_camera, write_camera
+from observer.geometry.projection import pinhole_matrix
+
+MATRIX = pinhole_matrix(0.3, 0.1, 3.0, 812.5, (640, 360))
+GOOD = 'name = "cam1"\nprojective_matrix = [[1,0,0,0],[0,1,0,0],[0,0,0,1]]\n'
+TEXT = st.text(st.characters(exclude_categories=["Cs"]))
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("cameras")
+
+
+@given(
+    TEXT.filter(bool),
+    TEXT,
+    st.none() | st.tuples(st.integers(1, 9999), st.integers(1, 9999)),
+    st.none() | st.floats(0, 1e9),
+    st.sampled_from([1e-30, -1.0, 1 / 3, 1e20]),
+)
+def test_there_and_back(folder, name, provenance, size, error, scale):
+    camera = Camera(name, MATRIX * scale, size, error, provenance)
+    write_camera(folder / "camera.toml", camera)
+    back = read_camera(folder / "camera.toml")
+    np.testing.assert_array_equal(back.matrix, camera.matrix)
+    assert (back.name, back.image_size_px, back.reprojection_error_px, back.provenance) == (
+        name,
+        size,
+        error,
+        provenance,
+    )
+    assert [path.name for path in folder.iterdir()] == ["camera.toml"]
+
+
+def test_what_a_person_wrote(tmp_path):
+    (tmp_path / "c.toml").write_text(GOOD)
+    camera = read_camera(tmp_path / "c.toml")
+    assert camera.name == "cam1"
+    assert camera.matrix.dtype == np.float64
+    assert camera.image_size_px is None
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("name = ", "no TOML"),
+        ('name = "a"', "projective_matrix: Field required"),
+        (GOOD.replace("cam1", ""), "name: "),
+        (GOOD.replace('"cam1"', "1"), "name: "),
+        (GOOD.replace(",[0,0,0,1]", ""), "projective_matrix: "),
+        (GOOD.replace("[0,0,0,1]", "[0,0,1]"), "projective_matrix.2: "),
+        (GOOD.replace("[0,0,0,1]", "[0,0,0,nan]"), "projective_matrix.2.3: "),
+        (GOOD.replace("[0,0,0,1]", "[0,0,0,'x']"), "projective_matrix.2.3: "),
+        (GOOD.replace("[0,0,0,1]", "[0,2,0,0]"), "projective_matrix: no camera"),
+        (GOOD.replace("[0,1,0,0]", "[2,0,0,0]"), "projective_matrix: no camera"),
+        (GOOD.replace("[0,0,0,1]", "[0,0,0,0]"), "projective_matrix: no camera"),
+        (GOOD.replace("[0,0,0,1]", "[1,1,0,1]"), "projective_matrix: no camera"),
+        (GOOD + "image_size_px = [640]", "image_size_px"),
+        (GOOD + "image_size_px = [640, 0]", "image_size_px.1: "),
+        (GOOD + "reprojection_error_px = -1", "reprojection_error_px: "),
+        (GOOD + "reprojection_eror_px = 1", "reprojection_eror_px: "),
+    ],
+)
+def test_what_is_wrong_is_named(tmp_path, text, says):
+    path = tmp_path / "cam.toml"
+    path.write_text(text)
+    with pytest.raises(BadInput, match=says) as caught:
+        read_camera(path)
+    assert str(path) in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_unreadable(tmp_path):
+    with pytest.raises(BadInput, match="No such file"):
+        read_camera(tmp_path / "none.toml")
+    with pytest.raises(BadInput, match="directory"):
+        read_camera(tmp_path)
+    (tmp_path / "binary.toml").write_bytes(b"\xff\xfe")
+    with pytest.raises(BadInput, match="no TOML"):
+        read_camera(tmp_path / "binary.toml")
+
+
+def test_a_refused_write_leaves_the_old_file(tmp_path):
+    path = tmp_path / "cam.toml"
+    write_camera(path, Camera("good", MATRIX))
+    for bad in (Camera("", MATRIX), Camera("bad", MATRIX * np.nan), Camera("bad", MATRIX[:2])):
+        with pytest.raises(BadInput):
+            write_camera(path, bad)
+    assert read_camera(path).name == "good"
+    with pytest.raises(LabanmeshError, match="cannot be written"):
+        write_camera(tmp_path / "nowhere" / "cam.toml", Camera("good", MATRIX))

@@ -1,0 +1,127 @@
+"""Names of views, and the performer turned in front of them."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from common.errors import BadInput
+from observer.geometry.camera_file import Camera, write_camera
+from observer.geometry.projection import parallel_matrix, pinhole_matrix, project
+from observer.geometry.views import parse_view, split_views, turned
+
+DEGREES = st.integers(-180, 180)
+POSITIONS = arrays(np.float64, (4, 3, 3), elements=st.floats(-2, 2).map(lambda x: round(x, 3)))
+
+
+@pytest.mark.parametrize(
+    ("text", "yaw_deg", "pitch_deg"),
+    [
+        ("door", 0, 0),
+        ("wheel", 90, 0),
+        ("table", 0, 90),
+        ("yaw:45", 45, 0),
+        (" yaw:-30.5 , pitch:10 ", -30.5, 10),
+        ("yaw:0,pitch:-90", 0, -90),
+    ],
+)
+def test_planes_and_angles(text, yaw_deg, pitch_deg):
+    view = parse_view(text)
+    assert view.name == text.replace(" ", "")
+    np.testing.assert_allclose(view.matrix, parallel_matrix(math.radians(yaw_deg), math.radians(pitch_deg)), atol=1e-15)
+
+
+def test_camera_file_counts_from_its_folder(tmp_path):
+    matrix = pinhole_matrix(0.1, 0.2, 3.0, 800, (640, 360))
+    write_camera(tmp_path / "left.toml", Camera("left", matrix))
+    for view in (parse_view("left.toml", tmp_path), parse_view(str(tmp_path / "left.toml"))):
+        assert view.name == "left"
+        np.testing.assert_array_equal(view.matrix, matrix)
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("dor", "did you mean door"),
+        ("side", "known: door, wheel, table"),
+        ("", "known:"),
+        ("yaw:", "'' is no angle"),
+        ("yaw:left", "'left' is no angle"),
+        ("yaw:nan", "no angle"),
+        ("yaw:inf", "no angle"),
+        ("yaw:45,10", "comes a pitch"),
+        ("yaw:45,", "comes a pitch"),
+        ("yaw:45,pitch:x", "'x' is no angle"),
+        ("yaw:45,pitch:91", "pitch is -90"),
+        ("yaw:45,pitch:10,pitch:5", "no angle"),
+        ("pitch:10", "known:"),
+        ("nowhere.toml", "nowhere.toml"),
+    ],
+)
+def test_anything_else_is_bad_input_in_one_line(text, says):
+    with pytest.raises(BadInput, match=says) as caught:
+        parse_view(text)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "views"),
+    [
+        ("door", ["door"]),
+        ("door,wheel,yaw:45,pitch:10", ["door", "wheel", "yaw:45,pitch:10"]),
+        ("yaw:0,pitch:5, yaw:90 ,left.toml", ["yaw:0,pitch:5", "yaw:90", "left.toml"]),
+        ("yaw:1,yaw:2,pitch:3", ["yaw:1", "yaw:2,pitch:3"]),
+    ],
+)
+def test_split(text, views):
+    assert split_views(text) == views
+
+
+@pytest.mark.parametrize("text", ["", "door,,wheel", "door,", "pitch:10", "door,pitch:10", "yaw:1,pitch:2,pitch:3"])
+def test_split_refuses(text):
+    with pytest.raises(BadInput, match="views"):
+        split_views(text)
+
+
+@given(st.lists(st.sampled_from(["door", "wheel", "yaw:45", "yaw:45,pitch:10", "a.toml"]), min_size=1))
+def test_split_takes_back_what_was_joined(views):
+    assert split_views(",".join(views)) == views
+
+
+def test_turning_left_by_hand():
+    front = np.array([0.0, 1.0, -1.0])
+    np.testing.assert_allclose(turned(front, math.pi / 2, np.zeros(3)), [-1, 1, 0], atol=1e-15)  # now to his old left
+
+
+@given(POSITIONS, DEGREES, DEGREES)
+def test_turned_and_seen_is_seen_from_further_round(positions, turn, yaw):
+    view = parallel_matrix(math.radians(yaw), 0.2)
+    further = parallel_matrix(math.radians(yaw + turn), 0.2)
+    after = turned(positions, math.radians(turn), np.zeros(3))
+    np.testing.assert_allclose(project(view, after), project(further, positions), atol=1e-12)
+    # Where he stands himself, the same up to one shift.
+    shift = project(view, turned(positions, math.radians(turn))) - project(further, positions)
+    np.testing.assert_allclose(shift, np.broadcast_to(shift[0, 0], shift.shape), atol=1e-12)
+
+
+@given(POSITIONS, DEGREES)
+def test_turning_keeps_the_person(positions, turn):
+    positions = positions.astype(np.float32)
+    after = turned(positions, math.radians(turn))
+    assert after.dtype == positions.dtype
+    np.testing.assert_array_equal(after[..., 1], positions[..., 1])
+    np.testing.assert_allclose(after.mean(axis=(0, 1)), positions.mean(axis=(0, 1)), atol=1e-5)
+    before_m, after_m = (np.linalg.norm(p[..., 0, :] - p[..., 1, :], axis=-1) for p in (positions, after))
+    np.testing.assert_allclose(after_m, before_m, atol=1e-5)
+    np.testing.assert_allclose(turned(after, -math.radians(turn)), positions, atol=1e-5)
+
+
+def test_unseen_parts_stay_unseen_and_do_not_move_the_axis():
+    positions = np.array([[[1.0, 0, 2], [np.nan] * 3, [3, 1, 4]]])
+    after = turned(positions, math.pi)
+    np.testing.assert_allclose(after[0, [0, 2]], [[3, 0, 4], [1, 1, 2]], atol=1e-12)
+    assert np.isnan(after[0, 1]).all()
+    assert np.isnan(turned(np.full((2, 3), np.nan), 1.0)).all()

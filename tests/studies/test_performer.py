@@ -1,0 +1,224 @@
+"""The synthetic performer's recordings: what they hold, that they repeat, and what tells the movements apart."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from common.errors import BadInput
+from studies.performer import MOVEMENTS, PEOPLE, perform, perform_continuously
+from studies.performer.people import KNOWN_PEOPLE
+
+LEFT, RIGHT, HEAD = range(3)
+X, Y, Z = range(3)
+
+
+@pytest.fixture(scope="module")
+def archive():
+    return perform(trials=4, seed=7)
+
+
+def of(archive, label):
+    return [recording for recording in archive.recordings if recording.label == label]
+
+
+def swung(recording, part=RIGHT):
+    """Extent in metres, (3,), over the middle of a recording: what a swing moves and a hold does not."""
+    frames = len(recording.positions)
+    return np.ptp(recording.positions[frames * 2 // 5 : frames * 3 // 5, part], axis=0)
+
+
+def middle(recording):
+    return recording.positions[len(recording.positions) // 2, RIGHT]
+
+
+def test_the_papers_database(archive):
+    assert MOVEMENTS == ("lunging", "maestro", "stretch", "ok", "point", "byebye", "shake", "nthrow")
+    assert PEOPLE == ("1", "2", "3", "4")
+    assert archive.body_parts == ("left_hand", "right_hand", "head")
+    named = [(r.subject, r.label, r.trial) for r in archive.recordings]
+    assert named == [(p, m, t) for p in PEOPLE for m in MOVEMENTS for t in "1234"]
+
+
+def test_recordings_are_what_the_contract_says(archive):
+    for recording in archive.recordings:
+        frames = len(recording.positions)
+        assert recording.positions.shape == (frames, 3, 3)
+        assert recording.positions.dtype == np.float32
+        assert np.isfinite(recording.positions).all()
+        assert recording.rate_hz == 15.0
+        assert recording.spans == ()
+        assert 1.5 <= frames / 15 <= 4.0
+
+
+def test_the_same_seed_gives_the_same_bits_and_another_does_not():
+    def take(seed):
+        archive = perform(("2",), ("shake",), trials=2, seed=seed)
+        return b"".join(r.positions.tobytes() for r in archive.recordings)
+
+    def long_take(seed):
+        return perform_continuously("2", ("shake",), seed=seed).positions.tobytes()
+
+    assert take(3) == take(3) != take(4)
+    assert long_take(3) == long_take(3) != long_take(4)
+
+
+def test_asking_for_fewer_changes_none(archive):
+    few = perform(("3",), ("nthrow", "ok"), trials=2, seed=7)
+    known = {(r.subject, r.label, r.trial): r for r in archive.recordings}
+    for recording in few.recordings:
+        same = known[recording.subject, recording.label, recording.trial]
+        np.testing.assert_array_equal(recording.positions, same.positions)
+
+
+def test_trials_differ(archive):
+    for person in PEOPLE:
+        for label in MOVEMENTS:
+            takes = [r.positions for r in of(archive, label) if r.subject == person]
+            frames = min(map(len, takes))
+            assert np.abs(takes[0][:frames] - takes[1][:frames]).max() > 0.02
+
+
+def test_the_rate_only_samples_the_same_path():
+    slow, fast = (perform(("1",), ("byebye",), 1, rate, seed=1).recordings[0].positions for rate in (15.0, 30.0))
+    frames = min(len(slow), len(fast[::2]))
+    assert len(fast) == pytest.approx(2 * len(slow), abs=2)
+    # Two sensors' noise, six standard deviations: were the path another, swings would differ by decimetres.
+    assert np.abs(slow[:frames] - fast[::2][:frames]).max() < 0.017
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.integers(0, 2**40))
+def test_recordings_keep_to_anatomy(seed):
+    for recording in perform(movements=MOVEMENTS, trials=1, seed=seed).recordings:
+        height = KNOWN_PEOPLE[recording.subject].height
+        hands, head = recording.positions[:, :2], recording.positions[:, 2]
+        # Not further than arm, half the shoulders and the neck together, and a little noise.
+        assert np.linalg.norm(hands - head[:, None], axis=2).max() < (0.386 + 0.129 + 0.118) * height + 0.02
+        assert (head[:, Y] > 0.53 * height).all()
+        assert (hands[..., Y] > 0.2 * height).all()
+        assert np.linalg.norm(np.diff(recording.positions, axis=0), axis=2).max() * 15 < 8.0
+        assert 1.5 <= len(recording.positions) / 15 <= 4.0
+        ends = recording.positions[[0, -1]]
+        assert np.linalg.norm(ends[0] - ends[1], axis=-1).max() < 0.15
+
+
+def test_people_differ_in_size_and_tempo(archive):
+    heads = [np.median([r.positions[0, HEAD, Y] for r in archive.recordings if r.subject == p]) for p in PEOPLE]
+    heights = np.array(heads) / 0.936
+    assert np.diff(np.sort(heights)).min() > 0.05
+    assert heights.min() > 1.5
+    assert heights.max() < 2.0
+    frames = {p: np.mean([len(r.positions) for r in archive.recordings if r.subject == p]) for p in PEOPLE}
+    assert max(frames.values()) > 1.2 * min(frames.values())
+
+
+def test_nthrow_swings_front_and_back_and_looks_like_ok_from_the_door(archive):
+    for recording in of(archive, "nthrow"):
+        x, y, z = swung(recording)
+        assert z > 0.1
+        assert z > 2 * y
+        assert z > 3 * x
+    nthrow, ok = (
+        np.mean([r.positions[len(r.positions) // 2, RIGHT] for r in of(archive, m)], 0) for m in ("nthrow", "ok")
+    )
+    assert np.abs(nthrow - ok)[[X, Y]].max() < 0.08
+
+
+def test_byebye_swings_sideways(archive):
+    for recording in of(archive, "byebye"):
+        x, y, z = swung(recording)
+        assert x > 0.1
+        assert x > 3 * max(y, z)
+
+
+def test_shake_swings_up_and_down(archive):
+    for recording in of(archive, "shake"):
+        x, y, z = swung(recording)
+        assert y > 0.06
+        assert y > 2 * max(x, z)
+
+
+def test_maestro_swings_as_byebye_does_from_the_door_and_not_from_the_wheel(archive):
+    maestro, byebye = (np.median([swung(r) for r in of(archive, m)], axis=0) for m in ("maestro", "byebye"))
+    assert maestro[X] == pytest.approx(byebye[X], rel=0.25)
+    assert maestro[Z] > 5 * byebye[Z]
+
+
+@pytest.mark.parametrize("label", ["point", "ok"])
+def test_a_hand_that_shows_something_holds_still(archive, label):
+    assert np.median([swung(r).max() for r in of(archive, label)]) < 0.06
+
+
+@pytest.mark.parametrize("label", MOVEMENTS)
+def test_which_hands_move(archive, label):
+    for recording in of(archive, label):
+        left, right = np.ptp(recording.positions[:, :2], axis=0).max(axis=1)
+        assert right > 0.25
+        if label in ("maestro", "stretch"):
+            assert left > 0.2
+        elif label != "lunging":
+            assert left < 0.12
+
+
+def test_stretch_raises_the_hands_above_the_head(archive):
+    for recording in of(archive, "stretch"):
+        assert recording.positions[:, RIGHT, Y].max() > recording.positions[0, HEAD, Y]
+
+
+def test_the_head_goes_forward_in_lunging_alone(archive):
+    for recording in archive.recordings:
+        head = recording.positions[:, HEAD]
+        forward = head[0, Z] - head[:, Z].min()
+        assert forward > 0.3 if recording.label == "lunging" else forward < 0.15
+
+
+@pytest.mark.parametrize("person", PEOPLE)
+def test_spans_hold_the_movements_and_rest_is_nearly_still(person):
+    wanted = (*MOVEMENTS, "byebye")
+    recording = perform_continuously(person, wanted, seed=5, rest_s=(1.0, 1.6))
+    assert tuple(span.label for span in recording.spans) == wanted
+    assert (recording.label, recording.subject) == ("", person)
+    assert np.isfinite(recording.positions).all()
+    speed = np.linalg.norm(np.diff(recording.positions[:, :2], axis=0), axis=2).max(axis=1) * 15
+    idle = np.ones(len(speed), dtype=bool)
+    last = 0
+    for span in (*recording.spans, None):
+        pause = (span.start if span else len(recording.positions)) - last
+        assert 14 <= pause <= 25
+        if span:
+            idle[span.start - 1 : span.end] = False
+            assert speed[span.start : span.end].max() > 0.8
+            last = span.end
+    assert np.mean(speed[idle] < 0.15) > 0.9
+    assert speed[idle].max() < 0.4
+
+
+def test_a_long_recording_ends_where_it_began():
+    positions = perform_continuously("4", ("ok", "byebye") * 40, rate_hz=5.0, seed=2, rest_s=(0.5, 0.5)).positions
+    assert np.linalg.norm(positions[-1] - positions[0], axis=1).max() < 0.08
+
+
+def test_nothing_to_do_is_idle_standing():
+    recording = perform_continuously("1", ())
+    assert recording.spans == ()
+    assert 15 <= len(recording.positions) <= 25
+
+
+@pytest.mark.parametrize(
+    ("ask", "told"),
+    [
+        (lambda: perform(people=("5",)), "person '5': not one of the synthetic people; known: 1, 2, 3, 4"),
+        (lambda: perform(movements=("bybye",)), "movement 'bybye': not in the"),
+        (lambda: perform_continuously("1", ("dance",)), "known: lunging, maestro"),
+        (lambda: perform(trials=0), "trials = 0"),
+        (lambda: perform(rate_hz=0.0), "rate_hz = 0.0"),
+        (lambda: perform(seed=-1), "seed = -1"),
+        (lambda: perform_continuously("1", (), rest_s=(2.0, 1.0)), "rest_s = (2.0, 1.0)"),
+    ],
+)
+def test_what_cannot_be_performed_is_refused_in_a_line(ask, told):
+    with pytest.raises(BadInput) as refusal:
+        ask()
+    assert told in str(refusal.value)
+    assert "\n" not in str(refusal.value)
