@@ -29,7 +29,9 @@ def nearest(word: str, known: Iterable[str]) -> str:
 
 def plain(message: str) -> str:
     """pydantic's words without the words about pydantic."""
-    words = message.removeprefix("Value error, ").replace("Input should be", "must be")
+    words = (
+        message.removeprefix("Value error, ").replace("Input should be", "must be").replace("a valid tuple", "a list")
+    )
     return re.sub(r"a valid dictionary( or instance of \w+)?", "a table, as [section] begins one", words)
 
 

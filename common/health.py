@@ -24,6 +24,7 @@ class Health:
         self._reason = ""
         self._steps: deque[int] = deque(maxlen=10_000)
         self._last_frame_ns: int | None = None
+        self._last_step_ns: int | None = None
         self._lock = threading.Lock()
 
     def become(self, state: ProcessState, reason: str = "") -> None:
@@ -35,6 +36,7 @@ class Health:
         """One frame (for fusion: one posterior) captured at `frame_ns` was worked on at `now_ns`."""
         with self._lock:
             self._steps.append(now_ns)
+            self._last_step_ns = now_ns
             self._last_frame_ns = max(frame_ns, self._last_frame_ns or 0)
 
     def status(self, now_ns: int) -> StatusMessage:
@@ -54,9 +56,10 @@ class Health:
             )
 
     def _judged(self, now_ns: int) -> tuple[ProcessState, str]:
-        if self._state != "running" or self._last_frame_ns is None:
+        if self._state != "running" or self._last_step_ns is None:
             return self._state, self._reason
-        silent_ns = now_ns - self._last_frame_ns
+        # By this machine's clock: a peer whose clock is wrong is not silent.
+        silent_ns = now_ns - self._last_step_ns
         if silent_ns <= self._silence_ns:
             return self._state, self._reason
         return "degraded", f"no frame for {silent_ns / SECOND_NS:.0f} s"

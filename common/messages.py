@@ -4,11 +4,11 @@ Every message is a map with string keys and carries `v`, its schema version. Unk
 ignored, so that a newer peer may say more. Times are Unix epoch in nanoseconds; ages in seconds.
 """
 
-from typing import Annotated, Literal
+from typing import Annotated, Final, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, NonNegativeInt, model_validator
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION: Final = 1
 SUM_TOLERANCE = 1e-3
 """A posterior may miss a sum of 1 by this much: what float32 arithmetic of a foreign judge can lose."""
 

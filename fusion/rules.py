@@ -148,7 +148,7 @@ def rule_named(name: str, observers: int | None = None) -> Rule:
     if name not in RULES:
         near = get_close_matches(name, RULES, 1)
         hint = f"; did you mean {near[0]!r}?" if near else ""
-        raise BadInput(f"fusion.rule = {name!r}: unknown rule{hint} known: {', '.join(RULES)}")
+        raise BadInput(f"fusion.rule = {name!r}: unknown rule{hint}; known: {', '.join(RULES)}")
     rule = RULES[name]
     if observers is not None and rule.most_observers is not None and observers > rule.most_observers:
         most = rule.most_observers

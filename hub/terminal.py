@@ -139,7 +139,8 @@ def _verdict(verdict: VerdictMessage | None) -> RenderableType:
         return Text("no verdict yet", style="dim")
     name = printable(verdict.label).upper().replace("_", " ")
     spaced = " ".join(name) if len(name) <= SPACED_LETTERS else name
-    style = "bold reverse red" if is_abstention(verdict) else "bold reverse green"
+    colour = "red" if is_abstention(verdict) else "green"
+    style = f"bold {colour}" if verdict.ended_ns is not None else f"bold reverse {colour}"
     flag = Padding(Text(spaced, style=style, no_wrap=True), (1, 3), style=style, expand=False)
     when = "now" if verdict.ended_ns is None else f"{duration(verdict)}, at {clock_time(verdict.began_ns)}"
     caption = Text(f"{when}, {agreement(verdict)}", style="dim", no_wrap=True)

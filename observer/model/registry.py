@@ -18,5 +18,5 @@ def model_named(kind: str) -> type[MovementModel]:
     if kind not in MODELS:
         near = get_close_matches(kind, MODELS, 1)
         hint = f"; did you mean {near[0]!r}?" if near else ""
-        raise BadInput(f"model = {kind!r}: unknown{hint} known: {', '.join(MODELS)}")
+        raise BadInput(f"model = {kind!r}: unknown{hint}; known: {', '.join(MODELS)}")
     return MODELS[kind]

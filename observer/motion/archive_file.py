@@ -91,7 +91,8 @@ def _load(path: Path) -> Arrays:
     arrays: Arrays = {}
     name = "the list of arrays"
     try:
-        with np.load(path, allow_pickle=False) as file:
+        # Opened here: numpy leaves a broken zip open behind it.
+        with path.open("rb") as content, np.load(content, allow_pickle=False) as file:
             for name in _names(path, set(file.files)):
                 arrays[name] = file[name]
                 if not isinstance(arrays[name], np.ndarray):

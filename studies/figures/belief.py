@@ -69,7 +69,7 @@ def _draw_beliefs(
         front = 3 if label == truth else 2 if label in colours else 1
         axes.plot(times_s, p, color=colours.get(label, GREY), linewidth=width, zorder=front, solid_capstyle="round")
     axes.set_ylim(-0.02, 1.04)
-    span = float(times_s[-1] - times_s[0])
+    span = float(times_s[-1] - times_s[0]) or 1.0
     axes.set_xlim(times_s[0], times_s[-1] + 0.42 * span)
     axes.set_xticks([tick for tick in axes.get_xticks() if times_s[0] <= tick <= times_s[-1]])
     axes.spines["bottom"].set_bounds(times_s[0], times_s[-1])

@@ -110,7 +110,7 @@ def test_the_mesh_at_another_endpoint():
         (LEAST.replace("cam1", "Cam1"), "observers = 'Cam1': 1 to 64 characters"),
         (LEAST.replace('"dojo"', '"my dojo"'), "scene = 'my dojo': 1 to 64 characters"),
         ('vocabulary = ["a", "a"]\n' + LEAST, "label 'a' stands twice"),
-        ('vocabulary = "ab"\n' + LEAST, "vocabulary = 'ab': must be a valid tuple"),
+        ('vocabulary = "ab"\n' + LEAST, "vocabulary = 'ab': must be a list"),
     ],
 )
 def test_each_fault_is_one_line_with_file_key_value_and_rule(fault, tmp_path, text, line):

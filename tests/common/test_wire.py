@@ -1,5 +1,6 @@
 """Messages to bytes and back; whatever comes in, BadMessage is all that comes out."""
 
+import contextlib
 import math
 
 import msgpack
@@ -63,9 +64,7 @@ JUDGED = {
     "agreement": st.builds(Agreement, k=TIMES, n=TIMES),
 }
 JUDGEMENTS = st.builds(JudgementMessage, **JUDGED)
-VERDICTS = st.builds(
-    VerdictMessage, **JUDGED, id=WORDS, began_ns=TIMES, decided_ns=TIMES, ended_ns=st.none() | TIMES
-)
+VERDICTS = st.builds(VerdictMessage, **JUDGED, id=WORDS, began_ns=TIMES, decided_ns=TIMES, ended_ns=st.none() | TIMES)
 STATUSES = st.builds(
     StatusMessage,
     scene=IDS,
@@ -198,7 +197,5 @@ def test_mutated_bytes_are_read_or_a_bad_message(payload, data):
     mutated = bytearray(payload)
     for _ in range(data.draw(st.integers(1, 4))):
         mutated[data.draw(st.integers(0, len(mutated) - 1))] = data.draw(st.integers(0, 255))
-    try:
+    with contextlib.suppress(BadMessage):
         decode(PosteriorMessage, bytes(mutated))
-    except BadMessage:
-        pass

@@ -144,5 +144,5 @@ def test_a_broken_model_file_is_one_clear_line(kind, archive, tmp_path):
 
 
 def test_an_unknown_model_is_named_with_the_known_ones():
-    with pytest.raises(BadInput, match="model = 'phas': unknown; did you mean 'phase'\\? known: phase"):
+    with pytest.raises(BadInput, match="model = 'phas': unknown; did you mean 'phase'\\?; known: phase"):
         model_named("phas")

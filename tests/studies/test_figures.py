@@ -50,6 +50,8 @@ def test_beliefs_are_drawn_for_any_number_of_observers(tmp_path, beliefs):
     assert is_svg(belief_figure(times_s, beliefs, entropies, MOVEMENTS, "nthrow", tmp_path / "three.svg"))
     one = {"cam1": beliefs["cam1"]}
     assert is_svg(belief_figure(times_s, one, entropies, MOVEMENTS, "ok", tmp_path / "one.svg"))
+    frame = {"cam1": beliefs["cam1"][:1]}
+    assert is_svg(belief_figure(np.zeros(1), frame, {"cam1": np.ones(1)}, MOVEMENTS, "ok", tmp_path / "frame.svg"))
 
 
 def test_earliness_is_drawn(tmp_path):

@@ -16,6 +16,9 @@ from observer.motion.archive import MotionArchive
 Progress = Callable[[int, int], None]
 """Called with how many files or recordings are done, and how many there are."""
 
+LARGEST = 1e12
+"""No metre, degree or second in a recording comes near; what is larger would overflow float32 further on."""
+
 
 @dataclass(frozen=True, slots=True)
 class ImportResult:
@@ -68,7 +71,7 @@ def number_rows(path: Path, lines: Sequence[str], columns: int, first_line: int 
     try:
         # Fast where all is well; the search for the defect is slow.
         table = np.array([line.split() for line in lines], dtype=np.float64)
-        if table.shape == (len(lines), columns) and np.isfinite(table).all():
+        if table.shape == (len(lines), columns) and (np.abs(table) <= LARGEST).all():
             return table
     except ValueError:
         pass
@@ -82,7 +85,7 @@ def finite_number(text: str, place: str) -> float:
         number = float(text)
     except ValueError:
         number = math.nan
-    if not math.isfinite(number):
+    if not abs(number) <= LARGEST:
         raise BadInput(f"{place}: {shown(text)}: a finite number is expected")
     return number
 

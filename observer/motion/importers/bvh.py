@@ -10,15 +10,13 @@ from collections import Counter
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from common.errors import BadInput
 from observer.motion.archive import MotionArchive, Recording, check_recording, clean_label
 from observer.motion.importers.base import ImportResult, Progress, files_at, rate_from
-from observer.motion.importers.bvh_file import BvhMotion, Joint, joint_positions, read_bvh
+from observer.motion.importers.bvh_file import read_bvh
+from observer.motion.importers.skeleton import BvhMotion, Floats, Joint, joint_positions
 from observer.tracks import BODY_PARTS
-
-Floats = NDArray[np.float64]
 
 _EFFORT_NAME = re.compile(r"(.*[A-Za-z].*?)_(-?[01]_-?[01]_-?[01]_-?[01])")
 """<action>_<Space>_<Weight>_<Time>_<Flow>, each factor -1, 0 or 1 (PERFORM, Durupinar et al. 2016)."""

@@ -1,49 +1,20 @@
-"""Reads BVH motion capture (Biovision hierarchy): skeleton, channels, and where every joint is in each frame."""
+"""Reads BVH motion capture (Biovision hierarchy): the skeleton, its channels, and their values."""
 
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from common.errors import BadInput
 from observer.motion.importers.base import finite_number, number_rows, read_text, shown, whole_number
+from observer.motion.importers.skeleton import BvhMotion, Floats, Joint
 
-Floats = NDArray[np.float64]
 Words = Iterator[tuple[int, str]]
 
 _CHANNELS = tuple(f"{axis}{kind}" for kind in ("position", "rotation") for axis in "xyz")
 _MOTION = re.compile(r"^[ \t]*MOTION[ \t]*$", re.IGNORECASE | re.MULTILINE)
-_HEAD = re.compile(
-    r"[ \t]*frames[ \t]*:[ \t]*(\S+)[ \t]*\n[ \t]*frame[ \t]+time[ \t]*:[ \t]*(\S+)[ \t]*$", re.IGNORECASE
-)
-
-
-@dataclass(slots=True)
-class Joint:
-    """One joint: its parent's index (-1 for the root), offset (3,) from it, channels such as "zrotation" in order.
-
-    End sites are joints named "" without channels.
-    """
-
-    name: str
-    parent: int
-    offset: Floats = field(default_factory=lambda: np.zeros(3))
-    channels: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True, slots=True)
-class BvhMotion:
-    """joints: parents before children. values: (F, C) one column a channel, joint after joint, degrees and units.
-
-    frame_time: seconds from frame to frame.
-    """
-
-    joints: tuple[Joint, ...]
-    values: Floats
-    frame_time: float
+_HEAD = re.compile(r"\s*frames[ \t]*:[ \t]*(\S+)[ \t]*\n\s*frame[ \t]+time[ \t]*:[ \t]*(\S+)[ \t]*$", re.IGNORECASE)
 
 
 def read_bvh(path: Path) -> BvhMotion:
@@ -58,59 +29,11 @@ def read_bvh(path: Path) -> BvhMotion:
     return BvhMotion(joints, values, frame_time)
 
 
-def joint_positions(motion: BvhMotion) -> Floats:
-    """(F, J, 3) forward kinematics: where each joint is, in the file's units and axes.
-
-    With the parent's rotation R_p and position t_p, a joint is at t = t_p + R_p o and turns by R = R_p A_1 A_2 A_3,
-    A_i the rotations about its channels' axes in the order that the file lists them. o is the offset; position
-    channels add to it at the root and stand in its place elsewhere.
-    """
-    frames, count = len(motion.values), len(motion.joints)
-    places = np.zeros((frames, count, 3))
-    turns = np.zeros((count, frames, 3, 3))
-    column = 0
-    for index, joint in enumerate(motion.joints):
-        values = motion.values[:, column : column + len(joint.channels)]
-        column += len(joint.channels)
-        local, turn = _local(joint, values)
-        if joint.parent < 0:
-            places[:, index], turns[index] = local, turn
-        else:
-            parent = turns[joint.parent]
-            places[:, index] = places[:, joint.parent] + np.einsum("fij,fj->fi", parent, local)
-            turns[index] = parent @ turn
-    return places
-
-
-def _local(joint: Joint, values: Floats) -> tuple[Floats, Floats]:
-    """(F, 3) place and (F, 3, 3) rotation of a joint seen from its parent."""
-    place = np.tile(joint.offset, (len(values), 1))
-    turn = np.tile(np.eye(3), (len(values), 1, 1))
-    for channel, column in zip(joint.channels, values.T, strict=True):
-        axis = "xyz".index(channel[0])
-        if channel.endswith("rotation"):
-            turn = turn @ _about(axis, np.radians(column))
-        else:
-            place[:, axis] = column + (joint.offset[axis] if joint.parent < 0 else 0.0)
-    return place, turn
-
-
-def _about(axis: int, angle_rad: Floats) -> Floats:
-    """(F, 3, 3) right-handed rotations about a coordinate axis."""
-    first, second = (axis + 1) % 3, (axis + 2) % 3
-    turn = np.tile(np.eye(3), (len(angle_rad), 1, 1))
-    turn[:, first, first] = turn[:, second, second] = np.cos(angle_rad)
-    turn[:, second, first] = np.sin(angle_rad)
-    turn[:, first, second] = -np.sin(angle_rad)
-    return turn
-
-
 def _hierarchy(path: Path, text: str) -> tuple[Joint, ...]:
     words = ((number, word) for number, line in enumerate(text.splitlines(), 1) for word in line.split())
     _expect(path, words, "HIERARCHY")
     _expect(path, words, "ROOT")
-    joints = [Joint(_next(path, words)[1], -1)]
-    _expect(path, words, "{")
+    joints = [Joint(_name(path, words), -1)]
     open_joints = [0]
     while open_joints:
         _block_entry(path, words, joints, open_joints)
@@ -131,12 +54,21 @@ def _block_entry(path: Path, words: Words, joints: list[Joint], open_joints: lis
         case "channels":
             joint.channels = _channels(path, words)
         case "joint" | "end" as kind:
-            _, name = _next(path, words)
+            name = _name(path, words)
             joints.append(Joint(name if kind == "joint" else "", open_joints[-1]))
             open_joints.append(len(joints) - 1)
-            _expect(path, words, "{")
         case _:
             raise BadInput(f"{path}: line {number}: {shown(word)}: OFFSET, CHANNELS, JOINT, End Site or }} is expected")
+
+
+def _name(path: Path, words: Words) -> str:
+    """The words up to the opening brace: some makers put spaces into names."""
+    name = [_next(path, words)]
+    while name[-1][1] != "{":
+        name.append(_next(path, words))
+        if name[-1][1].lower() in ("offset", "channels", "}"):
+            raise BadInput(f"{path}: line {name[-1][0]}: {shown(name[-1][1])}: {{ is expected after a joint's name")
+    return " ".join(word for _, word in name[:-1])
 
 
 def _channels(path: Path, words: Words) -> tuple[str, ...]:

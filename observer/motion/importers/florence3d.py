@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from common.errors import BadInput, LabanmeshError
 from observer.motion.archive import MotionArchive, Recording, check_recording, clean_label
-from observer.motion.importers.base import ImportResult, Progress
+from observer.motion.importers.base import LARGEST, ImportResult, Progress
 from observer.tracks import BODY_PARTS
 
 RATE_HZ = 10.0
@@ -33,7 +33,7 @@ def import_folder(path: Path, progress: Progress | None = None) -> ImportResult:
     """
     folder = path.parent if path.name == _DATA else path
     if not folder.is_dir():
-        raise BadInput(f"{path}: no such folder; one that holds {_DATA} and {_NAMES} is expected")
+        raise BadInput(f"{path}: is not a folder; one that holds {_DATA} and {_NAMES} is expected")
     labels = _labels(folder / _NAMES)
     clips = _variable(folder / _DATA, "skeletal_data")
     trials: Counter[tuple[str, str]] = Counter()
@@ -101,8 +101,8 @@ def _positions(clip: object, place: str) -> NDArray[np.float32]:
         raise BadInput(
             f"{place}: positions are {joints.dtype} {joints.shape}: numbers (3, {_JOINTS}, frames) are expected"
         )
-    positions: NDArray[np.float32] = joints[_AXES, :, :][:, _PARTS, :].transpose(2, 1, 0).astype(np.float32)
-    if not np.isfinite(positions).all():
-        frame = int(np.argwhere(~np.isfinite(positions))[0, 0])
-        raise BadInput(f"{place}: frame {frame}: a position is not finite; metres are expected")
-    return positions
+    positions = joints[_AXES, :, :][:, _PARTS, :].transpose(2, 1, 0)
+    sound = (np.abs(positions) <= LARGEST).all(axis=(1, 2))
+    if not sound.all():
+        raise BadInput(f"{place}: frame {int(sound.argmin())}: a position is not finite; metres are expected")
+    return np.asarray(positions, np.float32)

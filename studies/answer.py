@@ -1,0 +1,83 @@
+"""What an evaluation found, as numbers: the JSON of the contract, and the lines that a person reads."""
+
+from typing import Any
+
+import numpy as np
+
+from common.probability import entropy_bits
+from studies.evaluate import Answer, at_end, at_fraction
+from studies.metrics import accuracy, brier, confusion, expected_calibration_error, log_loss
+from studies.tables import confusion_table
+
+FRACTIONS = (0.2, 0.4, 0.6, 0.8, 1.0)
+
+
+def truth_of(answer: Answer) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
+    """(N,) indices of the true movements."""
+    return np.array([judged.truth for judged in answer.judged])
+
+
+def as_json(answer: Answer) -> dict[str, Any]:
+    """The contract's JSON: `accuracy` after the last frame, `accuracy_at` fractions of the true segment."""
+    question, truth = answer.question, truth_of(answer)
+    at = {fraction: at_fraction(answer.judged, fraction) for fraction in FRACTIONS}
+    views, fused = at_end(answer.judged)
+    names = [view.name for view in question.views]
+    return {
+        "version": 1,
+        "n_train": answer.n_train,
+        "n_test": len(answer.judged),
+        "labels": list(answer.vocabulary.labels),
+        "views": names,
+        "model": question.model,
+        "rule": question.rule,
+        "onset": "known" if question.onset_known else "unknown",
+        "turn": "random" if question.turn is None else question.turn,
+        "faults": dict(question.faults),
+        "seed": question.seed,
+        "accuracy": accuracy(fused, truth),
+        "accuracy_at": {str(f): accuracy(p, truth) for f, (_, p) in at.items()},
+        "confusion": confusion(fused, truth).tolist(),
+        "ece": expected_calibration_error(fused, truth),
+        "brier": brier(fused, truth),
+        "log_loss": log_loss(fused, truth),
+        "per_view": {
+            name: {
+                "accuracy": accuracy(views[:, v], truth),
+                "accuracy_at": {str(f): accuracy(p[:, v], truth) for f, (p, _) in at.items()},
+                "mean_entropy_bits": float(entropy_bits(views[:, v]).mean()),
+                "ece": expected_calibration_error(views[:, v], truth),
+                "confusion": confusion(views[:, v], truth).tolist(),
+            }
+            for v, name in enumerate(names)
+        },
+        "seconds_per_frame": answer.seconds_per_frame,
+        "train_seconds": answer.train_seconds,
+    }
+
+
+def as_text(found: dict[str, Any]) -> str:
+    """What a person reads: what was asked, the accuracy by view and fused over time, and the confusion table."""
+    asked = f"{found['model']}, {found['rule']}, onset {found['onset']}, turn {found['turn']}"
+    width = max(len(name) for name in [*found["views"], "fused"])
+    head = " " * width + "".join(f"{float(f):>7.0%}" for f in found["accuracy_at"]) + "    end"
+    rows = [*((name, found["per_view"][name]) for name in found["views"]), ("fused", found)]
+    lines = [
+        f"{name:<{width}}" + "".join(f"{a:>7.3f}" for a in row["accuracy_at"].values()) + f"{row['accuracy']:>7.3f}"
+        for name, row in rows
+    ]
+    table = confusion_table(np.array(found["confusion"]), found["labels"], "judged (columns) against true (rows), fused")
+    return "\n".join(
+        [
+            f"{found['n_train']} recordings learned, {found['n_test']} judged; {asked}",
+            "",
+            "right, when so much of the movement was seen:",
+            head,
+            *lines,
+            "",
+            f"calibration error {found['ece']:.3f}, Brier {found['brier']:.3f}, log loss {found['log_loss']:.3f}",
+            f"learned in {found['train_seconds']:.1f} s, {found['seconds_per_frame'] * 1e3:.2f} ms a frame and view",
+            "",
+            table,
+        ]
+    )

@@ -1,0 +1,113 @@
+"""The verbs that look at the whole: `evaluate` and `demo`."""
+
+import json as json_text
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from common.errors import BadInput
+from common.progress import Bar
+
+
+def evaluate(
+    archive: Annotated[Path, typer.Argument(help="The motion archive (.npz).")],
+    views: Annotated[str, typer.Option(help="door, wheel, table, yaw:DEG[,pitch:DEG], camera files; by commas.")],
+    labels: Annotated[str, typer.Option(help="Movements to tell apart, by commas; all.")] = "",
+    train_subjects: Annotated[str, typer.Option(help="People to learn from; every other one.")] = "",
+    test_subjects: Annotated[str, typer.Option(help="People to judge; those not learned from.")] = "",
+    leave_one_subject_out: Annotated[bool, typer.Option("--leave-one-subject-out", help="Judge each in turn.")] = False,
+    model: Annotated[str, typer.Option(help="phase, phase-symbols or frame-table.")] = "phase",
+    rule: Annotated[str, typer.Option(help="Name of the fusion rule.")] = "robust_inverse_entropy",
+    turn: Annotated[str, typer.Option(help="Degrees the performer is turned in test, or random.")] = "0",
+    fault: Annotated[list[str] | None, typer.Option(help="VIEW=wrong|noise|silent|late; may be repeated.")] = None,
+    body_parts: Annotated[str, typer.Option(help="Parts to use, by commas; all of the archive's.")] = "",
+    onset: Annotated[str, typer.Option(help="known: as cut out. unknown: idle around it, any tempo.")] = "known",
+    stream: Annotated[bool, typer.Option("--stream", help="Judge continuously too: spotting in a stream.")] = False,
+    through: Annotated[str, typer.Option(help="process, or mesh: over real Zenoh sessions.")] = "process",
+    seed: Annotated[int, typer.Option(min=0, help="Seeds all chance.")] = 0,
+    report: Annotated[Path | None, typer.Option(help="Folder for tables and figures.")] = None,
+    json: Annotated[Path | None, typer.Option(help="File for the figures as JSON.")] = None,
+) -> None:
+    """How well the system judges people whom it has not learned from: accuracy, confusion, earliness, calibration.
+
+    Example: labanmesh evaluate msr.npz --views door,wheel --train-subjects 1,3,5,7,9 --test-subjects 2,4,6,8,10
+
+    Example: labanmesh evaluate msr.npz --views door --turn 45 --model frame-table --rule inverse_entropy --report out
+    """
+    from observer.geometry.views import parse_view, split_views
+    from observer.learning import labels_of
+    from observer.motion.archive_file import read_archive
+    from studies.answer import as_json, as_text
+    from studies.evaluate import Question
+    from studies.evaluate import evaluate as ask
+    from studies.faults import fault_named
+    from studies.report import resolved_pairs, write_report
+
+    _one_of("--onset", onset, ("known", "unknown"))
+    _one_of("--through", through, ("process", "mesh"))
+    whole = read_archive(archive)
+    seen = tuple(parse_view(view) for view in split_views(views))
+    names = [view.name for view in seen]
+    question = Question(
+        views=seen,
+        labels=tuple(_words(labels)) or labels_of(whole),
+        train_subjects=tuple(_words(train_subjects)),
+        test_subjects=tuple(_words(test_subjects)),
+        leave_one_subject_out=leave_one_subject_out,
+        model=model,
+        rule=rule,
+        turn=_turn(turn),
+        faults=dict(fault_named(text, names) for text in fault or []),
+        body_parts=tuple(_words(body_parts)),
+        onset_known=onset == "known",
+        seed=seed,
+    )
+    with Bar() as bar:
+        answer = ask(whole, question, bar)
+        found = as_json(answer)
+        if through == "mesh":
+            from studies.mesh_run import fused_over_mesh
+
+            found["mesh"] = fused_over_mesh(answer, bar)
+        if stream:
+            from studies.stream import judge_stream
+
+            found["stream"] = judge_stream(whole, question, bar)
+        written = write_report(answer, found, report) if report else []
+    print(as_text(found))
+    if len(seen) > 1:
+        print(f"\n{resolved_pairs(found)}")
+    if json:
+        _write(json, json_text.dumps(found, indent=1) + "\n")
+        written.append(json)
+    if written:
+        print("\nwritten:", *written, sep="\n  ")
+
+
+def _one_of(option: str, value: str, known: tuple[str, ...]) -> None:
+    if value not in known:
+        raise BadInput(f"{option} {value!r}: unknown; known: {', '.join(known)}")
+
+
+def _turn(text: str) -> float | None:
+    if text == "random":
+        return None
+    try:
+        return float(text)
+    except ValueError:
+        raise BadInput(f"--turn {text!r}: degrees or 'random' are expected") from None
+
+
+def _words(text: str) -> list[str]:
+    words = [word.strip() for word in text.split(",")] if text else []
+    if not all(words):
+        raise BadInput(f"{text!r}: a name is missing between commas")
+    return words
+
+
+def _write(path: Path, text: str) -> None:
+    try:
+        path.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise BadInput(f"{path}: {error.strerror}") from None

@@ -1,0 +1,93 @@
+"""What every importer must keep: any kind put into the registry is held to this."""
+
+import numpy as np
+import pytest
+
+from common.errors import BadInput
+from observer.motion.importers import IMPORTERS, import_recordings
+from observer.tracks import BODY_PARTS
+
+FILES = (
+    "a01_s01_e01_skeleton3D.txt",
+    "skeletal_data.mat",
+    "action_names.mat",
+    "wave.bvh",
+    "wave.csv",
+    "wave.c3d",
+    "wave.trc",
+)
+"""Names that one importer or another reads."""
+
+FOLDERS = {
+    "msr-action3d": "msr_action3d",
+    "florence3d": "florence3d",
+    "bvh": "effort_bvh",
+}
+
+CONTENTS = {
+    "empty": b"",
+    "zeros": bytes(4096),
+    "noise": np.random.default_rng(7).bytes(4096),
+    "words": b"nothing that moves\n" * 20,
+    "numbers": b"1 2 3\n" * 400,
+    "not finite": b"nan nan nan nan\n" * 400,
+}
+
+
+def refused(kind, path):
+    with pytest.raises(BadInput) as caught:
+        import_recordings(kind, path)
+    message = str(caught.value)
+    assert "\n" not in message and "expected" in message and len(message) < 500
+    return message
+
+
+@pytest.mark.parametrize("kind", IMPORTERS)
+def test_a_missing_path_is_named(kind, tmp_path):
+    assert str(tmp_path / "nowhere") in refused(kind, tmp_path / "nowhere")
+
+
+@pytest.mark.parametrize("kind", IMPORTERS)
+def test_an_empty_folder_is_named(kind, tmp_path):
+    assert str(tmp_path) in refused(kind, tmp_path)
+
+
+@pytest.mark.parametrize("contents", CONTENTS)
+@pytest.mark.parametrize("kind", IMPORTERS)
+def test_a_broken_file_is_named(kind, contents, tmp_path):
+    for name in FILES:
+        (tmp_path / name).write_bytes(CONTENTS[contents])
+    message = refused(kind, tmp_path)
+    assert any(str(tmp_path / name) in message for name in FILES)
+
+
+@pytest.mark.parametrize("kind", IMPORTERS)
+def test_any_file_given_as_the_path_is_refused_in_one_line(kind, tmp_path):
+    (tmp_path / "notes.txt").write_text("nothing that moves\n")
+    assert str(tmp_path / "notes.txt") in refused(kind, tmp_path / "notes.txt")
+
+
+@pytest.mark.parametrize("kind", IMPORTERS)
+def test_recorded_people_keep_the_axes(kind, data):
+    if kind not in FOLDERS:
+        pytest.skip(f"no recordings of kind {kind} among the data")
+    steps = []
+    result = import_recordings(kind, data / FOLDERS[kind], lambda done, total: steps.append((done, total)))
+    assert result.archive.body_parts == BODY_PARTS
+    assert [done for done, _ in steps] == list(range(1, steps[-1][1] + 1))
+    assert all(note and "\n" not in note for note in result.notes)
+    everything = np.concatenate([recording.positions for recording in result.archive.recordings])
+    left, right, head = np.nanmedian(everything, axis=0)
+    assert left[0] < right[0] and head[1] > max(left[1], right[1])
+    assert np.nanmean(everything[:, :2, 2]) < np.nanmean(everything[:, 2, 2]), "hands work before the body"
+
+
+@pytest.mark.parametrize(("kind", "near"), [("bhv", "bvh"), ("msr_action3d", "msr-action3d"), ("CSV", "csv")])
+def test_an_unknown_kind_names_the_nearest_and_all(kind, near, tmp_path):
+    with pytest.raises(BadInput, match=f"kind '{kind}': unknown; did you mean {near}\\? known: {', '.join(IMPORTERS)}"):
+        import_recordings(kind, tmp_path)
+
+
+def test_an_unknown_kind_without_a_neighbour(tmp_path):
+    with pytest.raises(BadInput, match="kind 'xyzzy': unknown; known: msr-action3d"):
+        import_recordings("xyzzy", tmp_path)

@@ -1,0 +1,207 @@
+"""The launcher with trivial processes: it starts, restarts, gives up, merges logs, and ends them all."""
+
+import io
+import os
+import signal
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import pytest
+
+from common.config import read_scene
+from common.errors import BadInput
+from deploy.commands import jobs, up
+from deploy.launcher import Job, Launcher
+from deploy.supervision import Patience
+
+QUICK = Patience(first_s=0.01, longest_s=0.02)
+LASTING = "import time; print('ready', flush=True); time.sleep(600)"
+
+
+class Stream(io.StringIO):
+    """A log that can be waited for."""
+
+    def __init__(self):
+        super().__init__()
+        self._changed = threading.Condition()
+
+    def write(self, text):
+        with self._changed:
+            written = super().write(text)
+            self._changed.notify_all()
+        return written
+
+    def wait_for(self, text, times=1):
+        with self._changed:
+            assert self._changed.wait_for(lambda: self.getvalue().count(text) >= times, 10), self.getvalue()
+
+
+def python(name, text, lasting=False):
+    return Job(name, [sys.executable, "-c", text], lasting)
+
+
+def alive(pid):
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    return True
+
+
+@pytest.fixture
+def launched():
+    """Run a launcher in a thread; yields it with its log, its stop event and, in the end, its status."""
+    threads, stops = [], []
+
+    def run(*jobs, patience=QUICK, **arguments):
+        stream, stop, status = Stream(), threading.Event(), []
+        launcher = Launcher(jobs, patience=patience, stream=stream)
+        thread = threading.Thread(target=lambda: status.append(launcher.run(stop, **arguments)))
+        thread.start()
+        threads.append(thread)
+        stops.append(stop)
+
+        def ended():
+            thread.join(10)
+            assert not thread.is_alive(), stream.getvalue()
+            return status[0]
+
+        return stream, stop, ended
+
+    yield run
+    for stop in stops:
+        stop.set()
+    for thread in threads:
+        thread.join(10)
+
+
+def test_each_line_names_who_said_it(launched):
+    stream, _, ended = launched(
+        python("cam1", "import sys; print('out'); print('err', file=sys.stderr)"),
+        python("longer", "print('x')"),
+        exit_when_done=True,
+    )
+    assert ended() == 0
+    lines = stream.getvalue().splitlines()
+    assert {"cam1   | out", "cam1   | err", "longer | x"} <= set(lines)
+    assert any(line.startswith("[up]   | cam1 finished (status 0)") for line in lines)
+
+
+def test_who_fails_is_started_again_until_it_works(launched, tmp_path):
+    text = (
+        f"import pathlib, sys; p = pathlib.Path({str(tmp_path / 'n')!r}); n = len(p.read_text()) if p.exists() else 0"
+    )
+    text += "; p.write_text('x' * (n + 1)); sys.exit(0 if n == 2 else 1)"
+    stream, _, ended = launched(python("cam1", text), exit_when_done=True)
+    assert ended() == 0
+    assert (tmp_path / "n").read_text() == "xxx"
+    assert stream.getvalue().count("cam1 ended with status 1") == 2
+
+
+def test_bad_input_is_not_tried_again_and_the_others_go_on(launched):
+    stream, _, ended = launched(
+        python("bad", "raise SystemExit(2)"), python("good", "print('done')"), exit_when_done=True
+    )
+    assert ended() == 1
+    assert stream.getvalue().count("bad given up (status 2)") == 1
+    assert "good | done" in stream.getvalue()
+
+
+def test_a_failing_worker_is_given_up_on_when_it_shall_end(launched):
+    stream, _, ended = launched(
+        python("cam1", "raise SystemExit(1)"), patience=Patience(0.01, 0.02, failures=3), exit_when_done=True
+    )
+    assert ended() == 1 and "cam1 given up (status 1)" in stream.getvalue()
+
+
+def test_without_a_referee_nothing_goes_on(launched):
+    _, _, ended = launched(python("fuse", "raise SystemExit(2)", lasting=True), python("cam1", LASTING))
+    assert ended() == 1
+
+
+def test_finished_workers_leave_the_rest_running_until_stopped(launched):
+    stream, stop, ended = launched(python("fuse", LASTING, lasting=True), python("cam1", "pass"))
+    stream.wait_for("cam1 finished")
+    stream.wait_for("ready")
+    stop.set()
+    assert ended() == 0
+
+
+def test_when_all_are_done_the_lasting_linger_and_are_stopped(launched):
+    text = "import signal, sys, threading; e = threading.Event(); signal.signal(15, lambda *_: e.set()); "
+    text += "print('ready', flush=True); e.wait(600); print('clean', flush=True)"
+    stream, _, ended = launched(
+        python("fuse", text, lasting=True), python("cam1", "pass"), exit_when_done=True, linger_s=1.0
+    )
+    assert ended() == 0
+    assert "fuse | clean" in stream.getvalue()
+
+
+def test_all_are_ended_when_stopped_even_those_who_do_not_listen(launched, monkeypatch):
+    monkeypatch.setattr("deploy.launcher.TERM_PATIENCE_S", 0.3)
+    deaf = "import os, signal, time; signal.signal(15, signal.SIG_IGN); print('pid', os.getpid(), flush=True); "
+    stream, stop, ended = launched(python("deaf", deaf + "time.sleep(600)"), python("cam1", LASTING))
+    stream.wait_for("deaf | pid ")
+    stream.wait_for("ready")
+    stop.set()
+    assert ended() == 0
+    assert "deaf did not end on SIGTERM" in stream.getvalue() and "cam1 did not" not in stream.getvalue()
+    pid = int(stream.getvalue().split("deaf | pid ")[1].split()[0])
+    assert not alive(pid)
+
+
+def test_a_killed_process_comes_back(launched):
+    text = "import os; print('pid', os.getpid(), flush=True); " + LASTING
+    stream, stop, ended = launched(python("cam1", text))
+    stream.wait_for("ready")
+    os.kill(int(stream.getvalue().split("pid ")[1].split()[0]), signal.SIGKILL)
+    stream.wait_for("ready", times=2)
+    assert "cam1 ended with status -9" in stream.getvalue()
+    stop.set()
+    assert ended() == 0
+
+
+def test_the_processes_of_a_scene(tmp_path):
+    path = tmp_path / "scene.toml"
+    path.write_text('scene = "d"\n[observers.cam1]\nsource = "a.npz"\n[observers.cam2]\nsource = "b.npz"\n')
+    python = [sys.executable, "-m", "labanmesh"]
+    assert jobs(path, read_scene(path, {})) == [
+        Job("[fuse]", [*python, "fuse", str(path)], lasting=True),
+        Job("cam1", [*python, "observe", str(path), "cam1"]),
+        Job("cam2", [*python, "observe", str(path), "cam2"]),
+    ]
+
+
+def test_processes_cannot_meet_inside_one(tmp_path):
+    path = tmp_path / "scene.toml"
+    path.write_text('scene = "d"\n[mesh]\nmode = "process"\n[observers.cam1]\nsource = "a.npz"\n')
+    with pytest.raises(BadInput, match=r"mesh\.mode = 'process': several processes cannot meet so"):
+        up(path)
+
+
+ROOT = Path(__file__).parents[2]
+
+
+def test_the_router_verb_listens_says_where_and_ends_cleanly():
+    command = [sys.executable, "-m", "labanmesh", "router", "tcp/127.0.0.1:0"]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, cwd=ROOT) as process:
+        line = process.stderr.readline()
+        assert line.startswith("labanmesh router: listening on tcp/127.0.0.1:") and not line.endswith(":0\n")
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(10) == 0
+
+
+@pytest.mark.parametrize("verb", ["up", "fuse", "router"])
+def test_help_has_an_example(verb):
+    command = [sys.executable, "-m", "labanmesh", verb, "--help"]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, timeout=20)
+    assert done.returncode == 0 and f"Example: labanmesh {verb}" in done.stdout
+
+
+def test_a_missing_scene_file_is_status_2(tmp_path):
+    for verb in ("up", "fuse"):
+        command = [sys.executable, "-m", "labanmesh", verb, str(tmp_path / "none.toml")]
+        done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, timeout=20)
+        assert done.returncode == 2 and done.stderr.count("\n") == 1 and "no such file" in done.stderr

@@ -1,0 +1,98 @@
+"""Plain tables: one good one by hand, and every defect with its line."""
+
+import numpy as np
+import pytest
+
+from common.errors import BadInput
+from observer.motion.importers.csv_table import HEADER, import_files
+
+HEAD = (
+    "subject,trial,label,frame,time_s,left_hand_x,left_hand_y,left_hand_z,"
+    "right_hand_x,right_hand_y,right_hand_z,head_x,head_y,head_z"
+)
+GOOD = f"""{HEAD}
+anna,1,wave,0,0.00,-0.2,1,0,0.2,1,0,0,1.6,0
+anna,1,wave,1,0.05,-0.2,1,0,0.3,1.5,0,0,1.6,0
+anna,1,wave,2,0.10,,,,0.4,1.2,-0.1,0,1.6,0
+anna,2,,7,5.0,-0.2,1,0,0.2,1,0,0,1.6,0
+anna,2,,8,5.1,-0.2,1,0,0.2,1,0,0,1.6,0
+"""
+
+
+def table(tmp_path, text):
+    path = tmp_path / "table.csv"
+    path.write_bytes(text.encode())
+    return path
+
+
+def test_the_header_is_the_documented_one():
+    assert ",".join(HEADER) == HEAD
+
+
+@pytest.mark.parametrize(
+    "text",
+    [GOOD, "\ufeff" + GOOD.replace("\n", "\r\n"), GOOD.replace("anna", '"anna"') + "\n\n", GOOD.replace(",", " , ")],
+)
+def test_a_table(text, tmp_path):
+    result = import_files(table(tmp_path, text))
+    first, second = result.archive.recordings
+    assert (first.subject, first.trial, first.label, first.rate_hz) == ("anna", "1", "wave", 20.0)
+    assert (second.subject, second.trial, second.label, second.rate_hz) == ("anna", "2", "", 10.0)
+    assert first.positions.shape == (3, 3, 3) and len(second.positions) == 2
+    np.testing.assert_array_equal(first.positions[1, 1], np.float32([0.3, 1.5, 0]))
+    np.testing.assert_array_equal(np.isnan(first.positions[2]).all(axis=1), [True, False, False])
+
+
+def test_a_folder_of_tables(tmp_path):
+    (tmp_path / "below").mkdir()
+    for name in ("b.csv", "a.CSV"):
+        (tmp_path / "below" / name).write_text(GOOD.replace("anna", name[0]))
+    steps = []
+    result = import_files(tmp_path, lambda done, total: steps.append((done, total)))
+    assert [recording.subject for recording in result.archive.recordings] == ["a", "a", "b", "b"]
+    assert steps == [(1, 2), (2, 2)]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("left_hand_x", "left_x", "line 1: the header"),
+        (HEAD, HEAD.replace(",", ";"), "line 1: the header"),
+        (GOOD[len(HEAD) + 1 :], "", "no rows under the header"),
+        ("anna,1,wave,1,0.05,", "anna,1,wave,1,", "line 3: 13 cells; 14"),
+        ("0.3,1.5", "0.3,high", "line 3: right_hand_y: 'high'"),
+        ("0.3,1.5", "0.3,nan", "line 3: right_hand_y: 'nan'"),
+        ("0.3,1.5", "0.3,1e999", "line 3: right_hand_y: '1e999'"),
+        ("0.3,1.5", "0.3,", "line 3: right_hand: three coordinates"),
+        ("wave,1,0.05", "wave,one,0.05", "line 3: frame: 'one'"),
+        ("wave,1,0.05", "wave,3,0.05", "line 3: frame 3: 1 is expected"),
+        ("wave,1,0.05", "wave,1,soon", "line 3: time_s: 'soon'"),
+        ("wave,1,0.05", "wave,1,0.051", "line .: time_s grows by .*within 1 %"),
+        ("wave,2,0.10", "wave,2,-0.10", "time_s grows by"),
+        ("7,5.0", "7,5.1", "line 6: time_s grows by 0"),
+        ("anna,1,wave,2,0.10", "anna,1,Big Wave,2,0.10", "line 4: label 'Big Wave': .*such as big_wave"),
+        ("anna,1,wave,2,0.10", "anna,1,bow,2,0.10", "line 4: the only row"),
+        ("anna,2,,7", ",2,,7", "line 5: subject ''"),
+        ("anna,2,,8,5.1", "anna,1,wave,8,5.1", "line 5: the only row"),
+        ("anna,2,,7", '"an"na,2,,7', "line 5: "),
+        ("anna,2,,7", "an\0na,2,,7", "line 5: "),
+    ],
+)
+def test_a_defect_is_named_with_its_line(old, new, words, tmp_path):
+    assert GOOD.count(old) == 1
+    path = table(tmp_path, GOOD.replace(old, new))
+    with pytest.raises(BadInput, match=words) as caught:
+        import_files(path)
+    assert str(caught.value).startswith(f"{path}: ") and "\n" not in str(caught.value)
+
+
+def test_rows_of_one_recording_that_stand_apart(tmp_path):
+    rows = GOOD.splitlines(keepends=True)
+    with pytest.raises(BadInput, match=r"line 7: subject 'anna', trial '1', label 'wave' began on line 2"):
+        import_files(table(tmp_path, GOOD + "".join(rows[1:4])))
+
+
+def test_a_recording_in_which_nothing_is_seen(tmp_path):
+    unseen = "".join(f"bert,1,bow,{i},{i / 10},,,,,,,,,\n" for i in range(3))
+    with pytest.raises(BadInput, match="lines 7 to 9: .*no body part is seen"):
+        import_files(table(tmp_path, GOOD + unseen))

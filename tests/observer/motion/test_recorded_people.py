@@ -1,0 +1,232 @@
+"""The importers on the recordings of real people, and on small broken copies of their formats."""
+
+import builtins
+
+import numpy as np
+import pytest
+from scipy.io import savemat
+
+from common.errors import BadInput, LabanmeshError
+from observer.motion.archive import check_archive
+from observer.motion.archive_file import read_archive, write_archive
+from observer.motion.importers import import_recordings
+from observer.motion.importers.bvh_file import read_bvh
+from observer.motion.importers.msr_action3d import LABELS
+from observer.motion.importers.skeleton import joint_positions
+
+LEFT, RIGHT, HEAD = range(3)
+PARTS = ("left_hand", "right_hand", "head")
+
+
+def paths(recording):
+    """(P,) metres that each body part goes."""
+    return np.nansum(np.linalg.norm(np.diff(recording.positions, axis=0), axis=2), axis=0)
+
+
+def sequence(frames=5, zeros=()):
+    """The text of an MSR Action3D file: joint j of frame f at (j, f, 2)."""
+    rows = np.array([[j, f, 2, 1] for f in range(frames) for j in range(1, 21)], float).reshape(frames, 20, 4)
+    rows[list(zeros)] = 0
+    return "".join(" ".join(f"{number:.6f}" for number in row) + "\n" for row in rows.reshape(-1, 4))
+
+
+def test_msr_action3d(data, tmp_path):
+    steps = []
+    result = import_recordings("msr-action3d", data / "msr_action3d", lambda *step: steps.append(step))
+    recordings = result.archive.recordings
+    assert result.archive.body_parts == PARTS
+    assert len(recordings) == 553 and len(result.notes) == 14 and steps[-1] == (567, 567)
+    assert "left out a07_s04_e01: 80 % of its frames are empty" in result.notes
+    assert {recording.label for recording in recordings} == set(LABELS)
+    assert {recording.subject for recording in recordings} == set(map(str, range(1, 11)))
+    assert {recording.trial for recording in recordings} == {"1", "2", "3"}
+    assert {recording.rate_hz for recording in recordings} == {15.0}
+    assert sum(np.isnan(recording.positions).any() for recording in recordings) == 6
+    write_archive(tmp_path / "msr.npz", result.archive)
+    assert len(read_archive(tmp_path / "msr.npz").recordings) == 553
+
+
+def test_msr_action3d_axes(data):
+    result = import_recordings("msr-action3d", data / "msr_action3d" / "MSRAction3DSkeletonReal3D")
+    one_handed = {LABELS[number - 1] for number in (1, 2, 5, 6, 7)}
+    few = [recording for recording in result.archive.recordings if recording.label in one_handed]
+    assert len(few) == 133
+    for recording in few:
+        left, right, _ = paths(recording)
+        assert right > left
+        start = np.nanmedian(recording.positions[:3], axis=0)
+        assert start[LEFT, 0] < start[HEAD, 0] < start[RIGHT, 0]
+        assert start[HEAD, 1] > start[LEFT, 1] + 0.3
+        # Whoever waves or punches does so before himself.
+        assert np.nanmin(recording.positions[:, RIGHT, 2] - recording.positions[:, HEAD, 2]) < -0.1
+
+
+def test_florence3d(data):
+    result = import_recordings("florence3d", data / "florence3d")
+    check_archive(result.archive)
+    recordings = result.archive.recordings
+    assert len(recordings) == 215 and result.archive.body_parts == PARTS
+    names = {"wave", "drink", "answer_phone", "clap", "tight_lace", "sit_down", "stand_up", "read_watch", "bow"}
+    assert {recording.label for recording in recordings} == names
+    assert len({(r.label, r.subject, r.trial) for r in recordings}) == 215
+    assert {recording.subject for recording in recordings} == set(map(str, range(1, 11)))
+    standing = [recording for recording in recordings if recording.label in ("wave", "drink", "clap")]
+    for recording in standing:
+        middle = np.median(recording.positions, axis=0)
+        assert middle[LEFT, 0] < middle[RIGHT, 0] and middle[HEAD, 1] > middle[LEFT, 1] and 1 < middle[HEAD, 2] < 5
+    claps = [r.positions for r in recordings if r.label == "clap"]
+    assert np.median([np.min(p[:, LEFT, 2] - p[:, HEAD, 2]) for p in claps]) < -0.2
+
+
+def test_effort_bvh(data):
+    result = import_recordings("bvh", data / "effort_bvh")
+    recordings = result.archive.recordings
+    assert len(recordings) == 97 and {recording.rate_hz for recording in recordings} == {30.0, 60.0}
+    assert {recording.label for recording in recordings} == {"pointing", "throwing", "waving"}
+    assert len({(recording.label, recording.trial) for recording in recordings}) == 97
+    assert result.notes == ("BVH states no unit: took metres (97 of 97 files)",)
+    for recording in recordings:
+        left, right, _ = paths(recording)
+        assert right > left or recording.label == "waving"
+        assert recording.positions[0, LEFT, 0] < recording.positions[0, HEAD, 0] < recording.positions[0, RIGHT, 0]
+        assert 1.4 < recording.positions[0, HEAD, 1] < 2.2
+        assert np.min(recording.positions[:, RIGHT, 2] - recording.positions[:, HEAD, 2]) < -0.3
+
+
+def test_no_arm_of_effort_bvh_grows_longer_than_it_is(data):
+    for file in sorted((data / "effort_bvh").glob("*_0_*.bvh"))[:10]:
+        motion = read_bvh(file)
+        index = {joint.name: number for number, joint in enumerate(motion.joints)}
+        places = joint_positions(motion)
+        for side in ("Left", "Right"):
+            shoulder, elbow, hand = (index[f"{side}{name}"] for name in ("Arm", "ForeArm", "Hand"))
+            upper, lower = (np.linalg.norm(motion.joints[joint].offset) for joint in (elbow, hand))
+            reach = np.linalg.norm(places[:, hand] - places[:, shoulder], axis=1)
+            assert (reach <= upper + lower + 1e-9).all() and reach.min() > 0.05
+            np.testing.assert_allclose(np.linalg.norm(places[:, hand] - places[:, elbow], axis=1), lower)
+
+
+def test_joints_and_empty_frames_of_msr_action3d(tmp_path):
+    (tmp_path / "a02_s10_e03_skeleton3D.txt").write_text(sequence(10, zeros=[4, 5, 6]))
+    (tmp_path / "a01_s01_e01_skeleton3D.txt").write_text(sequence(10, zeros=[4, 5, 6, 7]))
+    result = import_recordings("msr-action3d", tmp_path)
+    assert result.notes == ("left out a01_s01_e01: 40 % of its frames are empty",)
+    (recording,) = result.archive.recordings
+    assert (recording.label, recording.subject, recording.trial) == ("horizontal_arm_wave", "10", "3")
+    np.testing.assert_array_equal(recording.positions[9], [[12, 9, 2], [13, 9, 2], [20, 9, 2]])
+    assert np.flatnonzero(np.isnan(recording.positions).all(axis=(1, 2))).tolist() == [4, 5, 6]
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "words"),
+    [
+        ("a21_s01_e01", sequence(), "action 21 in its name; 1 to 20"),
+        ("a00_s01_e01", sequence(), "action 0"),
+        ("a01_s11_e01", sequence(), "subject 11"),
+        ("a01_s01_e04", sequence(), "trial 4"),
+        ("a1_s1_e1", sequence(), "the name of a sequence is expected"),
+        ("a01_s01_e01", "", "is empty"),
+        ("a01_s01_e01", sequence()[:-200], "line .*(values|ends within frame)"),
+        ("a01_s01_e01", "".join(sequence().splitlines(keepends=True)[:-3]), "line 97: ends within frame 4; 20 lines"),
+        ("a01_s01_e01", sequence().replace("7.000000 2.000000", "nan 2.000000", 1), "line 7: 'nan'|line 7"),
+        ("a01_s01_e01", "x" + sequence(), "line 1: 'x1.000000'"),
+        ("a01_s01_e01", sequence().replace("2.000000 1.000000", "2.000000", 1), "line 1: 3 values; 4"),
+        ("a01_s01_e01", sequence().replace("2.000000", "1e40", 1), "line 1: '1e40'"),
+        ("a01_s01_e01", sequence(5, range(5)), "nothing remains"),
+    ],
+)
+def test_a_broken_file_of_msr_action3d(name, text, words, tmp_path):
+    (tmp_path / f"{name}_skeleton3D.txt").write_text(text)
+    with pytest.raises(BadInput, match=words) as caught:
+        import_recordings("msr-action3d", tmp_path)
+    assert str(tmp_path) in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_a_sequence_that_is_there_twice(tmp_path):
+    for folder in ("one", "two"):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "a01_s01_e01_skeleton3D.txt").write_text(sequence())
+    with pytest.raises(BadInput, match="the same sequence as"):
+        import_recordings("msr-action3d", tmp_path)
+
+
+def clip(**changes):
+    return {"original_skeletal_data": np.zeros((3, 15, 4)), "subject": 1, "action": 2} | changes
+
+
+def florence(tmp_path, *clips, names=("wave", "answer phone")):
+    cells = np.empty((len(clips), 1), object)
+    cells[:, 0] = clips
+    savemat(tmp_path / "skeletal_data.mat", {"skeletal_data": cells})
+    savemat(tmp_path / "action_names.mat", {"action_names": np.array(names, object)})
+    return tmp_path
+
+
+def test_axes_and_trials_of_florence3d(tmp_path):
+    joints = np.zeros((3, 15, 4))
+    joints[:, 0, 3] = (1, 2, 3)
+    joints[:, 5, 3] = (4, 5, 6)
+    joints[:, 8, 3] = (7, 8, 9)
+    result = import_recordings(
+        "florence3d", florence(tmp_path, clip(original_skeletal_data=joints), clip(), clip(subject=3))
+    )
+    np.testing.assert_array_equal(result.archive.recordings[0].positions[3], [[4, 6, 5], [7, 9, 8], [1, 3, 2]])
+    named = [(recording.label, recording.subject, recording.trial) for recording in result.archive.recordings]
+    assert named == [("answer_phone", "1", "1"), ("answer_phone", "1", "2"), ("answer_phone", "3", "1")]
+    assert len(import_recordings("florence3d", tmp_path / "skeletal_data.mat").archive.recordings) == 3
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"action": 3}, "clip 2: action 3: a whole number from 1 to 2"),
+        ({"action": 0}, "clip 2: action 0"),
+        ({"action": "wave"}, "clip 2: action 'wave'"),
+        ({"subject": 0}, "clip 2: subject 0"),
+        ({"subject": np.zeros((40, 40))}, "clip 2: subject"),
+        ({"original_skeletal_data": np.zeros((3, 20, 4))}, r"clip 2: .*\(3, 20, 4\)"),
+        ({"original_skeletal_data": np.full((3, 15, 4), np.nan)}, "clip 2: frame 0: .*not finite"),
+        ({"original_skeletal_data": "text"}, "clip 2: "),
+    ],
+)
+def test_a_broken_clip_of_florence3d(changes, words, tmp_path):
+    with pytest.raises(BadInput, match=words) as caught:
+        import_recordings("florence3d", florence(tmp_path, clip(), clip(**changes)))
+    assert str(tmp_path) in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_missing_parts_of_florence3d(tmp_path):
+    florence(tmp_path, clip(), {"subject": 1, "action": 1})
+    with pytest.raises(BadInput, match="clip 2: field original_skeletal_data is missing"):
+        import_recordings("florence3d", tmp_path)
+    with pytest.raises(BadInput, match="different names"):
+        import_recordings("florence3d", florence(tmp_path, clip(), names=("wave", "Wave ")))
+    savemat(tmp_path / "skeletal_data.mat", {"other": 1})
+    with pytest.raises(BadInput, match="variable skeletal_data is missing|different names"):
+        import_recordings("florence3d", florence_names(tmp_path))
+    whole = (tmp_path / "action_names.mat").read_bytes()
+    (tmp_path / "action_names.mat").write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(BadInput, match="cannot be read|is missing"):
+        import_recordings("florence3d", tmp_path)
+    (tmp_path / "action_names.mat").unlink()
+    with pytest.raises(BadInput, match=r"action_names.mat: no such file"):
+        import_recordings("florence3d", tmp_path)
+
+
+def florence_names(tmp_path):
+    savemat(tmp_path / "action_names.mat", {"action_names": np.array(["wave", "bow"], object)})
+    return tmp_path
+
+
+def test_without_scipy_the_way_out_is_named(tmp_path, monkeypatch):
+    florence(tmp_path, clip())
+    real = builtins.__import__
+
+    def without(name, *rest):
+        if name.startswith("scipy"):
+            raise ImportError(name)
+        return real(name, *rest)
+
+    monkeypatch.setattr(builtins, "__import__", without)
+    with pytest.raises(LabanmeshError, match=r"pip install 'labanmesh\[observer\]'"):
+        import_recordings("florence3d", tmp_path)

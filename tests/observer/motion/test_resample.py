@@ -1,0 +1,120 @@
+"""Resampling and retiming: against recordings worked out by hand, then properties."""
+
+import itertools
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from common.errors import BadInput
+from observer.motion.archive import Recording, Span, check_recording
+from observer.motion.resample import resample, retime
+
+
+def line(frames, rate_hz=10.0, spans=(), unseen=()):
+    """One part that moves one metre a frame along x, and one that stands; `unseen` frames of the first are NaN."""
+    positions = np.zeros((frames, 2, 3), np.float32)
+    positions[:, 0, 0] = np.arange(frames)
+    positions[list(unseen), 0] = np.nan
+    return Recording(positions, rate_hz, "walk", "3", "2", tuple(spans))
+
+
+def x(recording):
+    return recording.positions[:, 0, 0].tolist()
+
+
+def test_twice_the_rate_puts_frames_between():
+    doubled = resample(line(4), 20.0)
+    assert x(doubled) == [0, 0.5, 1, 1.5, 2, 2.5, 3]
+    assert (doubled.rate_hz, doubled.label, doubled.subject, doubled.trial) == (20.0, "walk", "3", "2")
+    assert doubled.positions.dtype == np.float32
+
+
+def test_a_lower_rate_keeps_the_first_frame_and_what_falls_inside():
+    assert x(resample(line(5), 5.0)) == [0, 2, 4]
+    assert x(resample(line(6), 5.0)) == [0, 2, 4]
+    assert x(resample(line(5), 4.0)) == [0, 2.5]
+    assert x(resample(line(5), 0.1)) == [0]
+
+
+def test_unseen_frames_reach_as_far_as_their_neighbours_and_no_further():
+    doubled = x(resample(line(5, unseen=[2]), 20.0))
+    np.testing.assert_array_equal(doubled, [0, 0.5, 1, np.nan, np.nan, np.nan, 3, 3.5, 4])
+    assert resample(line(5, unseen=[2]), 20.0).positions[:, 1].max() == 0
+
+
+def test_one_unseen_coordinate_is_an_unseen_part():
+    recording = line(3)
+    recording.positions[1, 0, 2] = np.nan
+    assert np.isnan(resample(recording, 10.0).positions[1, 0]).all()
+
+
+def test_a_faster_performance_takes_fewer_frames():
+    fast = retime(line(18), 1.7)
+    assert len(fast.positions) == 11 and fast.rate_hz == 10.0
+    np.testing.assert_allclose(x(fast), 1.7 * np.arange(11), rtol=1e-6)
+    assert x(retime(line(3), 0.5)) == [0, 0.5, 1, 1.5, 2]
+
+
+@pytest.mark.parametrize("frames", [1, 2, 5])
+def test_two_frames_always_remain(frames):
+    assert x(retime(line(frames), 1000.0)) == [0, frames - 1]
+
+
+def test_spans_follow():
+    spans = (Span(0, 4, "a"), Span(4, 9, "b"), Span(10, 12, "c"))
+    assert retime(line(12, spans=spans), 2.0).spans == (Span(0, 2, "a"), Span(2, 5, "b"), Span(5, 6, "c"))
+    assert resample(line(12, spans=spans), 20.0).spans == (Span(0, 8, "a"), Span(8, 18, "b"), Span(20, 23, "c"))
+
+
+def test_a_span_between_two_new_frames_is_dropped():
+    assert retime(line(12, spans=(Span(0, 1, "a"), Span(1, 2, "b"))), 4.0).spans == (Span(0, 1, "a"),)
+
+
+def test_the_argument_is_left_as_it_was():
+    recording = line(5, unseen=[2])
+    before = recording.positions.copy()
+    resample(recording, 7.0)
+    retime(recording, 1.3)
+    np.testing.assert_array_equal(recording.positions, before)
+
+
+@pytest.mark.parametrize("number", [0.0, -1.0, float("nan"), float("inf")])
+def test_only_positive_finite_numbers(number):
+    with pytest.raises(BadInput, match="rate_hz"):
+        resample(line(4), number)
+    with pytest.raises(BadInput, match="tempo"):
+        retime(line(4), number)
+
+
+rates = st.floats(1.0, 100.0)
+gaps = st.sets(st.integers(1, 11))
+
+
+@given(frames=st.integers(2, 40), old=rates, new=rates)
+def test_straight_motion_stays_straight_at_any_rate(frames, old, new):
+    recording = resample(line(frames, old, spans=(Span(0, frames, "walk"),)), new)
+    count = len(recording.positions)
+    np.testing.assert_allclose(x(recording), np.arange(count) * old / new, atol=1e-4)
+    assert (count - 1) / new <= (frames - 1) / old + 1e-4 < count / new + 2e-4
+    assert recording.spans == (Span(0, count, "walk"),)
+
+
+@given(tempo=st.floats(0.3, 3.0), gap=gaps, edges=st.lists(st.integers(0, 12), unique=True))
+def test_what_comes_out_is_a_valid_recording_with_nothing_seen_anew(tempo, gap, edges):
+    ordered = sorted(edges)
+    spans = [Span(a, b, "s") for a, b in itertools.pairwise(ordered)]
+    result = retime(line(12, spans=spans, unseen=gap), tempo)
+    check_recording(result, 2, "result")
+    assert len(result.positions) >= 2
+    for frame, place in enumerate(result.positions[:, 0, 0]):
+        instant = min(frame * tempo, 11)
+        around = {int(np.floor(instant + 1e-5)), int(np.ceil(instant - 1e-5))}
+        assert np.isnan(place) == bool(around & gap)
+
+
+def test_the_same_rate_changes_nothing():
+    recording = line(7, unseen=[3])
+    np.testing.assert_array_equal(resample(recording, 10.0).positions, recording.positions)
+    np.testing.assert_array_equal(retime(recording, 1.0).positions, recording.positions)
