@@ -34,6 +34,7 @@ VERBS = {
     "watch": Verb("hub.commands", "watch", "live view of beliefs, weights and verdicts in the terminal"),
     "import": Verb("observer.commands", "import_recordings", "recordings of others -> motion archive"),
     "learn": Verb("observer.commands", "learn", "motion archive -> one observer's model for its view"),
+    "paper": Verb("studies.commands", "paper", "the paper's three experiments, beside the paper's tables"),
     "evaluate": Verb("studies.commands", "evaluate", "accuracy, confusion, earliness and calibration on an archive"),
 }
 

@@ -13,7 +13,7 @@ from common.progress import Bar
 def evaluate(
     archive: Annotated[Path, typer.Argument(help="The motion archive (.npz).")],
     views: Annotated[str, typer.Option(help="door, wheel, table, yaw:DEG[,pitch:DEG], camera files; by commas.")],
-    labels: Annotated[str, typer.Option(help="Movements to tell apart, by commas; all.")] = "",
+    labels: Annotated[str, typer.Option(help="Movements to tell apart, or AS1, AS2, AS3; by commas; all.")] = "",
     train_subjects: Annotated[str, typer.Option(help="People to learn from; every other one.")] = "",
     test_subjects: Annotated[str, typer.Option(help="People to judge; those not learned from.")] = "",
     leave_one_subject_out: Annotated[bool, typer.Option("--leave-one-subject-out", help="Judge each in turn.")] = False,
@@ -43,6 +43,7 @@ def evaluate(
     from studies.evaluate import evaluate as ask
     from studies.faults import fault_named
     from studies.report import resolved_pairs, write_report
+    from studies.subsets import labels_in
 
     _one_of("--onset", onset, ("known", "unknown"))
     _one_of("--through", through, ("process", "mesh"))
@@ -51,7 +52,7 @@ def evaluate(
     names = [view.name for view in seen]
     question = Question(
         views=seen,
-        labels=tuple(_words(labels)) or labels_of(whole),
+        labels=labels_in(labels) or labels_of(whole),
         train_subjects=tuple(_words(train_subjects)),
         test_subjects=tuple(_words(test_subjects)),
         leave_one_subject_out=leave_one_subject_out,
@@ -83,6 +84,74 @@ def evaluate(
         written.append(json)
     if written:
         print("\nwritten:", *written, sep="\n  ")
+
+
+def demo(
+    motion: Annotated[Path | None, typer.Option(help="A motion archive: recorded people instead of ours.")] = None,
+    subject: Annotated[str | None, typer.Option(help="Who performs, of the archive; the last one.")] = None,
+    output: Annotated[Path, typer.Option(help="Folder for scene, models, log and figures.")] = Path("labanmesh-demo"),
+    seed: Annotated[int, typer.Option(min=0, help="Seeds all chance.")] = 0,
+) -> None:
+    """The whole system on this machine: four observer processes in the corners, one referee, verdicts against truth.
+
+    The performer is synthetic unless --motion names recorded people. Ends by itself.
+
+    Example: labanmesh demo
+
+    Example: labanmesh demo --motion msr.npz --subject 8
+    """
+    from observer.motion.archive_file import read_archive
+    from studies.demo import play
+    from studies.demo_report import draw, rows_of, table
+    from studies.demo_scene import recorded_performance, synthetic_performance, write_demo
+
+    if motion is None:
+        performance = synthetic_performance(seed)
+    else:
+        performance = recorded_performance(read_archive(motion), motion.name, subject, seed)
+    print(performance.title)
+    with Bar() as bar:
+        scene = write_demo(performance, output, bar)
+    stream = performance.stream
+    length_s = len(stream.positions) / stream.rate_hz
+    print(f"five processes start: four observers, one referee; the performance takes {length_s:.0f} s", flush=True)
+    heard = play(scene, output / "log.txt", length_s)
+    figures = draw(stream, heard, performance.vocabulary.labels, output)
+    print(f"\n{performance.title}\n\n{table(rows_of(stream, heard))}\n")
+    print("written:", *figures, scene, output / "log.txt", sep="\n  ")
+    print(f"\nagain, by hand: labanmesh up {scene}, and labanmesh watch {scene} in another terminal")
+
+
+def paper(
+    archive: Annotated[Path, typer.Argument(help="The motion archive (.npz).")],
+    labels: Annotated[
+        list[str] | None, typer.Option(help="Movements by commas, or a set as AS1; repeat for several sets; all.")
+    ] = None,
+    train_subjects: Annotated[str, typer.Option(help="People to learn from; every other one.")] = "",
+    test_subjects: Annotated[str, typer.Option(help="People to judge; those not learned from.")] = "",
+    report: Annotated[Path | None, typer.Option(help="Folder for the text and the figures.")] = None,
+) -> None:
+    """The paper's three experiments with the paper's own model and rule, confusion tables beside the paper's.
+
+    Example: labanmesh paper msr.npz --labels AS1 --labels AS2 --labels AS3 --report out
+    """
+    from observer.learning import labels_of
+    from observer.motion.archive_file import read_archive
+    from studies.experiments import run_experiments, told
+    from studies.report import write_report
+    from studies.subsets import labels_in
+
+    whole = read_archive(archive)
+    sets = {text: labels_in(text) for text in labels or []} or {"all": labels_of(whole)}
+    with Bar() as bar:
+        outcomes = run_experiments(whole, sets, _words(train_subjects), _words(test_subjects), bar)
+    text = told(outcomes)
+    print(text)
+    if report:
+        for name, three in outcomes.items():
+            write_report(three[-1].answer, three[-1].found, report / name.replace(",", "-"))
+        _write(report / "experiments.txt", text + "\n")
+        print(f"\nwritten: {report}/experiments.txt and the figures of experiment 3 in folders beside it")
 
 
 def _one_of(option: str, value: str, known: tuple[str, ...]) -> None:

@@ -44,6 +44,13 @@ def test_unseen_frames_reach_as_far_as_their_neighbours_and_no_further():
     assert resample(line(5, unseen=[2]), 20.0).positions[:, 1].max() == 0
 
 
+@pytest.mark.parametrize("factor", range(2, 60))
+def test_rounding_never_lets_an_unseen_neighbour_reach_a_frame(factor):
+    finer = resample(line(12, rate_hz=0.7, unseen=range(1, 12, 2)), 0.7 * factor)
+    assert len(finer.positions) == 11 * factor + 1
+    assert np.isfinite(finer.positions[:: 2 * factor, 0]).all()
+
+
 def test_one_unseen_coordinate_is_an_unseen_part():
     recording = line(3)
     recording.positions[1, 0, 2] = np.nan

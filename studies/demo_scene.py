@@ -1,0 +1,114 @@
+"""What a demo needs on disk: a performance, one model a corner, a scene file; from the package's performer or an archive."""
+
+import socket
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from common.errors import BadInput
+from common.vocabulary import Vocabulary
+from observer.geometry.views import parse_view
+from observer.learning import cut_out, learn_view
+from observer.model.store import write_model
+from observer.motion.archive import MotionArchive, Recording
+from observer.motion.archive_file import write_archive
+from studies.performer import MOVEMENTS, PEOPLE, perform, perform_continuously
+from studies.stream import strung
+
+CORNERS = {"front-left": "yaw:315", "front-right": "yaw:45", "back-right": "yaw:135", "back-left": "yaw:225"}
+"""The four Karate judges: the observers' ids, seen from the performer, and their views."""
+MOST_MOVEMENTS = 10
+"""So many movements of a recorded person fit into a demo that ends in under 90 s."""
+Progress = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Performance:
+    """What is performed, and whom the judges have learned from."""
+
+    title: str
+    stream: Recording
+    learned: MotionArchive
+    vocabulary: Vocabulary
+
+
+def synthetic_performance(seed: int) -> Performance:
+    """The package's own performer: three people to learn from, the fourth to judge. SYNTHETIC."""
+    *others, last = PEOPLE
+    title = f"SYNTHETIC performer (a kinematic model, no recorded person): person {last}, judged by who saw the others"
+    stream = perform_continuously(last, MOVEMENTS, seed=seed)
+    return Performance(title, stream, perform(others, seed=seed), Vocabulary(MOVEMENTS, "the paper's eight"))
+
+
+def recorded_performance(archive: MotionArchive, name: str, subject: str | None, seed: int) -> Performance:
+    """A person of an archive, judged by who saw the others; the recordings strung together with idle between.
+
+    Raises BadInput for an unknown person, or an archive of one person only.
+    """
+    subjects = sorted({r.subject for r in archive.recordings}, key=lambda s: (len(s), s))
+    chosen = subject or subjects[-1]
+    if chosen not in subjects:
+        raise BadInput(f"--subject {chosen!r}: not in {name}; it has {', '.join(subjects)}")
+    if len(subjects) < 2:
+        raise BadInput(f"--motion {name}: it shows one person only; who shall the judges learn from?")
+    others = tuple(r for r in archive.recordings if r.subject != chosen)
+    learned = MotionArchive(archive.body_parts, tuple(cut_out(MotionArchive(archive.body_parts, others))))
+    labels = tuple(dict.fromkeys(r.label for r in learned.recordings if r.label))
+    stream = _stream_of([r for r in archive.recordings if r.subject == chosen], labels, seed)
+    title = f"recorded person {chosen} of {name}, judged by who saw the {len(subjects) - 1} others"
+    return Performance(title, stream, learned, Vocabulary(labels))
+
+
+def _stream_of(own: Sequence[Recording], labels: Sequence[str], seed: int) -> Recording:
+    """The person's continuous recording, if there is one; else one recording each of up to ten movements."""
+    whole = [r for r in own if r.spans]
+    if whole:
+        return whole[0]
+    rng = np.random.default_rng([seed, 3])
+    first = {r.label: r for r in own if r.label in labels}
+    picked = rng.permutation(sorted(first))[:MOST_MOVEMENTS]
+    return strung([first[str(label)] for label in picked], rng)[0]
+
+
+def write_demo(performance: Performance, folder: Path, progress: Progress) -> Path:
+    """Write performance, models and scene file into `folder`; returns the scene file."""
+    folder.mkdir(parents=True, exist_ok=True)
+    stream = replace(performance.stream, trial="demo")
+    write_archive(folder / "performance.npz", MotionArchive(performance.learned.body_parts, (stream,)))
+    for n, (corner, view) in enumerate(CORNERS.items()):
+        provenance = {"archive": performance.title}
+        model = learn_view(performance.learned, parse_view(view), performance.vocabulary, provenance=provenance)
+        write_model(folder / f"{corner}.model", model)
+        progress("each corner learns its perspective", n + 1, len(CORNERS))
+    scene = folder / "scene.toml"
+    scene.write_text(_scene_file(performance), encoding="utf-8")
+    return scene
+
+
+def _scene_file(performance: Performance) -> str:
+    labels = ", ".join(f'"{label}"' for label in performance.vocabulary.labels)
+    lines = [
+        "# Written by labanmesh demo: four judges in the corners, one referee, on this machine.",
+        f"# {performance.title}.",
+        'scene = "demo"',
+        f"vocabulary = [{labels}]",
+        "",
+        "[mesh]",
+        f'endpoint = "tcp/127.0.0.1:{_free_port()}"',
+        "",
+        "[fusion]",
+        f"quorum = {len(CORNERS) // 2 + 1}",
+    ]
+    for corner, view in CORNERS.items():
+        lines += ["", f"[observers.{corner}]", 'source = "performance.npz"', f'view = "{view}"']
+        lines += [f'model = "{corner}.model"']
+    return "\n".join(lines) + "\n"
+
+
+def _free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port: int = probe.getsockname()[1]
+        return port

@@ -1,0 +1,31 @@
+"""Names for sets of movements that the literature judges together; upper case, so that no label can be one."""
+
+from collections.abc import Mapping
+
+from common.errors import BadInput
+
+MSR_ACTION3D = (
+    "high_arm_wave horizontal_arm_wave hammer hand_catch forward_punch high_throw draw_x draw_tick draw_circle "
+    "hand_clap two_hand_wave side_boxing bend forward_kick side_kick jogging tennis_swing tennis_serve golf_swing "
+    "pickup_and_throw"
+).split()
+
+
+def _numbered(*numbers: int) -> tuple[str, ...]:
+    return tuple(MSR_ACTION3D[number - 1] for number in numbers)
+
+
+SUBSETS: Mapping[str, tuple[str, ...]] = {
+    # Li, Zhang and Liu, "Action recognition based on a bag of 3D points", CVPR workshops 2010.
+    "AS1": _numbered(2, 3, 5, 6, 10, 13, 18, 20),
+    "AS2": _numbered(1, 4, 7, 8, 9, 11, 12, 14),
+    "AS3": _numbered(6, 14, 15, 16, 17, 18, 19, 20),
+}
+
+
+def labels_in(text: str) -> tuple[str, ...]:
+    """`a,b,AS1` -> the labels, subsets spelled out; raises BadInput for an empty piece."""
+    pieces = [piece.strip() for piece in text.split(",")] if text else []
+    if not all(pieces):
+        raise BadInput(f"--labels {text!r}: a name is missing between commas")
+    return tuple(dict.fromkeys(label for piece in pieces for label in SUBSETS.get(piece, (piece,))))
