@@ -7,7 +7,7 @@ class LabanmeshError(Exception):
     exit_status = 1
 
 
-class BadInput(LabanmeshError):
+class BadInput(LabanmeshError):  # noqa: N818 - it names whose fault it is, which a suffix would not
     """What a person or a file gave cannot be used; nothing was changed. The command line exits with 2."""
 
     exit_status = 2

@@ -71,9 +71,7 @@ def cut_out(archive: MotionArchive) -> Iterator[Recording]:
             yield Recording(piece, recording.rate_hz, span.label, recording.subject, f"{recording.trial}.{n}")
 
 
-def seen_from(
-    view: View, recording: Recording, recorded: tuple[str, ...], wanted: tuple[str, ...]
-) -> list[Tracks]:
+def seen_from(view: View, recording: Recording, recorded: tuple[str, ...], wanted: tuple[str, ...]) -> list[Tracks]:
     """The recording's frames as the view sees them."""
     tracker = ProjectedTracker(view, recorded, wanted)
     return [tracker.update(frame) for frame in frames_of(recording)]

@@ -66,7 +66,9 @@ def as_text(found: dict[str, Any]) -> str:
         f"{name:<{width}}" + "".join(f"{a:>7.3f}" for a in row["accuracy_at"].values()) + f"{row['accuracy']:>7.3f}"
         for name, row in rows
     ]
-    table = confusion_table(np.array(found["confusion"]), found["labels"], "judged (columns) against true (rows), fused")
+    table = confusion_table(
+        np.array(found["confusion"]), found["labels"], "judged (columns) against true (rows), fused"
+    )
     return "\n".join(
         [
             f"{found['n_train']} recordings learned, {found['n_test']} judged; {asked}",

@@ -6,10 +6,12 @@ from pathlib import Path
 
 import numpy as np
 
-from common.messages import ABSTAIN, VerdictMessage
+from common.messages import ABSTAIN, JudgementMessage, VerdictMessage
 from common.probability import entropy_bits
 from observer.motion.archive import Recording, Span
+from observer.tracks import Floats
 from studies.demo import Heard
+from studies.report import figures
 
 LATE_S = 1.0
 """A verdict may come so long after the movement's end and still be about it."""
@@ -76,38 +78,47 @@ def _sum(rows: Sequence[Row], right: int) -> str:
 
 def draw(stream: Recording, heard: Heard, labels: Sequence[str], folder: Path) -> list[Path]:
     """The verdicts over time, and the paper's Fig. 7 of the movement on which the judges differed most."""
-    from studies.figures import Span as Interval
-    from studies.figures import belief_figure, verdict_timeline_figure
-
-    times_s = np.array([heard.seconds(j.at_ns) for j in heard.judgements])
-    fused = np.array([j.p for j in heard.judgements])
+    drawing = figures()
+    Interval = drawing.Span
     rate = stream.rate_hz
+    judgements = _one_a_frame(heard, rate)
+    times_s = np.array([heard.seconds(j.at_ns) for j in judgements])
+    fused = np.array([j.p for j in judgements])
     truth = [Interval(s.start / rate, s.end / rate, s.label) for s in stream.spans]
     verdicts = [
         Interval(heard.seconds(v.began_ns), heard.seconds(v.ended_ns or v.decided_ns), v.label)
         for v in heard.verdicts.values()
     ]
     playing = (times_s >= 0) & (times_s <= len(stream.positions) / rate)
-    timeline = verdict_timeline_figure(
+    timeline = drawing.verdict_timeline_figure(
         times_s[playing], fused[playing], labels, truth, verdicts, folder / "verdicts.png"
     )
-    span = _most_disputed(stream, heard, times_s)
+    span = _most_disputed(stream, judgements, times_s)
     inside = np.flatnonzero((times_s >= span.start / rate) & (times_s <= span.end / rate + LATE_S / 2))
-    beliefs = {name: _belief_of(name, heard, inside, len(labels)) for name in heard.judgements[0].votes}
+    told = [judgements[n] for n in inside]
+    beliefs = {name: _belief_of(name, told, len(labels)) for name in judgements[0].votes}
     beliefs["fused"] = fused[inside]
     entropies = {name: entropy_bits(p) for name, p in beliefs.items()}
     path = folder / f"belief-{span.label}.png"
-    return [timeline, belief_figure(times_s[inside], beliefs, entropies, labels, span.label, path)]
+    return [timeline, drawing.belief_figure(times_s[inside], beliefs, entropies, labels, span.label, path)]
 
 
-def _belief_of(observer: str, heard: Heard, which: Sequence[int], size: int) -> np.ndarray[tuple[int, int]]:
-    said = [heard.judgements[n].votes[observer].p for n in which]
+def _one_a_frame(heard: Heard, rate_hz: float) -> list[JudgementMessage]:
+    """The last judgement of each frame, when all judges have spoken: each of them causes a judgement of its own."""
+    last = {int(heard.seconds(j.at_ns) * rate_hz): j for j in heard.judgements}
+    return [last[frame] for frame in sorted(last)]
+
+
+def _belief_of(observer: str, judgements: Sequence[JudgementMessage], size: int) -> Floats:
+    """(F, M) what one observer believed; the prior while it was silent."""
+    said = [judgement.votes[observer].p for judgement in judgements]
     return np.array([[1 / size] * size if p is None else p for p in said])
 
 
-def _most_disputed(stream: Recording, heard: Heard, times_s: np.ndarray[tuple[int]]) -> Span:
+def _most_disputed(stream: Recording, judgements: Sequence[JudgementMessage], times_s: Floats) -> Span:
     """The movement during which the judges' entropies lay farthest apart, on average."""
-    spread = np.array([np.ptp([v.entropy for v in j.votes.values() if v.entropy is not None] or [0.0]) for j in heard.judgements])
+    entropies = [[v.entropy for v in j.votes.values() if v.entropy is not None] for j in judgements]
+    spread = np.array([max(bits) - min(bits) if bits else 0.0 for bits in entropies])
 
     def dispute(span: Span) -> float:
         inside = (times_s >= span.start / stream.rate_hz) & (times_s <= span.end / stream.rate_hz)

@@ -1,4 +1,4 @@
-"""What a demo needs on disk: a performance, one model a corner, a scene file; from the package's performer or an archive."""
+"""What a demo needs on disk: a performance, one model a corner, a scene file."""
 
 import socket
 from collections.abc import Callable, Sequence

@@ -52,7 +52,9 @@ def run_experiments(
 ) -> dict[str, list[Outcome]]:
     """All three experiments on each set of movements."""
     return {
-        name: [_run(archive, labels, e, train_subjects, test_subjects, f"{name}, {e.title}", progress) for e in EXPERIMENTS]
+        name: [
+            _run(archive, labels, e, train_subjects, test_subjects, f"{name}, {e.title}", progress) for e in EXPERIMENTS
+        ]
         for name, labels in sets.items()
     }
 

@@ -1,7 +1,9 @@
 """The report of an evaluation: tables as text, figures as pictures, in one folder."""
 
+import importlib
 from collections.abc import Sequence
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -22,43 +24,57 @@ def write_report(answer: Answer, found: dict[str, Any], folder: Path) -> list[Pa
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
+        text = folder / "report.txt"
+        text.write_text(_text(found), encoding="utf-8")
     except OSError as error:
         raise BadInput(f"--report {folder}: {error.strerror}") from None
+    told = [belief_of(j, found["views"], found["labels"], folder) for j in tellings(answer.judged, len(found["views"]))]
+    return [text, *_confusions(found, folder), _earliness(found, folder), _reliability(answer, found, folder), *told]
+
+
+def figures() -> ModuleType:
+    """The figures' room; raises LabanmeshError where matplotlib is missing."""
     try:
-        from studies import figures
+        return importlib.import_module("studies.figures")
     except ImportError:
-        raise LabanmeshError("--report draws with matplotlib: pip install 'labanmesh[report]'") from None
-    text = folder / "report.txt"
-    text.write_text(_text(found), encoding="utf-8")
-    names, labels, truth = found["views"], found["labels"], truth_of(answer)
-    views, fused = at_end(answer.judged)
-    written = [text]
-    for name, counts in [*((n, found["per_view"][n]["confusion"]) for n in names), ("fused", found["confusion"])]:
-        title = f"{name}: {found['model']}" + (f", {found['rule']}" if name == "fused" else "")
+        raise LabanmeshError("figures are drawn with matplotlib: pip install 'labanmesh[report]'") from None
+
+
+def _confusions(found: dict[str, Any], folder: Path) -> list[Path]:
+    def draw(name: str, counts: list[list[int]], title: str) -> Path:
         path = folder / f"confusion-{_file(name)}.png"
-        written.append(figures.confusion_figure(np.array(counts), labels, title, path))
-    series = {n: list(found["per_view"][n]["accuracy_at"].values()) for n in names}
+        drawn: Path = figures().confusion_figure(np.array(counts), found["labels"], title, path)
+        return drawn
+
+    views = [draw(name, found["per_view"][name]["confusion"], f"{name}: {found['model']}") for name in found["views"]]
+    return [*views, draw("fused", found["confusion"], f"fused: {found['model']}, {found['rule']}")]
+
+
+def _earliness(found: dict[str, Any], folder: Path) -> Path:
+    series = {name: list(found["per_view"][name]["accuracy_at"].values()) for name in found["views"]}
     series["fused"] = list(found["accuracy_at"].values())
-    early = folder / "early-recognition.png"
-    written.append(figures.earliness_figure(FRACTIONS, series, early, chance=1 / len(labels)))
-    all_p = {**{n: views[:, v] for v, n in enumerate(names)}, "fused": fused}
-    sureness = {n: (p.max(axis=1), p.argmax(axis=1) == truth) for n, p in all_p.items()}
-    ece = {**{n: found["per_view"][n]["ece"] for n in names}, "fused": found["ece"]}
-    written.append(figures.reliability_figure(sureness, ece, folder / "reliability.png"))
-    for judged in tellings(answer.judged, len(names)):
-        written.append(belief_of(judged, names, labels, folder))
-    return written
+    chance = 1 / len(found["labels"])
+    drawn: Path = figures().earliness_figure(FRACTIONS, series, folder / "early-recognition.png", chance=chance)
+    return drawn
+
+
+def _reliability(answer: Answer, found: dict[str, Any], folder: Path) -> Path:
+    truth, (views, fused) = truth_of(answer), at_end(answer.judged)
+    beliefs = {**{name: views[:, v] for v, name in enumerate(found["views"])}, "fused": fused}
+    series = {name: (p.max(axis=1), p.argmax(axis=1) == truth) for name, p in beliefs.items()}
+    ece = {**{name: found["per_view"][name]["ece"] for name in found["views"]}, "fused": found["ece"]}
+    drawn: Path = figures().reliability_figure(series, ece, folder / "reliability.png")
+    return drawn
 
 
 def belief_of(judged: Judged, names: Sequence[str], labels: Sequence[str], folder: Path) -> Path:
     """The paper's Fig. 7 for one trial: belief and entropy by observer and fused."""
-    from studies.figures import belief_figure
-
     beliefs = {**{n: judged.views[:, v] for v, n in enumerate(names)}, "fused": judged.fused}
     times_s = np.arange(len(judged.fused)) / judged.trial.recording.rate_hz
     path = folder / f"belief-{_file(judged.trial.name)}.png"
     entropies = {name: entropy_bits(p) for name, p in beliefs.items()}
-    return belief_figure(times_s, beliefs, entropies, labels, labels[judged.truth], path)
+    drawn: Path = figures().belief_figure(times_s, beliefs, entropies, labels, labels[judged.truth], path)
+    return drawn
 
 
 def tellings(judged: Sequence[Judged], views: int) -> list[Judged]:
@@ -73,19 +89,20 @@ def resolved_pairs(found: dict[str, Any]) -> str:
     lines = []
     for name in found["views"]:
         one, fused = np.array(found["per_view"][name]["confusion"]), np.array(found["confusion"])
-        for pair in confused_pairs(one, fused, found["labels"])[:RESOLVED_SHOWN]:
-            times = f"{pair.count_in_one_view} times, {pair.count_fused} fused"
-            lines.append(f"{name}: {pair.true} taken for {pair.judged} {times}")
+        lines += [
+            f"{name}: {pair.true} taken for {pair.judged} {pair.count_in_one_view} times, {pair.count_fused} fused"
+            for pair in confused_pairs(one, fused, found["labels"])[:RESOLVED_SHOWN]
+        ]
     return "\n".join(["what one view confuses and the fusion resolves:", *(lines or ["nothing"])])
 
 
 def _text(found: dict[str, Any]) -> str:
-    parts = [as_text(found)]
-    for name in found["views"]:
-        parts.append(confusion_table(np.array(found["per_view"][name]["confusion"]), found["labels"], name))
-    if len(found["views"]) > 1:
-        parts.append(resolved_pairs(found))
-    return "\n\n".join(parts) + "\n"
+    tables = [
+        confusion_table(np.array(found["per_view"][name]["confusion"]), found["labels"], name)
+        for name in found["views"]
+    ]
+    resolved = [resolved_pairs(found)] if len(found["views"]) > 1 else []
+    return "\n\n".join([as_text(found), *tables, *resolved]) + "\n"
 
 
 def _file(name: str) -> str:

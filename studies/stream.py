@@ -1,7 +1,8 @@
 """Judging without end: spotting movements in a continuous stream (science, section 5; the MSRC-12 protocol).
 
-A verdict is right when it names the movement and falls within 333 ms of its span, once a movement; every other verdict is
-a false alarm, abstentions aside. What is scored is the first word of a verdict, not its correction: a home acts on it.
+A verdict is right when it names the movement and falls within 333 ms of its span, once a movement; every other
+verdict is a false alarm, abstentions aside. What is scored is the first word of a verdict, not its correction: a home
+acts on it.
 """
 
 from collections.abc import Callable, Sequence
@@ -142,7 +143,9 @@ def alarms_in(
     alarms: dict[str, Alarm] = {}
     for n, frame in enumerate(frames_of(stream, start_ns=SECOND_NS)):
         for name, observer in zip(names, observers, strict=True):
-            referee.hear(name, _message(name, observer.step(frame), n, frame.captured_ns, vocabulary), frame.captured_ns)
+            referee.hear(
+                name, _message(name, observer.step(frame), n, frame.captured_ns, vocabulary), frame.captured_ns
+            )
         for verdict in referee.judge(frame.captured_ns).verdicts:
             alarms.setdefault(verdict.id, Alarm(verdict.label, (verdict.decided_ns - SECOND_NS) / SECOND_NS))
     return [alarm for alarm in alarms.values() if alarm.label != ABSTAIN]

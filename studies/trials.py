@@ -81,9 +81,7 @@ def splits(
 
 def _split(archive: MotionArchive, train: Sequence[str], test: Sequence[str]) -> Split:
     learned = tuple(r for r in archive.recordings if r.subject in train)
-    return Split(
-        MotionArchive(archive.body_parts, learned), tuple(r for r in archive.recordings if r.subject in test)
-    )
+    return Split(MotionArchive(archive.body_parts, learned), tuple(r for r in archive.recordings if r.subject in test))
 
 
 def trials(

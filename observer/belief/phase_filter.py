@@ -1,8 +1,8 @@
 """The Bayes filter over movement, phase and speed, with rest before and after (science, section 2.1).
 
 A movement is one or several *chains* of phases: one learned on average, or each training example by itself, when
-the movement is the mixture of its chains. Somebody at rest enters a chain near its beginning, goes through its phases at
-one of V speeds, and leaves it past the last phase into the rest after that movement.
+the movement is the mixture of its chains. Somebody at rest enters a chain near its beginning, goes through its phases
+at one of V speeds, and leaves it past the last phase into the rest after that movement.
 """
 
 from dataclasses import dataclass
@@ -59,8 +59,9 @@ class PhaseFilter:
     def p(self) -> Floats:
         """(M,) P(M): active, or just done; the rest before any movement says nothing and is spread as the prior."""
         active = np.bincount(self._movement_of, self._active.sum(axis=(0, 2)), minlength=len(self._prior))
-        p: Floats = active + self._after + self._before * self._prior
-        return p / p.sum()
+        mass = active + self._after + self._before * self._prior
+        p: Floats = mass / mass.sum()
+        return p
 
     @property
     def rest(self) -> float:

@@ -1,4 +1,4 @@
-"""`phase`, the default: every training example a chain of postures, followed by the phase filter (science, section 2.2).
+"""`phase`, the default: every training example a chain of postures, followed by the phase filter (docs/model.md).
 
 It needs to know neither where a movement begins nor how fast it is done.
 """

@@ -1,4 +1,4 @@
-"""`phase-symbols`: the paper's table, freed from the frame clock by a Bayes filter over phase and speed (science, 2.1)."""
+"""`phase-symbols`: the paper's table, freed from the frame clock by a Bayes filter over phase and speed."""
 
 from collections.abc import Sequence
 from typing import ClassVar, Self
@@ -30,7 +30,9 @@ STILL_AT_REST = 0.9
 def tempo_dynamics(mean_speed: float, given: dict[str, float]) -> Dynamics:
     """V speeds in phases a frame, geometric from slowest to fastest times `mean_speed`; a step v is floor or ceil."""
     count = int(given["speeds"])
-    speeds = np.full(1, mean_speed) if count == 1 else mean_speed * np.geomspace(given["slowest"], given["fastest"], count)
+    speeds = (
+        np.full(1, mean_speed) if count == 1 else mean_speed * np.geomspace(given["slowest"], given["fastest"], count)
+    )
     whole = np.floor(speeds).astype(int)
     steps = np.zeros((count, whole.max() + 2))
     rows = np.arange(count)

@@ -1,7 +1,7 @@
 """The model file: a .npz without pickles, described in docs/model-file.md.
 
-`header` is a JSON text (format version, kind, vocabulary, view, matrix, rate, body parts, parameters, provenance); every
-other array is the model's own.
+`header` is a JSON text (format version, kind, vocabulary, view, matrix, rate, body parts, parameters, provenance);
+every other array is the model's own.
 """
 
 import json

@@ -32,7 +32,7 @@ def learn_table(sequences: Sequence[tuple[Symbols, int]], movements: int, bins: 
     counts = np.full((movements, bins, parts, SYMBOLS), smoothing)
     for symbols, movement in sequences:
         frame, part = np.nonzero(symbols >= 0)
-        np.add.at(counts, (movement, indices(len(symbols), bins)[frame], part, symbols[frame, part]), 1.0)
+        np.add.at(counts[movement], (indices(len(symbols), bins)[frame], part, symbols[frame, part]), 1.0)
     log_table: Floats = np.log(counts / counts.sum(axis=-1, keepdims=True))
     return log_table
 

@@ -14,7 +14,7 @@ ALL = list(RULES.values())
 ids = [rule.name for rule in ALL]
 
 
-def posteriors(observers=st.integers(1, 5)):
+def posteriors():
     """Distributions, exact zeros and one-hots among them."""
 
     def of(shape):
@@ -22,7 +22,7 @@ def posteriors(observers=st.integers(1, 5)):
             lambda a: (a + (a.sum(1, keepdims=True) == 0)) / (a + (a.sum(1, keepdims=True) == 0)).sum(1, keepdims=True)
         )
 
-    return st.tuples(observers, st.integers(2, 5)).flatmap(of)
+    return st.tuples(st.integers(1, 5), st.integers(2, 5)).flatmap(of)
 
 
 def heard(rule, p):

@@ -50,7 +50,9 @@ def test_the_update_equals_a_brute_force_joint_table(seed):
     for m in range(movements):
         for stream in itertools.product(range(letters), repeat=bins * parts):
             b = np.array(stream).reshape(bins, parts)
-            joint[m, stream] = 1 / movements * np.prod([table[m, i, p, b[i, p]] for i in range(bins) for p in range(parts)])
+            joint[m, stream] = (
+                1 / movements * np.prod([table[m, i, p, b[i, p]] for i in range(bins) for p in range(parts)])
+            )
     assert sum(joint.values()) == pytest.approx(1)
     stream = tuple(rng.integers(letters, size=bins * parts))
     oracle = np.array([joint[m, stream] for m in range(movements)])

@@ -14,7 +14,9 @@ from observer.belief.phase_filter import Dynamics, PhaseFilter
 def dynamics(steps, begin=0.3, forget=0.2, entry=(0.6, 0.4)):
     steps = np.atleast_2d(np.array(steps, dtype=float))
     v = len(steps)
-    jitter = np.full((v, v), 0.1 / max(v - 1, 1)) + np.eye(v) * (0.9 - 0.1 / max(v - 1, 1)) if v > 1 else np.ones((1, 1))
+    jitter = (
+        np.full((v, v), 0.1 / max(v - 1, 1)) + np.eye(v) * (0.9 - 0.1 / max(v - 1, 1)) if v > 1 else np.ones((1, 1))
+    )
     return Dynamics(steps, np.full(v, 1 / v), jitter, np.array(entry), begin, forget)
 
 
@@ -22,7 +24,11 @@ def paths_oracle(movement_of, phases, prior, d, known, evidence, rests):
     """Sum over every path of hidden states, one state a frame: rest, (chain, phase, speed), or after movement m."""
     chains, speeds = len(movement_of), len(d.speeds)
     count = np.bincount(movement_of, minlength=len(prior))
-    states = ["rest", *itertools.product(range(chains), range(phases), range(speeds)), *[("after", m) for m in range(len(prior))]]
+    states = [
+        "rest",
+        *itertools.product(range(chains), range(phases), range(speeds)),
+        *[("after", m) for m in range(len(prior))],
+    ]
 
     def entering(c, f, v):
         return prior[movement_of[c]] / count[movement_of[c]] * d.speeds[v] * (d.entry[f] if f < len(d.entry) else 0)
