@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from common.errors import BadInput
 from observer.space import BodySize
 from observer.tracks import Floats, Tracks
 
@@ -17,17 +18,22 @@ REFERENCE_HZ = 15.0
 """Speeds are per fifteenth of a second, whatever the frame rate: the constants below were found at 15 Hz."""
 SLOW = 0.1
 """Below this speed (body sizes per 1/15 s) the direction fades out, so that tracker noise has none."""
-FAST = 0.5
+FAST = 1.5
 """Speeds beyond this count as this; also the length of a full direction, which makes the features comparable."""
 ANCHOR_S = 10.0
 """Time constant of the place that positions count from: it follows a person who walks, not one who bends."""
 
 
 class PostureReader:
-    """Reads posture from the stream of tracks; only from frames already seen."""
+    """Reads posture from the stream of tracks; only from frames already seen.
+
+    body_parts: names of the P parts. Raises BadInput when the head, from which positions count, is not among them.
+    """
 
     def __init__(self, body_parts: Sequence[str], rate_hz: float) -> None:
         self._body_parts = tuple(body_parts)
+        if "head" not in self._body_parts:
+            raise BadInput(f"body_parts = {list(body_parts)}: posture is relative to the head; add head")
         self._head = self._body_parts.index("head")
         self._rate_hz = rate_hz
         self._size = BodySize()

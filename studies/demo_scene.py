@@ -17,8 +17,16 @@ from observer.motion.archive_file import write_archive
 from studies.performer import MOVEMENTS, PEOPLE, perform, perform_continuously
 from studies.stream import strung
 
-CORNERS = {"front-left": "yaw:315", "front-right": "yaw:45", "back-right": "yaw:135", "back-left": "yaw:225"}
-"""The four Karate judges: the observers' ids, seen from the performer, and their views."""
+CORNERS = {
+    "front-left": "yaw:315,pitch:20",
+    "front-right": "yaw:45,pitch:20",
+    "back-right": "yaw:135,pitch:20",
+    "back-left": "yaw:225,pitch:20",
+}
+"""The four Karate judges: ids as seen from the performer, and views; high in the corners, as cameras hang.
+
+From the same height two opposite judges would see mirror images and always believe the same.
+"""
 MOST_MOVEMENTS = 10
 """So many movements of a recorded person fit into a demo that ends in under 90 s."""
 Progress = Callable[[str, int, int], None]

@@ -13,7 +13,10 @@ LATE_S = 1.0
 
 
 def wrong(own: Floats, other: Floats, rate_hz: float, rng: np.random.Generator) -> Floats:
-    """Sure, and of another trial: what this judge believed when it saw somebody else do something else."""
+    """Sure, and of another trial: what this judge believed when it saw that. Its last frame stays, where it is shorter.
+
+    Which trial is drawn blindly, so that it is now and then the same movement.
+    """
     place = np.minimum(np.arange(len(own)), len(other) - 1)
     return other[place]
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from common.errors import BadInput
 from observer.geometry.views import turned
-from observer.learning import cut_out
+from observer.learning import cut_out, labels_of
 from observer.motion.archive import MotionArchive, Recording
 from observer.motion.resample import retime
 
@@ -48,7 +48,7 @@ def with_labels(archive: MotionArchive, labels: Sequence[str]) -> MotionArchive:
     pieces = tuple(r for r in cut_out(archive) if r.label in labels)
     for label in labels:
         if not any(r.label == label for r in pieces):
-            known = ", ".join(sorted({r.label for r in cut_out(archive)}))
+            known = ", ".join(labels_of(archive))
             raise BadInput(f"--labels: {label!r} is in no recording; known: {known}")
     return MotionArchive(archive.body_parts, pieces)
 
@@ -56,9 +56,15 @@ def with_labels(archive: MotionArchive, labels: Sequence[str]) -> MotionArchive:
 def splits(
     archive: MotionArchive, train_subjects: Sequence[str], test_subjects: Sequence[str], leave_one_out: bool
 ) -> Iterator[Split]:
-    """One split by the subjects named, or one a subject; raises BadInput for unknown, empty or shared subjects."""
+    """One split by the subjects named, or one a subject: each in turn is the test, the others are learned from.
+
+    With no subject named, every other one is learned from. Raises BadInput for a subject who is unknown, or both
+    learned from and judged, when nobody is left for either, and for names beside leave_one_out.
+    """
     subjects = sorted({r.subject for r in archive.recordings}, key=lambda s: (len(s), s))
     if leave_one_out:
+        if train_subjects or test_subjects:
+            raise BadInput("--leave-one-subject-out judges everybody in turn: leave out --train- and --test-subjects")
         if len(subjects) < 2:
             raise BadInput(f"--leave-one-subject-out: the archive has one subject only, {subjects[0]!r}")
         for subject in subjects:

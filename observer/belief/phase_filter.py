@@ -123,7 +123,7 @@ def _advance(active: Floats, steps: Floats) -> tuple[Floats, Floats]:
     result = active * steps[:, :1, None]
     left = np.zeros(active.shape[1])
     for k in range(1, steps.shape[1]):
-        share = steps[:, k, None, None]
-        result[:, :, k:] += share * active[:, :, :-k]
-        left += (share * active[:, :, -k:]).sum(axis=(0, 2))
+        moved = steps[:, k, None, None] * active
+        result[:, :, k:] += moved[:, :, :-k]
+        left += moved[:, :, -k:].sum(axis=(0, 2))
     return result, left
