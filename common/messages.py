@@ -62,7 +62,10 @@ class PosteriorMessage(Message):
 
 
 class Vote(BaseModel):
-    """One judge's flag: label, entropy (bits), weight, age; null while the judge has said nothing usable."""
+    """One judge's flag: label, entropy (bits), weight, age; null while the judge has said nothing usable.
+
+    `label` is null too while the judge believes no more of one movement than of another.
+    """
 
     model_config = ConfigDict(frozen=True, extra="ignore")
     label: str | None
@@ -74,7 +77,7 @@ class Vote(BaseModel):
 
 
 class Agreement(BaseModel):
-    """How many of the counted judges hold the fused label: k of n."""
+    """How many of the judges who are heard (counted or stale) hold the fused label: k of n."""
 
     model_config = ConfigDict(frozen=True, extra="ignore")
     k: NonNegativeInt
@@ -98,7 +101,11 @@ class JudgementMessage(Message):
 
 
 class VerdictMessage(JudgementMessage):
-    """What was done: one per movement, said again under the same `id` when its end is known."""
+    """What was done: one per movement, said again under the same `id` when its end is known.
+
+    `p`, `votes` and `agreement` are what it rests on: those at `decided_ns`, also when it is said again; those of an
+    abstention are from when the movement ended.
+    """
 
     id: str
     began_ns: NonNegativeInt

@@ -5,6 +5,7 @@ import re
 from dataclasses import dataclass
 
 from common.errors import BadInput
+from common.messages import ABSTAIN
 
 LABEL = re.compile(r"[a-z0-9_]{1,64}\Z")
 
@@ -16,7 +17,8 @@ class Vocabulary:
     Two processes understand each other when `digest` is equal: the order and every name count, the
     vocabulary's own `name` does not.
 
-    Raises BadInput for fewer than two labels, a repeated label, or one not in [a-z0-9_]{1,64}.
+    Raises BadInput for fewer than two labels, a repeated label, one not in [a-z0-9_]{1,64}, or `abstain`, which is the
+    judges' own word.
     """
 
     labels: tuple[str, ...]
@@ -28,6 +30,8 @@ class Vocabulary:
         for label in self.labels:
             if not LABEL.match(label):
                 raise BadInput(f"label {label!r}: lower case letters, digits and underscores only, 1 to 64 of them")
+        if ABSTAIN in self.labels:
+            raise BadInput(f"label {ABSTAIN!r}: that is what judges say who cannot agree; choose another name")
         if len(set(self.labels)) != len(self.labels):
             twice = next(label for label in self.labels if self.labels.count(label) > 1)
             raise BadInput(f"label {twice!r} stands twice in the vocabulary: every movement needs a name of its own")

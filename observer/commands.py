@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from common.errors import BadInput
+from common.arguments import words
 from common.progress import Bar
 from common.vocabulary import Vocabulary
 
@@ -91,8 +91,8 @@ def learn(
     from observer.model.store import write_model
     from observer.motion.archive_file import read_archive
 
-    whole = prepared(read_archive(archive), _words(subjects), rate)
-    vocabulary = Vocabulary(tuple(_words(labels)) or labels_of(whole), name)
+    whole = prepared(read_archive(archive), words("--subjects", subjects), rate)
+    vocabulary = Vocabulary(words("--labels", labels) or labels_of(whole), name)
     provenance = {
         "archive": archive.name,
         "archive_sha256": hashlib.sha256(archive.read_bytes()).hexdigest(),
@@ -106,10 +106,3 @@ def learn(
         f"{header.provenance['examples']} examples of {len(provenance['subjects'].split(','))} people, "
         f"{header.rate_hz:g} Hz, {output.stat().st_size / 1e6:.2f} MB"
     )
-
-
-def _words(text: str) -> list[str]:
-    words = [word.strip() for word in text.split(",")] if text else []
-    if not all(words):
-        raise BadInput(f"{text!r}: a name is missing between commas")
-    return words

@@ -79,7 +79,26 @@ def as_text(found: dict[str, Any]) -> str:
             "",
             f"calibration error {found['ece']:.3f}, Brier {found['brier']:.3f}, log loss {found['log_loss']:.3f}",
             f"learned in {found['train_seconds']:.1f} s, {found['seconds_per_frame'] * 1e3:.2f} ms a frame and view",
+            *_extras(found),
             "",
             table,
         ]
     )
+
+
+def _extras(found: dict[str, Any]) -> list[str]:
+    """What only some evaluations ask for: the same over the mesh, and streams."""
+    lines = []
+    if "mesh" in found:
+        mesh = found["mesh"]
+        lines.append(
+            f"over the mesh: {mesh['same_labels']} of {mesh['n']} labels the same, right {mesh['accuracy']:.3f}"
+        )
+    if "stream" in found:
+        said = found["stream"]
+        latency = "none" if said["median_latency_s"] is None else f"{said['median_latency_s']:.2f} s"
+        lines.append(
+            f"in streams: F1 {said['f1']:.3f}, precision {said['precision']:.3f}, recall {said['recall']:.3f}, "
+            f"{said['false_alarms_per_minute']:.2f} false alarms a minute of rest, median latency {latency}"
+        )
+    return lines

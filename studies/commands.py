@@ -2,12 +2,17 @@
 
 import json as json_text
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from common.arguments import one_of, words
 from common.errors import BadInput
 from common.progress import Bar
+
+if TYPE_CHECKING:
+    from observer.motion.archive import MotionArchive
+    from studies.evaluate import Question
 
 
 def evaluate(
@@ -38,88 +43,62 @@ def evaluate(
     from observer.geometry.views import parse_view, split_views
     from observer.learning import labels_of
     from observer.motion.archive_file import read_archive
-    from studies.answer import as_json, as_text
     from studies.evaluate import Question
-    from studies.evaluate import evaluate as ask
     from studies.faults import fault_named
-    from studies.report import resolved_pairs, write_report
     from studies.subsets import labels_in
 
-    _one_of("--onset", onset, ("known", "unknown"))
-    _one_of("--through", through, ("process", "mesh"))
     whole = read_archive(archive)
     seen = tuple(parse_view(view) for view in split_views(views))
-    names = [view.name for view in seen]
     question = Question(
         views=seen,
         labels=labels_in(labels) or labels_of(whole),
-        train_subjects=tuple(_words(train_subjects)),
-        test_subjects=tuple(_words(test_subjects)),
+        train_subjects=words("--train-subjects", train_subjects),
+        test_subjects=words("--test-subjects", test_subjects),
         leave_one_subject_out=leave_one_subject_out,
         model=model,
         rule=rule,
         turn=_turn(turn),
-        faults=dict(fault_named(text, names) for text in fault or []),
-        body_parts=tuple(_words(body_parts)),
-        onset_known=onset == "known",
+        faults=dict(fault_named(text, [view.name for view in seen]) for text in fault or []),
+        body_parts=words("--body-parts", body_parts),
+        onset_known=one_of("--onset", onset, ("known", "unknown")) == "known",
         seed=seed,
     )
-    with Bar() as bar:
-        answer = ask(whole, question, bar)
-        found = as_json(answer)
-        if through == "mesh":
-            from studies.mesh_run import fused_over_mesh
-
-            found["mesh"] = fused_over_mesh(answer, bar)
-        if stream:
-            from studies.stream import judge_stream
-
-            found["stream"] = judge_stream(whole, question, bar)
-        written = write_report(answer, found, report) if report else []
-    print(as_text(found))
-    if len(seen) > 1:
-        print(f"\n{resolved_pairs(found)}")
-    if json:
-        _write(json, json_text.dumps(found, indent=1) + "\n")
-        written.append(json)
+    over_mesh = one_of("--through", through, ("process", "mesh")) == "mesh"
+    written = _evaluated(whole, question, over_mesh, stream, report, json)
     if written:
         print("\nwritten:", *written, sep="\n  ")
 
 
-def demo(
-    motion: Annotated[Path | None, typer.Option(help="A motion archive: recorded people instead of ours.")] = None,
-    subject: Annotated[str | None, typer.Option(help="Who performs, of the archive; the last one.")] = None,
-    output: Annotated[Path, typer.Option(help="Folder for scene, models, log and figures.")] = Path("labanmesh-demo"),
-    seed: Annotated[int, typer.Option(min=0, help="Seeds all chance.")] = 0,
-) -> None:
-    """The whole system on this machine: four observer processes in the corners, one referee, verdicts against truth.
+def _evaluated(
+    archive: "MotionArchive",
+    question: "Question",
+    over_mesh: bool,
+    stream: bool,
+    report: Path | None,
+    json: Path | None,
+) -> list[Path]:
+    """Evaluate with progress, tell the result, write what was asked for; returns the files."""
+    from studies.answer import as_json, as_text
+    from studies.evaluate import evaluate as ask
+    from studies.mesh_run import fused_over_mesh
+    from studies.report import resolved_pairs, write_report
+    from studies.stream import judge_stream
 
-    The performer is synthetic unless --motion names recorded people. Ends by itself.
-
-    Example: labanmesh demo
-
-    Example: labanmesh demo --motion msr.npz --subject 8
-    """
-    from observer.motion.archive_file import read_archive
-    from studies.demo import play
-    from studies.demo_report import draw, rows_of, table
-    from studies.demo_scene import recorded_performance, synthetic_performance, write_demo
-
-    if motion is None:
-        performance = synthetic_performance(seed)
-    else:
-        performance = recorded_performance(read_archive(motion), motion.name, subject, seed)
-    print(performance.title)
     with Bar() as bar:
-        scene = write_demo(performance, output, bar)
-    stream = performance.stream
-    length_s = len(stream.positions) / stream.rate_hz
-    print(f"five processes start: four observers, one referee; the performance takes {length_s:.0f} s", flush=True)
-    heard = play(scene, output / "log.txt", length_s)
-    figures = draw(stream, heard, performance.vocabulary.labels, output)
-    print(f"\n{performance.title}\n\n{table(rows_of(stream, heard))}\n")
-    print("written:", *figures, scene, output / "log.txt", sep="\n  ")
-    print(f"\nagain, by hand: labanmesh up {scene}, and labanmesh watch {scene} in another terminal")
+        answer = ask(archive, question, bar)
+        found = as_json(answer)
+        if over_mesh:
+            found["mesh"] = fused_over_mesh(answer, bar)
+        if stream:
+            found["stream"] = judge_stream(archive, question, bar)
+        written = write_report(answer, found, report) if report else []
+    print(as_text(found))
+    if len(question.views) > 1:
+        print(f"\n{resolved_pairs(found)}")
+    if json:
+        _write(json, json_text.dumps(found, indent=1) + "\n")
+        written.append(json)
+    return written
 
 
 def paper(
@@ -144,7 +123,9 @@ def paper(
     whole = read_archive(archive)
     sets = {text: labels_in(text) for text in labels or []} or {"all": labels_of(whole)}
     with Bar() as bar:
-        outcomes = run_experiments(whole, sets, _words(train_subjects), _words(test_subjects), bar)
+        outcomes = run_experiments(
+            whole, sets, words("--train-subjects", train_subjects), words("--test-subjects", test_subjects), bar
+        )
     text = told(outcomes)
     print(text)
     if report:
@@ -154,11 +135,6 @@ def paper(
         print(f"\nwritten: {report}/experiments.txt and the figures of experiment 3 in folders beside it")
 
 
-def _one_of(option: str, value: str, known: tuple[str, ...]) -> None:
-    if value not in known:
-        raise BadInput(f"{option} {value!r}: unknown; known: {', '.join(known)}")
-
-
 def _turn(text: str) -> float | None:
     if text == "random":
         return None
@@ -166,13 +142,6 @@ def _turn(text: str) -> float | None:
         return float(text)
     except ValueError:
         raise BadInput(f"--turn {text!r}: degrees or 'random' are expected") from None
-
-
-def _words(text: str) -> list[str]:
-    words = [word.strip() for word in text.split(",")] if text else []
-    if not all(words):
-        raise BadInput(f"{text!r}: a name is missing between commas")
-    return words
 
 
 def _write(path: Path, text: str) -> None:

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 
-from common.errors import BadInput
+from common.arguments import words
 
 MSR_ACTION3D = (
     *("high_arm_wave", "horizontal_arm_wave", "hammer", "hand_catch", "forward_punch", "high_throw", "draw_x"),
@@ -25,7 +25,4 @@ SUBSETS: Mapping[str, tuple[str, ...]] = {
 
 def labels_in(text: str) -> tuple[str, ...]:
     """`a,b,AS1` -> the labels, subsets spelled out; raises BadInput for an empty piece."""
-    pieces = [piece.strip() for piece in text.split(",")] if text else []
-    if not all(pieces):
-        raise BadInput(f"--labels {text!r}: a name is missing between commas")
-    return tuple(dict.fromkeys(label for piece in pieces for label in SUBSETS.get(piece, (piece,))))
+    return tuple(dict.fromkeys(label for word in words("--labels", text) for label in SUBSETS.get(word, (word,))))

@@ -15,8 +15,8 @@ from observer.model.base import Arrays, Example, Header, Onset
 from observer.posture import PostureReader, at_rest
 from observer.tracks import Floats, Tracks
 
-# sharpness: evidence is exp(-sharpness d^2), d in body sizes. It and posture.FAST were chosen by leave-one-subject-out on
-# the training subjects 1, 3, 5, 7, 9 of MSR Action3D (docs/model.md); the others are first guesses that nobody fitted.
+# sharpness: evidence is exp(-sharpness d^2), d in body sizes. It and posture.FAST were chosen by leave-one-subject-out
+# on the training subjects 1, 3, 5, 7, 9 of MSR Action3D (docs/model.md); the others are guesses that nobody fitted.
 DEFAULTS = {"sharpness": 0.7, "begin": 0.05, "forget": 0.01}
 STEPS = (0.25, 0.4, 0.25, 0.1)
 """P(0, 1, 2, 3 phases in one frame): mean 1.2, for people between three times slower and three times faster."""

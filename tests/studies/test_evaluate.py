@@ -48,7 +48,9 @@ def test_the_json_holds_what_the_contract_names(answer):
 def test_nothing_after_the_fraction_is_used(archive, answer):
     """Cutting the test recordings short after 60 % leaves every belief up to there as it was."""
     whole = {j.trial.name: j for j in answer.judged}
-    short = MotionArchive(archive.body_parts, tuple(_shortened(r) if r.subject == "3" else r for r in archive.recordings))
+    short = MotionArchive(
+        archive.body_parts, tuple(_shortened(r) if r.subject == "3" else r for r in archive.recordings)
+    )
     for judged in evaluate(short, question()).judged:
         frames = len(judged.fused)
         assert whole[judged.trial.name].fused[:frames] == pytest.approx(judged.fused)
@@ -123,7 +125,9 @@ def test_streams_of_movements_are_spotted(archive):
 def test_scoring_alarms_by_hand():
     from observer.motion.archive import Span
 
-    stream = Recording(np.zeros((150, 3, 3), np.float32), 15.0, "", "1", "1", (Span(15, 45, "ok"), Span(75, 105, "shake")))
+    stream = Recording(
+        np.zeros((150, 3, 3), np.float32), 15.0, "", "1", "1", (Span(15, 45, "ok"), Span(75, 105, "shake"))
+    )
     alarms = [Alarm("ok", 0.7), Alarm("ok", 2.0), Alarm("ok", 6.0), Alarm("shake", 4.0), Alarm("shake", 7.33)]
     score = scored(alarms, stream)
     # .7 s is within 333 ms of the span; the second ok is one too many; ok at 6 s is wrong; 4 s is rest.

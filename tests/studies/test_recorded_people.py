@@ -1,4 +1,4 @@
-"""What the milestone promises on recorded people: cross-subject on MSR Action3D, odd subjects learned, even ones judged."""
+"""What the milestone promises on recorded people: MSR Action3D, odd subjects learned from, even ones judged."""
 
 from functools import cache
 from pathlib import Path

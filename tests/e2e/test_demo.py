@@ -1,0 +1,49 @@
+"""The demo as a visitor runs it, without a terminal: real processes, from motion to a table of verdicts and figures."""
+
+import subprocess
+import sys
+
+import pytest
+
+from observer.motion.archive import MotionArchive
+from observer.motion.archive_file import write_archive
+from studies.performer import perform, perform_continuously
+
+
+@pytest.fixture
+def short_archive(tmp_path):
+    """Two people to learn from and one who does two movements: the demo in a quarter of its time."""
+    learned = perform(("1", "2"), ("lunging", "shake"), trials=3, seed=2)
+    stream = perform_continuously("3", ("shake", "lunging"), seed=2)
+    path = tmp_path / "short.npz"
+    write_archive(path, MotionArchive(learned.body_parts, (*learned.recordings, stream)))
+    return path
+
+
+def run(*words, cwd):
+    command = [sys.executable, "-m", "labanmesh", "demo", *words]
+    return subprocess.run(command, cwd=cwd, capture_output=True, text=True, timeout=90)
+
+
+def test_the_demo_ends_by_itself_with_verdicts_against_truth_and_figures(short_archive, tmp_path):
+    done = run("--motion", str(short_archive), "--output", "shown", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "recorded person 3 of short.npz, judged by who saw the 2 others" in done.stdout
+    assert "2 of 2 right, 0 wrong, 0 undecided" in done.stdout
+    for name in ("verdicts.png", "scene.toml", "log.txt"):
+        assert (tmp_path / "shown" / name).stat().st_size > 0
+        assert f"shown/{name}" in done.stdout
+    assert list((tmp_path / "shown").glob("belief-*.png"))
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("--motion", "none.npz"), "none.npz"),
+        (("--motion", "short.npz", "--subject", "9"), "--subject '9': not in short.npz; it has 1, 2, 3"),
+    ],
+)
+def test_what_cannot_be_shown_is_one_line_and_exit_2(short_archive, tmp_path, words, said):
+    done = run(*words, cwd=tmp_path)
+    assert done.returncode == 2
+    assert said in done.stderr and done.stderr.count("\n") == 1 and "Traceback" not in done.stderr
