@@ -1,4 +1,4 @@
-"""The scene file: one TOML file that describes a scene and that every process of it reads (contract: Scene file).
+"""The scene file: one TOML file that describes a scene and that every process of it reads (docs/scene.md).
 
 Each section is a frozen model with a default for every key but the scene's name and the observers' sources; which
 environment variables override it is in config_environment.py, how faults are worded in config_faults.py.

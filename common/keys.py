@@ -1,4 +1,4 @@
-"""Keys: where on the mesh everything of a scene is said (contract: Keys)."""
+"""Keys: where on the mesh everything of a scene is said (docs/wire.md)."""
 
 import re
 from dataclasses import dataclass

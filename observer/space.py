@@ -52,8 +52,7 @@ class BodySize:
     """The performer's size in the image, learned while watching him; only from frames already seen.
 
     torso_share: the size is this share of the largest distance so far between the head and a seen hand. For a person
-    whose arm hangs that distance is about that of head and hip plus a hand, and 0.45 of it about a torso
-    (science, section 2.2).
+    whose arm hangs that distance is about that of head and hip plus a hand, and 0.45 of it about a torso.
     """
 
     def __init__(self, torso_share: float = 0.45) -> None:

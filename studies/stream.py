@@ -1,4 +1,4 @@
-"""Judging without end: spotting movements in a continuous stream (science, section 5; the MSRC-12 protocol).
+"""Judging without end: spotting movements in a continuous stream (MSRC-12's protocol).
 
 A verdict is right when it names the movement and falls within 333 ms of its span, once a movement; every other
 verdict is a false alarm, abstentions aside. What is scored is the first word of a verdict, not its correction: a home

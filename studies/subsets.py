@@ -3,20 +3,15 @@
 from collections.abc import Mapping
 
 from common.arguments import words
-
-MSR_ACTION3D = (
-    *("high_arm_wave", "horizontal_arm_wave", "hammer", "hand_catch", "forward_punch", "high_throw", "draw_x"),
-    *("draw_tick", "draw_circle", "hand_clap", "two_hand_wave", "side_boxing", "bend", "forward_kick", "side_kick"),
-    *("jogging", "tennis_swing", "tennis_serve", "golf_swing", "pickup_and_throw"),
-)
-"""Movements 1 to 20 of Li, Zhang and Liu, "Action recognition based on a bag of 3D points", CVPR workshops 2010."""
+from observer.motion.importers.msr_action3d import LABELS
 
 
 def _numbered(*numbers: int) -> tuple[str, ...]:
-    return tuple(MSR_ACTION3D[number - 1] for number in numbers)
+    return tuple(LABELS[number - 1] for number in numbers)
 
 
 SUBSETS: Mapping[str, tuple[str, ...]] = {
+    # Li, Zhang and Liu, "Action recognition based on a bag of 3D points", CVPR workshops 2010.
     "AS1": _numbered(2, 3, 5, 6, 10, 13, 18, 20),
     "AS2": _numbered(1, 4, 7, 8, 9, 11, 12, 14),
     "AS3": _numbered(6, 14, 15, 16, 17, 18, 19, 20),

@@ -1,4 +1,4 @@
-"""The Bayes filter over movement, phase and speed, with rest before and after (science, section 2.1).
+"""The Bayes filter over movement, phase and speed, with rest before and after (docs/model.md).
 
 A movement is one or several *chains* of phases: one learned on average, or each training example by itself, when
 the movement is the mixture of its chains. Somebody at rest enters a chain near its beginning, goes through its phases
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from observer.tracks import Floats
 
 FLOOR = -69.0
-"""Log of 1e-30: no single frame can speak more strongly than this against a state (science, section 2.2)."""
+"""Log of 1e-30: no single frame can speak more strongly than this against a state."""
 NEGLIGIBLE = 1e-150
 """Masses below this are set to 0: they decide nothing, and arithmetic on numbers near 1e-308 is slow."""
 

@@ -11,7 +11,7 @@ FEWEST_POINTS = 6
 """Eleven unknowns, two equations a point."""
 
 ENOUGH_POINTS = 12
-"""Below this, 1 px of noise makes several px of error on new points (measured; science, section 6)."""
+"""Below this, 1 px of noise makes several px of error on new points (measured)."""
 
 FLATTEST = 0.02
 """Least thickness of the set of points as a share of its length: at this one, 1 px of noise already makes 6 px of error

@@ -1,4 +1,4 @@
-"""Views: the names by which people ask for a perspective (contract: Views), and a performer who turns before it."""
+"""Views: the names by which people ask for a perspective, and a performer who turns before it."""
 
 import difflib
 import math

@@ -10,11 +10,12 @@ from observer.geometry.views import parse_view
 from observer.learning import labels_of
 from observer.motion.archive import MotionArchive
 from observer.motion.importers import import_recordings
+from observer.motion.importers.msr_action3d import LABELS
 from studies.answer import as_json
 from studies.evaluate import Question, evaluate
 from studies.experiments import PAPER_MODEL, PAPER_RULE
 from studies.mesh_run import fused_over_mesh
-from studies.subsets import MSR_ACTION3D, SUBSETS
+from studies.subsets import SUBSETS
 
 ODD, EVEN = ("1", "3", "5", "7", "9"), ("2", "4", "6", "8", "10")
 pytestmark = pytest.mark.slow
@@ -51,7 +52,7 @@ PAPERS = {"model": PAPER_MODEL, "rule": PAPER_RULE}
 
 
 def test_the_labels_of_the_subsets_are_the_archives(msr):
-    assert labels_of(msr) == MSR_ACTION3D
+    assert labels_of(msr) == LABELS
     assert [len(labels) for labels in SUBSETS.values()] == [8, 8, 8]
 
 
@@ -63,7 +64,7 @@ def test_the_papers_model_in_the_door_plane_and_turned_without_relearning(msr):
 
 
 def test_the_papers_fusion_beats_the_better_of_its_two_views(msr):
-    said = found(msr, MSR_ACTION3D, "door,wheel", **PAPERS)
+    said = found(msr, LABELS, "door,wheel", **PAPERS)
     assert said["accuracy"] > max(view["accuracy"] for view in said["per_view"].values())
 
 
@@ -78,7 +79,7 @@ def test_the_default_fused_at_the_end_and_when_sixty_percent_were_seen(msr):
 
 
 def test_the_default_on_all_movements_and_the_same_labels_over_the_mesh(msr):
-    answer = ask(msr, MSR_ACTION3D, "door,wheel")
+    answer = ask(msr, LABELS, "door,wheel")
     said = as_json(answer)
     assert (said["n_train"], said["n_test"]) == (289, 264)
     assert said["accuracy"] >= 0.84
@@ -88,5 +89,5 @@ def test_the_default_on_all_movements_and_the_same_labels_over_the_mesh(msr):
 
 
 def test_the_default_knows_neither_onset_nor_tempo_and_the_frame_table_is_lost(msr):
-    assert found(msr, MSR_ACTION3D, "door,wheel", onset_known=False)["accuracy"] >= 0.78
-    assert found(msr, MSR_ACTION3D, "door,wheel", onset_known=False, **PAPERS)["accuracy"] <= 0.25
+    assert found(msr, LABELS, "door,wheel", onset_known=False)["accuracy"] >= 0.78
+    assert found(msr, LABELS, "door,wheel", onset_known=False, **PAPERS)["accuracy"] <= 0.25

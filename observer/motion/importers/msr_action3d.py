@@ -37,7 +37,7 @@ LABELS = (
     "golf_swing",
     "pickup_and_throw",
 )
-"""Movements 1 to 20 (contract: Motion archive)."""
+"""Movements 1 to 20."""
 
 RATE_HZ = 15.0
 MOST_EMPTY = 0.3
