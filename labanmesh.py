@@ -38,21 +38,17 @@ VERBS = {
     "evaluate": Verb("studies.commands", "evaluate", "accuracy, confusion, earliness and calibration on an archive"),
 }
 
+EXTRAS = {"cv2": "observer", "scipy": "observer", "matplotlib": "report"}
+"""What a plain install has not, and the extra that brings it."""
+
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one verb; returns the exit status: 0, 1 at run time, 2 for bad input, 130 on Ctrl-C."""
-    words = list(sys.argv[1:] if arguments is None else arguments)
-    if not words or words[0] in ("--help", "-h", "help"):
-        print(overview())
-        return 0
-    if words[0] in ("--version", "-V"):
-        print(f"labanmesh {__version__}")
-        return 0
-    verb, rest = words[0], words[1:]
     try:
-        if verb not in VERBS:
-            raise _unknown(verb)
-        return _run(verb, rest)
+        status = _answer(list(sys.argv[1:] if arguments is None else arguments))
+        # Here and not at the interpreter's exit, where a reader who has left could not be forgiven any more.
+        sys.stdout.flush()
+        return status
     except LabanmeshError as error:
         print(f"labanmesh: {error}", file=sys.stderr)
         return error.exit_status
@@ -62,6 +58,25 @@ def main(arguments: Sequence[str] | None = None) -> int:
         # Whoever read our output has seen enough; silence the interpreter's own complaint at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
+
+
+def _answer(words: Sequence[str]) -> int:
+    if not words or words[0] in ("--help", "-h", "help"):
+        print(overview())
+        return 0
+    if words[0] in ("--version", "-V"):
+        print(f"labanmesh {__version__}")
+        return 0
+    if words[0] not in VERBS:
+        raise _unknown(words[0])
+    try:
+        return _run(words[0], words[1:])
+    except ModuleNotFoundError as error:
+        package = (error.name or "").partition(".")[0]
+        if package not in EXTRAS:
+            raise
+        way_out = f"pip install 'labanmesh[{EXTRAS[package]}]'"
+        raise LabanmeshError(f"{words[0]}: {package} is not installed on this machine; {way_out}") from None
 
 
 def overview() -> str:
@@ -83,6 +98,8 @@ def _unknown(verb: str) -> LabanmeshError:
 
 
 def _run(verb: str, words: Sequence[str]) -> int:
+    import shlex
+
     import typer
     from typer.exceptions import TyperException
 
@@ -94,7 +111,9 @@ def _run(verb: str, words: Sequence[str]) -> int:
         status = typer.main.get_command(app).main(words, f"labanmesh {verb}", standalone_mode=False)
     except TyperException as error:
         text = " ".join(error.format_message().split()) if hasattr(error, "format_message") else str(error)
-        raise BadInput(f"{verb}: {text}; see labanmesh {verb} --help") from None
+        # Typer names the parameter and the rule; the value stands in what was typed.
+        typed = shlex.join([verb, *words]) if isinstance(error, typer.BadParameter) else verb
+        raise BadInput(f"{typed}: {text.rstrip('.')}; see labanmesh {verb} --help") from None
     except typer.Abort:
         raise KeyboardInterrupt from None
     return status if isinstance(status, int) else 0

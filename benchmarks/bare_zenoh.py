@@ -2,33 +2,40 @@
 
 import json
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 import zenoh
 
 PUT, BACK = "bench/bare/put", "bench/bare/back"
+LOOPBACK = "tcp/127.0.0.1:0"
 SOON_S = 10.0
 
 
+@contextmanager
+def bare_peer(connect: str | None = None) -> Iterator["Bare"]:
+    """A peer on this machine, set as `common.link` sets its own, that listens and, if told, connects to another."""
+    settings = {
+        "mode": "peer",
+        "scouting/multicast/enabled": False,
+        "scouting/delay": 0,
+        "adminspace/enabled": True,
+        "listen/endpoints": [LOOPBACK],
+        "connect/endpoints": [connect] if connect else [],
+    }
+    config = zenoh.Config()
+    for key, value in settings.items():
+        config.insert_json5(key, json.dumps(value))
+    with zenoh.open(config) as session:
+        yield Bare(session)
+
+
 class Bare:
-    """A peer on this machine that listens on `listen` or connects to `connect`; a context manager.
+    """What a bare session does here. arrived: payload -> when it came in (Unix epoch, ns)."""
 
-    arrived: payload -> when it came in here (Unix epoch, ns).
-    """
-
-    def __init__(self, *, listen: str | None = None, connect: str | None = None) -> None:
-        settings = {
-            "mode": "peer",
-            "scouting/multicast/enabled": False,
-            "scouting/delay": 0,
-            "adminspace/enabled": True,
-            "listen/endpoints": [listen or "tcp/127.0.0.1:0"],
-            "connect/endpoints": [connect] if connect else [],
-        }
-        config = zenoh.Config()
-        for key, value in settings.items():
-            config.insert_json5(key, json.dumps(value))
+    def __init__(self, session: zenoh.Session) -> None:
         self.arrived: dict[bytes, int] = {}
-        self._session = zenoh.open(config)
+        self._session = session
         self._kept: list[object] = []
 
     @property
@@ -60,9 +67,3 @@ class Bare:
             self.arrived[payload] = arrived_ns
 
         self._kept.append(self._session.declare_subscriber(key, came))
-
-    def __enter__(self) -> "Bare":
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._session.close()

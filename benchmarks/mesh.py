@@ -4,14 +4,16 @@ One process says what one or four cameras see, 60 times a second each, and hears
 fusion service with its referee. By turns with each frame the same bytes are put by bare Zenoh. Floors:
 - echo: a bare subscriber in the other process puts the same bytes back: the two hops that a judgement takes.
 - one way: they arrive there; the two processes share a clock.
-A judgement counts for a posterior from the first one that weighs it; the cameras of a frame speak one after the other.
+A posterior is judged by the first judgement that weighs it, or a newer one of the same observer; the cameras of a frame
+speak one after the other.
 Received is when the bytes are in the inbox: `arrived_ns` there, the callback's first line in bare Zenoh.
 """
 
 import multiprocessing
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections import deque
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
@@ -19,7 +21,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from benchmarks.bare_zenoh import BACK, PUT, SOON_S, Bare
+from benchmarks.bare_zenoh import BACK, LOOPBACK, PUT, SOON_S, Bare, bare_peer
 from benchmarks.posteriors import NAMES, beliefs, message, scene_of
 from benchmarks.timing import Row, row
 from common.config import MeshConfig, Scene
@@ -33,7 +35,6 @@ RATE_HZ = 60.0
 FRAMES = 480
 WARM_UP = 30
 """Frames that are not counted: routes, threads and caches of both sides settle."""
-LOOPBACK = "tcp/127.0.0.1:0"
 T = TypeVar("T")
 Said = tuple[str, int]
 """Which observer, and when its frame was captured (ns): what a judgement tells of the posteriors in it."""
@@ -65,11 +66,11 @@ def measure(observers: int, frames: int = FRAMES) -> list[Row]:
     try:
         meeting_point, bare_meeting_point = _received(here, tuple)
         scene = scene_of(observers, meeting_point)
-        with Link.open(scene.mesh, "observer") as link, Bare(connect=bare_meeting_point) as bare:
+        with Link.open(scene.mesh, "observer") as link, bare_peer(bare_meeting_point) as bare:
             log, arrivals = _speak(scene, link, bare, frames)
             here.send("stop")
             one_way = _received(here, dict)
-            return _rows(log, first_judged(arrivals), bare.arrived, one_way, observers)
+            return _rows(log, first_judged(log.ours, arrivals), bare.arrived, one_way, observers)
     finally:
         here.close()
         other.join(SOON_S)
@@ -84,26 +85,34 @@ def referee_process(observers: int, pipe: Connection) -> None:
 
     def wait_for_end() -> None:
         # The end of the pipe is the end of the benchmark, however it came about.
-        with suppress(EOFError):
+        with suppress(EOFError, OSError):
             pipe.recv()
         stop.set()
 
-    with Link.open(MeshConfig(), "fusion", listen=[LOOPBACK]) as link, Bare(listen=LOOPBACK) as bare:
+    with Link.open(MeshConfig(), "fusion", listen=[LOOPBACK]) as link, bare_peer() as bare:
         bare.echo(PUT, BACK)
         pipe.send((link.locator, bare.locator))
         threading.Thread(target=wait_for_end, daemon=True).start()
         serve(scene, Referee(scene.scene, list(scene.roster), NAMES, scene.fusion), link, stop)
-        pipe.send(bare.arrived)
+        # Nobody listens when the other side gave up; it has said why.
+        with suppress(OSError):
+            pipe.send(bare.arrived)
 
 
-def first_judged(arrivals: Sequence[Arrival]) -> dict[Said, int]:
-    """When the first judgement arrived that weighs each posterior."""
+def first_judged(put: Iterable[Said], arrivals: Iterable[Arrival]) -> dict[Said, int]:
+    """When the first judgement arrived that weighs each posterior or a newer one; both in the order of time."""
+    waiting: dict[str, deque[int]] = {}
+    for observer, captured_ns in put:
+        waiting.setdefault(observer, deque()).append(captured_ns)
     first: dict[Said, int] = {}
     for arrival in arrivals:
         judgement = decode(JudgementMessage, arrival.payload)
         for observer, vote in judgement.votes.items():
-            if vote.age_s is not None:
-                first.setdefault((observer, judgement.at_ns - round(vote.age_s * 1e9)), arrival.arrived_ns)
+            # A judgement does not name what it weighs; its votes tell their age to the nanosecond.
+            weighed_ns = -1 if vote.age_s is None else judgement.at_ns - round(vote.age_s * 1e9)
+            queue = waiting.get(observer, deque())
+            while queue and queue[0] <= weighed_ns:
+                first[observer, queue.popleft()] = arrival.arrived_ns
     return first
 
 
@@ -166,7 +175,7 @@ def _rows(
 def _received(pipe: Connection, kind: type[T]) -> T:
     """What the other process says next."""
     said: object = None
-    with suppress(EOFError):
+    with suppress(EOFError, OSError):
         said = pipe.recv() if pipe.poll(SOON_S) else None
     if not isinstance(said, kind):
         raise LabanmeshError("the fusion process of the benchmark ended early; what it wrote above says why")

@@ -48,7 +48,8 @@ def compare(
 
 
 def _calls_in(work: Callable[[], object], batch_s: float) -> int:
-    """How many calls fill a batch; what the first calls need beyond the others is over then."""
+    """How many calls fill a batch; the very first, which may import and allocate, does not count."""
+    work()
     started, calls = time.perf_counter(), 0
     while (spent := time.perf_counter() - started) < WARM_UP_S:
         work()

@@ -26,12 +26,10 @@ class Bar:
             self._rich.update(self._rich.task_ids[self._said[what]], completed=done, total=total)
             return
         quarter = done * LINES // max(total, 1)
-        said = self._said.get(what, 0)
-        if quarter != said:
-            self._said[what] = quarter
-        # Fewer than before: the same task has begun again.
-        if quarter > (said if quarter >= said else 0):
+        # Not only when it grows: the same task may begin again.
+        if quarter not in (0, self._said.get(what, 0)):
             print(f"{what}: {done} of {total}", file=sys.stderr, flush=True)
+        self._said[what] = quarter
 
     def __enter__(self) -> Self:
         if sys.stderr.isatty():

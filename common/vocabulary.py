@@ -3,6 +3,7 @@
 import hashlib
 import re
 from dataclasses import dataclass
+from functools import cache
 
 from common.errors import BadInput
 from common.messages import ABSTAIN
@@ -44,8 +45,7 @@ class Vocabulary:
     @property
     def digest(self) -> str:
         """First 16 hex digits of the SHA-256 of the labels, each ended by a newline."""
-        text = "".join(f"{label}\n" for label in self.labels)
-        return hashlib.sha256(text.encode()).hexdigest()[:16]
+        return _digest(self.labels)
 
     def index(self, label: str) -> int:
         """Position of `label`; raises BadInput that lists the known ones."""
@@ -53,3 +53,9 @@ class Vocabulary:
             return self.labels.index(label)
         except ValueError:
             raise BadInput(f"label {label!r}: not in the vocabulary; known: {', '.join(self.labels)}") from None
+
+
+@cache
+def _digest(labels: tuple[str, ...]) -> str:
+    # Every message is checked against it, and a process meets few vocabularies.
+    return hashlib.sha256("".join(f"{label}\n" for label in labels).encode()).hexdigest()[:16]

@@ -1,11 +1,15 @@
 """The judge: from the pooled belief over time to one verdict per movement. Pure: time is passed in.
 
-1. A movement begins when the judges hold rest for less likely than movement.
+1. A movement begins when the judges hold rest for less likely than movement. What lasts less than `hold_s` is none.
 2. It is decided when one label has been at least `threshold` likely, and at least `quorum` judges have held it,
    without a break for `hold_s`.
-3. It ends when rest is again the likelier for `hold_s`; the verdict is then said once more, under the same id, with
-   its end and, if the judges changed their minds meanwhile and meet rule 2 anew, with the new label.
-4. A movement that lasted `hold_s` and ended undecided is an abstention: something was done, and they could not agree.
+3. It ends when rest has been the likelier for `hold_s`, at the time when that rest began; the verdict is then said
+   once more, under the same id, with its end and, if the judges held another label by rule 2 when the person came to
+   rest, with that: they had seen the whole by then, and later beliefs are memory, where a judge who is stuck wins.
+   Between the two nothing is said, however often they change their minds.
+4. A movement that ends undecided waits, at most another `hold_s`, for a label that meets the demand but has not held
+   yet. If none is decided it is an abstention: something was done, and they could not agree.
+5. When the clock is set back the judge starts afresh: durations from before it mean nothing.
 """
 
 from dataclasses import dataclass, replace
@@ -67,35 +71,41 @@ class Judge:
 
     def __init__(self, demand: Demand) -> None:
         self._demand = demand
+        self._hold_ns = demand.hold_s * SECOND_NS
+        self._last_ns = 0
         self.phase = Phase.REST
-        self._began_ns = 0
-        self._resting_since_ns: int | None = None
-        self._candidate: tuple[str, int] | None = None
         self._decision: Decision | None = None
+        self._revision: Decision | None = None
+
+    @property
+    def grounds_at(self) -> frozenset[int]:
+        """Of which times the grounds must be kept for what will be said: decisions, and the beginning of rest."""
+        rested = () if self.phase is Phase.REST or self._resting_since_ns is None else (self._resting_since_ns,)
+        return frozenset((*(d.decided_ns for d in (self._decision, self._revision) if d), *rested))
 
     def watch(self, belief: Belief) -> Decision | None:
-        """One step; returns a decision when it is made, changed by its end, or ended."""
+        """One step; returns a decision when it is made, and once more when the movement has ended."""
+        at_ns = belief.at_ns
+        if at_ns < self._last_ns:
+            self.phase, self._decision, self._revision = Phase.REST, None, None
+        self._last_ns = at_ns
         if self.phase is Phase.REST:
             if belief.rest >= 0.5:
                 return None
-            self.phase, self._began_ns = Phase.MOVING, belief.at_ns
-            self._candidate = self._decision = None
+            self._begin(at_ns)
         held = self._held(belief)
-        ended_ns = self._ended(belief)
-        if self.phase is Phase.MOVING and held is not None:
-            self.phase = Phase.DECIDED
-            self._decision = Decision(held, self._began_ns, belief.at_ns)
-            if ended_ns is None:
-                return self._decision
-        return None if ended_ns is None else self._close(held, belief.at_ns, ended_ns)
+        self._heed_rest(belief, held)
+        if self._resting_since_ns is not None and at_ns - self._resting_since_ns >= self._patience_ns(held):
+            return self._close(held, at_ns, self._resting_since_ns)
+        if self.phase is Phase.MOVING and held is not None and self._is_movement(at_ns):
+            self.phase, self._decision = Phase.DECIDED, Decision(held, self._began_ns, at_ns)
+            return self._decision
+        return None
 
-    def _close(self, held: str | None, at_ns: int, ended_ns: int) -> Decision | None:
-        decision, self.phase, self._resting_since_ns = self._decision, Phase.REST, None
-        if decision is None:
-            if ended_ns - self._began_ns < self._demand.hold_s * SECOND_NS:
-                return None
-            return Decision(ABSTAIN, self._began_ns, at_ns, ended_ns)
-        return replace(decision, label=held or decision.label, ended_ns=ended_ns)
+    def _begin(self, at_ns: int) -> None:
+        self.phase, self._began_ns = Phase.MOVING, at_ns
+        self._candidate: tuple[str, int] | None = None
+        self._resting_since_ns: int | None = None
 
     def _held(self, belief: Belief) -> str | None:
         """The label that has met the demand for long enough, if any."""
@@ -105,14 +115,29 @@ class Judge:
         if self._candidate is None or self._candidate[0] != belief.label:
             self._candidate = (belief.label, belief.at_ns)
         label, since_ns = self._candidate
-        return label if belief.at_ns - since_ns >= self._demand.hold_s * SECOND_NS else None
+        return label if belief.at_ns - since_ns >= self._hold_ns else None
 
-    def _ended(self, belief: Belief) -> int | None:
-        """When rest began, once it has been the likelier for long enough."""
+    def _heed_rest(self, belief: Belief, held: str | None) -> None:
         if belief.rest < 0.5:
-            self._resting_since_ns = None
-            return None
-        if self._resting_since_ns is None:
+            self._resting_since_ns = self._revision = None
+        elif self._resting_since_ns is None:
             self._resting_since_ns = belief.at_ns
-        since_ns = self._resting_since_ns
-        return since_ns if belief.at_ns - since_ns >= self._demand.hold_s * SECOND_NS else None
+            if self._decision is not None and held not in (None, self._decision.label):
+                self._revision = replace(self._decision, label=held, decided_ns=belief.at_ns)
+
+    def _patience_ns(self, held: str | None) -> float:
+        """How long rest must have lasted for the movement to have ended (rules 3 and 4)."""
+        undecided = self._decision is None and held is None and self._candidate is not None
+        return 2 * self._hold_ns if undecided else self._hold_ns
+
+    def _is_movement(self, at_ns: int) -> bool:
+        """Rule 1: a flicker of rest is no movement, even while the label of the one before is still believed."""
+        moved_until_ns = at_ns if self._resting_since_ns is None else self._resting_since_ns
+        return moved_until_ns - self._began_ns >= self._hold_ns
+
+    def _close(self, held: str | None, at_ns: int, ended_ns: int) -> Decision | None:
+        decision, self.phase = self._revision or self._decision, Phase.REST
+        self._decision = self._revision = None
+        if decision is None and self._is_movement(at_ns):
+            decision = Decision(held or ABSTAIN, self._began_ns, at_ns)
+        return None if decision is None else replace(decision, ended_ns=ended_ns)

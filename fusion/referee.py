@@ -8,18 +8,19 @@ from typing import Protocol
 import numpy as np
 
 from common.messages import (
+    ABSTAIN,
     Agreement,
     JudgementMessage,
     PosteriorMessage,
     VerdictMessage,
-    Vote,
     VocabularyReference,
+    Vote,
 )
 from common.probability import entropy_bits
 from common.vocabulary import Vocabulary
 from fusion.judge import Belief, Decision, Demand, Judge
 from fusion.roster import Opinion, Patience, Roster
-from fusion.rules import Pooled, rule_named
+from fusion.rules import Floats, Pooled, rule_named
 
 
 class Conduct(Patience, Demand, Protocol):
@@ -32,6 +33,12 @@ class Conduct(Patience, Demand, Protocol):
     @property
     def rule(self) -> str:
         """Name of the fusion rule."""
+
+
+HEARD = ("counted", "stale")
+"""States of a vote that is one: the others say nothing."""
+KNOWS_NOTHING = 0.01
+"""A belief that differs by no more than this from the prior holds no label."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,6 +62,7 @@ class Referee:
         self._rule = rule_named(conduct.rule, len(observers))
         self._roster = Roster(observers, vocabulary, conduct)
         self._judge = Judge(conduct)
+        self._grounds: Mapping[int, JudgementMessage] = {}
         self._seq = 0
 
     def hear(self, observer: str, message: PosteriorMessage, now_ns: int) -> str | None:
@@ -77,17 +85,20 @@ class Referee:
     def judge(self, now_ns: int) -> Ruling:
         """What the judges together believe at `now_ns`, and what that decides."""
         opinions = self._roster.opinions(now_ns)
-        pooled = self._rule.pool(np.array([o.p for o in opinions]), self._roster.prior)
-        judgement = self._judgement(opinions, pooled, now_ns)
-        rest = float(sum(w * o.rest for w, o in zip(pooled.weights, opinions, strict=True)))
-        belief = Belief(now_ns, judgement.label, max(judgement.p), judgement.agreement.k, rest)
+        p = np.array([o.p for o in opinions])
+        pooled = self._rule.pool(p, self._roster.prior)
+        judgement = self._judgement(opinions, entropy_bits(p), pooled, now_ns)
+        belief = Belief(now_ns, judgement.label, max(judgement.p), judgement.agreement.k, _rest(opinions))
         decision = self._judge.watch(belief)
-        return Ruling(judgement, [self._verdict(judgement, decision)] if decision else [])
+        grounds = {**self._grounds, now_ns: judgement}
+        self._grounds = {at_ns: grounds[at_ns] for at_ns in self._judge.grounds_at if at_ns in grounds}
+        return Ruling(judgement, [self._verdict(judgement, decision, grounds)] if decision else [])
 
-    def _judgement(self, opinions: list[Opinion], pooled: Pooled, now_ns: int) -> JudgementMessage:
+    def _judgement(self, opinions: list[Opinion], entropies: Floats, pooled: Pooled, now_ns: int) -> JudgementMessage:
         label = self.vocabulary.labels[int(pooled.p.argmax())]
-        votes = {o.observer: self._vote(o, w) for o, w in zip(opinions, pooled.weights, strict=True)}
-        heard = [vote for vote in votes.values() if vote.state in ("counted", "stale")]
+        told = zip(opinions, entropies.tolist(), pooled.weights.tolist(), strict=True)
+        votes = {opinion.observer: self._vote(opinion, entropy, weight) for opinion, entropy, weight in told}
+        heard = [vote for vote in votes.values() if vote.state in HEARD]
         self._seq += 1
         return JudgementMessage(
             scene=self._scene,
@@ -103,20 +114,31 @@ class Referee:
             agreement=Agreement(k=sum(vote.label == label for vote in heard), n=len(heard)),
         )
 
-    def _vote(self, opinion: Opinion, weight: float) -> Vote:
-        said = opinion.state in ("counted", "stale")
+    def _vote(self, opinion: Opinion, entropy: float, weight: float) -> Vote:
+        said = opinion.state in HEARD
+        # The likeliest label of who knows nothing is the first of the vocabulary, and no agreement with anybody.
+        holds = said and bool(np.abs(opinion.p - self._roster.prior).max() > KNOWS_NOTHING)
         return Vote(
-            label=self.vocabulary.labels[int(opinion.p.argmax())] if said else None,
-            entropy=float(entropy_bits(opinion.p)) if said else None,
-            weight=float(weight),
+            label=self.vocabulary.labels[int(opinion.p.argmax())] if holds else None,
+            entropy=entropy if said else None,
+            weight=weight,
             age_s=opinion.age_s,
             state=opinion.state,
             p=opinion.p.tolist() if said else None,
         )
 
-    def _verdict(self, judgement: JudgementMessage, decision: Decision) -> VerdictMessage:
-        said = judgement.model_dump()
+    def _verdict(
+        self, judgement: JudgementMessage, decision: Decision, grounds: Mapping[int, JudgementMessage]
+    ) -> VerdictMessage:
+        """The decision on its grounds: when its end is said, the votes are still those that decided it.
+
+        Those of an abstention are the last of the movement; after it they forget what they could not agree on.
+        """
+        grounds_ns = decision.ended_ns if decision.label == ABSTAIN else decision.decided_ns
+        said = grounds.get(grounds_ns or 0, judgement).model_dump()
         said.update(
+            seq=judgement.seq,
+            at_ns=judgement.at_ns,
             label=decision.label,
             id=f"{self._scene}-{decision.began_ns // 1_000_000}",
             began_ns=decision.began_ns,
@@ -124,3 +146,16 @@ class Referee:
             ended_ns=decision.ended_ns,
         )
         return VerdictMessage.model_validate(said)
+
+
+def _rest(opinions: Sequence[Opinion]) -> float:
+    """The chance that the person is at rest: the mean over the judges who see him now, else over those who last did.
+
+    Not by the weights of the rule: who cannot tell two movements apart still sees that somebody moves, and one who is
+    sure and wrong must not hold a movement open for ever. Who is silent says nothing of rest; all silent is rest.
+    """
+    for state in HEARD:
+        said = [opinion.rest for opinion in opinions if opinion.state == state]
+        if said:
+            return sum(said) / len(said)
+    return 1.0

@@ -3,12 +3,15 @@
 1. An observer's posterior is cumulative, so only its newest by capture time is kept; two are never multiplied.
 2. A restarted observer begins a new session and is heard at once; stragglers of its old session are not.
 3. An opinion older than `fresh_s` fades towards the prior, p <- (p/prior)^exp(-(age-fresh_s)/fade_s) prior.
-4. Past `drop_s`, or before anything was said, a judge is the prior: it takes part and says nothing.
+4. Past `drop_s`, or before anything was said, a judge is the prior: it takes part and says nothing. Who speaks of what
+   is already that old is late; who does not speak is silent; whose last word could not be used is foreign or invalid.
 5. A judge whose process is seen to go is silent at once, until it speaks again.
-6. What cannot be used is counted by reason, and changes nothing.
+6. What cannot be used is counted by reason, and changes no opinion: a judge who counts goes on to count.
+7. When a clock was set back, what is dated past `drop_s` in the future counts no more, nor stands in anybody's way.
 """
 
-from collections import Counter
+import math
+from collections import Counter, deque
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -16,11 +19,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.messages import PosteriorMessage, VoteState
-from common.probability import normalise, temper, uniform
+from common.probability import entropy_bits, normalise, temper, uniform
 from common.vocabulary import Vocabulary
 
 Floats = NDArray[np.float64]
 SECOND_NS = 1_000_000_000
+SESSIONS_KEPT = 64
+"""So many sessions of one observer are remembered: stragglers come within seconds of a restart, not after so many."""
 
 
 class Patience(Protocol):
@@ -52,9 +57,10 @@ class Opinion:
 
 @dataclass(slots=True)
 class _Seat:
-    session: str = ""
-    past_sessions: set[str] = field(default_factory=set)
+    past_sessions: deque[str] = field(default_factory=lambda: deque(maxlen=SESSIONS_KEPT))
     message: PosteriorMessage | None = None
+    heard_ns: int = 0
+    gone: bool = False
     trouble: VoteState | None = None
     rejected: Counter[str] = field(default_factory=Counter)
 
@@ -81,10 +87,9 @@ class Roster:
             return "unknown_observer"
         reason = self._refuse(seat, message, now_ns)
         if reason is None:
-            if message.session != seat.session:
-                seat.past_sessions.add(seat.session)
-                seat.session = message.session
-            seat.message, seat.trouble = message, None
+            if seat.message is not None and message.session != seat.message.session:
+                seat.past_sessions.append(seat.message.session)
+            seat.message, seat.heard_ns, seat.gone, seat.trouble = message, now_ns, False, None
         else:
             self._count(seat, reason)
         return reason
@@ -97,7 +102,8 @@ class Roster:
     def present(self, alive: frozenset[str]) -> None:
         """Who is alive on the mesh now. A judge that never announced itself is heard all the same."""
         for observer in (self._alive - alive) & self._seats.keys():
-            self._seats[observer].message = None
+            # The message stays, so that a copy of it does not bring its judge back.
+            self._seats[observer].gone, self._seats[observer].trouble = True, None
         self._alive = alive
 
     def opinions(self, now_ns: int) -> list[Opinion]:
@@ -114,7 +120,7 @@ class Roster:
         if message.session in seat.past_sessions:
             return "past_session"
         last = seat.message
-        if last is not None and message.session == last.session:
+        if last is not None and message.session == last.session and _age_s(last, now_ns) >= -self._patience.drop_s:
             if message.seq == last.seq:
                 return "repeated"
             if message.captured_ns <= last.captured_ns:
@@ -131,27 +137,31 @@ class Roster:
         message, patience = seat.message, self._patience
         if message is None:
             return Opinion(observer, self.prior, 1.0, None, seat.trouble or "silent")
-        age_s = (now_ns - message.captured_ns) / SECOND_NS
-        if age_s > patience.drop_s:
-            late = (message.sent_ns - message.captured_ns) / SECOND_NS > patience.drop_s
+        age_s = _age_s(message, now_ns)
+        if seat.gone or abs(age_s) > patience.drop_s:
+            speaks = not seat.gone and abs(now_ns - seat.heard_ns) <= patience.drop_s * SECOND_NS
+            late = speaks and _age_s(message, seat.heard_ns) > patience.drop_s
             return Opinion(observer, self.prior, 1.0, age_s, seat.trouble or ("late" if late else "silent"))
         keeps = float(np.exp(-max(age_s - patience.fresh_s, 0.0) / patience.fade_s))
-        p = self._faded(message, keeps)
-        active = keeps * (1.0 - (_rest_of(message) if message.rest is None else message.rest))
-        state = seat.trouble or ("counted" if keeps == 1.0 else "stale")
-        return Opinion(observer, p, 1.0 - active, age_s, state)
+        p = self._with_our_prior(message)
+        active = keeps * (1.0 - (_ignorance(p) if message.rest is None else message.rest))
+        if keeps == 1.0:
+            return Opinion(observer, p, 1.0 - active, age_s, "counted")
+        return Opinion(observer, temper(p, self.prior, keeps), 1.0 - active, age_s, "stale")
 
-    def _faded(self, message: PosteriorMessage, keeps: float) -> Floats:
+    def _with_our_prior(self, message: PosteriorMessage) -> Floats:
         p = normalise(np.array(message.p))
-        if message.prior is not None:
-            # Bayes: what the frames said is p over the judge's own prior; the scene's prior takes its place.
-            own = np.maximum(np.array(message.prior), 1e-12)
-            p = normalise(p / own * self.prior)
-        return p if keeps == 1.0 else temper(p, self.prior, keeps)
+        if message.prior is None:
+            return p
+        # Bayes: what the frames said is p over the judge's own prior; the scene's prior takes its place.
+        own = np.maximum(np.array(message.prior), 1e-12)
+        return normalise(p / own * self.prior)
 
 
-def _rest_of(message: PosteriorMessage) -> float:
+def _age_s(message: PosteriorMessage, now_ns: int) -> float:
+    return (now_ns - message.captured_ns) / SECOND_NS
+
+
+def _ignorance(p: Floats) -> float:
     """A judge that does not say whether the person rests: as near to rest as its belief is to knowing nothing."""
-    p = np.array(message.p)
-    h = -(p[p > 0] * np.log2(p[p > 0])).sum()
-    return float(np.clip(h / np.log2(len(p)), 0.0, 1.0))
+    return float(entropy_bits(p)) / math.log2(len(p))

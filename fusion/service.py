@@ -78,9 +78,10 @@ def serve(
         log.info("judging %s: %s", scene.scene, ", ".join(scene.roster))
         while not stop.is_set():
             arrivals = inbox.take(1 / scene.fusion.step_hz)
-            referee.present(_ids(presence))
             for arrival in arrivals:
                 ear.hear(arrival)
+            # After its last words, so that they do not bring back a judge who has gone.
+            referee.present(_ids(presence))
             ruling = referee.judge(clock())
             if ruling is not None:
                 voice.say(ruling)

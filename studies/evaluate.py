@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from common.errors import BadInput
 from common.probability import uniform
 from common.vocabulary import Vocabulary
 from fusion.rules import DEFAULT_RULE, rule_named
@@ -70,6 +71,7 @@ def evaluate(archive: MotionArchive, question: Question, progress: Progress = la
     Raises BadInput for labels, subjects, body parts, models or rules that are not there.
     """
     rule_named(question.rule, len(question.views))
+    _check_names([view.name for view in question.views])
     chosen = with_labels(archive, question.labels)
     vocabulary = Vocabulary(question.labels)
     judged: list[Judged] = []
@@ -89,6 +91,12 @@ def evaluate(archive: MotionArchive, question: Question, progress: Progress = la
         frames += sum(len(trial.recording.positions) for trial in part) * len(models)
     result = refused(judged, question, vocabulary)
     return Answer(question, vocabulary, result, n_train, train_seconds, watch_seconds / max(frames, 1))
+
+
+def _check_names(names: Sequence[str]) -> None:
+    twice = [name for name in names if names.count(name) > 1]
+    if twice:
+        raise BadInput(f"--views: {twice[0]!r} stands twice; every view needs a name of its own")
 
 
 def learn(split: Split, vocabulary: Vocabulary, question: Question) -> list[MovementModel]:

@@ -28,7 +28,8 @@ def write_model(path: Path, model: MovementModel) -> None:
     try:
         with tempfile.NamedTemporaryFile(dir=path.parent, suffix=SUFFIX, delete=False) as file:
             try:
-                np.savez_compressed(file, allow_pickle=False, header=header, **dict(model.arrays()))
+                # No allow_pickle=False: numpy 1.26 would store it as an array. A model holds no objects.
+                np.savez_compressed(file, header=header, **dict(model.arrays()))  # type: ignore[arg-type]
                 file.flush()
                 Path(file.name).replace(path)
             except BaseException:

@@ -74,7 +74,8 @@ def write_archive(path: Path, archive: MotionArchive) -> None:
     unfinished = target.with_name(f".{target.name}.{os.getpid()}.part")
     try:
         with unfinished.open("wb") as file:
-            np.savez(file, allow_pickle=False, **arrays)
+            # No allow_pickle=False: numpy 1.26 would store it as an array. What is written here holds no objects.
+            np.savez(file, **arrays)  # type: ignore[arg-type]
             file.flush()
             os.fsync(file.fileno())
         unfinished.replace(target)

@@ -11,7 +11,7 @@ import pytest
 
 from common.config import MeshConfig, read_scene
 from common.link import Link
-from common.messages import JudgementMessage, StatusMessage, VerdictMessage, VocabularyMessage
+from common.messages import ABSTAIN, JudgementMessage, StatusMessage, VerdictMessage, VocabularyMessage
 from common.wire import decode
 from observer.motion.archive import MotionArchive
 from observer.motion.archive_file import write_archive
@@ -98,13 +98,14 @@ def test_a_scene_is_played_judged_and_ends_by_itself(scene):
         assert done.returncode == 0, done.stderr
         assert hub.alive.wait_for(0, SOON_S)
     assert {f"{name} finished" in done.stderr for name in VIEWS} == {True}
-    assert "Traceback" not in done.stderr and "restart" not in done.stderr
+    assert "Traceback" not in done.stderr and "again in" not in done.stderr
     counted = [judgement for judgement in hub.judgements if judgement.agreement.n == len(VIEWS)]
     assert len(counted) > 10, done.stderr
+    # Which label is a matter of models and rules, tested there; here: one verdict a movement, said again when it ended.
     labels = {verdict.id: verdict.label for verdict in hub.verdicts}
-    assert set(DONE) <= set(labels.values()), f"{labels}\n{done.stderr}"
-    ends = [verdict.ended_ns for verdict in hub.verdicts if verdict.ended_ns is not None]
-    assert len(ends) >= len(DONE)
+    assert len(labels) == len(DONE) and set(labels.values()) <= {*DONE, ABSTAIN}, f"{labels}\n{done.stderr}"
+    assert set(labels.values()) & set(DONE), f"{labels}\n{done.stderr}"
+    assert {verdict.id for verdict in hub.verdicts if verdict.ended_ns is not None} == set(labels)
 
 
 def test_an_observer_that_is_killed_comes_back_and_sigterm_ends_all(scene):

@@ -3,11 +3,12 @@
 import signal
 import subprocess
 import sys
+from contextlib import contextmanager
 
 import pytest
 
 SERVICE = """
-import sys
+import sys, threading
 from common.lifecycle import log_to_stderr, stop_on_signals
 log_to_stderr()
 try:
@@ -16,29 +17,33 @@ try:
         stop.wait()
         print("clean", flush=True)
         if len(sys.argv) > 1:
-            stop.clear()
-            stop.wait()
+            threading.Event().wait()
 except KeyboardInterrupt:
     sys.exit(130)
 """
 
 
-def start(*arguments):
-    process = subprocess.Popen([sys.executable, "-c", SERVICE, *arguments], stdout=subprocess.PIPE, text=True)
-    assert process.stdout.readline() == "up\n"
-    return process
+@contextmanager
+def started(*arguments):
+    command = [sys.executable, "-c", SERVICE, *arguments]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdout.readline() == "up\n"
+            yield process
+        finally:
+            process.kill()
 
 
 @pytest.mark.parametrize(("number", "status"), [(signal.SIGTERM, 0), (signal.SIGINT, 130)])
 def test_a_signal_stops_cleanly(number, status):
-    with start() as process:
+    with started() as process:
         process.send_signal(number)
         assert process.stdout.readline() == "clean\n"
         assert process.wait(10) == status
 
 
 def test_a_second_ctrl_c_acts_at_once():
-    with start("hang") as process:
+    with started("hang") as process:
         process.send_signal(signal.SIGINT)
         assert process.stdout.readline() == "clean\n"
         process.send_signal(signal.SIGINT)

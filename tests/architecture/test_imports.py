@@ -1,0 +1,268 @@
+"""Who may import whom, read from the source: the plan of the house, held."""
+
+import ast
+import re
+import sys
+import tomllib
+from fnmatch import fnmatch
+from importlib.metadata import packages_distributions
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+from labanmesh import VERBS
+
+HOUSE = Path(__file__).parents[2]
+ROOMS = ("common", "observer", "fusion", "hub", "studies", "deploy")
+MAY_ENTER = {
+    "common": {"common"},
+    "observer": {"observer", "common"},
+    "fusion": {"fusion", "common"},
+    "hub": {"hub", "common"},
+    "deploy": {"deploy", "common"},
+    "studies": {"studies", "observer", "fusion", "common"},
+    "labanmesh": {"common"},
+}
+ONLY_IN = {
+    "zenoh": "common/link.py",
+    "msgpack": "common/wire.py",
+    "cv2": "observer/*",
+    "matplotlib": "studies/figures/*",
+    "scipy": "observer/*",
+}
+PROVIDED_BY = {"zenoh": "eclipse-zenoh", "cv2": "opencv-python-headless"}
+"""Import names that differ from the distribution's name."""
+EXTRAS_OF = {"observer": ("observer",), "studies": ("observer", "report")}
+"""Rooms that may need more than the plain install."""
+
+OUTSIDE_WORLD = {
+    *("time", "socket", "threading", "subprocess", "os", "pathlib", "signal", "tempfile", "shutil", "zipfile", "sys"),
+    *("multiprocessing", "asyncio", "select", "selectors", "logging", "tomllib", "urllib", "http", "random", "secrets"),
+    *("zenoh", "cv2"),
+}
+IMPURE = {
+    "*.commands": "command line: files, signals, printing",
+    "*.service": "a loop with clock and mesh",
+    "common.config": "reads the scene file and the environment",
+    "common.inbox": "threads and the clock of arrival",
+    "common.lifecycle": "signals and logging",
+    "common.link": "the mesh",
+    "common.progress": "the terminal",
+    "common.status": "a thread and the mesh",
+    "observer.source": "plays recordings by the clock",
+    "observer.capture*": "cameras",
+    "observer.camera*": "cameras",
+    "observer.*_file": "files",
+    "observer.geometry.camera_file": "files",
+    "observer.model.store": "files",
+    "observer.motion.archive_file": "files",
+    "observer.motion.importers": "files",
+    "observer.motion.importers.*": "files",
+    "observer.tracking.*": "OpenCV",
+    "hub.session": "the clock and the mesh",
+    "hub.views": "the terminal",
+    "deploy.launcher": "processes",
+    "studies.demo*": "processes, files, ports",
+    "studies.evaluate": "measures how long judging takes",
+    "studies.experiments": "files",
+    "studies.figures": "files",
+    "studies.figures.*": "files",
+    "studies.mesh_run": "the mesh",
+    "studies.report": "files",
+    "studies.stream": "runs evaluate, which measures time",
+    "studies.answer": "words for what evaluate, which measures time, found",
+}
+"""Modules, by pattern, that touch sockets, clocks, disks, cameras or processes. All others are pure."""
+PURE_ALL_THE_SAME = {"observer.motion.importers.skeleton"}
+ALLOWED = {
+    ("common.health", "threading"): "a lock: the status thread reads what the loop writes; nothing waits in it",
+    ("studies.subsets", "observer.motion.importers.msr_action3d"): "the names of its movements, a table",
+    ("observer.geometry.views", "pathlib"): "a view may be the name of a camera file",
+    ("observer.geometry.views", "observer.geometry.camera_file"): "a view may be the name of a camera file",
+}
+
+
+class Import(NamedTuple):
+    """One import: by which module, of what, in which line, and whether it happens when the module is imported."""
+
+    by: str
+    of: str
+    line: int
+    at_import: bool
+    for_types: bool
+
+    @property
+    def top(self):
+        return self.of.partition(".")[0]
+
+    @property
+    def place(self):
+        return f"{self.by} line {self.line}"
+
+
+def module_name(path):
+    parts = path.relative_to(HOUSE).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+FILES = {module_name(p): p for p in [HOUSE / "labanmesh.py", *(f for r in ROOMS for f in (HOUSE / r).rglob("*.py"))]}
+TREES = {name: ast.parse(path.read_text(encoding="utf-8")) for name, path in FILES.items()}
+
+
+def imports_in(module, node, at_import=True, for_types=False):
+    for child in ast.iter_child_nodes(node):
+        inside = at_import and not isinstance(child, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda)
+        types = for_types or (isinstance(child, ast.If) and "TYPE_CHECKING" in ast.unparse(child.test))
+        if isinstance(child, ast.Import):
+            for alias in child.names:
+                yield Import(module, alias.name, child.lineno, at_import, for_types)
+        elif isinstance(child, ast.ImportFrom):
+            assert child.level == 0, f"{module} line {child.lineno}: import by the full name, not by dots"
+            for alias in child.names:
+                whole = f"{child.module}.{alias.name}"
+                of = whole if whole in FILES else child.module
+                yield Import(module, of, child.lineno, at_import, for_types)
+        else:
+            yield from imports_in(module, child, inside, types)
+
+
+IMPORTS = [found for name, tree in TREES.items() for found in imports_in(name, tree)]
+
+
+def room_of(module):
+    return module.partition(".")[0]
+
+
+def is_pure(module):
+    return module in PURE_ALL_THE_SAME or not any(fnmatch(module, pattern) for pattern in IMPURE)
+
+
+def wrong(found):
+    """The findings as the failure's text."""
+    return "\n" + "\n".join(sorted(set(found)))
+
+
+def test_this_test_reads_the_house():
+    assert {room_of(name) for name in FILES} == {*ROOMS, "labanmesh"}
+    seen = {(i.by, i.of) for i in IMPORTS}
+    assert ("fusion.referee", "fusion.judge") in seen and ("common.link", "zenoh") in seen
+    lazy = [i for i in IMPORTS if i.by == "fusion.commands" and i.of == "fusion.referee"]
+    assert lazy and not lazy[0].at_import
+    assert any(i.for_types and i.of == "common.link" for i in IMPORTS if i.by == "hub.session")
+
+
+def test_rooms_enter_only_where_they_may():
+    found = [
+        f"{i.place} imports {i.of}: {room_of(i.by)} may import {', '.join(sorted(MAY_ENTER[room_of(i.by)]))}; "
+        "move what both need to common, or let studies join them"
+        for i in IMPORTS
+        if i.top in (*ROOMS, "labanmesh") and i.top not in MAY_ENTER[room_of(i.by)]
+    ]
+    assert not found, wrong(found)
+
+
+def test_the_front_door_opens_a_room_only_for_its_verb():
+    found = [i.place for i in IMPORTS if i.by == "labanmesh" and i.top in ROOMS and i.of != "common.errors"]
+    assert not found, f"labanmesh.py imports rooms through VERBS alone, so that --help is quick: {wrong(found)}"
+    assert {room_of(verb.module) for verb in VERBS.values()} <= set(ROOMS)
+
+
+@pytest.mark.parametrize(("library", "where"), ONLY_IN.items())
+def test_each_heavy_library_has_its_place(library, where):
+    found = [
+        f"{i.place}: {library} is imported in {where} only; go through it"
+        for i in IMPORTS
+        if i.top == library and not fnmatch(str(FILES[i.by].relative_to(HOUSE)), where)
+    ]
+    assert not found, wrong(found)
+
+
+def declared():
+    """Per extra ("" for the plain install) the distributions that pyproject.toml names."""
+    project = tomllib.loads((HOUSE / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    groups = {"": project["dependencies"], **project["optional-dependencies"]}
+    return {extra: {re.match(r"[\w-]+", line)[0] for line in lines} for extra, lines in groups.items()}
+
+
+def test_nothing_is_imported_that_is_not_declared():
+    groups = declared()
+    found = []
+    for i in IMPORTS:
+        if i.top in sys.stdlib_module_names or i.top in (*ROOMS, "labanmesh"):
+            continue
+        extras = ("", *EXTRAS_OF.get(room_of(i.by), ()))
+        if PROVIDED_BY.get(i.top, i.top) not in set().union(*(groups[extra] for extra in extras)):
+            found.append(
+                f"{i.place} imports {i.top}: not among the dependencies that {room_of(i.by)} may need "
+                f"({' + '.join(extra or 'plain' for extra in extras)}); declare it in pyproject.toml or do without"
+            )
+    assert not found, wrong(found)
+
+
+def test_pure_modules_do_not_touch_the_outside_world():
+    found = [
+        f"{i.place} imports {i.of}, which touches the outside world: pass it in, move that part to a file of its own, "
+        "or, if this module is there for it, list it in IMPURE with its reason"
+        for i in IMPORTS
+        if is_pure(i.by) and i.by != "labanmesh" and not i.for_types and (i.by, i.of) not in ALLOWED
+        if i.top in OUTSIDE_WORLD or (i.of in FILES and not is_pure(i.of))
+    ]
+    assert not found, wrong(found)
+
+
+def test_pure_modules_open_no_files_and_draw_no_unseeded_numbers():
+    forbidden = {"open", "print", "input", "read_text", "write_text", "read_bytes", "write_bytes", "urlopen"}
+    found = []
+    for name in filter(is_pure, FILES):
+        for call in (n for n in ast.walk(TREES[name]) if isinstance(n, ast.Call)):
+            said = ast.unparse(call.func)
+            unseeded = said.endswith("default_rng") and not call.args
+            if name != "labanmesh" and (said.rpartition(".")[2] in forbidden or said.startswith("np.load") or unseeded):
+                found.append(f"{name} line {call.lineno}: {said}(...) in a pure module; pass in what it gives")
+    assert not found, wrong(found)
+
+
+def test_the_exceptions_are_still_needed():
+    used = {(i.by, i.of) for i in IMPORTS}
+    unused = [f"{by} -> {of}" for by, of in ALLOWED if (by, of) not in used]
+    assert not unused, f"take these out of ALLOWED: {wrong(unused)}"
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_every_module_says_what_it_is_for(name):
+    said = ast.get_docstring(TREES[name])
+    assert said, f"{FILES[name].relative_to(HOUSE)}: its first line is a docstring that says what the file is for"
+    assert len(said.splitlines()[0]) > 10
+
+
+def test_our_import_names_are_ours_alone():
+    providers = packages_distributions()
+    for name in (*ROOMS, "labanmesh"):
+        assert set(providers.get(name, ())) == {"labanmesh"}, (
+            f"{name} is provided by {providers.get(name)}: install labanmesh in an environment of its own (make clean, "
+            "make test), or rename the room"
+        )
+
+
+def test_loggers_are_named_after_their_rooms():
+    for name, tree in TREES.items():
+        for call in (
+            n for n in ast.walk(tree) if isinstance(n, ast.Call) and ast.unparse(n.func).endswith("getLogger")
+        ):
+            said = call.args[0].value if call.args and isinstance(call.args[0], ast.Constant) else ast.unparse(call)
+            assert said in ("labanmesh", f"labanmesh.{room_of(name)}"), (
+                f"{name} line {call.lineno}: the logger is {said!r}; call it 'labanmesh.{room_of(name)}'"
+            )
+
+
+def test_no_module_is_past_its_size():
+    long = {name: len(path.read_text(encoding="utf-8").splitlines()) for name, path in FILES.items()}
+    found = [f"{name} has {lines} lines: split it along its ideas, 300 are the most" for name, lines in long.items()
+             if lines > 300]  # fmt: skip
+    assert not found, wrong(found)
+
+
+def test_tests_are_no_package():
+    found = [str(p) for p in (HOUSE / "tests").rglob("__init__.py")]
+    assert not found, f"tests are imported by path (importlib mode): remove {found}"

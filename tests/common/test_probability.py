@@ -1,0 +1,97 @@
+"""Probability vectors: against plain sums, and at the edges where logarithms break."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from common.probability import entropy_bits, from_logs, normalise, temper, uniform
+
+MASSES = arrays(np.float64, st.integers(2, 8), elements=st.sampled_from([0.0, 1e-300, 1e-12, 0.2, 1.0, 3.0]))
+DISTRIBUTIONS = MASSES.map(normalise)
+LOGS = arrays(np.float64, st.integers(2, 8), elements=st.floats(-1e6, 1e6) | st.just(-math.inf))
+
+
+def entropy_of(p):
+    return -sum(x * math.log2(x) for x in p if x > 0)
+
+
+def is_distribution(p):
+    return np.isfinite(p).all() and (p >= 0).all() and p.sum() == pytest.approx(1)
+
+
+def test_uniform():
+    assert uniform(4).tolist() == [0.25] * 4
+
+
+@given(st.lists(st.floats(-30, 30), min_size=2, max_size=6), st.floats(-1e5, 1e5))
+def test_from_logs_is_exp_and_divide_whatever_is_added(logs, shift):
+    plain = [math.exp(x) for x in logs]
+    expected = [x / sum(plain) for x in plain]
+    assert from_logs(np.array(logs)) == pytest.approx(expected)
+    assert from_logs(np.array(logs) + shift) == pytest.approx(expected, rel=1e-6, abs=1e-9)
+
+
+@given(LOGS)
+def test_from_logs_always_gives_a_distribution(logs):
+    assert is_distribution(from_logs(logs))
+
+
+def test_from_logs_of_nothing_is_uniform_row_by_row():
+    rows = np.array([[-np.inf, -np.inf], [0.0, -np.inf], [-1e300, -1e300]])
+    assert from_logs(rows).tolist() == [[0.5, 0.5], [1, 0], [0.5, 0.5]]
+
+
+@given(MASSES)
+def test_normalise(mass):
+    p = normalise(mass)
+    assert is_distribution(p)
+    assert p == pytest.approx(mass / mass.sum() if mass.sum() else 1 / len(mass))
+
+
+def test_normalise_works_row_by_row():
+    assert normalise(np.array([[0.0, 0, 0], [1, 1, 2]])).tolist() == [[1 / 3] * 3, [0.25, 0.25, 0.5]]
+
+
+@given(DISTRIBUTIONS)
+def test_entropy_against_the_sum(p):
+    assert float(entropy_bits(p)) == pytest.approx(entropy_of(p), abs=1e-12)
+    assert 0 <= entropy_bits(p) <= math.log2(len(p))
+
+
+def test_entropy_of_a_certainty_is_a_positive_zero():
+    for p in ([1.0, 0, 0], [1.0, 1e-320, 0], [1 + 1e-15, 0, 0]):
+        h = float(entropy_bits(np.array(p)))
+        assert math.copysign(1, h) == 1 and h == pytest.approx(0, abs=1e-12)
+
+
+def test_entropy_of_knowing_nothing_is_log_m_and_rows_stay_rows():
+    assert entropy_bits(np.full((3, 2, 8), 1 / 8)) == pytest.approx(np.full((3, 2), 3))
+
+
+@given(DISTRIBUTIONS, st.floats(0, 1))
+def test_temper_against_the_formula(p, exponent):
+    prior = uniform(len(p))
+    mass = [(x / q) ** exponent * q if exponent else q for x, q in zip(p, prior, strict=True)]
+    assert temper(p, prior, exponent) == pytest.approx([m / sum(mass) for m in mass], abs=1e-12)
+
+
+@given(DISTRIBUTIONS, st.integers(0, 10))
+def test_temper_once_leaves_and_naught_forgets(p, seed):
+    prior = np.random.default_rng(seed).dirichlet(np.ones(len(p)))
+    assert temper(p, prior, 1.0) == pytest.approx(p, abs=1e-12)
+    assert temper(p, prior, 0.0) == pytest.approx(prior)
+    assert temper(prior, prior, 0.3) == pytest.approx(prior)
+
+
+@given(st.floats(0.05, 0.95), st.floats(0.05, 0.95))
+def test_temper_twice_is_temper_by_the_product(one, other):
+    p, prior = np.array([0.7, 0.2, 0.1]), np.array([0.2, 0.3, 0.5])
+    assert temper(temper(p, prior, one), prior, other) == pytest.approx(temper(p, prior, one * other))
+
+
+def test_temper_keeps_out_what_the_prior_excludes():
+    assert temper(np.array([0.5, 0.5, 0]), np.array([0.5, 0.0, 0.5]), 0.5).tolist() == [1, 0, 0]

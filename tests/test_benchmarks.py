@@ -1,0 +1,106 @@
+"""The benchmarks: rows as the contract has them, small runs without a mesh, which judgement answers which put."""
+
+import json
+import sys
+from dataclasses import asdict, fields
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+# The benchmarks are no part of what is installed.
+sys.path.append(str(Path(__file__).parents[1]))
+
+from benchmarks.__main__ import as_json, table, told
+from benchmarks.fusion_step import pool_row
+from benchmarks.fusion_step import rows as fusion_rows
+from benchmarks.mesh import first_judged
+from benchmarks.model_update import FLOORS, halves, measure, recorded
+from benchmarks.posteriors import NAMES, beliefs, message, scene_of
+from benchmarks.timing import Row, compare, row
+from common.inbox import Arrival
+from common.wire import encode
+from fusion.referee import Referee
+from fusion.rules import RULES
+from observer.model.registry import MODELS
+
+KEYS = ["name", "ours", "floor", "ratio", "unit", "n"]
+QUICK = {"rounds": 1, "batch_s": 0.0}
+AT_NS = 1_700_000_000_123_456_789
+
+
+def test_a_row_has_the_keys_of_the_contract():
+    assert [field.name for field in fields(Row)] == KEYS
+    assert asdict(row("a", 6.0, 4.0, "us", 5)) == {
+        "name": "a", "ours": 6.0, "floor": 4.0, "ratio": 1.5, "unit": "us", "n": 5
+    }  # fmt: skip
+
+
+def test_the_file_is_a_json_list_of_rows():
+    rows = [row("a", 6.0, 4.0, "us", 5), row("b", 1.0, 0.5, "ms", 7)]
+    assert json.loads(as_json(rows)) == [asdict(one) for one in rows]
+
+
+def test_the_table_shows_what_each_row_costs_over_its_floor(capsys):
+    said = table(told([row("a step", 6.0, 4.0, "us", 5), row("a put", 1.0, 0.25, "ms", 7)])).splitlines()
+    assert said[2].split() == ["a", "step", "6.0", "us", "4.0", "us", "1.50", "+2.0", "us", "5"]
+    assert said[3].split()[-3:] == ["+0.750", "ms", "7"]
+    assert capsys.readouterr().err.splitlines() == ["measured: a step", "measured: a put"]
+
+
+def test_ours_and_floor_take_turns_and_both_are_measured():
+    calls = []
+    measured = compare("turns", lambda: calls.append("ours"), lambda: calls.append("floor"), rounds=4, batch_s=0.0)
+    assert measured.n == 4
+    assert calls[-8:] == ["ours", "floor", "floor", "ours", "ours", "floor", "floor", "ours"]
+    assert measured.ratio == measured.ours / measured.floor > 0
+
+
+def test_one_rule_is_measured():
+    assert pool_row("log", **QUICK).name == "pool, 4 observers, log"
+    assert pool_row("chernoff", **QUICK).name == "pool, 2 observers, chernoff"
+
+
+def test_the_fusion_step_takes_every_posterior_and_each_rule_has_its_row():
+    rows = list(fusion_rows(**QUICK))
+    assert len(rows) == 2 + len(RULES)
+    assert all(one.ours > 0 and one.floor > 0 and one.n > 0 for one in rows)
+
+
+@pytest.mark.parametrize("kind", MODELS)
+def test_every_model_has_a_floor_and_is_measured_on_people_it_has_not_learned(kind):
+    train, test = halves(recorded(None))
+    assert not {r.subject for r in train.recordings} & {r.subject for r in test.recordings}
+    assert kind in FLOORS
+    assert measure(kind, train, test, **QUICK).name == f"model update, {kind}, 8 movements"
+
+
+def test_a_posterior_is_judged_by_the_first_judgement_that_weighs_it_or_a_newer_one():
+    scene = scene_of(2)
+    referee = Referee(scene.scene, list(scene.roster), NAMES, scene.fusion)
+    p = beliefs(1)[0]
+
+    def judged_at(now_ns, *heard):
+        for observer, seq, captured_ns in heard:
+            assert referee.hear(observer, message(observer, seq, captured_ns, p), now_ns) is None
+        return Arrival("key", encode(referee.judge(now_ns).judgement), now_ns + 7)
+
+    first, second, third = AT_NS, AT_NS + 16_666_667, AT_NS + 33_333_334
+    arrivals = [
+        judged_at(first - 1),
+        judged_at(first + 1_000, ("cam1", 0, first)),
+        judged_at(first + 2_000, ("cam2", 0, first)),
+        judged_at(third + 999, ("cam1", 1, second), ("cam1", 2, third)),
+    ]
+    put = [("cam1", first), ("cam2", first), ("cam1", second), ("cam2", second), ("cam1", third)]
+    assert first_judged(put, arrivals) == {
+        ("cam1", first): first + 1_007,
+        ("cam2", first): first + 2_007,
+        ("cam1", second): third + 1_006,
+        ("cam1", third): third + 1_006,
+    }
+
+
+def test_the_posteriors_are_the_same_in_every_run():
+    assert np.array_equal(beliefs(3, seed=4), beliefs(3, seed=4))
+    assert np.allclose(beliefs(5).sum(axis=1), 1.0)
