@@ -13,6 +13,20 @@ def words(option: str, text: str) -> tuple[str, ...]:
     return pieces
 
 
+def numbers(option: str, texts: Sequence[str]) -> dict[str, float]:
+    """`NAME=NUMBER` each -> {name: number}; raises BadInput for anything else."""
+    given = {}
+    for text in texts:
+        name, equals, number = text.partition("=")
+        try:
+            given[name.strip()] = float(number)
+        except ValueError:
+            equals = ""
+        if not equals or not name.strip():
+            raise BadInput(f"{option} {text!r}: NAME=NUMBER is expected")
+    return given
+
+
 def one_of(option: str, value: str, known: Sequence[str]) -> str:
     """`value`; raises BadInput that lists the known ones when it is none of them."""
     if value not in known:

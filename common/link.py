@@ -190,7 +190,7 @@ class Link:
 
 
 def _settings(mesh: MeshConfig, role: Role, listen: Sequence[str] | None, patience_s: float) -> Mapping[str, Any]:
-    """Zenoh's settings for one process (docs/zenoh: what bites, 2, 3, 6, 7)."""
+    """Zenoh's settings for one process (rules 1 and 3 above)."""
     common = {
         "scouting/multicast/enabled": False,
         "scouting/delay": 0,

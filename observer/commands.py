@@ -1,15 +1,18 @@
 """The verbs of an observer: `observe`, `import` and `learn`."""
 
 import hashlib
+import logging
 import sys
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from common.arguments import words
+from common.arguments import numbers, words
 from common.progress import Bar
 from common.vocabulary import Vocabulary
+
+log = logging.getLogger("labanmesh.observer")
 
 
 def observe(
@@ -20,6 +23,8 @@ def observe(
 
     Example: labanmesh observe scene.toml cam1
     """
+    import numpy as np
+
     from common.config import read_scene
     from common.lifecycle import log_to_stderr, stop_on_signals
     from common.link import Link
@@ -39,6 +44,14 @@ def observe(
     model = read_model(place)
     require(place, model, named.named_vocabulary, source.rate_hz)
     view = parse_view(section.view, named.place("."))
+    if not np.allclose(view.matrix, model.header.matrix):
+        log.warning(
+            "%s: learned for %s, this observer sees from %s: labanmesh learn ... --view %s",
+            place,
+            model.header.view,
+            view.name,
+            section.view,
+        )
     tracker = ProjectedTracker(view, source.body_parts, model.header.body_parts)
     onset = Onset(known=section.onset == "known", length=len(source.recordings[0].positions))
     judge = Observer(tracker, model, onset)
@@ -81,6 +94,9 @@ def learn(
     subjects: Annotated[str, typer.Option(help="The people to learn from, by commas; all of the archive's.")] = "",
     rate: Annotated[float | None, typer.Option(min=1, help="Frames a second of the observer; the archive's.")] = None,
     name: Annotated[str, typer.Option(help="A name for the vocabulary.")] = "movements",
+    parameter: Annotated[
+        list[str] | None, typer.Option(help="NAME=NUMBER of the model instead of its default; may be repeated.")
+    ] = None,
 ) -> None:
     """One observer's model for its perspective, learned from recordings in 3-D projected into its view.
 
@@ -98,7 +114,8 @@ def learn(
         "archive_sha256": hashlib.sha256(archive.read_bytes()).hexdigest(),
         "subjects": ",".join(sorted({r.subject for r in whole.recordings})),
     }
-    learned = learn_view(whole, parse_view(view), vocabulary, kind=model, provenance=provenance)
+    given = numbers("--parameter", parameter or [])
+    learned = learn_view(whole, parse_view(view), vocabulary, kind=model, parameters=given, provenance=provenance)
     write_model(output, learned)
     header = learned.header
     print(

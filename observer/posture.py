@@ -18,8 +18,6 @@ REFERENCE_HZ = 15.0
 """Speeds are per fifteenth of a second, whatever the frame rate: the constants below were found at 15 Hz."""
 SLOW = 0.1
 """Below this speed (body sizes per 1/15 s) the direction fades out, so that tracker noise has none."""
-FAST = 1.5
-"""Speeds beyond this count as this; also the length of a full direction, which makes the features comparable."""
 ANCHOR_S = 10.0
 """Time constant of the place that positions count from: it follows a person who walks, not one who bends."""
 
@@ -27,15 +25,17 @@ ANCHOR_S = 10.0
 class PostureReader:
     """Reads posture from the stream of tracks; only from frames already seen.
 
-    body_parts: names of the P parts. Raises BadInput when the head, from which positions count, is not among them.
+    body_parts: names of the P parts. fast: the greatest speed that counts, body sizes per 1/15 s, and the length of a
+    full direction: how much motion weighs beside position. Raises BadInput when the head, from which positions
+    count, is not among the parts.
     """
 
-    def __init__(self, body_parts: Sequence[str], rate_hz: float) -> None:
+    def __init__(self, body_parts: Sequence[str], rate_hz: float, fast: float) -> None:
         self._body_parts = tuple(body_parts)
         if "head" not in self._body_parts:
             raise BadInput(f"body_parts = {list(body_parts)}: posture is relative to the head; add head")
         self._head = self._body_parts.index("head")
-        self._rate_hz = rate_hz
+        self._rate_hz, self._fast = rate_hz, fast
         self._size = BodySize()
         self._anchor: Floats | None = None
         self._last: Floats = np.full((len(self._body_parts), 2), np.nan)
@@ -51,7 +51,7 @@ class PostureReader:
         anchor = np.full(2, np.nan) if self._anchor is None else self._anchor
         velocity = (centres - self._last) / size * (self._rate_hz / REFERENCE_HZ)
         self._last = centres
-        return np.hstack([(centres - anchor) / size, soft_direction(velocity)]).ravel()
+        return np.hstack([(centres - anchor) / size, soft_direction(velocity, self._fast)]).ravel()
 
     def _follow(self, head: Floats) -> None:
         if not np.isfinite(head).all():
@@ -62,10 +62,10 @@ class PostureReader:
             self._anchor += (head - self._anchor) / (ANCHOR_S * self._rate_hz)
 
 
-def soft_direction(velocity: Floats) -> Floats:
-    """(P, 2) velocities -> (P, 3): direction v/max(|v|, SLOW) * FAST, and speed min(|v|, FAST)."""
+def soft_direction(velocity: Floats, fast: float) -> Floats:
+    """(P, 2) velocities -> (P, 3): direction v/max(|v|, SLOW) * fast, and speed min(|v|, fast)."""
     speed = np.linalg.norm(velocity, axis=1, keepdims=True)
-    return np.hstack([velocity / np.maximum(speed, SLOW) * FAST, np.minimum(speed, FAST)])
+    return np.hstack([velocity / np.maximum(speed, SLOW) * fast, np.minimum(speed, fast)])
 
 
 def at_rest(features: NDArray[np.floating]) -> Floats:

@@ -30,6 +30,7 @@ def as_json(answer: Answer) -> dict[str, Any]:
         "labels": list(answer.vocabulary.labels),
         "views": names,
         "model": question.model,
+        "parameters": dict(question.parameters),
         "rule": question.rule,
         "onset": "known" if question.onset_known else "unknown",
         "turn": "random" if question.turn is None else question.turn,

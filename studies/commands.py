@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from common.arguments import one_of, words
+from common.arguments import numbers, one_of, words
 from common.errors import BadInput
 from common.progress import Bar
 
@@ -24,6 +24,9 @@ def evaluate(
     leave_one_subject_out: Annotated[bool, typer.Option("--leave-one-subject-out", help="Judge each in turn.")] = False,
     model: Annotated[str, typer.Option(help="phase, phase-symbols or frame-table.")] = "phase",
     rule: Annotated[str, typer.Option(help="Name of the fusion rule.")] = "robust_inverse_entropy",
+    parameter: Annotated[
+        list[str] | None, typer.Option(help="NAME=NUMBER of the model instead of its default; may be repeated.")
+    ] = None,
     turn: Annotated[str, typer.Option(help="Degrees the performer is turned in test, or random.")] = "0",
     fault: Annotated[list[str] | None, typer.Option(help="VIEW=wrong|noise|silent|late; may be repeated.")] = None,
     body_parts: Annotated[str, typer.Option(help="Parts to use, by commas; all of the archive's.")] = "",
@@ -56,6 +59,7 @@ def evaluate(
         test_subjects=words("--test-subjects", test_subjects),
         leave_one_subject_out=leave_one_subject_out,
         model=model,
+        parameters=numbers("--parameter", parameter or []),
         rule=rule,
         turn=_turn(turn),
         faults=dict(fault_named(text, [view.name for view in seen]) for text in fault or []),

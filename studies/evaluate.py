@@ -35,6 +35,7 @@ class Question:
     test_subjects: tuple[str, ...] = ()
     leave_one_subject_out: bool = False
     model: str = DEFAULT_MODEL
+    parameters: Mapping[str, float] = field(default_factory=dict)
     rule: str = DEFAULT_RULE
     turn: float | None = 0.0
     faults: Mapping[str, str] = field(default_factory=dict)
@@ -101,8 +102,11 @@ def _check_names(names: Sequence[str]) -> None:
 
 def learn(split: Split, vocabulary: Vocabulary, question: Question) -> list[MovementModel]:
     """One model a view, from the training people."""
-    parts = question.body_parts or None
-    return [learn_view(split.train, v, vocabulary, kind=question.model, body_parts=parts) for v in question.views]
+    kind, parts, given = question.model, question.body_parts or None, question.parameters
+    return [
+        learn_view(split.train, view, vocabulary, kind=kind, body_parts=parts, parameters=given)
+        for view in question.views
+    ]
 
 
 def trials_of(split: Split, question: Question, number: int) -> list[Trial]:

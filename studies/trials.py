@@ -58,31 +58,37 @@ def splits(
 ) -> Iterator[Split]:
     """One split by the subjects named, or one a subject: each in turn is the test, the others are learned from.
 
-    With no subject named, every other one is learned from. Raises BadInput for a subject who is unknown, or both
-    learned from and judged, when nobody is left for either, and for names beside leave_one_out.
+    With no subject named, every other one is learned from, or each of all left out in turn; with leave_one_out,
+    train_subjects are the people among whom this is done, so that choices can be made without the test subjects.
+    Raises BadInput for a subject who is unknown, or both learned from and judged, when nobody is left for either, and
+    for test subjects beside leave_one_out.
     """
     subjects = sorted({r.subject for r in archive.recordings}, key=lambda s: (len(s), s))
+    for subject in [*train_subjects, *test_subjects]:
+        if subject not in subjects:
+            raise BadInput(f"subject {subject!r}: not in the archive; it has {', '.join(subjects)}")
     if leave_one_out:
-        if train_subjects or test_subjects:
-            raise BadInput("--leave-one-subject-out judges everybody in turn: leave out --train- and --test-subjects")
-        if len(subjects) < 2:
-            raise BadInput(f"--leave-one-subject-out: the archive has one subject only, {subjects[0]!r}")
-        for subject in subjects:
-            yield _split(archive, [s for s in subjects if s != subject], [subject])
+        yield from _one_left_out(archive, train_subjects or subjects, test_subjects)
         return
     if not train_subjects and not test_subjects:
         train_subjects, test_subjects = subjects[0::2], subjects[1::2]
     train = train_subjects or [s for s in subjects if s not in test_subjects]
     test = test_subjects or [s for s in subjects if s not in train_subjects]
-    for subject in [*train, *test]:
-        if subject not in subjects:
-            raise BadInput(f"subject {subject!r}: not in the archive; it has {', '.join(subjects)}")
     both = [s for s in train if s in test]
     if both:
         raise BadInput(f"subject {both[0]!r}: both in training and in test; a judge must not know who he judges")
     if not train or not test:
         raise BadInput("no subject is left to train or to test on; name them with --train-subjects, --test-subjects")
     yield _split(archive, train, test)
+
+
+def _one_left_out(archive: MotionArchive, among: Sequence[str], test_subjects: Sequence[str]) -> Iterator[Split]:
+    if test_subjects:
+        raise BadInput("--leave-one-subject-out judges everybody in turn: leave out --test-subjects")
+    if len(among) < 2:
+        raise BadInput(f"--leave-one-subject-out: one person only, {among[0]!r}; nobody is left to learn from")
+    for subject in among:
+        yield _split(archive, [s for s in among if s != subject], [subject])
 
 
 def _split(archive: MotionArchive, train: Sequence[str], test: Sequence[str]) -> Split:

@@ -1,12 +1,13 @@
 """What every movement model is: learned from examples, stored as arrays, and asked to watch a performer."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import ClassVar, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from common.errors import BadInput
 from common.vocabulary import Vocabulary
 from observer.tracks import Floats, Tracks
 
@@ -18,7 +19,8 @@ class Header:
     """What a model is for: refused for another vocabulary or rate, and it says where it came from.
 
     view: name of the view it was learned for; matrix: (3, 4) that view's projective matrix. parameters: the model's own
-    numbers. provenance: what it was learned from, for people.
+    numbers, all of them once it was learned, so that other defaults of a later version change nothing. provenance:
+    what it was learned from, for people.
     """
 
     kind: str
@@ -29,6 +31,14 @@ class Header:
     body_parts: tuple[str, ...]
     parameters: Mapping[str, float] = field(default_factory=dict)
     provenance: Mapping[str, str] = field(default_factory=dict)
+
+
+def with_defaults(header: Header, defaults: Mapping[str, float]) -> Header:
+    """The same header with every parameter of the model; raises BadInput for one that the model does not have."""
+    for name in header.parameters:
+        if name not in defaults:
+            raise BadInput(f"parameter {name!r}: not of the model {header.kind}; it has {', '.join(defaults)}")
+    return replace(header, parameters={**defaults, **header.parameters})
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,13 +6,13 @@ from typing import ClassVar, Self
 import numpy as np
 
 from observer.belief.frame_clock import FrameClock
-from observer.model.base import Arrays, Example, Header, Onset
+from observer.model.base import Arrays, Example, Header, Onset, with_defaults
 from observer.model.symbol_table import learn_table, log_evidence, symbols_of
 from observer.space import SpaceReader
 from observer.tracks import Floats, Tracks
 
 # Chosen by leave-one-subject-out on the training subjects 1, 3, 5, 7, 9 of MSR Action3D: docs/paper.md.
-DEFAULTS = {"bins": 10.0, "threshold": 0.16, "smoothing": 0.1}
+DEFAULTS = {"bins": 8.0, "threshold": 0.16, "smoothing": 0.1}
 
 
 class FrameTable:
@@ -32,7 +32,8 @@ class FrameTable:
     @classmethod
     def learn(cls, header: Header, examples: Sequence[Example]) -> Self:
         """Count Vector Symbols per movement, bin and part; `header.parameters`: bins, threshold, smoothing."""
-        given = {**DEFAULTS, **header.parameters}
+        header = with_defaults(header, DEFAULTS)
+        given = header.parameters
         sequences = [(symbols_of(e, header.body_parts, given["threshold"]), e.movement) for e in examples]
         table = learn_table(sequences, header.vocabulary.size, int(given["bins"]), given["smoothing"])
         return cls(header, table, float(np.mean([len(e.tracks) for e in examples])))
@@ -48,7 +49,7 @@ class FrameTable:
 
     def watch(self, onset: Onset) -> "_FrameTableWatch":
         """Start the frame clock."""
-        threshold = {**DEFAULTS, **self.header.parameters}["threshold"]
+        threshold = self.header.parameters["threshold"]
         frames = onset.length if onset.known and onset.length else round(self._mean_frames)
         clock = FrameClock(self.header.vocabulary.size, self._log_table.shape[1], frames)
         return _FrameTableWatch(self._log_table, SpaceReader(self.header.body_parts, threshold), clock)

@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 
 from common.probability import uniform
 from observer.belief.phase_filter import FLOOR, Dynamics, PhaseFilter
-from observer.model.base import Arrays, Example, Header, Onset
+from observer.model.base import Arrays, Example, Header, Onset, with_defaults
 from observer.posture import PostureReader, at_rest
 from observer.tracks import Floats, Tracks
 
-# sharpness: evidence is exp(-sharpness d^2), d in body sizes. It and posture.FAST were chosen by leave-one-subject-out
-# on the training subjects 1, 3, 5, 7, 9 of MSR Action3D (docs/model.md); the others are guesses that nobody fitted.
-DEFAULTS = {"sharpness": 0.7, "begin": 0.05, "forget": 0.01}
+# sharpness: evidence is exp(-sharpness d^2), d in body sizes. fast: posture.py. Both were chosen by leaving out one
+# of the training subjects 1, 3, 5, 7, 9 of MSR Action3D at a time (docs/model.md); the others are guesses, unfitted.
+DEFAULTS = {"sharpness": 0.7, "fast": 1.5, "begin": 0.05, "forget": 0.01}
 STEPS = (0.25, 0.4, 0.25, 0.1)
 """P(0, 1, 2, 3 phases in one frame): mean 1.2, for people between three times slower and three times faster."""
 ENTRY = (0.4, 0.3, 0.2, 0.1)
@@ -33,7 +33,6 @@ class Phase:
     def __init__(self, header: Header, chains: NDArray[np.float32], movement_of: NDArray[np.int64]) -> None:
         self.header = header
         self._chains, self._movement_of = chains, movement_of
-        self._given = {**DEFAULTS, **header.parameters}
         self._phases = Postures(chains.reshape(-1, chains.shape[-1]))
         # Somebody at rest stands as people stood before and after their movements, without moving.
         self._rests = Postures(at_rest(np.concatenate([chains[:, 0], chains[:, -1]])).astype(np.float32))
@@ -45,6 +44,7 @@ class Phase:
         A posture with a hole would be near to everything; a part that an example never shows is taken from the
         average of the other examples of its movement.
         """
+        header = with_defaults(header, DEFAULTS)
         features = [_bridged(_features_of(e, header)) for e in examples]
         phases = max(int(np.median([len(f) for f in features])), FEWEST_PHASES)
         chains = np.array([_laid_over(f, phases) for f in features])
@@ -67,12 +67,12 @@ class Phase:
             speeds=np.ones(1),
             jitter=np.ones((1, 1)),
             entry=np.array(ENTRY),
-            begin=self._given["begin"],
-            forget=self._given["forget"],
+            begin=self.header.parameters["begin"],
+            forget=self.header.parameters["forget"],
         )
         prior = uniform(self.header.vocabulary.size)
         belief = PhaseFilter(self._movement_of, self._chains.shape[1], prior, dynamics, onset.known)
-        return _PhaseWatch(self, PostureReader(self.header.body_parts, self.header.rate_hz), belief)
+        return _PhaseWatch(self, _reader(self.header), belief)
 
     def log_evidence(self, features: Floats) -> tuple[Floats, float]:
         """(D,) features -> (C, Φ) log P(features | chain, phase), and log P(features | rest), up to one constant.
@@ -80,7 +80,7 @@ class Phase:
         -sharpness d^2 over the features that are seen, so that a missing part is factor 1 everywhere; the rest is
         the mean over all resting postures.
         """
-        sharpness = self._given["sharpness"]
+        sharpness = self.header.parameters["sharpness"]
         chains = -sharpness * self._phases.squared_distances(features)
         rests = np.maximum(-sharpness * self._rests.squared_distances(features), FLOOR)
         log_rest = float(np.log(np.exp(rests).mean()))
@@ -127,9 +127,13 @@ class _PhaseWatch:
             self._belief.step_blind()
 
 
+def _reader(header: Header) -> PostureReader:
+    return PostureReader(header.body_parts, header.rate_hz, header.parameters["fast"])
+
+
 def _features_of(example: Example, header: Header) -> Floats:
     """(F, D) read as an observer would read them."""
-    reader = PostureReader(header.body_parts, header.rate_hz)
+    reader = _reader(header)
     return np.array([reader.update(tracks) for tracks in example.tracks])
 
 

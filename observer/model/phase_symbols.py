@@ -1,13 +1,13 @@
 """`phase-symbols`: the paper's table, freed from the frame clock by a Bayes filter over phase and speed."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import ClassVar, Self
 
 import numpy as np
 
 from common.probability import uniform
 from observer.belief.phase_filter import Dynamics, PhaseFilter
-from observer.model.base import Arrays, Example, Header, Onset
+from observer.model.base import Arrays, Example, Header, Onset, with_defaults
 from observer.model.symbol_table import SYMBOLS, learn_table, log_evidence, symbols_of
 from observer.space import SpaceReader, VectorSymbol
 from observer.tracks import Floats, Tracks
@@ -27,7 +27,7 @@ STILL_AT_REST = 0.9
 """P(O | rest) for each part; the other eight symbols share the remainder. Expert wisdom, as the paper calls it."""
 
 
-def tempo_dynamics(mean_speed: float, given: dict[str, float]) -> Dynamics:
+def tempo_dynamics(mean_speed: float, given: Mapping[str, float]) -> Dynamics:
     """V speeds in phases a frame, geometric from slowest to fastest times `mean_speed`; a step v is floor or ceil."""
     count = int(given["speeds"])
     speeds = (
@@ -60,7 +60,8 @@ class PhaseSymbols:
     @classmethod
     def learn(cls, header: Header, examples: Sequence[Example]) -> Self:
         """Count Vector Symbols per movement, phase and part."""
-        given = {**DEFAULTS, **header.parameters}
+        header = with_defaults(header, DEFAULTS)
+        given = header.parameters
         sequences = [(symbols_of(e, header.body_parts, given["threshold"]), e.movement) for e in examples]
         table = learn_table(sequences, header.vocabulary.size, int(given["phases"]), given["smoothing"])
         return cls(header, table, float(np.mean([len(e.tracks) for e in examples])))
@@ -76,7 +77,7 @@ class PhaseSymbols:
 
     def watch(self, onset: Onset) -> "_PhaseSymbolsWatch":
         """Start the filter at rest, or at the first phase where the onset is known."""
-        given = {**DEFAULTS, **self.header.parameters}
+        given = self.header.parameters
         movements, phases = self._log_table.shape[:2]
         dynamics = tempo_dynamics(phases / self._mean_frames, given)
         belief = PhaseFilter(np.arange(movements), phases, uniform(movements), dynamics, onset.known)

@@ -9,16 +9,17 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from common.errors import BadInput
-from observer.posture import ANCHOR_S, FAST, FEATURES_PER_PART, SLOW, PostureReader, at_rest, soft_direction
+from observer.posture import ANCHOR_S, FEATURES_PER_PART, SLOW, PostureReader, at_rest, soft_direction
 from observer.tracks import BODY_PARTS, Tracks
 
 RATE = 15.0
+FAST = 1.5
 GONE = [np.nan, np.nan]
 CENTRES = arrays(np.float64, (10, 3, 2), elements=st.integers(-300, 300).map(float))
 
 
 def read(centres, rate_hz=RATE, body_parts=BODY_PARTS):
-    reader = PostureReader(body_parts, rate_hz)
+    reader = PostureReader(body_parts, rate_hz, FAST)
     return np.stack([reader.update(Tracks(np.array(frame, dtype=float))) for frame in centres])
 
 
@@ -105,7 +106,7 @@ def test_nothing_is_known_before_the_size_is():
 
 
 def test_a_tracker_may_use_its_array_again():
-    reader, centres = PostureReader(BODY_PARTS, RATE), np.array([[0.0, 100], [45, 0], [0, 0]])
+    reader, centres = PostureReader(BODY_PARTS, RATE, FAST), np.array([[0.0, 100], [45, 0], [0, 0]])
     reader.update(Tracks(centres))
     centres[0] -= (0, 18)
     assert reader.update(Tracks(centres))[4] == pytest.approx(0.4)
@@ -121,23 +122,23 @@ def test_parts_go_by_their_names():
 
 def test_without_a_head_there_is_no_posture():
     with pytest.raises(BadInput, match="head"):
-        PostureReader(("left_hand", "right_hand"), RATE)
+        PostureReader(("left_hand", "right_hand"), RATE, FAST)
     with pytest.raises(BadInput, match="left_hand or right_hand"):
         read([[[0, 0]]], body_parts=("head",))
 
 
 @given(arrays(np.float64, (3, 2), elements=st.floats(-5, 5)), st.floats(0, 2 * math.pi))
 def test_a_soft_direction_turns_with_the_motion_and_is_bounded(velocity, angle):
-    soft = soft_direction(velocity)
+    soft = soft_direction(velocity, FAST)
     assert (np.hypot(soft[:, 0], soft[:, 1]) <= FAST + 1e-12).all() and (soft[:, 2] <= FAST).all()
     turn = np.array([[math.cos(angle), math.sin(angle)], [-math.sin(angle), math.cos(angle)]])
-    turned = soft_direction(velocity @ turn)
+    turned = soft_direction(velocity @ turn, FAST)
     np.testing.assert_allclose(turned[:, :2], soft[:, :2] @ turn, atol=1e-9)
     np.testing.assert_allclose(turned[:, 2], soft[:, 2], atol=1e-9)
 
 
 def test_slow_motion_has_little_direction():
-    slow, slower, none = soft_direction(np.array([[SLOW, 0], [SLOW / 10, 0], [0.0, 0]]))
+    slow, slower, none = soft_direction(np.array([[SLOW, 0], [SLOW / 10, 0], [0.0, 0]]), FAST)
     assert slow.tolist() == [FAST, 0, SLOW] and slower[0] == pytest.approx(FAST / 10) and none.tolist() == [0, 0, 0]
 
 

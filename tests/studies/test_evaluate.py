@@ -104,6 +104,7 @@ def test_the_report_is_written_and_read(answer, tmp_path):
         ({"train_subjects": ("1", "9")}, "subject '9': not in the archive; it has 1, 2, 3"),
         ({"train_subjects": ("1",), "test_subjects": ("1",)}, "both in training and in test"),
         ({"model": "phas"}, "did you mean 'phase'"),
+        ({"parameters": {"bin": 8}}, "parameter 'bin': not of the model phase; it has sharpness"),
         ({"rule": "logg"}, "did you mean 'log'"),
         ({"body_parts": ("left_foot", "head")}, "'left_foot': not in the recording"),
     ],

@@ -117,7 +117,9 @@ def test_what_comes_out_is_a_valid_recording_with_nothing_seen_anew(tempo, gap, 
     assert len(result.positions) >= 2
     for frame, place in enumerate(result.positions[:, 0, 0]):
         instant = min(frame * tempo, 11)
-        around = {int(np.floor(instant + 1e-5)), int(np.ceil(instant - 1e-5))}
+        if 1e-7 < abs(instant - round(instant)) < 1e-5:
+            continue  # so near to a frame that it may count as that frame or as being beside it
+        around = {int(np.floor(instant + 1e-6)), int(np.ceil(instant - 1e-6))}
         assert np.isnan(place) == bool(around & gap)
 
 
