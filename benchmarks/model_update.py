@@ -18,7 +18,7 @@ from common.vocabulary import Vocabulary
 from observer.geometry.views import parse_view
 from observer.learning import frames_of, labels_of, learn_view
 from observer.model.base import Arrays
-from observer.model.phase_symbols import DEFAULTS
+from observer.model.phase_symbols import PhaseSymbols
 from observer.model.registry import MODELS
 from observer.motion.archive import MotionArchive
 from observer.motion.importers import import_recordings
@@ -79,7 +79,7 @@ def _phase_floor(arrays: Arrays) -> Work:
 
 def _phase_symbols_floor(arrays: Arrays) -> Work:
     table = np.asarray(arrays["log_table"], np.float64)
-    state = np.full((int(DEFAULTS["speeds"]), *table.shape[:2]), 1.0 / table[..., 0, 0].size)
+    state = np.full((int(PhaseSymbols.DEFAULTS["speeds"]), *table.shape[:2]), 1.0 / table[..., 0, 0].size)
     parts, symbols, evidence, result = (
         np.arange(table.shape[2]),
         np.arange(table.shape[2]),

@@ -68,7 +68,7 @@ def splits(
         if subject not in subjects:
             raise BadInput(f"subject {subject!r}: not in the archive; it has {', '.join(subjects)}")
     if leave_one_out:
-        yield from _one_left_out(archive, train_subjects or subjects, test_subjects)
+        yield from _one_left_out(archive, list(dict.fromkeys(train_subjects)) or subjects, test_subjects)
         return
     if not train_subjects and not test_subjects:
         train_subjects, test_subjects = subjects[0::2], subjects[1::2]

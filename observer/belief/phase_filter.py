@@ -118,6 +118,23 @@ class PhaseFilter:
         self._after /= total
 
 
+class FilterWatch:
+    """The belief of a model's watch that filters: what it believes is what its filter believes."""
+
+    def __init__(self, belief: PhaseFilter) -> None:
+        self.belief = belief
+
+    @property
+    def p(self) -> Floats:
+        """(M,) posterior over movements."""
+        return self.belief.p
+
+    @property
+    def rest(self) -> float:
+        """P(at rest now)."""
+        return self.belief.rest
+
+
 def _advance(active: Floats, steps: Floats) -> tuple[Floats, Floats]:
     """(V, C, Φ) and (V, K) -> the mass after one step (V, C, Φ), and what left each chain (C,)."""
     result = active * steps[:, :1, None]

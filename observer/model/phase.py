@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.probability import uniform
-from observer.belief.phase_filter import FLOOR, Dynamics, PhaseFilter
+from observer.belief.phase_filter import FLOOR, Dynamics, FilterWatch, PhaseFilter
 from observer.model.base import Arrays, Example, Header, Onset, with_defaults
 from observer.posture import PostureReader, at_rest
 from observer.tracks import Floats, Tracks
@@ -107,24 +107,17 @@ class Postures:
         return distances
 
 
-class _PhaseWatch:
+class _PhaseWatch(FilterWatch):
     def __init__(self, model: Phase, reader: PostureReader, belief: PhaseFilter) -> None:
-        self._model, self._reader, self._belief = model, reader, belief
-
-    @property
-    def p(self) -> Floats:
-        return self._belief.p
-
-    @property
-    def rest(self) -> float:
-        return self._belief.rest
+        super().__init__(belief)
+        self._model, self._reader = model, reader
 
     def update(self, tracks: Tracks) -> None:
         features = self._reader.update(tracks)
         if np.isfinite(features).any():
-            self._belief.step(*self._model.log_evidence(features))
+            self.belief.step(*self._model.log_evidence(features))
         else:
-            self._belief.step_blind()
+            self.belief.step_blind()
 
 
 def _reader(header: Header) -> PostureReader:

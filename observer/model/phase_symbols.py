@@ -1,28 +1,17 @@
 """`phase-symbols`: the paper's table, freed from the frame clock by a Bayes filter over phase and speed."""
 
-from collections.abc import Mapping, Sequence
-from typing import ClassVar, Self
+from collections.abc import Mapping
+from typing import ClassVar
 
 import numpy as np
 
 from common.probability import uniform
-from observer.belief.phase_filter import Dynamics, PhaseFilter
-from observer.model.base import Arrays, Example, Header, Onset, with_defaults
-from observer.model.symbol_table import SYMBOLS, learn_table, log_evidence, symbols_of
+from observer.belief.phase_filter import Dynamics, FilterWatch, PhaseFilter
+from observer.model.base import Onset
+from observer.model.symbol_table import SYMBOLS, SymbolTable, log_evidence
 from observer.space import SpaceReader, VectorSymbol
 from observer.tracks import Floats, Tracks
 
-DEFAULTS = {
-    "phases": 30.0,
-    "threshold": 0.16,
-    "smoothing": 0.1,
-    "temperature": 4.0,
-    "speeds": 10.0,
-    "slowest": 0.5,
-    "fastest": 2.0,
-    "begin": 0.05,
-    "forget": 0.01,
-}
 STILL_AT_REST = 0.9
 """P(O | rest) for each part; the other eight symbols share the remainder. Expert wisdom, as the paper calls it."""
 
@@ -47,64 +36,45 @@ def tempo_dynamics(mean_speed: float, given: Mapping[str, float]) -> Dynamics:
     return Dynamics(steps, np.full(count, 1 / count), jitter, entry, given["begin"], given["forget"])
 
 
-class PhaseSymbols:
+class PhaseSymbols(SymbolTable):
     """One chain of phases a movement, P(b | m, phase) counted with every example laid over the phases."""
 
     kind: ClassVar[str] = "phase-symbols"
-
-    def __init__(self, header: Header, log_table: Floats, mean_frames: float) -> None:
-        self.header = header
-        self._log_table = log_table
-        self._mean_frames = mean_frames
-
-    @classmethod
-    def learn(cls, header: Header, examples: Sequence[Example]) -> Self:
-        """Count Vector Symbols per movement, phase and part."""
-        header = with_defaults(header, DEFAULTS)
-        given = header.parameters
-        sequences = [(symbols_of(e, header.body_parts, given["threshold"]), e.movement) for e in examples]
-        table = learn_table(sequences, header.vocabulary.size, int(given["phases"]), given["smoothing"])
-        return cls(header, table, float(np.mean([len(e.tracks) for e in examples])))
-
-    @classmethod
-    def from_arrays(cls, header: Header, arrays: Arrays) -> Self:
-        """From log_table (M, Φ, P, 9) and mean_frames ()."""
-        return cls(header, np.asarray(arrays["log_table"], dtype=np.float64), float(arrays["mean_frames"]))
-
-    def arrays(self) -> Arrays:
-        """log_table (M, Φ, P, 9) and mean_frames ()."""
-        return {"log_table": self._log_table, "mean_frames": np.array(self._mean_frames)}
+    DEFAULTS = {  # noqa: RUF012 - a ClassVar by its base
+        "phases": 30.0,
+        "threshold": 0.16,
+        "smoothing": 0.1,
+        "temperature": 4.0,
+        "speeds": 10.0,
+        "slowest": 0.5,
+        "fastest": 2.0,
+        "begin": 0.05,
+        "forget": 0.01,
+    }
+    BINS = "phases"
 
     def watch(self, onset: Onset) -> "_PhaseSymbolsWatch":
         """Start the filter at rest, or at the first phase where the onset is known."""
         given = self.header.parameters
-        movements, phases = self._log_table.shape[:2]
-        dynamics = tempo_dynamics(phases / self._mean_frames, given)
+        movements, phases = self.log_table.shape[:2]
+        dynamics = tempo_dynamics(phases / self.mean_frames, given)
         belief = PhaseFilter(np.arange(movements), phases, uniform(movements), dynamics, onset.known)
         reader = SpaceReader(self.header.body_parts, given["threshold"])
-        return _PhaseSymbolsWatch(self._log_table, 1 / given["temperature"], reader, belief)
+        return _PhaseSymbolsWatch(self.log_table, 1 / given["temperature"], reader, belief)
 
 
-class _PhaseSymbolsWatch:
+class _PhaseSymbolsWatch(FilterWatch):
     def __init__(self, log_table: Floats, exponent: float, reader: SpaceReader, belief: PhaseFilter) -> None:
-        self._log_table, self._exponent = log_table, exponent
-        self._reader, self._belief = reader, belief
+        super().__init__(belief)
+        self._log_table, self._exponent, self._reader = log_table, exponent, reader
         self._log_rest = np.full(SYMBOLS, np.log((1 - STILL_AT_REST) / (SYMBOLS - 1)))
         self._log_rest[VectorSymbol.O] = np.log(STILL_AT_REST)
-
-    @property
-    def p(self) -> Floats:
-        return self._belief.p
-
-    @property
-    def rest(self) -> float:
-        return self._belief.rest
 
     def update(self, tracks: Tracks) -> None:
         symbols = self._reader.update(tracks)
         seen = symbols[symbols >= 0]
         if not len(seen):
-            self._belief.step_blind()
+            self.belief.step_blind()
             return
         log_rest = float(self._log_rest[seen].sum())
-        self._belief.step(self._exponent * log_evidence(self._log_table, symbols), self._exponent * log_rest)
+        self.belief.step(self._exponent * log_evidence(self._log_table, symbols), self._exponent * log_rest)

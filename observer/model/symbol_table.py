@@ -1,11 +1,12 @@
 """P(B_bp | M, I): the table of Vector Symbols that the paper learns by counting (section IV.A, (2))."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from observer.model.base import Example
+from observer.model.base import Arrays, Example, Header, with_defaults
 from observer.space import SpaceReader, Symbols
 from observer.tracks import Floats
 
@@ -45,3 +46,36 @@ def log_evidence(log_table: Floats, symbols: Symbols) -> Floats:
     seen = np.flatnonzero(symbols >= 0)
     evidence: Floats = log_table[..., seen, symbols[seen]].sum(axis=-1)
     return evidence
+
+
+class SymbolTable:
+    """What the models of Vector Symbols share: the table, learned by counting, and how it is kept.
+
+    DEFAULTS holds `threshold`, `smoothing` and, under the name BINS, how many bins a movement is laid over.
+    """
+
+    DEFAULTS: ClassVar[Mapping[str, float]]
+    BINS: ClassVar[str]
+
+    def __init__(self, header: Header, log_table: Floats, mean_frames: float) -> None:
+        self.header = header
+        self.log_table = log_table
+        self.mean_frames = mean_frames
+
+    @classmethod
+    def learn(cls, header: Header, examples: Sequence[Example]) -> Self:
+        """Count Vector Symbols per movement, bin and part."""
+        header = with_defaults(header, cls.DEFAULTS)
+        given = header.parameters
+        sequences = [(symbols_of(e, header.body_parts, given["threshold"]), e.movement) for e in examples]
+        table = learn_table(sequences, header.vocabulary.size, int(given[cls.BINS]), given["smoothing"])
+        return cls(header, table, float(np.mean([len(e.tracks) for e in examples])))
+
+    @classmethod
+    def from_arrays(cls, header: Header, arrays: Arrays) -> Self:
+        """From log_table (M, I, P, 9) and mean_frames ()."""
+        return cls(header, np.asarray(arrays["log_table"], dtype=np.float64), float(arrays["mean_frames"]))
+
+    def arrays(self) -> Arrays:
+        """log_table (M, I, P, 9) and mean_frames ()."""
+        return {"log_table": self.log_table, "mean_frames": np.array(self.mean_frames)}
