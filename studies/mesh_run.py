@@ -6,7 +6,7 @@ hears the judgements: what differs from the evaluation in one process is the wir
 
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -23,9 +23,10 @@ from fusion.referee import Referee
 from fusion.service import serve
 from observer.pipeline import Opinion
 from observer.service import Speaker
-from studies.evaluate import Answer, Judged
+from studies.evaluate import Answer, Floats, Judged
 
 PATIENCE_S = 10.0
+AGAIN_S = 0.5
 SAME = 1e-9
 
 
@@ -78,25 +79,34 @@ def _label(court: _Court, judged: Judged, number: int, total: int, progress: Cal
             raise LabanmeshError(f"{name} found no referee on the mesh within {PATIENCE_S:g} s")
         speaker = Speaker(court.scene.scene, name, court.vocabulary, publisher)
         for n, p in enumerate(judged.views[:, v]):
-            now_ns = time.time_ns()
-            speaker.say(Opinion(p, 0.0, n + 1, {}), now_ns, now_ns)
-        last[name] = judged.views[-1, v]
+            _say(speaker, p, n + 1)
+        last[name] = speaker, judged.views[-1, v]
     progress("judging over the mesh", number + 1, total)
     return _awaited(court, last, judged.trial.name)
 
 
-def _awaited(court: _Court, last: dict[str, Any], trial: str) -> str:
+def _say(speaker: Speaker, p: Floats, frames: int) -> None:
+    now_ns = time.time_ns()
+    speaker.say(Opinion(p, 0.0, frames, {}), now_ns, now_ns)
+
+
+def _awaited(court: _Court, last: Mapping[str, tuple[Speaker, Floats]], trial: str) -> str:
     """The label of the first judgement in which everybody's last posterior counts."""
-    deadline = time.monotonic() + PATIENCE_S
-    while time.monotonic() < deadline:
-        for arrival in court.heard.take(0.1):
+    begun = said = time.monotonic()
+    while (now := time.monotonic()) < begun + PATIENCE_S:
+        for arrival in court.heard.take(AGAIN_S):
             judgement = decode(JudgementMessage, arrival.payload)
-            if all(_says(judgement, name, p) for name, p in last.items()):
+            if all(_says(judgement, name, p) for name, (_, p) in last.items()):
                 return judgement.label
+        if now > said + AGAIN_S:
+            # Zenoh drops what floods it: what was said last may have been lost, and is said again.
+            said = now
+            for speaker, p in last.values():
+                _say(speaker, p, speaker.seq + 1)
     raise LabanmeshError(f"no judgement of {trial} came over the mesh within {PATIENCE_S:g} s")
 
 
-def _says(judgement: JudgementMessage, observer: str, p: Any) -> bool:  # noqa: ANN401 - an array of any float type
+def _says(judgement: JudgementMessage, observer: str, p: Floats) -> bool:
     vote = judgement.votes.get(observer)
     return vote is not None and vote.p is not None and bool(np.abs(np.array(vote.p) - p).max() < SAME)
 
