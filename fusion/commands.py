@@ -8,6 +8,7 @@ import typer
 from common.config import read_scene
 from common.lifecycle import log_to_stderr, stop_on_signals
 from common.link import Link
+from fusion.rules import rule_named
 from fusion.service import known_vocabulary, serve
 
 
@@ -26,6 +27,7 @@ def fuse(
 
     log_to_stderr()
     named = read_scene(scene)
+    rule_named(named.fusion.rule, len(named.roster))
     with stop_on_signals() as stop, Link.open(named.mesh, "fusion") as link:
         vocabulary = known_vocabulary(named, link, stop)
         if vocabulary is not None:

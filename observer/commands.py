@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from common.arguments import numbers, words
+from common.arguments import numbers, one_of, words
 from common.progress import Bar
 from common.vocabulary import Vocabulary
 
@@ -39,6 +39,7 @@ def observe(
     log_to_stderr()
     named = read_scene(scene)
     section = named.observer(observer)
+    one_of(f"observers.{observer}.tracker =", section.tracker, ("projected",))
     source = open_source(named, observer)
     place = named.place(section.model)
     model = read_model(place)

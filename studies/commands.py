@@ -95,10 +95,10 @@ def _evaluated(
             found["mesh"] = fused_over_mesh(answer, bar)
         if stream:
             found["stream"] = judge_stream(archive, question, bar)
-        written = write_report(answer, found, report) if report else []
     print(as_text(found))
     if len(question.views) > 1:
         print(f"\n{resolved_pairs(found)}")
+    written = write_report(answer, found, report) if report else []
     if json:
         _write(json, json_text.dumps(found, indent=1) + "\n")
         written.append(json)

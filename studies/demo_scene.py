@@ -102,6 +102,7 @@ def _scene_file(performance: Performance) -> str:
         f"# {performance.title}.",
         'scene = "demo"',
         f"vocabulary = [{labels}]",
+        f'vocabulary_name = "{performance.vocabulary.name}"',
         "",
         "[mesh]",
         f'endpoint = "tcp/127.0.0.1:{_free_port()}"',
