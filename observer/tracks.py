@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,11 +17,12 @@ BODY_PARTS = ("left_hand", "right_hand", "head")
 class Frame:
     """One picture, or here one instant of recorded motion: `content` is whatever the tracker understands.
 
-    captured_ns: Unix epoch, stamped at capture. content: (P, 3) positions in metres for recorded motion.
+    captured_ns: Unix epoch, stamped at capture. content: (P, 3) positions in metres for recorded motion, (H, W, 3)
+    uint8 in the order blue, green, red for a picture.
     """
 
     captured_ns: int
-    content: Floats
+    content: NDArray[Any]
 
 
 @dataclass(frozen=True, slots=True)
