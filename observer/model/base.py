@@ -83,6 +83,8 @@ class MovementModel(Protocol):
     """
 
     kind: ClassVar[str]
+    DEFAULTS: ClassVar[Mapping[str, float]]
+    """The model's parameters where nobody gave others."""
 
     @property
     def header(self) -> Header:

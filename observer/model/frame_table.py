@@ -1,5 +1,6 @@
 """`frame-table`: the paper's own model, (2) to (6) to the letter. It must be told where a movement begins and ends."""
 
+from collections.abc import Mapping
 from typing import ClassVar
 
 from observer.belief.frame_clock import FrameClock
@@ -18,7 +19,7 @@ class FrameTable(SymbolTable):
 
     kind: ClassVar[str] = "frame-table"
     # Chosen by leave-one-subject-out on the training subjects 1, 3, 5, 7, 9 of MSR Action3D: docs/paper.md.
-    DEFAULTS = {"bins": 8.0, "threshold": 0.16, "smoothing": 0.1}  # noqa: RUF012 - a ClassVar by its base
+    DEFAULTS: ClassVar[Mapping[str, float]] = {"bins": 8.0, "threshold": 0.16, "smoothing": 0.1}
     BINS = "bins"
 
     def watch(self, onset: Onset) -> "_FrameTableWatch":

@@ -3,7 +3,7 @@
 It needs to know neither where a movement begins nor how fast it is done.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import ClassVar, Self
 
 import numpy as np
@@ -15,9 +15,6 @@ from observer.model.base import Arrays, Example, Header, Onset, with_defaults
 from observer.posture import PostureReader, at_rest
 from observer.tracks import Floats, Tracks
 
-# sharpness: evidence is exp(-sharpness d^2), d in body sizes. fast: posture.py. Both were chosen by leaving out one
-# of the training subjects 1, 3, 5, 7, 9 of MSR Action3D at a time (docs/model.md); the others are guesses, unfitted.
-DEFAULTS = {"sharpness": 0.7, "fast": 1.5, "begin": 0.05, "forget": 0.01}
 STEPS = (0.25, 0.4, 0.25, 0.1)
 """P(0, 1, 2, 3 phases in one frame): mean 1.2, for people between three times slower and three times faster."""
 ENTRY = (0.4, 0.3, 0.2, 0.1)
@@ -29,6 +26,9 @@ class Phase:
     """Chains (C, Φ, D): per training example Φ postures; Φ is the examples' median length in frames."""
 
     kind: ClassVar[str] = "phase"
+    # sharpness: evidence is exp(-sharpness d^2), d in body sizes. fast: posture.py. Both were chosen by leaving out
+    # one of the training subjects 1, 3, 5, 7, 9 of MSR Action3D at a time (docs/model.md); the others are guesses.
+    DEFAULTS: ClassVar[Mapping[str, float]] = {"sharpness": 0.7, "fast": 1.5, "begin": 0.05, "forget": 0.01}
 
     def __init__(self, header: Header, chains: NDArray[np.float32], movement_of: NDArray[np.int64]) -> None:
         self.header = header
@@ -44,7 +44,7 @@ class Phase:
         A posture with a hole would be near to everything; a part that an example never shows is taken from the
         average of the other examples of its movement.
         """
-        header = with_defaults(header, DEFAULTS)
+        header = with_defaults(header, cls.DEFAULTS)
         features = [_bridged(_features_of(e, header)) for e in examples]
         phases = max(int(np.median([len(f) for f in features])), FEWEST_PHASES)
         chains = np.array([_laid_over(f, phases) for f in features])

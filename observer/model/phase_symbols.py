@@ -40,7 +40,7 @@ class PhaseSymbols(SymbolTable):
     """One chain of phases a movement, P(b | m, phase) counted with every example laid over the phases."""
 
     kind: ClassVar[str] = "phase-symbols"
-    DEFAULTS = {  # noqa: RUF012 - a ClassVar by its base
+    DEFAULTS: ClassVar[Mapping[str, float]] = {
         "phases": 30.0,
         "threshold": 0.16,
         "smoothing": 0.1,

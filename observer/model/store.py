@@ -58,7 +58,11 @@ def read_model(path: Path) -> MovementModel:
             raise BadInput(f"{path}: model format {said['format']}, this labanmesh reads {FORMAT}: learn it again")
         if said["kind"] not in MODELS:
             raise BadInput(f"{path}: model kind {said['kind']!r} is unknown; known: {', '.join(MODELS)}")
-        return MODELS[said["kind"]].from_arrays(_from_json(said), arrays)
+        kind, header = MODELS[said["kind"]], _from_json(said)
+        missing = [name for name in kind.DEFAULTS if name not in header.parameters]
+        if missing:
+            raise BadInput(f"{path}: its header lacks the parameter {missing[0]!r}; learn it again")
+        return kind.from_arrays(header, arrays)
     except (KeyError, TypeError, ValueError, IndexError) as error:
         raise BadInput(f"{path}: damaged model file ({type(error).__name__}: {error}); learn it again") from None
 

@@ -143,6 +143,17 @@ def test_a_broken_model_file_is_one_clear_line(kind, archive, tmp_path):
         read_model(tmp_path / "none.model")
 
 
+def test_a_model_file_without_a_parameter_is_one_clear_line(model, tmp_path):
+    path = tmp_path / "a.model"
+    model.header.parameters.pop(missing := next(iter(model.DEFAULTS)))
+    try:
+        write_model(path, model)
+    finally:
+        model.header.parameters[missing] = model.DEFAULTS[missing]
+    with pytest.raises(BadInput, match=f"lacks the parameter '{missing}'; learn it again"):
+        read_model(path)
+
+
 def test_an_unknown_model_is_named_with_the_known_ones():
     with pytest.raises(BadInput, match="model = 'phas': unknown; did you mean 'phase'\\?; known: phase"):
         model_named("phas")
