@@ -1,0 +1,1 @@
+"""The virtual camera: pictures of a performer of whom only hands and head were recorded."""

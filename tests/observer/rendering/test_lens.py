@@ -1,0 +1,47 @@
+"""The lens: where the camera stands, its focal length, and the outline of an ellipsoid, from the matrix alone."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from observer.geometry.projection import pinhole_matrix, project
+from observer.rendering.lens import Lens
+
+
+@given(st.floats(-3.0, 3.0), st.floats(-1.4, 1.4), st.floats(0.5, 8.0), st.floats(200.0, 2000.0), st.floats(-3.0, 3.0))
+def test_it_finds_the_camera_that_the_matrix_was_made_of(yaw_rad, pitch_rad, distance, focal_px, factor):
+    if abs(factor) < 0.01:
+        return
+    matrix = pinhole_matrix(yaw_rad, pitch_rad, distance, focal_px, (320.0, 240.0), (0.1, 1.0, 2.0))
+    lens = Lens.of(factor * matrix)
+    sight = matrix[2, :3] / np.linalg.norm(matrix[2, :3])
+    np.testing.assert_allclose(lens.centre, [0.1, 1.0, 2.0] - distance * sight, atol=1e-6)
+    assert lens.focal_px == pytest.approx(focal_px)
+    points = np.array([[0.1, 1.0, 2.0], [0.2, 1.1, 1.95]])
+    pixels, depth = lens.see(points)
+    assert depth[0] == pytest.approx(distance)
+    np.testing.assert_allclose(pixels, project(matrix, points), atol=1e-6)
+
+
+def test_a_ball_in_the_middle_has_the_outline_of_a_circle():
+    lens = Lens.of(pinhole_matrix(0.4, 0.2, 4.0, 600.0, (320.0, 240.0)))
+    radius_px = 0.1 * 600.0 / 4.0
+    pixel, _, _, Q = lens.conic(np.zeros(3), 0.1 * np.eye(3))
+    np.testing.assert_allclose(pixel, [320.0, 240.0], atol=1e-9)
+    np.testing.assert_allclose(Q, np.eye(2) / radius_px**2, atol=1e-9)
+    assert lens.outline_area(np.zeros(3), 0.1 * np.eye(3)) == pytest.approx(np.pi * radius_px**2)
+    assert lens.outline_area(2 * lens.centre, 0.1 * np.eye(3)) == 0.0
+
+
+@given(st.tuples(*[st.floats(-0.5, 0.5)] * 3), st.integers(0, 1000))
+def test_the_outline_holds_all_of_the_ellipsoid_and_touches_it(place, seed):
+    rng = np.random.default_rng(seed)
+    matrix = pinhole_matrix(0.7, 0.3, 3.5, 650.0, (320.0, 240.0))
+    axes = np.linalg.qr(rng.normal(size=(3, 3)))[0] * [0.045, 0.09, 0.045]
+    pixel, _, _, Q = Lens.of(matrix).conic(np.array(place), axes)
+    ball = rng.normal(size=(4000, 3))
+    surface = np.array(place) + (ball / np.linalg.norm(ball, axis=1, keepdims=True)) @ axes.T
+    off = project(matrix, surface) - pixel
+    outward = np.sqrt(np.einsum("ki,ij,kj->k", off, Q, off))
+    assert outward.max() == pytest.approx(1.0, abs=0.05)  # perspective within the ellipsoid is left out

@@ -1,0 +1,299 @@
+"""Rendered pictures: the same again, parts where projection has them, nearer before farther, each parameter at work."""
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from common.errors import BadInput
+from observer.geometry.projection import parallel_matrix, pinhole_matrix, project
+from observer.rendering.body import Stature
+from observer.rendering.look import SKIN_TONES, look_of
+from observer.rendering.renderer import Renderer
+from observer.rendering.scenery import BACKGROUNDS, Occluder, Scenery
+
+LEFT, RIGHT, HEAD = range(3)
+STANDING = Stature(np.array([0.0, 1.6, 0.0]), 1.71)
+APART = np.array([[-0.5, 1.2, -0.2], [0.5, 1.5, -0.2], [0.0, 1.6, 0.0]])
+SIZE = (640, 480)
+
+
+def camera(yaw_deg=0.0, pitch_deg=0.0, size=SIZE):
+    centre = ((size[0] - 1) / 2, (size[1] - 1) / 2)
+    return pinhole_matrix(np.radians(yaw_deg), np.radians(pitch_deg), 3.5, 1.35 * size[1], centre, (0.0, 0.96, 0.0))
+
+
+def renderer(yaw_deg=0.0, pitch_deg=0.0, seed=0, look=None, **scenery):
+    return Renderer(camera(yaw_deg, pitch_deg), SIZE, Scenery(**scenery), seed, look, STANDING)
+
+
+def skin(picture):
+    blue, green, red = picture.astype(int).transpose(2, 0, 1)
+    return (red - blue > 25) & (red - green > 8)
+
+
+def blobs(picture):
+    """Centres and areas of what has the colour of skin."""
+    _, _, stats, centres = cv2.connectedComponentsWithStats(skin(picture).astype(np.uint8))
+    keep = stats[1:, cv2.CC_STAT_AREA] > 30
+    return centres[1:][keep], stats[1:, cv2.CC_STAT_AREA][keep]
+
+
+def with_(part, place, positions=APART):
+    changed = positions.copy()
+    changed[part] = place
+    return changed
+
+
+# The same again
+
+
+FULL = {"noise": 5.0, "slow_light": 0.2, "sudden_light": 0.3, "blur": 0.5, "occluders": (Occluder(0.1, 0.1, 0.2, 0.2),)}
+
+
+@pytest.mark.parametrize("background", BACKGROUNDS)
+def test_the_same_arguments_give_the_same_picture_whatever_was_drawn_before(background):
+    first, second = (renderer(seed=3, background=background, **FULL) for _ in range(2))
+    wanted = first.picture(APART, 70, APART - 0.05)
+    second.picture(APART + 0.1, 3)
+    assert wanted.shape == (480, 640, 3) and wanted.dtype == np.uint8
+    np.testing.assert_array_equal(wanted, second.picture(APART, 70, APART - 0.05))
+
+
+@pytest.mark.parametrize("background", BACKGROUNDS)
+def test_another_seed_is_another_picture(background):
+    unseen = np.full((3, 3), np.nan)
+    assert (renderer(seed=1, background=background).picture(unseen, 0) != renderer(seed=2, background=background)
+            .picture(unseen, 0)).any()  # fmt: skip
+    assert look_of(1) != look_of(2)
+
+
+# Where the parts are
+
+
+@pytest.mark.parametrize("yaw_deg", [0, 45, -45, 20])
+def test_hands_are_found_by_colour_where_projection_has_them(yaw_deg):
+    for seed in range(6):
+        eye = renderer(yaw_deg, seed=seed)
+        centres, _ = blobs(eye.picture(APART, 0))
+        wanted = project(camera(yaw_deg), APART)
+        truth = eye.visible_truth(APART, 0)
+        np.testing.assert_allclose(truth.centres, wanted, atol=1e-9)
+        for hand in (LEFT, RIGHT):
+            if truth.shares[hand] > 0.85:
+                assert np.linalg.norm(centres - wanted[hand], axis=1).min() < 3.0
+    assert truth.shares[RIGHT] > 0.85
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    st.tuples(st.floats(0.3, 0.75), st.floats(0.7, 2.1), st.floats(-0.5, 0.2)),
+    st.floats(-30, 30),
+    st.floats(0, 20),
+)
+def test_wherever_a_free_hand_is_it_is_drawn_there(place, yaw_deg, pitch_deg):
+    positions = with_(RIGHT, place)
+    eye = renderer(yaw_deg, pitch_deg)
+    truth = eye.visible_truth(positions, 0)
+    if truth.shares[RIGHT] > 0.9:
+        centres, _ = blobs(eye.picture(positions, 0))
+        gap = np.linalg.norm(centres - project(camera(yaw_deg, pitch_deg), positions)[RIGHT], axis=1).min()
+        other = np.linalg.norm(truth.centres[[LEFT, HEAD]] - truth.centres[RIGHT], axis=1).min()
+        assert gap < 3.0 or other < 60  # two parts in one blob
+
+
+def test_head_and_hands_have_the_size_of_a_persons():
+    eye = renderer()
+    unseen = np.full((3, 3), np.nan)
+    empty = eye.picture(unseen, 0)
+    px_per_metre = 1.35 * 480 / 3.5
+    head = (eye.picture(with_(HEAD, APART[HEAD], unseen), 0) != empty).any(axis=2)
+    columns = head[: int(project(camera(), APART)[HEAD, 1])].any(axis=0)  # above the middle of the head nothing else is
+    assert columns.sum() / px_per_metre == pytest.approx(0.156, abs=0.02)
+    rows = np.flatnonzero(head.any(axis=1))
+    assert (project(camera(), APART)[HEAD, 1] - rows[0]) / px_per_metre == pytest.approx(0.115, abs=0.015)
+    centres, areas = blobs(eye.picture(APART, 0))
+    hand = areas[np.linalg.norm(centres - project(camera(), APART)[LEFT], axis=1).argmin()]
+    assert 0.3 < hand / px_per_metre**2 / (np.pi * 0.045 * 0.09) < 1.25  # it may point to the camera
+
+
+def test_the_clothed_trunk_has_the_width_of_a_persons():
+    unseen = np.full((3, 3), np.nan)
+    eye = renderer()
+    figure = (eye.picture(with_(HEAD, APART[HEAD], unseen), 0) != eye.picture(unseen, 0)).any(axis=2)
+    px_per_metre = 1.35 * 480 / 3.5
+    widths = figure.sum(axis=1) / px_per_metre
+    rows = project(camera(), np.array([[0.0, 1.35, 0.0], [0.0, 1.25, 0.0], [0.0, 0.5, 0.0]]))[:, 1].astype(int)
+    assert 0.35 < widths[rows[0]] < 0.55 and 0.3 < widths[rows[1]] < 0.5 and 0.15 < widths[rows[2]] < 0.35
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_skin_is_of_a_human_tone_and_nothing_else_of_the_person_or_the_room_is(seed):
+    look = look_of(seed)
+    assert (np.min(SKIN_TONES, axis=0) <= look.skin).all() and (look.skin <= np.max(SKIN_TONES, axis=0)).all()
+    assert look.skin[0] < look.skin[1] < look.skin[2]
+    unseen = np.full((3, 3), np.nan)
+    for background in ("plain", "cluttered"):
+        assert not skin(renderer(seed=seed, background=background).picture(unseen, 0)).any()
+    assert skin(renderer(seed=seed, background="skin_toned").picture(unseen, 0)).mean() > 0.5
+    turned = renderer(180.0, seed=seed, look=look).picture(with_([LEFT, RIGHT], np.nan), 0)
+    assert skin(turned).sum() < 200  # from behind a head of 960 pixels is hair down to the nape
+
+
+# What is before what
+
+
+def test_a_hand_before_the_face_covers_it_and_one_behind_the_head_is_covered():
+    eye = renderer()
+    before = eye.visible_truth(with_(RIGHT, [0.0, 1.6, -0.25]), 0)
+    assert before.shares[RIGHT] > 0.9 and before.shares[HEAD] < 0.75
+    behind = eye.visible_truth(with_(RIGHT, [0.0, 1.6, 0.25]), 0)
+    assert behind.shares[HEAD] > 0.95 and behind.shares[RIGHT] < 0.3
+
+
+def test_a_hand_behind_the_trunk_is_hidden_from_the_front_and_seen_from_the_back():
+    positions = with_(RIGHT, [0.0, 1.15, 0.25])
+    hidden = renderer().visible_truth(positions, 0)
+    assert hidden.shares[RIGHT] == 0 and np.isnan(hidden.centres[RIGHT]).all() and not hidden.visible()[RIGHT]
+    assert len(blobs(renderer().picture(positions, 0))[0]) == 2
+    seen = renderer(180.0).visible_truth(positions, 0)
+    assert seen.shares[RIGHT] > 0.9 and seen.visible()[RIGHT]
+
+
+def test_the_trunk_hides_the_far_hand_from_the_side():
+    positions = with_(LEFT, [-0.3, 1.1, 0.0])
+    assert renderer(90.0).visible_truth(positions, 0).shares[LEFT] < 0.1
+    assert renderer(-90.0).visible_truth(positions, 0).shares[LEFT] > 0.9
+
+
+# Parts that are not seen
+
+
+@pytest.mark.parametrize("part", [LEFT, RIGHT, HEAD])
+def test_a_part_not_seen_is_not_drawn(part):
+    eye = renderer(look=look_of(5))
+    positions = with_(part, np.nan)
+    truth = eye.visible_truth(positions, 0)
+    assert truth.shares[part] == 0 and np.isnan(truth.centres[part]).all()
+    assert truth.visible().sum() == 2
+    centres, _ = blobs(eye.picture(positions, 0))
+    assert np.linalg.norm(centres - project(camera(), APART)[part], axis=1).min() > 30
+
+
+def test_a_person_not_seen_at_all_leaves_the_background():
+    unseen = np.full((3, 3), np.nan)
+    empty = renderer().picture(unseen, 0)
+    assert (empty == renderer(90.0).picture(unseen, 0)).all()
+    assert (empty != renderer().picture(APART, 0)).any()
+    assert not renderer().visible_truth(unseen, 0).visible().any()
+
+
+def test_what_is_outside_the_picture_or_behind_the_camera_is_not_seen():
+    eye = renderer()
+    for place in ([2.5, 1.5, 0.0], [0.3, 1.0, -5.0], [0.0, 1.0, -3.49]):
+        truth = eye.visible_truth(with_(RIGHT, place), 0)
+        assert truth.shares[RIGHT] == 0
+        eye.picture(with_(RIGHT, place), 0)
+    half = eye.visible_truth(with_(RIGHT, [1.73, 1.5, 0.0]), 0)
+    assert 0.2 < half.shares[RIGHT] < 0.8
+
+
+# What spoils a picture
+
+
+def test_noise_has_its_deviation_and_is_another_in_each_frame():
+    clean = renderer().picture(APART, 0).astype(int)
+    noisy = [renderer(noise=6.0).picture(APART, frame).astype(int) for frame in (0, 1)]
+    assert (noisy[0] - clean).std() == pytest.approx(6.0, rel=0.05)
+    assert abs((noisy[0] - clean).mean()) < 0.1
+    across = np.corrcoef((noisy[0] - clean)[:200].ravel(), (noisy[1] - clean)[:200].ravel())[0, 1]
+    assert abs(across) < 0.1
+
+
+def test_slow_light_swings_once_in_its_time():
+    eye = renderer(slow_light=0.2, slow_frames=100)
+    base, bright, dark, again = (eye.picture(APART, frame).mean() for frame in (0, 25, 75, 100))
+    assert bright / base == pytest.approx(1.2, abs=0.02)
+    assert dark / base == pytest.approx(0.8, abs=0.02)
+    assert again == base
+
+
+def test_sudden_light_jumps_at_its_frames_and_nowhere_else():
+    eye = renderer(sudden_light=0.4, sudden_frames=10)
+    means = np.array([eye.picture(APART, frame).mean() for frame in range(31)])
+    jumps = np.flatnonzero(np.abs(np.diff(means)) > 0) + 1
+    assert set(jumps) == {10, 20, 30}
+    assert means[0] == renderer().picture(APART, 0).mean()
+
+
+def test_an_occluder_covers_its_part_of_the_picture_in_its_frames():
+    u, v = project(camera(), APART)[RIGHT] / SIZE
+    eye = renderer(occluders=(Occluder(u - 0.1, v - 0.1, 0.2, 0.2, first=5, end=8),))
+    hidden = [not eye.visible_truth(APART, frame).visible()[RIGHT] for frame in range(10)]
+    assert hidden == [5 <= frame < 8 for frame in range(10)]
+    clean = renderer().picture(APART, 0)
+    rows, columns = np.nonzero((eye.picture(APART, 6) != clean).any(axis=2))
+    assert (columns.min(), columns.max()) == pytest.approx(((u - 0.1) * 640, (u + 0.1) * 640), abs=2)
+    assert (rows.min(), rows.max()) == pytest.approx(((v - 0.1) * 480, (v + 0.1) * 480), abs=2)
+    assert (eye.picture(APART, 8) == clean).all()
+    assert eye.visible_truth(APART, 6).visible()[LEFT]
+
+
+def test_blur_smears_what_moves_and_nothing_else():
+    before = with_(RIGHT, APART[RIGHT] - [0.0, 0.2, 0.0])
+    blurred, sharp = renderer(blur=1.0), renderer()
+    assert (blurred.picture(APART, 0, APART) == sharp.picture(APART, 0)).all()
+    assert (blurred.picture(APART, 0) == sharp.picture(APART, 0)).all()
+    picture = blurred.picture(APART, 0, before)
+    u, v = project(camera(), (APART + before) / 2)[RIGHT]
+    column = np.abs(picture.astype(int) - sharp.picture(with_(RIGHT, np.nan), 0)).sum(axis=2)[:, round(u)] > 20
+    assert np.flatnonzero(column[: round(v) + 15]).min() < v - 20
+    truth = blurred.visible_truth(APART, 0, before)
+    assert truth.centres[RIGHT] == pytest.approx((u, v), abs=1e-9)
+    untouched = np.s_[:, 360:]  # he is seen from the front: his left is at the right of the picture
+    assert skin(picture[untouched]).any()
+    far = np.abs(picture[untouched].astype(int) - sharp.picture(APART, 0)[untouched])
+    assert (far > 2).mean() < 0.02
+
+
+# What cannot be
+
+
+def test_bad_arguments_are_one_line():
+    wrong = [
+        lambda: Scenery(background="forest"),
+        lambda: Scenery(noise=-1.0),
+        lambda: Scenery(blur=1.5),
+        lambda: Scenery(slow_light=float("nan")),
+        lambda: Scenery(sudden_frames=0),
+        lambda: Scenery(occluders=(Occluder(0.0, 0.0, 2.0, 0.5),)),
+        lambda: Renderer(parallel_matrix(0.0, 0.0)),
+        lambda: Renderer(np.eye(3)),
+        lambda: Renderer(np.zeros((3, 4))),
+        lambda: Renderer(camera(), (4, 4)),
+        lambda: Renderer(camera(), seed=-1),
+        lambda: renderer().picture(np.zeros((2, 3)), 0),
+    ]
+    for make in wrong:
+        with pytest.raises(BadInput) as raised:
+            make()
+        assert "\n" not in str(raised.value)
+
+
+def test_a_matrix_may_be_scaled_by_any_factor():
+    wanted = renderer().picture(APART, 0)
+    for factor in (-1.0, 5.0):
+        np.testing.assert_array_equal(Renderer(factor * camera(), standing=STANDING).picture(APART, 0), wanted)
+
+
+def test_opencvs_own_cascade_finds_the_face():
+    finder = cv2.CascadeClassifier(cv2.data.haarcascades + "haarcascade_frontalface_alt2.xml")
+    size = (1280, 720)
+    found = 0
+    for seed in range(5):
+        eye = Renderer(camera(size=size), size, Scenery(noise=3.0), seed, standing=STANDING)
+        grey = cv2.cvtColor(eye.picture(APART, 0), cv2.COLOR_BGR2GRAY)[:360, 400:880]
+        u, v = project(camera(size=size), APART)[HEAD] - (400, 0)
+        found += any(x < u < x + w and y < v < y + h for x, y, w, h in finder.detectMultiScale(grey, 1.1, 3))
+    assert found >= 4

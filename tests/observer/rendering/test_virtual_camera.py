@@ -1,0 +1,129 @@
+"""The virtual camera films an archive: the same frames at the same times, as pictures, one person for all cameras."""
+
+import itertools
+import threading
+
+import numpy as np
+import pytest
+
+from common.errors import BadInput
+from observer.geometry.projection import pinhole_matrix, project
+from observer.geometry.views import View, parse_view
+from observer.motion.archive import Recording
+from observer.motion.importers import import_recordings
+from observer.rendering.body import stature
+from observer.rendering.scenery import BACKGROUNDS, Scenery
+from observer.rendering.virtual_camera import VirtualCamera, aimed_matrix
+from observer.source import RecordedMotion
+from observer.tracks import BODY_PARTS
+
+UPRIGHT = np.array([[-0.35, 0.8, -0.05], [0.35, 0.8, -0.05], [0.0, 1.6, 0.0]], np.float32)
+
+
+@pytest.fixture(scope="module")
+def msr(data):
+    return import_recordings("msr-action3d", data / "msr_action3d").archive
+
+
+def recording(subject="1", frames=4, place=(0.0, 0.0, 0.0)):
+    rise = np.zeros((frames, 3, 3), np.float32)
+    rise[:, 1, 1] = np.linspace(0.0, 0.6, frames)
+    return Recording(UPRIGHT + rise + np.array(place, np.float32), 15.0, "raise", subject, "1")
+
+
+def camera(*recordings, view="door", parts=BODY_PARTS, loop=False, **arguments):
+    motion = RecordedMotion(parts, recordings or (recording(),), speed=0.0, loop=loop)
+    return VirtualCamera(motion, parse_view(view), **arguments)
+
+
+def pictures(source):
+    return [frame.content for frame in source.frames(threading.Event())]
+
+
+def test_each_frame_of_motion_is_one_picture_stamped_when_it_was_due():
+    ticks = itertools.count(1_000)
+    motion = RecordedMotion(BODY_PARTS, (recording(),), speed=0.0, clock=lambda: next(ticks))
+    frames = list(VirtualCamera(motion, parse_view("door")).frames(threading.Event()))
+    assert len(frames) == 4
+    assert [frame.captured_ns for frame in frames] == [1_001, 1_002, 1_003, 1_004]
+    assert all(frame.content.shape == (480, 640, 3) and frame.content.dtype == np.uint8 for frame in frames)
+    assert (frames[0].content != frames[-1].content).any()
+
+
+def test_it_says_the_rate_and_the_parts():
+    assert camera().rate_hz == 15.0
+    assert tuple(camera().body_parts) == BODY_PARTS
+
+
+def test_the_same_seed_is_the_same_film():
+    scenery = Scenery("cluttered", noise=4.0, sudden_light=0.3, sudden_frames=2, blur=0.5)
+    first, second = (pictures(camera(scenery=scenery, seed=4)) for _ in range(2))
+    assert all((a == b).all() for a, b in zip(first, second, strict=True))
+
+
+def test_the_renderer_of_a_recording_knows_the_truth_of_its_pictures():
+    source = camera()
+    who = source.motion.recordings[0]
+    renderer = source.renderer(who)
+    for number, picture in enumerate(pictures(source)):
+        np.testing.assert_array_equal(renderer.picture(who.positions[number], number), picture)
+        assert renderer.visible_truth(who.positions[number], number).visible().all()
+
+
+def test_a_performer_who_stands_elsewhere_is_filmed_the_same():
+    here, there = camera(), camera(recording(place=(0.5, -0.9, 2.5)))
+    differing = [(a.astype(int) != b).mean() for a, b in zip(pictures(here), pictures(there), strict=True)]
+    assert max(differing) < 0.02  # the archive's numbers are rounded
+
+
+def test_two_subjects_look_different_and_one_the_same_for_every_camera():
+    two = pictures(camera(recording("1", 2), recording("2", 2)))
+    assert (two[0] != two[2]).any()
+    front, back = pictures(camera(seed=1))[0], pictures(camera(view="yaw:180", seed=2))[0]
+    shirt_front, shirt_back = (picture[200:220, 310:330].reshape(-1, 3).mean(axis=0) for picture in (front, back))
+    np.testing.assert_allclose(shirt_front, shirt_back, atol=6)
+
+
+def test_it_goes_on_when_the_motion_loops_and_ends_when_told():
+    stop = threading.Event()
+    film = camera(loop=True).frames(stop)
+    assert len(list(itertools.islice(film, 10))) == 10
+    stop.set()
+    assert list(film) == []
+
+
+def test_parts_are_taken_by_their_names():
+    turned = recording()
+    turned = Recording(turned.positions[:, ::-1].copy(), 15.0, "raise", "1", "1")
+    assert (pictures(camera(turned, parts=BODY_PARTS[::-1]))[0] == pictures(camera())[0]).all()
+    with pytest.raises(BadInput, match="head"):
+        pictures(camera(parts=("left_hand", "right_hand", "hip")))
+
+
+@pytest.mark.parametrize("view", ["door", "wheel", "table", "yaw:45", "yaw:-120,pitch:30"])
+def test_the_camera_is_where_its_view_says_and_aims_at_the_middle(view):
+    standing = stature(recording().positions)
+    parallel = parse_view(view).matrix
+    matrix = aimed_matrix(parse_view(view), standing, (640, 480))
+    np.testing.assert_allclose(project(matrix, standing.middle), [319.5, 239.5], atol=1e-6)
+    assert matrix[2] @ [*standing.middle, 1.0] == pytest.approx(3.5)
+    # Near the middle it sees directions as the parallel view does, 1 m as FOCAL * 480 / 3.5 pixels.
+    step = np.array([0.001, 0.002, -0.001])
+    seen = project(matrix, standing.middle + step) - [319.5, 239.5]
+    np.testing.assert_allclose(seen, parallel[:2, :3] @ step * 1.35 * 480 / 3.5, atol=1e-3)
+
+
+def test_a_calibrated_camera_stays_where_it_is():
+    matrix = pinhole_matrix(0.3, 0.1, 4.0, 700.0, (320.0, 240.0))
+    assert aimed_matrix(View("calibrated", matrix), stature(recording().positions)) is matrix
+
+
+@pytest.mark.parametrize("view", ["door", "wheel", "yaw:45"])
+def test_recorded_people_are_in_the_picture(msr, view):
+    for number, who in enumerate(msr.recordings[::40]):
+        source = camera(who, view=view, scenery=Scenery(BACKGROUNDS[number % 3], noise=3.0))
+        renderer = source.renderer(who)
+        truths = [renderer.visible_truth(positions, 0) for positions in who.positions[::10]]
+        seen = np.isfinite(who.positions[::10]).all(axis=2)
+        assert np.mean([truth.shares[2] > 0.3 for truth, known in zip(truths, seen, strict=True) if known[2]]) > 0.8
+        assert renderer.picture(who.positions[0], 0).shape == (480, 640, 3)
