@@ -79,7 +79,10 @@ IMPURE = {
     "studies.answer": "words for what evaluate, which measures time, found",
 }
 """Modules, by pattern, that touch sockets, clocks, disks, cameras or processes. All others are pure."""
-PURE_ALL_THE_SAME = {"observer.motion.importers.skeleton"}
+PURE_ALL_THE_SAME = {
+    *("observer.camera.address", "observer.camera.base", "observer.camera.sight"),
+    "observer.motion.importers.skeleton",
+}
 ALLOWED = {
     ("common.health", "threading"): "a lock: the status thread reads what the loop writes; nothing waits in it",
     ("studies.subsets", "observer.motion.importers.msr_action3d"): "the names of its movements, a table",

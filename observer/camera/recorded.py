@@ -1,0 +1,54 @@
+"""Recorded pictures, played in real time, faster, or as fast as possible: every one, and never ahead of time."""
+
+import threading
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+
+from observer.camera.base import Clock, Picture, Size, frame_of
+from observer.camera.sight import SECOND_NS
+from observer.tracks import Frame
+
+
+@dataclass(frozen=True, slots=True)
+class RecordedPictures:
+    """Plays pictures as `observer.source.RecordedMotion` plays motion: a PictureSource that ends after the last.
+
+    Picture i is captured at start + i / rate / speed; without `start_ns` that is now. speed 0: no waiting, and the
+    time of capture is the time of playing. When the observer is slower, pictures come late and none is left out.
+    pictures: begins at the first each time it is called. count: how many the file says that it holds.
+    """
+
+    pictures: Callable[[], Iterator[Picture]] = field(repr=False)
+    rate_hz: float
+    size_px: Size
+    count: int
+    speed: float = 1.0
+    loop: bool = False
+    start_ns: int | None = None
+    clock: Clock = time.time_ns
+    body_parts: tuple[str, ...] = ()
+
+    def frames(self, stop: threading.Event) -> Iterator[Frame]:
+        """Each picture when it is due. Raises BadInput when the files are no longer what they were at opening."""
+        start_ns = self.clock() if self.start_ns is None else self.start_ns
+        for i, picture in enumerate(self._all()):
+            offset_ns = round(i * SECOND_NS / self.rate_hz / self.speed) if self.speed else 0
+            captured_ns = self._wait(start_ns + offset_ns, stop)
+            if captured_ns is None:
+                return
+            yield frame_of(captured_ns, picture)
+
+    def _all(self) -> Iterator[Picture]:
+        yield from self.pictures()
+        while self.loop:
+            yield from self.pictures()
+
+    def _wait(self, due_ns: int, stop: threading.Event) -> int | None:
+        """The time of capture of the picture that is due then; None when told to stop."""
+        while not stop.is_set():
+            now_ns = self.clock()
+            if now_ns >= due_ns:
+                return due_ns if self.speed else now_ns
+            stop.wait((due_ns - now_ns) / SECOND_NS)
+        return None

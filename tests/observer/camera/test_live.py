@@ -1,0 +1,249 @@
+"""A live camera that fails, freezes and returns: what is delivered, and what is reported."""
+
+import itertools
+import queue
+import threading
+import time
+
+import numpy as np
+import pytest
+
+from common.errors import LabanmeshError
+from observer.camera.base import CameraFault, frame_of
+from observer.camera.live import LiveCamera, Newest
+from observer.camera.sight import Backoff, Patience, Seen
+
+WAIT_S = 20
+SOON = Backoff(first_s=0.01, longest_s=0.02)
+SHORT = Patience(silence_s=0.3, same_s=0.05)
+
+
+def picture(number, size_px=(16, 8)):
+    shape = (size_px[1], size_px[0], 3)
+    return np.full(shape, 0, np.uint8) + np.frombuffer(number.to_bytes(3, "big"), np.uint8)
+
+
+def number_of(frame):
+    return int.from_bytes(frame.content[0, 0].tobytes(), "big")
+
+
+class FakeCamera:
+    """Delivers numbered pictures every 2 ms; `mode` is what it does meanwhile; counts how often it was opened."""
+
+    def __init__(self):
+        self.mode, self.size_px = "works", (16, 8)
+        self.numbers = itertools.count()
+        self.opened = self.closed = self.reads = self.last = 0
+        self.tick = threading.Event()  # never set: waiting for it is the camera's rate
+        self.released = threading.Event()
+
+    def connect(self):
+        if self.mode == "away":
+            raise CameraFault("cannot be opened")
+        self.opened += 1
+        return self
+
+    def read(self):
+        self.tick.wait(0.002)
+        self.reads += 1
+        if self.mode == "broken":
+            raise ZeroDivisionError
+        if self.mode in ("away", "fails"):
+            raise CameraFault("delivers no more pictures")
+        if self.mode == "hangs":
+            self.released.wait(WAIT_S)
+        if self.mode != "frozen":
+            self.last = next(self.numbers)
+        return time.time_ns(), picture(self.last, self.size_px)
+
+    def close(self):
+        self.closed += 1
+
+    def wait_for_reads(self, more):
+        target = self.reads + more
+        while self.reads < target:
+            self.tick.wait(0.002)
+
+
+class Watcher:
+    """Takes the frames in a thread, as an observer does; its reports and frames can be waited for."""
+
+    def __init__(self, camera, **arguments):
+        self.reports, self.frames, self.stop = queue.Queue(), queue.Queue(), threading.Event()
+        given = {"patience": SHORT, "backoff": SOON, **arguments}
+        self.source = LiveCamera("cam", camera.connect, lambda *told: self.reports.put(told), **given)
+        self.thread = threading.Thread(target=self._run)
+
+    def _run(self):
+        for frame in self.source.frames(self.stop):
+            self.frames.put(frame)
+
+    def told(self):
+        return self.reports.get(timeout=WAIT_S)
+
+    def next_frame(self):
+        """One that is captured after now."""
+        now_ns = time.time_ns()
+        while True:
+            frame = self.frames.get(timeout=WAIT_S)
+            if frame.captured_ns >= now_ns:
+                return frame
+
+    def __enter__(self):
+        self.thread.start()
+        return self
+
+    def __exit__(self, *error):
+        self.stop.set()
+        self.thread.join(WAIT_S)
+        assert not self.thread.is_alive()
+
+
+def test_the_newest_replaces_what_was_not_taken():
+    newest = Newest(0)
+    assert newest.take(0) == (None, Seen(0, 0))
+    for number in range(3):
+        newest.put(100 + number, picture(number), 10 + number)
+    frame, seen = newest.take(WAIT_S)
+    assert (frame.captured_ns, number_of(frame)) == (102, 2)
+    assert seen == Seen(12, 12)
+    assert newest.take(0)[0] is None
+
+
+def test_the_same_picture_is_new_and_unchanged_and_a_fault_ends_with_the_next():
+    newest = Newest(0)
+    newest.put(1, picture(7), 10)
+    newest.put(2, picture(7), 20)
+    assert newest.take(0)[1] == Seen(20, 10)
+    newest.fail("gone")
+    assert newest.take(0) == (None, Seen(20, 10, "gone"))
+    newest.put(3, picture(8), 30)
+    assert newest.take(0)[1] == Seen(30, 30)
+
+
+def test_a_slow_observer_always_gets_the_newest_and_none_twice():
+    camera = FakeCamera()
+    stop = threading.Event()
+    source = LiveCamera("cam", camera.connect, patience=Patience(same_s=WAIT_S, silence_s=WAIT_S))
+    captured = []
+    for frame in source.frames(stop):
+        captured.append((frame.captured_ns, number_of(frame)))
+        assert abs(camera.last - number_of(frame)) <= 5, "frames were queued"
+        camera.wait_for_reads(10)  # the observer is slow
+        if len(captured) == 5:
+            stop.set()
+    assert captured == sorted(set(captured))
+    assert all(b[1] - a[1] >= 5 for a, b in itertools.pairwise(captured))
+    assert camera.closed == camera.opened == 1
+
+
+def test_a_lost_camera_is_reported_retried_and_its_return_reported():
+    camera = FakeCamera()
+    with Watcher(camera) as watcher:
+        watcher.next_frame()
+        assert watcher.reports.empty(), "nothing is reported of a camera that works"
+        camera.mode = "away"
+        assert watcher.told() == ("degraded", "cam: delivers no more pictures")
+        assert watcher.told() == ("degraded", "cam: cannot be opened")
+        camera.mode = "works"
+        assert watcher.told() == ("running", "")
+        watcher.next_frame()
+    assert camera.opened == camera.closed == 2
+    assert watcher.reports.empty(), "each change is reported once"
+
+
+def test_a_camera_that_is_away_at_the_start_is_waited_for():
+    camera = FakeCamera()
+    camera.mode = "away"
+    with Watcher(camera) as watcher:
+        assert watcher.told() == ("degraded", "cam: cannot be opened")
+        camera.mode = "works"
+        assert watcher.told() == ("running", "")
+        watcher.next_frame()
+
+
+def test_the_wait_grows_with_each_failure_in_a_row():
+    stop, waited_after = threading.Event(), []
+
+    class Noted(Backoff):
+        def wait_s(self, failures):
+            waited_after.append(failures)
+            if failures == 4:
+                stop.set()
+            return 0.001
+
+    camera = FakeCamera()
+    camera.mode = "away"
+    assert list(LiveCamera("cam", camera.connect, backoff=Noted()).frames(stop)) == []
+    assert waited_after[:4] == [1, 2, 3, 4]
+
+
+@pytest.mark.parametrize("mode", ["fails", "hangs"])
+def test_a_loss_is_reported_within_a_second_by_default(mode):
+    camera = FakeCamera()
+    with Watcher(camera, patience=Patience()) as watcher:
+        watcher.next_frame()
+        began_s = time.monotonic()
+        camera.mode = mode
+        assert watcher.told()[0] == "degraded"
+        assert time.monotonic() - began_s < 1.0
+        camera.released.set()
+
+
+def test_a_camera_that_hangs_is_silent_and_stopping_does_not_wait_for_more_frames():
+    camera = FakeCamera()
+    with Watcher(camera) as watcher:
+        watcher.next_frame()
+        camera.mode = "hangs"
+        assert watcher.told() == ("degraded", "cam: no picture for 0.3 s")
+        camera.mode = "works"
+        camera.released.set()
+        assert watcher.told() == ("running", "")
+
+
+def test_a_frozen_picture_is_reported_and_not_passed_on_until_it_moves():
+    camera = FakeCamera()
+    with Watcher(camera) as watcher:
+        watcher.next_frame()
+        camera.mode = "frozen"
+        assert watcher.told() == ("degraded", "cam: frozen: the same picture for 0.05 s")
+        watcher.frames.queue.clear()
+        camera.wait_for_reads(20)
+        assert watcher.frames.empty()
+        camera.mode = "works"
+        assert watcher.told() == ("running", "")
+        assert number_of(watcher.next_frame()) > 0
+    assert camera.opened == 1
+
+
+def test_a_frozen_picture_is_noticed_after_about_a_second_by_default():
+    camera = FakeCamera()
+    camera.mode = "frozen"
+    began_s = time.monotonic()
+    with Watcher(camera, patience=Patience()) as watcher:
+        assert watcher.told() == ("degraded", "cam: frozen: the same picture for 1 s")
+        assert 1.0 <= time.monotonic() - began_s < 1.5
+
+
+def test_another_size_is_a_fault_that_is_told():
+    camera = FakeCamera()
+    with Watcher(camera, size_px=(16, 8)) as watcher:
+        watcher.next_frame()
+        camera.size_px = (8, 8)
+        assert watcher.told() == ("degraded", "cam: delivers 8x8 px, not 16x8 as before or as calibrated")
+        camera.size_px = (16, 8)
+        assert watcher.told() == ("running", "")
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+def test_a_defect_in_the_thread_is_not_waited_out_for_ever():
+    camera = FakeCamera()
+    camera.mode = "broken"
+    with pytest.raises(LabanmeshError, match="cam: the thread"):
+        list(LiveCamera("cam", camera.connect).frames(threading.Event()))
+    assert camera.closed == 1
+
+
+def test_a_frame_holds_the_picture_itself():
+    shown = picture(3)
+    assert frame_of(5, shown).content is shown and frame_of(5, shown).captured_ns == 5

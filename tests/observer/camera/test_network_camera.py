@@ -1,0 +1,151 @@
+"""A camera in the network, MJPEG over HTTP, by OpenCV itself: killed and started again, frozen, with a password."""
+
+import http.server
+import queue
+import socketserver
+import threading
+import time
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from observer.camera.base import CameraFault
+from observer.camera.capture import connect
+from observer.camera.live import LiveCamera
+from observer.camera.opening import open_pictures
+
+WAIT_S = 30
+BETWEEN_S = 0.01
+NOISE = [
+    cv2.imencode(".jpg", np.random.default_rng(seed).integers(0, 255, (48, 64, 3), np.uint8))[1].tobytes()
+    for seed in range(7)
+]
+
+
+class Stream(http.server.BaseHTTPRequestHandler):
+    def do_GET(self):
+        self.send_response(200)
+        self.send_header("Content-Type", "multipart/x-mixed-replace; boundary=frame")
+        self.end_headers()
+        sent = 0
+        try:
+            while not self.server.ending.wait(BETWEEN_S):
+                if not self.server.frozen.is_set():
+                    sent += 1
+                picture = NOISE[sent % len(NOISE)]
+                head = f"--frame\r\nContent-Type: image/jpeg\r\nContent-Length: {len(picture)}\r\n\r\n"
+                self.wfile.write(head.encode() + picture + b"\r\n")
+        except OSError:
+            pass  # the other side has gone
+
+    def log_message(self, *said):
+        pass
+
+
+class Server(socketserver.ThreadingMixIn, http.server.HTTPServer):
+    """Streams noise on a port until it leaves the block; then nobody listens there."""
+
+    def __init__(self, port=0):
+        self.ending, self.frozen = threading.Event(), threading.Event()
+        super().__init__(("127.0.0.1", port), Stream)
+        self.thread = threading.Thread(target=self.serve_forever, kwargs={"poll_interval": 0.01})
+
+    def __enter__(self):
+        self.thread.start()
+        return self
+
+    def __exit__(self, *error):
+        self.close()
+
+    def close(self):
+        """As if its plug were pulled; a second time it changes nothing."""
+        if not self.ending.is_set():
+            self.ending.set()
+            self.shutdown()
+            self.thread.join(WAIT_S)
+            self.server_close()
+
+
+class Viewer:
+    """Takes the frames of a source in a thread; frames and reports can be waited for."""
+
+    def __init__(self, port):
+        self.reports, self.frames, self.stop = queue.Queue(), queue.Queue(), threading.Event()
+        address = f"http://me:s3cret@127.0.0.1:{port}/video?key=s3cret"
+        self.source = open_pictures(address, Path(), report=lambda *told: self.reports.put(told))
+        self.name = f"http://127.0.0.1:{port}/video"
+        self.thread = threading.Thread(target=lambda: [self.frames.put(f) for f in self.source.frames(self.stop)])
+
+    def told(self):
+        return self.reports.get(timeout=WAIT_S)
+
+    def told_at_last(self, state):
+        """Waits until this state is told; how many reports there were before it does not matter."""
+        while (told := self.told())[0] != state:
+            pass
+        return told
+
+    def __enter__(self):
+        self.thread.start()
+        return self
+
+    def __exit__(self, *error):
+        self.stop.set()
+        self.thread.join(WAIT_S)
+        assert not self.thread.is_alive()
+
+
+def test_a_stream_that_dies_and_comes_back(caplog):
+    with Server() as server:
+        port = server.server_port
+        with Viewer(port) as viewer:
+            frame = viewer.frames.get(timeout=WAIT_S)
+            assert frame.content.shape == (48, 64, 3) and frame.content.dtype == np.uint8
+            assert 0 <= time.time_ns() - frame.captured_ns < WAIT_S * 1e9
+            began_s = time.monotonic()
+            server.close()
+            state, reason = viewer.told()
+            assert time.monotonic() - began_s < 1.0
+            assert state == "degraded" and reason.startswith(f"{viewer.name}: ")
+            with Server(port):
+                assert viewer.told_at_last("running") == ("running", "")
+                again_ns = time.time_ns()
+                while viewer.frames.get(timeout=WAIT_S).captured_ns < again_ns:
+                    pass
+    assert "s3cret" not in caplog.text + reason and viewer.name in caplog.text
+
+
+def test_a_stream_that_freezes():
+    with Server() as server, Viewer(server.server_port) as viewer:
+        viewer.frames.get(timeout=WAIT_S)
+        server.frozen.set()
+        assert viewer.told() == ("degraded", f"{viewer.name}: frozen: the same picture for 1 s")
+        server.frozen.clear()
+        assert viewer.told() == ("running", "")
+
+
+def test_an_address_where_nobody_is_says_what_to_look_for():
+    with Server() as server:
+        port = server.server_port
+    with pytest.raises(CameraFault, match="does not answer, or sends no video: is it on"):
+        connect(f"http://127.0.0.1:{port}/video", 30)
+
+
+def test_a_device_that_is_not_there_says_what_to_look_for():
+    for text in ("93", "/dev/video93"):
+        with pytest.raises(CameraFault, match="cannot be opened: is it plugged in"):
+            connect(text, 30, (640, 480))
+
+
+def test_stopping_while_the_camera_is_away_is_soon():
+    stop = threading.Event()
+
+    def away():
+        stop.set()
+        raise CameraFault("away")
+
+    began_s = time.monotonic()
+    assert list(LiveCamera("cam", away).frames(stop)) == []
+    assert time.monotonic() - began_s < 2

@@ -1,0 +1,229 @@
+"""Files as sources: every picture when it is due, and one clear line for what cannot be played."""
+
+import logging
+import os
+import subprocess
+import sys
+import threading
+
+import cv2
+import numpy as np
+import pytest
+
+from common.errors import BadInput
+from observer.camera.live import LiveCamera
+from observer.camera.opening import open_pictures
+from observer.camera.recorded import RecordedPictures
+
+SECOND_NS = 1_000_000_000
+START_NS = 1_000 * SECOND_NS
+
+
+class Watch:
+    """A clock that only waiting moves; stands in for time and for the stop event at once."""
+
+    def __init__(self):
+        self.now_ns = START_NS
+        self.stopped_after = None
+        self.waits = 0
+
+    def __call__(self):
+        return self.now_ns
+
+    def is_set(self):
+        return self.stopped_after == self.waits
+
+    def wait(self, seconds):
+        self.waits += 1
+        self.now_ns += round(seconds * SECOND_NS)
+
+
+def numbers(frames):
+    return [round(float(frame.content.mean()) / 10) for frame in frames]
+
+
+def captured_s(frames, start_ns=START_NS):
+    return [(frame.captured_ns - start_ns) / SECOND_NS for frame in frames]
+
+
+def write_pictures(folder, names, size_px=(64, 48)):
+    folder.mkdir(exist_ok=True)
+    for i, name in enumerate(names):
+        assert cv2.imwrite(str(folder / name), np.full((size_px[1], size_px[0], 3), 10 * i, np.uint8))
+    return folder
+
+
+def refused(text, folder, **arguments):
+    with pytest.raises(BadInput) as caught:
+        for _ in open_pictures(text, folder, speed=0, **arguments).frames(threading.Event()):
+            pass
+    line = str(caught.value)
+    assert "\n" not in line
+    return line
+
+
+def played(source, watch, **arguments):
+    given = {"speed": source.speed, "loop": source.loop, "start_ns": source.start_ns, **arguments}
+    return RecordedPictures(source.pictures, source.rate_hz, source.size_px, source.count, clock=watch, **given)
+
+
+def test_a_video_is_played_whole_at_its_own_rate(video):
+    source, watch = open_pictures("clip.avi", video.parent), Watch()
+    assert (source.rate_hz, source.size_px, source.count, source.body_parts) == (25.0, (64, 48), 12, ())
+    frames = list(played(source, watch).frames(watch))
+    assert numbers(frames) == list(range(12))
+    assert captured_s(frames) == pytest.approx([i / 25 for i in range(12)])
+    assert frames[0].content.shape == (48, 64, 3) and frames[0].content.dtype == np.uint8
+    assert watch.waits == 11
+
+
+@pytest.mark.parametrize("speed", [0.5, 4.0])
+def test_speed_and_a_common_start(video, speed):
+    source = open_pictures("clip.avi", video.parent, speed=speed, start_ns=START_NS + SECOND_NS)
+    watch = Watch()
+    frames = list(played(source, watch).frames(watch))
+    assert captured_s(frames) == pytest.approx([1 + i / 25 / speed for i in range(12)])
+
+
+def test_speed_0_waits_for_nothing_and_stamps_the_time_of_playing(video):
+    watch = Watch()
+    frames = list(played(open_pictures("clip.avi", video.parent, speed=0), watch).frames(watch))
+    assert len(frames) == 12 and watch.waits == 0
+    assert {frame.captured_ns for frame in frames} == {START_NS}
+
+
+def test_a_rate_may_be_given_instead_of_the_videos(video):
+    assert open_pictures("clip.avi", video.parent, rate_hz=10).rate_hz == 10
+    assert "0 pictures per second" in refused("clip.avi", video.parent, rate_hz=0.0)
+
+
+def test_a_loop_goes_on_in_step_until_told_to_stop(video):
+    watch = Watch()
+    watch.stopped_after = 30
+    frames = list(played(open_pictures("clip.avi", video.parent, loop=True), watch).frames(watch))
+    assert numbers(frames) == [i % 12 for i in range(30)]
+    assert captured_s(frames) == pytest.approx([i / 25 for i in range(30)])
+
+
+def test_pictures_follow_their_numbers(tmp_path):
+    write_pictures(tmp_path / "p", ["a2.png", "a10.png", "a11.PNG", "b1.bmp"])
+    (tmp_path / "p" / "notes.txt").write_text("not a picture")
+    (tmp_path / "p" / "._a1.png").write_bytes(b"left by a Mac")
+    source = open_pictures("p/", tmp_path, speed=0, rate_hz=5)
+    assert (source.rate_hz, source.count) == (5, 4)
+    assert numbers(source.frames(threading.Event())) == [0, 1, 2, 3]
+    assert numbers(open_pictures("p/a10.png", tmp_path, speed=0).frames(threading.Event())) == [1]
+
+
+def test_what_is_no_video(tmp_path, video):
+    (tmp_path / "empty.mp4").touch()
+    (tmp_path / "text.mp4").write_text("no video " * 100)
+    whole = video.read_bytes()
+    (tmp_path / "codec.avi").write_bytes(whole.replace(b"MJPG", b"QQQQ"))
+    (tmp_path / "head.avi").write_bytes(whole[:300])
+    assert "empty.mp4: zero bytes" in refused("empty.mp4", tmp_path)
+    assert "text.mp4: not a video; known:" in refused("text.mp4", tmp_path)
+    for name in ("codec.avi", "head.avi"):
+        assert f"{name}: AVI of which no picture can be read: an unknown codec" in refused(name, tmp_path)
+    assert "gone.mp4: no such file or folder; a source is a webcam" in refused("gone.mp4", tmp_path)
+    assert "'': no such file" in refused("", tmp_path)
+
+
+def test_what_is_no_folder_of_pictures(tmp_path):
+    (tmp_path / "none").mkdir()
+    assert "none: no pictures in this folder" in refused("none", tmp_path)
+    folder = write_pictures(tmp_path / "p", ["1.png", "2.png"])
+    (folder / "3.png").touch()
+    assert "3.png: zero bytes" in refused("p", tmp_path)
+    (folder / "3.png").write_bytes(b"\x89PNG is not enough")
+    assert "3.png: not a picture that can be read" in refused("p", tmp_path)
+    write_pictures(folder, ["3.png"], (32, 48))
+    assert "3.png: 32x48 px, but 1.png has 64x48" in refused("p", tmp_path)
+
+
+def test_sizes_are_held_to_what_is_expected(tmp_path, video):
+    assert "clip.avi: 64x48 px, but 640x480 is expected" in refused("clip.avi", video.parent, size_px=(640, 480))
+    assert open_pictures("clip.avi", video.parent, size_px=(64, 48)).size_px == (64, 48)
+
+
+def test_files_that_change_after_opening_are_refused_when_played(tmp_path, video):
+    copy = tmp_path / "clip.avi"
+    copy.write_bytes(video.read_bytes())
+    source = open_pictures("clip.avi", tmp_path, speed=0)
+    copy.write_bytes(b"")
+    with pytest.raises(BadInput, match="zero bytes"):
+        list(source.frames(threading.Event()))
+
+
+def test_a_picture_that_changes_its_size_after_opening_is_refused_when_its_turn_comes(tmp_path):
+    folder = write_pictures(tmp_path / "p", ["1.png", "2.png"])
+    frames = open_pictures("p", tmp_path, speed=0).frames(threading.Event())
+    next(frames)
+    assert cv2.imwrite(str(folder / "2.png"), np.zeros((8, 8, 3), np.uint8))
+    with pytest.raises(BadInput, match=r"2\.png: 8x8 px, but 1\.png has 64x48"):
+        next(frames)
+
+
+def test_a_video_that_breaks_off_is_played_so_far_and_said(tmp_path, video, caplog):
+    whole = video.read_bytes()
+    (tmp_path / "cut.avi").write_bytes(whole[: len(whole) * 4 // 5])
+    source = open_pictures("cut.avi", tmp_path, speed=0)
+    with caplog.at_level(logging.WARNING, "labanmesh.observer"):
+        played_numbers = numbers(source.frames(threading.Event()))
+    assert played_numbers == list(range(len(played_numbers))) and 0 < len(played_numbers) < 12
+    assert f"ends after {len(played_numbers)} of 12 pictures" in caplog.text
+
+
+def test_addresses_open_nothing_yet_and_show_no_password(tmp_path):
+    line = refused("ftp://me:s3cret@host/clip.mp4", tmp_path)
+    assert line == "ftp://host/clip.mp4: unknown kind of address; known: rtsp://, rtsps://, http://, https://"
+    source = open_pictures("rtsp://me:s3cret@host/1", tmp_path, size_px=(640, 480))
+    assert isinstance(source, LiveCamera) and source.name == "rtsp://host/1" and source.rate_hz == 30
+    assert "s3cret" not in repr(source)
+    assert open_pictures("0", tmp_path, rate_hz=15).name == "camera 0"
+    assert open_pictures("/dev/video7", tmp_path).name == "/dev/video7"
+
+
+def test_opencv_and_ffmpeg_keep_quiet(tmp_path, video):
+    (tmp_path / "text.mp4").write_text("no video " * 100)
+    (tmp_path / "codec.avi").write_bytes(video.read_bytes().replace(b"MJPG", b"QQQQ"))
+    code = """if True:
+        import sys, pathlib
+        from common.errors import BadInput
+        from observer.camera.base import CameraFault
+        from observer.camera.capture import connect
+        from observer.camera.opening import open_pictures
+        for text in ("text.mp4", "codec.avi"):
+            try: open_pictures(text, pathlib.Path(sys.argv[1]))
+            except BadInput: print(text)
+        for text in ("rtsp://me:s3cret@127.0.0.1:9/1", "93", "/dev/video93"):
+            try: connect(text, 30)
+            except CameraFault as fault: print(fault)"""
+    environment = {k: v for k, v in os.environ.items() if not k.startswith("OPENCV_")}
+    ran = subprocess.run(
+        [sys.executable, "-c", code, str(tmp_path)], capture_output=True, text=True, check=True, env=environment
+    )
+    assert ran.stderr == "" and "s3cret" not in ran.stdout
+    assert [line.split(":")[0] for line in ran.stdout.splitlines()] == [
+        "text.mp4",
+        "codec.avi",
+        "does not answer, or sends no video",
+        "cannot be opened",
+        "cannot be opened",
+    ]
+
+
+def test_a_recorded_person(data):
+    source = open_pictures("wave_webcam/wave.mp4", data, speed=0)
+    assert (source.rate_hz, source.size_px, source.count) == (10.0, (420, 420), 125)
+    frames = list(source.frames(threading.Event()))
+    assert len(frames) == 125
+    assert {frame.content.shape for frame in frames} == {(420, 420, 3)}
+    blue, _, red = frames[60].content.reshape(-1, 3).astype(float).mean(axis=0)
+    assert blue != red
+
+
+def test_a_recording_that_was_cut_off(data, tmp_path):
+    whole = (data / "wave_webcam" / "wave.mp4").read_bytes()
+    (tmp_path / "cut.mp4").write_bytes(whole[:1000])
+    assert "cut.mp4: MP4 of which no picture can be read" in refused("cut.mp4", tmp_path)
