@@ -33,6 +33,9 @@ VERBS = {
     "router": Verb("deploy.commands", "router", "a Zenoh router for a mesh of several machines"),
     "watch": Verb("hub.commands", "watch", "live view of beliefs, weights and verdicts in the terminal"),
     "import": Verb("observer.commands", "import_recordings", "recordings of others -> motion archive"),
+    "calibrate": Verb(
+        "observer.calibration.commands", "calibrate", "boards, known points, others' files -> camera files"
+    ),
     "learn": Verb("observer.commands", "learn", "motion archive -> one observer's model for its view"),
     "paper": Verb("studies.commands", "paper", "the paper's three experiments, beside the paper's tables"),
     "evaluate": Verb("studies.commands", "evaluate", "accuracy, confusion, earliness and calibration on an archive"),

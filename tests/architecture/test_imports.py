@@ -51,7 +51,12 @@ IMPURE = {
     "common.progress": "the terminal",
     "common.status": "a thread and the mesh",
     "observer.source": "plays recordings by the clock",
-    "observer.capture*": "cameras",
+    **{
+        f"observer.calibration.{name}": "OpenCV"
+        for name in ("annotate", "bundle", "detection", "extrinsics", "from_boards", "intrinsics")
+    },
+    "observer.calibration.from_points": "OpenCV and files",
+    "observer.calibration.pictures": "pictures and videos",
     "observer.camera*": "cameras",
     "observer.*_file": "files",
     "observer.geometry.camera_file": "files",

@@ -1,0 +1,112 @@
+"""Extrinsics: where cameras stand relative to each other, from a board that several of them see at the same time."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations, permutations
+
+import cv2
+import numpy as np
+
+from common.errors import BadInput
+from observer.calibration.board import Board
+from observer.calibration.bundle import Corners, adjusted
+from observer.calibration.calibrated import angle_between
+from observer.calibration.detection import Sighting, Sightings
+from observer.calibration.intrinsics import Lens
+from observer.geometry.projection import Floats
+
+DISAGREE_RAD, DISAGREE = 0.35, 0.5
+"""Relative poses of two cameras that lie apart by more, 20 degrees or half their distance, are not of one moment."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pose:
+    """R: (3, 3), t: (3,) metres: X' = R X + t."""
+
+    R: Floats
+    t: Floats
+
+    def after(self, first: "Pose") -> "Pose":
+        """What `first` and then this one do."""
+        return Pose(self.R @ first.R, self.R @ first.t + self.t)
+
+    @property
+    def back(self) -> "Pose":
+        """The way back."""
+        return Pose(self.R.T, -self.R.T @ self.t)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Placed:
+    """cameras: by name, from the room to the camera. boards: by picture number, from the board to the room."""
+
+    cameras: dict[str, Pose]
+    boards: dict[int, Pose]
+
+
+def board_pose(sighting: Sighting, board: Board, lens: Lens) -> Pose:
+    """From the board to the camera that saw it, by the better of a plane's two solutions (IPPE), refined."""
+    space, image = board.points[sighting.ids], sighting.pixels
+    _, turns, moves, _ = cv2.solvePnPGeneric(space, image, lens.K, lens.distortion, flags=cv2.SOLVEPNP_IPPE)
+    turn, move = cv2.solvePnPRefineLM(space, image, lens.K, lens.distortion, turns[0], moves[0])
+    return Pose(np.asarray(cv2.Rodrigues(turn)[0], np.float64), np.asarray(move, np.float64).ravel())
+
+
+def placed(cameras: Sequence[Sightings], lenses: Mapping[str, Lens], board: Board) -> Placed:
+    """All cameras in the frame of the first one; pictures of the same number are taken as taken at the same time.
+
+    Pairs are placed by the relative pose that most of their shared pictures agree with, the pairs with most shared
+    pictures joined into a tree, then all cameras and boards moved together for the least reprojection error.
+    Raises BadInput for a camera that shares no picture with the others, and for pictures not taken at the same time.
+    """
+    if len(cameras) > 1 and board.turned_looks_alike:
+        raise BadInput("--board: looks the same upside down, which way cameras see it is not known; one of columns and "
+                       "rows must be even, the other odd, or use ChArUco")  # fmt: skip
+    seen = {c.name: {s.number: board_pose(s, board, lenses[c.name]) for s in c.seen} for c in cameras}
+    poses = _joined(seen)
+    boards: dict[int, Pose] = {}
+    for name, shots in seen.items():
+        for number, pose in shots.items():
+            boards.setdefault(number, poses[name].back.after(pose))
+    corners = [Corners(c.name, s.number, board.points[s.ids], s.pixels) for c in cameras for s in c.seen]
+    moved, boards_moved = adjusted(
+        corners,
+        {name: (lens.K, lens.distortion) for name, lens in lenses.items()},
+        {name: (p.R, p.t) for name, p in poses.items()},
+        {number: (p.R, p.t) for number, p in boards.items()},
+    )
+    return Placed({n: Pose(*p) for n, p in moved.items()}, {n: Pose(*p) for n, p in boards_moved.items()})
+
+
+def _joined(seen: dict[str, dict[int, Pose]]) -> dict[str, Pose]:
+    """From the first camera's frame to each camera, along the pairs with most shared pictures (Prim's tree)."""
+    names = list(seen)
+    shared = {pair: len(seen[pair[0]].keys() & seen[pair[1]].keys()) for pair in permutations(names, 2)}
+    poses = {names[0]: Pose(np.eye(3), np.zeros(3))}
+    while len(poses) < len(names):
+        count, known, new = max((shared[k, n], k, n) for k in poses for n in names if n not in poses)
+        if count == 0:
+            lost = ", ".join(n for n in names if n not in poses)
+            raise BadInput(
+                f"{lost}: no picture shows the board at the same time to it and to {', '.join(poses)}; hold it where "
+                "two cameras see it, or give --apart when the pictures were not taken at the same time"
+            )
+        poses[new] = _between(seen[known], seen[new], f"{known} and {new}").after(poses[known])
+    return poses
+
+
+def _between(known: dict[int, Pose], new: dict[int, Pose], names: str) -> Pose:
+    """From one camera to another: that of the shared pictures' relative poses which the others lie nearest to."""
+    found = [new[n].after(known[n].back) for n in sorted(known.keys() & new.keys())]
+    gaps = np.zeros((len(found), len(found)))
+    for (i, first), (j, second) in combinations(enumerate(found), 2):
+        apart = float(np.linalg.norm(first.t - second.t))
+        far = apart / max(1e-9, float(np.linalg.norm(first.t)), float(np.linalg.norm(second.t)))
+        gaps[i, j] = gaps[j, i] = max(angle_between(first.R, second.R) / DISAGREE_RAD, far / DISAGREE)
+    middle = np.median(gaps, axis=1)
+    if middle.min() > 1:
+        raise BadInput(
+            f"{names}: their {len(found)} shared pictures contradict each other; pictures of one number must be taken "
+            "at the same time, else give --apart"
+        )
+    return found[int(middle.argmin())]

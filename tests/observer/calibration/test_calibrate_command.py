@@ -1,0 +1,125 @@
+"""`labanmesh calibrate` as a person meets it: what it prints, writes, and says to bad input."""
+
+import csv
+
+import cv2
+import numpy as np
+import pytest
+import typer
+
+from common.errors import BadInput
+from observer.calibration.board import Chessboard
+from observer.calibration.calibrated import Calibrated, rotation
+from observer.calibration.commands import ALL, calibrate
+from observer.calibration.opencv_file import read_opencv, write_opencv
+from observer.geometry.camera_file import read_camera
+
+K = np.array([[700.0, 0, 320], [0, 705, 240], [0, 0, 1]])
+TRUE = Calibrated("door", K, np.zeros(0), rotation([0.1, 3.0, 0.2], "test"), np.array([0.2, -0.1, 3.0]))
+BOARD = "chessboard:4x7:0.06"
+
+
+@pytest.fixture
+def run(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
+    app.command("calibrate")(calibrate)
+    command = typer.main.get_command(app)
+    return lambda *words: command.main([str(w) for w in words], "labanmesh calibrate", standalone_mode=False)
+
+
+def write_pairs(path, count=20, flat=False, camera=TRUE):
+    points = np.random.default_rng(0).uniform(-0.7, 0.7, (count, 3)) * [1, 1, 0 if flat else 1]
+    with path.open("w", newline="") as file:
+        csv.writer(file).writerows([["x", "y", "z", "u", "v"], *np.hstack([points, camera.pixels(points)]).tolist()])
+    return points
+
+
+def test_known_points_become_a_camera_by_dlt(run, tmp_path, capsys):
+    points = write_pairs(tmp_path / "door.csv")
+    run("--points", "door.csv", "-o", "out")
+    said = capsys.readouterr().out
+    assert "door" in said and "0.00" in said
+    camera = read_camera(tmp_path / "out/door.toml")
+    assert camera.reprojection_error_px < 1e-3 and "20 points of door.csv" in camera.provenance
+    (whole,) = read_opencv(tmp_path / "out" / ALL)
+    np.testing.assert_allclose(whole.K, K, atol=1e-3)
+    np.testing.assert_allclose(whole.R, TRUE.R, atol=1e-6)
+    np.testing.assert_allclose(whole.pixels(points), TRUE.pixels(points), atol=1e-3)
+
+
+def test_with_its_lens_known_points_in_a_plane_place_a_camera(run, tmp_path):
+    bent = Calibrated("door", K, np.array([0.15, -0.2, 1e-3, 2e-3]), TRUE.R, TRUE.t)
+    write_opencv(tmp_path / "lens.toml", [bent.moved(rotation([0, 1, 0], "test"), np.ones(3))])
+    write_pairs(tmp_path / "door.csv", 8, flat=True, camera=bent)
+    run("--points", "door.csv", "--lens", "lens.toml", "-o", "out")
+    (found,) = read_opencv(tmp_path / "out" / ALL)
+    np.testing.assert_allclose(found.place, TRUE.place, atol=1e-4)
+
+
+def test_a_file_of_others_with_z_up_is_turned_upright(run, tmp_path):
+    write_opencv(tmp_path / "theirs.toml", [TRUE])
+    run("--read", "theirs.toml", "--up", "z", "-o", "out")
+    (ours,) = read_opencv(tmp_path / "out" / ALL)
+    x, y, z = TRUE.place
+    np.testing.assert_allclose(ours.place, [x, z, -y], atol=1e-9)
+
+
+def drawn_board(folder):
+    """Pictures of a printed chessboard, warped as a pinhole camera sees it."""
+    folder.mkdir()
+    side, board = 40, Chessboard(4, 7, 0.06)
+    y, x = np.mgrid[: 8 * side, : 5 * side] // side
+    paper = np.pad(np.where((x + y) % 2 == 1, 255, 0).astype(np.uint8), side, constant_values=255)
+    on_paper = (board.points[:, :2] / board.square * side + 2 * side - 0.5).astype(np.float32)
+    rng = np.random.default_rng(2)
+    for n in range(6):
+        R, t = rotation(rng.uniform(-0.5, 0.5, 3), "test"), np.array([-0.1, -0.2, 0.9])
+        image = (board.points @ R.T + t) @ K.T
+        H, _ = cv2.findHomography(on_paper, (image[:, :2] / image[:, 2:]).astype(np.float32))
+        cv2.imwrite(str(folder / f"{n}.png"), cv2.warpPerspective(paper, H, (640, 480), borderValue=128))
+
+
+def test_pictures_of_a_board_become_camera_table_and_annotated_picture(run, tmp_path, capsys):
+    drawn_board(tmp_path / "cam1")
+    run("cam1", "--board", BOARD, "-o", "out", "--origin", 2)
+    said = capsys.readouterr().out
+    assert "board in 6 of 6 pictures" in said and "5.png: 28 corners" in said and "picture 2" in said
+    (found,) = read_opencv(tmp_path / "out" / ALL)
+    np.testing.assert_allclose(np.diag(found.K), np.diag(K), rtol=0.03)
+    assert found.error_px < 0.3 and found.image_size_px == (640, 480)
+    assert np.linalg.norm(found.place) == pytest.approx(np.linalg.norm([0.1, 0.2, 0.9]), rel=0.03)
+    assert found.place[2] < 0  # in front of who holds the board
+    assert cv2.imread(str(tmp_path / "out/cam1.png")).shape == (480, 640, 3)
+    assert read_camera(tmp_path / "out/cam1.toml").provenance.startswith("chessboard 4x7")
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        ("", "is needed"),
+        ("cam1 --points a.csv", "is needed"),
+        ("cam1", "--board: missing"),
+        ("cam1 --board x", "known: chessboard"),
+        (f"gone --board {BOARD}", "gone: not there"),
+        (f"cam1 x/cam1 --board {BOARD}", "2 cameras of this name"),
+        ("--points gone.csv", "No such file"),
+        ("--points few.csv", "5 points"),
+        ("--points flat.csv", "plane"),
+        ("--points words.csv", "words.csv: line 2"),
+        ("--points head.csv", "columns x,y,z,u,v"),
+        ("--points few.csv --lens lens.toml", "no camera 'few'"),
+        ("--read few.csv", "unknown kind"),
+        ("--read lens.toml --up x", "--up 'x'"),
+    ],
+)
+def test_bad_input_is_one_line_and_nothing_is_written(run, tmp_path, words, says):
+    write_pairs(tmp_path / "few.csv", 5)
+    write_pairs(tmp_path / "flat.csv", 20, flat=True)
+    (tmp_path / "words.csv").write_text("x,y,z,u,v\n1,2,three,4,5\n")
+    (tmp_path / "head.csv").write_text("1,2,3,4,5\n")
+    write_opencv(tmp_path / "lens.toml", [TRUE])
+    with pytest.raises(BadInput) as caught:
+        run(*words.split(), "-o", "out")
+    assert says in str(caught.value) and "\n" not in str(caught.value)
+    assert not (tmp_path / "out").exists()

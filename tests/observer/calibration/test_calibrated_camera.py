@@ -1,0 +1,103 @@
+"""Lens distortion and places against OpenCV, readers against each other."""
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from common.errors import BadInput
+from observer.calibration.calibrated import Calibrated, rotation
+from observer.calibration.opencv_file import read_opencv, write_opencv
+from observer.calibration.qualisys_file import read_qualisys
+from observer.geometry.projection import project
+
+K = np.array([[800.0, 0, 330], [0, 810, 250], [0, 0, 1]])
+LENSES = ([], [-0.3, 0.1, 1e-3, -2e-3], [0.19, -0.25, 2e-3, -5e-3, 0.11], [0.2, -0.1, 0, 0, 0.02, 0.1, 0.01, 0.001])
+GOOD = """
+[one]
+matrix = [[800, 0, 330], [0, 810, 250], [0, 0, 1]]
+distortions = [0.1, 0, 0, 0]
+rotation = [0.1, 0.2, 0.3]
+translation = [1, 2, 3]
+size = [640, 480]
+"""
+
+
+def camera(lens, turned=(0.1, -0.2, 0.05)):
+    return Calibrated("c", K, np.array(lens, dtype=float), rotation(turned, "test"), np.array([0.1, 0.2, 3.0]))
+
+
+@pytest.mark.parametrize("lens", LENSES)
+def test_pixels_are_those_of_opencv_and_back(lens):
+    one = camera(lens)
+    points = np.random.default_rng(1).uniform(-0.8, 0.8, (50, 3))
+    expected = cv2.projectPoints(points, cv2.Rodrigues(one.R)[0], one.t, K, one.distortion if lens else None)[0]
+    drawn = one.pixels(points)
+    np.testing.assert_allclose(drawn, expected.reshape(-1, 2), atol=1e-6)
+    np.testing.assert_allclose(one.undistorted(drawn), project(one.matrix, points), atol=1e-3)
+    assert np.isnan(one.undistorted(np.array([np.nan, 1.0]))).all()
+
+
+@given(st.tuples(*[st.floats(-3, 3)] * 3), st.tuples(*[st.floats(-3, 3)] * 3))
+def test_a_camera_moved_with_its_room_sees_the_same(turned, shift):
+    one, R, t = camera([]), rotation(turned, "test"), np.array(shift)
+    points = np.array([[0.1, 0.2, 0.3], [-0.5, 0, 0.1]])
+    np.testing.assert_allclose(one.moved(R, t).pixels(points @ R.T + t), one.pixels(points), atol=1e-6)
+
+
+def test_there_and_back(tmp_path):
+    path = tmp_path / "all.toml"
+    write_opencv(path, [camera(lens) for lens in LENSES])
+    for lens, back in zip(LENSES, read_opencv(path), strict=True):
+        np.testing.assert_allclose(back.R, camera(lens).R, atol=1e-12)
+        np.testing.assert_array_equal(back.distortion, lens)
+        np.testing.assert_array_equal(back.K, K)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ("matrix = [[800, 0, 330], [0, 810, 250], [0, 0, 1]]", "", "one.matrix: missing"),
+        ("[0, 810, 250]", "[0, -810, 250]", "one.matrix: no intrinsic"),
+        ("[0, 810, 250]", "[0, 810]", "one.matrix"),
+        ("[0.1, 0, 0, 0]", "[0.1]", "one.distortions: 1 numbers"),
+        ("[0.1, 0.2, 0.3]", "[[1,0,0],[0,1,0],[0,0,2]]", "one.rotation: no rotation"),
+        ("[0.1, 0.2, 0.3]", '"x"', "one.rotation"),
+        ("[1, 2, 3]", "[1, nan, 3]", "one.translation"),
+        ("[640, 480]", "[640, 0]", "one.size"),
+        ("[one]", "fisheye = true\n[two]", "two"),
+        ("size =", "fisheye = true\nsize =", "one.fisheye"),
+        (GOOD, "a = 1", "no camera"),
+        (GOOD, "a = ", "no TOML"),
+    ],
+)
+def test_a_wrong_file_is_one_line_with_the_key(tmp_path, old, new, says):
+    path = tmp_path / "c.toml"
+    assert old in GOOD
+    path.write_text(GOOD.replace(old, new))
+    if says == "two":
+        assert read_opencv(path)[0].name == "two"
+        return
+    with pytest.raises(BadInput, match=says) as caught:
+        read_opencv(path)
+    assert str(path) in str(caught.value) and "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("text", ["", "<a/>", "{", "<!DOCTYPE a [<!ENTITY b 'c'>]><a/>", "<camera serial='x'/>"])
+def test_what_is_no_qualisys_file_is_one_line(tmp_path, text):
+    path = tmp_path / "c.qca.txt"
+    path.write_text(text)
+    with pytest.raises(BadInput, match=r"c\.qca\.txt") as caught:
+        read_qualisys(path)
+    assert "\n" not in str(caught.value)
+
+
+def test_qualisys_says_what_pose2sim_made_of_it(data):
+    given_ = read_qualisys(data / "pose2sim_single/calibration/Calib.qca.txt")
+    expected = read_opencv(data / "pose2sim_single/reference_3d/Pose2Sim_cameras.toml")
+    for one, other in zip(given_, expected, strict=True):
+        np.testing.assert_allclose(one.matrix, other.matrix, atol=1e-4)
+        assert one.image_size_px == other.image_size_px == (1088, 1920)
+        # Pose2Sim divides the distortion by 64 too; the board pictures show that the file's own numbers are right.
+        np.testing.assert_allclose(one.distortion[:4] / 64, other.distortion, atol=1e-9)

@@ -1,0 +1,96 @@
+"""Triangulation: exact points, wrong cameras, and the recorded person seen by four cameras."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from common.errors import BadInput
+from observer.calibration.opencv_file import read_opencv
+from observer.calibration.triangulate import triangulate
+from observer.geometry.projection import pinhole_matrix, project
+
+CAMERAS = np.array([pinhole_matrix(yaw, 0.2, 4.0, 900, (640, 360)) for yaw in (-0.8, 0.0, 0.9, 2.0)])
+SCALES = np.array([1.0, -3.0, 1e-3, 1e4])[:, None, None]
+
+
+@given(st.tuples(*[st.floats(-1, 1)] * 3), st.permutations(range(4)))
+def test_a_point_seen_exactly_is_found_exactly_in_any_order_and_scale(point, order):
+    pixels = np.array([project(H, np.array(point)) for H in CAMERAS])
+    found = triangulate((CAMERAS * SCALES)[order], pixels[order])
+    np.testing.assert_allclose(found.point, point, atol=1e-6)
+    assert found.used.all() and found.error_px < 1e-4
+
+
+@pytest.mark.parametrize("wrong", range(4))
+def test_the_camera_that_contradicts_is_left_out_and_told(wrong):
+    point = np.array([0.2, 0.1, -0.3])
+    pixels = np.array([project(H, point) for H in CAMERAS]) + 1.0
+    pixels[wrong] += [150, -90]
+    pixels[wrong - 1] = np.nan
+    found = triangulate(CAMERAS, pixels)
+    assert found.used.sum() == 2 and not found.used[wrong]
+    np.testing.assert_allclose(found.point, point, atol=0.02)
+    assert found.errors_px[wrong] > 100 and np.isnan(found.errors_px[wrong - 1])
+
+
+def test_refined_is_the_least_squares_point():
+    rng = np.random.default_rng(3)
+    pixels = np.array([project(H, np.zeros(3)) for H in CAMERAS]) + rng.normal(0, 3, (4, 2))
+    best = triangulate(CAMERAS, pixels)
+    for step in np.vstack([np.eye(3), -np.eye(3)]) * 1e-4:
+        off = np.array([project(H, best.point + step) for H in CAMERAS]) - pixels
+        assert (off**2).sum() > (best.errors_px**2).sum()
+
+
+def test_without_two_that_agree_there_is_no_point():
+    pixels = np.full((4, 2), np.nan)
+    assert np.isnan(triangulate(CAMERAS, pixels).point).all()
+    pixels[0] = 640, 360
+    alone = triangulate(CAMERAS, pixels)
+    assert np.isnan(alone.point).all() and np.isnan(alone.error_px) and not alone.used.any()
+    pixels[1] = 640, 900
+    assert np.isnan(triangulate(CAMERAS, pixels).point).all()
+
+
+def test_shapes_and_gate_are_checked():
+    with pytest.raises(BadInput, match="one row a camera"):
+        triangulate(CAMERAS, np.zeros((3, 2)))
+    with pytest.raises(BadInput, match="gate_px"):
+        triangulate(CAMERAS, np.zeros((4, 2)), gate_px=0)
+
+
+def reference(data):
+    """(100, 21, 3) metres in the room of the calibration: (Z, X, Y) of the file."""
+    lines = (data / "pose2sim_single/reference_3d/Pose2Sim_markers.trc").read_text().splitlines()
+    rows = [[float(value) for value in line.split("\t")[2:65]] for line in lines[5:] if line.strip()]
+    return np.array(rows).reshape(-1, 21, 3)[..., [2, 0, 1]]
+
+
+def test_the_recorded_person_is_found_with_noise_and_one_camera_wrong_or_blind(data):
+    cameras = read_opencv(data / "pose2sim_single/reference_3d/Pose2Sim_cameras.toml")
+    points, rng = reference(data)[::5, [13, 17, 20]].reshape(-1, 3), np.random.default_rng(0)
+    assert len(points) == 60
+    for camera in cameras:
+        assert ((camera.pixels(points) > 0) & (camera.pixels(points) < camera.image_size_px)).all()
+    seen = np.array([c.pixels(points) for c in cameras]) + rng.normal(0, 2, (4, len(points), 2))
+    for n in range(len(points)):
+        seen[n % 4, n] = np.nan if n % 2 else rng.uniform((0, 0), (1088, 1920))
+    plain = np.array([c.undistorted(s) for c, s in zip(cameras, seen, strict=True)])
+    matrices = [c.matrix for c in cameras]
+    found = np.array([triangulate(matrices, plain[:, n]).point for n in range(len(points))])
+    off = np.linalg.norm(found - points, axis=1)
+    assert np.isfinite(off).all()
+    assert np.median(off) < 0.01, np.median(off)  # 3 cm are asked for
+    print(f"median {np.median(off) * 1000:.1f} mm, 95 % {np.percentile(off, 95) * 1000:.1f} mm")
+
+
+def test_most_cameras_win_over_two_that_agree_perfectly_on_a_wrong_point():
+    rng = np.random.default_rng(4)
+    pixels = np.array([project(H, np.zeros(3)) for H in CAMERAS]) + rng.normal(0, 2, (4, 2))
+    behind = CAMERAS[0][:, :3] @ np.array([0.5, 0.3, 0.2]) + CAMERAS[0][:, 3]
+    wrong = np.linalg.solve(CAMERAS[0][:, :3], np.array([*pixels[0], 1.0]) * behind[2] - CAMERAS[0][:, 3])
+    pixels[3] = project(CAMERAS[3], wrong)
+    found = triangulate(CAMERAS, pixels)
+    assert found.used.tolist() == [True, True, True, False]
+    assert np.linalg.norm(found.point) < 0.05
