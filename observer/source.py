@@ -66,13 +66,15 @@ class RecordedMotion:
     def frames(self, stop: threading.Event) -> Iterator[Frame]:
         """Each frame when it is due."""
         due_ns = self.clock() if self.start_ns is None else self.start_ns
+        motion_ns = 0
         for recording in itertools.cycle(self.recordings) if self.loop else self.recordings:
             for i, positions in enumerate(recording.positions):
                 captured_ns = self._wait(due_ns + self._offset_ns(i, recording), stop)
                 if captured_ns is None:
                     return
-                yield Frame(captured_ns, positions.astype(float))
+                yield Frame(captured_ns, positions.astype(float), motion_ns + round(i * SECOND_NS / recording.rate_hz))
             due_ns += self._offset_ns(len(recording.positions), recording)
+            motion_ns += round(len(recording.positions) * SECOND_NS / recording.rate_hz)
 
     def _offset_ns(self, frame: int, recording: Recording) -> int:
         return round(frame * SECOND_NS / recording.rate_hz / self.speed) if self.speed else 0

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from enum import StrEnum
 from typing import Any, Protocol
 
 import numpy as np
@@ -13,29 +14,62 @@ BODY_PARTS = ("left_hand", "right_hand", "head")
 """The paper's three: lh, rh and face (section V.A), in the order of every per-part array."""
 
 
+class State(StrEnum):
+    """What a tracker says of one part in one frame; only `seen` is evidence."""
+
+    SEEN = "seen"
+    UNSURE = "unsure"
+    MISSING = "missing"
+
+
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """One picture, or here one instant of recorded motion: `content` is whatever the tracker understands.
+    """One picture, or one instant of recorded motion: `content` is whatever the tracker understands.
 
     captured_ns: Unix epoch, stamped at capture. content: (P, 3) positions in metres for recorded motion, (H, W, 3)
-    uint8 in the order blue, green, red for a picture.
+    uint8 in the order blue, green, red for a picture, (P, 2) centres for the tracks of others. motion_ns: when in the
+    motion itself, for what is not played at the speed at which it was recorded; counted from anywhere.
     """
 
     captured_ns: int
     content: NDArray[Any]
+    motion_ns: int | None = None
+
+    @property
+    def at_ns(self) -> int:
+        """When in the motion: differences are what a body needs to move, however fast a recording is played."""
+        return self.captured_ns if self.motion_ns is None else self.motion_ns
 
 
 @dataclass(frozen=True, slots=True)
 class Tracks:
-    """centres: (P, 2) image coordinates, u to the right, v DOWN, any unit; a row of NaN is a part not seen."""
+    """centres: (P, 2) image coordinates, u to the right, v DOWN, any unit; a row of NaN is a part not seen.
+
+    guesses: (P, 2) where a tracker thinks that parts are which it does not claim to see (merged, hidden, doubtful);
+    a row of NaN where it has none. A guess is shown to people and is never evidence.
+    """
 
     centres: Floats
+    guesses: Floats | None = None
 
     @property
     def visible(self) -> NDArray[np.bool_]:
         """(P,) whether each part is seen."""
-        seen: NDArray[np.bool_] = np.logical_and.reduce(np.isfinite(self.centres), axis=1)
-        return seen
+        return _known(self.centres)
+
+    @property
+    def states(self) -> tuple[State, ...]:
+        """P states: seen with a centre, unsure with a guess alone, missing with neither."""
+        seen = self.visible
+        guessed = np.zeros_like(seen) if self.guesses is None else _known(self.guesses)
+        return tuple(
+            State.SEEN if s else State.UNSURE if g else State.MISSING for s, g in zip(seen, guessed, strict=True)
+        )
+
+
+def _known(rows: Floats) -> NDArray[np.bool_]:
+    known: NDArray[np.bool_] = np.logical_and.reduce(np.isfinite(rows), axis=1)
+    return known
 
 
 class Tracker(Protocol):

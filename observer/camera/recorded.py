@@ -5,7 +5,7 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 
-from observer.camera.base import Clock, Picture, Size, frame_of
+from observer.camera.base import Clock, Picture, Size
 from observer.camera.sight import SECOND_NS
 from observer.tracks import Frame
 
@@ -37,7 +37,7 @@ class RecordedPictures:
             captured_ns = self._wait(start_ns + offset_ns, stop)
             if captured_ns is None:
                 return
-            yield frame_of(captured_ns, picture)
+            yield Frame(captured_ns, picture, round(i * SECOND_NS / self.rate_hz))
 
     def _all(self) -> Iterator[Picture]:
         yield from self.pictures()

@@ -87,7 +87,7 @@ class VirtualCamera:
             for frame in itertools.islice(played, len(recording.positions)):
                 positions = frame.content[order]
                 picture = renderer.picture(positions, next(number), before)
-                yield Frame(frame.captured_ns, picture)
+                yield Frame(frame.captured_ns, picture, frame.motion_ns)
                 before = positions
             if before is None:  # told to stop
                 return

@@ -1,0 +1,1 @@
+"""Trackers: pictures become tracks of the hands and the head."""
