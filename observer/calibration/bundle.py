@@ -1,4 +1,8 @@
-"""Bundle adjustment: all cameras and all boards moved together until the corners lie best in all pictures."""
+"""Bundle adjustment: cameras, boards and, where asked, lenses moved together until all corners lie best.
+
+Two things that a board in somebody's hands brings with it are found beside: pictures of one number are not of one
+moment (webcams differ by a tenth of the time between pictures), and a board printed on both sides has a thickness.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -6,85 +10,181 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from observer.calibration.bundle_layout import Blocks, Layout
+from observer.calibration.robust_squares import Solved, least_robust_squares
 from observer.geometry.projection import Floats
 
-ROBUST_PX = 1.0
+NOISE_PX = 0.2
+"""How far a corner is found beside where it is (measured on sharp and on moving boards: 0.1 to 0.3)."""
+
+ROBUST_PX = 0.4
 """Beyond this a corner's error counts by its size, not its square: one wrong corner must not turn a camera."""
 
-ROUNDS = 50
-"""Evaluations at most; ten are usual."""
+MOMENTS = 0.1
+"""Prior: by how much of the time between two pictures those of one number are apart (four webcams: 0.1)."""
+
+CENTRE = 0.02
+"""Prior: how far a lens's centre is from the picture's, as a share of its longer side."""
+
+BACK_M, BACK_RAD = 0.005, 0.05
+"""Prior: how the pattern on a board's back lies to the one in front: half a centimetre off or behind, 3 degrees."""
 
 Place = tuple[Floats, Floats]
 """(3, 3) rotation and (3,) translation."""
 
+Optics = tuple[Floats, Floats]
+"""K (3, 3) and distortion (5,)."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Corners:
-    """One board in one picture: camera's name, picture's number, (N, 3) metres on the board, (N, 2) pixels."""
+    """One board in one picture: camera's name, picture's number, (N, 3) metres on the board, (N, 2) pixels.
+
+    speeds: (N, 2) pixels by which each corner moves from picture to picture; zeros where that is not known.
+    behind: whether the camera sees the board's back.
+    """
 
     camera: str
     number: int
     points: Floats
     pixels: Floats
+    speeds: Floats
+    behind: bool = False
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Adjusted:
+    """cameras: from the room, boards: to the room, lenses: by camera, those given where they were not to be moved.
+
+    moments: of each of the Corners, pictures by which it is later than its number says. back: (4,) where the pattern on
+    the board's back lies: metres along x, y, z, and radians about z. pixels_off: of each of the Corners, (N, 2).
+    """
+
+    cameras: dict[str, Place]
+    boards: dict[int, Place]
+    lenses: dict[str, Optics]
+    moments: Floats
+    back: Floats
+    pixels_off: tuple[Floats, ...]
 
 
 def adjusted(
     corners: Sequence[Corners],
-    lenses: Mapping[str, Place],
+    lenses: Mapping[str, Optics],
     cameras: Mapping[str, Place],
     boards: Mapping[int, Place],
-) -> tuple[dict[str, Place], dict[int, Place]]:
-    """Cameras (from the room) and boards (to the room) of least robust reprojection error; the first camera stays.
+    centres_px: Mapping[str, tuple[float, float]] | None = None,
+) -> Adjusted:
+    """Least robust reprojection error; the first camera stays where it is.
 
-    lenses: K (3, 3) and distortion by camera. One camera alone changes nothing but its boards.
+    centres_px: middle of the picture of each camera whose lens is adjusted too: one focal length, centre, k1 and k2,
+    no more (more terms explain pictures that were left out no better, measured, and turn cameras instead). One camera
+    alone changes nothing but its boards.
     """
-    from scipy.optimize import least_squares
-
-    names, numbers = list(cameras), list(boards)
-    column = {name: 6 * n for n, name in enumerate(names)}
-    column_of_board = {number: 6 * (len(names) + n) for n, number in enumerate(numbers)}
-    start = np.concatenate([_vector(cameras[n]) for n in names] + [_vector(boards[n]) for n in numbers])
-    free = slice(6, None)
-
-    def whole(vector: Floats) -> Floats:
-        return np.concatenate([start[:6], vector])
-
-    def parts(vector: Floats) -> list[tuple[Floats, Floats, Floats]]:
-        x = whole(vector)
-        at = [(column_of_board[c.number], column[c.camera]) for c in corners]
-        return [_seen(c, lenses[c.camera], x[b : b + 6], x[k : k + 6]) for c, (b, k) in zip(corners, at, strict=True)]
-
-    def residuals(vector: Floats) -> Floats:
-        return np.concatenate([part[0] for part in parts(vector)])
-
-    def slopes(vector: Floats) -> Floats:
-        rows = []
-        for c, (_, by_board, by_camera) in zip(corners, parts(vector), strict=True):
-            row = np.zeros((len(by_board), len(start)))
-            row[:, column_of_board[c.number] :][:, :6] = by_board
-            row[:, column[c.camera] :][:, :6] = by_camera
-            rows.append(row[:, free])
-        return np.concatenate(rows)
-
-    found = least_squares(
-        residuals, start[free], slopes, method="trf", tr_solver="lsmr", loss="soft_l1", f_scale=ROBUST_PX,
-        max_nfev=ROUNDS, x_scale="jac",
-    )  # fmt: skip
-    x = whole(found.x)
-    moved = {name: _place(x[column[name] :][:6]) for name in names}
-    return moved, {number: _place(x[column_of_board[number] :][:6]) for number in numbers}
+    problem = _Problem(corners, lenses, cameras, boards, centres_px or {})
+    found = least_robust_squares(problem.evaluate, problem.start, ROBUST_PX / NOISE_PX)
+    return problem.told(found)
 
 
-def _seen(corners: Corners, lens: Place, board: Floats, camera: Floats) -> tuple[Floats, Floats, Floats]:
-    """(2N,) pixels off, (2N, 6) its slopes by the board's pose and (2N, 6) by the camera's."""
+class _Problem:
+    """The unknowns as one vector, and what it says of every corner."""
+
+    def __init__(
+        self,
+        corners: Sequence[Corners],
+        lenses: Mapping[str, Optics],
+        cameras: Mapping[str, Place],
+        boards: Mapping[int, Place],
+        centres_px: Mapping[str, tuple[float, float]],
+    ) -> None:
+        self._corners, self._lenses = corners, lenses
+        self._at = at = Layout(tuple(cameras), tuple(boards), tuple(centres_px), len(corners))
+        self.start = np.zeros(at.size)
+        sides = {c.behind for c in corners}
+        self._two_sided = len(sides) == 2
+        for name, place in cameras.items():
+            self.start[at.camera(name)] = _vector(place)
+        for number, place in boards.items():
+            self.start[at.board(number)] = _vector(place)
+        for name, centre in centres_px.items():
+            K, distortion = lenses[name]
+            self.start[at.lens(name)] = [(K[0, 0] + K[1, 1]) / 2, *centre, distortion[0], 0.0]
+        self._prior, self._width = self._expected(cameras, centres_px)
+
+    def _expected(
+        self, cameras: Mapping[str, Place], centres_px: Mapping[str, tuple[float, float]]
+    ) -> tuple[Floats, Floats]:
+        """Of every unknown what it should be and how surely (standard deviation, infinite where nothing is known)."""
+        at, width = self._at, np.full(self._at.size, np.inf)
+        width[at.camera(next(iter(cameras)))] = 1e-6
+        for name, centre in centres_px.items():
+            width[at.lens(name)][1:3] = 2 * CENTRE * max(centre)
+        width[at.moments] = MOMENTS
+        width[at.back] = [BACK_M, BACK_M, BACK_M, BACK_RAD] if self._two_sided else 1e-9
+        return self.start.copy(), width
+
+    def optics(self, name: str, x: Floats) -> Optics:
+        """The lens of this camera as `x` has it."""
+        if name not in self._at.lenses:
+            return self._lenses[name]
+        f, u, v, k1, k2 = x[self._at.lens(name)]
+        return np.array([[f, 0, u], [0, f, v], [0, 0, 1]]), np.array([k1, k2, 0, 0, 0])
+
+    def evaluate(self, x: Floats) -> tuple[Floats, Blocks]:
+        """All residuals in standard deviations, corners first and priors after, and their slopes."""
+        blocks, off = Blocks(self._at.size), []
+        for n, c in enumerate(self._corners):
+            off.append(self._corner_block(n, c, x, blocks) / NOISE_PX)
+        known = np.flatnonzero(np.isfinite(self._width))
+        blocks.add_diagonal(known, 1 / self._width[known])
+        return np.concatenate([*off, (x - self._prior)[known] / self._width[known]]), blocks
+
+    def _corner_block(self, n: int, c: Corners, x: Floats, blocks: Blocks) -> Floats:
+        at, back, moment = self._at, x[self._at.back], x[self._at.moments][n]
+        beside = np.column_stack([-c.points[:, 1], c.points[:, 0], np.zeros(len(c.points))])
+        points = c.points + back[:3] + back[3] * beside if c.behind else c.points
+        poses = x[at.board(c.number)], x[at.camera(c.camera)]
+        off, by_board, by_camera, by_point, by_lens = seen(points, self.optics(c.camera, x), *poses)
+        blocks.begin(len(off))
+        blocks.add(at.board(c.number), by_board / NOISE_PX)
+        blocks.add(at.camera(c.camera), by_camera / NOISE_PX)
+        blocks.add(slice(at.moments.start + n, at.moments.start + n + 1), -c.speeds.reshape(-1, 1) / NOISE_PX)
+        if c.behind:
+            turned = np.einsum("nij,nj->ni", by_point, beside).reshape(-1, 1)
+            blocks.add(at.back, np.hstack([by_point.reshape(-1, 3), turned]) / NOISE_PX)
+        if c.camera in at.lenses:
+            blocks.add(at.lens(c.camera), by_lens / NOISE_PX)
+        result: Floats = off - (c.pixels + moment * c.speeds).ravel()
+        return result
+
+    def told(self, found: Solved) -> Adjusted:
+        """The vector as cameras, boards and lenses."""
+        x, at, ends = found.x, self._at, np.cumsum([2 * len(c.points) for c in self._corners])
+        off = np.split(found.residuals[: ends[-1]] * NOISE_PX, ends[:-1])
+        return Adjusted(
+            {name: _place(x[at.camera(name)]) for name in at.cameras},
+            {number: _place(x[at.board(number)]) for number in at.boards},
+            {name: self.optics(name, x) for name in at.cameras},
+            x[at.moments],
+            x[at.back],
+            tuple(part.reshape(-1, 2) for part in off),
+        )
+
+
+def seen(points: Floats, optics: Optics, board: Floats, camera: Floats) -> tuple[Floats, ...]:
+    """(2N,) pixels, and their slopes: (2N, 6) by the board's pose, (2N, 6) by the camera's, (N, 2, 3) by the points,
+    (2N, 5) by the lens.
+    """
     joint = [np.asarray(part, np.float64) for part in cv2.composeRT(board[:3], board[3:], camera[:3], camera[3:])]
     turn, move, r_rb, r_tb, r_rc, r_tc, t_rb, t_tb, t_rc, t_tc = joint
-    image, jacobian = cv2.projectPoints(corners.points, turn, move, *lens)
-    by_turn, by_move = np.asarray(jacobian, np.float64)[:, :3], np.asarray(jacobian, np.float64)[:, 3:6]
+    image, jacobian = cv2.projectPoints(np.ascontiguousarray(points), turn, move, *optics)
+    slopes = np.asarray(jacobian, np.float64)
+    by_turn, by_move = slopes[:, :3], slopes[:, 3:6]
     by_board = by_turn @ np.hstack([r_rb, r_tb]) + by_move @ np.hstack([t_rb, t_tb])
     by_camera = by_turn @ np.hstack([r_rc, r_tc]) + by_move @ np.hstack([t_rc, t_tc])
-    off: Floats = (np.asarray(image, np.float64).reshape(-1, 2) - corners.pixels).ravel()
-    return off, by_board, by_camera
+    by_point = by_move.reshape(-1, 2, 3) @ np.asarray(cv2.Rodrigues(turn)[0], np.float64)
+    by_lens = np.column_stack([slopes[:, 6] + slopes[:, 7], slopes[:, 8:12]])
+    return np.asarray(image, np.float64).ravel(), by_board, by_camera, by_point, by_lens
 
 
 def _vector(place: Place) -> Floats:

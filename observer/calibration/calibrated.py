@@ -6,20 +6,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from common.errors import BadInput
+from observer.geometry.lens import Lens, distorted, undistorted
 from observer.geometry.projection import Floats, project
-
-DISTORTION_SIZES = (0, 4, 5, 8)
-"""None; k1 k2 p1 p2; with k3; with k4 k5 k6 (OpenCV's rational model)."""
-
-UNDISTORTING_STEPS = 30
-"""Fixed-point steps; each shrinks the error by the distortion's slope, below 0.5 for every lens that boards show."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Calibrated:
     """One camera.
 
-    K: (3, 3) intrinsic matrix, pixels. distortion: (0, 4, 5 or 8) as OpenCV orders them. R: (3, 3), t: (3,) metres,
+    K: (3, 3) intrinsic matrix, pixels. distortion: (4, 5, 8, 12 or 14) as
+    OpenCV orders them, or (0,) where it is not known. R: (3, 3), t: (3,) metres,
     from the room to the camera, X_camera = R X + t. error_px: root mean square over the calibration's points, where
     known. image_size_px: (width, height), where known. provenance: how it was calibrated.
     """
@@ -38,6 +34,11 @@ class Calibrated:
         """(3, 4) K [R | t]: metres to pixels of the picture without distortion, w is the depth in metres."""
         result: Floats = self.K @ np.column_stack([self.R, self.t])
         return result
+
+    @property
+    def lens(self) -> Lens | None:
+        """What its camera file says of the lens; None where its distortion is not known."""
+        return Lens(self.K, self.distortion) if len(self.distortion) else None
 
     @property
     def place(self) -> Floats:
@@ -79,35 +80,6 @@ def rotation(values: Sequence[object], what: str) -> Floats:
 def angle_between(first: Floats, second: Floats) -> float:
     """Radians by which one (3, 3) rotation is turned from the other, 0 to π."""
     return float(np.arccos(np.clip((np.trace(first.T @ second) - 1) / 2, -1, 1)))
-
-
-def distorted(plain: Floats, distortion: Floats) -> Floats:
-    """(..., 2) normalised coordinates -> (..., 2) where the lens draws them (Brown-Conrady, as OpenCV defines it)."""
-    if not distortion.any():
-        return plain
-    factor, tangential = _distortion_at(plain, distortion)
-    result: Floats = plain * factor + tangential
-    return result
-
-
-def undistorted(drawn: Floats, distortion: Floats) -> Floats:
-    """(..., 2) normalised coordinates as drawn -> (..., 2) without distortion, by fixed-point iteration."""
-    plain = drawn
-    if distortion.any():
-        for _ in range(UNDISTORTING_STEPS):
-            factor, tangential = _distortion_at(plain, distortion)
-            plain = (drawn - tangential) / factor
-    return plain
-
-
-def _distortion_at(plain: Floats, distortion: Floats) -> tuple[Floats, Floats]:
-    k1, k2, p1, p2, k3, k4, k5, k6 = np.concatenate([distortion, np.zeros(8 - len(distortion))])
-    x, y = plain[..., :1], plain[..., 1:]
-    r2 = x * x + y * y
-    factor = (1 + r2 * (k1 + r2 * (k2 + r2 * k3))) / (1 + r2 * (k4 + r2 * (k5 + r2 * k6)))
-    u = 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
-    v = p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
-    return factor, np.concatenate([u, v], axis=-1)
 
 
 def _to_pixels(K: Floats, normalised: Floats) -> Floats:

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from observer.calibration.calibrated import Calibrated
     from observer.calibration.detection import Sightings
     from observer.calibration.from_boards import BoardResult
-    from observer.calibration.intrinsics import Lens
+    from observer.calibration.intrinsics import FittedLens
 
 ALL = "all.opencv.toml"
 """Beside the camera files: all cameras with lens and place apart, as OpenCV, Pose2Sim and --read have them."""
@@ -96,30 +96,35 @@ def _from_sources(
     from observer.calibration.board_file import read_board
     from observer.calibration.detection import find_boards
     from observer.calibration.from_boards import from_boards
-    from observer.calibration.intrinsics import Lens, fit_lens
-    from observer.calibration.pictures import pictures
+    from observer.calibration.intrinsics import FittedLens, fit_lens
+    from observer.calibration.pictures import is_video, pictures
 
     if not board:
         raise BadInput("--board: missing; e.g. --board chessboard:4x7:0.06 or --board charuco.toml")
     plan, names = read_board(board), [source.stem for source in sources]
     _check_names(names)
-    seen = [find_boards(n, pictures(s, every), plan) for n, s in zip(names, sources, strict=True)]
+    steps = [every if is_video(source) else 0 for source in sources]
+    seen = [find_boards(n, pictures(s, every), plan, k) for n, s, k in zip(names, sources, steps, strict=True)]
     known = {n: _of(lenses, n) for n in names} if lenses else {}
     fitted = {s.name: fit_lens(s, plan) for s in seen if s.name not in known}
-    fitted |= {name: Lens(c.K, c.distortion, c.error_px or 0.0, {}) for name, c in known.items()}
-    result = from_boards(seen, fitted, plan, origin, lying, apart)
+    fitted |= {name: FittedLens(c.K, c.distortion, c.error_px or 0.0, {}) for name, c in known.items()}
+    result = from_boards(seen, fitted, plan, origin, lying, apart, adjust=fitted.keys() - known.keys())
     _tell(seen, fitted, result)
     _write(output, list(result.cameras))
     for s, source in zip(seen, sources, strict=True):
         _annotate(output / f"{s.name}.png", s, pictures(source, every), result)
 
 
-def _tell(seen: Sequence["Sightings"], lenses: dict[str, "Lens"], result: "BoardResult") -> None:
+def _tell(seen: Sequence["Sightings"], lenses: dict[str, "FittedLens"], result: "BoardResult") -> None:
     for s in seen:
         typer.echo(f"{s.name}: board in {len(s.seen)} of {s.looked_at} pictures")
         for shot in s.seen:
             note = ", left out for the lens" if shot.number in lenses[s.name].left_out else ""
             typer.echo(f"  {shot.label}: {len(shot.ids)} corners, {result.errors_px[s.name][shot.number]:.2f} px{note}")
+    if result.moments:
+        typer.echo(f"pictures of one number were {result.moments:.2f} of a picture apart in time; accounted for")
+    if result.back_m:
+        typer.echo(f"the board's back is printed {result.back_m * 1000:.1f} mm from its front; accounted for")
     typer.echo(f"the room's origin is the board in picture {result.origin}")
 
 
@@ -159,7 +164,7 @@ def _write(output: Path, cameras: Sequence["Calibrated"]) -> None:
         raise LabanmeshError(f"{output}: cannot be made: {error.strerror}") from None
     typer.echo("camera            focal px      centre px     stands at (m)          error px")
     for c in cameras:
-        file = Camera(c.name, c.matrix, c.image_size_px, c.error_px, c.provenance)
+        file = Camera(c.name, c.matrix, c.image_size_px, c.error_px, c.provenance, c.lens)
         write_camera(output / f"{c.name}.toml", file)
         place = " ".join(f"{x:6.2f}" for x in c.place)
         known = "not told" if c.error_px is None else f"{c.error_px:.2f}"

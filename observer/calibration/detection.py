@@ -16,31 +16,45 @@ FEWEST = 6
 """Fewer corners of a board than this say little about its pose: the picture counts as without board."""
 
 Gray = NDArray[np.uint8]
-Find = Callable[[Gray], tuple[NDArray[np.intp], Floats] | None]
+Found = tuple[NDArray[np.intp], Floats, bool]
+"""(N,) ids, (N, 2) pixels, and whether the board is seen from behind."""
+
+Find = Callable[[Gray], Found | None]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sighting:
-    """A board seen in one picture. number, label: which picture. ids: (N,) corners. pixels: (N, 2) where they are."""
+    """A board seen in one picture. number, label: which picture. ids: (N,) corners. pixels: (N, 2) where they are.
+
+    behind: whether it is seen from behind, through the paper or printed on both sides.
+    """
 
     number: int
     label: str
     ids: NDArray[np.intp]
     pixels: Floats
+    behind: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sightings:
-    """What one camera saw. name: of the camera. image_size_px: (width, height). looked_at: number of pictures."""
+    """What one camera saw. name: of the camera. image_size_px: (width, height). looked_at: number of pictures.
+
+    step: by how much the numbers of pictures grow that are neighbours in a video; 0 for pictures taken one by one.
+    """
 
     name: str
     image_size_px: tuple[int, int]
     seen: tuple[Sighting, ...]
     looked_at: int
+    step: int = 0
 
 
-def find_boards(name: str, taken: Iterable[tuple[int, str, Picture]], board: Board) -> Sightings:
-    """The board in each picture; raises BadInput for pictures of different sizes, none at all, or an unknown board."""
+def find_boards(name: str, taken: Iterable[tuple[int, str, Picture]], board: Board, step: int = 0) -> Sightings:
+    """The board in each picture; step: as in Sightings.
+
+    Raises BadInput for pictures of different sizes, none at all, or an unknown board.
+    """
     find, size, seen, count = finder(board), None, [], 0
     for number, label, picture in taken:
         height, width = picture.shape[:2]
@@ -53,11 +67,11 @@ def find_boards(name: str, taken: Iterable[tuple[int, str, Picture]], board: Boa
         count += 1
     if size is None:
         raise BadInput(f"{name}: no pictures")
-    return Sightings(name, size, tuple(seen), count)
+    return Sightings(name, size, tuple(seen), count, step)
 
 
 def finder(board: Board) -> Find:
-    """The function that finds this board's corners in a gray picture: (ids, pixels) or None."""
+    """The function that finds this board's corners in a gray picture, or None."""
     return _charuco_finder(board) if isinstance(board, Charuco) else _chessboard_finder(board)
 
 
@@ -66,7 +80,7 @@ def _chessboard_finder(board: Chessboard) -> Find:
     flags = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_FAST_CHECK
     until = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 40, 0.001)
 
-    def find(gray: Gray) -> tuple[NDArray[np.intp], Floats] | None:
+    def find(gray: Gray) -> Found | None:
         found, corners = cv2.findChessboardCorners(gray, size, flags=flags)
         if found:
             corners = cv2.cornerSubPix(gray, corners, _window(corners, size), (-1, -1), until)
@@ -75,7 +89,7 @@ def _chessboard_finder(board: Chessboard) -> Find:
         if not found:
             return None
         grid = np.asarray(corners, dtype=np.float64).reshape(board.rows, board.columns, 2)
-        return np.arange(board.columns * board.rows), _upright(gray, grid).reshape(-1, 2)
+        return np.arange(board.columns * board.rows), _upright(gray, grid).reshape(-1, 2), False
 
     return find
 
@@ -124,14 +138,15 @@ def _charuco_finder(board: Charuco) -> Find:
             return np.zeros(0, dtype=np.intp), np.zeros((0, 2))
         return np.asarray(ids).ravel().astype(np.intp), np.asarray(pixels, dtype=np.float64).reshape(-1, 2)
 
-    def find(gray: Gray) -> tuple[NDArray[np.intp], Floats] | None:
+    def find(gray: Gray) -> Found | None:
         gray = np.subtract(255, gray, dtype=np.uint8) if board.inverted else gray
         ids, pixels = look(gray)
-        if len(ids) == 0:
+        behind = len(ids) == 0
+        if behind:
             # From behind, through the paper or printed on both sides, the markers are mirrored.
             ids, pixels = look(np.ascontiguousarray(gray[:, ::-1]))
             pixels = pixels * [-1, 1] + [gray.shape[1] - 1, 0]
-        return (ids, pixels) if len(ids) else None
+        return (ids, pixels, behind) if len(ids) else None
 
     return find
 

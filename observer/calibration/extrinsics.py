@@ -1,6 +1,6 @@
 """Extrinsics: where cameras stand relative to each other, from a board that several of them see at the same time."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations, permutations
 
@@ -9,14 +9,18 @@ import numpy as np
 
 from common.errors import BadInput
 from observer.calibration.board import Board
-from observer.calibration.bundle import Corners, adjusted
+from observer.calibration.bundle import Adjusted, Corners, Optics, adjusted
 from observer.calibration.calibrated import angle_between
 from observer.calibration.detection import Sighting, Sightings
-from observer.calibration.intrinsics import Lens
+from observer.calibration.intrinsics import FittedLens, check_sensible
+from observer.calibration.speeds import speeds
 from observer.geometry.projection import Floats
 
 DISAGREE_RAD, DISAGREE = 0.35, 0.5
 """Relative poses of two cameras that lie apart by more, 20 degrees or half their distance, are not of one moment."""
+
+SQUARE = 0.05
+"""A lens whose focal lengths differ by a larger share has no square pixels, and is not adjusted as if it had."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,13 +42,22 @@ class Pose:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Placed:
-    """cameras: by name, from the room to the camera. boards: by picture number, from the board to the room."""
+    """cameras: by name, from the room to the camera. boards: by picture number, from the board to the room.
+
+    lenses: by camera, K and distortion. off_px: by camera, by picture number, (N, 2) from the corners found to where
+    they should be. moments: root mean square of how far pictures of one number are apart, in pictures. back: (4,) the
+    pattern on the board's back: metres along x, y and z, and radians about z.
+    """
 
     cameras: dict[str, Pose]
     boards: dict[int, Pose]
+    lenses: dict[str, Optics]
+    off_px: dict[str, dict[int, Floats]]
+    moments: float
+    back: Floats
 
 
-def board_pose(sighting: Sighting, board: Board, lens: Lens) -> Pose:
+def board_pose(sighting: Sighting, board: Board, lens: FittedLens) -> Pose:
     """From the board to the camera that saw it, by the better of a plane's two solutions (IPPE), refined."""
     space, image = board.points[sighting.ids], sighting.pixels
     _, turns, moves, _ = cv2.solvePnPGeneric(space, image, lens.K, lens.distortion, flags=cv2.SOLVEPNP_IPPE)
@@ -52,12 +65,16 @@ def board_pose(sighting: Sighting, board: Board, lens: Lens) -> Pose:
     return Pose(np.asarray(cv2.Rodrigues(turn)[0], np.float64), np.asarray(move, np.float64).ravel())
 
 
-def placed(cameras: Sequence[Sightings], lenses: Mapping[str, Lens], board: Board) -> Placed:
+def placed(
+    cameras: Sequence[Sightings], lenses: Mapping[str, FittedLens], board: Board, adjust: Collection[str] = ()
+) -> Placed:
     """All cameras in the frame of the first one; pictures of the same number are taken as taken at the same time.
 
     Pairs are placed by the relative pose that most of their shared pictures agree with, the pairs with most shared
-    pictures joined into a tree, then all cameras and boards moved together for the least reprojection error.
-    Raises BadInput for a camera that shares no picture with the others, and for pictures not taken at the same time.
+    pictures joined into a tree, then all cameras and boards moved together for the least reprojection error, and with
+    them the lenses of those named in `adjust`, when there are several cameras.
+    Raises BadInput for a camera that shares no picture with the others, for pictures not taken at the same time, and
+    for a lens that becomes none.
     """
     if len(cameras) > 1 and board.turned_looks_alike:
         raise BadInput("--board: looks the same upside down, which way cameras see it is not known; one of columns and "
@@ -68,14 +85,52 @@ def placed(cameras: Sequence[Sightings], lenses: Mapping[str, Lens], board: Boar
     for name, shots in seen.items():
         for number, pose in shots.items():
             boards.setdefault(number, poses[name].back.after(pose))
-    corners = [Corners(c.name, s.number, board.points[s.ids], s.pixels) for c in cameras for s in c.seen]
-    moved, boards_moved = adjusted(
+    corners = [corner for c in cameras for corner in _corners(c, board)]
+    moved = adjusted(
         corners,
         {name: (lens.K, lens.distortion) for name, lens in lenses.items()},
         {name: (p.R, p.t) for name, p in poses.items()},
         {number: (p.R, p.t) for number, p in boards.items()},
+        {c.name: _middle(c) for c in cameras if len(cameras) > 1 and c.name in adjust and _square(lenses[c.name])},
     )
-    return Placed({n: Pose(*p) for n, p in moved.items()}, {n: Pose(*p) for n, p in boards_moved.items()})
+    for c in cameras:
+        check_sensible(c, moved.lenses[c.name][0])
+    return _told(corners, moved)
+
+
+def _told(corners: Sequence[Corners], moved: Adjusted) -> Placed:
+    off: dict[str, dict[int, Floats]] = {name: {} for name in moved.cameras}
+    for corner, pixels in zip(corners, moved.pixels_off, strict=True):
+        off[corner.camera][corner.number] = pixels
+    return Placed(
+        {n: Pose(*p) for n, p in moved.cameras.items()},
+        {n: Pose(*p) for n, p in moved.boards.items()},
+        moved.lenses,
+        off,
+        float(np.sqrt(np.mean(moved.moments**2))),
+        moved.back,
+    )
+
+
+def _corners(camera: Sightings, board: Board) -> list[Corners]:
+    if camera.step:
+        moving = speeds([(s.number, s.ids, s.pixels) for s in camera.seen], camera.step)
+    else:
+        moving = [np.zeros_like(s.pixels) for s in camera.seen]
+    return [
+        Corners(camera.name, s.number, board.points[s.ids], s.pixels, speed, s.behind)
+        for s, speed in zip(camera.seen, moving, strict=True)
+    ]
+
+
+def _square(lens: FittedLens) -> bool:
+    return bool(abs(lens.K[0, 0] / lens.K[1, 1] - 1) < SQUARE)
+
+
+def _middle(camera: Sightings) -> tuple[float, float]:
+    """(u, v) of the middle of the picture; the first pixel's centre is at 0."""
+    width, height = camera.image_size_px
+    return (width - 1) / 2, (height - 1) / 2
 
 
 def _joined(seen: dict[str, dict[int, Pose]]) -> dict[str, Pose]:

@@ -1,16 +1,17 @@
 """All cameras from what they saw of a board: lenses, places in one room, errors."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from common.errors import BadInput
 from observer.calibration.board import Board
+from observer.calibration.bundle import Optics
 from observer.calibration.calibrated import Calibrated
 from observer.calibration.detection import Sightings
 from observer.calibration.extrinsics import Pose, placed
-from observer.calibration.intrinsics import Lens
+from observer.calibration.intrinsics import FittedLens
 from observer.geometry.projection import Floats
 
 HELD = Pose(np.diag([-1.0, -1.0, 1.0]), np.zeros(3))
@@ -25,41 +26,50 @@ class BoardResult:
     """cameras: as calibrated. origin: the number of the picture whose board is the room's origin.
 
     drawn: by camera, by picture number, (N, 2) pixels where the corners should be. errors_px: root mean square of each
-    picture, by camera and number.
+    picture, by camera and number. moments: root mean square of how far pictures of one number were apart, in pictures.
+    back_m: how far the pattern on the board's back lies from the one in front. Both are accounted for in the rest.
     """
 
     cameras: tuple[Calibrated, ...]
     origin: int
     drawn: dict[str, dict[int, Floats]]
     errors_px: dict[str, dict[int, float]]
+    moments: float
+    back_m: float
 
 
 def from_boards(
-    seen: Sequence[Sightings], lenses: Mapping[str, Lens], board: Board, origin: int | None, lying: bool, apart: bool
+    seen: Sequence[Sightings],
+    lenses: Mapping[str, FittedLens],
+    board: Board,
+    origin: int | None,
+    lying: bool,
+    apart: bool,
+    adjust: Collection[str] = (),
 ) -> BoardResult:
-    """Place cameras whose lenses are known. origin: a picture's number, or None for the one that most cameras share.
+    """Place cameras. origin: a picture's number, or None for the one that most cameras share.
 
+    adjust: cameras whose lens is moved with the places, where several cameras see the board together.
     apart: pictures of one number were not taken at the same time; each camera is placed by its own picture `origin`.
     Raises BadInput when no camera, or with `apart` some camera, sees the board in that picture; and as `placed` does.
     """
     number = _origin(seen, origin, apart)
     rooms = LYING if lying else HELD
-    cameras: dict[str, Pose] = {}
-    boards: dict[str, dict[int, Pose]] = {}
+    cameras: list[Calibrated] = []
+    off: dict[str, dict[int, Floats]] = {}
+    moments, back_m = 0.0, 0.0
     for group in [[s] for s in seen] if apart else [list(seen)]:
-        found = placed(group, lenses, board)
+        found = placed(group, lenses, board, adjust)
         to_room = rooms.after(found.boards[number].back)
+        off |= found.off_px
+        moments, back_m = max(moments, found.moments), max(back_m, float(np.linalg.norm(found.back[:3])))
         for s in group:
-            cameras[s.name] = found.cameras[s.name].after(to_room.back)
-            boards[s.name] = {n: to_room.after(pose) for n, pose in found.boards.items()}
-    results, drawn, errors = [], {}, {}
-    for s in seen:
-        camera = _calibrated(s, lenses[s.name], cameras[s.name])
-        drawn[s.name] = {n.number: camera.pixels(_moved(boards[s.name][n.number], board.points[n.ids])) for n in s.seen}
-        off = {n.number: np.linalg.norm(drawn[s.name][n.number] - n.pixels, axis=1) for n in s.seen}
-        errors[s.name] = {n: _rms(values) for n, values in off.items()}
-        results.append(_with_error(camera, _rms(np.concatenate(list(off.values()))), board, s))
-    return BoardResult(tuple(results), number, drawn, errors)
+            pose = found.cameras[s.name].after(to_room.back)
+            error_px = _rms(np.concatenate(list(off[s.name].values())))
+            cameras.append(_calibrated(s, found.lenses[s.name], pose, error_px, board))
+    drawn = {s.name: {shot.number: shot.pixels + off[s.name][shot.number] for shot in s.seen} for s in seen}
+    errors = {name: {n: _rms(part) for n, part in parts.items()} for name, parts in off.items()}
+    return BoardResult(tuple(cameras), number, drawn, errors, moments, back_m)
 
 
 def _origin(seen: Sequence[Sightings], origin: int | None, apart: bool) -> int:
@@ -80,21 +90,11 @@ def _origin(seen: Sequence[Sightings], origin: int | None, apart: bool) -> int:
     return number
 
 
-def _calibrated(s: Sightings, lens: Lens, pose: Pose) -> Calibrated:
-    return Calibrated(s.name, lens.K, lens.distortion, pose.R, pose.t, s.image_size_px)
-
-
-def _with_error(camera: Calibrated, error_px: float, board: Board, s: Sightings) -> Calibrated:
+def _calibrated(s: Sightings, optics: Optics, pose: Pose, error_px: float, board: Board) -> Calibrated:
     told = f"{type(board).__name__.lower()} {board.columns}x{board.rows}, {board.square:g} m, {len(s.seen)} pictures"
-    return Calibrated(
-        camera.name, camera.K, camera.distortion, camera.R, camera.t, camera.image_size_px, error_px, told
-    )
+    return Calibrated(s.name, *optics, pose.R, pose.t, s.image_size_px, error_px, told)
 
 
-def _moved(pose: Pose, points: Floats) -> Floats:
-    result: Floats = points @ pose.R.T + pose.t
-    return result
-
-
-def _rms(values: Floats) -> float:
-    return float(np.sqrt(np.mean(values**2)))
+def _rms(off: Floats) -> float:
+    """(N, 2) -> root mean square of the N distances."""
+    return float(np.sqrt(np.mean((off**2).sum(axis=-1))))

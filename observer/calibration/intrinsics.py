@@ -21,7 +21,7 @@ OFF_PX, OFF_TIMES = 1.0, 3.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Lens:
+class FittedLens:
     """K: (3, 3), distortion: (5,) k1 k2 p1 p2 k3. error_px: root mean square over all corners of the pictures used.
 
     errors_px: by picture number, root mean square of each picture used. left_out: pictures seen wrongly.
@@ -34,7 +34,7 @@ class Lens:
     left_out: tuple[int, ...] = ()
 
 
-def fit_lens(sightings: Sightings, board: Board, most: int = MOST_PICTURES) -> Lens:
+def fit_lens(sightings: Sightings, board: Board, most: int = MOST_PICTURES) -> FittedLens:
     """The lens with the least squared reprojection error (Zhang 2000, by OpenCV), k3 held at 0.
 
     Raises BadInput when the board is seen in fewer than four pictures or always from the same direction.
@@ -50,14 +50,19 @@ def fit_lens(sightings: Sightings, board: Board, most: int = MOST_PICTURES) -> L
     if FEWEST_PICTURES <= len(good) < len(chosen):
         left_out = tuple(s.number for s in chosen if s not in good)
         again = _fitted(sightings, good, board)
-        lens = Lens(again.K, again.distortion, again.error_px, again.errors_px, left_out)
+        lens = FittedLens(again.K, again.distortion, again.error_px, again.errors_px, left_out)
+    check_sensible(sightings, lens.K)
+    return lens
+
+
+def check_sensible(sightings: Sightings, K: Floats) -> None:
+    """Raise BadInput for a focal length or a centre that no lens has."""
     width, height = sightings.image_size_px
-    if not (0.2 < lens.K[0, 0] / max(width, height) < 20 and 0 < lens.K[0, 2] < width and 0 < lens.K[1, 2] < height):
+    if not (0.2 < K[0, 0] / max(width, height) < 20 and 0 < K[0, 2] < width and 0 < K[1, 2] < height):
         raise BadInput(
-            f"{sightings.name}: no sensible lens fits (focal length {lens.K[0, 0]:.0f} px); "
+            f"{sightings.name}: no sensible lens fits (focal length {K[0, 0]:.0f} px); "
             "take pictures with the board tilted this way and that, over the whole picture"
         )
-    return lens
 
 
 def _limit(errors: list[float]) -> float:
@@ -69,7 +74,7 @@ def _spread(seen: tuple[Sighting, ...], most: int) -> list[Sighting]:
     return [seen[n] for n in np.unique(np.linspace(0, len(seen) - 1, min(most, len(seen))).astype(int))]
 
 
-def _fitted(sightings: Sightings, chosen: list[Sighting], board: Board) -> Lens:
+def _fitted(sightings: Sightings, chosen: list[Sighting], board: Board) -> FittedLens:
     space = [board.points[s.ids].astype(np.float32) for s in chosen]
     image = [s.pixels.astype(np.float32) for s in chosen]
     start = np.eye(3)
@@ -82,4 +87,4 @@ def _fitted(sightings: Sightings, chosen: list[Sighting], board: Board) -> Lens:
             f"{sightings.name}: no lens fits; take pictures with the board tilted this way and that"
         ) from None
     errors = {s.number: float(e) for s, e in zip(chosen, each.ravel(), strict=True)}
-    return Lens(np.asarray(K, np.float64), np.asarray(distortion, np.float64).ravel(), float(error), errors)
+    return FittedLens(np.asarray(K, np.float64), np.asarray(distortion, np.float64).ravel(), float(error), errors)

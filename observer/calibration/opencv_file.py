@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from common.errors import BadInput, LabanmeshError
-from observer.calibration.calibrated import DISTORTION_SIZES, Calibrated, rotation
+from observer.calibration.calibrated import Calibrated, rotation
+from observer.geometry.lens import DISTORTION_SIZES, SIZES_SAID
 from observer.geometry.projection import Floats
 
 NEEDED = "matrix, rotation, translation"
@@ -62,8 +63,8 @@ def _camera(where: str, name: str, table: dict[str, Any], file: str) -> Calibrat
         raise BadInput(f"{where}.matrix: no intrinsic matrix [[fu, s, cu], [0, fv, cv], [0, 0, 1]] with fu, fv above 0")
     bends: object = next((table[key] for key in ("distortions", "distortion", "dist") if key in table), [])
     distortion = _numbers(f"{where}.distortions", bends, None).ravel()
-    if len(distortion) not in DISTORTION_SIZES:
-        raise BadInput(f"{where}.distortions: {len(distortion)} numbers; 4 (k1 k2 p1 p2), 5 (and k3) or 8 are known")
+    if len(distortion) not in (0, *DISTORTION_SIZES):
+        raise BadInput(f"{where}.distortions: {len(distortion)} numbers; {SIZES_SAID} are known")
     place = _numbers(f"{where}.translation", table["translation"], None).ravel()
     if len(place) != 3:
         raise BadInput(f"{where}.translation: {len(place)} numbers; x, y and z in metres are needed")

@@ -30,6 +30,11 @@ def pictures(source: Path, every: int = 1) -> Iterator[tuple[int, str, Picture]]
         yield from _video(source, every)
 
 
+def is_video(source: Path) -> bool:
+    """Whether its pictures were taken one soon after the other."""
+    return not source.is_dir() and source.suffix.lower() not in PICTURES
+
+
 def write_picture(path: Path, picture: Picture) -> None:
     """Write by the name's ending; raises LabanmeshError when the disk does not take it."""
     try:

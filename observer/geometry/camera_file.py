@@ -1,4 +1,4 @@
-"""The camera file (TOML): one calibrated camera's projective matrix and where it came from."""
+"""The camera file (TOML): one calibrated camera's projective matrix, its lens, and where they came from."""
 
 import json
 import tomllib
@@ -10,15 +10,20 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, PositiveInt, ValidationError
 
 from common.errors import BadInput, LabanmeshError
+from observer.geometry.lens import DISTORTION_SIZES, SIZES_SAID, Lens, check_intrinsic_matrix
 from observer.geometry.projection import Floats, oriented
+
+TURNED = 1e-3
+"""How far from orthogonal the rotation left by the intrinsic matrix may be: files hold rounded numbers."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Camera:
     """One calibrated camera.
 
-    matrix: (3, 4) from metres to pixels, of any scale but zero. image_size_px: (width, height).
+    matrix: (3, 4) from metres to pixels without distortion, of any scale but zero. image_size_px: (width, height).
     reprojection_error_px: root mean square over the points of the calibration. provenance: how it was calibrated.
+    lens: where those pixels are in the picture, where the calibration knows it.
     """
 
     name: str
@@ -26,6 +31,7 @@ class Camera:
     image_size_px: tuple[int, int] | None = None
     reprojection_error_px: float | None = None
     provenance: str = ""
+    lens: Lens | None = None
 
 
 def read_camera(path: Path) -> Camera:
@@ -54,6 +60,7 @@ def write_camera(path: Path, camera: Camera) -> None:
 
 
 Row = Annotated[list[FiniteFloat], Field(min_length=4, max_length=4)]
+RowOfThree = Annotated[list[FiniteFloat], Field(min_length=3, max_length=3)]
 
 
 class _Keys(BaseModel):
@@ -65,6 +72,8 @@ class _Keys(BaseModel):
     image_size_px: tuple[PositiveInt, PositiveInt] | None = None
     reprojection_error_px: Annotated[FiniteFloat, Field(ge=0)] | None = None
     provenance: str = ""
+    intrinsic_matrix: Annotated[list[RowOfThree], Field(min_length=3, max_length=3)] | None = None
+    distortion: list[FiniteFloat] | None = None
 
 
 def _checked(path: Path, keys: dict[str, object]) -> Camera:
@@ -78,18 +87,53 @@ def _checked(path: Path, keys: dict[str, object]) -> Camera:
     matrix = np.array(known.projective_matrix)
     if np.linalg.matrix_rank(matrix) < 3 or not oriented(matrix).any():
         raise BadInput(f"{path}: projective_matrix: no camera, its rows depend on each other; calibrate again")
-    return Camera(known.name, matrix, known.image_size_px, known.reprojection_error_px, known.provenance)
+    lens = _lens(path, known, matrix)
+    return Camera(known.name, matrix, known.image_size_px, known.reprojection_error_px, known.provenance, lens)
+
+
+def _lens(path: Path, known: _Keys, matrix: Floats) -> Lens | None:
+    if known.intrinsic_matrix is None and known.distortion is None:
+        return None
+    if known.intrinsic_matrix is None or known.distortion is None:
+        given, lacking = ("distortion", "intrinsic_matrix")[:: 1 if known.distortion is not None else -1]
+        raise BadInput(f"{path}: {given} without {lacking}: a lens has both; leave both out where it is not known")
+    K, distortion = np.array(known.intrinsic_matrix), np.array(known.distortion)
+    if len(distortion) not in DISTORTION_SIZES:
+        raise BadInput(f"{path}: distortion: {len(distortion)} numbers; OpenCV's {SIZES_SAID} are expected")
+    try:
+        check_intrinsic_matrix(K)
+    except BadInput as error:
+        raise BadInput(f"{path}: intrinsic_matrix: {error}") from None
+    _check_together(path, K, matrix)
+    return Lens(K, distortion)
+
+
+def _check_together(path: Path, K: Floats, matrix: Floats) -> None:
+    """What the intrinsic matrix leaves of the projective matrix must be a rotation, of any scale."""
+    left = np.linalg.solve(K, oriented(matrix)[:, :3])
+    left = left / np.cbrt(np.linalg.det(left))
+    if not np.allclose(left @ left.T, np.eye(3), atol=TURNED):
+        raise BadInput(
+            f"{path}: intrinsic_matrix: does not belong to projective_matrix, which must be it times [R | t], in "
+            "pixels without distortion; calibrate again, or leave out intrinsic_matrix and distortion"
+        )
 
 
 def _toml(camera: Camera) -> str:
-    rows = "".join(f"    [{', '.join(map(repr, row))}],\n" for row in camera.matrix.tolist())
-    lines = [f"name = {_quoted(camera.name)}", f"projective_matrix = [\n{rows}]"]
+    lines = [f"name = {_quoted(camera.name)}", f"projective_matrix = {_rows(camera.matrix)}"]
     if camera.image_size_px is not None:
         lines.append(f"image_size_px = {list(camera.image_size_px)}")
     if camera.reprojection_error_px is not None:
         lines.append(f"reprojection_error_px = {float(camera.reprojection_error_px)!r}")
+    if camera.lens is not None:
+        lines.append(f"intrinsic_matrix = {_rows(camera.lens.intrinsic_matrix)}")
+        lines.append(f"distortion = {camera.lens.distortion.tolist()}")
     lines.append(f"provenance = {_quoted(camera.provenance)}")
     return "\n".join(lines) + "\n"
+
+
+def _rows(matrix: Floats) -> str:
+    return "[\n" + "".join(f"    {row},\n" for row in matrix.tolist()) + "]"
 
 
 def _quoted(text: str) -> str:

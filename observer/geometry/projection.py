@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 
 ROUNDING = 1e-12
-"""A depth below this share of the terms that it is summed from is rounding: the point is in the camera plane."""
+"""A depth below this share of the lengths that it comes from is rounding: the point is in the camera plane."""
 
 
 def project(matrix: Floats, points: NDArray[np.floating]) -> Floats:
@@ -30,7 +30,8 @@ def project(matrix: Floats, points: NDArray[np.floating]) -> Floats:
     known = np.where(np.isfinite(points).all(axis=-1, keepdims=True), points, 0.0)
     image = known @ H[:, :3].T + H[:, 3]
     depth = image[..., 2:]
-    terms = np.abs(known) @ np.abs(H[2:, :3].T) + np.abs(H[2, 3])
+    # By lengths, not term by term: a coordinate that is only rounding must not vouch for itself.
+    terms = np.linalg.norm(known, axis=-1, keepdims=True) * np.linalg.norm(H[2, :3]) + np.abs(H[2, 3])
     seen = np.isfinite(points).all(axis=-1, keepdims=True) & (depth > ROUNDING * terms)
     return np.where(seen, image[..., :2] / np.where(seen, depth, 1.0), np.nan)
 

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from common.errors import BadInput
 from observer.geometry.camera_file import read_camera
-from observer.geometry.projection import Floats, parallel_matrix
+from observer.geometry.lens import Lens
+from observer.geometry.projection import Floats, oriented, parallel_matrix
 
 PRINCIPAL_PLANES_DEG = {"door": (0.0, 0.0), "wheel": (90.0, 0.0), "table": (0.0, 90.0)}
 """Laban's three planes as (yaw, pitch) of who looks at them (section III.A)."""
@@ -23,10 +24,14 @@ Real = TypeVar("Real", bound=np.floating)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class View:
-    """A perspective. matrix: (3, 4) projective matrix, to metres for planes and angles, to pixels for a camera file."""
+    """A perspective. matrix: (3, 4) projective matrix, to metres for planes and angles, to pixels for a camera file.
+
+    lens: what the camera's lens does to those pixels, where its file says so; the matrix holds for undistorted ones.
+    """
 
     name: str
     matrix: Floats
+    lens: Lens | None = None
 
 
 def parse_view(text: str, folder: Path | None = None) -> View:
@@ -41,8 +46,21 @@ def parse_view(text: str, folder: Path | None = None) -> View:
         return _angle_view(text)
     if text.endswith(".toml"):
         camera = read_camera((folder or Path()) / text)
-        return View(camera.name, camera.matrix)
+        return View(camera.name, camera.matrix, camera.lens)
     raise BadInput(f"view {text!r}: unknown view; {_hint(text)}")
+
+
+def facing(view: View) -> float:
+    """How much the performer faces who looks, -1 (seen from behind) over 0 (from a side) to 1 (into the face).
+
+    The picture's right is a row of the matrix's left part (orthogonal to the optical axis, its third row); where it is
+    the performer's left, he faces us.
+    """
+    matrix = oriented(view.matrix)
+    right, axis = matrix[0, :3], matrix[2, :3]
+    if axis.any():
+        right = right - axis * (right @ axis) / (axis @ axis)
+    return float(-right[0] / np.linalg.norm(right))
 
 
 def split_views(text: str) -> list[str]:

@@ -1,23 +1,25 @@
 """Boards: drawn and found again, and the recordings of others against what they were calibrated to."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
 
 from common.errors import BadInput
-from observer.calibration.board import Chessboard, parse_chessboard
+from observer.calibration.board import Charuco, Chessboard, parse_chessboard
 from observer.calibration.board_file import read_board
-from observer.calibration.bundle import Corners, _seen, adjusted
+from observer.calibration.bundle import Corners, _Problem, adjusted, seen
 from observer.calibration.calibrated import angle_between, rotation
 from observer.calibration.detection import Sighting, Sightings, _upright, find_boards, finder
 from observer.calibration.extrinsics import Pose, placed
 from observer.calibration.from_boards import from_boards
-from observer.calibration.intrinsics import Lens, fit_lens
+from observer.calibration.intrinsics import FittedLens, fit_lens
 from observer.calibration.opencv_file import read_opencv
 from observer.calibration.pictures import pictures
 
 K = np.array([[700.0, 0, 320], [0, 700, 240], [0, 0, 1]])
-LENS = Lens(K, np.array([0.1, -0.1, 0, 0, 0.0]), 0.0, {})
+LENS = FittedLens(K, np.array([0.1, -0.1, 0, 0, 0.0]), 0.0, {})
 BOARD = Chessboard(4, 7, 0.06)
 
 
@@ -29,10 +31,11 @@ def printed(columns=4, rows=7, side=40):
 @pytest.mark.parametrize("turns", range(4))
 def test_a_turned_chessboard_has_the_same_corners(turns):
     gray = printed()
-    _, upright = finder(BOARD)(gray)
+    _, upright, behind = finder(BOARD)(gray)
+    assert not behind
     first = upright[0]
     np.testing.assert_allclose(np.ptp(upright, axis=0), [120, 240], atol=1)
-    _, pixels = finder(BOARD)(np.ascontiguousarray(np.rot90(gray, turns)))
+    _, pixels, _ = finder(BOARD)(np.ascontiguousarray(np.rot90(gray, turns)))
     height, width = gray.shape
     x, y = first
     expected = [(x, y), (y, width - 1 - x), (width - 1 - x, height - 1 - y), (height - 1 - y, x)][turns]
@@ -48,27 +51,69 @@ def test_corners_listed_from_the_other_end_or_mirrored_are_put_in_order():
 
 def test_slopes_of_the_bundle_are_those_of_its_errors():
     rng = np.random.default_rng(6)
-    corners = Corners("one", 0, BOARD.points, np.zeros((28, 2)))
     board, camera = rng.normal(0, 0.2, 6), np.array([0.1, -0.2, 0.1, 0.0, 0.1, 1.5])
-    off, by_board, by_camera = _seen(corners, (K, LENS.distortion), board, camera)
-    for n, step in enumerate(np.eye(6) * 1e-6):
-        stepped = (board + step, camera), (board, camera + step)
-        moved = [_seen(corners, (K, LENS.distortion), *poses)[0] for poses in stepped]
-        np.testing.assert_allclose((moved[0] - off) / 1e-6, by_board[:, n], atol=0.05)
-        np.testing.assert_allclose((moved[1] - off) / 1e-6, by_camera[:, n], atol=0.05)
+    lens = np.array([700.0, 320, 240, 0.1, -0.1])
+
+    def drawn(board, camera, points, lens):
+        f, u, v, k1, k2 = lens
+        return seen(points, (np.array([[f, 0, u], [0, f, v], [0, 0, 1]]), np.array([k1, k2, 0, 0, 0])), board, camera)
+
+    given = board, camera, BOARD.points, lens
+    off, by_board, by_camera, by_point, by_lens = drawn(*given)
+    for which, slopes in ((0, by_board), (1, by_camera), (3, by_lens)):
+        for n, step in enumerate(np.eye(slopes.shape[1]) * 1e-6):
+            stepped = [part + step if place == which else part for place, part in enumerate(given)]
+            np.testing.assert_allclose((drawn(*stepped)[0] - off) / 1e-6, slopes[:, n], atol=0.05)
+    for n, step in enumerate(np.eye(3) * 1e-6):
+        moved = drawn(board, camera, BOARD.points + step, lens)[0]
+        np.testing.assert_allclose((moved - off) / 1e-6, by_point[:, :, n].ravel(), atol=0.05)
+
+
+def test_slopes_of_the_whole_problem_are_those_of_its_residuals():
+    seen_, _ = shots()
+    corners = [
+        Corners(c.name, s.number, BOARD.points[s.ids], s.pixels, np.full_like(s.pixels, 3.0), c.name == "two")
+        for c in seen_
+        for s in c.seen[:2]
+    ]
+    start = placed(seen_, {"one": LENS, "two": LENS}, BOARD)
+    optics = dict.fromkeys(start.cameras, (K, LENS.distortion))
+    cameras = {name: (pose.R, pose.t) for name, pose in start.cameras.items()}
+    boards = {n: (start.boards[n].R, start.boards[n].t) for n in (0, 1)}
+    problem = _Problem(corners, optics, cameras, boards, {"two": (319.5, 239.5)})
+    x = problem.start + np.random.default_rng(7).normal(0, 1e-3, len(problem.start))
+    blocks = problem.evaluate(x)[1]
+    slopes = blocks.matrix().toarray()
+    for n in range(len(x)):
+        step = 1e-6 * max(1.0, abs(x[n]) / 100)
+        there, back = (problem.evaluate(x + sign * step * np.eye(len(x))[n])[0] for sign in (1, -1))
+        np.testing.assert_allclose((there - back) / (2 * step), slopes[:, n], rtol=1e-4, atol=0.05, err_msg=str(n))
 
 
 def test_the_bundle_mends_a_camera_that_begins_off_and_bears_a_wrong_corner():
-    seen, second = shots()
-    start = placed(seen, {"one": LENS, "two": LENS}, BOARD)
-    corners = [Corners(c.name, s.number, BOARD.points, s.pixels.copy()) for c in seen for s in c.seen]
+    shown, second = shots()
+    start = placed(shown, {"one": LENS, "two": LENS}, BOARD)
+    corners = [
+        Corners(c.name, s.number, BOARD.points, s.pixels.copy(), np.zeros_like(s.pixels)) for c in shown for s in c.seen
+    ]
     corners[3].pixels[5] += 40
     cameras = {name: (pose.R, pose.t) for name, pose in start.cameras.items()}
     cameras["two"] = (rotation([0, 0.35, 0.02], "test"), second.t + 0.05)
     lenses = dict.fromkeys(cameras, (K, LENS.distortion))
-    R, t = adjusted(corners, lenses, cameras, {n: (p.R, p.t) for n, p in start.boards.items()})[0]["two"]
+    R, t = adjusted(corners, lenses, cameras, {n: (p.R, p.t) for n, p in start.boards.items()}).cameras["two"]
     np.testing.assert_allclose(t, second.t, atol=2e-3)
     assert angle_between(R, second.R) < 2e-3
+
+
+def test_a_charuco_board_is_found_from_behind_where_it_is_from_in_front():
+    board = Charuco(4, 5, 0.054, 0.0405, "DICT_4X4_50")
+    dictionary = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)
+    drawn = cv2.aruco.CharucoBoard((4, 5), 0.054, 0.0405, dictionary).generateImage((480, 600), marginSize=30)
+    ids, pixels, behind = finder(board)(drawn)
+    mirrored_ids, mirrored, from_behind = finder(board)(np.ascontiguousarray(drawn[:, ::-1]))
+    assert (behind, from_behind) == (False, True)
+    np.testing.assert_array_equal(mirrored_ids, ids)
+    np.testing.assert_allclose(mirrored, pixels * [-1, 1] + [479, 0], atol=0.1)
 
 
 @pytest.mark.parametrize(
@@ -164,12 +209,64 @@ def test_lenses_of_pose2sim_from_its_board_pictures(data, number):
     assert lens.error_px < 0.3
 
 
+def test_moments_and_the_boards_back_are_found():
+    """Two cameras, the second late by a tenth of a picture and behind a board 4 mm thick, printed 2 mm aside."""
+    moments, back = (0.0, 0.1), np.array([0.002, 0.0, 0.004])
+    path = [np.array([0.4 * np.sin(n / 4), 0.3 * np.cos(n / 5), 0.1 * n / 9]) for n in range(-1, 20)]
+    late = {"one": np.eye(3), "two": rotation([0, np.pi - 0.3, 0], "test")}
+    away = {"one": np.zeros(3), "two": np.array([-0.3, 0.0, 2.9])}
+    shown = []
+    for (name, R), moment in zip(late.items(), moments, strict=True):
+        sightings = []
+        for n in range(18):
+            points = BOARD.points + (back if name == "two" else 0)
+            x, y, turn = path[n + 1] + moment * (path[n + 2] - path[n + 1])
+            board = points @ rotation([2 * y, 2 * x, y + turn], "test").T + [x / 3, y / 3, 1.5]
+            drawn = cv2.projectPoints(board, cv2.Rodrigues(R)[0], away[name], K, np.zeros(5))[0].reshape(-1, 2)
+            sightings.append(Sighting(n, f"frame {n}", np.arange(28), drawn, name == "two"))
+        shown.append(Sightings(name, (640, 480), tuple(sightings), 18, 1))
+    lens = FittedLens(K, np.zeros(5), 0.0, {})
+    found = placed(shown, {"one": lens, "two": lens}, BOARD)
+    assert angle_between(found.cameras["two"].R, late["two"]) < 0.002
+    np.testing.assert_allclose(found.cameras["two"].t, away["two"], atol=0.004)
+    # What lies along the board is partly a camera that stands elsewhere.
+    np.testing.assert_allclose(found.back[:3], back, atol=0.002)
+    assert 0.003 < found.back[2] < 0.005
+    plain = [Sightings(s.name, s.image_size_px, tuple(replace(x, behind=False) for x in s.seen), 18) for s in shown]
+    off = placed(plain, {"one": lens, "two": lens}, BOARD)
+    assert rms(off.off_px) > 3 * rms(found.off_px)
+
+
+def rms(off_px):
+    return np.sqrt(np.mean([(part**2).sum(axis=1).mean() for parts in off_px.values() for part in parts.values()]))
+
+
+def test_a_lens_that_was_fitted_wrongly_is_mended_by_the_other_cameras_pictures():
+    shown, second = shots()
+    wrong = FittedLens(K * np.array([[1.03], [1.03], [1]]), LENS.distortion, 0.0, {})
+    found = placed(shown, {"one": LENS, "two": wrong}, BOARD, adjust=["two"])
+    np.testing.assert_allclose(found.lenses["two"][0], K, atol=3)
+    np.testing.assert_allclose(found.cameras["two"].t, second.t, atol=3e-3)
+    np.testing.assert_array_equal(found.lenses["one"][0], K)
+    left = placed(shown, {"one": LENS, "two": wrong}, BOARD)
+    np.testing.assert_array_equal(left.lenses["two"][0], wrong.K)
+    # Its pixels are not square: one focal length would not do.
+    oblong = FittedLens(K * np.array([[1.1], [1], [1]]), LENS.distortion, 0.0, {})
+    kept = placed(shown, {"one": LENS, "two": oblong}, BOARD, adjust=["two"])
+    np.testing.assert_array_equal(kept.lenses["two"][0], oblong.K)
+
+
 @pytest.mark.slow
-def test_places_of_caliscope_from_its_videos(data):
+@pytest.mark.parametrize(("lenses", "most_deg", "most"), [("theirs", 0.75, 0.0075), ("ours", 2.0, 0.03)])
+def test_places_of_caliscope_from_its_videos(data, lenses, most_deg, most):
     home = data / "caliscope_4_cam"
     board, truth = read_board(str(home / "charuco.toml")), read_opencv(home / "camera_array.toml")
-    seen = [find_boards(c.name, pictures(home / f"{c.name}.mp4"), board) for c in truth]
-    found = placed(seen, {c.name: Lens(c.K, c.distortion, 0.0, {}) for c in truth}, board).cameras
+    seen_ = [find_boards(c.name, pictures(home / f"{c.name}.mp4"), board, 1) for c in truth]
+    if lenses == "theirs":
+        found = placed(seen_, {c.name: FittedLens(c.K, c.distortion, 0.0, {}) for c in truth}, board).cameras
+    else:
+        fitted = {s.name: fit_lens(s, board) for s in seen_}
+        found = placed(seen_, fitted, board, adjust=list(fitted)).cameras
     for i, one in enumerate(truth):
         for other in truth[:i]:
             expected = Pose(one.R, one.t).after(Pose(other.R, other.t).back)
@@ -178,4 +275,4 @@ def test_places_of_caliscope_from_its_videos(data):
             turned, off = np.degrees(angle_between(expected.R, got.R)), np.linalg.norm(expected.t - got.t) / length
             print(other.name, one.name, f"{turned:.2f} deg, place off {off:.2%}, distance {length:.3f} m")
             # 2 degrees and 3 % of the distance are asked for.
-            assert turned < 1 and off < 0.015
+            assert turned < most_deg and off < most

@@ -41,6 +41,7 @@ def test_known_points_become_a_camera_by_dlt(run, tmp_path, capsys):
     said = capsys.readouterr().out
     assert "door" in said and "0.00" in said
     camera = read_camera(tmp_path / "out/door.toml")
+    assert camera.lens is None  # DLT says nothing of distortion
     assert camera.reprojection_error_px < 1e-3 and "20 points of door.csv" in camera.provenance
     (whole,) = read_opencv(tmp_path / "out" / ALL)
     np.testing.assert_allclose(whole.K, K, atol=1e-3)
@@ -91,7 +92,22 @@ def test_pictures_of_a_board_become_camera_table_and_annotated_picture(run, tmp_
     assert np.linalg.norm(found.place) == pytest.approx(np.linalg.norm([0.1, 0.2, 0.9]), rel=0.03)
     assert found.place[2] < 0  # in front of who holds the board
     assert cv2.imread(str(tmp_path / "out/cam1.png")).shape == (480, 640, 3)
-    assert read_camera(tmp_path / "out/cam1.toml").provenance.startswith("chessboard 4x7")
+    camera = read_camera(tmp_path / "out/cam1.toml")
+    assert camera.provenance.startswith("chessboard 4x7")
+    np.testing.assert_array_equal(camera.lens.intrinsic_matrix, found.K)
+    np.testing.assert_array_equal(camera.lens.distortion, found.distortion)
+
+
+def test_two_cameras_that_see_the_board_together_share_what_they_know_of_their_lenses(run, tmp_path):
+    for name in ("cam1", "cam2"):
+        drawn_board(tmp_path / name)
+    run("cam1", "cam2", "--board", BOARD, "-o", "out")
+    one, two = read_opencv(tmp_path / "out" / ALL)
+    assert one.K[0, 0] == one.K[1, 1] == pytest.approx(702.5, rel=0.03)
+    np.testing.assert_allclose(one.place, two.place, atol=0.005)
+    run("cam1", "cam2", "--board", BOARD, "-o", "again", "--lens", f"out/{ALL}")
+    known = read_opencv(tmp_path / "again" / ALL)[0]
+    np.testing.assert_array_equal(known.K, one.K)
 
 
 @pytest.mark.parametrize(

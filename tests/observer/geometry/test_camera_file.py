@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 from common.errors import BadInput, LabanmeshError
 from observer.geometry.camera_file import Camera, read_camera, write_camera
+from observer.geometry.lens import Lens
 from observer.geometry.projection import pinhole_matrix
 
 MATRIX = pinhole_matrix(0.3, 0.1, 3.0, 812.5, (640, 360))
@@ -97,3 +98,43 @@ def test_a_refused_write_leaves_the_old_file(tmp_path):
     assert read_camera(path).name == "good"
     with pytest.raises(LabanmeshError, match="cannot be written"):
         write_camera(tmp_path / "nowhere" / "cam.toml", Camera("good", MATRIX))
+
+
+K = np.array([[812.5, 0, 640], [0, 812.5, 360], [0, 0, 1]])
+WITH_LENS = (
+    'name = "a"\nprojective_matrix = [[800, 0, 320, 0], [0, 800, 240, 0], [0, 0, 1, 2]]\n'
+    "intrinsic_matrix = [[800, 0, 320], [0, 800, 240], [0, 0, 1]]\ndistortion = [0.1, -0.2, 0, 0, 0.1]\n"
+)
+
+
+@pytest.mark.parametrize("size", [4, 5, 8, 12, 14])
+@pytest.mark.parametrize("scale", [1.0, -3.0, 1e-3])
+def test_a_lens_there_and_back(tmp_path, size, scale):
+    distortion = np.linspace(-0.1, 1 / 3, size)
+    write_camera(tmp_path / "c.toml", Camera("c", MATRIX * scale, lens=Lens(K, distortion)))
+    lens = read_camera(tmp_path / "c.toml").lens
+    np.testing.assert_array_equal(lens.intrinsic_matrix, K)
+    np.testing.assert_array_equal(lens.distortion, distortion)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ("distortion = [0.1, -0.2, 0, 0, 0.1]", "", "intrinsic_matrix without distortion"),
+        ("intrinsic_matrix = [[800, 0, 320], [0, 800, 240], [0, 0, 1]]", "", "distortion without intrinsic_matrix"),
+        ("[0.1, -0.2, 0, 0, 0.1]", "[0.1, -0.2]", "distortion: 2 numbers"),
+        ("[0.1, -0.2, 0, 0, 0.1]", "[0.1, -0.2, 0, inf]", "distortion.3: "),
+        ("[[800, 0, 320]", "[[-800, 0, 320]", "no intrinsic matrix"),
+        ("[[800, 0, 320]", "[[700, 0, 320]", "does not belong to projective_matrix"),
+        ("[0, 800, 240], [0, 0, 1]]", "[0, 800, 200], [0, 0, 1]]", "does not belong to projective_matrix"),
+        ("[0, 800, 240], [0, 0, 1]]", "[0, 800, 240]]", "intrinsic_matrix: "),
+    ],
+)
+def test_a_lens_that_is_none_is_one_line(tmp_path, old, new, says):
+    assert old in WITH_LENS
+    (tmp_path / "c.toml").write_text(WITH_LENS)
+    assert read_camera(tmp_path / "c.toml").lens is not None
+    (tmp_path / "c.toml").write_text(WITH_LENS.replace(old, new))
+    with pytest.raises(BadInput, match=says) as caught:
+        read_camera(tmp_path / "c.toml")
+    assert "c.toml" in str(caught.value) and "\n" not in str(caught.value)
