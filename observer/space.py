@@ -1,6 +1,7 @@
 """Laban's Space: the motion of each body part between two frames as a Vector Symbol (section III.A and (1))."""
 
 import math
+from collections import deque
 from collections.abc import Sequence
 from enum import IntEnum
 
@@ -73,24 +74,26 @@ class BodySize:
 class SpaceReader:
     """Reads Space from the stream of tracks: one Vector Symbol a body part and frame.
 
-    body_parts: names of the P parts. threshold: shortest motion between two frames that counts as one, as a share of
-    the performer's size; it depends on the frame rate and is fitted on training subjects.
+    body_parts: names of the P parts. threshold: shortest motion that counts as one, as a share of the performer's
+    size; it depends on the frame rate and is fitted on training subjects. over: between which frames motion is read,
+    1 for neighbours as the paper does; at a camera's rate neighbours hardly differ.
     """
 
-    def __init__(self, body_parts: Sequence[str], threshold: float) -> None:
+    def __init__(self, body_parts: Sequence[str], threshold: float, over: int = 1) -> None:
         self._body_parts = tuple(body_parts)
         self._threshold = threshold
         self._size = BodySize()
-        self._last: Floats = np.full((len(self._body_parts), 2), np.nan)
+        self._last: deque[Floats] = deque(maxlen=over)
 
     def update(self, tracks: Tracks) -> Symbols:
-        """(P,) symbols of the motion since the last frame; NOT_SEEN where a part was missing now or then.
+        """(P,) symbols of the motion since `over` frames ago; NOT_SEEN where a part was missing now or then.
 
-        In the first frame all are NOT_SEEN, and as long as no hand was seen together with the head.
+        In the first `over` frames all are NOT_SEEN, and as long as no hand was seen together with the head.
         """
         size = self._size.update(tracks.centres, self._body_parts)
-        displacements = tracks.centres - self._last
-        self._last = tracks.centres.copy()
+        known = len(self._last) == self._last.maxlen
+        displacements = tracks.centres - (self._last[0] if known else np.nan)
+        self._last.append(tracks.centres.copy())
         return vector_symbols(displacements, size, self._threshold)
 
 

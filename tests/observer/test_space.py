@@ -154,3 +154,15 @@ def test_not_seen_is_where_a_part_was_missing_now_or_then(centres, missing):
     expected[1:] |= missing[:-1]
     expected[0] = True
     np.testing.assert_array_equal(read(centres) == VectorSymbol.NOT_SEEN, expected)
+
+
+@given(CENTRES, st.integers(1, 5))
+def test_motion_over_several_frames_is_that_between_frames_so_far_apart(centres, over):
+    apart = SpaceReader(BODY_PARTS, 0.1, over)
+    symbols = [apart.update(Tracks(c)) for c in centres]
+    assert all((s == VectorSymbol.NOT_SEEN).all() for s in symbols[:over])
+    size = BodySize()
+    for n, centre in enumerate(centres):
+        learned = size.update(centre, BODY_PARTS)
+        if n >= over:
+            assert np.array_equal(symbols[n], vector_symbols(centre - centres[n - over], learned, 0.1))

@@ -1,0 +1,122 @@
+"""The verb `look`: what a tracker makes out in a source, in one picture and a few lines."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from common.errors import BadInput, LabanmeshError
+
+if TYPE_CHECKING:
+    from observer.camera.base import Report
+    from observer.preview.account import Account
+    from observer.source import FrameSource
+    from observer.tracks import Tracker
+
+ENDINGS = (".png", ".jpg", ".jpeg")
+
+
+def look(
+    source: Annotated[str, typer.Argument(help="Webcam (0), address, video, folder of pictures, or motion archive.")],
+    tracker: Annotated[str, typer.Option(help="camshift or mediapipe.")] = "camshift",
+    output: Annotated[Path, typer.Option("-o", "--output", help="The picture to write.")] = Path("look.png"),
+    frames: Annotated[int, typer.Option(min=1, help="Look at so many pictures; the newest is written.")] = 30,
+    skin: Annotated[str, typer.Option(help="A histogram saved by --save-skin.")] = "",
+    face: Annotated[str, typer.Option(help="X,Y,WIDTH,HEIGHT of the face in the first picture, px.")] = "",
+    save_skin: Annotated[Path | None, typer.Option(help="Save the skin colour, for other cameras (.npz).")] = None,
+    view: Annotated[str, typer.Option(help="Where a motion archive is filmed from: door, yaw:DEG, ...")] = "door",
+    recording: Annotated[int, typer.Option(min=0, help="Which recording of a motion archive.")] = 0,
+) -> None:  # fmt: skip
+    """One look at a source: a picture with all that the tracker makes out in it, and what to do where that is little.
+
+    Example: labanmesh look 0
+
+    Example: labanmesh look rtsp://10.0.0.7/stream --tracker mediapipe -o corner.png
+
+    Example: labanmesh look motion.npz --view yaw:45 --save-skin skin.npz
+    """
+    from observer.camera.address import kind_of, shown
+    from observer.preview.film import write_picture
+    from observer.preview.looking import Trouble, look_at
+
+    if output.suffix.lower() not in ENDINGS:
+        raise BadInput(f"--output {output}: a name that ends in {', '.join(ENDINGS)} is expected")
+    for place in (output, save_skin):
+        _require_folder(place)
+    trouble = Trouble()
+    opened = _source(source, view, recording, trouble)
+    eyes = _tracker(tracker, skin, _box(face))
+    name = Path(source).name if kind_of(source) == "path" else shown(source)
+    looked = look_at(opened, eyes, frames, name, tracker, trouble)
+    write_picture(output, looked.painted, output.with_name(f".{output.stem}.part{output.suffix}"))
+    _tell(looked.account, output)
+    if save_skin is not None:
+        _save_skin(eyes, save_skin)
+
+
+def _tell(account: "Account", output: Path) -> None:
+    from observer.preview.account import advice, lines
+
+    for line in lines(account):
+        typer.echo(line)
+    typer.echo(f"{output}: the newest picture, with what {account.tracker} makes out in it")
+    for line in advice(account):
+        typer.echo(f"-> {line}")
+
+
+def _source(text: str, view: str, recording: int, report: "Report") -> "FrameSource":
+    if not text.endswith(".npz"):
+        from observer.camera.opening import open_pictures
+
+        return open_pictures(text, Path(), report=report, speed=0.0)
+    from observer.geometry.views import parse_view
+    from observer.motion.archive_file import read_archive
+    from observer.rendering.virtual_camera import VirtualCamera
+    from observer.source import RecordedMotion
+
+    archive = read_archive(Path(text))
+    if recording >= len(archive.recordings):
+        raise BadInput(f"--recording {recording}: {text} has recordings 0 to {len(archive.recordings) - 1}")
+    chosen = archive.recordings[recording : recording + 1]
+    return VirtualCamera(RecordedMotion(archive.body_parts, chosen, speed=0.0), parse_view(view))
+
+
+def _tracker(name: str, skin: str, face: tuple[int, int, int, int] | None) -> "Tracker":
+    import numpy as np
+
+    from common.config import ObserverConfig
+    from observer.geometry.views import View
+    from observer.tracking.registry import Setting, tracker_named
+    from observer.tracks import BODY_PARTS
+
+    kind = tracker_named(name, "--tracker", "pictures")
+    section = ObserverConfig(source="look", skin=skin, face=face)
+    return kind.build(Setting(View("look", np.eye(3, 4)), (), BODY_PARTS, section, Path))
+
+
+def _box(text: str) -> tuple[int, int, int, int] | None:
+    if not text:
+        return None
+    numbers = [int(piece) for piece in text.split(",") if piece.strip().isdecimal()]
+    if len(numbers) != 4 or text.count(",") != 3 or not (numbers[2] and numbers[3]):
+        raise BadInput(f"--face {text!r}: X,Y,WIDTH,HEIGHT in px is expected, e.g. --face 140,50,40,40")
+    return numbers[0], numbers[1], numbers[2], numbers[3]
+
+
+def _require_folder(place: Path | None) -> None:
+    """Before anything costly: a look that cannot be written is none."""
+    if place is not None and (not place.parent.is_dir() or place.is_dir()):
+        raise BadInput(f"{place}: cannot be written: a file in a folder that is there is expected")
+
+
+def _save_skin(eyes: "Tracker", place: Path) -> None:
+    skin = getattr(eyes, "skin", None)
+    if skin is None:
+        raise LabanmeshError(
+            f"{place}: not written: no skin was learned; let camshift see a face longer (--frames), or mark it (--face)"
+        )
+    try:
+        skin.save(place)
+    except OSError as error:
+        raise LabanmeshError(f"{place}: cannot be written: {error.strerror}") from None
+    typer.echo(f'{place}: the skin colour; skin = "{place}" in the scene file for cameras that see no face')

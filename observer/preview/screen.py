@@ -1,0 +1,109 @@
+"""Shows what an observer sees while it works: painting has a thread of its own and never slows the observer."""
+
+import logging
+import queue
+import threading
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import Self
+
+from common.errors import BadInput, LabanmeshError
+from observer.preview.film import CODECS, STILLS, Film, Outlet, Stills, Window, why_no_window
+from observer.preview.painting import paint
+from observer.preview.sight import Picture, Sight
+
+log = logging.getLogger("labanmesh.observer")
+
+INSTEAD = Path("labanmesh-preview.mp4")
+"""What is written where a window was wanted and there can be none."""
+WAITING = 8
+"""So many pictures may wait to be painted where all are kept; then the observer waits too."""
+LOOK_S = 0.2
+"""So often who waits for the painter looks whether it still works."""
+KNOWN = "window, FILE.mp4, FILE.avi, FILE.png (the newest), FILE-%06d.png, a folder"
+
+Clock = Callable[[], int]
+Show = tuple[int, Picture | None, Sight]
+
+
+def open_preview(
+    target: str, rate_hz: float, *, keep_all: bool = False, title: str = "labanmesh", folder: Path | None = None
+) -> "Preview":
+    """Where `target` says: `window`, FILE.mp4, FILE.avi, FILE.png, a name with %d, or a folder of pictures.
+
+    rate_hz: of a film. keep_all: every picture is painted, even if the observer must wait for that, which suits
+    recordings played as fast as possible; else older ones give way to the newest. Relative names are below `folder`.
+
+    Where there can be no window, says so and writes INSTEAD. Raises BadInput for an unknown target and for what
+    cannot be written.
+    """
+    place = (folder or Path()) / target
+    if target == "window":
+        reason = why_no_window()
+        if not reason:
+            return Preview(Window(title), keep_all=False)
+        place = (folder or Path()) / INSTEAD
+        log.warning("no window: %s; the preview goes to %s", reason, place)
+    return Preview(_outlet(target, place, rate_hz, keep_all), keep_all)
+
+
+def _outlet(target: str, place: Path, rate_hz: float, keep_all: bool) -> Outlet:
+    ending = place.suffix.lower()
+    if ending in CODECS:
+        return Film(place, rate_hz, keep_all)
+    if ending in STILLS or (target.strip() and (place.is_dir() or not ending)):
+        return Stills(place)
+    raise BadInput(f"--preview {target!r}: unknown kind; known: {KNOWN}")
+
+
+class Preview:
+    """A context manager; what it could not show is logged once, and never stops the observer."""
+
+    def __init__(self, outlet: Outlet, keep_all: bool, clock: Clock = time.monotonic_ns) -> None:
+        self._outlet, self._keep_all, self._clock = outlet, keep_all, clock
+        self._waiting: queue.Queue[Show | None] = queue.Queue(WAITING if keep_all else 1)
+        self._thread = threading.Thread(target=self._work, name="preview", daemon=True)
+        self._thread.start()
+
+    def show(self, picture: Picture | None, sight: Sight) -> None:
+        """Paint this soon; both must not be changed any more. Waits only where all pictures are kept."""
+        if self._keep_all:
+            self._put((self._clock(), picture, sight))
+            return
+        with suppress(queue.Empty):
+            self._waiting.get_nowait()
+        # There is room: nobody else puts anything.
+        self._waiting.put_nowait((self._clock(), picture, sight))
+
+    def close(self) -> None:
+        """What waits is painted, and what was painted is whole. A second time does nothing."""
+        self._put(None)
+        self._thread.join()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _put(self, item: Show | None) -> None:
+        while self._thread.is_alive():
+            try:
+                self._waiting.put(item, timeout=LOOK_S)
+            except queue.Full:
+                continue
+            return
+
+    def _work(self) -> None:
+        """The thread: until None comes, or nothing more can be shown, which is said once."""
+        try:
+            try:
+                while (item := self._waiting.get()) is not None:
+                    shown_ns, picture, sight = item
+                    self._outlet.draw(paint(picture, sight), shown_ns)
+            finally:
+                self._outlet.close()
+        except (LabanmeshError, OSError) as error:
+            log.warning("preview: %s", error)

@@ -1,0 +1,283 @@
+"""Where previews go: films that are whole or not there, single pictures, windows; and who waits for whom."""
+
+import logging
+import threading
+
+import cv2
+import numpy as np
+import pytest
+
+from common.errors import BadInput, LabanmeshError
+from common.vocabulary import Vocabulary
+from observer.camera.files import Album, Video
+from observer.pipeline import Opinion
+from observer.preview import film, screen
+from observer.preview.film import Film, Stills, Window, why_no_window
+from observer.preview.layout import SIZE
+from observer.preview.previewed import Previewed
+from observer.preview.screen import INSTEAD, WAITING, Preview, open_preview
+from observer.preview.sight import Recent
+from observer.tracks import BODY_PARTS, Frame, Tracks
+
+SOON_S = 20.0
+STANDING = np.array([[42.0, 30.0], [18.0, 30.0], [32.0, 9.0]])
+RECENT = Recent(BODY_PARTS, 5.0)
+SIGHT = RECENT.see(Tracks(STANDING))
+
+
+def picture(number):
+    return np.full((48, 64, 3), 10 * (number % 25), np.uint8)
+
+
+def level(painted):
+    """Which picture it was."""
+    return round(float(np.median(painted[250:350, 20:100])) / 10)
+
+
+class Shelf:
+    """An outlet that remembers; it draws when it is let."""
+
+    def __init__(self, fails=None):
+        self.drawn, self.closed, self.fails = [], False, fails
+        self.let, self.entered = threading.Event(), threading.Event()
+
+    def draw(self, painted, shown_ns):
+        self.entered.set()
+        assert self.let.wait(SOON_S)
+        if self.fails:
+            raise self.fails
+        self.drawn.append(level(painted))
+
+    def close(self):
+        self.closed = True
+
+
+@pytest.mark.parametrize("name", ["a.mp4", "a.avi"])
+def test_a_film_has_as_many_pictures_as_were_shown(tmp_path, name):
+    with open_preview(name, 10.0, keep_all=True, folder=tmp_path) as preview:
+        for number in range(12):
+            preview.show(picture(number), SIGHT)
+        assert not (tmp_path / name).exists()
+    assert [p.name for p in tmp_path.iterdir()] == [name]
+    video = Video.open(tmp_path / name)
+    read = list(video.pictures())
+    assert len(read) == 12 and video.size_px == SIZE and video.rate_hz == pytest.approx(10.0)
+    assert np.abs(np.diff([float(np.median(p[250:350, 20:100])) for p in read]) - 10).max() < 6
+
+
+def test_a_film_of_nothing_is_not_there(tmp_path, caplog):
+    with caplog.at_level(logging.WARNING), open_preview("a.mp4", 10.0, folder=tmp_path):
+        pass
+    assert not list(tmp_path.iterdir()) and "nothing was seen" in caplog.text
+
+
+def test_an_earlier_film_stays_until_the_new_one_is_whole(tmp_path):
+    (tmp_path / "a.mp4").write_bytes(b"earlier")
+    with open_preview("a.mp4", 10.0, keep_all=True, folder=tmp_path) as preview:
+        preview.show(picture(1), SIGHT)
+        assert (tmp_path / "a.mp4").read_bytes() == b"earlier"
+    assert len(list(Video.open(tmp_path / "a.mp4").pictures())) == 1
+
+
+class Counting(Film):
+    """How often each picture was put on the film."""
+
+    def __init__(self, path, rate_hz):
+        super().__init__(path, rate_hz, keep_all=False)
+        self.times = []
+
+    def draw(self, painted, shown_ns):
+        before = self._written
+        super().draw(painted, shown_ns)
+        self.times.append(self._written - before)
+
+
+def test_a_film_keeps_time_whatever_was_left_out(tmp_path):
+    counting = Counting(tmp_path / "a.avi", 10.0)
+    painted = np.zeros((SIZE[1], SIZE[0], 3), np.uint8)
+    for at_s in (0.0, 0.1, 0.4, 0.41, 0.5, 100.0, 100.1):
+        counting.draw(painted, 5_000_000_000 + round(at_s * 1e9))
+    counting.close()
+    assert counting.times == [1, 1, 3, 0, 1, 20, 1]  # 2 s stand for the long silence
+
+
+@pytest.mark.parametrize(
+    ("target", "said"),
+    [
+        ("none/a.mp4", "none/a.mp4: cannot be written"),
+        ("none/a.png", "a.png: cannot be written"),
+        ("a.mkv", "known: window, FILE.mp4"),
+        ("", "known: window, FILE.mp4"),
+        ("file/pictures", "cannot be written"),
+        ("a-%s-%d.png", "one number is expected"),
+        ("a-%q.png", "one number is expected"),
+        ("folder.mp4", "is a folder"),
+    ],
+)
+def test_what_cannot_be_written_is_one_line_and_leaves_nothing(tmp_path, target, said):
+    (tmp_path / "file").write_text("")
+    (tmp_path / "folder.mp4").mkdir()
+    with pytest.raises(BadInput) as caught:
+        open_preview(target, 10.0, folder=tmp_path)
+    assert said in str(caught.value) and "\n" not in str(caught.value)
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["file", "folder.mp4"]
+
+
+@pytest.mark.parametrize(
+    ("target", "names"),
+    [
+        ("pictures", ["pictures/000000.png", "pictures/000001.png", "pictures/000002.png"]),
+        ("f-%02d.jpg", ["f-00.jpg", "f-01.jpg", "f-02.jpg"]),
+        ("newest.png", ["newest.png"]),
+    ],
+)
+def test_single_pictures_are_files_of_their_own(tmp_path, target, names):
+    with open_preview(target, 10.0, keep_all=True, folder=tmp_path) as preview:
+        for number in range(3):
+            preview.show(picture(number + 1), SIGHT)
+    files = sorted(p for p in tmp_path.rglob("*") if p.is_file())
+    assert [str(p.relative_to(tmp_path)) for p in files] == names
+    newest = list(Album.open(files[-1]).pictures())[-1]
+    assert (newest.shape[1], newest.shape[0]) == SIZE and level(newest) == 3
+
+
+def test_the_newest_takes_the_place_of_what_nobody_has_painted_yet():
+    shelf = Shelf()
+    preview = Preview(shelf, keep_all=False)
+    preview.show(picture(1), SIGHT)
+    assert shelf.entered.wait(SOON_S)
+    for number in range(2, 20):
+        preview.show(picture(number), SIGHT)
+    shelf.let.set()
+    preview.close()
+    assert shelf.drawn == [1, 19] and shelf.closed
+
+
+def test_where_all_are_kept_the_observer_waits():
+    shelf, shown = Shelf(), threading.Semaphore(0)
+    preview = Preview(shelf, keep_all=True)
+    count = WAITING + 6
+
+    def observe():
+        for number in range(count):
+            preview.show(picture(number), SIGHT)
+            shown.release()
+
+    observing = threading.Thread(target=observe)
+    observing.start()
+    for _ in range(WAITING + 1):  # one is being drawn, the others wait
+        assert shown.acquire(timeout=SOON_S)
+    assert not shown.acquire(timeout=0.05)
+    shelf.let.set()
+    observing.join(SOON_S)
+    preview.close()
+    assert shelf.drawn == list(range(count))
+
+
+@pytest.mark.parametrize("keep_all", [False, True])
+@pytest.mark.parametrize("trouble", [LabanmeshError("disk: full"), OSError(28, "No space left on device")])
+def test_what_cannot_be_shown_is_said_once_and_stops_nobody(caplog, keep_all, trouble):
+    shelf = Shelf(trouble)
+    shelf.let.set()
+    preview = Preview(shelf, keep_all)
+    with caplog.at_level(logging.WARNING):
+        for number in range(WAITING + 20):
+            preview.show(picture(number), SIGHT)
+        preview.close()
+        preview.close()
+    assert shelf.closed and caplog.text.count("preview: ") == 1
+
+
+@pytest.mark.parametrize(
+    ("environment", "platform", "built", "said"),
+    [
+        ({}, "linux", "QT5", "there is no display"),
+        ({"DISPLAY": ":0"}, "linux", "QT5", ""),
+        ({"WAYLAND_DISPLAY": "wayland-0"}, "linux", "QT5", ""),
+        ({"DISPLAY": ":0"}, "linux", "NONE", "without windows"),
+        ({}, "win32", "WIN32UI", ""),
+        ({}, "darwin", "COCOA", "first thread"),
+    ],
+)
+def test_why_there_is_no_window(monkeypatch, environment, platform, built, said):
+    monkeypatch.setattr(cv2, "getBuildInformation", lambda: f"\n  GUI:                 {built}\n")
+    reason = why_no_window(environment, platform)
+    assert said in reason and bool(said) == bool(reason)
+
+
+def test_without_a_window_a_film_is_written_and_said(monkeypatch, tmp_path, caplog):
+    monkeypatch.setattr(screen, "why_no_window", lambda: "there is no display")
+    with caplog.at_level(logging.WARNING), open_preview("window", 10.0, folder=tmp_path) as preview:
+        preview.show(picture(1), SIGHT)
+    assert Video.open(tmp_path / INSTEAD).size_px == SIZE
+    assert "no window: there is no display" in caplog.text and str(INSTEAD) in caplog.text
+
+
+def windows(monkeypatch, visible, key):
+    said = []
+    monkeypatch.setattr(screen, "why_no_window", lambda: "")
+    for name in ("namedWindow", "resizeWindow", "imshow", "destroyWindow"):
+        monkeypatch.setattr(film.cv2, name, lambda *words, name=name: said.append(name))
+    monkeypatch.setattr(film.cv2, "getWindowProperty", lambda *_: visible)
+    monkeypatch.setattr(film.cv2, "waitKey", lambda _: key)
+    return said
+
+
+def test_a_window_opens_once_and_goes_at_the_end(monkeypatch):
+    said = windows(monkeypatch, 1.0, -1)
+    window = Window("door")
+    for _ in range(3):
+        window.draw(picture(1), 0)
+    window.close()
+    assert said == ["namedWindow", "resizeWindow", "imshow", "imshow", "imshow", "destroyWindow"]
+
+
+@pytest.mark.parametrize(("visible", "key"), [(0.0, -1), (1.0, ord("q"))])
+def test_a_window_that_a_person_closes_stops_the_preview_alone(monkeypatch, caplog, visible, key):
+    windows(monkeypatch, visible, key)
+    with caplog.at_level(logging.WARNING), open_preview("window", 10.0) as preview:
+        while preview._thread.is_alive():
+            preview.show(picture(1), SIGHT)
+    assert "the observer goes on" in caplog.text
+
+
+class Judge:
+    """An observer and its tracker in one."""
+
+    vocabulary, complaint = Vocabulary(("ok", "shake")), "too dark"
+    body_parts, found = BODY_PARTS, None
+
+    @property
+    def tracker(self):
+        return self
+
+    def step(self, frame):
+        self.found = Tracks(STANDING)
+        return Opinion(np.array([0.7, 0.3]), 0.1, 1, {})
+
+
+class Remembering:
+    """A preview that remembers what it was to show."""
+
+    def __init__(self):
+        self.shown = []
+
+    def show(self, shown, sight):
+        self.shown.append((shown, sight))
+
+
+@pytest.mark.parametrize("content", [picture(3), np.zeros((3, 3))])
+def test_an_observer_that_is_looked_at_does_as_without(content):
+    seen, judge = Remembering(), Judge()
+    looked_at = Previewed(judge, judge, seen, Recent(BODY_PARTS, 5.0, "door"), clock=lambda: 2_500_000_000)
+    opinion = looked_at.step(Frame(2_000_000_000, content))
+    assert opinion.p.tolist() == [0.7, 0.3] and looked_at.vocabulary is judge.vocabulary
+    ((shown, sight),) = seen.shown
+    assert shown is (content if content.ndim == 3 else None)
+    assert sight.age_s == 0.5 and sight.complaint == "too dark" and sight.belief.winner == 0
+
+
+def test_stills_refuse_a_folder_that_is_a_file(tmp_path):
+    (tmp_path / "a").write_text("")
+    with pytest.raises(BadInput, match="a: cannot be written"):
+        Stills(tmp_path / "a")
