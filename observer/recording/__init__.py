@@ -1,0 +1,1 @@
+"""Recording: what several calibrated cameras see becomes motion in space, to learn from."""

@@ -1,0 +1,92 @@
+"""Several cameras watched at once, each in a thread of its own, until they end or enough was seen."""
+
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
+from dataclasses import dataclass
+
+import numpy as np
+
+from common.errors import BadInput
+from observer.recording.timeline import Sighted
+from observer.tracks import Floats, Frame, Tracker
+
+SECOND_NS = 1_000_000_000
+
+LOOK_S = 0.2
+"""So often the progress is told."""
+
+Progress = Callable[[float], None]
+"""Hears how many seconds of motion the camera that is furthest behind has seen."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Watcher:
+    """One camera at work. tracker: its centres are undistorted px, for which `matrix` (3, 4) holds."""
+
+    name: str
+    frames: Iterator[Frame]
+    tracker: Tracker
+    matrix: Floats
+
+
+class _Watch:
+    """What one watcher has seen so far; written by its thread only."""
+
+    def __init__(self, watcher: Watcher, stop: threading.Event, seconds: float | None) -> None:
+        self._watcher, self._stop = watcher, stop
+        self._most_ns = None if seconds is None else round(seconds * SECOND_NS)
+        self._at_ns: list[int] = []
+        self._centres: list[Floats] = []
+
+    @property
+    def seconds(self) -> float:
+        """How much motion it has seen."""
+        return (self._at_ns[-1] - self._at_ns[0]) / SECOND_NS if self._at_ns else 0.0
+
+    def run(self) -> None:
+        """Frame by frame until there are no more, somebody says stop, or it was long enough."""
+        for frame in self._watcher.frames:
+            if self._stop.is_set():
+                return
+            if self._at_ns and self._most_ns is not None and frame.at_ns - self._at_ns[0] > self._most_ns:
+                # A live camera's time is everybody's: one that delivers nothing must not be waited for.
+                if frame.motion_ns is None:
+                    self._stop.set()
+                return
+            self._at_ns.append(frame.at_ns)
+            self._centres.append(self._watcher.tracker.update(frame).centres.copy())
+
+    def sighted(self) -> Sighted:
+        """What it saw."""
+        parts = len(self._watcher.tracker.body_parts)
+        centres = np.array(self._centres, dtype=np.float64).reshape(-1, parts, 2)
+        return Sighted(self._watcher.name, self._watcher.matrix, np.array(self._at_ns, dtype=np.int64), centres)
+
+
+def watch(
+    watchers: Sequence[Watcher],
+    stop: threading.Event,
+    seconds: float | None = None,
+    progress: Progress = lambda _: None,
+) -> list[Sighted]:
+    """What each of them saw, in their order; seconds: of motion, None for all that there is.
+
+    Sets `stop`, which the frames must heed too, when one of them fails, and raises what it raised. Raises BadInput when
+    the trackers do not find the same parts.
+    """
+    parts = {tuple(watcher.tracker.body_parts) for watcher in watchers}
+    if len(parts) > 1:
+        raise BadInput(f"trackers find different body parts: {'; '.join(', '.join(p) for p in sorted(parts))}")
+    watches = [_Watch(watcher, stop, seconds) for watcher in watchers]
+    with ThreadPoolExecutor(len(watchers), thread_name_prefix="watch") as pool:
+        running = {pool.submit(one.run) for one in watches}
+        try:
+            while running:
+                ended, running = wait(running, LOOK_S, FIRST_COMPLETED)
+                for future in ended:
+                    future.result()
+                progress(min(one.seconds for one in watches))
+        finally:
+            stop.set()
+    return [one.sighted() for one in watches]
