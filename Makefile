@@ -2,18 +2,22 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
+MEDIAPIPE := .venv-mediapipe
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test check bench clean
+.PHONY: help demo test test-mediapipe check bench clean
 
 help:            ## this list
-	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*##/\t/' | expand -t 14
+	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*##/\t/' | expand -t 18
 
 demo: $(VENV)/.ready   ## the whole system on this machine; ends by itself
 	@$(BIN)/labanmesh demo
 
 test: $(VENV)/.ready   ## all tests; those on recorded people need LABANMESH_DATA
 	@$(BIN)/pytest -q
+
+test-mediapipe: $(MEDIAPIPE)/.ready   ## the mediapipe tracker and its figures, in an environment of its own
+	@$(MEDIAPIPE)/bin/pytest -q -n0 -rP tests/mediapipe tests/contracts/test_trackers.py
 
 check: $(VENV)/.ready  ## lint and types
 	@$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/mypy
@@ -22,11 +26,20 @@ bench: $(VENV)/.ready  ## each cost beside its floor, to build/bench.json
 	@$(BIN)/python -m benchmarks
 
 clean:           ## away with the environment and everything built
-	@rm -rf $(VENV) build dist *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis labanmesh-demo
+	@rm -rf $(VENV) $(MEDIAPIPE) build dist *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis labanmesh-demo
 
 $(VENV)/.ready: pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit("labanmesh needs Python >= 3.11, this is " + sys.version.split()[0] + ": make PYTHON=python3.11") if sys.version_info < (3, 11) else None'
 	@echo "setting up $(VENV) (once, about a minute) ..."
 	@$(PYTHON) -m venv $(VENV)
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[all,dev]'
+	@touch $@
+
+$(MEDIAPIPE)/.ready: pyproject.toml
+	@$(PYTHON) -c 'import sys; sys.exit("mediapipe 0.10.21 has wheels for Python 3.11 and 3.12 only, this is " + sys.version.split()[0] + ": make test-mediapipe PYTHON=python3.11") if not (3, 11) <= sys.version_info < (3, 13) else None'
+	@echo "setting up $(MEDIAPIPE) (once, about two minutes) ..."
+	@$(PYTHON) -m venv $(MEDIAPIPE)
+	@$(MEDIAPIPE)/bin/python -m pip install --quiet --disable-pip-version-check -e '.[mediapipe,dev]'
+	@# MediaPipe brings an OpenCV with windows, which wants libGL; the same version without goes on top.
+	@$(MEDIAPIPE)/bin/python -m pip install --quiet --disable-pip-version-check --force-reinstall --no-deps "opencv-python-headless==$$($(MEDIAPIPE)/bin/python -c 'from importlib.metadata import version; print(version("opencv-contrib-python"))')"
 	@touch $@

@@ -1,0 +1,149 @@
+"""What the tests of the mediapipe tracker share: recorded clips with their truth, tracked once, and a model file."""
+
+import csv
+import gc
+import os
+import warnings
+import zipfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from observer.motion.archive import MotionArchive
+from observer.motion.importers.florence3d import import_folder
+from observer.tracking.mediapipe_pose import MediapipeTracker
+from observer.tracks import Frame
+
+NAMED_BY = "LABANMESH_POSE_MODEL"
+CAMERA = np.array([[-580.0, 0.0, 319.0, 0.0], [0.0, -580.0, 240.0, 0.0], [0.0, 0.0, 1.0, 0.0]])
+"""The clips' camera after their pictures, which are mirrored (u = 320 + 580 x/z), were turned back: u' = 639 - u."""
+
+
+def pictures(file, every=1):
+    """(H, W, 3) pictures of a video."""
+    video = cv2.VideoCapture(str(file))
+    number = 0
+    while video.grab():
+        if number % every == 0:
+            yield video.retrieve()[1]
+        number += 1
+    assert number, f"{file} has no pictures"
+
+
+def follow(found_by, shown, rate_hz):
+    """Tracks of a sequence of pictures."""
+    return [found_by.update(Frame(round(n * 1e9 / rate_hz), picture)) for n, picture in enumerate(shown)]
+
+
+@dataclass(frozen=True, slots=True)
+class Clip:
+    """truth: (F, 3, 2) px, head_to_hip: (F,) px, both from the joints; tracks: by the palm, then by the wrist."""
+
+    name: str
+    label: str
+    subject: str
+    truth: np.ndarray
+    head_to_hip: np.ndarray
+    palm: list
+    wrist: list
+
+
+@dataclass(frozen=True, slots=True)
+class Florence:
+    """camera: (3, 4) metres to pixels of the pictures as they are tracked. archive: all recordings, not these alone."""
+
+    camera: np.ndarray
+    archive: MotionArchive
+    clips: list
+
+
+def unmirrored(file):
+    return [np.ascontiguousarray(picture[:, ::-1]) for picture in pictures(file)]
+
+
+@pytest.fixture(scope="session")
+def florence(data, pose_model):
+    """The 16 clips with their joints as truth, each tracked from its first picture by a tracker of its own."""
+    from scipy.io import loadmat
+
+    archive = import_folder(data / "florence3d").archive
+    joints = loadmat(str(data / "florence3d/skeletal_data.mat"), simplify_cells=True)["skeletal_data"]
+    clips = []
+    for row in csv.DictReader((data / "florence3d_videos/labels.csv").read_text().splitlines()):
+        number = int(row["video_id"]) - 1
+        recording = archive.recordings[number]
+        label = row["class"].replace(" ", "_")
+        assert (recording.label, recording.subject) == (label, row["subject"])
+        raw = joints[number]["original_skeletal_data"]
+        hips = raw[:, (9, 12)].mean(axis=1)[[0, 2, 1]].T
+        points = np.concatenate([recording.positions.astype(np.float64), hips[:, None]], axis=1) @ CAMERA[:, :3].T
+        truth = points[..., :2] / points[..., 2:]
+        head_to_hip = np.linalg.norm(truth[:, 2] - truth[:, 3], axis=1)
+        shown = unmirrored(data / "florence3d_videos" / row["file"])
+        assert len(shown) == len(truth)
+        tracks = [follow(MediapipeTracker(pose_model, hand), shown, recording.rate_hz) for hand in ("palm", "wrist")]
+        clips.append(Clip(row["file"], label, row["subject"], truth[:, :3], head_to_hip, *tracks))
+    return Florence(CAMERA, archive, clips)
+
+
+@pytest.fixture(scope="session")
+def pose_model():
+    """What `MediapipeTracker` is told: None where mediapipe carries a model, else the file in LABANMESH_POSE_MODEL."""
+    mediapipe = pytest.importorskip("mediapipe")
+    if hasattr(mediapipe, "solutions"):
+        return None
+    return named_model() or pytest.skip(f"mediapipe {mediapipe.__version__} carries no model: name a {NAMED_BY}")
+
+
+def named_model():
+    return os.environ.get(NAMED_BY)
+
+
+@pytest.fixture(scope="session")
+def task_file(pose_model, tmp_path_factory):
+    """A .task file such as newer versions need: the named one, or made of the two models in the wheel of 0.10.21."""
+    if named_model():
+        return Path(named_model())
+    import mediapipe
+
+    models = Path(mediapipe.__file__).parent / "modules"
+    file = tmp_path_factory.mktemp("model") / "pose.task"
+    with warnings.catch_warnings(), zipfile.ZipFile(file, "w") as task:
+        warnings.simplefilter("ignore", ResourceWarning)  # mediapipe's populator leaves its files open
+        detector = (models / "pose_detection/pose_detection.tflite").read_bytes()
+        landmarks = (models / "pose_landmark/pose_landmark_full.tflite").read_bytes()
+        task.writestr("pose_detector.tflite", scaled(detector, 127.5, 127.5))
+        task.writestr("pose_landmarks_detector.tflite", scaled(landmarks, 0.0, 255.0))
+        gc.collect()
+    return file
+
+
+def scaled(model, mean, deviation):
+    """The model with what .task files need: how a byte of the picture becomes a number, (byte - mean) / deviation."""
+    import flatbuffers
+    from mediapipe.tasks.metadata import metadata_schema_py_generated as words
+    from mediapipe.tasks.metadata import schema_py_generated as tflite
+    from mediapipe.tasks.python.metadata.metadata import MetadataPopulator
+
+    numbers, step = words.NormalizationOptionsT(), words.ProcessUnitT()
+    numbers.mean, numbers.std = [mean], [deviation]
+    step.optionsType, step.options = words.ProcessUnitOptions.NormalizationOptions, numbers
+    image, picture = words.ContentT(), words.TensorMetadataT()
+    image.contentPropertiesType = words.ContentProperties.ImageProperties
+    image.contentProperties = words.ImagePropertiesT()
+    image.contentProperties.colorSpace = words.ColorSpaceType.RGB
+    picture.content, picture.processUnits = image, [step]
+    graph, whole = words.SubGraphMetadataT(), words.ModelMetadataT()
+    graph.inputTensorMetadata = [picture]
+    outputs = tflite.Model.GetRootAsModel(bytearray(model), 0).Subgraphs(0).OutputsLength()
+    graph.outputTensorMetadata = [words.TensorMetadataT() for _ in range(outputs)]
+    whole.subgraphMetadata = [graph]
+    builder = flatbuffers.Builder(0)
+    builder.Finish(whole.Pack(builder), MetadataPopulator.METADATA_FILE_IDENTIFIER)
+    populator = MetadataPopulator.with_model_buffer(bytearray(model))
+    populator.load_metadata_buffer(bytearray(builder.Output()))
+    populator.populate()
+    return bytes(populator.get_model_buffer())

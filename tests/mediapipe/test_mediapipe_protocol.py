@@ -1,0 +1,145 @@
+"""The tracker with its real model, by both ways in: who is seen, who is not, and that it keeps quiet."""
+
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from common.errors import BadInput
+from observer.tracking.mediapipe_pose import PATIENCE_S, MediapipeTracker
+from observer.tracks import BODY_PARTS, Frame, State
+
+mediapipe = pytest.importorskip("mediapipe")
+RATE_HZ = 10.0
+EMPTY = np.full((420, 420, 3), 120, np.uint8)
+MISSING, SEEN = (State.MISSING,) * 3, (State.SEEN,) * 3
+
+
+def video(file, count):
+    import cv2
+
+    source = cv2.VideoCapture(str(file))
+    return [source.read()[1] for _ in range(count)]
+
+
+def follow(tracker, shown):
+    return [tracker.update(Frame(round(n * 1e9 / RATE_HZ), picture)) for n, picture in enumerate(shown)]
+
+
+@pytest.fixture
+def stand(data):
+    """A man who stands before shelves, 20 pictures."""
+    return video(data / "wave_webcam/stand.mp4", 20)
+
+
+@pytest.fixture(params=["wheel", "task"])
+def tracker(request):
+    """By the model in the wheel, and by a .task file through the tasks that newer versions have."""
+    path = None if request.param == "wheel" else str(request.getfixturevalue("task_file"))
+    if path is None and not hasattr(mediapipe, "solutions"):
+        pytest.skip(f"mediapipe {mediapipe.__version__} carries no model")
+    with_model = MediapipeTracker(path)
+    yield with_model
+    with_model.close()
+
+
+def test_nobody_is_in_an_empty_or_a_drawn_picture(tracker):
+    drawn = EMPTY.copy()
+    drawn[50:120, 180:240], drawn[200:240, 60:90], drawn[200:240, 330:360] = [(110, 150, 210)] * 3
+    noise = np.random.default_rng(0).integers(0, 255, EMPTY.shape, dtype=np.uint8)
+    tracks = follow(tracker, [EMPTY, drawn, noise] * int(PATIENCE_S * RATE_HZ))
+    assert {t.states for t in tracks} == {MISSING}
+    assert "nobody" in tracker.complaint
+
+
+def test_a_person_is_seen_with_his_own_left_at_the_right_of_the_picture(tracker, stand):
+    tracks = follow(tracker, stand)
+    assert tracks[-1].states == SEEN
+    left, right, head = tracks[-1].centres
+    assert right[0] < head[0] < left[0]
+    assert head[1] < left[1]
+    assert head[1] < right[1]
+    assert tuple(tracker.body_parts) == BODY_PARTS
+    assert not tracker.complaint
+
+
+def test_who_leaves_is_missing_and_who_returns_is_seen(tracker, stand):
+    tracks = follow(tracker, [*stand[:5], *[EMPTY] * 5, *stand[5:15]])
+    assert [t.states for t in tracks[5:10]] == [MISSING] * 5
+    assert tracks[4].states == SEEN == tracks[-1].states
+
+
+def test_a_covered_hand_is_not_seen_and_the_other_parts_are(tracker, stand):
+    left = follow(tracker, stand[:5])[-1].centres[0]
+    centre_x, centre_y = left.astype(int)
+    covered = [picture.copy() for picture in stand[5:]]
+    for picture in covered:
+        picture[centre_y - 70 : centre_y + 60, centre_x - 45 : centre_x + 60] = 90
+    shown = [*stand[:5], *covered]
+    last = [tracker.update(Frame((5 + n) * 10**8, picture)) for n, picture in enumerate(shown)][-1]
+    assert last.states[0] is not State.SEEN
+    assert last.states[1:] == (State.SEEN, State.SEEN)
+
+
+def test_hands_below_the_edge_of_the_picture_are_missing(tracker, stand):
+    cut = [np.ascontiguousarray(picture[:185]) for picture in stand]
+    last = follow(tracker, cut)[-1]
+    assert State.SEEN not in last.states[:2]
+    assert last.states[2] is State.SEEN
+
+
+def test_two_runs_say_the_same(data, pose_model):
+    shown = video(data / "wave_webcam/wave.mp4", 40)
+    runs = [follow(MediapipeTracker(pose_model), shown) for _ in range(2)]
+    for first, second in zip(*runs, strict=True):
+        np.testing.assert_array_equal(first.centres, second.centres)
+    assert np.isfinite([t.centres for t in runs[0]]).mean() > 0.9
+
+
+def test_both_ways_in_find_the_same(data, task_file):
+    if not hasattr(mediapipe, "solutions"):
+        pytest.skip(f"mediapipe {mediapipe.__version__} has one way in")
+    shown = video(data / "wave_webcam/wave.mp4", 60)
+    ways = [np.array([t.centres for t in follow(MediapipeTracker(path), shown)]) for path in (None, str(task_file))]
+    apart = np.linalg.norm(ways[0] - ways[1], axis=2)
+    assert np.nanmedian(apart) < 4  # px, of some 145 from head to hips; smoothing knows the time only in the one
+    assert np.isfinite(apart).mean() > 0.9
+
+
+def test_pictures_may_change_their_size(tracker, stand, pose_model):
+    halves = [np.ascontiguousarray(picture[::2, ::2]) for picture in stand[10:]]
+    changed = follow(tracker, [*stand[:10], *halves])
+    whole = follow(MediapipeTracker(pose_model), stand)
+    np.testing.assert_allclose(changed[-1].centres * 2, whole[-1].centres, atol=10)
+
+
+def test_a_file_that_is_no_model_is_refused_in_a_line(tmp_path):
+    file = tmp_path / "pose.task"
+    for content in (b"", b"no model", bytes(1000)):
+        file.write_bytes(content)
+        with pytest.raises(BadInput, match=r"pose\.task.*a pose landmarker \.task file is expected") as refused:
+            MediapipeTracker(str(file))
+        assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize("way", ["wheel", "task"])
+def test_it_keeps_quiet_from_start_to_end_though_nobody_closes_it(way, request):
+    path = None if way == "wheel" else str(request.getfixturevalue("task_file"))
+    if path is None and not hasattr(mediapipe, "solutions"):
+        pytest.skip(f"mediapipe {mediapipe.__version__} carries no model")
+    program = (
+        "import numpy as np; from observer.tracking.mediapipe_pose import MediapipeTracker; from observer.tracks"
+        f" import Frame; tracker = MediapipeTracker({path!r});"
+        " print(tracker.update(Frame(0, np.zeros((48, 64, 3), np.uint8))).states)"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60)
+    assert "missing" in done.stdout
+    assert done.stderr == ""
+
+
+def test_errors_still_reach_the_terminal_after_it_started(pose_model, capfd):
+    MediapipeTracker(pose_model).close()
+    os.write(2, b"heard")
+    assert capfd.readouterr().err == "heard"

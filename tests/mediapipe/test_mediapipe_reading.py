@@ -1,0 +1,206 @@
+"""The tracker without its model: what landmarks become, and what a person is told. Runs without mediapipe too."""
+
+import importlib
+import sys
+from types import ModuleType, SimpleNamespace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from common.errors import BadInput, LabanmeshError
+from observer.tracking import mediapipe_pose
+from observer.tracking.mediapipe_model import LANDMARKS, TaskPose, open_pose
+from observer.tracking.mediapipe_pose import PATIENCE_S, SEEN, UNSURE, MediapipeTracker, read_pose
+from observer.tracks import BODY_PARTS, Frame, State
+
+PICTURE = np.zeros((48, 64, 3), np.uint8)
+PARTS = {"left_hand": [15, 17, 19], "right_hand": [16, 18, 20], "head": [7, 8]}
+
+
+def person(visibility=1.0):
+    """Everything at the middle of the picture, but for the parts that we read."""
+    landmarks = np.full((LANDMARKS, 3), 0.5)
+    landmarks[:, 2] = visibility
+    landmarks[[15, 17, 19], :2] = (0.70, 0.50), (0.80, 0.60), (0.75, 0.70)
+    landmarks[[16, 18, 20], :2] = (0.30, 0.50), (0.20, 0.60), (0.25, 0.70)
+    landmarks[[7, 8], :2] = (0.60, 0.20), (0.40, 0.10)
+    return landmarks
+
+
+def test_hands_are_the_middle_of_the_palm_and_the_head_the_middle_between_the_ears():
+    tracks = read_pose(person(), (200, 100))
+    np.testing.assert_allclose(tracks.centres, [(150, 60), (50, 60), (100, 15)])
+    assert tracks.states == (State.SEEN,) * 3
+    np.testing.assert_allclose(read_pose(person(), (200, 100), "wrist").centres, [(140, 50), (60, 50), (100, 15)])
+
+
+@pytest.mark.parametrize(("part", "rows"), PARTS.items())
+@pytest.mark.parametrize(
+    ("visibility", "state"),
+    [(SEEN, State.SEEN), (SEEN - 0.01, State.UNSURE), (UNSURE, State.UNSURE), (UNSURE - 0.01, State.MISSING)],
+)
+def test_each_part_is_seen_unsure_or_missing_by_its_own_visibility(part, rows, visibility, state):
+    landmarks = person()
+    landmarks[rows, 2] = visibility + 1e-9
+    states = read_pose(landmarks, (200, 100)).states
+    assert states == tuple(state if name == part else State.SEEN for name in BODY_PARTS)
+
+
+def test_a_hidden_part_is_guessed_where_the_model_puts_it():
+    landmarks = person()
+    landmarks[PARTS["right_hand"], 2] = 0.3
+    tracks = read_pose(landmarks, (200, 100))
+    assert np.isnan(tracks.centres[1]).all()
+    np.testing.assert_allclose(tracks.guesses, [(np.nan, np.nan), (50, 60), (np.nan, np.nan)])
+
+
+@pytest.mark.parametrize("away", [(0.9, 0.0), (-0.9, 0.0), (0.0, 0.9), (0.0, -0.9)])
+def test_a_part_outside_the_picture_is_missing_however_sure_the_model_is(away):
+    landmarks = person()
+    landmarks[PARTS["left_hand"], :2] += away
+    assert read_pose(landmarks, (200, 100)).states == (State.MISSING, State.SEEN, State.SEEN)
+
+
+@given(arrays(np.float64, (LANDMARKS, 3), elements=st.floats(-1, 2)), st.integers(1, 4000), st.integers(1, 4000))
+def test_what_is_said_to_be_seen_or_guessed_lies_in_the_picture_and_never_both(landmarks, width, height):
+    tracks = read_pose(landmarks, (width, height))
+    for rows in (tracks.centres, tracks.guesses):
+        known = rows[~np.isnan(rows).any(axis=1)]
+        assert ((known >= 0) & (known <= (width, height))).all()
+    assert not (np.isfinite(tracks.centres) & np.isfinite(tracks.guesses)).any()
+
+
+class Model:
+    """Stands in for the pose model: says what it is told to, and keeps what it was asked."""
+
+    def __init__(self, found):
+        self.found, self.asked, self.closed = found, [], 0
+
+    def landmarks(self, rgb, ms):
+        self.asked.append((rgb, ms))
+        return self.found
+
+    def close(self):
+        self.closed += 1
+
+
+def tracker_with(monkeypatch, found):
+    model = Model(found)
+    monkeypatch.setattr(mediapipe_pose, "open_pose", lambda path: model)
+    return MediapipeTracker(), model
+
+
+def test_the_model_gets_red_first_and_a_clock_that_always_goes_on(monkeypatch):
+    tracker, model = tracker_with(monkeypatch, person())
+    red = PICTURE.copy()
+    red[..., 2] = 200
+    for at_ns in (10**18, 10**18, 10**18 + 40_000_000, 10**18 - 10**9, 10**18 + 80_000_000):
+        tracker.update(Frame(at_ns, red))
+    assert [ms for _, ms in model.asked] == [1, 2, 41, 42, 81]
+    assert (model.asked[0][0] == (200, 0, 0)).all()
+    assert model.asked[0][0].flags["C_CONTIGUOUS"]
+
+
+def test_centres_are_in_pixels_of_the_picture_given(monkeypatch):
+    tracker, _ = tracker_with(monkeypatch, person())
+    np.testing.assert_allclose(tracker.update(Frame(0, PICTURE)).centres, [(48, 28.8), (16, 28.8), (32, 7.2)])
+
+
+def test_it_says_so_when_it_makes_out_nobody_for_a_while_and_stops_when_somebody_comes(monkeypatch):
+    tracker, model = tracker_with(monkeypatch, None)
+    assert tracker.update(Frame(0, PICTURE)).states == (State.MISSING,) * 3
+    assert not tracker.complaint
+    tracker.update(Frame(round(PATIENCE_S * 1e9) + 10**8, PICTURE))
+    assert "nobody" in tracker.complaint
+    assert "camshift" in tracker.complaint
+    model.found = person()
+    tracker.update(Frame(round(PATIENCE_S * 1e9) + 2 * 10**8, PICTURE))
+    assert not tracker.complaint
+
+
+def test_the_model_is_closed_once(monkeypatch):
+    tracker, model = tracker_with(monkeypatch, None)
+    tracker.close()
+    tracker.close()
+    assert model.closed == 1
+
+
+@pytest.mark.parametrize(
+    "content", [PICTURE[..., 0], PICTURE.astype(np.float32), PICTURE[..., :2], np.zeros((0, 64, 3), np.uint8)]
+)
+def test_what_is_no_picture_is_refused_in_a_line(monkeypatch, content):
+    tracker, _ = tracker_with(monkeypatch, person())
+    with pytest.raises(BadInput, match=r"\(H, W, 3\) of uint8") as refused:
+        tracker.update(Frame(0, content))
+    assert "\n" not in str(refused.value)
+
+
+def test_an_unknown_hand_is_refused_before_anything_is_loaded(monkeypatch):
+    monkeypatch.setattr(mediapipe_pose, "open_pose", lambda path: pytest.fail("loaded"))
+    with pytest.raises(BadInput, match="palm, wrist"):
+        MediapipeTracker(hand="thumb")
+
+
+def refusal(model_path=None):
+    with pytest.raises(LabanmeshError) as refused:
+        open_pose(model_path)
+    assert "\n" not in str(refused.value)
+    return refused.value
+
+
+def test_without_mediapipe_it_says_what_to_install(monkeypatch):
+    monkeypatch.setitem(sys.modules, "mediapipe", None)
+    error = refusal()
+    assert "pip install 'labanmesh[mediapipe]'" in str(error)
+    assert isinstance(error, BadInput)
+
+
+def test_a_mediapipe_that_carries_no_model_asks_for_one(monkeypatch):
+    newer = ModuleType("mediapipe")
+    newer.__version__ = "1.2.2"
+    monkeypatch.setitem(sys.modules, "mediapipe", newer)
+    assert "mediapipe 1.2.2 carries no pose model" in str(refusal())
+    assert "no such file" in str(refusal("nowhere.task"))
+
+
+def test_a_library_that_the_system_lacks_is_named(monkeypatch):
+    def lacking(name):
+        raise ImportError("libGL.so.1: cannot open shared object file: No such file or directory")
+
+    monkeypatch.setattr(importlib, "import_module", lacking)
+    assert "libGL.so.1" in str(refusal())
+
+
+def fake_tasks(fault):
+    """mediapipe.tasks whose landmarker raises `fault` when it is made."""
+
+    def create(options):
+        raise fault
+
+    return SimpleNamespace(
+        BaseOptions=lambda **keys: None,
+        PoseLandmarkerOptions=lambda **keys: None,
+        RunningMode=SimpleNamespace(VIDEO=1),
+        PoseLandmarker=SimpleNamespace(create_from_options=create),
+    )
+
+
+@pytest.mark.parametrize(
+    ("fault", "kind", "said"),
+    [
+        (RuntimeError("Unable to open zip archive."), BadInput, "Unable to open zip archive; a pose landmarker .task"),
+        (FileNotFoundError("no\nmetadata"), BadInput, "no metadata"),
+        (OSError("libEGL.so.1: cannot open"), LabanmeshError, "libEGL.so.1"),
+    ],
+)
+def test_what_mediapipe_tasks_raises_becomes_a_line(monkeypatch, tmp_path, fault, kind, said):
+    monkeypatch.setattr(importlib, "import_module", lambda name: fake_tasks(fault))
+    file = tmp_path / "some.task"
+    file.write_bytes(b"x")
+    with pytest.raises(kind, match=said) as refused:
+        TaskPose(str(file))
+    assert type(refused.value) is kind
+    assert "\n" not in str(refused.value)
