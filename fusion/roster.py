@@ -7,7 +7,9 @@
    is already that old is late; who does not speak is silent; whose last word could not be used is foreign or invalid.
 5. A judge whose process is seen to go is silent at once, until it speaks again.
 6. What cannot be used is counted by reason, and changes no opinion: a judge who counts goes on to count.
-7. When a clock was set back, what is dated past `drop_s` in the future counts no more, nor stands in anybody's way.
+7. A judge who has seen no body part for longer than `fresh_s` fades too, by `blind_s`, however newly he says so: what
+   he believes is of then. A Karate judge covers his eyes: mienai, "I could not see". His next sight brings it back.
+8. When a clock was set back, what is dated past `drop_s` in the future counts no more, nor stands in anybody's way.
 """
 
 import math
@@ -40,6 +42,10 @@ class Patience(Protocol):
         """Time constant tau of the fading after that."""
 
     @property
+    def blind_s(self) -> float:
+        """Time constant of the fading of who sees nothing."""
+
+    @property
     def drop_s(self) -> float:
         """Age at which the judge is silent; also how far in the future a capture time may lie."""
 
@@ -60,6 +66,7 @@ class _Seat:
     past_sessions: deque[str] = field(default_factory=lambda: deque(maxlen=SESSIONS_KEPT))
     message: PosteriorMessage | None = None
     heard_ns: int = 0
+    seen_ns: int = 0
     gone: bool = False
     trouble: VoteState | None = None
     rejected: Counter[str] = field(default_factory=Counter)
@@ -87,8 +94,11 @@ class Roster:
             return "unknown_observer"
         reason = self._refuse(seat, message, now_ns)
         if reason is None:
-            if seat.message is not None and message.session != seat.message.session:
+            begins = seat.message is None or message.session != seat.message.session
+            if seat.message is not None and begins:
                 seat.past_sessions.append(seat.message.session)
+            if begins or _sees(message):
+                seat.seen_ns = message.captured_ns
             seat.message, seat.heard_ns, seat.gone, seat.trouble = message, now_ns, False, None
         else:
             self._count(seat, reason)
@@ -142,7 +152,9 @@ class Roster:
             speaks = not seat.gone and abs(now_ns - seat.heard_ns) <= patience.drop_s * SECOND_NS
             late = speaks and _age_s(message, seat.heard_ns) > patience.drop_s
             return Opinion(observer, self.prior, 1.0, age_s, seat.trouble or ("late" if late else "silent"))
-        keeps = float(np.exp(-max(age_s - patience.fresh_s, 0.0) / patience.fade_s))
+        unseen_s = (message.captured_ns - seat.seen_ns) / SECOND_NS
+        faded = max(age_s - patience.fresh_s, 0.0) / patience.fade_s
+        keeps = math.exp(-faded - max(unseen_s - patience.fresh_s, 0.0) / patience.blind_s)
         p = self._with_our_prior(message)
         active = keeps * (1.0 - (_ignorance(p) if message.rest is None else message.rest))
         if keeps == 1.0:
@@ -156,6 +168,11 @@ class Roster:
         # Bayes: what the frames said is p over the judge's own prior; the scene's prior takes its place.
         own = np.maximum(np.array(message.prior), 1e-12)
         return normalise(p / own * self.prior)
+
+
+def _sees(message: PosteriorMessage) -> bool:
+    """Whether some body part is seen; who does not say (an audio classifier) is not blind."""
+    return not message.visible or any(message.visible.values())
 
 
 def _age_s(message: PosteriorMessage, now_ns: int) -> float:

@@ -28,7 +28,9 @@ def evaluate(
         list[str] | None, typer.Option(help="NAME=NUMBER of the model instead of its default; may be repeated.")
     ] = None,
     turn: Annotated[str, typer.Option(help="Degrees the performer is turned in test, or random.")] = "0",
-    fault: Annotated[list[str] | None, typer.Option(help="VIEW=wrong|noise|silent|late; may be repeated.")] = None,
+    fault: Annotated[
+        list[str] | None, typer.Option(help="VIEW=wrong|noise|silent|late|hidden; may be repeated.")
+    ] = None,
     body_parts: Annotated[str, typer.Option(help="Parts to use, by commas; all of the archive's.")] = "",
     onset: Annotated[str, typer.Option(help="known: as cut out. unknown: idle around it, any tempo.")] = "known",
     stream: Annotated[bool, typer.Option("--stream", help="Judge continuously too: spotting in a stream.")] = False,

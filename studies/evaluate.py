@@ -18,7 +18,8 @@ from observer.model.registry import DEFAULT_MODEL
 from observer.motion.archive import MotionArchive
 from observer.pipeline import Observer
 from observer.projected import ProjectedTracker
-from studies.faults import disturb
+from observer.tracks import Tracker
+from studies.faults import HIDDEN, Hidden, disturb
 from studies.trials import Split, Trial, splits, trials, with_labels
 
 Floats = NDArray[np.float64]
@@ -120,10 +121,15 @@ def observers_of(
 ) -> list[Observer]:
     """Fresh observers for one trial, one a view."""
     onset = Onset(known=True, length=len(trial.recording.positions)) if question.onset_known else Onset()
-    return [
-        Observer(ProjectedTracker(view, recorded, model.header.body_parts), model, onset)
-        for view, model in zip(question.views, models, strict=True)
-    ]
+    third = (trial.end - trial.begin) / 3
+    covered = (trial.begin + round(third), trial.begin + round(2 * third))
+    observers = []
+    for view, model in zip(question.views, models, strict=True):
+        tracker: Tracker = ProjectedTracker(view, recorded, model.header.body_parts)
+        if question.faults.get(view.name) == HIDDEN:
+            tracker = Hidden(tracker, *covered)
+        observers.append(Observer(tracker, model, onset))
+    return observers
 
 
 def _judge(

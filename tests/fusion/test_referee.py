@@ -22,7 +22,7 @@ START = 1_000 * S
 STEP = S // 10
 CONDUCT = {
     "id": "fusion", "rule": "robust_inverse_entropy", "quorum": 3, "threshold": 0.8, "hold_s": 0.3,
-    "fresh_s": 0.2, "fade_s": 0.5, "drop_s": 2.0,
+    "fresh_s": 0.2, "fade_s": 0.5, "blind_s": 0.15, "drop_s": 2.0,
 }  # fmt: skip
 UNSURE = (1 / 3, 1 / 3, 1 / 3)
 

@@ -15,7 +15,7 @@ from fusion.roster import SESSIONS_KEPT, Roster
 
 NAMES = Vocabulary(("bow", "lunge", "punch"))
 OTHER = Vocabulary(("bow", "punch", "lunge"))
-PATIENCE = SimpleNamespace(fresh_s=0.2, fade_s=0.5, drop_s=2.0)
+PATIENCE = SimpleNamespace(fresh_s=0.2, fade_s=0.5, blind_s=0.15, drop_s=2.0)
 S = 1_000_000_000
 NOW = 100_000 * S
 SAID = (0.7, 0.2, 0.1)
@@ -47,6 +47,27 @@ def test_a_fresh_opinion_counts_as_it_was_said():
     opinion = first(roster(message()), at(0.2))
     assert opinion.observer == "cam1" and opinion.p == pytest.approx(SAID)
     assert (opinion.rest, opinion.age_s, opinion.state) == (pytest.approx(0.1), pytest.approx(0.2), "counted")
+
+
+SEES, BLIND = {"visible": {"head": True, "left_hand": False}}, {"visible": {"head": False, "left_hand": False}}
+
+
+def test_who_sees_nothing_fades_by_the_formula_and_comes_back_whole():
+    made = roster(message(at(0), seq=0, **SEES))
+    for seq in range(1, 11):
+        made.receive("cam1", message(at(seq / 10), seq=seq, **BLIND), at(seq / 10))
+        keeps = math.exp(-max(seq / 10 - PATIENCE.fresh_s, 0) / PATIENCE.blind_s)
+        wanted = np.array(SAID) ** keeps / (np.array(SAID) ** keeps).sum()
+        opinion = first(made, at(seq / 10))
+        assert opinion.p == pytest.approx(wanted)
+        assert opinion.state == ("counted" if seq <= 2 else "stale")
+    made.receive("cam1", message(at(1.1), seq=11, **SEES), at(1.1))
+    assert first(made, at(1.1)).p == pytest.approx(SAID) and first(made, at(1.1)).state == "counted"
+
+
+def test_who_does_not_say_what_he_sees_is_not_blind():
+    made = roster(message(at(0), seq=0), message(at(1), seq=1), now_ns=at(1))
+    assert first(made, at(1)).p == pytest.approx(SAID)
 
 
 def test_every_judge_has_its_place_in_the_roster_whoever_spoke_first():
@@ -131,7 +152,7 @@ def test_rule_3_older_is_never_surer(one, other):
 def test_rule_3_even_a_certainty_fades_without_a_nan():
     made = roster(message(p=(1, 0, 0)))
     assert first(made, at(1.9)).p.tolist() == [1, 0, 0]  # 0 to any power: an exclusion stays, until it is dropped
-    made = Roster(["cam1"], NAMES, SimpleNamespace(fresh_s=0.0, fade_s=1e-4, drop_s=2.0))
+    made = Roster(["cam1"], NAMES, SimpleNamespace(fresh_s=0.0, fade_s=1e-4, blind_s=0.15, drop_s=2.0))
     made.receive("cam1", message(p=(1, 0, 0)), NOW)
     assert first(made, at(1.9)).p == pytest.approx([1 / 3] * 3)
 

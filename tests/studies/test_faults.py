@@ -6,7 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from common.errors import BadInput
-from studies.faults import FAULTS, LATE_S, disturb, fault_named
+from observer.tracks import Frame, Tracks
+from studies.faults import FAULTS, LATE_S, Hidden, disturb, fault_named
 
 VIEWS = ("door", "wheel", "table")
 RATE = 5.0
@@ -98,10 +99,23 @@ def test_faults_are_named_view_by_view():
         ("door", "VIEW=KIND is wanted, VIEW one of door, wheel, table"),
         ("roof=late", "VIEW one of door, wheel, table"),
         ("=late", "VIEW=KIND is wanted"),
-        ("door=", "'' is no fault; known: wrong, noise, silent, late"),
+        ("door=", "'' is no fault; known: wrong, noise, silent, late, hidden"),
         ("door=asleep", "'asleep' is no fault"),
     ],
 )
 def test_bad_faults_are_refused(text, rule):
     with pytest.raises(BadInput, match=rule):
         fault_named(text, VIEWS)
+
+
+class Counting:
+    body_parts = ("head",)
+
+    def update(self, frame):
+        return Tracks(np.array([[float(frame.captured_ns), 1.0]]))
+
+
+def test_who_is_hidden_sees_nothing_in_those_frames_and_loses_none():
+    tracker = Hidden(Counting(), 2, 4)
+    seen = [tracker.update(Frame(n, np.zeros(0))).centres[0, 0] for n in range(6)]
+    assert np.array_equal(seen, [0, 1, np.nan, np.nan, 4, 5], equal_nan=True)
