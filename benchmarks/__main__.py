@@ -11,7 +11,7 @@ from dataclasses import asdict
 from itertools import chain
 from pathlib import Path
 
-from benchmarks import fusion_step, mesh, model_update
+from benchmarks import fusion_step, mesh, model_update, tracking
 from benchmarks.timing import Row
 from common.errors import LabanmeshError
 
@@ -23,7 +23,8 @@ def main() -> int:
     """All rows, to stdout and to RESULT; returns the exit status."""
     place = os.environ.get("LABANMESH_DATA")
     try:
-        rows = told(chain(model_update.rows(Path(place) if place else None), fusion_step.rows(), mesh.rows()))
+        models = model_update.rows(Path(place) if place else None)
+        rows = told(chain(tracking.rows(), models, fusion_step.rows(), mesh.rows()))
     except LabanmeshError as error:
         print(f"benchmarks: {error}", file=sys.stderr)
         return error.exit_status

@@ -18,6 +18,7 @@ from benchmarks.mesh import first_judged
 from benchmarks.model_update import FLOORS, halves, measure, recorded
 from benchmarks.posteriors import NAMES, beliefs, message, scene_of
 from benchmarks.timing import Row, compare, row
+from benchmarks.tracking import camshift_row, pictures
 from common.inbox import Arrival
 from common.wire import encode
 from fusion.referee import Referee
@@ -73,6 +74,11 @@ def test_every_model_has_a_floor_and_is_measured_on_people_it_has_not_learned(ki
     assert not {r.subject for r in train.recordings} & {r.subject for r in test.recordings}
     assert kind in FLOORS
     assert measure(kind, train, test, **QUICK).name == f"model update, {kind}, 8 movements"
+
+
+def test_tracking_is_measured_on_pictures_in_which_the_hands_are_found():
+    size = (320, 240)
+    assert camshift_row(pictures(size), size, **QUICK).name == "tracking, camshift, 320x240"
 
 
 def test_a_posterior_is_judged_by_the_first_judgement_that_weighs_it_or_a_newer_one():
