@@ -36,6 +36,8 @@ VERBS = {
     "calibrate": Verb(
         "observer.calibration.commands", "calibrate", "boards, known points, others' files -> camera files"
     ),
+    "look": Verb("observer.preview.commands", "look", "one look at a source: what a tracker makes out in it"),
+    "record": Verb("observer.recording.commands", "record", "several calibrated cameras -> motion archive"),
     "learn": Verb("observer.commands", "learn", "motion archive -> one observer's model for its view"),
     "paper": Verb("studies.commands", "paper", "the paper's three experiments, beside the paper's tables"),
     "evaluate": Verb("studies.commands", "evaluate", "accuracy, confusion, earliness and calibration on an archive"),

@@ -18,6 +18,7 @@ from pydantic import (
     Field,
     PlainValidator,
     PositiveFloat,
+    PositiveInt,
     PrivateAttr,
     ValidationError,
     model_validator,
@@ -48,6 +49,11 @@ def _recording(value: object) -> int | Literal["all"]:
     return value
 
 
+Share = Annotated[float, Field(ge=0, le=1)]
+Seconds = Annotated[float, Field(ge=0)]
+Occlusion = Annotated[tuple[Share, Share, Share, Share, Seconds, Seconds], Field(strict=False)]
+
+
 class Section(BaseModel):
     """What all parts of the file share: never changed after reading, no unknown keys, no guessing of types."""
 
@@ -70,11 +76,30 @@ class MeshConfig(Section):
         return self.model_copy(update={"endpoint": endpoint})
 
 
-class ObserverConfig(Section):
-    """[observers.ID]: where one observer looks at, and with which model.
+class VirtualConfig(Section):
+    """[observers.ID.virtual]: room and camera that recorded motion is filmed with for a tracker that wants pictures.
 
-    speed: recorded motion is played this much faster than it was; 0 is as fast as possible. model: "" until the
-    scene is read, then a file name (by default ID.model).
+    Shares are 0 to 1. occluders: rows of left, top, width, height (shares of the picture), first and last second of the
+    motion. The same seed gives the same pictures.
+    """
+
+    background: Literal["plain", "cluttered", "skin_toned"] = "plain"
+    noise: Annotated[float, Field(ge=0, le=64)] = 2.0
+    slow_light: Annotated[float, Field(ge=0, le=1)] = 0.0
+    sudden_light: Annotated[float, Field(ge=0, le=1)] = 0.0
+    blur: Annotated[float, Field(ge=0, le=1)] = 0.0
+    occluders: Annotated[tuple[Occlusion, ...], Field(strict=False)] = ()
+    seed: Annotated[int, Field(ge=0)] = 0
+
+
+class ObserverConfig(Section):
+    """[observers.ID]: what one observer looks at, how it finds the body parts, and with which model.
+
+    speed: what was recorded is played this much faster than it was; 0 is as fast as possible. model: "" until the
+    scene is read, then a file name (by default ID.model). tracker: "auto" chooses by the source. rate_hz, size_px:
+    what a camera is asked for. mirrored: the pictures are, as selfies are. skin, face: what `camshift` may be told of
+    the person (a file; x, y, width, height in px). pose_model, hand: the model file of `mediapipe`, and what
+    it takes for a hand.
     """
 
     source: Annotated[str, Field(min_length=1)]
@@ -84,14 +109,23 @@ class ObserverConfig(Section):
     recording: Annotated[int | Literal["all"], PlainValidator(_recording)] = 0
     loop: bool = False
     onset: Literal["unknown", "known"] = "unknown"
-    tracker: str = "projected"
+    tracker: str = "auto"
+    rate_hz: PositiveFloat | None = None
+    size_px: Annotated[tuple[PositiveInt, PositiveInt] | None, Field(strict=False)] = None
+    mirrored: bool = False
+    skin: str = ""
+    face: Annotated[tuple[int, int, PositiveInt, PositiveInt] | None, Field(strict=False)] = None
+    pose_model: str = ""
+    hand: Literal["palm", "wrist"] = "palm"
+    virtual: VirtualConfig = VirtualConfig()
 
 
 class FusionConfig(Section):
     """[fusion]: how the referee judges; seconds and probabilities.
 
     quorum: least number of agreeing judges; in a scene that does not say, more than half of its observers.
-    fresh_s, fade_s, drop_s: how an opinion ages. step_hz: judgements per second at least.
+    fresh_s, fade_s, drop_s: how an opinion ages; blind_s: how that of who sees nothing fades. step_hz: judgements per
+    second at least.
     """
 
     id: str = "fusion"
@@ -101,6 +135,7 @@ class FusionConfig(Section):
     hold_s: Annotated[float, Field(ge=0)] = 0.3
     fresh_s: Annotated[float, Field(ge=0)] = 0.2
     fade_s: PositiveFloat = 0.5
+    blind_s: PositiveFloat = 0.15
     drop_s: PositiveFloat = 2.0
     step_hz: Annotated[float, Field(ge=0.1, le=1000)] = 10.0
 

@@ -3,14 +3,22 @@
 import hashlib
 import logging
 import sys
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from common.arguments import numbers, one_of, words
+from common.arguments import numbers, words
 from common.progress import Bar
 from common.vocabulary import Vocabulary
+
+if TYPE_CHECKING:
+    from observer.model.base import Header
+    from observer.opening import Eyes
+    from observer.pipeline import Observer
+    from observer.service import ObserverLike
 
 log = logging.getLogger("labanmesh.observer")
 
@@ -18,46 +26,67 @@ log = logging.getLogger("labanmesh.observer")
 def observe(
     scene: Annotated[Path, typer.Argument(help="The scene file (TOML), the same for every process of the scene.")],
     observer: Annotated[str, typer.Argument(help="The id of this observer in the scene file.")],
+    preview: Annotated[
+        str, typer.Option(help="Show what it sees: a film to write (.mp4, .avi), a folder or NAME.png, or window.")
+    ] = "",
 ) -> None:
     """One observer: sees the performer from its view and says on the mesh what it believes, until its source ends.
 
-    Example: labanmesh observe scene.toml cam1
+    Example: labanmesh observe scene.toml cam1 --preview cam1.mp4
     """
     import numpy as np
 
     from common.config import read_scene
     from common.lifecycle import log_to_stderr, stop_on_signals
     from common.link import Link
-    from observer.geometry.views import parse_view
+    from observer.condition import Condition
+    from observer.foreign.sources import MeshTracks
     from observer.model.base import Onset
     from observer.model.store import read_model, require
+    from observer.opening import open_eyes
+    from observer.pace import Pace
     from observer.pipeline import Observer
-    from observer.projected import ProjectedTracker
     from observer.service import serve
-    from observer.source import open_source
 
     log_to_stderr()
-    named = read_scene(scene)
+    named, condition = read_scene(scene), Condition()
     section = named.observer(observer)
-    one_of(f"observers.{observer}.tracker =", section.tracker, ("projected",))
-    source = open_source(named, observer)
     place = named.place(section.model)
     model = read_model(place)
-    require(place, model, named.named_vocabulary, source.rate_hz)
-    view = parse_view(section.view, named.place("."))
-    if not np.allclose(view.matrix, model.header.matrix):
+    eyes = open_eyes(named, observer, model.header.body_parts, condition.camera)
+    require(place, model, named.named_vocabulary, eyes.source.rate_hz if eyes.at_own_rate else None)
+    if not np.allclose(eyes.view.matrix, model.header.matrix):
+        learned, seen = model.header.view, eyes.view.name
         log.warning(
             "%s: learned for %s, this observer sees from %s: labanmesh learn ... --view %s",
-            place,
-            model.header.view,
-            view.name,
-            section.view,
+            *(place, learned, seen, section.view),
         )
-    tracker = ProjectedTracker(view, source.body_parts, model.header.body_parts)
-    onset = Onset(known=section.onset == "known", length=len(source.recordings[0].positions))
-    judge = Observer(tracker, model, onset)
-    with stop_on_signals() as stop, Link.open(named.mesh, "observer") as link:
-        serve(named, observer, judge, source, link, stop)
+    onset = Onset(known=section.onset == "known", length=eyes.length)
+    judge = Observer(eyes.tracker, model, onset, None if eyes.at_own_rate else Pace(model.header.rate_hz))
+    with ExitStack() as open_until_end:
+        stop = open_until_end.enter_context(stop_on_signals())
+        shown = open_until_end.enter_context(_previewed(preview, observer, judge, eyes, model.header))
+        link = open_until_end.enter_context(Link.open(named.mesh, "observer"))
+        if isinstance(eyes.source, MeshTracks):
+            eyes.source.listen(link)
+        serve(named, observer, shown, eyes.source, link, stop, condition=condition)
+
+
+@contextmanager
+def _previewed(
+    target: str, observer: str, judge: "Observer", eyes: "Eyes", header: "Header"
+) -> Iterator["ObserverLike"]:
+    """The judge, looked at while it works if there is a target."""
+    if not target:
+        yield judge
+        return
+    from observer.preview.previewed import Previewed
+    from observer.preview.screen import open_preview
+    from observer.preview.sight import Recent
+
+    rate_hz = eyes.source.rate_hz
+    with open_preview(target, rate_hz, keep_all=eyes.keeps_all) as preview:
+        yield Previewed(judge, eyes.tracker, preview, Recent(header.body_parts, rate_hz, observer))
 
 
 def import_recordings(

@@ -10,10 +10,11 @@ from typing import Protocol
 from common.config import Scene
 from common.health import Health
 from common.link import Link, Publisher
-from common.messages import PosteriorMessage, VocabularyReference
+from common.messages import PosteriorMessage, ProcessState, VocabularyReference
 from common.status import StatusBoard
 from common.vocabulary import Vocabulary
 from common.wire import encode, encode_vocabulary
+from observer.condition import Condition
 from observer.source import FrameSource
 from observer.tracks import Floats, Frame
 
@@ -47,6 +48,10 @@ class ObserverLike(Protocol):
     def vocabulary(self) -> Vocabulary:
         """The movements that it tells apart."""
 
+    @property
+    def complaint(self) -> str:
+        """Why little can be made out in the pictures, and what to do; "" when all is well."""
+
     def step(self, frame: Frame) -> OpinionLike | None:
         """One frame; None when there is nothing to say yet."""
 
@@ -59,8 +64,13 @@ def serve(
     link: Link,
     stop: threading.Event,
     clock: Callable[[], int] = time.time_ns,
+    condition: Condition | None = None,
 ) -> None:
-    """Say what `observer` believes after each frame, until the source ends or `stop` is set."""
+    """Say what `observer` believes after each frame, until the source ends or `stop` is set.
+
+    condition: the one to which the source reports what is wrong with its camera.
+    """
+    condition = condition or Condition()
     keys = scene.keys
     health = Health(scene.scene, observer_id)
     speaker = Speaker(scene.scene, observer_id, observer.vocabulary, link.publisher(keys.posterior(observer_id)))
@@ -68,16 +78,20 @@ def serve(
     link.answer(keys.vocabulary, lambda: names)
     with StatusBoard(link, keys.observer_status(observer_id), health, clock) as board:
         link.announce(keys.observer_alive(observer_id))
-        running = False
+
+        def tell(state: ProcessState, reason: str) -> None:
+            board.become(state, reason)
+            if reason and reason == condition.complaint:  # a source logs its own troubles
+                log.warning("%s: %s", observer_id, reason)
+
+        condition.tell_to(tell)
         for frame in source.frames(stop):
             opinion = observer.step(frame)
             now_ns = clock()
             if opinion is not None:
                 speaker.say(opinion, frame.captured_ns, now_ns)
             health.frame(frame.captured_ns, now_ns)
-            if not running:
-                board.become("running")
-                running = True
+            condition.frame(observer.complaint)
     log.info("%s: %s after %d posteriors", observer_id, "stopped" if stop.is_set() else "source ended", speaker.seq)
 
 

@@ -1,24 +1,16 @@
-"""Where an observer's frames come from: recorded motion, played in real time, faster, or as fast as possible."""
+"""Where an observer's frames come from, and recorded motion, played in real time, faster, or as fast as possible."""
 
 import itertools
-import os
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Literal, Protocol
+from typing import Protocol
 
-from common.config import Scene
-from common.errors import BadInput
-from observer.motion.archive import MotionArchive, Recording
-from observer.motion.archive_file import read_archive
+from observer.motion.archive import Recording
 from observer.tracks import Frame
 
 SECOND_NS = 1_000_000_000
-PLAYBACK_START = "LABANMESH_PLAYBACK_START_NS"
-"""Environment variable: when (Unix epoch, ns) all observers of a scene begin to play, so that they see the same."""
-
 Clock = Callable[[], int]
 
 
@@ -54,6 +46,11 @@ class RecordedMotion:
     clock: Clock = time.time_ns
 
     @property
+    def length(self) -> int:
+        """Frames of the first recording."""
+        return len(self.recordings[0].positions)
+
+    @property
     def rate_hz(self) -> float:
         """Frames per second of motion, as the first recording was sampled: what a model must be told."""
         return self.recordings[0].rate_hz
@@ -69,7 +66,7 @@ class RecordedMotion:
         motion_ns = 0
         for recording in itertools.cycle(self.recordings) if self.loop else self.recordings:
             for i, positions in enumerate(recording.positions):
-                captured_ns = self._wait(due_ns + self._offset_ns(i, recording), stop)
+                captured_ns = wait_until(due_ns + self._offset_ns(i, recording), self.speed, stop, self.clock)
                 if captured_ns is None:
                     return
                 yield Frame(captured_ns, positions.astype(float), motion_ns + round(i * SECOND_NS / recording.rate_hz))
@@ -79,44 +76,12 @@ class RecordedMotion:
     def _offset_ns(self, frame: int, recording: Recording) -> int:
         return round(frame * SECOND_NS / recording.rate_hz / self.speed) if self.speed else 0
 
-    def _wait(self, due_ns: int, stop: threading.Event) -> int | None:
-        """The time of capture of the frame that is due then; None when told to stop."""
-        while not stop.is_set():
-            now_ns = self.clock()
-            if now_ns >= due_ns:
-                return due_ns if self.speed else now_ns
-            stop.wait((due_ns - now_ns) / SECOND_NS)
-        return None
 
-
-def open_source(scene: Scene, observer: str, environment: Mapping[str, str] = os.environ) -> RecordedMotion:
-    """The source that the scene file names for `observer`.
-
-    Raises BadInput for an unknown observer or kind of source, a recording that is not there, and a bad archive.
-    """
-    section = scene.observer(observer)
-    place = scene.place(section.source)
-    if place.suffix != ".npz":
-        raise BadInput(
-            f"observers.{observer}.source = {section.source!r}: unknown kind of source; known: a motion archive (.npz)"
-        )
-    archive = read_archive(place)
-    chosen = _chosen(archive, section.recording, f"observers.{observer}.recording", place)
-    start_ns = _start_ns(environment.get(PLAYBACK_START))
-    return RecordedMotion(archive.body_parts, chosen, section.speed, section.loop, start_ns)
-
-
-def _chosen(archive: MotionArchive, which: int | Literal["all"], key: str, place: Path) -> Sequence[Recording]:
-    if which == "all":
-        return archive.recordings
-    if which >= len(archive.recordings):
-        raise BadInput(f'{key} = {which}: {place} has recordings 0 to {len(archive.recordings) - 1}; or "all"')
-    return archive.recordings[which : which + 1]
-
-
-def _start_ns(text: str | None) -> int | None:
-    if not text:
-        return None
-    if not text.isdecimal():
-        raise BadInput(f"{PLAYBACK_START} = {text!r}: nanoseconds since 1970 are expected, as a whole number")
-    return int(text)
+def wait_until(due_ns: int, speed: float, stop: threading.Event, clock: Clock) -> int | None:
+    """The time of capture of what is due then: that, or with speed 0 now; None when told to stop before."""
+    while not stop.is_set():
+        now_ns = clock()
+        if now_ns >= due_ns:
+            return due_ns if speed else now_ns
+        stop.wait((due_ns - now_ns) / SECOND_NS)
+    return None

@@ -19,7 +19,7 @@ import typer
 from pydantic_core import PydanticUndefined
 
 from common import messages
-from common.config import FusionConfig, MeshConfig, ObserverConfig, Scene, read_scene
+from common.config import FusionConfig, MeshConfig, ObserverConfig, Scene, VirtualConfig, read_scene
 from common.link import Link
 from common.vocabulary import Vocabulary
 from common.wire import decode
@@ -29,7 +29,7 @@ from labanmesh import VERBS
 from observer.motion.archive import MotionArchive, Recording
 from observer.motion.archive_file import read_archive
 from observer.motion.importers import csv_table
-from observer.tracks import BODY_PARTS
+from observer.tracks import BODY_PARTS, Frame
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
@@ -243,7 +243,8 @@ def keys_of(model, prefix=""):
 def test_scene_tells_every_key_with_its_default():
     expected = keys_of(Scene) | keys_of(MeshConfig, "mesh.") | keys_of(FusionConfig, "fusion.")
     expected |= keys_of(ObserverConfig, "observers.ID.")
-    for name in ("mesh", "fusion", "observers"):
+    expected |= keys_of(VirtualConfig, "observers.ID.virtual.")
+    for name in ("mesh", "fusion", "observers", "observers.ID.virtual"):
         del expected[name]
     told = {row[0].strip("`"): row[1] for row in table_rows(section(DOCS / "scene.md", "Every key"))[1:]}
     assert told.keys() == expected.keys()
@@ -314,8 +315,13 @@ def test_the_other_examples_in_extend_do_what_they_say(tmp_path):
     np.save(tmp_path / "wave-anna-1.npy", np.zeros((4, 3, 3)))
     (recording,) = extension("import_files")["import_files"](tmp_path).archive.recordings
     assert (recording.label, recording.subject) == ("wave", "anna")
-    frame = next(extension("class Polled")["Polled"](lambda: np.zeros((3, 3)), 1000.0).frames(threading.Event()))
-    assert extension("class Given")["Given"]().update(frame).visible.all()
+    polled = extension("class Polled")["Polled"](lambda: np.zeros((3, 3)), 1000.0)
+    assert next(polled.frames(threading.Event())).content.shape == (3, 3)
+    brightest = extension("class Brightest")["KIND"].build(None)
+    lamp = np.zeros((8, 8, 3), np.uint8)
+    assert not brightest.update(Frame(0, lamp)).visible.any()
+    lamp[2, 5] = 255
+    assert brightest.update(Frame(0, lamp)).centres.tolist() == [[5, 2]]
     assert "print_verdicts" in extension("print_verdicts")
 
 

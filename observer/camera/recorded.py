@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 from observer.camera.base import Clock, Picture, Size
 from observer.camera.sight import SECOND_NS
+from observer.source import wait_until
 from observer.tracks import Frame
 
 
@@ -34,7 +35,7 @@ class RecordedPictures:
         start_ns = self.clock() if self.start_ns is None else self.start_ns
         for i, picture in enumerate(self._all()):
             offset_ns = round(i * SECOND_NS / self.rate_hz / self.speed) if self.speed else 0
-            captured_ns = self._wait(start_ns + offset_ns, stop)
+            captured_ns = wait_until(start_ns + offset_ns, self.speed, stop, self.clock)
             if captured_ns is None:
                 return
             yield Frame(captured_ns, picture, round(i * SECOND_NS / self.rate_hz))
@@ -43,12 +44,3 @@ class RecordedPictures:
         yield from self.pictures()
         while self.loop:
             yield from self.pictures()
-
-    def _wait(self, due_ns: int, stop: threading.Event) -> int | None:
-        """The time of capture of the picture that is due then; None when told to stop."""
-        while not stop.is_set():
-            now_ns = self.clock()
-            if now_ns >= due_ns:
-                return due_ns if self.speed else now_ns
-            stop.wait((due_ns - now_ns) / SECOND_NS)
-        return None

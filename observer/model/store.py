@@ -67,13 +67,13 @@ def read_model(path: Path) -> MovementModel:
         raise BadInput(f"{path}: damaged model file ({type(error).__name__}: {error}); learn it again") from None
 
 
-def require(path: Path, model: MovementModel, vocabulary: Vocabulary | None, rate_hz: float) -> None:
-    """Raise BadInput when the model is for another vocabulary or rate than the scene and its source."""
+def require(path: Path, model: MovementModel, vocabulary: Vocabulary | None, rate_hz: float | None) -> None:
+    """Raise BadInput when the model is for another vocabulary than the scene, or another rate than a given one."""
     header = model.header
     if vocabulary is not None and header.vocabulary.digest != vocabulary.digest:
         theirs, ours = ", ".join(header.vocabulary.labels), ", ".join(vocabulary.labels)
         raise BadInput(f"{path}: learned for the vocabulary [{theirs}], the scene has [{ours}]: learn it again")
-    if abs(header.rate_hz - rate_hz) > 0.01 * rate_hz:
+    if rate_hz is not None and abs(header.rate_hz - rate_hz) > 0.01 * rate_hz:
         raise BadInput(
             f"{path}: learned at {header.rate_hz:g} Hz, the source gives {rate_hz:g} Hz: "
             f"labanmesh learn ... --rate {rate_hz:g}"

@@ -51,6 +51,9 @@ IMPURE = {
     "common.progress": "the terminal",
     "common.status": "a thread and the mesh",
     "observer.source": "plays recordings by the clock",
+    "observer.opening": "opens files, cameras and the standard input",
+    "observer.prepared": "turns a source's pictures",
+    "observer.foreign.sources": "a stream, a thread, the mesh",
     **{
         f"observer.calibration.{name}": "OpenCV"
         for name in ("annotate", "bundle", "detection", "extrinsics", "from_boards", "intrinsics")
@@ -64,6 +67,9 @@ IMPURE = {
     "observer.motion.archive_file": "files",
     "observer.motion.importers": "files",
     "observer.motion.importers.*": "files",
+    "observer.preview.*": "OpenCV, threads, files",
+    "observer.recording.opening": "opens cameras",
+    "observer.recording.watching": "one thread a camera",
     "observer.rendering.background": "OpenCV",
     "observer.rendering.canvas": "OpenCV",
     "observer.rendering.disturbance": "OpenCV",
@@ -87,10 +93,12 @@ IMPURE = {
 PURE_ALL_THE_SAME = {
     *("observer.camera.address", "observer.camera.base", "observer.camera.sight"),
     "observer.motion.importers.skeleton",
+    *("observer.preview.account", "observer.preview.layout", "observer.preview.sight"),
 }
 ALLOWED = {
     ("common.health", "threading"): "a lock: the status thread reads what the loop writes; nothing waits in it",
     ("studies.subsets", "observer.motion.importers.msr_action3d"): "the names of its movements, a table",
+    ("observer.tracking.registry", "pathlib"): "a tracker may be told the name of a file",
     ("observer.geometry.views", "pathlib"): "a view may be the name of a camera file",
     ("observer.geometry.views", "observer.geometry.camera_file"): "a view may be the name of a camera file",
 }

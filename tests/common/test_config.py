@@ -41,7 +41,7 @@ def test_everything_has_a_default_but_the_name_and_the_sources(scene):
     assert (read.mesh.mode, read.mesh.endpoint, read.mesh.prefix) == ("machine", "tcp/127.0.0.1:7447", "laban")
     cam = read.observer("cam1")
     assert (cam.view, cam.model, cam.speed, cam.recording, cam.loop) == ("door", "cam1.model", 1.0, 0, False)
-    assert (cam.onset, cam.tracker) == ("unknown", "projected")
+    assert (cam.onset, cam.tracker) == ("unknown", "auto")
     fusion = read.fusion
     assert (fusion.id, fusion.rule, fusion.quorum, fusion.threshold) == ("fusion", "robust_inverse_entropy", 1, 0.8)
     assert (fusion.hold_s, fusion.fresh_s, fusion.fade_s, fusion.drop_s, fusion.step_hz) == (0.3, 0.2, 0.5, 2.0, 10)

@@ -43,6 +43,7 @@ class Opinion:
 
 class FakeObserver:
     vocabulary = NAMES
+    complaint = ""
 
     def step(self, frame):
         return None if frame.content is None else Opinion(frame.content)

@@ -5,11 +5,8 @@ import threading
 import numpy as np
 import pytest
 
-from common.config import read_scene
-from common.errors import BadInput
-from observer.motion.archive import MotionArchive, Recording
-from observer.motion.archive_file import write_archive
-from observer.source import PLAYBACK_START, RecordedMotion, open_source
+from observer.motion.archive import Recording
+from observer.source import RecordedMotion
 
 SECOND_NS = 1_000_000_000
 PARTS = ("left_hand", "right_hand", "head")
@@ -109,40 +106,3 @@ def test_stop_ends_a_wait():
     stop.set()
     playing.join(5)
     assert not playing.is_alive()
-
-
-@pytest.fixture
-def scene(tmp_path):
-    write_archive(tmp_path / "m.npz", MotionArchive(PARTS, (recording(2), recording(3, first=10))))
-
-    def read(extra=""):
-        (tmp_path / "s.toml").write_text(f'scene = "d"\n[observers.cam1]\nsource = "m.npz"\n{extra}')
-        return read_scene(tmp_path / "s.toml", {})
-
-    return read
-
-
-def test_the_scene_names_the_recording(scene):
-    one = open_source(scene("recording = 1\nspeed = 0\nloop = true"), "cam1", {})
-    assert [len(recording.positions) for recording in one.recordings] == [3]
-    assert (one.speed, one.loop, one.start_ns, one.rate_hz, one.body_parts) == (0, True, None, 10, PARTS)
-    assert len(open_source(scene('recording = "all"'), "cam1", {}).recordings) == 2
-    assert open_source(scene(), "cam1", {PLAYBACK_START: "123"}).start_ns == 123
-
-
-@pytest.mark.parametrize(
-    ("extra", "environment", "line"),
-    [
-        ("recording = 2", {}, r"observers\.cam1\.recording = 2: .*m\.npz has recordings 0 to 1"),
-        ("", {PLAYBACK_START: "soon"}, r"LABANMESH_PLAYBACK_START_NS = 'soon': nanoseconds"),
-    ],
-)
-def test_what_cannot_be_played_is_one_line(scene, extra, environment, line):
-    with pytest.raises(BadInput, match=line):
-        open_source(scene(extra), "cam1", environment)
-
-
-def test_an_unknown_kind_of_source_is_one_line(tmp_path):
-    (tmp_path / "s.toml").write_text('scene = "d"\n[observers.cam1]\nsource = "m.mp4"\n')
-    with pytest.raises(BadInput, match=r"source = 'm\.mp4': unknown kind of source; known: a motion archive"):
-        open_source(read_scene(tmp_path / "s.toml", {}), "cam1", {})

@@ -1,0 +1,53 @@
+"""One line of another tracker's tracks: as documented, and every way to get it wrong."""
+
+import json
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from common.errors import BadInput
+from observer.foreign.track_line import EXAMPLE, LIMIT, frame_of_line
+from observer.foreign.tracker import ForeignTracker
+from observer.tracks import BODY_PARTS, State
+
+NUMBERS = st.floats(-1e6, 1e6)
+
+
+def test_the_documented_line_is_read():
+    frame = frame_of_line(EXAMPLE.encode(), BODY_PARTS, 5)
+    assert frame.captured_ns == 1_700_000_000_000_000_000
+    assert frame.content[0].tolist() == [412, 300, 0.9]
+    assert np.isnan(frame.content[1:]).all()
+
+
+@given(st.dictionaries(st.sampled_from(BODY_PARTS), st.lists(NUMBERS, min_size=2, max_size=2), min_size=1))
+def test_every_part_that_is_named_is_where_the_line_says(parts):
+    line = json.dumps({"parts": parts, "nose": 3}).encode()
+    frame = frame_of_line(line, BODY_PARTS, 77)
+    tracks = ForeignTracker(BODY_PARTS).update(frame)
+    assert frame.captured_ns == 77
+    for row, part in enumerate(BODY_PARTS):
+        assert np.array_equal(tracks.centres[row], parts.get(part, [np.nan] * 2), equal_nan=True)
+
+
+def test_a_low_confidence_is_a_guess():
+    line = b'{"parts": {"left_hand": [1, 2, 0.3], "head": [5, 6, 0.5], "right_hand": null}}'
+    tracks = ForeignTracker(BODY_PARTS).update(frame_of_line(line, BODY_PARTS, 0))
+    assert tracks.states == (State.UNSURE, State.MISSING, State.SEEN)
+    assert tracks.guesses[0].tolist() == [1, 2]
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        b"", b"no", b"[]", b"{}", b'{"parts": {}}', b'{"parts": {"tail": [1, 2]}}', b'{"parts": {"head": [1]}}',
+        b'{"parts": {"head": [1, 2, 7]}}', b'{"parts": {"head": [1, NaN]}}', b'{"parts": {"head": "left"}}',
+        b'{"captured_ns": -3, "parts": {"head": [1, 2]}}', b"\xff\xfe", b'{"parts": {"head": [1, 2]}}' + b" " * LIMIT,
+    ],
+)  # fmt: skip
+def test_a_bad_line_is_one_line(line):
+    with pytest.raises(BadInput) as caught:
+        frame_of_line(line, BODY_PARTS, 0)
+    assert "\n" not in str(caught.value)
