@@ -42,6 +42,9 @@ def up(
     named = read_scene(scene)
     if named.mesh.mode == "process":
         raise BadInput(f"{scene}: mesh.mode = 'process': several processes cannot meet so; choose machine or router")
+    for name in _fed_by_hand(named):
+        own = f"TRACKER | labanmesh observe {scene} {name}"
+        print(f"{name}: reads tracks from its standard input, start it by hand: {own}", file=sys.stderr)
     start_ns = time.time_ns() + round((START_TOGETHER_S + EACH_OBSERVER_S * len(named.roster)) * 1e9)
     launcher = Launcher(
         jobs(scene, named),
@@ -61,10 +64,18 @@ def up(
 
 
 def jobs(path: Path, scene: Scene) -> list[Job]:
-    """The processes of a scene: the referee and each observer. A router, if the mesh has one, is run apart."""
+    """The processes of a scene: the referee and each observer that needs nobody at its standard input.
+
+    A router, if the mesh has one, is run apart.
+    """
     python = [sys.executable, "-m", "labanmesh"]
     fuse = Job("[fuse]", [*python, "fuse", str(path)], lasting=True)
-    return [fuse, *(Job(name, [*python, "observe", str(path), name]) for name in scene.roster)]
+    started = [name for name in scene.roster if name not in _fed_by_hand(scene)]
+    return [fuse, *(Job(name, [*python, "observe", str(path), name]) for name in started)]
+
+
+def _fed_by_hand(scene: Scene) -> list[str]:
+    return [name for name in scene.roster if scene.observer(name).source == "-"]
 
 
 def router(

@@ -165,7 +165,8 @@ def test_a_killed_process_comes_back(launched):
 
 def test_the_processes_of_a_scene(tmp_path):
     path = tmp_path / "scene.toml"
-    path.write_text('scene = "d"\n[observers.cam1]\nsource = "a.npz"\n[observers.cam2]\nsource = "b.npz"\n')
+    observers = {"cam1": "a.npz", "by-hand": "-", "cam2": "b.npz"}
+    path.write_text('scene = "d"\n' + "".join(f'[observers.{n}]\nsource = "{s}"\n' for n, s in observers.items()))
     python = [sys.executable, "-m", "labanmesh"]
     assert jobs(path, read_scene(path, {})) == [
         Job("[fuse]", [*python, "fuse", str(path)], lasting=True),
