@@ -99,7 +99,7 @@ class ObserverConfig(Section):
     scene is read, then a file name (by default ID.model). tracker: "auto" chooses by the source. rate_hz, size_px:
     what a camera is asked for. mirrored: the pictures are, as selfies are. skin, face: what `camshift` may be told of
     the person (a file; x, y, width, height in px). pose_model, hand: the model file of `mediapipe`, and what
-    it takes for a hand.
+    it takes for a hand. preview: a film to write of what it sees.
     """
 
     source: Annotated[str, Field(min_length=1)]
@@ -117,6 +117,7 @@ class ObserverConfig(Section):
     face: Annotated[tuple[int, int, PositiveInt, PositiveInt] | None, Field(strict=False)] = None
     pose_model: str = ""
     hand: Literal["palm", "wrist"] = "palm"
+    preview: str = ""
     virtual: VirtualConfig = VirtualConfig()
 
 

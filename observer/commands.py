@@ -62,10 +62,13 @@ def observe(
             *(place, learned, seen, section.view),
         )
     onset = Onset(known=section.onset == "known", length=eyes.length)
-    judge = Observer(eyes.tracker, model, onset, None if eyes.at_own_rate else Pace(model.header.rate_hz))
+    pace = None if eyes.at_own_rate else Pace(model.header.rate_hz)
+    judge = Observer(eyes.tracker, model, onset, pace, coasting=eyes.coasts)
     with ExitStack() as open_until_end:
         stop = open_until_end.enter_context(stop_on_signals())
-        shown = open_until_end.enter_context(_previewed(preview, observer, judge, eyes, model.header))
+        in_folder = section.preview not in ("", "window")
+        target = preview or (str(named.place(section.preview)) if in_folder else section.preview)
+        shown = open_until_end.enter_context(_previewed(target, observer, judge, eyes, model.header))
         link = open_until_end.enter_context(Link.open(named.mesh, "observer"))
         if isinstance(eyes.source, MeshTracks):
             eyes.source.listen(link)

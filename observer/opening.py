@@ -35,6 +35,7 @@ class Eyes:
 
     at_own_rate: the frames are recorded motion itself, and must come at the model's rate. length: frames of the first
     recording, None where there is no such thing. keeps_all: nothing is left out, however long it takes.
+    coasts: the tracker's guesses are evidence, as `observer.tracking.registry.TrackerKind` has it.
     """
 
     source: FrameSource
@@ -43,6 +44,7 @@ class Eyes:
     at_own_rate: bool
     length: int | None
     keeps_all: bool
+    coasts: bool
 
 
 def open_eyes(
@@ -77,7 +79,7 @@ def open_eyes(
     built = kind.build(Setting(view, source.body_parts, wanted, section, scene.place))
     tracker = PreparedTracker(built, wanted, view.lens)
     length = getattr(source, "length", None)
-    return Eyes(source, tracker, view, kind.reads == "positions", length, section.speed == 0)
+    return Eyes(source, tracker, view, kind.reads == "positions", length, section.speed == 0, kind.coasts)
 
 
 def content_of(source: str) -> Content:

@@ -4,16 +4,21 @@ import socket
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from threading import Event
 
 import numpy as np
 
-from common.errors import BadInput
+from common.errors import BadInput, LabanmeshError
 from common.vocabulary import Vocabulary
 from observer.geometry.views import parse_view
 from observer.learning import cut_out, learn_view
 from observer.model.store import write_model
 from observer.motion.archive import MotionArchive, Recording
 from observer.motion.archive_file import write_archive
+from observer.rendering.scenery import Scenery
+from observer.rendering.virtual_camera import VirtualCamera
+from observer.source import RecordedMotion
+from observer.tracking.camshift import CamshiftTracker
 from studies.performer import MOVEMENTS, PEOPLE, perform, perform_continuously
 from studies.stream import strung
 
@@ -27,6 +32,10 @@ CORNERS = {
 
 From the same height two opposite judges would see mirror images and always believe the same.
 """
+RATE_HZ, BACKGROUND, NOISE = 30.0, "cluttered", 3.0
+"""Of the virtual cameras' pictures."""
+PREVIEW = "front-left.mp4"
+"""The film of what the first corner sees."""
 MOST_MOVEMENTS = 10
 """So many movements of a recorded person fit into a demo that ends in under 90 s."""
 Progress = Callable[[str, int, int], None]
@@ -80,8 +89,12 @@ def _stream_of(own: Sequence[Recording], labels: Sequence[str], seed: int) -> Re
     return strung([first[str(label)] for label in picked], rng)[0]
 
 
-def write_demo(performance: Performance, folder: Path, progress: Progress) -> Path:
-    """Write performance, models and scene file into `folder`; returns the scene file."""
+def write_demo(performance: Performance, folder: Path, progress: Progress, pixels: bool = True) -> Path:
+    """Write performance, models and scene file into `folder`; returns the scene file.
+
+    pixels: the observers look at pictures of virtual cameras, by camshift, and the performer has first shown his face
+    to one of them; else they are told where hands and head would be in their view.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     stream = replace(performance.stream, trial="demo")
     write_archive(folder / "performance.npz", MotionArchive(performance.learned.body_parts, (stream,)))
@@ -90,12 +103,27 @@ def write_demo(performance: Performance, folder: Path, progress: Progress) -> Pa
         model = learn_view(performance.learned, parse_view(view), performance.vocabulary, provenance=provenance)
         write_model(folder / f"{corner}.model", model)
         progress("each corner learns its perspective", n + 1, len(CORNERS))
+    if pixels:
+        _introduce(performance, folder / "skin.npz")
     scene = folder / "scene.toml"
-    scene.write_text(_scene_file(performance), encoding="utf-8")
+    scene.write_text(_scene_file(performance, pixels), encoding="utf-8")
     return scene
 
 
-def _scene_file(performance: Performance) -> str:
+def _introduce(performance: Performance, file: Path) -> None:
+    """What `labanmesh look --view door --save-skin` does: corners see no face from the front that would teach skin."""
+    parts, stream = performance.learned.body_parts, performance.stream
+    motion = RecordedMotion(parts, (stream,), speed=0)
+    tracker = CamshiftTracker()
+    for frame in VirtualCamera(motion, parse_view("door"), scenery=Scenery(BACKGROUND, NOISE)).frames(Event()):
+        tracker.update(frame)
+        if tracker.skin is not None:
+            tracker.skin.save(file)
+            return
+    raise LabanmeshError(f"{performance.title}: no face was seen from the front; labanmesh demo --no-pixels needs none")
+
+
+def _scene_file(performance: Performance, pixels: bool) -> str:
     labels = ", ".join(f'"{label}"' for label in performance.vocabulary.labels)
     lines = [
         "# Written by labanmesh demo: four judges in the corners, one referee, on this machine.",
@@ -110,9 +138,14 @@ def _scene_file(performance: Performance) -> str:
         "[fusion]",
         f"quorum = {len(CORNERS) // 2 + 1}",
     ]
-    for corner, view in CORNERS.items():
+    for n, (corner, view) in enumerate(CORNERS.items()):
         lines += ["", f"[observers.{corner}]", 'source = "performance.npz"', f'view = "{view}"']
         lines += [f'model = "{corner}.model"']
+        if pixels:
+            lines += ['tracker = "camshift"', 'skin = "skin.npz"', f"rate_hz = {RATE_HZ:g}"]
+            lines += [f'preview = "{PREVIEW}"'] * (n == 0)
+            lines += [f"[observers.{corner}.virtual]", f'background = "{BACKGROUND}"']
+            lines += [f"noise = {NOISE}", f"seed = {n}"]
     return "\n".join(lines) + "\n"
 
 

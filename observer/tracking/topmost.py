@@ -1,0 +1,45 @@
+"""A head without a face: the topmost patch of a known skin colour, for cameras at the side or behind."""
+
+import cv2
+import numpy as np
+
+from observer.tracking.face import Box
+from observer.tracking.skin import Picture, Skin
+
+LOOKED_AT = 240
+"""Pictures are made so small, px of the shorter side."""
+SKIN = 110
+"""Back-projection, of 255, from which a pixel counts as skin."""
+AREAS = (1 / 4000, 1 / 30)
+"""Least and largest share of the picture that the skin of a head has."""
+MOST_PATCHES = 6
+"""With more patches than a head, two hands, a neck and feet show, the background has the colour of skin."""
+ABOVE = 1.0
+"""A second patch is at least so many widths of the head lower, or the topmost one may be a hand."""
+FACE_PER_ROOT = 1.15
+"""Width of a face per square root of its visible skin: of the cascade's boxes about it, on rendered people."""
+
+
+def topmost_skin(picture: Picture, skin: Skin) -> Box | None:
+    """(H, W, 3) BGR -> x, y, width, height px of a square about the head; None where none can be told.
+
+    Standing with the hands down, the topmost skin of a person is the head's. Nothing is told where the whole picture
+    is full of such patches, or where two are equally high.
+    """
+    scale = max(1.0, min(picture.shape[:2]) / LOOKED_AT)
+    size = (round(picture.shape[1] / scale), round(picture.shape[0] / scale))
+    small = cv2.resize(picture, size, interpolation=cv2.INTER_AREA)
+    mask: Picture = (skin.back_project(small) >= SKIN).astype(np.uint8)
+    mask = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
+    count, _, stats, centres = cv2.connectedComponentsWithStats(mask)
+    areas = stats[1:count, cv2.CC_STAT_AREA] / mask.size
+    large = [1 + int(i) for i in np.flatnonzero((areas >= AREAS[0]) & (areas <= AREAS[1]))]
+    if not large or len(large) > MOST_PATCHES or (areas > AREAS[1]).any():
+        return None
+    large.sort(key=lambda label: float(centres[label][1]))
+    width = FACE_PER_ROOT * float(np.sqrt(stats[large[0], cv2.CC_STAT_AREA]))
+    u, v = centres[large[0]]
+    if len(large) > 1 and centres[large[1]][1] - v < ABOVE * width:
+        return None
+    x, y, side = (u - width / 2) * scale, (v - width / 2) * scale, width * scale
+    return round(x), round(y), round(side), round(side)
