@@ -72,6 +72,8 @@ def open_eyes(
         source = _tracks(section.source, report)
     else:
         source = _pictures(scene, section, report, start_ns)
+    if kind.reads == "pictures":
+        _one_thread()
     if section.mirrored:
         if kind.reads != "pictures":
             raise BadInput(f"{key}.mirrored: only pictures can be mirrored back; this source gives {content}")
@@ -80,6 +82,13 @@ def open_eyes(
     tracker = PreparedTracker(built, wanted, view.lens)
     length = getattr(source, "length", None)
     return Eyes(source, tracker, view, kind.reads == "positions", length, section.speed == 0, kind.coasts)
+
+
+def _one_thread() -> None:
+    """An observer is one process of several on its machine: OpenCV's own threads would only wait for each other."""
+    import cv2
+
+    cv2.setNumThreads(1)
 
 
 def content_of(source: str) -> Content:

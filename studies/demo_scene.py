@@ -136,7 +136,8 @@ def _scene_file(performance: Performance, pixels: bool) -> str:
         f'endpoint = "tcp/127.0.0.1:{_free_port()}"',
         "",
         "[fusion]",
-        f"quorum = {len(CORNERS) // 2 + 1}",
+        # Two of four cameras see his back: the two that see his hands must be able to decide.
+        f"quorum = {len(CORNERS) // 2 if pixels else len(CORNERS) // 2 + 1}",
     ]
     for n, (corner, view) in enumerate(CORNERS.items()):
         lines += ["", f"[observers.{corner}]", 'source = "performance.npz"', f'view = "{view}"']

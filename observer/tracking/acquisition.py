@@ -52,5 +52,38 @@ class Acquisition:
         self._before = []
 
 
+HANGS = ((0.6, 2.6), (3.0, 6.5))
+"""Where hands hang: away from the head's middle and below it, face widths."""
+RESTS_S, TREMBLES = 0.6, 0.3
+"""A hanging hand is believed when it was there for so long, never further from itself than so many face widths."""
+
+
+class Resting:
+    """A hand that does not move: the only skin where a hand hangs, on its side of the body, for a while."""
+
+    def __init__(self) -> None:
+        self._seen: dict[int, tuple[Floats, float]] = {}
+
+    def update(self, pieces: Sequence[Patch], head: Floats, face: float, seconds: float) -> dict[int, Patch]:
+        """All pieces of skin in a frame -> those believed to be hanging hands, by side: -1 the picture's left, or 1."""
+        believed, now = {}, {}
+        for side in (-1, 1):
+            here = [p for p in pieces if _hangs((p.centre - head) * (side, 1) / face)]
+            if len(here) != 1:
+                continue
+            place, since = self._seen.get(side, (here[0].centre, 0.0))
+            stayed = _apart(place, here[0].centre) < TREMBLES * face
+            now[side] = (place, since + seconds) if stayed else (here[0].centre, 0.0)
+            if now[side][1] >= RESTS_S:
+                believed[side] = here[0]
+        self._seen = now
+        return believed
+
+
+def _hangs(away: Floats) -> bool:
+    (left, right), (top, bottom) = HANGS
+    return bool(left < away[0] < right and top < away[1] < bottom)
+
+
 def _apart(one: Floats, other: Floats) -> float:
-    return float(np.linalg.norm(one - other))
+    return float(np.hypot(*(one - other)))

@@ -1,31 +1,40 @@
 """The head and what is learned from it: where the face is, how wide, and the colour of skin."""
 
+import cv2
 import numpy as np
 
 from observer.tracking.face import Box, FaceFinder
 from observer.tracking.skin import Picture, Skin
+from observer.tracking.topmost import topmost_skin
 from observer.tracking.window import Region
 from observer.tracks import Floats
 
-SMALLEST = 1 / 24
-"""Faces narrower than this share of the picture's height are not looked for."""
-EVERY, HUNTING = 4, 2
-"""The cascade, which costs most, looks in one of so many frames, while a head is followed and while there is none."""
+SHORT_SIDE = 480
+"""Faces are looked for in pictures no larger than this; one that is followed, where it is about this wide:"""
+FOLLOWED_PX = 36
+SMALLEST = 20
+"""The narrowest face that the cascade knows, px of what it looks at."""
+EVERY_S, HUNTING_S = 0.3, 0.1
+"""The cascade, which costs most, looks so often, while a head is followed and while there is none."""
 NEAR = 0.6
 """Two finds within so many face widths are the same face; the first alone may be a false one."""
-ADAPT, AGAIN = 0.1, 0.3
-"""Share of a newer histogram that is taken in at a time, and when the face was lost and found again."""
+STRAYED, DOUBTED_S, LOST_S = 1.0, 1.0, 3.0
+"""Further than so many face widths from the last face found, a head is doubted after so long, and then lost."""
+ADAPT_S, ADAPT, AGAIN = 0.3, 0.1, 0.3
+"""So often, which share of a newer histogram is taken in, and which when the face was lost and found again."""
 
 
 class Head:
     """Face width (px, None until found) and skin (None until learned)."""
 
-    def __init__(self, finder: FaceFinder | None, skin: Skin | None) -> None:
-        self._finder, self._frame = finder, 0
+    def __init__(self, finder: FaceFinder | None, skin: Skin | None, away: bool = False) -> None:
+        self._finder, self._away = finder, away
         self._candidate: Box | None = None
+        self._unlooked_s, self._unadapted_s = HUNTING_S, 0.0
+        self._unconfirmed_s, self._confirmed_at = 0.0, np.zeros(2)
         self.skin: Skin | None = skin
         self.face: float | None = None
-        self._given = skin is not None
+        self._given, self._faced = skin is not None, False
 
     def begin(self, picture: Picture, box: Box) -> bool:
         """Take `box` for the face; False where its colours teach nothing."""
@@ -36,25 +45,57 @@ class Head:
             # Found again: what was known of this person weighs more than a face that may be a false one.
             self.skin = learned if self.skin is None else self.skin.adapted(learned, AGAIN)
         self.face = float(box[2])
+        self._place(box)
         return True
 
-    def look(self, picture: Picture, near: Floats | None) -> Box | None:
+    def confirm(self, box: Box) -> None:
+        """The face was found here, by the cascade."""
+        self._faced = True
+        self._place(box)
+
+    def _place(self, box: Box) -> None:
+        self._unconfirmed_s, self._confirmed_at = 0.0, middle(box)
+
+    def strayed_s(self, centre: Floats) -> float:
+        """Seconds without a face found, if the head's `centre` (2,) has left the place of the last one; else 0.
+
+        0 too while there has been no face: a head that was marked, or found by its skin, need not show one.
+        """
+        away = float(np.linalg.norm(centre - self._confirmed_at))
+        return self._unconfirmed_s if self._faced and away > STRAYED * (self.face or 0) else 0.0
+
+    def look(self, picture: Picture, near: Floats | None, seconds: float) -> Box | None:
         """The face, looked for near (2,) px if given; None between looks and where it is not found twice."""
-        self._frame += 1
+        self._unlooked_s += seconds
+        self._unconfirmed_s += seconds
         hunting = near is None
-        if self._finder is None or (
-            self._frame % (HUNTING if hunting else EVERY) and not (hunting and self._candidate)
-        ):
+        due = self._unlooked_s >= (HUNTING_S if hunting else EVERY_S) - 1e-6 or (hunting and self._candidate)
+        if not due or (self._finder is None and not hunting):
             return None
-        smallest = max(int(SMALLEST * picture.shape[0]), 16)
+        self._unlooked_s = 0.0
         if near is None:
-            found = self._finder.find(picture, smallest)
-            return self._twice(found[0] if found else None)
-        width = self.face or smallest
-        region = Region.around(near, (1.5 * width, 1.5 * width), picture.shape)
-        boxes = self._finder.find(region.cut(picture), max(int(0.6 * width), smallest))
+            # Who turns his back and has a known colour will show no face, and the search costs more than all else.
+            hopeless = self._away and self._given
+            found = [] if hopeless else self._found(picture, max(1.0, min(picture.shape[:2]) / SHORT_SIDE), SMALLEST)
+            self._faced = bool(found)
+            return self._twice(found[0] if found else self._by_skin(picture))
+        width = self.face or SMALLEST
+        region = Region.around(near, (1.2 * width, 1.2 * width), picture.shape)
+        scale = max(1.0, width / FOLLOWED_PX)
+        boxes = self._found(region.cut(picture), scale, max(int(0.7 * width / scale), SMALLEST))
         fitting = [(x + region.x0, y + region.y0, w, h) for x, y, w, h in boxes if w < 1.6 * width]
         return min(fitting, key=lambda box: float(np.linalg.norm(middle(box) - near)), default=None)
+
+    def _found(self, picture: Picture, scale: float, smallest: int) -> list[Box]:
+        """Faces, looked for in the picture made smaller by `scale`, in px of the picture given."""
+        size = (max(round(picture.shape[1] / scale), 1), max(round(picture.shape[0] / scale), 1))
+        small = picture if scale == 1 else cv2.resize(picture, size, interpolation=cv2.INTER_LINEAR)
+        found = [] if self._finder is None else self._finder.find(small, smallest)
+        return [(round(x * scale), round(y * scale), round(w * scale), round(h * scale)) for x, y, w, h in found]
+
+    def _by_skin(self, picture: Picture) -> Box | None:
+        """Where no face is found, a head of known skin colour; a learned colour may be that of a false face."""
+        return topmost_skin(picture, self.skin, self._away) if self._given and self.skin is not None else None
 
     def _twice(self, box: Box | None) -> Box | None:
         before, self._candidate = self._candidate, box
@@ -63,12 +104,22 @@ class Head:
         same = np.linalg.norm(middle(box) - middle(before)) < NEAR * box[2] and 0.7 < box[2] / before[2] < 1.4
         return box if same else None
 
-    def adapt(self, picture: Picture, centre: Floats) -> None:
-        """Learn a little from the face at `centre` (2,) px; the caller knows that no hand is before it."""
-        if not self.face or self.skin is None:
+    def adapt(self, picture: Picture, small: Picture, step: int, centre: Floats, seconds: float) -> None:
+        """Learn a little from the face at `centre` (2,) px, now and then; the caller knows that no hand is before it.
+
+        small: the whole picture, one pixel for step x step.
+        """
+        self._unadapted_s += seconds
+        if not self.face or self.skin is None or self._unadapted_s < ADAPT_S:
             return
-        x, y = centre - self.face / 2
-        newer = Skin.learn(picture, (int(x), int(y), int(self.face), int(self.face)))
+        if self._finder is not None and self._unconfirmed_s > 0:
+            return  # a window that slid onto a wall would teach the wall's colour
+        self._unadapted_s = 0.0
+        near = Region.around(centre, (self.face, self.face), picture.shape)
+        x, y = centre - self.face / 2 - near.origin
+        rest, half = small.copy(), 0.75 * self.face / step
+        Region.around(centre / step, (half, half), rest.shape).cut(rest)[:] = 0
+        newer = Skin.learn(near.cut(picture), (int(x), int(y), int(self.face), int(self.face)), rest)
         if newer is not None:
             self.skin = self.skin.adapted(newer, ADAPT)
 

@@ -9,7 +9,7 @@ from typing import Literal
 from common.config import ObserverConfig
 from common.errors import BadInput
 from observer.foreign.tracker import ForeignTracker
-from observer.geometry.views import View
+from observer.geometry.views import View, facing
 from observer.projected import ProjectedTracker
 from observer.tracks import Tracker
 
@@ -55,7 +55,7 @@ def _camshift(setting: Setting) -> Tracker:
 
     section = setting.section
     skin = Skin.load(setting.place(section.skin)) if section.skin else None
-    return CamshiftTracker(skin, section.face)
+    return CamshiftTracker(skin, section.face, facing(setting.view))
 
 
 def _mediapipe(setting: Setting) -> Tracker:

@@ -1,6 +1,6 @@
 """Skin colour of the person in front of the camera: a histogram of rotated hue and saturation."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +19,10 @@ DARK, BURNT, PALE = 40, 252, 12
 """Values (0 to 255) under which, over which, and saturations under which hue is noise."""
 MIN_PIXELS = 60
 """Fewer usable pixels than these do not teach a histogram."""
+SHADE = 20.0
+"""Least standard deviation of skin's value: hands are lit otherwise than the face."""
+SEEN_ONCE = 2e-4
+"""Frequency in the rest of the picture that every colour is given: one that nobody wears proves little."""
 
 
 def hue_saturation(picture: Picture) -> tuple[Picture, Picture]:
@@ -37,16 +41,49 @@ def _count(bins: Picture, mask: Picture) -> Floats:
     return frequencies
 
 
+def _table(skin: Floats, rest: Floats) -> Picture:
+    """(90, 64) float32, 0 to 255: the ratio for `cv2.calcBackProject`, whose hues are not rotated.
+
+    Twice as fine as the histograms, so that the rotation and PALE fall between two of its bins.
+    """
+    ratio = 255 * skin / (skin + rest + SEEN_ONCE)
+    hues = (np.arange(2 * HUES) * 2 + HUE_SHIFT) % 180 * HUES // 180
+    table = np.repeat(ratio[hues], 2, axis=1).astype(np.float32)
+    table[:, : PALE // 4] = 0
+    return table
+
+
+def _weights(mean: float, deviation: float) -> Picture:
+    """(256,) uint8, 255 within two deviations of the mean value, normal beyond; 0 where dark or burnt."""
+    values = np.arange(256.0)
+    away = np.maximum(np.abs(values - mean) / max(deviation, SHADE) - 2, 0)
+    usable = (values >= DARK) & (values <= BURNT)
+    return np.where(usable, 255 * np.exp(-0.5 * away**2), 0).astype(np.uint8)
+
+
 @dataclass(frozen=True, slots=True)
 class Skin:
-    """Frequencies of the bins, each (45, 32) and of sum 1, in the person's skin and in the rest of the picture."""
+    """Frequencies of the bins, each (45, 32) and of sum 1, in the person's skin and in the rest of the picture.
+
+    value: (2,) mean and standard deviation of the skin's value, 0 to 255: wood has the hue of skin, seldom its shade.
+    """
 
     skin: Floats
     rest: Floats
+    value: Floats
+    table: Picture = field(init=False, repr=False, compare=False)
+    weights: Picture = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "table", _table(self.skin, self.rest))
+        object.__setattr__(self, "weights", _weights(float(self.value[0]), float(self.value[1])))
 
     @classmethod
-    def learn(cls, picture: Picture, box: tuple[int, int, int, int]) -> "Skin | None":
-        """From the ellipse in `box` (x, y, width, height) of a face or marked region; None: too few usable pixels."""
+    def learn(cls, picture: Picture, box: tuple[int, int, int, int], rest: Picture | None = None) -> "Skin | None":
+        """From the ellipse in `box` (x, y, width, height) of a face or marked region; None: too few usable pixels.
+
+        rest: (H, W, 3) what is no skin, its black pixels left out; without it the picture around the box.
+        """
         bins, usable = hue_saturation(picture)
         x, y, w, h = box
         ellipse = np.zeros_like(usable)
@@ -54,36 +91,43 @@ class Skin:
         inside = cv2.bitwise_and(usable, ellipse)
         if cv2.countNonZero(inside) < MIN_PIXELS:
             return None
+        bright = picture.max(axis=2)[inside > 0]
+        value = np.array([np.median(bright), bright.std()], dtype=np.float64)
+        if rest is not None:
+            return cls(_count(bins, inside), _count(*hue_saturation(rest)), value)
         outside = usable.copy()
         outside[max(y - h // 4, 0) : y + h * 5 // 4, max(x - w // 4, 0) : x + w * 5 // 4] = 0
-        return cls(_count(bins, inside), _count(bins, outside))
+        return cls(_count(bins, inside), _count(bins, outside), value)
 
     def adapted(self, newer: "Skin", rate: float) -> "Skin":
         """A step of `rate` (0 to 1) towards a newer one: light changes slowly."""
-        return Skin(self.skin + rate * (newer.skin - self.skin), self.rest + rate * (newer.rest - self.rest))
+        skin, rest = self.skin + rate * (newer.skin - self.skin), self.rest + rate * (newer.rest - self.rest)
+        # Light becomes darker and brighter faster than it becomes redder.
+        return Skin(skin, rest, self.value + min(3 * rate, 1.0) * (newer.value - self.value))
 
     def back_project(self, picture: Picture) -> Picture:
         """(H, W) uint8: 255 p(skin | colour) with skin and rest equally likely beforehand; 0 where colour is no use."""
-        bins, usable = hue_saturation(picture)
-        ratio = self.skin / (self.skin + self.rest + 2e-4)
-        table = (255 * ratio).astype(np.uint8).ravel()
-        return cv2.bitwise_and(table[bins], usable)
+        hsv = cv2.cvtColor(picture, cv2.COLOR_BGR2HSV)
+        back = cv2.calcBackProject([hsv], [0, 1], self.table, [0, 180, 0, 256], 1)
+        return cv2.multiply(back, cv2.LUT(cv2.extractChannel(hsv, 2), self.weights), scale=1 / 255)
 
     def save(self, path: Path) -> None:
         """Write to an .npz file."""
         with path.open("wb") as file:
-            np.savez(file, skin=self.skin, rest=self.rest)
+            np.savez(file, skin=self.skin, rest=self.rest, value=self.value)
 
     @classmethod
     def load(cls, path: Path) -> "Skin":
         """Read what `save` wrote; BadInput for anything else."""
-        expected = f"a skin histogram of two arrays ({HUES}, {SATURATIONS}) is expected; learn it again"
+        expected = (
+            f"a skin histogram of two arrays ({HUES}, {SATURATIONS}) and a value (2,) is expected; learn it again"
+        )
         try:
             with np.load(path, allow_pickle=False) as file:
-                skin, rest = (np.asarray(file[name], dtype=np.float64) for name in ("skin", "rest"))
+                skin, rest, value = (np.asarray(file[name], dtype=np.float64) for name in ("skin", "rest", "value"))
         except (OSError, ValueError, KeyError, EOFError) as error:
             raise BadInput(f"{path}: {type(error).__name__}; {expected}") from None
-        for counts in (skin, rest):
-            if counts.shape != (HUES, SATURATIONS) or not (np.isfinite(counts).all() and (counts >= 0).all()):
-                raise BadInput(f"{path}: shape {counts.shape} or values below zero; {expected}")
-        return cls(skin, rest)
+        for numbers, shape in ((skin, (HUES, SATURATIONS)), (rest, (HUES, SATURATIONS)), (value, (2,))):
+            if numbers.shape != shape or not (np.isfinite(numbers).all() and (numbers >= 0).all()):
+                raise BadInput(f"{path}: shape {numbers.shape} or values below zero; {expected}")
+        return cls(skin, rest, value)

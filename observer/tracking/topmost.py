@@ -16,14 +16,15 @@ MOST_PATCHES = 6
 """With more patches than a head, two hands, a neck and feet show, the background has the colour of skin."""
 ABOVE = 1.0
 """A second patch is at least so many widths of the head lower, or the topmost one may be a hand."""
-FACE_PER_ROOT = 1.15
-"""Width of a face per square root of its visible skin: of the cascade's boxes about it, on rendered people."""
+FACE_PER_ROOT = {"towards": 1.15, "away": 2.2}
+"""Width of a face per square root of its visible skin: as the cascade's boxes about it, on rendered people; of who turns
+his back a cheek, an ear and the neck show."""
 
 
-def topmost_skin(picture: Picture, skin: Skin) -> Box | None:
+def topmost_skin(picture: Picture, skin: Skin, away: bool = False) -> Box | None:
     """(H, W, 3) BGR -> x, y, width, height px of a square about the head; None where none can be told.
 
-    Standing with the hands down, the topmost skin of a person is the head's. Nothing is told where the whole picture
+    away: the person turns his back to the camera, and shows less skin of the head. Standing with the hands down, the topmost skin of a person is the head's. Nothing is told where the whole picture
     is full of such patches, or where two are equally high.
     """
     scale = max(1.0, min(picture.shape[:2]) / LOOKED_AT)
@@ -37,7 +38,7 @@ def topmost_skin(picture: Picture, skin: Skin) -> Box | None:
     if not large or len(large) > MOST_PATCHES or (areas > AREAS[1]).any():
         return None
     large.sort(key=lambda label: float(centres[label][1]))
-    width = FACE_PER_ROOT * float(np.sqrt(stats[large[0], cv2.CC_STAT_AREA]))
+    width = FACE_PER_ROOT["away" if away else "towards"] * float(np.sqrt(stats[large[0], cv2.CC_STAT_AREA]))
     u, v = centres[large[0]]
     if len(large) > 1 and centres[large[1]][1] - v < ABOVE * width:
         return None

@@ -85,6 +85,7 @@ IMPURE = {
     "studies.figures": "files",
     "studies.figures.*": "files",
     "studies.mesh_run": "the mesh",
+    "studies.pixels": "processes, and the virtual camera",
     "studies.report": "files",
     "studies.stream": "runs evaluate, which measures time",
     "studies.answer": "words for what evaluate, which measures time, found",

@@ -40,7 +40,7 @@ def test_the_histogram_follows_the_colour_of_the_light_slowly():
     assert head.skin is not None
     found = [int(head.skin.back_project(after).mean())]
     for _ in range(10):
-        head.adapt(after, np.array([40.0, 40.0]))
+        head.adapt(after, after, 1, np.array([40.0, 40.0]), 1.0)
         found.append(int(head.skin.back_project(after).mean()))
     assert found[0] < 30
     assert found[-1] > 100

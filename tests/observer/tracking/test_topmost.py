@@ -1,0 +1,78 @@
+"""A head found by its skin alone: on drawn patches, and on a rendered performer from all sides."""
+
+import cv2
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from observer.geometry.projection import project
+from observer.geometry.views import parse_view
+from observer.motion.archive import Recording
+from observer.rendering.body import stature
+from observer.rendering.scenery import Scenery
+from observer.rendering.virtual_camera import VirtualCamera, aimed_matrix
+from observer.source import RecordedMotion
+from observer.tracking.skin import Skin
+from observer.tracking.topmost import MOST_PATCHES, topmost_skin
+from observer.tracks import BODY_PARTS
+
+HEAD_PX = 40
+COLOUR, WALL = (105, 140, 200), (120, 110, 60)
+
+
+def drawn(*patches, size=(240, 320)):
+    picture = np.full((*size, 3), WALL, np.uint8)
+    for u, v, radius in patches:
+        cv2.circle(picture, (u, v), radius, COLOUR, -1)
+    return picture
+
+
+SKIN = Skin.learn(drawn((160, 70, 30)), (130, 40, 60, 60))
+
+
+@given(st.integers(60, 260), st.integers(30, 120), st.integers(8, 20), st.integers(1, 3))
+def test_the_topmost_patch_is_the_head_at_any_size_of_picture(u, v, radius, scale):
+    hands = [(u - 40, v + 80, radius // 2 + 2), (u + 40, v + 85, radius // 2 + 2)]
+    parts = [(scale * a, scale * b, scale * r) for a, b, r in [(u, v, radius), *hands]]
+    box = topmost_skin(drawn(*parts, size=(240 * scale, 320 * scale)), SKIN)
+    assert box is not None
+    x, y, width, height = box
+    assert np.hypot(x + width / 2 - scale * u, y + height / 2 - scale * v) < 3 * scale
+    assert width == height and 1.5 < width / (scale * radius) < 2.8
+
+
+@pytest.mark.parametrize(
+    "patches",
+    [
+        [],
+        [(100, 60, 15), (200, 62, 15)],
+        [(160, 60, 2)],
+        [(160, 120, 100)],
+        [(20 + 40 * i, 60 + 20 * i, 10) for i in range(MOST_PATCHES + 1)],
+    ],
+    ids=["nothing", "two equally high", "a crumb", "a wall", "too many"],
+)
+def test_nothing_is_told_where_nothing_can_be(patches):
+    assert topmost_skin(drawn(*patches), SKIN) is None
+
+
+@pytest.mark.parametrize("view", ["yaw:45,pitch:20", "yaw:135,pitch:20", "yaw:225,pitch:20", "yaw:315,pitch:20"])
+def test_a_rendered_performer_has_its_head_found_from_every_corner(view):
+    standing = np.array([[-0.35, 0.95, 0.0], [0.35, 0.95, 0.0], [0.0, 1.65, 0.0]], np.float32)
+    recording = Recording(np.repeat(standing[None], 2, axis=0), 30.0, "rest", "1", "1")
+
+    def picture(named):
+        motion = RecordedMotion(BODY_PARTS, (recording,), speed=0)
+        camera = VirtualCamera(motion, parse_view(named), scenery=Scenery("cluttered", 3.0))
+        return camera.renderer(recording).picture(standing.astype(float), 0, None)
+
+    def head(named):
+        return project(aimed_matrix(parse_view(named), stature(recording.positions)), standing[2].astype(float))
+
+    u, v = head("door")
+    skin = Skin.learn(picture("door"), (round(u) - 18, round(v) - 18, 36, 36))
+    box = topmost_skin(picture(view), skin)
+    assert box is not None
+    away = np.hypot(box[0] + box[2] / 2 - head(view)[0], box[1] + box[3] / 2 - head(view)[1])
+    assert away < HEAD_PX / 2
