@@ -63,7 +63,7 @@ def observe(
         )
     onset = Onset(known=section.onset == "known", length=eyes.length)
     pace = None if eyes.at_own_rate else Pace(model.header.rate_hz)
-    judge = Observer(eyes.tracker, model, onset, pace, coasting=eyes.coasts)
+    judge = Observer(eyes.tracker, model, onset, pace)
     with ExitStack() as open_until_end:
         stop = open_until_end.enter_context(stop_on_signals())
         in_folder = section.preview not in ("", "window")

@@ -35,7 +35,6 @@ class Eyes:
 
     at_own_rate: the frames are recorded motion itself, and must come at the model's rate. length: frames of the first
     recording, None where there is no such thing. keeps_all: nothing is left out, however long it takes.
-    coasts: the tracker's guesses are evidence, as `observer.tracking.registry.TrackerKind` has it.
     """
 
     source: FrameSource
@@ -44,7 +43,6 @@ class Eyes:
     at_own_rate: bool
     length: int | None
     keeps_all: bool
-    coasts: bool
 
 
 def open_eyes(
@@ -81,7 +79,7 @@ def open_eyes(
     built = kind.build(Setting(view, source.body_parts, wanted, section, scene.place))
     tracker = PreparedTracker(built, wanted, view.lens)
     length = getattr(source, "length", None)
-    return Eyes(source, tracker, view, kind.reads == "positions", length, section.speed == 0, kind.coasts)
+    return Eyes(source, tracker, view, kind.reads == "positions", length, section.speed == 0)
 
 
 def _one_thread() -> None:

@@ -26,20 +26,13 @@ class Opinion:
 class Observer:
     """Tracks, reads and believes: `step` is steps 3 to 6 of a frame's way (docs/frame.md).
 
-    pace: brings the frames to the model's rate; None: they come at it. coasting: the tracker's guesses are evidence
-    too, as `observer.tracks.Tracks.coasted` has it.
+    pace: brings the frames to the model's rate; None: they come at it.
     """
 
     def __init__(
-        self,
-        tracker: Tracker,
-        model: MovementModel,
-        onset: Onset | None = None,
-        pace: Pace | None = None,
-        *,
-        coasting: bool = False,
+        self, tracker: Tracker, model: MovementModel, onset: Onset | None = None, pace: Pace | None = None
     ) -> None:
-        self._tracker, self._pace, self._coasting = tracker, pace, coasting
+        self._tracker, self._pace = tracker, pace
         self._watch = model.watch(onset or Onset())
         self.vocabulary: Vocabulary = model.header.vocabulary
         self._frames = 0
@@ -53,8 +46,7 @@ class Observer:
     def step(self, frame: Frame) -> Opinion:
         """One frame, as it comes; while no instant of the model is due the belief stays. Leaves `tracks`."""
         self.tracks = self._tracker.update(frame)
-        believed = self.tracks.coasted() if self._coasting else self.tracks
-        instants = [believed] if self._pace is None else self._pace.due(frame.at_ns, believed)
+        instants = [self.tracks] if self._pace is None else self._pace.due(frame.at_ns, self.tracks)
         for tracks in instants:
             self._watch.update(tracks)
         self._frames += len(instants)

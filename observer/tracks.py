@@ -46,7 +46,7 @@ class Tracks:
     """centres: (P, 2) image coordinates, u to the right, v DOWN, any unit; a row of NaN is a part not seen.
 
     guesses: (P, 2) where a tracker thinks that parts are which it does not claim to see (merged, hidden, doubtful);
-    a row of NaN where it has none. A guess is shown to people; it is evidence only where `coasted` is asked for.
+    a row of NaN where it has none. A guess is shown to people and is never evidence.
     """
 
     centres: Floats
@@ -56,16 +56,6 @@ class Tracks:
     def visible(self) -> NDArray[np.bool_]:
         """(P,) whether each part is seen."""
         return _known(self.centres)
-
-    def coasted(self) -> "Tracks":
-        """Guesses taken for centres, while at least one part is seen.
-
-        For trackers that guess by going on from what they have just seen: a hand that passes the face is where it was
-        going. With all parts hidden nothing is known, and nothing is guessed.
-        """
-        if self.guesses is None or not self.visible.any():
-            return self
-        return Tracks(np.where(np.isfinite(self.centres), self.centres, self.guesses))
 
     @property
     def states(self) -> tuple[State, ...]:

@@ -12,7 +12,7 @@ from common.progress import Bar
 
 if TYPE_CHECKING:
     from observer.motion.archive import MotionArchive
-    from studies.evaluate import Question
+    from studies.evaluate import Answer, Question
 
 
 def evaluate(
@@ -34,7 +34,10 @@ def evaluate(
     body_parts: Annotated[str, typer.Option(help="Parts to use, by commas; all of the archive's.")] = "",
     onset: Annotated[str, typer.Option(help="known: as cut out. unknown: idle around it, any tempo.")] = "known",
     stream: Annotated[bool, typer.Option("--stream", help="Judge continuously too: spotting in a stream.")] = False,
-    through: Annotated[str, typer.Option(help="process, or mesh: over real Zenoh sessions.")] = "process",
+    through: Annotated[
+        str, typer.Option(help="process; mesh: over real Zenoh sessions; pixels: filmed and tracked by camshift.")
+    ] = "process",
+    background: Annotated[str, typer.Option(help="With pixels: plain, cluttered or skin_toned.")] = "plain",
     seed: Annotated[int, typer.Option(min=0, help="Seeds all chance.")] = 0,
     report: Annotated[Path | None, typer.Option(help="Folder for tables and figures.")] = None,
     json: Annotated[Path | None, typer.Option(help="File for the figures as JSON.")] = None,
@@ -69,8 +72,8 @@ def evaluate(
         onset_known=one_of("--onset", onset, ("known", "unknown")) == "known",
         seed=seed,
     )
-    over_mesh = one_of("--through", through, ("process", "mesh")) == "mesh"
-    written = _evaluated(whole, question, over_mesh, stream, report, json)
+    one_of("--through", through, ("process", "mesh", "pixels"))
+    written = _evaluated(whole, question, through, background, stream, report, json)
     if written:
         print("\nwritten:", *written, sep="\n  ")
 
@@ -78,7 +81,8 @@ def evaluate(
 def _evaluated(
     archive: "MotionArchive",
     question: "Question",
-    over_mesh: bool,
+    through: str,
+    background: str,
     stream: bool,
     report: Path | None,
     json: Path | None,
@@ -91,13 +95,21 @@ def _evaluated(
     from studies.stream import judge_stream
 
     with Bar() as bar:
-        answer = ask(archive, question, bar)
-        found = as_json(answer)
-        if over_mesh:
+        if through == "pixels":
+            archive, answer, joints = _from_pixels(archive, question, background, bar)
+            found = as_json(answer) | {"background": background, "joints": as_json(joints)}
+        else:
+            answer = ask(archive, question, bar)
+            found = as_json(answer)
+        if through == "mesh":
             found["mesh"] = fused_over_mesh(answer, bar)
         if stream:
             found["stream"] = judge_stream(archive, question, bar)
     print(as_text(found))
+    if "joints" in found:
+        joints = found["joints"]["accuracy"]
+        lost = f"{100 * (joints - found['accuracy']):.1f} points are lost"
+        print(f"\nfrom pixels, {background} background; from the joints it is {joints:.3f}: {lost}")
     if len(question.views) > 1:
         print(f"\n{resolved_pairs(found)}")
     written = write_report(answer, found, report) if report else []
@@ -105,6 +117,20 @@ def _evaluated(
         _write(json, json_text.dumps(found, indent=1) + "\n")
         written.append(json)
     return written
+
+
+def _from_pixels(
+    archive: "MotionArchive", question: "Question", background: str, bar: Bar
+) -> tuple["MotionArchive", "Answer", "Answer"]:
+    """The archive at a camera's rate, and what is judged of it from pictures and from the joints."""
+    from observer.learning import prepared
+    from observer.rendering.scenery import Scenery
+    from studies.evaluate import evaluate as ask
+    from studies.pixels import RATE_HZ, Filming, evaluate_pixels
+
+    filming = Filming(Scenery(background=background))
+    sampled = prepared(archive, rate_hz=RATE_HZ)
+    return sampled, evaluate_pixels(sampled, question, filming, bar), ask(sampled, question, bar)
 
 
 def demo(

@@ -19,7 +19,6 @@ from observer.rendering.scenery import Scenery
 from observer.rendering.virtual_camera import PERFECT, VirtualCamera
 from observer.source import RecordedMotion
 from observer.tracking.camshift import CamshiftTracker
-from observer.tracking.registry import TRACKERS
 from observer.tracks import BODY_PARTS, Frame, Tracks
 from studies.evaluate import Answer, Judged, Question, learn, refused, trials_of
 from studies.trials import IDLE_NOISE_M, Trial, splits, with_labels
@@ -102,10 +101,7 @@ def _judge(
     trial: Trial, seen: Sequence[Sequence[Tracks]], models: Sequence[MovementModel], question: Question
 ) -> Judged:
     onset = Onset(known=True, length=len(trial.recording.positions)) if question.onset_known else Onset()
-    observers = [
-        Observer(Given(iter(tracks)), model, onset, coasting=TRACKERS["camshift"].coasts)
-        for tracks, model in zip(seen, models, strict=True)
-    ]
+    observers = [Observer(Given(iter(tracks)), model, onset) for tracks, model in zip(seen, models, strict=True)]
     interval_ns = 1e9 / trial.recording.rate_hz
     frames = [Frame(round(n * interval_ns), p) for n, p in enumerate(trial.recording.positions)]
     views = np.array([[o.step(frame).p for o in observers] for frame in frames])

@@ -33,15 +33,11 @@ class Setting:
 
 @dataclass(frozen=True, slots=True)
 class TrackerKind:
-    """A way to find body parts. build: raises BadInput for a setting that it cannot work with.
-
-    coasts: its guesses go on from what it has just seen, and are evidence while other parts are seen.
-    """
+    """A way to find body parts. build: raises BadInput for a setting that it cannot work with."""
 
     name: str
     reads: Content
     build: Callable[[Setting], Tracker]
-    coasts: bool = False
 
 
 def _projected(setting: Setting) -> Tracker:
@@ -73,7 +69,7 @@ TRACKERS: Mapping[str, TrackerKind] = {
     kind.name: kind
     for kind in (
         TrackerKind("projected", "positions", _projected),
-        TrackerKind("camshift", "pictures", _camshift, coasts=True),
+        TrackerKind("camshift", "pictures", _camshift),
         TrackerKind("mediapipe", "pictures", _mediapipe),
         TrackerKind("foreign", "tracks", _foreign),
     )

@@ -17,15 +17,16 @@ MOST_PATCHES = 6
 ABOVE = 1.0
 """A second patch is at least so many widths of the head lower, or the topmost one may be a hand."""
 FACE_PER_ROOT = {"towards": 1.15, "away": 2.2}
-"""Width of a face per square root of its visible skin: as the cascade's boxes about it, on rendered people; of who turns
-his back a cheek, an ear and the neck show."""
+"""Width of a face per square root of its visible skin: as the cascade's boxes about it, on rendered people; of who
+turns his back a cheek, an ear and the neck show."""
 
 
 def topmost_skin(picture: Picture, skin: Skin, away: bool = False) -> Box | None:
     """(H, W, 3) BGR -> x, y, width, height px of a square about the head; None where none can be told.
 
-    away: the person turns his back to the camera, and shows less skin of the head. Standing with the hands down, the topmost skin of a person is the head's. Nothing is told where the whole picture
-    is full of such patches, or where two are equally high.
+    away: the person turns his back to the camera, and shows less skin of the head. Standing with the hands down, the
+    topmost skin of a person is the head's. Nothing is told where the whole picture is full of such patches, or where
+    two are equally high.
     """
     scale = max(1.0, min(picture.shape[:2]) / LOOKED_AT)
     size = (round(picture.shape[1] / scale), round(picture.shape[0] / scale))
