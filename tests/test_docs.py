@@ -149,7 +149,8 @@ def test_commands_in_the_text_have_known_verbs_and_options(page):
         if words[0] in ("VERB", "--help"):
             continue
         assert words[0] in VERBS, f"{page.name}: labanmesh {line}"
-        known = {option for parameter in command_of(words[0]).params for option in parameter.opts} | {"--help"}
+        parameters = command_of(words[0]).params
+        known = {option for p in parameters for option in (*p.opts, *p.secondary_opts)} | {"--help"}
         options = {word for word in words if word.startswith("--")}
         assert options <= known, f"{page.name}: labanmesh {line}"
 
