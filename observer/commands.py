@@ -34,8 +34,6 @@ def observe(
 
     Example: labanmesh observe scene.toml cam1 --preview cam1.mp4
     """
-    import numpy as np
-
     from common.config import read_scene
     from common.lifecycle import log_to_stderr, stop_on_signals
     from common.link import Link
@@ -55,12 +53,7 @@ def observe(
     model = read_model(place)
     eyes = open_eyes(named, observer, model.header.body_parts, condition.camera)
     require(place, model, named.named_vocabulary, eyes.source.rate_hz if eyes.at_own_rate else None)
-    if not np.allclose(eyes.view.matrix, model.header.matrix):
-        learned, seen = model.header.view, eyes.view.name
-        log.warning(
-            "%s: learned for %s, this observer sees from %s: labanmesh learn ... --view %s",
-            *(place, learned, seen, section.view),
-        )
+    _warn_of_another_view(place, model.header, eyes, section.view)
     onset = Onset(known=section.onset == "known", length=eyes.length)
     pace = None if eyes.at_own_rate else Pace(model.header.rate_hz)
     judge = Observer(eyes.tracker, model, onset, pace)
@@ -73,6 +66,17 @@ def observe(
         if isinstance(eyes.source, MeshTracks):
             eyes.source.listen(link)
         serve(named, observer, shown, eyes.source, link, stop, condition=condition)
+
+
+def _warn_of_another_view(place: Path, header: "Header", eyes: "Eyes", view: str) -> None:
+    import numpy as np
+
+    if not np.allclose(eyes.view.matrix, header.matrix):
+        learned, seen = header.view, eyes.view.name
+        log.warning(
+            "%s: learned for %s, this observer sees from %s: labanmesh learn ... --view %s",
+            *(place, learned, seen, view),
+        )
 
 
 @contextmanager
