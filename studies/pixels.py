@@ -11,7 +11,7 @@ from threading import Event
 import numpy as np
 
 from common.vocabulary import Vocabulary
-from observer.geometry.views import View, facing
+from observer.geometry.views import View, facing, parse_view
 from observer.model.base import MovementModel, Onset
 from observer.motion.archive import MotionArchive
 from observer.pipeline import Observer
@@ -19,6 +19,7 @@ from observer.rendering.scenery import Scenery
 from observer.rendering.virtual_camera import PERFECT, VirtualCamera
 from observer.source import RecordedMotion
 from observer.tracking.camshift import CamshiftTracker
+from observer.tracking.skin import Skin
 from observer.tracks import BODY_PARTS, Frame, Tracks
 from studies.evaluate import Answer, Judged, Question, learn, refused, trials_of
 from studies.trials import IDLE_NOISE_M, Trial, splits, with_labels
@@ -27,6 +28,8 @@ RATE_HZ = 30.0
 """What cameras give: bring the archive to it first, `observer.learning.prepared(archive, rate_hz=RATE_HZ)`."""
 IDLE_S = 1.5
 """So long the performer stands, trembling, before a recording begins: no camera is switched on by a gesture."""
+FRONTAL = 0.9
+"""A camera whom the performer faces less than this (26 degrees) is given the skin that one in front has learned."""
 Progress = Callable[[str, int, int], None]
 
 
@@ -60,8 +63,19 @@ def tracked(trial: Trial, view: View, recorded: tuple[str, ...], filming: Filmin
     whole = replace(recording, positions=np.concatenate([idle, recording.positions]))
     motion = RecordedMotion(recorded, (whole,), speed=0, clock=lambda: 0)
     camera = VirtualCamera(motion, view, filming.size_px, filming.scenery, filming.seed)
-    tracker = CamshiftTracker(facing=facing(view))
+    tracker = CamshiftTracker(_introduced(motion, filming) if facing(view) < FRONTAL else None, facing=facing(view))
     return [tracker.update(frame) for frame in camera.frames(Event())][still:]
+
+
+def _introduced(motion: RecordedMotion, filming: Filming) -> Skin | None:
+    """The skin that a camera in front learns and saves for one that sees no face (`labanmesh look --save-skin`)."""
+    tracker = CamshiftTracker()
+    camera = VirtualCamera(motion, parse_view("door"), filming.size_px, filming.scenery, filming.seed)
+    for frame in camera.frames(Event()):
+        tracker.update(frame)
+        if tracker.skin is not None:
+            break
+    return tracker.skin
 
 
 def evaluate_pixels(
