@@ -5,11 +5,10 @@ import numpy as np
 
 from observer.tracking.face import Box
 from observer.tracking.skin import Picture, Skin
+from observer.tracking.window import SKIN
 
 LOOKED_AT = 240
 """Pictures are made so small, px of the shorter side."""
-SKIN = 110
-"""Back-projection, of 255, from which a pixel counts as skin."""
 AREAS = (1 / 4000, 1 / 30)
 """Least and largest share of the picture that the skin of a head has."""
 MOST_PATCHES = 6

@@ -7,15 +7,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from observer.geometry.projection import project
-from observer.geometry.views import parse_view
+from observer.geometry.views import facing, parse_view
 from observer.motion.archive import Recording
 from observer.rendering.body import stature
 from observer.rendering.scenery import Scenery
 from observer.rendering.virtual_camera import VirtualCamera, aimed_matrix
 from observer.source import RecordedMotion
+from observer.tracking.camshift import CamshiftTracker
 from observer.tracking.skin import Skin
 from observer.tracking.topmost import MOST_PATCHES, topmost_skin
-from observer.tracks import BODY_PARTS
+from observer.tracks import BODY_PARTS, Frame
 
 HEAD_PX = 40
 COLOUR, WALL = (105, 140, 200), (120, 110, 60)
@@ -76,3 +77,28 @@ def test_a_rendered_performer_has_its_head_found_from_every_corner(view):
     assert box is not None
     away = np.hypot(box[0] + box[2] / 2 - head(view)[0], box[1] + box[3] / 2 - head(view)[1])
     assert away < HEAD_PX / 2
+
+
+@pytest.mark.parametrize("named", ["yaw:45,pitch:20", "yaw:135,pitch:20"])
+def test_with_a_saved_skin_hands_are_followed_by_their_names_from_the_front_and_from_behind(named):
+    t = np.arange(60) / 30.0
+    positions = np.zeros((len(t), 3, 3), np.float32)
+    positions[:, 0] = np.stack([-0.55 + 0 * t, 1.2 + 0.25 * np.sin(5 * t), 0 * t], axis=1)
+    positions[:, 1] = np.stack([0.55 + 0 * t, 1.2 + 0.25 * np.cos(5 * t), 0 * t], axis=1)
+    positions[:, 2] = (0.0, 1.65, 0.0)
+    recording = Recording(positions, 30.0, "wave", "1", "1")
+
+    def pictures(view):
+        camera = VirtualCamera(RecordedMotion(BODY_PARTS, (recording,), speed=0), parse_view(view))
+        draw = camera.renderer(recording)
+        return [draw.picture(p, n, None) for n, p in enumerate(positions.astype(float))]
+
+    u, v = project(aimed_matrix(parse_view("door"), stature(positions)), positions[0, 2].astype(float))
+    skin = Skin.learn(pictures("door")[0], (round(u) - 18, round(v) - 18, 36, 36))
+    view = parse_view(named)
+    tracker = CamshiftTracker(skin, facing=facing(view))
+    seen = np.array([tracker.update(Frame(round(n * 1e9 / 30), p)).centres for n, p in enumerate(pictures(named))])
+    truth = project(aimed_matrix(view, stature(positions)), positions.astype(float))
+    away = np.linalg.norm(seen[:, :2] - truth[:, :2], axis=2)
+    assert (np.isfinite(away[20:]).mean(axis=0) > 0.5).all()
+    assert np.nanmax(away) < HEAD_PX / 2
