@@ -65,11 +65,22 @@ class MeshConfig(Section):
 
     mode: "machine" (peers on one machine; the fusion process listens on `endpoint`), "router" (clients of the router
     that listens on `endpoint`) or "process" (peers inside one process, as in tests and the demo).
+    credentials: "", or the folder with this machine's ca.pem, certificate.pem and key.pem (docs/security.md).
     """
 
     mode: Literal["machine", "router", "process"] = "machine"
     endpoint: Annotated[str, AfterValidator(_endpoint)] = "tcp/127.0.0.1:7447"
     prefix: str = "laban"
+    credentials: str = ""
+
+    @model_validator(mode="after")
+    def _is_secured_whole(self) -> "MeshConfig":
+        named = f"mesh.credentials = {self.credentials!r}"
+        if self.credentials and self.mode != "router":
+            raise BadInput(f'{named}: only a router can refuse anybody; set mesh.mode = "router", or take it out')
+        if self.credentials and not self.endpoint.startswith(("tls/", "quic/")):
+            raise BadInput(f"{named}: mesh.endpoint = {self.endpoint!r} is not encrypted; write tls/HOST:PORT")
+        return self
 
     def at(self, endpoint: str) -> "MeshConfig":
         """The same mesh, met at another endpoint, e.g. the one that a link really listens on."""
@@ -126,7 +137,8 @@ class FusionConfig(Section):
 
     quorum: least number of agreeing judges; in a scene that does not say, more than half of its observers.
     fresh_s, fade_s, drop_s: how an opinion ages; blind_s: how that of who sees nothing fades. step_hz: judgements per
-    second at least.
+    second at least. standby: ids of further fusion services, of which one takes over when the leading one is gone or
+    silent for takeover_s. memory: a file in which the movement that goes on is kept over a restart; "": none.
     """
 
     id: str = "fusion"
@@ -139,6 +151,9 @@ class FusionConfig(Section):
     blind_s: PositiveFloat = 0.15
     drop_s: PositiveFloat = 2.0
     step_hz: Annotated[float, Field(ge=0.1, le=1000)] = 10.0
+    standby: Annotated[tuple[str, ...], Field(strict=False)] = ()
+    takeover_s: PositiveFloat = 0.5
+    memory: str = ""
 
 
 class Scene(Section):
@@ -156,6 +171,10 @@ class Scene(Section):
     def _hangs_together(self) -> "Scene":
         _ = self.keys, self.named_vocabulary
         identifier(self.fusion.id, "fusion.id")
+        for name in self.fusion.standby:
+            identifier(name, "fusion.standby")
+        if len(set(self.services)) != len(self.services):
+            raise BadInput(f"fusion.standby = {list(self.fusion.standby)}: each service has an id of its own")
         for name in self.observers:
             identifier(name, "observers")
         if self.fusion.quorum > len(self.observers):
@@ -174,6 +193,23 @@ class Scene(Section):
     def roster(self) -> tuple[str, ...]:
         """The observers' ids, in the file's order."""
         return tuple(self.observers)
+
+    @property
+    def services(self) -> tuple[str, ...]:
+        """The ids of all fusion services of this scene; the first one is where a mesh of one machine meets."""
+        return (self.fusion.id, *self.fusion.standby)
+
+    def judged_by(self, service: str) -> "Scene":
+        """The same scene as seen by one of its fusion services; raises BadInput that lists the known ones."""
+        if service not in self.services:
+            raise BadInput(
+                f"fusion service {service!r}: not in the scene; known: {', '.join(self.services)}; "
+                f'add it to [fusion] standby = ["{service}"]'
+            )
+        others = tuple(name for name in self.services if name != service)
+        scene = self.model_copy(update={"fusion": self.fusion.model_copy(update={"id": service, "standby": others})})
+        scene._folder = self._folder
+        return scene
 
     @property
     def named_vocabulary(self) -> Vocabulary | None:
@@ -200,6 +236,7 @@ def read_scene(path: Path, environment: Mapping[str, str] | None = None) -> Scen
     override(table, Scene, os.environ if environment is None else environment)
     try:
         _fill_in(table)
+        _place_credentials(table, path.absolute().parent)
         scene = Scene.model_validate(table)
     except ValidationError as error:
         raise BadInput(f"{path}: {worded(error, Scene)}") from None
@@ -218,6 +255,13 @@ def _table(path: Path) -> dict[str, Any]:
         raise BadInput(f"{path}: not UTF-8 text; a scene file is TOML") from None
     except OSError as error:
         raise BadInput(f"{path}: {(error.strerror or str(error)).lower()}; name a scene file (TOML)") from None
+
+
+def _place_credentials(table: dict[str, Any], folder: Path) -> None:
+    """The folder of credentials starts from the scene file's: [mesh] is handed on without the scene."""
+    mesh = table.get("mesh")
+    if isinstance(mesh, dict) and isinstance(named := mesh.get("credentials"), str) and named:
+        mesh["credentials"] = str(folder / Path(named).expanduser())
 
 
 def _fill_in(table: dict[str, Any]) -> None:

@@ -2,9 +2,10 @@
 
 import threading
 from collections import deque
+from collections.abc import Mapping
 from importlib.metadata import PackageNotFoundError, version
 
-from common.messages import ProcessState, StatusMessage
+from common.messages import Account, ProcessState, StatusMessage
 
 SECOND_NS = 1_000_000_000
 RATE_WINDOW_NS = 2 * SECOND_NS
@@ -25,6 +26,8 @@ class Health:
         self._steps: deque[int] = deque(maxlen=10_000)
         self._last_frame_ns: int | None = None
         self._last_step_ns: int | None = None
+        self._skew_s: float | None = None
+        self._observers: dict[str, Account] | None = None
         self._lock = threading.Lock()
 
     def become(self, state: ProcessState, reason: str = "") -> None:
@@ -39,6 +42,16 @@ class Health:
             self._last_step_ns = now_ns
             self._last_frame_ns = max(frame_ns, self._last_frame_ns or 0)
 
+    def skew(self, skew_s: float | None) -> None:
+        """How far this machine's clock is ahead of the fusion machine's, in seconds; None: not known."""
+        with self._lock:
+            self._skew_s = skew_s
+
+    def noticed(self, observers: Mapping[str, Account]) -> None:
+        """What a fusion service has noticed of its observers so far."""
+        with self._lock:
+            self._observers = dict(observers)
+
     def status(self, now_ns: int) -> StatusMessage:
         """What to say at `now_ns`; rate_hz counts the frames of the last two seconds."""
         with self._lock:
@@ -52,7 +65,10 @@ class Health:
                 reason=reason,
                 rate_hz=len(self._steps) * SECOND_NS / RATE_WINDOW_NS,
                 last_frame_ns=self._last_frame_ns,
+                skew_s=self._skew_s,
                 version=_version(),
+                at_ns=now_ns,
+                observers=self._observers,
             )
 
     def _judged(self, now_ns: int) -> tuple[ProcessState, str]:

@@ -1,39 +1,43 @@
 """The link to the mesh: the only file that knows Zenoh. Bytes in, bytes out; what they mean is not its business.
 
-1. Listening addresses and multicast are always set: Zenoh's own defaults are every interface, and on.
-2. Callbacks only enqueue: a slow one would stall the whole session and hang its close.
-3. On one machine all are peers, the fusion process is where they meet, and gossip connects each to each. Over a
-   router all are clients, because peers would go round its access rules.
-4. Who connects tries for ever, so that the order of starting does not matter; only a router's clients give up, since
-   Zenoh opens no client without its router.
+1. Callbacks only enqueue: a slow one would stall the whole session and hang its close.
+2. Zenoh gets more receiving threads than it takes by itself: to close a link whose cable was pulled blocks one for up
+   to 10 s, and with it everybody else's (zenoh #2718; measured in docs/faults.md).
+3. How a session is set is in zenoh_settings.py, why a secured one cannot be opened in tls.py.
 """
 
+import contextlib
 import json
 import logging
+import os
 import threading
 from collections.abc import Callable, Mapping, Sequence
+from datetime import UTC, datetime
+from pathlib import Path
 from types import TracebackType
-from typing import Any, Literal, Self
+from typing import Any, Self
 
 import zenoh
 
 from common.config import MeshConfig
-from common.errors import LabanmeshError
+from common.errors import BadInput, LabanmeshError
 from common.inbox import Arrival, Inbox, Presence
+from common.wire import SIZE_LIMIT
+from common.zenoh_settings import ADMITTED, Role, reason, settings
 
 __all__ = ["Arrival", "Inbox", "Link", "Presence", "Publisher", "Role"]
 
-Role = Literal["fusion", "observer", "hub", "router"]
 ENCODING = "application/msgpack"
-LOOPBACK = "tcp/127.0.0.1:0"
-RETRY = {"period_init_ms": 50, "period_max_ms": 200, "period_increase_factor": 2}
-"""Fast retry: a router or peer that comes back is found again in 0.1 s instead of Zenoh's 2 s."""
-LEASE_MS = 2000
-"""A process that went silent without closing (stopped, cable pulled) is gone for the others after this long."""
+RUNTIME = ("ZENOH_RUNTIME", "(rx: (worker_threads: 16))")
+"""Rule 2; Zenoh reads it from the environment when the first session of a process is opened."""
 ROUTER_PATIENCE_S = 5.0
 """How long a client looks for its router before it says so; a supervisor then starts it again."""
 CLOSE_PATIENCE_S = 3.0
 """A session that cannot close (a callback of ours that never returns) is left to the end of the process."""
+OVERSIZE = bytes(SIZE_LIMIT + 1)
+"""Stands for whatever was longer."""
+ADMISSION_S = 3.0
+"""A router answers in a millisecond whom it admits, and does not answer others: so long it may be busy."""
 ASK_AGAIN_S = 0.05
 """Pause between two asks while nobody answers: declarations of a peer just met may still be on their way."""
 
@@ -82,22 +86,52 @@ class Link:
         *,
         listen: Sequence[str] | None = None,
         patience_s: float = ROUTER_PATIENCE_S,
+        named: str = "",
     ) -> "Link":
         """A session for `role` in `mesh`; with `listen` it is itself where the others meet.
 
+        named: the id of the observer or fusion service, which this machine's certificate must be for, if it has one.
         Raises LabanmeshError, one line with the way out: endpoint in use, unusable, or no router within `patience_s`.
         """
-        settings = _settings(mesh, role, listen, patience_s)
+        if mesh.credentials:
+            _require_credentials(mesh, role, named)
+        chosen = settings(mesh, role, listen, patience_s)
         where = (listen or [mesh.endpoint])[0]
-        config = zenoh.Config()
         try:
-            for key, value in settings.items():
-                config.insert_json5(key, json.dumps(value))
-            session = zenoh.open(config)
+            session = _session(zenoh.Config(), chosen)
         except zenoh.ZError as error:
-            raise LabanmeshError(_reason(str(error), where)) from None
-        log.debug("link open as %s, %s", settings["mode"], where)
-        return cls(session, where, str(settings["mode"]))
+            raise LabanmeshError(_why(mesh, str(error), where)) from None
+        log.debug("link open as %s, %s", chosen["mode"], where)
+        link = cls(session, where, str(chosen["mode"]))
+        if mesh.credentials and chosen["mode"] == "client" and not link.admitted(ADMISSION_S):
+            link.close()
+            raise LabanmeshError(_not_admitted(mesh))
+        return link
+
+    @classmethod
+    def router(cls, text: str, where: str) -> "Link":
+        """A router as the Zenoh configuration in `text` (JSON5) says; raises LabanmeshError that names `where` it is.
+
+        Its admin space is switched on, read-only, whatever `text` says: it tells where the router listens.
+        """
+        cls.check_router(text, where)
+        try:
+            return cls(_session(zenoh.Config.from_json5(text), {"adminspace/enabled": True}), where, "router")
+        except zenoh.ZError as error:
+            raise LabanmeshError(reason(str(error), where)) from None
+
+    @staticmethod
+    def check_router(text: str, where: str) -> None:
+        """Raises BadInput, one line that names `where` it is, when `text` is no Zenoh configuration in JSON5."""
+        try:
+            zenoh.Config.from_json5(text)
+        except zenoh.ZError as error:
+            said = " ".join(str(error).split(" at /")[0].split())[:200]
+            raise BadInput(f"{where}: no configuration of a Zenoh router: {said}; see docs/security.md") from None
+
+    def admitted(self, timeout_s: float) -> bool:
+        """Whether a router under access rules answers this process: its certificate counts there."""
+        return bool(self.ask(ADMITTED, timeout_s))
 
     @property
     def locator(self) -> str:
@@ -118,7 +152,10 @@ class Link:
         inbox = Inbox(limit)
 
         def enqueue(sample: zenoh.Sample) -> None:
-            inbox.drop_in(str(sample.key_expr), sample.payload.to_bytes())
+            payload = sample.payload
+            # What no message can be is not copied: a queue full of such would fill the memory.
+            said = payload.to_bytes() if len(payload) <= SIZE_LIMIT else OVERSIZE
+            inbox.drop_in(str(sample.key_expr), said)
 
         self._kept += [self._session.declare_subscriber(key, enqueue) for key in keys]
         self._inboxes.append(inbox)
@@ -138,19 +175,26 @@ class Link:
         self._kept.append(self._session.liveliness().declare_subscriber(key_expression, note, history=True))
         return presence
 
-    def answer(self, key: str, last: Callable[[], bytes | None]) -> None:
-        """Answer queries for `key` with what `last` returns; None: nothing to say yet. `last` must be quick."""
+    def answer(self, key: str, last: Callable[[], bytes | Sequence[bytes] | None]) -> None:
+        """Answer queries for `key` with what `last` returns: a value, several, the newest last, or None: nothing yet.
+
+        `last` must be quick.
+        """
 
         def reply(query: zenoh.Query) -> None:
             with query:
-                payload = last()
-                if payload is not None:
+                said = last()
+                for payload in [said] if isinstance(said, bytes) else said or ():
                     query.reply(key, payload, encoding=ENCODING)
 
         self._kept.append(self._session.declare_queryable(key, reply, complete=True))
 
     def ask(self, key: str, timeout_s: float) -> dict[str, bytes]:
-        """The last values under `key`, which may hold wildcards: whoever answers first, and all who answer with it.
+        """The last value under each key that matches `key`, which may hold wildcards; empty after `timeout_s`."""
+        return dict(self.ask_each(key, timeout_s))
+
+    def ask_each(self, key: str, timeout_s: float) -> list[tuple[str, bytes]]:
+        """All that is answered for `key`, of one key the newest last: whoever answers first, and all who do with it.
 
         Asks again while nobody answers, for a link that was just opened; empty after `timeout_s`.
         """
@@ -161,10 +205,22 @@ class Link:
             waited_s += ASK_AGAIN_S
         return replies
 
-    def _ask_once(self, key: str, timeout_s: float) -> dict[str, bytes]:
-        replies = self._session.get(key, target=zenoh.QueryTarget.ALL, timeout=timeout_s)
+    def request(self, key: str, answered: Callable[[str, bytes], None], timeout_s: float) -> None:
+        """Ask without waiting: `answered` gets each key and its bytes, in a thread of the mesh; it must be quick."""
+
+        def pass_on(reply: zenoh.Reply) -> None:
+            if reply.ok is not None:
+                answered(str(reply.ok.key_expr), reply.ok.payload.to_bytes())
+
+        with contextlib.suppress(zenoh.ZError):  # closed: nobody will answer
+            self._session.get(key, pass_on, target=zenoh.QueryTarget.ALL, timeout=timeout_s)
+
+    def _ask_once(self, key: str, timeout_s: float) -> list[tuple[str, bytes]]:
+        # Several answers of one key are a history, of which Zenoh would keep but one.
+        each = zenoh.ConsolidationMode.NONE
+        replies = self._session.get(key, target=zenoh.QueryTarget.ALL, consolidation=each, timeout=timeout_s)
         samples = [reply.ok for reply in replies if reply.ok is not None]
-        return {str(sample.key_expr): sample.payload.to_bytes() for sample in samples}
+        return [(str(sample.key_expr), sample.payload.to_bytes()) for sample in samples]
 
     def close(self) -> None:
         """End the session and wake whoever waits on an inbox; a second call does nothing; never hangs."""
@@ -189,33 +245,28 @@ class Link:
         self.close()
 
 
-def _settings(mesh: MeshConfig, role: Role, listen: Sequence[str] | None, patience_s: float) -> Mapping[str, Any]:
-    """Zenoh's settings for one process (rules 1 and 3 above)."""
-    common = {
-        "scouting/multicast/enabled": False,
-        "scouting/delay": 0,
-        "transport/link/tx/lease": LEASE_MS,
-        # Tells where a session listens that asked for any free port; readable on the mesh, never writable.
-        "adminspace/enabled": True,
-    }
-    meeting_point = listen is not None or role == "router" or (role == "fusion" and mesh.mode != "router")
-    if meeting_point:
-        mode = "router" if role == "router" else "peer"
-        return {**common, "mode": mode, "listen/endpoints": list(listen or [mesh.endpoint]), "connect/endpoints": []}
-    connect = {"connect/endpoints": [mesh.endpoint], "connect/retry": RETRY}
-    if mesh.mode == "router":
-        patience = {"connect/timeout_ms": round(patience_s * 1000), "connect/exit_on_failure": True}
-        return {**common, **connect, **patience, "mode": "client", "listen/endpoints": []}
-    patience = {"connect/timeout_ms": -1, "connect/exit_on_failure": False}
-    return {**common, **connect, **patience, "mode": "peer", "listen/endpoints": [LOOPBACK]}
+def _session(config: zenoh.Config, values: Mapping[str, Any]) -> zenoh.Session:
+    for key, value in values.items():
+        config.insert_json5(key, json.dumps(value))
+    return zenoh.open(config)
 
 
-def _reason(fault: str, endpoint: str) -> str:
-    """Zenoh's fault in one line that says what to do."""
-    named = f"mesh.endpoint = {endpoint!r}"
-    if "in use" in fault:
-        return f"{named}: already in use; stop what listens there or choose another port in the scene file"
-    if "Unable to connect" in fault:
-        return f"{named}: no router answers there; start it with `labanmesh router` or correct the address"
-    short = " ".join(fault.split(" at /")[0].split())[:200]
-    return f"{named}: cannot be used: {short}; an endpoint is PROTOCOL/HOST:PORT, e.g. tcp/127.0.0.1:7447"
+# The modules about certificates are heavy and imported only where there are some, or to explain a failure.
+def _require_credentials(mesh: MeshConfig, role: Role, named: str) -> None:
+    from common.credentials import require
+
+    require(Path(mesh.credentials), role, named, datetime.now(UTC))
+
+
+def _not_admitted(mesh: MeshConfig) -> str:
+    from common.credentials import not_admitted
+
+    return str(not_admitted(Path(mesh.credentials), mesh.endpoint))
+
+
+def _why(mesh: MeshConfig, fault: str, where: str) -> str:
+    """Zenoh's fault in one line; TLS faults are all one to it, so the endpoint is looked at without it."""
+    from common.tls import why_unusable
+
+    finding = why_unusable(mesh, datetime.now(UTC)) if "Unable to connect" in fault else None
+    return reason(fault, f"mesh.endpoint = {where!r}") if finding is None else str(finding)

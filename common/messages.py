@@ -64,7 +64,8 @@ class PosteriorMessage(Message):
 class Vote(BaseModel):
     """One judge's flag: label, entropy (bits), weight, age; null while the judge has said nothing usable.
 
-    `label` is null too while the judge believes no more of one movement than of another.
+    `label` is null too while the judge believes no more of one movement than of another. `rest` is the judge's chance
+    that the person rests. `skew_s` is how far his clock is ahead of the fusion machine's; `age_s` is corrected by it.
     """
 
     model_config = ConfigDict(frozen=True, extra="ignore")
@@ -74,6 +75,8 @@ class Vote(BaseModel):
     age_s: float | None
     state: VoteState
     p: list[float] | None = None
+    rest: float | None = None
+    skew_s: float | None = None
 
 
 class Agreement(BaseModel):
@@ -84,8 +87,21 @@ class Agreement(BaseModel):
     n: NonNegativeInt
 
 
+class Movement(BaseModel):
+    """The movement that is being judged: its verdict's id, when it began, and what was decided of it so far."""
+
+    model_config = ConfigDict(frozen=True, extra="ignore")
+    id: str
+    began_ns: NonNegativeInt
+    label: str | None = None
+    decided_ns: NonNegativeInt | None = None
+
+
 class JudgementMessage(Message):
-    """What the judges together believe now. `certainty_bits` is the entropy of `p`: 0 is certain."""
+    """What the judges together believe now. `certainty_bits` is the entropy of `p`: 0 is certain.
+
+    `movement` is left out while the person rests; another fusion service goes on from it when this one dies.
+    """
 
     scene: Identifier
     fusion: Identifier
@@ -98,6 +114,7 @@ class JudgementMessage(Message):
     rule: str
     votes: dict[str, Vote]
     agreement: Agreement
+    movement: Movement | None = None
 
 
 class VerdictMessage(JudgementMessage):
@@ -113,8 +130,19 @@ class VerdictMessage(JudgementMessage):
     ended_ns: NonNegativeInt | None = None
 
 
+class Account(BaseModel):
+    """What a fusion service has noticed of one observer: clock skew, and per reason how many messages were not used."""
+
+    model_config = ConfigDict(frozen=True, extra="ignore")
+    skew_s: float | None = None
+    rejected: dict[str, NonNegativeInt] = Field(default_factory=dict)
+
+
 class StatusMessage(Message):
-    """How a process is, beyond being reachable."""
+    """How a process is, beyond being reachable. `at_ns` is its clock when it says so: who asks learns its skew.
+
+    `observers` is what a fusion service has noticed of its observers, those included that are not of the scene.
+    """
 
     scene: Identifier
     id: Identifier
@@ -124,6 +152,8 @@ class StatusMessage(Message):
     last_frame_ns: int | None = None
     skew_s: float | None = None
     version: str = ""
+    at_ns: NonNegativeInt | None = None
+    observers: dict[str, Account] | None = None
 
 
 class VocabularyMessage(Message):

@@ -53,7 +53,7 @@ def encode_vocabulary(scene: str, vocabulary: Vocabulary) -> bytes:
 def decode(kind: type[M], payload: bytes, size_limit: int = SIZE_LIMIT) -> M:
     """The checked message of type `kind`; raises BadMessage, and nothing else, for any bytes that are none."""
     if len(payload) > size_limit:
-        raise BadMessage("too_large", f"{len(payload)} bytes; {size_limit} are allowed")
+        raise BadMessage("too_large", f"more than {size_limit} bytes")
     fields = _unpack(payload)
     version = fields.get("v")
     if type(version) is not int or version != SCHEMA_VERSION:

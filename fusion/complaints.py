@@ -13,6 +13,8 @@ class Complaints:
     def __init__(self, every_ns: int = MINUTE_NS) -> None:
         self._every_ns = every_ns
         self._counts: dict[str, Counter[str]] = {}
+        self.totals: dict[str, Counter[str]] = {}
+        """Per sender, how many messages were not used since the start, by reason."""
         self._said_ns: dict[str, int] = {}
 
     def note(self, observer: str, reason: str, detail: str, now_ns: int) -> str | None:
@@ -21,6 +23,7 @@ class Complaints:
             observer = "others"
         counts = self._counts.setdefault(observer, Counter())
         counts[reason] += 1
+        self.totals.setdefault(observer, Counter())[reason] += 1
         if now_ns - self._said_ns.get(observer, -self._every_ns) < self._every_ns:
             return None
         self._said_ns[observer] = now_ns

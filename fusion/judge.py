@@ -10,6 +10,8 @@
 4. A movement that ends undecided waits, at most another `hold_s`, for a label that meets the demand but has not held
    yet. If none is decided it is an abstention: something was done, and they could not agree.
 5. When the clock is set back the judge starts afresh: durations from before it mean nothing.
+6. A judge who stands by follows the leading one: the same movement, begun and decided when that one says. What he
+   holds himself and for how long is his own, so that he can go on where the other stopped.
 """
 
 from dataclasses import dataclass, replace
@@ -76,6 +78,24 @@ class Judge:
         self.phase = Phase.REST
         self._decision: Decision | None = None
         self._revision: Decision | None = None
+
+    @property
+    def movement(self) -> tuple[int, Decision | None] | None:
+        """When the movement that goes on began, and what was decided of it so far; None at rest."""
+        return None if self.phase is Phase.REST else (self._began_ns, self._decision)
+
+    def follow(self, movement: tuple[int, Decision | None] | None) -> None:
+        """Rule 6: take over the `movement` of another judge."""
+        if movement is None:
+            self.phase, self._decision, self._revision = Phase.REST, None, None
+            return
+        began_ns, decision = movement
+        if self.phase is Phase.REST:
+            self._begin(began_ns)
+        if decision is None or self._decision != decision:
+            self._revision = None
+        self._began_ns, self._decision = began_ns, decision
+        self.phase = Phase.MOVING if decision is None else Phase.DECIDED
 
     @property
     def grounds_at(self) -> frozenset[int]:

@@ -2,15 +2,17 @@
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
 
+from common.clock_skew import Reading
 from common.messages import (
     ABSTAIN,
     Agreement,
     JudgementMessage,
+    Movement,
     PosteriorMessage,
     VerdictMessage,
     VocabularyReference,
@@ -18,6 +20,7 @@ from common.messages import (
 )
 from common.probability import entropy_bits
 from common.vocabulary import Vocabulary
+from fusion.clocks import Clocks
 from fusion.judge import Belief, Decision, Demand, Judge
 from fusion.roster import Opinion, Patience, Roster
 from fusion.rules import Floats, Pooled, rule_named
@@ -61,13 +64,22 @@ class Referee:
         self._conduct = conduct
         self._rule = rule_named(conduct.rule, len(observers))
         self._roster = Roster(observers, vocabulary, conduct)
+        self._clocks = Clocks(observers)
         self._judge = Judge(conduct)
         self._grounds: Mapping[int, JudgementMessage] = {}
         self._seq = 0
 
     def hear(self, observer: str, message: PosteriorMessage, now_ns: int) -> str | None:
         """Take one posterior; returns why it was not used, or None."""
-        return self._roster.receive(observer, message, now_ns)
+        captured_ns = self._clocks.captured_ns(observer, message, now_ns)
+        reason = self._roster.receive(observer, message, now_ns, captured_ns)
+        if reason is None:
+            self._clocks.heard(observer, message)
+        return reason
+
+    def read_clock(self, observer: str, reading: Reading) -> None:
+        """An observer was asked what time it has."""
+        self._clocks.read(observer, reading)
 
     def reject(self, observer: str, reason: str) -> None:
         """Count a message that could not even be read."""
@@ -82,19 +94,53 @@ class Referee:
         """Per observer, how many of its messages could not be used, by reason."""
         return self._roster.rejected
 
+    def skew_s(self, observer: str) -> float | None:
+        """Seconds by which an observer's clock is ahead of ours; None while it was never asked."""
+        return self._clocks.skew_s(observer)
+
     def judge(self, now_ns: int) -> Ruling:
         """What the judges together believe at `now_ns`, and what that decides."""
         opinions = self._roster.opinions(now_ns)
+        return self.rule_on([replace(o, skew_s=self._clocks.skew_s(o.observer)) for o in opinions], now_ns)
+
+    def rule_on(self, opinions: Sequence[Opinion], now_ns: int) -> Ruling:
+        """The same for opinions that were gathered elsewhere, e.g. recorded: one for each observer, in their order."""
         p = np.array([o.p for o in opinions])
         pooled = self._rule.pool(p, self._roster.prior)
         judgement = self._judgement(opinions, entropy_bits(p), pooled, now_ns)
         belief = Belief(now_ns, judgement.label, max(judgement.p), judgement.agreement.k, _rest(opinions))
         decision = self._judge.watch(belief)
+        judgement = judgement.model_copy(update={"movement": self._movement()})
         grounds = {**self._grounds, now_ns: judgement}
-        self._grounds = {at_ns: grounds[at_ns] for at_ns in self._judge.grounds_at if at_ns in grounds}
+        self._keep(grounds)
         return Ruling(judgement, [self._verdict(judgement, decision, grounds)] if decision else [])
 
-    def _judgement(self, opinions: list[Opinion], entropies: Floats, pooled: Pooled, now_ns: int) -> JudgementMessage:
+    def continue_from(self, judgement: JudgementMessage) -> None:
+        """Go on where another fusion service was: its numbering, its movement and, from a verdict, its grounds."""
+        self._seq = judgement.seq
+        if isinstance(judgement, VerdictMessage):
+            self._judge.follow(None if judgement.ended_ns is not None else _decided(judgement))
+            self._keep({**self._grounds, judgement.decided_ns: judgement})
+        else:
+            self._judge.follow(None if judgement.movement is None else _decided(judgement.movement))
+            self._keep(self._grounds)
+
+    def _keep(self, grounds: Mapping[int, JudgementMessage]) -> None:
+        self._grounds = {at_ns: grounds[at_ns] for at_ns in self._judge.grounds_at if at_ns in grounds}
+
+    def _movement(self) -> Movement | None:
+        if self._judge.movement is None:
+            return None
+        began_ns, decision = self._judge.movement
+        label, decided_ns = (None, None) if decision is None else (decision.label, decision.decided_ns)
+        return Movement(id=self._verdict_id(began_ns), began_ns=began_ns, label=label, decided_ns=decided_ns)
+
+    def _verdict_id(self, began_ns: int) -> str:
+        return f"{self._scene}-{began_ns // 1_000_000}"
+
+    def _judgement(
+        self, opinions: Sequence[Opinion], entropies: Floats, pooled: Pooled, now_ns: int
+    ) -> JudgementMessage:
         label = self.vocabulary.labels[int(pooled.p.argmax())]
         told = zip(opinions, entropies.tolist(), pooled.weights.tolist(), strict=True)
         votes = {opinion.observer: self._vote(opinion, entropy, weight) for opinion, entropy, weight in told}
@@ -125,6 +171,8 @@ class Referee:
             age_s=opinion.age_s,
             state=opinion.state,
             p=opinion.p.tolist() if said else None,
+            rest=opinion.rest,
+            skew_s=opinion.skew_s,
         )
 
     def _verdict(
@@ -137,15 +185,24 @@ class Referee:
         grounds_ns = decision.ended_ns if decision.label == ABSTAIN else decision.decided_ns
         said = grounds.get(grounds_ns or 0, judgement).model_dump()
         said.update(
+            fusion=self._conduct.id,
             seq=judgement.seq,
             at_ns=judgement.at_ns,
+            movement=None,
             label=decision.label,
-            id=f"{self._scene}-{decision.began_ns // 1_000_000}",
+            id=self._verdict_id(decision.began_ns),
             began_ns=decision.began_ns,
             decided_ns=decision.decided_ns,
             ended_ns=decision.ended_ns,
         )
         return VerdictMessage.model_validate(said)
+
+
+def _decided(said: Movement | VerdictMessage) -> tuple[int, Decision | None]:
+    """The movement as the judge has it: when it began, and what was decided of it so far."""
+    if said.label is None or said.decided_ns is None:
+        return said.began_ns, None
+    return said.began_ns, Decision(said.label, said.began_ns, said.decided_ns)
 
 
 def _rest(opinions: Sequence[Opinion]) -> float:

@@ -1,7 +1,10 @@
 """The roster: who judges, what each last said, and how old that is. Pure: time is passed in.
 
 1. An observer's posterior is cumulative, so only its newest by capture time is kept; two are never multiplied.
-2. A restarted observer begins a new session and is heard at once; stragglers of its old session are not.
+   Capture times are by our own clock, as far as the observer's is known (clocks.py).
+2. A restarted observer begins a new session and is heard at once; stragglers of its old session are not. They come
+   within seconds: who alone goes on to speak for longer than `drop_s` is heard again, so that no single message,
+   forged or mad, can silence a judge for good.
 3. An opinion older than `fresh_s` fades towards the prior, p <- (p/prior)^exp(-(age-fresh_s)/fade_s) prior.
 4. Past `drop_s`, or before anything was said, a judge is the prior: it takes part and says nothing. Who speaks of what
    is already that old is late; who does not speak is silent; whose last word could not be used is foreign or invalid.
@@ -52,19 +55,24 @@ class Patience(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Opinion:
-    """One judge as the rule hears it: p (M,) faded to its age, rest the chance that the person is at rest."""
+    """One judge as the rule hears it: p (M,) faded to its age, rest the chance that the person is at rest.
+
+    skew_s: how far its clock is ahead of ours, as far as that was asked; age_s has it taken out.
+    """
 
     observer: str
     p: Floats
     rest: float
     age_s: float | None
     state: VoteState
+    skew_s: float | None = None
 
 
 @dataclass(slots=True)
 class _Seat:
     past_sessions: deque[str] = field(default_factory=lambda: deque(maxlen=SESSIONS_KEPT))
     message: PosteriorMessage | None = None
+    captured_ns: int = 0
     heard_ns: int = 0
     seen_ns: int = 0
     gone: bool = False
@@ -87,19 +95,28 @@ class Roster:
         """Per observer, how many of its messages could not be used, by reason."""
         return {observer: seat.rejected for observer, seat in self._seats.items()}
 
-    def receive(self, observer: str, message: PosteriorMessage, now_ns: int) -> str | None:
-        """Take one posterior; returns why it was not used, or None."""
+    def receive(
+        self, observer: str, message: PosteriorMessage, now_ns: int, captured_ns: int | None = None
+    ) -> str | None:
+        """Take one posterior; returns why it was not used, or None.
+
+        captured_ns: when its newest frame was captured by our clock; left out: as the observer dates it.
+        """
         seat = self._seats.get(observer)
         if seat is None:
             return "unknown_observer"
-        reason = self._refuse(seat, message, now_ns)
+        captured_ns = message.captured_ns if captured_ns is None else captured_ns
+        reason = self._refuse(seat, message, captured_ns, now_ns)
         if reason is None:
             begins = seat.message is None or message.session != seat.message.session
             if seat.message is not None and begins:
                 seat.past_sessions.append(seat.message.session)
+            if message.session in seat.past_sessions:
+                seat.past_sessions.remove(message.session)
             if begins or _sees(message):
-                seat.seen_ns = message.captured_ns
-            seat.message, seat.heard_ns, seat.gone, seat.trouble = message, now_ns, False, None
+                seat.seen_ns = captured_ns
+            seat.message, seat.captured_ns, seat.heard_ns = message, captured_ns, now_ns
+            seat.gone, seat.trouble = False, None
         else:
             self._count(seat, reason)
         return reason
@@ -120,20 +137,22 @@ class Roster:
         """Every judge of the roster in order, faded to its age at `now_ns`."""
         return [self._opinion(observer, seat, now_ns) for observer, seat in self._seats.items()]
 
-    def _refuse(self, seat: _Seat, message: PosteriorMessage, now_ns: int) -> str | None:
+    def _refuse(self, seat: _Seat, message: PosteriorMessage, captured_ns: int, now_ns: int) -> str | None:
         if message.vocabulary.hash != self.vocabulary.digest:
             return "foreign_vocabulary"
         if len(message.p) != self.vocabulary.size:
             return "wrong_length"
-        if message.captured_ns > now_ns + self._patience.drop_s * SECOND_NS:
+        if captured_ns > now_ns + self._patience.drop_s * SECOND_NS:
             return "from_the_future"
+        last, drop_s = seat.message, self._patience.drop_s
+        if abs(_age_s(seat.heard_ns, now_ns)) > drop_s or _age_s(seat.captured_ns, now_ns) < -drop_s:
+            return None
         if message.session in seat.past_sessions:
             return "past_session"
-        last = seat.message
-        if last is not None and message.session == last.session and _age_s(last, now_ns) >= -self._patience.drop_s:
+        if last is not None and message.session == last.session:
             if message.seq == last.seq:
                 return "repeated"
-            if message.captured_ns <= last.captured_ns:
+            if message.seq < last.seq or captured_ns <= seat.captured_ns:
                 return "out_of_order"
         return None
 
@@ -147,12 +166,12 @@ class Roster:
         message, patience = seat.message, self._patience
         if message is None:
             return Opinion(observer, self.prior, 1.0, None, seat.trouble or "silent")
-        age_s = _age_s(message, now_ns)
+        age_s = _age_s(seat.captured_ns, now_ns)
         if seat.gone or abs(age_s) > patience.drop_s:
             speaks = not seat.gone and abs(now_ns - seat.heard_ns) <= patience.drop_s * SECOND_NS
-            late = speaks and _age_s(message, seat.heard_ns) > patience.drop_s
+            late = speaks and _age_s(seat.captured_ns, seat.heard_ns) > patience.drop_s
             return Opinion(observer, self.prior, 1.0, age_s, seat.trouble or ("late" if late else "silent"))
-        unseen_s = (message.captured_ns - seat.seen_ns) / SECOND_NS
+        unseen_s = (seat.captured_ns - seat.seen_ns) / SECOND_NS
         faded = max(age_s - patience.fresh_s, 0.0) / patience.fade_s
         keeps = math.exp(-faded - max(unseen_s - patience.fresh_s, 0.0) / patience.blind_s)
         p = self._with_our_prior(message)
@@ -175,8 +194,8 @@ def _sees(message: PosteriorMessage) -> bool:
     return not message.visible or any(message.visible.values())
 
 
-def _age_s(message: PosteriorMessage, now_ns: int) -> float:
-    return (now_ns - message.captured_ns) / SECOND_NS
+def _age_s(captured_ns: int, now_ns: int) -> float:
+    return (now_ns - captured_ns) / SECOND_NS
 
 
 def _ignorance(p: Floats) -> float:

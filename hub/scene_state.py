@@ -34,7 +34,10 @@ class Belief:
 
 @dataclass(frozen=True, slots=True)
 class Judge:
-    """One observer as the audience sees it; entropy in bits, weight 0 to 1, age in seconds at the state's now."""
+    """One observer as the audience sees it; entropy in bits, weight 0 to 1, age in seconds at the state's now.
+
+    skew_s: how far its clock is ahead of the fusion machine's. rejected: messages of it that fusion could not use.
+    """
 
     name: str
     label: str | None
@@ -45,6 +48,8 @@ class Judge:
     state: VoteState
     agrees: bool
     status: StatusMessage | None
+    skew_s: float | None = None
+    rejected: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,6 +138,17 @@ class SceneState:
         names = dict.fromkeys((*self.observers, *sorted(votes), *sorted(self.observer_status)))
         return tuple(self._judge(name, votes.get(name)) for name in names)
 
+    @property
+    def standing_by(self) -> tuple[str, ...]:
+        """The fusion services that run and do not lead."""
+        leads = None if self.judgement is None else self.judgement.fusion
+        return tuple(sorted(n for n, s in self.fusion_status.items() if n != leads and s.state == "running"))
+
+    def _rejected(self, observer: str) -> int:
+        said = self.fusion_status.get(self.judgement.fusion) if self.judgement else None
+        account = (said.observers or {}).get(observer) if said else None
+        return sum(account.rejected.values()) if account else 0
+
     def _judge(self, name: str, vote: Vote | None) -> Judge:
         status = self.observer_status.get(name)
         if vote is None or self.judgement is None:
@@ -140,7 +156,8 @@ class SceneState:
         age_s = None if vote.age_s is None else vote.age_s + self.silence_s
         agrees = vote.state == "counted" and vote.label == self.judgement.label
         beliefs = self._beliefs(vote.p or [], vote.label)
-        return Judge(name, vote.label, beliefs, vote.entropy, vote.weight, age_s, vote.state, agrees, status)
+        return Judge(name, vote.label, beliefs, vote.entropy, vote.weight, age_s, vote.state, agrees, status,
+                     vote.skew_s, self._rejected(name))  # fmt: skip
 
     def _beliefs(self, p: list[float], label: str | None) -> tuple[Belief, ...]:
         names = self.labels or _placeholders(p, label)

@@ -48,7 +48,7 @@ def listen(
     state = SceneState(scene.scene, tuple(scene.observers), clock())
     spoken = (keys.judgement, keys.verdict, keys.observer_status(), keys.fusion_status(), keys.vocabulary)
     inbox = link.inbox(*spoken)
-    for key, payload in link.ask(f"{keys.root}/**", ASK_S).items():
+    for key, payload in link.ask_each(f"{keys.root}/**", ASK_S):
         heard = _hear(state, key, payload, clock(), told=True)
         state = heard.state
         yield heard

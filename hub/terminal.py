@@ -14,7 +14,7 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
-from common.messages import StatusMessage, VerdictMessage
+from common.messages import VerdictMessage
 from hub.bars import Bar
 from hub.scene_state import Belief, Judge, SceneState, is_abstention
 from hub.wording import age, agreement, bits, clock_time, dissent, duration, percent, printable
@@ -23,6 +23,7 @@ BELIEFS = 3
 LEAST_CORNER_WIDTH = 36
 SILENT_AFTER_S = 2.0
 """A referee that judged at every step and has said nothing for so long is told to be silent."""
+SKEW_WORTH_TELLING_S = 0.5
 JUDGE_FRAME = 4
 REFEREE_LINES = 7
 HEADER_LINES = 1
@@ -67,6 +68,8 @@ def _news(state: SceneState) -> Iterable[str]:
     if state.judgement is None:
         yield "waiting for a referee"
         return
+    if state.standing_by:
+        yield f"{', '.join(map(printable, state.standing_by))} standing by"
     yield f"{state.judgement.fusion}: {printable(state.judgement.rule)}"
     yield f"silent for {age(state.silence_s)}" if _silent(state) else clock_time(state.now_ns)
 
@@ -86,8 +89,16 @@ def _corner(judge: Judge, beliefs: int, label_cells: int) -> RenderableType:
     facts = Text.assemble(("entropy ", "dim"), bits(judge.entropy), ("  age ", "dim"), age(judge.age_s), no_wrap=True)
     title = Text.assemble((f"{printable(judge.name)} ", "bold"), (_stance(judge), colour))
     body = Group(_bars([*lines, weight], label_cells), facts)
-    return Panel(body, title=title, title_align="left", subtitle=_health(judge.status), subtitle_align="right",
+    return Panel(body, title=title, title_align="left", subtitle=_health(judge), subtitle_align="right",
                  border_style=colour, box=ROUNDED, padding=(0, 1))  # fmt: skip
+
+
+def _troubles(judge: Judge) -> Iterable[str]:
+    """What is wrong with a judge beside its camera: its clock, and what it sends."""
+    if judge.skew_s is not None and abs(judge.skew_s) >= SKEW_WORTH_TELLING_S:
+        yield f"clock {'+' if judge.skew_s > 0 else '-'}{age(abs(judge.skew_s))}"
+    if judge.rejected:
+        yield f"{judge.rejected} bad messages"
 
 
 def _label_only(judge: Judge) -> tuple[Belief, ...]:
@@ -107,13 +118,14 @@ def _colour(judge: Judge) -> str:
     return "green" if judge.agrees else "blue"
 
 
-def _health(status: StatusMessage | None) -> Text:
+def _health(judge: Judge) -> Text:
+    status, troubles = judge.status, tuple(_troubles(judge))
     if status is None:
-        return Text("")
+        return Text(", ".join(troubles), style="red")
     rate = [] if status.rate_hz is None else [f"{status.rate_hz:.0f} Hz"]
     reason = [printable(status.reason)] if status.reason else []
-    style = "dim" if status.state == "running" else "red"
-    return Text(", ".join([status.state, *rate, *reason]), style=style)
+    style = "dim" if status.state == "running" and not troubles else "red"
+    return Text(", ".join([status.state, *rate, *reason, *troubles]), style=style)
 
 
 def _referee(state: SceneState) -> RenderableType:

@@ -7,6 +7,8 @@ import time
 from collections.abc import Callable, Mapping
 from typing import Protocol
 
+from common.clock_asking import ClockAsker
+from common.clock_skew import ClockSkew
 from common.config import Scene
 from common.health import Health
 from common.link import Link, Publisher
@@ -74,6 +76,7 @@ def serve(
     keys = scene.keys
     health = Health(scene.scene, observer_id)
     speaker = Speaker(scene.scene, observer_id, observer.vocabulary, link.publisher(keys.posterior(observer_id)))
+    asker, fusion_clock = ClockAsker(link, keys.fusion_status(), clock), ClockSkew()
     names = encode_vocabulary(scene.scene, observer.vocabulary)
     link.answer(keys.vocabulary, lambda: names)
     with StatusBoard(link, keys.observer_status(observer_id), health, clock) as board:
@@ -92,6 +95,10 @@ def serve(
                 speaker.say(opinion, frame.captured_ns, now_ns)
             health.frame(frame.captured_ns, now_ns)
             condition.frame(observer.complaint)
+            asker.ask_if_due()
+            for _, reading in asker.readings():
+                fusion_clock.note(reading)
+                health.skew(-(fusion_clock.skew_s or 0.0))
     log.info("%s: %s after %d posteriors", observer_id, "stopped" if stop.is_set() else "source ended", speaker.seq)
 
 

@@ -27,6 +27,9 @@ class FakeLink:
         self.asked.append(key)
         return self.last
 
+    def ask_each(self, key, timeout_s):
+        return list(self.ask(key, timeout_s).items())
+
 
 def looks(number):
     """Go on for so many looks into the inbox."""

@@ -7,6 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rich.console import Console
 
+from common.messages import Account
 from hub.bars import Bar
 from hub.scene_state import SceneState
 from hub.terminal import render
@@ -48,6 +49,17 @@ def test_one_who_differs_and_one_who_is_not_counted_are_told(said):
     state = state.fold(said.status("b", "degraded", "camera frozen", 2.0), said.NOON)
     text = drawn(render(state, 80))
     assert "a differs" in text and "b stale" in text and "degraded, 2 Hz, camera frozen" in text
+
+
+def test_a_wrong_clock_bad_messages_and_who_stands_by_are_told(said):
+    late = said.vote().model_copy(update={"skew_s": -3600.0})
+    state = scene(said).fold(said.judgement(2, said.NOON + 1, votes={"cam1": late, "cam2": said.vote()}), said.NOON)
+    account = {"cam2": Account(skew_s=0.001, rejected={"malformed": 3, "repeated": 4})}
+    leader = said.status("fuse1").model_copy(update={"observers": account})
+    state = state.fold(leader, said.NOON, "fusion").fold(said.status("fuse2"), said.NOON, "fusion")
+    text = drawn(render(state, 120))
+    assert "clock -60 min" in text and "7 bad messages" in text and "fuse2 standing by" in text
+    assert "clock" not in text.replace("clock -60 min", "")
 
 
 def test_a_silent_referee_is_told(said):

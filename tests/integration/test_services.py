@@ -89,6 +89,7 @@ class FakeReferee:
 
     def __init__(self):
         self.heard, self.rejected, self.alive, self.steps = [], Counter(), frozenset(), 0
+        self.clocks, self.continued = {}, []
         self.changed = threading.Condition()
 
     def hear(self, observer, message, now_ns):
@@ -108,6 +109,17 @@ class FakeReferee:
         with self.changed:
             self.alive = observers
             self.changed.notify_all()
+
+    def read_clock(self, observer, reading):
+        with self.changed:
+            self.clocks[observer] = reading.skew_ns / 1e9
+            self.changed.notify_all()
+
+    def skew_s(self, observer):
+        return self.clocks.get(observer)
+
+    def continue_from(self, judgement):
+        self.continued.append(judgement)
 
     def judge(self, now_ns):
         with self.changed:

@@ -1,0 +1,158 @@
+"""This machine's credentials: ca.pem, certificate.pem and key.pem in one folder, and whether they can be used."""
+
+import os
+import stat
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+
+from cryptography import x509
+from cryptography.exceptions import InvalidSignature
+from cryptography.hazmat.primitives import serialization
+from cryptography.x509.oid import NameOID
+
+from common.errors import BadInput
+from common.zenoh_settings import AUTHORITY_FILE, CERTIFICATE_FILE, KEY_FILE, ROLE_URI
+
+OPTION = {"observer": "--observer {}", "fusion": "--fusion {}", "hub": "--hub", "router": "--router"}
+OTHERS = stat.S_IRWXG | stat.S_IRWXO
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """Something that is wrong: one line what, one line what to do."""
+
+    what: str
+    what_to_do: str
+
+    def __str__(self) -> str:
+        return f"{self.what}; {self.what_to_do}"
+
+
+@dataclass(frozen=True, slots=True)
+class Certificate:
+    """What a certificate says of its holder. roles: `observer:cam1`, `fusion:fusion`, `hub`, `router`."""
+
+    common_name: str
+    begins: datetime
+    expires: datetime
+    roles: tuple[str, ...] = ()
+
+    def days_left(self, now: datetime) -> float:
+        """Days until it expires, negative after that; `now` with its time zone."""
+        return (self.expires - now).total_seconds() / 86400
+
+    def is_for(self, role: str, named: str = "") -> bool:
+        """Whether its holder may have `role`, under the id `named` if there is one; one that names no roles may."""
+        wanted = f"{role}:{named}" if named else role
+        return not self.roles or any(wanted == has or (not named and has.startswith(f"{role}:")) for has in self.roles)
+
+
+def read_certificate(path: Path) -> Certificate:
+    """The first certificate in the PEM file at `path`; raises BadInput, one line, when there is none."""
+    return _described(_loaded(path))
+
+
+def own_certificate(folder: Path) -> Certificate:
+    """The certificate in a folder of credentials, for who shows its expiry; raises BadInput."""
+    return read_certificate(folder / CERTIFICATE_FILE)
+
+
+def check(folder: Path, now: datetime) -> Finding | None:
+    """Why the credentials in `folder` cannot be used at `now`, found without the network; None: they can."""
+    copy = "copy the folder here that `labanmesh secure add` made for this machine"
+    if not folder.is_dir():
+        return Finding(f"mesh.credentials = '{folder}': no such folder", copy)
+    authority, certificate, key = (folder / name for name in (AUTHORITY_FILE, CERTIFICATE_FILE, KEY_FILE))
+    for path in (authority, certificate, key):
+        if not path.is_file():
+            return Finding(f"{path}: missing", copy)
+        if not os.access(path, os.R_OK):
+            return Finding(f"{path}: this process may not read it", "make the user who runs labanmesh its owner")
+    mode = stat.S_IMODE(key.stat().st_mode)
+    if os.name == "posix" and mode & OTHERS:
+        return Finding(f"{key}: others can read it (mode {mode:04o})", f"chmod 600 {key}")
+    try:
+        return _mismatch(authority, certificate, key) or _out_of_time(certificate, now)
+    except BadInput as error:
+        return Finding(str(error), copy)
+
+
+def require(folder: Path, role: str, named: str, now: datetime) -> None:
+    """Raises BadInput, one line, when the credentials cannot be used, or are not for `role` (under the id `named`)."""
+    finding = check(folder, now) or not_permitted(folder, role, named)
+    if finding is not None:
+        raise BadInput(str(finding))
+
+
+def not_permitted(folder: Path, role: str, named: str = "") -> Finding | None:
+    """What is to be said when this machine's certificate is not for `role` (under the id `named`); raises BadInput."""
+    ours = own_certificate(folder)
+    if ours.is_for(role, named):
+        return None
+    wanted, has = f"{role} {named}".strip(), ", ".join(ours.roles).replace(":", " ")
+    return Finding(
+        f"{folder / CERTIFICATE_FILE}: certificate {ours.common_name} is for {has}, not for {wanted}",
+        f"labanmesh secure add SCENE NAME {OPTION[role].format(named or 'ID')}, and copy the new folder here",
+    )
+
+
+def not_admitted(folder: Path, endpoint: str) -> Finding:
+    """What it means when TLS is fine and the router still answers nothing."""
+    name = own_certificate(folder).common_name
+    return Finding(
+        f"mesh.endpoint = {endpoint!r}: the router's access rules do not know certificate {name}: revoked, superseded, "
+        "or issued after the rules that it has",
+        "on the authority's machine `labanmesh secure list SCENE`, then copy the newest folder here, or the new "
+        "rules to the router",
+    )
+
+
+def _mismatch(authority: Path, certificate: Path, key: Path) -> Finding | None:
+    """Whether the three files belong to each other."""
+    ours, signer = _loaded(certificate), _loaded(authority)
+    copy = "copy all three files from the folder that `labanmesh secure add` made for this machine"
+    try:
+        private = serialization.load_pem_private_key(key.read_bytes(), None)
+    except (ValueError, TypeError) as error:
+        raise BadInput(f"{key}: no private key in PEM form without a password") from error
+    if private.public_key() != ours.public_key():
+        return Finding(f"{key}: not the key of {certificate}", copy)
+    try:
+        ours.verify_directly_issued_by(signer)
+    except (ValueError, TypeError, InvalidSignature):
+        return Finding(f"{certificate}: not signed by the authority in {authority}", copy)
+    return None
+
+
+def _out_of_time(path: Path, now: datetime) -> Finding | None:
+    ours = read_certificate(path)
+    name = ours.common_name.rpartition(".")[0] or ours.common_name
+    if now > ours.expires:
+        what = f"{path}: this machine's certificate {ours.common_name} expired on {ours.expires:%Y-%m-%d}"
+        return Finding(what, f"labanmesh secure renew SCENE {name}, and copy the new folder here")
+    if now < ours.begins:
+        what = f"{path}: this machine's certificate {ours.common_name} begins only on {ours.begins:%Y-%m-%d %H:%M} UTC"
+        return Finding(what, f"set this machine's clock, which says {now:%Y-%m-%d %H:%M} UTC")
+    return None
+
+
+def _loaded(path: Path) -> x509.Certificate:
+    try:
+        return x509.load_pem_x509_certificate(path.read_bytes())
+    except ValueError:
+        raise BadInput(f"{path}: no certificate in PEM form") from None
+    except OSError as error:
+        raise BadInput(f"{path}: {(error.strerror or str(error)).lower()}") from None
+
+
+def _described(certificate: x509.Certificate) -> Certificate:
+    names = certificate.subject.get_attributes_for_oid(NameOID.COMMON_NAME)
+    common_name = str(names[0].value) if names else ""
+    try:
+        other = certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
+        said = other.get_values_for_type(x509.UniformResourceIdentifier)
+    except x509.ExtensionNotFound:
+        said = []
+    roles = tuple(uri.removeprefix(ROLE_URI) for uri in said if uri.startswith(ROLE_URI))
+    return Certificate(common_name, certificate.not_valid_before_utc, certificate.not_valid_after_utc, roles)

@@ -1,0 +1,95 @@
+"""Zenoh's settings for one process, and its faults in words. Pure: from the scene's [mesh] section to a dict.
+
+1. Listening addresses and multicast are always set: Zenoh's own defaults are every interface, and on.
+2. On one machine all are peers, the fusion process is where they meet, and gossip connects each to each. Over a
+   router all are clients, because peers would go round its access rules.
+3. Who connects tries for ever, so that the order of starting does not matter; only a router's clients give up, since
+   Zenoh opens no client without its router.
+4. With credentials both sides show a certificate of the scene's own authority, and the router's must name its host.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Literal
+
+if TYPE_CHECKING:
+    from common.config import MeshConfig
+
+Role = Literal["fusion", "standby", "observer", "hub", "router"]
+LOOPBACK = "tcp/127.0.0.1:0"
+RETRY = {"period_init_ms": 50, "period_max_ms": 200, "period_increase_factor": 2}
+"""Fast retry: a router or peer that comes back is found again in 0.1 s instead of Zenoh's 2 s."""
+LEASE_MS = 2000
+"""A process that went silent without closing (stopped, cable pulled) is gone for the others after this long."""
+AUTHORITY_FILE, CERTIFICATE_FILE, KEY_FILE = "ca.pem", "certificate.pem", "key.pem"
+"""What lies in the folder of credentials."""
+ROLE_URI = "labanmesh:"
+"""A certificate carries its holder's roles as alternative names, `labanmesh:observer:cam1`, for people and doctors.
+
+What a router lets it do is not in the certificate but in the router's access rules.
+"""
+ADMITTED = "@/*/router"
+"""What a router answers of itself; under its access rules only to those whose certificate counts."""
+TLS = "transport/link/tls"
+
+
+def settings(mesh: "MeshConfig", role: Role, listen: Sequence[str] | None, patience_s: float) -> dict[str, Any]:
+    """Path -> value for a process with `role`; a client looks for its router for `patience_s`.
+
+    With `listen` it is itself where the others meet.
+    """
+    common = {
+        "scouting/multicast/enabled": False,
+        "scouting/delay": 0,
+        "transport/link/tx/lease": LEASE_MS,
+        # Tells where a session listens that asked for any free port; readable on the mesh, never writable.
+        "adminspace/enabled": True,
+        **(tls_settings(mesh.credentials) if mesh.credentials else {}),
+    }
+    meeting_point = listen is not None or role == "router" or (role == "fusion" and mesh.mode != "router")
+    if meeting_point:
+        mode = "router" if role == "router" else "peer"
+        return {**common, "mode": mode, "listen/endpoints": list(listen or [mesh.endpoint]), "connect/endpoints": []}
+    connect = {"connect/endpoints": [mesh.endpoint], "connect/retry": RETRY}
+    if mesh.mode == "router":
+        patience = {"connect/timeout_ms": round(patience_s * 1000), "connect/exit_on_failure": True}
+        return {**common, **connect, **patience, "mode": "client", "listen/endpoints": []}
+    patience = {"connect/timeout_ms": -1, "connect/exit_on_failure": False}
+    return {**common, **connect, **patience, "mode": "peer", "listen/endpoints": [LOOPBACK]}
+
+
+def tls_settings(folder: str) -> dict[str, Any]:
+    """Mutual TLS with the credentials in `folder`: the same pair whether this process listens or connects."""
+    certificate, key = f"{folder}/{CERTIFICATE_FILE}", f"{folder}/{KEY_FILE}"
+    return {
+        f"{TLS}/root_ca_certificate": f"{folder}/{AUTHORITY_FILE}",
+        f"{TLS}/enable_mtls": True,
+        f"{TLS}/listen_certificate": certificate,
+        f"{TLS}/listen_private_key": key,
+        f"{TLS}/connect_certificate": certificate,
+        f"{TLS}/connect_private_key": key,
+        f"{TLS}/verify_name_on_connect": True,
+        # Without it a link outlives the certificates that it was opened with.
+        f"{TLS}/close_link_on_expiration": True,
+    }
+
+
+def nested(flat: Mapping[str, Any]) -> dict[str, Any]:
+    """`{"a/b": 1}` -> `{"a": {"b": 1}}`: the form of Zenoh's configuration files."""
+    tree: dict[str, Any] = {}
+    for path, value in flat.items():
+        *above, last = path.split("/")
+        branch = tree
+        for part in above:
+            branch = branch.setdefault(part, {})
+        branch[last] = value
+    return tree
+
+
+def reason(fault: str, named: str) -> str:
+    """Zenoh's fault in one line that says what to do; `named` is where the endpoint was said."""
+    if "in use" in fault:
+        return f"{named}: already in use; stop what listens there or choose another port in the scene file"
+    if "Unable to connect" in fault:
+        return f"{named}: no router answers there; start it with `labanmesh router` or correct the address"
+    short = " ".join(fault.split(" at /")[0].split())[:200]
+    return f"{named}: cannot be used: {short}; an endpoint is PROTOCOL/HOST:PORT, e.g. tcp/127.0.0.1:7447"

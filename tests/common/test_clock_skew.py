@@ -1,0 +1,52 @@
+"""How far a clock is ahead: against clocks of known skew, over a network that delays as it likes."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from common.clock_skew import DRIFT, SECOND_NS, ClockSkew, Reading
+
+MS = 1_000_000
+
+
+def ask(at_ns, skew_ns, there_ns, back_ns):
+    return Reading(at_ns, at_ns + there_ns + skew_ns, at_ns + there_ns + back_ns)
+
+
+@given(
+    st.integers(-(10**13), 10**13),
+    st.lists(st.tuples(st.integers(0, 10**9), st.integers(0, 10**9)), min_size=1, max_size=20),
+)
+def test_the_truth_lies_within_the_doubt_of_the_quickest_answer(skew_ns, ways):
+    skew = ClockSkew()
+    for second, (there_ns, back_ns) in enumerate(ways):
+        skew.note(ask(second * SECOND_NS, skew_ns, there_ns, back_ns))
+    assert skew.best.doubt_ns == min((there + back) // 2 for there, back in ways[-8:])
+    assert abs(skew.skew_s * SECOND_NS - skew_ns) <= skew.best.doubt_ns + 1
+
+
+def test_nothing_is_known_before_the_first_answer():
+    assert ClockSkew().skew_s is None and ClockSkew().best is None
+
+
+@pytest.mark.parametrize("jump_s", [3600, -3600, 0.5])
+def test_a_clock_that_was_set_is_believed_as_it_is_now(jump_s):
+    skew = ClockSkew()
+    for second in range(5):
+        skew.note(ask(second * SECOND_NS, 0, MS, MS))
+    skew.note(ask(6 * SECOND_NS, round(jump_s * SECOND_NS), 20 * MS, 20 * MS))
+    assert skew.skew_s == pytest.approx(jump_s, abs=0.02)
+
+
+def test_a_clock_that_stands_still_falls_behind_second_by_second():
+    skew = ClockSkew()
+    for second in range(10):
+        skew.note(Reading(second * SECOND_NS, 0, second * SECOND_NS + MS))
+        assert skew.skew_s == pytest.approx(-second, abs=0.001)
+
+
+def test_a_clock_that_drifts_no_more_than_quartz_does_is_the_same_clock():
+    skew = ClockSkew()
+    for second in range(8):
+        skew.note(ask(second * SECOND_NS, round(second * DRIFT / 2 * SECOND_NS), MS if second else 10_000, MS))
+    assert skew.best.asked_ns == 0  # the quickest is still trusted

@@ -1,0 +1,246 @@
+"""Two fusion services and an observer with a wrong clock, between real Zenoh peers."""
+
+import json
+import threading
+import time
+
+import pytest
+import zenoh
+
+from common.config import FusionConfig, MeshConfig, read_scene
+from common.errors import LabanmeshError
+from common.health import Health
+from common.link import Link
+from common.messages import JudgementMessage, PosteriorMessage, StatusMessage, VerdictMessage, VocabularyReference
+from common.status import StatusBoard
+from common.vocabulary import Vocabulary
+from common.wire import decode, encode
+from fusion.memory_file import Memory
+from fusion.referee import Referee
+from fusion.service import serve
+
+SOON_S = 10.0
+HOUR_NS = 3600 * 1_000_000_000
+NAMES = Vocabulary(("bowing", "lunging"), "karate")
+REFERENCE = VocabularyReference(name=NAMES.name, hash=NAMES.digest)
+REST, BOWING = ([0.5, 0.5], 0.95), ([0.98, 0.02], 0.05)
+
+
+@pytest.fixture
+def scene(tmp_path):
+    text = (
+        'scene = "dojo"\nvocabulary = ["bowing", "lunging"]\nvocabulary_name = "karate"\n'
+        '[mesh]\nmode = "process"\nendpoint = "tcp/127.0.0.1:0"\n[observers.cam1]\nsource = "m.npz"\n'
+        '[fusion]\nid = "a"\nstandby = ["b"]\nhold_s = 0.1\ntakeover_s = 0.3\n'
+    )
+    (tmp_path / "s.toml").write_text(text)
+    return read_scene(tmp_path / "s.toml", {})
+
+
+@pytest.fixture
+def hall(scene):
+    made = Hall(scene)
+    yield made
+    made.close()
+
+
+class Hall:
+    """A mesh in one process: services that can be ended one by one, one observer, one who listens."""
+
+    def __init__(self, scene):
+        self.scene, self.keys = scene, scene.keys
+        self.meeting = Link.open(scene.mesh, "fusion")
+        self.mesh = MeshConfig(mode="process", endpoint=self.meeting.locator)
+        self.links, self.services, self.faults = [self.meeting], {}, []
+        self.camera, self.hub = self.peer("observer"), self.peer("hub")
+        self.mouth = self.camera.publisher(self.keys.posterior("cam1"))
+        self.judgements, self.verdicts = self.hub.inbox(self.keys.judgement), self.hub.inbox(self.keys.verdict)
+        self.seq, self.skew_ns = 0, 0
+        self.talking, self.belief, self.quiet = None, REST, threading.Event()
+
+    def peer(self, role):
+        self.links.append(Link.open(self.mesh, role))
+        return self.links[-1]
+
+    def begin(self, service, memory=None):
+        """One more fusion service; returns when it is alive."""
+        link, stop = self.peer("standby"), threading.Event()
+        named = self.scene.judged_by(service)
+
+        def body():
+            try:
+                serve(named, Referee("dojo", ["cam1"], NAMES, named.fusion), link, stop, memory=memory)
+            except Exception as error:  # noqa: BLE001 - told when the hall closes
+                self.faults.append(error)
+
+        thread = threading.Thread(target=body)
+        thread.start()
+        self.services[service] = (stop, thread, link)
+
+    def end(self, service):
+        """Its process ends: the link closes with it."""
+        stop, thread, link = self.services.pop(service)
+        stop.set()
+        thread.join(SOON_S)
+        link.close()
+
+    def talk(self):
+        """The observer says what it believes 50 times a second until the hall closes."""
+
+        def body():
+            while not self.quiet.wait(0.02):
+                p, rest = self.belief
+                now_ns = time.time_ns() + self.skew_ns
+                said = PosteriorMessage(scene="dojo", observer="cam1", seq=self.seq, session="s", captured_ns=now_ns,
+                                        sent_ns=now_ns, vocabulary=REFERENCE, p=p, rest=rest, frames=1)  # fmt: skip
+                self.seq += 1
+                self.mouth.put(encode(said))
+
+        self.talking = threading.Thread(target=body)
+        self.talking.start()
+
+    def close(self):
+        self.quiet.set()
+        if self.talking:
+            self.talking.join(SOON_S)
+        for service in list(self.services):
+            self.end(service)
+        for link in self.links:
+            link.close()
+        assert self.faults == []
+
+
+def until(inbox, kind, enough):
+    """Messages of one kind, until `enough(message)` holds for the newest."""
+    heard, end_s = [], time.monotonic() + SOON_S
+    while time.monotonic() < end_s:
+        for arrival in inbox.take(0.1):
+            heard.append(decode(kind, arrival.payload))
+            if enough(heard[-1]):
+                return heard
+    raise AssertionError(f"not among {len(heard)}: {heard[-1:]}")
+
+
+def test_one_speaks_and_the_other_goes_on_with_the_same_movement(hall):
+    hall.begin("a")
+    hall.begin("b")
+    hall.talk()
+    until(hall.judgements, JudgementMessage, lambda j: j.fusion == "a" and j.votes["cam1"].state == "counted")
+    hall.belief = BOWING
+    decided = until(hall.verdicts, VerdictMessage, lambda v: True)[-1]
+    assert (decided.label, decided.fusion, decided.ended_ns) == ("bowing", "a", None)
+    until(hall.judgements, JudgementMessage, lambda j: j.movement is not None and j.movement.label == "bowing")
+    hall.end("a")
+    before = time.monotonic()
+    first = until(hall.judgements, JudgementMessage, lambda j: j.fusion == "b")[-1]
+    assert time.monotonic() - before < 1
+    assert first.movement.id == decided.id and first.movement.label == "bowing"
+    hall.belief = REST
+    ended = until(hall.verdicts, VerdictMessage, lambda v: v.ended_ns is not None)
+    assert [(v.id, v.fusion) for v in ended] == [(decided.id, "b")]
+
+
+def test_the_one_who_stands_by_says_so_and_nothing_else(hall):
+    hall.begin("a")
+    until(hall.judgements, JudgementMessage, lambda j: j.fusion == "a")
+    statuses = hall.hub.inbox(hall.keys.fusion_status("b"))
+    hall.begin("b")
+    until(statuses, StatusMessage, lambda s: s.state == "running" and s.reason == "standing by for a")
+    said = until(hall.judgements, JudgementMessage, lambda j: j.seq > 30)
+    assert {j.fusion for j in said} == {"a"}
+
+
+def test_who_comes_late_is_told_the_last_verdicts_by_whoever_leads(hall):
+    hall.begin("a")
+    hall.begin("b")
+    hall.talk()
+    until(hall.judgements, JudgementMessage, lambda j: j.votes["cam1"].state == "counted")
+    for _ in range(2):
+        hall.belief = BOWING
+        until(hall.verdicts, VerdictMessage, lambda v: v.ended_ns is None)
+        hall.belief = REST
+        until(hall.verdicts, VerdictMessage, lambda v: v.ended_ns is not None)
+    hall.end("a")
+    until(hall.judgements, JudgementMessage, lambda j: j.fusion == "b")
+    told = [decode(VerdictMessage, p) for key, p in hall.peer("hub").ask_each(hall.keys.verdict, SOON_S)]
+    assert [v.ended_ns is None for v in told] == [True, False, True, False]
+    assert [v.decided_ns for v in told] == sorted(v.decided_ns for v in told)
+
+
+def test_two_of_one_id_are_a_mistake(hall, monkeypatch):
+    monkeypatch.setattr("fusion.service.NAMESAKE_S", 0.5)
+    hall.begin("a")
+    until(hall.judgements, JudgementMessage, lambda j: j.fusion == "a")
+    named = hall.scene.judged_by("a")
+    with pytest.raises(LabanmeshError, match="alive already; stop it, or give this one an id of its own"):
+        serve(named, Referee("dojo", ["cam1"], NAMES, named.fusion), hall.peer("standby"), threading.Event())
+
+
+@pytest.mark.parametrize("skew_ns", [HOUR_NS, -HOUR_NS])
+def test_an_observer_an_hour_off_is_heard_as_what_it_is_and_its_skew_is_told(hall, skew_ns):
+    hall.skew_ns = skew_ns
+    health = Health("dojo", "cam1")
+    with StatusBoard(hall.camera, hall.keys.observer_status("cam1"), health, lambda: time.time_ns() + skew_ns):
+        statuses = hall.hub.inbox(hall.keys.fusion_status("a"))
+        hall.begin("a")
+        hall.talk()
+        counted = until(hall.judgements, JudgementMessage, lambda j: j.votes["cam1"].skew_s is not None)[-1]
+        assert counted.votes["cam1"].skew_s == pytest.approx(skew_ns / 1e9, abs=0.2)
+        vote = until(hall.judgements, JudgementMessage, lambda j: j.votes["cam1"].state == "counted")[-1].votes["cam1"]
+        assert 0 <= vote.age_s < 0.2
+        told = until(statuses, StatusMessage, lambda s: s.observers and s.observers["cam1"].skew_s is not None)[-1]
+        assert told.observers["cam1"].skew_s == pytest.approx(skew_ns / 1e9, abs=0.2)
+        hall.belief = BOWING
+        assert until(hall.verdicts, VerdictMessage, lambda v: True)[-1].label == "bowing"
+
+
+def test_bad_messages_are_told_in_the_status_by_observer_and_reason(hall):
+    hall.begin("a")
+    until(hall.judgements, JudgementMessage, lambda j: j.fusion == "a")
+    statuses = hall.hub.inbox(hall.keys.fusion_status("a"))
+    assert hall.mouth.wait_for_subscriber(SOON_S)
+    hall.mouth.put(b"\xc1")
+    foreign = zenoh.Config()
+    for key, value in {"mode": "client", "connect/endpoints": [hall.mesh.endpoint]}.items():
+        foreign.insert_json5(key, json.dumps(value))
+    with zenoh.open(foreign) as session:
+        # Ours would drop what does not fit through at once; a stranger may insist.
+        block = zenoh.CongestionControl.BLOCK
+        session.put(hall.keys.posterior("cam1"), bytes(10_000_000), congestion_control=block)
+    hall.peer("observer").publisher(hall.keys.posterior("mallory")).put(b"\xc1")
+    wanted = {"not_msgpack": 1, "too_large": 1}
+    told = until(statuses, StatusMessage, lambda s: s.observers and s.observers["cam1"].rejected == wanted)[-1]
+    assert set(told.observers) <= {"cam1", "mallory"}
+
+
+def test_a_lone_service_goes_on_after_a_restart(hall, tmp_path):
+    memory = tmp_path / "memory.json"
+    hall.begin("a", Memory(memory))
+    hall.talk()
+    until(hall.judgements, JudgementMessage, lambda j: j.votes["cam1"].state == "counted")
+    hall.belief = BOWING
+    decided = until(hall.verdicts, VerdictMessage, lambda v: True)[-1]
+    until(hall.judgements, JudgementMessage, lambda j: j.movement is not None and j.movement.label is not None)
+    hall.end("a")
+    hall.begin("a", Memory(memory))
+    until(hall.judgements, JudgementMessage, lambda j: j.movement is not None and j.movement.id == decided.id)
+    hall.belief = REST
+    ended = until(hall.verdicts, VerdictMessage, lambda v: True)
+    assert [(v.id, v.ended_ns is not None) for v in ended] == [(decided.id, True)]
+
+
+def test_a_memory_that_is_broken_old_or_of_another_scene_is_none(tmp_path, caplog):
+    memory = Memory(tmp_path / "m.json")
+    assert memory.recall("dojo", 0) is None
+    (tmp_path / "m.json").write_text("{")
+    assert memory.recall("dojo", 0) is None and "beginning afresh" in caplog.text
+    referee = Referee("dojo", ["cam1"], NAMES, FusionConfig(id="a"))
+    judgement = referee.judge(1000 * 10**9).judgement
+    memory.keep(judgement, None)
+    assert memory.recall("dojo", 1001 * 10**9).judgement == judgement
+    assert memory.recall("garden", 1001 * 10**9) is None
+    assert memory.recall("dojo", 1100 * 10**9) is None
+    nowhere = Memory(tmp_path / "no" / "m.json")
+    nowhere.keep(judgement, None)
+    nowhere.keep(judgement.model_copy(update={"at_ns": 7}), None)
+    assert caplog.text.count("cannot be written") == 1
