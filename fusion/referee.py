@@ -109,7 +109,8 @@ class Referee:
         pooled = self._rule.pool(p, self._roster.prior)
         judgement = self._judgement(opinions, entropy_bits(p), pooled, now_ns)
         belief = Belief(now_ns, judgement.label, max(judgement.p), judgement.agreement.k, _rest(opinions))
-        decision = self._judge.watch(belief)
+        # Before anybody was heard, as after a restart in a movement, silence says nothing.
+        decision = self._judge.watch(belief) if any(o.age_s is not None for o in opinions) else None
         judgement = judgement.model_copy(update={"movement": self._movement()})
         grounds = {**self._grounds, now_ns: judgement}
         self._keep(grounds)
@@ -209,10 +210,12 @@ def _rest(opinions: Sequence[Opinion]) -> float:
     """The chance that the person is at rest: the mean over the judges who see him now, else over those who last did.
 
     Not by the weights of the rule: who cannot tell two movements apart still sees that somebody moves, and one who is
-    sure and wrong must not hold a movement open for ever. Who is silent says nothing of rest; all silent is rest.
+    sure and wrong must not hold a movement open for ever. When all have gone, those who went lately are believed a
+    little longer, for it may be the line that broke; all silent for long is rest.
     """
     for state in HEARD:
         said = [opinion.rest for opinion in opinions if opinion.state == state]
         if said:
             return sum(said) / len(said)
-    return 1.0
+    said = [opinion.rest for opinion in opinions if opinion.rest < 1.0]
+    return sum(said) / len(said) if said else 1.0

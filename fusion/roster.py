@@ -5,10 +5,12 @@
 2. A restarted observer begins a new session and is heard at once; stragglers of its old session are not. They come
    within seconds: who alone goes on to speak for longer than `drop_s` is heard again, so that no single message,
    forged or mad, can silence a judge for good.
-3. An opinion older than `fresh_s` fades towards the prior, p <- (p/prior)^exp(-(age-fresh_s)/fade_s) prior.
+3. An opinion older than `fresh_s` fades towards the prior, p <- (p/prior)^exp(-(age-fresh_s)/fade_s) prior. Whether
+   the person rests is believed as it was said until `drop_s`: silence is no sign of rest, and a line that was broken
+   for a second must not cut a movement in two.
 4. Past `drop_s`, or before anything was said, a judge is the prior: it takes part and says nothing. Who speaks of what
    is already that old is late; who does not speak is silent; whose last word could not be used is foreign or invalid.
-5. A judge whose process is seen to go is silent at once, until it speaks again.
+5. A judge whose process is seen to go is silent at once, until it speaks again; what it said of rest stays, as in 3.
 6. What cannot be used is counted by reason, and changes no opinion: a judge who counts goes on to count.
 7. A judge who has seen no body part for longer than `fresh_s` fades too, by `blind_s`, however newly he says so: what
    he believes is of then. A Karate judge covers his eyes: mienai, "I could not see". His next sight brings it back.
@@ -167,15 +169,17 @@ class Roster:
         if message is None:
             return Opinion(observer, self.prior, 1.0, None, seat.trouble or "silent")
         age_s = _age_s(seat.captured_ns, now_ns)
+        unseen_s = (seat.captured_ns - seat.seen_ns) / SECOND_NS
+        faded = max(age_s - patience.fresh_s, 0.0) / patience.fade_s
+        sees = math.exp(-max(unseen_s - patience.fresh_s, 0.0) / patience.blind_s)
+        keeps = math.exp(-faded) * sees
+        p = self._with_our_prior(message)
+        active = sees * (1.0 - (_ignorance(p) if message.rest is None else message.rest))
         if seat.gone or abs(age_s) > patience.drop_s:
             speaks = not seat.gone and abs(now_ns - seat.heard_ns) <= patience.drop_s * SECOND_NS
             late = speaks and _age_s(seat.captured_ns, seat.heard_ns) > patience.drop_s
-            return Opinion(observer, self.prior, 1.0, age_s, seat.trouble or ("late" if late else "silent"))
-        unseen_s = (seat.captured_ns - seat.seen_ns) / SECOND_NS
-        faded = max(age_s - patience.fresh_s, 0.0) / patience.fade_s
-        keeps = math.exp(-faded - max(unseen_s - patience.fresh_s, 0.0) / patience.blind_s)
-        p = self._with_our_prior(message)
-        active = keeps * (1.0 - (_ignorance(p) if message.rest is None else message.rest))
+            rest = 1.0 - active if seat.gone and abs(age_s) <= patience.drop_s else 1.0
+            return Opinion(observer, self.prior, rest, age_s, seat.trouble or ("late" if late else "silent"))
         if keeps == 1.0:
             return Opinion(observer, p, 1.0 - active, age_s, "counted")
         return Opinion(observer, temper(p, self.prior, keeps), 1.0 - active, age_s, "stale")

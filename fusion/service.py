@@ -158,10 +158,11 @@ class Team:
 
     def leads(self, alive: frozenset[str], now_ns: int) -> bool:
         """Whether to speak now; before that, all that the leader has said is taken over."""
-        self._leadership.present(alive, now_ns)
-        leads = self._leadership.leads(now_ns)
         for arrival in self._inbox.take(0):
             self._hear(arrival, now_ns)
+        # After its last words, so that they do not bring back a leader who has gone.
+        self._leadership.present(alive, now_ns)
+        leads = self._leadership.leads(now_ns)
         leader = self._leadership.leader
         told = "" if leader == self._own else f"standing by for {leader or 'who leads'}"
         self.news = told if told != self._told else None

@@ -147,7 +147,7 @@ def test_rule_3_an_old_opinion_fades_by_the_formula(p, age_s, rest):
     opinion = first(roster(message(p=p, rest=rest)), at(age_s))
     assert opinion.state == "stale"
     assert opinion.p == pytest.approx(faded(p, age_s), rel=1e-6)
-    assert 1 - opinion.rest == pytest.approx((1 - rest) * math.exp(-(age_s - 0.2) / 0.5))
+    assert opinion.rest == pytest.approx(rest)  # silence is no sign of rest
 
 
 @given(st.floats(0, 2), st.floats(0, 2))
@@ -202,7 +202,9 @@ def test_rule_5_who_goes_is_silent_at_once_until_he_speaks_again():
     made.present(frozenset({"cam1", "cam2"}))
     assert first(made).state == "counted"
     made.present(frozenset({"cam2"}))
-    assert first(made).state == "silent" and first(made).p == pytest.approx([1 / 3] * 3) and first(made).rest == 1
+    assert first(made).state == "silent" and first(made).p == pytest.approx([1 / 3] * 3)
+    # It may be the line that broke: what he said of rest stays for as long as it would have.
+    assert first(made).rest == pytest.approx(0.1) and first(made, at(2.1)).rest == 1
     assert made.receive("cam1", message(), NOW) == "repeated"  # a copy is no word of a living judge
     assert first(made).state == "silent"
     assert made.receive("cam1", message(NOW + 1, seq=1), NOW + 1) is None

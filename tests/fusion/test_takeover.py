@@ -3,7 +3,7 @@
 from types import SimpleNamespace
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from common.messages import PosteriorMessage, VocabularyReference
@@ -120,6 +120,7 @@ def test_the_end_is_said_on_the_leaders_grounds():
     assert ended.seq > decided.seq
 
 
+@settings(deadline=None)  # a whole story each time
 @given(st.lists(st.sampled_from(range(len(STORY))), max_size=6, unique=True))
 def test_the_lead_may_change_as_often_as_it_likes(changes):
     both, leads, said = [referee("a"), referee("b")], 0, []
