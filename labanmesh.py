@@ -5,8 +5,12 @@ import os
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from common.errors import LabanmeshError
+
+if TYPE_CHECKING:
+    import typer
 
 __version__ = "0.1.0"
 
@@ -27,9 +31,12 @@ class Verb:
 
 VERBS = {
     "demo": Verb("studies.commands", "demo", "the whole system on this machine, on what the package carries"),
+    "init": Verb("deploy.init.commands", "init", "a commented scene file for the cameras of this machine"),
     "up": Verb("deploy.commands", "up", "all processes that a scene file names, supervised"),
     "observe": Verb("observer.commands", "observe", "one observer: its view becomes a judge on the mesh"),
     "fuse": Verb("fusion.commands", "fuse", "the referee: weighs the observers, publishes judgements and verdicts"),
+    "doctor": Verb("deploy.doctor.commands", "doctor", "what is wrong here and on the mesh, and what to do"),
+    "secure": Verb("deploy.security.commands", "secure", "certificates and access rules for named machines"),
     "router": Verb("deploy.commands", "router", "a Zenoh router for a mesh of several machines"),
     "watch": Verb("hub.commands", "watch", "live view of beliefs, weights and verdicts in the terminal"),
     "import": Verb("observer.commands", "import_recordings", "recordings of others -> motion archive"),
@@ -43,7 +50,7 @@ VERBS = {
     "evaluate": Verb("studies.commands", "evaluate", "accuracy, confusion, earliness and calibration on an archive"),
 }
 
-EXTRAS = {"cv2": "observer", "scipy": "observer", "matplotlib": "report"}
+EXTRAS = {"cv2": "observer", "scipy": "observer", "matplotlib": "report", "mcap": "capture"}
 """What a plain install has not, and the extra that brings it."""
 
 
@@ -102,6 +109,18 @@ def _unknown(verb: str) -> LabanmeshError:
     return BadInput(f"{verb!r}: unknown verb; {hint}")
 
 
+def app_of(verb: str) -> "typer.Typer":
+    """The command line of a verb: of its one function, or of its sub-verbs where the room made one itself."""
+    import typer
+
+    loaded = VERBS[verb].load()
+    if isinstance(loaded, typer.Typer):
+        return loaded
+    app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
+    app.command(verb)(loaded)
+    return app
+
+
 def _run(verb: str, words: Sequence[str]) -> int:
     import shlex
 
@@ -110,10 +129,8 @@ def _run(verb: str, words: Sequence[str]) -> int:
 
     from common.errors import BadInput
 
-    app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
-    app.command(verb)(VERBS[verb].load())
     try:
-        status = typer.main.get_command(app).main(words, f"labanmesh {verb}", standalone_mode=False)
+        status = typer.main.get_command(app_of(verb)).main(words, f"labanmesh {verb}", standalone_mode=False)
     except TyperException as error:
         text = " ".join(error.format_message().split()) if hasattr(error, "format_message") else str(error)
         # Typer names the parameter and the rule; the value stands in what was typed.

@@ -88,6 +88,8 @@ def require(folder: Path, role: str, named: str, now: datetime) -> None:
 def not_permitted(folder: Path, role: str, named: str = "") -> Finding | None:
     """What is to be said when this machine's certificate is not for `role` (under the id `named`); raises BadInput."""
     ours = own_certificate(folder)
+    # A fusion service that stands by is one all the same.
+    role = "fusion" if role == "standby" else role
     if ours.is_for(role, named):
         return None
     wanted, has = f"{role} {named}".strip(), ", ".join(ours.roles).replace(":", " ")

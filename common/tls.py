@@ -21,6 +21,8 @@ TIMEOUT_S = 2.0
 COMPLAINT_S = 0.5
 """How long a server may take to say that it does not like our certificate: a round trip, and some for a slow one."""
 ADDRESS = re.compile(r"(?P<protocol>\w+)/(?:\[(?P<six>[^\]]+)\]|(?P<host>[^/\[\]]+)):(?P<port>\d+)([#?].*)?\Z")
+GREETING_S = 1.0
+"""How long a TLS server may take to answer a greeting: Zenoh's pauses for 0.1 s after each that failed."""
 EXPIRED, NOT_YET, WRONG_NAMES, FOREIGN = 10, 9, (62, 64), (7, 18, 19, 20, 21)
 """OpenSSL's verification results (X509_V_ERR_...)."""
 START = "start it with `labanmesh router` or correct the address"
@@ -43,7 +45,7 @@ def why_unusable(mesh: "MeshConfig", now: datetime, timeout_s: float = TIMEOUT_S
     try:
         with socket.create_connection((host, port), timeout_s) as plain:
             if address["protocol"] == "tcp":
-                return _met_in_the_open(mesh.endpoint, plain, min(timeout_s, COMPLAINT_S))
+                return _met_in_the_open(mesh.endpoint, plain, min(timeout_s, GREETING_S))
             if not mesh.credentials:
                 return Finding(f"mesh.endpoint = {mesh.endpoint!r} needs mesh.credentials, which is empty", CERTIFY)
             return _met_in_private(mesh.endpoint, plain, host, folder)

@@ -25,7 +25,7 @@ from common.vocabulary import Vocabulary
 from common.wire import decode
 from fusion.referee import Referee
 from fusion.service import serve
-from labanmesh import VERBS
+from labanmesh import VERBS, app_of
 from observer.motion.archive import MotionArchive, Recording
 from observer.motion.archive_file import read_archive
 from observer.motion.importers import csv_table
@@ -126,9 +126,14 @@ def command_lines(page):
 
 @cache
 def command_of(verb):
-    app = typer.Typer(add_completion=False)
-    app.command(verb)(VERBS[verb].load())
-    return typer.main.get_command(app)
+    return typer.main.get_command(app_of(verb))
+
+
+def told_apart(words):
+    """The command that the words begin with, a sub-verb's own if there is one, and the words after it."""
+    command = command_of(words[0])
+    inner = getattr(command, "commands", {}).get(words[1]) if len(words) > 1 else None
+    return (inner, words[2:]) if inner else (command, words[1:])
 
 
 @pages
@@ -139,7 +144,8 @@ def test_commands_in_blocks_are_understood(page):
             assert f"\n{words[1]}:" in makefile, words
         else:
             assert words[0] == "labanmesh", words
-            command_of(words[1]).make_context(words[1], words[2:])
+            command, rest = told_apart(words[1:])
+            command.make_context(words[1], rest)
 
 
 @pages
@@ -149,7 +155,7 @@ def test_commands_in_the_text_have_known_verbs_and_options(page):
         if words[0] in ("VERB", "--help"):
             continue
         assert words[0] in VERBS, f"{page.name}: labanmesh {line}"
-        parameters = command_of(words[0]).params
+        parameters = told_apart(words)[0].params
         known = {option for p in parameters for option in (*p.opts, *p.secondary_opts)} | {"--help"}
         options = {word for word in words if word.startswith("--")}
         assert options <= known, f"{page.name}: labanmesh {line}"
@@ -330,6 +336,6 @@ def test_dependencies_tells_every_dependency_and_its_bounds():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
     extras = project["optional-dependencies"]
     text = (DOCS / "dependencies.md").read_text("utf-8")
-    for requirement in [*project["dependencies"], *extras["observer"], *extras["report"]]:
+    for requirement in [*project["dependencies"], *extras["observer"], *extras["report"], *extras["capture"]]:
         name, bounds = re.match(r"([\w-]+)(.*)", requirement.replace(",", ", ")).groups()
         assert re.search(rf"^\| {name} \|.*\| {re.escape(bounds)} \|", text, re.MULTILINE), requirement

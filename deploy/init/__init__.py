@@ -1,0 +1,1 @@
+"""`labanmesh init`: a commented scene file for the cameras of this machine."""

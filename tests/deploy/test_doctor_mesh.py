@@ -1,0 +1,320 @@
+"""What doctor hears of a mesh and makes of it: from made-up messages, and from real Zenoh peers that say them."""
+
+import threading
+import time
+from collections import Counter
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from common.config import FusionConfig, MeshConfig, ObserverConfig, Scene
+from common.link import Link
+from common.messages import (
+    Account,
+    Agreement,
+    JudgementMessage,
+    PosteriorMessage,
+    StatusMessage,
+    VocabularyReference,
+)
+from common.vocabulary import Vocabulary
+from common.wire import encode
+from deploy.doctor.finding import worst
+from deploy.doctor.heard import STRANGERS_LIMIT, Heard
+from deploy.doctor.look_mesh import listen
+from deploy.doctor.look_network import look_at_network
+from deploy.doctor.mesh import Expected, findings
+
+NAMES, OTHERS = Vocabulary(("bowing", "lunging")), Vocabulary(("bowing", "jumping"))
+SECOND, NOON = 1_000_000_000, 1_700_000_000_000_000_000
+HERE = "0.1.0"
+SCENE = Scene(
+    scene="dojo",
+    vocabulary=NAMES.labels,
+    observers={name: ObserverConfig(source="m.npz") for name in ("cam1", "cam2", "cam3")},
+    fusion=FusionConfig(quorum=2, standby=("spare",)),
+)
+KEYS = SCENE.keys
+EXPECTED = Expected(SCENE, HERE, "s.toml")
+
+
+def reference(vocabulary=NAMES):
+    return VocabularyReference(name="karate", hash=vocabulary.digest)
+
+
+def posterior(observer, seq=0, session="s", vocabulary=NAMES):
+    return KEYS.posterior(observer), encode(
+        PosteriorMessage(
+            scene="dojo",
+            observer=observer,
+            seq=seq,
+            session=session,
+            captured_ns=1,
+            sent_ns=2,
+            vocabulary=reference(vocabulary),
+            p=[0.5, 0.5],
+            frames=1,
+        )
+    )
+
+
+def judgement(fusion="fusion", seq=0):
+    said = JudgementMessage(
+        scene="dojo", fusion=fusion, seq=seq, at_ns=NOON, vocabulary=reference(), p=[0.5, 0.5], label="bowing",
+        certainty_bits=1.0, rule="log", votes={}, agreement=Agreement(k=0, n=0),
+    )  # fmt: skip
+    return KEYS.judgement, encode(said)
+
+
+def status(who, state="running", at_ns=NOON, frame_ns=NOON, version=HERE, **more):
+    key = KEYS.fusion_status(who) if who in ("fusion", "spare", "wild") else KEYS.observer_status(who)
+    said = StatusMessage(
+        scene="dojo", id=who, state=state, rate_hz=15.0, last_frame_ns=frame_ns, version=version, at_ns=at_ns, **more
+    )
+    return key, encode(said)
+
+
+def account(**observers):
+    return {"observers": {name: Account(**said) for name, said in observers.items()}}
+
+
+def good():
+    """Three observers, a fusion service that judges and one that stands by."""
+    said = {key: [(key, payload)] for key, payload in map(status, ("cam1", "cam2", "cam3", "fusion"))}
+    said["spare"] = [status("spare", reason="standing by for fusion", frame_ns=NOON - 60 * SECOND)]
+    said["judgements"] = [judgement(seq=seq) for seq in range(3)]
+    said["posteriors"] = [posterior(name, seq) for name in SCENE.roster for seq in range(3)]
+    return said
+
+
+def heard(said, observers=("cam1", "cam2", "cam3"), fusions=("fusion", "spare"), now_ns=NOON):
+    result = Heard(KEYS, listened_s=2.0)
+    for key, payload in [message for messages in said.values() for message in messages]:
+        result.hear(key, payload, now_ns)
+    result.alive_observers, result.alive_fusions = frozenset(observers), frozenset(fusions)
+    return result
+
+
+def mark_of(found, words):
+    (one,) = [each for each in found if all(word in f"{each.what} -> {each.to_do}" for word in words)]
+    return one.mark
+
+
+def test_a_good_mesh_is_good():
+    found = findings(EXPECTED, heard(good()))
+    assert worst(found) == "ok", found
+    assert mark_of(found, ["3 judgements in 2.0 s by fusion"]) == "ok"
+    assert mark_of(found, ["cam1: running, 15 Hz, newest frame 0.0 s old"]) == "ok"
+    assert mark_of(found, ["spare: running: standing by for fusion"]) == "ok"
+
+
+CAM2, FUSION = KEYS.observer_status("cam2"), KEYS.fusion_status("fusion")
+
+
+@pytest.mark.parametrize(
+    ("instead", "who", "mark", "words"),
+    [
+        ({CAM2: []}, {"observers": ("cam1", "cam3")}, "ok", ["cam1: running"]),
+        ({CAM2: [status("cam2", "degraded", reason="no frame for 9 s")]}, {}, "warning", ["cam2: degraded: no frame"]),
+        ({CAM2: [status("cam2", "failed", reason="BadInput: x")]}, {}, "error", ["cam2: failed: BadInput: x"]),
+        ({CAM2: [status("cam2", "starting")]}, {}, "warning", ["cam2: starting", "in a moment"]),
+        ({CAM2: [status("cam2", frame_ns=NOON - 7 * SECOND)]}, {}, "warning", ["cam2: running", "frame is 7 s old"]),
+        ({CAM2: [status("cam2", version="0.0.9")]}, {}, "warning", ["cam2: labanmesh 0.0.9, here it is 0.1.0"]),
+        (
+            {CAM2: [(CAM2, b"\x81\xa1v\x09")]},
+            {},
+            "error",
+            ["cam2: 1 message not used: wrong version", "same labanmesh"],
+        ),
+        ({CAM2: []}, {}, "warning", ["cam2: alive, and does not say how it is"]),
+        ({}, {"observers": ("cam1", "cam3")}, "warning", ["cam2: running; its last word, it is not alive"]),
+        (
+            {"x": [posterior("cam2", vocabulary=OTHERS)]},
+            {},
+            "error",
+            ["cam2 speaks another vocabulary", "labanmesh learn"],
+        ),
+        (
+            {"x": [posterior("cam2", 9, "t"), posterior("cam2", 10, "s"), posterior("cam2", 11, "t")]},
+            {},
+            "error",
+            ["two processes speak as cam2"],
+        ),
+        (
+            {"x": [status("cam9")]},
+            {"observers": ("cam1", "cam2", "cam3", "cam9")},
+            "warning",
+            ["not in the scene: cam9"],
+        ),
+        (
+            {FUSION: [status("fusion", **account(cam2={"skew_s": 3600.0}))]},
+            {},
+            "warning",
+            ["cam2: its clock is 3600 s ahead of that of fusion", "NTP"],
+        ),
+        (
+            {FUSION: [status("fusion", **account(cam2={"skew_s": -0.7}))]},
+            {},
+            "warning",
+            ["cam2: its clock is 0.7 s behind"],
+        ),
+        (
+            {FUSION: [status("fusion", **account(cam2={"rejected": {"repeated": 4}}))]},
+            {},
+            "warning",
+            ["cam2: 4 messages not used: repeated"],
+        ),
+        (
+            {FUSION: [status("fusion", at_ns=NOON + 9 * SECOND)]},
+            {},
+            "warning",
+            ["this machine's clock is 9.0 s behind that of fusion service fusion"],
+        ),
+        (
+            {"wild": [status("wild")]},
+            {"fusions": ("fusion", "spare", "wild")},
+            "error",
+            ["wild", "not in this scene file"],
+        ),
+        ({"x": [judgement("spare")]}, {}, "error", ["2 fusion services judge at once: fusion, spare"]),
+        (
+            {"x": [judgement(seq=seq) for seq in (9, 3, 10, 4)]},
+            {},
+            "error",
+            ["two processes judge as fusion service fusion"],
+        ),
+        ({"judgements": []}, {}, "error", ["no judgement within 2.0 s, though observers speak"]),
+        ({"judgements": [], "posteriors": []}, {}, "warning", ["no judgement within 2.0 s: no observer speaks"]),
+        ({"x": [(KEYS.judgement, b"\xc1")]}, {}, "error", ["judgements: 1 message not used: not msgpack"]),
+        ({"spare": []}, {"fusions": ("fusion",)}, "warning", ["spare is missing", "labanmesh fuse s.toml --id spare"]),
+    ],
+)
+def test_what_is_wrong_is_said(instead, who, mark, words):
+    assert mark_of(findings(EXPECTED, heard({**good(), **instead}, **who)), words) == mark
+
+
+@pytest.mark.parametrize(("missing", "mark"), [(("cam2",), "warning"), (("cam2", "cam3"), "error")])
+def test_who_is_missing_matters_when_too_few_are_left_to_agree(missing, mark):
+    left = tuple(name for name in SCENE.roster if name not in missing)
+    said = {"judgements": [judgement()], FUSION: [status("fusion")], **{name: [status(name)] for name in left}}
+    found = findings(EXPECTED, heard(said, left, ("fusion", "spare")))
+    assert mark_of(found, ["cam2 is missing", "labanmesh observe s.toml cam2"]) == mark
+
+
+def test_nobody_and_no_judge():
+    (nobody,) = findings(EXPECTED, heard({}, (), ()))
+    assert nobody.mark == "warning" and "labanmesh up s.toml" in nobody.to_do
+    found = findings(EXPECTED, heard({name: [status(name)] for name in SCENE.roster}, fusions=()))
+    assert mark_of(found, ["no fusion service is alive", "labanmesh fuse s.toml"]) == "error"
+
+
+def test_a_certificate_of_an_observer_hears_little_and_misses_nobody():
+    found = findings(Expected(SCENE, HERE, "s.toml", partly=True), heard({FUSION: [status("fusion")]}, (), ()))
+    assert mark_of(found, ["certificate is an observer's", "--hub"]) == "warning"
+    assert not any("cam1" in each.what for each in found) and mark_of(found, ["fusion: running"]) == "ok"
+
+
+def test_the_age_of_a_frame_is_by_the_speakers_own_clock():
+    an_hour_ahead = status("cam2", at_ns=NOON + 3600 * SECOND, frame_ns=NOON + 3599 * SECOND)
+    assert heard({"x": [an_hour_ahead]}).observers["cam2"].frame_age_s == 1.0
+
+
+def test_of_a_clock_the_message_that_was_quickest_here_counts():
+    said = [status("cam2", at_ns=NOON - late * SECOND) for late in (3, 1, 2)]
+    assert heard({"x": said}).observers["cam2"].skew_s == -1.0
+
+
+def test_an_old_judgement_that_is_told_on_asking_is_no_judgement():
+    result = Heard(KEYS)
+    result.hear(*judgement(), NOON, asked=True)
+    assert not result.fusions
+    result.hear(*judgement(), NOON)
+    assert result.fusions["fusion"].judgements == 1
+
+
+def test_every_complaint_has_a_way_out():
+    rejected = dict.fromkeys(("repeated", "wrong_length", "never_heard_of"), 1)
+    said = {**good(), FUSION: [status("fusion", **account(cam1={"skew_s": 9.0, "rejected": rejected}))]}
+    found = findings(EXPECTED, heard(said, (), ()))
+    assert all(bool(each.to_do) == (each.mark != "ok") for each in found)
+    assert Counter(each.group for each in found) == {"the mesh": len(found)}
+
+
+@given(st.lists(st.tuples(st.text("ab/*é", max_size=9), st.binary(max_size=40)), max_size=20), st.booleans())
+def test_whatever_comes_is_heard_without_a_word(messages, asked):
+    result = Heard(KEYS)
+    for end, payload in messages:
+        for key in (
+            end,
+            f"{KEYS.root}/observer/{end}/status",
+            KEYS.posterior("x"),
+            KEYS.judgement,
+            KEYS.fusion_status("f"),
+        ):
+            result.hear(key, payload, NOON, asked=asked)
+    findings(EXPECTED, result)
+
+
+def test_invented_names_do_not_fill_the_page():
+    result = heard({"x": [status(f"x{number}") for number in range(STRANGERS_LIMIT + 10)]})
+    assert len(result.observers) == STRANGERS_LIMIT
+    (stranger,) = [each for each in findings(EXPECTED, result) if "not in the scene" in each.what]
+    assert "58 more" in stranger.what
+
+
+@pytest.fixture
+def meeting():
+    with Link.open(MeshConfig(), "fusion", listen=["tcp/127.0.0.1:0"]) as link:
+        yield link
+
+
+def say(link, messages, stop, alive):
+    """Be such a mesh until `stop`: say all messages every 50 ms."""
+    for key in alive:
+        link.announce(key)
+    publishers = {key: link.publisher(key) for key, _ in messages}
+    while not stop.wait(0.05):
+        for key, payload in messages:
+            publishers[key].put(payload)
+
+
+def test_a_real_mesh_is_heard(meeting):
+    """An observer of another version and an odd one, over Zenoh; nobody else."""
+    scene = SCENE.model_copy(update={"mesh": MeshConfig(endpoint=meeting.locator)})
+    now_ns = time.time_ns()
+    messages = [
+        status("cam1", at_ns=now_ns, frame_ns=now_ns, version="0.0.9"), status("cam2", at_ns=now_ns, frame_ns=now_ns),
+        status("fusion", at_ns=now_ns, frame_ns=now_ns), judgement(), posterior("cam2", vocabulary=OTHERS),
+    ]  # fmt: skip
+    alive = [KEYS.observer_alive("cam1"), KEYS.observer_alive("cam2"), KEYS.fusion_alive("fusion")]
+    stop = threading.Event()
+    saying = threading.Thread(target=say, args=(meeting, messages, stop, alive))
+    saying.start()
+    try:
+        overheard = listen(scene, look_at_network(scene.mesh), 0.6)
+    finally:
+        stop.set()
+        saying.join()
+    assert overheard.network.zenoh is not None and overheard.heard is not None
+    found = findings(Expected(scene, HERE, "s.toml"), overheard.heard)
+    assert mark_of(found, ["cam1: labanmesh 0.0.9"]) == "warning"
+    assert mark_of(found, ["cam2 speaks another vocabulary"]) == "error"
+    assert mark_of(found, ["cam3 is missing"]) == "warning"
+    assert mark_of(found, ["judgements in 0.6 s by fusion"]) == "ok"
+    assert mark_of(found, ["fusion service fusion: running"]) == "ok"
+
+
+def test_an_empty_mesh_is_not_listened_to_for_long(meeting):
+    scene = SCENE.model_copy(update={"mesh": MeshConfig(endpoint=meeting.locator)})
+    began_s = time.monotonic()
+    overheard = listen(scene, look_at_network(scene.mesh), 60.0)
+    assert overheard.heard is not None and overheard.heard.silent
+    assert time.monotonic() - began_s < 10
+
+
+def test_a_router_is_met_as_a_client():
+    with Link.open(MeshConfig(mode="router"), "router", listen=["tcp/127.0.0.1:0"]) as router:
+        scene = SCENE.model_copy(update={"mesh": MeshConfig(mode="router", endpoint=router.locator)})
+        overheard = listen(scene, look_at_network(scene.mesh), 0.5)
+    assert overheard.network.zenoh is not None and overheard.heard is not None and overheard.heard.silent

@@ -1,0 +1,127 @@
+"""Doctor before a secured router with real certificates: who may listen does, who may not is told why."""
+
+from datetime import UTC, datetime, timedelta
+
+import pytest
+
+from common.config import read_scene
+from common.link import Link
+from deploy.doctor import network, security
+from deploy.doctor.finding import worst
+from deploy.doctor.look_mesh import listen
+from deploy.doctor.look_network import look_at_network
+from deploy.doctor.look_security import as_whom, look_at_security
+from deploy.security.authority import issue
+from deploy.security.issuing import found, opened
+from deploy.security.register import Roles
+from deploy.security.router_config import router_config
+
+ROLES = {
+    "router": Roles(router=True),
+    "cam1": Roles(observers=("cam1",)),
+    "judge": Roles(fusions=("fusion",)),
+    "desk": Roles(hub=True),
+    "gone": Roles(hub=True),
+}
+TEXT = (
+    'scene = "dojo"\n[observers.cam1]\nsource = "m.npz"\n'
+    '[mesh]\nmode = "router"\nendpoint = "{endpoint}"\ncredentials = "secure/{who}.1"\n'
+)
+
+
+def now():
+    return datetime.now(UTC)
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory):
+    return tmp_path_factory.mktemp("dojo")
+
+
+@pytest.fixture(scope="module")
+def authority(place):
+    (place / "scene.toml").write_text(TEXT.format(endpoint="tls/127.0.0.1:0", who="router"))
+    scene = read_scene(place / "scene.toml", {})
+    found(place / "secure", scene, now())
+    for name, roles in ROLES.items():
+        opened(place / "secure", scene).add(scene, name, roles, ["127.0.0.1"] if roles.router else (), now())
+    opened(place / "secure", scene).revoke(scene, "gone", now())
+    return opened(place / "secure", scene)
+
+
+@pytest.fixture(scope="module")
+def router(place, authority):
+    scene = read_scene(place / "scene.toml", {})
+    with Link.router(router_config(scene, authority.register, [scene.mesh.endpoint]), "the test's router") as link:
+        yield link.locator
+
+
+@pytest.fixture
+def seen_by(place, router, monkeypatch):
+    """The scene as a machine with one of the folders of credentials has it, and what doctor finds there."""
+    monkeypatch.setattr("common.link.ADMISSION_S", 1.0)
+
+    def see(who, endpoint=router):
+        text = TEXT.format(endpoint=endpoint, who=who)
+        if endpoint.startswith("tcp"):
+            text = text[: text.index("credentials")]
+        (place / "mine.toml").write_text(text)
+        scene = read_scene(place / "mine.toml", {})
+        overheard = listen(scene, look_at_network(scene.mesh), 0.5)
+        said = security.findings(look_at_security(overheard.network), now())
+        return overheard, network.findings(overheard.network), said
+
+    return see
+
+
+@pytest.mark.parametrize(("who", "partly"), [("desk", False), ("judge", False), ("cam1", True)])
+def test_who_may_listen_does(seen_by, who, partly):
+    overheard, reached, said = seen_by(who)
+    assert overheard.heard is not None and overheard.partly is partly
+    assert worst([*reached, *said]) == "ok", [*reached, *said]
+    assert f"certificate {who}.1 for " in said[0].what
+
+
+def test_who_is_revoked_is_told_so(seen_by):
+    overheard, _, said = seen_by("gone")
+    (fault,) = [finding for finding in said if finding.mark == "error"]
+    assert overheard.heard is None and "revoked" in fault.what and fault.to_do
+
+
+def test_who_comes_in_plain_text_is_told_so(seen_by, router):
+    overheard, _, said = seen_by("desk", router.replace("tls/", "tcp/"))
+    (fault,) = [finding for finding in said if finding.mark == "error"]
+    assert overheard.heard is None and "TLS" in fault.what and fault.to_do
+
+
+@pytest.mark.parametrize(("days", "mark", "words"), [(-1, "error", "expired"), (9, "warning", "more days")])
+def test_expiry_is_told(place, authority, seen_by, days, mark, words):
+    pair = issue(authority.pair, "desk.1", (), now() - timedelta(days=2), roles=("hub",), days=days + 2).pair
+    folder = place / "secure" / f"days{days}.1"
+    folder.mkdir()
+    for name, content in (
+        ("ca.pem", authority.pair.certificate),
+        ("certificate.pem", pair.certificate),
+        ("key.pem", pair.key),
+    ):
+        (folder / name).write_bytes(content)
+        (folder / name).chmod(0o600)
+    _, _, said = seen_by(f"days{days}")
+    (finding,) = [finding for finding in said if finding.mark != "ok"]
+    assert finding.mark == mark and words in finding.what and "labanmesh secure renew SCENE desk" in finding.to_do
+
+
+def test_a_key_that_others_can_read_is_told(place, authority, seen_by):
+    key = place / "secure" / "desk.1" / "key.pem"
+    key.chmod(0o644)
+    try:
+        _, _, said = seen_by("desk")
+    finally:
+        key.chmod(0o600)
+    (fault,) = [finding for finding in said if finding.mark == "error"]
+    assert "others can read it" in fault.what and fault.to_do == f"chmod 600 {key}"
+
+
+def test_without_certificates_anybody_listens_as_a_hub(place):
+    (place / "open.toml").write_text('scene = "dojo"\n[observers.cam1]\nsource = "m.npz"\n')
+    assert as_whom(read_scene(place / "open.toml", {}).mesh) == ("hub", "")

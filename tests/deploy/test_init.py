@@ -1,0 +1,77 @@
+"""`labanmesh init`: what it writes is a scene file, its comments too, and nothing is ever overwritten."""
+
+import re
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from common.config import read_scene
+from common.errors import BadInput
+from deploy.doctor.cameras import Webcam
+from deploy.init import commands
+from deploy.init.scene_text import scene_text
+
+WEBCAMS = [Webcam(f"/dev/video{2 * number}", f"Camera {number}") for number in range(6)]
+
+
+@pytest.mark.parametrize("many", range(7))
+@pytest.mark.parametrize("uncommented", [False, True])
+def test_what_is_written_is_a_scene_of_these_cameras(tmp_path, many, uncommented):
+    text = scene_text(WEBCAMS[:many], "scene.toml", "home")
+    if uncommented:
+        text = re.sub(r"^#(?=\w)", "", text, flags=re.MULTILINE)
+    (tmp_path / "scene.toml").write_text(text)
+    scene = read_scene(tmp_path / "scene.toml", {})
+    assert [section.source for section in scene.observers.values()] == [
+        str(2 * number) for number in range(max(many, 1))
+    ]
+    assert len({section.view for section in list(scene.observers.values())[:4]}) == min(max(many, 1), 4)
+    assert scene.fusion.quorum == len(scene.roster) // 2 + 1 and scene.scene == "home"
+
+
+def test_the_comments_say_what_to_do_next():
+    text = scene_text(WEBCAMS[:2], "dojo.toml", "dojo")
+    for command in (
+        "doctor dojo.toml", "look 0", "look 2", "learn motion.npz --view yaw:30 -o cam1.model", "record",
+        "learn motion.npz --view yaw:-30 -o cam2.model", "up dojo.toml", "watch dojo.toml",
+    ):  # fmt: skip
+        assert f"labanmesh {command}" in text
+    assert "Camera 1, /dev/video2" in text and "No camera was found" not in text
+    assert "No camera was found" in scene_text([], "dojo.toml", "dojo")
+    assert max(map(len, text.splitlines())) <= 120
+
+
+@given(st.text(max_size=30))
+def test_a_cameras_name_cannot_break_the_file(tmp_path_factory, name):
+    place = tmp_path_factory.mktemp("scene") / "s.toml"
+    place.write_text(scene_text([Webcam("/dev/video0", name)], "s.toml", "home"), encoding="utf-8")
+    assert read_scene(place, {}).roster == ("cam1",)
+
+
+def test_it_writes_once(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(commands, "webcams", lambda: WEBCAMS[:2])
+    commands.init(tmp_path / "My Dojo.toml")
+    said = capsys.readouterr().out
+    assert "/dev/video2: Camera 1" in said and "labanmesh doctor '" in said
+    scene = read_scene(tmp_path / "My Dojo.toml", {})
+    assert scene.scene == "my-dojo" and scene.roster == ("cam1", "cam2")
+    before = (tmp_path / "My Dojo.toml").read_bytes()
+    with pytest.raises(BadInput, match="is there already, and is not overwritten"):
+        commands.init(tmp_path / "My Dojo.toml")
+    assert (tmp_path / "My Dojo.toml").read_bytes() == before
+
+
+def test_where_it_cannot_write_it_says_so(tmp_path, monkeypatch):
+    monkeypatch.setattr(commands, "webcams", list)
+    with pytest.raises(BadInput, match="cannot be written: no such file or directory"):
+        commands.init(tmp_path / "no" / "scene.toml")
+    with pytest.raises(BadInput, match="cannot be printed"):
+        commands.init(tmp_path / "a\nb.toml")
+
+
+@pytest.mark.parametrize(("file", "scene"), [("scene.toml", "home"), ("Küche.toml", "k-che"), ("---.toml", "home")])
+def test_a_scene_is_called_as_its_file_where_that_is_a_name(tmp_path, monkeypatch, file, scene):
+    monkeypatch.setattr(commands, "webcams", list)
+    commands.init(tmp_path / file)
+    assert read_scene(tmp_path / file, {}).scene == scene
