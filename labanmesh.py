@@ -39,6 +39,8 @@ VERBS = {
     "secure": Verb("deploy.security.commands", "secure", "certificates and access rules for named machines"),
     "router": Verb("deploy.commands", "router", "a Zenoh router for a mesh of several machines"),
     "watch": Verb("hub.commands", "watch", "live view of beliefs, weights and verdicts in the terminal"),
+    "capture": Verb("hub.commands", "capture", "all that is said in a scene -> a capture file"),
+    "replay": Verb("studies.replay_commands", "replay", "a capture judged anew, or played back onto a mesh"),
     "import": Verb("observer.commands", "import_recordings", "recordings of others -> motion archive"),
     "calibrate": Verb(
         "observer.calibration.commands", "calibrate", "boards, known points, others' files -> camera files"

@@ -1,4 +1,4 @@
-"""The verb `labanmesh watch`: who listens, at the command line."""
+"""The verbs `labanmesh watch` and `labanmesh capture`: who listens, at the command line."""
 
 import math
 import signal
@@ -44,6 +44,34 @@ def watch(
             show_live(heard, console)
         else:
             show_lines(heard)
+
+
+def capture(
+    scene: Annotated[Path, typer.Argument(help="The scene file, as given to observe and fuse.")],
+    output: Annotated[Path, typer.Option("--output", "-o", help="The file to write (.mcap); a new one.")],
+    for_s: Annotated[
+        float | None, typer.Option("--for", metavar="SECONDS", min=0, help="End by itself after so long.")
+    ] = None,
+) -> None:
+    """All that is said in a scene, with its times, into a file for `labanmesh replay`. Ctrl-C ends it.
+
+    The file stays readable when this process is killed or the disk is full; an existing one is not overwritten.
+
+    Example: labanmesh capture scene.toml -o monday.mcap --for 3600
+    """
+    from common.capture_file import CaptureWriter
+    from common.lifecycle import stop_on_signals
+    from hub.capture import capture as write_down
+
+    named = read_scene(scene)
+    text = scene.read_text(encoding="utf-8")
+    end_s = math.inf if for_s is None else time.monotonic() + for_s
+    with stop_on_signals() as stop, Link.open(named.mesh, "hub") as link:
+        with CaptureWriter(output, named, text, time.time_ns()) as writer:
+            account = write_down(named, link, writer, lambda: not stop.is_set() and time.monotonic() < end_s)
+        print(f"{output}: {account}", flush=True)
+        if not account.messages:
+            print(f"nothing was heard at {named.mesh.endpoint}; does the scene run there?", flush=True)
 
 
 @contextmanager

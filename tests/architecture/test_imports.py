@@ -27,13 +27,14 @@ MAY_ENTER = {
 ONLY_IN = {
     "zenoh": "common/link.py",
     "msgpack": "common/wire.py",
+    "mcap": "common/capture_file.py",
     "cv2": "observer/*",
     "matplotlib": "studies/figures/*",
     "scipy": "observer/*",
 }
 PROVIDED_BY = {"zenoh": "eclipse-zenoh", "cv2": "opencv-python-headless"}
 """Import names that differ from the distribution's name."""
-EXTRAS_OF = {"observer": ("observer",), "studies": ("observer", "report")}
+EXTRAS_OF = {"common": ("capture",), "observer": ("observer",), "studies": ("observer", "report")}
 """Rooms that may need more than the plain install."""
 
 OUTSIDE_WORLD = {
@@ -44,13 +45,17 @@ OUTSIDE_WORLD = {
 IMPURE = {
     "*.commands": "command line: files, signals, printing",
     "*.service": "a loop with clock and mesh",
+    "common.capture_file": "files",
     "common.clock_asking": "the mesh",
     "common.config": "reads the scene file and the environment",
+    "common.credentials": "files",
     "common.inbox": "threads and the clock of arrival",
     "common.lifecycle": "signals and logging",
     "common.link": "the mesh",
+    "common.notify": "the supervisor's socket, a file, the clock",
     "common.progress": "the terminal",
     "common.status": "a thread and the mesh",
+    "common.tls": "sockets and files",
     "observer.examination": "a process of its own: opens files",
     "observer.source": "plays recordings by the clock",
     "observer.opening": "opens files, cameras and the standard input",
@@ -78,7 +83,11 @@ IMPURE = {
     "observer.rendering.renderer": "draws with OpenCV",
     "observer.rendering.virtual_camera": "plays recordings by the clock",
     "observer.tracking.*": "OpenCV",
+    "deploy.security.diagnosis": "the mesh",
+    "deploy.security.issuing": "files",
+    "deploy.security.routing": "files, a thread, the mesh",
     "fusion.memory_file": "files",
+    "hub.capture": "the mesh, the clock, the terminal",
     "hub.session": "the clock and the mesh",
     "hub.views": "the terminal",
     "deploy.doctor.look*": "files, ports, processes, threads, the mesh",
@@ -90,6 +99,8 @@ IMPURE = {
     "studies.figures.*": "files",
     "studies.mesh_run": "the mesh",
     "studies.pixels": "processes, and the virtual camera",
+    "studies.playback": "the mesh and the clock",
+    "studies.replay_commands": "command line: files, printing",
     "studies.report": "files",
     "studies.stream": "runs evaluate, which measures time",
     "studies.answer": "words for what evaluate, which measures time, found",

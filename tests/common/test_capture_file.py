@@ -1,0 +1,193 @@
+"""Capture files: what was written is read, whatever the moment at which the writer was killed."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from mcap.reader import make_reader
+from mcap.writer import CompressionType, Writer
+
+from common import capture_file
+from common.capture_file import CHANNELS_LIMIT, CaptureFile, CaptureWriter
+from common.capture_record import CAME, WENT, Record
+from common.config import ObserverConfig, Scene
+from common.errors import BadInput, LabanmeshError
+
+ROOT = Path(__file__).parents[2]
+SCENE = Scene(scene="dojo", observers={"cam1": ObserverConfig(source="m.npz", size_px=(640, 480), recording="all")})
+TEXT = 'scene = "dojo"\n# Dōjō\n'
+RECORDS = [
+    Record("token", "laban/dojo/observer/cam1/alive", CAME, 900),
+    Record("answer", "laban/dojo/vocabulary", b"names", 1000),
+    Record("put", "laban/dojo/vocabulary", b"", 1001),
+    Record("put", "laban/dojo/judgement", b"\xff" * 300, 1002),
+    Record("token", "laban/dojo/observer/cam1/alive", WENT, 999),
+]
+ONE = st.builds(
+    Record,
+    kind=st.sampled_from(("put", "answer", "token")),
+    key=st.sampled_from(("laban/dojo/judgement", "laban/dojo/observer/cam1/posterior", "laban/dojo/é")),
+    payload=st.binary(max_size=50),
+    arrived_ns=st.integers(0, 2**63),
+)
+
+
+def written(path, records=RECORDS, scene=SCENE):
+    with CaptureWriter(path, scene, TEXT, 5) as writer:
+        for record in records:
+            writer.write(record)
+    return path
+
+
+@settings(max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+@given(records=st.lists(ONE, max_size=20))
+def test_what_was_written_is_read_again(tmp_path, records):
+    path = tmp_path / "a.mcap"
+    path.unlink(missing_ok=True)
+    found = CaptureFile(written(path, records))
+    assert list(found.records()) == records == list(found.records())
+    assert found.complete
+    assert found.text == TEXT
+    assert found.scene.model_dump() == SCENE.model_dump()
+
+
+def test_cut_off_anywhere_all_that_is_whole_is_read(tmp_path):
+    whole = written(tmp_path / "whole.mcap").read_bytes()
+    cut, counts = tmp_path / "cut.mcap", set()
+    for size in range(len(whole)):
+        cut.write_bytes(whole[:size])
+        try:
+            found = CaptureFile(cut)
+        except BadInput as error:
+            assert str(error).count("\n") == 0 and "cut.mcap" in str(error)
+            counts.add(-1)
+            continue
+        records = list(found.records())
+        assert records == RECORDS[: len(records)]
+        assert not found.complete
+        counts.add(len(records))
+    assert counts == {-1, *range(len(RECORDS) + 1)}
+
+
+def test_what_was_flushed_is_there_without_an_end(tmp_path):
+    writer = CaptureWriter(tmp_path / "a.mcap", SCENE, TEXT, 5)
+    assert list(CaptureFile(writer.path).records()) == []
+    for count, record in enumerate(RECORDS, 1):
+        writer.write(record)
+        writer.flush()
+        assert list(CaptureFile(writer.path).records()) == RECORDS[:count]
+        assert writer.size == writer.path.stat().st_size
+    writer.close()
+    writer.close()
+
+
+@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+@given(place=st.floats(0, 1, exclude_max=True), value=st.integers(0, 255))
+def test_a_damaged_file_is_one_line(tmp_path, place, value):
+    path = tmp_path / "a.mcap"
+    path.unlink(missing_ok=True)
+    damaged = bytearray(written(path).read_bytes())
+    damaged[int(place * len(damaged))] = value
+    path.write_bytes(damaged)
+    try:
+        assert len(list(CaptureFile(path).records())) <= len(RECORDS) + 1
+    except LabanmeshError as error:
+        assert str(error).count("\n") == 0 and str(path) in str(error)
+
+
+def test_a_length_that_is_damaged_reserves_nothing(tmp_path):
+    path = written(tmp_path / "a.mcap")
+    damaged = bytearray(path.read_bytes())
+    place = damaged.index(TEXT.encode())
+    damaged[place - 8 : place] = (2**62).to_bytes(8, "little")
+    path.write_bytes(damaged)
+    assert list(CaptureFile(path).records()) == []
+
+
+def test_others_can_read_it(tmp_path):
+    with written(tmp_path / "a.mcap").open("rb") as stream:
+        reader = make_reader(stream)
+        topics = [channel.topic for _, channel, _ in reader.iter_messages(log_time_order=False)]
+        assert topics == [record.key for record in RECORDS]
+        assert {channel.message_encoding for channel in reader.get_summary().channels.values()} == {"msgpack"}
+        assert [each.data.decode() for each in reader.iter_attachments()] == [TEXT]
+
+
+def test_an_existing_file_is_not_touched(tmp_path):
+    path = tmp_path / "a.mcap"
+    path.write_text("mine")
+    with pytest.raises(BadInput, match="is there already"):
+        CaptureWriter(path, SCENE, TEXT, 5)
+    assert path.read_text() == "mine"
+
+
+def test_refusals_to_write_name_file_and_way_out(tmp_path):
+    with pytest.raises(BadInput, match=r"a\.bag: .*ends in \.mcap"):
+        CaptureWriter(tmp_path / "a.bag", SCENE, TEXT, 5)
+    with pytest.raises(LabanmeshError, match="no such file or directory; name a file") as refused:
+        CaptureWriter(tmp_path / "nowhere" / "a.mcap", SCENE, TEXT, 5)
+    assert refused.value.exit_status == 1
+
+
+def test_refusals_to_read_say_why(tmp_path, monkeypatch):
+    def refused(name, content=None):
+        if content is not None:
+            (tmp_path / name).write_bytes(content)
+        with pytest.raises(BadInput) as error:
+            CaptureFile(tmp_path / name)
+        return str(error.value)
+
+    assert "no such file" in refused("none.mcap")
+    assert "is a directory" in refused(".")
+    assert "empty; nothing was captured" in refused("empty.mcap", b"")
+    assert "not a capture; name a file" in refused("picture.mcap", b"\x89PNG\r\n\x1a\n" + bytes(100))
+    whole = written(tmp_path / "whole.mcap").read_bytes()
+    assert "cut off before the first message" in refused("cut.mcap", whole[:40])
+    with (tmp_path / "robot.mcap").open("wb") as stream:
+        writer = Writer(stream, compression=CompressionType.NONE)
+        writer.start("ros2")
+        writer.finish()
+    assert "profile 'ros2'" in refused("robot.mcap")
+    monkeypatch.setattr(capture_file, "FORMAT", "2")
+    written(tmp_path / "later.mcap")
+    monkeypatch.undo()
+    assert "capture format '2', this version reads '1'" in refused("later.mcap")
+
+
+def test_a_full_disk_is_one_line_and_what_was_written_stays(tmp_path):
+    script = (
+        "import resource, sys\n"
+        "from pathlib import Path\n"
+        "from common.capture_file import CaptureWriter\n"
+        "from common.capture_record import Record\n"
+        "from common.config import ObserverConfig, Scene\n"
+        "scene = Scene(scene='dojo', observers={'cam1': ObserverConfig(source='m.npz')})\n"
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))\n"
+        "try:\n"
+        "    with CaptureWriter(Path(sys.argv[1]), scene, '', 5) as writer:\n"
+        "        while True:\n"
+        "            writer.write(Record('put', 'laban/dojo/judgement', b'x' * 1000, writer.messages))\n"
+        "            writer.flush()\n"
+        "except Exception as error:\n"
+        "    print(type(error).__name__, error)\n"
+    )
+    path = tmp_path / "a.mcap"
+    done = subprocess.run(
+        [sys.executable, "-W", "error", "-c", script, path], cwd=ROOT, capture_output=True, text=True, timeout=30
+    )
+    assert done.stdout.startswith(f"LabanmeshError {path}: file too large after ")
+    assert "what was written stays readable" in done.stdout and done.stdout.count("\n") == 1
+    assert done.stderr == ""
+    kept = list(CaptureFile(path).records())
+    assert len(kept) >= 15 and all(len(record.payload) == 1000 for record in kept)
+
+
+def test_invented_keys_do_not_fill_the_table(tmp_path):
+    with CaptureWriter(tmp_path / "a.mcap", SCENE, TEXT, 5) as writer:
+        for number in range(CHANNELS_LIMIT + 3):
+            writer.write(Record("put", f"laban/dojo/{number}", b"", 1))
+        writer.write(Record("put", "laban/dojo/0", b"", 1))
+        assert (writer.messages, writer.left_out) == (CHANNELS_LIMIT + 1, 3)

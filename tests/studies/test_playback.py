@@ -1,0 +1,242 @@
+"""A capture played back onto a mesh: how its times are moved, and what others then hear."""
+
+import threading
+import time
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import labanmesh
+from common.capture_file import CaptureFile, CaptureWriter
+from common.capture_record import CAME, WENT, Record
+from common.config import MeshConfig, ObserverConfig, Scene
+from common.errors import BadInput, LabanmeshError
+from common.link import Link
+from common.messages import (
+    Agreement,
+    JudgementMessage,
+    Movement,
+    PosteriorMessage,
+    StatusMessage,
+    VerdictMessage,
+    VocabularyReference,
+)
+from common.vocabulary import Vocabulary
+from common.wire import decode, encode, encode_vocabulary
+from studies import playback
+from studies.moved_times import MovedTimes
+from studies.playback import Manner, play
+
+SOON_S = 10.0
+SECOND = 1_000_000_000
+THEN, NOW = 1_700_000_000 * SECOND, 1_800_000_000 * SECOND
+NAMES = Vocabulary(("bowing", "lunging"))
+REFERENCE = VocabularyReference(name=NAMES.name, hash=NAMES.digest)
+ROOT = "laban/dojo"
+POSTERIOR, JUDGEMENT, VERDICT = f"{ROOT}/observer/cam1/posterior", f"{ROOT}/judgement", f"{ROOT}/verdict"
+STATUS, ALIVE, VOCABULARY = f"{ROOT}/observer/cam1/status", f"{ROOT}/observer/cam1/alive", f"{ROOT}/vocabulary"
+
+
+def posterior(seq=1, captured_ns=THEN, sent_ns=THEN, session="s"):
+    return PosteriorMessage(
+        scene="dojo", observer="cam1", seq=seq, session=session, captured_ns=captured_ns, sent_ns=sent_ns,
+        vocabulary=REFERENCE, p=[0.25, 0.75], rest=0.5, frames=seq, visible={"head": True},
+    )  # fmt: skip
+
+
+def judgement(at_ns=THEN, kind=JudgementMessage, **more):
+    return kind(
+        scene="dojo", fusion="fusion", seq=1, at_ns=at_ns, vocabulary=REFERENCE, p=[0.5, 0.5], label="bowing",
+        certainty_bits=1.0, rule="log", votes={}, agreement=Agreement(k=0, n=0), **more,
+    )  # fmt: skip
+
+
+def verdict(at_ns, ended_ns=None):
+    began_ns = THEN + SECOND
+    more = {"id": f"dojo-{began_ns // 1_000_000}", "began_ns": began_ns, "decided_ns": THEN + 2 * SECOND}
+    return judgement(at_ns, VerdictMessage, **more, ended_ns=ended_ns)
+
+
+def put(key, message, arrived_ns):
+    return Record("put", key, message if isinstance(message, bytes) else encode(message), arrived_ns)
+
+
+def moving(speed=1.0, scene="dojo"):
+    return MovedTimes(THEN, THEN + 10 * SECOND, NOW, speed, scene, "run")
+
+
+@given(
+    arrivals=st.lists(st.tuples(st.integers(0, 10**9), st.integers(0, 10**8), st.integers(0, 10**7)), max_size=20),
+    speed=st.sampled_from((0.0, 0.5, 1.0, 8.0)),
+)
+def test_posteriors_keep_their_age_and_no_two_are_dated_alike(arrivals, speed):
+    times, last, now_ns, at_ns = moving(speed), None, NOW, THEN
+    for seq, (later_ns, age_ns, way_ns) in enumerate(arrivals):
+        at_ns += later_ns
+        said = posterior(seq, at_ns - age_ns - way_ns, at_ns - way_ns)
+        now_ns = max(now_ns + 1, times.due_ns(at_ns))
+        moved = decode(PosteriorMessage, times.payload(put(POSTERIOR, said, at_ns), now_ns))
+        assert moved.captured_ns <= moved.sent_ns
+        if last is None or moved.captured_ns > last.captured_ns + 1:
+            assert abs((now_ns - moved.captured_ns) * (speed or 1) - age_ns - way_ns) <= 2 * max(speed, 1)
+        if last is not None:
+            assert moved.captured_ns > last.captured_ns and moved.sent_ns > last.sent_ns
+        assert (moved.p, moved.rest, moved.seq, moved.visible) == (said.p, said.rest, said.seq, said.visible)
+        assert moved.session == "s-run"
+        last = moved
+
+
+@pytest.mark.parametrize(("speed", "shift_ns", "scale"), [(1.0, NOW - THEN, 1), (4.0, NOW - THEN, 4)])
+def test_the_sayings_of_one_verdict_agree(speed, shift_ns, scale):
+    times = moving(speed)
+    first = decode(VerdictMessage, times.payload(put(VERDICT, verdict(THEN + 2 * SECOND), THEN), NOW + 5))
+    last = verdict(THEN + 4 * SECOND, THEN + 3 * SECOND)
+    last = decode(VerdictMessage, times.payload(put(VERDICT, last, THEN), NOW + 9999))
+    assert (first.id, first.began_ns, first.decided_ns) == (last.id, last.began_ns, last.decided_ns)
+    assert first.began_ns == NOW + SECOND // scale and last.ended_ns == NOW + 3 * SECOND // scale
+    assert first.ended_ns is None and last.at_ns == NOW + 4 * SECOND // scale
+    assert first.id == f"dojo-{first.began_ns // 1_000_000}"
+    going = judgement(THEN, movement=Movement(id="dojo-1", began_ns=THEN + SECOND))
+    going = decode(JudgementMessage, times.payload(put(JUDGEMENT, going, THEN), NOW))
+    assert (going.movement.id, going.movement.began_ns, going.movement.decided_ns) == (first.id, first.began_ns, None)
+
+
+def test_as_fast_as_possible_the_referees_words_end_now():
+    times = moving(0.0)
+    moved = decode(JudgementMessage, times.payload(put(JUDGEMENT, judgement(THEN + 9 * SECOND), THEN), NOW))
+    assert moved.at_ns == NOW - SECOND
+    assert times.due_ns(THEN + 9 * SECOND) == NOW
+
+
+def test_a_status_is_of_now_and_what_cannot_be_read_goes_as_it_was():
+    times = moving(scene="other")
+    said = StatusMessage(scene="dojo", id="cam1", state="running", at_ns=THEN, last_frame_ns=THEN - SECOND)
+    moved = decode(StatusMessage, times.payload(put(STATUS, said, THEN), NOW))
+    assert (moved.scene, moved.at_ns, moved.last_frame_ns) == ("other", NOW, NOW - SECOND)
+    for bad in (b"", b"\xc1", encode(said)[:-3]):
+        assert times.payload(put(STATUS, bad, THEN), NOW) == bad
+    assert times.payload(put(f"{ROOT}/x/y", encode(said), THEN), NOW) == encode(said)
+
+
+@pytest.fixture
+def kept(tmp_path):
+    scene = Scene(scene="dojo", observers={"cam1": ObserverConfig(source="m.npz")})
+
+    def keep(*records):
+        path = tmp_path / f"{len(list(tmp_path.iterdir()))}.mcap"
+        with CaptureWriter(path, scene, "", THEN) as writer:
+            for record in records:
+                writer.write(record)
+        return CaptureFile(path)
+
+    return keep
+
+
+def taken(inbox, count):
+    """All that has come once `count` have."""
+    arrivals, deadline_s = [], time.monotonic() + SOON_S
+    while len(arrivals) < count:
+        arrivals += inbox.take(0.1)
+        assert time.monotonic() < deadline_s, arrivals
+    return arrivals
+
+
+def onto(endpoint, scene="dojo", prefix="laban"):
+    mesh = MeshConfig(endpoint=endpoint, prefix=prefix)
+    return Scene(scene=scene, mesh=mesh, observers={"cam1": ObserverConfig(source="m.npz")})
+
+
+WHOLE = (
+    Record("answer", VOCABULARY, encode_vocabulary("dojo", NAMES), THEN),
+    Record("token", ALIVE, CAME, THEN),
+    put(POSTERIOR, posterior(1, THEN - 5), THEN + 1_000_000),
+    put(JUDGEMENT, judgement(THEN + 2_000_000), THEN + 2_000_000),
+    put(STATUS, b"no status", THEN + 2_000_000),
+    put(POSTERIOR, posterior(2, THEN + 2_000_000), THEN + 200_000_000),
+    Record("token", ALIVE, WENT, THEN + 300_000_000),
+)
+
+
+@pytest.fixture
+def referee():
+    """Where all meet, and what is heard there of observers."""
+    with Link.open(MeshConfig(), "fusion", listen=["tcp/127.0.0.1:0"]) as link:
+        yield link
+
+
+def test_a_referee_hears_the_posteriors_of_who_is_alive_and_learns_the_vocabulary(kept, referee):
+    inbox = referee.inbox(f"{ROOT}/**")
+    alive = referee.presence(f"{ROOT}/**/alive")
+    asked, seen = [], []
+    stop = threading.Event()
+
+    def watch(what, done, total):
+        if not asked:
+            assert alive.wait_for(1, SOON_S)
+            asked.append(referee.ask(VOCABULARY, SOON_S))
+        seen.append((done, total))
+        if done == total:
+            assert alive.wait_for(0, SOON_S), "he goes when he went"
+
+    began_s = time.monotonic()
+    said = play(kept(*WHOLE), onto(referee.locator), Manner(posteriors_only=True), stop, watch)
+    assert time.monotonic() - began_s >= 0.3
+    assert said == 2 and seen[-1] == (7, 7)
+    assert asked == [{VOCABULARY: WHOLE[0].payload}]
+    arrivals = taken(inbox, 2)
+    assert [arrival.key for arrival in arrivals] == [POSTERIOR, POSTERIOR]
+    heard = [decode(PosteriorMessage, arrival.payload) for arrival in arrivals]
+    assert [message.seq for message in heard] == [1, 2]
+    assert all(
+        0 <= arrival.arrived_ns - message.sent_ns < 2 * SECOND for arrival, message in zip(arrivals, heard, strict=True)
+    )
+    assert (arrivals[1].arrived_ns - arrivals[0].arrived_ns) / 1e6 == pytest.approx(199, abs=150)
+
+
+def test_everything_is_said_where_the_referee_is_missing_also_to_who_comes_late(kept):
+    with Link.open(MeshConfig(), "fusion", listen=["tcp/127.0.0.1:0"]) as free:
+        endpoint = free.locator
+    scene = onto(endpoint, prefix="other")
+    told = {}
+    with Link.open(scene.mesh, "hub") as hub:
+        inbox = hub.inbox("other/dojo/**")
+
+        def late(what, done, total):
+            if done == 6:
+                told.update(hub.ask("other/dojo/**", SOON_S))
+
+        manner = Manner(speed=0, as_recorded=True)
+        assert play(kept(*WHOLE), scene, manner, threading.Event(), late) == 4
+        heard = [(arrival.key, arrival.payload) for arrival in taken(inbox, 4)]
+    assert heard == [("other" + r.key.removeprefix("laban"), r.payload) for r in WHOLE if r.kind == "put"]
+    assert told == {f"other{r.key.removeprefix('laban')}": r.payload for r in (WHOLE[0], WHOLE[3], WHOLE[4])}
+
+
+def test_it_ends_when_it_is_told_to(kept, referee):
+    referee.inbox(f"{ROOT}/**")
+    stop = threading.Event()
+    slow = (WHOLE[2], put(POSTERIOR, posterior(3), THEN + 3600 * SECOND))
+    said = play(kept(*slow), onto(referee.locator), Manner(posteriors_only=True), stop, lambda *_: stop.set())
+    assert said == 1
+
+
+def test_what_cannot_be_played_is_refused(kept, referee, monkeypatch):
+    monkeypatch.setattr(playback, "LISTENER_S", 0.1)
+    stop = threading.Event()
+    with pytest.raises(LabanmeshError, match="nobody there listens to posteriors; start `labanmesh fuse`"):
+        play(kept(*WHOLE), onto(referee.locator), Manner(posteriors_only=True), stop)
+    with pytest.raises(LabanmeshError, match="already in use"):
+        play(kept(*WHOLE), onto(referee.locator), Manner(), stop)
+    with pytest.raises(BadInput, match="--as-recorded: the messages say scene 'dojo'"):
+        play(kept(*WHOLE), onto(referee.locator, "other"), Manner(as_recorded=True), stop)
+    with pytest.raises(LabanmeshError, match="nothing was heard in it"):
+        play(kept(), onto(referee.locator), Manner(), stop)
+
+
+def test_the_verb_plays_or_judges_never_both(kept, tmp_path, capsys):
+    path = str(kept(*WHOLE).path)
+    for words in (["--onto", "s.toml", "--without", "cam1"], ["--onto", "s.toml", "--json"], ["--only", "posteriors"],
+                  ["--onto", "s.toml", "--only", "verdicts"], ["--onto", "nowhere.toml"]):  # fmt: skip
+        assert labanmesh.main(["replay", path, *words]) == 2
+        assert capsys.readouterr().err.count("\n") == 1
