@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 MEDIAPIPE := .venv-mediapipe
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-mediapipe check bench clean
+.PHONY: help demo test test-mediapipe fault-tools faults fuzz soak-day check bench clean
 
 help:            ## this list
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*##/\t/' | expand -t 18
@@ -13,11 +13,23 @@ help:            ## this list
 demo: $(VENV)/.ready   ## the whole system on this machine; ends by itself
 	@$(BIN)/labanmesh demo
 
-test: $(VENV)/.ready   ## all tests; those on recorded people need LABANMESH_DATA
+test: $(VENV)/.ready fault-tools   ## all tests; those on recorded people need LABANMESH_DATA
 	@$(BIN)/pytest -q
 
 test-mediapipe: $(MEDIAPIPE)/.ready   ## the mediapipe tracker and its figures, in an environment of its own
 	@$(MEDIAPIPE)/bin/pytest -q -n0 -rP tests/mediapipe tests/contracts/test_trackers.py
+
+faults: $(VENV)/.ready fault-tools  ## what breaks, broken on purpose: the long form, about half an hour
+	@LABANMESH_FAULTS=long $(BIN)/pytest -q -n0 -rP --timeout 1800 tests/faults
+
+fuzz: $(VENV)/.ready   ## a million random and mutated messages
+	@LABANMESH_FUZZ=1000000 $(BIN)/pytest -q -n0 --timeout 3600 tests/fuzz
+
+soak-day: $(VENV)/.ready  ## 24 hours of traffic in about 22 minutes: memory and descriptors
+	@LABANMESH_DAY_HOURS=24 $(BIN)/pytest -q -n0 -s --timeout 7200 tests/faults/test_a_day.py
+
+fault-tools:
+	@tests/faults/install_tools.sh
 
 check: $(VENV)/.ready  ## lint and types
 	@$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/mypy

@@ -11,7 +11,7 @@ from dataclasses import asdict
 from itertools import chain
 from pathlib import Path
 
-from benchmarks import fusion_step, mesh, model_update, tracking
+from benchmarks import fusion_step, mesh, model_update, recovery, security, tracking
 from benchmarks.timing import Row
 from common.errors import LabanmeshError
 
@@ -24,7 +24,7 @@ def main() -> int:
     place = os.environ.get("LABANMESH_DATA")
     try:
         models = model_update.rows(Path(place) if place else None)
-        rows = told(chain(tracking.rows(), models, fusion_step.rows(), mesh.rows()))
+        rows = told(chain(tracking.rows(), models, fusion_step.rows(), mesh.rows(), recovery.rows(), security.rows()))
     except LabanmeshError as error:
         print(f"benchmarks: {error}", file=sys.stderr)
         return error.exit_status

@@ -22,6 +22,7 @@ import zenoh
 from common.config import MeshConfig
 from common.errors import BadInput, LabanmeshError
 from common.inbox import Arrival, Inbox, Presence
+from common.lingering import keep_ending
 from common.wire import SIZE_LIMIT
 from common.zenoh_settings import ADMITTED, Role, reason, settings
 
@@ -77,6 +78,7 @@ class Link:
         self._inboxes: list[Inbox] = []
         self._closed = threading.Event()
         self._closing = threading.Lock()
+        threading.Thread(target=keep_ending, args=(self._closed,), daemon=True, name="lingering").start()
 
     @classmethod
     def open(
@@ -246,6 +248,7 @@ class Link:
 
 
 def _session(config: zenoh.Config, values: Mapping[str, Any]) -> zenoh.Session:
+    os.environ.setdefault(*RUNTIME)
     for key, value in values.items():
         config.insert_json5(key, json.dumps(value))
     return zenoh.open(config)

@@ -10,6 +10,7 @@ from common.errors import LabanmeshError
 from common.health import Health
 from common.link import Link
 from common.messages import ProcessState
+from common.notify import Notifier
 from common.wire import encode
 
 
@@ -24,6 +25,7 @@ class StatusBoard:
     ) -> None:
         self._publisher = link.publisher(key)
         self._health, self._clock, self._every_s = health, clock, every_s
+        self._supervisor = Notifier.from_environment()
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._repeat, name="status", daemon=True)
         link.answer(key, self._payload)
@@ -31,7 +33,16 @@ class StatusBoard:
     def become(self, state: ProcessState, reason: str = "") -> None:
         """A change of state, said at once."""
         self._health.become(state, reason)
-        self._publisher.put(self._payload())
+        self._say()
+
+    def alive(self) -> None:
+        """A frame, or a step, was worked on. A supervisor that hears none for long starts the process anew."""
+        self._supervisor.alive()
+
+    def _say(self) -> None:
+        status = self._health.status(self._clock())
+        self._supervisor.status(": ".join(filter(None, (status.state, status.reason))))
+        self._publisher.put(encode(status))
 
     def _payload(self) -> bytes:
         return encode(self._health.status(self._clock()))
@@ -39,13 +50,14 @@ class StatusBoard:
     def _repeat(self) -> None:
         while not self._ended.wait(self._every_s):
             try:
-                self._publisher.put(self._payload())
+                self._say()
             except LabanmeshError:
                 return  # the link was closed under us: nobody can be told any more
 
     def __enter__(self) -> Self:
         self.become("starting")
         self._thread.start()
+        self._supervisor.ready()
         return self
 
     def __exit__(
@@ -53,6 +65,7 @@ class StatusBoard:
     ) -> None:
         self._ended.set()
         self._thread.join()
+        self._supervisor.stopping()
         if error is None:
             self.become("stopping")
         else:

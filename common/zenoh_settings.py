@@ -41,6 +41,9 @@ def settings(mesh: "MeshConfig", role: Role, listen: Sequence[str] | None, patie
         "scouting/multicast/enabled": False,
         "scouting/delay": 0,
         "transport/link/tx/lease": LEASE_MS,
+        # For messages of kilobytes it saves nothing, a killed process leaves its segments behind, and where mlock is
+        # forbidden no session opens.
+        "transport/shared_memory/enabled": False,
         # Tells where a session listens that asked for any free port; readable on the mesh, never writable.
         "adminspace/enabled": True,
         **(tls_settings(mesh.credentials) if mesh.credentials else {}),

@@ -1,6 +1,7 @@
 """The verbs `labanmesh up` and `labanmesh router`: a whole scene on one machine, and where machines meet."""
 
 import sys
+import tempfile
 import threading
 import time
 from pathlib import Path
@@ -11,7 +12,6 @@ import typer
 from common.config import MeshConfig, Scene, read_scene
 from common.errors import BadInput, LabanmeshError
 from common.lifecycle import log_to_stderr, stop_on_signals
-from common.link import Link
 from deploy.launcher import Job, Launcher
 from deploy.supervision import Patience
 
@@ -46,12 +46,12 @@ def up(
         own = f"TRACKER | labanmesh observe {scene} {name}"
         print(f"{name}: reads tracks from its standard input, start it by hand: {own}", file=sys.stderr)
     start_ns = time.time_ns() + round((START_TOGETHER_S + EACH_OBSERVER_S * len(named.roster)) * 1e9)
-    launcher = Launcher(
-        jobs(scene, named),
-        environment={"LABANMESH_PLAYBACK_START_NS": str(start_ns)},
-        patience=Patience(failures=FAILURES_WHEN_IT_SHALL_END if exit_when_done else None),
-    )
-    with stop_on_signals() as stop:
+    with stop_on_signals() as stop, tempfile.TemporaryDirectory(prefix="labanmesh-") as kept:
+        launcher = Launcher(
+            jobs(scene, named),
+            environment={"LABANMESH_PLAYBACK_START_NS": str(start_ns), **_memory(named, Path(kept))},
+            patience=Patience(failures=FAILURES_WHEN_IT_SHALL_END if exit_when_done else None),
+        )
         timer = threading.Timer(for_s or 0, stop.set)
         timer.daemon = True
         if for_s is not None:
@@ -63,15 +63,24 @@ def up(
     return 0
 
 
+def _memory(scene: Scene, folder: Path) -> dict[str, str]:
+    """A lone referee that is started again goes on with its movement; of several, another one does."""
+    if scene.fusion.memory or scene.fusion.standby:
+        return {}
+    return {"LABANMESH_FUSION_MEMORY": str(folder / "movement.json")}
+
+
 def jobs(path: Path, scene: Scene) -> list[Job]:
-    """The processes of a scene: the referee and each observer that needs nobody at its standard input.
+    """The processes of a scene: its fusion services and each observer that needs nobody at its standard input.
 
     A router, if the mesh has one, is run apart.
     """
     python = [sys.executable, "-m", "labanmesh"]
-    fuse = Job("[fuse]", [*python, "fuse", str(path)], lasting=True)
+    others = scene.fusion.standby
+    fuse = [Job("[fuse]", [*python, "fuse", str(path)], lasting=True)]
+    fuse += [Job(f"[fuse {name}]", [*python, "fuse", str(path), "--id", name], lasting=True) for name in others]
     started = [name for name in scene.roster if name not in _fed_by_hand(scene)]
-    return [fuse, *(Job(name, [*python, "observe", str(path), name]) for name in started)]
+    return [*fuse, *(Job(name, [*python, "observe", str(path), name]) for name in started)]
 
 
 def _fed_by_hand(scene: Scene) -> list[str]:
@@ -81,15 +90,31 @@ def _fed_by_hand(scene: Scene) -> list[str]:
 def router(
     endpoint: Annotated[
         str, typer.Argument(help="Where it listens: tcp/0.0.0.0:7447 is every interface of this machine.")
-    ] = MeshConfig().endpoint,
+    ] = "",
+    scene: Annotated[
+        Path | None,
+        typer.Option(help="The scene file: a secured scene's router admits whom the authority's register names."),
+    ] = None,
+    config: Annotated[
+        Path | None, typer.Option(help="A whole Zenoh configuration (JSON5), as `labanmesh secure rules` prints it.")
+    ] = None,
 ) -> None:
     """A Zenoh router, where the machines of a mesh meet. It relays, and keeps nothing.
 
-    Scene files then say mode = "router" and this machine's address under [mesh] endpoint.
+    Scene files then say mode = "router" and this machine's address under [mesh] endpoint. Changed files are noticed.
 
     Example: labanmesh router tcp/0.0.0.0:7447
+
+    Example: labanmesh router --scene scene.toml
     """
+    from deploy.security.routing import plain_rules, route, rules_in_file, rules_of_scene
+
+    if config is not None and (scene is not None or endpoint):
+        raise BadInput(f"--config {config}: says itself where to listen; leave out ENDPOINT and --scene")
     log_to_stderr()
-    with stop_on_signals() as stop, Link.open(MeshConfig(mode="router"), "router", listen=[endpoint]) as link:
-        print(f"labanmesh router: listening on {link.locator}", file=sys.stderr)
-        stop.wait()
+    if config is not None:
+        rules = rules_in_file(config)
+    else:
+        rules = plain_rules(endpoint or MeshConfig().endpoint) if scene is None else rules_of_scene(scene, endpoint)
+    with stop_on_signals() as stop:
+        route(rules, stop)

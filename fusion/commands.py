@@ -39,7 +39,7 @@ def fuse(
     # On one machine the first service is where all meet; the others come there as observers do.
     role: Role = "fusion" if named.fusion.id == whole.fusion.id else "standby"
     memory = Memory(named.place(named.fusion.memory)) if named.fusion.memory else None
-    with stop_on_signals() as stop, Link.open(named.mesh, role) as link:
+    with stop_on_signals() as stop, Link.open(named.mesh, role, named=named.fusion.id) as link:
         vocabulary = known_vocabulary(named, link, stop)
         if vocabulary is not None:
             referee = Referee(named.scene, list(named.roster), vocabulary, named.fusion)

@@ -14,7 +14,8 @@ from rich.console import Console
 
 from common.config import read_scene
 from common.link import Link
-from hub.session import listen
+from common.notify import Notifier
+from hub.session import Heard, listen
 from hub.views import show_json, show_lines, show_live
 
 
@@ -37,7 +38,7 @@ def watch(
     end_s = math.inf if for_s is None else time.monotonic() + for_s
     console = Console()
     with _termination() as terminated, Link.open(named.mesh, "hub") as link:
-        heard = listen(named, link, lambda: not terminated.is_set() and time.monotonic() < end_s)
+        heard = _noted(listen(named, link, lambda: not terminated.is_set() and time.monotonic() < end_s))
         if json:
             show_json(heard)
         elif console.is_terminal:
@@ -72,6 +73,15 @@ def capture(
         print(f"{output}: {account}", flush=True)
         if not account.messages:
             print(f"nothing was heard at {named.mesh.endpoint}; does the scene run there?", flush=True)
+
+
+def _noted(heard: Iterator[Heard]) -> Iterator[Heard]:
+    """The same; whoever supervises the process learns that something is heard."""
+    with Notifier.from_environment() as supervisor:
+        for each in heard:
+            if each.message is not None:
+                supervisor.alive()
+            yield each
 
 
 @contextmanager

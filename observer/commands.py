@@ -62,7 +62,7 @@ def observe(
         in_folder = section.preview not in ("", "window")
         target = preview or (str(named.place(section.preview)) if in_folder else section.preview)
         shown = open_until_end.enter_context(_previewed(target, observer, judge, eyes, model.header))
-        link = open_until_end.enter_context(Link.open(named.mesh, "observer"))
+        link = open_until_end.enter_context(Link.open(named.mesh, "observer", named=observer))
         if isinstance(eyes.source, MeshTracks):
             eyes.source.listen(link)
         serve(named, observer, shown, eyes.source, link, stop, condition=condition)

@@ -95,6 +95,7 @@ def serve(
                 speaker.say(opinion, frame.captured_ns, now_ns)
             health.frame(frame.captured_ns, now_ns)
             condition.frame(observer.complaint)
+            board.alive()
             asker.ask_if_due()
             for _, reading in asker.readings():
                 fusion_clock.note(reading)

@@ -260,7 +260,7 @@ def test_scene_tells_every_key_with_its_default():
         assert told[key].strip("`") == DEFAULTS_IN_WORDS.get(key, plain).strip("`"), key
 
 
-@pytest.mark.parametrize("page", ["README.md", "docs/scene.md", "docs/wire.md"])
+@pytest.mark.parametrize("page", ["README.md", "docs/scene.md", "docs/wire.md", "docs/operate.md"])
 def test_scene_files_in_the_documents_are_read(page, tmp_path):
     whole = [text for text in blocks(ROOT / page, "toml") if "scene = " in text]
     assert whole

@@ -73,7 +73,7 @@ def test_version_is_the_distributions(door, words):
     [
         ("evalaute", "did you mean evaluate?"),
         ("observer", "did you mean observe?"),
-        ("xyzzy", "known: demo, up, observe"),
+        ("xyzzy", "known: demo, init, up"),
     ],
 )
 def test_an_unknown_verb_is_told_the_nearest(door, wrong, hint):

@@ -84,6 +84,12 @@ class Hall:
         thread.join(SOON_S)
         link.close()
 
+    def freeze(self, service):
+        """Its process stops in the middle, and its link stays open: nobody sees it go."""
+        stop, thread, _ = self.services.pop(service)
+        stop.set()
+        thread.join(SOON_S)
+
     def talk(self):
         """The observer says what it believes 50 times a second until the hall closes."""
 
@@ -138,6 +144,23 @@ def test_one_speaks_and_the_other_goes_on_with_the_same_movement(hall):
     hall.belief = REST
     ended = until(hall.verdicts, VerdictMessage, lambda v: v.ended_ns is not None)
     assert [(v.id, v.fusion) for v in ended] == [(decided.id, "b")]
+
+
+def test_what_happens_while_the_leader_is_silent_is_said_when_another_leads(hall):
+    hall.begin("a")
+    hall.begin("b")
+    hall.talk()
+    until(hall.judgements, JudgementMessage, lambda j: j.fusion == "a" and j.votes["cam1"].state == "counted")
+    statuses = hall.hub.inbox(hall.keys.fusion_status("b"))
+    until(statuses, StatusMessage, lambda s: s.reason == "standing by for a")
+    hall.belief = BOWING
+    decided = until(hall.verdicts, VerdictMessage, lambda v: True)[-1]
+    hall.freeze("a")
+    hall.belief = REST  # the movement is over a tenth of a second from now, and nobody leads for three
+    ended = until(hall.verdicts, VerdictMessage, lambda v: True)[-1]
+    first = until(hall.judgements, JudgementMessage, lambda j: j.fusion == "b")[-1]
+    assert (ended.id, ended.fusion) == (decided.id, "b") and ended.ended_ns is not None
+    assert ended.at_ns <= first.at_ns and first.movement is None
 
 
 def test_the_one_who_stands_by_says_so_and_nothing_else(hall):

@@ -1,0 +1,136 @@
+"""A private certificate authority: makes keys and certificates, as PEM bytes. Time is passed in, nothing is written.
+
+EC keys on P-256 throughout: small, quick to check on a Raspberry Pi, understood by every TLS library.
+"""
+
+import ipaddress
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import datetime, timedelta
+
+from cryptography import x509
+from cryptography.hazmat.primitives import hashes, serialization
+from cryptography.hazmat.primitives.asymmetric import ec
+from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
+
+from common.zenoh_settings import ROLE_URI
+
+AUTHORITY_DAYS = 3650
+CERTIFICATE_DAYS = 365
+BACKDATED = timedelta(hours=1)
+"""A certificate begins a little before it was made: the clock of a machine without a battery may be behind."""
+
+
+@dataclass(frozen=True, slots=True)
+class Pair:
+    """A certificate and its private key, each PEM; the key is not encrypted, the file's mode protects it."""
+
+    certificate: bytes
+    key: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Issued:
+    """A machine's pair, with what the register keeps of it."""
+
+    pair: Pair
+    serial: int
+    expires: datetime
+
+
+def make_authority(scene: str, now: datetime, days: int = AUTHORITY_DAYS) -> Pair:
+    """A new authority for `scene`, which signs itself; `now` is timezone-aware; valid for `days`."""
+    key = ec.generate_private_key(ec.SECP256R1())
+    name = _named(f"labanmesh {scene}"[:64])
+    usage = _usage(key_cert_sign=True, crl_sign=True)
+    builder = (
+        _builder(name, name, key.public_key(), now, now + timedelta(days=days))
+        .add_extension(x509.BasicConstraints(ca=True, path_length=0), critical=True)
+        .add_extension(usage, critical=True)
+    )
+    return Pair(_pem(builder.sign(key, hashes.SHA256())), _key_pem(key))
+
+
+def issue(
+    authority: Pair,
+    common_name: str,
+    hosts: Sequence[str],
+    now: datetime,
+    *,
+    roles: Sequence[str] = (),
+    days: float = CERTIFICATE_DAYS,
+) -> Issued:
+    """A certificate for `common_name`, signed by `authority`, valid for `days` but never longer than the authority.
+
+    hosts: DNS names or IP addresses by which it is reached. roles: what its holder is, `observer:cam1`, `fusion:ID`,
+    `hub`, `router`; only a router may be a server.
+    """
+    signer = x509.load_pem_x509_certificate(authority.certificate)
+    signer_key = serialization.load_pem_private_key(authority.key, None)
+    if not isinstance(signer_key, ec.EllipticCurvePrivateKey):
+        raise ValueError("the authority's key is no elliptic curve key")
+    key = ec.generate_private_key(ec.SECP256R1())
+    expires = min(now + timedelta(days=days), signer.not_valid_after_utc).replace(microsecond=0)
+    purposes = [ExtendedKeyUsageOID.CLIENT_AUTH, *([ExtendedKeyUsageOID.SERVER_AUTH] if "router" in roles else [])]
+    builder = (
+        _builder(_named(common_name), signer.subject, key.public_key(), now, expires)
+        .add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
+        .add_extension(_usage(digital_signature=True), critical=True)
+        .add_extension(x509.ExtendedKeyUsage(purposes), critical=False)
+        .add_extension(x509.AuthorityKeyIdentifier.from_issuer_public_key(signer_key.public_key()), critical=False)
+    )
+    names = [*map(_host, hosts), *(x509.UniformResourceIdentifier(ROLE_URI + role) for role in roles)]
+    if names:
+        builder = builder.add_extension(x509.SubjectAlternativeName(names), critical=False)
+    certificate = builder.sign(signer_key, hashes.SHA256())
+    return Issued(Pair(_pem(certificate), _key_pem(key)), certificate.serial_number, expires)
+
+
+def _builder(
+    subject: x509.Name, issuer: x509.Name, key: ec.EllipticCurvePublicKey, begins: datetime, expires: datetime
+) -> x509.CertificateBuilder:
+    return (
+        x509.CertificateBuilder()
+        .subject_name(subject)
+        .issuer_name(issuer)
+        .public_key(key)
+        .serial_number(x509.random_serial_number())
+        # Before its end even for one that has already expired, as tests make them.
+        .not_valid_before(min(begins, expires) - BACKDATED)
+        .not_valid_after(expires)
+        .add_extension(x509.SubjectKeyIdentifier.from_public_key(key), critical=False)
+    )
+
+
+def _named(common_name: str) -> x509.Name:
+    return x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, common_name)])
+
+
+def _host(host: str) -> x509.GeneralName:
+    try:
+        return x509.IPAddress(ipaddress.ip_address(host))
+    except ValueError:
+        return x509.DNSName(host)
+
+
+def _usage(*, digital_signature: bool = False, key_cert_sign: bool = False, crl_sign: bool = False) -> x509.KeyUsage:
+    return x509.KeyUsage(
+        digital_signature=digital_signature,
+        content_commitment=False,
+        key_encipherment=False,
+        data_encipherment=False,
+        key_agreement=False,
+        key_cert_sign=key_cert_sign,
+        crl_sign=crl_sign,
+        encipher_only=False,
+        decipher_only=False,
+    )
+
+
+def _pem(certificate: x509.Certificate) -> bytes:
+    return certificate.public_bytes(serialization.Encoding.PEM)
+
+
+def _key_pem(key: ec.EllipticCurvePrivateKey) -> bytes:
+    encoding, format_ = serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8
+    return key.private_bytes(encoding, format_, serialization.NoEncryption())

@@ -1,0 +1,181 @@
+"""The container files by their own tools (docker compose, hadolint), and against the tree and the command line."""
+
+import json
+import os
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+import typer
+
+from common.config import read_scene
+from common.notify import HEARTBEAT, Notifier
+from labanmesh import VERBS
+
+ROOT = Path(__file__).parents[2]
+FOLDER = ROOT / "deploy" / "container"
+CONTAINERFILE, COMPOSE, SECURED = (FOLDER / name for name in ("Containerfile", "compose.yaml", "compose.secured.yaml"))
+TARGETS = {"router", "fusion", "observer", "hub"}
+SCENE = "/etc/labanmesh/scene.toml"
+
+
+def tool(name):
+    """A tool of the development environment, which need not be activated."""
+    found = shutil.which(name, path=f"{Path(sys.executable).parent}{os.pathsep}{os.environ.get('PATH', '')}")
+    if found is None:
+        pytest.skip(f"{name} is not installed on this kind of machine")
+    return found
+
+
+def composed(*files):
+    """What docker compose makes of the files: all that is wrong in them is an error of it."""
+    command = [tool("docker-compose"), *(f"--file={file}" for file in files), "config", "--format", "json"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, env={"PATH": "", "HOME": "/"})
+    assert (done.returncode, done.stderr) == (0, "")
+    return json.loads(done.stdout)
+
+
+@pytest.fixture(scope="module")
+def plain():
+    return composed(COMPOSE)["services"]
+
+
+@pytest.fixture(scope="module")
+def secured():
+    return composed(COMPOSE, SECURED)["services"]
+
+
+def instructions(word):
+    """The arguments of an instruction of the Containerfile, continued lines joined."""
+    text = CONTAINERFILE.read_text("utf-8").replace("\\\n", " ")
+    return re.findall(rf"^{word} +(.*)$", text, re.MULTILINE)
+
+
+def understood(words):
+    verb, *rest = words
+    app = typer.Typer(add_completion=False)
+    app.command(verb)(VERBS[verb].load())
+    typer.main.get_command(app).make_context(verb, rest, resilient_parsing="--help" in rest)
+
+
+def test_hadolint_finds_nothing_wrong():
+    done = subprocess.run([tool("hadolint"), "--no-color", CONTAINERFILE], capture_output=True, text=True, timeout=60)
+    assert (done.returncode, done.stdout) == (0, "")
+
+
+def test_each_kind_of_process_has_a_target():
+    stages = [line.split(" AS ")[1] for line in instructions("FROM")]
+    assert set(stages) - {"wheel", "plain"} == TARGETS
+
+
+def test_what_is_copied_into_the_image_exists_and_is_all_of_the_program():
+    copied = {name for line in instructions("COPY") if "--from" not in line for name in line.split()[:-1]}
+    assert all((ROOT / name).exists() for name in copied)
+    packages = {path.parent.name for path in ROOT.glob("*/__init__.py")} - {"benchmarks"}
+    assert packages <= copied
+    kept = (FOLDER / "Containerfile.dockerignore").read_text("utf-8")
+    assert set(re.findall(r"^!(\S+)$", kept, re.MULTILINE)) == copied
+
+
+def test_the_images_start_what_there_is():
+    for line in instructions("CMD"):
+        understood(json.loads(line))
+    assert instructions("ENTRYPOINT") == ['["labanmesh"]']
+
+
+def test_no_image_runs_as_root():
+    user_of = {"python:3.11-slim": "0:0"}
+    for line in CONTAINERFILE.read_text("utf-8").splitlines():
+        if line.startswith("FROM "):
+            _, base, _, stage = line.split()
+            user_of[stage] = user_of[base]
+        elif line.startswith("USER "):
+            user_of[stage] = line.split()[1]
+    assert {user_of[target] for target in TARGETS} == {"10001:10001"}
+
+
+def test_every_service_is_built_from_its_target(plain):
+    for name, service in plain.items():
+        kind = name if name in TARGETS else "observer"
+        build = service["build"]
+        assert Path(build["context"]) == ROOT and (ROOT / build["dockerfile"]) == CONTAINERFILE
+        assert (build["target"], service["image"]) == (kind, f"labanmesh-{kind}")
+
+
+@pytest.mark.parametrize("files", ["plain", "secured"])
+def test_every_service_starts_what_there_is(files, request):
+    for service in request.getfixturevalue(files).values():
+        if service.get("command"):
+            understood(service["command"])
+
+
+def test_every_service_is_looked_after_and_enclosed(plain):
+    (health,) = instructions("HEALTHCHECK")
+    test_of_the_image = ["CMD", *json.loads(re.search(r"CMD (.*)$", health)[1])]
+    for service in plain.values():
+        # A dollar sign is doubled in what compose prints.
+        assert [word.replace("$$", "$") for word in service["healthcheck"]["test"]] == test_of_the_image
+        assert service["restart"] == "unless-stopped" and service["init"] and service["read_only"]
+        assert service["cap_drop"] == ["ALL"] and service["security_opt"] == ["no-new-privileges:true"]
+        assert any(line.startswith("/run/labanmesh:") for line in service["tmpfs"])
+
+
+def test_who_starts_after_whom(plain):
+    waits_for = {name: set(service.get("depends_on", {})) for name, service in plain.items()}
+    assert waits_for.pop("router") == set() and waits_for.pop("hub") == {"router", "fusion"}
+    assert set(map(frozenset, waits_for.values())) == {frozenset({"router"})}
+    conditions = {d["condition"] for service in plain.values() for d in service.get("depends_on", {}).values()}
+    assert conditions == {"service_healthy"}
+
+
+@pytest.mark.parametrize("files", ["plain", "secured"])
+def test_scene_and_credentials_are_read_only_and_meet_at_the_router(files, request, tmp_path):
+    (tmp_path / "scene.toml").write_text('scene = "dojo"\n[observers.sofa]\nsource = "0"\n')
+    services = request.getfixturevalue(files)
+    for name, service in services.items():
+        mounted = {volume["target"]: volume for volume in service.get("volumes", [])}
+        state = mounted.pop("/var/lib/labanmesh", None)
+        assert (state is None) == (name != "fusion")
+        assert all(volume.get("read_only") for volume in mounted.values())
+        wanted = {"/etc/labanmesh"} if files == "plain" else {"/etc/labanmesh", "/run/credentials"}
+        assert set(mounted) == (set() if (name, files) == ("router", "plain") else wanted)
+        if service.get("environment") and name != "router":
+            mesh = read_scene(tmp_path / "scene.toml", service["environment"]).mesh
+            protocol = "tcp" if files == "plain" else "tls"
+            assert (mesh.mode, mesh.endpoint) == ("router", f"{protocol}/router:7447")
+            assert mesh.credentials == ("" if files == "plain" else "/run/credentials")
+        places = {word for word in service.get("command") or [] if word.startswith("/")}
+        assert places <= ({"/etc/labanmesh/router.json5"} if name == "router" else {SCENE})
+
+
+def test_the_health_check_follows_the_heartbeat(tmp_path):
+    (health,) = instructions("HEALTHCHECK")
+    command = json.loads(re.search(r"CMD (.*)$", health)[1])
+    (place,) = {word for line in instructions("ENV") for word in shlex.split(line) if word.startswith(HEARTBEAT)}
+    in_the_image = place.partition("=")[2]
+    file = tmp_path / "alive"
+    assert in_the_image in command[-1]
+    command[-1] = command[-1].replace(in_the_image, str(file))
+
+    def healthy():
+        done = subprocess.run(command, capture_output=True, timeout=30)
+        return done.returncode == 0
+
+    if "GNU" not in subprocess.run(["find", "--version"], capture_output=True, text=True).stdout:
+        pytest.skip("the images have GNU find, this machine has another")
+    assert not healthy()
+    notifier = Notifier.from_environment({HEARTBEAT: str(file)})
+    notifier.ready()
+    assert healthy()
+    minute_ago = time.time() - 60
+    os.utime(file, (minute_ago, minute_ago))
+    assert not healthy()
+    notifier.alive()
+    assert healthy()
+    notifier.stopping()
+    assert not healthy()

@@ -1,0 +1,129 @@
+"""The systemd units by systemd's own checks, and what they call by the command line that it would reach."""
+
+import re
+import shlex
+import shutil
+import subprocess
+import tomllib
+from pathlib import Path
+
+import pytest
+import typer
+
+from labanmesh import VERBS
+
+UNITS = Path(__file__).parents[2] / "deploy" / "systemd"
+SERVICES = ("labanmesh-observer@.service", "labanmesh-fusion@.service", "labanmesh-router.service")
+FILES = (*SERVICES, "labanmesh.target")
+EXECUTABLE = "/usr/local/bin/labanmesh"
+NOT_BAD = 30
+"""In tenths of systemd's exposure level, 0 to 10: 3.0. What it calls unsafe begins at 9."""
+
+with_systemd = pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="systemd-analyze is not installed")
+services = pytest.mark.parametrize("name", SERVICES)
+
+
+def settings(name, key):
+    """The values of a key of a unit, in the file's order."""
+    return re.findall(rf"^{key}=(.*)$", (UNITS / name).read_text("utf-8"), re.MULTILINE)
+
+
+@pytest.fixture
+def installed(tmp_path):
+    """The units in a folder of their own, with the program that they start."""
+    program = tmp_path / "labanmesh"
+    program.write_text("#!/bin/sh\n")
+    program.chmod(0o755)
+    for name in FILES:
+        text = (UNITS / name).read_text("utf-8")
+        (tmp_path / name).write_text(text.replace(EXECUTABLE, str(program)))
+    return tmp_path
+
+
+def complaints(folder):
+    names = [folder / name.replace("@.", "@sofa.") for name in FILES]
+    done = subprocess.run(["systemd-analyze", "verify", *names], capture_output=True, text=True, timeout=60)
+    # verify reads the machine's own units too: what it says of those is not ours.
+    return [line for line in (done.stdout + done.stderr).splitlines() if "labanmesh" in line]
+
+
+@with_systemd
+def test_systemd_finds_nothing_wrong(installed):
+    assert complaints(installed) == []
+
+
+@with_systemd
+def test_systemd_would_find_something_wrong(installed):
+    unit = installed / SERVICES[0]
+    unit.write_text(unit.read_text().replace("WatchdogSec=60", "WatchdogSec=soon\nWatchdogs=1"))
+    assert len([line for line in complaints(installed) if SERVICES[0] in line]) == 2
+
+
+@with_systemd
+@services
+def test_systemd_calls_the_services_well_enclosed(name):
+    command = ["systemd-analyze", "security", "--offline=true", f"--threshold={NOT_BAD}", "--no-pager", UNITS / name]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    if "--offline" in done.stderr:
+        pytest.skip("this systemd-analyze looks at running services only")
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+@with_systemd
+def test_the_users_file_is_understood(tmp_path):
+    if shutil.which("systemd-sysusers") is None:
+        pytest.skip("systemd-sysusers is not installed")
+    (tmp_path / "etc").mkdir()
+    command = ["systemd-sysusers", f"--root={tmp_path}", UNITS / "labanmesh.sysusers"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0, done.stderr
+    assert re.search("^labanmesh:", (tmp_path / "etc" / "passwd").read_text(), re.MULTILINE)
+    assert {user for name in SERVICES for user in settings(name, "User")} == {"labanmesh"}
+
+
+@services
+def test_what_a_service_calls_is_understood(name):
+    (line,) = settings(name, "ExecStart")
+    defaults = dict(re.findall(r"(\w+)=(\S+)", " ".join(settings(name, "Environment"))))
+    line = re.sub(r"\$(\w+)", lambda found: defaults[found[1]], line.replace("%i", "sofa"))
+    program, verb, *words = shlex.split(line)
+    assert program == EXECUTABLE
+    app = typer.Typer(add_completion=False)
+    app.command(verb)(VERBS[verb].load())
+    typer.main.get_command(app).make_context(verb, words)
+
+
+@services
+def test_a_service_is_watched_and_comes_back(name):
+    assert settings(name, "Type") == ["notify"]
+    assert settings(name, "Restart") == ["always"] and settings(name, "StartLimitIntervalSec") == ["0"]
+    assert 10 <= int(settings(name, "WatchdogSec")[0]) <= 60
+    # Bad input ends with status 2 (common.errors.BadInput): starting again does not heal it.
+    assert settings(name, "RestartPreventExitStatus") == ["2"]
+    assert settings(name, "PartOf") == settings(name, "WantedBy") == ["labanmesh.target"]
+
+
+def test_only_the_observer_has_devices():
+    for name in SERVICES:
+        observer = "observer" in name
+        assert settings(name, "SupplementaryGroups") == (["video"] if observer else [])
+        assert settings(name, "DeviceAllow") == (["char-video4linux rw"] if observer else [])
+        assert settings(name, "PrivateDevices") == ([] if observer else ["yes"])
+
+
+@services
+def test_the_environment_file_is_read_and_names_what_there_is(name):
+    assert settings(name, "EnvironmentFile") == ["-/etc/labanmesh/labanmesh.env"]
+    named = set(re.findall(r"^#?(LABANMESH_\w+)=", (UNITS / "labanmesh.env").read_text("utf-8"), re.MULTILINE))
+    assert named == {"LABANMESH_LOG", "LABANMESH_ROUTER"}
+
+
+def test_the_wheel_carries_what_the_page_copies_out_of_it():
+    carried = tomllib.loads((UNITS.parents[1] / "pyproject.toml").read_text("utf-8"))["tool"]["setuptools"][
+        "package-data"
+    ]
+    assert {"systemd/*", "zenoh/*"} <= set(carried.get("deploy", ()))
+    page = (UNITS.parents[1] / "docs" / "operate.md").read_text("utf-8")
+    copied = set(re.findall(r'"\$files"/(\S+)', page))
+    assert copied == {"*.service", "*.target", "labanmesh.sysusers", "labanmesh.env"}
+    assert all(list(UNITS.glob(name)) for name in copied)

@@ -1,0 +1,71 @@
+"""A TCP relay that passes everything on, later: a long way between two machines. Loopback only."""
+
+import socket
+import threading
+import time
+from collections import deque
+from contextlib import suppress
+
+CHUNK = 65536
+
+
+class SlowLine:
+    """Listens on a free port of this machine and relays to `port`, each way `delay_s` later; a context manager."""
+
+    def __init__(self, port, delay_s):
+        self._to, self._delay_s = ("127.0.0.1", port), delay_s
+        self._ears = socket.create_server(("127.0.0.1", 0))
+        self.port = self._ears.getsockname()[1]
+        self.passed = 0
+        self._sockets = []
+        threading.Thread(target=self._accept, daemon=True).start()
+
+    def _accept(self):
+        with suppress(OSError):
+            while True:
+                near, _ = self._ears.accept()
+                far = socket.create_connection(self._to)
+                self._sockets += [near, far]
+                for source, sink in ((near, far), (far, near)):
+                    source.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+                    self._pass_on(source, sink)
+
+    def _pass_on(self, source, sink):
+        waiting, come = deque(), threading.Semaphore(0)
+
+        def read():
+            data = b"x"
+            while data:
+                try:
+                    data = source.recv(CHUNK)
+                except OSError:
+                    data = b""
+                waiting.append((time.monotonic() + self._delay_s, data))
+                come.release()
+
+        def write():
+            while come.acquire():
+                due, data = waiting.popleft()
+                time.sleep(max(due - time.monotonic(), 0.0))  # the delay itself, no waiting for a condition
+                if not data:
+                    break
+                try:
+                    sink.sendall(data)
+                except OSError:
+                    break
+                self.passed += len(data)
+            for end in (source, sink):
+                with suppress(OSError):
+                    end.shutdown(socket.SHUT_RDWR)
+
+        for work in (read, write):
+            threading.Thread(target=work, daemon=True).start()
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        for one in (self._ears, *self._sockets):
+            with suppress(OSError):
+                one.shutdown(socket.SHUT_RDWR)
+            one.close()

@@ -1,0 +1,293 @@
+"""A scene to be made to fail: a known performance played for ever, real processes that judge it, a witness who counts.
+
+The performance is the synthetic performer's, so that what was done, and when, is known to the frame; observers see it
+through the `projected` tracker, which needs no picture.
+"""
+
+import json
+import math
+import socket
+import sys
+import time
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+
+from fault_processes import SOON_S, Process, labanmesh
+
+from common.vocabulary import Vocabulary
+from observer.geometry.views import parse_view
+from observer.learning import learn_view
+from observer.model.store import write_model
+from observer.motion.archive import MotionArchive
+from observer.motion.archive_file import write_archive
+from studies.performer import perform, perform_continuously
+
+HERE = Path(__file__).parent
+SECOND_NS = 1_000_000_000
+MOVEMENTS = ("lunging", "byebye", "nthrow", "stretch")
+SERVICES = ("first", "second")
+VIEWS = {"door": "door", "corner": "yaw:45", "wheel": "wheel"}
+REST_S = (2.0, 2.6)
+"""Between two movements, shortest and longest: a router that is away for a second must not hide a whole rest."""
+START = "LABANMESH_PLAYBACK_START_NS"
+SETTLE_S = 1.5
+"""After its end a movement's last saying is due within this: rest must be seen, and have lasted for hold_s."""
+
+
+@dataclass(frozen=True, slots=True)
+class Movement:
+    """One movement as it was performed (Unix epoch, ns)."""
+
+    label: str
+    began_ns: int
+    ended_ns: int
+
+
+class Replay:
+    """The performance on disk with one model a view, and what is done in it."""
+
+    def __init__(self, folder):
+        self.folder = folder
+        learned = perform(("2", "3", "4"), MOVEMENTS, trials=2)
+        for observer, view in VIEWS.items():
+            write_model(folder / f"{observer}.model", learn_view(learned, parse_view(view), Vocabulary(MOVEMENTS)))
+        self._recording = perform_continuously("1", MOVEMENTS, rest_s=REST_S)
+        write_archive(folder / "seen.npz", MotionArchive(learned.body_parts, (self._recording,)))
+        self.length_ns = round(len(self._recording.positions) / self._recording.rate_hz * SECOND_NS)
+
+    def performed(self, start_ns, from_ns, until_ns):
+        """The movements that lie wholly between two times, when it was started at `start_ns` and loops."""
+        rate_hz = self._recording.rate_hz
+        first = max((from_ns - start_ns) // self.length_ns, 0)
+        last = (until_ns - start_ns) // self.length_ns
+        rounds = (start_ns + n * self.length_ns for n in range(first, last + 1))
+        whole = (
+            Movement(s.label, at + round(s.start / rate_hz * 1e9), at + round(s.end / rate_hz * 1e9))
+            for at in rounds
+            for s in self._recording.spans
+        )
+        return [one for one in whole if from_ns <= one.began_ns and one.ended_ns <= until_ns]
+
+
+class Witness:
+    """What a hub heard, as it came: lists of messages with `arrived_ns`. A process of its own."""
+
+    def __init__(self, scene_file, inside=()):
+        self.process = Process([sys.executable, str(HERE / "fault_witness.py"), str(scene_file)], inside)
+        self._read = 0
+        self.judgements, self.verdicts, self.statuses = [], [], []
+
+    def start(self):
+        self.process.start()
+        self.process.wait_for('"listening"')
+        return self
+
+    def look(self):
+        """Take in what it has written since."""
+        lines = self.process.lines_from(self._read)
+        self._read += len(lines)
+        for line in lines:
+            try:
+                record = json.loads(line)
+            except ValueError:
+                raise AssertionError(f"the witness wrote {line!r}") from None
+            if record["kind"] != "listening":
+                self._list(record["kind"]).append({**record["said"], "arrived_ns": record["arrived_ns"]})
+
+    @property
+    def last(self):
+        """The last judgement; one of 1970 while there was none."""
+        return self.judgements[-1] if self.judgements else {"at_ns": 0, "arrived_ns": 0, "fusion": "", "votes": {}}
+
+    def _list(self, kind):
+        return {"judgement": self.judgements, "verdict": self.verdicts, "status": self.statuses}[kind]
+
+    def wait_for(self, condition, timeout_s=SOON_S, why=""):
+        """Until `condition(self)` is true of what was heard; returns what it returned."""
+        deadline = time.monotonic() + timeout_s
+        while time.monotonic() < deadline:
+            self.look()
+            found = condition(self)
+            if found:
+                return found
+            self.process.wait_for_more(self._read, deadline - time.monotonic())
+        last = self.judgements[-1:] or self.process.log[-2000:]
+        raise AssertionError(f"not within {timeout_s} s: {why or condition}; the last judgement: {last}")
+
+
+class Stage:
+    """The processes of one scene that are met through a router. A context manager that ends them all.
+
+    inside: for each process name, what puts it into a host; where the router listens follows `address`.
+    """
+
+    def __init__(
+        self, replay, folder, *, fusions=("fusion",), address="127.0.0.1", inside=None, extra="", judges=tuple(VIEWS)
+    ):
+        self.replay, self.folder, self._judges = replay, folder, judges
+        self._inside = inside or {}
+        self.port = free_port() if address == "127.0.0.1" else 7447
+        self.endpoint = f"tcp/{address}:{self.port}"
+        self.file = self.write("scene.toml", self.endpoint, fusions, extra)
+        self.processes = {"router": Process(labanmesh("router", self.endpoint), self._inside.get("router", ()))}
+        for name in fusions:
+            which = () if name == fusions[0] else ("--id", name)
+            self._add(name, labanmesh("fuse", self.file, *which))
+        for name in VIEWS:
+            self._add(name, labanmesh("observe", self.file, name))
+        self.start_ns = 0
+        self._shifts = {}
+        self._witnesses = []
+
+    def _add(self, name, command):
+        self.processes[name] = Process(command, self._inside.get(name, ()))
+
+    def write(self, name, endpoint, fusions=("fusion",), extra=""):
+        """A scene file of this stage that meets at `endpoint`."""
+        standby = ", ".join(f'"{one}"' for one in fusions[1:])
+        labels = ", ".join(f'"{label}"' for label in MOVEMENTS)
+        lines = ['scene = "dojo"', f"vocabulary = [{labels}]"]
+        lines += ["[mesh]", 'mode = "router"', f'endpoint = "{endpoint}"']
+        lines += ["[fusion]", f'id = "{fusions[0]}"', *([f"standby = [{standby}]"] if standby else []), extra]
+        for observer in self._judges:
+            lines += [f"[observers.{observer}]", f'source = "{self.replay.folder / "seen.npz"}"']
+            lines += [f'view = "{VIEWS.get(observer, "door")}"']
+            lines += [f'model = "{self.replay.folder / observer}.model"', "loop = true"]
+        place = self.folder / name
+        place.write_text("\n".join(lines) + "\n")
+        return place
+
+    def play(self, in_s=1.5):
+        """Start all processes, the router first; the performance begins `in_s` from now."""
+        self.start("router")
+        self.processes["router"].wait_for("listening on")
+        self.start_ns = time.time_ns() + round(in_s * SECOND_NS)
+        for name in self.processes:
+            if name != "router":
+                self.start(name)
+
+    def start(self, name):
+        """Start one process; an observer falls in with the performance at its last beginning."""
+        rounds = max((time.time_ns() - self.start_ns) // self.replay.length_ns, 0) if self.start_ns else 0
+        begin_ns = self.start_ns + rounds * self.replay.length_ns + round(self._shifts.get(name, 0.0) * SECOND_NS)
+        self.processes[name].start(**{START: str(begin_ns)})
+
+    def with_clock(self, name, shift_s):
+        """Let a process that has not been started live by a clock that is `shift_s` ahead."""
+        self._shifts[name] = shift_s
+        process = self.processes[name]
+        where = process.command.index("labanmesh")
+        process.command[where - 1 : where + 1] = [str(HERE / "fault_odd_clock.py"), str(shift_s)]
+
+    def witness(self, inside=(), scene_file=None):
+        """Somebody who listens; start it when the router is there."""
+        one = Witness(scene_file or self.file, inside)
+        self._witnesses.append(one)
+        return one.start()
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        for process in (*self.processes.values(), *(one.process for one in self._witnesses)):
+            process.kill()
+
+    def logs(self):
+        """All that all have written, for a message."""
+        return "\n".join(
+            f"--- {name}\n{process.log[-1500:]}" for name, process in self.processes.items() if name != "hub"
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Tally:
+    """What became of each performed movement: `told` is verdict ids by movement."""
+
+    performed: list
+    told: list
+    labels: dict
+    sayings: dict
+
+    @property
+    def complete(self):
+        """Whether each movement has been told, its end included."""
+        return all(any("ended" in self.sayings[one] for one in ids) for ids in self.told)
+
+    @property
+    def amiss(self):
+        """What is wrong, movement by movement: lost, doubled, another label last, a saying said twice."""
+        found = []
+        for movement, ids in zip(self.performed, self.told, strict=True):
+            if len(ids) != 1:
+                found.append((movement, f"told as {len(ids)} movements {ids}"))
+            elif self.labels[ids[0]] != movement.label:
+                found.append((movement, f"told as {self.labels[ids[0]]}"))
+            elif len(self.sayings[ids[0]]) != len(set(self.sayings[ids[0]])):
+                found.append((movement, f"said {self.sayings[ids[0]]}"))
+        return found
+
+    def explained(self, faults):
+        """What is amiss, with what had happened shortly before or during it; faults: (when in ns, what)."""
+        lines = []
+        for movement, what in self.amiss:
+            span = (movement.began_ns - 2 * SECOND_NS, movement.ended_ns + SECOND_NS)
+            near = [(name, round((at - movement.began_ns) / 1e9, 2)) for at, name in faults if span[0] < at < span[1]]
+            length_s = (movement.ended_ns - movement.began_ns) / SECOND_NS
+            lines.append(f"{movement.label} ({length_s:.1f} s long): {what}; seconds after its beginning: {near}")
+        return "\n".join(lines)
+
+
+def tally(performed, verdicts):
+    """Holds the verdicts that were heard against what was performed."""
+    labels, sayings, spans = {}, {}, {}
+    for verdict in verdicts:
+        name, ended = verdict["id"], verdict["ended_ns"]
+        labels[name] = verdict["label"]
+        sayings.setdefault(name, []).append("decided" if ended is None else "ended")
+        spans[name] = (verdict["began_ns"], ended or verdict["decided_ns"])
+    told = [[] for _ in performed]
+    for name, (began, ended) in sorted(spans.items(), key=lambda item: item[1]):
+        shares = [min(ended, one.ended_ns) - max(began, one.began_ns) for one in performed]
+        best = max(range(len(shares)), key=shares.__getitem__, default=None)
+        if best is not None and shares[best] > 0:
+            told[best].append(name)
+    return Tally(list(performed), told, labels, sayings)
+
+
+def judged(stage, witness, movements, since_ns=None):
+    """Asserts that the next so many movements, from now or `since_ns`, are told, each once, each rightly."""
+    since_ns = since_ns or time.time_ns()
+    performed = stage.replay.performed(stage.start_ns, since_ns, since_ns + (movements + 4) * stage.replay.length_ns)
+    performed = performed[:movements]
+    due_ns = performed[-1].ended_ns + round(SETTLE_S * SECOND_NS)
+
+    def over(heard):
+        told = tally(performed, heard.verdicts)
+        return told.complete or heard.last["at_ns"] > due_ns
+
+    witness.wait_for(over, (due_ns - since_ns) / SECOND_NS + 5.0, "the movements are told")
+    told = tally(performed, witness.verdicts)
+    assert not told.amiss, f"{told.explained(())}\n{stage.logs()}"
+
+
+def all_heard(witness):
+    """Whether the votes of all observers count in full now."""
+    return counted(witness.last, *VIEWS)
+
+
+def counted(judgement, *observers):
+    """Whether the votes of all these observers count in full in a judgement."""
+    return all(judgement["votes"].get(one, {}).get("state") == "counted" for one in observers)
+
+
+def longest_gap_s(times_ns):
+    """The longest time between two neighbours."""
+    return max((b - a for a, b in pairwise(times_ns)), default=math.inf) / SECOND_NS
+
+
+def free_port():
+    """A port of this machine that was free a moment ago."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]

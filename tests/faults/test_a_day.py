@@ -1,0 +1,30 @@
+"""A day of traffic: every movement told once, memory flat, no file descriptor more.
+
+LABANMESH_DAY_HOURS (24 for `make soak-day`) and LABANMESH_DAY_RATE_HZ say how long and how dense it is.
+"""
+
+import os
+
+import pytest
+from fault_day import NAMES, ROUND_S, live
+
+HOURS = float(os.environ.get("LABANMESH_DAY_HOURS", "0.025"))
+RATE_HZ = float(os.environ.get("LABANMESH_DAY_RATE_HZ", "5"))
+GROWTH_KB = 12_000
+"""Between the first tenth of the time and its end: what the allocator keeps; a leak of one posterior each is 50 MB."""
+
+
+@pytest.mark.timeout(3 * 3600)
+def test_a_day_of_traffic_leaves_nothing_behind():
+    day = live(HOURS, RATE_HZ, HOURS / 48, tell=print)
+    print(day.told())
+    expected = int(HOURS * 3600 / ROUND_S)
+    assert expected > 3 and abs(len(day.sayings) - expected) <= 1
+    for number, said in enumerate(list(day.sayings.values())[:expected]):
+        label = NAMES.labels[number % NAMES.size]
+        assert said == [(label, False), (label, True)] or number == expected - 1, (number, said)
+    settled = [one for one in day.samples if one.hour >= HOURS / 10]
+    assert max(one.rss_kb for one in settled) - settled[0].rss_kb < GROWTH_KB
+    assert max(one.descriptors for one in settled) <= settled[0].descriptors + 2
+    # A query that is being answered is a thread of Zenoh's for a moment.
+    assert max(one.threads for one in settled) <= min(one.threads for one in settled) + 2

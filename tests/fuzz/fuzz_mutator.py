@@ -1,0 +1,153 @@
+"""Messages gone wrong, by a seeded chance: bytes shaken, maps with one field spoiled, and plain noise.
+
+Everything depends on the seed alone, so that what breaks something can be made again.
+"""
+
+import copy
+import math
+import random
+
+import msgpack
+
+from common.messages import (
+    Agreement,
+    JudgementMessage,
+    Movement,
+    PosteriorMessage,
+    StatusMessage,
+    VerdictMessage,
+    VocabularyMessage,
+    VocabularyReference,
+    Vote,
+)
+from common.vocabulary import Vocabulary
+from common.wire import encode
+
+SCENE, OBSERVERS = "dojo", ("cam1", "cam2", "cam3")
+NAMES = Vocabulary(("bowing", "lunging", "byebye", "stretch"))
+REFERENCE = VocabularyReference(name=NAMES.name, hash=NAMES.digest)
+NOON_NS = 1_700_000_000_000_000_000
+KEY = f"laban/{SCENE}/observer/{{}}/posterior"
+KINDS = (PosteriorMessage, JudgementMessage, VerdictMessage, StatusMessage, VocabularyMessage)
+NASTY = (
+    *(None, True, False, 0, -1, 1, 2**31, 2**63 - 1, 2**64 - 1, -(2**63)),
+    *(0.0, -0.0, 1e-320, 1e308, -1e308, math.nan, math.inf, -math.inf),
+    *("", "x", "cam2", "CAM1", "../..", "a" * 65, "é\u202e\0", "NaN", b"", b"\xff\xfe"),
+    *([], [0.5, 0.5], [1.0, 0.0, 0.0, 0.0], [math.nan] * 4, [2.0, -1.0, 0.0, 0.0], [0.25] * 5, ["a"] * 4),
+    *({}, {"": None}, {"name": 1, "hash": 2}, {"cam1": {}}, [[[[]]]]),
+)
+"""What a field may hold that it must not, or must not always."""
+
+
+def posterior(rng, observer="cam1", seq=0, captured_ns=NOON_NS, session="good"):
+    """A good opinion."""
+    mass = [rng.random() ** 3 + 1e-3 for _ in NAMES.labels]
+    return PosteriorMessage(
+        scene=SCENE,
+        observer=observer,
+        seq=seq,
+        session=session,
+        captured_ns=captured_ns,
+        sent_ns=captured_ns + 1_000_000,
+        vocabulary=REFERENCE,
+        p=[m / sum(mass) for m in mass],
+        rest=rng.random(),
+        frames=seq + 1,
+        visible={"left_hand": rng.random() < 0.9, "head": True},
+    )
+
+
+def good_messages(rng):
+    """One good message of each kind."""
+    p = [0.7, 0.1, 0.1, 0.1]
+    vote = Vote(label="bowing", entropy=1.2, weight=0.5, age_s=0.1, state="counted", p=p, rest=0.2, skew_s=0.01)
+    said = {
+        "scene": SCENE,
+        "fusion": "fusion",
+        "seq": 3,
+        "at_ns": NOON_NS,
+        "vocabulary": REFERENCE,
+        "p": p,
+        "label": "bowing",
+        "certainty_bits": 1.3,
+        "rule": "log",
+        "votes": dict.fromkeys(OBSERVERS, vote),
+        "agreement": Agreement(k=2, n=3),
+        "movement": Movement(id="dojo-1", began_ns=NOON_NS, label="bowing", decided_ns=NOON_NS),
+    }
+    times = {"id": "dojo-1", "began_ns": NOON_NS, "decided_ns": NOON_NS}
+    return (
+        posterior(rng),
+        JudgementMessage(**said),
+        VerdictMessage(**said, **times, ended_ns=NOON_NS + 1),
+        StatusMessage(scene=SCENE, id="cam1", state="running", rate_hz=15.0, last_frame_ns=NOON_NS, at_ns=NOON_NS),
+        VocabularyMessage(scene=SCENE, name=NAMES.name, hash=NAMES.digest, labels=list(NAMES.labels)),
+    )
+
+
+class Mutator:
+    """An endless supply of messages gone wrong, made of good ones."""
+
+    def __init__(self, seed):
+        self.rng = random.Random(seed)  # noqa: S311 - chance to be repeated
+        self._good = [encode(message) for message in good_messages(self.rng)]
+        self._ways = (self._spoil, self._spoil, self._shake, self._cut, self._splice, self._noise)
+
+    def next(self, good=b""):
+        """The bytes of one; made of `good` if that is given."""
+        return self.rng.choice(self._ways)(good or self.rng.choice(self._good))
+
+    def _spoil(self, good):
+        """One to three fields hold what they must not, are left out, or are strange."""
+        fields, rng = msgpack.unpackb(good), self.rng
+        for _ in range(rng.randint(1, 3)):
+            place, name = fields, rng.choice(sorted(fields) or ["v"])
+            inner = place.get(name)
+            if isinstance(inner, dict) and inner and rng.random() < 0.5:
+                place, name = inner, rng.choice(sorted(inner))
+            self._spoil_one(place, name)
+        return msgpack.packb(fields)
+
+    def _spoil_one(self, place, name):
+        rng, value = self.rng, place.get(name)
+        chance = rng.random()
+        if chance < 0.15:
+            place.pop(name, None)
+        elif chance < 0.25:
+            place["".join(rng.choices("abcvp_", k=3))] = self._nasty()
+        elif chance < 0.5 and isinstance(value, list) and value:
+            place[name] = [*value[:-1], self._nasty()] if rng.random() < 0.7 else value * rng.choice((0, 2, 300))
+        elif chance < 0.6 and type(value) is int:
+            place[name] = max(min(value + rng.choice((-1, 1)) * 10 ** rng.randint(0, 18), 2**64 - 1), -(2**63))
+        else:
+            place[name] = self._nasty()
+
+    def _nasty(self):
+        # A copy: a second field may be spoiled inside of it.
+        return copy.deepcopy(self.rng.choice(NASTY))
+
+    def _shake(self, good):
+        """Some bits are turned over."""
+        shaken = bytearray(good)
+        for _ in range(self.rng.choice((1, 1, 2, 8))):
+            shaken[self.rng.randrange(len(shaken))] ^= 1 << self.rng.randrange(8)
+        return bytes(shaken)
+
+    def _cut(self, good):
+        """A piece is missing, doubled, or at the end."""
+        a, b = sorted(self.rng.choices(range(len(good) + 1), k=2))
+        return self.rng.choice((good[:a], good[a:], good[:a] + good[b:], good[:b] + good[a:], good + good[a:b]))
+
+    def _splice(self, good):
+        """The beginning of one and the end of another."""
+        other = self.rng.choice(self._good)
+        return good[: self.rng.randrange(len(good))] + other[self.rng.randrange(len(other)) :]
+
+    def _noise(self, good):
+        """No message at all, or a head that claims more than there is."""
+        size = self.rng.choice((0, 1, 5, 60, 400))
+        head = self.rng.choice(
+            (b"", b"\xdd\xff\xff\xff\xff", b"\xdf\xff\xff\xff\xff", b"\xc6\xff\xff\xff\xff", b"\x8d")
+        )
+        deep = b"\x91" * self.rng.choice((0, 0, 0, 600, 3000))
+        return head + deep + self.rng.randbytes(size)

@@ -1,0 +1,186 @@
+"""Random and mutated messages: no exception but BadMessage, never a changed judgement, and no memory filled.
+
+LABANMESH_FUZZ is how many (`make fuzz`: a million), LABANMESH_FUZZ_SEED where chance begins.
+"""
+
+import logging
+import math
+import os
+import resource
+
+import msgpack
+import numpy as np
+import pytest
+from fuzz_mutator import KEY, KINDS, NAMES, NOON_NS, OBSERVERS, SCENE, Mutator, good_messages, posterior
+from hypothesis import given
+from hypothesis import strategies as st
+
+from common.config import FusionConfig
+from common.health import Health
+from common.inbox import Arrival
+from common.wire import SIZE_LIMIT, BadMessage, decode, encode
+from fusion.ear import Ear
+from fusion.referee import Referee
+
+MESSAGES = int(os.environ.get("LABANMESH_FUZZ", "20000"))
+SEED = int(os.environ.get("LABANMESH_FUZZ_SEED", "0"))
+STRANGERS = ("cam9", "Cam1", "", "a" * 65, "é", "fusion")
+FRAME_NS = 33_333_333
+JUDGED_EVERY = 40
+ROOM_KB = 30_000
+"""Peak memory may grow by this much in the course of it: caches of pydantic and numpy, not messages."""
+
+
+def test_whatever_is_decoded_is_a_message_or_a_bad_message():
+    mutator, good, before_kb = Mutator(SEED), 0, peak_kb()
+    for n in range(MESSAGES):
+        payload = mutator.next()
+        for kind in (KINDS[n % len(KINDS)], KINDS[mutator.rng.randrange(len(KINDS))]):
+            try:
+                message = decode(kind, payload)
+            except BadMessage as bad:
+                assert bad.detail is not None
+            else:
+                good += 1
+                # What was let in can be said again.
+                encode(message)
+    assert 0 < good < MESSAGES, "mutations that spoil all, or nothing, try little"
+    assert peak_kb() - before_kb < ROOM_KB
+
+
+class Listening(Referee):
+    """A referee that lets another hear what it accepts itself."""
+
+    def __init__(self, follower, *arguments):
+        super().__init__(*arguments)
+        self._follower = follower
+        self.accepted = 0
+
+    def hear(self, observer, message, now_ns):
+        reason = super().hear(observer, message, now_ns)
+        if reason is None:
+            self.accepted += 1
+            assert self._follower.hear(observer, message, now_ns) is None
+        return reason
+
+
+def test_bad_messages_change_no_judgement(caplog):
+    caplog.set_level(logging.CRITICAL, "labanmesh.fusion")
+    quiet = Referee(SCENE, list(OBSERVERS), NAMES, FusionConfig(quorum=2))
+    noisy = Listening(quiet, SCENE, list(OBSERVERS), NAMES, FusionConfig(quorum=2))
+    now_ns = NOON_NS
+    ear = Ear(SCENE, noisy, Health(SCENE, "fusion"), lambda: now_ns)
+    mutator, before_kb, compared = Mutator(SEED + 1), peak_kb(), 0
+    for n in range(MESSAGES):
+        observer = OBSERVERS[n % len(OBSERVERS)]
+        # Observers begin anew now and then, so that no spoiled session or number mutes them for long.
+        good = encode(posterior(mutator.rng, observer, n, now_ns, session=f"s{n // 60}"))
+        where = observer if n % 7 else STRANGERS[n // 7 % len(STRANGERS)]
+        ear.hear(Arrival(KEY.format(where), mutator.next(good), now_ns))
+        if n % 3 == 0:
+            ear.hear(Arrival(KEY.format(observer), good, now_ns))
+        now_ns += FRAME_NS // len(OBSERVERS)
+        if n % JUDGED_EVERY == 0:
+            one, other = noisy.judge(now_ns), quiet.judge(now_ns)
+            assert belief(one.judgement) == belief(other.judgement)
+            assert [v.id for v in one.verdicts] == [v.id for v in other.verdicts]
+            assert all(map(math.isfinite, one.judgement.p))
+            compared += 1
+    rejected = sum(sum(account.rejected.values()) for account in ear.accounts(OBSERVERS).values())
+    assert rejected > 0.5 * MESSAGES and noisy.accepted > 0.2 * MESSAGES and compared
+    assert len(ear.accounts(OBSERVERS)) < 300
+    assert peak_kb() - before_kb < ROOM_KB
+
+
+def test_a_judge_is_heard_again_whatever_was_said_in_its_name():
+    referee = Referee(SCENE, list(OBSERVERS), NAMES, FusionConfig(quorum=2))
+    now_ns, mutator = NOON_NS, Mutator(SEED + 2)
+    ear = Ear(SCENE, referee, Health(SCENE, "fusion"), lambda: now_ns)
+    for n in range(MESSAGES // 10):
+        now_ns += FRAME_NS
+        good = encode(posterior(mutator.rng, "cam1", n, now_ns))
+        ear.hear(Arrival(KEY.format("cam1"), mutator.next(good), now_ns))
+    for later in range(150):  # five seconds in which nobody else speaks in its name
+        now_ns += FRAME_NS
+        good = encode(posterior(mutator.rng, "cam1", n + 1 + later, now_ns))
+        ear.hear(Arrival(KEY.format("cam1"), good, now_ns))
+    assert referee.judge(now_ns).judgement.votes["cam1"].state in ("counted", "stale")
+
+
+def belief(judgement):
+    """What a judgement says of the movement; not why a judge who is not heard is not heard."""
+    votes = {name: (vote.label, vote.weight, vote.age_s, vote.p) for name, vote in judgement.votes.items()}
+    return judgement.p, judgement.label, judgement.certainty_bits, votes, judgement.agreement
+
+
+TREES = st.recursive(
+    st.none()
+    | st.booleans()
+    | st.integers(-(2**63), 2**64 - 1)
+    | st.floats()
+    | st.text(max_size=8)
+    | st.binary(max_size=8),
+    lambda inner: (
+        st.lists(inner, max_size=6) | st.dictionaries(st.text(max_size=8) | st.integers(0, 9), inner, max_size=6)
+    ),
+    max_leaves=12,
+)
+FIELDS = sorted({name for kind in KINDS for name in kind.model_fields})
+
+
+@given(st.sampled_from(KINDS), st.dictionaries(st.sampled_from(FIELDS), TREES, max_size=6), st.booleans())
+def test_any_tree_in_any_field(kind, fields, whole):
+    base = encode(good_messages(Mutator(0).rng)[KINDS.index(kind)]) if whole else msgpack.packb({"v": 1})
+    try:
+        message = decode(kind, msgpack.packb({**msgpack.unpackb(base), **fields}))
+    except BadMessage:
+        return
+    encode(message)
+
+
+@given(st.sampled_from(KINDS), st.binary(max_size=300))
+def test_any_bytes(kind, payload):
+    try:
+        decode(kind, payload)
+    except BadMessage:
+        return
+    raise AssertionError("a message was found by chance alone")
+
+
+def spoilt(**fields):
+    return msgpack.packb({**msgpack.unpackb(encode(posterior(Mutator(0).rng))), **fields})
+
+
+@pytest.mark.parametrize(
+    ("payload", "reason"),
+    [
+        (b"\xc1", "not_msgpack"),
+        (msgpack.packb([1, 2]), "not_a_map"),
+        (spoilt(v=2), "wrong_version"),
+        (spoilt(vocabulary={"name": "movements", "hash": "0" * 16}), "foreign_vocabulary"),
+        (spoilt(p=[math.nan, 0.5, 0.25, 0.25]), "not_finite"),
+        (spoilt(p=[-0.5, 0.5, 0.5, 0.5]), "not_a_distribution"),
+        (spoilt(p=[0.5, 0.5, 0.5, 0.5]), "not_a_distribution"),
+        (spoilt(p=[0.5, 0.5]), "wrong_length"),
+        (spoilt(seq="1"), "malformed"),
+        (spoilt(observer="cam2"), "wrong_key"),
+        (spoilt(scene="other"), "wrong_key"),
+        (bytes(10_000_000), "too_large"),
+        (bytes(SIZE_LIMIT + 1), "too_large"),
+    ],
+)
+def test_each_way_of_being_bad_is_counted_by_its_name_and_changes_nothing(payload, reason):
+    referee = Referee(SCENE, list(OBSERVERS), NAMES, FusionConfig(quorum=2))
+    ear = Ear(SCENE, referee, Health(SCENE, "fusion"), lambda: NOON_NS)
+    for observer in OBSERVERS:
+        ear.hear(Arrival(KEY.format(observer), encode(posterior(Mutator(1).rng, observer)), NOON_NS))
+    before = referee.judge(NOON_NS).judgement
+    ear.hear(Arrival(KEY.format("cam1"), payload, NOON_NS))
+    after = referee.judge(NOON_NS).judgement
+    assert belief(after) == belief(before) and np.isclose(sum(after.p), 1.0)
+    assert ear.accounts(OBSERVERS)["cam1"].rejected == {reason: 1}
+
+
+def peak_kb():
+    """The most memory that this process has had so far."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss

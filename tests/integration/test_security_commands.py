@@ -1,0 +1,241 @@
+"""`labanmesh secure` and `labanmesh router` as a person uses them: sub-verbs, folders, changes while a router runs."""
+
+import json
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from contextlib import contextmanager
+
+import pytest
+
+from common.config import read_scene
+from common.errors import LabanmeshError
+from common.link import Link
+from deploy.security.routing import route, rules_in_file, rules_of_scene
+from labanmesh import main
+
+SOON_S = 20.0
+OBSERVERS = "".join(f'[observers.{name}]\nsource = "m.npz"\n' for name in ("sofa", "shelf"))
+
+
+def free_port():
+    with socket.create_server(("127.0.0.1", 0)) as listening:
+        return listening.getsockname()[1]
+
+
+@pytest.fixture
+def scene(tmp_path):
+    path = tmp_path / "scene.toml"
+    mesh = f'mode = "router"\nendpoint = "tls/127.0.0.1:{free_port()}"\ncredentials = "credentials"\n'
+    path.write_text(f'scene = "dojo"\n[mesh]\n{mesh}{OBSERVERS}')
+    return path
+
+
+@pytest.fixture
+def secure(scene, capsys):
+    """`labanmesh secure VERB scene.toml ...`: status, output, error."""
+
+    def call(verb, *words):
+        status = main(["secure", verb, str(scene), *words])
+        out, err = capsys.readouterr()
+        return status, out, err
+
+    return call
+
+
+def placed(scene, certificate):
+    """What a person does with the folder that `add` made: copy it to its machine; here all machines are one."""
+    target = scene.parent / f"on-{certificate}"
+    shutil.copytree(scene.parent / "secure" / certificate, target)
+    return str(target)
+
+
+def test_from_nothing_to_credentials_for_each_machine(scene, secure):
+    status, out, err = secure("init")
+    assert (status, err) == (0, "")
+    told = [line.split()[2:] for line in out.splitlines() if "secure add" in line]
+    assert [words[-1] for words in told] == ["router", "fusion", "sofa", "shelf", "hub"]
+    for *_, machine in told:
+        status, out, err = secure("add", machine)
+        assert (status, err) == (0, "") and f"certificate {machine}.1" in out
+        assert f"scp -rp {scene.parent / 'secure' / machine}.1 {machine}:FOLDER/credentials" in out
+    status, out, _ = secure("list", "--json")
+    assert [row["roles"] for row in json.loads(out)] == [
+        ["router"], ["fusion:fusion"], ["observer:sofa"], ["observer:shelf"], ["hub"]
+    ]  # fmt: skip
+    assert json.loads(out)[0]["hosts"] == ["127.0.0.1", "localhost"]
+
+
+def test_a_scene_that_is_not_secured_yet_is_told_what_to_write(tmp_path, capsys):
+    path = tmp_path / "scene.toml"
+    path.write_text(f'scene = "dojo"\n{OBSERVERS}')
+    assert main(["secure", "init", str(path)]) == 0
+    out = capsys.readouterr().out
+    assert 'endpoint = "tls/ADDRESS-OF-THE-ROUTER:7447"' in out and 'credentials = "credentials"' in out
+    assert main(["secure", "rules", str(path)]) == 2
+    assert "rules without certificates bind nobody" in capsys.readouterr().err
+
+
+def test_renewal_tells_the_next_step(secure):
+    secure("init")
+    secure("add", "sofa")
+    status, out, _ = secure("renew", "sofa")
+    assert status == 0 and "sofa.2" in out and out.splitlines()[-1].endswith("sofa.1")
+    assert out.splitlines()[-1].startswith("when it is in place: labanmesh secure revoke ")
+    assert secure("revoke", "sofa.1")[1].startswith("revoked: sofa.1\n")
+    states = [line.split()[3:5] for line in secure("list")[1].splitlines()[1:]]
+    assert states == [["revoked", "365"], ["in", "force"]]
+
+
+@pytest.mark.parametrize(
+    ("words", "line"),
+    [
+        (("add", "attic"), "say what this machine is for"),
+        (("add", "sofa", "--observer", "door"), "observer 'door': not in the scene"),
+        (("renew", "attic"), "no such machine in the register; known: sofa"),
+        (("revoke", "attic"), "no certificate in force has this name; in force: sofa.1"),
+        (("add", "sofa"), "has certificate sofa.1"),
+        (("init",), "keys are never overwritten"),
+        (("bow",), "No such command 'bow'; see labanmesh secure --help"),
+        (("list", "--to", "nowhere"), "register.json: no such file or directory; labanmesh secure init"),
+    ],
+)
+def test_each_fault_is_one_line_and_status_2(secure, words, line):
+    secure("init")
+    secure("add", "sofa")
+    status, out, err = secure(*words)
+    assert (status, out) == (2, "") and line in err and err.count("\n") == 1
+
+
+@contextmanager
+def running(rules):
+    """A router in a thread, looking for changes all the time; its failure is the test's."""
+    stop, faults = threading.Event(), []
+
+    def body():
+        try:
+            route(rules, stop, look_s=0.02)
+        except LabanmeshError as error:
+            faults.append(error)
+
+    thread = threading.Thread(target=body)
+    thread.start()
+    try:
+        yield
+    finally:
+        stop.set()
+        thread.join(SOON_S)
+    assert not thread.is_alive() and faults == []
+
+
+def admitted(mesh, role="observer"):
+    with Link.open(mesh, role, patience_s=SOON_S) as link:
+        return link.admitted(SOON_S)
+
+
+def until(condition):
+    deadline = time.monotonic() + SOON_S
+    while not condition():
+        assert time.monotonic() < deadline, "it did not happen"
+        time.sleep(0.02)
+
+
+def test_a_running_router_takes_up_what_changes(scene, secure, monkeypatch, caplog):
+    """Added, refused when revoked, under new rules only when they can be used; open links end with the old rules."""
+    monkeypatch.setattr("common.link.ADMISSION_S", 0.5)
+    secure("init")
+    secure("add", "router")
+    secure("add", "sofa")
+    shutil.copytree(scene.parent / "secure" / "router.1", scene.parent / "credentials")
+    mesh = read_scene(scene, {}).mesh
+    sofa = mesh.model_copy(update={"credentials": placed(scene, "sofa.1")})
+    with running(rules_of_scene(scene)):
+        assert admitted(sofa)
+        register = scene.parent / "secure" / "register.json"
+        good = register.read_text()
+        register.write_text(good[: len(good) // 2])
+        with Link.open(sofa, "observer", patience_s=SOON_S) as early:
+            until(lambda: "the old ones stay in force" in caplog.text)
+            assert early.admitted(SOON_S)
+            register.write_text(good)
+            secure("add", "shelf")
+            shelf = mesh.model_copy(update={"credentials": placed(scene, "shelf.1")})
+
+            def shelf_is_in():
+                try:
+                    return admitted(shelf)
+                except LabanmeshError as error:
+                    assert "do not know certificate shelf.1" in str(error)
+                    return False
+
+            until(shelf_is_in)
+            assert early.admitted(SOON_S)  # it came back by itself
+            secure("revoke", "sofa")
+            until(lambda: not early.admitted(0.2))
+        with pytest.raises(LabanmeshError, match=r"do not know certificate sofa\.1: revoked"):
+            Link.open(sofa, "observer", patience_s=SOON_S)
+        assert admitted(shelf)
+
+
+def test_a_router_runs_on_the_file_that_secure_keeps(scene, secure):
+    secure("init")
+    secure("add", "router")
+    secure("add", "hub")
+    shutil.copytree(scene.parent / "secure" / "router.1", scene.parent / "credentials")
+    mesh = read_scene(scene, {}).mesh
+    hub = mesh.model_copy(update={"credentials": placed(scene, "hub.1")})
+    with running(rules_in_file(scene.parent / "secure" / "router.json5")):
+        assert admitted(hub, "hub")
+    status, out, _ = secure("rules", "--credentials", "/run/credentials", "--listen", "tls/0.0.0.0:9")
+    assert status == 0 and '"/run/credentials/key.pem"' in out and "tls/0.0.0.0:9" in out and '"hub.1"' in out
+
+
+@pytest.mark.parametrize(
+    ("spoil", "line"),
+    [
+        (lambda folder: None, "no such folder; copy the folder here"),
+        (lambda folder: shutil.copytree(folder / "secure" / "sofa.1", folder / "credentials"),
+         "certificate sofa.1 is for observer sofa, not for router"),
+        (lambda folder: (folder / "secure" / "register.json").unlink()
+         or shutil.copytree(folder / "secure" / "router.1", folder / "credentials"), "register.json: no such file"),
+    ],
+)  # fmt: skip
+def test_a_router_that_cannot_be_secured_does_not_start(scene, secure, spoil, line):
+    secure("init")
+    secure("add", "router")
+    secure("add", "sofa")
+    spoil(scene.parent)
+    with pytest.raises(LabanmeshError) as caught:
+        route(rules_of_scene(scene), threading.Event())
+    assert line in str(caught.value) and "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("words", "line"),
+    [
+        (("banana",), "endpoint 'banana': no configuration of a Zenoh router"),
+        (("--config", "nowhere.json5"), "nowhere.json5: no such file or directory; `labanmesh secure rules SCENE`"),
+        (("tcp/127.0.0.1:1", "--config", "x"), "says itself where to listen"),
+    ],
+)
+def test_a_router_that_cannot_start_is_one_line(capsys, words, line):
+    assert main(["router", *words]) in (1, 2)
+    err = capsys.readouterr().err
+    assert line in err and err.count("\n") == 1
+
+
+def test_the_process_says_where_it_listens_and_ends_cleanly(scene, secure):
+    secure("init")
+    secure("add", "router")
+    shutil.copytree(scene.parent / "secure" / "router.1", scene.parent / "credentials")
+    endpoint = read_scene(scene, {}).mesh.endpoint
+    command = [sys.executable, "-m", "labanmesh", "router", "--scene", str(scene)]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stderr.readline() == f"labanmesh router: listening on {endpoint}\n"
+        os.kill(process.pid, signal.SIGTERM)
+        assert process.wait(SOON_S) == 0

@@ -1,0 +1,134 @@
+"""The look at an endpoint without Zenoh: each cause has its own words, and nothing wrong has none."""
+
+import json
+import socket
+import threading
+from contextlib import contextmanager
+from datetime import UTC, datetime, timedelta
+
+import pytest
+
+from common.config import MeshConfig
+from common.link import Link
+from common.tls import why_unusable
+from common.zenoh_settings import nested, settings
+from deploy.security.authority import issue, make_authority
+
+NOW = datetime.now(UTC)
+ROUTER, CAMERA = ("router",), ("observer:cam1",)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Makes a folder of credentials."""
+    base = tmp_path_factory.mktemp("credentials")
+    authorities = {name: make_authority(name, NOW) for name in ("ours", "theirs")}
+
+    def made(name, roles=CAMERA, hosts=("127.0.0.1",), signed="ours", trusts="ours", days=1.0):
+        place = base / name
+        if not place.exists():
+            place.mkdir()
+            pair = issue(authorities[signed], f"{name}.1", hosts, NOW, roles=roles, days=days).pair
+            (place / "ca.pem").write_bytes(authorities[trusts].certificate)
+            (place / "certificate.pem").write_bytes(pair.certificate)
+            (place / "key.pem").touch(0o600)
+            (place / "key.pem").write_bytes(pair.key)
+        return str(place)
+
+    return made
+
+
+@contextmanager
+def router(credentials, protocol="tls"):
+    endpoint = f"{protocol}/127.0.0.1:0"
+    mesh = MeshConfig(mode="router", endpoint=endpoint, credentials=credentials)
+    with Link.router(json.dumps(nested(settings(mesh, "router", [endpoint], 0.0))), "the test's router") as link:
+        yield link.locator
+
+
+@contextmanager
+def listener(answer):
+    """A TCP port where `answer(connection)` is done with whoever comes, who is then let go."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def serve():
+            connection, _ = server.accept()
+            with connection:
+                answer(connection)
+
+        thread = threading.Thread(target=serve)
+        thread.start()
+        yield f"tls/127.0.0.1:{server.getsockname()[1]}"
+        thread.join()
+
+
+def looked(endpoint, credentials, **more):
+    mesh = MeshConfig(mode="router", endpoint=endpoint, credentials=credentials)
+    return why_unusable(mesh, more.pop("now", NOW), **more)
+
+
+def test_nothing_is_wrong(folder):
+    with router(folder("router", ROUTER)) as endpoint:
+        assert looked(endpoint, folder("cam1")) is None
+
+
+@pytest.mark.parametrize(
+    ("theirs", "cause", "way_out"),
+    [
+        ({"hosts": ("judge.example",)}, "does not name '127.0.0.1'", "--host 127.0.0.1"),
+        ({"signed": "theirs"}, "from a foreign authority", "labanmesh secure init"),
+        ({"days": -1.0}, "the router's certificate has expired", "labanmesh secure renew"),
+        ({"roles": CAMERA}, "is not accepted (unsuitable certificate purpose)", "--router"),
+    ],
+)
+def test_what_is_wrong_with_the_routers_certificate(folder, theirs, cause, way_out):
+    name = f"router-{next(iter(theirs))}"
+    with router(folder(name, **{"roles": ROUTER, **theirs})) as endpoint:
+        finding = looked(endpoint, folder("cam1"))
+    assert cause in finding.what and way_out in finding.what_to_do and endpoint in finding.what
+
+
+def test_a_certificate_that_only_the_router_finds_expired(folder):
+    """A machine whose clock stands still: here all seems well."""
+    with router(folder("router", ROUTER)) as endpoint:
+        finding = looked(endpoint, folder("late", days=-1.0), now=NOW - timedelta(days=1, minutes=30))
+    assert "the router says that certificate late.1 has expired" in finding.what
+
+
+def test_a_router_that_trusts_another_authority(folder):
+    with router(folder("router-trusts", ROUTER, trusts="theirs")) as endpoint:
+        finding = looked(endpoint, folder("cam1"))
+    assert "the router does not know the authority that signed cam1.1" in finding.what
+
+
+def test_nobody_listens_and_no_such_name(folder):
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+    assert "no router answers there" in looked(f"tls/127.0.0.1:{port}", folder("cam1")).what
+    assert "this name is not known here" in looked("tls/no-such-host.invalid:1", folder("cam1")).what
+
+
+def test_who_listens_speaks_no_tls(folder):
+    enough = threading.Event()
+    with listener(lambda connection: None) as endpoint:
+        assert "speaks no TLS" in looked(endpoint, folder("cam1")).what
+    with listener(lambda connection: connection.sendall(b"HTTP/1.1 400 Bad Request\r\n\r\n")) as endpoint:
+        assert "speaks no TLS" in looked(endpoint, folder("cam1")).what
+    with listener(lambda connection: enough.wait()) as endpoint:
+        assert "speaks no TLS" in looked(endpoint, folder("cam1"), timeout_s=0.2).what
+        enough.set()
+    with Link.open(MeshConfig(mode="router"), "router", listen=["tcp/127.0.0.1:0"]) as plain:
+        assert "speaks no TLS" in looked(plain.locator.replace("tcp/", "tls/"), folder("cam1"), timeout_s=0.2).what
+
+
+def test_plain_meets_plain_and_plain_meets_tls(folder):
+    with Link.open(MeshConfig(mode="router"), "router", listen=["tcp/127.0.0.1:0"]) as plain:
+        assert looked(plain.locator, "", timeout_s=0.2) is None
+    with router(folder("router", ROUTER)) as endpoint:
+        assert "speaks TLS alone" in why_unusable(MeshConfig(endpoint=endpoint.replace("tls/", "tcp/")), NOW).what
+        assert "needs mesh.credentials" in why_unusable(MeshConfig(endpoint=endpoint), NOW).what
+
+
+@pytest.mark.parametrize("endpoint", ["quic/127.0.0.1:1", "unixsock-stream//nowhere"])
+def test_of_other_protocols_only_the_files_are_looked_at(folder, endpoint):
+    assert why_unusable(MeshConfig(endpoint=endpoint), NOW) is None
