@@ -8,7 +8,9 @@ import os
 import socket
 import struct
 import threading
+import time
 from contextlib import suppress
+from functools import cache
 from pathlib import Path
 
 LOOK_S = 0.5
@@ -38,7 +40,13 @@ def _end_on(descriptor: int) -> bool:
         return True
 
 
-def keep_ending(ended: threading.Event) -> None:
-    """Look every half second, until `ended`."""
-    while not ended.wait(LOOK_S):
+@cache
+def keep_ending() -> None:
+    """From now on look every half second, in one thread for the whole process however often this is called."""
+    threading.Thread(target=_repeat, daemon=True, name="lingering").start()
+
+
+def _repeat() -> None:
+    while True:
         end_lingering()
+        time.sleep(LOOK_S)

@@ -78,7 +78,7 @@ class Link:
         self._inboxes: list[Inbox] = []
         self._closed = threading.Event()
         self._closing = threading.Lock()
-        threading.Thread(target=keep_ending, args=(self._closed,), daemon=True, name="lingering").start()
+        keep_ending()
 
     @classmethod
     def open(

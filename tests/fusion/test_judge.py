@@ -196,24 +196,24 @@ def test_at_most_one_decision_a_movement_and_its_times_are_in_order(beliefs, dem
             history.append((at_ns, label, p, agreeing, resting))
             decision = judge.watch(Belief(at_ns, label, p, agreeing, resting))
             if decision is not None:
-                said.append((at_ns, decision))
-    times_said = Counter(d.began_ns for _, d in said)
+                said.append((at_ns, decision, tuple(history)))
+    times_said = Counter(d.began_ns for _, d, _ in said)
     assert all(n <= 2 for n in times_said.values())
-    for said_ns, d in said:
+    for said_ns, d, until_then in said:
         assert d.began_ns <= d.decided_ns <= said_ns and d.label in ("bow", "lunge", ABSTAIN)
         if d.ended_ns is None:
             assert d.decided_ns == said_ns and d.label != ABSTAIN
         else:
             assert d.began_ns <= d.ended_ns <= said_ns and d.ended_ns - d.began_ns >= hold_ns
             assert said_ns - d.ended_ns >= hold_ns
-            assert all(r >= 0.5 for t, *_, r in history if d.ended_ns < t <= said_ns)
+            assert all(r >= 0.5 for t, *_, r in until_then if d.ended_ns < t)
         if d.label != ABSTAIN:
-            held = [(lab, p, a) for t, lab, p, a, _ in history if d.decided_ns - hold_ns < t < d.decided_ns]
+            held = [(lab, p, a) for t, lab, p, a, _ in until_then if d.decided_ns - hold_ns < t < d.decided_ns]
             assert all(lab == d.label and p >= demand.threshold and a >= demand.quorum for lab, p, a in held)
-    open_ = [d.began_ns for _, d in said if d.ended_ns is None]
-    closed = [d.began_ns for _, d in said if d.ended_ns is not None]
+    open_ = [d.began_ns for _, d, _ in said if d.ended_ns is None]
+    closed = [d.began_ns for _, d, _ in said if d.ended_ns is not None]
     assert len(set(closed)) == len(closed) and set(open_[:-1]) <= set(closed)
-    spans = sorted((d.began_ns, d.ended_ns) for _, d in said if d.ended_ns is not None)
+    spans = sorted((d.began_ns, d.ended_ns) for _, d, _ in said if d.ended_ns is not None)
     assert all(one[1] <= other[0] for one, other in pairwise(spans))
 
 
