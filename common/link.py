@@ -1,8 +1,8 @@
 """The link to the mesh: the only file that knows Zenoh. Bytes in, bytes out; what they mean is not its business.
 
 1. Callbacks only enqueue: a slow one would stall the whole session and hang its close.
-2. Zenoh gets more receiving threads than it takes by itself: to close a link whose cable was pulled blocks one for up
-   to 10 s, and with it everybody else's (zenoh #2718; measured in docs/faults.md).
+2. To close a link whose cable was pulled would block one of Zenoh's receiving threads for 10 s, and with it everybody
+   else's: it gets more of them than it takes by itself, and no socket lingers (lingering.py).
 3. How a session is set is in zenoh_settings.py, why a secured one cannot be opened in tls.py.
 """
 

@@ -26,7 +26,7 @@ def test_a_day_of_traffic_leaves_nothing_behind():
         assert said == [(label, False), (label, True)] or number == expected - 1, (number, said)
     settled = [one for one in day.samples if one.hour >= HOURS / 10]
     assert max(one.rss_kb for one in settled) - settled[0].rss_kb < GROWTH_KB
-    # Halves are compared, as a query that is being answered is a thread and a socket that closes a descriptor for a moment.
+    # Halves are compared: a query that is being answered is a thread for a moment, a look at sockets a descriptor.
     half = len(settled) // 2
     for count in ("descriptors", "threads"):
         before, after = (median(getattr(one, count) for one in part) for part in (settled[:half], settled[half:]))
