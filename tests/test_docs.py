@@ -19,7 +19,18 @@ import typer
 from pydantic_core import PydanticUndefined
 
 from common import messages
-from common.config import FusionConfig, MeshConfig, ObserverConfig, Scene, VirtualConfig, read_scene
+from common.config import (
+    DashboardConfig,
+    FusionConfig,
+    HubConfig,
+    MeshConfig,
+    MetricsConfig,
+    MqttConfig,
+    ObserverConfig,
+    Scene,
+    VirtualConfig,
+    read_scene,
+)
 from common.link import Link
 from common.vocabulary import Vocabulary
 from common.wire import decode
@@ -247,12 +258,24 @@ def keys_of(model, prefix=""):
     return {f"{prefix}{name}": field.default for name, field in model.model_fields.items()}
 
 
+SECTIONS = {
+    "mesh": MeshConfig,
+    "fusion": FusionConfig,
+    "observers": None,
+    "observers.ID": ObserverConfig,
+    "observers.ID.virtual": VirtualConfig,
+    "hub": HubConfig,
+    "hub.mqtt": MqttConfig,
+    "hub.dashboard": DashboardConfig,
+    "metrics": MetricsConfig,
+}
+
+
 def test_scene_tells_every_key_with_its_default():
-    expected = keys_of(Scene) | keys_of(MeshConfig, "mesh.") | keys_of(FusionConfig, "fusion.")
-    expected |= keys_of(ObserverConfig, "observers.ID.")
-    expected |= keys_of(VirtualConfig, "observers.ID.virtual.")
-    for name in ("mesh", "fusion", "observers", "observers.ID.virtual"):
-        del expected[name]
+    expected = keys_of(Scene)
+    for name, model in SECTIONS.items():
+        expected |= keys_of(model, f"{name}.") if model else {}
+    expected = {key: default for key, default in expected.items() if key not in SECTIONS}
     told = {row[0].strip("`"): row[1] for row in table_rows(section(DOCS / "scene.md", "Every key"))[1:]}
     assert told.keys() == expected.keys()
     for key, default in expected.items():
