@@ -58,7 +58,7 @@ class Hands:
         patches = [*self._measured(retina, head, face), *pieces]
         patches = self._unmerged(_distinct(patches))
         self._assign(patches, face, seconds)
-        self._check_names(head, face)
+        self._check_names(head, face, seconds)
         if findable:
             self._find_resting(retina, head, face, seconds)
             self._find([p for p in pieces if _outside(p.centre, head, GROWN * face)], head, face)
@@ -94,7 +94,10 @@ class Hands:
         near = MEETING * max(part.side for part in self.parts)
         middle = (left.centre + right.centre) / 2
         there = [patch for patch in patches if float(np.hypot(*(patch.centre - middle))) < near]
-        return patches if len(there) > 1 else [patch for patch in patches if all(patch is not other for other in there)]
+        if len(there) > 1:
+            return patches
+        self._doubt.merged()
+        return [patch for patch in patches if all(patch is not other for other in there)]
 
     def _assign(self, patches: Sequence[Patch], face: float, seconds: float) -> None:
         known = [part for part in self.parts if part.filter is not None]
@@ -110,13 +113,13 @@ class Hands:
             else:
                 part.measured(patches[column].centre, patches[column].area)
 
-    def _check_names(self, head: Floats, face: float) -> None:
+    def _check_names(self, head: Floats, face: float, seconds: float) -> None:
         left, right = self.parts
         if left.filter is None or right.filter is None:
             return
         places = [self._mirror * kf.centre for kf in (left.filter, right.filter)]
         middle = self._mirror * head
-        if left.state is right.state is State.SEEN and self._doubt.exchange(places[0], places[1], middle, face):
+        if left.state is right.state is State.SEEN and self._doubt.exchange(places[0], places[1], face, seconds):
             self.parts.reverse()
             return
         # In doubt, exchanged as it seems, and on the other hand's side of the head: nothing is claimed.

@@ -36,39 +36,51 @@ def name_second(found: Floats, known: Floats, row: int, head: Floats, margin: fl
 
 
 AMBIGUOUS = 6.0
-"""A hand that the other one's filter would have expected almost as much (difference of squared distances)."""
-FRAMES = 3
-"""Hands on each other's side for so many frames running, while their names are in doubt, are exchanged."""
+"""Hands that the other one's filter would have expected almost as much (difference of squared distances)."""
+APART = (0.6, 2.0)
+"""How far apart sideways hands must be to say which is which, and from where on they say no more: face widths."""
+SURE, NAMED, ENOUGH = 3.0, 0.25, 0.08
+"""Evidence for the names, face widths apart times seconds: the most there is, of hands just named, what decides."""
 
 
 class Doubt:
     """Whether the names of the two hands are in doubt, and when to exchange them.
 
     Filters carry the names through a crossing. Where two hands meet and part, crossing and turning back look alike;
-    then the person's build decides: an arm seldom reaches beyond the other side of the head while the other does too.
+    then the person's build decides: the left hand is seldom for long on the right one's side of it.
     """
 
     def __init__(self) -> None:
-        self.doubtful, self._crossed = False, 0
+        self._evidence = NAMED
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether the hands may as well have each other's name."""
+        return self._evidence < ENOUGH
 
     def heard(self, cost: Floats, chosen: Sequence[int | None]) -> None:
         """cost: (2, N) squared distances from LEFT and RIGHT; chosen: the column of each, or None."""
-        for row, column in enumerate(chosen):
-            if column is not None and cost[1 - row, column] - cost[row, column] < AMBIGUOUS:
-                self.doubtful = True
+        left, right = chosen
+        worse = [cost[1 - row, column] - cost[row, column] for row, column in enumerate(chosen) if column is not None]
+        both = left is not None and right is not None
+        # Names of two measured hands are exchanged together or not at all.
+        if worse and (sum(worse) if both else min(worse)) < AMBIGUOUS:
+            self._evidence = min(self._evidence, 0.0)
 
-    def exchange(self, left: Floats, right: Floats, head: Floats, margin: float) -> bool:
-        """Whether to exchange the names of two seen hands, centres (2,) px, now; `margin` px from the head's middle."""
-        apart = float(left[0] - right[0])
-        if apart > 0.6 * margin:
-            self.doubtful, self._crossed = False, 0
-        crossed = self.doubtful and left[0] < head[0] - margin and right[0] > head[0] + margin
-        self._crossed = self._crossed + 1 if crossed else 0
-        if self._crossed < FRAMES:
+    def merged(self) -> None:
+        """The hands were one piece of skin: whether they passed each other was not seen."""
+        self._evidence = min(self._evidence, 0.0)
+
+    def exchange(self, left: Floats, right: Floats, face: float, seconds: float) -> bool:
+        """Whether to exchange the names of two seen hands, centres (2,) px, after `seconds` more; face: width, px."""
+        apart = float(left[0] - right[0]) / face
+        if abs(apart) > APART[0]:
+            self._evidence = min(self._evidence + min(max(apart, -APART[1]), APART[1]) * seconds, SURE)
+        if self._evidence > -ENOUGH:
             return False
-        self.doubtful, self._crossed = False, 0
+        self._evidence = ENOUGH
         return True
 
     def forget(self) -> None:
-        """A hand was found anew and named: no doubt is left."""
-        self.doubtful, self._crossed = False, 0
+        """A hand was found anew and named."""
+        self._evidence = NAMED

@@ -21,6 +21,11 @@ MIN_PIXELS = 60
 """Fewer usable pixels than these do not teach a histogram."""
 SHADE = 20.0
 """Least standard deviation of skin's value: hands are lit otherwise than the face."""
+RARER, COMMON = 3.0, 0.05
+"""Where more of the rest than this share has the colour of skin, skin is supposed so many times rarer, if that halves
+it and leaves most of the skin: wood, and skin of about its hue. Elsewhere it costs hands that are lit otherwise."""
+LIKELY = 0.43
+"""From here on a colour counts as skin's."""
 SEEN_ONCE = 2e-4
 """Frequency in the rest of the picture that every colour is given: one that nobody wears proves little."""
 
@@ -41,12 +46,21 @@ def _count(bins: Picture, mask: Picture) -> Floats:
     return frequencies
 
 
+def _likely(skin: Floats, rest: Floats) -> Floats:
+    """(45, 32) p(skin | colour), 0 to 1: skin and rest equally likely beforehand, or skin rarer where that helps."""
+    even, rare = (skin / (skin + times * rest + SEEN_ONCE) for times in (1.0, RARER))
+    before, after = (float(rest[likely >= LIKELY].sum()) for likely in (even, rare))
+    told_apart = after < before / 2 and float(skin[rare >= LIKELY].sum()) > 0.5
+    likely: Floats = rare if before > COMMON and told_apart else even
+    return likely
+
+
 def _table(skin: Floats, rest: Floats) -> Picture:
     """(90, 64) float32, 0 to 255: the ratio for `cv2.calcBackProject`, whose hues are not rotated.
 
     Twice as fine as the histograms, so that the rotation and PALE fall between two of its bins.
     """
-    ratio = 255 * skin / (skin + rest + SEEN_ONCE)
+    ratio = 255 * _likely(skin, rest)
     hues = (np.arange(2 * HUES) * 2 + HUE_SHIFT) % 180 * HUES // 180
     table = np.repeat(ratio[hues], 2, axis=1).astype(np.float32)
     table[:, : PALE // 4] = 0

@@ -6,7 +6,7 @@ import pytest
 
 from observer.tracking.head import Head
 from observer.tracking.part import COAST_S, Part
-from observer.tracking.skin import SATURATIONS, hue_saturation
+from observer.tracking.skin import HUES, SATURATIONS, Skin, hue_saturation
 from observer.tracks import State
 
 
@@ -45,3 +45,35 @@ def test_the_histogram_follows_the_colour_of_the_light_slowly():
     assert found[0] < 30
     assert found[-1] > 100
     assert head.skin.back_project(before).mean() > 100
+
+
+FACE_BGR, WOOD_BGR = (105, 140, 200), (70, 120, 200)
+"""Of one brightness, so that the histograms alone tell them apart."""
+
+
+def frequencies(**shares):
+    """(45, 32) of sum 1: `face` and `wood` are shares of those colours, the remainder is blue."""
+    counts = np.zeros((HUES, SATURATIONS))
+    for colour, share in ((FACE_BGR, shares["face"]), (WOOD_BGR, shares["wood"])):
+        counts[np.divmod(int(hue_saturation(np.full((1, 1, 3), colour, np.uint8))[0][0, 0]), SATURATIONS)] = share
+    counts[10, 5] += 1 - counts.sum()
+    return counts
+
+
+def likely(skin, colour):
+    return int(skin.back_project(np.full((8, 8, 3), colour, np.uint8))[4, 4])
+
+
+@pytest.mark.parametrize(
+    ("rest", "wood_is_skin", "face_is_skin"),
+    [
+        ({"face": 0.0, "wood": 0.04}, True, True),  # little of it: nothing is changed
+        ({"face": 0.0, "wood": 0.25}, False, True),  # a cupboard that the face resembles a little
+        ({"face": 0.4, "wood": 0.25}, True, True),  # a wall in the face's own colour: the face would go with it
+    ],
+)
+def test_skin_is_supposed_rarer_where_that_tells_it_from_the_scenery(rest, wood_is_skin, face_is_skin):
+    wood = 0.04 if rest["wood"] == 0.04 else 0.25
+    skin = Skin(frequencies(face=0.7, wood=wood), frequencies(**rest), np.array([200.0, 10.0]))
+    assert (likely(skin, WOOD_BGR) >= 110) is wood_is_skin
+    assert (likely(skin, FACE_BGR) >= 110) is face_is_skin

@@ -1,6 +1,9 @@
 """Left and right at acquisition, and their repair after a doubtful meeting."""
 
 import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from observer.tracking.sides import LEFT, RIGHT, Doubt, name_first, name_second, name_two
 
@@ -26,17 +29,62 @@ def test_a_second_hand_is_believed_on_its_own_side_only():
     assert name_second(at(160), at(40), LEFT, HEAD, 10) == (True, True)
 
 
-def test_names_are_exchanged_after_a_doubtful_meeting_only():
-    sure, unsure = Doubt(), Doubt()
-    sure.heard(np.array([[1.0, 90.0], [90.0, 1.0]]), [0, 1])
-    unsure.heard(np.array([[1.0, 3.0], [3.0, 1.0]]), [0, 1])
-    assert not any(sure.exchange(at(50), at(150), HEAD, 20) for _ in range(9))
-    assert [unsure.exchange(at(50), at(150), HEAD, 20) for _ in range(4)] == [False, False, True, False]
+FACE, FRAME_S = 40.0, 1 / 30
+LEFT_OF_IT, RIGHT_OF_IT = at(50), at(150)
 
 
-def test_hands_on_their_own_sides_settle_the_doubt():
+def frames_until_exchanged(doubt, most=90):
+    """How many frames of a left hand on the right one's side it takes; None: it is not exchanged."""
+    return next((n for n in range(most) if doubt.exchange(LEFT_OF_IT, RIGHT_OF_IT, FACE, FRAME_S)), None)
+
+
+def ambiguous(doubt):
+    doubt.heard(np.array([[1.0, 3.0], [3.0, 1.0]]), [0, 1])
+
+
+def merged(doubt):
+    doubt.merged()
+
+
+def settled():
+    """Hands that have long been on their own sides."""
     doubt = Doubt()
-    doubt.heard(np.array([[1.0], [2.0]]), [0, None])
-    assert doubt.doubtful
-    doubt.exchange(at(150), at(50), HEAD, 20)
+    for _ in range(90):
+        assert not doubt.exchange(RIGHT_OF_IT, LEFT_OF_IT, FACE, FRAME_S)
+    return doubt
+
+
+def test_hands_that_have_long_been_seen_may_cross_for_a_second():
+    doubt = settled()
+    doubt.heard(np.array([[1.0, 90.0], [90.0, 1.0]]), [0, 1])
     assert not doubt.doubtful
+    assert frames_until_exchanged(doubt) >= 30
+
+
+@pytest.mark.parametrize("meeting", [ambiguous, merged])
+def test_after_a_meeting_hands_on_each_others_side_are_exchanged_in_few_frames_and_once(meeting):
+    doubt = settled()
+    meeting(doubt)
+    assert doubt.doubtful
+    taken = frames_until_exchanged(doubt)
+    assert taken is not None
+    assert 0 < taken <= 3
+    assert not doubt.exchange(RIGHT_OF_IT, LEFT_OF_IT, FACE, FRAME_S)
+
+
+@pytest.mark.parametrize("meeting", [ambiguous, merged])
+def test_hands_on_their_own_sides_settle_the_doubt(meeting):
+    doubt = Doubt()
+    meeting(doubt)
+    for _ in range(3):
+        assert not doubt.exchange(RIGHT_OF_IT, LEFT_OF_IT, FACE, FRAME_S)
+    assert not doubt.doubtful
+
+
+@given(st.lists(st.floats(-0.59, 0.59), max_size=60))
+def test_hands_above_each_other_say_nothing(apart):
+    doubt = Doubt()
+    doubt.merged()
+    for share in apart:
+        assert not doubt.exchange(at(100 + share * FACE), at(100), FACE, 0.1)
+    assert doubt.doubtful
