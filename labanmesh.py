@@ -36,6 +36,7 @@ VERBS = {
     "observe": Verb("observer.commands", "observe", "one observer: its view becomes a judge on the mesh"),
     "fuse": Verb("fusion.commands", "fuse", "the referee: weighs the observers, publishes judgements and verdicts"),
     "doctor": Verb("deploy.doctor.commands", "doctor", "what is wrong here and on the mesh, and what to do"),
+    "healthcheck": Verb("hub.healthcheck", "healthcheck", "whether a process does its work: for containers"),
     "secure": Verb("deploy.security.commands", "secure", "certificates and access rules for named machines"),
     "router": Verb("deploy.commands", "router", "a Zenoh router for a mesh of several machines"),
     "watch": Verb("hub.commands", "watch", "live view of beliefs, weights and verdicts in the terminal"),

@@ -9,17 +9,25 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
 
+from common.logs import FORMATS, formatter
+
+SUPERVISOR = "LABANMESH_SUPERVISOR"
+SUPERVISOR_LOOK_S = 0.5
+
 
 def log_to_stderr() -> None:
-    """One line a record on stderr, level from LABANMESH_LOG (default info); the loggers are labanmesh.<room>."""
+    """One line a record on stderr, level from LABANMESH_LOG (default info); the loggers are labanmesh.<room>.
+
+    LABANMESH_LOG_FORMAT is `text` (the default) or `json`.
+    """
     level = os.environ.get("LABANMESH_LOG", "info").upper()
+    form = os.environ.get("LABANMESH_LOG_FORMAT", "text").lower()
     known = level in logging.getLevelNamesMapping()
-    logging.basicConfig(
-        stream=sys.stderr,
-        level=level if known else logging.INFO,
-        format="%(asctime)s %(levelname)s %(name)s: %(message)s",
-        datefmt="%H:%M:%S",
-    )
+    handler = logging.StreamHandler(sys.stderr)
+    handler.setFormatter(formatter(form))
+    logging.basicConfig(handlers=[handler], level=level if known else logging.INFO)
+    if form not in FORMATS:
+        logging.getLogger("labanmesh").warning("LABANMESH_LOG_FORMAT = %r: unknown format; using text", form)
     if not known:
         logging.getLogger("labanmesh").warning("LABANMESH_LOG = %r: unknown level; using info", level)
 
@@ -28,9 +36,13 @@ def log_to_stderr() -> None:
 def stop_on_signals() -> Iterator[threading.Event]:
     """An event that SIGTERM or Ctrl-C sets; after Ctrl-C leaving the context raises KeyboardInterrupt (status 130).
 
-    A second signal of either kind acts at once, as it would have without us. Only for the main thread.
+    A second signal of either kind acts at once, as it would have without us. Only for the main thread. A process that
+    `labanmesh up` started (LABANMESH_SUPERVISOR is its number) stops also when that one is gone, killed perhaps.
     """
     stop, came = threading.Event(), []
+    supervisor = os.environ.get(SUPERVISOR, "")
+    if supervisor == str(os.getppid()):
+        threading.Thread(target=_outlive, args=(int(supervisor), stop), daemon=True, name="supervisor").start()
 
     def on_signal(number: int, frame: FrameType | None) -> None:
         came.append(number)
@@ -45,6 +57,13 @@ def stop_on_signals() -> Iterator[threading.Event]:
         _restore(before)
     if signal.SIGINT in came:
         raise KeyboardInterrupt
+
+
+def _outlive(supervisor: int, stop: threading.Event) -> None:
+    while not stop.wait(SUPERVISOR_LOOK_S):
+        if os.getppid() != supervisor:
+            logging.getLogger("labanmesh").warning("the process that started this one is gone: ending")
+            stop.set()
 
 
 def _restore(handlers: dict[signal.Signals, "signal._HANDLER"]) -> None:

@@ -4,11 +4,14 @@ import sys
 import tempfile
 import threading
 import time
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from common.address import Address
 from common.config import MeshConfig, Scene, read_scene
 from common.errors import BadInput, LabanmeshError
 from common.lifecycle import log_to_stderr, stop_on_signals
@@ -48,7 +51,7 @@ def up(
     start_ns = time.time_ns() + round((START_TOGETHER_S + EACH_OBSERVER_S * len(named.roster)) * 1e9)
     with stop_on_signals() as stop, tempfile.TemporaryDirectory(prefix="labanmesh-") as kept:
         launcher = Launcher(
-            jobs(scene, named),
+            with_ports(jobs(scene, named), named.metrics.listen),
             environment={"LABANMESH_PLAYBACK_START_NS": str(start_ns), **_memory(named, Path(kept))},
             patience=Patience(failures=FAILURES_WHEN_IT_SHALL_END if exit_when_done else None),
         )
@@ -81,6 +84,15 @@ def jobs(path: Path, scene: Scene) -> list[Job]:
     fuse += [Job(f"[fuse {name}]", [*python, "fuse", str(path), "--id", name], lasting=True) for name in others]
     started = [name for name in scene.roster if name not in _fed_by_hand(scene)]
     return [*fuse, *(Job(name, [*python, "observe", str(path), name]) for name in started)]
+
+
+def with_ports(jobs: Sequence[Job], listen: str) -> list[Job]:
+    """The same jobs, each with a port of its own for /metrics: the first has that of `listen`, "": none has any."""
+    if not listen:
+        return list(jobs)
+    first = Address.parse(listen, "metrics.listen")
+    ports = {job.name: {"LABANMESH_METRICS_LISTEN": str(first.after(n))} for n, job in enumerate(jobs)}
+    return [replace(job, environment={**job.environment, **ports[job.name]}) for job in jobs]
 
 
 def _fed_by_hand(scene: Scene) -> list[str]:

@@ -8,9 +8,11 @@ import sys
 import threading
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import IO
 
+from common.lifecycle import SUPERVISOR
+from common.logs import wrapped
 from deploy.supervision import Career, Outcome, Patience
 
 TERM_PATIENCE_S = 5.0
@@ -25,25 +27,30 @@ LOOK_S = 0.1
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """One process: its name in the log, its command line, and whether it is meant to run until it is stopped."""
+    """One process: its name in the log, its command line, and whether it is meant to run until it is stopped.
+
+    environment: what this one process is told besides.
+    """
 
     name: str
     command: Sequence[str]
     lasting: bool = False
+    environment: Mapping[str, str] = field(default_factory=dict)
 
 
 class Log:
-    """One stream for all: each line with the name of the process that wrote it."""
+    """One stream for all: each line with the name of the process that wrote it; `as_json`: each line is JSON."""
 
-    def __init__(self, stream: IO[str], names: Sequence[str]) -> None:
-        self._stream = stream
+    def __init__(self, stream: IO[str], names: Sequence[str], *, as_json: bool = False) -> None:
+        self._stream, self._as_json = stream, as_json
         self._width = max(map(len, names))
         self._lock = threading.Lock()
 
     def say(self, name: str, line: str) -> None:
         """One line of `name`; a reader who has gone away does not stop the scene."""
+        said = wrapped(name, line) if self._as_json else f"{name:<{self._width}} | {line}"
         with self._lock, contextlib.suppress(BrokenPipeError, ValueError):
-            print(f"{name:<{self._width}} | {line}", file=self._stream, flush=True)
+            print(said, file=self._stream, flush=True)
 
 
 class Launcher:
@@ -62,9 +69,10 @@ class Launcher:
         stream: IO[str] | None = None,
     ) -> None:
         self._jobs = {job.name: job for job in jobs}
-        self._environment = {**os.environ, "PYTHONUNBUFFERED": "1", **(environment or {})}
+        self._environment = {**os.environ, "PYTHONUNBUFFERED": "1", SUPERVISOR: str(os.getpid()), **(environment or {})}
         self._careers = {job.name: Career(job.lasting, patience or Patience()) for job in jobs}
-        self._log = Log(stream or sys.stderr, [*self._jobs, OWN])
+        as_json = self._environment.get("LABANMESH_LOG_FORMAT", "").lower() == "json"
+        self._log = Log(stream or sys.stderr, [*self._jobs, OWN], as_json=as_json)
         self._running: dict[str, subprocess.Popen[str]] = {}
         self._followers: dict[str, threading.Thread] = {}
         self._started_s: dict[str, float] = {}
@@ -97,7 +105,7 @@ class Launcher:
         # A session of its own: Ctrl-C at the terminal reaches the launcher alone, which ends the others in order.
         process = subprocess.Popen(  # noqa: S603 - the command line is ours
             job.command,
-            env=self._environment,
+            env={**self._environment, **job.environment},
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,

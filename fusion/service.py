@@ -26,9 +26,11 @@ from fusion.ear import Ear
 from fusion.memory_file import Memory
 from fusion.referee_like import RefereeLike
 from fusion.team import Team, Voice
+from fusion.telling import Step, telling, waiting
 
 log = logging.getLogger("labanmesh.fusion")
 ASK_S = 1.0
+ASKING = "asking the observers for their vocabulary"
 HEARSAY_S = 0.2
 """How long after opening a link it takes at most to know who is alive."""
 NAMESAKE_S = 3.0
@@ -58,11 +60,13 @@ def serve(
     voice.recall(scene.scene, referee, clock())
     team = Team(scene, referee, voice, link)
     asker = ClockAsker(link, keys.observer_status(), clock, inbox.wake)
-    with StatusBoard(link, keys.fusion_status(fusion), health, clock) as board:
+    told = telling(scene, referee.vocabulary.labels, lambda: health.status(clock()))
+    with told as tell, StatusBoard(link, keys.fusion_status(fusion), health, clock) as board:
         link.announce(keys.fusion_alive(fusion))
         log.info("judging %s: %s", scene.scene, ", ".join(scene.roster))
         while not stop.is_set():
             arrivals = inbox.take(1 / scene.fusion.step_hz)
+            begun_s = time.monotonic()
             if asker.ask_if_due():
                 health.noticed(ear.accounts(scene.roster))
             for observer, reading in asker.readings():
@@ -75,8 +79,8 @@ def serve(
             if team.news is not None:
                 board.become("running", team.news)
             ruling = referee.judge(clock())
-            if ruling is not None:
-                team.pass_on(ruling, leads)
+            said = team.pass_on(ruling, leads) if ruling is not None else ()
+            tell(Step(ruling, leads, said, len(arrivals), inbox.dropped, time.monotonic() - begun_s))
             board.alive()
     if inbox.dropped:
         log.warning("%d messages came faster than they could be judged and were left out", inbox.dropped)
@@ -102,15 +106,17 @@ def known_vocabulary(scene: Scene, link: Link, stop: threading.Event) -> Vocabul
         return scene.named_vocabulary
     log.info("%s names no vocabulary: asking the observers for theirs", scene.scene)
     supervisor = Notifier.from_environment()
-    supervisor.ready("asking the observers for their vocabulary")
-    while not stop.is_set():
-        supervisor.alive()
-        for payload in link.ask(scene.keys.vocabulary, ASK_S).values():
-            try:
-                said = decode(VocabularyMessage, payload)
-                return Vocabulary(tuple(said.labels), said.name)
-            except LabanmeshError as error:
-                log.warning("a vocabulary that cannot be used: %s", error)
+    supervisor.ready(ASKING)
+    with waiting(scene, ASKING) as tell:
+        while not stop.is_set():
+            supervisor.alive()
+            tell()
+            for payload in link.ask(scene.keys.vocabulary, ASK_S).values():
+                try:
+                    said = decode(VocabularyMessage, payload)
+                    return Vocabulary(tuple(said.labels), said.name)
+                except LabanmeshError as error:
+                    log.warning("a vocabulary that cannot be used: %s", error)
     return None
 
 

@@ -54,12 +54,17 @@ class Team:
         self._told = told
         return leads and leader == self._own
 
-    def pass_on(self, ruling: RulingLike, leads: bool) -> None:
-        """Say it, or keep its verdicts: until it is known that the leader is dead, nobody else may have said them."""
+    def pass_on(self, ruling: RulingLike, leads: bool) -> Sequence[VerdictMessage]:
+        """Say it, or keep its verdicts: until it is known that the leader is dead, nobody else may have said them.
+
+        Returns the verdicts that were said.
+        """
         self._withheld += ruling.verdicts
-        if leads:
-            self._voice.say(self._withheld, ruling.judgement)
-            self._withheld.clear()
+        if not leads:
+            return ()
+        self._voice.say(self._withheld, ruling.judgement)
+        said, self._withheld = self._withheld, []
+        return said
 
     def _hear(self, arrival: Arrival, now_ns: int) -> None:
         kind = VerdictMessage if arrival.key == self._scene.keys.verdict else JudgementMessage
@@ -94,6 +99,7 @@ class Voice:
         for verdict in verdicts:
             self.note(verdict, encode(verdict))
             self._verdict.put(self._verdicts[-1])
+            _log(verdict)
         self.note(judgement, encode(judgement))
         self._judgement.put(self._last or b"")
 
@@ -116,3 +122,16 @@ class Voice:
             if said is not None:
                 referee.continue_from(said)
                 self.note(said, encode(said))
+
+
+def _log(verdict: VerdictMessage) -> None:
+    k, n = verdict.agreement.k, verdict.agreement.n
+    stage = "decided" if verdict.ended_ns is None else "ended"
+    about = {
+        "verdict": verdict.id,
+        "label": verdict.label,
+        "agree": k,
+        "heard": n,
+        "ended": verdict.ended_ns is not None,
+    }
+    log.info("verdict %s: %s, %d of %d agree, %s", verdict.id, verdict.label, k, n, stage, extra=about)

@@ -18,6 +18,7 @@ from common.vocabulary import Vocabulary
 from common.wire import encode, encode_vocabulary
 from observer.condition import Condition
 from observer.source import FrameSource
+from observer.telling import telling
 from observer.tracks import Floats, Frame
 
 log = logging.getLogger("labanmesh.observer")
@@ -79,7 +80,8 @@ def serve(
     asker, fusion_clock = ClockAsker(link, keys.fusion_status(), clock), ClockSkew()
     names = encode_vocabulary(scene.scene, observer.vocabulary)
     link.answer(keys.vocabulary, lambda: names)
-    with StatusBoard(link, keys.observer_status(observer_id), health, clock) as board:
+    told = telling(scene, observer_id, lambda: health.status(clock()))
+    with told as tell_frame, StatusBoard(link, keys.observer_status(observer_id), health, clock) as board:
         link.announce(keys.observer_alive(observer_id))
 
         def tell(state: ProcessState, reason: str) -> None:
@@ -89,10 +91,12 @@ def serve(
 
         condition.tell_to(tell)
         for frame in source.frames(stop):
+            begun_s = time.monotonic()
             opinion = observer.step(frame)
             now_ns = clock()
             if opinion is not None:
                 speaker.say(opinion, frame.captured_ns, now_ns)
+            tell_frame((now_ns - frame.captured_ns) / 1e9, time.monotonic() - begun_s, opinion is not None)
             health.frame(frame.captured_ns, now_ns)
             condition.frame(observer.complaint)
             board.alive()

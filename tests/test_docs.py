@@ -4,8 +4,6 @@ import ast
 import json
 import re
 import shlex
-import subprocess
-import sys
 import threading
 import tomllib
 from functools import cache
@@ -31,11 +29,8 @@ from common.config import (
     VirtualConfig,
     read_scene,
 )
-from common.link import Link
 from common.vocabulary import Vocabulary
 from common.wire import decode
-from fusion.referee import Referee
-from fusion.service import serve
 from labanmesh import VERBS, app_of
 from observer.motion.archive import MotionArchive, Recording
 from observer.motion.archive_file import read_archive
@@ -50,7 +45,6 @@ MESSAGES = {
     for kind in ("posterior", "judgement", "verdict", "status", "vocabulary")
 }
 REWRITE = "the last block of docs/wire.md is the command that writes them anew"
-SOON_S = 30.0
 
 pages = pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 
@@ -204,50 +198,6 @@ def test_examples_of_messages_are_messages(kind):
     message = decode(MESSAGES[kind], msgpack.packb(said))
     if kind == "vocabulary":
         assert Vocabulary(tuple(message.labels)).digest == message.hash
-
-
-@pytest.fixture
-def stranger(tmp_path):
-    """Runs a block of code as a process of its own; it is over when the test is."""
-    running = []
-
-    def run(code, *arguments):
-        file = tmp_path / f"stranger{len(running)}.py"
-        file.write_text(code, encoding="utf-8")
-        process = subprocess.Popen([sys.executable, file, *arguments], stdout=subprocess.PIPE, text=True)
-        watchdog = threading.Timer(SOON_S, process.kill)
-        watchdog.start()
-        running.append((process, watchdog))
-        return process
-
-    yield run
-    for process, watchdog in running:
-        watchdog.cancel()
-        process.kill()
-        process.communicate()
-
-
-def test_a_judge_and_a_listener_without_labanmesh_work(tmp_path, stranger):
-    listener, judge = blocks(DOCS / "wire.md", "python")
-    (text,) = blocks(DOCS / "wire.md", "toml")
-    file = tmp_path / "scene.toml"
-    file.write_text(text + '[mesh]\nmode = "process"\nendpoint = "tcp/127.0.0.1:0"\n', encoding="utf-8")
-    scene, stop = read_scene(file, {}), threading.Event()
-    referee = Referee(scene.scene, list(scene.roster), scene.named_vocabulary, scene.fusion)
-    with Link.open(scene.mesh, "fusion") as meeting:
-        judging = threading.Thread(target=serve, args=(scene, referee, meeting, stop))
-        judging.start()
-        try:
-            listening = stranger(listener, meeting.locator)
-            assert meeting.publisher(scene.keys.verdict).wait_for_subscriber(SOON_S)
-            with Link.open(MeshConfig(mode="process", endpoint=meeting.locator), "hub") as hub:
-                presence = hub.presence(scene.keys.observer_alive())
-                stranger(judge, meeting.locator)
-                assert presence.wait_for(1, SOON_S)
-            assert listening.stdout.readline() == "dojo byebye 1 of 1 agree None\n"
-        finally:
-            stop.set()
-            judging.join()
 
 
 DEPENDS_ON_THE_REST = {"observers.ID.model": "ID.model", "fusion.quorum": "more than half of the observers"}

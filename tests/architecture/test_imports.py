@@ -28,11 +28,12 @@ ONLY_IN = {
     "zenoh": "common/link.py",
     "msgpack": "common/wire.py",
     "mcap": "common/capture_file.py",
+    "prometheus_client": "*metrics.py",
     "cv2": "observer/*",
     "matplotlib": "studies/figures/*",
     "scipy": "observer/*",
 }
-PROVIDED_BY = {"zenoh": "eclipse-zenoh", "cv2": "opencv-python-headless"}
+PROVIDED_BY = {"prometheus_client": "prometheus-client", "zenoh": "eclipse-zenoh", "cv2": "opencv-python-headless"}
 """Import names that differ from the distribution's name."""
 EXTRAS_OF = {"common": ("capture",), "observer": ("observer",), "studies": ("observer", "report")}
 """Rooms that may need more than the plain install."""
@@ -44,15 +45,18 @@ OUTSIDE_WORLD = {
 }
 IMPURE = {
     "*.commands": "command line: files, signals, printing",
+    "*.telling": "the clock, and a server in a thread",
     "*.service": "a loop with clock and mesh",
     "common.capture_file": "files",
     "common.clock_asking": "the mesh",
     "common.config": "reads the scene file and the environment",
     "common.credentials": "files",
+    "common.health_server": "sockets, threads",
     "common.inbox": "threads and the clock of arrival",
     "common.lifecycle": "signals and logging",
     "common.lingering": "sockets, a thread, /proc",
     "common.link": "the mesh",
+    "common.logs": "logging",
     "common.notify": "the supervisor's socket, a file, the clock",
     "common.progress": "the terminal",
     "common.status": "a thread and the mesh",
@@ -91,6 +95,7 @@ IMPURE = {
     "fusion.memory_file": "files",
     "fusion.team": "the mesh",
     "hub.capture": "the mesh, the clock, the terminal",
+    "hub.healthcheck": "command line: a socket, the mesh",
     "hub.session": "the clock and the mesh",
     "hub.views": "the terminal",
     "deploy.doctor.look*": "files, ports, processes, threads, the mesh",

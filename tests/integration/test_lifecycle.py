@@ -48,3 +48,18 @@ def test_a_second_ctrl_c_acts_at_once():
         assert process.stdout.readline() == "clean\n"
         process.send_signal(signal.SIGINT)
         assert process.wait(10) == 130
+
+
+STARTER = """
+import os, subprocess, sys
+environment = {**os.environ, "LABANMESH_SUPERVISOR": str(os.getpid())}
+subprocess.Popen([sys.executable, "-c", sys.argv[1]], env=environment).wait()
+"""
+
+
+def test_who_was_started_by_a_supervisor_that_is_killed_ends_too():
+    with subprocess.Popen([sys.executable, "-c", STARTER, SERVICE], stdout=subprocess.PIPE, text=True) as supervisor:
+        assert supervisor.stdout.readline() == "up\n"
+        supervisor.kill()
+        # The service has the same stdout: it says that it ended cleanly, and then there is nobody left to say anything.
+        assert supervisor.stdout.read() == "clean\n"

@@ -1,0 +1,102 @@
+"""What every process counts for Prometheus, and the text in which it is asked for. Names: docs/metrics.md.
+
+1. A name is labanmesh_, what is counted, its unit (seconds, bits, ratio); what only grows ends in _total.
+2. Labels are the scene, the process, the scene's own observers and words of a fixed set: what strangers invent is
+   counted together, under OTHERS.
+3. What is known anyway (the last judgement, the status) is read when it is asked for, not written at every step.
+"""
+
+from collections.abc import Callable, Iterable, Mapping
+from typing import get_args
+
+from prometheus_client import (
+    CollectorRegistry,
+    Counter,
+    GCCollector,
+    Histogram,
+    Metric,
+    PlatformCollector,
+    ProcessCollector,
+    disable_created_metrics,
+)
+from prometheus_client.exposition import choose_encoder
+from prometheus_client.metrics_core import CounterMetricFamily, GaugeMetricFamily
+from prometheus_client.registry import Collector
+
+from common.messages import ProcessState, StatusMessage
+from common.vitals import Role
+
+STEP_BUCKETS = (0.0005, 0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0)
+"""Seconds: a step of fusion takes a millisecond, of an observer with a pose model a tenth of a second."""
+AGE_BUCKETS = (0.005, 0.01, 0.025, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0)
+"""Seconds; fusion.fresh_s and fusion.drop_s are bounds by default."""
+OTHERS = "(others)"
+"""Stands for all who are not of the scene; ids hold no brackets."""
+
+# When a counter began: a series more for each, of which nothing here makes use.
+disable_created_metrics()  # type: ignore[no-untyped-call]
+Rows = Iterable[tuple[tuple[str, ...], float | None]]
+
+
+class Metrics(Collector):
+    """One process's registry: who it is, its memory and CPU, its state, and what a subclass adds by `collect_own`.
+
+    names: the labels that everything carries, e.g. scene and observer. status: how the process is now.
+    """
+
+    def __init__(self, role: Role, names: Mapping[str, str], status: Callable[[], StatusMessage] | None = None) -> None:
+        self._role, self._names, self._status = role, dict(names), status
+        self.registry = CollectorRegistry()
+        ProcessCollector(registry=self.registry)
+        PlatformCollector(registry=self.registry)
+        GCCollector(registry=self.registry)
+        self.registry.register(self)
+
+    def exposition(self, accept: str) -> tuple[bytes, str]:
+        """All of it as text in the form that the Accept header prefers, and that form's content type."""
+        encode, kind = choose_encoder(accept)
+        return encode(self.registry), kind
+
+    def counter(self, name: str, meaning: str) -> Counter:
+        """What only grows; `_total` is put behind its name."""
+        return Counter(f"labanmesh_{name}", meaning, [*self._names], registry=self.registry).labels(**self._names)
+
+    def histogram(self, name: str, meaning: str, buckets: Iterable[float]) -> Histogram:
+        """How often a value was at most each of the buckets."""
+        made = Histogram(f"labanmesh_{name}", meaning, [*self._names], buckets=tuple(buckets), registry=self.registry)
+        return made.labels(**self._names)
+
+    def gauge(self, name: str, meaning: str, rows: Rows, *labels: str) -> GaugeMetricFamily:
+        """What goes up and down, one row for each value of `labels`; what is None is left out."""
+        family = GaugeMetricFamily(f"labanmesh_{name}", meaning, labels=[*self._names, *labels])
+        for values, number in rows:
+            if number is not None:
+                family.add_metric([*self._names.values(), *values], number)
+        return family
+
+    def total(self, name: str, meaning: str, rows: Rows, *labels: str) -> CounterMetricFamily:
+        """What only grows, and is counted elsewhere."""
+        family = CounterMetricFamily(f"labanmesh_{name}", meaning, labels=[*self._names, *labels])
+        for values, number in rows:
+            if number is not None:
+                family.add_metric([*self._names.values(), *values], number)
+        return family
+
+    def collect(self) -> Iterable[Metric]:
+        """What is read when it is asked for; called by the registry."""
+        status = self._status() if self._status is not None else None
+        if status is not None:
+            states = [((state,), float(status.state == state)) for state in get_args(ProcessState)]
+            yield self.gauge("state", "1 for the state that the process is in, 0 for the others.", states, "state")
+            version = ((self._role, status.version), 1.0)
+            yield self.gauge("info", "Always 1; which role and version this is.", [version], "role", "version")
+        yield from self.collect_own(status)
+
+    def collect_own(self, status: StatusMessage | None) -> Iterable[Metric]:
+        """What a subclass adds; status: as it is now."""
+        return ()
+
+
+def seconds(time_ns: int | None) -> float | None:
+    """A time in ns as Prometheus has it, in seconds."""
+    return None if time_ns is None else time_ns / 1e9

@@ -1,0 +1,79 @@
+"""Telling who asks over HTTP how a fusion service is: its steps become vitals and, where they are wanted, metrics."""
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from common.config import Scene
+from common.health_server import answering
+from common.logs import speak_as
+from common.messages import StatusMessage, VerdictMessage
+from common.vitals import FRESH_S, Vitals
+from fusion.referee_like import RulingLike
+
+if TYPE_CHECKING:
+    from fusion.metrics import FusionMetrics
+
+STEPS_MISSED = 2.5
+"""Who has missed so many steps, and for FRESH_S at least, is not ready any more."""
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """One step of the loop: what was judged, whether to speak, which verdicts were said.
+
+    arrived: posteriors in this step. dropped: those left out since the start. took_s: how long it took.
+    """
+
+    ruling: RulingLike | None
+    leads: bool
+    said: Sequence[VerdictMessage]
+    arrived: int
+    dropped: int
+    took_s: float
+
+
+@contextmanager
+def telling(
+    scene: Scene, labels: Sequence[str], status: Callable[[], StatusMessage]
+) -> Iterator[Callable[[Step], None]]:
+    """Answer where [metrics] says while the context lasts; gives what wants to know of each step."""
+    vitals = _vitals(scene, lambda: status().reason)
+
+    def make() -> "FusionMetrics":
+        # Who is not asked for metrics does not load what they need.
+        from fusion.metrics import FusionMetrics
+
+        return FusionMetrics(scene.scene, scene.fusion.id, labels, status)
+
+    with answering(scene.metrics.listen, vitals, make) as metrics:
+
+        def tell(step: Step) -> None:
+            vitals.stepped(time.monotonic())
+            if metrics is not None:
+                metrics.step(step)
+
+        yield tell
+
+
+@contextmanager
+def waiting(scene: Scene, reason: str) -> Iterator[Callable[[], None]]:
+    """The same before the loop begins: alive, and not ready for `reason`; gives what wants to know of each try."""
+    vitals = _vitals(scene, str)
+    vitals.hindered(reason)
+
+    def make() -> "FusionMetrics":
+        from fusion.metrics import FusionMetrics
+
+        return FusionMetrics(scene.scene, scene.fusion.id, (), None)
+
+    with answering(scene.metrics.listen, vitals, make):
+        yield lambda: vitals.stepped(time.monotonic())
+
+
+def _vitals(scene: Scene, note: Callable[[], str]) -> Vitals:
+    speak_as(scene.scene, "fusion", scene.fusion.id)
+    fresh_s = max(FRESH_S, STEPS_MISSED / scene.fusion.step_hz)
+    return Vitals(scene.scene, "fusion", scene.fusion.id, time.monotonic(), fresh_s, note)

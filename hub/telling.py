@@ -1,0 +1,51 @@
+"""Telling who asks over HTTP how a hub is: what it hears and reaches becomes vitals and, where wanted, metrics."""
+
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+from common.config import Scene
+from common.health_server import answering
+from common.logs import speak_as
+from common.vitals import Vitals
+from hub.session import Heard
+
+if TYPE_CHECKING:
+    from hub.metrics import HubMetrics
+
+
+class Teller:
+    """What a hub's loop calls; from any thread. Made by `telling`."""
+
+    def __init__(self, vitals: Vitals, metrics: "HubMetrics | None") -> None:
+        self._vitals, self._metrics = vitals, metrics
+
+    def heard(self, heard: Heard) -> None:
+        """A message, or a look into the inbox."""
+        self._vitals.stepped(time.monotonic())
+        if self._metrics is not None:
+            self._metrics.heard(heard.state, heard.message)
+
+    def reaches(self, what: str, reason: str = "") -> None:
+        """The hub reaches `what` it hands on to, e.g. "the broker"; reason: why it does not, "" when it does."""
+        self._vitals.hindered(f"{what}: {reason}" if reason else "")
+        if self._metrics is not None:
+            self._metrics.connected(not reason)
+
+
+@contextmanager
+def telling(scenes: Sequence[Scene], hub: str) -> Iterator[Teller]:
+    """Answer where [metrics] of the first scene says while the context lasts; hub: `mqtt` or `dashboard`."""
+    names = ",".join(scene.scene for scene in scenes)
+    speak_as(names, "hub", hub)
+    vitals = Vitals(names, "hub", hub, time.monotonic())
+
+    def make() -> "HubMetrics":
+        # Who is not asked for metrics does not load what they need.
+        from hub.metrics import HubMetrics
+
+        return HubMetrics(hub)
+
+    with answering(scenes[0].metrics.listen, vitals, make) as metrics:
+        yield Teller(vitals, metrics)

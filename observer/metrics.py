@@ -1,0 +1,35 @@
+"""What an observer counts for Prometheus: frames, posteriors, how old and how long."""
+
+from collections.abc import Callable, Iterable
+from typing import TYPE_CHECKING
+
+from common.messages import StatusMessage
+from common.metrics import AGE_BUCKETS, STEP_BUCKETS, Metrics, seconds
+
+if TYPE_CHECKING:
+    from prometheus_client import Metric
+
+
+class ObserverMetrics(Metrics):
+    """Of one observer of a scene."""
+
+    def __init__(self, scene: str, observer: str, status: Callable[[], StatusMessage]) -> None:
+        super().__init__("observer", {"scene": scene, "observer": observer}, status)
+        self._frames = self.counter("frames", "Frames worked on.")
+        self._posteriors = self.counter("posteriors", "Posteriors published.")
+        self._age = self.histogram("frame_age_seconds", "From capturing a frame to having judged it.", AGE_BUCKETS)
+        self._step = self.histogram("observer_step_seconds", "Tracking and belief, for one frame.", STEP_BUCKETS)
+
+    def frame(self, age_s: float, step_s: float, *, said: bool) -> None:
+        """One frame was worked on; said: something was believed of it."""
+        self._frames.inc()
+        self._posteriors.inc(said)
+        self._age.observe(age_s)
+        self._step.observe(step_s)
+
+    def collect_own(self, status: StatusMessage | None) -> "Iterable[Metric]":
+        """The newest frame and the clock, from the status."""
+        newest = seconds(status.last_frame_ns) if status else None
+        yield self.gauge("last_frame_timestamp_seconds", "When the newest frame was captured.", [((), newest)])
+        skew_s = status.skew_s if status else None
+        yield self.gauge("clock_skew_seconds", "How far this clock is ahead of the referee's.", [((), skew_s)])

@@ -1,0 +1,42 @@
+"""Telling who asks over HTTP how an observer is: its frames become vitals and, where they are wanted, metrics."""
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+from common.config import Scene
+from common.health_server import answering
+from common.logs import speak_as
+from common.messages import StatusMessage
+from common.vitals import Vitals
+
+if TYPE_CHECKING:
+    from observer.metrics import ObserverMetrics
+
+
+@contextmanager
+def telling(
+    scene: Scene, observer: str, status: Callable[[], StatusMessage]
+) -> Iterator[Callable[[float, float, bool], None]]:
+    """Answer where [metrics] says while the context lasts; gives what wants to know of each frame.
+
+    Of a frame: how old it was when it had been judged, how long that took, seconds, and whether a posterior came of it.
+    """
+    speak_as(scene.scene, "observer", observer)
+    vitals = Vitals(scene.scene, "observer", observer, time.monotonic(), note=lambda: status().reason)
+
+    def make() -> "ObserverMetrics":
+        # Who is not asked for metrics does not load what they need.
+        from observer.metrics import ObserverMetrics
+
+        return ObserverMetrics(scene.scene, observer, status)
+
+    with answering(scene.metrics.listen, vitals, make) as metrics:
+
+        def tell(age_s: float, step_s: float, said: bool) -> None:
+            vitals.stepped(time.monotonic())
+            if metrics is not None:
+                metrics.frame(age_s, step_s, said=said)
+
+        yield tell

@@ -1,0 +1,233 @@
+"""What metrics are made of: addresses, vitals, lines of JSON, and the names, which docs/metrics.md tells all of."""
+
+import json
+import logging
+import re
+import sys
+from pathlib import Path
+
+import pytest
+from prometheus_client.parser import text_string_to_metric_families
+
+from common.address import Address
+from common.errors import BadInput
+from common.lifecycle import log_to_stderr
+from common.logs import JsonLines, formatter, speak_as, wrapped
+from common.messages import (
+    Account,
+    Agreement,
+    JudgementMessage,
+    StatusMessage,
+    VerdictMessage,
+    VocabularyReference,
+    Vote,
+)
+from common.vitals import FRESH_S, STALLED_S, Vitals
+from deploy.commands import with_ports
+from deploy.launcher import Job
+from fusion.metrics import FusionMetrics
+from fusion.telling import Step
+from hub.metrics import HubMetrics
+from hub.scene_state import SceneState
+from observer.metrics import ObserverMetrics
+
+ROOT = Path(__file__).parents[2]
+SECOND = 1_000_000_000
+
+
+@pytest.mark.parametrize(
+    ("text", "host", "port"),
+    [("127.0.0.1:9464", "127.0.0.1", 9464), ("[::1]:0", "::1", 0), ("attic:65535", "attic", 65535)],
+)
+def test_addresses_are_read_and_written(text, host, port):
+    address = Address.parse(text, "metrics.listen")
+    assert (address.host, address.port, str(address)) == (host, port, text)
+
+
+@pytest.mark.parametrize(
+    "text", ["9464", ":9464", "host:", "host:65536", "::1:9464", "a b:1", "host:1/x", "http://h:1"]
+)
+def test_what_is_no_address_is_told_in_one_line(text):
+    with pytest.raises(BadInput, match=r"^metrics\.listen = .*: must be HOST:PORT with a port up to 65535, e\.g\. "):
+        Address.parse(text, "metrics.listen")
+
+
+def test_each_job_has_the_next_port():
+    jobs = [Job("[fuse]", ["fuse"]), Job("cam1", ["observe"], environment={"A": "b"}), Job("cam2", ["observe"])]
+    given = [job.environment.get("LABANMESH_METRICS_LISTEN") for job in with_ports(jobs, "0.0.0.0:9464")]
+    assert given == ["0.0.0.0:9464", "0.0.0.0:9465", "0.0.0.0:9466"]
+    assert with_ports(jobs, "0.0.0.0:9464")[1].environment["A"] == "b"
+    assert with_ports(jobs, "") == jobs
+    with pytest.raises(BadInput, match="begin lower"):
+        with_ports(jobs, "127.0.0.1:65534")
+    assert {job.environment["LABANMESH_METRICS_LISTEN"] for job in with_ports(jobs, "[::1]:0")} == {"[::1]:0"}
+
+
+def test_every_interface_is_reached_on_this_machine():
+    assert str(Address.parse("0.0.0.0:1", "").reachable) == "127.0.0.1:1"
+    assert str(Address.parse("[::]:1", "").reachable) == "[::1]:1"
+    assert str(Address.parse("attic:1", "").reachable) == "attic:1"
+
+
+def test_alive_and_ready_by_the_steps_of_the_loop():
+    said = []
+    vitals = Vitals("dojo", "observer", "cam1", 100.0, note=lambda: said[-1] if said else "")
+    assert vitals.alive(101).ok and not vitals.ready(101).ok and vitals.ready(101).reason == "no frame yet"
+    assert vitals.alive(100 + STALLED_S).reason == f"no frame for {STALLED_S:.0f} s"
+    vitals.stepped(110)
+    assert vitals.ready(110 + FRESH_S - 0.1).ok and vitals.ready(111).reason == ""
+    assert not vitals.ready(110 + FRESH_S).ok and vitals.alive(110 + FRESH_S).ok
+    assert not vitals.alive(110 + STALLED_S).ok
+    said.append("camera 0: no picture any more")
+    assert vitals.ready(120).reason == "camera 0: no picture any more"
+    vitals.stepped(120)
+    assert vitals.ready(121).ok and vitals.ready(121).reason == "camera 0: no picture any more"
+    vitals.hindered("the broker: refused")
+    assert vitals.ready(121) != vitals.alive(121) and vitals.ready(121).reason == "the broker: refused"
+    vitals.hindered("")
+    assert vitals.ready(121).ok
+
+
+def record(message, *arguments, **more):
+    made = logging.LogRecord("labanmesh.fusion", logging.INFO, __file__, 1, message, arguments, None)
+    made.__dict__.update(more)
+    return made
+
+
+def test_a_line_of_json_says_who_and_which_verdict():
+    lines = JsonLines()
+    lines.speaker = {"scene": "dojo", "fusion": "first"}
+    said = json.loads(
+        lines.format(record("verdict %s\n", "v1", verdict="v1", label="ok", agree=2, heard=3, ended=True))
+    )
+    assert re.match(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{3}\+00:00$", said.pop("at"))
+    assert said == {
+        "level": "info", "logger": "labanmesh.fusion", "message": "verdict v1\n", "scene": "dojo", "fusion": "first",
+        "verdict": "v1", "label": "ok", "agree": 2, "heard": 3, "ended": True,
+    }  # fmt: skip
+    assert "\n" not in lines.format(record("a stranger's\nword"))
+    try:
+        raise ValueError("wrong")
+    except ValueError:
+        failed = record("it broke")
+        failed.exc_info = sys.exc_info()
+    assert json.loads(lines.format(failed))["exception"].endswith("ValueError: wrong")
+
+
+def test_the_form_is_chosen_by_the_environment(monkeypatch, capsys):
+    root = logging.getLogger()
+    before, level = root.handlers[:], root.level
+    try:
+        for form, begins in (("json", '{"at": "'), ("text", r"12:"), ("xml", r"12:")):
+            root.handlers[:] = []
+            monkeypatch.setenv("LABANMESH_LOG_FORMAT", form)
+            log_to_stderr()
+            speak_as("dojo", "observer", "cam1")
+            logging.getLogger("labanmesh").warning("hello")
+            *warned, line = capsys.readouterr().err.splitlines()
+            assert (
+                line.startswith(begins)
+                if form == "json"
+                else re.match(r"\d\d:\d\d:\d\d WARNING labanmesh: hello", line)
+            )
+            assert bool(warned) == (form == "xml")
+            if form == "json":
+                assert json.loads(line)["observer"] == "cam1" and json.loads(line)["scene"] == "dojo"
+    finally:
+        root.handlers[:] = before
+        root.setLevel(level)
+
+
+def test_a_line_of_a_process_becomes_json_unless_it_is():
+    own = formatter("json").format(record("hello"))
+    assert wrapped("cam1", own) == own
+    assert json.loads(wrapped("cam1", "Traceback: {")) == {"process": "cam1", "message": "Traceback: {"}
+    assert json.loads(wrapped("cam1", "3")) == {"process": "cam1", "message": "3"}
+
+
+def spoken(judgement_of=JudgementMessage, **more):
+    vote = Vote(label="ok", entropy=0.5, weight=1.0, age_s=0.1, state="counted", skew_s=0.01)
+    return judgement_of(
+        scene="dojo", fusion="fusion", seq=1, at_ns=1, vocabulary=VocabularyReference(name="n", hash="h"), p=[0.9, 0.1],
+        label="ok", certainty_bits=0.5, rule="log", votes={"cam1": vote}, agreement=Agreement(k=1, n=1), **more,
+    )  # fmt: skip
+
+
+def status():
+    accounts = {"cam1": Account(skew_s=0.01, rejected={"malformed": 2}), "x1": Account(rejected={"malformed": 3})}
+    return StatusMessage(
+        scene="dojo", id="fusion", state="running", last_frame_ns=SECOND, skew_s=0.01, version="1", observers=accounts
+    )
+
+
+def every_metric():
+    """All that observer, fusion and hub can say, as Prometheus reads it, by role."""
+    observer = ObserverMetrics("dojo", "cam1", status)
+    observer.frame(0.1, 0.01, said=True)
+    fusion = FusionMetrics("dojo", "fusion", ("ok", "bye"), status)
+    verdict = spoken(VerdictMessage, id="v", began_ns=0, decided_ns=SECOND, ended_ns=2 * SECOND)
+    ruling = type("Ruling", (), {"judgement": spoken(), "verdicts": [verdict]})()
+    fusion.step(Step(ruling, True, [verdict], 1, 4, 0.01))
+    hub = HubMetrics("mqtt")
+    hub.heard(SceneState("dojo").fold(spoken(), SECOND), spoken())
+    hub.connected(True)
+    roles = {"observer": observer, "fusion": fusion, "hub": hub}
+    return {role: list(text_string_to_metric_families(m.exposition("")[0].decode())) for role, m in roles.items()}
+
+
+def test_docs_tell_every_metric_of_every_role():
+    rows = re.findall(r"^\| `(labanmesh_\w+)` \| (\w+) \| ([\w, ]+) \|", (ROOT / "docs/metrics.md").read_text(), re.M)
+    told = {(role, name, kind) for name, kind, roles in rows for role in roles.split(", ")}
+    said = {
+        (role, family.name + ("_total" if family.type == "counter" else ""), family.type)
+        for role, families in every_metric().items()
+        for family in families
+        if family.name.startswith("labanmesh_") and not family.name.endswith("_created")
+    }
+    assert told == said
+
+
+def test_labels_are_of_the_scene_and_fixed_sets():
+    for families in every_metric().values():
+        for family in families:
+            for sample in family.samples:
+                assert family.name.startswith(("labanmesh_", "process_", "python_"))
+                assert set(sample.labels) <= {
+                    *(
+                        "scene",
+                        "observer",
+                        "fusion",
+                        "hub",
+                        "role",
+                        "version",
+                        "state",
+                        "label",
+                        "reason",
+                        "kind",
+                        "le",
+                    ),
+                    *("implementation", "major", "minor", "patchlevel", "generation"),
+                }
+                assert sample.labels.get("observer", "cam1") in ("cam1", "(others)")
+
+
+def test_the_values_are_those_that_were_said():
+    values = {
+        (s.name, s.labels.get("observer"), s.labels.get("label") or s.labels.get("reason")): s.value
+        for family in every_metric()["fusion"]
+        for s in family.samples
+    }
+    assert values["labanmesh_verdicts_total", None, "ok"] == 1 and values["labanmesh_verdicts_total", None, "bye"] == 0
+    assert values["labanmesh_verdicts_total", None, "abstain"] == 0
+    assert values["labanmesh_posteriors_rejected_total", "cam1", "malformed"] == 2
+    assert values["labanmesh_posteriors_rejected_total", "(others)", "malformed"] == 3
+    assert values["labanmesh_posteriors_dropped_total", None, None] == 4
+    assert values["labanmesh_observer_entropy_bits", "cam1", None] == 0.5
+    assert values["labanmesh_verdict_delay_seconds_sum", None, None] == 1.0
+
+
+def test_connections_count_each_time_the_broker_is_reached():
+    hub = HubMetrics("mqtt")
+    for now in (True, True, False, False, True):
+        hub.connected(now)
+    assert b'labanmesh_connections_total{hub="mqtt"} 2.0' in hub.exposition("")[0]
