@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 MEDIAPIPE := .venv-mediapipe
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-mediapipe fault-tools faults fuzz soak-day check bench clean
+.PHONY: help demo test test-mediapipe test-browser fault-tools faults fuzz soak-day check bench clean
 
 help:            ## this list
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*##/\t/' | expand -t 18
@@ -18,6 +18,10 @@ test: $(VENV)/.ready fault-tools   ## all tests; those on recorded people need L
 
 test-mediapipe: $(MEDIAPIPE)/.ready   ## the mediapipe tracker and its figures, in an environment of its own
 	@$(MEDIAPIPE)/bin/pytest -q -n0 -rP tests/mediapipe tests/contracts/test_trackers.py
+
+test-browser: $(VENV)/.ready   ## the dashboard in Chromium, and fifty browsers at once
+	@tests/browser/install_chromium.sh
+	@$(BIN)/pytest -q -n0 -rP tests/browser
 
 faults: $(VENV)/.ready fault-tools  ## what breaks, broken on purpose: the long form, about half an hour
 	@LABANMESH_FAULTS=long $(BIN)/pytest -q -n0 -rP --timeout 1800 tests/faults

@@ -42,6 +42,7 @@ VERBS = {
     "watch": Verb("hub.commands", "watch", "live view of beliefs, weights and verdicts in the terminal"),
     "capture": Verb("hub.commands", "capture", "all that is said in a scene -> a capture file"),
     "replay": Verb("studies.replay_commands", "replay", "a capture judged anew, or played back onto a mesh"),
+    "dashboard": Verb("hub.dashboard.commands", "dashboard", "the same as watch, as a page in the browser"),
     "import": Verb("observer.commands", "import_recordings", "recordings of others -> motion archive"),
     "calibrate": Verb(
         "observer.calibration.commands", "calibrate", "boards, known points, others' files -> camera files"
@@ -53,7 +54,14 @@ VERBS = {
     "evaluate": Verb("studies.commands", "evaluate", "accuracy, confusion, earliness and calibration on an archive"),
 }
 
-EXTRAS = {"cv2": "observer", "scipy": "observer", "matplotlib": "report", "mcap": "capture"}
+EXTRAS = {
+    "cv2": "observer",
+    "scipy": "observer",
+    "matplotlib": "report",
+    "mcap": "capture",
+    "aiomqtt": "mqtt",
+    **dict.fromkeys(("starlette", "uvicorn", "sse_starlette"), "dashboard"),
+}
 """What a plain install has not, and the extra that brings it."""
 
 

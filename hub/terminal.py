@@ -26,6 +26,8 @@ SILENT_AFTER_S = 2.0
 SKEW_WORTH_TELLING_S = 0.5
 JUDGE_FRAME = 4
 REFEREE_LINES = 7
+CROWD_CELLS = 48
+"""The least width of a judge that is told in one line."""
 HEADER_LINES = 1
 SPACED_LETTERS = 12
 """The longest label that is spelled w i d e."""
@@ -34,15 +36,43 @@ Rows = Sequence[RenderableType]
 
 
 def render(state: SceneState, width: int, height: int | None = None) -> RenderableType:
-    """The whole view, `width` cells wide; with `height` it shows fewer beliefs and verdicts where lines are short."""
+    """The whole view, `width` cells wide; with `height` it shows fewer beliefs and verdicts where lines are short.
+
+    Where not even the smallest corners fit, each judge is one line, and those that do not agree come first.
+    """
     judges = state.judges
     columns = 1 if width < 2 * LEAST_CORNER_WIDTH or len(judges) < 2 else 2
     rows = -(-len(judges) // columns)
     beliefs, log_lines = _fitting(rows, height)
+    if height is not None and rows * (JUDGE_FRAME + 1) > height - HEADER_LINES - REFEREE_LINES:
+        return _crowded(state, width, height)
     corners = [_row(judges[i : i + columns], columns, beliefs, state) for i in range(0, len(judges), columns)]
     above = -(-rows // 2)
     log = [] if log_lines < 1 else [_log(state.verdicts[:log_lines])]
     return Group(_header(state), *corners[:above], _referee(state), *corners[above:], *log)
+
+
+def _crowded(state: SceneState, width: int, height: int) -> RenderableType:
+    """The referee, then as many judges as fit, a line each; how many more there are stands below them."""
+    columns = max(1, width // CROWD_CELLS)
+    lines = max(0, height - HEADER_LINES - REFEREE_LINES - 1)
+    # Stable: within those that agree, and within those that do not, the scene's order.
+    judges = sorted(state.judges, key=lambda judge: judge.agrees)
+    shown, hidden = judges[: lines * columns], judges[lines * columns :]
+    cells: list[RenderableType] = [_in_one_line(judge, width // columns - 1) for judge in shown]
+    cells += [""] * (-len(cells) % columns)
+    rows = [tuple(cells[i : i + columns]) for i in range(0, len(cells), columns)]
+    steady = ", all of them agree" if all(judge.agrees for judge in hidden) else ""
+    rest = [Text(f"and {len(hidden)} more{steady}", "dim")] if hidden else []
+    return Group(_header(state), _referee(state), _grid(rows, (1,) * columns), *rest)
+
+
+def _in_one_line(judge: Judge, cells: int) -> RenderableType:
+    label = printable(judge.label) if judge.label and judge.state == "counted" else ""
+    words = Text.assemble(printable(judge.name), "  ", (_stance(judge), _colour(judge)), "  ", (label, "bold"),
+                          (f"  {percent(judge.weight).strip()}  {age(judge.age_s)}", "dim"), no_wrap=True)  # fmt: skip
+    words.truncate(cells, overflow="ellipsis")
+    return words
 
 
 def _fitting(rows: int, height: int | None) -> tuple[int, int]:

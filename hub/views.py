@@ -1,7 +1,8 @@
 """Three ways to show what is heard: a live picture, plain lines, lines of JSON."""
 
 import json
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 
 from rich.console import Console
 from rich.live import Live
@@ -14,10 +15,14 @@ from hub.wording import judgement_line, verdict_line
 
 REDRAW_S = 0.1
 LINE_EVERY_S = 1.0
+BEGIN_AT_ONCE, END_AT_ONCE = "\x1b[?2026h", "\x1b[?2026l"
 
 
 def show_live(heard: Iterable[Heard], console: Console) -> None:
-    """Redraw the picture ten times a second on the alternate screen; at the end the verdicts stay as plain lines."""
+    """Redraw the picture ten times a second on the alternate screen; at the end the verdicts stay as plain lines.
+
+    Each picture has the size that the terminal has then, and appears as a whole.
+    """
     state: SceneState | None = None
     drawn_ns = 0
     try:
@@ -25,10 +30,25 @@ def show_live(heard: Iterable[Heard], console: Console) -> None:
             for state in (each.state for each in heard):
                 if state.now_ns - drawn_ns >= REDRAW_S * 1e9 or state.now_ns < drawn_ns:
                     drawn_ns = state.now_ns
-                    live.update(render(state, *console.size), refresh=True)
+                    with _at_once(console):
+                        live.update(render(state, *console.size), refresh=True)
     finally:
         for verdict in reversed(state.verdicts if state else ()):
             console.out(verdict_line(verdict), highlight=False)
+
+
+@contextmanager
+def _at_once(console: Console) -> Iterator[None]:
+    """What is written meanwhile appears in one go, without half a picture: DEC mode 2026, ignored by who lacks it."""
+    if not console.is_terminal or console.legacy_windows:
+        yield
+        return
+    console.file.write(BEGIN_AT_ONCE)
+    try:
+        yield
+    finally:
+        console.file.write(END_AT_ONCE)
+        console.file.flush()
 
 
 def show_lines(heard: Iterable[Heard]) -> None:

@@ -28,14 +28,28 @@ ONLY_IN = {
     "zenoh": "common/link.py",
     "msgpack": "common/wire.py",
     "mcap": "common/capture_file.py",
+    "starlette": "hub/dashboard/*",
+    "sse_starlette": "hub/dashboard/*",
+    "uvicorn": "hub/dashboard/serving.py",
+    "aiomqtt": "hub/mqtt/*",
     "prometheus_client": "*metrics.py",
     "cv2": "observer/*",
     "matplotlib": "studies/figures/*",
     "scipy": "observer/*",
 }
-PROVIDED_BY = {"prometheus_client": "prometheus-client", "zenoh": "eclipse-zenoh", "cv2": "opencv-python-headless"}
+PROVIDED_BY = {
+    "sse_starlette": "sse-starlette",
+    "prometheus_client": "prometheus-client",
+    "zenoh": "eclipse-zenoh",
+    "cv2": "opencv-python-headless",
+}
 """Import names that differ from the distribution's name."""
-EXTRAS_OF = {"common": ("capture",), "observer": ("observer",), "studies": ("observer", "report")}
+EXTRAS_OF = {
+    "common": ("capture",),
+    "hub": ("mqtt", "dashboard"),
+    "observer": ("observer",),
+    "studies": ("observer", "report"),
+}
 """Rooms that may need more than the plain install."""
 
 OUTSIDE_WORLD = {
@@ -95,7 +109,16 @@ IMPURE = {
     "fusion.memory_file": "files",
     "fusion.team": "the mesh",
     "hub.capture": "the mesh, the clock, the terminal",
+    "hub.dashboard.application": "the event loop, files",
+    "hub.dashboard.audience": "the event loop",
+    "hub.dashboard.live": "the mesh",
+    "hub.dashboard.player": "the event loop",
+    "hub.dashboard.serving": "sockets, threads, the event loop",
+    "hub.dashboard.tape": "files",
     "hub.healthcheck": "command line: a socket, the mesh",
+    "hub.mqtt.broker": "files, the broker",
+    "hub.mqtt.ear": "threads, the mesh",
+    "hub.mqtt.removal": "the event loop, the broker",
     "hub.session": "the clock and the mesh",
     "hub.views": "the terminal",
     "deploy.doctor.look*": "files, ports, processes, threads, the mesh",

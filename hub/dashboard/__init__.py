@@ -1,0 +1,1 @@
+"""The page: what `labanmesh watch` shows in a terminal, in a browser; read only."""

@@ -1,0 +1,97 @@
+"""Where the judges stand on the tatami, seen from above: angles from what the scene file says of their views. Pure.
+
+Angles are degrees around the performer, 0 in front, 90 at the right hand (docs/scene.md, `view`). A view without an
+angle (from above, a camera file that cannot be read) is placed where there is most room, so that none hides another.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+NAMED_DEG = {"door": 0.0, "wheel": 90.0}
+CORNER_DEG = 45.0
+APART_DEG = 32.0
+"""Two judges nearer to each other than this are moved apart, as long as there is room."""
+PASSES = 300
+
+Matrix = Sequence[Sequence[float]]
+
+
+@dataclass(frozen=True, slots=True)
+class Standing:
+    """A judge's place. azimuth_deg: 0 to 360. known: whether the scene says so. view: in the scene file's words."""
+
+    azimuth_deg: float
+    known: bool
+    view: str
+
+
+def azimuth_of(view: str) -> float | None:
+    """The angle that a view's words say; None for `table`, camera files and what is none."""
+    words = view.strip()
+    if words in NAMED_DEG:
+        return NAMED_DEG[words]
+    kind, _, number = words.partition(",")[0].partition(":")
+    try:
+        angle = float(number) if kind == "yaw" else math.nan
+    except ValueError:
+        return None
+    return angle % 360 if math.isfinite(angle) else None
+
+
+def azimuth_of_camera(matrix: Matrix) -> float | None:
+    """The side from which a camera's (3, 4) matrix looks; None for one that looks straight down, or is none."""
+    try:
+        right, down, forward = (tuple(float(value) for value in row[:3]) for row in matrix)
+        along = _cross(right, down)
+        if any(forward):
+            side = sum(a * f for a, f in zip(along, forward, strict=True))
+            along = tuple(math.copysign(1, side) * value for value in forward)
+        x, _, z = along
+    except (TypeError, ValueError):
+        return None
+    size = math.hypot(*along)
+    if not math.isfinite(size) or math.hypot(x, z) <= 1e-6 * size:
+        return None
+    return math.degrees(math.atan2(-x, z)) % 360
+
+
+def placed(views: Mapping[str, str], azimuths: Mapping[str, float | None]) -> dict[str, Standing]:
+    """Every judge's standing: those with an angle there, the others in the widest gaps; none upon another."""
+    angles: dict[str, float] = {name: angle for name in views if (angle := azimuths.get(name)) is not None}
+    unknown = [name for name in views if name not in angles]
+    if not angles:
+        angles = {name: (CORNER_DEG + 360 * i / len(unknown)) % 360 for i, name in enumerate(unknown)}
+    for name in unknown:
+        if name not in angles:
+            angles[name] = _widest_gap(list(angles.values()))
+    apart = _moved_apart(angles)
+    return {name: Standing(round(apart[name], 1) % 360, name not in unknown, views[name]) for name in views}
+
+
+def _widest_gap(angles: Sequence[float]) -> float:
+    around = sorted(angles)
+    gaps = [(second - first, first) for first, second in zip(around, [*around[1:], around[0] + 360], strict=True)]
+    width, start = max(gaps)
+    return (start + width / 2) % 360
+
+
+def _moved_apart(angles: Mapping[str, float]) -> dict[str, float]:
+    """The same with no two nearer than APART_DEG, or than an even share of the circle where there are many."""
+    least = min(APART_DEG, 0.9 * 360 / max(1, len(angles)))
+    names = sorted(angles, key=lambda name: angles[name])
+    at = [angles[name] for name in names]
+    for _ in range(PASSES if len(at) > 1 else 0):
+        moved = False
+        for i, this in enumerate(at):
+            after = (i + 1) % len(at)
+            lacking = least - ((at[after] + (360 if after <= i else 0)) - this)
+            if lacking > 1e-3:
+                at[i], at[after], moved = at[i] - lacking / 2, at[after] + lacking / 2, True
+        if not moved:
+            break
+    return dict(zip(names, at, strict=True))
+
+
+def _cross(a: Sequence[float], b: Sequence[float]) -> tuple[float, ...]:
+    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])

@@ -1,0 +1,460 @@
+// The page: server-sent events in, the tatami, the strip and the log out. All that comes is text, never HTML.
+"use strict";
+
+const $ = (id) => document.getElementById(id);
+const MINUTE_MS = 60000, CROWD = 12, QUIET_MS = 4000, AGAIN_MS = 1000, LOG_LIMIT = 100, LOG_SHOWN = 12;
+const SVG = "http://www.w3.org/2000/svg";
+const known = { hall: null, state: null, verdicts: [], minute: [], heard: 0 };
+const replay = { playing: true, head: 0, dragging: false };
+let source = null, again = 0, announced = new Set();
+
+/* Making and changing elements: only what differs is touched, so that nothing flickers and focus stays. */
+function make(tag, name, ...children) {
+  const node = document.createElement(tag);
+  if (name) node.className = name;
+  node.append(...children);
+  return node;
+}
+function draw(tag, attributes, ...children) {
+  const node = document.createElementNS(SVG, tag);
+  for (const [key, value] of Object.entries(attributes)) node.setAttribute(key, value);
+  node.append(...children);
+  return node;
+}
+const put = (node, text) => { if (node.textContent !== text) node.textContent = text; };
+const mark = (node, key, value) => { if (node.dataset[key] !== value) node.dataset[key] = value; };
+const attribute = (node, key, value) => { if (node.getAttribute(key) !== String(value)) node.setAttribute(key, value); };
+function share(node, value) {
+  if (node.shown !== value) { node.shown = value; node.style.setProperty("--share", value); }
+}
+
+/* Words. */
+const percent = (value) => `${Math.round(value * 100)}%`;
+const bits = (value) => value === null ? "-" : `${value.toFixed(2)} bit`;
+const words = (label) => label.replaceAll("_", " ");
+function age(seconds) {
+  if (seconds === null) return "-";
+  if (seconds < 1) return `${Math.round(seconds * 1000)} ms`;
+  return seconds < 120 ? `${seconds.toFixed(1)} s` : `${Math.round(seconds / 60)} min`;
+}
+const clock = (ms) => new Date(ms).toLocaleTimeString([], { hourCycle: "h23" });
+const took = (verdict) => verdict.ended === null ? "now" : age((verdict.ended - verdict.began) / 1000);
+const agree = (pair) => pair ? `${pair[0]} of ${pair[1]}` : "-";
+function stance(judge) {
+  if (judge.state !== "counted") return judge.state;
+  return judge.label === null ? "undecided" : judge.agrees ? "agrees" : "differs";
+}
+const stanceWords = (judge) => judge.gone ? "gone" : stance(judge);
+function health(judge) {
+  const said = judge.health ? [judge.health.state, judge.health.rate === null ? "" : `${judge.health.rate} Hz`, judge.health.reason] : [];
+  const clockOff = judge.skew !== null && Math.abs(judge.skew) >= 0.5 ? `clock ${judge.skew > 0 ? "+" : "-"}${age(Math.abs(judge.skew))}` : "";
+  const rejected = judge.rejected ? `${judge.rejected} bad messages` : "";
+  const text = (judge.gone ? ["its process has gone"] : said).concat(clockOff, rejected).filter(Boolean).join(", ");
+  return [text, judge.gone || Boolean(clockOff || rejected) || Boolean(judge.health && judge.health.state !== "running")];
+}
+
+/* Bars: rows of name, bar and share, as many as there are beliefs. */
+function bars(list, beliefs) {
+  while (list.children.length > beliefs.length) list.lastChild.remove();
+  while (list.children.length < beliefs.length) {
+    list.append(make("li", "", make("span", "name"), make("span", "bar", make("i")), make("span", "share")));
+  }
+  beliefs.forEach(([label, p], i) => {
+    const [name, bar, figure] = list.children[i].children;
+    put(name, words(label));
+    share(bar.firstChild, p);
+    put(figure, percent(p));
+  });
+}
+
+/* Judges: a card each beside the tatami, or one line each where they are many. */
+const cards = new Map(), lines = new Map();
+function card(name) {
+  const node = make("li", "card judge");
+  const parts = {
+    node, name: make("h3"), stance: make("span", "stance"), bars: make("ul", "bars"), weight: make("i"), share: make("span", "share"),
+    entropy: make("b"), age: make("b"), health: make("p", "health"),
+  };
+  const fact = (title, value) => make("span", "", make("span", "quiet", `${title} `), value);
+  node.append(make("div", "head", parts.name, parts.stance), parts.bars,
+    make("div", "weigh", make("span", "", "weight"), make("span", "bar", parts.weight), parts.share),
+    make("p", "facts", fact("entropy", parts.entropy), fact("age", parts.age)), parts.health);
+  put(parts.name, name);
+  return parts;
+}
+function showCard(judge) {
+  if (!cards.has(judge.name)) cards.set(judge.name, card(judge.name));
+  const parts = cards.get(judge.name), [text, bad] = health(judge);
+  mark(parts.node, "stance", judge.gone ? "silent" : stance(judge));
+  put(parts.stance, stanceWords(judge));
+  bars(parts.bars, judge.beliefs.length || !judge.label ? judge.beliefs : [[judge.label, 0]]);
+  share(parts.weight, judge.weight);
+  put(parts.share, percent(judge.weight));
+  put(parts.entropy, bits(judge.entropy));
+  put(parts.age, age(judge.age));
+  put(parts.health, text);
+  parts.health.classList.toggle("bad", bad);
+  return parts.node;
+}
+function line() {
+  const node = make("li", "", make("span", "lamp"), make("span", "who"), make("span", "what"));
+  for (const title of ["belief", "weight", "age"]) {
+    const figure = make("span", "figure", make("span", "unseen", `${title} `), make("span"));
+    figure.title = title;
+    node.append(figure);
+  }
+  return node;
+}
+function showLine(judge) {
+  if (!lines.has(judge.name)) lines.set(judge.name, line());
+  const node = lines.get(judge.name), [, who, what, ...figures] = node.children, steady = judge.state === "counted" && !judge.gone;
+  mark(node, "stance", judge.gone ? "silent" : stance(judge));
+  put(who, judge.name);
+  put(what, steady && judge.label ? words(judge.label) : stanceWords(judge));
+  const values = [steady && judge.beliefs.length ? percent(judge.beliefs[0][1]) : "", percent(judge.weight), age(judge.age)];
+  values.forEach((value, i) => put(figures[i].lastChild, value));
+  return node;
+}
+function keep(list, nodes) {
+  const kept = new Set(nodes);
+  for (const old of [...list.children]) if (!kept.has(old)) old.remove();
+  nodes.forEach((node, i) => { if (list.children[i] !== node) list.insertBefore(node, list.children[i] || null); });
+}
+function showJudges(state) {
+  const crowd = state.judges.length > CROWD;
+  $("crowd").hidden = !crowd;
+  $("floor").classList.toggle("alone", crowd);
+  $("left").hidden = $("right").hidden = crowd;
+  if (crowd) {
+    keep($("list"), state.judges.map(showLine));
+    const counts = new Map();
+    for (const judge of state.judges) counts.set(stanceWords(judge), (counts.get(stanceWords(judge)) || 0) + 1);
+    put($("count"), `${state.judges.length}: ` + [...counts].map(([word, count]) => `${count} ${word.replace(/^(agree|differ)s$/, "$1")}`).join(", "));
+    return;
+  }
+  // Whoever stands left of the performer is told left of the tatami, from the front to the back.
+  const across = (judge) => { const place = spot(judge.name); return place ? place.x : 0; };
+  const along = (judge) => { const place = spot(judge.name); return place ? place.y : 999; };
+  const sorted = [...state.judges].sort((a, b) => across(a) - across(b) || along(a) - along(b));
+  const half = Math.ceil(sorted.length / 2), byDepth = (a, b) => along(a) - along(b);
+  keep($("left"), sorted.slice(0, half).sort(byDepth).map(showCard));
+  keep($("right"), sorted.slice(half).sort(byDepth).map(showCard));
+}
+
+/* The tatami from above, the performer's front at the top. */
+function spot(name) {
+  const standing = known.hall.standings[name];
+  if (!standing) return null;
+  const angle = standing.azimuth * Math.PI / 180, x = Math.sin(angle), y = -Math.cos(angle);
+  const reach = 152 / Math.max(Math.abs(x), Math.abs(y));
+  return { x: x * reach, y: y * reach };
+}
+const flags = new Map();
+function layMat() {
+  const mat = $("tatami"), seams = [];
+  for (let at = -160; at <= 160; at += 40) seams.push(`M${at} -200V200M-200 ${at}H200`);
+  mat.replaceChildren(
+    draw("rect", { class: "band", x: -200, y: -200, width: 400, height: 400 }), draw("path", { class: "band-seam", d: seams.join(""), fill: "none" }),
+    draw("rect", { class: "area", x: -178, y: -178, width: 356, height: 356 }), draw("path", { class: "seam", fill: "none", d: innerSeams() }));
+  const front = draw("text", { class: "front", x: 0, y: -108 });
+  front.textContent = "front";
+  mat.append(front, draw("path", { class: "nose", d: "M-8 -122L0 -130L8 -122" }));
+  flags.clear();
+  const names = Object.keys(known.hall.standings), quiet = names.length > CROWD;
+  names.forEach((name, i) => flags.set(name, flag(name, quiet, mat, quiet && i % 2 ? 0.92 : 1)));
+}
+function innerSeams() {
+  let path = "";
+  for (let at = -120; at <= 120; at += 40) path += `M${at} -178V178M-178 ${at}H178`;
+  return path;
+}
+function flag(name, quiet, mat, near) {
+  const place = spot(name), x = place.x * near, y = place.y * near, reach = Math.hypot(x, y), group = draw("g", { class: "flag", "data-stance": "silent" });
+  const sight = draw("line", { class: "sight", x1: x, y1: y, x2: x / reach * 96, y2: y / reach * 96, stroke: "var(--tone)" });
+  const dot = draw("circle", { class: "dot", cx: x, cy: y, r: quiet ? 3.5 : 9 });
+  const middle = Math.abs(x) < 60, anchor = middle ? "middle" : x < 0 ? "start" : "end", below = y < 0;
+  const textX = middle ? x : x < 0 ? x - 12 : x + 12, textY = y + (below ? 28 : -32);
+  const who = draw("text", { x: textX, y: textY, "text-anchor": anchor }), held = draw("text", { class: "held", x: textX, y: textY + 16, "text-anchor": anchor });
+  if (!quiet) who.textContent = name.length > 16 ? `${name.slice(0, 15)}…` : name;
+  group.append(sight, dot, who, held);
+  mat.append(group);
+  return { group, sight, held, quiet };
+}
+function showMat(state) {
+  for (const judge of state.judges) {
+    const parts = flags.get(judge.name);
+    if (!parts) continue;
+    mark(parts.group, "stance", judge.gone ? "silent" : stance(judge));
+    attribute(parts.sight, "stroke-width", parts.quiet ? 0.6 : (1 + 12 * judge.weight).toFixed(1));
+    if (parts.quiet) continue;
+    const text = judge.state === "counted" && judge.label && !judge.gone ? words(judge.label) : stanceWords(judge);
+    put(parts.held, text.length > 18 ? `${text.slice(0, 17)}…` : text);
+  }
+}
+
+/* The referee. */
+function showReferee(state) {
+  const last = known.verdicts[0], box = $("referee");
+  mark(box, "kind", !last ? "none" : last.abstain ? "abstain" : last.ended === null ? "open" : "ended");
+  put($("verdict"), last ? words(last.label) : "no verdict yet");
+  $("verdict").classList.toggle("long", Boolean(last) && last.label.length > 9);
+  put($("phase"), state.silent ? `referee silent ${age(state.silence)}` : state.label === null ? "" : state.moving ? "moving" : "at rest");
+  const ago = last ? Math.max(0, Math.round((state.now - (last.ended ?? last.decided)) / 1000)) : 0;
+  const when = !last ? "" : last.ended === null ? "now" : ago < 100 ? `${ago} s ago` : `at ${clock(last.ended)}`;
+  put($("verdict-facts"), last ? `${when}, ${agree(last.agreement)} agree` : "");
+  bars($("fused"), state.fused);
+  put($("agreement"), agree(state.agreement));
+  put($("entropy"), bits(state.entropy));
+}
+function showHeader(state) {
+  const kind = known.hall.span !== null ? "capture" : state.label === null ? "waiting" : state.silent ? "silent" : "live";
+  link(kind, { capture: "capture", waiting: "waiting for a referee", silent: "referee silent", live: "live" }[kind]);
+  const news = state.rule === null ? [] : [`${state.fusion}: ${state.rule}`];
+  if (known.hall.quorum) news.push(`${known.hall.quorum} must agree`);
+  if (state.standby.length) news.push(`${state.standby.join(", ")} standing by`);
+  if (state.rejected) news.push(`${state.rejected} messages not understood`);
+  put($("news"), [...news, clock(state.now)].join(" · "));
+}
+function link(kind, text) {
+  mark($("link"), "kind", kind);
+  put($("link"), text);
+  document.body.toggleAttribute("data-away", kind === "away");
+}
+
+/* The last minute: belief above, entropy below, verdicts as bands from their beginning to their end. */
+const HEIGHT = 170, TOP = [24, 82], LOW = [102, 148];
+function showStrip(state) {
+  const strip = $("strip"), width = strip.clientWidth;
+  if (!width) return;
+  attribute(strip, "viewBox", `0 0 ${width} ${HEIGHT}`);
+  const left = 46, right = width - 6, x = (ms) => left + (right - left) * (1 - (state.now - ms) / MINUTE_MS);
+  const most = Math.max(1, Math.log2(Math.max(2, state.labels))), inside = (ms) => Math.min(right, Math.max(left, x(ms)));
+  const parts = [];
+  for (let ago = 0; ago <= 60; ago += 10) {
+    const at = x(state.now - ago * 1000).toFixed(1);
+    parts.push(draw("line", { class: "grid", x1: at, x2: at, y1: TOP[0], y2: LOW[1] }));
+    if (ago % (width < 500 ? 20 : 10) === 0) parts.push(text(at, HEIGHT - 6, ago ? `-${ago} s` : "now", ago === 0 ? "end" : "middle"));
+  }
+  let free = 0;
+  for (const each of [...known.verdicts].reverse()) {
+    const end = each.ended ?? state.now;
+    if (end < state.now - MINUTE_MS || each.began > state.now) continue;
+    const from = inside(each.began), to = inside(end), kind = each.abstain ? " abstain" : "";
+    parts.push(draw("rect", { class: `span${kind}`, x: from, y: TOP[0], width: Math.max(2, to - from), height: LOW[1] - TOP[0], rx: 3 }));
+    if (!each.abstain && each.decided >= state.now - MINUTE_MS) parts.push(draw("line", { class: "decided", x1: inside(each.decided), x2: inside(each.decided), y1: TOP[0], y2: LOW[1] }));
+    const name = words(each.label), wide = name.length * 7.4;
+    const start = Math.min(from, right - wide);
+    if (start >= free) { parts.push(text(start, 16, name, "start", `said${kind}`)); free = start + wide + 8; }
+  }
+  parts.push(text(left - 6, TOP[0] + 8, "100%", "end"), text(left - 6, TOP[1], "0", "end"),
+    text(left - 6, LOW[0] + 8, `${most.toFixed(1)} bit`, "end"), text(left - 6, LOW[1], "0", "end"));
+  const points = known.minute.filter((point) => point[0] >= state.now - MINUTE_MS && point[0] <= state.now + 500);
+  const path = (index, scale, [top, bottom]) => points.map((point, i) => {
+    const gap = i === 0 || point[0] - points[i - 1][0] > 2000;
+    return `${gap ? "M" : "L"}${x(point[0]).toFixed(1)} ${(bottom - (bottom - top) * Math.min(1, point[index] / scale)).toFixed(1)}`;
+  }).join("");
+  parts.push(draw("path", { class: "believed", d: path(2, 1, TOP) }), draw("path", { class: "bits", d: path(3, most, LOW) }));
+  strip.replaceChildren(...parts);
+}
+function text(x, y, said, anchor, name = "") {
+  const node = draw("text", { x, y, "text-anchor": anchor, class: name });
+  node.textContent = said;
+  return node;
+}
+
+/* The log: a row each, and under it, when asked, why. */
+const rows = new Map();
+function row(verdict) {
+  const cells = ["time", "label", "took", "agree", "bits", "rule", "why-cell"].map((name) => make("td", name));
+  const node = make("tr", "said", ...cells), button = make("button", "", "Why?"), reasons = make("tr", "why", make("td"));
+  reasons.firstChild.colSpan = cells.length;
+  reasons.hidden = true;
+  reasons.id = `why-${row.count = (row.count || 0) + 1}`;
+  button.type = "button";
+  button.setAttribute("aria-expanded", "false");
+  button.setAttribute("aria-controls", reasons.id);
+  button.addEventListener("click", () => {
+    reasons.hidden = !reasons.hidden;
+    button.setAttribute("aria-expanded", String(!reasons.hidden));
+    showReasons(rows.get(verdict.id));
+  });
+  cells[6].append(button);
+  return { node, cells, button, reasons, verdict };
+}
+function showRow(verdict) {
+  if (!rows.has(verdict.id)) rows.set(verdict.id, row(verdict));
+  const entry = rows.get(verdict.id), { cells } = entry;
+  const changed = entry.verdict !== verdict;
+  entry.verdict = verdict;
+  entry.node.classList.toggle("abstain", verdict.abstain);
+  const values = [clock(verdict.began), words(verdict.label), took(verdict), `${agree(verdict.agreement)}`, bits(verdict.entropy), verdict.rule];
+  values.forEach((value, i) => put(cells[i], value));
+  cells[3].setAttribute("aria-label", `${agree(verdict.agreement)} agree`);
+  entry.button.setAttribute("aria-label", `Why ${words(verdict.label)} at ${clock(verdict.began)}?`);
+  if (changed) showReasons(entry);
+  return [entry.node, entry.reasons];
+}
+function showReasons({ reasons, verdict }) {
+  if (reasons.hidden) return;
+  const cell = (tag, value) => make(tag, "", value);
+  const head = make("tr", "", ...["Judge", "Said", "Entropy", "Weight", "Age", "In the end"].map((title) => { const th = cell("th", title); th.scope = "col"; return th; }));
+  const votes = verdict.votes.map((vote) => {
+    const kind = vote.stance === "agreed" ? "agrees" : vote.stance.startsWith("held ") ? "differs" : vote.stance;
+    const end = cell("td", make("span", "stance", words(vote.stance)));
+    end.dataset.stance = kind;
+    return make("tr", "", cell("th", vote.name), cell("td", vote.label === null ? "-" : words(vote.label)), cell("td", bits(vote.entropy)), cell("td", percent(vote.weight)), cell("td", age(vote.age)), end);
+  });
+  const sums = verdict.fused.map(([label, p]) => `${words(label)} ${percent(p)}`).join(", ");
+  const sentences = [...verdict.why, ...(sums ? [`Together, when it was decided: ${sums}.`] : [])];
+  reasons.firstChild.replaceChildren(make("ul", "", ...sentences.map((said) => cell("li", said))), make("table", "votes", make("thead", "", head), make("tbody", "", ...votes)));
+}
+function showLog(fresh) {
+  $("empty").hidden = known.verdicts.length > 0;
+  $("log").hidden = known.verdicts.length === 0;
+  const all = $("more").getAttribute("aria-expanded") === "true", shown = all ? known.verdicts : known.verdicts.slice(0, LOG_SHOWN);
+  $("more").hidden = known.verdicts.length <= LOG_SHOWN;
+  put($("more"), all ? "Show fewer" : `Show all ${known.verdicts.length}`);
+  keep($("verdicts"), shown.flatMap(showRow));
+  const ids = new Set(known.verdicts.map((each) => each.id));
+  for (const id of rows.keys()) if (!ids.has(id)) rows.delete(id);
+  if (fresh && rows.has(fresh.id)) rows.get(fresh.id).node.classList.add("fresh");
+}
+
+$("more").addEventListener("click", () => {
+  attribute($("more"), "aria-expanded", $("more").getAttribute("aria-expanded") !== "true");
+  showLog(null);
+});
+
+/* What comes. */
+function onSnapshot(whole) {
+  const same = known.hall && JSON.stringify(known.hall.standings) === JSON.stringify(whole.standings);
+  known.hall = whole;
+  known.verdicts = whole.verdicts;
+  known.minute = whole.minute;
+  announced = new Set(whole.verdicts.map((each) => each.id));
+  put($("scene"), whole.scene);
+  document.title = `${whole.scene}: labanmesh`;
+  if (!same) { cards.clear(); lines.clear(); layMat(); }
+  if (whole.span !== null) layReplay(whole);
+  showLog(null);
+  onState(whole.state);
+  if (whole.span !== null && !replay.playing) close();
+}
+function onState(state) {
+  known.state = state;
+  known.heard = performance.now();
+  if (state.label !== null && !state.silent) remember([state.now, state.label, state.fused.length ? state.fused[0][1] : 0, state.entropy ?? 0]);
+  if (state.head !== undefined) showHead(state.head);
+  requestShow();
+}
+function remember(point) {
+  const newest = known.minute[known.minute.length - 1];
+  if (newest && point[0] >= newest[0] && point[0] - newest[0] < 150) return;
+  known.minute = known.minute.filter((each) => each[0] > point[0] - MINUTE_MS && each[0] < point[0]);
+  known.minute.push(point);
+}
+function onVerdict(verdict) {
+  const place = known.verdicts.findIndex((each) => each.id === verdict.id);
+  if (place < 0) known.verdicts = [verdict, ...known.verdicts].slice(0, LOG_LIMIT);
+  else known.verdicts[place] = verdict;
+  showLog(place < 0 ? verdict : null);
+  if (!announced.has(verdict.id)) {
+    announced.add(verdict.id);
+    put($("said"), verdict.abstain ? "Verdict: the judges could not agree" : `Verdict: ${words(verdict.label)}, ${agree(verdict.agreement)} agree`);
+  }
+  // At once, not with the next frame: a verdict is what one waits for.
+  if (known.state) showReferee(known.state);
+  requestShow();
+}
+let asked = false;
+function requestShow() {
+  if (asked || document.hidden) return;
+  asked = true;
+  requestAnimationFrame(() => {
+    asked = false;
+    if (!known.hall || !known.state) return;
+    showHeader(known.state);
+    showReferee(known.state);
+    showJudges(known.state);
+    showMat(known.state);
+    showStrip(known.state);
+    attribute($("tatami"), "aria-label", `The tatami from above with ${Object.keys(known.hall.standings).length} judges around the referee`);
+    const last = known.verdicts[0];
+    attribute($("strip"), "aria-label", `Belief and entropy over the last minute${last ? `; last verdict ${words(last.label)}` : ""}`);
+  });
+}
+
+/* The connection: opened again whenever it breaks or falls silent; closed while nobody looks. */
+function open() {
+  close();
+  const capture = known.hall && known.hall.span !== null;
+  source = new EventSource(capture ? `events?at=${replay.head}&speed=${replay.playing ? $("speed").value : 0}` : "events");
+  known.heard = performance.now();
+  const listen = (kind, act) => source.addEventListener(kind, (event) => { known.heard = performance.now(); act(JSON.parse(event.data)); });
+  listen("snapshot", onSnapshot);
+  listen("state", onState);
+  listen("verdict", onVerdict);
+  listen("end", () => setPlaying(false));
+  source.onerror = () => { away(); close(); again = setTimeout(open, AGAIN_MS); };
+}
+function close() {
+  clearTimeout(again);
+  if (source) source.close();
+  source = null;
+}
+function away() { link("away", "disconnected, trying again"); }
+setInterval(() => {
+  const still = known.hall && known.hall.span !== null && !replay.playing;
+  if (source && !still && !document.hidden && performance.now() - known.heard > QUIET_MS) { away(); open(); }
+}, 1000);
+document.addEventListener("visibilitychange", () => {
+  if (document.hidden) { if (!known.hall || known.hall.span === null) close(); } else if (!source && (!known.hall || known.hall.span === null || replay.playing)) open(); else requestShow();
+});
+addEventListener("resize", requestShow);
+
+/* The replay bar. */
+function layReplay(whole) {
+  $("replay").hidden = false;
+  attribute($("head"), "max", whole.span);
+  $("marks").replaceChildren(...whole.marks.map(([at]) => {
+    const tick = make("i");
+    tick.style.left = `${whole.span ? 100 * at / whole.span : 0}%`;
+    return tick;
+  }));
+  showHead(whole.head);
+}
+function showHead(at) {
+  replay.head = at;
+  if (!replay.dragging) $("head").value = at;
+  const span = known.hall.span, place = (seconds) => `${Math.floor(seconds / 60)}:${String(Math.floor(seconds % 60)).padStart(2, "0")}`;
+  put($("moment"), `${place(at)} / ${place(span)}`);
+  attribute($("head"), "aria-valuetext", `${place(at)} of ${place(span)}`);
+}
+function setPlaying(playing) {
+  replay.playing = playing;
+  put($("play"), playing ? "Pause" : "Play");
+  if (!playing) close();
+}
+$("play").addEventListener("click", () => {
+  setPlaying(!replay.playing);
+  if (replay.playing) { if (replay.head >= known.hall.span - 0.05) replay.head = 0; open(); }
+});
+$("head").addEventListener("input", () => { replay.dragging = true; });
+$("head").addEventListener("change", () => { replay.dragging = false; replay.head = Number($("head").value); open(); });
+$("speed").addEventListener("change", () => { if (replay.playing) open(); });
+$("only").addEventListener("change", () => $("list").classList.toggle("only", $("only").checked));
+
+/* Colours: as the system has them, or as chosen here. */
+function paint(theme) {
+  if (theme === "auto") delete document.documentElement.dataset.theme;
+  else document.documentElement.dataset.theme = theme;
+}
+let chosen = "auto";
+try { chosen = localStorage.getItem("theme") || "auto"; } catch { /* a browser that keeps nothing */ }
+$("theme").value = chosen;
+paint(chosen);
+$("theme").addEventListener("change", () => {
+  paint($("theme").value);
+  try { localStorage.setItem("theme", $("theme").value); } catch { /* the same */ }
+});
+open();
