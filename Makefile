@@ -3,9 +3,10 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 MEDIAPIPE := .venv-mediapipe
+HOME_ASSISTANT := .venv-home
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-mediapipe test-browser fault-tools faults fuzz soak-day check bench clean
+.PHONY: help demo test test-mediapipe test-browser test-home fault-tools mqtt-tools faults fuzz soak-day check bench clean
 
 help:            ## this list
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*##/\t/' | expand -t 18
@@ -13,7 +14,7 @@ help:            ## this list
 demo: $(VENV)/.ready   ## the whole system on this machine; ends by itself
 	@$(BIN)/labanmesh demo
 
-test: $(VENV)/.ready fault-tools   ## all tests; those on recorded people need LABANMESH_DATA
+test: $(VENV)/.ready fault-tools mqtt-tools   ## all tests; those on recorded people need LABANMESH_DATA
 	@$(BIN)/pytest -q
 
 test-mediapipe: $(MEDIAPIPE)/.ready   ## the mediapipe tracker and its figures, in an environment of its own
@@ -22,6 +23,9 @@ test-mediapipe: $(MEDIAPIPE)/.ready   ## the mediapipe tracker and its figures, 
 test-browser: $(VENV)/.ready   ## the dashboard in Chromium, and fifty browsers at once
 	@tests/browser/install_chromium.sh
 	@$(BIN)/pytest -q -n0 -rP tests/browser
+
+test-home: $(VENV)/.ready mqtt-tools $(HOME_ASSISTANT)/.ready   ## a real Home Assistant and Node-RED, in an environment of their own
+	@LABANMESH_HASS=$(HOME_ASSISTANT)/bin/hass LABANMESH_NODE_RED=$$(ls $(HOME_ASSISTANT)/node-red/node_modules/.bin/node-red 2>/dev/null) LABANMESH_LOAD_S=120 $(BIN)/pytest -q -n0 -rP --timeout 900 tests/home
 
 faults: $(VENV)/.ready fault-tools  ## what breaks, broken on purpose: the long form, about half an hour
 	@LABANMESH_FAULTS=long $(BIN)/pytest -q -n0 -rP --timeout 1800 tests/faults
@@ -35,6 +39,9 @@ soak-day: $(VENV)/.ready  ## 24 hours of traffic in about 22 minutes: memory and
 fault-tools:
 	@tests/faults/install_tools.sh
 
+mqtt-tools:
+	@tests/hub/mqtt/install_mosquitto.sh
+
 check: $(VENV)/.ready  ## lint and types
 	@$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/mypy
 
@@ -42,7 +49,7 @@ bench: $(VENV)/.ready  ## each cost beside its floor, to build/bench.json
 	@$(BIN)/python -m benchmarks
 
 clean:           ## away with the environment and everything built
-	@rm -rf $(VENV) $(MEDIAPIPE) build dist *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis labanmesh-demo
+	@rm -rf $(VENV) $(MEDIAPIPE) $(HOME_ASSISTANT) build dist *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis labanmesh-demo
 
 $(VENV)/.ready: pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit("labanmesh needs Python >= 3.11, this is " + sys.version.split()[0] + ": make PYTHON=python3.11") if sys.version_info < (3, 11) else None'
@@ -58,4 +65,9 @@ $(MEDIAPIPE)/.ready: pyproject.toml
 	@$(MEDIAPIPE)/bin/python -m pip install --quiet --disable-pip-version-check -e '.[mediapipe,dev]'
 	@# MediaPipe brings an OpenCV with windows, which wants libGL; the same version without goes on top.
 	@$(MEDIAPIPE)/bin/python -m pip install --quiet --disable-pip-version-check --force-reinstall --no-deps "opencv-python-headless==$$($(MEDIAPIPE)/bin/python -c 'from importlib.metadata import version; print(version("opencv-contrib-python"))')"
+	@touch $@
+
+$(HOME_ASSISTANT)/.ready: tests/home/install_home.sh
+	@echo "setting up $(HOME_ASSISTANT) (once, some minutes) ..."
+	@PYTHON=$(PYTHON) tests/home/install_home.sh $(HOME_ASSISTANT)
 	@touch $@

@@ -42,6 +42,7 @@ VERBS = {
     "watch": Verb("hub.commands", "watch", "live view of beliefs, weights and verdicts in the terminal"),
     "capture": Verb("hub.commands", "capture", "all that is said in a scene -> a capture file"),
     "replay": Verb("studies.replay_commands", "replay", "a capture judged anew, or played back onto a mesh"),
+    "hub": Verb("hub.mqtt.commands", "hub", "what homes get from a scene: Home Assistant through an MQTT broker"),
     "dashboard": Verb("hub.dashboard.commands", "dashboard", "the same as watch, as a page in the browser"),
     "import": Verb("observer.commands", "import_recordings", "recordings of others -> motion archive"),
     "calibrate": Verb(

@@ -21,6 +21,7 @@ from deploy.supervision import Patience
 START_TOGETHER_S = 2.0
 """Recordings begin this long after the launcher, when all observers are up: so that they see the same at once."""
 EACH_OBSERVER_S = 0.2
+HUBS = {"mqtt": ("hub", "mqtt"), "dashboard": ("dashboard",)}
 FAILURES_WHEN_IT_SHALL_END = 5
 """A scene that shall end by itself does not try a failing observer for ever."""
 
@@ -74,7 +75,7 @@ def _memory(scene: Scene, folder: Path) -> dict[str, str]:
 
 
 def jobs(path: Path, scene: Scene) -> list[Job]:
-    """The processes of a scene: its fusion services and each observer that needs nobody at its standard input.
+    """The processes of a scene: its fusion services, each observer that needs nobody at its standard input, its hubs.
 
     A router, if the mesh has one, is run apart.
     """
@@ -83,7 +84,9 @@ def jobs(path: Path, scene: Scene) -> list[Job]:
     fuse = [Job("[fuse]", [*python, "fuse", str(path)], lasting=True)]
     fuse += [Job(f"[fuse {name}]", [*python, "fuse", str(path), "--id", name], lasting=True) for name in others]
     started = [name for name in scene.roster if name not in _fed_by_hand(scene)]
-    return [*fuse, *(Job(name, [*python, "observe", str(path), name]) for name in started)]
+    observe = [Job(name, [*python, "observe", str(path), name]) for name in started]
+    hubs = [Job(f"[{name}]", [*python, *HUBS[name], str(path)], lasting=True) for name in scene.hub.start]
+    return [*fuse, *observe, *hubs]
 
 
 def with_ports(jobs: Sequence[Job], listen: str) -> list[Job]:

@@ -93,6 +93,8 @@ class SceneState:
                 return replace(self, observer_status={**self.observer_status, message.id: message})
             case StatusMessage():
                 return replace(self, fusion_status={**self.fusion_status, message.id: message})
+            case VocabularyMessage() if self.judgement and message.hash != self.judgement.vocabulary.hash:
+                return self  # a stranger's: whoever is asked may answer
             case VocabularyMessage():
                 return replace(self, vocabulary=message)
             case _:

@@ -62,7 +62,7 @@ def listen(
         state = state.at(clock())
         if state.missing_vocabulary and state.now_ns - asked_ns > ASK_AGAIN_S * 1e9:
             asked_ns = state.now_ns
-            for key, payload in link.ask(keys.vocabulary, ASK_S).items():
+            for key, payload in link.ask_each(keys.vocabulary, ASK_S):
                 state = _hear(state, key, payload, state.now_ns).state
         yield Heard(state)
 

@@ -53,8 +53,8 @@ def test_help_lists_all_verbs_with_their_purpose(door, words):
 
 
 def test_help_opens_no_room_and_loads_nothing_heavy():
-    look = "import sys, labanmesh; assert labanmesh.main(['--help']) == 0; print(*sys.modules, sep='\\n')"
-    loaded = process(sys.executable, "-c", look).stdout.split()
+    look = "import sys, labanmesh; assert labanmesh.main(['--help']) == 0; print(*sys.modules, file=sys.stderr)"
+    loaded = process(sys.executable, "-c", look).stderr.split()
     assert "common.errors" in loaded
     rooms = {name for name in loaded if name.partition(".")[0] in ROOMS} - {"common", "common.errors"}
     assert not rooms, f"imported for --help alone: {sorted(rooms)}; import them inside functions"

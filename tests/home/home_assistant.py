@@ -1,0 +1,109 @@
+"""A Home Assistant with one integration, MQTT, and a way to ask it for its states."""
+
+import json
+import subprocess
+import urllib.error
+import urllib.request
+from pathlib import Path
+
+from mqtt_stage import SOON_S, free_port, until
+
+UP_S = 300.0
+"""Its first start installs what its integrations require."""
+OWN = ("zone.", "person.", "automation.")
+ANNA = ("anna", "secret")
+
+
+class HomeAssistant:
+    """`program` with a folder of its own; a context manager."""
+
+    def __init__(self, program, place, broker_port, automation=""):
+        self._program, self._place, self._port = str(Path(program).absolute()), place, free_port()
+        self._process, self._token = None, ""
+        (place / ".storage").mkdir(parents=True)
+        (place / "configuration.yaml").write_text(
+            "homeassistant:\n  name: test\n  auth_providers:\n    - type: homeassistant\n"
+            f"http:\n  server_host: 127.0.0.1\n  server_port: {self._port}\napi:\nlogger:\n  default: warning\n"
+            "automation: !include automations.yaml\n"
+        )
+        (place / "automations.yaml").write_text(automation)
+        broker = {"broker": "127.0.0.1", "port": broker_port, "discovery": True, "discovery_prefix": "homeassistant"}
+        entry = {
+            "entry_id": "broker", "version": 1, "minor_version": 1, "domain": "mqtt", "title": "broker",
+            "data": broker,
+            "options": {}, "pref_disable_new_entities": False, "pref_disable_polling": False, "source": "user",
+            "unique_id": None, "disabled_by": None,
+        }  # fmt: skip
+        store = {"version": 1, "minor_version": 1, "key": "core.config_entries", "data": {"entries": [entry]}}
+        (place / ".storage" / "core.config_entries").write_text(json.dumps(store))
+        self._run("--script", "auth", "-c", place, "add", *ANNA)
+
+    def start(self):
+        with (self._place / "hass.log").open("ab") as log:
+            self._process = subprocess.Popen([self._program, "-c", self._place], stdout=log, stderr=log)
+        until(self._log_in, lambda: (self._place / "hass.log").read_text(), UP_S)
+        return self
+
+    def stop(self):
+        self._process.terminate()
+        self._process.wait(60.0)
+
+    def states(self):
+        """Every entity of the scene by its id: state and attributes."""
+        found = self._ask("/api/states")
+        return {each["entity_id"]: each for each in found if not each["entity_id"].startswith(OWN)}
+
+    def attributes(self, entity):
+        """One entity's attributes."""
+        return self._ask(f"/api/states/{entity}")["attributes"]
+
+    def state(self, entity):
+        """One entity's state, None where there is no such entity."""
+        try:
+            return self._ask(f"/api/states/{entity}")["state"]
+        except urllib.error.HTTPError:
+            return None
+
+    def wait_for_state(self, entity, state, seconds=SOON_S):
+        until(lambda: self.state(entity) == state, lambda: f"{entity} is {self.state(entity)}, not {state}", seconds)
+
+    def devices(self):
+        """Its devices by their name."""
+        self.stop()
+        store = json.loads((self._place / ".storage" / "core.device_registry").read_text())
+        self.start()
+        return {each["name"]: each for each in store["data"]["devices"]}
+
+    def log(self):
+        return (self._place / "hass.log").read_text()
+
+    def _run(self, *words):
+        subprocess.run([self._program, *map(str, words)], check=True, capture_output=True, timeout=UP_S)
+
+    def _log_in(self):
+        assert self._process.poll() is None, self.log()
+        client = f"http://127.0.0.1:{self._port}/"
+        try:
+            ask = {"client_id": client, "handler": ["homeassistant", None], "redirect_uri": client}
+            flow = self._ask("/auth/login_flow", ask)["flow_id"]
+            answer = {"client_id": client, "username": ANNA[0], "password": ANNA[1]}
+            code = self._ask(f"/auth/login_flow/{flow}", answer)["result"]
+            form = f"grant_type=authorization_code&code={code}&client_id={client}".encode()
+            self._token = self._ask("/auth/token", form)["access_token"]
+            return self._ask("/api/config")["state"] == "RUNNING"
+        except OSError:
+            return False
+
+    def _ask(self, path, said=None):
+        body = json.dumps(said).encode() if isinstance(said, dict) else said
+        kind = "application/json" if isinstance(said, dict) else "application/x-www-form-urlencoded"
+        headers = {"Content-Type": kind} | ({"Authorization": f"Bearer {self._token}"} if self._token else {})
+        request = urllib.request.Request(f"http://127.0.0.1:{self._port}{path}", body, headers)
+        with urllib.request.urlopen(request, timeout=10.0) as answer:  # noqa: S310 - our own address
+            return json.load(answer)
+
+    def __enter__(self):
+        return self.start()
+
+    def __exit__(self, *_):
+        self.stop()

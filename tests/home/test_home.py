@@ -1,0 +1,118 @@
+"""A real Home Assistant: entities appear, a verdict is an event, states survive restarts, a dead observer is seen."""
+
+import signal
+import time
+from itertools import permutations
+
+import pytest
+from mqtt_stage import LABELS, until
+
+ORDERS = list(permutations(("home", "broker", "hub")))
+SCENE = {"event.room_verdict", "event.room_movement_ended", "sensor.room_movement", "sensor.room_confidence",
+         "sensor.room_entropy", "sensor.room_last_verdict", "binary_sensor.room_nthrow",
+         "binary_sensor.room_maestro"}  # fmt: skip
+OBSERVER = {"binary_sensor.room_{}_connected"} | {
+    f"sensor.room_{{}}_{what}"
+    for what in ("opinion", "state", "entropy", "weight", "age", "rate", "clock_skew", "rejected_messages")
+}
+ALL = SCENE | {entity.format(observer) for entity in OBSERVER for observer in ("cam1", "cam2")}
+
+
+def test_all_entities_appear_and_are_available(house):
+    until(lambda: set(house.home.states()) >= ALL, lambda: f"missing: {ALL - set(house.home.states())}")
+    until(lambda: not unavailable(house), lambda: f"unavailable: {unavailable(house)}")
+    assert set(house.home.states()) == ALL
+    event = house.home.states()["event.room_verdict"]
+    assert event["attributes"]["event_types"] == [*LABELS, "abstain"] and event["state"] == "unknown"
+    assert house.home.state("sensor.room_movement") == "rest" and house.home.state("sensor.room_confidence") == "90"
+
+
+def unavailable(house):
+    return {name for name, each in house.home.states().items() if each["state"] == "unavailable"}
+
+
+def test_a_verdict_arrives_as_an_event(house):
+    began_s = time.monotonic()
+    house.room.say_verdict("nthrow", 1)
+    until(lambda: said(house, "event.room_verdict") == "nthrow", lambda: house.home.states()["event.room_verdict"])
+    print(f"a verdict was an event of Home Assistant after {time.monotonic() - began_s:.2f} s")
+    house.home.wait_for_state("binary_sensor.room_nthrow", "on")
+    house.home.wait_for_state("sensor.room_movement", "nthrow")
+    attributes = house.home.states()["event.room_verdict"]["attributes"]
+    assert attributes["stage"] == "decided" and attributes["votes"]["cam1"]["label"] == "nthrow"
+    assert house.home.states()["sensor.room_movement"]["attributes"]["votes"]["cam2"]["state"] == "counted"
+    house.room.say_verdict("nthrow", 1, ended=True)
+    house.home.wait_for_state("binary_sensor.room_nthrow", "off")
+    until(lambda: said(house, "event.room_movement_ended") == "nthrow", "the end")
+
+
+def test_the_automation_of_the_document_runs_for_its_movement_alone(house):
+    def ran():
+        return house.home.attributes("automation.lights_off_on_byebye")["last_triggered"]
+
+    until(lambda: set(house.home.states()) == ALL and not unavailable(house), lambda: house.home.states())
+    for number, label in enumerate(("ok", "byebye"), start=5):
+        assert ran() is None
+        house.room.say_verdict(label, number, ended=True)
+        until(lambda label=label: said(house, "event.room_verdict") == label, label)
+    until(ran, "the automation")
+
+
+def said(house, event):
+    return house.home.states()[event]["attributes"].get("event_type")
+
+
+def test_devices_hang_together(house):
+    devices = house.home.devices()
+    scene, observer = devices["room"], devices["room cam1"]
+    assert observer["via_device_id"] == scene["id"] and set(devices) == {"room", "room cam1", "room cam2"}
+
+
+@pytest.mark.parametrize("order", ORDERS, ids="-".join)
+def test_states_survive_a_restart_of_each(house, order):
+    until(lambda: set(house.home.states()) == ALL and not unavailable(house), lambda: house.home.states())
+    number = 10 + ORDERS.index(order)
+    house.room.say_verdict("maestro", number)
+    house.home.wait_for_state("binary_sensor.room_maestro", "on")
+    until(lambda: said(house, "event.room_verdict") == "maestro", "the verdict")
+    fired = house.home.state("event.room_verdict")
+    for part in order:
+        house.restart(part)
+        until(lambda: as_before(house, fired), lambda part=part: f"after {part}: {house.home.states()}")
+    house.room.say_verdict("maestro", number, ended=True)
+    house.home.wait_for_state("binary_sensor.room_maestro", "off")
+    assert house.home.state("event.room_verdict") == fired, "a restart is no verdict"
+
+
+def as_before(house, fired):
+    states = {name: each["state"] for name, each in house.home.states().items()}
+    movements = states.get("sensor.room_movement"), states.get("sensor.room_last_verdict")
+    wanted = {"binary_sensor.room_maestro": "on", "binary_sensor.room_nthrow": "off", "event.room_verdict": fired}
+    return set(states) == ALL and not unavailable(house) and movements == ("maestro", "maestro") and (
+        wanted.items() <= states.items()
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
+def test_a_dead_observer_is_unavailable_within_two_seconds(house, number):
+    house.room.silent = frozenset({"cam1"})
+    house.home.wait_for_state("sensor.room_cam1_state", "unavailable")
+    process = house.room.observer("cam1")
+    house.home.wait_for_state("sensor.room_cam1_state", "running")
+    house.home.wait_for_state("binary_sensor.room_cam1_connected", "on")
+    began_s = time.monotonic()
+    process.send_signal(number)
+    house.home.wait_for_state("sensor.room_cam1_state", "unavailable", 2.0)
+    house.home.wait_for_state("binary_sensor.room_cam1_connected", "off", 2.0 - (time.monotonic() - began_s))
+    print(f"{number.name}: unavailable after {time.monotonic() - began_s:.2f} s")
+    assert house.home.state("sensor.room_cam2_opinion") not in ("unavailable", None)
+    process.kill()
+    process.wait()
+    house.room.silent = frozenset()
+
+
+def test_a_scene_that_vanishes_is_unavailable_and_can_be_taken_out(house):
+    house.room.stop_judging()
+    house.home.wait_for_state("sensor.room_movement", "unavailable", 3.0)
+    house.take_out()
+    until(lambda: not house.home.states(), lambda: house.home.states())

@@ -1,0 +1,237 @@
+"""`labanmesh hub mqtt` with a real broker: what stands there, what comes when, and what survives."""
+
+import json
+import signal
+import subprocess
+import time
+from datetime import UTC, datetime, timedelta
+
+import pytest
+from cryptography import x509
+from cryptography.hazmat.primitives import hashes
+from cryptography.hazmat.primitives.asymmetric import ec
+from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat
+from mqtt_stage import LABELS, SOON_S, Broker, Hub, Listener, free_port
+
+T = "labanmesh/room"
+
+
+def test_a_scene_appears_is_judged_and_goes(room, hub, listener, broker):
+    running = hub(movements=["nthrow"], area="Dojo").connected()
+    listener.wait_for_state("labanmesh/room/bridge", "online")
+    listener.wait_for_state(f"{T}/availability", "online")
+    listener.wait_for(lambda: f"{T}/movement/nthrow" in listener.last and f"{T}/state" in listener.last)
+    config = json.loads(listener.last["homeassistant/event/labanmesh_room_VERDICT/config"])
+    assert config["event_types"] == [*LABELS, "abstain"] and config["device"]["suggested_area"] == "Dojo"
+    assert [each["topic"] for each in config["availability"]] == ["labanmesh/room/bridge", f"{T}/availability"]
+    assert json.loads(listener.last[f"{T}/state"])["movement"] == "rest"
+    began_s = time.monotonic()
+    room.say_verdict("nthrow", 1)
+    listener.wait_for(lambda: f"{T}/verdict" in listener.last)
+    (said_s,) = [at_s for at_s, topic, *_ in listener.messages if topic == f"{T}/verdict"]
+    assert said_s - began_s < 0.3
+    listener.wait_for_state(f"{T}/movement/nthrow", "ON")
+    room.say_verdict("nthrow", 1, ended=True)
+    listener.wait_for_state(f"{T}/movement/nthrow", "OFF")
+    listener.wait_for(lambda: f"{T}/ended" in listener.last)
+    (event,) = listener.events(f"{T}/verdict")
+    assert event["event_type"] == "nthrow" and event["stage"] == "decided" and set(event["votes"]) == {"cam1", "cam2"}
+    with Listener(broker.port) as late:
+        late.wait_for(lambda: f"{T}/last_verdict" in late.last)
+        assert not late.events(f"{T}/verdict") and not late.events(f"{T}/ended"), "events are not retained"
+        retained = {topic for _, topic, _, kept in late.messages if kept}
+        assert f"{T}/state" in retained and f"{T}/availability" in retained
+    room.stop_judging()
+    listener.wait_for_state(f"{T}/availability", "offline", 3.0)
+    assert running.end() == 0, running.log
+    listener.wait_for_state("labanmesh/room/bridge", "offline")
+    taken = subprocess.run(
+        [*running.process.args, "--remove"], cwd=running.cwd, capture_output=True, text=True, timeout=SOON_S, check=True
+    )
+    assert "retained messages taken out" in taken.stdout
+    with Listener(broker.port) as empty:
+        empty.say("mark", "")
+        empty.wait_for(lambda: "mark" in empty.last)
+        assert set(empty.last) == {"mark"}
+
+
+def test_a_killed_hub_is_offline_and_its_next_life_says_what_it_missed_once(room, hub, listener):
+    first = hub().connected()
+    room.heard_by_a_hub()
+    room.say_verdict("ok", 1, ended=True)
+    listener.wait_for(lambda: f"{T}/ended" in listener.last)
+    listener.wait_for(lambda: '"ended": "' in listener.last.get(f"{T}/last_verdict", ""))
+    first.end(signal.SIGKILL)
+    listener.wait_for_state("labanmesh/room/bridge", "offline")
+    room.say_verdict("maestro", 2)
+    hub().connected()
+    listener.wait_for(lambda: len(listener.events(f"{T}/verdict")) == 2)
+    room.say_verdict("maestro", 2, ended=True)
+    listener.wait_for(lambda: len(listener.events(f"{T}/ended")) == 2)
+    assert [each["event_type"] for each in listener.events(f"{T}/verdict")] == ["ok", "maestro"]
+
+
+def test_a_broker_that_restarts_gets_everything_again_and_no_verdict_is_lost(room, hub, broker):
+    running = hub().connected()
+    room.heard_by_a_hub()
+    broker.stop()
+    running.wait_for("no MQTT broker")
+    room.say_verdict("byebye", 1)
+    broker.start()
+    with Listener(broker.port) as listener:
+        listener.wait_for(lambda: f"{T}/availability" in listener.last)
+        listener.wait_for(lambda: "homeassistant/sensor/labanmesh_room_MOVEMENT/config" in listener.last)
+        # Who subscribes a moment later has missed the event; the sensor has not.
+        listener.wait_for(lambda: '"byebye"' in listener.last.get(f"{T}/last_verdict", ""))
+    running.connected(2)
+    assert running.log.count("no MQTT broker") == 1, running.log
+
+
+def test_home_assistants_birth_makes_the_hub_say_all_again(room, hub, listener):
+    hub().connected()
+    config = "homeassistant/sensor/labanmesh_room_MOVEMENT/config"
+    listener.wait_for(lambda: config in listener.last and f"{T}/state" in listener.last)
+    heard = len(listener.messages)
+    listener.say("homeassistant/status", "online")
+
+    def again():
+        topics = [topic for _, topic, *_ in listener.messages[heard:]]
+        return config in topics and f"{T}/state" in topics[topics.index(config) :]
+
+    listener.wait_for(again)
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
+def test_a_dead_observer_is_unavailable_within_two_seconds(room, hub, listener, number):
+    room.silent = frozenset({"cam1"})  # its pictures do not come; its process says that it runs
+    process = room.observer("cam1")
+    hub().connected()
+    available, connected = f"{T}/observer/cam1/availability", f"{T}/observer/cam1/connected"
+    listener.wait_for_state(available, "online")
+    listener.wait_for_state(connected, "ON")
+    listener.wait_for_state(f"{T}/observer/cam2/availability", "online")
+    process.send_signal(number)
+    listener.wait_for_state(available, "offline", 2.0)
+    listener.wait_for_state(connected, "OFF", 0.5)
+    assert listener.last[f"{T}/observer/cam2/availability"] == "online"
+
+
+@pytest.fixture
+def guarded(tmp_path):
+    """A broker that knows anna and her password."""
+    place = tmp_path / "guarded"
+    place.mkdir()
+    passwords = place / "passwords"
+    subprocess.run(["mosquitto_passwd", "-b", "-c", passwords, "anna", "secret"], check=True, timeout=SOON_S)
+    with Broker(place, ["allow_anonymous false", f"password_file {passwords}"]) as running:
+        yield running
+
+
+def test_a_password_from_a_file_and_a_wrong_one(broker, guarded, room, tmp_path):
+    (tmp_path / "word").write_text("secret\n")
+    named = {"username": "anna", "password_file": "word"}
+    file = room.scene_file(tmp_path / "room.toml", guarded.port, **named)
+    right = Hub(file).connected()
+    assert right.end() == 0
+    (tmp_path / "word").write_text("guess\n")
+    wrong = Hub(file)
+    assert wrong.process.wait(SOON_S) == 2
+    wrong.end()
+    assert wrong.log.count("\n") == 1 and "refuses user 'anna': not authorized" in wrong.log, wrong.log
+
+
+@pytest.fixture
+def encrypted(tmp_path):
+    """A broker with a certificate of an authority of its own; both are in its folder."""
+    place = tmp_path / "encrypted"
+    place.mkdir()
+    authority, key = certified(place / "ca", "an authority")
+    certified(place / "broker", "localhost", authority, key)
+    names = {"cafile": "ca.pem", "certfile": "broker.pem", "keyfile": "broker.key"}
+    with Broker(
+        place, ["allow_anonymous true", *(f"{what} {place / name}" for what, name in names.items())]
+    ) as running:
+        yield running
+
+
+def certified(path, name, authority=None, key=None):
+    """A certificate and its key, in files beside `path`, by itself or by `authority` with its `key`."""
+    own = ec.generate_private_key(ec.SECP256R1())
+    subject = x509.Name([x509.NameAttribute(x509.NameOID.COMMON_NAME, name)])
+    now = datetime.now(UTC)
+    certificate = (
+        x509.CertificateBuilder(authority.subject if authority else subject, subject, own.public_key())
+        .serial_number(x509.random_serial_number())
+        .not_valid_before(now - timedelta(hours=1))
+        .not_valid_after(now + timedelta(hours=1))
+        .add_extension(x509.BasicConstraints(ca=authority is None, path_length=None), critical=True)
+        .add_extension(x509.SubjectAlternativeName([x509.DNSName(name.replace(" ", "-"))]), critical=False)
+        .sign(key or own, hashes.SHA256())
+    )
+    path.with_suffix(".pem").write_bytes(certificate.public_bytes(Encoding.PEM))
+    path.with_suffix(".key").write_bytes(own.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption()))
+    return certificate, own
+
+
+def test_tls_by_the_brokers_authority_and_not_without(broker, encrypted, room, tmp_path):
+    named = {"host": "localhost", "tls": True}
+    file = room.scene_file(tmp_path / "room.toml", encrypted.port, **named, ca_file="encrypted/ca.pem")
+    assert Hub(file).connected().end() == 0
+    doubtful = Hub(room.scene_file(tmp_path / "room.toml", encrypted.port, **named))
+    assert doubtful.process.wait(SOON_S) == 2
+    doubtful.end()
+    assert doubtful.log.count("\n") == 1 and "hub.mqtt.ca_file = ''" in doubtful.log, doubtful.log
+
+
+def test_a_broker_that_is_not_there_is_told_once_and_awaited(room, tmp_path, broker):
+    broker.stop()
+    running = Hub(room.scene_file(tmp_path / "room.toml", broker.port), level="debug")
+    running.wait_for("no MQTT broker at 127.0.0.1").wait_for("the next try in", 2)
+    broker.start()
+    running.connected()
+    told = [line for line in running.log.splitlines() if "INFO" in line or "WARNING" in line]
+    assert running.end() == 0 and len(told) == 2, running.log
+
+
+@pytest.mark.parametrize(
+    ("keys", "words"),
+    [
+        ({"discovery": "home#assistant"}, "hub.mqtt.discovery = 'home#assistant'"),
+        ({"host": "mqtt://broker"}, "hub.mqtt.host = 'mqtt://broker'"),
+        ({"host": "a..b"}, "hub.mqtt.host = 'a..b'"),
+        ({"movements": ["byby"]}, "hub.mqtt.movements: 'byby' is no movement of room; known: byebye"),
+        ({"topics": "a b"}, "hub.mqtt.topics = 'a b'"),
+        ({"username": "anna", "password_file": "nowhere"}, "hub.mqtt.password_file = 'nowhere': no such file"),
+        ({"password_file": "nowhere"}, "name hub.mqtt.username"),
+        ({"ca_file": "ca.pem"}, "set hub.mqtt.tls = true"),
+        ({"tls": True, "ca_file": "nowhere.pem"}, "hub.mqtt.ca_file = 'nowhere.pem': no such file"),
+    ],
+)
+def test_bad_input_is_one_line(room, tmp_path, capsys, keys, words):
+    from labanmesh import main
+
+    file = room.scene_file(tmp_path / "room.toml", free_port(), **keys)
+    file.write_text(f"vocabulary = {json.dumps(LABELS)}\n" + file.read_text())
+    assert main(["hub", "mqtt", str(file)]) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1 and words in said
+
+
+def test_scenes_of_one_hub_have_one_broker_and_names_of_their_own(room, tmp_path, capsys):
+    from labanmesh import main
+
+    one, other = (room.scene_file(tmp_path / f"{port}.toml", port) for port in (1, 2))
+    for second, words in ((other, "start a hub for each broker"), (one, "two of the scene files have this name")):
+        assert main(["hub", "mqtt", str(one), str(second)]) == 2
+        assert words in capsys.readouterr().err
+    assert main(["hub", "mqtt", str(one), "--remove"]) == 1
+    assert "no MQTT broker at 127.0.0.1:1: connection refused" in capsys.readouterr().err
+
+
+def test_a_running_hub_is_not_taken_out(room, hub, listener, tmp_path, capsys):
+    from labanmesh import main
+
+    running = hub().connected()
+    listener.wait_for(lambda: f"{T}/state" in listener.last)
+    assert main(["hub", "mqtt", str(tmp_path / "room.toml"), "--remove"]) == 2
+    assert "a hub still speaks for it" in capsys.readouterr().err and running.process.poll() is None

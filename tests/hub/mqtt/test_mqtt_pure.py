@@ -1,0 +1,238 @@
+"""What is said to a broker, without one: topics, discovery, pace, events, and what is not said."""
+
+import json
+import re
+from dataclasses import replace
+
+import pytest
+
+from common.errors import BadInput
+from common.messages import Movement
+from hub.mqtt.bridge import WAITING, SceneBridge
+from hub.mqtt.entities import EXPIRE_S, discovery
+from hub.mqtt.names import Names, bridge_topic, prefix
+from hub.mqtt.picture import AGAIN_S, FAST_S, HEARD_S, SLOW_S
+from hub.mqtt.verdicts import EVENT_S, recalled
+from hub.scene_state import SceneState
+
+NAMES = Names("room", bridge_topic("labanmesh", "room"))
+OBSERVERS = ("cam1", "cam2")
+IDS = re.compile(r"[a-zA-Z0-9_-]+\Z")
+
+
+@pytest.fixture
+def bridge():
+    """A bridge that is connected, and knows of no earlier one."""
+    made = SceneBridge(NAMES, OBSERVERS, ("nthrow",))
+    made.recall(None)
+    return made
+
+
+def at(said, judgement=None, **more):
+    """The state in which `judgement` was heard just now."""
+    heard = {} if judgement is None else {"judgement": judgement, "heard_ns": said.NOON}
+    return SceneState("room", OBSERVERS, said.NOON, vocabulary=said.vocabulary(), **heard, **more)
+
+
+def payloads(publications):
+    return {each.topic: each.payload for each in publications}
+
+
+def taken(bridge, now_s):
+    """All events that are due, as a broker takes them: (topic, label, stage)."""
+    found = []
+    while (event := bridge.event(now_s)) is not None:
+        assert not event.retain
+        said = json.loads(event.payload)
+        found.append((event.topic.rpartition("/")[2], said["event_type"], said["stage"]))
+        bridge.event_taken()
+    return found
+
+
+def going_on(said, label="nthrow", **more):
+    movement = Movement(id="v1", began_ns=said.NOON, label=label, decided_ns=said.NOON)
+    return said.judgement(**more).model_copy(update={"movement": movement})
+
+
+def test_ids_are_legal_and_no_two_scenes_or_observers_share_one():
+    ids = set()
+    scenes = {"a": ("b_c", "b-c", "b"), "a_b": ("c", "observer"), "a-b": ("c",), "a_observer_b": ("c",)}
+    for scene, observers in scenes.items():
+        topics = discovery(Names(scene, "x"), observers, ("wave", "b"), ("wave", "b"), "")
+        for topic, payload in topics.items():
+            head, _, unique_id, tail = topic.split("/")
+            assert (head, tail) == ("homeassistant", "config") and IDS.match(unique_id)
+            assert json.loads(payload)["unique_id"] == unique_id
+            assert unique_id not in ids
+            ids.add(unique_id)
+
+
+def test_discovery_hangs_observers_under_their_scene_and_needs_bridge_and_judge():
+    said = {t: json.loads(p) for t, p in discovery(NAMES, OBSERVERS, ("ok",), (), "Dojo").items()}
+    assert len(said) == 6 + 9 * len(OBSERVERS)
+    age = said["homeassistant/sensor/labanmesh_room_OBSERVER_cam1_AGE/config"]
+    assert (
+        age["device"]["via_device"]
+        == said["homeassistant/event/labanmesh_room_VERDICT/config"]["device"]["identifiers"][0]
+    )
+    assert age["availability_mode"] == "all" and age["entity_category"] == "diagnostic"
+    assert [a["topic"] for a in age["availability"]] == [
+        "labanmesh/room/bridge",
+        NAMES.observer("cam1", "availability"),
+    ]
+    connected = said["homeassistant/binary_sensor/labanmesh_room_OBSERVER_cam1_CONNECTED/config"]
+    assert [a["topic"] for a in connected["availability"]] == ["labanmesh/room/bridge"]
+    assert {each["device"]["suggested_area"] for each in said.values()} == {"Dojo"}
+
+
+def test_verdicts_are_discovered_when_the_movements_are_known(bridge, said):
+    config = "homeassistant/event/labanmesh_room_VERDICT/config"
+    assert config not in payloads(bridge.look(replace(at(said), vocabulary=None), frozenset(), 0.0))
+    known = payloads(bridge.look(at(said, said.judgement()), frozenset(), 1.0))
+    assert json.loads(known[config])["event_types"] == [*said.vocabulary().labels, "abstain"]
+    # Forgotten for a moment, as while a new vocabulary is asked for: nothing is taken away.
+    assert config not in payloads(bridge.look(replace(at(said), vocabulary=None), frozenset(), 2.0))
+
+
+@pytest.mark.parametrize(
+    "value", ["", "home#assistant", "home/+", "/home", "home/", "ho me", "höme", "$SYS", "a//b", "a\n"]
+)
+def test_a_prefix_with_odd_characters_is_one_clear_line(value):
+    with pytest.raises(BadInput) as caught:
+        prefix(value, "hub.mqtt.discovery")
+    assert repr(value) in str(caught.value) and "'homeassistant'" in str(caught.value)
+
+
+def test_nothing_changed_nothing_said_but_what_expires(bridge, said):
+    state = at(said, going_on(said))
+    assert payloads(bridge.look(state, frozenset(), 0.0))[NAMES.movement("nthrow")] == "ON"
+    assert bridge.look(state, frozenset(), 1.0) == []
+    assert payloads(bridge.look(state, frozenset(), AGAIN_S)) == {NAMES.movement("nthrow"): "ON"}
+    assert AGAIN_S * 2 < EXPIRE_S
+    bridge.forget()
+    again = [each.topic for each in bridge.look(state, frozenset(), AGAIN_S + 1)]
+    assert again[0].endswith("/config") and NAMES.state in again
+    assert again.index(NAMES.availability) > max(i for i, topic in enumerate(again) if topic.endswith("/config"))
+
+
+def test_a_belief_that_wavers_is_paced_and_a_movement_is_not(bridge, said):
+    bridge.look(at(said, going_on(said)), frozenset(), 0.0)
+    wavering = at(said, going_on(said, p=(0.1, 0.1, 0.1, 0.7)))
+    assert NAMES.state not in payloads(bridge.look(wavering, frozenset(), FAST_S / 2))
+    assert NAMES.votes not in payloads(bridge.look(wavering, frozenset(), SLOW_S / 2))
+    assert NAMES.state in payloads(bridge.look(at(said, going_on(said, p=(0.2, 0.1, 0.1, 0.6))), frozenset(), SLOW_S))
+    ended = payloads(bridge.look(at(said, said.judgement()), frozenset(), SLOW_S + 0.01))
+    assert json.loads(ended[NAMES.state])["movement"] == "rest" and ended[NAMES.movement("nthrow")] == "OFF"
+
+
+def test_each_verdict_is_an_event_once_and_its_end_another(bridge, said):
+    state = at(said, said.judgement())
+    for verdict in (
+        said.verdict(1),
+        said.verdict(1),
+        said.verdict(1, ended_ns=said.NOON),
+        said.verdict(1, ended_ns=said.NOON),
+    ):
+        bridge.hear(verdict, 0.0)
+    look = payloads(bridge.look(state, frozenset(), 0.0))
+    assert taken(bridge, 0.0) == [("verdict", "nthrow", "decided"), ("ended", "nthrow", "ended")]
+    assert json.loads(look[NAMES.last_verdict])["label"] == "nthrow"
+
+
+def test_another_label_at_the_end_is_told_as_revised(bridge, said):
+    bridge.hear(said.verdict(1), 0.0)
+    bridge.hear(said.verdict(1, ended_ns=said.NOON, label="ok"), 0.0)
+    bridge.hear(said.verdict(2, ended_ns=said.NOON, label="abstain"), 0.0)
+    bridge.look(at(said), frozenset(), 0.0)
+    assert taken(bridge, 0.0) == [
+        ("verdict", "nthrow", "decided"), ("verdict", "ok", "revised"), ("ended", "ok", "ended"),
+        ("verdict", "abstain", "decided"), ("ended", "abstain", "ended"),
+    ]  # fmt: skip
+
+
+def test_an_event_waits_for_the_broker_but_not_for_ever(bridge, said):
+    bridge.hear(said.verdict(1), 0.0)
+    bridge.look(at(said), frozenset(), 0.0)
+    assert bridge.event(1.0) == bridge.event(EVENT_S) is not None, "it was not taken"
+    assert bridge.event(EVENT_S + 0.1) is None and bridge.left_out == 1
+    for number in range(2, WAITING + 4):
+        bridge.hear(said.verdict(number), 50.0)
+    bridge.look(at(said), frozenset(), 50.0)
+    assert len(taken(bridge, 50.0)) == WAITING and bridge.left_out == 3
+
+
+def test_what_was_said_before_is_no_event(bridge, said):
+    bridge.hear(said.verdict(1), 0.0, told=True)
+    look = payloads(bridge.look(at(said), frozenset(), 0.0))
+    assert taken(bridge, 0.0) == [] and "nthrow" in look[NAMES.last_verdict]
+    bridge.hear(said.verdict(1, ended_ns=said.NOON), 1.0)
+    bridge.look(at(said), frozenset(), 1.0)
+    assert taken(bridge, 1.0) == [("ended", "nthrow", "ended")]
+
+
+def test_what_was_said_while_the_hub_was_away_is_said_once_if_it_is_fresh(said):
+    second = said.SECOND
+    stale, known, missed = (said.verdict(n, at_ns=said.NOON + s * second) for n, s in ((1, -60), (2, -5), (3, -1)))
+    for left, expected in ((known.at_ns, ["missed"]), (stale.at_ns - second, ["known", "missed"]), (None, [])):
+        bridge = SceneBridge(NAMES, OBSERVERS, ())
+        for verdict in (stale, known, missed):
+            bridge.hear(verdict, 0.0, told=True)
+        bridge.look(at(said, said.judgement()), frozenset(), 0.0)
+        assert taken(bridge, 0.0) == [], "nothing before it is known what was said"
+        bridge.recall(left)
+        bridge.look(at(said, said.judgement()), frozenset(), 0.1)
+        assert len(taken(bridge, 0.1)) == len(expected)
+
+
+@pytest.mark.parametrize("payload", [b"", b"x", b"[]", b'{"said_ns": "1"}', b"\xff", b"null"])
+def test_a_memory_that_is_not_ours_is_none(payload):
+    assert recalled(payload) is None
+
+
+def test_a_judge_is_there_while_frames_or_words_come(said):
+    status = {"cam1": said.status("cam1")}
+    silent = {"cam1": said.vote(None, state="silent", age_s=None), "cam2": said.vote(age_s=0.1)}
+    bridge = SceneBridge(NAMES, OBSERVERS, ())
+    state = at(said, said.judgement(votes=silent), observer_status=status)
+    there = payloads(bridge.look(state, frozenset({"cam1"}), 0.0))
+    assert (there[NAMES.observer("cam1", "availability")], there[NAMES.observer("cam1", "connected")]) == (
+        "online",
+        "ON",
+    )
+    assert there[NAMES.observer("cam2", "availability")] == "online", "its frames come; it need not say how it is"
+    gone = payloads(bridge.look(state, frozenset({"cam1"}), HEARD_S + 0.1))
+    assert (gone[NAMES.observer("cam1", "availability")], gone[NAMES.observer("cam1", "connected")]) == (
+        "offline",
+        "OFF",
+    )
+    back = payloads(
+        bridge.look(replace(state, observer_status={"cam1": said.status("cam1")}), frozenset({"cam1"}), 2.0)
+    )
+    assert back[NAMES.observer("cam1", "availability")] == "online"
+    assert payloads(bridge.look(state, frozenset(), 2.1))[NAMES.observer("cam1", "connected")] == "OFF", (
+        "its token went"
+    )
+    failed = replace(state, observer_status={"cam1": said.status("cam1", "failed")})
+    assert NAMES.observer("cam1", "connected") not in payloads(bridge.look(failed, frozenset({"cam1"}), 2.2)), (
+        "still off"
+    )
+
+
+def test_without_a_referee_the_scene_is_offline_and_nothing_goes_on(bridge, said):
+    state = at(said, going_on(said))
+    bridge.look(state, frozenset(), 0.0)
+    gone = payloads(bridge.look(state.at(said.NOON + 2 * said.SECOND), frozenset(), 2.0))
+    assert gone[NAMES.availability] == "offline" and gone[NAMES.movement("nthrow")] == "OFF"
+    assert json.loads(gone[NAMES.observer("cam2", "state")])["weight"] is None
+
+
+def test_a_strangers_numbers_make_no_broken_json(bridge, said):
+    odd = {
+        "cam1": said.vote(p=(float("nan"), 1.0)).model_copy(update={"entropy": float("inf"), "weight": float("nan")})
+    }
+    state = at(said, going_on(said, p=(float("nan"), -1.0, 7.0, 0.1), votes=odd))
+    bridge.hear(said.verdict(1, votes=odd, p=(float("nan"), 2.0)), 0.0)
+    for publication in bridge.look(state, frozenset(), 0.0):
+        if publication.payload[:1] == "{":
+            json.loads(publication.payload, parse_constant=pytest.fail)
+    assert taken(bridge, 0.0) == [("verdict", "nthrow", "decided")]
