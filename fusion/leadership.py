@@ -12,6 +12,8 @@
 """
 
 SECOND_NS = 1_000_000_000
+STEPS_MISSED = 2.5
+"""Who judges at every step is not silent before it has missed so many."""
 
 
 class Leadership:

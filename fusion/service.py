@@ -67,10 +67,7 @@ def serve(
         while not stop.is_set():
             arrivals = inbox.take(1 / scene.fusion.step_hz)
             begun_s = time.monotonic()
-            if asker.ask_if_due():
-                health.noticed(ear.accounts(scene.roster))
-            for observer, reading in asker.readings():
-                referee.read_clock(observer, reading)
+            _ask_clocks(asker, referee, lambda: health.noticed(ear.accounts(scene.roster)))
             for arrival in arrivals:
                 ear.hear(arrival)
             # After its last words, so that they do not bring back a judge who has gone.
@@ -84,6 +81,13 @@ def serve(
             board.alive()
     if inbox.dropped:
         log.warning("%d messages came faster than they could be judged and were left out", inbox.dropped)
+
+
+def _ask_clocks(asker: ClockAsker, referee: RefereeLike, each_second: Callable[[], None]) -> None:
+    if asker.ask_if_due():
+        each_second()
+    for observer, reading in asker.readings():
+        referee.read_clock(observer, reading)
 
 
 def _await_namesake(services: Presence, key: str, stop: threading.Event) -> None:

@@ -12,13 +12,11 @@ from common.keys import SceneKeys
 from common.link import Arrival, Link
 from common.messages import JudgementMessage, VerdictMessage
 from common.wire import BadMessage, decode, encode
-from fusion.leadership import Leadership
+from fusion.leadership import STEPS_MISSED, Leadership
 from fusion.memory_file import Memory
 from fusion.referee_like import RefereeLike, RulingLike
 
 log = logging.getLogger("labanmesh.fusion")
-STEPS_MISSED = 2.5
-"""A leader that judges at every step is not silent before it has missed so many."""
 VERDICTS_KEPT = 10
 """So many of the last verdicts are told to who comes late."""
 

@@ -11,13 +11,11 @@ from common.health_server import answering
 from common.logs import speak_as
 from common.messages import StatusMessage, VerdictMessage
 from common.vitals import FRESH_S, Vitals
+from fusion.leadership import STEPS_MISSED
 from fusion.referee_like import RulingLike
 
 if TYPE_CHECKING:
     from fusion.metrics import FusionMetrics
-
-STEPS_MISSED = 2.5
-"""Who has missed so many steps, and for FRESH_S at least, is not ready any more."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,5 +73,6 @@ def waiting(scene: Scene, reason: str) -> Iterator[Callable[[], None]]:
 
 def _vitals(scene: Scene, note: Callable[[], str]) -> Vitals:
     speak_as(scene.scene, "fusion", scene.fusion.id)
+    # Who has missed so many steps, and for FRESH_S at least, is not ready any more.
     fresh_s = max(FRESH_S, STEPS_MISSED / scene.fusion.step_hz)
     return Vitals(scene.scene, "fusion", scene.fusion.id, time.monotonic(), fresh_s, note)

@@ -18,6 +18,8 @@ from common.messages import (
 )
 
 VERDICTS_KEPT = 10
+SILENT_AFTER_S = 2.0
+"""A referee that judged at every step and has said nothing for so long is told to be silent."""
 REORDERED_NS = 1_000_000_000
 """A judgement older than the one shown by less than this is a late or repeated copy; older still, a clock was set."""
 
@@ -108,6 +110,11 @@ class SceneState:
     def silence_s(self) -> float:
         """Seconds since the last judgement was heard; infinite before the first."""
         return math.inf if self.judgement is None else max(0.0, (self.now_ns - self.heard_ns) / 1e9)
+
+    @property
+    def silent(self) -> bool:
+        """Whether a referee that judged has fallen silent."""
+        return self.judgement is not None and self.silence_s > SILENT_AFTER_S
 
     @property
     def labels(self) -> tuple[str, ...]:

@@ -21,8 +21,6 @@ from hub.wording import age, agreement, bits, clock_time, dissent, duration, per
 
 BELIEFS = 3
 LEAST_CORNER_WIDTH = 36
-SILENT_AFTER_S = 2.0
-"""A referee that judged at every step and has said nothing for so long is told to be silent."""
 SKEW_WORTH_TELLING_S = 0.5
 JUDGE_FRAME = 4
 REFEREE_LINES = 7
@@ -101,7 +99,7 @@ def _news(state: SceneState) -> Iterable[str]:
     if state.standing_by:
         yield f"{', '.join(map(printable, state.standing_by))} standing by"
     yield f"{state.judgement.fusion}: {printable(state.judgement.rule)}"
-    yield f"silent for {age(state.silence_s)}" if _silent(state) else clock_time(state.now_ns)
+    yield f"silent for {age(state.silence_s)}" if state.silent else clock_time(state.now_ns)
 
 
 def _row(judges: Sequence[Judge], columns: int, beliefs: int, state: SceneState) -> RenderableType:
@@ -165,7 +163,7 @@ def _referee(state: SceneState) -> RenderableType:
     beliefs += [("", "", "")] * (REFEREE_LINES - 3 - len(beliefs))
     fused = Group(_bars(beliefs, _label_cells(state)), _agreement(state))
     inside = _grid([(fused, Align.center(_verdict(state.verdict), vertical="middle"))], ratios=(1, 1), padding=2)
-    style = "red" if _silent(state) else "bold"
+    style = "red" if state.silent else "bold"
     return Panel(inside, title="referee", box=HEAVY, border_style=style, padding=(0, 1))
 
 
@@ -230,7 +228,3 @@ def _grid(rows: Sequence[tuple[RenderableType, ...]], ratios: Sequence[int], pad
     for row in rows:
         table.add_row(*row)
     return table
-
-
-def _silent(state: SceneState) -> bool:
-    return state.judgement is not None and state.silence_s > SILENT_AFTER_S

@@ -16,7 +16,7 @@ from common.messages import PosteriorMessage, ProcessState, VocabularyReference
 from common.status import StatusBoard
 from common.vocabulary import Vocabulary
 from common.wire import encode, encode_vocabulary
-from observer.condition import Condition
+from observer.condition import Condition, Tell
 from observer.source import FrameSource
 from observer.telling import telling
 from observer.tracks import Floats, Frame
@@ -83,13 +83,7 @@ def serve(
     told = telling(scene, observer_id, lambda: health.status(clock()))
     with told as tell_frame, StatusBoard(link, keys.observer_status(observer_id), health, clock) as board:
         link.announce(keys.observer_alive(observer_id))
-
-        def tell(state: ProcessState, reason: str) -> None:
-            board.become(state, reason)
-            if reason and reason == condition.complaint:  # a source logs its own troubles
-                log.warning("%s: %s", observer_id, reason)
-
-        condition.tell_to(tell)
+        condition.tell_to(_teller(board, condition, observer_id))
         for frame in source.frames(stop):
             begun_s = time.monotonic()
             opinion = observer.step(frame)
@@ -105,6 +99,17 @@ def serve(
                 fusion_clock.note(reading)
                 health.skew(-(fusion_clock.skew_s or 0.0))
     log.info("%s: %s after %d posteriors", observer_id, "stopped" if stop.is_set() else "source ended", speaker.seq)
+
+
+def _teller(board: StatusBoard, condition: Condition, observer_id: str) -> Tell:
+    """A change of condition goes to the mesh, and into the log what no source has logged itself."""
+
+    def tell(state: ProcessState, reason: str) -> None:
+        board.become(state, reason)
+        if reason and reason == condition.complaint:
+            log.warning("%s: %s", observer_id, reason)
+
+    return tell
 
 
 class Speaker:

@@ -21,8 +21,6 @@ CROWD = 12
 """More judges than this are listed, one line each, with what they hold most probable alone."""
 TEXT_LIMIT = 80
 SENTENCE_LIMIT = 400
-SILENT_AFTER_S = 2.0
-"""A referee that judged at every step and has said nothing for so long is told to be silent."""
 
 Json = dict[str, Any]
 
@@ -62,7 +60,7 @@ def state(chronicle: Chronicle) -> Json:
     shown = BELIEFS_SHOWN if len(judges) <= CROWD else 1
     return {
         "now": chronicle.now_ns // 1_000_000,
-        "silent": judgement is not None and known.silence_s > SILENT_AFTER_S,
+        "silent": known.silent,
         "silence": _number(known.silence_s, 1),
         "fusion": None if judgement is None else _text(judgement.fusion),
         "rule": None if judgement is None else _text(judgement.rule),

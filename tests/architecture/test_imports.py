@@ -102,7 +102,6 @@ IMPURE = {
     "observer.rendering.renderer": "draws with OpenCV",
     "observer.rendering.virtual_camera": "plays recordings by the clock",
     "observer.tracking.*": "OpenCV",
-    "deploy.security.diagnosis": "the mesh",
     "deploy.security.issuing": "files",
     "deploy.security.routing": "files, a thread, the mesh",
     "fusion.ear": "logging, and the types of the mesh",
