@@ -2,14 +2,13 @@
 
 1. Callbacks only enqueue: a slow one would stall the whole session and hang its close.
 2. To close a link whose cable was pulled would block one of Zenoh's receiving threads for 10 s, and with it everybody
-   else's: it gets more of them than it takes by itself, and no socket lingers (lingering.py).
+   else's: so no socket lingers (lingering.py).
 3. How a session is set is in zenoh_settings.py, why a secured one cannot be opened in tls.py.
 """
 
 import contextlib
 import json
 import logging
-import os
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from datetime import UTC, datetime
@@ -29,8 +28,6 @@ from common.zenoh_settings import ADMITTED, Role, reason, settings
 __all__ = ["Arrival", "Inbox", "Link", "Presence", "Publisher", "Role"]
 
 ENCODING = "application/msgpack"
-RUNTIME = ("ZENOH_RUNTIME", "(rx: (worker_threads: 16))")
-"""Rule 2; Zenoh reads it from the environment when the first session of a process is opened."""
 ROUTER_PATIENCE_S = 5.0
 """How long a client looks for its router before it says so; a supervisor then starts it again."""
 CLOSE_PATIENCE_S = 3.0
@@ -248,7 +245,6 @@ class Link:
 
 
 def _session(config: zenoh.Config, values: Mapping[str, Any]) -> zenoh.Session:
-    os.environ.setdefault(*RUNTIME)
     for key, value in values.items():
         config.insert_json5(key, json.dumps(value))
     return zenoh.open(config)

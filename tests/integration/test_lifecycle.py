@@ -8,8 +8,10 @@ from contextlib import contextmanager
 import pytest
 
 SERVICE = """
-import sys, threading
+import signal, sys, threading
 from common.lifecycle import log_to_stderr, stop_on_signals
+# As at a terminal: a shell that runs the tests in the background has Ctrl-C ignored for all of them.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 log_to_stderr()
 try:
     with stop_on_signals() as stop:
