@@ -92,15 +92,18 @@ class VirtualConfig(Section):
 class ObserverConfig(Section):
     """[observers.ID]: what one observer looks at, how it finds the body parts, and with which model.
 
+    direction: whether `view` is where it really looks from in the room; if not, what it says of facing stays with it.
     speed: what was recorded is played this much faster than it was; 0 is as fast as possible. model: "" until the
     scene is read, then a file name (by default ID.model). tracker: "auto" chooses by the source. rate_hz, size_px:
     what a camera is asked for. mirrored: the pictures are, as selfies are. skin, face: what `camshift` may be told of
     the person (a file; x, y, width, height in px). pose_model, hand: the model file of `mediapipe`, and what
-    it takes for a hand. preview: a film to write of what it sees.
+    it takes for a hand. preview: a film to write of what it sees. effort: the file of its Effort model; "": Effort is
+    not judged.
     """
 
     source: Annotated[str, Field(min_length=1)]
     view: Annotated[str, Field(min_length=1)] = "door"
+    direction: Literal["known", "unknown"] = "known"
     model: str = ""
     speed: Annotated[float, Field(ge=0)] = 1.0
     recording: Annotated[int | Literal["all"], PlainValidator(_recording)] = 0
@@ -115,6 +118,7 @@ class ObserverConfig(Section):
     pose_model: str = ""
     hand: Literal["palm", "wrist"] = "palm"
     preview: str = ""
+    effort: str = ""
     virtual: VirtualConfig = VirtualConfig()
 
 
@@ -124,12 +128,14 @@ class FusionConfig(Section):
     quorum: least number of agreeing judges; in a scene that does not say, more than half of its observers.
     fresh_s, fade_s, drop_s: how an opinion ages; blind_s: how that of who sees nothing fades. step_hz: judgements per
     second at least. standby: ids of further fusion services, of which one takes over when the leading one is gone or
-    silent for takeover_s. memory: a file in which the movement that goes on is kept over a restart; "": none.
+    silent for takeover_s. memory: a file in which the movement that goes on, and what was learned of the observers, is
+    kept over a restart; "": none. temperature: of the pooled belief; above 1 it is less sure.
     """
 
     id: str = "fusion"
     rule: str = "robust_inverse_entropy"
     quorum: Annotated[int, Field(ge=1)] = 1
+    temperature: PositiveFloat = 1.0
     threshold: Annotated[float, Field(gt=0, le=1)] = 0.8
     hold_s: Annotated[float, Field(ge=0)] = 0.3
     fresh_s: Annotated[float, Field(ge=0)] = 0.2

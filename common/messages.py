@@ -8,6 +8,8 @@ from typing import Annotated, Final, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, NonNegativeInt, model_validator
 
+from common.facets import check_facets
+
 SCHEMA_VERSION: Final = 1
 SUM_TOLERANCE = 1e-3
 """A posterior may miss a sum of 1 by this much: what float32 arithmetic of a foreign judge can lose."""
@@ -35,8 +37,29 @@ class VocabularyReference(BaseModel):
     hash: str
 
 
+class Facing(BaseModel):
+    """Which way the person faces in the room's frame, for each movement that it may be: P(facing | movement).
+
+    surprise: (M, K) whole numbers, -8 ln P(facing k | movement m), rounded and at most 255: a byte or two each, and
+    near enough to be multiplied. Facing k is turned to the left by k * 360/K degrees from where recordings face the
+    Door.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="ignore")
+    surprise: list[list[Annotated[int, Field(ge=0, le=255)]]] = Field(min_length=2, max_length=10_000)
+
+    @model_validator(mode="after")
+    def _is_table(self) -> "Facing":
+        if len({len(row) for row in self.surprise}) != 1 or not 1 <= len(self.surprise[0]) <= 72:
+            raise ValueError("surprise has rows of different lengths, or not 1 to 72 facings")
+        return self
+
+
 class PosteriorMessage(Message):
-    """What one observer believes: `p` over the vocabulary's movements, cumulative since the movement began."""
+    """What one observer believes: `p` over the vocabulary's movements, cumulative since the movement began.
+
+    `unlearned` is the probability that what the person does is none of them; a judge that cannot tell leaves it out.
+    """
 
     scene: Identifier
     observer: Identifier
@@ -48,8 +71,11 @@ class PosteriorMessage(Message):
     p: list[Share] = Field(min_length=2, max_length=10_000)
     prior: list[Share] | None = None
     rest: Share | None = None
+    unlearned: Share | None = None
     frames: NonNegativeInt
     visible: dict[str, bool] = Field(default_factory=dict)
+    facing: Facing | None = None
+    facets: dict[str, list[Share]] | None = None
 
     @model_validator(mode="after")
     def _is_distribution(self) -> "PosteriorMessage":
@@ -58,14 +84,19 @@ class PosteriorMessage(Message):
                 raise ValueError(f"{name} sums to {sum(values):.6g}, not to 1")
         if self.prior is not None and len(self.prior) != len(self.p):
             raise ValueError(f"prior has {len(self.prior)} entries, p has {len(self.p)}")
+        if self.facing is not None and len(self.facing.surprise) != len(self.p):
+            raise ValueError(f"facing has {len(self.facing.surprise)} rows, p has {len(self.p)} entries")
+        check_facets(self.facets or {})
         return self
 
 
 class Vote(BaseModel):
     """One judge's flag: label, entropy (bits), weight, age; null while the judge has said nothing usable.
 
-    `label` is null too while the judge believes no more of one movement than of another. `rest` is the judge's chance
-    that the person rests. `skew_s` is how far his clock is ahead of the fusion machine's; `age_s` is corrected by it.
+    `label` is null too while the judge believes no more of one movement than of another, or rather that it is none of
+    them (`unlearned`). `rest` is the judge's chance that the person rests. `skew_s` is how far his clock is ahead of
+    the fusion machine's; `age_s` is corrected by it. `reliability` is what was learned of him from earlier verdicts, 1
+    for nothing against him; `doubles` are those with whom he shares a voice, and how much of it: 1 is all.
     """
 
     model_config = ConfigDict(frozen=True, extra="ignore")
@@ -77,6 +108,11 @@ class Vote(BaseModel):
     p: list[float] | None = None
     rest: float | None = None
     skew_s: float | None = None
+    unlearned: float | None = None
+    facing: Facing | None = None
+    facets: dict[str, list[float]] | None = None
+    reliability: float | None = None
+    doubles: dict[str, float] | None = None
 
 
 class Agreement(BaseModel):
@@ -100,6 +136,9 @@ class Movement(BaseModel):
 class JudgementMessage(Message):
     """What the judges together believe now. `certainty_bits` is the entropy of `p`: 0 is certain.
 
+    `unlearned` is the probability that what is done is no movement of the vocabulary, left out when no judge says it;
+    `p` is then given that it is one. `facets` are those that some judge says, pooled; `facing` among them is which way
+    the person faces, by K directions, and `facing_deg` that in degrees to the left of where recordings face the Door.
     `movement` is left out while the person rests; another fusion service goes on from it when this one dies.
     """
 
@@ -114,20 +153,36 @@ class JudgementMessage(Message):
     rule: str
     votes: dict[str, Vote]
     agreement: Agreement
+    unlearned: float | None = None
+    facets: dict[str, list[float]] | None = None
+    facing_deg: float | None = None
     movement: Movement | None = None
+
+
+class Contribution(BaseModel):
+    """What one judge did to a verdict: the log odds of its label against the best other answer, less those without him.
+
+    `nats` below 0: he held against it. `stands`: without him the label would still be the likeliest.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="ignore")
+    nats: float
+    stands: bool
 
 
 class VerdictMessage(JudgementMessage):
     """What was done: one per movement, said again under the same `id` when its end is known.
 
     `p`, `votes` and `agreement` are what it rests on: those at `decided_ns`, also when it is said again; those of an
-    abstention are from when the movement ended.
+    abstention are from when the movement ended. `contributions` are of the judges that were heard; for an abstention to
+    what was likeliest then. `facets` are those of the end, once it is known.
     """
 
     id: str
     began_ns: NonNegativeInt
     decided_ns: NonNegativeInt
     ended_ns: NonNegativeInt | None = None
+    contributions: dict[str, Contribution] | None = None
 
 
 class Account(BaseModel):

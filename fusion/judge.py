@@ -6,6 +6,7 @@
 3. It ends when rest has been the likelier for `hold_s`, at the time when that rest began; the verdict is then said
    once more, under the same id, with its end and, if the judges held another label by rule 2 when the person came to
    rest, with that: they had seen the whole by then, and later beliefs are memory, where a judge who is stuck wins.
+   If "something else" was then at least `threshold` likely it is taken back: an abstention.
    Between the two nothing is said, however often they change their minds.
 4. A movement that ends undecided waits, at most another `hold_s`, for a label that meets the demand but has not held
    yet. If none is decided it is an abstention: something was done, and they could not agree.
@@ -41,13 +42,17 @@ class Demand(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Belief:
-    """What the judges believe at one time: the likeliest label, how likely, who agrees, and whether at rest."""
+    """What the judges believe at one time: the likeliest label, how likely, who agrees, and whether at rest.
+
+    p: among all answers; unlearned: that of "something else", which is no label.
+    """
 
     at_ns: int
     label: str
     p: float
     agreeing: int
     rest: float
+    unlearned: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,8 +147,9 @@ class Judge:
             self._resting_since_ns = self._revision = None
         elif self._resting_since_ns is None:
             self._resting_since_ns = belief.at_ns
-            if self._decision is not None and held not in (None, self._decision.label):
-                self._revision = replace(self._decision, label=held, decided_ns=belief.at_ns)
+            last = ABSTAIN if belief.unlearned >= self._demand.threshold else held
+            if self._decision is not None and last not in (None, self._decision.label):
+                self._revision = replace(self._decision, label=last, decided_ns=belief.at_ns)
 
     def _patience_ns(self, held: str | None) -> float:
         """How long rest must have lasted for the movement to have ended (rules 3 and 4)."""

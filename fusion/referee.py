@@ -5,25 +5,17 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
-import numpy as np
-
 from common.clock_skew import Reading
-from common.messages import (
-    ABSTAIN,
-    Agreement,
-    JudgementMessage,
-    Movement,
-    PosteriorMessage,
-    VerdictMessage,
-    VocabularyReference,
-    Vote,
-)
-from common.probability import entropy_bits
+from common.messages import ABSTAIN, Contribution, JudgementMessage, Movement, PosteriorMessage, VerdictMessage
 from common.vocabulary import Vocabulary
 from fusion.clocks import Clocks
+from fusion.contributions import contributions
 from fusion.judge import Belief, Decision, Demand, Judge
-from fusion.roster import Opinion, Patience, Roster
-from fusion.rules import Floats, Pooled, rule_named
+from fusion.lessons import Lessons, learn
+from fusion.pooling import pool_facets, pool_opinions
+from fusion.roster import HEARD, Opinion, Patience, Roster
+from fusion.rules import rule_named
+from fusion.saying import Scribe, verdict_of
 
 
 class Conduct(Patience, Demand, Protocol):
@@ -37,11 +29,9 @@ class Conduct(Patience, Demand, Protocol):
     def rule(self) -> str:
         """Name of the fusion rule."""
 
-
-HEARD = ("counted", "stale")
-"""States of a vote that is one: the others say nothing."""
-KNOWS_NOTHING = 0.01
-"""A belief that differs by no more than this from the prior holds no label."""
+    @property
+    def temperature(self) -> float:
+        """Of the pooled belief."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,6 +40,14 @@ class Ruling:
 
     judgement: JudgementMessage
     verdicts: Sequence[VerdictMessage]
+
+
+@dataclass(frozen=True, slots=True)
+class _Ground:
+    """What a verdict may rest on: a judgement, and the opinions that it came from, where they are known."""
+
+    judgement: JudgementMessage
+    opinions: Sequence[Opinion] = ()
 
 
 class Referee:
@@ -66,8 +64,10 @@ class Referee:
         self._roster = Roster(observers, vocabulary, conduct)
         self._clocks = Clocks(observers)
         self._judge = Judge(conduct)
-        self._grounds: Mapping[int, JudgementMessage] = {}
+        self._scribe = Scribe(scene, conduct.id, vocabulary, self._roster.prior, self._rule.name)
+        self._grounds: Mapping[int, _Ground] = {}
         self._seq = 0
+        self.lessons = Lessons()
 
     def hear(self, observer: str, message: PosteriorMessage, now_ns: int) -> str | None:
         """Take one posterior; returns why it was not used, or None."""
@@ -94,39 +94,62 @@ class Referee:
         """Per observer, how many of its messages could not be used, by reason."""
         return self._roster.rejected
 
+    @property
+    def lessons(self) -> Lessons:
+        """What was learned of the judges, to be kept over a restart."""
+        return self._lessons
+
+    @lessons.setter
+    def lessons(self, lessons: Lessons) -> None:
+        self._lessons = lessons
+        # Asked for at every step, and changed once a verdict.
+        self._learned = {who: (lessons.reliability(who), lessons.doubles(who)) for who in self._roster.rejected}
+
     def skew_s(self, observer: str) -> float | None:
         """Seconds by which an observer's clock is ahead of ours; None while it was never asked."""
         return self._clocks.skew_s(observer)
 
     def judge(self, now_ns: int) -> Ruling:
         """What the judges together believe at `now_ns`, and what that decides."""
-        opinions = self._roster.opinions(now_ns)
-        return self.rule_on([replace(o, skew_s=self._clocks.skew_s(o.observer)) for o in opinions], now_ns)
+        return self.rule_on([self._known(o) for o in self._roster.opinions(now_ns)], now_ns)
+
+    def _known(self, opinion: Opinion) -> Opinion:
+        """The opinion with what is known of its judge."""
+        reliability, doubles = self._learned[opinion.observer]
+        skew_s = self._clocks.skew_s(opinion.observer)
+        return replace(opinion, skew_s=skew_s, reliability=reliability, doubles=doubles)
 
     def rule_on(self, opinions: Sequence[Opinion], now_ns: int) -> Ruling:
         """The same for opinions that were gathered elsewhere, e.g. recorded: one for each observer, in their order."""
-        p = np.array([o.p for o in opinions])
-        pooled = self._rule.pool(p, self._roster.prior)
-        judgement = self._judgement(opinions, entropy_bits(p), pooled, now_ns)
-        belief = Belief(now_ns, judgement.label, max(judgement.p), judgement.agreement.k, _rest(opinions))
+        pooled = pool_opinions(self._rule, opinions, self._roster.prior, self._conduct.temperature)
+        self._seq += 1
+        judgement = self._scribe.judgement(opinions, pooled, pool_facets(self._rule, opinions), self._seq, now_ns)
+        other = pooled.unlearned or 0.0
+        p, agreeing = max(judgement.p) * (1.0 - other), judgement.agreement.k
+        belief = Belief(now_ns, judgement.label, p, agreeing, _rest(opinions), other)
         # Before anybody was heard, as after a restart in a movement, silence says nothing.
         decision = self._judge.watch(belief) if any(o.age_s is not None for o in opinions) else None
         judgement = judgement.model_copy(update={"movement": self._movement()})
-        grounds = {**self._grounds, now_ns: judgement}
+        grounds = {**self._grounds, now_ns: _Ground(judgement, opinions)}
         self._keep(grounds)
-        return Ruling(judgement, [self._verdict(judgement, decision, grounds)] if decision else [])
+        if decision is None:
+            return Ruling(judgement, [])
+        verdict = self._verdict(judgement, decision, grounds)
+        self.lessons = learn(self.lessons, verdict, self.vocabulary)
+        return Ruling(judgement, [verdict])
 
     def continue_from(self, judgement: JudgementMessage) -> None:
         """Go on where another fusion service was: its numbering, its movement and, from a verdict, its grounds."""
         self._seq = judgement.seq
         if isinstance(judgement, VerdictMessage):
             self._judge.follow(None if judgement.ended_ns is not None else _decided(judgement))
-            self._keep({**self._grounds, judgement.decided_ns: judgement})
+            self._keep({**self._grounds, judgement.decided_ns: _Ground(judgement)})
+            self.lessons = learn(self.lessons, judgement, self.vocabulary)
         else:
             self._judge.follow(None if judgement.movement is None else _decided(judgement.movement))
             self._keep(self._grounds)
 
-    def _keep(self, grounds: Mapping[int, JudgementMessage]) -> None:
+    def _keep(self, grounds: Mapping[int, _Ground]) -> None:
         self._grounds = {at_ns: grounds[at_ns] for at_ns in self._judge.grounds_at if at_ns in grounds}
 
     def _movement(self) -> Movement | None:
@@ -139,64 +162,31 @@ class Referee:
     def _verdict_id(self, began_ns: int) -> str:
         return f"{self._scene}-{began_ns // 1_000_000}"
 
-    def _judgement(
-        self, opinions: Sequence[Opinion], entropies: Floats, pooled: Pooled, now_ns: int
-    ) -> JudgementMessage:
-        label = self.vocabulary.labels[int(pooled.p.argmax())]
-        told = zip(opinions, entropies.tolist(), pooled.weights.tolist(), strict=True)
-        votes = {opinion.observer: self._vote(opinion, entropy, weight) for opinion, entropy, weight in told}
-        heard = [vote for vote in votes.values() if vote.state in HEARD]
-        self._seq += 1
-        return JudgementMessage(
-            scene=self._scene,
-            fusion=self._conduct.id,
-            seq=self._seq,
-            at_ns=now_ns,
-            vocabulary=VocabularyReference(name=self.vocabulary.name, hash=self.vocabulary.digest),
-            p=pooled.p.tolist(),
-            label=label,
-            certainty_bits=float(entropy_bits(pooled.p)),
-            rule=self._rule.name,
-            votes=votes,
-            agreement=Agreement(k=sum(vote.label == label for vote in heard), n=len(heard)),
-        )
-
-    def _vote(self, opinion: Opinion, entropy: float, weight: float) -> Vote:
-        said = opinion.state in HEARD
-        # The likeliest label of who knows nothing is the first of the vocabulary, and no agreement with anybody.
-        holds = said and bool(np.abs(opinion.p - self._roster.prior).max() > KNOWS_NOTHING)
-        return Vote(
-            label=self.vocabulary.labels[int(opinion.p.argmax())] if holds else None,
-            entropy=entropy if said else None,
-            weight=weight,
-            age_s=opinion.age_s,
-            state=opinion.state,
-            p=opinion.p.tolist() if said else None,
-            rest=opinion.rest,
-            skew_s=opinion.skew_s,
-        )
-
     def _verdict(
-        self, judgement: JudgementMessage, decision: Decision, grounds: Mapping[int, JudgementMessage]
+        self, judgement: JudgementMessage, decision: Decision, grounds: Mapping[int, _Ground]
     ) -> VerdictMessage:
         """The decision on its grounds: when its end is said, the votes are still those that decided it.
 
         Those of an abstention are the last of the movement; after it they forget what they could not agree on.
         """
         grounds_ns = decision.ended_ns if decision.label == ABSTAIN else decision.decided_ns
-        said = grounds.get(grounds_ns or 0, judgement).model_dump()
-        said.update(
-            fusion=self._conduct.id,
-            seq=judgement.seq,
-            at_ns=judgement.at_ns,
-            movement=None,
-            label=decision.label,
-            id=self._verdict_id(decision.began_ns),
-            began_ns=decision.began_ns,
-            decided_ns=decision.decided_ns,
-            ended_ns=decision.ended_ns,
-        )
-        return VerdictMessage.model_validate(said)
+        now = grounds[judgement.at_ns]
+        ground = grounds.get(grounds_ns or 0, now)
+        end = grounds.get(decision.ended_ns or 0, ground)
+        said = {
+            "id": self._verdict_id(decision.began_ns),
+            "fusion": self._conduct.id,
+            "seq": judgement.seq,
+            "at_ns": judgement.at_ns,
+        }
+        return verdict_of(ground.judgement, end.judgement, decision, self._contributions(ground, decision), said)
+
+    def _contributions(self, ground: _Ground, decision: Decision) -> Mapping[str, Contribution] | None:
+        if isinstance(ground.judgement, VerdictMessage):
+            return ground.judgement.contributions
+        label = None if decision.label == ABSTAIN else self.vocabulary.index(decision.label)
+        prior, temperature = self._roster.prior, self._conduct.temperature
+        return contributions(self._rule, ground.opinions, prior, temperature, label)
 
 
 def _decided(said: Movement | VerdictMessage) -> tuple[int, Decision | None]:

@@ -6,6 +6,7 @@ from typing import Protocol
 from common.clock_skew import Reading
 from common.messages import JudgementMessage, PosteriorMessage, VerdictMessage
 from common.vocabulary import Vocabulary
+from fusion.lessons import Lessons
 
 
 class RulingLike(Protocol):
@@ -44,6 +45,14 @@ class RefereeLike(Protocol):
 
     def continue_from(self, judgement: JudgementMessage) -> None:
         """Go on where another fusion service was."""
+
+    @property
+    def lessons(self) -> Lessons:
+        """What was learned of the observers."""
+
+    @lessons.setter
+    def lessons(self, lessons: Lessons) -> None:
+        """Go on from what was learned before a restart."""
 
     def judge(self, now_ns: int) -> RulingLike | None:
         """What the judges together believe at `now_ns`; None while there is nothing to judge."""

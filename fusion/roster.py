@@ -19,18 +19,22 @@
 
 import math
 from collections import Counter, deque
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from common.facing import Surprise, facing_from, surprise_of
 from common.messages import PosteriorMessage, VoteState
 from common.probability import entropy_bits, normalise, temper, uniform
 from common.vocabulary import Vocabulary
 
 Floats = NDArray[np.float64]
 SECOND_NS = 1_000_000_000
+HEARD = ("counted", "stale")
+"""States of a judge that is heard: the others say nothing."""
 SESSIONS_KEPT = 64
 """So many sessions of one observer are remembered: stragglers come within seconds of a restart, not after so many."""
 
@@ -59,7 +63,9 @@ class Patience(Protocol):
 class Opinion:
     """One judge as the rule hears it: p (M,) faded to its age, rest the chance that the person is at rest.
 
-    skew_s: how far its clock is ahead of ours, as far as that was asked; age_s has it taken out.
+    skew_s: how far its clock is ahead of ours, as far as that was asked; age_s has it taken out. unlearned: how likely
+    it is none of the movements; surprise (M, K): which way the person faces given the movement; facets by name: None or
+    left out where it does not say it, all faded like p. reliability, doubles: what was learned of it (lessons.py).
     """
 
     observer: str
@@ -68,6 +74,11 @@ class Opinion:
     age_s: float | None
     state: VoteState
     skew_s: float | None = None
+    unlearned: float | None = None
+    surprise: Surprise | None = None
+    facets: Mapping[str, Floats] = field(default_factory=dict)
+    reliability: float = 1.0
+    doubles: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(slots=True)
@@ -180,9 +191,19 @@ class Roster:
             late = speaks and _age_s(seat.captured_ns, seat.heard_ns) > patience.drop_s
             rest = 1.0 - active if seat.gone and abs(age_s) <= patience.drop_s else 1.0
             return Opinion(observer, self.prior, rest, age_s, seat.trouble or ("late" if late else "silent"))
-        if keeps == 1.0:
-            return Opinion(observer, p, 1.0 - active, age_s, "counted")
-        return Opinion(observer, temper(p, self.prior, keeps), 1.0 - active, age_s, "stale")
+        surprise = None if message.facing is None else _faded_surprise(np.array(message.facing.surprise), keeps)
+        facets = {name: _faded_facet(said, keeps) for name, said in (message.facets or {}).items()}
+        unlearned = message.unlearned
+        if keeps < 1.0:
+            unlearned = None if unlearned is None else self._faded_answer(p, unlearned, keeps)
+            p = temper(p, self.prior, keeps)
+        state: VoteState = "counted" if keeps == 1.0 else "stale"
+        return Opinion(observer, p, 1.0 - active, age_s, state, None, unlearned, surprise, facets)
+
+    def _faded_answer(self, p: Floats, unlearned: float, keeps: float) -> float:
+        """How likely "something else" is when the belief over all answers has faded."""
+        size = self.vocabulary.size + 1
+        return float(temper(np.append(p * (1.0 - unlearned), unlearned), uniform(size), keeps)[-1])
 
     def _with_our_prior(self, message: PosteriorMessage) -> Floats:
         p = normalise(np.array(message.p))
@@ -205,3 +226,13 @@ def _age_s(captured_ns: int, now_ns: int) -> float:
 def _ignorance(p: Floats) -> float:
     """A judge that does not say whether the person rests: as near to rest as its belief is to knowing nothing."""
     return float(entropy_bits(p)) / math.log2(len(p))
+
+
+def _faded_surprise(surprise: Surprise, keeps: float) -> Surprise:
+    """P(facing | movement)^keeps as surprise again, so that a vote can say it as it was pooled."""
+    return surprise if keeps == 1.0 else surprise_of(normalise(facing_from(surprise) ** keeps))
+
+
+def _faded_facet(said: list[float], keeps: float) -> Floats:
+    p = normalise(np.array(said))
+    return p if keeps == 1.0 or len(p) < 2 else temper(p, uniform(len(p)), keeps)

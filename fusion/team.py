@@ -81,10 +81,12 @@ class Team:
 class Voice:
     """Says rulings on the mesh and repeats the last ones to who asks."""
 
-    def __init__(self, link: Link, keys: SceneKeys, vocabulary: bytes, memory: Memory | None = None) -> None:
+    def __init__(
+        self, link: Link, keys: SceneKeys, vocabulary: bytes, referee: RefereeLike, memory: Memory | None = None
+    ) -> None:
         self._judgement = link.publisher(keys.judgement)
         self._verdict = link.publisher(keys.verdict)
-        self._memory = memory
+        self._memory, self._referee = memory, referee
         self._last: bytes | None = None
         self._verdicts: tuple[bytes, ...] = ()
         self._newest: VerdictMessage | None = None
@@ -109,16 +111,19 @@ class Voice:
             return
         self._last = payload
         if self._memory is not None:
-            self._memory.keep(said, self._newest)
+            self._memory.keep(said, self._newest, self._referee.lessons)
 
-    def recall(self, scene: str, referee: RefereeLike, now_ns: int) -> None:
+    def recall(self, scene: str, now_ns: int) -> None:
         """Go on from what was kept before a restart."""
-        found = self._memory.recall(scene, now_ns) if self._memory is not None else None
+        if self._memory is None:
+            return
+        self._referee.lessons = self._memory.lessons(scene)
+        found = self._memory.recall(scene, now_ns)
         if found is None:
             return
         for said in (found.verdict, found.judgement):
             if said is not None:
-                referee.continue_from(said)
+                self._referee.continue_from(said)
                 self.note(said, encode(said))
 
 

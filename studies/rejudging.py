@@ -153,7 +153,14 @@ def _opinion(observer: str, vote: Vote, prior: Floats) -> Opinion:
         raise LabanmeshError(
             f"a judgement cannot be judged anew: the vote of {observer} is no belief over its vocabulary"
         )
-    return Opinion(observer, p, 1.0 if vote.rest is None else vote.rest, vote.age_s, vote.state, vote.skew_s)
+    rest = 1.0 if vote.rest is None else vote.rest
+    facets = {name: np.array(said) for name, said in (vote.facets or {}).items()}
+    surprise = None if vote.facing is None else np.array(vote.facing.surprise)
+    if surprise is not None and len(surprise) != len(prior):
+        raise LabanmeshError(f"a judgement cannot be judged anew: the facing of {observer} is of another vocabulary")
+    reliability = 1.0 if vote.reliability is None else vote.reliability
+    said_last = (vote.unlearned, surprise, facets, reliability, vote.doubles or {})
+    return Opinion(observer, p, rest, vote.age_s, vote.state, vote.skew_s, *said_last)
 
 
 def _terms(judgement: JudgementMessage) -> tuple[object, ...]:

@@ -29,7 +29,7 @@ def test_the_contracts_fields_are_enough():
 
 
 def test_who_says_more_is_understood():
-    assert posterior(facing=0.3, vocabulary={**SAID["vocabulary"], "lang": "de"}).p == [0.25, 0.75]
+    assert posterior(mood=0.3, vocabulary={**SAID["vocabulary"], "lang": "de"}).p == [0.25, 0.75]
 
 
 @pytest.mark.parametrize(

@@ -116,6 +116,16 @@ def test_rule_3_a_rest_that_broke_revises_nothing():
     assert said[19] == ("bow", 0, 3, 16)
 
 
+def test_rule_3_what_was_something_else_when_it_came_to_rest_is_taken_back():
+    for unlearned, label in ((0.7, "bow"), (0.9, ABSTAIN)):
+        judge = Judge(DEMAND)
+        beliefs = [Belief(n * STEP_NS, "bow", 0.9, 2, 0.1) for n in range(6)]
+        beliefs += [Belief(n * STEP_NS, "bow", 0.05, 2, 0.9, unlearned) for n in range(6, 10)]
+        said = [decision for belief in beliefs if (decision := judge.watch(belief))]
+        assert [decision.label for decision in said] == ["bow", label]
+        assert {decision.began_ns for decision in said} == {0} and said[1].ended_ns == 6 * STEP_NS
+
+
 # Rule 4
 
 

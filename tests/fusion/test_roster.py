@@ -387,3 +387,22 @@ def test_what_counts_is_one_message_and_only_that(heard, later_s):
             last = said
     alone = roster(*([last] if last else []), observers=["cam1"])
     assert stances(made, at(later_s)) == stances(alone, at(later_s))
+
+
+# What may be said beside the belief
+
+
+def test_what_is_said_beside_the_belief_fades_with_it():
+    more = {"unlearned": 0.7, "facing": {"surprise": [[0, 40], [16, 2], [8, 5]]}, "facets": {"effort_time": [0.1, 0.9]}}
+    made = roster(message(**more))
+    fresh, faded, gone = first(made), first(made, at(0.7)), first(made, at(2.5))
+    assert fresh.unlearned == 0.7 and fresh.surprise.tolist() == more["facing"]["surprise"]
+    assert fresh.facets["effort_time"] == pytest.approx([0.1, 0.9])
+    keeps = math.exp(-1)
+    all_answers = (np.append(np.array(SAID) * 0.3, 0.7)) ** keeps
+    assert faded.unlearned == pytest.approx(all_answers[-1] / all_answers.sum())
+    assert faded.p == pytest.approx(np.array(SAID) ** keeps / (np.array(SAID) ** keeps).sum())
+    inside = np.exp(-np.array([0, 40]) * keeps / 8)
+    assert np.exp(-faded.surprise[0] / 8) == pytest.approx(inside / inside.sum(), abs=0.06)
+    assert 0.5 < faded.facets["effort_time"][1] < 0.9
+    assert (gone.unlearned, gone.surprise, dict(gone.facets)) == (None, None, {})

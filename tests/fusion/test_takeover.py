@@ -15,8 +15,8 @@ REFERENCE = VocabularyReference(name=NAMES.name, hash=NAMES.digest)
 S = 1_000_000_000
 STEP = S // 10
 UNSURE = (1 / 3, 1 / 3, 1 / 3)
-CONDUCT = {"rule": "robust_inverse_entropy", "quorum": 1, "threshold": 0.8, "hold_s": 0.3, "fresh_s": 0.2,
-           "fade_s": 0.5, "blind_s": 0.15, "drop_s": 2.0}  # fmt: skip
+CONDUCT = {"rule": "robust_inverse_entropy", "temperature": 1.0, "quorum": 1, "threshold": 0.8, "hold_s": 0.3,
+           "fresh_s": 0.2, "fade_s": 0.5, "blind_s": 0.15, "drop_s": 2.0}  # fmt: skip
 
 
 def sure(label):

@@ -54,13 +54,19 @@ def posterior(rng, observer="cam1", seq=0, captured_ns=NOON_NS, session="good"):
         rest=rng.random(),
         frames=seq + 1,
         visible={"left_hand": rng.random() < 0.9, "head": True},
+        unlearned=rng.choice((None, rng.random())),
+        facing=rng.choice((None, {"surprise": [[rng.randrange(60) for _ in range(4)] for _ in NAMES.labels]})),
+        facets={"effort_time": [0.25, 0.75], "own": [0.5, 0.25, 0.25]} if rng.random() < 0.5 else None,
     )
 
 
 def good_messages(rng):
     """One good message of each kind."""
     p = [0.7, 0.1, 0.1, 0.1]
-    vote = Vote(label="bowing", entropy=1.2, weight=0.5, age_s=0.1, state="counted", p=p, rest=0.2, skew_s=0.01)
+    vote = Vote(
+        label="bowing", entropy=1.2, weight=0.5, age_s=0.1, state="counted", p=p, rest=0.2, skew_s=0.01, unlearned=0.1,
+        facing={"surprise": [[0, 9]] * 4}, facets={"own": [1.0]}, reliability=0.5, doubles={"cam2": 0.5},
+    )  # fmt: skip
     said = {
         "scene": SCENE,
         "fusion": "fusion",
@@ -74,8 +80,16 @@ def good_messages(rng):
         "votes": dict.fromkeys(OBSERVERS, vote),
         "agreement": Agreement(k=2, n=3),
         "movement": Movement(id="dojo-1", began_ns=NOON_NS, label="bowing", decided_ns=NOON_NS),
+        "unlearned": 0.1,
+        "facets": {"facing": [0.5, 0.5]},
+        "facing_deg": 90.0,
     }
-    times = {"id": "dojo-1", "began_ns": NOON_NS, "decided_ns": NOON_NS}
+    times = {
+        "id": "dojo-1",
+        "began_ns": NOON_NS,
+        "decided_ns": NOON_NS,
+        "contributions": {"cam1": {"nats": 1.0, "stands": True}},
+    }
     return (
         posterior(rng),
         JudgementMessage(**said),

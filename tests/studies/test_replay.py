@@ -146,6 +146,27 @@ def test_whatever_was_judged_comes_out_the_same(kept, play, rule, seed):
     assert found.same == found.judgements and found.faithful
 
 
+def test_what_is_said_beside_the_movements_comes_out_the_same_too(kept):
+    """Something else, facing, facets, also when they have faded; and what was learned of the judges meanwhile."""
+    rng, played = np.random.default_rng(1), []
+    for n, (at_ns, posteriors) in enumerate(lots(PLAY * 2)):
+        more = {
+            "unlearned": rng.uniform(0, 0.3),
+            "facing": {"surprise": rng.integers(0, 40, (NAMES.size, 4)).tolist()},
+            "facets": {"effort_time": [0.25, 0.75]},
+        }
+        # The wheel says it now and then only, so that its opinion fades; the corner says none of it.
+        speaks = [m for m in posteriors if m.observer != "wheel" or n % 6 == 0]
+        told = [
+            m if m.observer == "corner" else PosteriorMessage.model_validate({**m.model_dump(), **more}) for m in speaks
+        ]
+        played.append((at_ns, told))
+    records = judged(a_scene(temperature=1.3), played)
+    found = judge_anew(kept(records, a_scene(temperature=1.3)), Change())
+    assert found.same == found.judgements and found.faithful
+    assert any(b"contributions" in record.payload for record in records)
+
+
 def test_a_changed_vote_is_noticed(kept):
     records = judged(a_scene(), lots())
     for n in judgements(records)[:40]:

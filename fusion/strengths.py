@@ -1,0 +1,169 @@
+"""With what strength each judge's evidence counts in the default rule. Pure; N judges, M movements.
+
+w_i = c_i s_i r_i t_i / d_i . W^(gamma-1), applied to the evidence ln(p~_i/prior), p~ = (1-eps_i) p + eps_i prior, where
+
+1. c: certainty, the inverse entropy of p~ over its mean of those who take part, at most CAP.
+2. s: nobody is much surer than all the others: what he says (his divergence from the prior, in bits) counts up to
+   SURER times what the next surest says. He sees the same movement at the same time.
+3. r = min(1, o)^2 with o = sum_m q(m) p_i(m)/prior(m), q what the others together say: the likelihood of his words if
+   they are right, against that of words at random (Bayes' factor). It lowers who is contradicted, raises nobody.
+4. eps: how likely he is to be plainly wrong; o says it anew: eps_i = eps / (eps + (1-eps) o).
+5. t: trust that was learned (lessons.py), at most 1.
+6. d = 1 + sum_j rho_ij: who says the very same as another, or was learned to see with the same eyes, shares one voice,
+   unless both are certain.
+7. W = sum_i w_i before the last factor, if that is more than 1: what several see of one person is not independent.
+
+Rules 2 to 4 need three who take part, as two can only doubt each other; eps grows with their number for the same
+reason. Who knows nothing takes no part: all of it passes smoothly from one number to the next.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from common.probability import Floats
+from fusion.weights import ENTROPY_FLOOR_BITS
+
+TAKES_PART_BITS = 0.05
+"""Who differs from the prior by this much takes part whole; by less, in proportion."""
+ROBUSTNESS = (0.01, 0.05, 0.2)
+"""eps for one, two, and three or more who take part: how often a judge may be plainly wrong."""
+DOUBT = 0.2
+"""eps of the others in rule 3: of what they say against a judge."""
+ROUNDS = 2
+"""Who is contradicted contradicts less: so often the r are computed anew."""
+CAP = 2.0
+SURER = 1.2
+GAMMA = 0.5
+"""Fitted, like eps, with people left out one at a time, so that four views are as sure as they are right."""
+SAME = 0.05
+"""Beliefs that differ by this share of what they say are much the same: rho falls to 1/e."""
+UNSURE = 0.03
+"""Two whose mean belief leaves less than this to other labels are certain."""
+LOG_FLOOR = 0.01
+SMALLEST = 1e-300
+
+
+@dataclass(frozen=True, slots=True)
+class Standing:
+    """What is known of the judges beside their beliefs: trust (N,) 0 to 1; doubles (N, N) rho, 0 to 1, symmetric."""
+
+    trust: Floats
+    doubles: Floats
+
+    @staticmethod
+    def unknown(size: int) -> "Standing":
+        """Nothing was learned: everybody is trusted and sees with his own eyes."""
+        return Standing(np.ones(size), np.zeros((size, size)))
+
+    def of(self, places: Sequence[int]) -> "Standing":
+        """That of some of them."""
+        return Standing(self.trust[list(places)], self.doubles[np.ix_(places, places)])
+
+
+@dataclass(frozen=True, slots=True)
+class Strengths:
+    """How each judge counts, all (N,): exponents of his evidence; epsilon, how far his belief is mixed with the prior
+    before; shares, his part in the whole, summing to 1: in the default rule that in all that is said."""
+
+    exponents: Floats
+    epsilon: Floats
+    shares: Floats
+
+
+def strengths(p: Floats, prior: Floats, standing: Standing) -> Strengths:
+    """(N, M) beliefs, (M,) prior -> how each counts."""
+    size = len(p)
+    ratio = p / prior
+    said_bits = np.maximum(_along(p * np.log2(np.maximum(ratio, SMALLEST))), 0.0)
+    part = np.minimum(said_bits / TAKES_PART_BITS, 1.0)
+    number = float(_along(part))
+    usual = _between(number, ROBUSTNESS)
+    epsilon = np.full(size, usual)
+    w = _certainty(p, prior, part, usual) * standing.trust
+    if number > 1.0:
+        rho = np.maximum(alike(ratio) * _unsure(p), standing.doubles) * part
+        checked = min(max(number - 2.0, 0.0), 1.0)
+        if checked > 0:
+            w = w * _not_much_surer(said_bits) ** checked
+            borne_out = _borne_out(ratio, prior, w, rho)
+            kept = np.minimum(borne_out, 1.0) ** (2.0 * checked)
+            epsilon = usual / (usual + (1.0 - usual) * borne_out**checked)
+            w, rho = w * kept, rho * kept
+        w = w / (1.0 + _along(rho))
+    total, evidence = float(_along(w * part)), w * said_bits
+    exponents = w * total ** (GAMMA - 1.0) if total > 1.0 else w
+    told = float(_along(evidence))
+    return Strengths(exponents, epsilon, evidence / told if told > 0 else np.full(size, 1.0 / size))
+
+
+def _between(number: float, values: tuple[float, float, float]) -> float:
+    """The first of `values` up to number 1, the second at 2, the third from 3 on, and between in proportion."""
+    one, two, three = values
+    if number <= 2.0:
+        return one + (two - one) * max(number - 1.0, 0.0)
+    return two + (three - two) * min(number - 2.0, 1.0)
+
+
+def _certainty(p: Floats, prior: Floats, part: Floats, epsilon: float) -> Floats:
+    number = float(_along(part))
+    if number == 0:
+        return np.ones(len(p))
+    safe = (1.0 - epsilon) * p + epsilon * prior
+    inverse = 1.0 / np.maximum(-_along(safe * np.log2(safe)), ENTROPY_FLOOR_BITS)
+    certainty: Floats = np.minimum(inverse * (number / float(part @ inverse)), CAP)
+    return certainty
+
+
+def _not_much_surer(said_bits: Floats) -> Floats:
+    second, top = sorted(said_bits.tolist())[-2:]
+    others = np.where(said_bits >= top, second, top)
+    most: Floats = np.minimum(SURER * others / np.maximum(said_bits, SMALLEST), 1.0)
+    return most
+
+
+def _borne_out(ratio: Floats, prior: Floats, w: Floats, rho: Floats) -> Floats:
+    """o of rule 3 for each judge, ROUNDS times: (N,)."""
+    evidence = np.log((1.0 - DOUBT) * ratio + DOUBT)
+    log_prior = np.log(prior)
+    others = 1.0 - np.eye(len(w))
+    kept, borne_out = np.ones(len(w)), np.ones(len(w))
+    for _ in range(ROUNDS):
+        # Row i: how the others count when i is not there, who may be the double of one of them.
+        counts = others * (w * kept) / (1.0 + others @ (rho * kept).T)
+        logs = log_prior + counts @ evidence
+        q = np.exp(logs - np.maximum.reduce(logs, axis=1)[:, None])
+        borne_out = _along(q * ratio) / _along(q)
+        kept = np.minimum(borne_out, 1.0) ** 2
+    return borne_out
+
+
+def _unsure(p: Floats) -> Floats:
+    """(N, N): 0 for two who are certain of the same, which says nothing of whose eyes they see with; else 1."""
+    both = np.maximum.reduce((p[:, None] + p) / 2, axis=2)
+    unsure: Floats = np.minimum((1.0 - both) / UNSURE, 1.0)
+    return unsure
+
+
+def alike(ratio: Floats) -> Floats:
+    """(N, M) beliefs over the prior -> (N, N): 1 for the very same, near 0 for who see for themselves."""
+    result = np.exp(apart(ratio) / -SAME)
+    result.flat[:: len(ratio) + 1] = 0.0
+    return result
+
+
+def apart(ratio: Floats) -> Floats:
+    """(N, M) beliefs over the prior -> (N, N) mean distance of their logs, over how large these are: 0 for the same."""
+    said = np.log((1.0 - LOG_FLOOR) * ratio + LOG_FLOOR)
+    much = _along(np.abs(said))
+    both = (much[:, None] + much) / 2
+    distance = _along(np.abs(said[:, None] - said))
+    # Two who know nothing are no doubles of each other.
+    return np.where(both > 1e-9, distance / np.maximum(both, 1e-9), 1.0)
+
+
+def _along(values: Floats) -> Floats:
+    """The sum along the last axis, in half the time of `sum`."""
+    total: Floats = np.add.reduce(values, axis=-1)
+    return total
