@@ -1,0 +1,115 @@
+"""The Effort model's file: a .npz without pickles, beside the movement model's (docs/effort.md)."""
+
+import json
+import os
+import tempfile
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from common.errors import BadInput
+from observer.effort.features import NAMES
+from observer.effort.model import EVIDENCE, FACTORS, EffortModel
+
+FORMAT = 1
+SUFFIX = ".effort"
+WAY_OUT = "make one with labanmesh learn ... --effort"
+
+
+def write_effort(path: Path, model: EffortModel) -> None:
+    """Write whole or not at all; raises BadInput when the folder cannot be written."""
+    header = {
+        "format": FORMAT,
+        "kind": "effort",
+        "view": model.view,
+        "rate_hz": model.rate_hz,
+        "body_parts": list(model.body_parts),
+        "features": list(NAMES),
+        "evidence": {factor: list(names) for factor, names in EVIDENCE.items()},
+        "provenance": dict(model.provenance),
+    }
+    arrays: dict[str, NDArray[Any]] = {
+        "mean": model.mean,
+        "deviation": model.deviation,
+        "examples": model.examples.astype(np.float32),
+        "levels": model.levels.astype(np.int8),
+        "temper": model.temper,
+        **{f"spread_{factor}": model.spreads[factor] for factor in FACTORS},
+    }
+    unfinished: Path | None = None
+    try:
+        with tempfile.NamedTemporaryFile(dir=path.parent, suffix=SUFFIX, delete=False) as file:
+            unfinished = Path(file.name)
+            # No allow_pickle=False: numpy 1.26 would store it as an array. This holds no objects.
+            np.savez_compressed(file, header=np.array(json.dumps(header, indent=1)), **arrays)  # type: ignore[arg-type]
+            file.flush()
+            os.fsync(file.fileno())
+        unfinished.chmod(0o644)
+        unfinished.replace(path)
+    except OSError as error:
+        raise BadInput(f"{path}: cannot be written: {error.strerror or error}") from None
+    finally:
+        if unfinished is not None:
+            unfinished.unlink(missing_ok=True)
+
+
+def read_effort(path: Path) -> EffortModel:
+    """Read an Effort model; raises BadInput with one line for anything that is not one."""
+    try:
+        with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
+            arrays = {name: file[name] for name in file.files}
+    except FileNotFoundError:
+        raise BadInput(f"{path}: no such Effort model; {WAY_OUT}") from None
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
+        raise BadInput(f"{path}: not an Effort model ({error}); {WAY_OUT}") from None
+    try:
+        header = json.loads(str(arrays["header"]))
+        if header["kind"] != "effort":
+            raise BadInput(f"{path}: a model of kind {header['kind']!r}, an Effort model is expected; {WAY_OUT}")
+        if header["format"] != FORMAT or _evidence(header) != _evidence({"features": NAMES, "evidence": EVIDENCE}):
+            raise BadInput(f"{path}: learned by another version (format, features); {WAY_OUT}")
+        return _checked(
+            EffortModel(
+                view=str(header["view"]),
+                rate_hz=float(header["rate_hz"]),
+                body_parts=tuple(header["body_parts"]),
+                mean=arrays["mean"],
+                deviation=arrays["deviation"],
+                examples=arrays["examples"].astype(np.float64),
+                levels=arrays["levels"].astype(np.int64),
+                spreads={factor: arrays[f"spread_{factor}"] for factor in FACTORS},
+                temper=arrays["temper"],
+                provenance={name: str(value) for name, value in header["provenance"].items()},
+            )
+        )
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise BadInput(f"{path}: damaged Effort model ({type(error).__name__}: {error}); {WAY_OUT}") from None
+
+
+def _evidence(header: object) -> str:
+    assert isinstance(header, dict)  # noqa: S101 - a JSON text that is no object has no "kind" either
+    return json.dumps([list(header["features"]), {f: list(n) for f, n in header["evidence"].items()}])
+
+
+def _checked(model: EffortModel) -> EffortModel:
+    n, d = len(model.levels), len(NAMES)
+    shapes: dict[str, tuple[NDArray[Any], tuple[int, ...]]] = {"mean": (model.mean, (d,))}
+    shapes |= {"deviation": (model.deviation, (d,)), "examples": (model.examples, (n, d))}
+    shapes |= {"levels": (model.levels, (n, len(FACTORS))), "temper": (model.temper, (len(FACTORS),))}
+    shapes |= {f"spread_{f}": (model.spreads[f], (len(EVIDENCE[f]),) * 2) for f in FACTORS}
+    for name, (array, shape) in shapes.items():
+        if array.shape != shape or not np.isfinite(array).all():
+            raise ValueError(f"{name} is {array.shape}, {shape} of finite numbers is expected")
+    return model
+
+
+def require_rate(path: Path, model: EffortModel, rate_hz: float) -> None:
+    """Raise BadInput when the model was learned at another rate than the movement model's, which sets the pace."""
+    if abs(model.rate_hz - rate_hz) > 0.01 * rate_hz:
+        raise BadInput(
+            f"{path}: learned at {model.rate_hz:g} Hz, the movement model at {rate_hz:g} Hz: "
+            f"labanmesh learn ... --effort --rate {rate_hz:g}"
+        )

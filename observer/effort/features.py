@@ -1,0 +1,143 @@
+"""What one image plane shows of Effort: named features of a movement's course so far (docs/effort.md). Pure.
+
+Hands and head only. Logarithms of what is a ratio, so that nobody's tempo or size is the unit. `active` is the hand
+that moves more, `other` the other one.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from observer.effort.course import Course
+from observer.tracks import Floats
+
+TEMPO = ("acceleration", "jerk", "bending", "bending_other")
+RISE = ("rise_most",)
+LEAN = (
+    *("lean_median", "lean_most", "lean_least", "lean_last", "rise_median", "rise_most", "rise_least"),
+    *("lean_first_quarter", "lean_second_quarter", "lean_third_quarter", "lean_fourth_quarter"),
+)
+OTHER_HAND = ("other_right", "other_up", "other_share")
+WANDER = ("head_turning", "head_quiet_speed", "head_while_hand_quiet", "head_at_last", "head_quiet_jerk")
+NAMES = tuple(dict.fromkeys((*TEMPO, *LEAN, *OTHER_HAND, *WANDER)))
+
+LEAST = 1e-3
+"""Body sizes per s (s², s³): what counts as no motion; below it a logarithm would speak of rounding."""
+LITTLE = 0.01
+"""The same for a ratio of two motions, of which either may be nothing."""
+NEAR = 0.02
+"""A lean of this share of a body size is one; smaller ones count linearly, greater ones by their logarithm."""
+BEND_S, BEND_LONG_S = 8 / 30, 0.5
+"""Path against net displacement is taken over this time: within one stroke, and within two."""
+QUIET = 0.25
+"""The quantile of a motion that is its quiet part."""
+FEWEST_FRAMES = 3
+"""Derivatives in fewer instants than this say nothing of how somebody moves."""
+
+
+def features(course: Course) -> Floats:
+    """The features of NAMES, in their order; NaN where a part was not seen enough. All NaN without head and hands."""
+    found: dict[str, float] = {}
+    moves, places = course.moves, course.places
+    if len(moves) >= FEWEST_FRAMES and np.isfinite(course.size):
+        left, right, head = (course.body_parts.index(part) for part in ("left_hand", "right_hand", "head"))
+        lengths = np.sqrt((moves**2).sum(axis=-1))
+        mean = {hand: _mean(lengths[:, 0, hand]) for hand in (left, right)}
+        # A hand that is never seen is not the active one; with both unseen nothing is.
+        active, other = (left, right) if np.nan_to_num(mean[left]) > np.nan_to_num(mean[right]) else (right, left)
+        found |= _tempo_and_wander(moves[:, :, head], lengths[:, :, active], lengths[:, :, head])
+        found["bending"] = _bending(places[:, active] - places[:, head], round(BEND_S * course.rate_hz))
+        found["bending_other"] = _bending(places[:, other] - places[:, head], round(BEND_LONG_S * course.rate_hz))
+        found["head_at_last"] = _at_last(places[:, head, 0], course.rate_hz)
+        found |= _lean(places[:, head])
+        found |= _other_hand(places[:, other] - places[:, head], mean[other], mean[active])
+    return np.array([found.get(name, np.nan) for name in NAMES])
+
+
+def _tempo_and_wander(head: Floats, hand_lengths: Floats, head_lengths: Floats) -> Mapping[str, float]:
+    """How the active hand moves, and how the head goes its own ways: turning, or moving while all is quiet.
+
+    head: (T, 3, 2) velocity, acceleration, jerk; lengths: (T, 3) theirs, of the hand and of the head.
+    """
+    velocity, acceleration = head[:, 0], head[:, 1]
+    across = np.abs(velocity[:, 0] * acceleration[:, 1] - velocity[:, 1] * acceleration[:, 0])
+    columns = np.column_stack([hand_lengths, head_lengths[:, ::2], across / (head_lengths[:, 0] ** 3 + LITTLE)])
+    slow, acceleration_, jerk, head_speed, head_jerk, turning = _quantiles(columns, (0.3, 0.5, 0.5, QUIET, QUIET, 0.5))
+    aside = np.abs(velocity[hand_lengths[:, 0] <= slow, 0])
+    return {
+        "acceleration": _log(acceleration_, LEAST),
+        "jerk": _log(jerk, LEAST),
+        "head_turning": _log(turning, LEAST),
+        "head_quiet_speed": _log(head_speed, LEAST),
+        "head_quiet_jerk": _log(head_jerk, LEAST),
+        "head_while_hand_quiet": _log(_mean(aside), 2 * LEAST) - _log(_mean(hand_lengths[:, 0]), LITTLE),
+    }
+
+
+def _at_last(right: Floats, rate_hz: float) -> float:
+    """(T,) -> ln of the head's mean speed aside in the last fifth."""
+    return _log(_mean(np.abs(np.diff(right[-max(len(right) // 5, 3) :]))) * rate_hz, LEAST)
+
+
+def _lean(head: Floats) -> Mapping[str, float]:
+    """Where the head goes from where it was: to the image's right (lean) and up (rise)."""
+    seen = head[_whole(head)]
+    if len(seen) < FEWEST_FRAMES:
+        return {}
+    moved = seen - seen[0]
+    across = _quantiles(np.repeat(moved, 3, axis=1), 2 * (0.05, 0.5, 0.95))
+    found = dict(
+        zip((f"{way}_{size}" for way in ("lean", "rise") for size in ("least", "median", "most")), across, strict=True)
+    )
+    found["lean_last"] = float(moved[-1, 0])
+    for k, name in enumerate(("first", "second", "third", "fourth")):
+        begin = len(moved) * k // 4
+        lean = float(moved[begin : max(len(moved) * (k + 1) // 4, begin + 1), 0].mean())
+        found[f"lean_{name}_quarter"] = float(np.sign(lean) * np.log1p(abs(lean) / NEAR))
+    return found
+
+
+def _other_hand(against: Floats, other: float, active: float) -> Mapping[str, float]:
+    """Where the other hand is held, from the head on, and how much it takes part in the motion."""
+    return {
+        "other_right": _mean(against[:, 0]),
+        "other_up": _mean(against[:, 1]),
+        "other_share": _log(other, LITTLE) - _log(active, LITTLE),
+    }
+
+
+def _bending(way: Floats, frames: int) -> float:
+    """ln of path over net displacement, both summed over all stretches of so many frames; of the whole, if shorter."""
+    way = way[_whole(way)]
+    frames = min(frames, len(way) - 1)
+    if frames < 1:
+        return math.nan
+    path = np.concatenate([[0.0], np.sqrt((np.diff(way, axis=0) ** 2).sum(axis=1)).cumsum()])
+    net = np.sqrt(((way[frames:] - way[:-frames]) ** 2).sum(axis=1)).sum()
+    return _log((path[frames:] - path[:-frames]).sum(), LITTLE) - _log(net, LITTLE)
+
+
+def _whole(rows: Floats) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
+    return np.asarray(np.isfinite(rows).all(axis=-1))
+
+
+def _quantiles(columns: Floats, at: Sequence[float]) -> list[float]:
+    """(T, C) and C quantiles -> that of each column over what is seen of it, linear between two instants."""
+    # NaN is sorted to the end.
+    ordered, count = np.sort(columns, axis=0), np.isfinite(columns).sum(axis=0)
+    place = np.array(at) * np.maximum(count - 1, 0)
+    below = place.astype(int)
+    above, every, share = np.minimum(below + 1, np.maximum(count - 1, 0)), np.arange(columns.shape[1]), place - below
+    mixed = ordered[below, every] * (1 - share) + ordered[above, every] * share
+    found: list[float] = np.where(count >= FEWEST_FRAMES, mixed, np.nan).tolist()
+    return found
+
+
+def _mean(values: Floats) -> float:
+    values = values[np.isfinite(values)]
+    return float(values.sum()) / len(values) if len(values) else math.nan
+
+
+def _log(value: float, least: float) -> float:
+    return math.log(value + least)

@@ -1,0 +1,187 @@
+"""Facets while the movement goes on: what is said when, from which view, and what a hidden part takes away."""
+
+import numpy as np
+import pytest
+
+from common.errors import BadInput
+from common.facets import FACETS, check_facets
+from observer.effort.course import Course, course_of
+from observer.effort.features import NAMES, features
+from observer.effort.learning import learn_trials
+from observer.effort.model import Trial
+from observer.effort.reader import BEFORE_S, SEEN_S, EffortReader, FacetReader
+from observer.effort.shape import ShapeReader, depth_in, three_ways
+from observer.geometry.views import parse_view
+from observer.tracks import BODY_PARTS, Tracks
+
+RATE = 30.0
+
+
+def wave(frames=90, quick=1.0, seed=None):
+    """(T, 3, 2) image coordinates, v down: the right hand circles, the left hangs, the head nods a little."""
+    t = np.arange(frames) / RATE * quick
+    right = np.stack([60 + 40 * np.sin(3 * t), 20 - 40 * np.cos(2 * t)], axis=1)
+    left = np.stack([-50 + 3 * np.sin(t), 150 + 0 * t], axis=1)
+    head = np.stack([2 * np.sin(0.7 * t), 1 * np.cos(0.4 * t)], axis=1)
+    tracks = np.stack([left, right, head], axis=1)
+    return tracks if seed is None else tracks + np.random.default_rng(seed).normal(0, 0.5, tracks.shape)
+
+
+def model():
+    """Sudden is quick and sustained is slow; of the other factors nothing is known."""
+    trials = [
+        Trial(features(course_of(wave(120, quick, seed), BODY_PARTS, RATE)), (level, level, level, level), action)
+        for action, seed in (("one", 1), ("two", 2))
+        for quick, level in ((0.6, -1), (0.8, -1), (2.0, 1), (2.4, 1))
+    ]
+    return learn_trials(trials, "door", RATE)
+
+
+def fed(reader, frames, rest):
+    return [reader.update(Tracks(frame), rest) for frame in frames]
+
+
+def test_every_feature_is_known_of_a_whole_wave_and_none_of_its_first_frames():
+    assert np.isfinite(features(course_of(wave(), BODY_PARTS, RATE))).all()
+    assert len(features(course_of(wave(), BODY_PARTS, RATE))) == len(NAMES)
+    assert np.isnan(features(course_of(wave(5), BODY_PARTS, RATE))).all()
+    assert np.isnan(features(Course(BODY_PARTS, RATE))).all()
+
+
+@pytest.mark.parametrize("size", [0.01, 7.0])
+def test_features_know_no_unit_and_no_place(size):
+    there = wave() * size + (300.0, -40.0)
+    mine, theirs = (features(course_of(tracks, BODY_PARTS, RATE)) for tracks in (wave(), there))
+    np.testing.assert_allclose(theirs, mine, rtol=1e-6, atol=1e-6)
+
+
+def test_the_left_hand_is_no_worse_than_the_right():
+    swapped = wave()[:, [1, 0, 2]]
+    mine, theirs = (features(course_of(tracks, BODY_PARTS, RATE)) for tracks in (wave(), swapped))
+    np.testing.assert_allclose(theirs, mine)
+
+
+def test_a_hidden_hand_takes_only_its_own_features():
+    gone = wave()
+    gone[:, 0] = np.nan
+    found = dict(zip(NAMES, features(course_of(gone, BODY_PARTS, RATE)), strict=True))
+    assert all(np.isnan(found[name]) for name in ("other_right", "other_up", "other_share", "bending_other"))
+    whole = dict(zip(NAMES, features(course_of(wave(), BODY_PARTS, RATE)), strict=True))
+    assert found["rise_most"] > 0 and np.isfinite(found["acceleration"])
+    assert np.sign(found["lean_last"]) == np.sign(whole["lean_last"])
+
+
+def test_a_movement_without_end_costs_no_more():
+    course = course_of(np.tile(wave(), (30, 1, 1)), BODY_PARTS, RATE)
+    assert len(course) <= 20 * RATE
+    newest = course.places[-1]
+    np.testing.assert_allclose(newest, wave()[-1] * (1, -1) / course.size)
+    moves = course_of(np.tile(wave(), (30, 1, 1))[-len(course) :], BODY_PARTS, RATE)
+    np.testing.assert_allclose(course.moves * course.size, moves.moves * moves.size, atol=1e-6)
+
+
+def test_effort_is_said_while_the_movement_goes_on_and_not_at_rest():
+    reader = EffortReader(model(), BODY_PARTS, RATE)
+    assert fed(reader, wave(60), 0.95)[-1] == {}
+    said = fed(reader, wave(90, 2.2, seed=6), 0.1)
+    first = next(n for n, facets in enumerate(said) if facets)
+    assert SEEN_S * RATE - 1 <= first <= SEEN_S * RATE + 8
+    assert said[-1]["effort_time"][1] > 0.8
+    check_facets(said[-1])
+    assert fed(reader, wave(1), 0.6)[-1] == said[-1]
+    assert fed(reader, wave(1), 0.95)[-1] == {}
+
+
+def test_a_new_movement_is_judged_by_itself():
+    reader = EffortReader(model(), BODY_PARTS, RATE)
+    fed(reader, wave(120, 2.2), 0.1)
+    fed(reader, wave(30, 0.0), 0.95)
+    anew = fed(reader, wave(120, 0.6, seed=7), 0.1)[-1]
+    fresh = EffortReader(model(), BODY_PARTS, RATE)
+    fed(fresh, wave(30, 0.0), 0.95)
+    alone = fed(fresh, wave(120, 0.6, seed=7), 0.1)[-1]
+    assert anew["effort_time"][0] > 0.8
+    for facet, p in alone.items():
+        np.testing.assert_allclose(anew[facet], p, atol=0.05)
+
+
+def test_what_was_shortly_before_belongs_to_the_movement():
+    reader = EffortReader(model(), BODY_PARTS, RATE)
+    fed(reader, wave(60), 0.95)
+    fed(reader, wave(1), 0.1)
+    assert len(reader._course) == round(BEFORE_S * RATE)
+
+
+def test_effort_needs_hands_and_head():
+    with pytest.raises(BadInput, match="needs left_hand"):
+        EffortReader(model(), ("right_hand", "head"), RATE)
+
+
+def hands(left, right, frames=30):
+    """(T, 3, 2), v down: both hands start beside and below the head and go so far in a second."""
+    tracks = np.tile(np.array([[-40.0, 100.0], [40.0, 100.0], [0.0, 0.0]]), (frames, 1, 1))
+    for part, way in enumerate((left, right)):
+        tracks[:, part] += np.linspace(0, 1, frames)[:, None] * np.array(way, dtype=float)
+    return tracks
+
+
+@pytest.mark.parametrize(
+    ("left", "right", "facet", "value"),
+    [
+        ((-80, 0), (80, 0), "shape_horizontal", "spreading"),
+        ((38, 0), (-38, 0), "shape_horizontal", "enclosing"),
+        ((0, -90), (0, -90), "shape_vertical", "rising"),
+        ((0, 90), (0, 90), "shape_vertical", "sinking"),
+        ((0, 0), (0, 0), "shape_vertical", "neither"),
+        ((0, 0), (0, 0), "shape_horizontal", "neither"),
+    ],
+)
+def test_shape_is_named_as_laban_does(left, right, facet, value):
+    reader = ShapeReader(BODY_PARTS, RATE)
+    said = [reader.update(frame) for frame in hands(left, right)][-1]
+    check_facets(said)
+    assert FACETS[facet][said[facet].argmax()] == value
+    assert "shape_sagittal" not in said
+
+
+@pytest.mark.parametrize(
+    ("view", "sees"), [("door", False), ("yaw:20", False), ("yaw:45", True), ("wheel", True), ("yaw:270", True)]
+)
+def test_advancing_is_said_only_where_depth_is_seen_and_alike_from_both_sides(view, sees):
+    seen = parse_view(view)
+    reader = ShapeReader(BODY_PARTS, RATE, depth_in(seen.matrix))
+    forward = np.tile(np.array([[-0.3, 1.0, -0.2], [0.3, 1.0, -0.2], [0.0, 1.6, 0.0]]), (30, 1, 1))
+    forward[:, :2, 2] -= np.linspace(0, 0.6, 30)[:, None]
+    image = forward @ seen.matrix[:, :3].T[:, :2]
+    said = [reader.update(frame) for frame in image][-1]
+    assert ("shape_sagittal" in said) == sees
+    if sees:
+        assert FACETS["shape_sagittal"][said["shape_sagittal"].argmax()] == "advancing"
+
+
+def test_the_three_ways_of_a_rate_are_a_distribution_and_mirror_each_other():
+    for rate in (-50.0, -1.0, -0.2, 0.0, 0.2, 1.0, 50.0):
+        p = three_ways(rate)
+        assert p.sum() == pytest.approx(1) and (p >= 0).all()
+        np.testing.assert_allclose(p[::-1], three_ways(-rate), atol=1e-12)
+
+
+def test_a_hidden_hand_leaves_rising_and_a_hidden_head_nothing():
+    one, none = hands((0, -90), (0, -90)), hands((0, -90), (0, -90))
+    one[:, 0] = np.nan
+    none[:, 2] = np.nan
+    said = {name: [r.update(f) for f in t][-1] for name, t, r in (("one", one, ShapeReader(BODY_PARTS, RATE)),)}
+    assert list(said["one"]) == ["shape_vertical"]
+    reader = ShapeReader(BODY_PARTS, RATE)
+    assert [reader.update(frame) for frame in none][-1] == {}
+
+
+def test_all_facets_come_together():
+    reader = FacetReader(BODY_PARTS, RATE, depth=1.0, effort=model())
+    for frame in wave(60):
+        reader.update(Tracks(frame), 0.1)
+    check_facets(reader.facets)
+    assert set(reader.facets) == set(FACETS)
+    bare = FacetReader(("right_hand", "head"), RATE)
+    bare.update(Tracks(wave(1)[0, 1:]), 0.1)
+    assert bare.facets == {}

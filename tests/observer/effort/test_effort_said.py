@@ -1,0 +1,64 @@
+"""Facets on their way out: from tracks through the observer into the posterior message."""
+
+import numpy as np
+
+from common.facets import SHAPE
+from common.messages import PosteriorMessage
+from common.vocabulary import Vocabulary
+from common.wire import decode
+from observer.effort.reader import FacetReader
+from observer.model.base import Example, Header
+from observer.model.phase import Phase
+from observer.pipeline import Observer
+from observer.service import Speaker
+from observer.tracks import BODY_PARTS, Frame, Tracks
+
+RATE = 30.0
+
+
+class Given:
+    """A tracker that is handed its tracks."""
+
+    body_parts = BODY_PARTS
+
+    def update(self, frame):
+        return Tracks(frame.content)
+
+
+class Kept:
+    def __init__(self):
+        self.payloads = []
+
+    def put(self, payload):
+        self.payloads.append(payload)
+
+
+def rising(frames=30, way=1.0):
+    tracks = np.tile(np.array([[-40.0, 100.0], [40.0, 100.0], [0.0, 0.0]]), (frames, 1, 1))
+    tracks[:, :2, 1] -= 90 * way * np.linspace(0, 1, frames)[:, None]
+    return tracks
+
+
+def model():
+    vocabulary = Vocabulary(("up", "down"))
+    header = Header("phase", vocabulary, "door", np.eye(3, 4), RATE, BODY_PARTS)
+    return Phase.learn(header, [Example([Tracks(t) for t in rising(way=w)], m) for m, w in enumerate((1.0, -0.5))])
+
+
+def test_shape_is_said_on_the_mesh_with_the_posterior():
+    learned, publisher = model(), Kept()
+    observer = Observer(Given(), learned, facets=FacetReader(BODY_PARTS, RATE))
+    speaker = Speaker("dojo", "cam1", learned.header.vocabulary, publisher)
+    for n, centres in enumerate(rising()):
+        speaker.say(observer.step(Frame(n * 33_000_000, centres)), n, n)
+    said = [decode(PosteriorMessage, payload) for payload in publisher.payloads]
+    assert said[0].facets is None
+    assert set(said[-1].facets) == {"shape_horizontal", "shape_vertical"}
+    assert SHAPE["shape_vertical"][int(np.argmax(said[-1].facets["shape_vertical"]))] == "rising"
+
+
+def test_an_observer_that_reads_no_facets_says_none():
+    learned, publisher = model(), Kept()
+    speaker = Speaker("dojo", "cam1", learned.header.vocabulary, publisher)
+    speaker.say(Observer(Given(), learned).step(Frame(0, rising()[0])), 0, 0)
+    assert decode(PosteriorMessage, publisher.payloads[0]).facets is None
