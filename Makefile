@@ -4,9 +4,10 @@ VENV := .venv
 BIN := $(VENV)/bin
 MEDIAPIPE := .venv-mediapipe
 HOME_ASSISTANT := .venv-home
+PEERS := .venv-peers
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-mediapipe test-browser test-home fault-tools mqtt-tools faults fuzz soak-day check bench clean
+.PHONY: help demo test test-mediapipe test-browser test-home fault-tools mqtt-tools faults fuzz soak-day peers test-peers check bench clean
 
 help:            ## this list
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*##/\t/' | expand -t 18
@@ -42,6 +43,12 @@ fault-tools:
 mqtt-tools:
 	@tests/hub/mqtt/install_mosquitto.sh
 
+peers: $(PEERS)/.ready   ## our judges beside MiniRocket and 1-NN DTW: the table of docs/peers.md, written anew
+	@$(PEERS)/bin/labanmesh peers --page docs/peers.md
+
+test-peers: $(PEERS)/.ready   ## the tests of that comparison, also those that need aeon
+	@$(PEERS)/bin/pytest -q -n0 tests/studies/test_peers.py
+
 check: $(VENV)/.ready  ## lint and types
 	@$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/mypy
 
@@ -49,7 +56,7 @@ bench: $(VENV)/.ready  ## each cost beside its floor, to build/bench.json
 	@$(BIN)/python -m benchmarks
 
 clean:           ## away with the environment and everything built
-	@rm -rf $(VENV) $(MEDIAPIPE) $(HOME_ASSISTANT) build dist *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis labanmesh-demo
+	@rm -rf $(VENV) $(MEDIAPIPE) $(HOME_ASSISTANT) $(PEERS) build dist *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis labanmesh-demo
 
 $(VENV)/.ready: pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit("labanmesh needs Python >= 3.11, this is " + sys.version.split()[0] + ": make PYTHON=python3.11") if sys.version_info < (3, 11) else None'
@@ -70,4 +77,11 @@ $(MEDIAPIPE)/.ready: pyproject.toml
 $(HOME_ASSISTANT)/.ready: tests/home/install_home.sh
 	@echo "setting up $(HOME_ASSISTANT) (once, some minutes) ..."
 	@PYTHON=$(PYTHON) tests/home/install_home.sh $(HOME_ASSISTANT)
+	@touch $@
+
+$(PEERS)/.ready: pyproject.toml
+	@$(PYTHON) -c 'import sys; sys.exit("labanmesh needs Python >= 3.11, this is " + sys.version.split()[0] + ": make peers PYTHON=python3.11") if sys.version_info < (3, 11) else None'
+	@echo "setting up $(PEERS) (once, about a minute) ..."
+	@$(PYTHON) -m venv $(PEERS)
+	@$(PEERS)/bin/python -m pip install --quiet --disable-pip-version-check -e '.[peers,dev]'
 	@touch $@
