@@ -53,9 +53,12 @@ VERBS = {
     "learn": Verb("observer.commands", "learn", "motion archive -> one observer's model for its view"),
     "paper": Verb("studies.commands", "paper", "the paper's three experiments, beside the paper's tables"),
     "evaluate": Verb("studies.commands", "evaluate", "accuracy, confusion, earliness and calibration on an archive"),
+    "peers": Verb("studies.peers.commands", "peers", "our judges beside offline classifiers on the same tracks"),
+    "effort": Verb("studies.effort_commands", "effort", "Effort told apart in actions that taught nothing of it"),
 }
 
 EXTRAS = {
+    "aeon": "peers",
     "cv2": "observer",
     "scipy": "observer",
     "matplotlib": "report",

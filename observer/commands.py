@@ -15,7 +15,10 @@ from common.progress import Bar
 from common.vocabulary import Vocabulary
 
 if TYPE_CHECKING:
+    from common.config import Scene
+    from observer.effort.reader import FacetReader
     from observer.model.base import Header
+    from observer.motion.archive import MotionArchive
     from observer.opening import Eyes
     from observer.pipeline import Observer
     from observer.service import ObserverLike
@@ -56,7 +59,7 @@ def observe(
     _warn_of_another_view(place, model.header, eyes, section.view)
     onset = Onset(known=section.onset == "known", length=eyes.length)
     pace = None if eyes.at_own_rate else Pace(model.header.rate_hz)
-    judge = Observer(eyes.tracker, model, onset, pace)
+    judge = Observer(eyes.tracker, model, onset, pace, _facets(named, observer, model.header, eyes))
     with ExitStack() as open_until_end:
         stop = open_until_end.enter_context(stop_on_signals())
         in_folder = section.preview not in ("", "window")
@@ -66,6 +69,19 @@ def observe(
         if isinstance(eyes.source, MeshTracks):
             eyes.source.listen(link)
         serve(named, observer, shown, eyes.source, link, stop, condition=condition)
+
+
+def _facets(scene: "Scene", observer: str, header: "Header", eyes: "Eyes") -> "FacetReader":
+    """Shape, and Effort where the scene names a model of it."""
+    from observer.effort.effort_file import read_effort, require_rate
+    from observer.effort.reader import FacetReader
+    from observer.effort.shape import depth_in
+
+    named, effort = scene.observer(observer).effort, None
+    if named:
+        effort = read_effort(scene.place(named))
+        require_rate(scene.place(named), effort, header.rate_hz)
+    return FacetReader(header.body_parts, header.rate_hz, depth_in(eyes.view.matrix), effort)
 
 
 def _warn_of_another_view(place: Path, header: "Header", eyes: "Eyes", view: str) -> None:
@@ -134,10 +150,15 @@ def learn(
     parameter: Annotated[
         list[str] | None, typer.Option(help="NAME=NUMBER of the model instead of its default; may be repeated.")
     ] = None,
+    effort: Annotated[
+        bool, typer.Option("--effort", help="How it is done instead of which it is, from trials such as -1_0_1_1.")
+    ] = False,
 ) -> None:
     """One observer's model for its perspective, learned from recordings in 3-D projected into its view.
 
     Example: labanmesh learn msr.npz --view yaw:45 -o corner1.model
+
+    Example: labanmesh learn effort.npz --view yaw:45 --effort --rate 30 -o corner1.effort
     """
     from observer.geometry.views import parse_view
     from observer.learning import labels_of, learn_view, prepared
@@ -145,12 +166,15 @@ def learn(
     from observer.motion.archive_file import read_archive
 
     whole = prepared(read_archive(archive), words("--subjects", subjects), rate)
-    vocabulary = Vocabulary(words("--labels", labels) or labels_of(whole), name)
     provenance = {
         "archive": archive.name,
         "archive_sha256": hashlib.sha256(archive.read_bytes()).hexdigest(),
         "subjects": ",".join(sorted({r.subject for r in whole.recordings})),
     }
+    if effort:
+        _learn_effort(whole, view, output, provenance)
+        return
+    vocabulary = Vocabulary(words("--labels", labels) or labels_of(whole), name)
     given = numbers("--parameter", parameter or [])
     learned = learn_view(whole, parse_view(view), vocabulary, kind=model, parameters=given, provenance=provenance)
     write_model(output, learned)
@@ -159,4 +183,17 @@ def learn(
         f"{output}: {header.kind} for {header.view}, {vocabulary.size} movements from "
         f"{header.provenance['examples']} examples of {len(provenance['subjects'].split(','))} people, "
         f"{header.rate_hz:g} Hz, {output.stat().st_size / 1e6:.2f} MB"
+    )
+
+
+def _learn_effort(archive: "MotionArchive", view: str, output: Path, provenance: dict[str, str]) -> None:
+    from observer.effort.effort_file import write_effort
+    from observer.effort.learning import learn_effort
+    from observer.geometry.views import parse_view
+
+    learned = learn_effort(archive, parse_view(view), provenance)
+    write_effort(output, learned)
+    print(
+        f"{output}: Effort for {learned.view} from {learned.provenance['examples']} examples, {learned.rate_hz:g} Hz, "
+        f"{output.stat().st_size / 1e6:.2f} MB"
     )

@@ -1,18 +1,25 @@
 """Learning a perspective: recordings in 3-D, seen from one view, become that view's model (section II.B)."""
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from common.errors import BadInput
 from common.vocabulary import Vocabulary
-from observer.geometry.views import View
+from observer.geometry.views import View, turned
 from observer.model.base import Example, Header, MovementModel
+from observer.model.left_out import believable
 from observer.model.registry import DEFAULT_MODEL, model_named
 from observer.motion.archive import MotionArchive, Recording
 from observer.motion.resample import resample
 from observer.projected import ProjectedTracker
 from observer.tracks import Frame, Tracks
+
+MOST_FACINGS = 72
+GOLDEN_RATIO = (math.sqrt(5) - 1) / 2
+"""Its multiples fill the unit interval evenly, however many there are."""
 
 
 def learn_view(
@@ -24,26 +31,57 @@ def learn_view(
     body_parts: tuple[str, ...] | None = None,
     parameters: Mapping[str, float] | None = None,
     provenance: Mapping[str, str] | None = None,
+    tried: bool = True,
 ) -> MovementModel:
     """One view's model of the vocabulary's movements, from all recordings of the archive.
 
+    With a parameter `facings` of K the performer is turned to K directions, evenly around. tried: the model is tried
+    on who it has not learned from, one person at a time, so that it knows how far it can be believed.
     Raises BadInput for recordings at different rates, an unknown model, and a movement that nobody performs.
     """
     parts = body_parts or archive.body_parts
     rate_hz = common_rate(archive)
+    facings = facings_in(parameters or {})
+    chosen = [recording for recording in cut_out(archive) if recording.label in vocabulary.labels]
     examples = [
-        Example(seen_from(view, recording, archive.body_parts, parts), vocabulary.index(recording.label))
-        for recording in cut_out(archive)
-        if recording.label in vocabulary.labels
+        Example(
+            seen_from(view, _facing(recording, k, facings, n), archive.body_parts, parts),
+            vocabulary.index(recording.label),
+            k,
+            recording.subject,
+            recording.trial,
+        )
+        for k in range(facings)
+        for n, recording in enumerate(chosen)
     ]
-    learned = {e.movement for e in examples}
-    never = [label for m, label in enumerate(vocabulary.labels) if m not in learned]
+    shown = {e.movement for e in examples}
+    never = [label for m, label in enumerate(vocabulary.labels) if m not in shown]
     if never:
         raise BadInput(f"movement {never[0]!r}: no recording shows it; leave it out with --labels, or record it")
     model = model_named(kind)
-    said = {"examples": str(len(examples)), **(provenance or {})}
+    said = {"examples": str(len(chosen)), **(provenance or {})}
     header = Header(kind, vocabulary, view.name, view.matrix, rate_hz, parts, parameters or {}, said)
-    return model.learn(header, examples)
+    learned = model.learn(header, examples)
+    return believable(model, learned, examples) if tried else learned
+
+
+def facings_in(parameters: Mapping[str, float]) -> int:
+    """How many facings the parameters ask for; raises BadInput for what is no number from 1 to 72."""
+    facings = parameters.get("facings", 1.0)
+    if not 1 <= facings <= MOST_FACINGS or facings != int(facings):
+        raise BadInput(f"facings = {facings:g}: a whole number from 1 to {MOST_FACINGS} is expected, e.g. 12")
+    return int(facings)
+
+
+def _facing(recording: Recording, k: int, facings: int, number: int) -> Recording:
+    """Turned to his left by k of `facings` directions, and a little more or less.
+
+    Each recording by another little, so that all together they fill the angles between two directions.
+    """
+    if facings == 1:
+        return recording
+    astray = (number * GOLDEN_RATIO) % 1.0 - 0.5
+    return replace(recording, positions=turned(recording.positions, math.tau * (k + astray) / facings))
 
 
 def prepared(archive: MotionArchive, subjects: Sequence[str] = (), rate_hz: float | None = None) -> MotionArchive:

@@ -1,12 +1,18 @@
 """One observer, from a frame to its opinion. No network and no clock inside."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+
+import numpy as np
 
 from common.vocabulary import Vocabulary
+from observer.effort.reader import FacetReader
 from observer.model.base import MovementModel, Onset
 from observer.pace import Pace
 from observer.tracks import Floats, Frame, Tracker, Tracks
+
+SMALLEST = 1e-300
+"""Stands for 0 where it divides."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -14,26 +20,37 @@ class Opinion:
     """What an observer believes after a frame.
 
     p: (M,) posterior over the vocabulary. rest: probability that the person is at rest. frames: how many are in it.
-    visible: per body part, whether it was seen in the newest frame.
+    visible: per body part, whether it was seen in the newest frame. facets: of common.facets, those that can be said.
+    facing: (M, K) P(facing | movement), None of a model that knows one alone. unlearned: probability that what is done
+    is none of the vocabulary's movements, None where that cannot be told.
     """
 
     p: Floats
     rest: float
     frames: int
     visible: Mapping[str, bool]
+    facets: Mapping[str, Floats] = field(default_factory=dict)
+    facing: Floats | None = None
+    unlearned: float | None = None
 
 
 class Observer:
     """Tracks, reads and believes: `step` is steps 3 to 6 of a frame's way (docs/frame.md).
 
-    pace: brings the frames to the model's rate; None: they come at it.
+    pace: brings the frames to the model's rate; None: they come at it. facets: reads Effort and Shape at that rate.
     """
 
     def __init__(
-        self, tracker: Tracker, model: MovementModel, onset: Onset | None = None, pace: Pace | None = None
+        self,
+        tracker: Tracker,
+        model: MovementModel,
+        onset: Onset | None = None,
+        pace: Pace | None = None,
+        facets: FacetReader | None = None,
     ) -> None:
-        self._tracker, self._pace = tracker, pace
+        self._tracker, self._pace, self._facets = tracker, pace, facets
         self._watch = model.watch(onset or Onset())
+        self._certainty = model.header.certainty
         self.vocabulary: Vocabulary = model.header.vocabulary
         self._frames = 0
         self.tracks: Tracks | None = None
@@ -49,6 +66,14 @@ class Observer:
         instants = [self.tracks] if self._pace is None else self._pace.due(frame.at_ns, self.tracks)
         for tracks in instants:
             self._watch.update(tracks)
+            if self._facets is not None:
+                self._facets.update(tracks, self._watch.rest)
         self._frames += len(instants)
         visible = dict(zip(self._tracker.body_parts, self.tracks.visible.tolist(), strict=True))
-        return Opinion(self._watch.p, self._watch.rest, self._frames, visible)
+        facets = {} if self._facets is None else self._facets.facets
+        joint = self._watch.joint
+        believed = self._certainty.of(self._watch.p if joint is None else joint)
+        p: Floats = believed if joint is None else believed.sum(axis=1)
+        facing = None if joint is None else believed / np.maximum(p, SMALLEST)[:, None]
+        unlearned = self._certainty.unlearned(p, self._watch.foreseen)
+        return Opinion(p, self._watch.rest, self._frames, visible, facets, facing, unlearned)

@@ -10,9 +10,10 @@ from typing import Protocol
 from common.clock_asking import ClockAsker
 from common.clock_skew import ClockSkew
 from common.config import Scene
+from common.facing import surprise_of
 from common.health import Health
 from common.link import Link, Publisher
-from common.messages import PosteriorMessage, ProcessState, VocabularyReference
+from common.messages import Facing, PosteriorMessage, ProcessState, VocabularyReference
 from common.status import StatusBoard
 from common.vocabulary import Vocabulary
 from common.wire import encode, encode_vocabulary
@@ -25,7 +26,12 @@ log = logging.getLogger("labanmesh.observer")
 
 
 class OpinionLike(Protocol):
-    """What an observer believes after a frame."""
+    """What an observer believes after a frame.
+
+    One that can say how a movement is done has `facets` too: a mapping, as common.facets names them; one that can tell
+    which way the person faces has `facing`, (M, K) P(facing | movement); one that can tell that a movement is none of
+    the vocabulary's has `unlearned`, a probability.
+    """
 
     @property
     def p(self) -> Floats:
@@ -76,7 +82,9 @@ def serve(
     condition = condition or Condition()
     keys = scene.keys
     health = Health(scene.scene, observer_id)
-    speaker = Speaker(scene.scene, observer_id, observer.vocabulary, link.publisher(keys.posterior(observer_id)))
+    directed = scene.observer(observer_id).direction == "known"
+    spoken = link.publisher(keys.posterior(observer_id))
+    speaker = Speaker(scene.scene, observer_id, observer.vocabulary, spoken, directed)
     asker, fusion_clock = ClockAsker(link, keys.fusion_status(), clock), ClockSkew()
     names = encode_vocabulary(scene.scene, observer.vocabulary)
     link.answer(keys.vocabulary, lambda: names)
@@ -113,9 +121,15 @@ def _teller(board: StatusBoard, condition: Condition, observer_id: str) -> Tell:
 
 
 class Speaker:
-    """Numbers and stamps an observer's opinions. A new session begins with each start."""
+    """Numbers and stamps an observer's opinions. A new session begins with each start.
 
-    def __init__(self, scene: str, observer: str, vocabulary: Vocabulary, publisher: Publisher) -> None:
+    directed: whether it is known which way the observer looks, so that others can use what it says of facing.
+    """
+
+    def __init__(
+        self, scene: str, observer: str, vocabulary: Vocabulary, publisher: Publisher, directed: bool = True
+    ) -> None:
+        self._directed = directed
         self._scene, self._observer, self._publisher = scene, observer, publisher
         self._vocabulary = VocabularyReference(name=vocabulary.name, hash=vocabulary.digest)
         self._session = secrets.token_hex(8)
@@ -133,8 +147,14 @@ class Speaker:
             vocabulary=self._vocabulary,
             p=opinion.p.tolist(),
             rest=opinion.rest,
+            unlearned=getattr(opinion, "unlearned", None),
             frames=opinion.frames,
             visible=dict(opinion.visible),
+            facing=self._facing(getattr(opinion, "facing", None)),
+            facets={name: p.tolist() for name, p in getattr(opinion, "facets", {}).items()} or None,
         )
         self.seq += 1
         self._publisher.put(encode(message))
+
+    def _facing(self, facing: Floats | None) -> Facing | None:
+        return None if facing is None or not self._directed else Facing(surprise=surprise_of(facing).tolist())

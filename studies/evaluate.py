@@ -8,9 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.errors import BadInput
+from common.facing import surprise_of
 from common.probability import uniform
 from common.vocabulary import Vocabulary
-from fusion.rules import DEFAULT_RULE, rule_named
+from fusion.pooling import pool_opinions
+from fusion.roster import Opinion
+from fusion.rules import DEFAULT_RULE, Rule, rule_named
 from observer.geometry.views import View
 from observer.learning import frames_of, learn_view
 from observer.model.base import MovementModel, Onset
@@ -19,7 +22,7 @@ from observer.motion.archive import MotionArchive
 from observer.pipeline import Observer
 from observer.projected import ProjectedTracker
 from observer.tracks import Tracker
-from studies.faults import HIDDEN, Hidden, disturb
+from studies.faults import HIDDEN, Hidden, Said, disturb
 from studies.trials import Split, Trial, splits, trials, with_labels
 
 Floats = NDArray[np.float64]
@@ -42,17 +45,25 @@ class Question:
     faults: Mapping[str, str] = field(default_factory=dict)
     body_parts: tuple[str, ...] = ()
     onset_known: bool = True
+    temperature: float = 1.0
     seed: int = 0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Judged:
-    """One trial and what was believed in every frame: views (F, V, M) by each observer, fused (F, M)."""
+    """One trial and what was believed in every frame: views (F, V, M) by each observer, fused (F, M).
+
+    facing: (F, V, M, K) P(facing | movement) by each observer, None where no model knows facings; unlearned: (F, V)
+    P(none of the movements), NaN where an observer cannot tell. faced: (F, K) the fused facing.
+    """
 
     trial: Trial
     truth: int
     views: Floats
     fused: Floats
+    facing: Floats | None = None
+    unlearned: Floats | None = None
+    faced: Floats | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -136,20 +147,41 @@ def _judge(
     trial: Trial, models: list[MovementModel], recorded: tuple[str, ...], vocabulary: Vocabulary, question: Question
 ) -> Judged:
     observers = observers_of(trial, models, recorded, question)
-    views = np.array([[o.step(frame).p for o in observers] for frame in frames_of(trial.recording)])
-    return Judged(trial, vocabulary.index(trial.recording.label), views, np.empty((0, 0)))
+    said = [[o.step(frame) for o in observers] for frame in frames_of(trial.recording)]
+    views = np.array([[opinion.p for opinion in frame] for frame in said])
+    unlearned = np.array([[np.nan if o.unlearned is None else o.unlearned for o in frame] for frame in said])
+    facing = None
+    if all(opinion.facing is not None for opinion in said[0]):
+        facing = np.array([[opinion.facing for opinion in frame] for frame in said])
+    truth = vocabulary.index(trial.recording.label)
+    return Judged(trial, truth, views, np.empty((0, 0)), facing, unlearned)
 
 
 def refused(judged: Sequence[Judged], question: Question, vocabulary: Vocabulary) -> tuple[Judged, ...]:
     """The same trials with the question's faults put in and fused by its rule, frame by frame."""
     rule = rule_named(question.rule, len(question.views))
-    prior = uniform(vocabulary.size)
     names = [view.name for view in question.views]
-    beliefs = disturb([j.views for j in judged], names, question.faults, _rate(judged), question.seed)
-    return tuple(
-        Judged(j.trial, j.truth, b, np.array([rule.pool(frame, prior).p for frame in b]))
-        for j, b in zip(judged, beliefs, strict=True)
-    )
+    said = [Said(j.views, j.facing, j.unlearned) for j in judged]
+    disturbed = disturb(said, names, question.faults, _rate(judged), question.seed)
+    return tuple(_fused(j, s, rule, question.temperature) for j, s in zip(judged, disturbed, strict=True))
+
+
+def _fused(judged: Judged, said: Said, rule: Rule, temperature: float) -> Judged:
+    prior = uniform(said.p.shape[2])
+    pools = [pool_opinions(rule, _opinions(said, n), prior, temperature) for n in range(len(said.p))]
+    faced = np.array([pool.facing for pool in pools]) if pools[0].facing is not None else None
+    fused = np.array([pool.p for pool in pools])
+    return Judged(judged.trial, judged.truth, said.p, fused, said.facing, said.unlearned, faced)
+
+
+def _opinions(said: Said, frame: int) -> list[Opinion]:
+    """As the referee would have them, had they come over the mesh."""
+    opinions = []
+    for v, p in enumerate(said.p[frame]):
+        surprise = None if said.facing is None else surprise_of(said.facing[frame, v])
+        unlearned = None if said.unlearned is None or np.isnan(said.unlearned[frame, v]) else said.unlearned[frame, v]
+        opinions.append(Opinion(str(v), p, 0.0, 0.0, "counted", unlearned=unlearned, surprise=surprise))
+    return opinions
 
 
 def _rate(judged: Sequence[Judged]) -> float:

@@ -78,31 +78,40 @@ def _label(court: _Court, judged: Judged, number: int, total: int, progress: Cal
         if number == 0 and not publisher.wait_for_subscriber(PATIENCE_S):
             raise LabanmeshError(f"{name} found no referee on the mesh within {PATIENCE_S:g} s")
         speaker = Speaker(court.scene.scene, name, court.vocabulary, publisher)
-        for n, p in enumerate(judged.views[:, v]):
-            _say(speaker, p, n + 1)
-        last[name] = speaker, judged.views[-1, v]
+        said = [_opinion(judged, v, n) for n in range(len(judged.views))]
+        for opinion in said:
+            _say(speaker, opinion)
+        last[name] = speaker, said[-1]
     progress("judging over the mesh", number + 1, total)
     return _awaited(court, last, judged.trial.name)
 
 
-def _say(speaker: Speaker, p: Floats, frames: int) -> None:
+def _opinion(judged: Judged, view: int, frame: int) -> Opinion:
+    """What one observer believed."""
+    facing = None if judged.facing is None else judged.facing[frame, view]
+    unlearned = np.nan if judged.unlearned is None else float(judged.unlearned[frame, view])
+    p = judged.views[frame, view]
+    return Opinion(p, 0.0, frame + 1, {}, facing=facing, unlearned=None if np.isnan(unlearned) else unlearned)
+
+
+def _say(speaker: Speaker, opinion: Opinion) -> None:
     now_ns = time.time_ns()
-    speaker.say(Opinion(p, 0.0, frames, {}), now_ns, now_ns)
+    speaker.say(opinion, now_ns, now_ns)
 
 
-def _awaited(court: _Court, last: Mapping[str, tuple[Speaker, Floats]], trial: str) -> str:
+def _awaited(court: _Court, last: Mapping[str, tuple[Speaker, Opinion]], trial: str) -> str:
     """The label of the first judgement in which everybody's last posterior counts."""
     begun = said = time.monotonic()
     while (now := time.monotonic()) < begun + PATIENCE_S:
         for arrival in court.heard.take(AGAIN_S):
             judgement = decode(JudgementMessage, arrival.payload)
-            if all(_says(judgement, name, p) for name, (_, p) in last.items()):
+            if all(_says(judgement, name, opinion.p) for name, (_, opinion) in last.items()):
                 return judgement.label
         if now > said + AGAIN_S:
             # Zenoh drops what floods it: what was said last may have been lost, and is said again.
             said = now
-            for speaker, p in last.values():
-                _say(speaker, p, speaker.seq + 1)
+            for speaker, opinion in last.values():
+                _say(speaker, opinion)
     raise LabanmeshError(f"no judgement of {trial} came over the mesh within {PATIENCE_S:g} s")
 
 

@@ -19,11 +19,12 @@ IDLE_NOISE_M = 0.01
 
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """One recording to be judged; the movement lies in frames begin..end-1 of it."""
+    """One recording to be judged; the movement lies in frames begin..end-1 of it. turn_deg: to his left, 0 to 360."""
 
     recording: Recording
     begin: int
     end: int
+    turn_deg: float = 0.0
 
     @property
     def name(self) -> str:
@@ -108,10 +109,11 @@ def trials(
 
 def _trial(recording: Recording, onset_known: bool, turn: float | None, rng: np.random.Generator) -> Trial:
     angle = np.deg2rad(rng.uniform(0, 360) if turn is None else turn)
+    turn_deg = float(np.rad2deg(angle)) % 360
     if angle:
         recording = replace(recording, positions=turned(recording.positions, float(angle)))
     if onset_known:
-        return Trial(recording, 0, len(recording.positions))
+        return Trial(recording, 0, len(recording.positions), turn_deg)
     # Evenly in the logarithm, so that as many are slower as are faster.
     tempo = float(np.exp(rng.uniform(np.log(SLOWEST), np.log(FASTEST))))
     moving = retime(recording, tempo).positions
@@ -120,4 +122,4 @@ def _trial(recording: Recording, onset_known: bool, turn: float | None, rng: np.
     still = np.concatenate([np.repeat(moving[:1], before, axis=0), np.repeat(moving[-1:], after, axis=0)])
     still = (still + rng.normal(0, IDLE_NOISE_M, still.shape)).astype(np.float32)
     whole = np.concatenate([still[:before], moving, still[before:]])
-    return Trial(replace(recording, positions=whole), before, before + len(moving))
+    return Trial(replace(recording, positions=whole), before, before + len(moving), turn_deg)

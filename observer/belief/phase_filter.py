@@ -68,12 +68,15 @@ class PhaseFilter:
         """P(at rest now), before a movement or after one."""
         return float(min(self._before + self._after.sum(), 1.0))
 
-    def step(self, log_evidence: Floats, log_rest: float) -> None:
-        """One frame: (C, Φ) log P(observation | chain, phase), and log P(observation | rest)."""
+    def step(self, log_evidence: Floats, log_rest: float, log_after: Floats | None = None) -> None:
+        """One frame: (C, Φ) log P(observation | chain, phase), and log P(observation | rest).
+
+        log_after: (M,) the same of the rest after each movement, where it differs from the rest before any.
+        """
         if self._begun:
             self._predict(self._dynamics.forget)
         self._begun = True
-        self._condition(log_evidence, log_rest)
+        self._condition(log_evidence, log_rest, np.full(len(self._prior), log_rest) if log_after is None else log_after)
 
     def step_blind(self) -> None:
         """One frame in which no part was seen: time passes, and the belief leans towards the prior (section I).
@@ -105,12 +108,11 @@ class PhaseFilter:
         entering = mass * d.speeds[:, None, None] * self._chain_prior[:, None] * d.entry
         self._active[:, :, : len(d.entry)] += entering
 
-    def _condition(self, log_evidence: Floats, log_rest: float) -> None:
-        top = max(float(log_evidence.max()), log_rest)
+    def _condition(self, log_evidence: Floats, log_rest: float, log_after: Floats) -> None:
+        top = max(float(log_evidence.max()), log_rest, float(log_after.max()))
         self._active *= np.exp(np.maximum(log_evidence - top, FLOOR))
-        rest = float(np.exp(max(log_rest - top, FLOOR)))
-        self._before *= rest
-        self._after *= rest
+        self._before *= float(np.exp(max(log_rest - top, FLOOR)))
+        self._after *= np.exp(np.maximum(log_after - top, FLOOR))
         total = self._active.sum() + self._before + self._after.sum()
         self._active /= total
         self._active[self._active < NEGLIGIBLE] = 0.0
@@ -128,6 +130,16 @@ class FilterWatch:
     def p(self) -> Floats:
         """(M,) posterior over movements."""
         return self.belief.p
+
+    @property
+    def joint(self) -> Floats | None:
+        """It knows one facing alone."""
+        return None
+
+    @property
+    def foreseen(self) -> Floats | None:
+        """Not known."""
+        return None
 
     @property
     def rest(self) -> float:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from common.errors import BadInput
 from common.vocabulary import Vocabulary
+from observer.model.certainty import Certainty
 from observer.tracks import Floats, Tracks
 
 Arrays = Mapping[str, NDArray[np.generic]]
@@ -20,7 +21,7 @@ class Header:
 
     view: name of the view it was learned for; matrix: (3, 4) that view's projective matrix. parameters: the model's own
     numbers, all of them once it was learned, so that other defaults of a later version change nothing. provenance:
-    what it was learned from, for people.
+    what it was learned from, for people. certainty: how far what it believes can be believed.
     """
 
     kind: str
@@ -31,6 +32,7 @@ class Header:
     body_parts: tuple[str, ...]
     parameters: Mapping[str, float] = field(default_factory=dict)
     provenance: Mapping[str, str] = field(default_factory=dict)
+    certainty: Certainty = field(default_factory=Certainty)
 
 
 def with_defaults(header: Header, defaults: Mapping[str, float]) -> Header:
@@ -43,10 +45,16 @@ def with_defaults(header: Header, defaults: Mapping[str, float]) -> Header:
 
 @dataclass(frozen=True, slots=True)
 class Example:
-    """One movement, cut out, as seen from the model's view. movement: its index in the vocabulary."""
+    """One movement, cut out, as seen from the model's view. movement: its index in the vocabulary.
+
+    facing: which of the model's K facings the person had. subject, trial: who performed it, and which time.
+    """
 
     tracks: Sequence[Tracks]
     movement: int
+    facing: int = 0
+    subject: str = ""
+    trial: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,6 +75,17 @@ class Watch(Protocol):
     @property
     def p(self) -> Floats:
         """(M,) posterior over movements; what is spent at rest is spread as the prior."""
+
+    @property
+    def joint(self) -> Floats | None:
+        """(M, K) posterior over movements and facings, of which p is the sum; None of who knows no facings."""
+
+    @property
+    def foreseen(self) -> Floats | None:
+        """(M,) how well each movement foresaw what was seen since the last rest: mean log probability a frame, in nats.
+
+        None while nothing is known of that, and of a model that cannot tell.
+        """
 
     @property
     def rest(self) -> float:

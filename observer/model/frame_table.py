@@ -34,6 +34,8 @@ class _FrameTableWatch:
     """The paper knows no rest: `rest` is always 0."""
 
     rest = 0.0
+    joint = None
+    foreseen = None
 
     def __init__(self, log_table: Floats, reader: SpaceReader, clock: FrameClock) -> None:
         self._log_table, self._reader, self._clock = log_table, reader, clock

@@ -1,6 +1,7 @@
 """`phase`, the default: every training example a chain of postures, followed by the phase filter (docs/model.md).
 
-It needs to know neither where a movement begins nor how fast it is done.
+It needs to know neither where a movement begins nor how fast it is done nor, learned at several facings, which way the
+person faces.
 """
 
 from collections.abc import Mapping, Sequence
@@ -9,33 +10,48 @@ from typing import ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from common.probability import uniform
-from observer.belief.phase_filter import FLOOR, Dynamics, FilterWatch, PhaseFilter
+from observer.belief.chain_filter import ChainFilter
+from observer.belief.phase_filter import Dynamics
 from observer.model.base import Arrays, Example, Header, Onset, with_defaults
+from observer.model.chains import bridged, completed, laid_over
+from observer.model.postures import Chosen, PostureEvidence, Postures
 from observer.posture import PostureReader, at_rest
 from observer.tracks import Floats, Tracks
 
-STEPS = (0.25, 0.4, 0.25, 0.1)
-"""P(0, 1, 2, 3 phases in one frame): mean 1.2, for people between three times slower and three times faster."""
+STEPS = (0.4, 0.3, 0.15, 0.1, 0.05)
+"""P(0, 1, 2, 3, 4 phases in one frame): people dwell, and hurry, more than they keep an even pace."""
 ENTRY = (0.4, 0.3, 0.2, 0.1)
 """P(a movement is entered in its first, ... fourth phase)."""
 FEWEST_PHASES = 8
 
 
 class Phase:
-    """Chains (C, Φ, D): per training example Φ postures; Φ is the examples' median length in frames."""
+    """Chains (C, Φ, D): per training example and facing Φ postures; Φ is the examples' median length in frames."""
 
     kind: ClassVar[str] = "phase"
-    # sharpness: evidence is exp(-sharpness d^2), d in body sizes. fast: posture.py. Both were chosen by leaving out
-    # one of the training subjects 1, 3, 5, 7, 9 of MSR Action3D at a time (docs/model.md); the others are guesses.
-    DEFAULTS: ClassVar[Mapping[str, float]] = {"sharpness": 0.7, "fast": 1.5, "begin": 0.05, "forget": 0.01}
+    # sharpness: evidence is exp(-sharpness d^2), d in body sizes. fast, apart: posture.py. outlier: no frame says more
+    # against a posture, in nats. All chosen by leaving out one of the training subjects 1, 3, 5, 7, 9 of MSR Action3D
+    # at a time (docs/model.md). begin, forget: guesses. facings: in how many directions a person may stand.
+    DEFAULTS: ClassVar[Mapping[str, float]] = {
+        "sharpness": 1.0,
+        "fast": 1.5,
+        "apart": 0.5,
+        "outlier": 5.0,
+        "begin": 0.05,
+        "forget": 0.01,
+        "facings": 1.0,
+    }
 
-    def __init__(self, header: Header, chains: NDArray[np.float32], movement_of: NDArray[np.int64]) -> None:
+    def __init__(
+        self, header: Header, chains: NDArray[np.float32], movement_of: NDArray[np.int64], facing_of: NDArray[np.int64]
+    ) -> None:
         self.header = header
-        self._chains, self._movement_of = chains, movement_of
-        self._phases = Postures(chains.reshape(-1, chains.shape[-1]))
+        self._chains, self._movement_of, self._facing_of = chains, movement_of, facing_of
+        self.facings = int(header.parameters["facings"])
+        self._postures = Postures(chains.transpose(1, 2, 0))
         # Somebody at rest stands as people stood before and after their movements, without moving.
-        self._rests = Postures(at_rest(np.concatenate([chains[:, 0], chains[:, -1]])).astype(np.float32))
+        self._first = Postures(at_rest(chains[:, 0]).astype(np.float32).T[None])
+        self._last = Postures(at_rest(chains[:, -1]).astype(np.float32).T[None])
 
     @classmethod
     def learn(cls, header: Header, examples: Sequence[Example]) -> Self:
@@ -45,125 +61,95 @@ class Phase:
         average of the other examples of its movement.
         """
         header = with_defaults(header, cls.DEFAULTS)
-        features = [_bridged(_features_of(e, header)) for e in examples]
+        features = [bridged(_features_of(e, header)) for e in examples]
         phases = max(int(np.median([len(f) for f in features])), FEWEST_PHASES)
-        chains = np.array([_laid_over(f, phases) for f in features])
+        chains = np.array([laid_over(f, phases) for f in features])
         movement_of = np.array([e.movement for e in examples], dtype=np.int64)
-        return cls(header, _completed(chains, movement_of).astype(np.float32), movement_of)
+        facing_of = np.array([e.facing for e in examples], dtype=np.int64)
+        return cls(header, completed(chains, movement_of).astype(np.float32), movement_of, facing_of)
 
     @classmethod
     def from_arrays(cls, header: Header, arrays: Arrays) -> Self:
-        """From chains (C, Φ, D) float32 and movement_of (C,) int64."""
-        return cls(header, np.asarray(arrays["chains"], np.float32), np.asarray(arrays["movement_of"], np.int64))
+        """From chains (C, Φ, D) float32, movement_of (C,) and facing_of (C,) int64."""
+        movement_of = np.asarray(arrays["movement_of"], np.int64)
+        facing_of = np.asarray(arrays["facing_of"], np.int64)
+        return cls(header, np.asarray(arrays["chains"], np.float32), movement_of, facing_of)
 
     def arrays(self) -> Arrays:
-        """chains (C, Φ, D) float32 and movement_of (C,) int64."""
-        return {"chains": self._chains, "movement_of": self._movement_of}
+        """chains (C, Φ, D) float32, movement_of (C,) and facing_of (C,) int64."""
+        return {"chains": self._chains, "movement_of": self._movement_of, "facing_of": self._facing_of}
 
     def watch(self, onset: Onset) -> "_PhaseWatch":
         """Start the filter at rest, or at the first phases where the onset is known."""
+        given = self.header.parameters
         dynamics = Dynamics(
             steps=np.array([STEPS]),
             speeds=np.ones(1),
             jitter=np.ones((1, 1)),
             entry=np.array(ENTRY),
-            begin=self.header.parameters["begin"],
-            forget=self.header.parameters["forget"],
+            begin=given["begin"],
+            forget=given["forget"],
         )
-        prior = uniform(self.header.vocabulary.size)
-        belief = PhaseFilter(self._movement_of, self._chains.shape[1], prior, dynamics, onset.known)
+        cell_of = self._movement_of * self.facings + self._facing_of
+        movements, phases = self.header.vocabulary.size, self._chains.shape[1]
+        belief = ChainFilter(cell_of, movements, self.facings, phases, dynamics, onset.known)
         return _PhaseWatch(self, _reader(self.header), belief)
 
-    def log_evidence(self, features: Floats) -> tuple[Floats, float]:
-        """(D,) features -> (C, Φ) log P(features | chain, phase), and log P(features | rest), up to one constant.
+    def chosen(self) -> Chosen:
+        """The chains' postures, for one watch."""
+        return Chosen(self._postures)
 
-        -sharpness d^2 over the features that are seen, so that a missing part is factor 1 everywhere; the rest is
-        the mean over all resting postures.
-        """
-        sharpness = self.header.parameters["sharpness"]
-        chains = -sharpness * self._phases.squared_distances(features)
-        rests = np.maximum(-sharpness * self._rests.squared_distances(features), FLOOR)
-        log_rest = float(np.log(np.exp(rests).mean()))
-        return np.maximum(chains, FLOOR).reshape(self._chains.shape[:2]), log_rest
+    def evidence(self, features: Floats, chosen: Chosen) -> PostureEvidence:
+        """(D,) features, NaN where not seen -> what they say of every chain, phase and rest."""
+        given = self.header.parameters
+        of_rest = (self._first, self._last, self._movement_of, self.header.vocabulary.size)
+        return PostureEvidence(chosen, of_rest, features, given["sharpness"], given["outlier"])
 
 
-class Postures:
-    """(S, D) postures to which distances are measured, frame after frame."""
+class _PhaseWatch:
+    def __init__(self, model: Phase, reader: PostureReader, belief: ChainFilter) -> None:
+        self._model, self._reader, self._belief = model, reader, belief
+        self._chosen = model.chosen()
+        self._frames, self._said = 0, np.zeros(model.header.vocabulary.size)
 
-    def __init__(self, postures: NDArray[np.float32]) -> None:
-        self._postures = postures.astype(np.float64)
-        self._squares = self._postures**2
-        self._lengths = self._squares.sum(axis=1)
+    @property
+    def p(self) -> Floats:
+        """(M,) posterior over movements."""
+        p: Floats = self._belief.joint.sum(axis=1)
+        return p
 
-    def squared_distances(self, features: Floats) -> Floats:
-        """(D,) features, NaN where not seen -> (S,) squared distances over what is seen.
+    @property
+    def joint(self) -> Floats | None:
+        """(M, K) posterior over movements and facings; None where only one facing was learned."""
+        return self._belief.joint if self._model.facings > 1 else None
 
-        |x - o|^2 = |x|^2 - 2 x.o + |o|^2, so that a frame costs one matrix-vector product.
-        """
-        seen = np.isfinite(features)
-        o = np.where(seen, features, 0.0)
-        lengths = self._lengths if seen.all() else self._squares @ seen.astype(np.float64)
-        distances: Floats = np.maximum(lengths - 2.0 * (self._postures @ o) + o @ o, 0.0)
-        return distances
+    @property
+    def rest(self) -> float:
+        """P(at rest now)."""
+        return self._belief.rest
 
-
-class _PhaseWatch(FilterWatch):
-    def __init__(self, model: Phase, reader: PostureReader, belief: PhaseFilter) -> None:
-        super().__init__(belief)
-        self._model, self._reader = model, reader
+    @property
+    def foreseen(self) -> Floats | None:
+        """(M,) mean log probability a frame since the last rest; None at rest."""
+        return self._said / self._frames if self._frames else None
 
     def update(self, tracks: Tracks) -> None:
         features = self._reader.update(tracks)
-        if np.isfinite(features).any():
-            self.belief.step(*self._model.log_evidence(features))
+        if not np.isfinite(features).any():
+            self._belief.step_blind()
+            return
+        self._belief.step(self._model.evidence(features, self._chosen))
+        if self._belief.rest >= 0.5:
+            self._frames, self._said = 0, np.zeros_like(self._said)
         else:
-            self.belief.step_blind()
+            self._frames, self._said = self._frames + 1, self._said + self._belief.said
 
 
 def _reader(header: Header) -> PostureReader:
-    return PostureReader(header.body_parts, header.rate_hz, header.parameters["fast"])
+    return PostureReader(header.body_parts, header.rate_hz, header.parameters["fast"], header.parameters["apart"])
 
 
 def _features_of(example: Example, header: Header) -> Floats:
     """(F, D) read as an observer would read them."""
     reader = _reader(header)
     return np.array([reader.update(tracks) for tracks in example.tracks])
-
-
-def _bridged(features: Floats) -> Floats:
-    """(F, D) -> the same, gaps filled linearly in time, the first frame's motion from the second's.
-
-    A feature that is never seen stays NaN.
-    """
-    frames = np.arange(len(features))
-    result = features.copy()
-    for column in result.T:
-        seen = np.isfinite(column)
-        if seen.any():
-            column[~seen] = np.interp(frames[~seen], frames[seen], column[seen])
-    return result
-
-
-def _laid_over(features: Floats, phases: int) -> Floats:
-    """(F, D) -> (Φ, D), linear between frames."""
-    place = np.linspace(0, len(features) - 1, phases)
-    before = np.floor(place).astype(int)
-    after = np.minimum(before + 1, len(features) - 1)
-    share = (place - before)[:, None]
-    laid: Floats = features[before] * (1 - share) + features[after] * share
-    return laid
-
-
-def _completed(chains: Floats, movement_of: NDArray[np.int64]) -> Floats:
-    """(C, Φ, D) -> the same, what a chain never shows taken from its movement's others, or from all."""
-    result = chains.copy()
-    for chain in np.flatnonzero(~np.isfinite(chains).all(axis=(1, 2))):
-        hole = ~np.isfinite(chains[chain])
-        for others in (chains[movement_of == movement_of[chain]], chains):
-            count = np.isfinite(others).sum(axis=0)
-            mean = np.nansum(others, axis=0) / np.maximum(count, 1)
-            fill = hole & (count > 0)
-            result[chain][fill] = mean[fill]
-            hole &= count == 0
-        result[chain][hole] = 0.0
-    return result

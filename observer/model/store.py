@@ -1,13 +1,14 @@
 """The model file: a .npz without pickles, described in docs/model.md.
 
-`header` is a JSON text (format version, kind, vocabulary, view, matrix, rate, body parts, parameters, provenance);
-every other array is the model's own.
+`header` is a JSON text (format version, kind, vocabulary, view, matrix, rate, body parts, parameters, provenance,
+certainty); every other array is the model's own.
 """
 
 import json
 import os
 import tempfile
 import zipfile
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ import numpy as np
 from common.errors import BadInput
 from common.vocabulary import Vocabulary
 from observer.model.base import Header, MovementModel
+from observer.model.certainty import Certainty
 from observer.model.registry import MODELS
 
 FORMAT = 1
@@ -95,6 +97,7 @@ def _as_json(header: Header) -> dict[str, Any]:
         "body_parts": list(header.body_parts),
         "parameters": dict(header.parameters),
         "provenance": dict(header.provenance),
+        "certainty": asdict(header.certainty),
     }
 
 
@@ -109,6 +112,14 @@ def _from_json(said: dict[str, Any]) -> Header:
         body_parts=tuple(said["body_parts"]),
         parameters={name: float(value) for name, value in said["parameters"].items()},
         provenance={name: str(value) for name, value in said["provenance"].items()},
+        certainty=_certainty(said.get("certainty", {})),
+    )
+
+
+def _certainty(said: dict[str, Any]) -> Certainty:
+    numbers = {name: float(said[name]) for name in ("temperature", "doubt", "unlike", "slope") if name in said}
+    return Certainty(
+        **numbers, foreseen=tuple((float(mean), float(spread)) for mean, spread in said.get("foreseen", ()))
     )
 
 

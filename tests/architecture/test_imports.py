@@ -25,6 +25,7 @@ MAY_ENTER = {
     "labanmesh": {"common"},
 }
 ONLY_IN = {
+    "aeon": "studies/peers/classifiers.py",
     "zenoh": "common/link.py",
     "msgpack": "common/wire.py",
     "mcap": "common/capture_file.py",
@@ -48,7 +49,7 @@ EXTRAS_OF = {
     "common": ("capture",),
     "hub": ("mqtt", "dashboard"),
     "observer": ("observer",),
-    "studies": ("observer", "report"),
+    "studies": ("observer", "report", "peers"),
 }
 """Rooms that may need more than the plain install."""
 
@@ -58,6 +59,7 @@ OUTSIDE_WORLD = {
     *("zenoh", "cv2"),
 }
 IMPURE = {
+    "studies.peers.comparison": "runs evaluate, which measures time",
     "*.commands": "command line: files, signals, printing",
     "*.telling": "the clock, and a server in a thread",
     "*.service": "a loop with clock and mesh",
@@ -123,6 +125,7 @@ IMPURE = {
     "deploy.doctor.look*": "files, ports, processes, threads, the mesh",
     "deploy.launcher": "processes",
     "studies.demo*": "processes, files, ports",
+    "studies.effort_commands": "command line: files, printing",
     "studies.evaluate": "measures how long judging takes",
     "studies.experiments": "files",
     "studies.figures": "files",
