@@ -2,22 +2,24 @@
 
 Floors: the numpy arithmetic that no implementation of the same model can leave out, on arrays of the same shapes,
 written into memory that is there already:
-- phase: one float64 matrix-vector product over all chains x features, one exp, one multiplication of the state.
+- phase: one float32 matrix-vector product over all chains x features, one exp, one multiplication of the state; with
+  facings there are as many times more chains. It can be undercut: chains that no longer count are left out.
 - phase-symbols: a sum over body parts out of the table, one exp, one multiplication of the state (speeds included).
 - frame-table: the sum over body parts out of one bin of the table, added to the log belief.
 """
 
+import tracemalloc
 from collections.abc import Callable, Iterator
 from itertools import cycle
 from pathlib import Path
 
 import numpy as np
 
-from benchmarks.timing import BATCH_S, ROUNDS, Row, compare
+from benchmarks.timing import BATCH_S, ROUNDS, Row, compare, row
 from common.vocabulary import Vocabulary
 from observer.geometry.views import parse_view
 from observer.learning import frames_of, labels_of, learn_view
-from observer.model.base import Arrays
+from observer.model.base import Arrays, MovementModel, Onset
 from observer.model.phase_symbols import PhaseSymbols
 from observer.model.registry import MODELS
 from observer.motion.archive import MotionArchive
@@ -27,6 +29,7 @@ from observer.projected import ProjectedTracker
 from studies.performer import perform
 
 Work = Callable[[], object]
+FACINGS = 12
 RECORDINGS = 20
 """So many of the other half of the people are watched, one after the other, over and over."""
 
@@ -35,19 +38,41 @@ def rows(data: Path | None, rounds: int = ROUNDS, batch_s: float = BATCH_S) -> I
     """One row a model; data: the folder of recordings, None for the synthetic performer."""
     train, test = halves(recorded(data))
     for kind in MODELS:
-        yield measure(kind, train, test, rounds, batch_s)
+        yield measure(kind, learned(kind, train), test, rounds, batch_s)
+    turning = learned("phase", train, FACINGS)
+    yield measure(f"phase with {FACINGS} facings", turning, test, rounds, batch_s)
+    yield memory(f"phase with {FACINGS} facings", turning)
+
+
+def learned(kind: str, train: MotionArchive, facings: int = 1) -> MovementModel:
+    """A model of all movements, seen from the Door."""
+    parameters = {"facings": float(facings)} if facings > 1 else {}
+    vocabulary = Vocabulary(labels_of(train), "bench")
+    return learn_view(train, parse_view("door"), vocabulary, kind=kind, parameters=parameters, tried=False)
 
 
 def measure(
-    kind: str, train: MotionArchive, test: MotionArchive, rounds: int = ROUNDS, batch_s: float = BATCH_S
+    name: str, model: MovementModel, test: MotionArchive, rounds: int = ROUNDS, batch_s: float = BATCH_S
 ) -> Row:
     """`Observer.step` of one model against its floor."""
-    view, vocabulary = parse_view("door"), Vocabulary(labels_of(train), "bench")
-    model = learn_view(train, view, vocabulary, kind=kind)
-    observer = Observer(ProjectedTracker(view, test.body_parts, test.body_parts), model)
+    tracker = ProjectedTracker(parse_view("door"), test.body_parts, test.body_parts)
+    observer = Observer(tracker, model)
     frames = cycle([frame for recording in test.recordings for frame in frames_of(recording)])
-    name = f"model update, {kind}, {vocabulary.size} movements"
-    return compare(name, lambda: observer.step(next(frames)), FLOORS[kind](model.arrays()), rounds, batch_s)
+    told = f"model update, {name}, {model.header.vocabulary.size} movements"
+    floor = FLOORS[model.header.kind](model.arrays())
+    return compare(told, lambda: observer.step(next(frames)), floor, rounds, batch_s)
+
+
+def memory(name: str, model: MovementModel) -> Row:
+    """Megabytes that a model takes once it is read and watches; the floor is that of its arrays alone."""
+    arrays = {key: array.copy() for key, array in model.arrays().items()}
+    tracemalloc.start()
+    again = type(model).from_arrays(model.header, arrays)
+    watch = again.watch(Onset())
+    ours = tracemalloc.get_traced_memory()[0] + sum(array.nbytes for array in arrays.values())
+    tracemalloc.stop()
+    floor = sum(array.nbytes for array in arrays.values())
+    return row(f"memory of a model, {name}, {len(watch.p)} movements", ours / 1e6, floor / 1e6, "MB", 1)
 
 
 def recorded(data: Path | None) -> MotionArchive:
@@ -65,9 +90,9 @@ def halves(archive: MotionArchive) -> tuple[MotionArchive, MotionArchive]:
 
 
 def _phase_floor(arrays: Arrays) -> Work:
-    chains = np.asarray(arrays["chains"], np.float64)
+    chains = np.asarray(arrays["chains"], np.float32)
     postures, o = chains.reshape(-1, chains.shape[-1]), chains[0, chains.shape[1] // 2].copy()
-    state, evidence = np.full(len(postures), 1.0 / len(postures)), np.empty(len(postures))
+    state, evidence = np.full(len(postures), 1.0 / len(postures), np.float32), np.empty(len(postures), np.float32)
 
     def floor() -> None:
         np.matmul(postures, o, out=evidence)

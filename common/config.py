@@ -24,6 +24,7 @@ from common.config_sections import (
     ObserverConfig,
     Section,
     VirtualConfig,
+    usual_quorum,
 )
 from common.errors import BadInput
 from common.keys import SceneKeys, identifier
@@ -165,4 +166,4 @@ def _fill_in(table: dict[str, Any]) -> None:
             section.setdefault("model", f"{name}.model")
     fusion = table.setdefault("fusion", {})
     if isinstance(fusion, dict):
-        fusion.setdefault("quorum", len(observers) // 2 + 1)
+        fusion.setdefault("quorum", usual_quorum(len(observers)))

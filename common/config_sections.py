@@ -125,7 +125,7 @@ class ObserverConfig(Section):
 class FusionConfig(Section):
     """[fusion]: how the referee judges; seconds and probabilities.
 
-    quorum: least number of agreeing judges; in a scene that does not say, more than half of its observers.
+    quorum: least number of agreeing judges; in a scene that does not say, half of its observers.
     fresh_s, fade_s, drop_s: how an opinion ages; blind_s: how that of who sees nothing fades. step_hz: judgements per
     second at least. standby: ids of further fusion services, of which one takes over when the leading one is gone or
     silent for takeover_s. memory: a file in which the movement that goes on, and what was learned of the observers, is
@@ -137,7 +137,7 @@ class FusionConfig(Section):
     quorum: Annotated[int, Field(ge=1)] = 1
     temperature: PositiveFloat = 1.0
     threshold: Annotated[float, Field(gt=0, le=1)] = 0.8
-    hold_s: Annotated[float, Field(ge=0)] = 0.3
+    hold_s: Annotated[float, Field(ge=0)] = 0.2
     fresh_s: Annotated[float, Field(ge=0)] = 0.2
     fade_s: PositiveFloat = 0.5
     blind_s: PositiveFloat = 0.15
@@ -146,6 +146,11 @@ class FusionConfig(Section):
     standby: Annotated[tuple[str, ...], Field(strict=False)] = ()
     takeover_s: PositiveFloat = 0.5
     memory: str = ""
+
+
+def usual_quorum(observers: int) -> int:
+    """Half of them: they are weighed before they are counted, and a majority of two would be both."""
+    return max((observers + 1) // 2, 1)
 
 
 class MqttConfig(Section):
@@ -176,9 +181,13 @@ class DashboardConfig(Section):
 
 
 class HubConfig(Section):
-    """[hub]: who listens. start: which of them `labanmesh up` starts, of "mqtt" and "dashboard"."""
+    """[hub]: who listens. start: which of them `labanmesh up` starts, of "mqtt" and "dashboard".
+
+    certainty: how likely a movement must be to be named before it is decided; 1: none is.
+    """
 
     start: Annotated[tuple[Literal["mqtt", "dashboard"], ...], Field(strict=False)] = ()
+    certainty: Share = 1.0
     mqtt: MqttConfig = MqttConfig()
     dashboard: DashboardConfig = DashboardConfig()
 

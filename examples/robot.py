@@ -26,11 +26,13 @@ class Robot:
     def heard_judgement(self, said: dict) -> None:
         """What the judges believe now: act on it, once a movement."""
         movement, label = said.get("movement"), said["label"]
+        # "Something else" is an answer, too.
+        sure = max(said["p"]) * (1 - (said.get("unlearned") or 0))
         # The judgement and its verdict bear the same id, so that one is known to be about the other.
-        if movement and movement["id"] not in self.acting and label in REACTIONS and max(said["p"]) >= self.threshold:
+        if movement and movement["id"] not in self.acting and label in REACTIONS and sure >= self.threshold:
             self.acting[movement["id"]] = label
             after_s = (said["at_ns"] - movement["began_ns"]) / 1e9
-            self.do(f"{REACTIONS[label]} ({label} {max(said['p']):.0%}, {after_s:.1f} s after it began)")
+            self.do(f"{REACTIONS[label]} ({label} {sure:.0%}, {after_s:.1f} s after it began)")
 
     def heard_verdict(self, said: dict) -> None:
         """What was done, by the word of the referee: the first word when decided, the last when it has ended."""

@@ -2,7 +2,7 @@
 
 1. A movement begins when the judges hold rest for less likely than movement. What lasts less than `hold_s` is none.
 2. It is decided when one label has been at least `threshold` likely, and at least `quorum` judges have held it,
-   without a break for `hold_s`.
+   without a break for `hold_s`, or when the person comes to rest: nothing more will be seen that could be waited for.
 3. It ends when rest has been the likelier for `hold_s`, at the time when that rest began; the verdict is then said
    once more, under the same id, with its end and, if the judges held another label by rule 2 when the person came to
    rest, with that: they had seen the whole by then, and later beliefs are memory, where a judge who is stuck wins.
@@ -119,7 +119,11 @@ class Judge:
                 return None
             self._begin(at_ns)
         held = self._held(belief)
+        moved = self._resting_since_ns is None
         self._heed_rest(belief, held)
+        if held is None and moved and self._resting_since_ns is not None and self._candidate is not None:
+            # He has come to rest: nothing more will be seen that could be waited for.
+            held = self._candidate[0]
         if self._resting_since_ns is not None and at_ns - self._resting_since_ns >= self._patience_ns(held):
             return self._close(held, at_ns, self._resting_since_ns)
         if self.phase is Phase.MOVING and held is not None and self._is_movement(at_ns):

@@ -28,7 +28,8 @@ def watch(
 ) -> None:
     """Live view of a scene: every judge in its corner, what the referee makes of it, and the verdicts.
 
-    On a terminal it is a picture, else plain lines: each verdict, and a judgement a second. Ctrl-C ends it.
+    On a terminal it is a picture, else plain lines: each verdict, and a judgement a second. Movements that are likelier
+    than hub.certainty are named before they are decided. Ctrl-C ends it.
 
     Example: labanmesh watch scene.toml
 
@@ -40,11 +41,11 @@ def watch(
     with _termination() as terminated, Link.open(named.mesh, "hub") as link:
         heard = _noted(listen(named, link, lambda: not terminated.is_set() and time.monotonic() < end_s))
         if json:
-            show_json(heard)
+            show_json(heard, named.hub.certainty)
         elif console.is_terminal:
-            show_live(heard, console)
+            show_live(heard, console, named.hub.certainty)
         else:
-            show_lines(heard)
+            show_lines(heard, named.hub.certainty)
 
 
 def capture(

@@ -18,6 +18,8 @@ from common.messages import (
 )
 
 VERDICTS_KEPT = 10
+SOMETHING_ELSE = "something else"
+"""What is told of an answer that is none of the movements; no label has a space."""
 SILENT_AFTER_S = 2.0
 """A referee that judged at every step and has said nothing for so long is told to be silent."""
 REORDERED_NS = 1_000_000_000
@@ -39,6 +41,7 @@ class Judge:
     """One observer as the audience sees it; entropy in bits, weight 0 to 1, age in seconds at the state's now.
 
     skew_s: how far its clock is ahead of the fusion machine's. rejected: messages of it that fusion could not use.
+    reliability: what the referee learned of it from earlier verdicts, 1 is nothing against it.
     """
 
     name: str
@@ -52,6 +55,7 @@ class Judge:
     status: StatusMessage | None
     skew_s: float | None = None
     rejected: int = 0
+    reliability: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,7 +142,8 @@ class SceneState:
     @property
     def fused(self) -> tuple[Belief, ...]:
         """What the judges together believe, the most probable first; empty before the first judgement."""
-        return () if self.judgement is None else self._beliefs(self.judgement.p, self.judgement.label)
+        said = self.judgement
+        return () if said is None else self.beliefs(said.p, said.label, said.unlearned)
 
     @property
     def judges(self) -> tuple[Judge, ...]:
@@ -164,14 +169,18 @@ class SceneState:
             return Judge(name, None, (), None, 0.0, None, "silent", False, status)
         age_s = None if vote.age_s is None else vote.age_s + self.silence_s
         agrees = vote.state == "counted" and vote.label == self.judgement.label
-        beliefs = self._beliefs(vote.p or [], vote.label)
+        beliefs = self.beliefs(vote.p or [], vote.label, vote.unlearned)
         return Judge(name, vote.label, beliefs, vote.entropy, vote.weight, age_s, vote.state, agrees, status,
-                     vote.skew_s, self._rejected(name))  # fmt: skip
+                     vote.skew_s, self._rejected(name), vote.reliability)  # fmt: skip
 
-    def _beliefs(self, p: list[float], label: str | None) -> tuple[Belief, ...]:
-        names = self.labels or _placeholders(p, label)
+    def beliefs(self, p: list[float], label: str | None, unlearned: float | None = None) -> tuple[Belief, ...]:
+        """All answers, the most probable first: `p` over the movements and, where it is said, something else."""
+        other = None if unlearned is None or not p else _share(unlearned)
+        shares = [_share(value) * (1.0 - (other or 0.0)) for value in p]
+        said = [*zip(self.labels or _placeholders(p, label), shares, strict=False)]
+        said += [] if other is None else [(SOMETHING_ELSE, other)]
         # Whole percents decide the order, so that rows of noise do not change places at every step.
-        ranked = sorted(zip(names, map(_share, p), strict=False), key=lambda pair: -round(pair[1], 2))
+        ranked = sorted(said, key=lambda pair: -round(pair[1], 2))
         return tuple(Belief(name, share) for name, share in ranked)
 
 

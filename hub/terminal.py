@@ -15,9 +15,11 @@ from rich.table import Table
 from rich.text import Text
 
 from common.messages import VerdictMessage
+from hub.anticipation import Word
 from hub.bars import Bar
-from hub.scene_state import Belief, Judge, SceneState, is_abstention
-from hub.wording import age, agreement, bits, clock_time, dissent, duration, percent, printable
+from hub.manner import LINES, manner_lines
+from hub.scene_state import SOMETHING_ELSE, Belief, Judge, SceneState, is_abstention
+from hub.wording import age, agreement, bits, clock_time, contributed, dissent, duration, percent, printable
 
 BELIEFS = 3
 LEAST_CORNER_WIDTH = 36
@@ -33,24 +35,28 @@ SPACED_LETTERS = 12
 Rows = Sequence[RenderableType]
 
 
-def render(state: SceneState, width: int, height: int | None = None) -> RenderableType:
+def render(state: SceneState, width: int, height: int | None = None, early: Sequence[Word] = ()) -> RenderableType:
     """The whole view, `width` cells wide; with `height` it shows fewer beliefs and verdicts where lines are short.
 
-    Where not even the smallest corners fit, each judge is one line, and those that do not agree come first.
+    Where not even the smallest corners fit, each judge is one line, and those that do not agree come first. early: what
+    was said of movements that are not decided.
     """
     judges = state.judges
     columns = 1 if width < 2 * LEAST_CORNER_WIDTH or len(judges) < 2 else 2
     rows = -(-len(judges) // columns)
     beliefs, log_lines = _fitting(rows, height)
     if height is not None and rows * (JUDGE_FRAME + 1) > height - HEADER_LINES - REFEREE_LINES:
-        return _crowded(state, width, height)
+        return _crowded(state, width, height, early)
     corners = [_row(judges[i : i + columns], columns, beliefs, state) for i in range(0, len(judges), columns)]
     above = -(-rows // 2)
+    manner = manner_lines(state.judgement, width) if log_lines >= LINES else None
+    log_lines -= LINES if manner is not None else 0
     log = [] if log_lines < 1 else [_log(state.verdicts[:log_lines])]
-    return Group(_header(state), *corners[:above], _referee(state), *corners[above:], *log)
+    below = [] if manner is None else [manner]
+    return Group(_header(state), *corners[:above], _referee(state, early), *below, *corners[above:], *log)
 
 
-def _crowded(state: SceneState, width: int, height: int) -> RenderableType:
+def _crowded(state: SceneState, width: int, height: int, early: Sequence[Word]) -> RenderableType:
     """The referee, then as many judges as fit, a line each; how many more there are stands below them."""
     columns = max(1, width // CROWD_CELLS)
     lines = max(0, height - HEADER_LINES - REFEREE_LINES - 1)
@@ -62,7 +68,7 @@ def _crowded(state: SceneState, width: int, height: int) -> RenderableType:
     rows = [tuple(cells[i : i + columns]) for i in range(0, len(cells), columns)]
     steady = ", all of them agree" if all(judge.agrees for judge in hidden) else ""
     rest = [Text(f"and {len(hidden)} more{steady}", "dim")] if hidden else []
-    return Group(_header(state), _referee(state), _grid(rows, (1,) * columns), *rest)
+    return Group(_header(state), _referee(state, early), _grid(rows, (1,) * columns), *rest)
 
 
 def _in_one_line(judge: Judge, cells: int) -> RenderableType:
@@ -156,13 +162,16 @@ def _health(judge: Judge) -> Text:
     return Text(", ".join([status.state, *rate, *reason, *troubles]), style=style)
 
 
-def _referee(state: SceneState) -> RenderableType:
+def _referee(state: SceneState, early: Sequence[Word]) -> RenderableType:
     """The fused belief and the verdict, big."""
     beliefs = [_belief(belief, "green" if i == 0 else "dim", _label_cells(state)) for i, belief in
                enumerate(state.fused[:REFEREE_LINES - 3])]  # fmt: skip
     beliefs += [("", "", "")] * (REFEREE_LINES - 3 - len(beliefs))
     fused = Group(_bars(beliefs, _label_cells(state)), _agreement(state))
-    inside = _grid([(fused, Align.center(_verdict(state.verdict), vertical="middle"))], ratios=(1, 1), padding=2)
+    now = None if state.judgement is None or state.judgement.movement is None else state.judgement.movement
+    words = [word for word in early if now is not None and now.label is None and word.id == now.id]
+    flag = _early(words[0]) if words else _verdict(state.verdict)
+    inside = _grid([(fused, Align.center(flag, vertical="middle"))], ratios=(1, 1), padding=2)
     style = "red" if state.silent else "bold"
     return Panel(inside, title="referee", box=HEAVY, border_style=style, padding=(0, 1))
 
@@ -177,14 +186,21 @@ def _agreement(state: SceneState) -> Text:
 def _verdict(verdict: VerdictMessage | None) -> RenderableType:
     if verdict is None:
         return Text("no verdict yet", style="dim")
-    name = printable(verdict.label).upper().replace("_", " ")
-    spaced = " ".join(name) if len(name) <= SPACED_LETTERS else name
     colour = "red" if is_abstention(verdict) else "green"
     style = f"bold {colour}" if verdict.ended_ns is not None else f"bold reverse {colour}"
-    flag = Padding(Text(spaced, style=style, no_wrap=True), (1, 3), style=style, expand=False)
     when = "now" if verdict.ended_ns is None else f"{duration(verdict)}, at {clock_time(verdict.began_ns)}"
-    caption = Text(f"{when}, {agreement(verdict)}", style="dim", no_wrap=True)
-    return Group(Align.center(flag), Align.center(caption))
+    return _flag(verdict.label, style, f"{when}, {agreement(verdict)}")
+
+
+def _early(word: Word) -> RenderableType:
+    return _flag(word.label, "bold blue", f"early, {word.p:.0%} sure, not decided yet")
+
+
+def _flag(label: str, style: str, caption: str) -> RenderableType:
+    name = printable(label).upper().replace("_", " ")
+    spaced = " ".join(name) if len(name) <= SPACED_LETTERS else name
+    flag = Padding(Text(spaced, style=style, no_wrap=True), (1, 3), style=style, expand=False)
+    return Group(Align.center(flag), Align.center(Text(caption, style="dim", no_wrap=True)))
 
 
 def _log(verdicts: Sequence[VerdictMessage]) -> RenderableType:
@@ -194,8 +210,9 @@ def _log(verdicts: Sequence[VerdictMessage]) -> RenderableType:
     for verdict in verdicts:
         style = "red" if is_abstention(verdict) else "bold"
         label = Text(printable(verdict.label), style=style)
+        reasons = "  ".join(filter(None, (dissent(verdict), contributed(verdict))))
         table.add_row(clock_time(verdict.began_ns), label, duration(verdict), agreement(verdict),
-                      bits(verdict.certainty_bits), Text(dissent(verdict), style="dim"))  # fmt: skip
+                      bits(verdict.certainty_bits), Text(reasons, style="dim"))  # fmt: skip
     return table
 
 
@@ -217,7 +234,8 @@ def _bars(rows: Iterable[tuple[RenderableType, ...]], label_cells: int) -> Table
 
 def _label_cells(state: SceneState) -> int:
     """Cells for a label, the same at every step so that bars do not jump: the longest known, within reason."""
-    known = state.labels or [belief.label for belief in state.fused]
+    known = [*(state.labels or [belief.label for belief in state.fused])]
+    known += [SOMETHING_ELSE] if state.judgement is not None and state.judgement.unlearned is not None else []
     return min(14, max(6, *map(len, known)) if known else 6)
 
 

@@ -4,7 +4,9 @@ import math
 from datetime import datetime
 
 from common.messages import JudgementMessage, VerdictMessage
-from hub.scene_state import is_abstention
+from hub.anticipation import Word, unlearned_of
+from hub.leanings import facing, facing_words, leanings
+from hub.scene_state import SOMETHING_ELSE, is_abstention
 
 
 def printable(text: str) -> str:
@@ -59,18 +61,47 @@ def dissent(verdict: VerdictMessage) -> str:
     return printable(", ".join(counted))
 
 
+def gave(nats: float) -> str:
+    """What a judge gave to a verdict, `+0.61`, in nats."""
+    return f"{nats:+.2f}" if math.isfinite(nats) else "-"
+
+
+def contributed(verdict: VerdictMessage) -> str:
+    """What each judge gave, `not without cam1; cam1 +0.61, cam2 -0.20`; empty where the referee does not say it."""
+    said = verdict.contributions or {}
+    needed = [name for name, each in said.items() if not each.stands]
+    given = ", ".join(f"{name} {gave(each.nats)}" for name, each in said.items())
+    return printable(f"not without {', '.join(needed)}; {given}" if needed else given)
+
+
+def manner(judgement: JudgementMessage) -> str:
+    """How it is done, `sudden 83%, strong 70%, facing 45° left`; empty where nobody says it."""
+    words = [f"{each.value} {each.p:.0%}" for each in leanings(judgement.facets)]
+    direction = facing(judgement.facing_deg)
+    return ", ".join([*words, *([] if direction is None else [f"facing {facing_words(direction)}"])])
+
+
 def verdict_line(verdict: VerdictMessage) -> str:
     """A verdict as one plain line."""
-    against = dissent(verdict)
     words = [clock_time(verdict.began_ns), "verdict", printable(verdict.label), agreement(verdict)]
-    return "  ".join([*words, bits(verdict.certainty_bits), *([against] if against else [])])
+    more = (dissent(verdict), contributed(verdict))
+    return "  ".join([*words, bits(verdict.certainty_bits), *filter(None, more)])
+
+
+def word_line(word: Word) -> str:
+    """An early word, or what became of it, as one plain line."""
+    label, early = printable(word.label), printable(word.early)
+    said = {"early": f"{label} {word.p:.0%}", "confirmed": label}.get(word.stage, f"{label}, not {early}")
+    return "  ".join([clock_time(word.began_ns), word.stage, said])
 
 
 def judgement_line(judgement: JudgementMessage) -> str:
     """A judgement as one plain line: what is believed now, and every judge's opinion with its weight."""
     votes = [_opinion(name, vote.label, vote.weight, vote.state) for name, vote in judgement.votes.items()]
     words = [clock_time(judgement.at_ns), "judgement", printable(judgement.label), agreement(judgement)]
-    return "  ".join([*words, bits(judgement.certainty_bits), printable(", ".join(votes))])
+    other = unlearned_of(judgement.unlearned)
+    more = (printable(", ".join(votes)), f"{SOMETHING_ELSE} {other:.0%}" if other else "", manner(judgement))
+    return "  ".join([*words, bits(judgement.certainty_bits), *filter(None, more)])
 
 
 def _opinion(name: str, label: str | None, weight: float, state: str) -> str:

@@ -1,4 +1,4 @@
-"""The verbs of an observer: `observe`, `import` and `learn`."""
+"""The verbs of an observer: `observe`, `import`, `learn` and `forget`."""
 
 import hashlib
 import logging
@@ -11,11 +11,13 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from common.arguments import numbers, words
+from common.errors import BadInput
 from common.progress import Bar
 from common.vocabulary import Vocabulary
 
 if TYPE_CHECKING:
     from common.config import Scene
+    from observer.editing import Grown
     from observer.effort.reader import FacetReader
     from observer.model.base import Header
     from observer.motion.archive import MotionArchive
@@ -142,10 +144,13 @@ def learn(
     archive: Annotated[Path, typer.Argument(help="The motion archive to learn from (.npz).")],
     view: Annotated[str, typer.Option(help="door, wheel, table, yaw:DEG, yaw:DEG,pitch:DEG, or a camera file.")],
     output: Annotated[Path, typer.Option("-o", "--output", help="The model file to write.")],
-    model: Annotated[str, typer.Option(help="phase, phase-symbols or frame-table.")] = "phase",
+    model: Annotated[str, typer.Option(help="phase (unless another is named), phase-symbols or frame-table.")] = "",
     labels: Annotated[str, typer.Option(help="The movements to tell apart, by commas; all of the archive's.")] = "",
     subjects: Annotated[str, typer.Option(help="The people to learn from, by commas; all of the archive's.")] = "",
     rate: Annotated[float | None, typer.Option(min=1, help="Frames a second of the observer; the archive's.")] = None,
+    add_to: Annotated[
+        Path | None, typer.Option(help="A model that gets the movements it has not; those it has stay as they are.")
+    ] = None,
     name: Annotated[str, typer.Option(help="A name for the vocabulary.")] = "movements",
     parameter: Annotated[
         list[str] | None, typer.Option(help="NAME=NUMBER of the model instead of its default; may be repeated.")
@@ -158,10 +163,13 @@ def learn(
 
     Example: labanmesh learn msr.npz --view yaw:45 -o corner1.model
 
+    Example: labanmesh learn own.npz --view yaw:45 --add-to corner1.model -o corner1.model
+
     Example: labanmesh learn effort.npz --view yaw:45 --effort --rate 30 -o corner1.effort
     """
     from observer.geometry.views import parse_view
     from observer.learning import labels_of, learn_view, prepared
+    from observer.model.registry import DEFAULT_MODEL
     from observer.model.store import write_model
     from observer.motion.archive_file import read_archive
 
@@ -171,19 +179,77 @@ def learn(
         "archive_sha256": hashlib.sha256(archive.read_bytes()).hexdigest(),
         "subjects": ",".join(sorted({r.subject for r in whole.recordings})),
     }
+    given, chosen = numbers("--parameter", parameter or []), words("--labels", labels)
+    if effort and add_to:
+        raise BadInput("--effort --add-to: movements are added, Effort is learned from all its examples at once")
     if effort:
         _learn_effort(whole, view, output, provenance)
-        return
-    vocabulary = Vocabulary(words("--labels", labels) or labels_of(whole), name)
-    given = numbers("--parameter", parameter or [])
-    learned = learn_view(whole, parse_view(view), vocabulary, kind=model, parameters=given, provenance=provenance)
-    write_model(output, learned)
-    header = learned.header
+    elif add_to:
+        from observer.editing import with_movements
+        from observer.model.store import read_model
+
+        old, seen = read_model(add_to), parse_view(view)
+        grown = with_movements(
+            old, whole, seen, labels=chosen, kind=model, parameters=given, source=provenance["archive"]
+        )
+        write_model(output, grown.model)
+        _tell_of_added(output, grown, whole)
+    else:
+        learned = learn_view(
+            whole,
+            parse_view(view),
+            Vocabulary(chosen or labels_of(whole), name),
+            kind=model or DEFAULT_MODEL,
+            parameters=given,
+            provenance=provenance,
+        )
+        write_model(output, learned)
+        _tell(output, learned.header, whole)
+
+
+def _tell(output: Path, header: "Header", archive: "MotionArchive") -> None:
+    from observer.learned import believed, too_few
+
     print(
-        f"{output}: {header.kind} for {header.view}, {vocabulary.size} movements from "
-        f"{header.provenance['examples']} examples of {len(provenance['subjects'].split(','))} people, "
+        f"{output}: {header.kind} for {header.view}, {header.vocabulary.size} movements from "
+        f"{header.provenance['examples']} examples of {len(header.provenance['subjects'].split(','))} people, "
         f"{header.rate_hz:g} Hz, {output.stat().st_size / 1e6:.2f} MB"
     )
+    print(believed(header))
+    _warn(too_few(archive, header.vocabulary.labels))
+
+
+def _tell_of_added(output: Path, grown: "Grown", archive: "MotionArchive") -> None:
+    from observer.learned import believed_of_new, edited, too_few
+
+    header, labels = grown.model.header, ", ".join(grown.labels)
+    print(f"{output}: {labels} added from {grown.examples} examples of {grown.people} people; {edited(header)}")
+    print(believed_of_new(grown.tried, grown.labels, header))
+    _warn(too_few(archive, grown.labels))
+
+
+def forget(
+    model: Annotated[Path, typer.Argument(help="The model file (of labanmesh learn).")],
+    labels: Annotated[str, typer.Option(help="The movements to take out, by commas.")],
+    output: Annotated[Path, typer.Option("-o", "--output", help="The model file to write.")],
+) -> None:
+    """A model without some of its movements; the others stay as they are, nothing is learned again.
+
+    Example: labanmesh forget corner1.model --labels wave -o corner1.model
+    """
+    from observer.editing import without_movements
+    from observer.learned import edited
+    from observer.model.store import read_model, write_model
+
+    gone = words("--labels", labels)
+    kept = without_movements(read_model(model), gone)
+    write_model(output, kept)
+    print(f"{output}: {', '.join(gone)} taken out; {edited(kept.header)}")
+
+
+def _warn(lines: list[str]) -> None:
+    for line in lines:
+        print(line, file=sys.stderr)
 
 
 def _learn_effort(archive: "MotionArchive", view: str, output: Path, provenance: dict[str, str]) -> None:

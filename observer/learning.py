@@ -41,19 +41,8 @@ def learn_view(
     """
     parts = body_parts or archive.body_parts
     rate_hz = common_rate(archive)
-    facings = facings_in(parameters or {})
     chosen = [recording for recording in cut_out(archive) if recording.label in vocabulary.labels]
-    examples = [
-        Example(
-            seen_from(view, _facing(recording, k, facings, n), archive.body_parts, parts),
-            vocabulary.index(recording.label),
-            k,
-            recording.subject,
-            recording.trial,
-        )
-        for k in range(facings)
-        for n, recording in enumerate(chosen)
-    ]
+    examples = examples_of(chosen, view, vocabulary, archive.body_parts, parts, facings_in(parameters or {}))
     shown = {e.movement for e in examples}
     never = [label for m, label in enumerate(vocabulary.labels) if m not in shown]
     if never:
@@ -63,6 +52,28 @@ def learn_view(
     header = Header(kind, vocabulary, view.name, view.matrix, rate_hz, parts, parameters or {}, said)
     learned = model.learn(header, examples)
     return believable(model, learned, examples) if tried else learned
+
+
+def examples_of(
+    recordings: Sequence[Recording],
+    view: View,
+    vocabulary: Vocabulary,
+    recorded: tuple[str, ...],
+    parts: tuple[str, ...],
+    facings: int,
+) -> list[Example]:
+    """Each recording as the view sees it, from every facing; `recorded` body parts, of which `parts` are wanted."""
+    return [
+        Example(
+            seen_from(view, _facing(recording, k, facings, n), recorded, parts),
+            vocabulary.index(recording.label),
+            k,
+            recording.subject,
+            recording.trial,
+        )
+        for k in range(facings)
+        for n, recording in enumerate(recordings)
+    ]
 
 
 def facings_in(parameters: Mapping[str, float]) -> int:

@@ -4,50 +4,26 @@ import logging
 import secrets
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Protocol
 
 from common.clock_asking import ClockAsker
 from common.clock_skew import ClockSkew
 from common.config import Scene
-from common.facing import surprise_of
 from common.health import Health
 from common.link import Link, Publisher
-from common.messages import Facing, PosteriorMessage, ProcessState, VocabularyReference
+from common.messages import ProcessState
 from common.status import StatusBoard
 from common.vocabulary import Vocabulary
 from common.wire import encode, encode_vocabulary
 from observer.condition import Condition, Tell
+from observer.opinion import OpinionLike
+from observer.saying import Minutes
 from observer.source import FrameSource
 from observer.telling import telling
-from observer.tracks import Floats, Frame
+from observer.tracks import Frame
 
 log = logging.getLogger("labanmesh.observer")
-
-
-class OpinionLike(Protocol):
-    """What an observer believes after a frame.
-
-    One that can say how a movement is done has `facets` too: a mapping, as common.facets names them; one that can tell
-    which way the person faces has `facing`, (M, K) P(facing | movement); one that can tell that a movement is none of
-    the vocabulary's has `unlearned`, a probability.
-    """
-
-    @property
-    def p(self) -> Floats:
-        """(M,) posterior over the vocabulary, cumulative since the movement began."""
-
-    @property
-    def rest(self) -> float:
-        """Probability that the person is at rest."""
-
-    @property
-    def frames(self) -> int:
-        """How many frames are in it."""
-
-    @property
-    def visible(self) -> Mapping[str, bool]:
-        """Per body part, whether it was seen in the newest frame."""
 
 
 class ObserverLike(Protocol):
@@ -121,40 +97,19 @@ def _teller(board: StatusBoard, condition: Condition, observer_id: str) -> Tell:
 
 
 class Speaker:
-    """Numbers and stamps an observer's opinions. A new session begins with each start.
-
-    directed: whether it is known which way the observer looks, so that others can use what it says of facing.
-    """
+    """Says an observer's opinions on the mesh. directed: see Minutes."""
 
     def __init__(
         self, scene: str, observer: str, vocabulary: Vocabulary, publisher: Publisher, directed: bool = True
     ) -> None:
-        self._directed = directed
-        self._scene, self._observer, self._publisher = scene, observer, publisher
-        self._vocabulary = VocabularyReference(name=vocabulary.name, hash=vocabulary.digest)
-        self._session = secrets.token_hex(8)
-        self.seq = 0
+        self._minutes = Minutes(scene, observer, vocabulary, secrets.token_hex(8), directed)
+        self._publisher = publisher
+
+    @property
+    def seq(self) -> int:
+        """How many opinions were said."""
+        return self._minutes.seq
 
     def say(self, opinion: OpinionLike, captured_ns: int, now_ns: int) -> None:
         """Publish one opinion about the frame captured at `captured_ns`."""
-        message = PosteriorMessage(
-            scene=self._scene,
-            observer=self._observer,
-            seq=self.seq,
-            session=self._session,
-            captured_ns=captured_ns,
-            sent_ns=now_ns,
-            vocabulary=self._vocabulary,
-            p=opinion.p.tolist(),
-            rest=opinion.rest,
-            unlearned=getattr(opinion, "unlearned", None),
-            frames=opinion.frames,
-            visible=dict(opinion.visible),
-            facing=self._facing(getattr(opinion, "facing", None)),
-            facets={name: p.tolist() for name, p in getattr(opinion, "facets", {}).items()} or None,
-        )
-        self.seq += 1
-        self._publisher.put(encode(message))
-
-    def _facing(self, facing: Floats | None) -> Facing | None:
-        return None if facing is None or not self._directed else Facing(surprise=surprise_of(facing).tolist())
+        self._publisher.put(encode(self._minutes.of(opinion, captured_ns, now_ns)))

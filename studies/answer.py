@@ -5,11 +5,13 @@ from typing import Any
 import numpy as np
 
 from common.probability import entropy_bits
+from fusion.pooling import facing_deg
 from studies.evaluate import Answer, at_end, at_fraction
 from studies.metrics import accuracy, brier, confusion, expected_calibration_error, log_loss
 from studies.tables import confusion_table
 
 FRACTIONS = (0.2, 0.4, 0.6, 0.8, 1.0)
+NEAR_DEG = 30.0
 
 
 def truth_of(answer: Answer) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
@@ -35,6 +37,9 @@ def as_json(answer: Answer) -> dict[str, Any]:
         "onset": "known" if question.onset_known else "unknown",
         "turn": "random" if question.turn is None else question.turn,
         "faults": dict(question.faults),
+        "temperature": question.temperature,
+        "calibrated": question.calibrated,
+        "facing": facing_found(answer),
         "seed": question.seed,
         "accuracy": accuracy(fused, truth),
         "accuracy_at": {str(f): accuracy(p, truth) for f, (_, p) in at.items()},
@@ -55,6 +60,15 @@ def as_json(answer: Answer) -> dict[str, Any]:
         "seconds_per_frame": answer.seconds_per_frame,
         "train_seconds": answer.train_seconds,
     }
+
+
+def facing_found(answer: Answer) -> dict[str, float] | None:
+    """How near the judged facing is to the true one at the end; None where nobody judges it."""
+    pairs = [(j.faced[-1], j.trial.turn_deg) for j in answer.judged if j.faced is not None]
+    if not pairs:
+        return None
+    astray = np.array([abs((facing_deg(faced) - true + 180) % 360 - 180) for faced, true in pairs])
+    return {"within_30_deg": float((astray <= NEAR_DEG).mean()), "median_deg": float(np.median(astray))}
 
 
 def as_text(found: dict[str, Any]) -> str:
@@ -78,13 +92,26 @@ def as_text(found: dict[str, Any]) -> str:
             head,
             *lines,
             "",
-            f"calibration error {found['ece']:.3f}, Brier {found['brier']:.3f}, log loss {found['log_loss']:.3f}",
+            f"calibration error {found['ece']:.3f} ({_each(found, 'ece')}), Brier {found['brier']:.3f}, "
+            f"log loss {found['log_loss']:.3f}",
+            *_facing(found),
             f"learned in {found['train_seconds']:.1f} s, {found['seconds_per_frame'] * 1e3:.2f} ms a frame and view",
             *_extras(found),
             "",
             table,
         ]
     )
+
+
+def _each(found: dict[str, Any], figure: str) -> str:
+    return ", ".join(f"{name} {found['per_view'][name][figure]:.3f}" for name in found["views"])
+
+
+def _facing(found: dict[str, Any]) -> list[str]:
+    if found["facing"] is None:
+        return []
+    facing = found["facing"]
+    return [f"facing within 30 degrees in {facing['within_30_deg']:.1%}, median {facing['median_deg']:.1f} degrees"]
 
 
 def _extras(found: dict[str, Any]) -> list[str]:
@@ -100,6 +127,11 @@ def _extras(found: dict[str, Any]) -> list[str]:
         latency = "none" if said["median_latency_s"] is None else f"{said['median_latency_s']:.2f} s"
         lines.append(
             f"in streams: F1 {said['f1']:.3f}, precision {said['precision']:.3f}, recall {said['recall']:.3f}, "
-            f"{said['false_alarms_per_minute']:.2f} false alarms a minute of rest, median latency {latency}"
+            f"{said['false_alarms_per_minute']:.2f} false alarms a minute of rest, median latency {latency}; "
+            f"when the last word counts F1 {said['f1_last_word']:.3f}"
         )
+        if said["unlearned"]:
+            lines.append(
+                f"of {said['unlearned']} movements not learned {said['unlearned_named']:.1%} were given a name"
+            )
     return lines

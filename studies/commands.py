@@ -1,6 +1,7 @@
 """The verbs that look at the whole: `evaluate` and `demo`."""
 
 import json as json_text
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -13,6 +14,9 @@ from common.progress import Bar
 if TYPE_CHECKING:
     from observer.motion.archive import MotionArchive
     from studies.evaluate import Answer, Question
+
+FACINGS = 12
+"""Every 30 degrees: fewer lose up to 2 points between two directions, more cost time (docs/model.md)."""
 
 
 def evaluate(
@@ -31,9 +35,20 @@ def evaluate(
     fault: Annotated[
         list[str] | None, typer.Option(help="VIEW=wrong|noise|silent|late|hidden; may be repeated.")
     ] = None,
+    facings: Annotated[
+        int, typer.Option(min=0, help="Directions that the model knows; 1 for a known turn, 12 for a random one.")
+    ] = 0,
+    temperature: Annotated[float, typer.Option(min=0.1, help="Of the fused belief: [fusion] temperature.")] = 1.0,
+    uncalibrated: Annotated[bool, typer.Option("--uncalibrated", help="Observers as sure as their evidence.")] = False,
+    unlearned: Annotated[
+        str, typer.Option(help="With --stream: movements shown without having been learned, by commas; or others.")
+    ] = "",
     body_parts: Annotated[str, typer.Option(help="Parts to use, by commas; all of the archive's.")] = "",
     onset: Annotated[str, typer.Option(help="known: as cut out. unknown: idle around it, any tempo.")] = "known",
     stream: Annotated[bool, typer.Option("--stream", help="Judge continuously too: spotting in a stream.")] = False,
+    learning_curve: Annotated[
+        bool, typer.Option("--learning-curve", help="Also from fewer people, and fewer recordings of each.")
+    ] = False,
     through: Annotated[
         str, typer.Option(help="process; mesh: over real Zenoh sessions; pixels: filmed and tracked by camshift.")
     ] = "process",
@@ -57,23 +72,28 @@ def evaluate(
 
     whole = read_archive(archive)
     seen = tuple(parse_view(view) for view in split_views(views))
+    learned = labels_in(labels) or labels_of(whole)
+    given, turned = numbers("--parameter", parameter or []), _turn(turn)
     question = Question(
         views=seen,
-        labels=labels_in(labels) or labels_of(whole),
+        labels=learned,
         train_subjects=words("--train-subjects", train_subjects),
         test_subjects=words("--test-subjects", test_subjects),
         leave_one_subject_out=leave_one_subject_out,
         model=model,
-        parameters=numbers("--parameter", parameter or []),
+        parameters=_with_facings(given, facings, model, turned),
         rule=rule,
-        turn=_turn(turn),
+        turn=turned,
         faults=dict(fault_named(text, [view.name for view in seen]) for text in fault or []),
         body_parts=words("--body-parts", body_parts),
         onset_known=one_of("--onset", onset, ("known", "unknown")) == "known",
+        temperature=temperature,
+        calibrated=not uncalibrated,
+        unlearned=_unlearned(unlearned, learned, labels_of(whole)),
         seed=seed,
     )
     one_of("--through", through, ("process", "mesh", "pixels"))
-    written = _evaluated(whole, question, through, background, stream, report, json)
+    written = _evaluated(whole, question, through, background, stream, report, json, learning_curve)
     if written:
         print("\nwritten:", *written, sep="\n  ")
 
@@ -86,33 +106,44 @@ def _evaluated(
     stream: bool,
     report: Path | None,
     json: Path | None,
+    curve: bool = False,
 ) -> list[Path]:
     """Evaluate with progress, tell the result, write what was asked for; returns the files."""
     from studies.answer import as_json, as_text
     from studies.evaluate import evaluate as ask
+    from studies.learning_curve import as_table, learning_curve
     from studies.mesh_run import fused_over_mesh
-    from studies.report import resolved_pairs, write_report
+    from studies.report import draw_learning_curve, resolved_pairs, write_report
     from studies.stream import judge_stream
 
     with Bar() as bar:
+        # First, so that what it refuses is refused at once.
+        learned = {"learning_curve": learning_curve(archive, question, bar)} if curve else {}
         if through == "pixels":
             archive, answer, joints = _from_pixels(archive, question, background, bar)
             found = as_json(answer) | {"background": background, "joints": as_json(joints)}
         else:
             answer = ask(archive, question, bar)
             found = as_json(answer)
+        # Reliability is drawn before and after calibration.
+        raw = ask(archive, replace(question, calibrated=False), bar) if report and question.calibrated else None
         if through == "mesh":
             found["mesh"] = fused_over_mesh(answer, bar)
         if stream:
             found["stream"] = judge_stream(archive, question, bar)
+    found |= learned
     print(as_text(found))
+    if curve:
+        print(f"\n{as_table(found['learning_curve'])}")
     if "joints" in found:
         joints = found["joints"]["accuracy"]
         lost = f"{100 * (joints - found['accuracy']):.1f} points are lost"
         print(f"\nfrom pixels, {background} background; from the joints it is {joints:.3f}: {lost}")
     if len(question.views) > 1:
         print(f"\n{resolved_pairs(found)}")
-    written = write_report(answer, found, report) if report else []
+    written = write_report(answer, found, report, raw) if report else []
+    if report and curve:
+        written.append(draw_learning_curve(found["learning_curve"], report / "learning-curve.png"))
     if json:
         _write(json, json_text.dumps(found, indent=1) + "\n")
         written.append(json)
@@ -205,6 +236,19 @@ def paper(
             write_report(three[-1].answer, three[-1].found, report / name.replace(",", "-"))
         _write(report / "experiments.txt", text + "\n")
         print(f"\nwritten: {report}/experiments.txt and the figures of experiment 3 in folders beside it")
+
+
+def _with_facings(parameters: dict[str, float], facings: int, model: str, turn: float | None) -> dict[str, float]:
+    """The model's parameters; only `phase` knows facings, and needs them where the turn is not known."""
+    wanted = facings or (FACINGS if turn is None and model == "phase" else 0)
+    return {**({"facings": float(wanted)} if wanted else {}), **parameters}
+
+
+def _unlearned(text: str, learned: tuple[str, ...], known: tuple[str, ...]) -> tuple[str, ...]:
+    """The movements that are shown unlearned: those named, or with `others` all that are not learned."""
+    if text == "others":
+        return tuple(label for label in known if label not in learned)
+    return words("--unlearned", text)
 
 
 def _turn(text: str) -> float | None:

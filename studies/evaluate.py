@@ -31,7 +31,11 @@ Progress = Callable[[str, int, int], None]
 
 @dataclass(frozen=True, slots=True)
 class Question:
-    """What to evaluate; the fields are the options of the command. turn: degrees, or None for any facing."""
+    """What to evaluate; the fields are the options of the command. turn: degrees, or None for any facing.
+
+    temperature: of the fused belief. calibrated: the observers know how far they can be believed. unlearned: movements
+    that are shown in streams without having been learned.
+    """
 
     views: tuple[View, ...]
     labels: tuple[str, ...]
@@ -46,6 +50,8 @@ class Question:
     body_parts: tuple[str, ...] = ()
     onset_known: bool = True
     temperature: float = 1.0
+    calibrated: bool = True
+    unlearned: tuple[str, ...] = ()
     seed: int = 0
 
 
@@ -116,7 +122,9 @@ def learn(split: Split, vocabulary: Vocabulary, question: Question) -> list[Move
     """One model a view, from the training people."""
     kind, parts, given = question.model, question.body_parts or None, question.parameters
     return [
-        learn_view(split.train, view, vocabulary, kind=kind, body_parts=parts, parameters=given)
+        learn_view(
+            split.train, view, vocabulary, kind=kind, body_parts=parts, parameters=given, tried=question.calibrated
+        )
         for view in question.views
     ]
 

@@ -6,7 +6,7 @@
    does so without what the judge before had held in mind.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -139,15 +139,16 @@ class FromJudgements:
 
     def _ruling(self, referee: Referee, judgement: JudgementMessage) -> Ruling:
         prior = uniform(referee.vocabulary.size)
-        heard = [_opinion(o, judgement.votes[o], prior) for o in self._change.remaining(judgement.votes)]
+        remaining = self._change.remaining(judgement.votes)
+        heard = [_opinion(o, judgement.votes[o], prior, remaining) for o in remaining]
         ruling = referee.rule_on(heard, judgement.at_ns)
         named = {"fusion": judgement.fusion}
         verdicts = [verdict.model_copy(update=named) for verdict in ruling.verdicts]
         return Ruling(ruling.judgement.model_copy(update=named), verdicts)
 
 
-def _opinion(observer: str, vote: Vote, prior: Floats) -> Opinion:
-    """The judge as he was pooled: one who said nothing was the prior."""
+def _opinion(observer: str, vote: Vote, prior: Floats, remaining: Collection[str]) -> Opinion:
+    """The judge as he was pooled, among those who remain: one who said nothing was the prior."""
     p = prior if vote.p is None else np.array(vote.p)
     if p.shape != prior.shape or not np.isfinite(p).all():
         raise LabanmeshError(
@@ -159,7 +160,8 @@ def _opinion(observer: str, vote: Vote, prior: Floats) -> Opinion:
     if surprise is not None and len(surprise) != len(prior):
         raise LabanmeshError(f"a judgement cannot be judged anew: the facing of {observer} is of another vocabulary")
     reliability = 1.0 if vote.reliability is None else vote.reliability
-    said_last = (vote.unlearned, surprise, facets, reliability, vote.doubles or {})
+    doubles = {other: share for other, share in (vote.doubles or {}).items() if other in remaining}
+    said_last = (vote.unlearned, surprise, facets, reliability, doubles)
     return Opinion(observer, p, rest, vote.age_s, vote.state, vote.skew_s, *said_last)
 
 

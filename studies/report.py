@@ -12,13 +12,14 @@ from common.errors import BadInput, LabanmeshError
 from common.probability import entropy_bits
 from studies.answer import FRACTIONS, as_text, truth_of
 from studies.evaluate import Answer, Judged, at_end, typical_confusion
+from studies.metrics import expected_calibration_error
 from studies.tables import confused_pairs, confusion_table
 
 RESOLVED_SHOWN = 10
 
 
-def write_report(answer: Answer, found: dict[str, Any], folder: Path) -> list[Path]:
-    """Write everything into `folder`, made if needed; returns the files.
+def write_report(answer: Answer, found: dict[str, Any], folder: Path, raw: Answer | None = None) -> list[Path]:
+    """Write everything into `folder`, made if needed; returns the files. raw: the same, judged uncalibrated.
 
     Raises BadInput when the folder cannot be made, LabanmeshError where matplotlib is missing.
     """
@@ -29,7 +30,10 @@ def write_report(answer: Answer, found: dict[str, Any], folder: Path) -> list[Pa
     except OSError as error:
         raise BadInput(f"--report {folder}: {error.strerror}") from None
     told = [belief_of(j, found["views"], found["labels"], folder) for j in tellings(answer.judged, len(found["views"]))]
-    return [text, *_confusions(found, folder), _earliness(found, folder), _reliability(answer, found, folder), *told]
+    reliability = [_reliability(answer, folder / "reliability.png")]
+    if raw is not None:
+        reliability.append(_reliability(raw, folder / "reliability-uncalibrated.png"))
+    return [text, *_confusions(found, folder), _earliness(found, folder), *reliability, *told]
 
 
 def figures() -> ModuleType:
@@ -58,12 +62,13 @@ def _earliness(found: dict[str, Any], folder: Path) -> Path:
     return drawn
 
 
-def _reliability(answer: Answer, found: dict[str, Any], folder: Path) -> Path:
+def _reliability(answer: Answer, path: Path) -> Path:
     truth, (views, fused) = truth_of(answer), at_end(answer.judged)
-    beliefs = {**{name: views[:, v] for v, name in enumerate(found["views"])}, "fused": fused}
+    names = [view.name for view in answer.question.views]
+    beliefs = {**{name: views[:, v] for v, name in enumerate(names)}, "fused": fused}
     series = {name: (p.max(axis=1), p.argmax(axis=1) == truth) for name, p in beliefs.items()}
-    ece = {**{name: found["per_view"][name]["ece"] for name in found["views"]}, "fused": found["ece"]}
-    drawn: Path = figures().reliability_figure(series, ece, folder / "reliability.png")
+    ece = {name: expected_calibration_error(p, truth) for name, p in beliefs.items()}
+    drawn: Path = figures().reliability_figure(series, ece, path)
     return drawn
 
 
@@ -107,3 +112,19 @@ def _text(found: dict[str, Any]) -> str:
 
 def _file(name: str) -> str:
     return "".join(c if c.isalnum() or c in "._-" else "-" for c in name)
+
+
+def draw_learning_curve(curve: dict[str, Any], path: Path) -> Path:
+    """The figure of `--learning-curve`."""
+    titles = {"people": "people learned from", "recordings": f"recordings of each of {curve['n_people']} people"}
+    panels = {
+        title: (
+            [point["n"] for point in curve[kind]],
+            {name: [p["per_view"][name] for p in curve[kind]] for name in curve[kind][0]["per_view"]}
+            | {"fused": [p["accuracy"] for p in curve[kind]]},
+            [(p["least"], p["most"]) for p in curve[kind]],
+        )
+        for kind, title in titles.items()
+    }
+    drawn: Path = figures().learning_figure(panels, path)
+    return drawn

@@ -2,25 +2,28 @@
 
 A verdict is right when it names the movement and falls within 333 ms of its span, once a movement; every other
 verdict is a false alarm, abstentions aside. What is scored is the first word of a verdict, not its correction: a home
-acts on it.
+acts on it; how it is when only the last word counts, which comes at the end, is told beside it. Movements that were not
+learned may be strung in between: each that is given a name is a false alarm too.
 """
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from common.config import FusionConfig
-from common.messages import ABSTAIN, PosteriorMessage, VocabularyReference
+from common.config_sections import FusionConfig, usual_quorum
+from common.errors import BadInput
+from common.messages import ABSTAIN, PosteriorMessage
 from common.vocabulary import Vocabulary
 from fusion.referee import Referee
 from observer.learning import frames_of
 from observer.model.base import MovementModel, Onset
 from observer.motion.archive import MotionArchive, Recording, Span
-from observer.pipeline import Observer, Opinion
+from observer.pipeline import Observer
 from observer.projected import ProjectedTracker
+from observer.saying import Minutes
 from studies.evaluate import Question, learn
 from studies.trials import IDLE_NOISE_M, splits, with_labels
 
@@ -31,15 +34,19 @@ SECOND_NS = 1_000_000_000
 
 @dataclass(frozen=True, slots=True)
 class Alarm:
-    """The first word of a verdict: what, and when it was said, in seconds from the stream's start."""
+    """The first word of a verdict, and when it was said, in seconds from the stream's start; and its last word."""
 
     label: str
     at_s: float
+    last: str
 
 
 @dataclass(frozen=True, slots=True)
 class Score:
-    """Counts over streams; latencies in seconds from the begin of a movement to its right verdict."""
+    """Counts over streams; latencies in seconds from the begin of a movement to its right verdict.
+
+    unlearned, named: movements that were not learned, and how many of them were given a name.
+    """
 
     right: int = 0
     false: int = 0
@@ -47,51 +54,68 @@ class Score:
     rest_s: float = 0.0
     alarms_at_rest: int = 0
     latencies_s: tuple[float, ...] = ()
+    unlearned: int = 0
+    named: int = 0
 
     def plus(self, other: "Score") -> "Score":
         """Both together."""
-        return Score(
-            self.right + other.right,
-            self.false + other.false,
-            self.movements + other.movements,
-            self.rest_s + other.rest_s,
-            self.alarms_at_rest + other.alarms_at_rest,
-            self.latencies_s + other.latencies_s,
-        )
+        return Score(*(getattr(self, f.name) + getattr(other, f.name) for f in fields(Score)))
+
+    @property
+    def f1(self) -> float:
+        """2 right / (said + movements)."""
+        return 2 * self.right / max(self.right + self.false + self.movements, 1)
 
     def as_json(self) -> dict[str, float | None]:
         """The contract's `stream`."""
-        said, precision = self.right + self.false, self.right / max(self.right + self.false, 1)
-        recall = self.right / max(self.movements, 1)
         return {
-            "f1": 2 * self.right / max(said + self.movements, 1),
-            "precision": precision,
-            "recall": recall,
+            "f1": self.f1,
+            "precision": self.right / max(self.right + self.false, 1),
+            "recall": self.right / max(self.movements, 1),
             "false_alarms_per_minute": self.alarms_at_rest / max(self.rest_s / 60, 1e-9),
             "median_latency_s": float(np.median(self.latencies_s)) if self.latencies_s else None,
+            "unlearned": self.unlearned,
+            "unlearned_named": self.named / self.unlearned if self.unlearned else None,
         }
 
 
 def judge_stream(
     archive: MotionArchive, question: Question, progress: Callable[[str, int, int], None] = lambda *_: None
 ) -> dict[str, Any]:
-    """Judge the test people's streams: continuous recordings as they are, else their recordings strung together."""
-    chosen = with_labels(archive, question.labels)
-    vocabulary = Vocabulary(question.labels)
-    score = Score()
+    """Judge the test people's streams: continuous recordings as they are, else their recordings strung together.
+
+    Raises BadInput for a movement that is to be learned and not.
+    """
+    quorum = usual_quorum(len(question.views))
+    conduct = FusionConfig(rule=question.rule, temperature=question.temperature, quorum=quorum)
+    first, last = Score(), Score()
+    for heard in heard_in(archive, question, progress):
+        alarms = alarms_in(heard, conduct)
+        first = first.plus(scored(alarms, heard.stream, question.labels))
+        last = last.plus(scored([replace(a, label=a.last) for a in alarms], heard.stream, question.labels))
+    return first.as_json() | {"f1_last_word": last.f1}
+
+
+def heard_in(
+    archive: MotionArchive, question: Question, progress: Callable[[str, int, int], None] = lambda *_: None
+) -> Iterator["Heard"]:
+    """What the observers say in each of the streams; see judge_stream."""
+    both = [label for label in question.unlearned if label in question.labels]
+    if both:
+        raise BadInput(f"--unlearned: {both[0]!r} is among the movements that are learned; name others in --labels")
+    chosen = with_labels(archive, (*question.labels, *question.unlearned))
     for number, split in enumerate(
         splits(chosen, question.train_subjects, question.test_subjects, question.leave_one_subject_out)
     ):
-        models = learn(split, vocabulary, question)
+        taught = replace(split, train=with_labels(split.train, question.labels))
+        models = learn(taught, Vocabulary(question.labels), question)
         rng = np.random.default_rng([question.seed, number, 2])
         people = {r.subject for r in split.test}
         whole = [r for r in archive.recordings if r.spans and r.subject in people]
         streams = whole or strung(split.test, rng)
         for n, stream in enumerate(streams):
-            alarms = alarms_in(stream, models, archive.body_parts, question)
-            score = score.plus(scored(alarms, stream))
+            yield _heard(stream, models, archive.body_parts, question)
             progress("judging streams", n + 1, len(streams))
-    return score.as_json()
 
 
 def strung(recordings: Sequence[Recording], rng: np.random.Generator) -> list[Recording]:
@@ -128,48 +152,50 @@ def _idle(
     return (still + rng.normal(0, IDLE_NOISE_M, still.shape)).astype(np.float32)
 
 
-def alarms_in(
-    stream: Recording, models: Sequence[MovementModel], recorded: tuple[str, ...], question: Question
-) -> list[Alarm]:
-    """The verdicts that the mesh's own observers and referee give on a stream, by its own clock."""
-    names = [f"view-{v}" for v in range(len(models))]
-    observers = [
-        Observer(ProjectedTracker(view, recorded, model.header.body_parts), model, Onset())
-        for view, model in zip(question.views, models, strict=True)
-    ]
+@dataclass(frozen=True, slots=True)
+class Heard:
+    """A stream, and what every observer says of each of its frames."""
+
+    stream: Recording
+    vocabulary: Vocabulary
+    said: Sequence[Mapping[str, PosteriorMessage]]
+
+
+def _heard(stream: Recording, models: Sequence[MovementModel], recorded: tuple[str, ...], question: Question) -> Heard:
+    observers = {
+        f"view-{v}": Observer(ProjectedTracker(view, recorded, model.header.body_parts), model, Onset())
+        for v, (view, model) in enumerate(zip(question.views, models, strict=True))
+    }
     vocabulary = models[0].header.vocabulary
-    conduct = FusionConfig(rule=question.rule, quorum=len(names) // 2 + 1)
-    referee = Referee("stream", names, vocabulary, conduct)
+    minutes = {name: Minutes("stream", name, vocabulary, "stream") for name in observers}
+    said = [
+        {name: minutes[name].of(o.step(frame), frame.captured_ns, frame.captured_ns) for name, o in observers.items()}
+        for frame in frames_of(stream, start_ns=SECOND_NS)
+    ]
+    return Heard(stream, vocabulary, said)
+
+
+def alarms_in(heard: Heard, conduct: FusionConfig) -> list[Alarm]:
+    """The verdicts that the mesh's own referee gives on a stream, by its own clock."""
+    referee = Referee("stream", list(heard.said[0]), heard.vocabulary, conduct)
     alarms: dict[str, Alarm] = {}
-    for n, frame in enumerate(frames_of(stream, start_ns=SECOND_NS)):
-        for name, observer in zip(names, observers, strict=True):
-            referee.hear(
-                name, _message(name, observer.step(frame), n, frame.captured_ns, vocabulary), frame.captured_ns
-            )
-        for verdict in referee.judge(frame.captured_ns).verdicts:
-            alarms.setdefault(verdict.id, Alarm(verdict.label, (verdict.decided_ns - SECOND_NS) / SECOND_NS))
-    return [alarm for alarm in alarms.values() if alarm.label != ABSTAIN]
+    for messages in heard.said:
+        for name, message in messages.items():
+            referee.hear(name, message, message.captured_ns)
+            now_ns = message.captured_ns
+        for verdict in referee.judge(now_ns).verdicts:
+            said_s = (verdict.decided_ns - SECOND_NS) / SECOND_NS
+            first = alarms.get(verdict.id, Alarm(verdict.label, said_s, verdict.label))
+            alarms[verdict.id] = replace(first, last=verdict.label)
+    return list(alarms.values())
 
 
-def _message(name: str, opinion: Opinion, seq: int, now_ns: int, vocabulary: Vocabulary) -> PosteriorMessage:
-    return PosteriorMessage(
-        scene="stream",
-        observer=name,
-        seq=seq,
-        session="stream",
-        captured_ns=now_ns,
-        sent_ns=now_ns,
-        vocabulary=VocabularyReference(name=vocabulary.name, hash=vocabulary.digest),
-        p=opinion.p.tolist(),
-        rest=opinion.rest,
-        frames=opinion.frames,
-    )
-
-
-def scored(alarms: Sequence[Alarm], stream: Recording) -> Score:
-    """Alarms against the spans of the stream."""
-    rate, found, false, at_rest, latencies = stream.rate_hz, set[int](), 0, 0, []
+def scored(alarms: Sequence[Alarm], stream: Recording, labels: Sequence[str]) -> Score:
+    """Alarms against the spans of the stream; of spans whose label is not among `labels` none may be named."""
+    rate, found, named, false, at_rest, latencies = stream.rate_hz, set[int](), set[int](), 0, 0, []
     for alarm in alarms:
+        if alarm.label == ABSTAIN:
+            continue
         near = [
             n
             for n, s in enumerate(stream.spans)
@@ -179,9 +205,12 @@ def scored(alarms: Sequence[Alarm], stream: Recording) -> Score:
         if hit is None:
             false += 1
             at_rest += not near
+            named |= {n for n in near if stream.spans[n].label not in labels}
         else:
             found.add(hit)
             latencies.append(alarm.at_s - stream.spans[hit].start / rate)
     moving = sum(s.end - s.start for s in stream.spans)
     rest_s = (len(stream.positions) - moving) / rate
-    return Score(len(found), false, len(stream.spans), rest_s, at_rest, tuple(latencies))
+    unlearned = sum(s.label not in labels for s in stream.spans)
+    learned = len(stream.spans) - unlearned
+    return Score(len(found), false, learned, rest_s, at_rest, tuple(latencies), unlearned, len(named))

@@ -15,7 +15,7 @@ from benchmarks.__main__ import as_json, table, told
 from benchmarks.fusion_step import pool_row
 from benchmarks.fusion_step import rows as fusion_rows
 from benchmarks.mesh import first_judged
-from benchmarks.model_update import FLOORS, halves, measure, recorded
+from benchmarks.model_update import FLOORS, halves, learned, measure, memory, recorded
 from benchmarks.posteriors import NAMES, beliefs, message, scene_of
 from benchmarks.timing import Row, compare, row
 from benchmarks.tracking import camshift_row, pictures
@@ -73,7 +73,12 @@ def test_every_model_has_a_floor_and_is_measured_on_people_it_has_not_learned(ki
     train, test = halves(recorded(None))
     assert not {r.subject for r in train.recordings} & {r.subject for r in test.recordings}
     assert kind in FLOORS
-    assert measure(kind, train, test, **QUICK).name == f"model update, {kind}, 8 movements"
+    assert measure(kind, learned(kind, train), test, **QUICK).name == f"model update, {kind}, 8 movements"
+
+
+def test_the_memory_of_a_model_is_at_least_that_of_its_arrays():
+    train, _ = halves(recorded(None))
+    assert memory("phase", learned("phase", train)).ratio >= 1
 
 
 def test_tracking_is_measured_on_pictures_in_which_the_hands_are_found():

@@ -200,7 +200,7 @@ def test_examples_of_messages_are_messages(kind):
         assert Vocabulary(tuple(message.labels)).digest == message.hash
 
 
-DEPENDS_ON_THE_REST = {"observers.ID.model": "ID.model", "fusion.quorum": "more than half of the observers"}
+DEPENDS_ON_THE_REST = {"observers.ID.model": "ID.model", "fusion.quorum": "half of the observers"}
 DEFAULTS_IN_WORDS = {"vocabulary": "the models' own"} | DEPENDS_ON_THE_REST
 
 

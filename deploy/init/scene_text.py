@@ -5,6 +5,7 @@ Prose begins with "# "; what may be made a setting by taking the # away begins w
 
 from collections.abc import Iterator, Sequence
 
+from common.config_sections import usual_quorum
 from deploy.doctor.cameras import Webcam
 
 VIEWS = {1: ("door",), 2: ("yaw:30", "yaw:-30"), 3: ("door", "yaw:45", "yaw:-45")}
@@ -50,11 +51,11 @@ mode = "machine"
 #endpoint = "tcp/127.0.0.1:7447"
 
 [fusion]
-# How many observers must agree before there is a verdict; left out: more than half.
+# How many observers must agree before there is a verdict; left out: half of them.
 #quorum = {quorum}
 # How probable a movement must be, and for how long (seconds).
 #threshold = 0.8
-#hold_s = 0.3
+#hold_s = 0.2
 """
 
 
@@ -73,7 +74,7 @@ def scene_text(webcams: Sequence[Webcam], file: str, scene: str) -> str:
         OBSERVER.format(name=name, camera=camera, source=source, view=view)
         for (name, view), camera, source in zip(placed, described, sources, strict=True)
     ]
-    return head + "".join(observers) + TAIL.format(quorum=len(names) // 2 + 1)
+    return head + "".join(observers) + TAIL.format(quorum=usual_quorum(len(names)))
 
 
 def _source(webcam: Webcam) -> str:

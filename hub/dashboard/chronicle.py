@@ -8,6 +8,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 from common.messages import JudgementMessage, Message, VerdictMessage
+from hub.anticipation import surest, unlearned_of
 from hub.scene_state import SceneState
 
 MINUTE_NS = 60_000_000_000
@@ -18,7 +19,7 @@ LOG_LIMIT = 100
 
 @dataclass(frozen=True, slots=True)
 class Point:
-    """What was believed at one moment: the most probable movement, its probability, the entropy in bits."""
+    """What was believed at one moment: the most probable movement, the probability of what is most probable, bits."""
 
     at_ns: int
     label: str
@@ -67,9 +68,9 @@ class Chronicle:
 
 def point(judgement: JudgementMessage) -> Point:
     """A judgement as a point of the strip; what is no number is drawn as knowing nothing."""
-    p = max((value for value in judgement.p if math.isfinite(value)), default=0.0)
+    p = max(surest(judgement), unlearned_of(judgement.unlearned))
     bits = judgement.certainty_bits if math.isfinite(judgement.certainty_bits) else 0.0
-    return Point(judgement.at_ns, judgement.label, min(1.0, max(0.0, p)), max(0.0, bits))
+    return Point(judgement.at_ns, judgement.label, p, max(0.0, bits))
 
 
 def _remembered(minute: tuple[Point, ...], newest: Point) -> tuple[Point, ...]:

@@ -1,12 +1,14 @@
 """Why a verdict is what it is, in plain sentences: who said what, what it weighed, and whose word was needed. Pure.
 
-What would have come out without a judge is not computed here: `labanmesh replay --without` judges anew.
+What would have been likeliest without a judge the referee says (`contributions`); whether there would then have been a
+verdict at all is not computed here: `labanmesh replay --without` judges anew.
 """
 
 import math
 from collections.abc import Iterator
 
 from common.messages import VerdictMessage, Vote
+from hub.anticipation import unlearned_of
 from hub.scene_state import is_abstention
 from hub.wording import age
 
@@ -33,7 +35,7 @@ def _sentences(verdict: VerdictMessage, quorum: int | None) -> Iterator[str]:
     heard = {name: vote for name, vote in verdict.votes.items() if vote.state in HEARD}
     agreeing = [name for name, vote in heard.items() if vote.label == verdict.label]
     if is_abstention(verdict):
-        yield "The judges saw that something was done and could not agree what, so the referee abstained."
+        yield from _abstention(verdict)
     else:
         yield from _majority(verdict, agreeing, quorum)
     others = [f"{name} held {vote.label}" for name, vote in heard.items() if vote.label not in (None, verdict.label)]
@@ -41,8 +43,12 @@ def _sentences(verdict: VerdictMessage, quorum: int | None) -> Iterator[str]:
     if others:
         yield f"{_listed(others)}."
     if undecided:
-        yield f"{_listed(undecided)} believed no more of one movement than of another."
+        if verdict.unlearned is None:
+            yield f"{_listed(undecided)} believed no more of one movement than of another."
+        else:
+            yield f"{_listed(undecided)} held no movement: none more than another, or rather something else."
     yield from _weights(verdict, heard)
+    yield from _contributions(verdict)
     yield from _faults(verdict)
 
 
@@ -65,6 +71,25 @@ def _weights(verdict: VerdictMessage, heard: dict[str, Vote]) -> Iterator[str]:
         yield f"{name} weighed most, {weights[name]:.0%}, by the rule {verdict.rule}: the surer, the heavier."
 
 
+def _abstention(verdict: VerdictMessage) -> Iterator[str]:
+    other = unlearned_of(verdict.unlearned)
+    if other > 0.5:
+        yield f"The judges saw that something was done and held it for none of the movements ({other:.0%})."
+    else:
+        yield "The judges saw that something was done and could not agree what, so the referee abstained."
+
+
+def _contributions(verdict: VerdictMessage) -> Iterator[str]:
+    said = verdict.contributions or {}
+    if len(said) < 2:
+        return
+    falls = [name for name, each in said.items() if not each.stands]
+    if falls:
+        yield f"Without {_listed(falls, 'or')} another answer would have been the likeliest."
+    else:
+        yield "Without any one of them the likeliest answer would have been the same."
+
+
 def _faults(verdict: VerdictMessage) -> Iterator[str]:
     said = {
         "stale": "was stale ({age} old), its word had faded",
@@ -81,7 +106,7 @@ def _faults(verdict: VerdictMessage) -> Iterator[str]:
         yield f"{name} {said[vote.state].format(age=age(vote.age_s))}."
 
 
-def _listed(names: list[str]) -> str:
+def _listed(names: list[str], last: str = "and") -> str:
     if len(names) > NAMED:
         return f"{', '.join(names[:NAMED])} and {len(names) - NAMED} more"
-    return ", ".join(names[:-1]) + (" and " if len(names) > 1 else "") + names[-1]
+    return ", ".join(names[:-1]) + (f" {last} " if len(names) > 1 else "") + names[-1]

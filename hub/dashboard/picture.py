@@ -9,10 +9,11 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from common.messages import StatusMessage, VerdictMessage, Vote
+from common.messages import JudgementMessage, StatusMessage, VerdictMessage, Vote
 from hub.dashboard.chronicle import Chronicle, Point
 from hub.dashboard.explanation import stance, why
 from hub.dashboard.placement import Standing
+from hub.leanings import facing, facing_words, leanings
 from hub.scene_state import Belief, Judge, is_abstention
 
 FUSED_SHOWN = 5
@@ -70,6 +71,7 @@ def state(chronicle: Chronicle) -> Json:
         "agreement": None if judgement is None else [judgement.agreement.k, judgement.agreement.n],
         "moving": judgement is not None and judgement.movement is not None,
         "fused": _beliefs(known.fused[:FUSED_SHOWN]),
+        **_manner(judgement),
         "judges": [_judge(each, each.name in chronicle.gone, shown) for each in judges],
         "standby": [_text(name) for name in known.standing_by],
         "rejected": known.rejected,
@@ -78,8 +80,8 @@ def state(chronicle: Chronicle) -> Json:
 
 def verdict(said: VerdictMessage, chronicle: Chronicle, quorum: int | None) -> Json:
     """One line of the log, and what opens under it."""
-    names = chronicle.state.labels
-    fused = [Belief(name, p) for name, p in zip(names, said.p, strict=False)]
+    # Without the names nothing is told: numbered movements would say less than the sentences.
+    fused = chronicle.state.beliefs(said.p, None, said.unlearned) if chronicle.state.labels else ()
     return {
         "id": said.id[:TEXT_LIMIT],
         "label": _text(said.label),
@@ -91,9 +93,20 @@ def verdict(said: VerdictMessage, chronicle: Chronicle, quorum: int | None) -> J
         "agreement": [said.agreement.k, said.agreement.n],
         "rule": _text(said.rule),
         "fusion": _text(said.fusion),
-        "fused": _beliefs(sorted(fused, key=lambda each: -_share(each.p))[:BELIEFS_SHOWN]),
+        "fused": _beliefs(fused[:BELIEFS_SHOWN]),
+        **_manner(said),
         "votes": [_vote(name, vote, said) for name, vote in said.votes.items()],
         "why": [_text(sentence, SENTENCE_LIMIT) for sentence in why(said, quorum)],
+    }
+
+
+def _manner(said: JudgementMessage | None) -> Json:
+    """How it is done: each facet with its poles, its lean from -1 to 1, its likeliest value, and the facing."""
+    turned = None if said is None else facing(said.facing_deg)
+    facets = () if said is None else leanings(said.facets)
+    return {
+        "facets": [[each.facet, *each.poles, round(each.lean, 3), each.value, _share(each.p)] for each in facets],
+        "facing": None if turned is None else [round(turned), facing_words(turned)],
     }
 
 
@@ -119,6 +132,7 @@ def _health(status: StatusMessage) -> Json:
 
 
 def _vote(name: str, vote: Vote, said: VerdictMessage) -> Json:
+    gave = (said.contributions or {}).get(name)
     return {
         "name": _text(name),
         "label": None if vote.label is None else _text(vote.label),
@@ -127,6 +141,8 @@ def _vote(name: str, vote: Vote, said: VerdictMessage) -> Json:
         "age": _number(vote.age_s),
         "state": vote.state,
         "stance": _text(stance(said, vote)),
+        "gave": None if gave is None else _number(gave.nats, 2),
+        "stands": None if gave is None else gave.stands,
     }
 
 

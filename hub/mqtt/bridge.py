@@ -3,16 +3,21 @@
 1. States are retained and said when they have changed, paced by picture.py; events are not retained and never paced.
 2. After a new connection, and when Home Assistant has come back, everything is said again: discovery, then states.
 3. An event waits until the broker has taken it: `event` shows the next, `event_taken` goes on.
+4. What nobody has ever said of how movements are done has no entity.
 """
 
+import json
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from common.messages import StatusMessage, VerdictMessage
+from hub.anticipation import NEVER, Anticipation, Word
 from hub.mqtt.entities import discovery
+from hub.mqtt.facets import facets_state, said_facets
+from hub.mqtt.foresight import events_of
 from hub.mqtt.names import Names
-from hub.mqtt.picture import Saying, View, picture
+from hub.mqtt.picture import FAST_S, Saying, View, picture
 from hub.mqtt.verdicts import EVENT_S, Herald, remembered
 from hub.scene_state import SceneState
 
@@ -47,16 +52,26 @@ class Due:
 class SceneBridge:
     """What is due for one scene. Times are seconds of a clock that is never set back.
 
-    movements: those with a binary sensor of their own. step_s: seconds between two judgements at most.
+    movements: those with a binary sensor of their own. step_s: seconds between two judgements at most. certainty: how
+    likely a movement must be to be named before it is decided.
     """
 
     def __init__(
-        self, names: Names, observers: Sequence[str], movements: Sequence[str], area: str = "", step_s: float = 0.1
+        self,
+        names: Names,
+        observers: Sequence[str],
+        movements: Sequence[str],
+        area: str = "",
+        step_s: float = 0.1,
+        certainty: float = NEVER,
     ) -> None:
         self.names = names
         self.left_out = 0
         self.movements = movements
         self._observers, self._area, self._step_s = observers, area, step_s
+        self.certainty = certainty
+        self._anticipation = Anticipation(certainty)
+        self._facets: frozenset[str] = frozenset()
         self._labels: tuple[str, ...] = ()
         self._discovery: dict[str, str] = {}
         self._said: dict[str, tuple[Saying, float]] = {}
@@ -69,6 +84,7 @@ class SceneBridge:
 
     def hear(self, verdict: VerdictMessage, now_s: float, told: bool = False) -> None:
         """A verdict came; `told`: it was said before we listened, and was asked for."""
+        self._tell(self._anticipation.hear(verdict, now_s), now_s)
         self._heard.append(_Heard(verdict, told, now_s))
         if len(self._heard) > WAITING:
             self._herald.learn(self._heard.popleft().verdict)
@@ -87,8 +103,11 @@ class SceneBridge:
         """The states that are due now."""
         self._take_verdicts(state, now_s)
         view = View(state, tokens, self._status_ages(state, now_s), self._step_s)
-        wanted = {topic: Saying(payload) for topic, payload in self._entities(state.labels).items()}
+        self._anticipate(view, now_s)
+        wanted = {topic: Saying(payload) for topic, payload in self._entities(state).items()}
         wanted |= picture(self.names, view, self._observers, self.movements)
+        if self._facets and state.judgement is not None:
+            wanted[self.names.facets] = Saying(json.dumps(facets_state(state.judgement, self._facets)), None, FAST_S)
         if self._herald.last is not None:
             wanted[self.names.last_verdict] = Saying(remembered(self._herald.last))
         due = [topic for topic, saying in wanted.items() if self._is_due(topic, saying, now_s)]
@@ -115,12 +134,23 @@ class SceneBridge:
         changed = wanted.payload != said.payload
         return changed and (wanted.urgent != said.urgent or now_s - at_s >= wanted.pace_s)
 
-    def _entities(self, labels: tuple[str, ...]) -> dict[str, str]:
-        # A vocabulary that is not known for a moment takes no entity away.
-        if (labels and labels != self._labels) or not self._discovery:
-            self._labels = labels
-            self._discovery = discovery(self.names, self._observers, labels, self.movements, self._area)
+    def _entities(self, state: SceneState) -> dict[str, str]:
+        # A vocabulary that is not known for a moment, or a facet that is not said, takes no entity away.
+        labels, facets = state.labels or self._labels, self._facets | said_facets(state.judgement)
+        if labels != self._labels or facets != self._facets or not self._discovery:
+            self._labels, self._facets = labels, facets
+            early = self.certainty < NEVER
+            self._discovery = discovery(self.names, self._observers, labels, self.movements, self._area, facets, early)
         return self._discovery
+
+    def _anticipate(self, view: View, now_s: float) -> None:
+        judgement = view.state.judgement if view.judged else None
+        hear = self._anticipation.hear
+        self._tell(self._anticipation.wait(now_s) if judgement is None else hear(judgement, now_s), now_s)
+
+    def _tell(self, words: Iterable[Word], now_s: float) -> None:
+        for topic, payload in events_of(self.names, words):
+            self._events.append(Due(Publication(topic, payload, retain=False), now_s))
 
     def _status_ages(self, state: SceneState, now_s: float) -> dict[str, float]:
         for observer, status in state.observer_status.items():

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from common.messages import ABSTAIN
+from hub.mqtt.facets import facet_sensors
 from hub.mqtt.names import ORIGIN, Names
 
 EXPIRE_S = 30
@@ -52,33 +53,50 @@ class Entity:
 
 
 def discovery(
-    names: Names, observers: Sequence[str], labels: Sequence[str], movements: Sequence[str], area: str
+    names: Names,
+    observers: Sequence[str],
+    labels: Sequence[str],
+    movements: Sequence[str],
+    area: str,
+    facets: frozenset[str] = frozenset(),
+    early: bool = False,
 ) -> dict[str, str]:
-    """Topic and payload for each entity of the scene; verdicts have none while the `labels` are unknown."""
-    found = [*_scene(names, labels, movements, area)]
+    """Topic and payload for each entity of the scene; verdicts have none while the `labels` are unknown.
+
+    facets: those that somebody says. early: whether movements are named before they are decided.
+    """
+    found = [*_scene(names, movements, area, facets), *_events(names, labels, area, early)]
     found += [entity for observer in observers for entity in _observer(names, observer, area)]
     return dict(entity.config(names) for entity in found)
 
 
-def _scene(names: Names, labels: Sequence[str], movements: Sequence[str], area: str) -> Iterator[Entity]:
+def _events(names: Names, labels: Sequence[str], area: str, early: bool) -> Iterator[Entity]:
+    device = _device(names, names.scene, "scene", area)
+    said = [
+        ("VERDICT", "Verdict", names.verdict, "mdi:gavel"),
+        ("ENDED", "Movement ended", names.ended, "mdi:flag-checkered"),
+        *([("EARLY", "Early word", names.early, "mdi:crystal-ball")] if early else []),
+    ]
+    for what, name, topic, icon in said if labels else ():
+        more = {"state_topic": topic, "icon": icon, "event_types": [*labels, ABSTAIN]}
+        yield Entity("event", what, name, more, (names.bridge, names.availability), device=device)
+
+
+def _scene(names: Names, movements: Sequence[str], area: str, facets: frozenset[str]) -> Iterator[Entity]:
     device = _device(names, names.scene, "scene", area)
     judged = (names.bridge, names.availability)
 
     def entity(component: str, what: str, name: str, more: dict[str, Any], label: str = "") -> Entity:
         return Entity(component, what, name, more, judged, label=label, device=device)
 
-    if labels:
-        types = {"event_types": [*labels, ABSTAIN]}
-        yield entity("event", "VERDICT", "Verdict", {"state_topic": names.verdict, "icon": "mdi:gavel", **types})
-        yield entity(
-            "event", "ENDED", "Movement ended", {"state_topic": names.ended, "icon": "mdi:flag-checkered", **types}
-        )
     votes = {"json_attributes_topic": names.votes}
     yield entity("sensor", "MOVEMENT", "Movement", {**_value(names.state, "movement"), **votes, "icon": "mdi:karate"})
     yield entity("sensor", "CONFIDENCE", "Confidence", _value(names.state, "confidence") | PERCENT)
     yield entity("sensor", "ENTROPY", "Entropy", _value(names.state, "entropy") | BITS)
     last = {"json_attributes_topic": names.last_verdict, "icon": "mdi:history"}
     yield entity("sensor", "LAST_VERDICT", "Last verdict", _value(names.last_verdict, "label") | last)
+    for what, name, more in facet_sensors(names.facets, facets):
+        yield entity("sensor", what, name, more)
     for label in movements:
         more = {"state_topic": names.movement(label), "expire_after": EXPIRE_S, "icon": "mdi:human-handsup"}
         yield entity("binary_sensor", "DOES", label.replace("_", " ").capitalize(), more, label)
@@ -100,6 +118,7 @@ def _observer(names: Names, observer: str, area: str) -> Iterator[Entity]:
     yield sensor("STATE", "State", health, {**diagnostic, "json_attributes_topic": health})
     yield sensor("ENTROPY", "Entropy", state, BITS | diagnostic)
     yield sensor("WEIGHT", "Weight", state, PERCENT | diagnostic)
+    yield sensor("RELIABILITY", "Reliability", state, {"state_class": "measurement"} | diagnostic)
     yield sensor("AGE", "Age", state, SECONDS | diagnostic)
     yield sensor("RATE", "Rate", state, HERTZ | diagnostic)
     yield sensor("SKEW", "Clock skew", state, SECONDS | diagnostic)

@@ -66,6 +66,16 @@ class Names:
         return f"{self.root}/ended"
 
     @property
+    def early(self) -> str:
+        """JSON, an event: what is done, before it is decided; and later whether that was right."""
+        return f"{self.root}/early"
+
+    @property
+    def facets(self) -> str:
+        """JSON: how it is done."""
+        return f"{self.root}/facets"
+
+    @property
     def last_verdict(self) -> str:
         """JSON: the newest verdict, which is also what the hub remembers over a restart."""
         return f"{self.root}/last_verdict"

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from common.messages import JudgementMessage, Vote
+from hub.anticipation import surest, unlearned_of
 from hub.mqtt.names import Names
 from hub.scene_state import Judge, SceneState
 
@@ -93,9 +94,23 @@ def _scene(names: Names, view: View, movements: Sequence[str]) -> Iterator[tuple
 def _going_on(judgement: JudgementMessage) -> dict[str, Any]:
     movement = judgement.movement
     name = REST if movement is None else movement.label or UNDECIDED
-    surest = max((p for p in judgement.p if 0 <= p <= 1), default=0.0)
-    entropy = rounded(judgement.certainty_bits, 2)
-    return {"movement": name, "label": judgement.label, "confidence": round(100 * surest), "entropy": entropy}
+    return {
+        "movement": name,
+        "label": judgement.label,
+        "confidence": confidence(judgement),
+        "entropy": rounded(judgement.certainty_bits, 2),
+        "unlearned": unlearned(judgement),
+    }
+
+
+def confidence(judgement: JudgementMessage) -> int:
+    """How probable the most probable movement is among all answers, in percent."""
+    return round(100 * surest(judgement))
+
+
+def unlearned(judgement: JudgementMessage) -> int | None:
+    """How probable it is that it is none of the movements, in percent; None where nobody says it."""
+    return None if judgement.unlearned is None else round(100 * unlearned_of(judgement.unlearned))
 
 
 def votes(judgement: JudgementMessage) -> dict[str, Any]:
@@ -125,6 +140,7 @@ def _observer(names: Names, view: View, judge: Judge) -> Iterator[tuple[str, Say
     numbers = {
         "entropy": rounded(heard.entropy, 2) if heard else None,
         "weight": rounded(100 * heard.weight, 0) if heard else None,
+        "reliability": rounded(heard.reliability, 2) if heard else None,
         "age": rounded(heard.age_s, 1) if heard else None,
         "rate": rounded(status.rate_hz, 0) if status else None,
         "skew": rounded(heard.skew_s, 2) if heard else None,

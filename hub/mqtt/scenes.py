@@ -26,7 +26,8 @@ def bridge_of(scene: "Scene", bridge: str) -> SceneBridge:
                 f"hub.mqtt.movements: {label!r} is no movement of {scene.scene}; known: {', '.join(named.labels)}"
             )
     step_s = 1 / scene.fusion.step_hz
-    return SceneBridge(names_of(scene, bridge), scene.roster, asked.movements, asked.area, step_s)
+    certainty = scene.hub.certainty
+    return SceneBridge(names_of(scene, bridge), scene.roster, asked.movements, asked.area, step_s, certainty)
 
 
 def require_one_broker(scenes: "Sequence[Scene]") -> None:

@@ -1,6 +1,7 @@
 """The hub for MQTT: scenes on the mesh on one side, a broker on the other, and a loop that passes on what is due.
 
-1. Each scene is listened to in a thread (ear.py) and looked at four times a second, at once for a verdict (bridge.py).
+1. Each scene is listened to in a thread (ear.py) and looked at four times a second, at once for a verdict or when a
+   movement can be named early (bridge.py).
 2. A broken connection is tried again, ever more slowly; said once when it breaks and once when it is back.
 3. On each new connection everything is said again, and when Home Assistant says that it has come.
 """
@@ -11,14 +12,16 @@ import threading
 import time
 from collections.abc import Sequence
 from contextlib import ExitStack
+from functools import partial
 
 from aiomqtt import Client, MqttError
 
 from common.config import MqttConfig, Scene
 from common.errors import BadInput
 from common.link import Link
-from common.messages import VerdictMessage
+from common.messages import JudgementMessage, VerdictMessage
 from common.notify import Notifier
+from hub.anticipation import is_early
 from hub.mqtt.bridge import Publication, SceneBridge
 from hub.mqtt.broker import Broker, broker_of, in_words, incurable
 from hub.mqtt.ear import Ear
@@ -57,9 +60,10 @@ class Hub:
         """Until told to stop; raises LabanmeshError when the first connection is refused for good."""
         loop = asyncio.get_running_loop()
 
-        def note(heard: Heard) -> None:
+        def note(heard: Heard, certainty: float) -> None:
             self._teller.heard(heard)
-            if isinstance(heard.message, VerdictMessage):
+            said = heard.message
+            if isinstance(said, VerdictMessage) or (isinstance(said, JudgementMessage) and is_early(said, certainty)):
                 _call(loop, self._news)
 
         self._teller.reaches(BROKER, "not yet")
@@ -70,7 +74,7 @@ class Hub:
                 mesh = scene.mesh.model_dump_json()
                 if mesh not in links:
                     links[mesh] = stack.enter_context(Link.open(scene.mesh, "hub"))
-                ear = Ear(scene, links[mesh], note)
+                ear = Ear(scene, links[mesh], partial(note, certainty=scene.hub.certainty))
                 self._ears.append(stack.enter_context(ear))
             await self._stay_connected()
 

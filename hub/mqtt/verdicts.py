@@ -14,8 +14,9 @@ from datetime import UTC, datetime
 from typing import Any
 
 from common.messages import VerdictMessage
+from hub.mqtt.facets import facets_of, facing_of
 from hub.mqtt.names import Names
-from hub.mqtt.picture import rounded, votes
+from hub.mqtt.picture import confidence, rounded, unlearned, votes
 
 EVENT_S = 30.0
 REMEMBERED = 64
@@ -54,7 +55,8 @@ class Herald:
 
 def said_of(verdict: VerdictMessage, stage: str) -> dict[str, Any]:
     """A verdict as an event: `event_type` is its label."""
-    return {"event_type": verdict.label, "stage": stage, **_facts(verdict), **votes(verdict)}
+    how = {"facets": facets_of(verdict), "facing": facing_of(verdict), "contributions": _contributions(verdict)}
+    return {"event_type": verdict.label, "stage": stage, **_facts(verdict), **votes(verdict), **how}
 
 
 def remembered(verdict: VerdictMessage) -> str:
@@ -76,16 +78,23 @@ def _facts(verdict: VerdictMessage) -> dict[str, Any]:
     ended = verdict.ended_ns
     return {
         "id": verdict.id,
-        "began": _moment(verdict.began_ns),
-        "decided": _moment(verdict.decided_ns),
-        "ended": None if ended is None else _moment(ended),
+        "began": moment(verdict.began_ns),
+        "decided": moment(verdict.decided_ns),
+        "ended": None if ended is None else moment(ended),
         "duration": None if ended is None else rounded((ended - verdict.began_ns) / 1e9, 1),
-        "confidence": round(100 * max((p for p in verdict.p if 0 <= p <= 1), default=0.0)),
+        "confidence": confidence(verdict),
         "entropy": rounded(verdict.certainty_bits, 2),
+        "unlearned": unlearned(verdict),
     }
 
 
-def _moment(at_ns: int) -> str | None:
+def _contributions(verdict: VerdictMessage) -> dict[str, Any] | None:
+    """What each judge did to it: nats, and whether it stands without him; None where the referee does not say it."""
+    said = verdict.contributions
+    return said and {name: {"nats": rounded(each.nats, 2), "stands": each.stands} for name, each in said.items()}
+
+
+def moment(at_ns: int) -> str | None:
     """ISO 8601, UTC; None for a time that no calendar has."""
     try:
         return datetime.fromtimestamp(at_ns / 1e9, UTC).isoformat(timespec="milliseconds")

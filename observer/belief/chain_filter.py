@@ -36,7 +36,7 @@ class Evidence(Protocol):
 
     @property
     def after(self) -> Floats:
-        """(M,) log P(observation | at rest after movement m)."""
+        """(M, K) log P(observation | at rest after movement m, facing k)."""
 
 
 class ChainFilter:
@@ -67,6 +67,8 @@ class ChainFilter:
         self._active: Masses = np.zeros((len(dynamics.entry), len(cell_of)), np.float32)
         self._before = 0.0 if onset_known else 1.0
         self._after = np.zeros(movements * facings)
+        self._past = np.zeros(movements * facings)
+        self._moving = onset_known
         self._begun = not onset_known
         if onset_known:
             self._active += self._entering
@@ -75,8 +77,13 @@ class ChainFilter:
 
     @property
     def joint(self) -> Floats:
-        """(M, K) P(movement, facing): active, or just done; the rest before any movement is spread as the prior."""
-        mass = self._cells(self._active.sum(axis=0)) + self._after + self._before * self._prior
+        """(M, K) P(movement, facing): active, or just done; the rest before any movement is spread as the prior.
+
+        While he moves the movement before is no answer: were it one still, two judges who half doubt that he has
+        begun would together be sure of what he did last.
+        """
+        done = np.maximum(self._after - self._past, 0.0) if self._moving else self._after
+        mass = self._cells(self._active.sum(axis=0)) + done + self._before * self._prior
         joint: Floats = (mass / mass.sum()).reshape(self._shape)
         return joint
 
@@ -87,10 +94,13 @@ class ChainFilter:
 
     def step(self, evidence: Evidence) -> None:
         """One frame."""
+        if not self._moving:
+            self._past = self._after.copy()
         if self._begun:
             self._predict(self._dynamics.forget)
         self._begun = True
         self._condition(evidence)
+        self._moving = self.rest < 0.5
         self._leave_out()
 
     def step_blind(self) -> None:
@@ -102,6 +112,7 @@ class ChainFilter:
         self._before += doubt * float(self._active.sum() + self._after.sum())
         self._active *= np.float32(1 - doubt)
         self._after *= 1 - doubt
+        self._past *= 1 - doubt
         self.said[:] = 0.0
 
     def _cells(self, of_chains: NDArray[np.floating]) -> Floats:
@@ -122,8 +133,10 @@ class ChainFilter:
         self._after += self._cells(left)
         forgotten = forget * self._after
         self._after -= forgotten
-        self._before += float(forgotten.sum())
+        self._past *= 1 - forget
+        # Who forgets in this frame begins in the next at the earliest.
         begun = self._dynamics.begin * self._before
+        self._before += float(forgotten.sum())
         if begun > self._negligible or not self._negligible:
             self._enter(begun)
 
@@ -138,12 +151,14 @@ class ChainFilter:
     def _condition(self, evidence: Evidence) -> None:
         foreseen = self._of_movements()
         likelihood, log_scale = evidence.chains(self._live, len(self._active))
-        log_after = np.repeat(evidence.after, self._shape[1])
+        log_after = evidence.after.ravel()
         top = max(log_scale, evidence.rest, float(log_after.max()))
         likelihood *= np.float32(np.exp(max(log_scale - top, FLOOR)))
-        self._active *= likelihood
+        self._active *= np.maximum(likelihood, np.float32(np.exp(FLOOR)), out=likelihood)
         self._before *= float(np.exp(max(evidence.rest - top, FLOOR)))
-        self._after *= np.exp(np.maximum(log_after - top, FLOOR))
+        of_rest = np.exp(np.maximum(log_after - top, FLOOR))
+        self._after *= of_rest
+        self._past *= of_rest
         with np.errstate(divide="ignore", invalid="ignore"):
             said = np.log(self._of_movements() / foreseen) + top
         self.said = np.where(np.isfinite(said), said, FLOOR)
@@ -151,6 +166,7 @@ class ChainFilter:
         self._active /= np.float32(total)
         self._before /= total
         self._after /= total
+        self._past /= total
 
     def _of_movements(self) -> Floats:
         of_cells: Floats = (self._cells(self._active.sum(axis=0)) + self._after).reshape(self._shape).sum(axis=1)

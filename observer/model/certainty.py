@@ -16,8 +16,8 @@ TEMPERATURES = np.geomspace(0.5, 8.0, 33)
 DOUBTS = np.array([0.002, 0.005, 0.01, 0.02, 0.03, 0.05, 0.08, 0.12, 0.2])
 LEAST_SPREAD = 0.3
 """Of the mean spread: few examples of a movement can be alike by chance."""
-FEWEST_EXAMPLES = 10
-"""Judged examples below which a temperature is not fitted but taken from FEW."""
+FEWEST_EXAMPLES = 20
+"""Judged examples below which what is fitted is chance: nothing is believed more than by FEW then."""
 LEAST_P = 1e-12
 
 
@@ -59,8 +59,10 @@ class Certainty:
         return float(1.0 / (1.0 + len(p) * np.exp(-np.clip(log_odds, -30.0, 30.0))))
 
 
-FEW = Certainty(temperature=2.0, doubt=0.1)
-"""What is believed of a model that could hardly be tried: less than of those that could."""
+FEW = Certainty(temperature=1.3, doubt=0.12)
+"""What is believed of a model that could hardly be tried, or on its own person alone: what other people make of models
+of 3 to 20 movements learned from one training subject each, of 1, 3, 5, 7, 9 of MSR Action3D (docs/own-movements.md).
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,11 +79,13 @@ class Tried:
 
 def fit(tried: Sequence[Tried], movements: int) -> Certainty:
     """Temperature and doubt of the least log loss; mean and spread of what is foreseen, the odds by logistic fit."""
-    if len(tried) < FEWEST_EXAMPLES:
+    if not tried:
         return FEW
     beliefs = np.concatenate([t.beliefs for t in tried])
     truth = np.concatenate([np.full(len(t.beliefs), t.truth) for t in tried])
     temperature, doubt = _least_log_loss(beliefs, truth)
+    if len(tried) < FEWEST_EXAMPLES:
+        return not_surer(Certainty(temperature, doubt))
     if any(t.foreseen is None for t in tried):
         return Certainty(temperature, doubt)
     stats = _foreseen(tried, movements)
@@ -89,6 +93,11 @@ def fit(tried: Sequence[Tried], movements: int) -> Certainty:
     other = np.array([_below(t, _best_other(t), stats) for t in tried])
     slope, unlike = _logistic(own, other)
     return Certainty(temperature, doubt, stats, unlike, slope)
+
+
+def not_surer(found: Certainty) -> Certainty:
+    """The same, but no surer than FEW, and silent about what is none of the movements: found of one person alone."""
+    return Certainty(max(found.temperature, FEW.temperature), max(found.doubt, FEW.doubt))
 
 
 def _least_log_loss(beliefs: Floats, truth: Indices) -> tuple[float, float]:

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from observer.model.base import Example, Header, MovementModel, Onset
-from observer.model.certainty import Certainty, Tried, fit
+from observer.model.certainty import Certainty, Tried, fit, not_surer
 
 FRACTIONS = (1.0,)
 """Of a movement, at which beliefs are looked at: when verdicts are made."""
@@ -18,54 +18,29 @@ MOST_TRIED = 120
 def certainty_of(kind: type[MovementModel], header: Header, examples: Sequence[Example]) -> Certainty:
     """How far a model learned from all these examples can be believed, found by leaving out one person at a time.
 
-    Where a movement was shown by one person alone, one recording of each movement is left out at a time instead.
+    Where a movement was shown by one person alone, one recording of each movement is left out at a time instead. That
+    says nothing of other people, and no more is believed of such a model than of one that could hardly be tried.
     """
-    # Which way somebody faces hardly changes how sure one may be, and a dozen facings take a dozen times as long.
-    front = [e for e in examples if e.facing == 0]
-    header = replace(header, parameters=_one_facing(header.parameters))
-    tried = [t for out in _folds(front, header.vocabulary.size) for t in _tried(kind, header, front, out)]
-    return fit(tried, header.vocabulary.size)
+    return _fitted(header, examples, _tries(kind, header, examples))
 
 
 def believable(kind: type[MovementModel], model: MovementModel, examples: Sequence[Example]) -> MovementModel:
-    """The same model, knowing its certainty."""
-    header = replace(model.header, certainty=certainty_of(kind, model.header, examples))
+    """The same model, knowing its certainty; `tried` and `right` of its provenance say what that comes from."""
+    tried = _tries(kind, model.header, examples)
+    certainty = _fitted(model.header, examples, tried)
+    said = {**model.header.provenance, **told(tried)}
+    header = replace(model.header, certainty=certainty, provenance=said)
     return kind.from_arrays(header, model.arrays())
 
 
-def _one_facing(parameters: Mapping[str, float]) -> dict[str, float]:
-    return {name: 1.0 if name == "facings" else value for name, value in parameters.items()}
+def told(tried: Sequence[Tried]) -> dict[str, str]:
+    """For the provenance: how many examples were judged by models that had not learned them, and how many right."""
+    right = sum(int(t.beliefs[-1].argmax()) == t.truth for t in tried)
+    return {"tried": str(len(tried)), "right": str(right)}
 
 
-def _folds(examples: Sequence[Example], movements: int) -> list[list[int]]:
-    """Indices of the examples that are left out together."""
-    everything = set(range(movements))
-    subjects = sorted({e.subject for e in examples})
-    folds = [[n for n, e in enumerate(examples) if e.subject == s] for s in subjects]
-    if all({e.movement for e in examples if e.subject != s} == everything for s in subjects):
-        return folds
-    counts: Counter[int] = Counter()
-    by_turn: dict[int, list[int]] = {}
-    several = {m for m, count in Counter(e.movement for e in examples).items() if count > 1}
-    for n, example in enumerate(examples):
-        if example.movement in several:
-            by_turn.setdefault(counts[example.movement], []).append(n)
-            counts[example.movement] += 1
-    return list(by_turn.values())
-
-
-def _tried(
-    kind: type[MovementModel], header: Header, examples: Sequence[Example], out: Sequence[int]
-) -> Iterator[Tried]:
-    """Judged by a model of all others; of many only some are judged, though all are left out."""
-    left, every = set(out), max(round(len(examples) / MOST_TRIED), 1)
-    model = kind.learn(header, [e for n, e in enumerate(examples) if n not in left])
-    for n in out:
-        if n % every == 0:
-            yield _judged(model, examples[n])
-
-
-def _judged(model: MovementModel, example: Example) -> Tried:
+def judged(model: MovementModel, example: Example) -> Tried:
+    """What a model, which should not have learned it, believes of the example."""
     frames = len(example.tracks)
     wanted = [max(int(np.ceil(f * frames)), 1) - 1 for f in FRACTIONS]
     watch = model.watch(Onset(known=True, length=frames))
@@ -76,3 +51,52 @@ def _judged(model: MovementModel, example: Example) -> Tried:
         if n in wanted:
             beliefs += [watch.p] * wanted.count(n)
     return Tried(example.movement, np.array(beliefs), foreseen)
+
+
+def by_recording(examples: Sequence[Example]) -> list[list[int]]:
+    """Indices of the examples left out together: one of each movement that has several, the first, the second, ..."""
+    counts: Counter[int] = Counter()
+    by_turn: dict[int, list[int]] = {}
+    several = {m for m, count in Counter(e.movement for e in examples).items() if count > 1}
+    for n, example in enumerate(examples):
+        if example.movement in several:
+            by_turn.setdefault(counts[example.movement], []).append(n)
+            counts[example.movement] += 1
+    return list(by_turn.values())
+
+
+def by_person(examples: Sequence[Example]) -> list[list[int]] | None:
+    """Indices of the examples left out together: one person's; None when a movement would then have no example."""
+    movements = {e.movement for e in examples}
+    subjects = sorted({e.subject for e in examples})
+    if any({e.movement for e in examples if e.subject != s} != movements for s in subjects):
+        return None
+    return [[n for n, e in enumerate(examples) if e.subject == s] for s in subjects]
+
+
+def _tries(kind: type[MovementModel], header: Header, examples: Sequence[Example]) -> list[Tried]:
+    # Which way somebody faces hardly changes how sure one may be, and a dozen facings take a dozen times as long.
+    front = [e for e in examples if e.facing == 0]
+    header = replace(header, parameters=_one_facing(header.parameters))
+    folds = by_person(front) or by_recording(front)
+    return [t for out in folds for t in _tried(kind, header, front, out)]
+
+
+def _fitted(header: Header, examples: Sequence[Example], tried: Sequence[Tried]) -> Certainty:
+    found = fit(tried, header.vocabulary.size)
+    return found if by_person(examples) else not_surer(found)
+
+
+def _one_facing(parameters: Mapping[str, float]) -> dict[str, float]:
+    return {name: 1.0 if name == "facings" else value for name, value in parameters.items()}
+
+
+def _tried(
+    kind: type[MovementModel], header: Header, examples: Sequence[Example], out: Sequence[int]
+) -> Iterator[Tried]:
+    """Judged by a model of all others; of many only some are judged, though all are left out."""
+    left, every = set(out), max(round(len(examples) / MOST_TRIED), 1)
+    model = kind.learn(header, [e for n, e in enumerate(examples) if n not in left])
+    for n in out:
+        if n % every == 0:
+            yield judged(model, examples[n])

@@ -48,6 +48,7 @@ class Phase:
         self.header = header
         self._chains, self._movement_of, self._facing_of = chains, movement_of, facing_of
         self.facings = int(header.parameters["facings"])
+        self._cell_of = movement_of * self.facings + facing_of
         self._postures = Postures(chains.transpose(1, 2, 0))
         # Somebody at rest stands as people stood before and after their movements, without moving.
         self._first = Postures(at_rest(chains[:, 0]).astype(np.float32).T[None])
@@ -79,6 +80,27 @@ class Phase:
         """chains (C, Φ, D) float32, movement_of (C,) and facing_of (C,) int64."""
         return {"chains": self._chains, "movement_of": self._movement_of, "facing_of": self._facing_of}
 
+    def grown(self, header: Header, examples: Sequence[Example]) -> Self:
+        """The same for a vocabulary with more movements at its end, of which alone the examples are."""
+        movement_of = np.array([e.movement for e in examples], dtype=np.int64)
+        facing_of = np.array([e.facing for e in examples], dtype=np.int64)
+        laid = [laid_over(bridged(_features_of(e, header)), self._chains.shape[1]) for e in examples]
+        chains = completed(np.array(laid), movement_of).astype(np.float32)
+        return type(self)(
+            header,
+            np.concatenate([self._chains, chains]),
+            np.concatenate([self._movement_of, movement_of]),
+            np.concatenate([self._facing_of, facing_of]),
+        )
+
+    def shrunk(self, header: Header, kept: Sequence[int]) -> Self:
+        """The same for a vocabulary of only these movements, in their order."""
+        # Where a movement stands in the new vocabulary; its chains keep their own order.
+        place = {m: n for n, m in enumerate(kept)}
+        chosen = np.isin(self._movement_of, kept)
+        movement_of = np.array([place[m] for m in self._movement_of[chosen].tolist()], dtype=np.int64)
+        return type(self)(header, self._chains[chosen], movement_of, self._facing_of[chosen])
+
     def watch(self, onset: Onset) -> "_PhaseWatch":
         """Start the filter at rest, or at the first phases where the onset is known."""
         given = self.header.parameters
@@ -90,9 +112,8 @@ class Phase:
             begin=given["begin"],
             forget=given["forget"],
         )
-        cell_of = self._movement_of * self.facings + self._facing_of
         movements, phases = self.header.vocabulary.size, self._chains.shape[1]
-        belief = ChainFilter(cell_of, movements, self.facings, phases, dynamics, onset.known)
+        belief = ChainFilter(self._cell_of, movements, self.facings, phases, dynamics, onset.known)
         return _PhaseWatch(self, _reader(self.header), belief)
 
     def chosen(self) -> Chosen:
@@ -102,7 +123,7 @@ class Phase:
     def evidence(self, features: Floats, chosen: Chosen) -> PostureEvidence:
         """(D,) features, NaN where not seen -> what they say of every chain, phase and rest."""
         given = self.header.parameters
-        of_rest = (self._first, self._last, self._movement_of, self.header.vocabulary.size)
+        of_rest = (self._first, self._last, self._cell_of, (self.header.vocabulary.size, self.facings))
         return PostureEvidence(chosen, of_rest, features, given["sharpness"], given["outlier"])
 
 

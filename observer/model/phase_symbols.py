@@ -44,6 +44,8 @@ class PhaseSymbols(SymbolTable):
         "phases": 30.0,
         "threshold": 0.16,
         "smoothing": 0.1,
+        # Chosen on training subjects: with few examples it changes much, with many little (docs/own-movements.md).
+        "neighbours": 10.0,
         "temperature": 4.0,
         "speeds": 10.0,
         "slowest": 0.5,

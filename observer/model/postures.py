@@ -65,27 +65,31 @@ class Chosen:
 class PostureEvidence:
     """What one frame's features say.
 
-    of_rest: the postures (1, D, C) in which the chains begin and end, without motion, the chains' movements (C,), and
-    M. outlier: evidence against a posture is at most so many nats beside the nearest: one blunder of a tracker, or one
-    odd movement of a hand, must not decide alone.
+    of_rest: the postures (1, D, C) in which the chains begin and end, without motion, the chains' cells (C,), which are
+    movement * K + facing, and (M, K). outlier: evidence against a posture is at most so many nats beside the nearest:
+    one blunder of a tracker, or one odd movement of a hand, must not decide alone.
     """
 
     def __init__(
         self,
         chosen: "Chosen",
-        of_rest: tuple[Postures, Postures, Indices, int],
+        of_rest: tuple[Postures, Postures, Indices, tuple[int, int]],
         features: Floats,
         sharpness: float,
         outlier: float,
     ) -> None:
         self._chosen, self._features = chosen, features
         self._sharpness, self._outlier = np.float32(sharpness), np.float32(outlier)
-        first, last, movement_of, movements = of_rest
+        first, last, cell_of, (movements, facings) = of_rest
         begun, ended = (self._likelihood(each) for each in (first, last))
-        self._rest = float((begun.mean() + ended.mean()) / 2)
-        count = np.maximum(np.bincount(movement_of, minlength=movements), 1)
-        own = np.bincount(movement_of, ended, minlength=movements) / count
-        self._after = np.maximum(own, self._rest)
+        count = np.maximum(np.bincount(cell_of, minlength=movements * facings), 1)
+        own = (np.bincount(cell_of, ended, len(count)) / count).reshape(movements, facings)
+        # Who rests faces one way: a mean over all facings would rule rest out.
+        facing_of = cell_of % facings
+        twice = 2 * np.maximum(np.bincount(facing_of, minlength=facings), 1)
+        of_facing = np.bincount(facing_of, begun + ended, facings) / twice
+        self._rest = float(of_facing.max())
+        self._after = np.maximum(own, of_facing)
 
     def chains(self, live: Indices | None, phases: int) -> tuple[Masses, float]:
         """(phases, n) exp(-sharpness d^2) + exp(-outlier) · the nearest's, over the nearest's; and ln of that."""
@@ -99,12 +103,12 @@ class PostureEvidence:
 
     @property
     def rest(self) -> float:
-        """ln of the mean over all postures in which somebody rested."""
+        """ln of the mean over all postures in which somebody of that facing rested, at the facing where it is most."""
         return float(np.log(max(self._rest, np.exp(FLOOR))))
 
     @property
     def after(self) -> Floats:
-        """(M,) ln of the mean over those in which that movement ended, where that is more than `rest`."""
+        """(M, K) ln of the mean over those in which the movement ended, where that is more than rest at that facing."""
         after: Floats = np.log(np.maximum(self._after, np.exp(FLOOR)))
         return after
 

@@ -24,16 +24,24 @@ def indices(frames: int, bins: int) -> NDArray[np.int64]:
     return np.arange(frames) * bins // max(frames, 1)
 
 
-def learn_table(sequences: Sequence[tuple[Symbols, int]], movements: int, bins: int, smoothing: float) -> Floats:
+def learn_table(
+    sequences: Sequence[tuple[Symbols, int]], movements: int, bins: int, smoothing: float, neighbours: float = 0.0
+) -> Floats:
     """(M, I, P, 9) log P(b | m, i), by counting over (symbols (F, P), movement) with Dirichlet smoothing.
 
-    A symbol NOT_SEEN is not counted; what was never counted stays uniform.
+    neighbours: so many counts more, spread as in the bins before and after: with few examples a bin of its own knows
+    little; 0 is the paper's table. A symbol NOT_SEEN is not counted; what was never counted stays uniform.
     """
     parts = sequences[0][0].shape[1]
     counts = np.full((movements, bins, parts, SYMBOLS), smoothing)
     for symbols, movement in sequences:
         frame, part = np.nonzero(symbols >= 0)
         np.add.at(counts[movement], (indices(len(symbols), bins)[frame], part, symbols[frame, part]), 1.0)
+    if neighbours:
+        beside = np.full(counts.shape, smoothing)
+        beside[:, 1:] += counts[:, :-1] - smoothing
+        beside[:, :-1] += counts[:, 1:] - smoothing
+        counts += neighbours * beside / beside.sum(axis=-1, keepdims=True)
     log_table: Floats = np.log(counts / counts.sum(axis=-1, keepdims=True))
     return log_table
 
@@ -51,7 +59,7 @@ def log_evidence(log_table: Floats, symbols: Symbols) -> Floats:
 class SymbolTable:
     """What the models of Vector Symbols share: the table, learned by counting, and how it is kept.
 
-    DEFAULTS holds `threshold`, `smoothing` and, under the name BINS, how many bins a movement is laid over.
+    DEFAULTS holds `threshold`, `smoothing`, `neighbours` and, under the name BINS, how many bins there are.
     """
 
     DEFAULTS: ClassVar[Mapping[str, float]]
@@ -68,8 +76,18 @@ class SymbolTable:
         header = with_defaults(header, cls.DEFAULTS)
         given = header.parameters
         sequences = [(symbols_of(e, header.body_parts, given["threshold"]), e.movement) for e in examples]
-        table = learn_table(sequences, header.vocabulary.size, int(given[cls.BINS]), given["smoothing"])
+        bins, movements = int(given[cls.BINS]), header.vocabulary.size
+        table = learn_table(sequences, movements, bins, given["smoothing"], given["neighbours"])
         return cls(header, table, float(np.mean([len(e.tracks) for e in examples])))
+
+    def grown(self, header: Header, examples: Sequence[Example]) -> Self:
+        """The same for a vocabulary with more movements at its end, of which alone the examples are."""
+        table = type(self).learn(header, examples).log_table[self.header.vocabulary.size :]
+        return type(self)(header, np.concatenate([self.log_table, table]), self.mean_frames)
+
+    def shrunk(self, header: Header, kept: Sequence[int]) -> Self:
+        """The same for a vocabulary of only these movements, in their order."""
+        return type(self)(header, self.log_table[list(kept)], self.mean_frames)
 
     @classmethod
     def from_arrays(cls, header: Header, arrays: Arrays) -> Self:

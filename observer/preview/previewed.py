@@ -7,9 +7,10 @@ from typing import Any, Protocol
 from numpy.typing import NDArray
 
 from common.vocabulary import Vocabulary
+from observer.opinion import OpinionLike
 from observer.preview.screen import Preview
 from observer.preview.sight import Belief, Picture, Recent
-from observer.service import ObserverLike, OpinionLike
+from observer.service import ObserverLike
 from observer.tracks import Frame, Tracker, Tracks
 
 INSET_PX = 320

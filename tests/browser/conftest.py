@@ -14,7 +14,15 @@ from common.capture_file import CaptureWriter
 from common.capture_record import Record
 from common.config import MeshConfig, read_scene
 from common.link import Link
-from common.messages import Agreement, JudgementMessage, VerdictMessage, VocabularyMessage, VocabularyReference, Vote
+from common.messages import (
+    Agreement,
+    Contribution,
+    JudgementMessage,
+    VerdictMessage,
+    VocabularyMessage,
+    VocabularyReference,
+    Vote,
+)
 from common.vocabulary import Vocabulary
 from common.wire import encode
 
@@ -42,10 +50,13 @@ def fields(names, silent, label, seq, at_ns):
 
 
 class Referee:
-    """Says judgements ten times a second, and verdicts when asked; each observer is a link with its token."""
+    """Says judgements ten times a second, and verdicts when asked; each observer is a link with its token.
+
+    how: further fields of each judgement and verdict.
+    """
 
     def __init__(self, names):
-        self.names, self.silent, self.seq = names, set(), 0
+        self.names, self.silent, self.seq, self.how = names, set(), 0, {}
         self.link = Link.open(MeshConfig(), "fusion", listen=["tcp/127.0.0.1:0"])
         self.endpoint = self.link.locator
         told = VocabularyMessage(scene="room", name="movements", hash=VOCABULARY.digest, labels=list(VOCABULARY.labels))
@@ -57,7 +68,7 @@ class Referee:
 
     def _fields(self, label="nthrow"):
         self.seq += 1
-        return fields(self.names, self.silent, label, self.seq, time.time_ns())
+        return {**fields(self.names, self.silent, label, self.seq, time.time_ns()), **self.how}
 
     def judge(self):
         self._judgement.put(encode(JudgementMessage(**self._fields())))
@@ -66,6 +77,8 @@ class Referee:
         """Publish a verdict; returns when, in ms since 1970."""
         now_ns = time.time_ns()
         more = {"began_ns": now_ns - 10**9, "decided_ns": now_ns, "ended_ns": now_ns if ended else None}
+        if self.how:
+            more["contributions"] = {n: Contribution(nats=0.5 - i, stands=i > 0) for i, n in enumerate(self.names)}
         payload = encode(VerdictMessage(**self._fields(label), id=name, **more))
         at_ms = time.time() * 1000
         self._verdict.put(payload)

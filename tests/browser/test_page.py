@@ -95,6 +95,33 @@ def test_why_opens_by_the_keyboard_and_stays_open(theatre, look):
     assert page.evaluate("document.activeElement.textContent") == "Why?", "the focus stays where it was"
 
 
+@pytest.mark.parametrize("width", [1280, 360])
+def test_how_it_is_done_and_what_each_judge_gave_are_shown(theatre, look, width):
+    referee, dashboard = theatre()
+    page = look(dashboard.url, width=width)
+    page.wait_for_selector(".judge")
+    assert not page.locator("#manner").is_visible() and not page.locator("#facing-fact").is_visible()
+    facets = {"effort_time": [0.1, 0.9], "effort_flow": [0.8, 0.2], "shape_vertical": [0.1, 0.2, 0.7]}
+    referee.how = {"facets": facets, "facing_deg": 40.0, "unlearned": 0.6}
+    page.wait_for_selector("#effort li")
+    bars = page.evaluate("() => [...document.querySelectorAll('.tug i')].map(bar => bar.getBoundingClientRect().width)")
+    half = page.locator(".tug").first.bounding_box()["width"] / 2
+    # A bar is as long as the lean of its facet, and begins in the middle.
+    assert bars == pytest.approx([0.8 * half, 0.6 * half, 0.6 * half], abs=1)
+    assert page.locator(".pole.held").all_inner_texts() == ["sudden", "free", "rising"]
+    assert page.inner_text("#facing") == "40° left" and page.get_attribute("#needle", "transform") == "rotate(-40)"
+    assert page.inner_text("#fused li:first-child").split() == ["something", "else", "60%"]
+    referee.say("v1")
+    page.get_by_role("button", name="Why nthrow").click()
+    reasons = page.locator("tr.why").inner_text()
+    assert "Without cam1 another answer would have been the likeliest." in reasons and "sudden 90%" in reasons
+    gave = page.locator(".votes td.gave").all_inner_texts()
+    assert gave == ["+0.50 nat", "−0.50 nat", "−1.50 nat", "−2.50 nat"]
+    assert page.locator(".votes td.needed").all_inner_texts() == ["another"]
+    assert not (faint := page.evaluate(FAINT)), faint
+    assert page.evaluate("document.documentElement.scrollWidth <= innerWidth"), "nothing to scroll sideways"
+
+
 def test_two_hundred_observers_are_a_list_that_can_be_read_on_a_phone(theatre, look):
     names = tuple(f"camera-{i:03}" for i in range(200))
     referee, dashboard = theatre(names)

@@ -7,8 +7,9 @@ from common.errors import BadInput
 from common.probability import entropy_bits
 from common.vocabulary import Vocabulary
 from observer.geometry.views import parse_view
-from observer.learning import frames_of, learn_view
+from observer.learning import frames_of, learn_view, seen_from
 from observer.model.base import Onset
+from observer.model.certainty import Certainty
 from observer.model.registry import MODELS, model_named
 from observer.model.store import read_model, require, write_model
 from observer.motion.archive import MotionArchive, Recording
@@ -66,6 +67,18 @@ def test_every_belief_is_a_distribution_and_rest_a_probability(model):
         assert 0 <= opinion.rest <= 1
 
 
+def test_what_it_says_of_facing_and_of_what_it_has_not_learned_fits_its_belief(model):
+    watch = model.watch(Onset())
+    for tracks in seen_from(DOOR, move("wave", 6), BODY_PARTS, BODY_PARTS):
+        watch.update(tracks)
+        assert watch.joint is None or watch.joint.sum(axis=1) == pytest.approx(watch.p)
+        assert watch.foreseen is None or (watch.foreseen.shape == (3,) and np.isfinite(watch.foreseen).all())
+
+
+def test_it_knows_how_far_it_can_be_believed(model):
+    assert model.header.certainty != Certainty()
+
+
 def test_beginning_anew_forgets_everything(model):
     onset = Onset(True, 30)
     first = watched(model, move("wave", 6), onset)
@@ -106,9 +119,10 @@ def test_what_is_stored_judges_the_same(model, tmp_path):
     again = read_model(path)
     assert again.header.vocabulary == VOCABULARY and again.header.view == "door" and again.header.rate_hz == 15.0
     assert (again.header.matrix == model.header.matrix).all() and again.header.provenance == model.header.provenance
+    assert again.header.certainty == model.header.certainty
     onset = Onset(True, 45)
     pairs = zip(watched(model, move("wave", 6), onset), watched(again, move("wave", 6), onset), strict=True)
-    assert all(a.p == pytest.approx(b.p, abs=1e-6) for a, b in pairs)
+    assert all(a.p == pytest.approx(b.p, abs=1e-6) and a.unlearned == b.unlearned for a, b in pairs)
 
 
 def test_a_model_for_another_vocabulary_or_rate_is_refused(model, tmp_path):

@@ -27,7 +27,7 @@ def test_what_is_written_is_a_scene_of_these_cameras(tmp_path, many, uncommented
         str(2 * number) for number in range(max(many, 1))
     ]
     assert len({section.view for section in list(scene.observers.values())[:4]}) == min(max(many, 1), 4)
-    assert scene.fusion.quorum == len(scene.roster) // 2 + 1 and scene.scene == "home"
+    assert scene.fusion.quorum == (len(scene.roster) + 1) // 2 and scene.scene == "home"
 
 
 def test_the_comments_say_what_to_do_next():

@@ -1,6 +1,7 @@
 """The examples as processes of their own, between a real referee and each other, and without labanmesh in them."""
 
 import ast
+import json
 import runpy
 import subprocess
 import sys
@@ -179,3 +180,23 @@ def test_they_are_as_short_as_they_say(name, most):
     text = (EXAMPLES / name).read_text()
     lines = text.splitlines()[ast.parse(text).body[0].end_lineno :]
     assert len([line for line in lines if line.strip() and not line.lstrip().startswith(("#", "import "))]) <= most
+
+
+def test_the_early_one_acts_early_and_takes_it_back():
+    words = [
+        {"kind": "judgement", "label": "byebye"},
+        {"kind": "early", "label": "byebye", "early": "byebye"},
+        {"kind": "corrected", "label": "ok", "early": "byebye"},
+        {"kind": "early", "label": "maestro", "early": "maestro"},
+        {"kind": "confirmed", "label": "maestro", "early": "maestro"},
+        {"kind": "early", "label": "ok", "early": "ok"},
+    ]
+    said = subprocess.run(
+        [sys.executable, EXAMPLES / "early.py"],
+        input="".join(f"{json.dumps(each)}\n" for each in words),
+        capture_output=True,
+        text=True,
+        timeout=SOON_S,
+        check=True,
+    )
+    assert said.stdout.splitlines() == ["lamp off", "lamp as before: it was not byebye", "lamp on"]

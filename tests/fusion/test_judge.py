@@ -137,11 +137,14 @@ def test_rule_4_what_ends_undecided_is_an_abstention():
 def test_rule_4_a_quorum_met_in_time_is_waited_for():
     late = watched(sure(6, agreeing=1), still_sure(2, agreeing=1), still_sure(9))
     assert late == {11: ("bow", 0, 11, 6)}
-    assert watched(moving(4), still_sure(9)) == {7: ("bow", 0, 7, 4)}
+
+
+def test_rule_2_who_comes_to_rest_is_decided_at_once():
+    assert watched(moving(4), still_sure(9)) == {4: ("bow", 0, 4, None), 7: ("bow", 0, 4, 4)}
 
 
 def test_rule_4_but_not_for_ever():
-    flapping = [*still_sure(1), *still_sure(1, "lunge")] * 9
+    flapping = [*rest(1), *[*still_sure(1), *still_sure(1, "lunge")] * 9]
     assert watched(moving(6), flapping) == {12: (ABSTAIN, 0, 12, 6)}
     assert watched(moving(6), rest(4), still_sure(9)) == {9: (ABSTAIN, 0, 9, 6)}
 
@@ -218,7 +221,10 @@ def test_at_most_one_decision_a_movement_and_its_times_are_in_order(beliefs, dem
             assert said_ns - d.ended_ns >= hold_ns
             assert all(r >= 0.5 for t, *_, r in until_then if d.ended_ns < t)
         if d.label != ABSTAIN:
-            held = [(lab, p, a) for t, lab, p, a, _ in until_then if d.decided_ns - hold_ns < t < d.decided_ns]
+            at_rest = any(t == d.decided_ns and r >= 0.5 for t, *_, r in until_then)
+            # Who comes to rest is decided by what is believed then; it need not have been believed for long.
+            since_ns = d.decided_ns - (0 if at_rest else hold_ns)
+            held = [(lab, p, a) for t, lab, p, a, _ in until_then if since_ns < t < d.decided_ns]
             assert all(lab == d.label and p >= demand.threshold and a >= demand.quorum for lab, p, a in held)
     open_ = [d.began_ns for _, d, _ in said if d.ended_ns is None]
     closed = [d.began_ns for _, d, _ in said if d.ended_ns is not None]

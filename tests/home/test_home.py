@@ -10,10 +10,21 @@ from mqtt_stage import LABELS, until
 ORDERS = list(permutations(("home", "broker", "hub")))
 SCENE = {"event.room_verdict", "event.room_movement_ended", "sensor.room_movement", "sensor.room_confidence",
          "sensor.room_entropy", "sensor.room_last_verdict", "binary_sensor.room_nthrow",
-         "binary_sensor.room_maestro"}  # fmt: skip
+         "binary_sensor.room_maestro", "event.room_early_word", "sensor.room_effort_time",
+         "sensor.room_facing"}  # fmt: skip
 OBSERVER = {"binary_sensor.room_{}_connected"} | {
     f"sensor.room_{{}}_{what}"
-    for what in ("opinion", "state", "entropy", "weight", "age", "rate", "clock_skew", "rejected_messages")
+    for what in (
+        "opinion",
+        "state",
+        "entropy",
+        "weight",
+        "reliability",
+        "age",
+        "rate",
+        "clock_skew",
+        "rejected_messages",
+    )
 }
 ALL = SCENE | {entity.format(observer) for entity in OBSERVER for observer in ("cam1", "cam2")}
 
@@ -44,6 +55,29 @@ def test_a_verdict_arrives_as_an_event(house):
     house.room.say_verdict("nthrow", 1, ended=True)
     house.home.wait_for_state("binary_sensor.room_nthrow", "off")
     until(lambda: said(house, "event.room_movement_ended") == "nthrow", "the end")
+
+
+def test_an_early_word_is_an_event_that_is_corrected_and_how_it_is_done_is_a_state(house):
+    def heard():
+        attributes = house.home.states()["event.room_early_word"]["attributes"]
+        return tuple(attributes.get(each) for each in ("event_type", "stage", "early", "id"))
+
+    house.room.doubts = True
+    house.home.wait_for_state("sensor.room_confidence", "40")
+    house.room.begin(2)
+    until(lambda: heard() == ("byebye", "early", "byebye", "room-2"), heard)
+    house.room.say_verdict("ok", 2, ended=True)
+    until(lambda: heard() == ("ok", "corrected", "byebye", "room-2"), heard)
+    again = "automation.lights_off_on_byebye_and_on_again_if_it_was_none"
+    until(lambda: house.home.attributes(again)["last_triggered"], "the automation that acts early")
+    states = house.home.states()
+    assert (states["sensor.room_facing"]["state"], states["sensor.room_effort_time"]["state"]) == ("45", "sudden")
+    assert states["sensor.room_effort_time"]["attributes"]["probability"] == 80
+    said_before, house.room.how = house.room.how, {}
+    house.home.wait_for_state("sensor.room_effort_time", "unknown")
+    house.home.wait_for_state("sensor.room_facing", "unknown")
+    house.room.how, house.room.doubts = said_before, False
+    house.home.wait_for_state("sensor.room_confidence", "90")
 
 
 def test_the_automation_of_the_document_runs_for_its_movement_alone(house):

@@ -7,7 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rich.console import Console
 
-from common.messages import Account
+from common.messages import Account, Contribution, Movement
+from hub.anticipation import Anticipation
 from hub.bars import Bar
 from hub.scene_state import SceneState
 from hub.terminal import render
@@ -60,6 +61,46 @@ def test_a_wrong_clock_bad_messages_and_who_stands_by_are_told(said):
     text = drawn(render(state, 120))
     assert "clock -60 min" in text and "7 bad messages" in text and "fuse2 standing by" in text
     assert "clock" not in text.replace("clock -60 min", "")
+
+
+HOW = {"effort_time": [0.1, 0.9], "effort_weight": [0.8, 0.2], "shape_vertical": [0.1, 0.8, 0.1]}
+
+
+def how(said):
+    more = {"facets": HOW, "facing_deg": 90.0, "unlearned": 0.25, "movement": Movement(id="v9", began_ns=said.NOON)}
+    return said.judgement(2, said.NOON + 1).model_copy(update=more)
+
+
+def test_how_it_is_done_and_something_else_are_seen_where_there_is_room(said):
+    state = scene(said, 2).fold(how(said), said.NOON)
+    text = drawn(render(state, 100))
+    assert "something else" in text and "25%" in text
+    (row,) = [line for line in text.splitlines() if "sudden" in line]
+    assert row.split("sustained")[1].split("┼")[0].strip(" ─") == "" and "┼━━" in row and "rising" in row
+    assert "━┼" in next(line for line in text.splitlines() if "strong" in line)
+    assert "facing ← 90° left" in text
+    assert "facing 90 deg left" in drawn(render(state, 100), 100, "ascii")
+    for height in (18, 22, 24, 40):
+        lines = drawn(render(state, 80, height)).splitlines()
+        assert len(lines) <= height and max(map(len, lines)) <= 80
+    assert "sudden" not in drawn(render(state, 80, 18)) and "sudden" in drawn(render(state, 80, 40))
+
+
+def test_an_early_word_stands_where_the_verdict_will(said):
+    foresight = Anticipation(0.3)
+    foresight.hear(said.judgement(p=(0.25, 0.25, 0.25, 0.25)), 0.0)
+    foresight.hear(how(said), 0.0)
+    state = scene(said, 2).fold(how(said), said.NOON)
+    assert "N T H R O W" in (text := drawn(render(state, 80, early=foresight.open))) and "early, 45% sure" in text
+    decided = how(said).model_copy(update={"seq": 3, "at_ns": said.NOON + 2, "movement": None})
+    state = state.fold(decided, said.NOON)
+    assert "early" not in drawn(render(state, 80, early=foresight.open))
+
+
+def test_the_log_says_what_each_judge_gave(said):
+    gave = {"cam0": Contribution(nats=0.614, stands=False), "cam1": Contribution(nats=-0.2, stands=True)}
+    state = scene(said, 2, 0).fold(said.verdict(1, contributions=gave), said.NOON)
+    assert "not without cam0; cam0 +0.61, cam1 -0.20" in drawn(render(state, 120), 120)
 
 
 def test_a_silent_referee_is_told(said):

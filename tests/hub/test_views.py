@@ -5,6 +5,7 @@ import json
 
 from rich.console import Console
 
+from common.messages import Movement
 from common.wire import decode, encode
 from hub.scene_state import SceneState
 from hub.session import Heard
@@ -40,6 +41,33 @@ def test_json_has_the_wires_fields_and_can_be_read_back(said, capsys):
     assert (first.pop("kind"), second.pop("kind")) == ("judgement", "verdict")
     assert type(messages[0]).model_validate(first) == messages[0] == decode(type(messages[0]), encode(messages[0]))
     assert second["ended_ns"] is None and second["id"] == "v1"
+
+
+def going_on(said, seq, **more):
+    movement = Movement(id="v1", began_ns=said.NOON)
+    return said.judgement(seq, said.NOON + seq).model_copy(update={"movement": movement, **more})
+
+
+def test_an_early_word_and_what_became_of_it_are_a_line_each(said, capsys):
+    ended = said.verdict(1, ended_ns=said.NOON, label="ok")
+    doubted = going_on(said, 0, p=[0.25] * 4)
+    show_lines(heard(said, doubted, going_on(said, 1), going_on(said, 2), ended), 0.5)
+    lines = [line.partition("  ")[2] for line in capsys.readouterr().out.splitlines()]
+    assert [line for line in lines if line[:8] not in ("judgemen", "verdict ")] == [
+        "early  nthrow 60%",
+        "corrected  ok, not nthrow",
+    ]
+    show_json(heard(said, doubted, going_on(said, 1), ended), 0.5)
+    kinds = [(each["kind"], each["label"]) for each in map(json.loads, capsys.readouterr().out.splitlines())]
+    assert kinds[1:] == [("early", "nthrow"), ("judgement", "nthrow"), ("corrected", "ok"), ("verdict", "ok")]
+    show_lines(heard(said, going_on(said, 1), ended))
+    assert "early" not in capsys.readouterr().out
+
+
+def test_a_line_says_how_it_is_done(said, capsys):
+    how = {"facets": {"effort_time": [0.1, 0.9]}, "facing_deg": 45.0, "unlearned": 0.25}
+    show_lines(heard(said, going_on(said, 1, **how)))
+    assert "something else 25%  sudden 90%, facing 45° left" in capsys.readouterr().out
 
 
 def test_json_never_says_nan(said, capsys):

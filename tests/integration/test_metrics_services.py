@@ -41,6 +41,9 @@ class Opinion:
     rest: float = 0.0
     frames: int = 1
     visible: dict = field(default_factory=dict)
+    unlearned: float | None = None
+    facing: np.ndarray | None = None
+    facets: dict = field(default_factory=dict)
 
 
 class FakeObserver:

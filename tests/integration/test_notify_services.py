@@ -72,6 +72,9 @@ class Opinion:
     rest: float = 0.5
     frames: int = 1
     visible: dict = field(default_factory=dict)
+    unlearned: float | None = None
+    facing: np.ndarray | None = None
+    facets: dict = field(default_factory=dict)
 
 
 class FakeObserver:

@@ -39,6 +39,9 @@ class Opinion:
     rest: float = 0.25
     frames: int = 1
     visible: dict = field(default_factory=lambda: {"head": True})
+    unlearned: float | None = None
+    facing: np.ndarray | None = None
+    facets: dict = field(default_factory=dict)
 
 
 class FakeObserver:

@@ -9,18 +9,24 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from common.errors import BadInput
-from observer.posture import ANCHOR_S, FEATURES_PER_PART, SLOW, PostureReader, at_rest, soft_direction
+from observer.posture import ANCHOR_S, APART, FEATURES_PER_PART, SLOW, PostureReader, at_rest, groups_of, soft_direction
 from observer.tracks import BODY_PARTS, Tracks
 
 RATE = 15.0
 FAST = 1.5
+WEIGHT = 0.25
 GONE = [np.nan, np.nan]
 CENTRES = arrays(np.float64, (10, 3, 2), elements=st.integers(-300, 300).map(float))
 
 
 def read(centres, rate_hz=RATE, body_parts=BODY_PARTS):
-    reader = PostureReader(body_parts, rate_hz, FAST)
+    reader = PostureReader(body_parts, rate_hz, FAST, WEIGHT)
     return np.stack([reader.update(Tracks(np.array(frame, dtype=float))) for frame in centres])
+
+
+def of_parts(features):
+    """(F, D) -> (F, P, 5), without what is between the hands."""
+    return features[:, :-APART].reshape(len(features), -1, FEATURES_PER_PART)
 
 
 def oracle(centres, rate_hz=RATE):
@@ -44,13 +50,14 @@ def oracle(centres, rate_hz=RATE):
             speed = math.hypot(du, dv)
             cut = max(speed, SLOW)
             row += [(u - au) / size, (-v - av) / size, du / cut * FAST, dv / cut * FAST, min(speed, FAST)]
+        row += [(left[0] - right[0]) / size * WEIGHT**0.5, (right[1] - left[1]) / size * WEIGHT**0.5]
         rows.append(row)
     return np.array(rows)
 
 
 def test_by_hand():
     centres = [[[0, 100], [100, 0], [0, 0]], [[0, 82], [100, 0], [0, 0]], [[0, 82], GONE, [0, 0]]]
-    features = read(centres).reshape(3, 3, FEATURES_PER_PART)
+    features = of_parts(read(centres))
     np.testing.assert_allclose(features[0, :, :2], [[0, -1 / 0.45], [1 / 0.45, 0], [0, 0]])  # up is positive
     assert np.isnan(features[0, :, 2:]).all()
     # 18 of 45 in a frame: 0.4 body sizes in a fifteenth of a second, straight up
@@ -96,7 +103,7 @@ def test_who_walks_is_followed_slowly_and_who_bends_is_not():
 
 def test_a_lost_head_leaves_the_hands_where_they_were_told_from():
     centres = [[[0, 100], [45, 0], [0, 0]], [[0, 80], [45, 0], GONE]]
-    features = read(centres).reshape(2, 3, FEATURES_PER_PART)
+    features = of_parts(read(centres))
     assert features[1, 0, 1] == pytest.approx(-80 / 45) and np.isnan(features[1, 2]).all()
 
 
@@ -116,8 +123,33 @@ def test_a_tracker_may_use_its_array_again():
 def test_parts_go_by_their_names():
     order = ("head", "right_hand", "left_hand")
     centres = np.array([[[0, 100], [45, 0], [0, 0]], [[0, 82], [45, 0], [0, 0]]], dtype=float)
-    mixed = read(centres[:, [2, 1, 0]], body_parts=order).reshape(2, 3, -1)
-    np.testing.assert_array_equal(mixed, read(centres).reshape(2, 3, -1)[:, [2, 1, 0]])
+    mixed, plain = read(centres[:, [2, 1, 0]], body_parts=order), read(centres)
+    np.testing.assert_array_equal(of_parts(mixed), of_parts(plain)[:, [2, 1, 0]])
+    np.testing.assert_array_equal(mixed[:, -APART:], plain[:, -APART:])
+
+
+def test_the_hands_tell_how_far_apart_they_are_even_while_the_head_is_lost():
+    centres = [[[0, 100], [100, 0], [0, 0]], [[30, 55], [75, 10], GONE], [GONE, [75, 10], [0, 0]]]
+    features = read(centres)[:, -APART:]
+    # From the right hand to the left one, up positive: its evidence has the exponent WEIGHT, so its length the root.
+    np.testing.assert_allclose(features[:2], [[-0.5 / 0.45, -0.5 / 0.45], [-0.5, -0.5]])
+    assert np.isnan(features[2]).all()
+
+
+def test_without_two_hands_nothing_is_known_of_how_far_apart_they_are():
+    features = read(np.array([[[100, 0], [0, 0]]] * 2, dtype=float), body_parts=("right_hand", "head"))
+    assert np.isnan(features[:, -APART:]).all() and np.isfinite(of_parts(features)[1]).all()
+
+
+def test_whatever_is_seen_is_seen_as_a_group():
+    groups = groups_of(3)
+    rng = np.random.default_rng(0)
+    centres = rng.normal(size=(40, 3, 2))
+    centres[rng.random((40, 3)) < 0.4] = np.nan
+    seen = np.isfinite(read(centres))
+    assert len(groups) == seen.shape[1] and groups.max() == 6
+    for group in range(7):
+        assert (seen[:, groups == group].all(axis=1) == seen[:, groups == group].any(axis=1)).all()
 
 
 def test_without_a_head_there_is_no_posture():
@@ -146,9 +178,10 @@ def test_at_rest_is_the_same_place_without_motion():
     features = read(np.random.default_rng(0).normal(size=(6, 3, 2)))
     resting = at_rest(features)
     assert resting.shape == features.shape
-    parts, before = resting.reshape(6, 3, -1), features.reshape(6, 3, -1)
+    parts, before = of_parts(resting), of_parts(features)
+    np.testing.assert_array_equal(resting[:, -APART:], features[:, -APART:])
     np.testing.assert_array_equal(parts[..., :2], before[..., :2])
-    assert (parts[..., 2:] == 0).all() and np.isnan(features[0, 2])
+    assert (parts[..., 2:] == 0).all() and np.isnan(before[0, 0, 2])
     np.testing.assert_array_equal(at_rest(features.astype(np.float32)[3]), resting[3].astype(np.float32))
 
 

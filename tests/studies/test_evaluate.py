@@ -129,9 +129,21 @@ def test_scoring_alarms_by_hand():
     stream = Recording(
         np.zeros((150, 3, 3), np.float32), 15.0, "", "1", "1", (Span(15, 45, "ok"), Span(75, 105, "shake"))
     )
-    alarms = [Alarm("ok", 0.7), Alarm("ok", 2.0), Alarm("ok", 6.0), Alarm("shake", 4.0), Alarm("shake", 7.33)]
-    score = scored(alarms, stream)
+    said = [("ok", 0.7), ("ok", 2.0), ("ok", 6.0), ("shake", 4.0), ("shake", 7.33), ("abstain", 1.0)]
+    alarms = [Alarm(label, at_s, label) for label, at_s in said]
+    score = scored(alarms, stream, ("ok", "shake"))
     # .7 s is within 333 ms of the span; the second ok is one too many; ok at 6 s is wrong; 4 s is rest.
     assert (score.right, score.false, score.movements, score.alarms_at_rest) == (2, 3, 2, 1)
     assert score.rest_s == pytest.approx(6.0)
     assert score.latencies_s == pytest.approx((-0.3, 2.33))
+
+
+def test_who_names_what_was_not_learned_is_told_so():
+    from observer.motion.archive import Span
+
+    spans = (Span(15, 45, "ok"), Span(75, 105, "jump"), Span(120, 135, "jump"))
+    stream = Recording(np.zeros((150, 3, 3), np.float32), 15.0, "", "1", "1", spans)
+    score = scored([Alarm("ok", 2.0, "ok"), Alarm("shake", 6.0, "ok")], stream, ("ok", "shake"))
+    assert (score.right, score.false, score.movements) == (1, 1, 1)
+    assert (score.unlearned, score.named, score.alarms_at_rest) == (2, 1, 0)
+    assert score.as_json()["unlearned_named"] == 0.5

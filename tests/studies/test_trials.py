@@ -177,9 +177,23 @@ def test_any_facing_is_drawn_for_each_trial_and_keeps_distances():
     shown = trials([recording()] * 20, onset_known=True, turn=None, rng=seeded())
     first_frames = {tuple(t.recording.positions[0, 0].round(3)) for t in shown}
     assert len(first_frames) == 20
+    assert len({t.turn_deg for t in shown}) == 20
     for trial in shown:
         span = np.linalg.norm(np.ptp(trial.recording.positions[:, 0], axis=0)[[0, 2]])
         assert span == pytest.approx(11 * math.sqrt(2), rel=1e-3)
+
+
+@pytest.mark.parametrize("onset_known", [True, False])
+@pytest.mark.parametrize(("turn", "told"), [(0.0, 0.0), (45.0, 45.0), (-90.0, 270.0), (None, None)])
+def test_the_truth_knows_how_far_he_was_turned(turn, told, onset_known):
+    (trial,) = trials([recording()], onset_known=onset_known, turn=turn, rng=seeded())
+    assert 0 <= trial.turn_deg < 360 and (told is None or trial.turn_deg == pytest.approx(told))
+
+
+def test_the_angle_that_is_told_is_the_one_he_is_turned_by():
+    (trial,) = trials([recording()], onset_known=True, turn=None, rng=seeded())
+    (again,) = trials([recording()], onset_known=True, turn=trial.turn_deg, rng=seeded())
+    np.testing.assert_allclose(again.recording.positions, trial.recording.positions, atol=1e-4)
 
 
 @pytest.mark.parametrize("turn", [0.0, 45.0, None])

@@ -67,6 +67,35 @@ function bars(list, beliefs) {
   });
 }
 
+/* Facets: rows of two poles and a bar that grows from the middle to the one that it leans to. */
+function facets(list, said) {
+  while (list.children.length > said.length) list.lastChild.remove();
+  while (list.children.length < said.length) {
+    list.append(make("li", "", make("span", "pole"), make("span", "tug", make("i")), make("span", "pole"), make("span", "unseen")));
+  }
+  said.forEach(([facet, first, last, lean, value, p], i) => {
+    const node = list.children[i], [left, bar, right, spoken] = node.children;
+    put(left, first);
+    put(right, last);
+    attribute(node, "title", `${facet.replace("_", ", ")}: ${value} ${percent(p)}`);
+    left.classList.toggle("held", value === first);
+    right.classList.toggle("held", value === last);
+    share(bar.firstChild, (lean / 2).toFixed(3));
+    put(spoken, `: ${value} ${percent(p)}`);
+  });
+}
+function showManner(state) {
+  $("manner").hidden = state.facets.length === 0;
+  for (const kind of ["effort", "shape"]) facets($(kind), state.facets.filter((facet) => facet[0].startsWith(`${kind}_`)));
+  $("facing-fact").hidden = state.facing === null;
+  const needle = $("needle");
+  if (needle) {
+    needle.toggleAttribute("hidden", state.facing === null);
+    if (state.facing !== null) attribute(needle, "transform", `rotate(${-state.facing[0]})`);
+  }
+  if (state.facing !== null) put($("facing"), state.facing[1]);
+}
+
 /* Judges: a card each beside the tatami, or one line each where they are many. */
 const cards = new Map(), lines = new Map();
 function card(name) {
@@ -156,9 +185,14 @@ function layMat() {
   mat.replaceChildren(
     draw("rect", { class: "band", x: -200, y: -200, width: 400, height: 400 }), draw("path", { class: "band-seam", d: seams.join(""), fill: "none" }),
     draw("rect", { class: "area", x: -178, y: -178, width: 356, height: 356 }), draw("path", { class: "seam", fill: "none", d: innerSeams() }));
-  const front = draw("text", { class: "front", x: 0, y: -108 });
+  const front = draw("text", { class: "front", x: 0, y: -129 });
   front.textContent = "front";
-  mat.append(front, draw("path", { class: "nose", d: "M-8 -122L0 -130L8 -122" }));
+  // Which way the person faces, on the edge of the referee's disc.
+  const needle = draw("g", { id: "needle", hidden: "" }, draw("path", { d: "M-12 -88L0 -122L12 -88Z" }));
+  mat.append(needle);
+  // A judge who stands in front says it himself.
+  const before = Object.values(known.hall.standings).some(({ azimuth }) => Math.min(azimuth, 360 - azimuth) < 25);
+  if (!before) mat.append(front, draw("path", { class: "nose", d: "M-8 -142L0 -150L8 -142" }));
   flags.clear();
   const names = Object.keys(known.hall.standings), quiet = names.length > CROWD;
   names.forEach((name, i) => flags.set(name, flag(name, quiet, mat, quiet && i % 2 ? 0.92 : 1)));
@@ -203,6 +237,7 @@ function showReferee(state) {
   const when = !last ? "" : last.ended === null ? "now" : ago < 100 ? `${ago} s ago` : `at ${clock(last.ended)}`;
   put($("verdict-facts"), last ? `${when}, ${agree(last.agreement)} agree` : "");
   bars($("fused"), state.fused);
+  showManner(state);
   put($("agreement"), agree(state.agreement));
   put($("entropy"), bits(state.entropy));
 }
@@ -296,17 +331,23 @@ function showRow(verdict) {
 }
 function showReasons({ reasons, verdict }) {
   if (reasons.hidden) return;
-  const cell = (tag, value) => make(tag, "", value);
-  const head = make("tr", "", ...["Judge", "Said", "Entropy", "Weight", "Age", "In the end"].map((title) => { const th = cell("th", title); th.scope = "col"; return th; }));
+  const cell = (tag, value, name = "") => make(tag, name, value);
+  // Log odds of the verdict that each judge added, and what would be the likeliest without it.
+  const given = verdict.votes.some((vote) => vote.gave !== null);
+  const gave = (vote) => [
+    cell("td", vote.gave === null ? "-" : `${vote.gave < 0 ? "" : "+"}${vote.gave.toFixed(2)} nat`.replace("-", "−"), "gave"),
+    cell("td", vote.stands === null ? "-" : vote.stands ? "the same" : "another", vote.stands === false ? "needed" : "")];
+  const head = make("tr", "", ...["Judge", "Said", "Entropy", "Weight", "Age", ...(given ? ["Gave", "Without it"] : []), "In the end"].map((title) => { const th = cell("th", title); th.scope = "col"; return th; }));
   const votes = verdict.votes.map((vote) => {
     const kind = vote.stance === "agreed" ? "agrees" : vote.stance.startsWith("held ") ? "differs" : vote.stance;
     const end = cell("td", make("span", "stance", words(vote.stance)));
     end.dataset.stance = kind;
-    return make("tr", "", cell("th", vote.name), cell("td", vote.label === null ? "-" : words(vote.label)), cell("td", bits(vote.entropy)), cell("td", percent(vote.weight)), cell("td", age(vote.age)), end);
+    return make("tr", "", cell("th", vote.name), cell("td", vote.label === null ? "-" : words(vote.label)), cell("td", bits(vote.entropy)), cell("td", percent(vote.weight)), cell("td", age(vote.age)), ...(given ? gave(vote) : []), end);
   });
   const sums = verdict.fused.map(([label, p]) => `${words(label)} ${percent(p)}`).join(", ");
-  const sentences = [...verdict.why, ...(sums ? [`Together, when it was decided: ${sums}.`] : [])];
-  reasons.firstChild.replaceChildren(make("ul", "", ...sentences.map((said) => cell("li", said))), make("table", "votes", make("thead", "", head), make("tbody", "", ...votes)));
+  const how = [...verdict.facets.filter((facet) => facet[4] !== "neither").map((facet) => `${facet[4]} ${percent(facet[5])}`), ...(verdict.facing ? [`facing ${verdict.facing[1]}`] : [])];
+  const sentences = [...verdict.why, ...(sums ? [`Together, when it was decided: ${sums}.`] : []), ...(how.length ? [`How it was done: ${how.join(", ")}.`] : [])];
+  reasons.firstChild.replaceChildren(make("ul", "", ...sentences.map((said) => cell("li", said))), make("table", given ? "votes given" : "votes", make("thead", "", head), make("tbody", "", ...votes)));
 }
 function showLog(fresh) {
   $("empty").hidden = known.verdicts.length > 0;

@@ -3,7 +3,7 @@
 import json
 import math
 
-from common.messages import VerdictMessage
+from common.messages import Contribution, VerdictMessage
 from hub.dashboard.chronicle import LOG_LIMIT, Chronicle
 from hub.dashboard.explanation import why
 from hub.dashboard.picture import CROWD, Hall, snapshot, state, verdict
@@ -102,6 +102,45 @@ def test_who_was_late_stale_or_silent_is_said(said):
     assert "e believed no more of one movement than of another" in text
     crowd = {f"cam{i}": said.vote(state="silent") for i in range(50)}
     assert "50 judges did not count in full" in sentences(said, 1, crowd)
+
+
+def test_something_else_is_an_answer_among_the_others(said):
+    other = {"unlearned": 0.5}
+    votes = {"cam1": said.vote().model_copy(update=other)}
+    whole = snapshot(HALL, told(said, said.judgement(votes=votes).model_copy(update=other), said.verdict(1, **other)))
+    assert (
+        whole["state"]["fused"][:2] == [["something else", 0.5], ["nthrow", 0.3]] == whole["verdicts"][0]["fused"][:2]
+    )
+    assert whole["state"]["judges"][0]["beliefs"][:2] == [["something else", 0.5], ["nthrow", 0.35]]
+    assert whole["minute"][0][2] == 0.5, "the probability of what is believed most"
+
+
+def test_how_it_is_done_is_told_and_nonsense_is_not(said):
+    how = {"facets": {"effort_time": [0.2, 0.8], "effort_flow": [math.nan, 1.0], "mood": [1.0]}, "facing_deg": -45.0}
+    now = state(told(said, said.judgement().model_copy(update=how)))
+    assert now["facets"] == [["effort_time", "sustained", "sudden", 0.6, "sudden", 0.8]]
+    assert now["facing"] == [315, "45° right"]
+    silent = state(told(said, said.judgement()))
+    assert (silent["facets"], silent["facing"]) == ([], None)
+
+
+def test_what_each_judge_gave_is_told_and_without_whom_it_falls(said):
+    gave = {"cam1": Contribution(nats=-0.25, stands=True), "cam2": Contribution(nats=1.456, stands=False)}
+    spoken = said.verdict(1, contributions=gave)
+    votes = verdict(spoken, told(said), 1)["votes"]
+    assert [(each["gave"], each["stands"]) for each in votes] == [(-0.25, True), (1.46, False)]
+    assert "Without cam2 another answer would have been the likeliest." in why(spoken, 1)
+    both = {name: Contribution(nats=0.5, stands=True) for name in gave}
+    assert "Without any one of them the likeliest answer would have been the same." in why(
+        said.verdict(1, contributions=both), 1
+    )
+    assert verdict(said.verdict(1), told(said), 1)["votes"][0]["gave"] is None
+
+
+def test_an_abstention_for_something_else_is_explained(said):
+    text = sentences(said, 2, {"a": said.vote(None)}, label="abstain", ended_ns=said.NOON, unlearned=0.9)
+    assert "held it for none of the movements (90%)" in text and "could not agree" not in text
+    assert "a held no movement" in text
 
 
 def test_an_abstention_is_explained(said):

@@ -179,11 +179,14 @@ class Listener:
 
 
 class Room:
-    """A scene that is judged: what the test wants a referee to say is said ten times a second; a context manager."""
+    """A scene that is judged: what the test wants a referee to say is said ten times a second; a context manager.
+
+    how: further fields of each judgement and verdict. doubts: at rest nothing is believed much.
+    """
 
     def __init__(self, name="room", observers=("cam1", "cam2"), link=None, step_s=0.1):
         self.name, self.observers, self.keys = name, observers, SceneKeys(name)
-        self.movement, self.silent = None, frozenset()
+        self.movement, self.silent, self.how, self.doubts = None, frozenset(), {}, False
         self._shared, self._step_s = link, step_s
         self._link = link or Link.open(MeshConfig(), "fusion", listen=["tcp/127.0.0.1:0"])
         self.endpoint = self._link.locator
@@ -196,11 +199,12 @@ class Room:
         self._link.answer(self.keys.vocabulary, lambda: encode(vocabulary))
         self._thread = threading.Thread(target=self._judge)
 
-    def scene_file(self, path, port, **keys):
+    def scene_file(self, path, port, certainty=1.0, **keys):
         """The scene file of this room, with a broker at `port`."""
         extra = "".join(f"{key} = {json.dumps(value)}\n" for key, value in keys.items())
         observers = "".join(f'[observers.{name}]\nsource = "a.npz"\n' for name in self.observers)
-        text = f'scene = "{self.name}"\n[mesh]\nendpoint = "{self.endpoint}"\n[hub.mqtt]\nport = {port}\n{extra}'
+        text = f'scene = "{self.name}"\n[mesh]\nendpoint = "{self.endpoint}"\n[hub]\ncertainty = {certainty}\n'
+        text += f"[hub.mqtt]\nport = {port}\n{extra}"
         path.write_text(text + observers)
         return path
 
@@ -211,7 +215,7 @@ class Room:
         return {
             "scene": self.name, "fusion": "fusion", "seq": self._seq, "at_ns": time.time_ns(), "vocabulary": REFERENCE,
             "p": list(p), "label": label, "certainty_bits": 0.5, "rule": "linear", "votes": votes,
-            "agreement": Agreement(k=heard, n=heard),
+            "agreement": Agreement(k=heard, n=heard), **self.how,
         }  # fmt: skip
 
     def _vote(self, name, label, p):
@@ -222,7 +226,12 @@ class Room:
     def judgement(self):
         label = self.movement.label if self.movement and self.movement.label else LABELS[0]
         with self._lock:
-            return JudgementMessage(**self._facts(label, (0.9, 0.05, 0.03, 0.02)), movement=self.movement)
+            p = (0.9, 0.05, 0.03, 0.02) if self.movement or not self.doubts else (0.4, 0.3, 0.2, 0.1)
+            return JudgementMessage(**self._facts(label, p), movement=self.movement)
+
+    def begin(self, number):
+        """A movement goes on, undecided."""
+        self.movement = Movement(id=f"{self.name}-{number}", began_ns=time.time_ns())
 
     def say_verdict(self, label, number, ended=False, at_ns=None):
         """A verdict as the referee says it, and the movement that goes on until it has ended."""

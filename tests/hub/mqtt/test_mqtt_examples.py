@@ -8,6 +8,8 @@ import subprocess
 import pytest
 from mqtt_stage import ROOT, SOON_S, Listener
 
+from hub.anticipation import Word
+from hub.mqtt.foresight import events_of
 from hub.mqtt.names import Names
 from hub.mqtt.verdicts import said_of
 
@@ -62,6 +64,8 @@ def test_the_document_tells_every_topic_and_every_field_of_an_event(said):
     topics = [
         names.verdict,
         names.ended,
+        names.early,
+        names.facets,
         names.last_verdict,
         names.state,
         names.votes,
@@ -70,5 +74,8 @@ def test_the_document_tells_every_topic_and_every_field_of_an_event(said):
     ]
     for topic in (*topics, names.movement("LABEL"), *(names.observer("ID", what) for what in ("health", "state"))):
         assert f"`{topic}`" in text, topic
-    (row,) = re.findall(rf"^\| `{names.verdict}` .*$", text, re.MULTILINE)
-    assert set(re.findall(r"`(\w+)`", row)) == set(said_of(said.verdict(1), "decided"))
+    word = Word("early", "v1", "ok", "ok", 0.9, said.NOON, said.NOON)
+    ((_, early),) = events_of(names, [word])
+    for topic, event in ((names.verdict, said_of(said.verdict(1), "decided")), (names.early, json.loads(early))):
+        (row,) = re.findall(rf"^\| `{topic}` .*$", text, re.MULTILINE)
+        assert set(re.findall(r"`(\w+)`", row)) == set(event)

@@ -17,7 +17,8 @@ T = "labanmesh/room"
 
 
 def test_a_scene_appears_is_judged_and_goes(room, hub, listener, broker):
-    running = hub(movements=["nthrow"], area="Dojo").connected()
+    room.doubts = True
+    running = hub(movements=["nthrow"], area="Dojo", certainty=0.85).connected()
     listener.wait_for_state("labanmesh/room/bridge", "online")
     listener.wait_for_state(f"{T}/availability", "online")
     listener.wait_for(lambda: f"{T}/movement/nthrow" in listener.last and f"{T}/state" in listener.last)
@@ -25,6 +26,9 @@ def test_a_scene_appears_is_judged_and_goes(room, hub, listener, broker):
     assert config["event_types"] == [*LABELS, "abstain"] and config["device"]["suggested_area"] == "Dojo"
     assert [each["topic"] for each in config["availability"]] == ["labanmesh/room/bridge", f"{T}/availability"]
     assert json.loads(listener.last[f"{T}/state"])["movement"] == "rest"
+    listener.wait_for(lambda: json.loads(listener.last[f"{T}/state"])["confidence"] == 40)
+    room.begin(1)
+    listener.wait_for(lambda: f"{T}/early" in listener.last)
     began_s = time.monotonic()
     room.say_verdict("nthrow", 1)
     listener.wait_for(lambda: f"{T}/verdict" in listener.last)
@@ -34,6 +38,8 @@ def test_a_scene_appears_is_judged_and_goes(room, hub, listener, broker):
     room.say_verdict("nthrow", 1, ended=True)
     listener.wait_for_state(f"{T}/movement/nthrow", "OFF")
     listener.wait_for(lambda: f"{T}/ended" in listener.last)
+    early = [(event["id"], event["stage"], event["event_type"]) for event in listener.events(f"{T}/early")]
+    assert early == [("room-1", "early", "byebye"), ("room-1", "corrected", "nthrow")]
     (event,) = listener.events(f"{T}/verdict")
     assert event["event_type"] == "nthrow" and event["stage"] == "decided" and set(event["votes"]) == {"cam1", "cam2"}
     with Listener(broker.port) as late:

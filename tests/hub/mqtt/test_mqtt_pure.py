@@ -7,12 +7,12 @@ from dataclasses import replace
 import pytest
 
 from common.errors import BadInput
-from common.messages import Movement
+from common.messages import Contribution, Movement
 from hub.mqtt.bridge import WAITING, SceneBridge
 from hub.mqtt.entities import EXPIRE_S, discovery
 from hub.mqtt.names import Names, bridge_topic, prefix
 from hub.mqtt.picture import AGAIN_S, FAST_S, HEARD_S, SLOW_S
-from hub.mqtt.verdicts import EVENT_S, recalled
+from hub.mqtt.verdicts import EVENT_S, recalled, said_of
 from hub.scene_state import SceneState
 
 NAMES = Names("room", bridge_topic("labanmesh", "room"))
@@ -69,7 +69,7 @@ def test_ids_are_legal_and_no_two_scenes_or_observers_share_one():
 
 def test_discovery_hangs_observers_under_their_scene_and_needs_bridge_and_judge():
     said = {t: json.loads(p) for t, p in discovery(NAMES, OBSERVERS, ("ok",), (), "Dojo").items()}
-    assert len(said) == 6 + 9 * len(OBSERVERS)
+    assert len(said) == 6 + 10 * len(OBSERVERS)
     age = said["homeassistant/sensor/labanmesh_room_OBSERVER_cam1_AGE/config"]
     assert (
         age["device"]["via_device"]
@@ -182,6 +182,83 @@ def test_what_was_said_while_the_hub_was_away_is_said_once_if_it_is_fresh(said):
         bridge.recall(left)
         bridge.look(at(said, said.judgement()), frozenset(), 0.1)
         assert len(taken(bridge, 0.1)) == len(expected)
+
+
+HOW = {"effort_time": [0.2, 0.8], "shape_vertical": [0.1, 0.7, 0.2], "effort_flow": [0.4, 0.6], "mood": [1.0]}
+
+
+def test_how_it_is_done_is_announced_once_somebody_says_it_and_stays(bridge, said):
+    def facets(publications):
+        return {topic for topic in publications if "EFFORT" in topic or "SHAPE" in topic or "FACING" in topic}
+
+    silent = payloads(bridge.look(at(said, said.judgement()), frozenset(), 0.0))
+    assert not facets(silent) and NAMES.facets not in silent
+    speaks = going_on(said).model_copy(update={"facets": HOW, "facing_deg": 359.8})
+    known = payloads(bridge.look(at(said, speaks), frozenset(), 1.0))
+    sensors = ("EFFORT_TIME", "EFFORT_FLOW", "SHAPE_VERTICAL", "FACING")
+    assert facets(known) == {f"homeassistant/sensor/labanmesh_room_{what}/config" for what in sensors}
+    state = json.loads(known[NAMES.facets])
+    assert state["effort_time"] == {"pole": "sudden", "probability": 80} and state["facing"] == 0
+    assert state["shape_vertical"]["pole"] == "neither" and set(state) == {*HOW, "facing"} - {"mood"}
+    config = json.loads(known["homeassistant/sensor/labanmesh_room_EFFORT_TIME/config"])
+    assert config["name"] == "Effort time"
+    assert config["value_template"] == "{{ value_json.effort_time.pole or 'unknown' }}"
+    assert config["state_topic"] == config["json_attributes_topic"] == NAMES.facets
+    after = payloads(bridge.look(at(said, said.judgement()), frozenset(), 2.0))
+    assert not facets(after), "not announced again, and not taken away"
+    assert json.loads(after[NAMES.facets])["effort_time"] == {"pole": None, "probability": None}
+
+
+def test_a_verdict_tells_how_it_was_done_and_what_each_judge_gave(bridge, said):
+    gave = {"cam1": Contribution(nats=0.614, stands=True), "cam2": Contribution(nats=float("inf"), stands=False)}
+    verdict = said.verdict(1, contributions=gave)
+    verdict = verdict.model_copy(update={"facets": HOW, "facing_deg": 45.0, "unlearned": 0.5, "p": [0, 0, 0, 1.0]})
+    event = said_of(verdict, "ended")
+    assert event["contributions"] == {"cam1": {"nats": 0.61, "stands": True}, "cam2": {"nats": None, "stands": False}}
+    assert (event["facing"], event["unlearned"], event["confidence"]) == (45, 50, 50)
+    assert event["facets"]["effort_time"] == {"pole": "sudden", "probability": 80}
+    silent = said_of(said.verdict(1), "decided")
+    assert [silent[each] for each in ("facets", "facing", "contributions", "unlearned")] == [None] * 4
+
+
+def test_an_observers_reliability_is_a_diagnosis(bridge, said):
+    votes = {"cam1": said.vote().model_copy(update={"reliability": 0.456}), "cam2": said.vote()}
+    due = payloads(bridge.look(at(said, said.judgement(votes=votes)), frozenset(), 0.0))
+    assert json.loads(due[NAMES.observer("cam1", "state")])["reliability"] == 0.46
+    assert json.loads(due[NAMES.observer("cam2", "state")])["reliability"] is None
+    config = json.loads(due["homeassistant/sensor/labanmesh_room_OBSERVER_cam1_RELIABILITY/config"])
+    assert config["entity_category"] == "diagnostic"
+
+
+def test_an_early_word_is_an_event_and_so_is_its_end(said):
+    bridge = SceneBridge(NAMES, OBSERVERS, (), certainty=0.55)
+    bridge.recall(None)
+    undecided = going_on(said, None)
+    undecided = undecided.model_copy(update={"movement": Movement(id="v1", began_ns=said.NOON)})
+    doubted = undecided.model_copy(update={"p": [0.1, 0.2, 0.2, 0.5]})
+    config = payloads(bridge.look(at(said, doubted), frozenset(), 0.0))
+    assert bridge.event(0.0) is None
+    bridge.look(at(said, undecided), frozenset(), 0.0)
+    assert json.loads(config["homeassistant/event/labanmesh_room_EARLY/config"])["state_topic"] == NAMES.early
+    event = json.loads(bridge.event(0.0).payload)
+    assert (event["event_type"], event["stage"], event["id"], event["confidence"]) == ("nthrow", "early", "v1", 60)
+    assert taken(bridge, 0.0) == [("early", "nthrow", "early")]
+    bridge.hear(said.verdict(1, ended_ns=said.NOON, label="ok"), 1.0)
+    bridge.look(at(said, said.judgement()), frozenset(), 1.0)
+    assert taken(bridge, 1.0) == [("early", "ok", "corrected"), ("verdict", "ok", "decided"), ("ended", "ok", "ended")]
+    second = undecided.model_copy(update={"movement": Movement(id="v2", began_ns=said.NOON)})
+    bridge.look(at(said, second.model_copy(update={"p": doubted.p})), frozenset(), 1.9)
+    bridge.look(at(said, second), frozenset(), 2.0)
+    for now_s in (3.0, 4.0):
+        bridge.look(at(said, said.judgement()), frozenset(), now_s)
+    assert taken(bridge, 4.0) == [("early", "nthrow", "early"), ("early", "abstain", "withdrawn")]
+
+
+def test_without_a_certainty_nothing_is_early(bridge, said):
+    sure = said.judgement(p=(0.0, 0.0, 0.0, 1.0))
+    sure = sure.model_copy(update={"movement": Movement(id="v1", began_ns=said.NOON)})
+    due = payloads(bridge.look(at(said, sure), frozenset(), 0.0))
+    assert not any("EARLY" in topic for topic in due) and bridge.event(0.0) is None
 
 
 @pytest.mark.parametrize("payload", [b"", b"x", b"[]", b'{"said_ns": "1"}', b"\xff", b"null"])
