@@ -51,6 +51,7 @@ VERBS = {
     "look": Verb("observer.preview.commands", "look", "one look at a source: what a tracker makes out in it"),
     "record": Verb("observer.recording.commands", "record", "several calibrated cameras -> motion archive"),
     "learn": Verb("observer.commands", "learn", "motion archive -> one observer's model for its view"),
+    "forget": Verb("observer.commands", "forget", "a model without some of its movements, nothing learned again"),
     "paper": Verb("studies.commands", "paper", "the paper's three experiments, beside the paper's tables"),
     "evaluate": Verb("studies.commands", "evaluate", "accuracy, confusion, earliness and calibration on an archive"),
     "peers": Verb("studies.peers.commands", "peers", "our judges beside offline classifiers on the same tracks"),

@@ -76,6 +76,8 @@ def _run(
         model=PAPER_MODEL,
         rule=PAPER_RULE,
         turn=experiment.turn,
+        # The paper's observers do not ask how far they can be believed.
+        calibrated=False,
     )
     answer = evaluate(archive, question, lambda _, done, total: progress(title, done, total))
     return Outcome(experiment, answer, as_json(answer))

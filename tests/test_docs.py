@@ -286,7 +286,7 @@ def test_the_model_in_extend_tells_movements_apart(monkeypatch):
     model = learn_view(MotionArchive(BODY_PARTS, tuple(people)), door, Vocabulary(("up", "down")), kind="average")
     observer = Observer(ProjectedTracker(door, BODY_PARTS, BODY_PARTS), model)
     opinions = [observer.step(frame) for frame in frames_of(hands_at(0.25, 1.5, "up"))]
-    assert opinions[-1].p[0] > 0.9
+    assert opinions[-1].p[0] > 0.8
 
 
 def test_the_other_examples_in_extend_do_what_they_say(tmp_path):

@@ -106,7 +106,8 @@ def _least_log_loss(beliefs: Floats, truth: Indices) -> tuple[float, float]:
     best = (np.inf, 1.0, 0.0)
     for temperature in TEMPERATURES:
         right = from_logs(logs / temperature)[np.arange(len(truth)), truth]
-        for doubt in DOUBTS:
+        # Who was never wrong in n trials may be in the next.
+        for doubt in DOUBTS[DOUBTS >= min(1.0 / len(truth), FEW.doubt)]:
             loss = float(-np.log((1 - doubt) * right + doubt / beliefs.shape[1] + LEAST_P).mean())
             best = min(best, (loss, float(temperature), float(doubt)))
     return best[1], best[2]

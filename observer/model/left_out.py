@@ -1,5 +1,6 @@
 """Trying a model on who it has not learned from, one person at a time, to know how far it can be believed."""
 
+import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -9,9 +10,10 @@ import numpy as np
 from observer.model.base import Example, Header, MovementModel, Onset
 from observer.model.certainty import Certainty, Tried, fit, not_surer
 
+GOLDEN_RATIO = (math.sqrt(5) - 1) / 2
 FRACTIONS = (1.0,)
 """Of a movement, at which beliefs are looked at: when verdicts are made."""
-MOST_TRIED = 120
+MOST_TRIED = 240
 """Examples that are judged; more hardly change the few numbers that are fitted."""
 
 
@@ -95,8 +97,9 @@ def _tried(
     kind: type[MovementModel], header: Header, examples: Sequence[Example], out: Sequence[int]
 ) -> Iterator[Tried]:
     """Judged by a model of all others; of many only some are judged, though all are left out."""
-    left, every = set(out), max(round(len(examples) / MOST_TRIED), 1)
+    left, share = set(out), MOST_TRIED / len(examples)
     model = kind.learn(header, [e for n, e in enumerate(examples) if n not in left])
     for n in out:
-        if n % every == 0:
+        # Evenly spread however the examples are ordered: every second one could be always the same movements.
+        if (n * GOLDEN_RATIO) % 1.0 < share:
             yield judged(model, examples[n])

@@ -131,6 +131,7 @@ class _PhaseWatch:
     def __init__(self, model: Phase, reader: PostureReader, belief: ChainFilter) -> None:
         self._model, self._reader, self._belief = model, reader, belief
         self._chosen = model.chosen()
+        self._rested = False
         self._frames, self._said = 0, np.zeros(model.header.vocabulary.size)
 
     @property
@@ -151,7 +152,7 @@ class _PhaseWatch:
 
     @property
     def foreseen(self) -> Floats | None:
-        """(M,) mean log probability a frame since the last rest; None at rest."""
+        """(M,) mean log probability a frame of the movement that goes on, else of the last; None before any."""
         return self._said / self._frames if self._frames else None
 
     def update(self, tracks: Tracks) -> None:
@@ -161,9 +162,11 @@ class _PhaseWatch:
             return
         self._belief.step(self._model.evidence(features, self._chosen))
         if self._belief.rest >= 0.5:
-            self._frames, self._said = 0, np.zeros_like(self._said)
-        else:
-            self._frames, self._said = self._frames + 1, self._said + self._belief.said
+            self._rested = True
+            return
+        if self._rested:
+            self._rested, self._frames, self._said = False, 0, np.zeros_like(self._said)
+        self._frames, self._said = self._frames + 1, self._said + self._belief.said
 
 
 def _reader(header: Header) -> PostureReader:

@@ -59,6 +59,7 @@ OUTSIDE_WORLD = {
     *("zenoh", "cv2"),
 }
 IMPURE = {
+    "studies.learning_curve": "runs evaluate, which measures time",
     "studies.peers.comparison": "runs evaluate, which measures time",
     "*.commands": "command line: files, signals, printing",
     "*.telling": "the clock, and a server in a thread",

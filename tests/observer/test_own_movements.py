@@ -15,6 +15,7 @@ from observer.learning import examples_of, learn_view, seen_from
 from observer.model.base import Onset
 from observer.model.certainty import FEW, Certainty, not_surer
 from observer.model.left_out import by_person, by_recording
+from observer.model.left_out import judged as judged_by_model
 from observer.model.registry import MODELS
 from observer.model.store import read_model, write_model
 from observer.model.symbol_table import learn_table
@@ -156,6 +157,22 @@ def test_all_facings_are_learned_of_an_added_movement_and_how_it_is_foreseen(tur
     assert certainty.foreseen[:2] == turning.header.certainty.foreseen and len(certainty.foreseen) == 3
     assert certainty.foreseen[2][1] >= 0.6, "no narrower than is usual among the others"
     assert without_movements(grown, ("ok",)).header.certainty.foreseen == certainty.foreseen[1:]
+
+
+def test_who_judges_an_added_movements_example_has_not_learned_it(turning, people, monkeypatch):
+    chains = []
+
+    def looking(model, example):
+        chains.append(int((model.arrays()["movement_of"] == 2).sum()))
+        return judged_by_model(model, example)
+
+    monkeypatch.setattr("observer.editing.judged", looking)
+    with_movements(turning, some(people, ("1", "2"), (NEW[0],), trials=2), DOOR)
+    # The other person's two recordings, from four facings.
+    assert chains == [8] * 4
+    chains.clear()
+    with_movements(turning, some(people, ("3",), (NEW[0],)), DOOR)
+    assert chains == [8] * 3
 
 
 def test_of_one_person_alone_an_added_movement_is_not_expected_to_be_foreseen_better_than_the_others(turning, people):
