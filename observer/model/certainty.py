@@ -19,6 +19,10 @@ LEAST_SPREAD = 0.3
 FEWEST_EXAMPLES = 20
 """Judged examples below which what is fitted is chance: nothing is believed more than by FEW then."""
 LEAST_P = 1e-12
+HINT = 0.5
+"""Nats that one judge may say for or against something else: how well a movement is foreseen depends on the tracker too.
+That the judges disagree says more, and only fusion sees it.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +60,7 @@ class Certainty:
         m = int(p.argmax())
         mean, spread = self.foreseen[m]
         log_odds = self.slope * ((mean - float(foreseen[m])) / spread - self.unlike)
-        return float(1.0 / (1.0 + len(p) * np.exp(-np.clip(log_odds, -30.0, 30.0))))
+        return float(1.0 / (1.0 + len(p) * np.exp(-np.clip(log_odds, -HINT, HINT))))
 
 
 FEW = Certainty(temperature=1.3, doubt=0.12)

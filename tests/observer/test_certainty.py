@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from common.probability import from_logs
-from observer.model.certainty import FEW, FEWEST_EXAMPLES, Certainty, Tried, fit
+from observer.model.certainty import FEW, FEWEST_EXAMPLES, HINT, Certainty, Tried, fit
 
 SHAPES = st.sampled_from([(2,), (5,), (3, 4), (20, 12)])
 TEMPERATURES = st.floats(0.5, 8.0)
@@ -51,6 +51,7 @@ def test_of_one_facing_it_is_the_same_as_of_none(seed, temperature, doubt):
 
 STATS = ((-1.0, 0.5), (-2.0, 1.0), (-1.5, 0.25))
 KNOWING = Certainty(foreseen=STATS, unlike=2.0, slope=1.5)
+LEAST, MOST = (1 / (1 + 3 * np.exp(-hint)) for hint in (-HINT, HINT))
 
 
 @pytest.mark.parametrize("m", range(3))
@@ -67,13 +68,14 @@ def test_the_worse_it_was_foreseen_the_likelier_it_is_none_of_them(seed, worse):
     rng = np.random.default_rng(seed)
     p, foreseen = rng.dirichlet(np.ones(3)), rng.uniform(-3, 0, 3)
     before, after = KNOWING.unlearned(p, foreseen), KNOWING.unlearned(p, foreseen - worse)
-    assert 0 < before < after < 1
+    assert 0 < before <= after < 1
+    assert before < after or before in (pytest.approx(LEAST), pytest.approx(MOST))
 
 
-def test_however_badly_it_was_foreseen_it_stays_a_probability():
+def test_however_badly_it_was_foreseen_one_judge_gives_no_more_than_a_hint():
     p = np.array([0.9, 0.05, 0.05])
-    assert 0 < KNOWING.unlearned(p, np.full(3, 1e9)) < 1e-9
-    assert 1 - 1e-9 < KNOWING.unlearned(p, np.full(3, -1e9)) <= 1
+    assert KNOWING.unlearned(p, np.full(3, 1e9)) == pytest.approx(LEAST)
+    assert KNOWING.unlearned(p, np.full(3, -1e9)) == pytest.approx(MOST)
 
 
 def test_who_cannot_tell_says_nothing():
@@ -131,8 +133,8 @@ def test_what_is_foreseen_of_own_examples_is_learned_and_what_is_worse_is_someth
     assert np.array(found.foreseen) == pytest.approx(np.array([(-1.0, 0.3), (-2.0, 0.3)]), abs=0.08)
     assert 1.5 < found.unlike < 4.5 and found.slope > 0
     for m, mean in enumerate((-1.0, -2.0)):
-        assert found.unlearned(np.eye(2)[m], np.full(2, mean)) < 0.1
-        assert found.unlearned(np.eye(2)[m], np.full(2, mean - 1.8)) > 0.8
+        like, unlike = (found.unlearned(np.eye(2)[m], np.full(2, mean - below)) for below in (0.0, 1.8))
+        assert like < 1 / 3 < unlike
 
 
 def test_a_movement_with_one_example_is_told_by_the_others():
