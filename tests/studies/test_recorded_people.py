@@ -48,7 +48,7 @@ def final(said):
     return said["accuracy"]
 
 
-PAPERS = {"model": PAPER_MODEL, "rule": PAPER_RULE}
+PAPERS = {"model": PAPER_MODEL, "rule": PAPER_RULE, "calibrated": False}
 
 
 def test_the_labels_of_the_subsets_are_the_archives(msr):
@@ -68,12 +68,9 @@ def test_the_papers_fusion_beats_the_better_of_its_two_views(msr):
     assert said["accuracy"] > max(view["accuracy"] for view in said["per_view"].values())
 
 
-def test_the_default_in_the_door_plane(msr):
-    assert mean_over_subsets(msr, final) >= 0.86
-
-
-def test_the_default_fused_at_the_end_and_when_sixty_percent_were_seen(msr):
+def test_the_default_in_the_door_plane_and_fused_at_the_end_and_when_sixty_percent_were_seen(msr):
     said = [found(msr, labels, "door,wheel") for labels in SUBSETS.values()]
+    assert np.mean([s["per_view"]["door"]["accuracy"] for s in said]) >= 0.86
     assert np.mean([s["accuracy"] for s in said]) >= 0.88
     assert np.mean([s["accuracy_at"]["0.6"] for s in said]) >= 0.86
 
@@ -84,6 +81,7 @@ def test_the_default_on_all_movements_and_the_same_labels_over_the_mesh(msr):
     assert (said["n_train"], said["n_test"]) == (289, 264)
     assert said["accuracy"] >= 0.84
     assert said["accuracy"] > max(view["accuracy"] for view in said["per_view"].values())
+    assert said["ece"] <= 0.06 and max(view["ece"] for view in said["per_view"].values()) <= 0.09
     over_mesh = fused_over_mesh(answer)
     assert over_mesh["same_labels"] == over_mesh["n"] == 264
 
