@@ -15,14 +15,28 @@ from observer.belief.phase_filter import Dynamics
 from observer.model.base import Arrays, Example, Header, Onset, with_defaults
 from observer.model.chains import bridged, completed, laid_over
 from observer.model.postures import Chosen, PostureEvidence, Postures
-from observer.posture import PostureReader, at_rest
+from observer.posture import REFERENCE_HZ, PostureReader, at_rest
 from observer.tracks import Floats, Tracks
 
 STEPS = (0.4, 0.3, 0.15, 0.1, 0.05)
-"""P(0, 1, 2, 3, 4 phases in one frame): people dwell, and hurry, more than they keep an even pace."""
+"""P(0, 1, 2, 3, 4 phases in 1/15 s): people dwell, and hurry, more than they keep an even pace."""
 ENTRY = (0.4, 0.3, 0.2, 0.1)
 """P(a movement is entered in its first, ... fourth phase)."""
 FEWEST_PHASES = 8
+
+
+def steps_in(share: float) -> Floats:
+    """P(k phases) in so many fifteenths of a second: STEPS as often as they go into it, and with a chance the rest."""
+    whole, part = int(share), share - int(share)
+    steps = np.ones(1)
+    for _ in range(whole):
+        steps = np.convolve(steps, STEPS)
+    if part > 0:
+        once = part * np.array(STEPS)
+        once[0] += 1 - part
+        steps = np.convolve(steps, once)
+    result: Floats = steps
+    return result
 
 
 class Phase:
@@ -48,6 +62,7 @@ class Phase:
         self.header = header
         self._chains, self._movement_of, self._facing_of = chains, movement_of, facing_of
         self.facings = int(header.parameters["facings"])
+        self._share = REFERENCE_HZ / header.rate_hz
         self._cell_of = movement_of * self.facings + facing_of
         self._postures = Postures(chains.transpose(1, 2, 0))
         # Somebody at rest stands as people stood before and after their movements, without moving.
@@ -63,7 +78,8 @@ class Phase:
         """
         header = with_defaults(header, cls.DEFAULTS)
         features = [bridged(_features_of(e, header)) for e in examples]
-        phases = max(int(np.median([len(f) for f in features])), FEWEST_PHASES)
+        # A phase is 1/15 s of the median example, whatever the frame rate.
+        phases = max(round(np.median([len(f) for f in features]) * REFERENCE_HZ / header.rate_hz), FEWEST_PHASES)
         chains = np.array([laid_over(f, phases) for f in features])
         movement_of = np.array([e.movement for e in examples], dtype=np.int64)
         facing_of = np.array([e.facing for e in examples], dtype=np.int64)
@@ -105,12 +121,12 @@ class Phase:
         """Start the filter at rest, or at the first phases where the onset is known."""
         given = self.header.parameters
         dynamics = Dynamics(
-            steps=np.array([STEPS]),
+            steps=steps_in(self._share)[None],
             speeds=np.ones(1),
             jitter=np.ones((1, 1)),
             entry=np.array(ENTRY),
-            begin=given["begin"],
-            forget=given["forget"],
+            begin=1 - (1 - given["begin"]) ** self._share,
+            forget=1 - (1 - given["forget"]) ** self._share,
         )
         movements, phases = self.header.vocabulary.size, self._chains.shape[1]
         belief = ChainFilter(self._cell_of, movements, self.facings, phases, dynamics, onset.known)
@@ -124,7 +140,9 @@ class Phase:
         """(D,) features, NaN where not seen -> what they say of every chain, phase and rest."""
         given = self.header.parameters
         of_rest = (self._first, self._last, self._cell_of, (self.header.vocabulary.size, self.facings))
-        return PostureEvidence(chosen, of_rest, features, given["sharpness"], given["outlier"])
+        # Twice as many frames a second say the same twice.
+        sharpness, outlier = given["sharpness"] * self._share, given["outlier"] * self._share
+        return PostureEvidence(chosen, of_rest, features, sharpness, outlier)
 
 
 class _PhaseWatch:
