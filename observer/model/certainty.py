@@ -20,8 +20,8 @@ FEWEST_EXAMPLES = 20
 """Judged examples below which what is fitted is chance: nothing is believed more than by FEW then."""
 LEAST_P = 1e-12
 HINT = 0.5
-"""Nats that one judge may say for or against something else: how well a movement is foreseen depends on the tracker too.
-That the judges disagree says more, and only fusion sees it.
+"""Nats that one judge may say for or against something else: how well a movement is foreseen depends on the tracker
+too. That the judges disagree says more, and only fusion sees it.
 """
 
 
@@ -111,7 +111,7 @@ def _least_log_loss(beliefs: Floats, truth: Indices) -> tuple[float, float]:
     for temperature in TEMPERATURES:
         right = from_logs(logs / temperature)[np.arange(len(truth)), truth]
         # Who was never wrong in n trials may be in the next.
-        for doubt in DOUBTS[DOUBTS >= min(1.0 / len(truth), FEW.doubt)]:
+        for doubt in DOUBTS[min(1.0 / len(truth), FEW.doubt) <= DOUBTS]:
             loss = float(-np.log((1 - doubt) * right + doubt / beliefs.shape[1] + LEAST_P).mean())
             best = min(best, (loss, float(temperature), float(doubt)))
     return best[1], best[2]
