@@ -248,7 +248,11 @@ def _unlearned(text: str, learned: tuple[str, ...], known: tuple[str, ...]) -> t
     """The movements that are shown unlearned: those named, or with `others` all that are not learned."""
     if text == "others":
         return tuple(label for label in known if label not in learned)
-    return words("--unlearned", text)
+    named = words("--unlearned", text)
+    for label in named:
+        if label in learned:
+            raise BadInput(f"--unlearned: {label!r} is among the movements that are learned; name others in --labels")
+    return named
 
 
 def _turn(text: str) -> float | None:

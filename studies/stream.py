@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.config_sections import FusionConfig, usual_quorum
-from common.errors import BadInput
 from common.messages import ABSTAIN, PosteriorMessage
 from common.vocabulary import Vocabulary
 from fusion.referee import Referee
@@ -82,10 +81,7 @@ class Score:
 def judge_stream(
     archive: MotionArchive, question: Question, progress: Callable[[str, int, int], None] = lambda *_: None
 ) -> dict[str, Any]:
-    """Judge the test people's streams: continuous recordings as they are, else their recordings strung together.
-
-    Raises BadInput for a movement that is to be learned and not.
-    """
+    """Judge the test people's streams: continuous recordings as they are, else their recordings strung together."""
     quorum = usual_quorum(len(question.views))
     conduct = FusionConfig(rule=question.rule, temperature=question.temperature, quorum=quorum)
     first, last = Score(), Score()
@@ -100,9 +96,6 @@ def heard_in(
     archive: MotionArchive, question: Question, progress: Callable[[str, int, int], None] = lambda *_: None
 ) -> Iterator["Heard"]:
     """What the observers say in each of the streams; see judge_stream."""
-    both = [label for label in question.unlearned if label in question.labels]
-    if both:
-        raise BadInput(f"--unlearned: {both[0]!r} is among the movements that are learned; name others in --labels")
     chosen = with_labels(archive, (*question.labels, *question.unlearned))
     for number, split in enumerate(
         splits(chosen, question.train_subjects, question.test_subjects, question.leave_one_subject_out)
