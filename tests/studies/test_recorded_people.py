@@ -87,5 +87,6 @@ def test_the_default_on_all_movements_and_the_same_labels_over_the_mesh(msr):
 
 
 def test_the_default_knows_neither_onset_nor_tempo_and_the_frame_table_is_lost(msr):
-    assert found(msr, LABELS, "door,wheel", onset_known=False)["accuracy"] >= 0.78
+    # How sure they may be is not asked here, and takes as long as all the rest.
+    assert found(msr, LABELS, "door,wheel", onset_known=False, calibrated=False)["accuracy"] >= 0.78
     assert found(msr, LABELS, "door,wheel", onset_known=False, **PAPERS)["accuracy"] <= 0.25
