@@ -6,7 +6,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -185,15 +185,7 @@ def learn(
     if effort:
         _learn_effort(whole, view, output, provenance)
     elif add_to:
-        from observer.editing import with_movements
-        from observer.model.store import read_model
-
-        old, seen = read_model(add_to), parse_view(view)
-        grown = with_movements(
-            old, whole, seen, labels=chosen, kind=model, parameters=given, source=provenance["archive"]
-        )
-        write_model(output, grown.model)
-        _tell_of_added(output, grown, whole)
+        _add(add_to, whole, view, output, labels=chosen, kind=model, parameters=given, source=archive.name)
     else:
         learned = learn_view(
             whole,
@@ -205,6 +197,17 @@ def learn(
         )
         write_model(output, learned)
         _tell(output, learned.header, whole)
+
+
+def _add(old: Path, archive: "MotionArchive", view: str, output: Path, **given: Any) -> None:  # noqa: ANN401
+    """given: as with_movements takes it."""
+    from observer.editing import with_movements
+    from observer.geometry.views import parse_view
+    from observer.model.store import read_model, write_model
+
+    grown = with_movements(read_model(old), archive, parse_view(view), **given)
+    write_model(output, grown.model)
+    _tell_of_added(output, grown, archive)
 
 
 def _tell(output: Path, header: "Header", archive: "MotionArchive") -> None:

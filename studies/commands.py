@@ -3,7 +3,7 @@
 import json as json_text
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -109,11 +109,11 @@ def _evaluated(
     curve: bool = False,
 ) -> list[Path]:
     """Evaluate with progress, tell the result, write what was asked for; returns the files."""
-    from studies.answer import as_json, as_text
+    from studies.answer import as_json
     from studies.evaluate import evaluate as ask
-    from studies.learning_curve import as_table, learning_curve
+    from studies.learning_curve import learning_curve
     from studies.mesh_run import fused_over_mesh
-    from studies.report import draw_learning_curve, resolved_pairs, write_report
+    from studies.report import draw_learning_curve, write_report
     from studies.stream import judge_stream
 
     with Bar() as bar:
@@ -132,15 +132,7 @@ def _evaluated(
         if stream:
             found["stream"] = judge_stream(archive, question, bar)
     found |= learned
-    print(as_text(found))
-    if curve:
-        print(f"\n{as_table(found['learning_curve'])}")
-    if "joints" in found:
-        joints = found["joints"]["accuracy"]
-        lost = f"{100 * (joints - found['accuracy']):.1f} points are lost"
-        print(f"\nfrom pixels, {background} background; from the joints it is {joints:.3f}: {lost}")
-    if len(question.views) > 1:
-        print(f"\n{resolved_pairs(found)}")
+    _tell(found)
     written = write_report(answer, found, report, raw) if report else []
     if report and curve:
         written.append(draw_learning_curve(found["learning_curve"], report / "learning-curve.png"))
@@ -148,6 +140,23 @@ def _evaluated(
         _write(json, json_text.dumps(found, indent=1) + "\n")
         written.append(json)
     return written
+
+
+def _tell(found: dict[str, Any]) -> None:
+    """What a person reads of it."""
+    from studies.answer import as_text
+    from studies.learning_curve import as_table
+    from studies.report import resolved_pairs
+
+    print(as_text(found))
+    if "learning_curve" in found:
+        print(f"\n{as_table(found['learning_curve'])}")
+    if "joints" in found:
+        joints = found["joints"]["accuracy"]
+        lost = f"{100 * (joints - found['accuracy']):.1f} points are lost"
+        print(f"\nfrom pixels, {found['background']} background; from the joints it is {joints:.3f}: {lost}")
+    if len(found["views"]) > 1:
+        print(f"\n{resolved_pairs(found)}")
 
 
 def _from_pixels(
