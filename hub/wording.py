@@ -76,7 +76,8 @@ def contributed(verdict: VerdictMessage) -> str:
 
 def manner(judgement: JudgementMessage) -> str:
     """How it is done, `sudden 83%, strong 70%, facing 45° left`; empty where nobody says it."""
-    words = [f"{each.value} {each.p:.0%}" for each in leanings(judgement.facets)]
+    # A value between the poles is no word that a reader could place.
+    words = [f"{each.value} {each.p:.0%}" for each in leanings(judgement.facets) if each.value in each.poles]
     direction = facing(judgement.facing_deg)
     return ", ".join([*words, *([] if direction is None else [f"facing {facing_words(direction)}"])])
 

@@ -15,7 +15,7 @@ from observer.geometry.views import View
 from observer.learning import common_rate, cut_out, examples_of, facings_in, labels_of
 from observer.model.base import Example, Header, MovementModel
 from observer.model.certainty import Certainty, Tried
-from observer.model.left_out import by_person, by_recording, judged
+from observer.model.left_out import by_person, by_recording, evenly, judged
 from observer.motion.archive import MotionArchive
 
 SAME_VIEW = 1e-6
@@ -147,14 +147,14 @@ def _tries(model: MovementModel, header: Header, examples: Sequence[Example]) ->
     """New examples judged by the model grown by the others, and whether it was whole persons who were left out."""
     front = [e for e in examples if e.facing == 0]
     persons = by_person(front)
-    every = max(round(len(front) / MOST_TRIED), 1)
+    share = MOST_TRIED / len(front)
     tried: list[Tried] = []
     for out in persons or by_recording(front):
         left = {(front[n].movement, front[n].subject, front[n].trial) for n in out}
         others = [e for e in examples if (e.movement, e.subject, e.trial) not in left]
         if {e.movement for e in others} == {e.movement for e in front}:
             grown = _editable(model).grown(header, others)
-            tried += [judged(grown, front[n]) for n in out if n % every == 0]
+            tried += [judged(grown, front[n]) for n in out if evenly(n) < share]
     return tuple(tried), bool(persons)
 
 

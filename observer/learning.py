@@ -10,7 +10,7 @@ from common.errors import BadInput
 from common.vocabulary import Vocabulary
 from observer.geometry.views import View, turned
 from observer.model.base import Example, Header, MovementModel
-from observer.model.left_out import believable
+from observer.model.left_out import believable, evenly
 from observer.model.registry import DEFAULT_MODEL, model_named
 from observer.motion.archive import MotionArchive, Recording
 from observer.motion.resample import resample
@@ -18,8 +18,6 @@ from observer.projected import ProjectedTracker
 from observer.tracks import Frame, Tracks
 
 MOST_FACINGS = 72
-GOLDEN_RATIO = (math.sqrt(5) - 1) / 2
-"""Its multiples fill the unit interval evenly, however many there are."""
 
 
 def learn_view(
@@ -91,7 +89,7 @@ def _facing(recording: Recording, k: int, facings: int, number: int) -> Recordin
     """
     if facings == 1:
         return recording
-    astray = (number * GOLDEN_RATIO) % 1.0 - 0.5
+    astray = evenly(number) - 0.5
     return replace(recording, positions=turned(recording.positions, math.tau * (k + astray) / facings))
 
 

@@ -5,16 +5,16 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
-import numpy as np
-
 from observer.model.base import Example, Header, MovementModel, Onset
 from observer.model.certainty import Certainty, Tried, fit, not_surer
 
-GOLDEN_RATIO = (math.sqrt(5) - 1) / 2
-FRACTIONS = (1.0,)
-"""Of a movement, at which beliefs are looked at: when verdicts are made."""
 MOST_TRIED = 240
 """Examples that are judged; more hardly change the few numbers that are fitted."""
+
+
+def evenly(number: int) -> float:
+    """0 to 1: successive numbers fill the interval evenly, however many there are (multiples of the golden ratio)."""
+    return (number * (math.sqrt(5) - 1) / 2) % 1.0
 
 
 def certainty_of(kind: type[MovementModel], header: Header, examples: Sequence[Example]) -> Certainty:
@@ -42,17 +42,11 @@ def told(tried: Sequence[Tried]) -> dict[str, str]:
 
 
 def judged(model: MovementModel, example: Example) -> Tried:
-    """What a model, which should not have learned it, believes of the example."""
-    frames = len(example.tracks)
-    wanted = [max(int(np.ceil(f * frames)), 1) - 1 for f in FRACTIONS]
-    watch = model.watch(Onset(known=True, length=frames))
-    beliefs, foreseen = [], None
-    for n, tracks in enumerate(example.tracks):
+    """What a model, which should not have learned it, believes of the example at its end, when verdicts are made."""
+    watch = model.watch(Onset(known=True, length=len(example.tracks)))
+    for tracks in example.tracks:
         watch.update(tracks)
-        foreseen = foreseen if watch.foreseen is None else watch.foreseen
-        if n in wanted:
-            beliefs += [watch.p] * wanted.count(n)
-    return Tried(example.movement, np.array(beliefs), foreseen)
+    return Tried(example.movement, watch.p[None], watch.foreseen)
 
 
 def by_recording(examples: Sequence[Example]) -> list[list[int]]:
@@ -101,5 +95,5 @@ def _tried(
     model = kind.learn(header, [e for n, e in enumerate(examples) if n not in left])
     for n in out:
         # Evenly spread however the examples are ordered: every second one could be always the same movements.
-        if (n * GOLDEN_RATIO) % 1.0 < share:
+        if evenly(n) < share:
             yield judged(model, examples[n])
