@@ -1,8 +1,6 @@
 """The Effort model's file: a .npz without pickles, beside the movement model's (docs/effort.md)."""
 
 import json
-import os
-import tempfile
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -13,9 +11,9 @@ from numpy.typing import NDArray
 from common.errors import BadInput
 from observer.effort.features import NAMES
 from observer.effort.model import EVIDENCE, FACTORS, EffortModel
+from observer.npz_file import read_arrays, write_whole
 
 FORMAT = 1
-SUFFIX = ".effort"
 WAY_OUT = "make one with labanmesh learn ... --effort"
 
 
@@ -39,28 +37,16 @@ def write_effort(path: Path, model: EffortModel) -> None:
         "temper": model.temper,
         **{f"spread_{factor}": model.spreads[factor] for factor in FACTORS},
     }
-    unfinished: Path | None = None
     try:
-        with tempfile.NamedTemporaryFile(dir=path.parent, suffix=SUFFIX, delete=False) as file:
-            unfinished = Path(file.name)
-            # No allow_pickle=False: numpy 1.26 would store it as an array. This holds no objects.
-            np.savez_compressed(file, header=np.array(json.dumps(header, indent=1)), **arrays)  # type: ignore[arg-type]
-            file.flush()
-            os.fsync(file.fileno())
-        unfinished.chmod(0o644)
-        unfinished.replace(path)
+        write_whole(path, {"header": np.array(json.dumps(header, indent=1)), **arrays}, compressed=True)
     except OSError as error:
         raise BadInput(f"{path}: cannot be written: {error.strerror or error}") from None
-    finally:
-        if unfinished is not None:
-            unfinished.unlink(missing_ok=True)
 
 
 def read_effort(path: Path) -> EffortModel:
     """Read an Effort model; raises BadInput with one line for anything that is not one."""
     try:
-        with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
-            arrays = {name: file[name] for name in file.files}
+        arrays = read_arrays(path)
     except FileNotFoundError:
         raise BadInput(f"{path}: no such Effort model; {WAY_OUT}") from None
     except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:

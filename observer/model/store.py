@@ -5,8 +5,6 @@ certainty); every other array is the model's own.
 """
 
 import json
-import os
-import tempfile
 import zipfile
 from dataclasses import asdict
 from pathlib import Path
@@ -19,26 +17,16 @@ from common.vocabulary import Vocabulary
 from observer.model.base import Header, MovementModel
 from observer.model.certainty import Certainty
 from observer.model.registry import MODELS
+from observer.npz_file import read_arrays, write_whole
 
 FORMAT = 1
-SUFFIX = ".model"
 
 
 def write_model(path: Path, model: MovementModel) -> None:
     """Write whole or not at all; raises BadInput when the folder cannot be written."""
     header = np.array(json.dumps(_as_json(model.header), indent=1))
     try:
-        with tempfile.NamedTemporaryFile(dir=path.parent, suffix=SUFFIX, delete=False) as file:
-            try:
-                # No allow_pickle=False: numpy 1.26 would store it as an array. A model holds no objects.
-                np.savez_compressed(file, header=header, **dict(model.arrays()))  # type: ignore[arg-type]
-                file.flush()
-                Path(file.name).replace(path)
-            except BaseException:
-                Path(file.name).unlink(missing_ok=True)
-                raise
-        # A temporary file is private; the model is as readable as any file that the person makes.
-        path.chmod(0o666 & ~_umask())
+        write_whole(path, {"header": header, **model.arrays()}, compressed=True)
     except OSError as error:
         raise BadInput(f"{path}: cannot be written: {error.strerror or error}") from None
 
@@ -46,8 +34,7 @@ def write_model(path: Path, model: MovementModel) -> None:
 def read_model(path: Path) -> MovementModel:
     """Read a model file; raises BadInput with one line for anything that is not one."""
     try:
-        with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
-            arrays = {name: file[name] for name in file.files}
+        arrays = read_arrays(path)
     except FileNotFoundError:
         raise BadInput(f"{path}: no such model file; make one with labanmesh learn") from None
     except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
@@ -121,9 +108,3 @@ def _certainty(said: dict[str, Any]) -> Certainty:
     return Certainty(
         **numbers, foreseen=tuple((float(mean), float(spread)) for mean, spread in said.get("foreseen", ()))
     )
-
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask

@@ -1,6 +1,5 @@
 """Motion archives on disk: reads and writes the .npz file of the contract, and says what is wrong with a broken one."""
 
-import os
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -10,6 +9,7 @@ from numpy.typing import NDArray
 
 from common.errors import BadInput, LabanmeshError
 from observer.motion.archive import MotionArchive, Recording, Span, check_archive
+from observer.npz_file import write_whole
 
 Arrays = dict[str, NDArray[Any]]
 
@@ -70,20 +70,10 @@ def write_archive(path: Path, archive: MotionArchive) -> None:
     if not target.parent.is_dir():
         raise BadInput(f"{path}: folder {target.parent} does not exist; make it first")
     arrays = _arrays(archive)
-    # In the same folder, as os.replace is atomic only inside one file system.
-    unfinished = target.with_name(f".{target.name}.{os.getpid()}.part")
     try:
-        with unfinished.open("wb") as file:
-            # No allow_pickle=False: numpy 1.26 would store it as an array. What is written here holds no objects.
-            np.savez(file, **arrays)  # type: ignore[arg-type]
-            file.flush()
-            os.fsync(file.fileno())
-        unfinished.replace(target)
+        write_whole(target, arrays, compressed=False)
     except OSError as error:
         raise LabanmeshError(f"{path}: cannot be written: {error.strerror or error}") from error
-    finally:
-        # Also after Ctrl-C; after success there is nothing left to remove.
-        unfinished.unlink(missing_ok=True)
 
 
 def _load(path: Path) -> Arrays:

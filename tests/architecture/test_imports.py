@@ -78,6 +78,7 @@ IMPURE = {
     "common.progress": "the terminal",
     "common.status": "a thread and the mesh",
     "common.tls": "sockets and files",
+    "observer.npz_file": "files",
     "observer.examination": "a process of its own: opens files",
     "observer.source": "plays recordings by the clock",
     "observer.opening": "opens files, cameras and the standard input",
