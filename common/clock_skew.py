@@ -39,23 +39,21 @@ class ClockSkew:
 
     def __init__(self) -> None:
         self._readings: deque[Reading] = deque(maxlen=READINGS_KEPT)
+        self.best: Reading | None = None
+        """The reading that counts; None before the first."""
 
     def note(self, reading: Reading) -> None:
         """One more answer; readings that it contradicts are forgotten (rule 2)."""
         if any(not _agree(reading, old) for old in self._readings):
             self._readings.clear()
         self._readings.append(reading)
-
-    @property
-    def best(self) -> Reading | None:
-        """The reading that counts; None before the first."""
-        return min(self._readings, key=lambda reading: reading.doubt_ns, default=None)
+        # Asked for with every message, and changed once a second.
+        self.best = min(self._readings, key=lambda kept: kept.doubt_ns)
 
     @property
     def skew_s(self) -> float | None:
         """Seconds by which the other clock is ahead of ours, negative: behind; None before the first answer."""
-        best = self.best
-        return None if best is None else best.skew_ns / SECOND_NS
+        return None if self.best is None else self.best.skew_ns / SECOND_NS
 
 
 def _agree(new: Reading, old: Reading) -> bool:

@@ -38,7 +38,7 @@ def entropy_bits(p: Floats) -> Floats:
     safe = np.where(p > 0, p, 1.0)
     h = -(safe * np.log2(safe)).sum(axis=-1)
     # np.maximum(-0.0, 0.0) may keep the sign; adding 0.0 clears it.
-    result: Floats = np.clip(h, 0.0, math.log2(p.shape[-1])) + 0.0
+    result: Floats = np.minimum(np.maximum(h, 0.0), math.log2(p.shape[-1])) + 0.0
     return result
 
 

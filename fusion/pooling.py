@@ -80,8 +80,9 @@ def pool_joint(rule: Rule, cells: Floats, prior: Floats, standing: Standing | No
 def pool_facets(rule: Rule, opinions: Sequence[Opinion]) -> dict[str, Floats]:
     """Every facet that somebody who is heard says (4)."""
     names = dict.fromkeys(name for o in opinions for name in o.facets if name != FACING)
-    standing = standing_of(opinions) if names else Standing.unknown(0)
-    result = {}
+    if not names:
+        return {}
+    standing, result = standing_of(opinions), {}
     for name in sorted(names)[:FACETS_LIMIT]:
         size = _most(len(o.facets[name]) for o in opinions if name in o.facets)
         places = [n for n, o in enumerate(opinions) if name in o.facets and len(o.facets[name]) == size]

@@ -13,7 +13,7 @@ from fusion.contributions import contributions
 from fusion.judge import Belief, Decision, Demand, Judge
 from fusion.lessons import Lessons, learn
 from fusion.pooling import pool_facets, pool_opinions
-from fusion.roster import HEARD, Opinion, Patience, Roster
+from fusion.roster import HEARD, Known, Opinion, Patience, Roster
 from fusion.rules import rule_named
 from fusion.saying import Scribe, verdict_of
 
@@ -80,6 +80,8 @@ class Referee:
     def read_clock(self, observer: str, reading: Reading) -> None:
         """An observer was asked what time it has."""
         self._clocks.read(observer, reading)
+        if observer in self._known:
+            self._known[observer] = replace(self._known[observer], skew_s=self._clocks.skew_s(observer))
 
     def reject(self, observer: str, reason: str) -> None:
         """Count a message that could not even be read."""
@@ -103,7 +105,7 @@ class Referee:
     def lessons(self, lessons: Lessons) -> None:
         self._lessons = lessons
         # Asked for at every step, and changed once a verdict.
-        self._learned = {who: (lessons.reliability(who), lessons.doubles(who)) for who in self._roster.rejected}
+        self._known = {who: self._known_of(who) for who in self._roster.rejected}
 
     def skew_s(self, observer: str) -> float | None:
         """Seconds by which an observer's clock is ahead of ours; None while it was never asked."""
@@ -111,25 +113,23 @@ class Referee:
 
     def judge(self, now_ns: int) -> Ruling:
         """What the judges together believe at `now_ns`, and what that decides."""
-        return self.rule_on([self._known(o) for o in self._roster.opinions(now_ns)], now_ns)
+        return self.rule_on(self._roster.opinions(now_ns, self._known.__getitem__), now_ns)
 
-    def _known(self, opinion: Opinion) -> Opinion:
-        """The opinion with what is known of its judge."""
-        reliability, doubles = self._learned[opinion.observer]
-        skew_s = self._clocks.skew_s(opinion.observer)
-        return replace(opinion, skew_s=skew_s, reliability=reliability, doubles=doubles)
+    def _known_of(self, observer: str) -> Known:
+        lessons = self._lessons
+        return Known(self._clocks.skew_s(observer), lessons.reliability(observer), lessons.doubles(observer))
 
     def rule_on(self, opinions: Sequence[Opinion], now_ns: int) -> Ruling:
         """The same for opinions that were gathered elsewhere, e.g. recorded: one for each observer, in their order."""
         pooled = pool_opinions(self._rule, opinions, self._roster.prior, self._conduct.temperature)
-        self._seq += 1
-        judgement = self._scribe.judgement(opinions, pooled, pool_facets(self._rule, opinions), self._seq, now_ns)
+        view = self._scribe.view(opinions, pooled)
         other = pooled.unlearned or 0.0
-        p, agreeing = max(judgement.p) * (1.0 - other), judgement.agreement.k
-        belief = Belief(now_ns, judgement.label, p, agreeing, _rest(opinions), other)
+        belief = Belief(now_ns, view.label, view.p * (1.0 - other), view.agreement.k, _rest(opinions), other)
         # Before anybody was heard, as after a restart in a movement, silence says nothing.
         decision = self._judge.watch(belief) if any(o.age_s is not None for o in opinions) else None
-        judgement = judgement.model_copy(update={"movement": self._movement()})
+        self._seq += 1
+        facets = pool_facets(self._rule, opinions)
+        judgement = self._scribe.judgement(view, pooled, facets, self._movement(), self._seq, now_ns)
         grounds = {**self._grounds, now_ns: _Ground(judgement, opinions)}
         self._keep(grounds)
         if decision is None:

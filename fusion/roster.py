@@ -19,7 +19,7 @@
 
 import math
 from collections import Counter, deque
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -81,10 +81,23 @@ class Opinion:
     doubles: Mapping[str, float] = field(default_factory=dict)
 
 
+@dataclass(frozen=True, slots=True)
+class Known:
+    """What is known of a judge beside what it says: skew_s, reliability and doubles as in Opinion."""
+
+    skew_s: float | None = None
+    reliability: float = 1.0
+    doubles: Mapping[str, float] = field(default_factory=dict)
+
+
+NOTHING_KNOWN = Known()
+
+
 @dataclass(slots=True)
 class _Seat:
     past_sessions: deque[str] = field(default_factory=lambda: deque(maxlen=SESSIONS_KEPT))
     message: PosteriorMessage | None = None
+    p: Floats = field(default_factory=lambda: np.empty(0))
     captured_ns: int = 0
     heard_ns: int = 0
     seen_ns: int = 0
@@ -129,6 +142,8 @@ class Roster:
             if begins or _sees(message):
                 seat.seen_ns = captured_ns
             seat.message, seat.captured_ns, seat.heard_ns = message, captured_ns, now_ns
+            # Here once, not at each of the steps in which it is judged.
+            seat.p = self._with_our_prior(message)
             seat.gone, seat.trouble = False, None
         else:
             self._count(seat, reason)
@@ -146,9 +161,9 @@ class Roster:
             self._seats[observer].gone, self._seats[observer].trouble = True, None
         self._alive = alive
 
-    def opinions(self, now_ns: int) -> list[Opinion]:
-        """Every judge of the roster in order, faded to its age at `now_ns`."""
-        return [self._opinion(observer, seat, now_ns) for observer, seat in self._seats.items()]
+    def opinions(self, now_ns: int, known: Callable[[str], Known] = lambda _: NOTHING_KNOWN) -> list[Opinion]:
+        """Every judge of the roster in order, faded to its age at `now_ns`, with what is known of it."""
+        return [self._opinion(observer, seat, now_ns, known(observer)) for observer, seat in self._seats.items()]
 
     def _refuse(self, seat: _Seat, message: PosteriorMessage, captured_ns: int, now_ns: int) -> str | None:
         if message.vocabulary.hash != self.vocabulary.digest:
@@ -175,30 +190,33 @@ class Roster:
         if reason not in ("repeated", "out_of_order", "past_session"):
             seat.trouble = "foreign" if reason == "foreign_vocabulary" else "invalid"
 
-    def _opinion(self, observer: str, seat: _Seat, now_ns: int) -> Opinion:
+    def _opinion(self, observer: str, seat: _Seat, now_ns: int, known: Known) -> Opinion:
         message, patience = seat.message, self._patience
+        skew_s, trust = known.skew_s, (known.reliability, known.doubles)
         if message is None:
-            return Opinion(observer, self.prior, 1.0, None, seat.trouble or "silent")
+            return Opinion(observer, self.prior, 1.0, None, seat.trouble or "silent", skew_s, None, None, {}, *trust)
         age_s = _age_s(seat.captured_ns, now_ns)
         unseen_s = (seat.captured_ns - seat.seen_ns) / SECOND_NS
         faded = max(age_s - patience.fresh_s, 0.0) / patience.fade_s
         sees = math.exp(-max(unseen_s - patience.fresh_s, 0.0) / patience.blind_s)
         keeps = math.exp(-faded) * sees
-        p = self._with_our_prior(message)
+        p = seat.p
         active = sees * (1.0 - (_ignorance(p) if message.rest is None else message.rest))
+        state: VoteState
         if seat.gone or abs(age_s) > patience.drop_s:
             speaks = not seat.gone and abs(now_ns - seat.heard_ns) <= patience.drop_s * SECOND_NS
             late = speaks and _age_s(seat.captured_ns, seat.heard_ns) > patience.drop_s
             rest = 1.0 - active if seat.gone and abs(age_s) <= patience.drop_s else 1.0
-            return Opinion(observer, self.prior, rest, age_s, seat.trouble or ("late" if late else "silent"))
+            state = seat.trouble or ("late" if late else "silent")
+            return Opinion(observer, self.prior, rest, age_s, state, skew_s, None, None, {}, *trust)
         surprise = None if message.facing is None else _faded_surprise(np.array(message.facing.surprise), keeps)
         facets = {name: _faded_facet(said, keeps) for name, said in (message.facets or {}).items()}
         unlearned = message.unlearned
         if keeps < 1.0:
             unlearned = None if unlearned is None else self._faded_answer(p, unlearned, keeps)
             p = temper(p, self.prior, keeps)
-        state: VoteState = "counted" if keeps == 1.0 else "stale"
-        return Opinion(observer, p, 1.0 - active, age_s, state, None, unlearned, surprise, facets)
+        state = "counted" if keeps == 1.0 else "stale"
+        return Opinion(observer, p, 1.0 - active, age_s, state, skew_s, unlearned, surprise, facets, *trust)
 
     def _faded_answer(self, p: Floats, unlearned: float, keeps: float) -> float:
         """How likely "something else" is when the belief over all answers has faded."""
@@ -206,7 +224,9 @@ class Roster:
         return float(temper(np.append(p * (1.0 - unlearned), unlearned), uniform(size), keeps)[-1])
 
     def _with_our_prior(self, message: PosteriorMessage) -> Floats:
-        p = normalise(np.array(message.p))
+        # It sums to nearly 1: that was checked where it came in.
+        said = np.array(message.p)
+        p: Floats = said / np.add.reduce(said)
         if message.prior is None:
             return p
         # Bayes: what the frames said is p over the judge's own prior; the scene's prior takes its place.

@@ -1,10 +1,20 @@
 """From what was pooled to the messages that say it: votes, judgements, verdicts. Pure."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
-from common.messages import Agreement, Contribution, Facing, JudgementMessage, VerdictMessage, VocabularyReference, Vote
+from common.messages import (
+    Agreement,
+    Contribution,
+    Facing,
+    JudgementMessage,
+    Movement,
+    VerdictMessage,
+    VocabularyReference,
+    Vote,
+)
 from common.probability import Floats, entropy_bits
 from common.vocabulary import Vocabulary
 from fusion.judge import Decision
@@ -17,6 +27,16 @@ TABLE_LIMIT = 8192
 """So many cells of all judges' facings are said in the votes; more would not fit into a message."""
 
 
+@dataclass(frozen=True, slots=True)
+class View:
+    """What was pooled, as people count: the likeliest label, how likely, the judges' votes, how many of them agree."""
+
+    label: str
+    p: float
+    votes: dict[str, Vote]
+    agreement: Agreement
+
+
 class Scribe:
     """Puts one fusion service's judgements into words."""
 
@@ -24,13 +44,18 @@ class Scribe:
         self._scene, self._fusion, self._vocabulary, self._prior, self._rule = scene, fusion, vocabulary, prior, rule
         self._reference = VocabularyReference(name=vocabulary.name, hash=vocabulary.digest)
 
+    def view(self, opinions: Sequence[Opinion], pooled: Pool) -> View:
+        """The likeliest movement, each judge's vote, and who agrees."""
+        likeliest = int(pooled.p.argmax())
+        label = self._vocabulary.labels[likeliest]
+        votes = self._votes(opinions, pooled.weights)
+        heard = [vote.label == label for vote in votes.values() if vote.state in HEARD]
+        return View(label, float(pooled.p[likeliest]), votes, Agreement(k=sum(heard), n=len(heard)))
+
     def judgement(
-        self, opinions: Sequence[Opinion], pooled: Pool, facets: Mapping[str, Floats], seq: int, now_ns: int
+        self, view: View, pooled: Pool, facets: Mapping[str, Floats], movement: Movement | None, seq: int, now_ns: int
     ) -> JudgementMessage:
         """What the judges together believe, and each of them."""
-        label = self._vocabulary.labels[int(pooled.p.argmax())]
-        votes = self._votes(opinions, pooled.weights)
-        heard = [vote for vote in votes.values() if vote.state in HEARD]
         told = {name: p.tolist() for name, p in facets.items()}
         if pooled.facing is not None:
             told[FACING] = pooled.facing.tolist()
@@ -41,26 +66,27 @@ class Scribe:
             at_ns=now_ns,
             vocabulary=self._reference,
             p=pooled.p.tolist(),
-            label=label,
+            label=view.label,
             certainty_bits=float(entropy_bits(pooled.p)),
             rule=self._rule,
-            votes=votes,
-            agreement=Agreement(k=sum(vote.label == label for vote in heard), n=len(heard)),
+            votes=view.votes,
+            agreement=view.agreement,
             unlearned=pooled.unlearned,
             facets=told or None,
             facing_deg=None if pooled.facing is None else facing_deg(pooled.facing),
+            movement=movement,
         )
 
     def _votes(self, opinions: Sequence[Opinion], weights: Floats) -> dict[str, Vote]:
-        entropies = entropy_bits(np.array([o.p for o in opinions])).tolist()
+        rows = np.array([o.p for o in opinions])
         cells = sum(o.surprise.size for o in opinions if o.surprise is not None)
-        told = zip(opinions, entropies, weights.tolist(), strict=True)
-        return {o.observer: self._vote(o, entropy, weight, cells <= TABLE_LIMIT) for o, entropy, weight in told}
+        said = zip(opinions, entropy_bits(rows).tolist(), weights.tolist(), self._held(opinions, rows), strict=True)
+        return {o.observer: self._vote(o, bits, weight, held, cells <= TABLE_LIMIT) for o, bits, weight, held in said}
 
-    def _vote(self, opinion: Opinion, entropy: float, weight: float, with_facing: bool) -> Vote:
+    def _vote(self, opinion: Opinion, entropy: float, weight: float, held: str | None, with_facing: bool) -> Vote:
         said, surprise = opinion.state in HEARD, opinion.surprise if with_facing else None
         return Vote(
-            label=self._held(opinion) if said else None,
+            label=held if said else None,
             entropy=entropy if said else None,
             weight=weight,
             age_s=opinion.age_s,
@@ -75,12 +101,13 @@ class Scribe:
             doubles=dict(opinion.doubles) or None,
         )
 
-    def _held(self, opinion: Opinion) -> str | None:
+    def _held(self, opinions: Sequence[Opinion], rows: Floats) -> list[str | None]:
+        """Each one's label; rows (N, M) what they believe."""
         # The likeliest label of who knows nothing is the first of the vocabulary, and no agreement with anybody.
-        likeliest = int(opinion.p.argmax())
-        knows = bool(np.abs(opinion.p - self._prior).max() > KNOWS_NOTHING)
-        other = opinion.unlearned or 0.0
-        return self._vocabulary.labels[likeliest] if knows and other <= opinion.p[likeliest] * (1 - other) else None
+        knows = (np.abs(rows - self._prior).max(axis=1) > KNOWS_NOTHING).tolist()
+        other = [o.unlearned or 0.0 for o in opinions]
+        told = zip(rows.argmax(axis=1).tolist(), rows.max(axis=1).tolist(), knows, other, strict=True)
+        return [self._vocabulary.labels[m] if knows and u <= p * (1 - u) else None for m, p, knows, u in told]
 
 
 def verdict_of(
