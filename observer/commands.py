@@ -151,6 +151,11 @@ def learn(
     add_to: Annotated[
         Path | None, typer.Option(help="A model that gets the movements it has not; those it has stay as they are.")
     ] = None,
+    background: Annotated[
+        str,
+        typer.Option(help="Archives of other movements, by commas, to know something else by; or blends: of its own."),
+    ] = "",
+    background_labels: Annotated[str, typer.Option(help="Which movements of those archives, by commas; all.")] = "",
     name: Annotated[str, typer.Option(help="A name for the vocabulary.")] = "movements",
     parameter: Annotated[
         list[str] | None, typer.Option(help="NAME=NUMBER of the model instead of its default; may be repeated.")
@@ -163,10 +168,13 @@ def learn(
 
     Example: labanmesh learn msr.npz --view yaw:45 -o corner1.model
 
+    Example: labanmesh learn own.npz --view yaw:45 --background msr.npz -o corner1.model
+
     Example: labanmesh learn own.npz --view yaw:45 --add-to corner1.model -o corner1.model
 
     Example: labanmesh learn effort.npz --view yaw:45 --effort --rate 30 -o corner1.effort
     """
+    from observer.background_file import read_background
     from observer.geometry.views import parse_view
     from observer.learning import labels_of, learn_view, prepared
     from observer.model.registry import DEFAULT_MODEL
@@ -180,8 +188,13 @@ def learn(
         "subjects": ",".join(sorted({r.subject for r in whole.recordings})),
     }
     given, chosen = numbers("--parameter", parameter or []), words("--labels", labels)
+    others = read_background(background, background_labels, archive, whole, words("--subjects", subjects))
     if effort and add_to:
         raise BadInput("--effort --add-to: movements are added, Effort is learned from all its examples at once")
+    if others and (effort or add_to):
+        raise BadInput(
+            "--background: goes with a new model alone; --add-to keeps what the model has, --effort needs none"
+        )
     if effort:
         _learn_effort(whole, view, output, provenance)
     elif add_to:
@@ -194,6 +207,7 @@ def learn(
             kind=model or DEFAULT_MODEL,
             parameters=given,
             provenance=provenance,
+            background=others,
         )
         write_model(output, learned)
         _tell(output, learned.header, whole)
@@ -211,7 +225,7 @@ def _add(old: Path, archive: "MotionArchive", view: str, output: Path, **given: 
 
 
 def _tell(output: Path, header: "Header", archive: "MotionArchive") -> None:
-    from observer.learned import believed, too_few
+    from observer.learned import believed, knows_else, too_few
 
     print(
         f"{output}: {header.kind} for {header.view}, {header.vocabulary.size} movements from "
@@ -219,6 +233,8 @@ def _tell(output: Path, header: "Header", archive: "MotionArchive") -> None:
         f"{header.rate_hz:g} Hz, {output.stat().st_size / 1e6:.2f} MB"
     )
     print(believed(header))
+    if header.background is not None:
+        print(knows_else(header))
     _warn(too_few(archive, header.vocabulary.labels))
 
 
@@ -227,6 +243,8 @@ def _tell_of_added(output: Path, grown: "Grown", archive: "MotionArchive") -> No
 
     header, labels = grown.model.header, ", ".join(grown.labels)
     print(f"{output}: {labels} added from {grown.examples} examples of {grown.people} people; {edited(header)}")
+    if grown.promoted:
+        print(f"something else until now, and no more: {', '.join(grown.promoted)}")
     print(believed_of_new(grown.tried, grown.labels, header))
     _warn(too_few(archive, grown.labels))
 

@@ -13,9 +13,10 @@ from common.errors import BadInput
 from common.vocabulary import Vocabulary
 from observer.geometry.views import View
 from observer.learning import common_rate, cut_out, examples_of, facings_in, labels_of
-from observer.model.base import Example, Header, MovementModel
+from observer.model.base import Example, Header, MovementModel, WithBackground
 from observer.model.certainty import Certainty, Tried
-from observer.model.left_out import by_person, by_recording, evenly, judged
+from observer.model.evenly import evenly
+from observer.model.left_out import by_person, by_recording, judged
 from observer.motion.archive import MotionArchive
 
 SAME_VIEW = 1e-6
@@ -41,7 +42,7 @@ class Editable(Protocol):
 class Grown:
     """The model with its new movements, and how those were judged by models that had not learned the same examples.
 
-    people: how many showed the new movements.
+    people: how many showed the new movements. promoted: those of them that were something else until now.
     """
 
     model: MovementModel
@@ -49,6 +50,7 @@ class Grown:
     examples: int
     people: int
     tried: tuple[Tried, ...]
+    promoted: tuple[str, ...] = ()
 
 
 def with_movements(
@@ -64,12 +66,15 @@ def with_movements(
     """The model and, at its end, the movements of the archive that it does not have, or these `labels` of it.
 
     Temperature and doubt stay; how well a new movement is foreseen is found by leaving its examples out. source: where
-    the movements come from, for people. Raises BadInput for another view, rate or kind, for other parameters than
+    the movements come from, for people. Of a movement that was of the background those examples are left out.
+    Raises BadInput for another view, rate or kind, for other parameters than
     the model's, for a movement that the model has, and when there is none that it has not.
     """
+    _require_alike(model.header, archive, view, kind, parameters or {})
+    new = _new_labels(model.header.vocabulary, labels, archive)
+    promoted = tuple(label for label in new if label in (model.header.background or ()))
+    model = _without_background(model, promoted)
     old = model.header
-    _require_alike(old, archive, view, kind, parameters or {})
-    new = _new_labels(old.vocabulary, labels, archive)
     vocabulary = Vocabulary((*old.vocabulary.labels, *new), old.vocabulary.name)
     chosen = [recording for recording in cut_out(archive) if recording.label in new]
     facings = facings_in({name: value for name, value in old.parameters.items() if name == "facings"})
@@ -80,7 +85,7 @@ def with_movements(
     tried, persons = _tries(model, header, examples)
     certainty = replace(old.certainty, foreseen=_foreseen(old.certainty, tried, vocabulary, persons))
     grown = _editable(model).grown(replace(header, certainty=certainty), examples)
-    return Grown(grown, new, len(chosen), len({r.subject for r in chosen}), tried)
+    return Grown(grown, new, len(chosen), len({r.subject for r in chosen}), tried, promoted)
 
 
 def without_movements(model: MovementModel, labels: Sequence[str]) -> MovementModel:
@@ -103,6 +108,13 @@ def without_movements(model: MovementModel, labels: Sequence[str]) -> MovementMo
         provenance={**old.provenance, "removed": removed},
     )
     return _editable(model).shrunk(header, kept)
+
+
+def _without_background(model: MovementModel, labels: Sequence[str]) -> MovementModel:
+    for label in labels:
+        if isinstance(model, WithBackground):
+            model = model.without_background((model.header.background or ()).index(label))
+    return model
 
 
 def _editable(model: MovementModel) -> Editable:

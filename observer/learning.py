@@ -9,8 +9,9 @@ import numpy as np
 from common.errors import BadInput
 from common.vocabulary import Vocabulary
 from observer.geometry.views import View, turned
-from observer.model.base import Example, Header, MovementModel
-from observer.model.left_out import believable, evenly
+from observer.model.base import Example, Header, MovementModel, WithBackground
+from observer.model.evenly import evenly
+from observer.model.left_out import believable
 from observer.model.registry import DEFAULT_MODEL, model_named
 from observer.motion.archive import MotionArchive, Recording
 from observer.motion.resample import resample
@@ -30,17 +31,19 @@ def learn_view(
     parameters: Mapping[str, float] | None = None,
     provenance: Mapping[str, str] | None = None,
     tried: bool = True,
+    background: MotionArchive | None = None,
 ) -> MovementModel:
     """One view's model of the vocabulary's movements, from all recordings of the archive.
 
     With a parameter `facings` of K the performer is turned to K directions, evenly around. tried: the model is tried
-    on who it has not learned from, one person at a time, so that it knows how far it can be believed.
+    on who it has not learned from, one person at a time, so that it knows how far it can be believed. background:
+    recordings of other movements, so that it also knows "something else"; with none in it, by blends alone.
     Raises BadInput for recordings at different rates, an unknown model, and a movement that nobody performs.
     """
     parts = body_parts or archive.body_parts
-    rate_hz = common_rate(archive)
+    rate_hz, facings = common_rate(archive), facings_in(parameters or {})
     chosen = [recording for recording in cut_out(archive) if recording.label in vocabulary.labels]
-    examples = examples_of(chosen, view, vocabulary, archive.body_parts, parts, facings_in(parameters or {}))
+    examples = examples_of(chosen, view, vocabulary, archive.body_parts, parts, facings)
     shown = {e.movement for e in examples}
     never = [label for m, label in enumerate(vocabulary.labels) if m not in shown]
     if never:
@@ -48,6 +51,11 @@ def learn_view(
     model = model_named(kind)
     said = {"examples": str(len(chosen)), **(provenance or {})}
     header = Header(kind, vocabulary, view.name, view.matrix, rate_hz, parts, parameters or {}, said)
+    if background is not None:
+        header = replace(header, background=_others(model, background, vocabulary))
+        examples += examples_of(
+            background.recordings, view, vocabulary, background.body_parts, parts, facings, header.background
+        )
     learned = model.learn(header, examples)
     return believable(model, learned, examples) if tried else learned
 
@@ -59,12 +67,17 @@ def examples_of(
     recorded: tuple[str, ...],
     parts: tuple[str, ...],
     facings: int,
+    background: tuple[str, ...] | None = None,
 ) -> list[Example]:
-    """Each recording as the view sees it, from every facing; `recorded` body parts, of which `parts` are wanted."""
+    """Each recording as the view sees it, from every facing; `recorded` body parts, of which `parts` are wanted.
+
+    background: where given, the recordings are of these movements, which are none of the vocabulary.
+    """
+    number = vocabulary.index if background is None else lambda label: -1 - background.index(label)
     return [
         Example(
             seen_from(view, _facing(recording, k, facings, n), recorded, parts),
-            vocabulary.index(recording.label),
+            number(recording.label),
             k,
             recording.subject,
             recording.trial,
@@ -72,6 +85,19 @@ def examples_of(
         for k in range(facings)
         for n, recording in enumerate(recordings)
     ]
+
+
+def _others(model: type[MovementModel], background: MotionArchive, vocabulary: Vocabulary) -> tuple[str, ...]:
+    """What the recordings of the background show; raises BadInput for who cannot learn it, and what is learned."""
+    if not issubclass(model, WithBackground):
+        raise BadInput(f"model {model.kind}: learns no background; leave it out, or take --model {DEFAULT_MODEL}")
+    labels = labels_of(background)
+    for label in labels:
+        if label in vocabulary.labels:
+            raise BadInput(
+                f"background: {label!r} is among the movements that are learned; name others with --background-labels"
+            )
+    return labels
 
 
 def facings_in(parameters: Mapping[str, float]) -> int:

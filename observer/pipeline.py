@@ -7,6 +7,7 @@ import numpy as np
 
 from common.vocabulary import Vocabulary
 from observer.effort.reader import FacetReader
+from observer.model.answers import believed
 from observer.model.base import MovementModel, Onset
 from observer.pace import Pace
 from observer.tracks import Floats, Frame, Tracker, Tracks
@@ -71,9 +72,7 @@ class Observer:
         self._frames += len(instants)
         visible = dict(zip(self._tracker.body_parts, self.tracks.visible.tolist(), strict=True))
         facets = {} if self._facets is None else self._facets.facets
-        joint = self._watch.joint
-        believed = self._certainty.of(self._watch.p if joint is None else joint)
-        p: Floats = believed if joint is None else believed.sum(axis=1)
-        facing = None if joint is None else believed / np.maximum(p, SMALLEST)[:, None]
-        unlearned = self._certainty.unlearned(p, self._watch.foreseen)
+        learned, unlearned = believed(self._watch, self._certainty)
+        p: Floats = learned.sum(axis=1)
+        facing = None if learned.shape[1] == 1 else learned / np.maximum(p, SMALLEST)[:, None]
         return Opinion(p, self._watch.rest, self._frames, visible, facets, facing, unlearned)

@@ -103,6 +103,22 @@ def as_text(found: dict[str, Any]) -> str:
     )
 
 
+def _by_threshold(rows: list[dict[str, Any]]) -> list[str]:
+    """What a home may choose between by [fusion] threshold, of the first word and of the last."""
+    names = ("unlearned_named", "recall", "f1")
+    head = "threshold  named  right     F1, last word: named  right     F1"
+    return [
+        head,
+        *(
+            f"{row['threshold']:9.2f}"
+            + "".join(f"{row[name]:7.3f}" for name in names)
+            + " " * 13
+            + "".join(f"{row[name + '_last_word']:7.3f}" for name in names)
+            for row in rows
+        ),
+    ]
+
+
 def _each(found: dict[str, Any], figure: str) -> str:
     return ", ".join(f"{name} {found['per_view'][name][figure]:.3f}" for name in found["views"])
 
@@ -132,6 +148,8 @@ def _extras(found: dict[str, Any]) -> list[str]:
         )
         if said["unlearned"]:
             lines.append(
-                f"of {said['unlearned']} movements not learned {said['unlearned_named']:.1%} were given a name"
+                f"of {said['unlearned']} movements not learned {said['unlearned_named']:.1%} were given a name, "
+                f"{said['unlearned_named_last_word']:.1%} when the last word counts"
             )
+            lines += _by_threshold(said["by_threshold"])
     return lines

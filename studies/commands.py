@@ -10,6 +10,7 @@ import typer
 from common.arguments import numbers, one_of, words
 from common.errors import BadInput
 from common.progress import Bar
+from studies import options
 
 if TYPE_CHECKING:
     from observer.motion.archive import MotionArchive
@@ -20,46 +21,37 @@ FACINGS = 12
 
 
 def evaluate(
-    archive: Annotated[Path, typer.Argument(help="The motion archive (.npz).")],
-    views: Annotated[str, typer.Option(help="door, wheel, table, yaw:DEG[,pitch:DEG], camera files; by commas.")],
-    labels: Annotated[str, typer.Option(help="Movements to tell apart, or AS1, AS2, AS3; by commas; all.")] = "",
-    train_subjects: Annotated[str, typer.Option(help="People to learn from; every other one.")] = "",
-    test_subjects: Annotated[str, typer.Option(help="People to judge; those not learned from.")] = "",
-    leave_one_subject_out: Annotated[bool, typer.Option("--leave-one-subject-out", help="Judge each in turn.")] = False,
-    model: Annotated[str, typer.Option(help="phase, phase-symbols or frame-table.")] = "phase",
-    rule: Annotated[str, typer.Option(help="Name of the fusion rule.")] = "robust_inverse_entropy",
-    parameter: Annotated[
-        list[str] | None, typer.Option(help="NAME=NUMBER of the model instead of its default; may be repeated.")
-    ] = None,
-    turn: Annotated[str, typer.Option(help="Degrees the performer is turned in test, or random.")] = "0",
-    fault: Annotated[
-        list[str] | None, typer.Option(help="VIEW=wrong|noise|silent|late|hidden; may be repeated.")
-    ] = None,
-    facings: Annotated[
-        int, typer.Option(min=0, help="Directions that the model knows; 1 for a known turn, 12 for a random one.")
-    ] = 0,
-    temperature: Annotated[float, typer.Option(min=0.1, help="Of the fused belief: [fusion] temperature.")] = 1.0,
-    uncalibrated: Annotated[bool, typer.Option("--uncalibrated", help="Observers as sure as their evidence.")] = False,
-    unlearned: Annotated[
-        str, typer.Option(help="With --stream: movements shown without having been learned, by commas; or others.")
-    ] = "",
-    body_parts: Annotated[str, typer.Option(help="Parts to use, by commas; all of the archive's.")] = "",
-    onset: Annotated[str, typer.Option(help="known: as cut out. unknown: idle around it, any tempo.")] = "known",
-    stream: Annotated[bool, typer.Option("--stream", help="Judge continuously too: spotting in a stream.")] = False,
-    learning_curve: Annotated[
-        bool, typer.Option("--learning-curve", help="Also from fewer people, and fewer recordings of each.")
-    ] = False,
-    through: Annotated[
-        str, typer.Option(help="process; mesh: over real Zenoh sessions; pixels: filmed and tracked by camshift.")
-    ] = "process",
-    background: Annotated[str, typer.Option(help="With pixels: plain, cluttered or skin_toned.")] = "plain",
-    seed: Annotated[int, typer.Option(min=0, help="Seeds all chance.")] = 0,
-    report: Annotated[Path | None, typer.Option(help="Folder for tables and figures.")] = None,
-    json: Annotated[Path | None, typer.Option(help="File for the figures as JSON.")] = None,
+    archive: options.Archive,
+    views: options.Views,
+    labels: options.Labels = "",
+    train_subjects: options.TrainSubjects = "",
+    test_subjects: options.TestSubjects = "",
+    leave_one_subject_out: options.LeaveOneOut = False,
+    model: options.Model = "phase",
+    rule: options.RuleName = "robust_inverse_entropy",
+    parameter: options.Parameters = None,
+    turn: options.Turn = "0",
+    fault: options.Faults = None,
+    facings: options.Facings = 0,
+    temperature: options.Temperature = 1.0,
+    uncalibrated: options.Uncalibrated = False,
+    unlearned: options.Unlearned = "",
+    background_labels: options.BackgroundLabels = "",
+    body_parts: options.BodyParts = "",
+    onset: options.OnsetKind = "known",
+    stream: options.Stream = False,
+    learning_curve: options.LearningCurve = False,
+    through: options.Through = "process",
+    background: options.Background = "plain",
+    seed: options.Seed = 0,
+    report: options.ReportFolder = None,
+    json: options.JsonFile = None,
 ) -> None:
     """How well the system judges people whom it has not learned from: accuracy, confusion, earliness, calibration.
 
     Example: labanmesh evaluate msr.npz --views door,wheel --train-subjects 1,3,5,7,9 --test-subjects 2,4,6,8,10
+
+    Example: labanmesh evaluate msr.npz --views door --labels AS1 --stream --unlearned others --background-labels 6
 
     Example: labanmesh evaluate msr.npz --views door --turn 45 --model frame-table --rule inverse_entropy --report out
     """
@@ -68,12 +60,14 @@ def evaluate(
     from observer.motion.archive_file import read_archive
     from studies.evaluate import Question
     from studies.faults import fault_named
+    from studies.strangers import strangers
     from studies.subsets import labels_in
 
     whole = read_archive(archive)
     seen = tuple(parse_view(view) for view in split_views(views))
     learned = labels_in(labels) or labels_of(whole)
     given, turned = numbers("--parameter", parameter or []), _turn(turn)
+    shown, other = strangers(unlearned, background_labels, learned, labels_of(whole), seed)
     question = Question(
         views=seen,
         labels=learned,
@@ -89,10 +83,13 @@ def evaluate(
         onset_known=one_of("--onset", onset, ("known", "unknown")) == "known",
         temperature=temperature,
         calibrated=not uncalibrated,
-        unlearned=_unlearned(unlearned, learned, labels_of(whole)),
+        unlearned=shown,
+        background=other,
         seed=seed,
     )
     one_of("--through", through, ("process", "mesh", "pixels"))
+    if learning_curve and other:
+        raise BadInput("--learning-curve: learns from ever fewer people; of --background-labels it takes blends alone")
     written = _evaluated(whole, question, through, background, stream, report, json, learning_curve)
     if written:
         print("\nwritten:", *written, sep="\n  ")
@@ -214,12 +211,10 @@ def demo(
 
 
 def paper(
-    archive: Annotated[Path, typer.Argument(help="The motion archive (.npz).")],
-    labels: Annotated[
-        list[str] | None, typer.Option(help="Movements by commas, or a set as AS1; repeat for several sets; all.")
-    ] = None,
-    train_subjects: Annotated[str, typer.Option(help="People to learn from; every other one.")] = "",
-    test_subjects: Annotated[str, typer.Option(help="People to judge; those not learned from.")] = "",
+    archive: options.Archive,
+    labels: options.LabelSets = None,
+    train_subjects: options.TrainSubjects = "",
+    test_subjects: options.TestSubjects = "",
     report: Annotated[Path | None, typer.Option(help="Folder for the text and the figures.")] = None,
 ) -> None:
     """The paper's three experiments with the paper's own model and rule, confusion tables beside the paper's.
@@ -251,17 +246,6 @@ def _with_facings(parameters: dict[str, float], facings: int, model: str, turn: 
     """The model's parameters; only `phase` knows facings, and needs them where the turn is not known."""
     wanted = facings or (FACINGS if turn is None and model == "phase" else 0)
     return {**({"facings": float(wanted)} if wanted else {}), **parameters}
-
-
-def _unlearned(text: str, learned: tuple[str, ...], known: tuple[str, ...]) -> tuple[str, ...]:
-    """The movements that are shown unlearned: those named, or with `others` all that are not learned."""
-    if text == "others":
-        return tuple(label for label in known if label not in learned)
-    named = words("--unlearned", text)
-    for label in named:
-        if label in learned:
-            raise BadInput(f"--unlearned: {label!r} is among the movements that are learned; name others in --labels")
-    return named
 
 
 def _turn(text: str) -> float | None:

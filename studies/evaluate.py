@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,7 +34,8 @@ class Question:
     """What to evaluate; the fields are the options of the command. turn: degrees, or None for any facing.
 
     temperature: of the fused belief. calibrated: the observers know how far they can be believed. unlearned: movements
-    that are shown in streams without having been learned.
+    that are shown in streams without having been learned. background: movements by which the models know something
+    else, of the training people; none of them: by blends alone; None: they do not.
     """
 
     views: tuple[View, ...]
@@ -52,6 +53,7 @@ class Question:
     temperature: float = 1.0
     calibrated: bool = True
     unlearned: tuple[str, ...] = ()
+    background: tuple[str, ...] | None = None
     seed: int = 0
 
 
@@ -91,11 +93,10 @@ def evaluate(archive: MotionArchive, question: Question, progress: Progress = la
     """
     rule_named(question.rule, len(question.views))
     _check_names([view.name for view in question.views])
-    chosen = with_labels(archive, question.labels)
     vocabulary = Vocabulary(question.labels)
     judged: list[Judged] = []
     n_train, train_seconds, watch_seconds, frames = 0, 0.0, 0.0, 0
-    folds = list(splits(chosen, question.train_subjects, question.test_subjects, question.leave_one_subject_out))
+    folds = folds_of(archive, question, question.labels)
     for number, split in enumerate(folds):
         begun = time.perf_counter()
         models = learn(split, vocabulary, question)
@@ -112,6 +113,13 @@ def evaluate(archive: MotionArchive, question: Question, progress: Progress = la
     return Answer(question, vocabulary, result, n_train, train_seconds, watch_seconds / max(frames, 1))
 
 
+def folds_of(archive: MotionArchive, question: Question, shown: Sequence[str]) -> list[Split]:
+    """Who is learned from, with what else the models are to know, and who is judged, by the movements `shown`."""
+    chosen = with_labels(archive, (*shown, *(question.background or ())))
+    found = splits(chosen, question.train_subjects, question.test_subjects, question.leave_one_subject_out)
+    return [replace(split, test=tuple(r for r in split.test if r.label in shown)) for split in found]
+
+
 def _check_names(names: Sequence[str]) -> None:
     twice = [name for name in names if names.count(name) > 1]
     if twice:
@@ -119,11 +127,18 @@ def _check_names(names: Sequence[str]) -> None:
 
 
 def learn(split: Split, vocabulary: Vocabulary, question: Question) -> list[MovementModel]:
-    """One model a view, from the training people."""
-    kind, parts, given = question.model, question.body_parts or None, question.parameters
+    """One model a view, from the training people: their movements, and with a background what else they did."""
+    background = None if question.background is None else with_labels(split.train, question.background)
     return [
         learn_view(
-            split.train, view, vocabulary, kind=kind, body_parts=parts, parameters=given, tried=question.calibrated
+            with_labels(split.train, question.labels),
+            view,
+            vocabulary,
+            kind=question.model,
+            body_parts=question.body_parts or None,
+            parameters=question.parameters,
+            tried=question.calibrated,
+            background=background,
         )
         for view in question.views
     ]

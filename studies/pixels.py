@@ -21,8 +21,8 @@ from observer.source import RecordedMotion
 from observer.tracking.camshift import CamshiftTracker
 from observer.tracking.skin import Skin
 from observer.tracks import BODY_PARTS, Frame, Tracks
-from studies.evaluate import Answer, Judged, Question, learn, refused, trials_of
-from studies.trials import IDLE_NOISE_M, Trial, splits, with_labels
+from studies.evaluate import Answer, Judged, Question, folds_of, learn, refused, trials_of
+from studies.trials import IDLE_NOISE_M, Trial
 
 RATE_HZ = 30.0
 """What cameras give: bring the archive to it first, `observer.learning.prepared(archive, rate_hz=RATE_HZ)`."""
@@ -90,8 +90,7 @@ def evaluate_pixels(
     Models are learned from the joints, as ever; trials, onset and rule are those of the question. The archive is best
     at RATE_HZ. Raises BadInput as `evaluate` does.
     """
-    chosen, vocabulary = with_labels(archive, question.labels), Vocabulary(question.labels)
-    folds = list(splits(chosen, question.train_subjects, question.test_subjects, question.leave_one_subject_out))
+    vocabulary, folds = Vocabulary(question.labels), folds_of(archive, question, question.labels)
     judged: list[Judged] = []
     with ProcessPoolExecutor(processes, get_context("spawn")) as pool:
         for number, split in enumerate(folds):

@@ -23,11 +23,13 @@ from observer.motion.archive import MotionArchive, Recording, Span
 from observer.pipeline import Observer
 from observer.projected import ProjectedTracker
 from observer.saying import Minutes
-from studies.evaluate import Question, learn
-from studies.trials import IDLE_NOISE_M, splits, with_labels
+from studies.evaluate import Question, folds_of, learn
+from studies.trials import IDLE_NOISE_M
 
 TOLERANCE_S = 0.333
 BETWEEN_S = (1.0, 2.5)
+THRESHOLDS = (0.6, 0.7, 0.8, 0.9, 0.95)
+"""Of the referee: what each keeps of the learned movements, and names of the others."""
 SECOND_NS = 1_000_000_000
 
 
@@ -84,24 +86,42 @@ def judge_stream(
     """Judge the test people's streams: continuous recordings as they are, else their recordings strung together."""
     quorum = usual_quorum(len(question.views))
     conduct = FusionConfig(rule=question.rule, temperature=question.temperature, quorum=quorum)
-    first, last = Score(), Score()
+    tried = [conduct.model_copy(update={"threshold": t}) for t in THRESHOLDS if question.unlearned]
+    words = [Words() for _ in (conduct, *tried)]
     for heard in heard_in(archive, question, progress):
+        words = [w.and_of(heard, c, question.labels) for w, c in zip(words, (conduct, *tried), strict=True)]
+    rows = [{"threshold": c.threshold, **w.as_json()} for c, w in zip(tried, words[1:], strict=True)]
+    return words[0].as_json() | {"by_threshold": rows}
+
+
+@dataclass(frozen=True, slots=True)
+class Words:
+    """The scores of the first word of every verdict, and of the last."""
+
+    first: Score = Score()
+    last: Score = Score()
+
+    def and_of(self, heard: "Heard", conduct: FusionConfig, labels: Sequence[str]) -> "Words":
+        """And those of what the referee says by this conduct on one stream more."""
         alarms = alarms_in(heard, conduct)
-        first = first.plus(scored(alarms, heard.stream, question.labels))
-        last = last.plus(scored([replace(a, label=a.last) for a in alarms], heard.stream, question.labels))
-    return first.as_json() | {"f1_last_word": last.f1}
+        last = [replace(alarm, label=alarm.last) for alarm in alarms]
+        return Words(
+            self.first.plus(scored(alarms, heard.stream, labels)), self.last.plus(scored(last, heard.stream, labels))
+        )
+
+    def as_json(self) -> dict[str, Any]:
+        """The contract's `stream`, of the first word; and what of it is another of the last."""
+        last = self.last.as_json()
+        names = ("f1", "recall", "unlearned_named")
+        return self.first.as_json() | {f"{name}_last_word": last[name] for name in names}
 
 
 def heard_in(
     archive: MotionArchive, question: Question, progress: Callable[[str, int, int], None] = lambda *_: None
 ) -> Iterator["Heard"]:
     """What the observers say in each of the streams; see judge_stream."""
-    chosen = with_labels(archive, (*question.labels, *question.unlearned))
-    for number, split in enumerate(
-        splits(chosen, question.train_subjects, question.test_subjects, question.leave_one_subject_out)
-    ):
-        taught = replace(split, train=with_labels(split.train, question.labels))
-        models = learn(taught, Vocabulary(question.labels), question)
+    for number, split in enumerate(folds_of(archive, question, (*question.labels, *question.unlearned))):
+        models = learn(split, Vocabulary(question.labels), question)
         rng = np.random.default_rng([question.seed, number, 2])
         people = {r.subject for r in split.test}
         whole = [r for r in archive.recordings if r.spans and r.subject in people]
@@ -160,7 +180,7 @@ def _heard(stream: Recording, models: Sequence[MovementModel], recorded: tuple[s
         for v, (view, model) in enumerate(zip(question.views, models, strict=True))
     }
     vocabulary = models[0].header.vocabulary
-    minutes = {name: Minutes("stream", name, vocabulary, "stream") for name in observers}
+    minutes = {name: Minutes(vocabulary, "stream") for name in observers}
     said = [
         {name: minutes[name].of(o.step(frame), frame.captured_ns, frame.captured_ns) for name, o in observers.items()}
         for frame in frames_of(stream, start_ns=SECOND_NS)

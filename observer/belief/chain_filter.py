@@ -70,6 +70,8 @@ class ChainFilter:
         self._past = np.zeros(movements * facings)
         self._moving = onset_known
         self._begun = not onset_known
+        # The joint belief is asked for several times a frame, and is a sum over all that is active.
+        self._told: Floats | None = None
         if onset_known:
             self._active += self._entering
         self.said: Floats = np.zeros(movements)
@@ -82,6 +84,11 @@ class ChainFilter:
         While he moves the movement before is no answer: were it one still, two judges who half doubt that he has
         begun would together be sure of what he did last.
         """
+        if self._told is None:
+            self._told = self._joint()
+        return self._told.copy()
+
+    def _joint(self) -> Floats:
         done = np.maximum(self._after - self._past, 0.0) if self._moving else self._after
         mass = self._cells(self._active.sum(axis=0)) + done + self._before * self._prior
         joint: Floats = (mass / mass.sum()).reshape(self._shape)
@@ -94,6 +101,7 @@ class ChainFilter:
 
     def step(self, evidence: Evidence) -> None:
         """One frame."""
+        self._told = None
         if not self._moving:
             self._past = self._after.copy()
         if self._begun:
@@ -105,6 +113,7 @@ class ChainFilter:
 
     def step_blind(self) -> None:
         """One frame in which nothing was seen: time passes, all movements lose the same share to the prior."""
+        self._told = None
         if self._begun:
             self._predict(0.0)
         self._begun = True

@@ -142,6 +142,11 @@ class FilterWatch:
         return None
 
     @property
+    def unlearned(self) -> Floats | None:
+        """Not known."""
+        return None
+
+    @property
     def rest(self) -> float:
         """P(at rest now)."""
         return self.belief.rest

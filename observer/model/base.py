@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import ClassVar, Protocol, Self
+from typing import ClassVar, Protocol, Self, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +21,8 @@ class Header:
 
     view: name of the view it was learned for; matrix: (3, 4) that view's projective matrix. parameters: the model's own
     numbers, all of them once it was learned, so that other defaults of a later version change nothing. provenance:
-    what it was learned from, for people. certainty: how far what it believes can be believed.
+    what it was learned from, for people. certainty: how far what it believes can be believed. background: movements
+    that are none of the vocabulary, by whose examples, and by blends, it knows "something else"; None: it does not.
     """
 
     kind: str
@@ -33,6 +34,7 @@ class Header:
     parameters: Mapping[str, float] = field(default_factory=dict)
     provenance: Mapping[str, str] = field(default_factory=dict)
     certainty: Certainty = field(default_factory=Certainty)
+    background: tuple[str, ...] | None = None
 
 
 def with_defaults(header: Header, defaults: Mapping[str, float]) -> Header:
@@ -47,6 +49,7 @@ def with_defaults(header: Header, defaults: Mapping[str, float]) -> Header:
 class Example:
     """One movement, cut out, as seen from the model's view. movement: its index in the vocabulary.
 
+    Of a movement that is none of the vocabulary it is negative: -1 the first of the header's background, -2 the second.
     facing: which of the model's K facings the person had. subject, trial: who performed it, and which time.
     """
 
@@ -74,7 +77,7 @@ class Watch(Protocol):
 
     @property
     def p(self) -> Floats:
-        """(M,) posterior over movements; what is spent at rest is spread as the prior."""
+        """(M,) posterior over movements, given that it is one; what is spent at rest is spread as the prior."""
 
     @property
     def joint(self) -> Floats | None:
@@ -88,6 +91,10 @@ class Watch(Protocol):
         """
 
     @property
+    def unlearned(self) -> Floats | None:
+        """(K,) P(none of the movements, facing), K = 1 of who knows no facings; None of who was shown nothing else."""
+
+    @property
     def rest(self) -> float:
         """Probability that the person is at rest now, before or after a movement."""
 
@@ -97,6 +104,8 @@ class Watch(Protocol):
 
 class MovementModel(Protocol):
     """log P(observation | movement, phase) and how to believe by it.
+
+    A model that can also be shown movements that are none of its vocabulary has `WithBackground` too.
 
     To add one: a file with such a class, a line in registry.py; tests/contracts/test_models.py holds it to this.
     """
@@ -122,3 +131,11 @@ class MovementModel(Protocol):
 
     def watch(self, onset: Onset) -> Watch:
         """Begin to watch somebody, knowing nothing but the prior."""
+
+
+@runtime_checkable
+class WithBackground(Protocol):
+    """What a movement model also has that learns from examples of a negative movement, the background."""
+
+    def without_background(self, gone: int) -> MovementModel:
+        """The same without this movement of the background, by its place in the header's."""

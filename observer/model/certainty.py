@@ -31,7 +31,8 @@ class Certainty:
 
     foreseen: per movement mean and spread of how well its examples were foreseen (mean log probability a frame) by a
     model that had not learned from the same person; empty where that is not known. unlike, slope: ln of the odds that
-    something is none of the movements, slope (z - unlike), z spreads below the mean, against the movement's own.
+    something is none of the movements, slope (z - unlike), z spreads below the mean, against the movement's own. Of a
+    model that knows something else these are left out: that is one more of its answers, and p' is over all of them.
     """
 
     temperature: float = 1.0
@@ -41,7 +42,7 @@ class Certainty:
     slope: float = 0.0
 
     def of(self, belief: Floats) -> Floats:
-        """(M,) or (M, K) posterior, summing to 1 over all -> the same, to be believed."""
+        """(A,) or (A, K) posterior over answers, summing to 1 over all -> the same, to be believed."""
         if self.temperature == 1.0 and self.doubt == 0.0:
             return belief
         cells = belief.ravel()
@@ -73,7 +74,8 @@ of 3 to 20 movements learned from one training subject each, of 1, 3, 5, 7, 9 of
 class Tried:
     """One example, judged by a model that had not learned from its person. beliefs: (T, M) at some times of it.
 
-    foreseen: (M,) how well each movement foresaw it to its end, None where the model cannot tell.
+    foreseen: (M,) how well each movement foresaw it to its end, None where the model cannot tell. Of a model that knows
+    something else that is the last of its answers M + 1; truth M is an example of it, by whose like it did not learn.
     """
 
     truth: int
@@ -87,10 +89,10 @@ def fit(tried: Sequence[Tried], movements: int) -> Certainty:
         return FEW
     beliefs = np.concatenate([t.beliefs for t in tried])
     truth = np.concatenate([np.full(len(t.beliefs), t.truth) for t in tried])
-    temperature, doubt = _least_log_loss(beliefs, truth)
+    temperature, doubt = _least_log_loss(beliefs, truth, _weights(truth, movements))
     if len(tried) < FEWEST_EXAMPLES:
         return not_surer(Certainty(temperature, doubt))
-    if any(t.foreseen is None for t in tried):
+    if beliefs.shape[1] > movements or any(t.foreseen is None for t in tried):
         return Certainty(temperature, doubt)
     stats = _foreseen(tried, movements)
     own = np.array([_below(t, t.truth, stats) for t in tried])
@@ -104,15 +106,23 @@ def not_surer(found: Certainty) -> Certainty:
     return Certainty(max(found.temperature, FEW.temperature), max(found.doubt, FEW.doubt))
 
 
-def _least_log_loss(beliefs: Floats, truth: Indices) -> tuple[float, float]:
+def _weights(truth: Indices, movements: int) -> Floats:
+    """Of each example: those of something else together as much as those of a movement, as its prior 1/(M+1) says."""
+    strange = truth == movements
+    share = (~strange).sum() / (movements * max(int(strange.sum()), 1))
+    return np.where(strange, share, 1.0)
+
+
+def _least_log_loss(beliefs: Floats, truth: Indices, weights: Floats) -> tuple[float, float]:
     with np.errstate(divide="ignore"):
         logs = np.log(np.maximum(beliefs, 1e-300))
     best = (np.inf, 1.0, 0.0)
     for temperature in TEMPERATURES:
         right = from_logs(logs / temperature)[np.arange(len(truth)), truth]
         # Who was never wrong in n trials may be in the next.
-        for doubt in DOUBTS[min(1.0 / len(truth), FEW.doubt) <= DOUBTS]:
-            loss = float(-np.log((1 - doubt) * right + doubt / beliefs.shape[1] + LEAST_P).mean())
+        for doubt in DOUBTS[min(1.0 / float(weights.sum()), FEW.doubt) <= DOUBTS]:
+            losses = -np.log((1 - doubt) * right + doubt / beliefs.shape[1] + LEAST_P)
+            loss = float((weights * losses).mean())
             best = min(best, (loss, float(temperature), float(doubt)))
     return best[1], best[2]
 

@@ -36,6 +36,7 @@ class _FrameTableWatch:
     rest = 0.0
     joint = None
     foreseen = None
+    unlearned = None
 
     def __init__(self, log_table: Floats, reader: SpaceReader, clock: FrameClock) -> None:
         self._log_table, self._reader, self._clock = log_table, reader, clock

@@ -1,20 +1,16 @@
 """Trying a model on who it has not learned from, one person at a time, to know how far it can be believed."""
 
-import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
-from observer.model.base import Example, Header, MovementModel, Onset
+from observer.model.answers import answers_of
+from observer.model.base import Example, Header, MovementModel, Onset, WithBackground
 from observer.model.certainty import Certainty, Tried, fit, not_surer
+from observer.model.evenly import evenly
 
 MOST_TRIED = 240
 """Examples that are judged; more hardly change the few numbers that are fitted."""
-
-
-def evenly(number: int) -> float:
-    """0 to 1: successive numbers fill the interval evenly, however many there are (multiples of the golden ratio)."""
-    return (number * (math.sqrt(5) - 1) / 2) % 1.0
 
 
 def certainty_of(kind: type[MovementModel], header: Header, examples: Sequence[Example]) -> Certainty:
@@ -46,7 +42,9 @@ def judged(model: MovementModel, example: Example) -> Tried:
     watch = model.watch(Onset(known=True, length=len(example.tracks)))
     for tracks in example.tracks:
         watch.update(tracks)
-    return Tried(example.movement, watch.p[None], watch.foreseen)
+    movements = model.header.vocabulary.size
+    truth = example.movement if example.movement >= 0 else movements
+    return Tried(truth, answers_of(watch).sum(axis=1)[None], watch.foreseen)
 
 
 def by_recording(examples: Sequence[Example]) -> list[list[int]]:
@@ -63,9 +61,10 @@ def by_recording(examples: Sequence[Example]) -> list[list[int]]:
 
 def by_person(examples: Sequence[Example]) -> list[list[int]] | None:
     """Indices of the examples left out together: one person's; None when a movement would then have no example."""
-    movements = {e.movement for e in examples}
+    learned = [e for e in examples if e.movement >= 0]
+    movements = {e.movement for e in learned}
     subjects = sorted({e.subject for e in examples})
-    if any({e.movement for e in examples if e.subject != s} != movements for s in subjects):
+    if any({e.movement for e in learned if e.subject != s} != movements for s in subjects):
         return None
     return [[n for n, e in enumerate(examples) if e.subject == s] for s in subjects]
 
@@ -96,4 +95,15 @@ def _tried(
     for n in out:
         # Evenly spread however the examples are ordered: every second one could be always the same movements.
         if evenly(n) < share:
-            yield judged(model, examples[n])
+            judge = _without(model, examples[n].movement)
+            if judge is not None:
+                yield judged(judge, examples[n])
+
+
+def _without(model: MovementModel, movement: int) -> MovementModel | None:
+    """Who can judge an example of that movement: of the background, who has learned from others alone."""
+    if movement >= 0:
+        return model
+    if isinstance(model, WithBackground) and len(model.header.background or ()) > 1:
+        return model.without_background(-1 - movement)
+    return None

@@ -5,6 +5,7 @@ person faces.
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import ClassVar, Self
 
 import numpy as np
@@ -12,7 +13,9 @@ from numpy.typing import NDArray
 
 from observer.belief.chain_filter import ChainFilter
 from observer.belief.phase_filter import Dynamics
+from observer.model.answers import given_learned
 from observer.model.base import Arrays, Example, Header, Onset, with_defaults
+from observer.model.blends import pairs_to_blend
 from observer.model.chains import bridged, completed, laid_over
 from observer.model.postures import Chosen, PostureEvidence, Postures
 from observer.posture import REFERENCE_HZ, PostureReader, at_rest
@@ -63,7 +66,14 @@ class Phase:
         self._chains, self._movement_of, self._facing_of = chains, movement_of, facing_of
         self.facings = int(header.parameters["facings"])
         self._share = REFERENCE_HZ / header.rate_hz
-        self._cell_of = movement_of * self.facings + facing_of
+        # All that is none of the vocabulary is one more answer, the last.
+        movements, facings = header.vocabulary.size, self.facings
+        self.answers = movements + (header.background is not None)
+        self._cell_of = np.where(movement_of < 0, movements, movement_of) * facings + facing_of
+        if header.background is not None:
+            one, other = pairs_to_blend(movement_of, facing_of)
+            chains = np.concatenate([chains, (chains[one] + chains[other]) / np.float32(2)])
+            self._cell_of = np.concatenate([self._cell_of, movements * facings + facing_of[one]])
         self._postures = Postures(chains.transpose(1, 2, 0))
         # Somebody at rest stands as people stood before and after their movements, without moving.
         self._first = Postures(at_rest(chains[:, 0]).astype(np.float32).T[None])
@@ -79,7 +89,8 @@ class Phase:
         header = with_defaults(header, cls.DEFAULTS)
         features = [bridged(_features_of(e, header)) for e in examples]
         # A phase is 1/15 s of the median example, whatever the frame rate.
-        phases = max(round(np.median([len(f) for f in features]) * REFERENCE_HZ / header.rate_hz), FEWEST_PHASES)
+        lengths = [len(f) for f, e in zip(features, examples, strict=True) if e.movement >= 0]
+        phases = max(round(np.median(lengths) * REFERENCE_HZ / header.rate_hz), FEWEST_PHASES)
         chains = np.array([laid_over(f, phases) for f in features])
         movement_of = np.array([e.movement for e in examples], dtype=np.int64)
         facing_of = np.array([e.facing for e in examples], dtype=np.int64)
@@ -111,9 +122,24 @@ class Phase:
 
     def shrunk(self, header: Header, kept: Sequence[int]) -> Self:
         """The same for a vocabulary of only these movements, in their order."""
-        # Where a movement stands in the new vocabulary; its chains keep their own order.
-        place = {m: n for n, m in enumerate(kept)}
-        chosen = np.isin(self._movement_of, kept)
+        # Where a movement stands in the new vocabulary; its chains keep their own order, and the background its place.
+        return self._only(header, {m: n for n, m in enumerate(kept)} | {-1 - b: -1 - b for b in range(self._shown)})
+
+    def without_background(self, gone: int) -> Self:
+        """The same without this movement of the background, by its place in the header's."""
+        left = [b for b in range(self._shown) if b != gone]
+        header = replace(self.header, background=tuple((self.header.background or ())[b] for b in left))
+        movements = {m: m for m in range(header.vocabulary.size)}
+        return self._only(header, movements | {-1 - b: -1 - n for n, b in enumerate(left)})
+
+    @property
+    def _shown(self) -> int:
+        """How many movements of the background."""
+        return len(self.header.background or ())
+
+    def _only(self, header: Header, place: Mapping[int, int]) -> Self:
+        """Only these movements, and where they stand then."""
+        chosen = np.isin(self._movement_of, list(place))
         movement_of = np.array([place[m] for m in self._movement_of[chosen].tolist()], dtype=np.int64)
         return type(self)(header, self._chains[chosen], movement_of, self._facing_of[chosen])
 
@@ -128,8 +154,8 @@ class Phase:
             begin=1 - (1 - given["begin"]) ** self._share,
             forget=1 - (1 - given["forget"]) ** self._share,
         )
-        movements, phases = self.header.vocabulary.size, self._chains.shape[1]
-        belief = ChainFilter(self._cell_of, movements, self.facings, phases, dynamics, onset.known)
+        phases = self._chains.shape[1]
+        belief = ChainFilter(self._cell_of, self.answers, self.facings, phases, dynamics, onset.known)
         return _PhaseWatch(self, _reader(self.header), belief)
 
     def chosen(self) -> Chosen:
@@ -139,7 +165,7 @@ class Phase:
     def evidence(self, features: Floats, chosen: Chosen) -> PostureEvidence:
         """(D,) features, NaN where not seen -> what they say of every chain, phase and rest."""
         given = self.header.parameters
-        of_rest = (self._first, self._last, self._cell_of, (self.header.vocabulary.size, self.facings))
+        of_rest = (self._first, self._last, self._cell_of, (self.answers, self.facings))
         # Twice as many frames a second say the same twice.
         sharpness, outlier = given["sharpness"] * self._share, given["outlier"] * self._share
         return PostureEvidence(chosen, of_rest, features, sharpness, outlier)
@@ -150,18 +176,29 @@ class _PhaseWatch:
         self._model, self._reader, self._belief = model, reader, belief
         self._chosen = model.chosen()
         self._rested = False
-        self._frames, self._said = 0, np.zeros(model.header.vocabulary.size)
+        self._movements = model.header.vocabulary.size
+        self._frames, self._said = 0, np.zeros(self._movements)
 
     @property
     def p(self) -> Floats:
         """(M,) posterior over movements."""
-        p: Floats = self._belief.joint.sum(axis=1)
+        p: Floats = self._learned.sum(axis=1)
         return p
 
     @property
     def joint(self) -> Floats | None:
         """(M, K) posterior over movements and facings; None where only one facing was learned."""
-        return self._belief.joint if self._model.facings > 1 else None
+        return self._learned if self._model.facings > 1 else None
+
+    @property
+    def unlearned(self) -> Floats | None:
+        """(K,) P(something else, facing); None where no background was learned."""
+        return self._belief.joint[self._movements] if self._model.answers > self._movements else None
+
+    @property
+    def _learned(self) -> Floats:
+        joint = self._belief.joint
+        return joint if len(joint) == self._movements else given_learned(joint)
 
     @property
     def rest(self) -> float:
@@ -184,7 +221,7 @@ class _PhaseWatch:
             return
         if self._rested:
             self._rested, self._frames, self._said = False, 0, np.zeros_like(self._said)
-        self._frames, self._said = self._frames + 1, self._said + self._belief.said
+        self._frames, self._said = self._frames + 1, self._said + self._belief.said[: self._movements]
 
 
 def _reader(header: Header) -> PostureReader:

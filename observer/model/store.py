@@ -70,6 +70,7 @@ def require(path: Path, model: MovementModel, vocabulary: Vocabulary | None, rat
 
 
 def _as_json(header: Header) -> dict[str, Any]:
+    background = {} if header.background is None else {"background": list(header.background)}
     return {
         "format": FORMAT,
         "kind": header.kind,
@@ -85,6 +86,7 @@ def _as_json(header: Header) -> dict[str, Any]:
         "parameters": dict(header.parameters),
         "provenance": dict(header.provenance),
         "certainty": asdict(header.certainty),
+        **background,
     }
 
 
@@ -100,6 +102,7 @@ def _from_json(said: dict[str, Any]) -> Header:
         parameters={name: float(value) for name, value in said["parameters"].items()},
         provenance={name: str(value) for name, value in said["provenance"].items()},
         certainty=_certainty(said.get("certainty", {})),
+        background=tuple(str(label) for label in said["background"]) if "background" in said else None,
     )
 
 

@@ -73,6 +73,7 @@ def test_what_it_says_of_facing_and_of_what_it_has_not_learned_fits_its_belief(m
         watch.update(tracks)
         assert watch.joint is None or watch.joint.sum(axis=1) == pytest.approx(watch.p)
         assert watch.foreseen is None or (watch.foreseen.shape == (3,) and np.isfinite(watch.foreseen).all())
+        assert watch.unlearned is None, "it was shown nothing but its movements"
 
 
 def test_it_knows_how_far_it_can_be_believed(model):

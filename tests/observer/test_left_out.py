@@ -43,7 +43,7 @@ class Spy:
 
 
 class SpyWatch:
-    rest, joint, foreseen = 0.0, None, None
+    rest, joint, foreseen, unlearned = 0.0, None, None, None
     p = np.full(2, 0.5)
 
     def __init__(self, model):

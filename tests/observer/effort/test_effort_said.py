@@ -48,7 +48,7 @@ def model():
 def test_shape_is_said_on_the_mesh_with_the_posterior():
     learned, publisher = model(), Kept()
     observer = Observer(Given(), learned, facets=FacetReader(BODY_PARTS, RATE))
-    speaker = Speaker("dojo", "cam1", learned.header.vocabulary, publisher)
+    speaker = Speaker(learned.header.vocabulary, publisher)
     for n, centres in enumerate(rising()):
         speaker.say(observer.step(Frame(n * 33_000_000, centres)), n, n)
     said = [decode(PosteriorMessage, payload) for payload in publisher.payloads]
@@ -59,6 +59,6 @@ def test_shape_is_said_on_the_mesh_with_the_posterior():
 
 def test_an_observer_that_reads_no_facets_says_none():
     learned, publisher = model(), Kept()
-    speaker = Speaker("dojo", "cam1", learned.header.vocabulary, publisher)
+    speaker = Speaker(learned.header.vocabulary, publisher)
     speaker.say(Observer(Given(), learned).step(Frame(0, rising()[0])), 0, 0)
     assert decode(PosteriorMessage, publisher.payloads[0]).facets is None
