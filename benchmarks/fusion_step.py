@@ -79,7 +79,7 @@ def _read(payloads: Sequence[bytes]) -> list[PosteriorMessage]:
 
 def _judged(referee: Referee, now_ns: int, heard: Sequence[PosteriorMessage]) -> JudgementMessage:
     for said in heard:
-        if referee.hear(said.observer, said, now_ns) is not None:
+        if referee.hear(said.observer or "", said, now_ns) is not None:
             raise AssertionError("a posterior of the benchmark was refused: it measures nothing")
     return referee.judge(now_ns).judgement
 

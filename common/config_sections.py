@@ -98,7 +98,7 @@ class ObserverConfig(Section):
     what a camera is asked for. mirrored: the pictures are, as selfies are. skin, face: what `camshift` may be told of
     the person (a file; x, y, width, height in px). pose_model, hand: the model file of `mediapipe`, and what
     it takes for a hand. preview: a film to write of what it sees. effort: the file of its Effort model; "": Effort is
-    not judged.
+    not judged. say: when it says what it believes.
     """
 
     source: Annotated[str, Field(min_length=1)]
@@ -119,6 +119,7 @@ class ObserverConfig(Section):
     hand: Literal["palm", "wrist"] = "palm"
     preview: str = ""
     effort: str = ""
+    say: Literal["each frame", "on change"] = "each frame"
     virtual: VirtualConfig = VirtualConfig()
 
 

@@ -4,7 +4,7 @@ Every message is a map with string keys and carries `v`, its schema version. Unk
 ignored, so that a newer peer may say more. Times are Unix epoch in nanoseconds; ages in seconds.
 """
 
-from typing import Annotated, Final, Literal
+from typing import Annotated, ClassVar, Final, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, NonNegativeInt, model_validator
 
@@ -26,15 +26,23 @@ class Message(BaseModel):
     """What all messages share: the schema version, and that they are never changed after they were made."""
 
     model_config = ConfigDict(frozen=True, extra="ignore")
+    VERSIONS: ClassVar[tuple[int, ...]] = (SCHEMA_VERSION,)
+    """Those that are understood."""
     v: Literal[1] = SCHEMA_VERSION
 
 
-class VocabularyReference(BaseModel):
-    """Which vocabulary a probability vector is in: a name for people and a hash that decides."""
+class VocabularyHash(BaseModel):
+    """Which vocabulary a probability vector is in: the hash decides, the name is for people and may be left out."""
 
     model_config = ConfigDict(frozen=True, extra="ignore")
-    name: str
+    name: str = ""
     hash: str
+
+
+class VocabularyReference(VocabularyHash):
+    """Which vocabulary a probability vector is in: a name for people and a hash that decides."""
+
+    name: str
 
 
 class Facing(BaseModel):
@@ -59,15 +67,18 @@ class PosteriorMessage(Message):
     """What one observer believes: `p` over the vocabulary's movements, cumulative since the movement began.
 
     `unlearned` is the probability that what the person does is none of them; a judge that cannot tell leaves it out.
+    Version 2 is the terse one: scene and observer, which the key says, may be left out.
     """
 
-    scene: Identifier
-    observer: Identifier
+    VERSIONS: ClassVar[tuple[int, ...]] = (1, 2)
+    v: Literal[1, 2] = SCHEMA_VERSION  # type: ignore[assignment]
+    scene: Identifier | None = None
+    observer: Identifier | None = None
     seq: NonNegativeInt
     session: str
     captured_ns: NonNegativeInt
     sent_ns: NonNegativeInt
-    vocabulary: VocabularyReference
+    vocabulary: VocabularyHash
     p: list[Share] = Field(min_length=2, max_length=10_000)
     prior: list[Share] | None = None
     rest: Share | None = None
@@ -79,6 +90,8 @@ class PosteriorMessage(Message):
 
     @model_validator(mode="after")
     def _is_distribution(self) -> "PosteriorMessage":
+        if self.v == 1 and None in (self.scene, self.observer):
+            raise ValueError("scene and observer may be left out from version 2 on; this is version 1")
         for name, values in (("p", self.p), ("prior", self.prior)):
             if values is not None and abs(sum(values) - 1) > SUM_TOLERANCE:
                 raise ValueError(f"{name} sums to {sum(values):.6g}, not to 1")
@@ -88,6 +101,10 @@ class PosteriorMessage(Message):
             raise ValueError(f"facing has {len(self.facing.surprise)} rows, p has {len(self.p)} entries")
         check_facets(self.facets or {})
         return self
+
+    def is_of(self, scene: str, observer: str) -> bool:
+        """Whether it does not say that it is somebody else's than its key says."""
+        return (self.scene or scene, self.observer or observer) == (scene, observer)
 
 
 class Vote(BaseModel):

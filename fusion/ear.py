@@ -29,7 +29,7 @@ class Ear:
         except BadMessage as error:
             self._refuse(observer, error.reason, error.detail, now_ns)
             return
-        if (message.scene, message.observer) != (self._scene, observer):
+        if not message.is_of(self._scene, observer):
             said = f"{message.observer} in {message.scene} said under {arrival.key}"
             self._refuse(observer, "wrong_key", said, now_ns)
             return

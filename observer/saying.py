@@ -1,7 +1,7 @@
-"""An observer's opinion as the message that says it. Pure."""
+"""An observer's opinion as the message that says it, no larger than it must be. Pure."""
 
 from common.facing import surprise_of
-from common.messages import Facing, PosteriorMessage, VocabularyReference
+from common.messages import Facing, PosteriorMessage, VocabularyHash
 from common.vocabulary import Vocabulary
 from observer.opinion import OpinionLike
 
@@ -9,20 +9,20 @@ from observer.opinion import OpinionLike
 class Minutes:
     """Numbers an observer's opinions; a new session begins with each start.
 
-    directed: whether it is known which way the observer looks, so that others can use what it says of facing.
+    directed: whether it is known which way the observer looks, so that others can use what it says of facing. What
+    the key says, and that all parts are seen, is left out.
     """
 
-    def __init__(self, scene: str, observer: str, vocabulary: Vocabulary, session: str, directed: bool = True) -> None:
-        self._scene, self._observer, self._session, self._directed = scene, observer, session, directed
-        self._vocabulary = VocabularyReference(name=vocabulary.name, hash=vocabulary.digest)
+    def __init__(self, vocabulary: Vocabulary, session: str, directed: bool = True) -> None:
+        self._session, self._directed = session, directed
+        self._vocabulary = VocabularyHash(hash=vocabulary.digest)
         self.seq = 0
 
     def of(self, opinion: OpinionLike, captured_ns: int, now_ns: int) -> PosteriorMessage:
         """The opinion about the frame captured at `captured_ns`."""
         facing = opinion.facing if self._directed else None
         message = PosteriorMessage(
-            scene=self._scene,
-            observer=self._observer,
+            v=2,
             seq=self.seq,
             session=self._session,
             captured_ns=captured_ns,
@@ -32,7 +32,7 @@ class Minutes:
             rest=opinion.rest,
             unlearned=opinion.unlearned,
             frames=opinion.frames,
-            visible=dict(opinion.visible),
+            visible={} if all(opinion.visible.values()) else dict(opinion.visible),
             facing=None if facing is None else Facing(surprise=surprise_of(facing).tolist()),
             facets={name: p.tolist() for name, p in opinion.facets.items()} or None,
         )

@@ -18,12 +18,16 @@ from common.vocabulary import Vocabulary
 from common.wire import encode, encode_vocabulary
 from observer.condition import Condition, Tell
 from observer.opinion import OpinionLike
+from observer.restraint import Restraint
 from observer.saying import Minutes
 from observer.source import FrameSource
 from observer.telling import telling
 from observer.tracks import Frame
 
 log = logging.getLogger("labanmesh.observer")
+
+SESSION_BYTES = 4
+"""Of a session's name, at random: no two starts of an observer within anybody's memory get the same."""
 
 
 class ObserverLike(Protocol):
@@ -51,7 +55,7 @@ def serve(
     clock: Callable[[], int] = time.time_ns,
     condition: Condition | None = None,
 ) -> None:
-    """Say what `observer` believes after each frame, until the source ends or `stop` is set.
+    """Say what `observer` believes after each frame, or when it has changed, until the source ends or `stop` is set.
 
     condition: the one to which the source reports what is wrong with its camera.
     """
@@ -60,7 +64,7 @@ def serve(
     health = Health(scene.scene, observer_id)
     directed = scene.observer(observer_id).direction == "known"
     spoken = link.publisher(keys.posterior(observer_id))
-    speaker = Speaker(scene.scene, observer_id, observer.vocabulary, spoken, directed)
+    speaker = Speaker(observer.vocabulary, spoken, directed, _restraint(scene, observer_id))
     asker, fusion_clock = ClockAsker(link, keys.fusion_status(), clock), ClockSkew()
     names = encode_vocabulary(scene.scene, observer.vocabulary)
     link.answer(keys.vocabulary, lambda: names)
@@ -72,9 +76,8 @@ def serve(
             begun_s = time.monotonic()
             opinion = observer.step(frame)
             now_ns = clock()
-            if opinion is not None:
-                speaker.say(opinion, frame.captured_ns, now_ns)
-            tell_frame((now_ns - frame.captured_ns) / 1e9, time.monotonic() - begun_s, opinion is not None)
+            said = opinion is not None and speaker.say(opinion, frame.captured_ns, now_ns)
+            tell_frame((now_ns - frame.captured_ns) / 1e9, time.monotonic() - begun_s, said)
             health.frame(frame.captured_ns, now_ns)
             condition.frame(observer.complaint)
             board.alive()
@@ -96,20 +99,30 @@ def _teller(board: StatusBoard, condition: Condition, observer_id: str) -> Tell:
     return tell
 
 
+def _restraint(scene: Scene, observer_id: str) -> Restraint | None:
+    """None where every opinion is said. With it one is said in time for the next to come before it is old."""
+    if scene.observer(observer_id).say == "each frame":
+        return None
+    return Restraint(scene.fusion.fresh_s / 2, scene.observer(observer_id).direction == "known")
+
+
 class Speaker:
-    """Says an observer's opinions on the mesh. directed: see Minutes."""
+    """Says an observer's opinions on the mesh. directed: see Minutes. restraint: what holds some back, if anything."""
 
     def __init__(
-        self, scene: str, observer: str, vocabulary: Vocabulary, publisher: Publisher, directed: bool = True
+        self, vocabulary: Vocabulary, publisher: Publisher, directed: bool = True, restraint: Restraint | None = None
     ) -> None:
-        self._minutes = Minutes(scene, observer, vocabulary, secrets.token_hex(8), directed)
-        self._publisher = publisher
+        self._minutes = Minutes(vocabulary, secrets.token_urlsafe(SESSION_BYTES), directed)
+        self._publisher, self._restraint = publisher, restraint
 
     @property
     def seq(self) -> int:
         """How many opinions were said."""
         return self._minutes.seq
 
-    def say(self, opinion: OpinionLike, captured_ns: int, now_ns: int) -> None:
-        """Publish one opinion about the frame captured at `captured_ns`."""
+    def say(self, opinion: OpinionLike, captured_ns: int, now_ns: int) -> bool:
+        """Publish one opinion about the frame captured at `captured_ns`; whether that was worth saying."""
+        if self._restraint is not None and not self._restraint.lets_pass(opinion, captured_ns):
+            return False
         self._publisher.put(encode(self._minutes.of(opinion, captured_ns, now_ns)))
+        return True

@@ -27,7 +27,8 @@ from studies.evaluate import Answer, Floats, Judged
 
 PATIENCE_S = 10.0
 AGAIN_S = 0.5
-SAME = 1e-9
+SAME = 1e-6
+"""Beliefs no further apart are the same: they travel in single precision."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +78,7 @@ def _label(court: _Court, judged: Judged, number: int, total: int, progress: Cal
         publisher = link.publisher(keys.posterior(name))
         if number == 0 and not publisher.wait_for_subscriber(PATIENCE_S):
             raise LabanmeshError(f"{name} found no referee on the mesh within {PATIENCE_S:g} s")
-        speaker = Speaker(court.scene.scene, name, court.vocabulary, publisher)
+        speaker = Speaker(court.vocabulary, publisher)
         said = [_opinion(judged, v, n) for n in range(len(judged.views))]
         for opinion in said:
             _say(speaker, opinion)

@@ -74,10 +74,10 @@ class _Ear:
             self._referee.reject(observer, error.reason)
 
     def _hear_posterior(self, observer: str, message: PosteriorMessage, now_ns: int) -> None:
-        if (message.scene, message.observer) != (self._keys.scene, observer):
-            self._referee.reject(observer, "wrong_key")
-        else:
+        if message.is_of(self._keys.scene, observer):
             self._referee.hear(observer, message, now_ns)
+        else:
+            self._referee.reject(observer, "wrong_key")
 
     def _read_clock(self, observer: str, status: StatusMessage, arrived_ns: int) -> None:
         # Nobody was asked: how long a status was under way is not known, so only a plainly wrong clock is one.

@@ -16,6 +16,7 @@ from benchmarks.fusion_step import pool_row
 from benchmarks.fusion_step import rows as fusion_rows
 from benchmarks.mesh import first_judged
 from benchmarks.model_update import FLOORS, halves, learned, measure, memory, recorded
+from benchmarks.observer import NOW_NS, told_bytes
 from benchmarks.posteriors import NAMES, beliefs, message, scene_of
 from benchmarks.timing import Row, compare, row
 from benchmarks.tracking import camshift_row, pictures
@@ -23,7 +24,10 @@ from common.inbox import Arrival
 from common.wire import encode
 from fusion.referee import Referee
 from fusion.rules import RULES
+from observer.learning import frames_of
 from observer.model.registry import MODELS
+from observer.motion.archive import MotionArchive
+from observer.motion.resample import resample
 
 KEYS = ["name", "ours", "floor", "ratio", "unit", "n"]
 QUICK = {"rounds": 1, "batch_s": 0.0}
@@ -115,3 +119,16 @@ def test_a_posterior_is_judged_by_the_first_judgement_that_weighs_it_or_a_newer_
 def test_the_posteriors_are_the_same_in_every_run():
     assert np.array_equal(beliefs(3, seed=4), beliefs(3, seed=4))
     assert np.allclose(beliefs(5).sum(axis=1), 1.0)
+
+
+def test_an_observer_on_change_says_fewer_bytes_than_one_that_says_each_frame():
+    whole, _ = halves(recorded(None))
+    person = MotionArchive(whole.body_parts, (resample(whole.recordings[0], 30.0),))
+    frames = list(frames_of(person.recordings[0], NOW_NS))
+    model = learned("phase", whole)
+    each, floor = told_bytes(person, frames, model, False, None)
+    some, _ = told_bytes(person, frames, model, False, 0.1)
+    with_shape, _ = told_bytes(person, frames, model, True, None)
+    assert floor < each < with_shape and 0.2 * each < some < 0.8 * each
+    # Eight movements; a posterior of twenty is as much larger as twelve numbers in single precision.
+    assert 12 * 5 + each / len(frames) <= 250

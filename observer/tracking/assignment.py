@@ -1,9 +1,9 @@
 """Which measurement belongs to which part: the cheapest assignment, none beyond the gate."""
 
 from collections.abc import Sequence
+from itertools import product
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from observer.tracks import Floats
 
@@ -24,13 +24,18 @@ def assign(cost: Floats, gate: float) -> list[int | None]:
     """For each of P rows of cost (P, N) its column, or None; each column at most once.
 
     Minimises the sum of the costs where leaving a row without column costs `gate`; so no pair above the gate is ever
-    made (Kuhn 1955, by scipy's linear_sum_assignment on the matrix with P columns of `gate` added).
+    made. Every assignment is looked at: two hands have few, and a solver for many would take more memory than all of
+    the tracker.
     """
-    parts, candidates = cost.shape
-    padded = np.hstack([np.minimum(cost, gate * 1e3 + 1e3), np.full((parts, parts), gate)])
-    rows, columns = linear_sum_assignment(padded)
-    chosen: list[int | None] = [None] * parts
-    for row, column in zip(rows, columns, strict=True):
-        if column < candidates and cost[row, column] <= gate:
-            chosen[row] = int(column)
-    return chosen
+    within = [[None, *(column for column, c in enumerate(row) if c <= gate)] for row in cost.tolist()]
+
+    def total(chosen: tuple[int | None, ...]) -> float:
+        return sum(gate if column is None else float(cost[row, column]) for row, column in enumerate(chosen))
+
+    cheapest = min((chosen for chosen in product(*within) if _each_once(chosen)), key=total)
+    return list(cheapest)
+
+
+def _each_once(columns: Sequence[int | None]) -> bool:
+    taken = [column for column in columns if column is not None]
+    return len(taken) == len(set(taken))

@@ -31,18 +31,22 @@ SEEN_ONCE = 2e-4
 
 
 def hue_saturation(picture: Picture) -> tuple[Picture, Picture]:
-    """(H, W, 3) BGR uint8 -> bins (H, W) of hue and saturation, and the mask (H, W) uint8 of pixels worth using."""
+    """(H, W, 3) BGR uint8 -> the same in hue, saturation and value, and the mask (H, W) uint8 of pixels worth using."""
     hsv = cv2.cvtColor(picture, cv2.COLOR_BGR2HSV)
-    hue = (hsv[..., 0].astype(np.int32) + HUE_SHIFT) % 180 * HUES // 180
-    bins = hue * SATURATIONS + hsv[..., 1].astype(np.int32) * SATURATIONS // 256
-    usable = cv2.inRange(hsv, (0, PALE, DARK), (180, 255, BURNT))
-    return bins, usable
+    return hsv, cv2.inRange(hsv, (0, PALE, DARK), (180, 255, BURNT))
 
 
-def _count(bins: Picture, mask: Picture) -> Floats:
-    counts = np.bincount(bins[mask > 0], minlength=HUES * SATURATIONS).astype(np.float32).reshape(HUES, SATURATIONS)
-    smooth: Floats = cv2.GaussianBlur(counts, (5, 5), 1.0, borderType=cv2.BORDER_REPLICATE).astype(np.float64)
-    frequencies: Floats = smooth / max(float(smooth.sum()), 1e-9)
+def counts(hsv: Picture, mask: Picture) -> Picture:
+    """(45, 32) float32: how many pixels of the mask have each rotated hue and saturation."""
+    fine = cv2.calcHist([hsv], [0, 1], mask, [180, SATURATIONS], [0, 180, 0, 256])
+    rotated = np.roll(fine, HUE_SHIFT, axis=0)
+    summed: Picture = rotated.reshape(HUES, -1, SATURATIONS).sum(axis=1)
+    return summed
+
+
+def _frequencies(hsv: Picture, mask: Picture) -> Floats:
+    smooth = cv2.GaussianBlur(counts(hsv, mask), (5, 5), 1.0, borderType=cv2.BORDER_REPLICATE)
+    frequencies: Floats = smooth.astype(np.float64) / max(float(smooth.sum(dtype=np.float64)), 1e-9)
     return frequencies
 
 
@@ -98,20 +102,20 @@ class Skin:
 
         rest: (H, W, 3) what is no skin, its black pixels left out; without it the picture around the box.
         """
-        bins, usable = hue_saturation(picture)
+        hsv, usable = hue_saturation(picture)
         x, y, w, h = box
         ellipse = np.zeros_like(usable)
         cv2.ellipse(ellipse, (x + w // 2, y + h // 2), (max(w * 3 // 10, 1), max(h * 4 // 10, 1)), 0, 0, 360, 255, -1)
         inside = cv2.bitwise_and(usable, ellipse)
         if cv2.countNonZero(inside) < MIN_PIXELS:
             return None
-        bright = picture.max(axis=2)[inside > 0]
+        bright = hsv[..., 2][inside > 0]
         value = np.array([np.median(bright), bright.std()], dtype=np.float64)
         if rest is not None:
-            return cls(_count(bins, inside), _count(*hue_saturation(rest)), value)
+            return cls(_frequencies(hsv, inside), _frequencies(*hue_saturation(rest)), value)
         outside = usable.copy()
         outside[max(y - h // 4, 0) : y + h * 5 // 4, max(x - w // 4, 0) : x + w * 5 // 4] = 0
-        return cls(_count(bins, inside), _count(bins, outside), value)
+        return cls(_frequencies(hsv, inside), _frequencies(hsv, outside), value)
 
     def adapted(self, newer: "Skin", rate: float) -> "Skin":
         """A step of `rate` (0 to 1) towards a newer one: light changes slowly."""

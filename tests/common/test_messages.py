@@ -35,7 +35,7 @@ def test_who_says_more_is_understood():
 @pytest.mark.parametrize(
     "changed",
     [
-        {"v": 2}, {"scene": "Dojo"}, {"scene": "dojo\n"}, {"observer": "a/b"}, {"observer": ""}, {"seq": -1},
+        {"v": 3}, {"scene": "Dojo"}, {"scene": "dojo\n"}, {"observer": "a/b"}, {"observer": ""}, {"seq": -1},
         {"captured_ns": -1}, {"frames": -1}, {"p": [1.0]}, {"p": []}, {"p": [0.5, float("nan")]}, {"p": [1.5, -0.5]},
         {"p": [0.5, 0.6]}, {"prior": [0.5, 0.2]}, {"prior": [1.0]}, {"prior": [0.2, 0.3, 0.5]}, {"rest": 1.01},
         {"rest": float("nan")}, {"vocabulary": "karate"}, {"visible": {"head": "perhaps"}}, {"session": None},

@@ -156,7 +156,7 @@ def spoilt(**fields):
     [
         (b"\xc1", "not_msgpack"),
         (msgpack.packb([1, 2]), "not_a_map"),
-        (spoilt(v=2), "wrong_version"),
+        (spoilt(v=3), "wrong_version"),
         (spoilt(vocabulary={"name": "movements", "hash": "0" * 16}), "foreign_vocabulary"),
         (spoilt(p=[math.nan, 0.5, 0.25, 0.25]), "not_finite"),
         (spoilt(p=[-0.5, 0.5, 0.5, 0.5]), "not_a_distribution"),

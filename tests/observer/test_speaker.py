@@ -34,7 +34,7 @@ def opinion(**given):
 
 def said(opinion, **given):
     kept = Kept()
-    Speaker("dojo", "cam1", NAMES, kept, **given).say(opinion, 1, 2)
+    Speaker(NAMES, kept, **given).say(opinion, 1, 2)
     return decode(PosteriorMessage, kept.payloads[0])
 
 

@@ -6,7 +6,7 @@ import pytest
 
 from observer.tracking.head import Head
 from observer.tracking.part import COAST_S, Part
-from observer.tracking.skin import HUES, SATURATIONS, Skin, hue_saturation
+from observer.tracking.skin import BURNT, DARK, HUE_SHIFT, HUES, PALE, SATURATIONS, Skin, counts, hue_saturation
 from observer.tracks import State
 
 
@@ -29,8 +29,18 @@ def test_a_part_without_measurements_is_unsure_and_then_missing():
 
 def test_hues_on_both_sides_of_red_are_neighbours():
     reds = cv2.cvtColor(np.array([[(179, 100, 200), (1, 100, 200)]], np.uint8), cv2.COLOR_HSV2BGR)
-    hues = hue_saturation(reds)[0][0] // SATURATIONS
-    assert abs(int(hues[0]) - int(hues[1])) <= 1
+    hues = [int(counts(*hue_saturation(red)).nonzero()[0][0]) for red in (reds[:, :1], reds[:, 1:])]
+    assert abs(hues[0] - hues[1]) <= 1
+
+
+def test_every_usable_pixel_of_the_mask_is_counted_at_its_rotated_hue():
+    picture = np.random.default_rng(3).integers(0, 256, (40, 60, 3), dtype=np.uint8)
+    hsv, usable = hue_saturation(picture)
+    bins = np.zeros((HUES, SATURATIONS))
+    for hue, saturation, value in hsv[usable > 0].astype(int):
+        assert saturation >= PALE and DARK <= value <= BURNT
+        bins[(hue + HUE_SHIFT) % 180 * HUES // 180, saturation * SATURATIONS // 256] += 1
+    assert (counts(hsv, usable) == bins).all() and bins.sum() > 1000
 
 
 def test_the_histogram_follows_the_colour_of_the_light_slowly():
@@ -53,11 +63,11 @@ FACE_BGR, WOOD_BGR = (105, 140, 200), (70, 120, 200)
 
 def frequencies(**shares):
     """(45, 32) of sum 1: `face` and `wood` are shares of those colours, the remainder is blue."""
-    counts = np.zeros((HUES, SATURATIONS))
+    found = np.zeros((HUES, SATURATIONS))
     for colour, share in ((FACE_BGR, shares["face"]), (WOOD_BGR, shares["wood"])):
-        counts[np.divmod(int(hue_saturation(np.full((1, 1, 3), colour, np.uint8))[0][0, 0]), SATURATIONS)] = share
-    counts[10, 5] += 1 - counts.sum()
-    return counts
+        found[counts(*hue_saturation(np.full((1, 1, 3), colour, np.uint8))) > 0] = share
+    found[10, 5] += 1 - found.sum()
+    return found
 
 
 def likely(skin, colour):

@@ -1,0 +1,228 @@
+"""What one observer costs as a process of its own: share of a core, memory, time to its first word, bytes a second.
+
+`labanmesh observe` watches a film of a recorded person, 1280x720 at 30 frames a second, in real time, with a model of
+all movements, and speaks to a listener here. Floors:
+- share of a core: the film read, and the plain OpenCV calls on whole pictures (tracking.py), as often a second.
+- memory, first posterior: a bare interpreter that has loaded the same libraries and read a picture of the film.
+- bytes: the numbers of a posterior, single precision, without names, ids and types.
+"""
+
+import os
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+from statistics import median
+
+import cv2
+import numpy as np
+
+from benchmarks.bare_zenoh import LOOPBACK, SOON_S
+from benchmarks.model_update import FACINGS, halves, learned, recorded
+from benchmarks.timing import Row, row
+from benchmarks.tracking import RATE_HZ, plain_calls
+from common.config import MeshConfig
+from common.errors import LabanmeshError
+from common.inbox import Inbox
+from common.link import Link
+from common.wire import encode
+from observer.effort.reader import FacetReader
+from observer.geometry.views import parse_view
+from observer.learning import frames_of
+from observer.model.base import MovementModel
+from observer.model.store import write_model
+from observer.motion.archive import MotionArchive
+from observer.motion.resample import resample
+from observer.pace import Pace
+from observer.pipeline import Observer
+from observer.projected import ProjectedTracker
+from observer.rendering.scenery import Scenery
+from observer.rendering.virtual_camera import VirtualCamera
+from observer.restraint import Restraint
+from observer.saying import Minutes
+from observer.source import RecordedMotion
+from observer.tracks import Frame
+from studies.stream import strung
+
+SIZE = (1280, 720)
+FILM_S = 10.0
+SETTLE_S = 4.0
+WATCH_S = 10.0
+STARTS = 7
+STREAM_RECORDINGS = 8
+NOW_NS = 1_800_000_000_000_000_000
+"""As many bytes as a time of our days takes."""
+BARE = (
+    "import time, sys, numpy, msgpack, zenoh, pydantic, typer, cv2; cv2.VideoCapture(sys.argv[1]).read();"
+    "print(time.process_time(), [line.split()[1] for line in open('/proc/self/status') if line.startswith('VmRSS')][0])"
+)
+UNLEARNED = 0.05
+"""What a model that was tried on people would say of it."""
+FIXED = 8 + 8 + 4
+"""Bytes of the two times and the number of a posterior."""
+PER_SECOND = os.sysconf("SC_CLK_TCK")
+
+
+@dataclass(frozen=True, slots=True)
+class Cost:
+    """share: of one core, all threads; memory_mb: resident at the end."""
+
+    share: float
+    memory_mb: float
+
+
+def rows(data: Path | None, watch_s: float = WATCH_S, starts: int = STARTS) -> Iterator[Row]:
+    """Two rows for a model without facings and two with, one for the start, and the bytes."""
+    train, test = halves(recorded(data))
+    person = test.recordings[0].subject
+    own = [r for r in test.recordings if r.subject == person][:STREAM_RECORDINGS]
+    stream = resample(strung(own, np.random.default_rng(0))[0], RATE_HZ)
+    models = {"": learned("phase", train), f", {FACINGS} facings": learned("phase", train, FACINGS)}
+    with tempfile.TemporaryDirectory() as place:
+        film = Path(place) / "person.avi"
+        pictures = filmed(MotionArchive(test.body_parts, (stream,)), film)
+        *bare, bare_mb = _bare(film, starts)
+        for name, model in models.items():
+            cost = _watched(Path(place), film, model, watch_s)
+            who = f"an observer, 1280x720 at 30 Hz{name}"
+            yield row(f"{who}, share of a core", 100 * cost.share, 100 * _plain_share(film, pictures), "%", 1)
+            yield row(f"{who}, memory", cost.memory_mb, bare_mb, "MB", 1)
+        begins = [_first_posterior(Path(place), film) for _ in range(starts)]
+        for what, figures, floor_s in zip(("", ", processor time"), zip(*begins, strict=True), bare, strict=True):
+            yield row(f"start to first posterior{what}", median(figures), floor_s, "s", starts)
+    yield from byte_rows(MotionArchive(test.body_parts, (stream,)), models)
+
+
+def filmed(archive: MotionArchive, film: Path, seconds: float = FILM_S) -> list[Frame]:
+    """A virtual camera's film of the first recording, before shelves and with noise; its last pictures."""
+    motion = RecordedMotion(archive.body_parts, archive.recordings, speed=0, clock=lambda: 0)
+    camera = VirtualCamera(motion, parse_view("door"), SIZE, Scenery(background="cluttered", noise=3.0))
+    writer = cv2.VideoWriter(str(film), cv2.VideoWriter.fourcc(*"MJPG"), RATE_HZ, SIZE)
+    kept: list[Frame] = []
+    for number, frame in enumerate(camera.frames(threading.Event())):
+        if number >= seconds * RATE_HZ:
+            break
+        writer.write(frame.content)
+        kept = [*kept[-29:], frame]
+    writer.release()
+    return kept
+
+
+def _plain_share(film: Path, pictures: list[Frame]) -> float:
+    """Processor time of reading and of the plain calls, per second of film."""
+    cv2.setNumThreads(1)
+    capture, frames = cv2.VideoCapture(str(film)), 0
+    begun_s = time.process_time()
+    while capture.read()[0]:
+        frames += 1
+    read_s = (time.process_time() - begun_s) / max(frames, 1)
+    work = plain_calls(pictures)
+    begun_s = time.process_time()
+    for _ in range(frames):
+        work()
+    return (read_s + (time.process_time() - begun_s) / max(frames, 1)) * RATE_HZ
+
+
+def _bare(film: Path, starts: int) -> tuple[float, float, float]:
+    """Seconds, processor seconds and megabytes of an interpreter with the libraries alone."""
+    times, spent, sizes = [], [], []
+    for _ in range(starts):
+        begun_s = time.monotonic()
+        said = subprocess.run([sys.executable, "-c", BARE, str(film)], capture_output=True, text=True, check=True)  # noqa: S603
+        times.append(time.monotonic() - begun_s)
+        used_s, size_kb = said.stdout.split()
+        spent.append(float(used_s))
+        sizes.append(int(size_kb) / 1024)
+    return median(times), median(spent), median(sizes)
+
+
+@contextmanager
+def _observing(place: Path, film: Path) -> Iterator[tuple[int, Inbox]]:
+    """A real observer that watches the film for ever: its process id, and what it says."""
+    with Link.open(MeshConfig(), "fusion", listen=[LOOPBACK]) as link:
+        scene = place / "scene.toml"
+        mesh = f'scene = "bench"\n[mesh]\nendpoint = "{link.locator}"\n'
+        scene.write_text(f'{mesh}[observers.cam1]\nsource = "{film}"\nmodel = "bench.model"\nloop = true\n')
+        inbox = link.inbox("laban/bench/observer/cam1/posterior", limit=100_000)
+        words = [sys.executable, "-m", "labanmesh", "observe", str(scene), "cam1"]
+        process = subprocess.Popen(words, env={**os.environ, "LABANMESH_LOG": "warning"})  # noqa: S603
+        try:
+            yield process.pid, inbox
+        finally:
+            process.terminate()
+            process.wait(SOON_S)
+
+
+def _watched(place: Path, film: Path, model: MovementModel, watch_s: float) -> Cost:
+    write_model(place / "bench.model", model)
+    with _observing(place, film) as (process, inbox):
+        _await_first(inbox)
+        time.sleep(SETTLE_S if watch_s == WATCH_S else 0.0)
+        begun_s, spent_s = time.monotonic(), _spent_s(process)
+        time.sleep(watch_s)
+        share = (_spent_s(process) - spent_s) / (time.monotonic() - begun_s)
+        return Cost(share, _resident_mb(process))
+
+
+def _first_posterior(place: Path, film: Path) -> tuple[float, float]:
+    """Seconds, and processor seconds, from the start of the process."""
+    begun_s = time.monotonic()
+    with _observing(place, film) as (process, inbox):
+        _await_first(inbox)
+        return time.monotonic() - begun_s, _spent_s(process)
+
+
+def _await_first(inbox: Inbox) -> None:
+    if not inbox.take(SOON_S):
+        raise LabanmeshError("labanmesh observe said nothing; what it wrote above says why")
+
+
+def _spent_s(process: int) -> float:
+    fields = Path(f"/proc/{process}/stat").read_text().rsplit(")", 1)[1].split()
+    return (int(fields[11]) + int(fields[12])) / PER_SECOND
+
+
+def _resident_mb(process: int) -> float:
+    status = Path(f"/proc/{process}/status").read_text().splitlines()
+    return next(int(line.split()[1]) for line in status if line.startswith("VmRSS")) / 1024
+
+
+def byte_rows(archive: MotionArchive, models: dict[str, MovementModel]) -> Iterator[Row]:
+    """Bytes a second of a person's stream as one view sees it at 30 Hz, each frame said or only changes."""
+    plain, turning = models.values()
+    frames = list(frames_of(archive.recordings[0], NOW_NS))
+    for name, model, facets, heartbeat_s in (
+        ("each frame", plain, False, None),
+        ("on change", plain, False, 0.1),
+        ("each frame, with Shape", plain, True, None),
+        ("on change, with Shape", plain, True, 0.1),
+        (f"each frame, {FACINGS} facings", turning, False, None),
+        (f"on change, {FACINGS} facings", turning, False, 0.1),
+    ):
+        told, floor = told_bytes(archive, frames, model, facets, heartbeat_s)
+        seconds = len(frames) / RATE_HZ
+        yield row(f"bytes a second, {name}", told / seconds, floor / seconds, "B", len(frames))
+
+
+def told_bytes(
+    archive: MotionArchive, frames: Sequence[Frame], model: MovementModel, facets: bool, heartbeat_s: float | None
+) -> tuple[int, int]:
+    """What is said of the frames, and what its numbers would be alone if all were said."""
+    header = model.header
+    reader = FacetReader(header.body_parts, header.rate_hz) if facets else None
+    tracker = ProjectedTracker(parse_view("door"), archive.body_parts, header.body_parts)
+    observer = Observer(tracker, model, None, Pace(header.rate_hz), reader)
+    restraint = None if heartbeat_s is None else Restraint(heartbeat_s)
+    minutes, told, floor = Minutes(header.vocabulary, "bench0"), 0, 0
+    for frame in frames:
+        opinion = replace(observer.step(frame), unlearned=UNLEARNED)
+        if restraint is None or restraint.lets_pass(opinion, frame.captured_ns):
+            told += len(encode(minutes.of(opinion, frame.captured_ns, frame.captured_ns + 1)))
+        facing = 0 if opinion.facing is None else opinion.facing.size
+        floor += 4 * (len(opinion.p) + 2 + sum(map(len, opinion.facets.values()))) + FIXED + facing
+    return told, floor
