@@ -5,9 +5,10 @@ BIN := $(VENV)/bin
 MEDIAPIPE := .venv-mediapipe
 HOME_ASSISTANT := .venv-home
 PEERS := .venv-peers
+TRANSPORTS := .venv-transports
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-mediapipe test-browser test-home fault-tools mqtt-tools faults fuzz soak-day peers test-peers check bench clean
+.PHONY: help demo test test-mediapipe test-browser test-home fault-tools mqtt-tools faults fuzz soak-day peers test-peers peers-transport test-transports check bench soak clean
 
 help:            ## this list
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*##/\t/' | expand -t 18
@@ -49,14 +50,25 @@ peers: $(PEERS)/.ready   ## our judges beside MiniRocket and 1-NN DTW: the table
 test-peers: $(PEERS)/.ready   ## the tests of that comparison, also those that need aeon
 	@$(PEERS)/bin/pytest -q -n0 tests/studies/test_peers.py
 
+peers-transport: $(TRANSPORTS)/.ready   ## ours beside MQTT, NATS and ZeroMQ: the table of docs/performance.md, written anew
+	@benchmarks/transports/install_brokers.sh
+	@$(TRANSPORTS)/bin/python -m benchmarks.transports --page docs/performance.md
+
+test-transports: $(TRANSPORTS)/.ready   ## the tests of that comparison, over every transport
+	@benchmarks/transports/install_brokers.sh
+	@LABANMESH_TRANSPORTS=1 $(TRANSPORTS)/bin/pytest -q -n0 tests/test_transports.py
+
 check: $(VENV)/.ready  ## lint and types
 	@$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/mypy
 
 bench: $(VENV)/.ready  ## each cost beside its floor, to build/bench.json
 	@$(BIN)/python -m benchmarks
 
+soak: $(VENV)/.ready  ## ten minutes of a thousand SIMULATED observers before one real fusion process
+	@$(BIN)/python -m benchmarks.crowd
+
 clean:           ## away with the environment and everything built
-	@rm -rf $(VENV) $(MEDIAPIPE) $(HOME_ASSISTANT) $(PEERS) build dist *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis labanmesh-demo
+	@rm -rf $(VENV) $(MEDIAPIPE) $(HOME_ASSISTANT) $(PEERS) $(TRANSPORTS) build dist *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis labanmesh-demo
 
 $(VENV)/.ready: pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit("labanmesh needs Python >= 3.11, this is " + sys.version.split()[0] + ": make PYTHON=python3.11") if sys.version_info < (3, 11) else None'
@@ -84,4 +96,11 @@ $(PEERS)/.ready: pyproject.toml
 	@echo "setting up $(PEERS) (once, about a minute) ..."
 	@$(PYTHON) -m venv $(PEERS)
 	@$(PEERS)/bin/python -m pip install --quiet --disable-pip-version-check -e '.[peers,dev]'
+	@touch $@
+
+$(TRANSPORTS)/.ready: pyproject.toml
+	@$(PYTHON) -c 'import sys; sys.exit("labanmesh needs Python >= 3.11, this is " + sys.version.split()[0] + ": make peers-transport PYTHON=python3.11") if sys.version_info < (3, 11) else None'
+	@echo "setting up $(TRANSPORTS) (once, about a minute) ..."
+	@$(PYTHON) -m venv $(TRANSPORTS)
+	@$(TRANSPORTS)/bin/python -m pip install --quiet --disable-pip-version-check -e '.[transports,all,dev]'
 	@touch $@
