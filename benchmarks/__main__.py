@@ -1,4 +1,4 @@
-"""`python -m benchmarks`: measures everything, prints a table and writes build/bench.json. Takes about a minute.
+"""`python -m benchmarks`: measures everything, prints a table and writes build/bench.json. Takes some minutes.
 
 LABANMESH_DATA names the folder of recordings; without it the models are learned from the synthetic performer.
 """
@@ -11,7 +11,7 @@ from dataclasses import asdict
 from itertools import chain
 from pathlib import Path
 
-from benchmarks import fusion_step, mesh, model_update, recovery, security, tracking
+from benchmarks import fusion_step, mesh, model_update, observer, recovery, security, throughput, tracking
 from benchmarks.timing import Row
 from common.errors import LabanmeshError
 
@@ -23,8 +23,9 @@ def main() -> int:
     """All rows, to stdout and to RESULT; returns the exit status."""
     place = os.environ.get("LABANMESH_DATA")
     try:
-        models = model_update.rows(Path(place) if place else None)
-        rows = told(chain(tracking.rows(), models, fusion_step.rows(), mesh.rows(), recovery.rows(), security.rows()))
+        data = Path(place) if place else None
+        one = chain(tracking.rows(), model_update.rows(data), observer.rows(data))
+        rows = told(chain(one, fusion_step.rows(), mesh.rows(), throughput.rows(), recovery.rows(), security.rows()))
     except LabanmeshError as error:
         print(f"benchmarks: {error}", file=sys.stderr)
         return error.exit_status
@@ -64,7 +65,7 @@ def _cells(row: Row) -> tuple[str, ...]:
 
 
 def _digits(unit: str) -> int:
-    return 3 if unit == "ms" else 1
+    return {"ms": 3, "s": 2}.get(unit, 1)
 
 
 def _line(cells: Sequence[str], widths: Sequence[int]) -> str:

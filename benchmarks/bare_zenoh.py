@@ -2,14 +2,16 @@
 
 import json
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
+import msgpack
 import zenoh
 
 PUT, BACK = "bench/bare/put", "bench/bare/back"
 LOOPBACK = "tcp/127.0.0.1:0"
 SOON_S = 10.0
+SILENT_S = 0.5
 
 
 @contextmanager
@@ -28,6 +30,35 @@ def bare_peer(connect: str | None = None) -> Iterator["Bare"]:
         config.insert_json5(key, json.dumps(value))
     with zenoh.open(config) as session:
         yield Bare(session)
+
+
+def drained(listen: str, key: str, seconds: float, publishers: int, tell: Callable[[float], None]) -> None:
+    """Tell how many messages a second a loop takes out of a FIFO channel in batches and unpacks, once all have spoken.
+
+    Goes on draining until they are silent: a session whose channel is full does not close.
+    """
+    config = zenoh.Config()
+    for name, value in {"mode": "peer", "scouting/multicast/enabled": False, "listen/endpoints": [listen]}.items():
+        config.insert_json5(name, json.dumps(value))
+    with zenoh.open(config) as session:
+        channel = session.declare_subscriber(key, zenoh.handlers.FifoChannel(100_000))
+        heard: set[str] = set()
+        while len(heard) < publishers:
+            heard.add(str(channel.recv().key_expr))
+        count, begun_s = 0, time.monotonic()
+        while time.monotonic() - begun_s < seconds:
+            while (sample := channel.try_recv()) is not None:
+                msgpack.unpackb(sample.payload.to_bytes())
+                count += 1
+                if not count % 1024 and time.monotonic() - begun_s >= seconds:
+                    break
+            time.sleep(0.001)
+        tell(count / (time.monotonic() - begun_s))
+        heard_s = time.monotonic()
+        while time.monotonic() - heard_s < SILENT_S:
+            while channel.try_recv() is not None:
+                heard_s = time.monotonic()
+            time.sleep(0.001)
 
 
 class Bare:
@@ -49,6 +80,10 @@ class Bare:
     def publisher(self, key: str) -> zenoh.Publisher:
         """Bare Zenoh's own publisher."""
         return self._session.declare_publisher(key)
+
+    def fifo(self, key: str) -> zenoh.Subscriber[zenoh.handlers.Handler[zenoh.Sample]]:
+        """Bare Zenoh's own bounded queue of what comes under `key`."""
+        return self._session.declare_subscriber(key)
 
     def note(self, key: str) -> None:
         """Note in `arrived` what comes under `key`."""

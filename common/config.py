@@ -101,6 +101,13 @@ class Scene(Section):
         scene._folder = self._folder
         return scene
 
+    def shared_by(self, service: str) -> "Scene":
+        """The same as seen by one of the processes that share many scenes; raises BadInput for its id."""
+        identifier(service, "fusion.id")
+        scene = self.model_copy(update={"fusion": self.fusion.model_copy(update={"id": service})})
+        scene._folder = self._folder
+        return scene
+
     @property
     def named_vocabulary(self) -> Vocabulary | None:
         """The vocabulary that the file names; None: the models bring it."""

@@ -3,6 +3,7 @@
 import threading
 from collections import deque
 from collections.abc import Mapping
+from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 
 from common.messages import Account, ProcessState, StatusMessage
@@ -81,6 +82,7 @@ class Health:
         return "degraded", f"no frame for {silent_ns / SECOND_NS:.0f} s"
 
 
+@cache
 def _version() -> str:
     try:
         return version("labanmesh")

@@ -52,6 +52,10 @@ class SceneKeys:
         """The fusion service's liveliness token."""
         return f"{self.root}/fusion/{fusion}/alive"
 
+    def fusion_handover(self, fusion: str = "*") -> str:
+        """Where a fusion service that judges is asked to let the asker go on."""
+        return f"{self.root}/fusion/{fusion}/handover"
+
     @property
     def judgement(self) -> str:
         """Where fusion says what the judges together believe, at every step."""
@@ -66,6 +70,11 @@ class SceneKeys:
     def vocabulary(self) -> str:
         """Where the names of the movements are said."""
         return f"{self.root}/vocabulary"
+
+
+def scene_of(key: str) -> str:
+    """The scene in a key below `observer` or `fusion`: `laban/<scene>/observer/cam1/posterior` -> `<scene>`."""
+    return key.rsplit("/", 4)[-4]
 
 
 def observer_of(key: str) -> str:

@@ -6,9 +6,9 @@ from collections.abc import Callable
 from types import TracebackType
 from typing import Self
 
+from common.branch import Branch
 from common.errors import LabanmeshError
 from common.health import Health
-from common.link import Link
 from common.messages import ProcessState
 from common.notify import Notifier
 from common.wire import encode
@@ -21,11 +21,17 @@ class StatusBoard:
     """
 
     def __init__(
-        self, link: Link, key: str, health: Health, clock: Callable[[], int] = time.time_ns, every_s: float = 1.0
+        self,
+        link: Branch,
+        key: str,
+        health: Health,
+        clock: Callable[[], int] = time.time_ns,
+        every_s: float = 1.0,
+        supervisor: Notifier | None = None,
     ) -> None:
         self._publisher = link.publisher(key)
         self._health, self._clock, self._every_s = health, clock, every_s
-        self._supervisor = Notifier.from_environment()
+        self._supervisor = supervisor or Notifier.from_environment()
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._repeat, name="status", daemon=True)
         link.answer(key, self._payload)
@@ -33,13 +39,14 @@ class StatusBoard:
     def become(self, state: ProcessState, reason: str = "") -> None:
         """A change of state, said at once."""
         self._health.become(state, reason)
-        self._say()
+        self.say()
 
     def alive(self) -> None:
         """A frame, or a step, was worked on. A supervisor that hears none for long starts the process anew."""
         self._supervisor.alive()
 
-    def _say(self) -> None:
+    def say(self) -> None:
+        """How the process is now; who enters the board as a context has it said each second."""
         status = self._health.status(self._clock())
         self._supervisor.status(": ".join(filter(None, (status.state, status.reason))))
         self._publisher.put(encode(status))
@@ -50,7 +57,7 @@ class StatusBoard:
     def _repeat(self) -> None:
         while not self._ended.wait(self._every_s):
             try:
-                self._say()
+                self.say()
             except LabanmeshError:
                 return  # the link was closed under us: nobody can be told any more
 

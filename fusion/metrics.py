@@ -28,6 +28,7 @@ class FusionMetrics(Metrics):
         self._verdicts = Tally(dict.fromkeys((*labels, ABSTAIN), 0))
         self._steps = self.histogram("fusion_step_seconds", "One step: hearing, weighing, judging.", STEP_BUCKETS)
         self._arrived = self.counter("posteriors_received", "Posteriors that arrived, used or not.")
+        self._read = self.counter("posteriors_read", "Posteriors that were read: of a flood only the newest are.")
         self._delay = self.histogram("verdict_delay_seconds", "From a movement's begin to its decision.", AGE_BUCKETS)
 
     def step(self, step: "Step") -> None:
@@ -35,6 +36,7 @@ class FusionMetrics(Metrics):
         self._judgement = step.ruling.judgement if step.ruling is not None else self._judgement
         self._leads, self._dropped = step.leads, step.dropped
         self._arrived.inc(step.arrived)
+        self._read.inc(step.read)
         self._steps.observe(step.took_s)
         for verdict in step.said:
             if verdict.ended_ns is not None:

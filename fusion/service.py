@@ -11,10 +11,8 @@ import threading
 import time
 from collections.abc import Callable
 
-from common.clock_asking import ClockAsker
 from common.config import Scene
 from common.errors import LabanmeshError
-from common.health import Health
 from common.keys import observer_of
 from common.link import Link, Presence
 from common.messages import VocabularyMessage
@@ -22,7 +20,8 @@ from common.notify import Notifier
 from common.status import StatusBoard
 from common.vocabulary import Vocabulary
 from common.wire import decode, encode_vocabulary
-from fusion.ear import Ear
+from fusion.desk import Desk
+from fusion.lot import newest
 from fusion.memory_file import Memory
 from fusion.referee_like import RefereeLike
 from fusion.team import Team, Voice
@@ -51,47 +50,37 @@ def serve(
     """
     keys, fusion = scene.keys, scene.fusion.id
     others = link.presence(keys.fusion_alive())
-    _await_namesake(others, keys.fusion_alive(fusion), stop)
-    health = Health(scene.scene, fusion)
-    ear = Ear(scene.scene, referee, health, clock)
-    presence = link.presence(keys.observer_alive())
+    await_namesake(others, keys.fusion_alive(fusion), stop)
     inbox = link.inbox(keys.posterior())
+    desk = Desk(scene, referee, link, clock, inbox.wake)
     voice = Voice(link, keys, encode_vocabulary(scene.scene, referee.vocabulary), referee, memory)
     voice.recall(scene.scene, clock())
     team = Team(scene, referee, voice, link)
-    asker = ClockAsker(link, keys.observer_status(), clock, inbox.wake)
-    told = telling(scene, referee.vocabulary.labels, lambda: health.status(clock()))
-    with told as tell, StatusBoard(link, keys.fusion_status(fusion), health, clock) as board:
+    told = telling(scene, referee.vocabulary.labels, lambda: desk.health.status(clock()))
+    with told as tell, StatusBoard(link, keys.fusion_status(fusion), desk.health, clock) as board:
         link.announce(keys.fusion_alive(fusion))
         log.info("judging %s: %s", scene.scene, ", ".join(scene.roster))
         while not stop.is_set():
             arrivals = inbox.take(1 / scene.fusion.step_hz)
             begun_s = time.monotonic()
-            _ask_clocks(asker, referee, lambda: health.noticed(ear.accounts(scene.roster)))
-            for arrival in arrivals:
-                ear.hear(arrival)
-            # After its last words, so that they do not bring back a judge who has gone.
-            referee.present(_ids(presence))
+            counting = newest(arrivals)
+            for arrival in counting:
+                desk.hear(arrival)
+            desk.look()
             leads = team.leads(_ids(others), clock())
             if team.news is not None:
                 board.become("running", team.news)
-            ruling = referee.judge(clock())
+            ruling = desk.judge()
             said = team.pass_on(ruling, leads) if ruling is not None else ()
-            tell(Step(ruling, leads, said, len(arrivals), inbox.dropped, time.monotonic() - begun_s))
+            took_s = time.monotonic() - begun_s
+            tell(Step(ruling, leads, said, len(arrivals), len(counting), inbox.dropped, took_s))
             board.alive()
     if inbox.dropped:
         log.warning("%d messages came faster than they could be judged and were left out", inbox.dropped)
 
 
-def _ask_clocks(asker: ClockAsker, referee: RefereeLike, each_second: Callable[[], None]) -> None:
-    if asker.ask_if_due():
-        each_second()
-    for observer, reading in asker.readings():
-        referee.read_clock(observer, reading)
-
-
-def _await_namesake(services: Presence, key: str, stop: threading.Event) -> None:
-    """A service that was killed may still seem alive for a moment; one that is alive is a mistake in the set-up."""
+def await_namesake(services: Presence, key: str, stop: threading.Event) -> None:
+    """Wait for one that was killed to be seen to go; raises LabanmeshError when one of our id is alive for longer."""
     begin_s = time.monotonic()
     # Who is alive comes to be known a moment after the link was opened.
     while (waited_s := time.monotonic() - begin_s) < HEARSAY_S or key in services.alive:

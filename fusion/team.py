@@ -7,6 +7,7 @@
 import logging
 from collections.abc import Sequence
 
+from common.branch import Branch
 from common.config import Scene
 from common.keys import SceneKeys
 from common.link import Arrival, Link
@@ -82,7 +83,7 @@ class Voice:
     """Says rulings on the mesh and repeats the last ones to who asks."""
 
     def __init__(
-        self, link: Link, keys: SceneKeys, vocabulary: bytes, referee: RefereeLike, memory: Memory | None = None
+        self, link: Branch, keys: SceneKeys, vocabulary: bytes, referee: RefereeLike, memory: Memory | None = None
     ) -> None:
         self._judgement = link.publisher(keys.judgement)
         self._verdict = link.publisher(keys.verdict)

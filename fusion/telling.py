@@ -22,13 +22,15 @@ if TYPE_CHECKING:
 class Step:
     """One step of the loop: what was judged, whether to speak, which verdicts were said.
 
-    arrived: posteriors in this step. dropped: those left out since the start. took_s: how long it took.
+    arrived: posteriors in this step; read: those of them that were read, the newest (lot.py). dropped: those left out
+    since the start because the inbox was full. took_s: how long it took.
     """
 
     ruling: RulingLike | None
     leads: bool
     said: Sequence[VerdictMessage]
     arrived: int
+    read: int
     dropped: int
     took_s: float
 

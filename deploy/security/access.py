@@ -70,7 +70,7 @@ def _fusion(scene: "Scene", fusion: str) -> Iterator[Rule]:
     keys = scene.keys
     status, alive = keys.fusion_status(fusion), keys.fusion_alive(fusion)
     yield from _says([keys.judgement, keys.verdict, status])
-    yield from _answers(scene, [keys.judgement, keys.verdict, status, keys.vocabulary])
+    yield from _answers(scene, [keys.judgement, keys.verdict, status, keys.vocabulary, keys.fusion_handover(fusion)])
     yield from _lives(alive)
     yield from _reads(scene)
 

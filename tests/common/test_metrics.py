@@ -25,6 +25,8 @@ from common.messages import (
 from common.vitals import FRESH_S, STALLED_S, Vitals
 from deploy.commands import with_ports
 from deploy.launcher import Job
+from fusion.fleet_metrics import FleetMetrics
+from fusion.fleet_telling import Round
 from fusion.metrics import FusionMetrics
 from fusion.telling import Step
 from hub.metrics import HubMetrics
@@ -167,11 +169,13 @@ def every_metric():
     fusion = FusionMetrics("dojo", "fusion", ("ok", "bye"), status)
     verdict = spoken(VerdictMessage, id="v", began_ns=0, decided_ns=SECOND, ended_ns=2 * SECOND)
     ruling = type("Ruling", (), {"judgement": spoken(), "verdicts": [verdict]})()
-    fusion.step(Step(ruling, True, [verdict], 1, 4, 0.01))
+    fusion.step(Step(ruling, True, [verdict], 1, 1, 4, 0.01))
     hub = HubMetrics("mqtt")
     hub.heard(SceneState("dojo").fold(spoken(), SECOND), spoken())
     hub.connected(True)
-    roles = {"observer": observer, "fusion": fusion, "hub": hub}
+    fleet = FleetMetrics("north")
+    fleet.round(Round(2, 8, ["ok"], 0.01))
+    roles = {"observer": observer, "fusion": fusion, "fusion of many scenes": fleet, "hub": hub}
     return {role: list(text_string_to_metric_families(m.exposition("")[0].decode())) for role, m in roles.items()}
 
 

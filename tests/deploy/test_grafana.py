@@ -45,6 +45,10 @@ def test_every_metric_of_ours_is_shown_or_known_not_to_be():
         "labanmesh_last_frame_timestamp_seconds",
         "labanmesh_clock_skew_seconds",
         "labanmesh_posteriors_received_total",
+        "labanmesh_posteriors_read_total",
+        "labanmesh_scenes_judged",
+        "labanmesh_fusion_round_seconds",
+        "labanmesh_movements_ended_total",
         "labanmesh_observer_age_seconds",
         "labanmesh_connections_total",
     }

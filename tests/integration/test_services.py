@@ -339,10 +339,25 @@ def test_an_observer_says_what_it_believes_after_each_frame(scene, meeting, peer
     assert [message.seq for message in said] == [0, 1]
     assert [message.captured_ns for message in said] == [1001, 1003]
     assert [message.p for message in said] == [[0.25, 0.75], [1.0, 0.0]]
-    assert said[0].vocabulary == REFERENCE and said[0].rest == 0.25 and said[0].visible == {"head": True}
+    assert said[0].vocabulary.hash == REFERENCE.hash and said[0].rest == 0.25 and said[0].visible == {}
     assert said[0].session == said[1].session and said[0].sent_ns <= said[1].sent_ns
     thread.join(SOON_S)
     assert not thread.is_alive()
+
+
+def test_an_observer_on_a_slow_line_says_what_has_changed(scene, meeting, peer, running):
+    slow = scene.model_copy(
+        update={"observers": {"cam1": scene.observer("cam1").model_copy(update={"say": "on change"})}}
+    )
+    inbox, source, link = meeting.inbox(scene.keys.posterior()), FakeSource(), peer("observer")
+    assert link.publisher(scene.keys.posterior("cam1")).wait_for_subscriber(SOON_S)
+    running(serve_observer, slow, "cam1", FakeObserver(), source, link)
+    beliefs = ((0.25, 0.75), (0.255, 0.745), (0.25, 0.75), (0.5, 0.5), (0.5, 0.5), (0.75, 0.25))
+    source.offer(*map(np.array, beliefs), "end")
+    said = collect(inbox, PosteriorMessage, lambda said: len(said) == 3)
+    assert [(message.seq, message.captured_ns, message.p[0]) for message in said] == [
+        (0, 1001, 0.25), (1, 1004, 0.5), (2, 1006, 0.75)
+    ]  # fmt: skip
 
 
 def test_each_start_is_a_new_session(scene, meeting, peer, running):
