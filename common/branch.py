@@ -90,8 +90,11 @@ class Branch:
         self._kept.append(made)
         return Publisher(made)
 
-    def inbox(self, *keys: str, limit: int = 4096) -> Inbox:
-        """One inbox for all that is said under `keys`, which may hold wildcards; the oldest go past `limit`."""
+    def inbox(self, *keys: str, limit: int = 4096, ring: int = RING) -> Inbox:
+        """One inbox for all that is said under `keys`, which may hold wildcards; the oldest go past `limit`.
+
+        ring: on a polled branch, how many of each key wait from one poll to the next; the oldest are lost.
+        """
         inbox = Inbox(limit)
 
         def enqueue(sample: zenoh.Sample) -> None:
@@ -101,7 +104,7 @@ class Branch:
             inbox.drop_in(str(sample.key_expr), said)
 
         for key in keys:
-            self._declare(partial(self._session.declare_subscriber, key), enqueue)
+            self._declare(partial(self._session.declare_subscriber, key), enqueue, ring)
         self._inboxes.append(inbox)
         return inbox
 
@@ -189,9 +192,9 @@ class Branch:
         for inbox in self._inboxes:
             inbox.wake()
 
-    def _declare(self, declare: Callable[[Any], Any], take_in: Callable[[Any], None]) -> None:
+    def _declare(self, declare: Callable[[Any], Any], take_in: Callable[[Any], None], ring: int = RING) -> None:
         """Something for which `take_in` is called with what comes."""
-        made = declare(zenoh.handlers.RingChannel(RING) if self._polled else take_in)
+        made = declare(zenoh.handlers.RingChannel(ring) if self._polled else take_in)
         self._kept.append(made)
         if self._polled:
             self._rings.append((made, take_in))

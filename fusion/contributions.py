@@ -7,7 +7,7 @@ import numpy as np
 
 from common.messages import Contribution
 from common.probability import Floats
-from fusion.pooling import pool_opinions
+from fusion.pooling import Case, pool_many, pool_opinions
 from fusion.roster import HEARD, Opinion
 from fusion.rules import Rule
 
@@ -23,15 +23,15 @@ def contributions(
     answer = int(whole.argmax()) if label is None else label
     odds = _log_odds(whole, answer)
     told = {}
-    for n, opinion in enumerate(opinions):
-        if opinion.state in HEARD:
-            others = [*opinions[:n], *opinions[n + 1 :]]
-            left = pool_opinions(rule, others, prior, temperature).answers if others else prior
-            if len(left) < len(whole):
-                # He alone says that there may be something else: without him it is as likely as any.
-                left = np.append(left * (1 - 1 / len(whole)), 1 / len(whole))
-            without = _log_odds(left, answer)
-            told[opinion.observer] = Contribution(nats=odds - without, stands=without > 0)
+    heard = [n for n, opinion in enumerate(opinions) if opinion.state in HEARD]
+    without_each = [[*opinions[:n], *opinions[n + 1 :]] for n in heard] if len(opinions) > 1 else []
+    pools = [pool.answers for pool in pool_many([Case(rule, o, prior, temperature) for o in without_each])]
+    for n, left in zip(heard, pools or [prior] * len(heard), strict=True):
+        if len(left) < len(whole):
+            # He alone says that there may be something else: without him it is as likely as any.
+            left = np.append(left * (1 - 1 / len(whole)), 1 / len(whole))
+        without = _log_odds(left, answer)
+        told[opinions[n].observer] = Contribution(nats=odds - without, stands=without > 0)
     return told
 
 

@@ -8,7 +8,7 @@
 """
 
 import logging
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 from pydantic import ValidationError
@@ -20,9 +20,9 @@ from common.notify import Notifier
 from common.status import StatusBoard
 from common.wire import BadMessage, decode, encode, encode_vocabulary
 from fusion.desk import Desk
-from fusion.lot import newest
 from fusion.memory_file import FORGET_S, Remembered
-from fusion.referee_like import RefereeLike
+from fusion.pooling import Case, Pool
+from fusion.referee import Referee, Ruling
 from fusion.sharing import Duty, Share
 from fusion.team import Voice
 
@@ -35,21 +35,20 @@ ASK_CLOCKS_S = 60.0
 
 
 @dataclass(frozen=True, slots=True)
-class Heard:
-    """What a step came to: how many posteriors had come, and the verdicts that were said."""
+class Step:
+    """The first half of a step: how many posteriors were read, and what is to be pooled; None: nothing is."""
 
-    arrived: int = 0
-    verdicts: tuple[VerdictMessage, ...] = ()
+    read: int = 0
+    now_ns: int = 0
+    case: Case | None = None
 
 
 class Court:
     """One scene, as the fusion process `scene.fusion.id` has to do with it. referee: makes a new one."""
 
-    def __init__(
-        self, scene: Scene, referee: Callable[[], RefereeLike], link: Branch, clock: Callable[[], int]
-    ) -> None:
+    def __init__(self, scene: Scene, referee: Callable[[], Referee], link: Branch, clock: Callable[[], int]) -> None:
         self.scene = scene
-        self._referee, self._link, self._clock = referee, link, clock
+        self._new_referee, self._link, self._clock = referee, link, clock
         self._share = Share(scene.fusion.id, scene.scene)
         self._sitting: _Sitting | None = None
         self._gallery: _Gallery | None = None
@@ -71,27 +70,34 @@ class Court:
         self._share.doubtful()
         self._follow()
 
-    def step(self) -> Heard:
-        """Take in what has come; judge and say it, if it is ours to judge."""
+    def step(self) -> Step:
+        """Take in what has come; what is to be pooled, if it is ours to judge, for `say`."""
         if self._gallery is not None:
             self._gallery.link.poll()
         sitting = self._sitting
         if sitting is None:
-            return Heard()
+            return Step()
         # Somebody may have asked for the scene: then it is not ours any more.
         sitting.link.poll()
         self._follow()
         if self._sitting is None:
-            return Heard()
+            return Step()
         arrivals = sitting.posteriors.take(0)
-        for arrival in newest(arrivals, 0):
+        for arrival in arrivals:
             sitting.desk.hear(arrival)
         sitting.desk.look()
         if self.duty is Duty.TAKING and self._asking is not None and self._asking.finished:
             self._begin(sitting, self._asking)
         if self.duty is not Duty.JUDGING:
-            return Heard(len(arrivals))
-        return Heard(len(arrivals), sitting.judge())
+            return Step(len(arrivals))
+        now_ns = self._clock()
+        return Step(len(arrivals), now_ns, sitting.referee.case(now_ns))
+
+    def say(self, step: Step, pooled: Pool) -> Sequence[VerdictMessage]:
+        """Judge by what the step's case came to, and say it; the verdicts."""
+        if self._sitting is None or step.case is None:
+            return ()
+        return self._sitting.say(self._sitting.referee.rule_on(step.case.opinions, step.now_ns, pooled))
 
     def tell(self) -> None:
         """Say how the judging is; to be called once a second."""
@@ -121,7 +127,7 @@ class Court:
             self._gallery = None
 
     def _sit(self) -> "_Sitting":
-        sitting = _Sitting(self.scene, self._referee(), self._link.branch(polled=True), self._clock)
+        sitting = _Sitting(self.scene, self._new_referee(), self._link.branch(polled=True), self._clock)
         sitting.link.answer(self.scene.keys.fusion_handover(self.scene.fusion.id), self._hand_over)
         return sitting
 
@@ -157,9 +163,11 @@ class Court:
 class _Sitting:
     """What a scene that is judged here needs; all that it declared goes with its branch."""
 
-    def __init__(self, scene: Scene, referee: RefereeLike, link: Branch, clock: Callable[[], int]) -> None:
-        self.link, self._referee = link, referee
-        self.posteriors = link.inbox(scene.keys.posterior())
+    def __init__(self, scene: Scene, referee: Referee, link: Branch, clock: Callable[[], int]) -> None:
+        self.link, self.referee = link, referee
+        # By name: Zenoh finds the subscriber of a whole key at once, and tries one after the other those with
+        # wildcards; with 250 of them a message costs ten times as much. Only the newest of each observer counts.
+        self.posteriors = link.inbox(*map(scene.keys.posterior, scene.roster), ring=1)
         self.desk = Desk(scene, referee, link, clock, ask_s=ASK_CLOCKS_S)
         self._voice = Voice(link, scene.keys, encode_vocabulary(scene.scene, referee.vocabulary), referee)
         # Not entered: a process of many scenes has no thread for each, and is one to its supervisor.
@@ -168,27 +176,24 @@ class _Sitting:
         self._last: JudgementMessage | None = None
         self._verdict: VerdictMessage | None = None
 
-    def judge(self) -> tuple[VerdictMessage, ...]:
-        """Judge and say it; the verdicts."""
-        ruling = self.desk.judge()
-        if ruling is None:
-            return ()
+    def say(self, ruling: Ruling) -> Sequence[VerdictMessage]:
+        """Say it; the verdicts."""
         self._voice.say(ruling.verdicts, ruling.judgement)
         self._last = ruling.judgement
         self._verdict = ruling.verdicts[-1] if ruling.verdicts else self._verdict
-        return tuple(ruling.verdicts)
+        return ruling.verdicts
 
     def state(self) -> Remembered | None:
         """What another needs to go on; None when nothing was judged yet."""
         if self._last is None:
             return None
-        return Remembered(judgement=self._last, verdict=self._verdict, lessons=self._referee.lessons)
+        return Remembered(judgement=self._last, verdict=self._verdict, lessons=self.referee.lessons)
 
     def go_on(self, state: Remembered) -> None:
         """Go on where another was."""
-        self._referee.lessons = state.lessons
+        self.referee.lessons = state.lessons
         for said in sorted((m for m in (state.verdict, state.judgement) if m), key=lambda m: m.seq):
-            self._referee.continue_from(said)
+            self.referee.continue_from(said)
             self._voice.note(said, encode(said))
 
 

@@ -12,7 +12,7 @@ from fusion.clocks import Clocks
 from fusion.contributions import contributions
 from fusion.judge import Belief, Decision, Demand, Judge
 from fusion.lessons import Lessons, learn
-from fusion.pooling import pool_facets, pool_opinions
+from fusion.pooling import Case, Pool, pool_facets, pool_opinions
 from fusion.roster import HEARD, Known, Opinion, Patience, Roster
 from fusion.rules import rule_named
 from fusion.saying import Scribe, verdict_of
@@ -66,6 +66,7 @@ class Referee:
         self._judge = Judge(conduct)
         self._scribe = Scribe(scene, conduct.id, vocabulary, self._roster.prior, self._rule.name)
         self._grounds: Mapping[int, _Ground] = {}
+        self._contributed: tuple[object, Mapping[str, Contribution]] = (None, {})
         self._seq = 0
         self.lessons = Lessons()
 
@@ -113,15 +114,26 @@ class Referee:
 
     def judge(self, now_ns: int) -> Ruling:
         """What the judges together believe at `now_ns`, and what that decides."""
-        return self.rule_on(self._roster.opinions(now_ns, self._known.__getitem__), now_ns)
+        case = self.case(now_ns)
+        return self.rule_on(case.opinions, now_ns, pool_opinions(*case))
+
+    def case(self, now_ns: int) -> Case:
+        """What is to be pooled at `now_ns`; `rule_on` goes on from there, so that many scenes can be pooled at once."""
+        return self._case(self._roster.opinions(now_ns, self._known.__getitem__))
+
+    def _case(self, opinions: Sequence[Opinion]) -> Case:
+        return Case(self._rule, opinions, self._roster.prior, self._conduct.temperature)
 
     def _known_of(self, observer: str) -> Known:
         lessons = self._lessons
         return Known(self._clocks.skew_s(observer), lessons.reliability(observer), lessons.doubles(observer))
 
-    def rule_on(self, opinions: Sequence[Opinion], now_ns: int) -> Ruling:
-        """The same for opinions that were gathered elsewhere, e.g. recorded: one for each observer, in their order."""
-        pooled = pool_opinions(self._rule, opinions, self._roster.prior, self._conduct.temperature)
+    def rule_on(self, opinions: Sequence[Opinion], now_ns: int, pooled: Pool | None = None) -> Ruling:
+        """The same for opinions that were gathered elsewhere, e.g. recorded: one for each observer, in their order.
+
+        pooled: what they come to, where that is known.
+        """
+        pooled = pooled or pool_opinions(*self._case(opinions))
         view = self._scribe.view(opinions, pooled)
         other = pooled.unlearned or 0.0
         belief = Belief(now_ns, view.label, view.p * (1.0 - other), view.agreement.k, _rest(opinions), other)
@@ -184,9 +196,14 @@ class Referee:
     def _contributions(self, ground: _Ground, decision: Decision) -> Mapping[str, Contribution] | None:
         if isinstance(ground.judgement, VerdictMessage):
             return ground.judgement.contributions
-        label = None if decision.label == ABSTAIN else self.vocabulary.index(decision.label)
-        prior, temperature = self._roster.prior, self._conduct.temperature
-        return contributions(self._rule, ground.opinions, prior, temperature, label)
+        asked = (ground.judgement.at_ns, decision.label)
+        if self._contributed[0] != asked:
+            label = None if decision.label == ABSTAIN else self.vocabulary.index(decision.label)
+            prior, temperature = self._roster.prior, self._conduct.temperature
+            told = contributions(self._rule, ground.opinions, prior, temperature, label)
+            # Said twice, when it is decided and when it has ended; leaving out each judge in turn takes its time.
+            self._contributed = asked, told
+        return self._contributed[1]
 
 
 def _decided(said: Movement | VerdictMessage) -> tuple[int, Decision | None]:

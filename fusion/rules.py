@@ -47,6 +47,7 @@ class Rule:
     """A named way to pool; `most_observers` is a limit of the method, None for any number.
 
     weigh, mix: the same in two steps, for beliefs over more than movements; None where it cannot be so taken apart.
+    many: whether these take leading axes, so that many scenes are pooled at once.
     """
 
     name: str
@@ -54,16 +55,19 @@ class Rule:
     most_observers: int | None = None
     weigh: Weigh | None = None
     mix: Mix | None = None
+    many: bool = False
 
 
-def in_two_steps(name: str, weighing: Weigh, mixing: Mix, most_observers: int | None = None) -> Rule:
+def in_two_steps(
+    name: str, weighing: Weigh, mixing: Mix, most_observers: int | None = None, many: bool = False
+) -> Rule:
     """The rule that weighs and then mixes."""
 
     def pool(p: Floats, prior: Floats) -> Pooled:
         found = weighing(p, prior, Standing.unknown(len(p)))
         return Pooled(mixing(p[:, :, None], prior, found)[:, 0], found.shares)
 
-    return Rule(name, pool, most_observers, weighing, mixing)
+    return Rule(name, pool, most_observers, weighing, mixing, many)
 
 
 def by_entropy(weighing: Callable[[Floats], Floats]) -> Weigh:
@@ -99,16 +103,17 @@ def log_mix(cells: Floats, prior: Floats, found: Strengths) -> Floats:
     - Weights 1, eps 0: Bayes' rule for independent observers that share the prior; with eps the same without vetoes.
     - The default's: certainty weighs, and no judge counts more than double, nor with greater odds than eps allows.
     """
-    if cells.shape[2] == 1:
-        logs = found.exponents @ _of_movements(cells[:, :, 0], prior, found.epsilon)
-        return from_logs(np.log(prior) + logs)[:, None]
+    if cells.shape[-1] == 1:
+        evidence = _of_movements(cells[..., 0], prior, found.epsilon)
+        logs = np.log(prior) + (found.exponents[..., None, :] @ evidence)[..., 0, :]
+        return from_logs(logs)[..., None]
     evidence = np.tensordot(found.exponents, _evidence(cells, prior, found.epsilon), 1)
     return from_logs((np.log(prior)[:, None] + evidence).reshape(-1)).reshape(evidence.shape)
 
 
 def _of_movements(p: Floats, prior: Floats, epsilon: Floats) -> Floats:
-    """(N, M) ln(p~/prior)."""
-    mixed = (1 - epsilon)[:, None] * (p / prior) + epsilon[:, None]
+    """(..., N, M) ln(p~/prior)."""
+    mixed = (1 - epsilon)[..., None] * (p / prior) + epsilon[..., None]
     return _logs(mixed)
 
 
@@ -169,7 +174,7 @@ def _logs(p: Floats) -> Floats:
 RULES = {
     rule.name: rule
     for rule in (
-        in_two_steps("robust_inverse_entropy", strengths, log_mix),
+        in_two_steps("robust_inverse_entropy", strengths, log_mix, many=True),
         in_two_steps("inverse_entropy", by_entropy(weigh.inverse_entropy), linear_mix),
         in_two_steps("iest", by_entropy(weigh.inverse_entropy_static_threshold), linear_mix),
         in_two_steps("ieat", by_entropy(weigh.inverse_entropy_average_threshold), linear_mix),

@@ -1,5 +1,7 @@
 """With what strength each judge's evidence counts in the default rule. Pure; N judges, M movements.
 
+All arrays may have leading axes, written ...: as many scenes as they say are weighed at once, each for itself.
+
 w_i = c_i s_i r_i t_i / d_i . W^(gamma-1), applied to the evidence ln(p~_i/prior), p~ = (1-eps_i) p + eps_i prior, where
 
 1. c: certainty, the inverse entropy of p~ over its mean of those who take part, at most CAP.
@@ -19,6 +21,7 @@ reason. Who knows nothing takes no part: all of it passes smoothly from one numb
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
@@ -28,7 +31,7 @@ from fusion.weights import ENTROPY_FLOOR_BITS
 TAKES_PART_BITS = 0.05
 """Who differs from the prior by this much takes part whole; by less, in proportion."""
 ROBUSTNESS = (0.01, 0.05, 0.2)
-"""eps for one, two, and three or more who take part: how often a judge may be plainly wrong."""
+"""eps for one, two, and three or more who take part: how often a judge may be plainly wrong; in between linear."""
 DOUBT = 0.2
 """eps of the others in rule 3: of what they say against a judge."""
 ROUNDS = 2
@@ -47,7 +50,7 @@ SMALLEST = 1e-300
 
 @dataclass(frozen=True, slots=True)
 class Standing:
-    """What is known of the judges beside their beliefs: trust (N,) 0 to 1; doubles (N, N) rho, 0 to 1, symmetric."""
+    """What is known of the judges beside their beliefs: trust (..., N) 0 to 1; doubles (..., N, N) rho, symmetric."""
 
     trust: Floats
     doubles: Floats
@@ -57,15 +60,23 @@ class Standing:
         """Nothing was learned: everybody is trusted and sees with his own eyes."""
         return Standing(np.ones(size), np.zeros((size, size)))
 
+    @staticmethod
+    def together(scenes: Sequence["Standing"]) -> "Standing":
+        """Those of several scenes with as many judges each, along a new first axis."""
+        return Standing(np.array([s.trust for s in scenes]), np.array([s.doubles for s in scenes]))
+
     def of(self, places: Sequence[int]) -> "Standing":
-        """That of some of them."""
+        """That of some judges of one scene."""
         return Standing(self.trust[list(places)], self.doubles[np.ix_(places, places)])
 
 
 @dataclass(frozen=True, slots=True)
 class Strengths:
-    """How each judge counts, all (N,): exponents of his evidence; epsilon, how far his belief is mixed with the prior
-    before; shares, his part in the whole, summing to 1: in the default rule that in all that is said."""
+    """How each judge counts, all (..., N).
+
+    exponents: of his evidence. epsilon: how far his belief is mixed with the prior before. shares: his part in the
+    whole, summing to 1: in the default rule that in all that is said.
+    """
 
     exponents: Floats
     epsilon: Floats
@@ -73,94 +84,94 @@ class Strengths:
 
 
 def strengths(p: Floats, prior: Floats, standing: Standing) -> Strengths:
-    """(N, M) beliefs, (M,) prior -> how each counts."""
-    size = len(p)
+    """(..., N, M) beliefs, (M,) prior -> how each counts."""
     ratio = p / prior
     said_bits = np.maximum(_along(p * np.log2(np.maximum(ratio, SMALLEST))), 0.0)
     part = np.minimum(said_bits / TAKES_PART_BITS, 1.0)
-    number = float(_along(part))
-    usual = _between(number, ROBUSTNESS)
-    epsilon = np.full(size, usual)
-    w = _certainty(p, prior, part, usual) * standing.trust
-    if number > 1.0:
-        rho = np.maximum(alike(ratio) * _unsure(p), standing.doubles) * part
-        checked = min(max(number - 2.0, 0.0), 1.0)
-        if checked > 0:
-            w = w * _not_much_surer(said_bits) ** checked
-            borne_out = _borne_out(ratio, prior, w, rho)
-            kept = np.minimum(borne_out, 1.0) ** (2.0 * checked)
-            epsilon = usual / (usual + (1.0 - usual) * borne_out**checked)
-            w, rho = w * kept, rho * kept
-        w = w / (1.0 + _along(rho))
-    total, evidence = float(_along(w * part)), w * said_bits
-    exponents = w * total ** (GAMMA - 1.0) if total > 1.0 else w
-    told = float(_along(evidence))
-    return Strengths(exponents, epsilon, evidence / told if told > 0 else np.full(size, 1.0 / size))
+    number = _along(part)
+    usual = np.interp(number, (1.0, 2.0, 3.0), ROBUSTNESS)[..., None]
+    # How far the rules that need three apply, from 0 with two to 1.
+    checked = np.minimum(np.maximum(number - 2.0, 0.0), 1.0)[..., None]
+    w = _certainty(p, prior, part, usual) * standing.trust * _not_much_surer(said_bits) ** checked
+    rho = np.maximum(alike(ratio) * _unsure(p), standing.doubles) * part[..., None, :]
+    # Who is alone has no double.
+    rho *= (number > 1.0)[..., None, None]
+    borne_out = _borne_out(ratio, prior, w, rho)
+    kept = np.minimum(borne_out, 1.0) ** (2.0 * checked)
+    epsilon = usual / (usual + (1.0 - usual) * borne_out**checked)
+    w = w * kept / (1.0 + _along(rho * kept[..., None, :]))
+    evidence = w * said_bits
+    told = _along(evidence)[..., None]
+    return Strengths(
+        exponents=w * np.maximum(_along(w * part), 1.0)[..., None] ** (GAMMA - 1.0),
+        epsilon=epsilon,
+        shares=np.where(told > 0, evidence / np.maximum(told, SMALLEST), 1.0 / p.shape[-2]),
+    )
 
 
-def _between(number: float, values: tuple[float, float, float]) -> float:
-    """The first of `values` up to number 1, the second at 2, the third from 3 on, and between in proportion."""
-    one, two, three = values
-    if number <= 2.0:
-        return one + (two - one) * max(number - 1.0, 0.0)
-    return two + (three - two) * min(number - 2.0, 1.0)
-
-
-def _certainty(p: Floats, prior: Floats, part: Floats, epsilon: float) -> Floats:
-    number = float(_along(part))
-    if number == 0:
-        return np.ones(len(p))
-    safe = (1.0 - epsilon) * p + epsilon * prior
+def _certainty(p: Floats, prior: Floats, part: Floats, epsilon: Floats) -> Floats:
+    safe = (1.0 - epsilon[..., None]) * p + epsilon[..., None] * prior
     inverse = 1.0 / np.maximum(-_along(safe * np.log2(safe)), ENTROPY_FLOOR_BITS)
-    certainty: Floats = np.minimum(inverse * (number / float(part @ inverse)), CAP)
-    return certainty
+    usual = _along(part * inverse)[..., None]
+    over_usual = inverse * _along(part)[..., None] / np.maximum(usual, SMALLEST)
+    return np.where(usual > 0, np.minimum(over_usual, CAP), 1.0)
 
 
 def _not_much_surer(said_bits: Floats) -> Floats:
-    second, top = sorted(said_bits.tolist())[-2:]
-    others = np.where(said_bits >= top, second, top)
+    if said_bits.shape[-1] < 2:
+        return np.ones_like(said_bits)
+    most_two = np.sort(said_bits, axis=-1)[..., -2:]
+    others = np.where(said_bits >= most_two[..., 1:], most_two[..., :1], most_two[..., 1:])
     most: Floats = np.minimum(SURER * others / np.maximum(said_bits, SMALLEST), 1.0)
     return most
 
 
 def _borne_out(ratio: Floats, prior: Floats, w: Floats, rho: Floats) -> Floats:
-    """o of rule 3 for each judge, ROUNDS times: (N,)."""
+    """o of rule 3 for each judge, ROUNDS times: (..., N)."""
     evidence = np.log((1.0 - DOUBT) * ratio + DOUBT)
     log_prior = np.log(prior)
-    others = 1.0 - np.eye(len(w))
-    kept, borne_out = np.ones(len(w)), np.ones(len(w))
+    others = _others(w.shape[-1])
+    kept, borne_out = np.ones_like(w), np.ones_like(w)
     for _ in range(ROUNDS):
         # Row i: how the others count when i is not there, who may be the double of one of them.
-        counts = others * (w * kept) / (1.0 + others @ (rho * kept).T)
-        logs = log_prior + counts @ evidence
-        q = np.exp(logs - np.maximum.reduce(logs, axis=1)[:, None])
+        doubled = others @ np.swapaxes(rho * kept[..., None, :], -1, -2)
+        logs = log_prior + (others * (w * kept)[..., None, :] / (1.0 + doubled)) @ evidence
+        q = np.exp(logs - np.maximum.reduce(logs, axis=-1)[..., None])
         borne_out = _along(q * ratio) / _along(q)
         kept = np.minimum(borne_out, 1.0) ** 2
     return borne_out
 
 
 def _unsure(p: Floats) -> Floats:
-    """(N, N): 0 for two who are certain of the same, which says nothing of whose eyes they see with; else 1."""
-    both = np.maximum.reduce((p[:, None] + p) / 2, axis=2)
+    """(..., N, N): 0 for two who are certain of the same, which says nothing of whose eyes they see with; else 1."""
+    both = np.maximum.reduce((p[..., :, None, :] + p[..., None, :, :]) / 2, axis=-1)
     unsure: Floats = np.minimum((1.0 - both) / UNSURE, 1.0)
     return unsure
 
 
 def alike(ratio: Floats) -> Floats:
-    """(N, M) beliefs over the prior -> (N, N): 1 for the very same, near 0 for who see for themselves."""
-    result = np.exp(apart(ratio) / -SAME)
-    result.flat[:: len(ratio) + 1] = 0.0
+    """(..., N, M) beliefs over the prior -> (..., N, N): 1 for the very same, near 0 for who see for themselves."""
+    result: Floats = np.exp(apart(ratio) / -SAME) * _others(ratio.shape[-2])
     return result
 
 
 def apart(ratio: Floats) -> Floats:
-    """(N, M) beliefs over the prior -> (N, N) mean distance of their logs, over how large these are: 0 for the same."""
+    """(..., N, M) beliefs over the prior -> (..., N, N) mean distance of their logs, over how large these are.
+
+    0 for the same.
+    """
     said = np.log((1.0 - LOG_FLOOR) * ratio + LOG_FLOOR)
     much = _along(np.abs(said))
-    both = (much[:, None] + much) / 2
-    distance = _along(np.abs(said[:, None] - said))
+    both = (much[..., :, None] + much[..., None, :]) / 2
+    distance = _along(np.abs(said[..., :, None, :] - said[..., None, :, :]))
     # Two who know nothing are no doubles of each other.
     return np.where(both > 1e-9, distance / np.maximum(both, 1e-9), 1.0)
+
+
+@cache
+def _others(size: int) -> Floats:
+    """(N, N): 1 for everybody but oneself."""
+    return 1.0 - np.eye(size)
 
 
 def _along(values: Floats) -> Floats:

@@ -117,9 +117,9 @@ def run(plan: Plan, folder: Path, tell: Callable[[str], None]) -> Outcome:
             raise LabanmeshError("the fusion processes did not listen to all observers within a minute")
         tell(f"{plan.scenes * JUDGES} observers are heard")
         crowd.speak(plan.warm_up_s)
-        before, begun_s = crowd.account.put, time.monotonic()
-        crowd.account.ages_s.clear()
-        crowd.account.judgements, crowd.account.late_s = 0, 0.0
+        begun_s = time.monotonic()
+        # The first movements began while nobody judged yet.
+        crowd.account = Account()
         for process in running:
             process.begun_cpu_s = process.cpu_s
         for part in range(10):
@@ -135,7 +135,7 @@ def run(plan: Plan, folder: Path, tell: Callable[[str], None]) -> Outcome:
             tell(_line(crowd.account, running, begun_s))
         for process in running:
             process.ended_cpu_s, process.last_bytes = process.cpu_s, process.resident
-        put, seconds = crowd.account.put - before, time.monotonic() - begun_s
+        put, seconds = crowd.account.put, time.monotonic() - begun_s
         judgements, late_s = crowd.account.judgements, crowd.account.late_s
         crowd.settle(SETTLE_S)
         crowd.account.judgements, crowd.account.late_s = judgements, late_s

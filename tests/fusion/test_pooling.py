@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from common.probability import normalise, uniform
-from fusion.pooling import Joint, facing_deg, pool_facets, pool_joint, pool_opinions, standing_of
+from fusion.pooling import Case, Joint, facing_deg, pool_facets, pool_joint, pool_many, pool_opinions, standing_of
 from fusion.roster import Opinion
-from fusion.rules import RULES, Pooled, Rule
+from fusion.rules import RULES, Pooled, Rule, rule_named
 
 ALL = [rule for rule in RULES.values() if rule.most_observers is None]
 ids = [rule.name for rule in ALL]
@@ -190,3 +190,32 @@ def test_what_was_learned_of_the_judges_comes_with_their_opinions():
     standing = standing_of(said)
     assert standing.trust.tolist() == [0.2, 1.0, 1.0] and standing.doubles[0].tolist() == [0, 0.7, 0]
     assert pool_opinions(DEFAULT, said, uniform(3)).weights[0] < pool_opinions(DEFAULT, judges(), uniform(3)).weights[0]
+
+
+@st.composite
+def cases(draw):
+    """Scenes of several sizes; in some somebody says something else, in some which way the person faces."""
+    names = ["robust_inverse_entropy", "inverse_entropy", "median"]
+    m, n = draw(st.integers(2, 5)), draw(st.integers(1, 4))
+    opinions = []
+    for judge in range(n):
+        mass = np.array(draw(st.lists(st.floats(0.001, 1), min_size=m, max_size=m)))
+        unlearned = draw(st.none() | st.floats(0, 1))
+        surprise = np.full((m, 3), 9) if draw(st.booleans()) and draw(st.booleans()) else None
+        doubles = {"1": 0.5} if judge == 0 and n > 1 and draw(st.booleans()) else {}
+        trust = draw(st.sampled_from([1.0, 0.4]))
+        said = Opinion(
+            str(judge), mass / mass.sum(), 0.1, 0.0, "counted", None, unlearned, surprise, {}, trust, doubles
+        )
+        opinions.append(said)
+    return Case(rule_named(draw(st.sampled_from(names))), opinions, uniform(m), draw(st.sampled_from([1.0, 1.5])))
+
+
+@given(st.lists(cases(), max_size=6))
+def test_many_scenes_at_once_are_pooled_as_each_alone(scenes):
+    for case, together in zip(scenes, pool_many(scenes), strict=True):
+        alone = pool_opinions(*case)
+        assert together.p == pytest.approx(alone.p, abs=1e-12)
+        assert together.weights == pytest.approx(alone.weights, abs=1e-12)
+        assert together.unlearned == pytest.approx(alone.unlearned, abs=1e-12)
+        assert (together.facing is None) == (alone.facing is None)
