@@ -9,7 +9,7 @@ import numpy as np
 from common.errors import BadInput
 from common.vocabulary import Vocabulary
 from observer.geometry.views import View, turned
-from observer.model.base import Example, Header, MovementModel, WithBackground
+from observer.model.base import Example, Header, MovementModel, WithBackground, as_read
 from observer.model.evenly import evenly
 from observer.model.left_out import believable
 from observer.model.registry import DEFAULT_MODEL, model_named
@@ -56,6 +56,7 @@ def learn_view(
         examples += examples_of(
             background.recordings, view, vocabulary, background.body_parts, parts, facings, header.background
         )
+    examples = as_read(model, header, examples)
     learned = model.learn(header, examples)
     return believable(model, learned, examples) if tried else learned
 

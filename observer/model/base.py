@@ -50,7 +50,8 @@ class Example:
     """One movement, cut out, as seen from the model's view. movement: its index in the vocabulary.
 
     Of a movement that is none of the vocabulary it is negative: -1 the first of the header's background, -2 the second.
-    facing: which of the model's K facings the person had. subject, trial: who performed it, and which time.
+    facing: which of the model's K facings the person had. subject, trial: who performed it, and which time. features:
+    (F, D) what a model makes of the tracks, once it was `as_read`.
     """
 
     tracks: Sequence[Tracks]
@@ -58,6 +59,7 @@ class Example:
     facing: int = 0
     subject: str = ""
     trial: str = ""
+    features: Floats | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,3 +141,19 @@ class WithBackground(Protocol):
 
     def without_background(self, gone: int) -> MovementModel:
         """The same without this movement of the background, by its place in the header's."""
+
+
+@runtime_checkable
+class Reads(Protocol):
+    """What a kind of model also has that reads each example by itself, and so need not read it for every learning."""
+
+    def read(self, header: Header, example: Example) -> Floats:
+        """(F, D) features, for `Example.features`."""
+
+
+def as_read(kind: type[MovementModel], header: Header, examples: Sequence[Example]) -> list[Example]:
+    """The examples with what the model makes of them, to learn from them again and again; others as they are."""
+    if not isinstance(kind, Reads):
+        return list(examples)
+    whole = with_defaults(header, kind.DEFAULTS)
+    return [replace(e, features=kind.read(whole, e)) for e in examples]

@@ -87,7 +87,7 @@ class Phase:
         average of the other examples of its movement.
         """
         header = with_defaults(header, cls.DEFAULTS)
-        features = [bridged(_features_of(e, header)) for e in examples]
+        features = [_features_of(e, header) for e in examples]
         # A phase is 1/15 s of the median example, whatever the frame rate.
         lengths = [len(f) for f, e in zip(features, examples, strict=True) if e.movement >= 0]
         phases = max(round(np.median(lengths) * REFERENCE_HZ / header.rate_hz), FEWEST_PHASES)
@@ -95,6 +95,12 @@ class Phase:
         movement_of = np.array([e.movement for e in examples], dtype=np.int64)
         facing_of = np.array([e.facing for e in examples], dtype=np.int64)
         return cls(header, completed(chains, movement_of).astype(np.float32), movement_of, facing_of)
+
+    @classmethod
+    def read(cls, header: Header, example: Example) -> Floats:
+        """(F, D) read as an observer would read them, gaps bridged."""
+        reader = _reader(header)
+        return bridged(np.array([reader.update(tracks) for tracks in example.tracks]))
 
     @classmethod
     def from_arrays(cls, header: Header, arrays: Arrays) -> Self:
@@ -111,7 +117,7 @@ class Phase:
         """The same for a vocabulary with more movements at its end, of which alone the examples are."""
         movement_of = np.array([e.movement for e in examples], dtype=np.int64)
         facing_of = np.array([e.facing for e in examples], dtype=np.int64)
-        laid = [laid_over(bridged(_features_of(e, header)), self._chains.shape[1]) for e in examples]
+        laid = [laid_over(_features_of(e, header), self._chains.shape[1]) for e in examples]
         chains = completed(np.array(laid), movement_of).astype(np.float32)
         return type(self)(
             header,
@@ -229,6 +235,4 @@ def _reader(header: Header) -> PostureReader:
 
 
 def _features_of(example: Example, header: Header) -> Floats:
-    """(F, D) read as an observer would read them."""
-    reader = _reader(header)
-    return np.array([reader.update(tracks) for tracks in example.tracks])
+    return Phase.read(header, example) if example.features is None else example.features
