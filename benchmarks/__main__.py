@@ -12,6 +12,7 @@ from itertools import chain
 from pathlib import Path
 
 from benchmarks import fusion_step, mesh, model_update, observer, recovery, security, throughput, tracking
+from benchmarks.crowd import rows as crowd
 from benchmarks.timing import Row
 from common.errors import LabanmeshError
 
@@ -25,7 +26,11 @@ def main() -> int:
     try:
         data = Path(place) if place else None
         one = chain(tracking.rows(), model_update.rows(data), observer.rows(data))
-        rows = told(chain(one, fusion_step.rows(), mesh.rows(), throughput.rows(), recovery.rows(), security.rows()))
+        rows = told(
+            chain(
+                one, fusion_step.rows(), mesh.rows(), throughput.rows(), crowd.rows(), recovery.rows(), security.rows()
+            )
+        )
     except LabanmeshError as error:
         print(f"benchmarks: {error}", file=sys.stderr)
         return error.exit_status

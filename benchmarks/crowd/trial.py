@@ -82,10 +82,15 @@ class Outcome:
         """Of all fusion processes together, judging and saying included."""
         return sum(p.ended_cpu_s - p.begun_cpu_s for p in self.processes) / max(self.put, 1) * 1e6
 
+    @property
+    def age_p99_ms(self) -> float:
+        """Of judgements when they came, since the newest frame that they rest on."""
+        return float(np.percentile(self.account.ages_s or [0.0], 99)) * 1e3
+
     def table(self) -> str:
         """For people."""
         ages = np.array(self.account.ages_s or [0.0]) * 1e3
-        median, p99 = np.percentile(ages, 50), np.percentile(ages, 99)
+        median, p99 = np.percentile(ages, 50), self.age_p99_ms
         lines = [
             f"SIMULATED: {self.plan.scenes * JUDGES} observers of {self.plan.scenes} scenes, {self.plan.rate_hz:g} Hz",
             f"posteriors     {self.put / self.seconds:,.0f} a second for {self.seconds:.0f} s",
