@@ -8,7 +8,7 @@ PEERS := .venv-peers
 TRANSPORTS := .venv-transports
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-mediapipe test-browser test-home fault-tools mqtt-tools faults fuzz soak-day peers test-peers peers-transport test-transports check bench soak clean
+.PHONY: help demo test test-mediapipe test-browser test-home fault-tools mqtt-tools faults fuzz soak-day peers test-peers peers-transport test-transports check bench soak scale clean
 
 help:            ## this list
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*##/\t/' | expand -t 18
@@ -63,6 +63,9 @@ check: $(VENV)/.ready  ## lint and types
 
 bench: $(VENV)/.ready  ## each cost beside its floor, to build/bench.json
 	@$(BIN)/python -m benchmarks
+
+scale: $(VENV)/.ready   ## what growing costs, measured anew: the tables of docs/scale.md, about four minutes
+	@$(BIN)/python -m benchmarks.crowd.costs --write studies/scale/measured.json && $(BIN)/labanmesh scale --page docs/scale.md
 
 soak: $(VENV)/.ready  ## ten minutes of a thousand SIMULATED observers before one real fusion process
 	@$(BIN)/python -m benchmarks.crowd

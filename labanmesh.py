@@ -55,6 +55,9 @@ VERBS = {
     "paper": Verb("studies.commands", "paper", "the paper's three experiments, beside the paper's tables"),
     "evaluate": Verb("studies.commands", "evaluate", "accuracy, confusion, earliness and calibration on an archive"),
     "peers": Verb("studies.peers.commands", "peers", "our judges beside offline classifiers on the same tracks"),
+    "scale": Verb(
+        "studies.scale.commands", "scale", "what it costs to grow: homes by factors of ten, from measured costs"
+    ),
     "effort": Verb("studies.effort_commands", "effort", "Effort told apart in actions that taught nothing of it"),
 }
 

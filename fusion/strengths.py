@@ -89,9 +89,11 @@ def strengths(p: Floats, prior: Floats, standing: Standing) -> Strengths:
     said_bits = np.maximum(_along(p * np.log2(np.maximum(ratio, SMALLEST))), 0.0)
     part = np.minimum(said_bits / TAKES_PART_BITS, 1.0)
     number = _along(part)
-    usual = np.interp(number, (1.0, 2.0, 3.0), ROBUSTNESS)[..., None]
-    # How far the rules that need three apply, from 0 with two to 1.
+    # How far what two do applies, and what three do: from 0 with one less to 1.
+    confirmed = np.minimum(np.maximum(number - 1.0, 0.0), 1.0)[..., None]
     checked = np.minimum(np.maximum(number - 2.0, 0.0), 1.0)[..., None]
+    one, two, three = ROBUSTNESS
+    usual = one + (two - one) * confirmed + (three - two) * checked
     w = _certainty(p, prior, part, usual) * standing.trust * _not_much_surer(said_bits) ** checked
     rho = np.maximum(alike(ratio) * _unsure(p), standing.doubles) * part[..., None, :]
     # Who is alone has no double.

@@ -1,23 +1,23 @@
 """What each part of a fusion process costs, in microseconds of a processor, and how large its messages are.
 
-1. Parts of a step: real courts on a real link, given 4, 8 and 16 posteriors: of four observers a court reads eight, so
-   that what more come cost no more than the taking. One court after a nap, and many in a row: the first pays for what
-   the processor has forgotten meanwhile. A referee alone hears and judges, a link alone says.
-2. Zenoh's threads: a second process speaks in bursts, as a crowd does, while the loop sleeps.
+1. Rounds of a fleet on a real link, in which a few scenes are due, or as many as are judged together: each has its
+   part, and all share one, with what the processor has forgotten since the last round.
+   A referee alone hears, a link alone says, inboxes alone are emptied; what is left of a scene's part is the judging.
+2. What Zenoh's threads spend is in traffic.py.
+3. All of it in ROUNDS rounds, of which the medians count.
 """
 
-import multiprocessing
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
-from multiprocessing.synchronize import Event
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
 from statistics import median
 
 from benchmarks.crowd.crowd import scene_name
-from benchmarks.crowd.play import JUDGES, NAMES, Saying, belief
+from benchmarks.crowd.play import JUDGES, NAMES
+from benchmarks.crowd.traffic import MICRO, hearing, sayings, scene_of
 from benchmarks.crowd.trial import free_port
-from common.config import MeshConfig, ObserverConfig, Scene
+from common.config import MeshConfig, Scene
 from common.errors import LabanmeshError
 from common.health import Health
 from common.inbox import Arrival, Presence
@@ -25,56 +25,57 @@ from common.keys import SceneKeys
 from common.link import Link, Publisher
 from common.messages import PosteriorMessage, StatusMessage, VerdictMessage
 from common.wire import decode, encode, encode_vocabulary
-from fusion.court import Court
 from fusion.ear import Ear
-from fusion.fleet import Fleet
+from fusion.fleet import TOGETHER, Fleet
 from fusion.referee import Referee
-from fusion.sharing import Duty
 
-ROUNDS = 200
-BURSTS_HZ = 240
-BURSTS_S = 3.0
-SMALL, LARGE = 12, 125
-"""Posteriors a burst: of a hundred observers at 30 Hz in eight slots, and of a thousand."""
+ROUNDS = 3
+CALLS = 200
 ARRIVED_S = 0.005
 FLEET_SCENES = 200
-COURTS = 16
-STEPS = 60
-MICRO = 1e6
+STEPS = 30
+FEW = 4
+PATIENCE_S = 5.0
 
 
 def measured_parts() -> tuple[dict[str, float], dict[str, int]]:
     """Every cost of studies/scale/measured.py:Costs, and the sizes of messages in bytes."""
+    rounds = [one_round() for _ in range(ROUNDS)]
+    return {name: round(median(costs[name] for costs, _ in rounds), 2) for name in rounds[0][0]}, rounds[-1][1]
+
+
+def one_round() -> tuple[dict[str, float], dict[str, int]]:
+    """The same, once."""
     bare, sizes = alone()
     with linked() as (link, endpoint, far):
-        step = stepping(link, far, bare["hear"])
+        step = stepping(link, far)
+        take = taking(link, far)
         voice = far.publisher(scene_of(0).keys.posterior("cam0"))
-        say = spent(lambda: voice.put(bytes(sizes["judgement"])), ROUNDS) + bare.pop("encode")
-        costs = {**bare, **hearing(link, endpoint), **step, "hop": hopping(link, voice), "round": rounds(link)}
-    look = max(costs.pop("step") - costs["judge"] - say, 0.0)
-    costs |= {"say": say, "look": look, "turn": turning()}
-    return {name: round(cost, 2) for name, cost in costs.items()}, sizes
+        say = spent(lambda: voice.put(bytes(sizes["judgement"])), CALLS) + bare.pop("encode")
+        tell = spent(lambda: voice.put(bytes(sizes["fusion_status"])), CALLS) + bare.pop("status")
+        costs = {**bare, **hearing(link, endpoint), **step, "hop": hopping(link, voice), "round": passing(link)}
+    judge = max(costs.pop("step") - JUDGES * (take + costs["hear"]) - say, 0.0)
+    costs |= {"take": take, "judge": judge, "say": say, "tell": tell, "turn": turning()}
+    return costs, sizes
 
 
 def alone() -> tuple[dict[str, float], dict[str, int]]:
-    """What hearing, judging and encoding cost without a mesh; how large messages are."""
+    """What hearing and encoding cost without a mesh; how large messages are."""
     scene = scene_of(0)
     keys, now_ns = scene.keys, time.time_ns()
     referee, health = Referee(scene.scene, list(scene.roster), NAMES, scene.fusion), Health(scene.scene, "fusion")
     ear = Ear(scene.scene, referee, health, lambda: now_ns)
-    took: dict[str, list[float]] = {"hear": [], "judge": []}
+    took: list[float] = []
     verdict: VerdictMessage | None = None
-    for seq in range(ROUNDS):
+    for seq in range(CALLS):
         now_ns += 100_000_000
         said = sayings(scene.scene, NAMES.labels[3] if seq % 40 >= 20 else None)
         payloads = [saying.at(seq, now_ns - 20_000_000) for saying in said]
         begun_s = time.thread_time()
         for judge, payload in enumerate(payloads):
             ear.hear(Arrival(keys.posterior(f"cam{judge}"), payload, now_ns))
-        heard_s = time.thread_time()
+        took.append((time.thread_time() - begun_s) / JUDGES)
         ruling = referee.judge(now_ns)
-        took["judge"].append(time.thread_time() - heard_s)
-        took["hear"].append((heard_s - begun_s) / JUDGES)
         verdict = next(iter(ruling.verdicts), verdict)
     health.noticed(ear.accounts(scene.roster))
     one = decode(PosteriorMessage, said[0].at(seq, now_ns)).model_copy(
@@ -89,8 +90,9 @@ def alone() -> tuple[dict[str, float], dict[str, int]]:
         "fusion_status": len(encode(health.status(now_ns))),
         "vocabulary": len(encode_vocabulary(scene.scene, NAMES)),
     }
-    costs = {name: median(times) * MICRO for name, times in took.items()}
-    return costs | {"encode": spent(lambda: encode(ruling.judgement), ROUNDS)}, lengths
+    encoding = spent(lambda: encode(ruling.judgement), CALLS)
+    status = spent(lambda: encode(health.status(now_ns)), CALLS)
+    return {"hear": median(took) * MICRO, "encode": encoding, "status": status}, lengths
 
 
 @contextmanager
@@ -104,19 +106,57 @@ def linked() -> Iterator[tuple[Link, str, Link]]:
         yield link, endpoint, far
 
 
-def stepping(link: Link, far: Link, hear: float) -> dict[str, float]:
-    """What a court's step costs in a row of others and after a nap (`cold` more), by what came; telling, sitting."""
-    sat = [seated(scene_of(n), link) for n in range(COURTS)]
-    courts = [court for court, _ in sat]
-    told = [Told(scene_of(n), far) for n in range(COURTS)]
-    row = {each: median(_steps(courts, told, each)) / COURTS for each in (1, 2, 4)}
-    nap = median(_steps(courts[:1], told[:1], 1))
-    tell = spent(courts[0].tell, ROUNDS)
-    for court in courts:
-        court.close()
-    take, sit = (row[4] - row[2]) / 8, median(cost for _, cost in sat)
-    step = row[1] - JUDGES * (take + hear)
-    return {"take": take, "step": step, "cold": max(nap - row[1], 0.0), "tell": tell, "sit": sit}
+def stepping(link: Link, far: Link) -> dict[str, float]:
+    """What a round costs by how many scenes are due in it: each, and what all share; and what taking a scene costs."""
+    (few, _), (many, sit) = (_rounds_of(count, link, far) for count in (FEW, TOGETHER))
+    each = (many - few) / (TOGETHER - FEW)
+    return {"step": each, "cold": max(few - FEW * each, 0.0), "sit": sit}
+
+
+def _rounds_of(count: int, link: Link, far: Link) -> tuple[float, float]:
+    scenes = [scene_of(n) for n in range(count)]
+    nobody_else = Presence()
+    with closing(Fleet(scenes, link, time.time_ns)) as fleet:
+        begun_s, end_s = time.thread_time(), time.monotonic() + PATIENCE_S
+        first = fleet.round(nobody_else)
+        sit = (time.thread_time() - begun_s) / count
+        while first.judged < count:
+            if time.monotonic() > end_s:
+                raise LabanmeshError(f"a fleet that is alone did not take its scenes within {PATIENCE_S:g} s")
+            time.sleep(ARRIVED_S)
+            first = fleet.round(nobody_else)
+        told, took = [Told(scene, far) for scene in scenes], []
+        for _ in range(STEPS):
+            for voices in told:
+                voices.say()
+            time.sleep(1.1 / scenes[0].fusion.step_hz)
+            begun_s = time.thread_time()
+            fleet.round(nobody_else)
+            took.append(time.thread_time() - begun_s)
+    return median(took) * MICRO, sit * MICRO
+
+
+def taking(link: Link, far: Link) -> float:
+    """What it costs to empty an inbox of one posterior, over an empty one."""
+    branches = [link.branch(polled=True) for _ in range(TOGETHER)]
+    inboxes = [
+        branch.inbox(*map(scene_of(n).keys.posterior, scene_of(n).roster), ring=1) for n, branch in enumerate(branches)
+    ]
+    told = [Told(scene_of(n), far) for n in range(TOGETHER)]
+    took: dict[int, list[float]] = {0: [], len(told) * JUDGES: []}
+    for number in range(2 * STEPS):
+        for one in told if number % 2 else ():
+            one.say()
+        time.sleep(ARRIVED_S)
+        begun_s = time.thread_time()
+        for branch in branches:
+            branch.poll()
+        came = sum(len(inbox.take(0)) for inbox in inboxes)
+        took.setdefault(came, []).append((time.thread_time() - begun_s) * MICRO)
+    for branch in branches:
+        branch.close()
+    none, all_ = (median(times) for times in (took[0], took[len(told) * JUDGES]))
+    return max(all_ - none, 0.0) / JUDGES / len(told)
 
 
 class Told:
@@ -128,126 +168,39 @@ class Told:
         if not all(voice.wait_for_subscriber(10) for voice in self._voices):
             raise LabanmeshError("the court did not listen to its observers within 10 s")
 
-    def say(self, times: int) -> None:
-        """Each so many times."""
-        for _ in range(times):
-            self._seq += 1
-            for voice, saying in zip(self._voices, self._sayings, strict=True):
-                voice.put(saying.at(self._seq, time.time_ns()))
+    def say(self) -> None:
+        """Each once."""
+        self._seq += 1
+        for voice, saying in zip(self._voices, self._sayings, strict=True):
+            voice.put(saying.at(self._seq, time.time_ns()))
 
 
-def _steps(courts: Sequence[Court], told: Sequence[Told], each: int) -> Iterator[float]:
-    """Microseconds of one step of each court, where all that was said had come."""
-    for _ in range(STEPS):
-        for one in told:
-            one.say(each)
-        time.sleep(ARRIVED_S)
-        begun_s = time.thread_time()
-        came = [court.step().arrived for court in courts]
-        took_s = time.thread_time() - begun_s
-        if came == [each * JUDGES] * len(courts):
-            yield took_s * MICRO
-
-
-def seated(scene: Scene, link: Link) -> tuple[Court, float]:
-    """A court that judges its scene, and what it cost to come to that."""
-    court = Court(scene, lambda: Referee(scene.scene, list(scene.roster), NAMES, scene.fusion), link, time.time_ns)
-    begun_s = time.thread_time()
-    court.present(())
-    cost_s, end_s = time.thread_time() - begun_s, time.monotonic() + 5
-    while court.duty is not Duty.JUDGING:
-        if time.monotonic() > end_s:
-            raise LabanmeshError("a court that is alone did not take its scene within 5 s")
-        time.sleep(ARRIVED_S)
-        court.step()
-    return court, cost_s * MICRO
-
-
-def rounds(link: Link) -> float:
-    """What a scene that is not due costs in each round."""
+def passing(link: Link) -> float:
+    """What a scene that is not due costs in each round: somebody else judges all."""
     fleet = Fleet([scene_of(n) for n in range(FLEET_SCENES)], link, time.time_ns)
 
     class Unknown(Presence):
         alive = None  # type: ignore[assignment]
 
-    took = spent(lambda: fleet.round(Unknown()), ROUNDS)
+    took = spent(lambda: fleet.round(Unknown()), CALLS)
     return took / FLEET_SCENES
 
 
 def turning() -> float:
     """What it costs to wait for a moment and come back."""
-    return spent(lambda: threading.Event().wait(ARRIVED_S), ROUNDS)
-
-
-def hearing(link: Link, endpoint: str) -> dict[str, float]:
-    """What Zenoh's threads spend on what comes: into rings, and through callbacks."""
-    key = SceneKeys("burst").posterior("*")
-    with link.branch(polled=True) as polled:
-        polled.inbox(key)
-        small, large = bursts(endpoint, SMALL), bursts(endpoint, LARGE)
-    each = max((large - small) / (LARGE - SMALL), 0.0)
-    with link.branch() as called:
-        called.inbox(key)
-        call = bursts(endpoint, SMALL)
-    burst = max(small - SMALL * each, 0.0)
-    return {"receive": each, "burst": burst, "call": (call - burst) / SMALL}
-
-
-def bursts(endpoint: str, size: int) -> float:
-    """Processor time of this process for each burst that another speaks, in microseconds, over that of silence."""
-    begun_s = time.process_time()
-    time.sleep(BURSTS_S / 2)
-    idle_s = (time.process_time() - begun_s) * 2
-    context = multiprocessing.get_context("spawn")
-    ready, go = context.Event(), context.Event()
-    other = context.Process(target=speak, args=(endpoint, size, ready, go))
-    other.start()
-    if not ready.wait(20):
-        raise LabanmeshError("the speaking process met nobody within 20 s")
-    begun_s = time.process_time()
-    go.set()
-    other.join()
-    return (time.process_time() - begun_s - idle_s) * MICRO / (BURSTS_HZ * BURSTS_S)
-
-
-def speak(endpoint: str, size: int, ready: Event, go: Event) -> None:
-    """In a process of its own: bursts of posteriors for BURSTS_S."""
-    saying = sayings("burst", None)[0]
-    with Link.open(MeshConfig(endpoint=endpoint), "observer") as link:
-        voices = [link.publisher(SceneKeys("burst").posterior(f"cam{n}")) for n in range(size)]
-        if all(voice.wait_for_subscriber(10) for voice in voices):
-            ready.set()
-        go.wait(10)
-        due_s = time.monotonic()
-        for number in range(round(BURSTS_HZ * BURSTS_S)):
-            said = saying.at(number, time.time_ns())
-            for voice in voices:
-                voice.put(said)
-            due_s += 1 / BURSTS_HZ
-            time.sleep(max(due_s - time.monotonic(), 0))
+    return spent(lambda: threading.Event().wait(ARRIVED_S), CALLS)
 
 
 def hopping(link: Link, voice: Publisher) -> float:
     """From a put until the message is there, in microseconds."""
     inbox, took = link.inbox(SceneKeys(scene_name(0)).posterior()), []
     voice.wait_for_subscriber(10)
-    for _ in range(ROUNDS):
+    for _ in range(CALLS):
         put_ns = time.time_ns()
         voice.put(b"hop")
         took += [(arrival.arrived_ns - put_ns) / 1e3 for arrival in inbox.take(1.0)]
         time.sleep(ARRIVED_S)
     return median(took)
-
-
-def scene_of(number: int) -> Scene:
-    """A scene of the crowd."""
-    judges = {f"cam{judge}": ObserverConfig(source="simulated") for judge in range(JUDGES)}
-    return Scene(scene=scene_name(number), vocabulary=NAMES.labels, vocabulary_name=NAMES.name, observers=judges)
-
-
-def sayings(scene: str, label: str | None) -> list[Saying]:
-    """What the four say when `label` is done, or nothing."""
-    return [Saying(scene, f"cam{judge}", *belief(label, judge)) for judge in range(JUDGES)]
 
 
 def spent(work: Callable[[], object], rounds: int) -> float:
