@@ -169,7 +169,8 @@ class Branch:
             if reply.ok is not None:
                 answered(str(reply.ok.key_expr), reply.ok.payload.to_bytes())
 
-        handler: Any = zenoh.handlers.RingChannel(RING) if self._polled else zenoh.handlers.Callback(pass_on, finished)
+        # No ring: what it holds is lost at the end of the answers. Nobody answers so often that this would fill.
+        handler: Any = zenoh.handlers.FifoChannel(RING) if self._polled else zenoh.handlers.Callback(pass_on, finished)
         with contextlib.suppress(zenoh.ZError):  # closed: nobody will answer
             replies = self._session.get(key, handler, target=zenoh.QueryTarget.ALL, timeout=timeout_s)
             if self._polled:

@@ -169,7 +169,12 @@ def write_scenes(folder: Path, scenes: int, endpoint: str) -> None:
 def started(folder: Path, name: str) -> Iterator[Process]:
     """A fusion process of all the scenes in the folder, ended with the context."""
     command = [str(Path(sys.executable).with_name("labanmesh")), "fuse", str(folder), "--id", name]
-    environment = {**os.environ, "LABANMESH_LOG": "warning", "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    environment = {
+        **os.environ,
+        "LABANMESH_LOG": os.environ.get("LABANMESH_LOG", "warning"),
+        "OMP_NUM_THREADS": "1",
+        "OPENBLAS_NUM_THREADS": "1",
+    }
     popen = subprocess.Popen(command, env=environment)  # noqa: S603 - our own command
     try:
         yield Process(name, popen)

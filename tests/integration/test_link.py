@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import threading
+import time
 
 import pytest
 
@@ -225,3 +226,32 @@ def test_a_session_that_does_not_close_is_left_behind(monkeypatch, caplog):
     assert not closing.is_alive()
     release.set()
     assert "did not close" in caplog.text
+
+
+def test_a_polled_branch_gives_everything_when_it_is_asked_and_nothing_before(fusion, peer):
+    hub = peer("hub")
+    branch = hub.branch(polled=True)
+    inbox, presence = branch.inbox("x/a", ring=2), branch.presence("x/*/alive")
+    fusion.answer("x/question", lambda: b"answer")
+    fusion.announce("x/cam/alive")
+    voice = fusion.publisher("x/a")
+    assert voice.wait_for_subscriber(SOON_S)
+    for payload in (b"1", b"2", b"3"):
+        voice.put(payload)
+    assert hub.ask("x/question", SOON_S) == {"x/question": b"answer"}
+    assert inbox.take(0) == [] and presence.alive == frozenset()
+    answers, ends, end_s = [], [], time.monotonic() + SOON_S
+    branch.request("x/question", lambda key, said: answers.append((key, said)), SOON_S, lambda: ends.append(1))
+    # By now the answer has come, and its end too: nothing of it may be lost until somebody polls.
+    assert hub.ask("x/question", SOON_S)
+    while not ends and time.monotonic() < end_s:
+        branch.poll()
+    assert answers == [("x/question", b"answer")] and ends == [1]
+    # A ring keeps the newest.
+    assert [arrival.payload for arrival in inbox.take(0)] == [b"2", b"3"]
+    assert presence.alive == {"x/cam/alive"}
+    branch.close()
+    voice.put(b"4")
+    assert hub.ask("x/question", SOON_S)
+    branch.poll()
+    assert inbox.take(0) == []
