@@ -6,6 +6,7 @@
 
 import http.client
 import json
+import time
 from pathlib import Path
 from typing import Annotated
 
@@ -17,6 +18,7 @@ from common.errors import BadInput, LabanmeshError
 
 PATIENCE_S = 3.0
 """A container gives its check five seconds, of which Python needs one to begin."""
+AGAIN_S = 0.05
 MESH_PATIENCE_S = 2.0
 HUBS = ("mqtt", "dashboard")
 
@@ -83,14 +85,18 @@ def _of_mesh(scene: Scene, process: str) -> str:
 
     if process in HUBS and process not in (*scene.roster, *scene.services):
         raise BadInput(f"--process {process}: a hub says nothing of itself on the mesh; set metrics.listen")
-    with Link.open(scene.mesh, "hub") as link:
-        # Observers and fusion services at once: who is not there is waited for only once.
-        payloads = link.ask(f"{scene.keys.root}/*/{process or '*'}/status", MESH_PATIENCE_S).values()
-    try:
-        statuses = {status.id: status for status in (decode(StatusMessage, payload) for payload in payloads)}
-    except BadMessage as error:
-        raise LabanmeshError(f"{scene.scene}: a status that cannot be used: {error}") from None
     wanted = (process,) if process else (*scene.services, *scene.roster)
+    statuses: dict[str, StatusMessage] = {}
+    end_s = time.monotonic() + MESH_PATIENCE_S
+    with Link.open(scene.mesh, "hub") as link:
+        # Observers and fusion services at once. The first to be met may answer before the others are: then once more.
+        while not statuses.keys() >= {*wanted} and (left_s := end_s - time.monotonic()) > 0:
+            payloads = link.ask(f"{scene.keys.root}/*/{process or '*'}/status", left_s).values()
+            try:
+                statuses |= {status.id: status for status in (decode(StatusMessage, payload) for payload in payloads)}
+            except BadMessage as error:
+                raise LabanmeshError(f"{scene.scene}: a status that cannot be used: {error}") from None
+            time.sleep(AGAIN_S)
     wrong = [
         f"{name}: {f'{said.state}, {said.reason}'.rstrip(', ') if (said := statuses.get(name)) else 'not on the mesh'}"
         for name in wanted
