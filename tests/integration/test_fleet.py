@@ -132,7 +132,7 @@ def test_who_comes_and_who_dies_moves_only_its_share_and_no_movement_is_lost_or_
 
 def test_real_processes_one_of_them_killed_another_started(tmp_path):
     told = []
-    plan = Plan(scenes=24, rate_hz=25.0, seconds=6.0, processes=2, kill=True, warm_up_s=3.0)
+    plan = Plan(scenes=8, rate_hz=25.0, seconds=6.0, processes=2, kill=True, warm_up_s=3.0)
     outcome = run(plan, tmp_path, told.append)
     assert ["killed referee1" in told, "started referee2" in told] == [True, True]
     account = outcome.account
