@@ -1,4 +1,4 @@
-"""Capture files: what was said on a mesh, each message with its arrival time, in the MCAP container (docs/replay.md).
+"""Capture files: the messages of a mesh with their arrival times, in the MCAP container (docs/guide/replay.md).
 
 1. Append-only and without chunks: whatever the moment at which the writer is killed, all that was flushed is readable.
 2. A channel is a key and the way it was heard: put, answered to a query, or a liveliness token coming and going.

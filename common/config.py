@@ -1,4 +1,4 @@
-"""The scene file: one TOML file that describes a scene and that every process of it reads (docs/scene.md).
+"""The scene file: one TOML file that describes a scene and that every process of it reads (docs/reference/scene.md).
 
 What each section holds is in config_sections.py, which environment variables override it in config_environment.py, how
 faults are worded in config_faults.py.

@@ -51,7 +51,7 @@ class MeshConfig(Section):
 
     mode: "machine" (peers on one machine; the fusion process listens on `endpoint`), "router" (clients of the router
     that listens on `endpoint`) or "process" (peers inside one process, as in tests and the demo).
-    credentials: "", or the folder with this machine's ca.pem, certificate.pem and key.pem (docs/security.md).
+    credentials: "", or the folder with this machine's ca.pem, certificate.pem and key.pem (docs/design/security.md).
     """
 
     mode: Literal["machine", "router", "process"] = "machine"

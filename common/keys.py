@@ -1,4 +1,4 @@
-"""Keys: where on the mesh everything of a scene is said (docs/wire.md)."""
+"""Keys: where on the mesh everything of a scene is said (docs/reference/wire.md)."""
 
 import re
 from dataclasses import dataclass

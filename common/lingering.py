@@ -1,7 +1,7 @@
 """Takes SO_LINGER off this process's TCP sockets: Zenoh's close of a dead link would hold up all links for 10 s.
 
 It closes a link on a thread that reads from others too (zenoh #2718), and has no setting for it. Linux only, where a
-process can look through its own descriptors; elsewhere it does nothing. Measured in docs/faults.md.
+process can look through its own descriptors; elsewhere it does nothing. Measured in docs/design/faults.md.
 """
 
 import os

@@ -94,7 +94,7 @@ class Link(Branch):
             zenoh.Config.from_json5(text)
         except zenoh.ZError as error:
             said = " ".join(str(error).split(" at /")[0].split())[:200]
-            raise BadInput(f"{where}: no configuration of a Zenoh router: {said}; see docs/security.md") from None
+            raise BadInput(f"{where}: no Zenoh router configuration: {said}; see docs/design/security.md") from None
 
     def admitted(self, timeout_s: float) -> bool:
         """Whether a router under access rules answers this process: its certificate counts there."""

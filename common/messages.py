@@ -1,4 +1,4 @@
-"""The messages of the mesh, checked where they come in (docs/wire.md).
+"""The messages of the mesh, checked where they come in (docs/reference/wire.md).
 
 Every message is a map with string keys and carries `v`, its schema version. Unknown extra fields are
 ignored, so that a newer peer may say more. Times are Unix epoch in nanoseconds; ages in seconds.

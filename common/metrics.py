@@ -1,4 +1,4 @@
-"""What every process counts for Prometheus, and the text in which it is asked for. Names: docs/metrics.md.
+"""What every process counts for Prometheus, and the text in which it is asked for. Names: docs/reference/metrics.md.
 
 1. A name is labanmesh_, what is counted, its unit (seconds, bits, ratio); what only grows ends in _total.
 2. Labels are the scene, the process, the scene's own observers and words of a fixed set: what strangers invent is

@@ -1,4 +1,4 @@
-"""Messages to bytes and back: the only file that knows MessagePack (docs/wire.md).
+"""Messages to bytes and back: the only file that knows MessagePack (docs/reference/wire.md).
 
 1. Every message is one map with string keys; a field that says nothing (None) is left out, but a verdict's open
    end is said as null, as the contract has it.

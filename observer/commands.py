@@ -119,7 +119,7 @@ def import_recordings(
     path: Annotated[Path, typer.Argument(help="The folder or file that holds the recordings.")],
     output: Annotated[Path, typer.Option("-o", "--output", help="The motion archive to write (.npz).")],
 ) -> None:
-    """Recordings of others become a motion archive: hands and head in metres, as docs/motion.md says.
+    """Recordings of others become a motion archive: hands and head in metres, as docs/reference/motion.md says.
 
     Example: labanmesh import msr-action3d MSRAction3DSkeletonReal3D -o msr.npz
     """

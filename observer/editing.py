@@ -1,4 +1,4 @@
-"""Movements added to a model, and taken out of it, without learning the others again (docs/own-movements.md).
+"""Movements added to a model, and taken out of it, without learning the others again (docs/guide/own-movements.md).
 
 What the model has of the other movements stays as it is, bit for bit. Pure.
 """

@@ -36,7 +36,7 @@ class Opinion:
 
 
 class Observer:
-    """Tracks, reads and believes: `step` is steps 3 to 6 of a frame's way (docs/frame.md).
+    """Tracks, reads and believes: `step` is steps 3 to 6 of a frame's way (docs/design/frame.md).
 
     pace: brings the frames to the model's rate; None: they come at it. facets: reads Effort and Shape at that rate.
     """

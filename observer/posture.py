@@ -1,4 +1,4 @@
-"""Posture: where each body part is relative to the body, and how it moves, as soft features (docs/model.md).
+"""Posture: where each body part is relative to the body, and how it moves, as soft features (docs/design/model.md).
 
 Vector Symbols throw position and magnitude away; these features keep both, still relative to the performer's size.
 """

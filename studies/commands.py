@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from studies.evaluate import Answer, Question
 
 FACINGS = 12
-"""Every 30 degrees: fewer lose up to 2 points between two directions, more cost time (docs/model.md)."""
+"""Every 30 degrees: fewer lose up to 2 points between two directions, more cost time (docs/design/model.md)."""
 
 
 def evaluate(

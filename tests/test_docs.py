@@ -39,14 +39,14 @@ from observer.tracks import BODY_PARTS, Frame
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
-PAGES = sorted([ROOT / "README.md", ROOT / "CHANGELOG.md", *DOCS.glob("*.md")])
+PAGES = sorted([ROOT / "README.md", ROOT / "CHANGELOG.md", *DOCS.rglob("*.md")])
 MESSAGES = {
     kind: getattr(messages, f"{kind.capitalize()}Message")
     for kind in ("posterior", "judgement", "verdict", "status", "vocabulary")
 }
-REWRITE = "the last block of docs/wire.md is the command that writes them anew"
+REWRITE = "the last block of docs/reference/wire.md is the command that writes them anew"
 
-pages = pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+pages = pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 
 
 def prose(page):
@@ -168,8 +168,8 @@ def test_commands_in_the_text_have_known_verbs_and_options(page):
 
 @pytest.mark.parametrize("kind", MESSAGES)
 def test_schemas_are_those_of_the_models(kind):
-    written = json.loads((DOCS / "schema" / f"{kind}.json").read_text("utf-8"))
-    assert written == MESSAGES[kind].model_json_schema(), f"docs/schema/{kind}.json is out of date; {REWRITE}"
+    written = json.loads((DOCS / "reference" / "schema" / f"{kind}.json").read_text("utf-8"))
+    assert written == MESSAGES[kind].model_json_schema(), f"docs/reference/schema/{kind}.json is out of date; {REWRITE}"
 
 
 def fields_in(text, head="field"):
@@ -180,7 +180,7 @@ def fields_in(text, head="field"):
 
 @pytest.mark.parametrize("kind", MESSAGES)
 def test_wire_tells_every_field(kind):
-    text = section(DOCS / "wire.md", kind)
+    text = section(DOCS / "reference" / "wire.md", kind)
     own = set(MESSAGES[kind].model_fields)
     if kind == "verdict":
         own -= set(messages.JudgementMessage.model_fields)
@@ -192,7 +192,7 @@ def test_wire_tells_every_field(kind):
 
 @pytest.mark.parametrize("kind", MESSAGES)
 def test_examples_of_messages_are_messages(kind):
-    (example,) = re.findall(r"```json\n(.*?)```", section(DOCS / "wire.md", kind), re.DOTALL)
+    (example,) = re.findall(r"```json\n(.*?)```", section(DOCS / "reference" / "wire.md", kind), re.DOTALL)
     said = json.loads(example)
     assert set(said) <= set(MESSAGES[kind].model_fields)
     message = decode(MESSAGES[kind], msgpack.packb(said))
@@ -226,14 +226,16 @@ def test_scene_tells_every_key_with_its_default():
     for name, model in SECTIONS.items():
         expected |= keys_of(model, f"{name}.") if model else {}
     expected = {key: default for key, default in expected.items() if key not in SECTIONS}
-    told = {row[0].strip("`"): row[1] for row in table_rows(section(DOCS / "scene.md", "Every key"))[1:]}
+    told = {row[0].strip("`"): row[1] for row in table_rows(section(DOCS / "reference" / "scene.md", "Every key"))[1:]}
     assert told.keys() == expected.keys()
     for key, default in expected.items():
         plain = "none" if default is PydanticUndefined else f"`{json.dumps(default)}`"
         assert told[key].strip("`") == DEFAULTS_IN_WORDS.get(key, plain).strip("`"), key
 
 
-@pytest.mark.parametrize("page", ["README.md", "docs/scene.md", "docs/wire.md", "docs/operate.md"])
+@pytest.mark.parametrize(
+    "page", ["README.md", "docs/reference/scene.md", "docs/reference/wire.md", "docs/guide/operate.md"]
+)
 def test_scene_files_in_the_documents_are_read(page, tmp_path):
     whole = [text for text in blocks(ROOT / page, "toml") if "scene = " in text]
     assert whole
@@ -250,14 +252,14 @@ def executed(text):
 
 def test_the_archive_in_motion_is_written_and_read(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    (code,) = blocks(DOCS / "motion.md", "python")
+    (code,) = blocks(DOCS / "reference" / "motion.md", "python")
     executed(code)
     assert capsys.readouterr().out == "1 recording\n"
     assert read_archive(Path("mine.npz")).recordings[0].label == "stand"
 
 
 def test_the_table_in_motion_is_imported(tmp_path):
-    (table,) = blocks(DOCS / "motion.md", "csv")
+    (table,) = blocks(DOCS / "reference" / "motion.md", "csv")
     (tmp_path / "a.csv").write_text(table, encoding="utf-8")
     (recording,) = csv_table.import_files(tmp_path / "a.csv").archive.recordings
     assert recording.label == "wave" and recording.rate_hz == pytest.approx(30, rel=1e-3)
@@ -265,7 +267,7 @@ def test_the_table_in_motion_is_imported(tmp_path):
 
 
 def extension(name):
-    (code,) = [text for text in blocks(DOCS / "extend.md", "python") if name in text]
+    (code,) = [text for text in blocks(DOCS / "design" / "extend.md", "python") if name in text]
     return executed(code)
 
 
@@ -308,7 +310,7 @@ def test_the_other_examples_in_extend_do_what_they_say(tmp_path):
 def test_dependencies_tells_every_dependency_and_its_bounds():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
     extras = project["optional-dependencies"]
-    text = (DOCS / "dependencies.md").read_text("utf-8")
+    text = (DOCS / "design" / "dependencies.md").read_text("utf-8")
     ours = [line for name in ("observer", "report", "capture", "mqtt", "dashboard") for line in extras[name]]
     for requirement in [*project["dependencies"], *ours]:
         name, bounds = re.match(r"([\w-]+)(.*)", requirement.replace(",", ", ")).groups()

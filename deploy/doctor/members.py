@@ -21,7 +21,7 @@ WAYS_OUT = {
     "unknown_observer": "name it under [observers.ID] in the scene file, or stop it",
 }
 """Per reason for which a message is not used."""
-ANY_WAY_OUT = "see that process's log; what a message must be is in docs/wire.md"
+ANY_WAY_OUT = "see that process's log; what a message must be is in docs/reference/wire.md"
 
 
 def member(name: str, said: Said, version: str, alive: bool) -> Iterator[Finding]:

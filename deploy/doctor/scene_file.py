@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from common.config import Scene
 
 GROUP: Final = "the scene file"
-WAY_OUT = "correct the scene file; docs/scene.md has every key"
+WAY_OUT = "correct the scene file; docs/reference/scene.md has every key"
 ELSEWHERE = "if it runs on another machine, name this one's: --observers ID,ID (or none)"
 
 

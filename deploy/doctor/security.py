@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 GROUP: Final = "security"
 SOON_DAYS = 30
-WAY_OUT = "docs/security.md has the steps; labanmesh secure list shows who holds what"
+WAY_OUT = "docs/design/security.md has the steps; labanmesh secure list shows who holds what"
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,7 +16,7 @@ COMMAND_WIDTH = 32
 
 HEAD = """\
 # A scene of labanmesh: which cameras watch, how they see, where they meet, how they are judged.
-# Every process reads this file; on several machines each has the same. All keys: docs/scene.md.
+# Every process reads this file; on several machines each has the same. All keys: docs/reference/scene.md.
 #
 # What to do next:
 {steps}

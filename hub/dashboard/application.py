@@ -69,7 +69,7 @@ class Guard:
 
     def _refusal(self, request: Request) -> Response | None:
         if not self._gate.answers_to(request.headers.get("host", "")):
-            words = "This page is for this machine alone: open it as http://127.0.0.1 and its port (docs/dashboard.md)."
+            words = "This page is for this machine only: open http://127.0.0.1 and its port (docs/guide/dashboard.md)."
             return PlainTextResponse(words, 421)
         path = request.url.path
         if path in DOOR_FILES or path == "/enter":

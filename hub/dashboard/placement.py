@@ -1,7 +1,8 @@
 """Where the judges stand on the tatami, seen from above: angles from what the scene file says of their views. Pure.
 
-Angles are degrees around the performer, 0 in front, 90 at the right hand (docs/scene.md, `view`). A view without an
-angle (from above, a camera file that cannot be read) is placed where there is most room, so that none hides another.
+Angles are degrees around the performer, 0 in front, 90 at the right hand (docs/reference/scene.md, `view`). A view
+without an angle (from above, a camera file that cannot be read) is placed where there is most
+room, so that none hides another.
 """
 
 import math

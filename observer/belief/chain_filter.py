@@ -1,4 +1,4 @@
-"""The phase filter for many chains at one speed, and for facings: only as far as mass reaches (docs/model.md).
+"""The phase filter for many chains at one speed, and for facings: only as far as mass reaches (docs/design/model.md).
 
 It believes what `phase_filter.py:PhaseFilter` believes, its oracle in the tests, and leaves out what decides nothing:
 chains with a negligible mass, phases that nobody can have reached yet.

@@ -1,4 +1,4 @@
-"""The Bayes filter over movement, phase and speed, with rest before and after (docs/model.md).
+"""The Bayes filter over movement, phase and speed, with rest before and after (docs/design/model.md).
 
 A movement is one or several *chains* of phases: one learned on average, or each training example by itself, when
 the movement is the mixture of its chains. Somebody at rest enters a chain near its beginning, goes through its phases

@@ -1,4 +1,4 @@
-"""The Effort model's file: a .npz without pickles, beside the movement model's (docs/effort.md)."""
+"""The Effort model's file: a .npz without pickles, beside the movement model's (docs/design/effort.md)."""
 
 import json
 import zipfile

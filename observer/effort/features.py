@@ -1,4 +1,4 @@
-"""What one image plane shows of Effort: named features of a movement's course so far (docs/effort.md). Pure.
+"""What one image plane shows of Effort: named features of a movement's course so far (docs/design/effort.md). Pure.
 
 Hands and head only. Logarithms of what is a ratio, so that nobody's tempo or size is the unit. `active` is the hand
 that moves more, `other` the other one.

@@ -1,4 +1,4 @@
-"""Laban's Effort and Shape as numbers: one formula each, over a window of tracks. Pure (docs/effort.md).
+"""Laban's Effort and Shape as numbers: one formula each, over a window of tracks. Pure (docs/design/effort.md).
 
 Shapes: tracks (T, P, D), D 2 in an image or 3 in a room (right, up, back); lengths in body sizes, time in seconds;
 shares (P,) the weights α_k of the parts, summing to 1. After Larboulette and Gibet, "A review of computable expressive

@@ -1,7 +1,7 @@
 """Laban's Shape while the movement goes on: spreading or enclosing, rising or sinking, advancing or retreating. Pure.
 
 Three points suffice and nothing is learned: the rate r of a length over the last half second is measured with a noise
-of NOISE, and what is slower than SLOW either way is neither. With a flat prior on the true rate (docs/effort.md)
+of NOISE, and what is slower than SLOW either way is neither. With a flat prior on the true rate (docs/design/effort.md)
 
     P(grows) = Φ((r - SLOW)/NOISE)    P(shrinks) = Φ((-r - SLOW)/NOISE)    P(neither) = the rest
 """

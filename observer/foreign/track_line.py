@@ -1,4 +1,4 @@
-"""One line of somebody else's tracks, as docs/tracks.md has it: JSON in, a frame of centres out. Pure."""
+"""One line of somebody else's tracks, as docs/reference/tracks.md has it: JSON in, a frame of centres out. Pure."""
 
 from collections.abc import Sequence
 from typing import Annotated
@@ -50,4 +50,4 @@ def frame_of_line(line: bytes, body_parts: Sequence[str], arrived_ns: int) -> Fr
 
 
 EXAMPLE = '{"captured_ns": 1700000000000000000, "parts": {"left_hand": [412, 300, 0.9], "right_hand": null}}'
-"""A line as docs/tracks.md shows it."""
+"""A line as docs/reference/tracks.md shows it."""

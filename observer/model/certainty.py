@@ -1,5 +1,5 @@
 """How far a model's beliefs can be believed: the temperature and the doubt that make a probability of 0.8 right 8 times
-in 10, and how unlike the learned movements something has to be to be none of them. Pure; docs/model.md.
+in 10, and how unlike the learned movements something has to be to be none of them. Pure; docs/design/model.md.
 """
 
 from collections.abc import Sequence
@@ -66,7 +66,8 @@ class Certainty:
 
 FEW = Certainty(temperature=1.3, doubt=0.12)
 """What is believed of a model that could hardly be tried, or on its own person alone: what other people make of models
-of 3 to 20 movements learned from one training subject each, of 1, 3, 5, 7, 9 of MSR Action3D (docs/own-movements.md).
+of 3 to 20 movements learned from one training subject each, of 1, 3, 5, 7, 9 of MSR Action3D
+(docs/guide/own-movements.md).
 """
 
 

@@ -18,7 +18,7 @@ class FrameTable(SymbolTable):
     """
 
     kind: ClassVar[str] = "frame-table"
-    # Chosen by leave-one-subject-out on the training subjects 1, 3, 5, 7, 9 of MSR Action3D: docs/paper.md.
+    # Chosen by leave-one-subject-out on the training subjects 1, 3, 5, 7, 9 of MSR Action3D: docs/design/paper.md.
     DEFAULTS: ClassVar[Mapping[str, float]] = {"bins": 8.0, "threshold": 0.16, "smoothing": 0.1, "neighbours": 0.0}
     BINS = "bins"
 

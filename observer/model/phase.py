@@ -1,4 +1,4 @@
-"""`phase`, the default: every training example a chain of postures, followed by the phase filter (docs/model.md).
+"""`phase`, the default: every training example is a chain of postures for the phase filter (docs/design/model.md).
 
 It needs to know neither where a movement begins nor how fast it is done nor, learned at several facings, which way the
 person faces.
@@ -48,7 +48,7 @@ class Phase:
     kind: ClassVar[str] = "phase"
     # sharpness: evidence is exp(-sharpness d^2), d in body sizes. fast, apart: posture.py. outlier: no frame says more
     # against a posture, in nats. All chosen by leaving out one of the training subjects 1, 3, 5, 7, 9 of MSR Action3D
-    # at a time (docs/model.md). begin, forget: guesses. facings: in how many directions a person may stand.
+    # at a time (docs/design/model.md). begin, forget: guesses. facings: in how many directions a person may stand.
     DEFAULTS: ClassVar[Mapping[str, float]] = {
         "sharpness": 1.0,
         "fast": 1.5,

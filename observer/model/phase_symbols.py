@@ -44,7 +44,7 @@ class PhaseSymbols(SymbolTable):
         "phases": 30.0,
         "threshold": 0.16,
         "smoothing": 0.1,
-        # Chosen on training subjects: with few examples it changes much, with many little (docs/own-movements.md).
+        # Chosen on training subjects: matters with few examples, hardly with many (docs/guide/own-movements.md).
         "neighbours": 10.0,
         "temperature": 4.0,
         "speeds": 10.0,

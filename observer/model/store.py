@@ -1,4 +1,4 @@
-"""The model file: a .npz without pickles, described in docs/model.md.
+"""The model file: a .npz without pickles, described in docs/design/model.md.
 
 `header` is a JSON text (format version, kind, vocabulary, view, matrix, rate, body parts, parameters, provenance,
 certainty); every other array is the model's own.

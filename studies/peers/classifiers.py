@@ -1,7 +1,7 @@
 """The peers: aeon's MiniRocket, and the nearest neighbour by dynamic time warping. aeon is loaded when one learns.
 
 Dempster, Schmidt and Webb, "MiniRocket: a very fast (almost) deterministic transform for time series classification",
-KDD 2021. What is set here was chosen among training people (docs/peers.md).
+KDD 2021. What is set here was chosen among training people (docs/results/peers.md).
 """
 
 import warnings

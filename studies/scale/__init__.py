@@ -1,1 +1,1 @@
-"""What it costs to grow: fusion processes simulated from measured costs, homes by factors of ten (docs/scale.md)."""
+"""The cost of growth: fusion processes simulated from measured costs, by factors of ten (docs/design/scale.md)."""

@@ -1,4 +1,4 @@
-"""The tables of docs/scale.md in markdown, each between its own marks: what was measured, what follows. Pure."""
+"""The tables of docs/design/scale.md in markdown, each between its own marks: what was measured, what follows. Pure."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields

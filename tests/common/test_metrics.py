@@ -1,4 +1,4 @@
-"""What metrics are made of: addresses, vitals, lines of JSON, and the names, which docs/metrics.md tells all of."""
+"""Metrics: addresses, health, JSON log lines, and names, all of which docs/reference/metrics.md lists."""
 
 import json
 import logging
@@ -180,7 +180,9 @@ def every_metric():
 
 
 def test_docs_tell_every_metric_of_every_role():
-    rows = re.findall(r"^\| `(labanmesh_\w+)` \| (\w+) \| ([\w, ]+) \|", (ROOT / "docs/metrics.md").read_text(), re.M)
+    rows = re.findall(
+        r"^\| `(labanmesh_\w+)` \| (\w+) \| ([\w, ]+) \|", (ROOT / "docs/reference/metrics.md").read_text(), re.M
+    )
     told = {(role, name, kind) for name, kind, roles in rows for role in roles.split(", ")}
     said = {
         (role, family.name + ("_total" if family.type == "counter" else ""), family.type)

@@ -16,7 +16,7 @@ OF_THE_CLIENT = {"process_cpu_seconds_total", "process_resident_memory_bytes"}
 
 def told():
     """Every metric with its labels; a test of its own compares the page with the processes."""
-    page = (ROOT / "docs" / "metrics.md").read_text("utf-8")
+    page = (ROOT / "docs" / "reference" / "metrics.md").read_text("utf-8")
     rows = re.findall(r"^\| `(labanmesh_\w+)` \| (\w+) \| ([\w, ]+) \| ([\w, ]*) ?\|", page, re.MULTILINE)
     return {
         name: {"scene", *roles.split(", "), *filter(None, labels.strip().split(", "))}

@@ -123,7 +123,7 @@ def test_the_wheel_carries_what_the_page_copies_out_of_it():
         "package-data"
     ]
     assert {"systemd/*", "zenoh/*"} <= set(carried.get("deploy", ()))
-    page = (UNITS.parents[1] / "docs" / "operate.md").read_text("utf-8")
+    page = (UNITS.parents[1] / "docs" / "guide" / "operate.md").read_text("utf-8")
     copied = set(re.findall(r'"\$files"/(\S+)', page))
     assert copied == {"*.service", "*.target", "labanmesh.sysusers", "labanmesh.env"}
     assert all(list(UNITS.glob(name)) for name in copied)

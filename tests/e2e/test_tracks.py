@@ -95,7 +95,9 @@ def test_a_movement_that_others_tracked_is_recognised(stage, source):
                 assert observer.wait(SOON_S) == 0
                 said = posteriors(inbox, len(lines))
             else:
-                (bridge,) = re.findall(r"```python\n(.*?)```", (ROOT / "docs/tracks.md").read_text(), re.DOTALL)
+                (bridge,) = re.findall(
+                    r"```python\n(.*?)```", (ROOT / "docs/reference/tracks.md").read_text(), re.DOTALL
+                )
                 (stage / "bridge.py").write_text(bridge)
                 assert meeting.publisher("tracks/cam1").wait_for_subscriber(SOON_S)
                 with started(stage / "bridge.py", meeting.locator) as passing:

@@ -34,8 +34,8 @@ def house(tmp_path_factory):
 
 
 def automation():
-    """Those that docs/home.md shows, for the scene of the test."""
-    texts = re.findall(r"```yaml\n(.*?)```", (ROOT / "docs" / "home.md").read_text("utf-8"), re.DOTALL)
+    """Those that docs/guide/home.md shows, for the scene of the test."""
+    texts = re.findall(r"```yaml\n(.*?)```", (ROOT / "docs" / "guide" / "home.md").read_text("utf-8"), re.DOTALL)
     return "".join("- " + text.replace("\n", "\n  ").rstrip(" ") for text in texts).replace("dojo", "room")
 
 

@@ -32,7 +32,7 @@ from observer.tracks import Frame
 
 SOON_S = 20.0
 PATIENCE_S = 1.0
-PAGE = Path(__file__).parents[2] / "docs" / "security.md"
+PAGE = Path(__file__).parents[2] / "docs" / "design" / "security.md"
 REWRITE = "LABANMESH_REWRITE=1 pytest tests/integration/test_security.py writes it anew"
 HEAD = "| who tries | refused by | what is said there |\n|---|---|---|\n"
 NAMES = Vocabulary(("bowing", "lunging"), "karate")
@@ -251,11 +251,11 @@ def test_the_page_shows_what_was_seen(table):
     written = "\n".join(f"| {who} | {by} | {says} |" for who, by, says in table)
     text = PAGE.read_text("utf-8")
     old = text.partition(HEAD)[2].partition("\n\n")[0]
-    assert old, "docs/security.md has lost its table"
+    assert old, "docs/design/security.md has lost its table"
     if os.environ.get("LABANMESH_REWRITE"):
         PAGE.write_text(text.replace(old, written, 1), "utf-8")
         return
-    assert old == written, f"docs/security.md is out of date; {REWRITE}"
+    assert old == written, f"docs/design/security.md is out of date; {REWRITE}"
 
 
 @pytest.mark.parametrize("who", ["observer cam1 speaks for cam2", "a hub judges", "a revoked machine"])

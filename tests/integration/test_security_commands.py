@@ -218,7 +218,7 @@ def test_a_router_that_cannot_be_secured_does_not_start(scene, secure, spoil, li
 @pytest.mark.parametrize(
     ("words", "line"),
     [
-        (("banana",), "endpoint 'banana': no configuration of a Zenoh router"),
+        (("banana",), "endpoint 'banana': no Zenoh router configuration"),
         (("--config", "nowhere.json5"), "nowhere.json5: no such file or directory; `labanmesh secure rules SCENE`"),
         (("tcp/127.0.0.1:1", "--config", "x"), "says itself where to listen"),
     ],

@@ -415,7 +415,7 @@ def test_movements_belong_together_by_id_else_by_time(kept):
 
 
 def test_the_reader_in_the_document_needs_nothing_of_ours(kept):
-    (code,) = re.findall(r"```python\n(.*?)```", (HOUSE / "docs" / "replay.md").read_text("utf-8"), re.DOTALL)
+    (code,) = re.findall(r"```python\n(.*?)```", (HOUSE / "docs" / "guide" / "replay.md").read_text("utf-8"), re.DOTALL)
     capture = kept(judged(a_scene(), lots()))
     command = [sys.executable, "-I", "-c", code, str(capture.path)]
     told = subprocess.run(command, capture_output=True, text=True, check=True, timeout=30).stdout

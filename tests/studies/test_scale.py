@@ -17,7 +17,7 @@ from studies.scale.process import Load, Stay, alone, shared
 from studies.scale.region import NOTICE_S, Change, play, shares, stays_of
 
 ROOT = Path(__file__).parents[2]
-PAGE = ROOT / "docs/scale.md"
+PAGE = ROOT / "docs/design/scale.md"
 TEXT = (ROOT / "studies/scale/measured.json").read_text("utf-8")
 MEASURED = parsed(TEXT)
 FREE = Costs(**{field.name: 0.0 for field in fields(Costs)})
@@ -177,7 +177,9 @@ def test_the_page_is_what_the_command_writes(tmp_path):
     page = tmp_path / "scale.md"
     page.write_text(PAGE.read_text("utf-8"), "utf-8")
     commands.scale(page=page)
-    assert page.read_text("utf-8") == PAGE.read_text("utf-8"), "labanmesh scale --page docs/scale.md writes it anew"
+    assert page.read_text("utf-8") == PAGE.read_text("utf-8"), (
+        "labanmesh scale --page docs/design/scale.md writes it anew"
+    )
 
 
 def test_a_page_without_a_mark_is_refused_and_left_alone(tmp_path):

@@ -59,7 +59,7 @@ def test_the_node_red_flow_asks_for_fields_that_events_have(said):
 
 
 def test_the_document_tells_every_topic_and_every_field_of_an_event(said):
-    text = (ROOT / "docs" / "home.md").read_text("utf-8")
+    text = (ROOT / "docs" / "guide" / "home.md").read_text("utf-8")
     names = Names("SCENE", "labanmesh/SCENE/bridge")
     topics = [
         names.verdict,
