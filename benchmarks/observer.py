@@ -149,7 +149,7 @@ def _observing(place: Path, film: Path) -> Iterator[tuple[int, Inbox]]:
         mesh = f'scene = "bench"\n[mesh]\nendpoint = "{link.locator}"\n'
         scene.write_text(f'{mesh}[observers.cam1]\nsource = "{film}"\nmodel = "bench.model"\nloop = true\n')
         inbox = link.inbox("laban/bench/observer/cam1/posterior", limit=100_000)
-        words = [sys.executable, "-m", "labanmesh", "observe", str(scene), "cam1"]
+        words = [sys.executable, "-P", "-m", "labanmesh", "observe", str(scene), "cam1"]
         process = subprocess.Popen(words, env={**os.environ, "LABANMESH_LOG": "warning"})  # noqa: S603
         try:
             yield process.pid, inbox

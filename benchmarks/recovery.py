@@ -116,7 +116,7 @@ class Mesh:
 
 
 def _start(*words: str) -> subprocess.Popen[str]:
-    command = [sys.executable, "-m", "labanmesh", *words]
+    command = [sys.executable, "-P", "-m", "labanmesh", *words]
     pipe = subprocess.PIPE if words[0] == "router" else subprocess.DEVNULL
     nowhere = subprocess.DEVNULL
     return subprocess.Popen(command, stdin=nowhere, stdout=nowhere, stderr=pipe, text=True)  # noqa: S603 - our own verbs

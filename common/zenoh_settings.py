@@ -20,6 +20,8 @@ RETRY = {"period_init_ms": 50, "period_max_ms": 200, "period_increase_factor": 2
 """Fast retry: a router or peer that comes back is found again in 0.1 s instead of Zenoh's 2 s."""
 LEASE_MS = 2000
 """A process that went silent without closing (stopped, cable pulled) is gone for the others after this long."""
+MAX_MESSAGE_BYTES = 1 << 20
+"""Zenoh drops a longer message while it receives its fragments. Its own limit of 1 GiB lets one put fill a router."""
 AUTHORITY_FILE, CERTIFICATE_FILE, KEY_FILE = "ca.pem", "certificate.pem", "key.pem"
 """What lies in the folder of credentials."""
 ROLE_URI = "labanmesh:"
@@ -41,6 +43,7 @@ def settings(mesh: "MeshConfig", role: Role, listen: Sequence[str] | None, patie
         "scouting/multicast/enabled": False,
         "scouting/delay": 0,
         "transport/link/tx/lease": LEASE_MS,
+        "transport/link/rx/max_message_size": MAX_MESSAGE_BYTES,
         # For messages of kilobytes it saves nothing, a killed process leaves its segments behind, and where mlock is
         # forbidden no session opens.
         "transport/shared_memory/enabled": False,

@@ -79,7 +79,7 @@ def jobs(path: Path, scene: Scene) -> list[Job]:
 
     A router, if the mesh has one, is run apart.
     """
-    python = [sys.executable, "-m", "labanmesh"]
+    python = [sys.executable, "-P", "-m", "labanmesh"]
     others = scene.fusion.standby
     fuse = [Job("[fuse]", [*python, "fuse", str(path)], lasting=True)]
     fuse += [Job(f"[fuse {name}]", [*python, "fuse", str(path), "--id", name], lasting=True) for name in others]

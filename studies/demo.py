@@ -57,7 +57,7 @@ def play(scene_file: Path, log: Path, length_s: float) -> Heard:
     Raises LabanmeshError when the processes do not end or do not speak, naming the log.
     """
     scene, heard = read_scene(scene_file), Heard()
-    python = [sys.executable, "-m", "labanmesh"]
+    python = [sys.executable, "-P", "-m", "labanmesh"]
     with (
         log.open("w", encoding="utf-8") as log_file,
         Link.open(scene.mesh, "hub") as link,

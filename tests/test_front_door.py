@@ -179,7 +179,7 @@ def test_a_reader_who_leaves_gets_no_complaint():
     os.close(reading)
     try:
         ended = subprocess.run(
-            [sys.executable, "-m", "labanmesh", "--help"],
+            [sys.executable, "-P", "-m", "labanmesh", "--help"],
             stdout=writing,
             stderr=subprocess.PIPE,
             timeout=60,
@@ -192,6 +192,6 @@ def test_a_reader_who_leaves_gets_no_complaint():
 
 def test_it_is_the_same_by_its_name_and_as_a_module():
     name = os.path.join(os.path.dirname(sys.executable), "labanmesh")  # noqa: PTH118, PTH120
-    assert process(name, "--help").stdout == process(sys.executable, "-m", "labanmesh", "--help").stdout != ""
+    assert process(name, "--help").stdout == process(sys.executable, "-P", "-m", "labanmesh", "--help").stdout != ""
     ended = process(name, "evalaute")
     assert (ended.returncode, ended.stdout) == (2, "") and ended.stderr.count("\n") == 1

@@ -96,7 +96,7 @@ def _looked(scene: Scene, eye: Eye) -> Looked:
     with tempfile.TemporaryDirectory() as folder:
         options = ["--tracker", tracker, "-o", f"{folder}/look.png", "--frames", str(LOOK_FRAMES)]
         skin = ["--skin", str(scene.place(section.skin))] if section.skin else []
-        command = [sys.executable, "-m", "labanmesh", "look", section.source, *options, *skin]
+        command = [sys.executable, "-P", "-m", "labanmesh", "look", section.source, *options, *skin]
         try:
             done = subprocess.run(  # noqa: S603 - the command line is ours
                 command, stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=LOOK_S, check=False

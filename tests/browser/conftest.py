@@ -98,7 +98,7 @@ class Dashboard:
     """A `labanmesh dashboard` process; `url` is where it is."""
 
     def __init__(self, *words):
-        command = [sys.executable, "-m", "labanmesh", "dashboard", *map(str, words), "--listen", "127.0.0.1:0"]
+        command = [sys.executable, "-P", "-m", "labanmesh", "dashboard", *map(str, words), "--listen", "127.0.0.1:0"]
         self.process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
         self.said = []
         for line in self.process.stdout:

@@ -2,6 +2,8 @@
 
 import json
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -9,7 +11,15 @@ import zenoh
 
 from common.config import MeshConfig
 from common.link import Link
-from common.zenoh_settings import AUTHORITY_FILE, CERTIFICATE_FILE, KEY_FILE, LEASE_MS
+from common.zenoh_settings import (
+    AUTHORITY_FILE,
+    CERTIFICATE_FILE,
+    KEY_FILE,
+    LEASE_MS,
+    MAX_MESSAGE_BYTES,
+    nested,
+    settings,
+)
 
 ROUTERS = Path(__file__).parents[2] / "deploy" / "zenoh"
 PLAIN, SECURED = ROUTERS / "router.json5", ROUTERS / "router-secured.json5"
@@ -34,10 +44,11 @@ def test_zenoh_reads_it_and_it_is_the_router_that_ours_is(file):
     config = zenoh.Config.from_file(str(file))
     read = {
         key: json.loads(config.get_json(key))
-        for key in ("mode", "scouting/multicast/enabled", "transport/link/tx/lease", "adminspace", "listen/endpoints")
+        for key in ("mode", "scouting/multicast/enabled", "transport/link", "adminspace", "listen/endpoints")
     }
     assert (read["mode"], read["scouting/multicast/enabled"]) == ("router", False)
-    assert read["transport/link/tx/lease"] == LEASE_MS
+    assert read["transport/link"]["tx"]["lease"] == LEASE_MS
+    assert read["transport/link"]["rx"]["max_message_size"] == MAX_MESSAGE_BYTES
     assert read["adminspace"] == {"enabled": True, "permissions": {"read": True, "write": False}}
     (endpoint,) = read["listen/endpoints"]
     assert endpoint == ("tcp" if file is PLAIN else "tls") + "/0.0.0.0:7447"
@@ -56,6 +67,40 @@ def test_a_mesh_meets_over_the_plain_router():
             assert mouth.wait_for_subscriber(SOON_S)
             mouth.put(b"said")
             assert inbox.take(SOON_S)[0].payload == b"said"
+
+
+OURS = json.dumps(nested(settings(MeshConfig(), "router", ["tcp/127.0.0.1:0"], 0.0)))
+ROUTER = """
+import sys
+import zenoh
+
+config = zenoh.Config.from_json5(sys.argv[1])
+config.insert_json5("listen/endpoints", '["tcp/127.0.0.1:0"]')
+with zenoh.open(config) as session:
+    (reply,) = session.get(f"@/{session.zid()}/router")
+    print(reply.ok.payload.to_string(), flush=True)
+    sys.stdin.read()
+"""
+
+
+@pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="its peak memory is read from /proc")
+@pytest.mark.parametrize("text", [OURS, PLAIN.read_text("utf-8")], ids=["ours", "zenohd"])
+def test_a_huge_message_does_not_fill_a_router_and_its_sender_can_go_on(text):
+    huge = 100 << 20
+    command = [sys.executable, "-P", "-c", ROUTER, text]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as router:
+        mesh = MeshConfig(mode="router", endpoint=json.loads(router.stdout.readline())["locators"][0])
+        with Link.open(mesh, "hub") as hub, Link.open(mesh, "observer") as observer:
+            inbox, publisher = hub.inbox("a"), observer.publisher("a")
+            assert publisher.wait_for_subscriber(SOON_S)
+            # Blocking, as somebody who wants to do harm would send it: by default Zenoh drops what is too much at once.
+            observer._session.put("a", bytes(huge), congestion_control=zenoh.CongestionControl.BLOCK)
+            publisher.put(b"small")
+            assert [arrival.payload for arrival in inbox.take(SOON_S)] == [b"small"]
+        peak_kb = int(re.search(r"VmHWM:\s+(\d+) kB", Path(f"/proc/{router.pid}/status").read_text())[1])
+        router.stdin.close()
+        assert router.wait(SOON_S) == 0
+    assert peak_kb < huge / 1024
 
 
 def test_the_secured_router_names_the_files_that_secure_writes():

@@ -28,7 +28,7 @@ SIZE = (640, 480)
 
 
 def labanmesh(*words):
-    return [sys.executable, "-m", "labanmesh", *map(str, words)]
+    return [sys.executable, "-P", "-m", "labanmesh", *map(str, words)]
 
 
 @pytest.fixture(scope="module")

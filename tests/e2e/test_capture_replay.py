@@ -29,7 +29,7 @@ SOON_S = 60.0
 @contextmanager
 def process(*words):
     """A process of ours that does not outlive a failing test."""
-    command = [sys.executable, "-m", "labanmesh", *map(str, words)]
+    command = [sys.executable, "-P", "-m", "labanmesh", *map(str, words)]
     with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as started:
         try:
             yield started

@@ -23,7 +23,7 @@ def short_archive(tmp_path):
 
 
 def run(*words, cwd):
-    command = [sys.executable, "-m", "labanmesh", "demo", *words]
+    command = [sys.executable, "-P", "-m", "labanmesh", "demo", *words]
     return subprocess.run(command, cwd=cwd, capture_output=True, text=True, timeout=90)
 
 

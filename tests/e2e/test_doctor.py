@@ -23,7 +23,7 @@ VIEWS = {"door": "door", "wheel": "wheel"}
 
 
 def labanmesh(*words):
-    return [sys.executable, "-m", "labanmesh", *map(str, words)]
+    return [sys.executable, "-P", "-m", "labanmesh", *map(str, words)]
 
 
 def doctor(*words):

@@ -23,7 +23,7 @@ SOON_S, PATIENCE_S = 30.0, 60.0
 
 
 def labanmesh(*words):
-    return [sys.executable, "-m", "labanmesh", *map(str, words)]
+    return [sys.executable, "-P", "-m", "labanmesh", *map(str, words)]
 
 
 @pytest.fixture

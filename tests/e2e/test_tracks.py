@@ -41,7 +41,9 @@ def stage(tmp_path_factory):
     place = tmp_path_factory.mktemp("tracks")
     write_archive(place / "learned.npz", perform(people=("2", "3", "4"), movements=MOVEMENTS, trials=2))
     learn = ["learn", place / "learned.npz", "--view", "door", "-o", place / "cam1.model"]
-    subprocess.run([sys.executable, "-m", "labanmesh", *learn], cwd=ROOT, check=True, capture_output=True, timeout=60)
+    subprocess.run(
+        [sys.executable, "-P", "-m", "labanmesh", *learn], cwd=ROOT, check=True, capture_output=True, timeout=60
+    )
     return place
 
 
@@ -87,7 +89,7 @@ def test_a_movement_that_others_tracked_is_recognised(stage, source):
         inbox = meeting.inbox("laban/dojo/observer/cam1/posterior")
         presence = meeting.presence("laban/dojo/observer/*/alive")
         file = scene_file(stage, meeting.locator, source)
-        with started("-m", "labanmesh", "observe", file, "cam1") as observer:
+        with started("-P", "-m", "labanmesh", "observe", file, "cam1") as observer:
             assert presence.wait_for(1, SOON_S)
             if source == "-":
                 observer.stdin.writelines(["junk\n", *lines])

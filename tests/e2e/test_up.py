@@ -25,13 +25,16 @@ SOON_S = 60.0
 
 
 def labanmesh(*words):
-    return [sys.executable, "-m", "labanmesh", *map(str, words)]
+    return [sys.executable, "-P", "-m", "labanmesh", *map(str, words)]
 
 
 @pytest.fixture(scope="module")
 def stage(tmp_path_factory):
     """A folder with a recording of person 1 and, for each view, a model learned from the others."""
     place = tmp_path_factory.mktemp("stage")
+    # A user's folder may hold a module of their own that is named like one of ours.
+    (place / "common").mkdir()
+    (place / "common" / "__init__.py").write_text('raise SystemExit("imported from the current folder")\n')
     learned = perform(people=("2", "3", "4"), movements=MOVEMENTS, trials=2)
     write_archive(place / "learned.npz", learned)
     seen = perform_continuously("1", DONE)
@@ -93,7 +96,7 @@ def test_a_scene_is_played_judged_and_ends_by_itself(scene):
     read, path = scene(speed=2.0)
     with Heard(read) as hub:
         done = subprocess.run(
-            labanmesh("up", path, "--exit-when-done"), cwd=ROOT, capture_output=True, text=True, timeout=SOON_S
+            labanmesh("up", path, "--exit-when-done"), cwd=path.parent, capture_output=True, text=True, timeout=SOON_S
         )
         assert done.returncode == 0, done.stderr
         assert hub.alive.wait_for(0, SOON_S)

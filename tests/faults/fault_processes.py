@@ -16,7 +16,7 @@ BOUND = ("setpriv", "--pdeathsig", "KILL") if shutil.which("setpriv") else ()
 
 def labanmesh(*words):
     """The command line of one verb."""
-    return [sys.executable, "-m", "labanmesh", *map(str, words)]
+    return [sys.executable, "-P", "-m", "labanmesh", *map(str, words)]
 
 
 class Process:

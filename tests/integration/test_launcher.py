@@ -167,7 +167,7 @@ def test_the_processes_of_a_scene(tmp_path):
     path = tmp_path / "scene.toml"
     observers = {"cam1": "a.npz", "by-hand": "-", "cam2": "b.npz"}
     path.write_text('scene = "d"\n' + "".join(f'[observers.{n}]\nsource = "{s}"\n' for n, s in observers.items()))
-    python = [sys.executable, "-m", "labanmesh"]
+    python = [sys.executable, "-P", "-m", "labanmesh"]
     assert jobs(path, read_scene(path, {})) == [
         Job("[fuse]", [*python, "fuse", str(path)], lasting=True),
         Job("cam1", [*python, "observe", str(path), "cam1"]),
@@ -186,7 +186,7 @@ ROOT = Path(__file__).parents[2]
 
 
 def test_the_router_verb_listens_says_where_and_ends_cleanly():
-    command = [sys.executable, "-m", "labanmesh", "router", "tcp/127.0.0.1:0"]
+    command = [sys.executable, "-P", "-m", "labanmesh", "router", "tcp/127.0.0.1:0"]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, cwd=ROOT) as process:
         line = process.stderr.readline()
         assert line.startswith("labanmesh router: listening on tcp/127.0.0.1:") and not line.endswith(":0\n")
@@ -196,13 +196,13 @@ def test_the_router_verb_listens_says_where_and_ends_cleanly():
 
 @pytest.mark.parametrize("verb", ["up", "fuse", "router"])
 def test_help_has_an_example(verb):
-    command = [sys.executable, "-m", "labanmesh", verb, "--help"]
+    command = [sys.executable, "-P", "-m", "labanmesh", verb, "--help"]
     done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, timeout=20)
     assert done.returncode == 0 and f"Example: labanmesh {verb}" in done.stdout
 
 
 def test_a_missing_scene_file_is_status_2(tmp_path):
     for verb in ("up", "fuse"):
-        command = [sys.executable, "-m", "labanmesh", verb, str(tmp_path / "none.toml")]
+        command = [sys.executable, "-P", "-m", "labanmesh", verb, str(tmp_path / "none.toml")]
         done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, timeout=20)
         assert done.returncode == 2 and done.stderr.count("\n") == 1 and "no such file" in done.stderr

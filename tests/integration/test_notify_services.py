@@ -183,7 +183,7 @@ def test_a_hub_is_alive_when_it_hears_something(tmp_path, supervisor):
 
 
 def started(*words):
-    command = [sys.executable, "-m", "labanmesh", *map(str, words)]
+    command = [sys.executable, "-P", "-m", "labanmesh", *map(str, words)]
     return subprocess.Popen(command, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
 
 

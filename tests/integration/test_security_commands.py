@@ -234,7 +234,7 @@ def test_the_process_says_where_it_listens_and_ends_cleanly(scene, secure):
     secure("add", "router")
     shutil.copytree(scene.parent / "secure" / "router.1", scene.parent / "credentials")
     endpoint = read_scene(scene, {}).mesh.endpoint
-    command = [sys.executable, "-m", "labanmesh", "router", "--scene", str(scene)]
+    command = [sys.executable, "-P", "-m", "labanmesh", "router", "--scene", str(scene)]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
         assert process.stderr.readline() == f"labanmesh router: listening on {endpoint}\n"
         os.kill(process.pid, signal.SIGTERM)

@@ -286,7 +286,7 @@ class Hub:
     """`labanmesh hub mqtt` as a process; its log can be waited for."""
 
     def __init__(self, *words, level="info"):
-        command = [sys.executable, "-m", "labanmesh", "hub", "mqtt", *map(str, words)]
+        command = [sys.executable, "-P", "-m", "labanmesh", "hub", "mqtt", *map(str, words)]
         self.process = subprocess.Popen(
             command,
             cwd=ROOT,
