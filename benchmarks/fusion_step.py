@@ -19,8 +19,8 @@ from benchmarks.timing import BATCH_S, ROUNDS, Row, compare
 from common.messages import JudgementMessage, PosteriorMessage
 from common.probability import uniform
 from common.wire import decode, encode
-from fusion.referee import Referee
-from fusion.rules import RULES
+from fusion.engine.engine import FusionEngine
+from fusion.engine.rules import RULES
 
 OBSERVERS = 4
 STEPS = 200
@@ -77,24 +77,24 @@ def _read(payloads: Sequence[bytes]) -> list[PosteriorMessage]:
     return [decode(PosteriorMessage, payload) for payload in payloads]
 
 
-def _judged(referee: Referee, now_ns: int, heard: Sequence[PosteriorMessage]) -> JudgementMessage:
+def _judged(referee: FusionEngine, now_ns: int, heard: Sequence[PosteriorMessage]) -> JudgementMessage:
     for said in heard:
         if referee.hear(said.observer or "", said, now_ns) is not None:
             raise AssertionError("a posterior of the benchmark was refused: it measures nothing")
     return referee.judge(now_ns).judgement
 
 
-def _again(steps: Sequence[tuple[int, T]], work: Callable[[Referee, int, T], object]) -> Callable[[], object]:
+def _again(steps: Sequence[tuple[int, T]], work: Callable[[FusionEngine, int, T], object]) -> Callable[[], object]:
     """`work` on one step a call, in order and over and over, each time round with a new referee."""
     scene = scene_of(OBSERVERS)
     queue: list[tuple[int, T]] = []
-    referee = Referee(scene.scene, list(scene.roster), NAMES, scene.fusion)
+    referee = FusionEngine(scene.scene, list(scene.roster), NAMES, scene.fusion)
 
     def once() -> object:
         nonlocal referee
         if not queue:
             queue.extend(reversed(steps))
-            referee = Referee(scene.scene, list(scene.roster), NAMES, scene.fusion)
+            referee = FusionEngine(scene.scene, list(scene.roster), NAMES, scene.fusion)
         return work(referee, *queue.pop())
 
     return once

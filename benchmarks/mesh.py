@@ -78,7 +78,7 @@ def measure(observers: int, frames: int = FRAMES) -> list[Row]:
 
 def referee_process(observers: int, pipe: Connection) -> None:
     """The other process: fusion service and bare echo, until the pipe says stop or breaks; then what came when."""
-    from fusion.referee import Referee
+    from fusion.engine.engine import FusionEngine
     from fusion.service import serve
 
     scene, stop = scene_of(observers), threading.Event()
@@ -93,7 +93,7 @@ def referee_process(observers: int, pipe: Connection) -> None:
         bare.echo(PUT, BACK)
         pipe.send((link.locator, bare.locator))
         threading.Thread(target=wait_for_end, daemon=True).start()
-        serve(scene, Referee(scene.scene, list(scene.roster), NAMES, scene.fusion), link, stop)
+        serve(scene, FusionEngine(scene.scene, list(scene.roster), NAMES, scene.fusion), link, stop)
         # Nobody listens when the other side gave up; it has said why.
         with suppress(OSError):
             pipe.send(bare.arrived)

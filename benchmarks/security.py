@@ -92,7 +92,7 @@ def _measured(folder: Path, frames: int) -> tuple[list[int], list[int]]:
 
 def judging_process(folder: Path, pipe: Connection) -> None:
     """The other process: both routers, and a fusion service at each, until the pipe breaks."""
-    from fusion.referee import Referee
+    from fusion.engine.engine import FusionEngine
     from fusion.service import serve
 
     stop = threading.Event()
@@ -106,7 +106,7 @@ def judging_process(folder: Path, pipe: Connection) -> None:
             )
             endpoints.append(router.locator)
             link = links.enter_context(Link.open(_mesh(router.locator, folder, FUSION), "fusion", named=FUSION))
-            referee = Referee(scene.scene, list(scene.roster), NAMES, scene.fusion)
+            referee = FusionEngine(scene.scene, list(scene.roster), NAMES, scene.fusion)
             threads.append(threading.Thread(target=serve, args=(scene, referee, link, stop), daemon=True))
             threads[-1].start()
         pipe.send(endpoints)

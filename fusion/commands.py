@@ -11,8 +11,8 @@ from common.errors import BadInput
 from common.keys import identifier
 from common.lifecycle import log_to_stderr, stop_on_signals
 from common.link import Link, Role
+from fusion.engine.rules import get_rule
 from fusion.memory_file import Memory
-from fusion.rules import rule_named
 from fusion.service import known_vocabulary, serve
 
 
@@ -59,18 +59,18 @@ def scene_files(named: Sequence[Path]) -> Iterator[Path]:
 
 
 def _judge_one(path: Path, service: str) -> None:
-    from fusion.referee import Referee
+    from fusion.engine.engine import FusionEngine
 
     whole = read_scene(path)
     named = whole.judged_by(service or whole.fusion.id)
-    rule_named(named.fusion.rule, len(named.roster))
+    get_rule(named.fusion.rule, len(named.roster))
     # On one machine the first service is where all meet; the others come there as observers do.
     role: Role = "fusion" if named.fusion.id == whole.fusion.id else "standby"
     memory = Memory(named.place(named.fusion.memory)) if named.fusion.memory else None
     with stop_on_signals() as stop, Link.open(named.mesh, role, named=named.fusion.id) as link:
         vocabulary = known_vocabulary(named, link, stop)
         if vocabulary is not None:
-            referee = Referee(named.scene, list(named.roster), vocabulary, named.fusion)
+            referee = FusionEngine(named.scene, list(named.roster), vocabulary, named.fusion)
             serve(named, referee, link, stop, memory=memory)
 
 

@@ -20,9 +20,9 @@ from common.notify import Notifier
 from common.status import StatusBoard
 from common.wire import BadMessage, decode, encode, encode_vocabulary
 from fusion.desk import Desk
+from fusion.engine.engine import EngineOutput, FusionEngine
+from fusion.engine.pooling import PooledPosterior, PoolingCase
 from fusion.memory_file import FORGET_S, Remembered
-from fusion.pooling import Case, Pool
-from fusion.referee import Referee, Ruling
 from fusion.sharing import Duty, Share
 from fusion.team import Voice
 
@@ -40,13 +40,15 @@ class Step:
 
     read: int = 0
     now_ns: int = 0
-    case: Case | None = None
+    case: PoolingCase | None = None
 
 
 class Court:
     """One scene, as the fusion process `scene.fusion.id` has to do with it. referee: makes a new one."""
 
-    def __init__(self, scene: Scene, referee: Callable[[], Referee], link: Branch, clock: Callable[[], int]) -> None:
+    def __init__(
+        self, scene: Scene, referee: Callable[[], FusionEngine], link: Branch, clock: Callable[[], int]
+    ) -> None:
         self.scene = scene
         self._new_referee, self._link, self._clock = referee, link, clock
         self._share = Share(scene.fusion.id, scene.scene)
@@ -93,8 +95,8 @@ class Court:
         now_ns = self._clock()
         return Step(len(arrivals), now_ns, sitting.referee.case(now_ns))
 
-    def say(self, step: Step, pooled: Pool) -> Sequence[VerdictMessage]:
-        """Judge by what the step's case came to, and say it; the verdicts."""
+    def say(self, step: Step, pooled: PooledPosterior) -> Sequence[VerdictMessage]:
+        """VerdictDetector by what the step's case came to, and say it; the verdicts."""
         if self._sitting is None or step.case is None:
             return ()
         return self._sitting.say(self._sitting.referee.rule_on(step.case.opinions, step.now_ns, pooled))
@@ -132,7 +134,7 @@ class Court:
         return sitting
 
     def _begin(self, sitting: "_Sitting", asking: "_Asking") -> None:
-        """Judge from now on: from what was handed over, else from what the last one said, else afresh."""
+        """VerdictDetector from now on: from what was handed over, else from what the last one said, else afresh."""
         state = asking.handed_over() or self._overheard()
         if state is not None:
             sitting.go_on(state)
@@ -163,7 +165,7 @@ class Court:
 class _Sitting:
     """What a scene that is judged here needs; all that it declared goes with its branch."""
 
-    def __init__(self, scene: Scene, referee: Referee, link: Branch, clock: Callable[[], int]) -> None:
+    def __init__(self, scene: Scene, referee: FusionEngine, link: Branch, clock: Callable[[], int]) -> None:
         self.link, self.referee = link, referee
         # By name: Zenoh finds the subscriber of a whole key at once, and tries one after the other those with
         # wildcards; with 250 of them a message costs ten times as much. Only the newest of each observer counts.
@@ -176,7 +178,7 @@ class _Sitting:
         self._last: JudgementMessage | None = None
         self._verdict: VerdictMessage | None = None
 
-    def say(self, ruling: Ruling) -> Sequence[VerdictMessage]:
+    def say(self, ruling: EngineOutput) -> Sequence[VerdictMessage]:
         """Say it; the verdicts."""
         self._voice.say(ruling.verdicts, ruling.judgement)
         self._last = ruling.judgement

@@ -9,7 +9,7 @@ from common.health import Health
 from common.inbox import Arrival
 from common.keys import observer_of
 from fusion.ear import Ear
-from fusion.referee_like import RefereeLike, RulingLike
+from fusion.referee_like import EngineLike, EngineOutputLike
 
 
 class Desk:
@@ -21,7 +21,7 @@ class Desk:
     def __init__(
         self,
         scene: Scene,
-        referee: RefereeLike,
+        referee: EngineLike,
         link: Branch,
         clock: Callable[[], int],
         wake: Callable[[], None] = lambda: None,
@@ -45,6 +45,6 @@ class Desk:
             self._referee.read_clock(observer, reading)
         self._referee.present(frozenset(observer_of(key) for key in self._presence.alive))
 
-    def judge(self) -> RulingLike | None:
+    def judge(self) -> EngineOutputLike | None:
         """What the judges together believe now; None while there is nothing to judge."""
         return self._referee.judge(self._clock())

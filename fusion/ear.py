@@ -9,7 +9,7 @@ from common.link import Arrival
 from common.messages import Account, PosteriorMessage
 from common.wire import BadMessage, decode
 from fusion.complaints import Complaints
-from fusion.referee_like import RefereeLike
+from fusion.referee_like import EngineLike
 
 log = logging.getLogger("labanmesh.fusion")
 
@@ -17,7 +17,7 @@ log = logging.getLogger("labanmesh.fusion")
 class Ear:
     """From arrived bytes to the referee, who is told of each message that he gets and of each that he does not."""
 
-    def __init__(self, scene: str, referee: RefereeLike, health: Health, clock: Callable[[], int]) -> None:
+    def __init__(self, scene: str, referee: EngineLike, health: Health, clock: Callable[[], int]) -> None:
         self._scene, self._referee, self._health, self._clock = scene, referee, health, clock
         self._complaints = Complaints()
 

@@ -20,9 +20,9 @@ from common.keys import scene_of
 from common.link import Link
 from common.notify import Notifier
 from fusion.court import Court
+from fusion.engine.engine import FusionEngine
+from fusion.engine.pooling import pool_many
 from fusion.fleet_telling import Round, telling_rounds
-from fusion.pooling import pool_many
-from fusion.referee import Referee
 from fusion.service import await_namesake
 from fusion.sharing import Duty
 
@@ -41,7 +41,7 @@ TELL_S = 1.0
 def serve_many(
     scenes: Sequence[Scene], link: Link, stop: threading.Event, clock: Callable[[], int] = time.time_ns
 ) -> None:
-    """Judge those of the scenes that are this process's share until `stop` is set.
+    """VerdictDetector those of the scenes that are this process's share until `stop` is set.
 
     Raises LabanmeshError when a service of the same id is alive already.
     """
@@ -77,7 +77,7 @@ class Fleet:
         self._told_s = self._begun_s = now_s
 
     def round(self, presence: Presence) -> Round:
-        """Judge what is due, and say how it is once a second."""
+        """VerdictDetector what is due, and say how it is once a second."""
         begun_s, before_s = time.monotonic(), self._begun_s
         self._begun_s = begun_s
         if begun_s - before_s > STALL_S:
@@ -143,11 +143,11 @@ def require_shareable(scenes: Sequence[Scene]) -> None:
             raise BadInput(f"scene {scene.scene!r}: fusion.{key} is for a process of one scene; leave it out")
 
 
-def _referee_of(scene: Scene) -> Callable[[], Referee]:
+def _referee_of(scene: Scene) -> Callable[[], FusionEngine]:
     vocabulary = scene.named_vocabulary
     if vocabulary is None:
         raise BadInput(f'scene {scene.scene!r}: no vocabulary; add vocabulary = ["...", ...] to judge it with others')
-    return lambda: Referee(scene.scene, list(scene.roster), vocabulary, scene.fusion)
+    return lambda: FusionEngine(scene.scene, list(scene.roster), vocabulary, scene.fusion)
 
 
 def _by_scene(alive: frozenset[str]) -> Mapping[str, set[str]]:

@@ -9,11 +9,11 @@ from pathlib import Path
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from common.messages import JudgementMessage, VerdictMessage
-from fusion.lessons import Lessons
+from fusion.engine.reliability import Reliability
 
 log = logging.getLogger("labanmesh.fusion")
 SECOND_NS = 1_000_000_000
-NONE = Lessons()
+NONE = Reliability()
 FORGET_S = 30.0
 """A movement that went on so long ago is over: nobody knows how it ended."""
 
@@ -24,7 +24,7 @@ class Remembered(BaseModel):
     model_config = ConfigDict(frozen=True)
     judgement: JudgementMessage
     verdict: VerdictMessage | None = None
-    lessons: Lessons = NONE
+    lessons: Reliability = NONE
 
 
 class Memory:
@@ -41,7 +41,7 @@ class Memory:
         fresh = found is not None and abs(now_ns - found.judgement.at_ns) <= FORGET_S * SECOND_NS
         return found if fresh else None
 
-    def lessons(self, scene: str) -> Lessons:
+    def lessons(self, scene: str) -> Reliability:
         """What was learned of the judges of `scene`, however long ago."""
         found = self._read(scene)
         return NONE if found is None else found.lessons
@@ -58,7 +58,7 @@ class Memory:
             return None
         return found if found.judgement.scene == scene else None
 
-    def keep(self, judgement: JudgementMessage, verdict: VerdictMessage | None, lessons: Lessons = NONE) -> None:
+    def keep(self, judgement: JudgementMessage, verdict: VerdictMessage | None, lessons: Reliability = NONE) -> None:
         """Write if something changed in the movement since the last call."""
         # While a movement goes on also once a second, so that it is known how old it is.
         state = (judgement.movement, judgement.movement and judgement.at_ns // SECOND_NS)

@@ -6,10 +6,10 @@ from typing import Protocol
 from common.clock_skew import Reading
 from common.messages import JudgementMessage, PosteriorMessage, VerdictMessage
 from common.vocabulary import Vocabulary
-from fusion.lessons import Lessons
+from fusion.engine.reliability import Reliability
 
 
-class RulingLike(Protocol):
+class EngineOutputLike(Protocol):
     """One step's result."""
 
     @property
@@ -21,7 +21,7 @@ class RulingLike(Protocol):
         """What was decided in this step, if anything."""
 
 
-class RefereeLike(Protocol):
+class EngineLike(Protocol):
     """What the service needs of a referee."""
 
     @property
@@ -47,12 +47,12 @@ class RefereeLike(Protocol):
         """Go on where another fusion service was."""
 
     @property
-    def lessons(self) -> Lessons:
+    def lessons(self) -> Reliability:
         """What was learned of the observers."""
 
     @lessons.setter
-    def lessons(self, lessons: Lessons) -> None:
+    def lessons(self, lessons: Reliability) -> None:
         """Go on from what was learned before a restart."""
 
-    def judge(self, now_ns: int) -> RulingLike | None:
+    def judge(self, now_ns: int) -> EngineOutputLike | None:
         """What the judges together believe at `now_ns`; None while there is nothing to judge."""

@@ -23,7 +23,7 @@ from common.wire import decode, encode_vocabulary
 from fusion.desk import Desk
 from fusion.lot import newest
 from fusion.memory_file import Memory
-from fusion.referee_like import RefereeLike
+from fusion.referee_like import EngineLike
 from fusion.team import Team, Voice
 from fusion.telling import Step, telling, waiting
 
@@ -38,7 +38,7 @@ NAMESAKE_S = 3.0
 
 def serve(
     scene: Scene,
-    referee: RefereeLike,
+    referee: EngineLike,
     link: Link,
     stop: threading.Event,
     clock: Callable[[], int] = time.time_ns,

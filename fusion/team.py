@@ -15,7 +15,7 @@ from common.messages import JudgementMessage, VerdictMessage
 from common.wire import BadMessage, decode, encode
 from fusion.leadership import STEPS_MISSED, Leadership
 from fusion.memory_file import Memory
-from fusion.referee_like import RefereeLike, RulingLike
+from fusion.referee_like import EngineLike, EngineOutputLike
 
 log = logging.getLogger("labanmesh.fusion")
 VERDICTS_KEPT = 10
@@ -25,7 +25,7 @@ VERDICTS_KEPT = 10
 class Team:
     """The fusion services of one scene, as one of them sees it: who leads, and what the leader says."""
 
-    def __init__(self, scene: Scene, referee: RefereeLike, voice: "Voice", link: Link) -> None:
+    def __init__(self, scene: Scene, referee: EngineLike, voice: "Voice", link: Link) -> None:
         self._scene, self._referee, self._voice = scene, referee, voice
         self._own = scene.fusion.id
         patience_s = max(scene.fusion.takeover_s, STEPS_MISSED / scene.fusion.step_hz)
@@ -53,7 +53,7 @@ class Team:
         self._told = told
         return leads and leader == self._own
 
-    def pass_on(self, ruling: RulingLike, leads: bool) -> Sequence[VerdictMessage]:
+    def pass_on(self, ruling: EngineOutputLike, leads: bool) -> Sequence[VerdictMessage]:
         """Say it, or keep its verdicts: until it is known that the leader is dead, nobody else may have said them.
 
         Returns the verdicts that were said.
@@ -83,7 +83,7 @@ class Voice:
     """Says rulings on the mesh and repeats the last ones to who asks."""
 
     def __init__(
-        self, link: Branch, keys: SceneKeys, vocabulary: bytes, referee: RefereeLike, memory: Memory | None = None
+        self, link: Branch, keys: SceneKeys, vocabulary: bytes, referee: EngineLike, memory: Memory | None = None
     ) -> None:
         self._judgement = link.publisher(keys.judgement)
         self._verdict = link.publisher(keys.verdict)

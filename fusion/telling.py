@@ -12,7 +12,7 @@ from common.logs import speak_as
 from common.messages import StatusMessage, VerdictMessage
 from common.vitals import FRESH_S, Vitals
 from fusion.leadership import STEPS_MISSED
-from fusion.referee_like import RulingLike
+from fusion.referee_like import EngineOutputLike
 
 if TYPE_CHECKING:
     from fusion.metrics import FusionMetrics
@@ -26,7 +26,7 @@ class Step:
     since the start because the inbox was full. took_s: how long it took.
     """
 
-    ruling: RulingLike | None
+    ruling: EngineOutputLike | None
     leads: bool
     said: Sequence[VerdictMessage]
     arrived: int

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from common.probability import entropy_bits
-from fusion.pooling import facing_deg
+from fusion.engine.pooling import facing_deg
 from studies.evaluate import Answer, at_end, at_fraction
 from studies.metrics import accuracy, brier, confusion, expected_calibration_error, log_loss
 from studies.tables import confusion_table

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from common.errors import BadInput
 from common.facets import EFFORT
 from common.probability import uniform
-from fusion.rules import DEFAULT_RULE, rule_named
+from fusion.engine.rules import DEFAULT_RULE, get_rule
 from observer.effort.learning import learn_trials, trials_in
 from observer.effort.model import FACTORS, EffortModel, Trial
 from observer.geometry.views import View
@@ -57,7 +57,7 @@ def judge_poles(
 
     Raises BadInput for an archive without Effort levels or with one action only, and for a rule that is not there.
     """
-    pool, rate_hz = rule_named(rule, len(views)).pool, common_rate(archive)
+    pool, rate_hz = get_rule(rule, len(views)).pool, common_rate(archive)
     names = tuple(view.name for view in views)
     if len(set(names)) < len(names):
         raise BadInput(f"--views: {', '.join(names)}: every view needs a name of its own")

@@ -11,9 +11,9 @@ from common.errors import BadInput
 from common.facing import surprise_of
 from common.probability import uniform
 from common.vocabulary import Vocabulary
-from fusion.pooling import pool_opinions
-from fusion.roster import Opinion
-from fusion.rules import DEFAULT_RULE, Rule, rule_named
+from fusion.engine.pooling import pool_posteriors
+from fusion.engine.roster import AgedPosterior
+from fusion.engine.rules import DEFAULT_RULE, Rule, get_rule
 from observer.geometry.views import View
 from observer.learning import frames_of, learn_view
 from observer.model.base import MovementModel, Onset
@@ -91,7 +91,7 @@ def evaluate(archive: MotionArchive, question: Question, progress: Progress = la
 
     Raises BadInput for labels, subjects, body parts, models or rules that are not there.
     """
-    rule_named(question.rule, len(question.views))
+    get_rule(question.rule, len(question.views))
     _check_names([view.name for view in question.views])
     vocabulary = Vocabulary(question.labels)
     judged: list[Judged] = []
@@ -182,7 +182,7 @@ def _judge(
 
 def refused(judged: Sequence[Judged], question: Question, vocabulary: Vocabulary) -> tuple[Judged, ...]:
     """The same trials with the question's faults put in and fused by its rule, frame by frame."""
-    rule = rule_named(question.rule, len(question.views))
+    rule = get_rule(question.rule, len(question.views))
     names = [view.name for view in question.views]
     said = [Said(j.views, j.facing, j.unlearned) for j in judged]
     disturbed = disturb(said, names, question.faults, _rate(judged), question.seed)
@@ -191,19 +191,19 @@ def refused(judged: Sequence[Judged], question: Question, vocabulary: Vocabulary
 
 def _fused(judged: Judged, said: Said, rule: Rule, temperature: float) -> Judged:
     prior = uniform(said.p.shape[2])
-    pools = [pool_opinions(rule, _opinions(said, n), prior, temperature) for n in range(len(said.p))]
+    pools = [pool_posteriors(rule, _opinions(said, n), prior, temperature) for n in range(len(said.p))]
     faced = np.array([pool.facing for pool in pools]) if pools[0].facing is not None else None
     fused = np.array([pool.p for pool in pools])
     return Judged(judged.trial, judged.truth, said.p, fused, said.facing, said.unlearned, faced)
 
 
-def _opinions(said: Said, frame: int) -> list[Opinion]:
+def _opinions(said: Said, frame: int) -> list[AgedPosterior]:
     """As the referee would have them, had they come over the mesh."""
     opinions = []
     for v, p in enumerate(said.p[frame]):
         surprise = None if said.facing is None else surprise_of(said.facing[frame, v])
         unlearned = None if said.unlearned is None or np.isnan(said.unlearned[frame, v]) else said.unlearned[frame, v]
-        opinions.append(Opinion(str(v), p, 0.0, 0.0, "counted", unlearned=unlearned, surprise=surprise))
+        opinions.append(AgedPosterior(str(v), p, 0.0, 0.0, "counted", unlearned=unlearned, surprise=surprise))
     return opinions
 
 

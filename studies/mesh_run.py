@@ -19,7 +19,7 @@ from common.link import Link
 from common.messages import JudgementMessage
 from common.vocabulary import Vocabulary
 from common.wire import decode
-from fusion.referee import Referee
+from fusion.engine.engine import FusionEngine
 from fusion.service import serve
 from observer.pipeline import Opinion
 from observer.service import Speaker
@@ -54,7 +54,7 @@ def fused_over_mesh(answer: Answer, progress: Callable[[str, int, int], None] = 
     stop = threading.Event()
     with Link.open(scene.mesh, "fusion", listen=["tcp/127.0.0.1:0"]) as meeting:
         mesh = scene.mesh.at(meeting.locator)
-        referee = Referee(scene.scene, ids, answer.vocabulary, conduct)
+        referee = FusionEngine(scene.scene, ids, answer.vocabulary, conduct)
         judging = threading.Thread(target=serve, args=(scene, referee, meeting, stop), name="fusion")
         links = [Link.open(mesh, "observer") for _ in ids]
         try:

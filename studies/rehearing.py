@@ -14,7 +14,7 @@ from common.keys import SceneKeys, observer_of
 from common.messages import PosteriorMessage, StatusMessage
 from common.vocabulary import Vocabulary
 from common.wire import BadMessage, decode
-from fusion.referee import Referee, Ruling
+from fusion.engine.engine import EngineOutput, FusionEngine
 from studies.rejudging import Change, labels_of
 
 if TYPE_CHECKING:
@@ -29,12 +29,12 @@ UNDER_WAY_NS = 500_000_000
 
 def from_posteriors(
     records: Iterable[Record], scene: "Scene", labels: Mapping[str, tuple[str, ...]], change: Change
-) -> Iterator[Ruling]:
+) -> Iterator[EngineOutput]:
     """The captured posteriors as the referee would judge them that hears them when the capture did."""
     vocabulary = scene.named_vocabulary or Vocabulary(_only(labels), scene.vocabulary_name)
     observers = change.remaining(scene.roster)
     conduct = change.conduct(scene.fusion, len(observers))
-    referee = Referee(scene.scene, list(observers), vocabulary, conduct)
+    referee = FusionEngine(scene.scene, list(observers), vocabulary, conduct)
     ear = _Ear(scene.keys, referee)
     # Longer silence than this changes nothing any more.
     quiet_ns = round((conduct.drop_s + 2 * conduct.hold_s + 1) * SECOND_NS)
@@ -47,7 +47,7 @@ def from_posteriors(
 class _Ear:
     """From captured bytes to the referee, as the fusion service does it."""
 
-    def __init__(self, keys: SceneKeys, referee: Referee) -> None:
+    def __init__(self, keys: SceneKeys, referee: FusionEngine) -> None:
         self._keys, self._referee = keys, referee
         self._alive: frozenset[str] = frozenset()
 

@@ -16,8 +16,8 @@ from common.errors import BadInput, LabanmeshError
 from common.messages import JudgementMessage, Movement, VerdictMessage, Vote
 from common.probability import Floats, uniform
 from common.vocabulary import Vocabulary
-from fusion.referee import Referee, Ruling
-from fusion.roster import Opinion
+from fusion.engine.engine import EngineOutput, FusionEngine
+from fusion.engine.roster import AgedPosterior
 
 if TYPE_CHECKING:
     from common.config import FusionConfig, Scene
@@ -70,7 +70,7 @@ class FromJudgements:
 
     def __init__(self, scene: "Scene", labels: Mapping[str, tuple[str, ...]], change: Change) -> None:
         self._scene, self._labels, self._change = scene, labels, change
-        self._referee: Referee | None = None
+        self._referee: FusionEngine | None = None
         self._last: JudgementMessage | None = None
         self._verdict: VerdictMessage | None = None
         self._restarted = False
@@ -85,7 +85,7 @@ class FromJudgements:
         """A fusion service was seen to go; if it speaks again it was started anew."""
         self._restarted |= self._last is not None and self._last.fusion == fusion
 
-    def rule_on(self, judgement: JudgementMessage) -> Ruling | None:
+    def rule_on(self, judgement: JudgementMessage) -> EngineOutput | None:
         """The judgement anew; None for the first of a capture that began in the middle of things."""
         last, self._last = self._last, judgement
         begins, faithful = judgement.seq == 1, not self._change.any
@@ -121,7 +121,7 @@ class FromJudgements:
         again = judgement.seq == 1 or (restarted and judgement.fusion == last.fusion)
         return again and not self._change.any
 
-    def _referee_for(self, judgement: JudgementMessage) -> Referee:
+    def _referee_for(self, judgement: JudgementMessage) -> FusionEngine:
         reference = judgement.vocabulary
         vocabulary = Vocabulary(labels_of(reference.hash, self._labels), reference.name)
         observers = self._change.remaining(judgement.votes)
@@ -129,25 +129,25 @@ class FromJudgements:
             raise BadInput("--without: nobody would remain to judge; leave at least one observer in")
         # The rule as it was said to be: the environment may have overridden the scene file.
         said = self._scene.fusion.model_copy(update={"rule": judgement.rule})
-        return Referee(judgement.scene, list(observers), vocabulary, self._change.conduct(said, len(observers)))
+        return FusionEngine(judgement.scene, list(observers), vocabulary, self._change.conduct(said, len(observers)))
 
-    def _continue(self, referee: Referee, judgement: JudgementMessage, seq: int) -> None:
+    def _continue(self, referee: FusionEngine, judgement: JudgementMessage, seq: int) -> None:
         under_way, decided = judgement.movement, self._verdict
         if under_way is not None and decided is not None and decided.id == under_way.id:
             referee.continue_from(decided)
         referee.continue_from(judgement.model_copy(update={"seq": seq}))
 
-    def _ruling(self, referee: Referee, judgement: JudgementMessage) -> Ruling:
+    def _ruling(self, referee: FusionEngine, judgement: JudgementMessage) -> EngineOutput:
         prior = uniform(referee.vocabulary.size)
         remaining = self._change.remaining(judgement.votes)
         heard = [_opinion(o, judgement.votes[o], prior, remaining) for o in remaining]
         ruling = referee.rule_on(heard, judgement.at_ns)
         named = {"fusion": judgement.fusion}
         verdicts = [verdict.model_copy(update=named) for verdict in ruling.verdicts]
-        return Ruling(ruling.judgement.model_copy(update=named), verdicts)
+        return EngineOutput(ruling.judgement.model_copy(update=named), verdicts)
 
 
-def _opinion(observer: str, vote: Vote, prior: Floats, remaining: Collection[str]) -> Opinion:
+def _opinion(observer: str, vote: Vote, prior: Floats, remaining: Collection[str]) -> AgedPosterior:
     """The judge as he was pooled, among those who remain: one who said nothing was the prior."""
     p = prior if vote.p is None else np.array(vote.p)
     if p.shape != prior.shape or not np.isfinite(p).all():
@@ -162,7 +162,7 @@ def _opinion(observer: str, vote: Vote, prior: Floats, remaining: Collection[str
     reliability = 1.0 if vote.reliability is None else vote.reliability
     doubles = {other: share for other, share in (vote.doubles or {}).items() if other in remaining}
     said_last = (vote.unlearned, surprise, facets, reliability, doubles)
-    return Opinion(observer, p, rest, vote.age_s, vote.state, vote.skew_s, *said_last)
+    return AgedPosterior(observer, p, rest, vote.age_s, vote.state, vote.skew_s, *said_last)
 
 
 def _terms(judgement: JudgementMessage) -> tuple[object, ...]:

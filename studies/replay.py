@@ -10,7 +10,7 @@ from common.keys import observer_of
 from common.messages import JudgementMessage, Message, VerdictMessage, VocabularyMessage
 from common.vocabulary import Vocabulary
 from common.wire import BadMessage, decode, encode
-from fusion.referee import Ruling
+from fusion.engine.engine import EngineOutput
 from studies.rehearing import from_posteriors
 from studies.rejudging import Change, FromJudgements
 from studies.verdict_rows import Row, Saying, rows_of
@@ -153,7 +153,7 @@ def _afresh(capture: "CaptureFile", first: _Look, change: Change) -> _Anew:
     return _Anew(list(_sayings(rulings)), unsure=[(0, first.began_ns)])
 
 
-def _sayings(rulings: Iterable[Ruling]) -> Iterator[Saying]:
+def _sayings(rulings: Iterable[EngineOutput]) -> Iterator[Saying]:
     for ruling in rulings:
         for verdict in ruling.verdicts:
             yield Saying(verdict, encode(verdict))

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from common.config_sections import FusionConfig, usual_quorum
 from common.messages import ABSTAIN, PosteriorMessage
 from common.vocabulary import Vocabulary
-from fusion.referee import Referee
+from fusion.engine.engine import FusionEngine
 from observer.learning import frames_of
 from observer.model.base import MovementModel, Onset
 from observer.motion.archive import MotionArchive, Recording, Span
@@ -190,7 +190,7 @@ def _heard(stream: Recording, models: Sequence[MovementModel], recorded: tuple[s
 
 def alarms_in(heard: Heard, conduct: FusionConfig) -> list[Alarm]:
     """The verdicts that the mesh's own referee gives on a stream, by its own clock."""
-    referee = Referee("stream", list(heard.said[0]), heard.vocabulary, conduct)
+    referee = FusionEngine("stream", list(heard.said[0]), heard.vocabulary, conduct)
     alarms: dict[str, Alarm] = {}
     for messages in heard.said:
         for name, message in messages.items():

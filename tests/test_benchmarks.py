@@ -22,8 +22,8 @@ from benchmarks.timing import Row, compare, row
 from benchmarks.tracking import camshift_row, pictures
 from common.inbox import Arrival
 from common.wire import encode
-from fusion.referee import Referee
-from fusion.rules import RULES
+from fusion.engine.engine import FusionEngine
+from fusion.engine.rules import RULES
 from observer.learning import frames_of
 from observer.model.registry import MODELS
 from observer.motion.archive import MotionArchive
@@ -92,7 +92,7 @@ def test_tracking_is_measured_on_pictures_in_which_the_hands_are_found():
 
 def test_a_posterior_is_judged_by_the_first_judgement_that_weighs_it_or_a_newer_one():
     scene = scene_of(2)
-    referee = Referee(scene.scene, list(scene.roster), NAMES, scene.fusion)
+    referee = FusionEngine(scene.scene, list(scene.roster), NAMES, scene.fusion)
     p = beliefs(1)[0]
 
     def judged_at(now_ns, *heard):

@@ -26,8 +26,8 @@ from common.link import Link, Publisher
 from common.messages import PosteriorMessage, StatusMessage, VerdictMessage
 from common.wire import decode, encode, encode_vocabulary
 from fusion.ear import Ear
+from fusion.engine.engine import FusionEngine
 from fusion.fleet import TOGETHER, Fleet
-from fusion.referee import Referee
 
 ROUNDS = 3
 CALLS = 200
@@ -63,7 +63,7 @@ def alone() -> tuple[dict[str, float], dict[str, int]]:
     """What hearing and encoding cost without a mesh; how large messages are."""
     scene = scene_of(0)
     keys, now_ns = scene.keys, time.time_ns()
-    referee, health = Referee(scene.scene, list(scene.roster), NAMES, scene.fusion), Health(scene.scene, "fusion")
+    referee, health = FusionEngine(scene.scene, list(scene.roster), NAMES, scene.fusion), Health(scene.scene, "fusion")
     ear = Ear(scene.scene, referee, health, lambda: now_ns)
     took: list[float] = []
     verdict: VerdictMessage | None = None

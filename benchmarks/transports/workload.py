@@ -4,7 +4,7 @@ from functools import cache
 
 from benchmarks.posteriors import NAMES, beliefs, message, scene_of
 from common.wire import encode
-from fusion.referee import Referee
+from fusion.engine.engine import FusionEngine
 
 START_NS = 1_700_000_000_000_000_000
 FRAME_NS = 16_666_667
@@ -25,7 +25,7 @@ def posteriors(name: str, count: int) -> tuple[bytes, ...]:
 def judgement(publishers: int) -> bytes:
     """What the referee says when it has heard one posterior of each."""
     scene = scene_of(publishers)
-    referee = Referee(scene.scene, list(scene.roster), NAMES, scene.fusion)
+    referee = FusionEngine(scene.scene, list(scene.roster), NAMES, scene.fusion)
     for name, belief in zip(scene.roster, beliefs(publishers), strict=True):
         referee.hear(name, message(name, 0, START_NS, belief), START_NS)
     return encode(referee.judge(START_NS).judgement)

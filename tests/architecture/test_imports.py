@@ -224,8 +224,8 @@ def wrong(found):
 def test_this_test_reads_the_house():
     assert {room_of(name) for name in FILES} == {*ROOMS, "labanmesh"}
     seen = {(i.by, i.of) for i in IMPORTS}
-    assert ("fusion.referee", "fusion.judge") in seen and ("common.link", "zenoh") in seen
-    lazy = [i for i in IMPORTS if i.by == "fusion.commands" and i.of == "fusion.referee"]
+    assert ("fusion.engine.engine", "fusion.engine.verdict_detector") in seen and ("common.link", "zenoh") in seen
+    lazy = [i for i in IMPORTS if i.by == "fusion.commands" and i.of == "fusion.engine.engine"]
     assert lazy and not lazy[0].at_import
     assert any(i.for_types and i.of == "common.link" for i in IMPORTS if i.by == "hub.session")
 

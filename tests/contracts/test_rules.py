@@ -8,8 +8,8 @@ from hypothesis.extra.numpy import arrays
 
 from common.errors import BadInput
 from common.probability import uniform
-from fusion.pooling import pool_joint
-from fusion.rules import DEFAULT_RULE, RULES, rule_named
+from fusion.engine.pooling import pool_joint
+from fusion.engine.rules import DEFAULT_RULE, RULES, get_rule
 
 ALL = list(RULES.values())
 ids = [rule.name for rule in ALL]
@@ -105,14 +105,14 @@ def test_agreeing_observers_are_agreed_with(rule):
 
 
 def test_the_default_is_known():
-    assert rule_named(DEFAULT_RULE).name == DEFAULT_RULE
+    assert get_rule(DEFAULT_RULE).name == DEFAULT_RULE
 
 
 def test_an_unknown_rule_is_named_with_its_nearest():
     with pytest.raises(BadInput, match=r"fusion.rule = 'logpol'.*known: .*inverse_entropy.*log"):
-        rule_named("logpol")
+        get_rule("logpol")
 
 
 def test_a_rule_that_cannot_hear_so_many_says_so():
     with pytest.raises(BadInput, match="at most 2 observers, here are 4"):
-        rule_named("chernoff", 4)
+        get_rule("chernoff", 4)

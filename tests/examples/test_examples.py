@@ -15,7 +15,7 @@ from common.config import MeshConfig, read_scene
 from common.link import Link
 from common.messages import PosteriorMessage, VocabularyReference
 from common.wire import encode
-from fusion.referee import Referee
+from fusion.engine.engine import FusionEngine
 from fusion.service import serve
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -59,7 +59,7 @@ class Judged:
 def judged(tmp_path):
     (tmp_path / "scene.toml").write_text(SCENE)
     scene, stop = read_scene(tmp_path / "scene.toml", {}), threading.Event()
-    referee = Referee(scene.scene, list(scene.roster), scene.named_vocabulary, scene.fusion)
+    referee = FusionEngine(scene.scene, list(scene.roster), scene.named_vocabulary, scene.fusion)
     with Link.open(scene.mesh, "fusion") as meeting:
         judging = threading.Thread(target=serve, args=(scene, referee, meeting, stop))
         judging.start()

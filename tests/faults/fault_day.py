@@ -16,7 +16,7 @@ from common.messages import JudgementMessage, PosteriorMessage, VerdictMessage, 
 from common.status import StatusBoard
 from common.vocabulary import Vocabulary
 from common.wire import decode, encode
-from fusion.referee import Referee
+from fusion.engine.engine import FusionEngine
 from fusion.service import serve
 
 SECOND_NS = 1_000_000_000
@@ -66,7 +66,7 @@ def live(hours, rate_hz, every_h, tell=lambda line: None):
     stop, clock = threading.Event(), Clock()
     with Link.open(MeshConfig(), "fusion", listen=["tcp/127.0.0.1:0"]) as link:
         mesh = scene.mesh.at(link.locator)
-        referee = Referee(scene.scene, list(OBSERVERS), NAMES, scene.fusion)
+        referee = FusionEngine(scene.scene, list(OBSERVERS), NAMES, scene.fusion)
         judging = threading.Thread(target=serve, args=(scene, referee, link, stop, clock))
         judging.start()
         try:

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from common.clock_skew import Reading
 from common.messages import PosteriorMessage, VocabularyReference
-from fusion.clocks import UNNOTICED_NS, Clocks
+from fusion.engine.clocks import UNNOTICED_NS, Clocks
 
 MS, S = 1_000_000, 1_000_000_000
 NOW = 100_000 * S

@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 
 from common.probability import uniform
-from fusion.contributions import contributions
-from fusion.pooling import pool_opinions
-from fusion.roster import Opinion
-from fusion.rules import RULES
+from fusion.engine.contributions import contributions
+from fusion.engine.pooling import pool_posteriors
+from fusion.engine.roster import AgedPosterior
+from fusion.engine.rules import RULES
 
 PRODUCT, DEFAULT = RULES["product"], RULES["robust_inverse_entropy"]
 
 
 def judge(name, p, state="counted", **more):
-    return Opinion(name, np.array(p), 0.1, 0.0, state, **more)
+    return AgedPosterior(name, np.array(p), 0.1, 0.0, state, **more)
 
 
 def test_of_independent_judges_it_is_each_ones_own_log_odds():
@@ -48,6 +48,6 @@ def test_vetoes_leave_it_finite():
 
 def test_of_an_abstention_it_is_to_what_was_likeliest_also_something_else():
     said = [judge("a", (0.5, 0.3, 0.2), unlearned=0.9), judge("b", (0.4, 0.3, 0.3))]
-    assert pool_opinions(PRODUCT, said, uniform(3)).answers.argmax() == 3
+    assert pool_posteriors(PRODUCT, said, uniform(3)).answers.argmax() == 3
     told = contributions(PRODUCT, said, uniform(3), 1.0, None)
     assert told["a"].nats > 0 and not told["a"].stands and told["b"].nats < 0 and told["b"].stands

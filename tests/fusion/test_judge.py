@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from common.messages import ABSTAIN
-from fusion.judge import Belief, Judge, Phase
+from fusion.engine.verdict_detector import MovementPhase, PooledState, VerdictDetector
 
 STEP_NS = 100_000_000
 HOLD = 3
@@ -36,9 +36,9 @@ def still_sure(n, label="bow", agreeing=2):
 
 def watched(*parts, demand=DEMAND, start=0):
     """What is said, as (label, began, decided, ended) in steps, and at which step."""
-    judge, said = Judge(demand), {}
+    judge, said = VerdictDetector(demand), {}
     for step, (label, p, agreeing, resting) in enumerate(chain(*parts), start):
-        decision = judge.watch(Belief(step * STEP_NS, label, p, agreeing, resting))
+        decision = judge.watch(PooledState(step * STEP_NS, label, p, agreeing, resting))
         if decision is not None:
             times = (decision.began_ns, decision.decided_ns, decision.ended_ns)
             said[step] = (decision.label, *(None if t is None else t // STEP_NS for t in times))
@@ -118,9 +118,9 @@ def test_rule_3_a_rest_that_broke_revises_nothing():
 
 def test_rule_3_what_was_something_else_when_it_came_to_rest_is_taken_back():
     for unlearned, label in ((0.7, "bow"), (0.9, ABSTAIN)):
-        judge = Judge(DEMAND)
-        beliefs = [Belief(n * STEP_NS, "bow", 0.9, 2, 0.1) for n in range(6)]
-        beliefs += [Belief(n * STEP_NS, "bow", 0.05, 2, 0.9, unlearned) for n in range(6, 10)]
+        judge = VerdictDetector(DEMAND)
+        beliefs = [PooledState(n * STEP_NS, "bow", 0.9, 2, 0.1) for n in range(6)]
+        beliefs += [PooledState(n * STEP_NS, "bow", 0.05, 2, 0.9, unlearned) for n in range(6, 10)]
         said = [decision for belief in beliefs if (decision := judge.watch(belief))]
         assert [decision.label for decision in said] == ["bow", label]
         assert {decision.began_ns for decision in said} == {0} and said[1].ended_ns == 6 * STEP_NS
@@ -153,11 +153,11 @@ def test_rule_4_but_not_for_ever():
 
 
 def test_rule_5_a_clock_set_back_starts_afresh():
-    judge = Judge(DEMAND)
+    judge = VerdictDetector(DEMAND)
     for step in (100, 101, 102, 103):
-        judge.watch(Belief(step * STEP_NS, "bow", 0.9, 2, 0.1))
-    assert judge.phase is Phase.DECIDED and judge.grounds_at == {103 * STEP_NS}
-    said = [judge.watch(Belief(step * STEP_NS, "bow", 0.9, 2, 0.1)) for step in range(4)]
+        judge.watch(PooledState(step * STEP_NS, "bow", 0.9, 2, 0.1))
+    assert judge.phase is MovementPhase.DECIDED and judge.grounds_at == {103 * STEP_NS}
+    said = [judge.watch(PooledState(step * STEP_NS, "bow", 0.9, 2, 0.1)) for step in range(4)]
     assert said[:3] == [None] * 3 and said[3].began_ns == 0
 
 
@@ -171,9 +171,9 @@ def test_two_movements_with_a_rest_between_are_two():
 
 
 def test_the_grounds_are_asked_for_until_the_end_and_no_longer():
-    judge, asked = Judge(DEMAND), []
+    judge, asked = VerdictDetector(DEMAND), []
     for step, (label, p, agreeing, resting) in enumerate(sure(6) + sure(6, "lunge") + still_sure(6, "lunge")):
-        judge.watch(Belief(step * STEP_NS, label, p, agreeing, resting))
+        judge.watch(PooledState(step * STEP_NS, label, p, agreeing, resting))
         asked.append({t // STEP_NS for t in judge.grounds_at})
     assert asked == [set()] * 3 + [{3}] * 9 + [{3, 12}] * 3 + [set()] * 3
 
@@ -201,13 +201,13 @@ DEMANDS = st.builds(
 
 @given(BELIEFS, DEMANDS)
 def test_at_most_one_decision_a_movement_and_its_times_are_in_order(beliefs, demand):
-    judge, at_ns, history, said = Judge(demand), 0, [], []
+    judge, at_ns, history, said = VerdictDetector(demand), 0, [], []
     hold_ns = demand.hold_s * 1e9
     for label, p, agreeing, resting, wait_ms, times in beliefs:
         for _ in range(times):
             at_ns += wait_ms * 1_000_000
             history.append((at_ns, label, p, agreeing, resting))
-            decision = judge.watch(Belief(at_ns, label, p, agreeing, resting))
+            decision = judge.watch(PooledState(at_ns, label, p, agreeing, resting))
             if decision is not None:
                 said.append((at_ns, decision, tuple(history)))
     times_said = Counter(d.began_ns for _, d, _ in said)
@@ -235,22 +235,22 @@ def test_at_most_one_decision_a_movement_and_its_times_are_in_order(beliefs, dem
 
 @given(BELIEFS)
 def test_times_that_jump_to_and_fro_raise_nothing(beliefs):
-    judge, at_ns = Judge(DEMAND), 10**12
+    judge, at_ns = VerdictDetector(DEMAND), 10**12
     for n, (label, p, agreeing, resting, wait_ms, times) in enumerate(beliefs):
         for _ in range(times):
             at_ns += wait_ms * 1_000_000 * (-1 if n % 7 == 6 else 1)
-            decision = judge.watch(Belief(at_ns, label, p, agreeing, resting))
+            decision = judge.watch(PooledState(at_ns, label, p, agreeing, resting))
             assert decision is None or decision.began_ns <= (decision.ended_ns or at_ns)
 
 
 @given(BELIEFS, st.integers(0, 10**18))
 def test_only_differences_of_time_count(beliefs, shift_ns):
     def told(start_ns):
-        judge, at_ns, said = Judge(DEMAND), start_ns, []
+        judge, at_ns, said = VerdictDetector(DEMAND), start_ns, []
         for label, p, agreeing, resting, wait_ms, times in beliefs:
             for _ in range(times):
                 at_ns += wait_ms * 1_000_000
-                d = judge.watch(Belief(at_ns, label, p, agreeing, resting))
+                d = judge.watch(PooledState(at_ns, label, p, agreeing, resting))
                 if d:
                     said.append(
                         (d.label, d.began_ns - start_ns, d.decided_ns - start_ns, d.ended_ns and d.ended_ns - start_ns)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from common.messages import ABSTAIN
 from common.vocabulary import Vocabulary
-from fusion.lessons import LEAST, Lessons, learn
+from fusion.engine.reliability import LEAST, Reliability, learn
 
 NAMES = Vocabulary(("bow", "lunge", "punch", "kick"))
 
@@ -24,7 +24,7 @@ def verdict(beliefs, label="bow", number=0, ended_ns=1):
 
 
 def after(times, beliefs, lessons=None, label="bow"):
-    lessons = lessons or Lessons()
+    lessons = lessons or Reliability()
     for n in range(times):
         lessons = learn(lessons, verdict(beliefs, label, f"{label}{n}{id(beliefs)}"), NAMES)
     return lessons
@@ -53,7 +53,7 @@ def test_a_wrong_majority_does_not_silence_for_ever():
 
 
 def test_who_is_honestly_unsure_loses_nothing():
-    rng, lessons = np.random.default_rng(3), Lessons()
+    rng, lessons = np.random.default_rng(3), Reliability()
     for n in range(300):
         own = "bow" if rng.random() < 0.6 else "kick"
         lessons = learn(lessons, verdict({**RIGHT, "d": sure(own, 0.6)}, number=n), NAMES)
@@ -69,12 +69,12 @@ def test_of_two_nobody_knows_who_is_right():
     "said", [verdict(LIAR, ABSTAIN), verdict(LIAR, ended_ns=None), verdict(LIAR, "bow", "same")], ids=str
 )
 def test_what_teaches_nothing(said):
-    taught = learn(Lessons(verdict="vsame"), said, NAMES)
-    assert taught == Lessons(verdict="vsame")
+    taught = learn(Reliability(verdict="vsame"), said, NAMES)
+    assert taught == Reliability(verdict="vsame")
 
 
 def test_twins_are_known_and_strangers_are_not():
-    rng, lessons = np.random.default_rng(0), Lessons()
+    rng, lessons = np.random.default_rng(0), Reliability()
     for n in range(20):
         label = NAMES.labels[n % 4]
         one, other = rng.dirichlet(np.where(np.array(NAMES.labels) == label, 6, 2), 2)
@@ -105,7 +105,7 @@ def test_who_is_heard_no_more_is_forgotten():
     )
 )
 def test_whatever_was_said_the_lessons_are_sound(said):
-    lessons = Lessons()
+    lessons = Reliability()
     for n, (label, beliefs) in enumerate(said):
         lessons = learn(lessons, verdict(beliefs, label, n), NAMES)
         for name in "abcd":

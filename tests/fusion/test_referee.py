@@ -12,8 +12,8 @@ from common.errors import BadInput
 from common.messages import ABSTAIN, PosteriorMessage, VerdictMessage, VocabularyReference
 from common.probability import entropy_bits
 from common.vocabulary import Vocabulary
-from fusion.referee import Referee
-from fusion.rules import RULES
+from fusion.engine.engine import FusionEngine
+from fusion.engine.rules import RULES
 
 NAMES = Vocabulary(("bow", "lunge", "punch"), "karate")
 CORNERS = ["door", "wheel", "table", "back"]
@@ -35,7 +35,7 @@ class Hall:
     """A referee and his observers, who speak in step."""
 
     def __init__(self, observers=CORNERS, **conduct):
-        self.referee = Referee("dojo", list(observers), NAMES, SimpleNamespace(**{**CONDUCT, **conduct}))
+        self.referee = FusionEngine("dojo", list(observers), NAMES, SimpleNamespace(**{**CONDUCT, **conduct}))
         self.now_ns, self.seq, self.verdicts = START, 0, []
 
     def say(self, observer, p, rest, **changed):

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from common.messages import PosteriorMessage, VocabularyReference
 from common.vocabulary import Vocabulary
-from fusion.roster import SESSIONS_KEPT, Roster
+from fusion.engine.roster import SESSIONS_KEPT, Roster
 
 NAMES = Vocabulary(("bow", "lunge", "punch"))
 OTHER = Vocabulary(("bow", "punch", "lunge"))

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from common.probability import entropy_bits, normalise, uniform
-from fusion.rules import ROBUSTNESS, RULES
+from fusion.engine.rules import ROBUSTNESS, RULES
 
 
 def pool(name, p, prior=None):

@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from common.probability import normalise, uniform
-from fusion.rules import RULES
-from fusion.strengths import CAP, ROBUSTNESS, Standing, alike, strengths
+from fusion.engine.rules import RULES
+from fusion.engine.strengths import CAP, ROBUSTNESS, ObserverTrust, alike, strengths
 
 RULE = RULES["robust_inverse_entropy"]
 
@@ -20,7 +20,7 @@ def pool(p, prior=None):
 
 def found(p, standing=None):
     p = np.asarray(p, dtype=float)
-    return strengths(p, uniform(p.shape[1]), standing or Standing.unknown(len(p)))
+    return strengths(p, uniform(p.shape[1]), standing or ObserverTrust.unknown(len(p)))
 
 
 def beliefs(judges, least=0.0):
@@ -86,7 +86,7 @@ def test_learned_twins_share_one_voice_though_they_tremble():
     p = np.array([[0.8, 0.1, 0.05, 0.05], [0.6, 0.25, 0.1, 0.05], [0.5, 0.1, 0.3, 0.1]])
     doubles = np.zeros((3, 3))
     doubles[0, 1] = doubles[1, 0] = 1.0
-    known = found(p, Standing(np.ones(3), doubles))
+    known = found(p, ObserverTrust(np.ones(3), doubles))
     assert known.exponents[:2].sum() < 0.8 * found(p).exponents[:2].sum()
     assert known.shares[:2].sum() < found(p).shares[:2].sum()
 
@@ -112,7 +112,7 @@ def test_the_surer_of_two_weighs_more():
 
 def test_trust_lowers_a_judge_and_his_word():
     p = np.array([[0.1, 0.8, 0.1], [0.6, 0.2, 0.2], [0.3, 0.4, 0.3]])
-    trusted = [found(p, Standing(np.array([t, 1.0, 1.0]), np.zeros((3, 3)))).shares[0] for t in (1.0, 0.5, 0.1)]
+    trusted = [found(p, ObserverTrust(np.array([t, 1.0, 1.0]), np.zeros((3, 3)))).shares[0] for t in (1.0, 0.5, 0.1)]
     assert trusted[0] > trusted[1] > trusted[2] > 0
 
 
@@ -131,6 +131,6 @@ def test_no_single_judge_moves_the_log_odds_beyond_the_bound(p, who, label):
 
 @given(beliefs(4), st.lists(st.floats(0.1, 1), min_size=4, max_size=4), st.floats(0, 1))
 def test_with_any_standing_all_is_sound(p, trust, rho):
-    told = found(p, Standing(np.array(trust), np.full((4, 4), rho) * (1 - np.eye(4))))
+    told = found(p, ObserverTrust(np.array(trust), np.full((4, 4), rho) * (1 - np.eye(4))))
     assert np.isfinite(told.exponents).all() and told.shares.sum() == pytest.approx(1)
     assert ((told.epsilon > 0) & (told.epsilon < 1)).all()

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from common.messages import PosteriorMessage, VocabularyReference
 from common.vocabulary import Vocabulary
-from fusion.referee import Referee
+from fusion.engine.engine import FusionEngine
 
 NAMES = Vocabulary(("bow", "lunge", "punch"), "karate")
 REFERENCE = VocabularyReference(name=NAMES.name, hash=NAMES.digest)
@@ -34,7 +34,7 @@ STORY = [
 
 
 def referee(name):
-    return Referee("dojo", ["cam"], NAMES, SimpleNamespace(id=name, **CONDUCT))
+    return FusionEngine("dojo", ["cam"], NAMES, SimpleNamespace(id=name, **CONDUCT))
 
 
 def hear(one, seq, now_ns):

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from fusion import weights as weigh
+from fusion.engine import weights as weigh
 
 WEIGHINGS = [
     weigh.inverse_entropy,

@@ -20,7 +20,7 @@ from common.health import Health
 from common.inbox import Arrival
 from common.wire import SIZE_LIMIT, BadMessage, decode, encode
 from fusion.ear import Ear
-from fusion.referee import Referee
+from fusion.engine.engine import FusionEngine
 
 MESSAGES = int(os.environ.get("LABANMESH_FUZZ", "20000"))
 SEED = int(os.environ.get("LABANMESH_FUZZ_SEED", "0"))
@@ -48,7 +48,7 @@ def test_whatever_is_decoded_is_a_message_or_a_bad_message():
     assert peak_kb() - before_kb < ROOM_KB
 
 
-class Listening(Referee):
+class Listening(FusionEngine):
     """A referee that lets another hear what it accepts itself."""
 
     def __init__(self, follower, *arguments):
@@ -66,7 +66,7 @@ class Listening(Referee):
 
 def test_bad_messages_change_no_judgement(caplog):
     caplog.set_level(logging.CRITICAL, "labanmesh.fusion")
-    quiet = Referee(SCENE, list(OBSERVERS), NAMES, FusionConfig(quorum=2))
+    quiet = FusionEngine(SCENE, list(OBSERVERS), NAMES, FusionConfig(quorum=2))
     noisy = Listening(quiet, SCENE, list(OBSERVERS), NAMES, FusionConfig(quorum=2))
     now_ns = NOON_NS
     ear = Ear(SCENE, noisy, Health(SCENE, "fusion"), lambda: now_ns)
@@ -93,7 +93,7 @@ def test_bad_messages_change_no_judgement(caplog):
 
 
 def test_a_judge_is_heard_again_whatever_was_said_in_its_name():
-    referee = Referee(SCENE, list(OBSERVERS), NAMES, FusionConfig(quorum=2))
+    referee = FusionEngine(SCENE, list(OBSERVERS), NAMES, FusionConfig(quorum=2))
     now_ns, mutator = NOON_NS, Mutator(SEED + 2)
     ear = Ear(SCENE, referee, Health(SCENE, "fusion"), lambda: now_ns)
     for n in range(MESSAGES // 10):
@@ -170,7 +170,7 @@ def spoilt(**fields):
     ],
 )
 def test_each_way_of_being_bad_is_counted_by_its_name_and_changes_nothing(payload, reason):
-    referee = Referee(SCENE, list(OBSERVERS), NAMES, FusionConfig(quorum=2))
+    referee = FusionEngine(SCENE, list(OBSERVERS), NAMES, FusionConfig(quorum=2))
     ear = Ear(SCENE, referee, Health(SCENE, "fusion"), lambda: NOON_NS)
     for observer in OBSERVERS:
         ear.hear(Arrival(KEY.format(observer), encode(posterior(Mutator(1).rng, observer)), NOON_NS))

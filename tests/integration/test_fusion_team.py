@@ -15,8 +15,8 @@ from common.messages import JudgementMessage, PosteriorMessage, StatusMessage, V
 from common.status import StatusBoard
 from common.vocabulary import Vocabulary
 from common.wire import decode, encode
+from fusion.engine.engine import FusionEngine
 from fusion.memory_file import Memory
-from fusion.referee import Referee
 from fusion.service import serve
 
 SOON_S = 10.0
@@ -69,7 +69,7 @@ class Hall:
 
         def body():
             try:
-                serve(named, Referee("dojo", ["cam1"], NAMES, named.fusion), link, stop, memory=memory)
+                serve(named, FusionEngine("dojo", ["cam1"], NAMES, named.fusion), link, stop, memory=memory)
             except Exception as error:  # noqa: BLE001 - told when the hall closes
                 self.faults.append(error)
 
@@ -196,7 +196,7 @@ def test_two_of_one_id_are_a_mistake(hall, monkeypatch):
     until(hall.judgements, JudgementMessage, lambda j: j.fusion == "a")
     named = hall.scene.judged_by("a")
     with pytest.raises(LabanmeshError, match="alive already; stop it, or give this one an id of its own"):
-        serve(named, Referee("dojo", ["cam1"], NAMES, named.fusion), hall.peer("standby"), threading.Event())
+        serve(named, FusionEngine("dojo", ["cam1"], NAMES, named.fusion), hall.peer("standby"), threading.Event())
 
 
 @pytest.mark.parametrize("skew_ns", [HOUR_NS, -HOUR_NS])
@@ -257,7 +257,7 @@ def test_a_memory_that_is_broken_old_or_of_another_scene_is_none(tmp_path, caplo
     assert memory.recall("dojo", 0) is None
     (tmp_path / "m.json").write_text("{")
     assert memory.recall("dojo", 0) is None and "beginning afresh" in caplog.text
-    referee = Referee("dojo", ["cam1"], NAMES, FusionConfig(id="a"))
+    referee = FusionEngine("dojo", ["cam1"], NAMES, FusionConfig(id="a"))
     judgement = referee.judge(1000 * 10**9).judgement
     memory.keep(judgement, None)
     assert memory.recall("dojo", 1001 * 10**9).judgement == judgement

@@ -20,7 +20,7 @@ from common.config import MeshConfig, read_scene
 from common.errors import BadInput, LabanmeshError
 from common.link import Link
 from common.vocabulary import Vocabulary
-from fusion.referee import Referee
+from fusion.engine.engine import FusionEngine
 from fusion.service import known_vocabulary
 from fusion.service import serve as serve_fusion
 from hub import healthcheck as hub_healthcheck
@@ -177,7 +177,7 @@ def stage(scene, ports):
     with ExitStack() as opened:
         meeting = opened.enter_context(Link.open(read.mesh, "fusion"))
         mesh = MeshConfig(mode="process", endpoint=meeting.locator)
-        referee = Referee("dojo", list(OBSERVERS), NAMES, read.fusion)
+        referee = FusionEngine("dojo", list(OBSERVERS), NAMES, read.fusion)
         opened.enter_context(running(serve_fusion, read, referee, meeting))
         at, cameras = {"fusion": ports(), "mesh": meeting.locator}, {}
         for name in OBSERVERS:

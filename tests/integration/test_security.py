@@ -25,7 +25,7 @@ from deploy.security.authority import issue
 from deploy.security.issuing import found, opened
 from deploy.security.register import Register, Roles
 from deploy.security.router_config import router_config
-from fusion.referee import Referee
+from fusion.engine.engine import FusionEngine
 from fusion.service import serve as serve_fusion
 from observer.service import serve as serve_observer
 from observer.tracks import Frame
@@ -352,7 +352,7 @@ def services(scene, mesh):
             faults.append(error)
 
     links.append(Link.open(mesh("fusion.1"), "fusion", named="fusion"))
-    referee = Referee(scene.scene, list(scene.roster), NAMES, scene.fusion)
+    referee = FusionEngine(scene.scene, list(scene.roster), NAMES, scene.fusion)
     threads = [threading.Thread(target=run, args=(serve_fusion, scene, referee, links[0]))]
     for name, certificate in (("cam1", "cam1.2"), ("cam2", "cam2.1")):
         links.append(Link.open(mesh(certificate), "observer", named=name))

@@ -19,7 +19,7 @@ from common.errors import BadInput, LabanmeshError
 from common.messages import PosteriorMessage, StatusMessage, VocabularyReference
 from common.vocabulary import Vocabulary
 from common.wire import encode, encode_vocabulary
-from fusion.referee import Referee
+from fusion.engine.engine import FusionEngine
 from studies.rejudging import Change
 from studies.replay import judge_anew
 from studies.replay_report import as_json, as_text
@@ -81,7 +81,7 @@ def lots(play=PLAY, seed=0):
 
 def judged(scene, played, referee=None, records=None):
     """The records of a mesh on which a referee judges what is played."""
-    referee = referee or Referee("dojo", list(OBSERVERS), NAMES, scene.fusion)
+    referee = referee or FusionEngine("dojo", list(OBSERVERS), NAMES, scene.fusion)
     records = (
         [Record("answer", f"{ROOT}/vocabulary", encode_vocabulary("dojo", NAMES), NOON)] if records is None else records
     )
@@ -232,8 +232,8 @@ def test_judgements_that_were_not_heard_are_counted_and_the_rest_is_numbered_as_
 def test_another_service_takes_over_in_the_middle_of_a_movement(kept):
     scene = a_scene()
     whole = lots()
-    first = Referee("dojo", list(OBSERVERS), NAMES, scene.fusion)
-    second = Referee("dojo", list(OBSERVERS), NAMES, scene.fusion.model_copy(update={"id": "second"}))
+    first = FusionEngine("dojo", list(OBSERVERS), NAMES, scene.fusion)
+    second = FusionEngine("dojo", list(OBSERVERS), NAMES, scene.fusion.model_copy(update={"id": "second"}))
     cut = 12  # bowing is decided and goes on
     records = judged(scene, whole[:cut], first)
     for at_ns, posteriors in whole[:cut]:
@@ -265,7 +265,7 @@ def test_a_service_that_was_started_anew(kept, memory, cut):
     records = judged(scene, whole[:cut])
     alive = f"{ROOT}/fusion/fusion/alive"
     records += [Record("token", alive, WENT, NOON), Record("token", alive, CAME, NOON)]
-    again = Referee("dojo", list(OBSERVERS), NAMES, scene.fusion)
+    again = FusionEngine("dojo", list(OBSERVERS), NAMES, scene.fusion)
     if memory:
         follow_all(again, records)
     judged(scene, whole[cut + 1 :], again, records)
@@ -276,7 +276,7 @@ def test_a_service_that_was_started_anew(kept, memory, cut):
 def test_without_an_observer_it_is_as_if_he_had_not_been_there(kept):
     played = lots()
     found = judge_anew(kept(judged(a_scene(), played)), Change(without=("corner",)))
-    alone = Referee("dojo", ["door", "wheel"], NAMES, a_scene().fusion)
+    alone = FusionEngine("dojo", ["door", "wheel"], NAMES, a_scene().fusion)
     said = []
     for at_ns, posteriors in played:
         for message in posteriors:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from common.config_sections import FusionConfig
-from fusion.referee import Referee
+from fusion.engine.engine import FusionEngine
 from observer.geometry.views import parse_view
 from observer.learning import labels_of
 from observer.restraint import Restraint
@@ -35,7 +35,12 @@ class Said:
 
 def judged(heard, restraints):
     """Verdicts by their id, first and last word of each; how many posteriors it took; how judges were heard."""
-    referee, verdicts, said, states = Referee("stream", list(heard.said[0]), heard.vocabulary, CONDUCT), {}, 0, set()
+    referee, verdicts, said, states = (
+        FusionEngine("stream", list(heard.said[0]), heard.vocabulary, CONDUCT),
+        {},
+        0,
+        set(),
+    )
     for messages in heard.said:
         for name, message in messages.items():
             if restraints is None or restraints[name].lets_pass(Said.by(message), message.captured_ns):

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from common.errors import BadInput
 from common.probability import entropy_bits, from_logs
-from fusion import weights as weigh
-from fusion.strengths import Standing, Strengths, strengths
+from fusion.engine import weights as weigh
+from fusion.engine.strengths import ObserverTrust, Strengths, strengths
 
 Floats = NDArray[np.float64]
 
@@ -29,14 +29,14 @@ SMALLEST = 1e-300
 
 
 @dataclass(frozen=True, slots=True)
-class Pooled:
+class RuleResult:
     """p (M,) the pooled posterior; weights (N,), summing to 1, as used or, where a rule has none, equal."""
 
     p: Floats
     weights: Floats
 
 
-Weigh = Callable[[Floats, Floats, Standing], Strengths]
+Weigh = Callable[[Floats, Floats, ObserverTrust], Strengths]
 """p (N, M), prior (M,), standing -> strengths."""
 Mix = Callable[[Floats, Floats, Strengths], Floats]
 """cells (N, M, K) that sum to 1 for each judge, prior (M,), strengths -> (M, K)."""
@@ -51,7 +51,7 @@ class Rule:
     """
 
     name: str
-    pool: Callable[[Floats, Floats], Pooled]
+    pool: Callable[[Floats, Floats], RuleResult]
     most_observers: int | None = None
     weigh: Weigh | None = None
     mix: Mix | None = None
@@ -63,9 +63,9 @@ def in_two_steps(
 ) -> Rule:
     """The rule that weighs and then mixes."""
 
-    def pool(p: Floats, prior: Floats) -> Pooled:
-        found = weighing(p, prior, Standing.unknown(len(p)))
-        return Pooled(mixing(p[:, :, None], prior, found)[:, 0], found.shares)
+    def pool(p: Floats, prior: Floats) -> RuleResult:
+        found = weighing(p, prior, ObserverTrust.unknown(len(p)))
+        return RuleResult(mixing(p[:, :, None], prior, found)[:, 0], found.shares)
 
     return Rule(name, pool, most_observers, weighing, mixing, many)
 
@@ -73,7 +73,7 @@ def in_two_steps(
 def by_entropy(weighing: Callable[[Floats], Floats]) -> Weigh:
     """Weights from the entropies alone."""
 
-    def found(p: Floats, prior: Floats, standing: Standing) -> Strengths:
+    def found(p: Floats, prior: Floats, standing: ObserverTrust) -> Strengths:
         weights = weighing(entropy_bits(p))
         return Strengths(weights, np.zeros(len(p)), weights)
 
@@ -83,7 +83,7 @@ def by_entropy(weighing: Callable[[Floats], Floats]) -> Weigh:
 def alike_strong(exponent: Callable[[int], float], epsilon: float = 0.0) -> Weigh:
     """The same `exponent` of the number of judges for everybody."""
 
-    def found(p: Floats, prior: Floats, standing: Standing) -> Strengths:
+    def found(p: Floats, prior: Floats, standing: ObserverTrust) -> Strengths:
         return Strengths(np.full(len(p), exponent(len(p))), np.full(len(p), epsilon), weigh.equal(p[:, 0]))
 
     return found
@@ -140,7 +140,7 @@ def median_mix(cells: Floats, prior: Floats, found: Strengths) -> Floats:
     return whole
 
 
-def chernoff(p: Floats, prior: Floats, standing: Standing) -> Strengths:
+def chernoff(p: Floats, prior: Floats, standing: ObserverTrust) -> Strengths:
     """P proportional to p_1^a p_2^(1-a), a in [0, 1] minimising sum p_1^a p_2^(1-a): safe for unknown dependence.
 
     Hurley, "An information theoretic justification for covariance intersection", FUSION 2002. Two observers.
@@ -190,7 +190,7 @@ RULES = {
 DEFAULT_RULE = "robust_inverse_entropy"
 
 
-def rule_named(name: str, observers: int | None = None) -> Rule:
+def get_rule(name: str, observers: int | None = None) -> Rule:
     """The rule of that name; raises BadInput for an unknown one, or one that cannot hear so many observers."""
     if name not in RULES:
         near = get_close_matches(name, RULES, 1)

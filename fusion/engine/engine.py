@@ -8,14 +8,14 @@ from typing import Protocol
 from common.clock_skew import Reading
 from common.messages import ABSTAIN, Contribution, JudgementMessage, Movement, PosteriorMessage, VerdictMessage
 from common.vocabulary import Vocabulary
-from fusion.clocks import Clocks
-from fusion.contributions import contributions
-from fusion.judge import Belief, Decision, Demand, Judge
-from fusion.lessons import Lessons, learn
-from fusion.pooling import Case, Pool, pool_facets, pool_opinions
-from fusion.roster import HEARD, Known, Opinion, Patience, Roster
-from fusion.rules import rule_named
-from fusion.saying import Scribe, verdict_of
+from fusion.engine.clocks import Clocks
+from fusion.engine.contributions import contributions
+from fusion.engine.messages import JudgementBuilder, verdict_of
+from fusion.engine.pooling import PooledPosterior, PoolingCase, pool_facets, pool_posteriors
+from fusion.engine.reliability import Reliability, learn
+from fusion.engine.roster import HEARD, AgedPosterior, ObserverRecord, Patience, Roster
+from fusion.engine.rules import get_rule
+from fusion.engine.verdict_detector import Decision, Demand, PooledState, VerdictDetector
 
 
 class Conduct(Patience, Demand, Protocol):
@@ -35,7 +35,7 @@ class Conduct(Patience, Demand, Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class Ruling:
+class EngineOutput:
     """One step's result."""
 
     judgement: JudgementMessage
@@ -47,10 +47,10 @@ class _Ground:
     """What a verdict may rest on: a judgement, and the opinions that it came from, where they are known."""
 
     judgement: JudgementMessage
-    opinions: Sequence[Opinion] = ()
+    opinions: Sequence[AgedPosterior] = ()
 
 
-class Referee:
+class FusionEngine:
     """Hears the observers of one scene and judges.
 
     Raises BadInput for an unknown rule, or a rule that cannot hear so many observers.
@@ -60,15 +60,15 @@ class Referee:
         self.vocabulary = vocabulary
         self._scene = scene
         self._conduct = conduct
-        self._rule = rule_named(conduct.rule, len(observers))
+        self._rule = get_rule(conduct.rule, len(observers))
         self._roster = Roster(observers, vocabulary, conduct)
         self._clocks = Clocks(observers)
-        self._judge = Judge(conduct)
-        self._scribe = Scribe(scene, conduct.id, vocabulary, self._roster.prior, self._rule.name)
+        self._judge = VerdictDetector(conduct)
+        self._scribe = JudgementBuilder(scene, conduct.id, vocabulary, self._roster.prior, self._rule.name)
         self._grounds: Mapping[int, _Ground] = {}
         self._contributed: tuple[object, Mapping[str, Contribution]] = (None, {})
         self._seq = 0
-        self.lessons = Lessons()
+        self.lessons = Reliability()
 
     def hear(self, observer: str, message: PosteriorMessage, now_ns: int) -> str | None:
         """Take one posterior; returns why it was not used, or None."""
@@ -98,12 +98,12 @@ class Referee:
         return self._roster.rejected
 
     @property
-    def lessons(self) -> Lessons:
+    def lessons(self) -> Reliability:
         """What was learned of the judges, to be kept over a restart."""
         return self._lessons
 
     @lessons.setter
-    def lessons(self, lessons: Lessons) -> None:
+    def lessons(self, lessons: Reliability) -> None:
         self._lessons = lessons
         # Asked for at every step, and changed once a verdict.
         self._known = {who: self._known_of(who) for who in self._roster.rejected}
@@ -112,31 +112,33 @@ class Referee:
         """Seconds by which an observer's clock is ahead of ours; None while it was never asked."""
         return self._clocks.skew_s(observer)
 
-    def judge(self, now_ns: int) -> Ruling:
+    def judge(self, now_ns: int) -> EngineOutput:
         """What the judges together believe at `now_ns`, and what that decides."""
         case = self.case(now_ns)
-        return self.rule_on(case.opinions, now_ns, pool_opinions(*case))
+        return self.rule_on(case.opinions, now_ns, pool_posteriors(*case))
 
-    def case(self, now_ns: int) -> Case:
+    def case(self, now_ns: int) -> PoolingCase:
         """What is to be pooled at `now_ns`; `rule_on` goes on from there, so that many scenes can be pooled at once."""
         return self._case(self._roster.opinions(now_ns, self._known.__getitem__))
 
-    def _case(self, opinions: Sequence[Opinion]) -> Case:
-        return Case(self._rule, opinions, self._roster.prior, self._conduct.temperature)
+    def _case(self, opinions: Sequence[AgedPosterior]) -> PoolingCase:
+        return PoolingCase(self._rule, opinions, self._roster.prior, self._conduct.temperature)
 
-    def _known_of(self, observer: str) -> Known:
+    def _known_of(self, observer: str) -> ObserverRecord:
         lessons = self._lessons
-        return Known(self._clocks.skew_s(observer), lessons.reliability(observer), lessons.doubles(observer))
+        return ObserverRecord(self._clocks.skew_s(observer), lessons.reliability(observer), lessons.doubles(observer))
 
-    def rule_on(self, opinions: Sequence[Opinion], now_ns: int, pooled: Pool | None = None) -> Ruling:
+    def rule_on(
+        self, opinions: Sequence[AgedPosterior], now_ns: int, pooled: PooledPosterior | None = None
+    ) -> EngineOutput:
         """The same for opinions that were gathered elsewhere, e.g. recorded: one for each observer, in their order.
 
         pooled: what they come to, where that is known.
         """
-        pooled = pooled or pool_opinions(*self._case(opinions))
+        pooled = pooled or pool_posteriors(*self._case(opinions))
         view = self._scribe.view(opinions, pooled)
         other = pooled.unlearned or 0.0
-        belief = Belief(now_ns, view.label, view.p * (1.0 - other), view.agreement.k, _rest(opinions), other)
+        belief = PooledState(now_ns, view.label, view.p * (1.0 - other), view.agreement.k, _rest(opinions), other)
         # Before anybody was heard, as after a restart in a movement, silence says nothing.
         decision = self._judge.watch(belief) if any(o.age_s is not None for o in opinions) else None
         self._seq += 1
@@ -145,10 +147,10 @@ class Referee:
         grounds = {**self._grounds, now_ns: _Ground(judgement, opinions)}
         self._keep(grounds)
         if decision is None:
-            return Ruling(judgement, [])
+            return EngineOutput(judgement, [])
         verdict = self._verdict(judgement, decision, grounds)
         self.lessons = learn(self.lessons, verdict, self.vocabulary)
-        return Ruling(judgement, [verdict])
+        return EngineOutput(judgement, [verdict])
 
     def continue_from(self, judgement: JudgementMessage) -> None:
         """Go on where another fusion service was: its numbering, its movement and, from a verdict, its grounds."""
@@ -213,7 +215,7 @@ def _decided(said: Movement | VerdictMessage) -> tuple[int, Decision | None]:
     return said.began_ns, Decision(said.label, said.began_ns, said.decided_ns)
 
 
-def _rest(opinions: Sequence[Opinion]) -> float:
+def _rest(opinions: Sequence[AgedPosterior]) -> float:
     """The chance that the person is at rest: the mean over the judges who see him now, else over those who last did.
 
     Not by the weights of the rule: who cannot tell two movements apart still sees that somebody moves, and one who is

@@ -17,9 +17,9 @@ from common.messages import (
 )
 from common.probability import Floats, entropy_bits
 from common.vocabulary import Vocabulary
-from fusion.judge import Decision
-from fusion.pooling import FACING, Pool, facing_deg
-from fusion.roster import HEARD, Opinion
+from fusion.engine.pooling import FACING, PooledPosterior, facing_deg
+from fusion.engine.roster import HEARD, AgedPosterior
+from fusion.engine.verdict_detector import Decision
 
 KNOWS_NOTHING = 0.01
 """A belief that differs by no more than this from the prior holds no label."""
@@ -37,14 +37,14 @@ class View:
     agreement: Agreement
 
 
-class Scribe:
+class JudgementBuilder:
     """Puts one fusion service's judgements into words."""
 
     def __init__(self, scene: str, fusion: str, vocabulary: Vocabulary, prior: Floats, rule: str) -> None:
         self._scene, self._fusion, self._vocabulary, self._prior, self._rule = scene, fusion, vocabulary, prior, rule
         self._reference = VocabularyReference(name=vocabulary.name, hash=vocabulary.digest)
 
-    def view(self, opinions: Sequence[Opinion], pooled: Pool) -> View:
+    def view(self, opinions: Sequence[AgedPosterior], pooled: PooledPosterior) -> View:
         """The likeliest movement, each judge's vote, and who agrees."""
         likeliest = int(pooled.p.argmax())
         label = self._vocabulary.labels[likeliest]
@@ -53,7 +53,13 @@ class Scribe:
         return View(label, float(pooled.p[likeliest]), votes, Agreement(k=sum(heard), n=len(heard)))
 
     def judgement(
-        self, view: View, pooled: Pool, facets: Mapping[str, Floats], movement: Movement | None, seq: int, now_ns: int
+        self,
+        view: View,
+        pooled: PooledPosterior,
+        facets: Mapping[str, Floats],
+        movement: Movement | None,
+        seq: int,
+        now_ns: int,
     ) -> JudgementMessage:
         """What the judges together believe, and each of them."""
         told = {name: p.tolist() for name, p in facets.items()}
@@ -77,13 +83,13 @@ class Scribe:
             movement=movement,
         )
 
-    def _votes(self, opinions: Sequence[Opinion], weights: Floats) -> dict[str, Vote]:
+    def _votes(self, opinions: Sequence[AgedPosterior], weights: Floats) -> dict[str, Vote]:
         rows = np.array([o.p for o in opinions])
         cells = sum(o.surprise.size for o in opinions if o.surprise is not None)
         said = zip(opinions, entropy_bits(rows).tolist(), weights.tolist(), self._held(opinions, rows), strict=True)
         return {o.observer: self._vote(o, bits, weight, held, cells <= TABLE_LIMIT) for o, bits, weight, held in said}
 
-    def _vote(self, opinion: Opinion, entropy: float, weight: float, held: str | None, with_facing: bool) -> Vote:
+    def _vote(self, opinion: AgedPosterior, entropy: float, weight: float, held: str | None, with_facing: bool) -> Vote:
         said, surprise = opinion.state in HEARD, opinion.surprise if with_facing else None
         return Vote(
             label=held if said else None,
@@ -101,7 +107,7 @@ class Scribe:
             doubles=dict(opinion.doubles) or None,
         )
 
-    def _held(self, opinions: Sequence[Opinion], rows: Floats) -> list[str | None]:
+    def _held(self, opinions: Sequence[AgedPosterior], rows: Floats) -> list[str | None]:
         """Each one's label; rows (N, M) what they believe."""
         # The likeliest label of who knows nothing is the first of the vocabulary, and no agreement with anybody.
         knows = (np.abs(rows - self._prior).max(axis=1) > KNOWS_NOTHING).tolist()

@@ -19,9 +19,9 @@ import numpy as np
 
 from common.facing import facing_from
 from common.probability import Floats, temper, uniform
-from fusion.roster import Opinion
-from fusion.rules import Rule
-from fusion.strengths import Standing
+from fusion.engine.roster import AgedPosterior
+from fusion.engine.rules import Rule
+from fusion.engine.strengths import ObserverTrust
 
 FACING = "facing"
 FACETS_LIMIT = 32
@@ -29,7 +29,7 @@ FACETS_LIMIT = 32
 
 
 @dataclass(frozen=True, slots=True)
-class Joint:
+class JointPool:
     """cells (R, K), summing to 1, and the weights (N,) they were pooled with."""
 
     cells: Floats
@@ -37,7 +37,7 @@ class Joint:
 
 
 @dataclass(frozen=True, slots=True)
-class Pool:
+class PooledPosterior:
     """What the judges together believe: p (M,) given that it is a movement of the vocabulary; facing (K,)."""
 
     p: Floats
@@ -51,16 +51,18 @@ class Pool:
         return self.p if self.unlearned is None else np.append(self.p * (1.0 - self.unlearned), self.unlearned)
 
 
-class Case(NamedTuple):
-    """What `pool_opinions` pools: one scene's."""
+class PoolingCase(NamedTuple):
+    """What `pool_posteriors` pools: one scene's."""
 
     rule: Rule
-    opinions: Sequence[Opinion]
+    opinions: Sequence[AgedPosterior]
     prior: Floats
     temperature: float = 1.0
 
 
-def pool_opinions(rule: Rule, opinions: Sequence[Opinion], prior: Floats, temperature: float = 1.0) -> Pool:
+def pool_posteriors(
+    rule: Rule, opinions: Sequence[AgedPosterior], prior: Floats, temperature: float = 1.0
+) -> PooledPosterior:
     """All opinions, of at least one judge, by the rule (1 to 3)."""
     standing, rows, over = standing_of(opinions), np.array([o.p for o in opinions]), prior
     extra = any(o.unlearned is not None for o in opinions)
@@ -77,9 +79,9 @@ def pool_opinions(rule: Rule, opinions: Sequence[Opinion], prior: Floats, temper
     return _told(tempered, joint.weights, extra, tempered @ inside)
 
 
-def pool_many(cases: Sequence[Case]) -> list[Pool]:
-    """Each case as `pool_opinions` pools it; those of a kind together, which takes a fraction of the time of each."""
-    pools: list[Pool | None] = [None] * len(cases)
+def pool_many(cases: Sequence[PoolingCase]) -> list[PooledPosterior]:
+    """Each case as `pool_posteriors` pools it; those of a kind together, which takes a fraction of the time of each."""
+    pools: list[PooledPosterior | None] = [None] * len(cases)
     alike: dict[object, list[int]] = {}
     for n, case in enumerate(cases):
         if case.rule.many and all(o.surprise is None for o in case.opinions):
@@ -87,14 +89,14 @@ def pool_many(cases: Sequence[Case]) -> list[Pool]:
             kind = (case.rule.name, len(case.opinions), len(case.prior), case.temperature, extra)
             alike.setdefault(kind, []).append(n)
         else:
-            pools[n] = pool_opinions(*case)
+            pools[n] = pool_posteriors(*case)
     for places in alike.values():
         for n, pool in zip(places, _together([cases[n] for n in places]), strict=True):
             pools[n] = pool
     return [pool for pool in pools if pool is not None]
 
 
-def _together(cases: Sequence[Case]) -> Iterator[Pool]:
+def _together(cases: Sequence[PoolingCase]) -> Iterator[PooledPosterior]:
     """Cases of one rule, number of judges, prior and temperature, who all say something else is possible, or none."""
     rule, first, prior, temperature = cases[0]
     extra = any(o.unlearned is not None for o in first)
@@ -102,22 +104,22 @@ def _together(cases: Sequence[Case]) -> Iterator[Pool]:
     if extra:
         rows = np.array([_with_another_answer(r, c.opinions) for r, c in zip(rows, cases, strict=True)])
         over = uniform(len(prior) + 1)
-    pooled, weights = _plain(rule, rows, over, Standing.together([standing_of(case.opinions) for case in cases]))
+    pooled, weights = _plain(rule, rows, over, ObserverTrust.together([standing_of(case.opinions) for case in cases]))
     for p, shares in zip(pooled, weights, strict=True):
         yield _told(p if temperature == 1.0 else temper(p, over, 1.0 / temperature), shares, extra, None)
 
 
-def pool_joint(rule: Rule, cells: Floats, prior: Floats, standing: Standing | None = None) -> Joint:
+def pool_joint(rule: Rule, cells: Floats, prior: Floats, standing: ObserverTrust | None = None) -> JointPool:
     """cells (N, R, K) of N judges over R answers and K directions, prior (R,) over the answers: see 2."""
     if rule.weigh is None or rule.mix is None:
         size = cells.shape[2]
         pooled = rule.pool(cells.reshape(len(cells), -1), np.repeat(prior / size, size))
-        return Joint(pooled.p.reshape(-1, size), pooled.weights)
-    found = rule.weigh(cells.sum(axis=2), prior, standing or Standing.unknown(len(cells)))
-    return Joint(rule.mix(cells, prior, found), found.shares)
+        return JointPool(pooled.p.reshape(-1, size), pooled.weights)
+    found = rule.weigh(cells.sum(axis=2), prior, standing or ObserverTrust.unknown(len(cells)))
+    return JointPool(rule.mix(cells, prior, found), found.shares)
 
 
-def pool_facets(rule: Rule, opinions: Sequence[Opinion]) -> dict[str, Floats]:
+def pool_facets(rule: Rule, opinions: Sequence[AgedPosterior]) -> dict[str, Floats]:
     """Every facet that somebody who is heard says (4)."""
     names = dict.fromkeys(name for o in opinions for name in o.facets if name != FACING)
     if not names:
@@ -132,17 +134,17 @@ def pool_facets(rule: Rule, opinions: Sequence[Opinion]) -> dict[str, Floats]:
     return result
 
 
-def standing_of(opinions: Sequence[Opinion]) -> Standing:
+def standing_of(opinions: Sequence[AgedPosterior]) -> ObserverTrust:
     """What the opinions say of their judges."""
     if all(o.reliability == 1.0 and not o.doubles for o in opinions):
-        return Standing.unknown(len(opinions))
+        return ObserverTrust.unknown(len(opinions))
     place = {o.observer: n for n, o in enumerate(opinions)}
     doubles = np.zeros((len(opinions), len(opinions)))
     for opinion in opinions:
         for other, rho in opinion.doubles.items():
             if other in place and other != opinion.observer:
                 doubles[place[opinion.observer], place[other]] = rho
-    return Standing(np.array([o.reliability for o in opinions]), doubles)
+    return ObserverTrust(np.array([o.reliability for o in opinions]), doubles)
 
 
 def facing_deg(facing: Floats) -> float:
@@ -153,7 +155,7 @@ def facing_deg(facing: Floats) -> float:
     return float(np.degrees(np.arctan2(facing[near] @ np.sin(angles), facing[near] @ np.cos(angles))) % 360)
 
 
-def _plain(rule: Rule, rows: Floats, prior: Floats, standing: Standing) -> tuple[Floats, Floats]:
+def _plain(rule: Rule, rows: Floats, prior: Floats, standing: ObserverTrust) -> tuple[Floats, Floats]:
     if rule.weigh is None or rule.mix is None:
         pooled = rule.pool(rows, prior)
         return pooled.p, pooled.weights
@@ -161,13 +163,13 @@ def _plain(rule: Rule, rows: Floats, prior: Floats, standing: Standing) -> tuple
     return rule.mix(rows[..., None], prior, found)[..., 0], found.shares
 
 
-def _with_another_answer(rows: Floats, opinions: Sequence[Opinion]) -> Floats:
+def _with_another_answer(rows: Floats, opinions: Sequence[AgedPosterior]) -> Floats:
     neutral = 1.0 / (rows.shape[1] + 1)
     unlearned = np.array([[neutral if o.unlearned is None else o.unlearned] for o in opinions])
     return np.hstack([rows * (1.0 - unlearned), unlearned])
 
 
-def _facing(opinions: Sequence[Opinion], answers: int) -> Floats | None:
+def _facing(opinions: Sequence[AgedPosterior], answers: int) -> Floats | None:
     """(N, R, K) P(k | answer), uniform for who does not say it and for the answer that is no movement."""
     said = [o.surprise for o in opinions if o.surprise is not None]
     if not said:
@@ -181,14 +183,14 @@ def _facing(opinions: Sequence[Opinion], answers: int) -> Floats | None:
     return facing
 
 
-def _told(answers: Floats, weights: Floats, extra: bool, facing: Floats | None) -> Pool:
+def _told(answers: Floats, weights: Floats, extra: bool, facing: Floats | None) -> PooledPosterior:
     if not extra:
-        return Pool(answers, weights, None, facing)
+        return PooledPosterior(answers, weights, None, facing)
     learned, unlearned = answers[:-1], float(answers[-1])
     total = float(learned.sum())
     # Should everybody be certain of something else, nothing is known of the movements.
     p = learned / total if total > 0 else uniform(len(learned))
-    return Pool(p, weights, min(unlearned, 1.0), facing)
+    return PooledPosterior(p, weights, min(unlearned, 1.0), facing)
 
 
 def _most(sizes: Iterable[int]) -> int:

@@ -22,7 +22,7 @@ from pydantic import Field
 
 from common.messages import ABSTAIN, VerdictMessage
 from common.vocabulary import Vocabulary
-from fusion.strengths import apart
+from fusion.engine.strengths import apart
 
 KEEPS = 0.95
 FIRST = 4.0
@@ -41,7 +41,7 @@ Counts = Mapping[str, Annotated[float, Field(ge=0, allow_inf_nan=False)]]
 
 
 @dataclass(frozen=True, slots=True)
-class Lessons:
+class Reliability:
     """Counts that slowly forget: right and claimed of each observer; times and distance of pairs, by "one two"."""
 
     right: Counts = field(default_factory=dict)
@@ -67,13 +67,13 @@ class Lessons:
         return found
 
 
-def learn(lessons: Lessons, verdict: VerdictMessage, vocabulary: Vocabulary) -> Lessons:
-    """The lessons with this verdict's, if it is the last word on its movement and new."""
-    if verdict.ended_ns is None or verdict.label == ABSTAIN or verdict.id == lessons.verdict:
-        return lessons
+def learn(reliability: Reliability, verdict: VerdictMessage, vocabulary: Vocabulary) -> Reliability:
+    """The reliability with this verdict's, if it is the last word on its movement and new."""
+    if verdict.ended_ns is None or verdict.label == ABSTAIN or verdict.id == reliability.verdict:
+        return reliability
     size = vocabulary.size
     beliefs = {name: np.array(v.p) for name, v in verdict.votes.items() if v.p is not None and len(v.p) == size}
-    right, claimed = dict(_faded(lessons.right)), dict(_faded(lessons.claimed))
+    right, claimed = dict(_faded(reliability.right)), dict(_faded(reliability.claimed))
     if len(beliefs) >= 3 and verdict.label in vocabulary.labels:
         label = vocabulary.index(verdict.label)
         for name, p in beliefs.items():
@@ -82,13 +82,13 @@ def learn(lessons: Lessons, verdict: VerdictMessage, vocabulary: Vocabulary) -> 
             by_chance = np.ptp(p) < 1e-6
             right[name] = right.get(name, 0.0) + (1.0 / size if by_chance else float(likeliest == label))
             claimed[name] = claimed.get(name, 0.0) + float(p[likeliest])
-    times, distance = dict(_faded(lessons.times)), dict(_faded(lessons.distance))
+    times, distance = dict(_faded(reliability.times)), dict(_faded(reliability.distance))
     for (one, p), (two, q) in combinations(sorted(beliefs.items()), 2):
         weight = min(1.0, (1.0 - float((p + q).max()) / 2) / UNSURE)
         pair = f"{one} {two}"
         times[pair] = times.get(pair, 0.0) + weight
         distance[pair] = distance.get(pair, 0.0) + weight * float(apart(np.array([p, q]) * size)[0, 1])
-    return Lessons(right, claimed, times, distance, verdict.id)
+    return Reliability(right, claimed, times, distance, verdict.id)
 
 
 def _faded(counts: Mapping[str, float]) -> Iterable[tuple[str, float]]:

@@ -41,7 +41,7 @@ class Demand(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class Belief:
+class PooledState:
     """What the judges believe at one time: the likeliest label, how likely, who agrees, and whether at rest.
 
     p: among all answers; unlearned: that of "something else", which is no label.
@@ -65,7 +65,7 @@ class Decision:
     ended_ns: int | None = None
 
 
-class Phase(Enum):
+class MovementPhase(Enum):
     """Where the judge is between two movements."""
 
     REST = "rest"
@@ -73,48 +73,48 @@ class Phase(Enum):
     DECIDED = "decided"
 
 
-class Judge:
+class VerdictDetector:
     """Watches the pooled belief and says what was done, once per movement."""
 
     def __init__(self, demand: Demand) -> None:
         self._demand = demand
         self._hold_ns = demand.hold_s * SECOND_NS
         self._last_ns = 0
-        self.phase = Phase.REST
+        self.phase = MovementPhase.REST
         self._decision: Decision | None = None
         self._revision: Decision | None = None
 
     @property
     def movement(self) -> tuple[int, Decision | None] | None:
         """When the movement that goes on began, and what was decided of it so far; None at rest."""
-        return None if self.phase is Phase.REST else (self._began_ns, self._decision)
+        return None if self.phase is MovementPhase.REST else (self._began_ns, self._decision)
 
     def follow(self, movement: tuple[int, Decision | None] | None) -> None:
         """Rule 6: take over the `movement` of another judge."""
         if movement is None:
-            self.phase, self._decision, self._revision = Phase.REST, None, None
+            self.phase, self._decision, self._revision = MovementPhase.REST, None, None
             return
         began_ns, decision = movement
-        if self.phase is Phase.REST:
+        if self.phase is MovementPhase.REST:
             self._begin(began_ns)
         if decision is None or self._decision != decision:
             self._revision = None
         self._began_ns, self._decision = began_ns, decision
-        self.phase = Phase.MOVING if decision is None else Phase.DECIDED
+        self.phase = MovementPhase.MOVING if decision is None else MovementPhase.DECIDED
 
     @property
     def grounds_at(self) -> frozenset[int]:
         """Of which times the grounds must be kept for what will be said: decisions, and the beginning of rest."""
-        rested = () if self.phase is Phase.REST or self._resting_since_ns is None else (self._resting_since_ns,)
+        rested = () if self.phase is MovementPhase.REST or self._resting_since_ns is None else (self._resting_since_ns,)
         return frozenset((*(d.decided_ns for d in (self._decision, self._revision) if d), *rested))
 
-    def watch(self, belief: Belief) -> Decision | None:
+    def watch(self, belief: PooledState) -> Decision | None:
         """One step; returns a decision when it is made, and once more when the movement has ended."""
         at_ns = belief.at_ns
         if at_ns < self._last_ns:
-            self.phase, self._decision, self._revision = Phase.REST, None, None
+            self.phase, self._decision, self._revision = MovementPhase.REST, None, None
         self._last_ns = at_ns
-        if self.phase is Phase.REST:
+        if self.phase is MovementPhase.REST:
             if belief.rest >= 0.5:
                 return None
             self._begin(at_ns)
@@ -126,17 +126,17 @@ class Judge:
             held = self._candidate[0]
         if self._resting_since_ns is not None and at_ns - self._resting_since_ns >= self._patience_ns(held):
             return self._close(held, at_ns, self._resting_since_ns)
-        if self.phase is Phase.MOVING and held is not None and self._is_movement(at_ns):
-            self.phase, self._decision = Phase.DECIDED, Decision(held, self._began_ns, at_ns)
+        if self.phase is MovementPhase.MOVING and held is not None and self._is_movement(at_ns):
+            self.phase, self._decision = MovementPhase.DECIDED, Decision(held, self._began_ns, at_ns)
             return self._decision
         return None
 
     def _begin(self, at_ns: int) -> None:
-        self.phase, self._began_ns = Phase.MOVING, at_ns
+        self.phase, self._began_ns = MovementPhase.MOVING, at_ns
         self._candidate: tuple[str, int] | None = None
         self._resting_since_ns: int | None = None
 
-    def _held(self, belief: Belief) -> str | None:
+    def _held(self, belief: PooledState) -> str | None:
         """The label that has met the demand for long enough, if any."""
         if belief.p < self._demand.threshold or belief.agreeing < self._demand.quorum:
             self._candidate = None
@@ -146,7 +146,7 @@ class Judge:
         label, since_ns = self._candidate
         return label if belief.at_ns - since_ns >= self._hold_ns else None
 
-    def _heed_rest(self, belief: Belief, held: str | None) -> None:
+    def _heed_rest(self, belief: PooledState, held: str | None) -> None:
         if belief.rest < 0.5:
             self._resting_since_ns = self._revision = None
         elif self._resting_since_ns is None:
@@ -166,7 +166,7 @@ class Judge:
         return moved_until_ns - self._began_ns >= self._hold_ns
 
     def _close(self, held: str | None, at_ns: int, ended_ns: int) -> Decision | None:
-        decision, self.phase = self._revision or self._decision, Phase.REST
+        decision, self.phase = self._revision or self._decision, MovementPhase.REST
         self._decision = self._revision = None
         if decision is None and self._is_movement(at_ns):
             decision = Decision(held or ABSTAIN, self._began_ns, at_ns)

@@ -26,7 +26,7 @@ from functools import cache
 import numpy as np
 
 from common.probability import Floats
-from fusion.weights import ENTROPY_FLOOR_BITS
+from fusion.engine.weights import ENTROPY_FLOOR_BITS
 
 TAKES_PART_BITS = 0.05
 """Who differs from the prior by this much takes part whole; by less, in proportion."""
@@ -49,25 +49,25 @@ SMALLEST = 1e-300
 
 
 @dataclass(frozen=True, slots=True)
-class Standing:
+class ObserverTrust:
     """What is known of the judges beside their beliefs: trust (..., N) 0 to 1; doubles (..., N, N) rho, symmetric."""
 
     trust: Floats
     doubles: Floats
 
     @staticmethod
-    def unknown(size: int) -> "Standing":
+    def unknown(size: int) -> "ObserverTrust":
         """Nothing was learned: everybody is trusted and sees with his own eyes."""
-        return Standing(np.ones(size), np.zeros((size, size)))
+        return ObserverTrust(np.ones(size), np.zeros((size, size)))
 
     @staticmethod
-    def together(scenes: Sequence["Standing"]) -> "Standing":
+    def together(scenes: Sequence["ObserverTrust"]) -> "ObserverTrust":
         """Those of several scenes with as many judges each, along a new first axis."""
-        return Standing(np.array([s.trust for s in scenes]), np.array([s.doubles for s in scenes]))
+        return ObserverTrust(np.array([s.trust for s in scenes]), np.array([s.doubles for s in scenes]))
 
-    def of(self, places: Sequence[int]) -> "Standing":
+    def of(self, places: Sequence[int]) -> "ObserverTrust":
         """That of some judges of one scene."""
-        return Standing(self.trust[list(places)], self.doubles[np.ix_(places, places)])
+        return ObserverTrust(self.trust[list(places)], self.doubles[np.ix_(places, places)])
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,7 +83,7 @@ class Strengths:
     shares: Floats
 
 
-def strengths(p: Floats, prior: Floats, standing: Standing) -> Strengths:
+def strengths(p: Floats, prior: Floats, standing: ObserverTrust) -> Strengths:
     """(..., N, M) beliefs, (M,) prior -> how each counts."""
     ratio = p / prior
     said_bits = np.maximum(_along(p * np.log2(np.maximum(ratio, SMALLEST))), 0.0)

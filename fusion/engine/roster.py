@@ -60,7 +60,7 @@ class Patience(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class Opinion:
+class AgedPosterior:
     """One judge as the rule hears it: p (M,) faded to its age, rest the chance that the person is at rest.
 
     skew_s: how far its clock is ahead of ours, as far as that was asked; age_s has it taken out. unlearned: how likely
@@ -82,15 +82,15 @@ class Opinion:
 
 
 @dataclass(frozen=True, slots=True)
-class Known:
-    """What is known of a judge beside what it says: skew_s, reliability and doubles as in Opinion."""
+class ObserverRecord:
+    """What is known of a judge beside what it says: skew_s, reliability and doubles as in AgedPosterior."""
 
     skew_s: float | None = None
     reliability: float = 1.0
     doubles: Mapping[str, float] = field(default_factory=dict)
 
 
-NOTHING_KNOWN = Known()
+NO_RECORD = ObserverRecord()
 
 
 @dataclass(slots=True)
@@ -161,7 +161,9 @@ class Roster:
             self._seats[observer].gone, self._seats[observer].trouble = True, None
         self._alive = alive
 
-    def opinions(self, now_ns: int, known: Callable[[str], Known] = lambda _: NOTHING_KNOWN) -> list[Opinion]:
+    def opinions(
+        self, now_ns: int, known: Callable[[str], ObserverRecord] = lambda _: NO_RECORD
+    ) -> list[AgedPosterior]:
         """Every judge of the roster in order, faded to its age at `now_ns`, with what is known of it."""
         return [self._opinion(observer, seat, now_ns, known(observer)) for observer, seat in self._seats.items()]
 
@@ -190,11 +192,13 @@ class Roster:
         if reason not in ("repeated", "out_of_order", "past_session"):
             seat.trouble = "foreign" if reason == "foreign_vocabulary" else "invalid"
 
-    def _opinion(self, observer: str, seat: _Seat, now_ns: int, known: Known) -> Opinion:
+    def _opinion(self, observer: str, seat: _Seat, now_ns: int, known: ObserverRecord) -> AgedPosterior:
         message, patience = seat.message, self._patience
         skew_s, trust = known.skew_s, (known.reliability, known.doubles)
         if message is None:
-            return Opinion(observer, self.prior, 1.0, None, seat.trouble or "silent", skew_s, None, None, {}, *trust)
+            return AgedPosterior(
+                observer, self.prior, 1.0, None, seat.trouble or "silent", skew_s, None, None, {}, *trust
+            )
         age_s = _age_s(seat.captured_ns, now_ns)
         unseen_s = (seat.captured_ns - seat.seen_ns) / SECOND_NS
         faded = max(age_s - patience.fresh_s, 0.0) / patience.fade_s
@@ -208,7 +212,7 @@ class Roster:
             late = speaks and _age_s(seat.captured_ns, seat.heard_ns) > patience.drop_s
             rest = 1.0 - active if seat.gone and abs(age_s) <= patience.drop_s else 1.0
             state = seat.trouble or ("late" if late else "silent")
-            return Opinion(observer, self.prior, rest, age_s, state, skew_s, None, None, {}, *trust)
+            return AgedPosterior(observer, self.prior, rest, age_s, state, skew_s, None, None, {}, *trust)
         surprise = None if message.facing is None else _faded_surprise(np.array(message.facing.surprise), keeps)
         facets = {name: _faded_facet(said, keeps) for name, said in (message.facets or {}).items()}
         unlearned = message.unlearned
@@ -216,7 +220,7 @@ class Roster:
             unlearned = None if unlearned is None else self._faded_answer(p, unlearned, keeps)
             p = temper(p, self.prior, keeps)
         state = "counted" if keeps == 1.0 else "stale"
-        return Opinion(observer, p, 1.0 - active, age_s, state, skew_s, unlearned, surprise, facets, *trust)
+        return AgedPosterior(observer, p, 1.0 - active, age_s, state, skew_s, unlearned, surprise, facets, *trust)
 
     def _faded_answer(self, p: Floats, unlearned: float, keeps: float) -> float:
         """How likely "something else" is when the belief over all answers has faded."""
