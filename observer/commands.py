@@ -105,13 +105,12 @@ def _previewed(
     if not target:
         yield judge
         return
-    from observer.preview.previewed import Previewed
-    from observer.preview.screen import open_preview
-    from observer.preview.sight import Recent
+    from observer.preview.screen import PreviewingObserver, open_preview
+    from observer.preview.sight import PreviewHistory
 
     rate_hz = eyes.source.rate_hz
     with open_preview(target, rate_hz, keep_all=eyes.keeps_all) as preview:
-        yield Previewed(judge, eyes.tracker, preview, Recent(header.body_parts, rate_hz, observer))
+        yield PreviewingObserver(judge, eyes.tracker, preview, PreviewHistory(header.body_parts, rate_hz, observer))
 
 
 def import_recordings(

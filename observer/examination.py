@@ -48,7 +48,7 @@ class Examined:
 
 def examine(scene: Scene, observer: str) -> Examined:
     """Try all that is needed before the first frame; never raises for what the scene file can get wrong."""
-    from observer.camera.address import shown
+    from observer.camera.base import shown
     from observer.geometry.views import parse_view
     from observer.opening import content_of
     from observer.tracking.registry import tracker_named

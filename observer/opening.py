@@ -17,7 +17,7 @@ from observer.motion.archive_file import read_archive
 from observer.motion.resample import resample
 from observer.prepared import PreparedTracker, Unmirrored
 from observer.source import FrameSource, RecordedMotion
-from observer.tracking.registry import Content, Setting, tracker_named
+from observer.tracking.registry import Content, TrackerSettings, tracker_named
 from observer.tracks import BODY_PARTS
 
 PLAYBACK_START = "LABANMESH_PLAYBACK_START_NS"
@@ -76,7 +76,7 @@ def open_eyes(
         if kind.reads != "pictures":
             raise BadInput(f"{key}.mirrored: only pictures can be mirrored back; this source gives {content}")
         source = Unmirrored(source)
-    built = kind.build(Setting(view, source.body_parts, wanted, section, scene.place))
+    built = kind.build(TrackerSettings(view, source.body_parts, wanted, section, scene.place))
     tracker = PreparedTracker(built, wanted, view.lens)
     length = getattr(source, "length", None)
     return Eyes(source, tracker, view, kind.reads == "positions", length, section.speed == 0)

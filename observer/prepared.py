@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from common.errors import BadInput
-from observer.geometry.lens import Lens
+from observer.geometry.lens import LensDistortion
 from observer.source import FrameSource
 from observer.tracks import Floats, Frame, Tracker, Tracks
 
@@ -42,7 +42,7 @@ class PreparedTracker:
     Raises BadInput when the tracker does not find a wanted part.
     """
 
-    def __init__(self, tracker: Tracker, wanted: Sequence[str], lens: Lens | None = None) -> None:
+    def __init__(self, tracker: Tracker, wanted: Sequence[str], lens: LensDistortion | None = None) -> None:
         known = list(tracker.body_parts)
         missing = [part for part in wanted if part not in known]
         if missing:

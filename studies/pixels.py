@@ -19,7 +19,7 @@ from observer.rendering.scenery import Scenery
 from observer.rendering.virtual_camera import PERFECT, VirtualCamera
 from observer.source import RecordedMotion
 from observer.tracking.camshift import CamshiftTracker
-from observer.tracking.skin import Skin
+from observer.tracking.skin import SkinHistogram
 from observer.tracks import BODY_PARTS, Frame, Tracks
 from studies.evaluate import Answer, Judged, Question, folds_of, learn, refused, trials_of
 from studies.trials import IDLE_NOISE_M, Trial
@@ -67,7 +67,7 @@ def tracked(trial: Trial, view: View, recorded: tuple[str, ...], filming: Filmin
     return [tracker.update(frame) for frame in camera.frames(Event())][still:]
 
 
-def _introduced(motion: RecordedMotion, filming: Filming) -> Skin | None:
+def _introduced(motion: RecordedMotion, filming: Filming) -> SkinHistogram | None:
     """The skin that a camera in front learns and saves for one that sees no face (`labanmesh look --save-skin`)."""
     tracker = CamshiftTracker()
     camera = VirtualCamera(motion, parse_view("door"), filming.size_px, filming.scenery, filming.seed)

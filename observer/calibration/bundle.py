@@ -10,8 +10,12 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from observer.calibration.bundle_layout import Blocks, Layout
-from observer.calibration.robust_squares import Solved, least_robust_squares
+from observer.calibration.sparse_least_squares import (
+    LeastSquaresResult,
+    ParameterLayout,
+    SparseJacobian,
+    least_robust_squares,
+)
 from observer.geometry.projection import Floats
 
 NOISE_PX = 0.2
@@ -37,7 +41,7 @@ Optics = tuple[Floats, Floats]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Corners:
+class BoardCorners:
     """One board in one picture: camera's name, picture's number, (N, 3) metres on the board, (N, 2) pixels.
 
     speeds: (N, 2) pixels by which each corner moves from picture to picture; zeros where that is not known.
@@ -53,7 +57,7 @@ class Corners:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Adjusted:
+class BundleResult:
     """cameras: from the room, boards: to the room, lenses: by camera, those given where they were not to be moved.
 
     moments: of each of the Corners, pictures by which it is later than its number says. back: (4,) where the pattern on
@@ -68,13 +72,13 @@ class Adjusted:
     pixels_off: tuple[Floats, ...]
 
 
-def adjusted(
-    corners: Sequence[Corners],
+def bundle_adjust(
+    corners: Sequence[BoardCorners],
     lenses: Mapping[str, Optics],
     cameras: Mapping[str, Place],
     boards: Mapping[int, Place],
     centres_px: Mapping[str, tuple[float, float]] | None = None,
-) -> Adjusted:
+) -> BundleResult:
     """Least robust reprojection error; the first camera stays where it is.
 
     centres_px: middle of the picture of each camera whose lens is adjusted too: one focal length, centre, k1 and k2,
@@ -91,14 +95,14 @@ class _Problem:
 
     def __init__(
         self,
-        corners: Sequence[Corners],
+        corners: Sequence[BoardCorners],
         lenses: Mapping[str, Optics],
         cameras: Mapping[str, Place],
         boards: Mapping[int, Place],
         centres_px: Mapping[str, tuple[float, float]],
     ) -> None:
         self._corners, self._lenses = corners, lenses
-        self._at = at = Layout(tuple(cameras), tuple(boards), tuple(centres_px), len(corners))
+        self._at = at = ParameterLayout(tuple(cameras), tuple(boards), tuple(centres_px), len(corners))
         self.start = np.zeros(at.size)
         sides = {c.behind for c in corners}
         self._two_sided = len(sides) == 2
@@ -130,21 +134,21 @@ class _Problem:
         f, u, v, k1, k2 = x[self._at.lens(name)]
         return np.array([[f, 0, u], [0, f, v], [0, 0, 1]]), np.array([k1, k2, 0, 0, 0])
 
-    def evaluate(self, x: Floats) -> tuple[Floats, Blocks]:
+    def evaluate(self, x: Floats) -> tuple[Floats, SparseJacobian]:
         """All residuals in standard deviations, corners first and priors after, and their slopes."""
-        blocks, off = Blocks(self._at.size), []
+        blocks, off = SparseJacobian(self._at.size), []
         for n, c in enumerate(self._corners):
             off.append(self._corner_block(n, c, x, blocks) / NOISE_PX)
         known = np.flatnonzero(np.isfinite(self._width))
         blocks.add_diagonal(known, 1 / self._width[known])
         return np.concatenate([*off, (x - self._prior)[known] / self._width[known]]), blocks
 
-    def _corner_block(self, n: int, c: Corners, x: Floats, blocks: Blocks) -> Floats:
+    def _corner_block(self, n: int, c: BoardCorners, x: Floats, blocks: SparseJacobian) -> Floats:
         at, back, moment = self._at, x[self._at.back], x[self._at.moments][n]
         beside = np.column_stack([-c.points[:, 1], c.points[:, 0], np.zeros(len(c.points))])
         points = c.points + back[:3] + back[3] * beside if c.behind else c.points
         poses = x[at.board(c.number)], x[at.camera(c.camera)]
-        off, by_board, by_camera, by_point, by_lens = seen(points, self.optics(c.camera, x), *poses)
+        off, by_board, by_camera, by_point, by_lens = project_board(points, self.optics(c.camera, x), *poses)
         blocks.begin(len(off))
         blocks.add(at.board(c.number), by_board / NOISE_PX)
         blocks.add(at.camera(c.camera), by_camera / NOISE_PX)
@@ -157,11 +161,11 @@ class _Problem:
         result: Floats = off - (c.pixels + moment * c.speeds).ravel()
         return result
 
-    def told(self, found: Solved) -> Adjusted:
+    def told(self, found: LeastSquaresResult) -> BundleResult:
         """The vector as cameras, boards and lenses."""
         x, at, ends = found.x, self._at, np.cumsum([2 * len(c.points) for c in self._corners])
         off = np.split(found.residuals[: ends[-1]] * NOISE_PX, ends[:-1])
-        return Adjusted(
+        return BundleResult(
             {name: _place(x[at.camera(name)]) for name in at.cameras},
             {number: _place(x[at.board(number)]) for number in at.boards},
             {name: self.optics(name, x) for name in at.cameras},
@@ -171,7 +175,7 @@ class _Problem:
         )
 
 
-def seen(points: Floats, optics: Optics, board: Floats, camera: Floats) -> tuple[Floats, ...]:
+def project_board(points: Floats, optics: Optics, board: Floats, camera: Floats) -> tuple[Floats, ...]:
     """(2N,) pixels, and their slopes: (2N, 6) by the board's pose, (2N, 6) by the camera's, (N, 2, 3) by the points,
     (2N, 5) by the lens.
     """

@@ -6,12 +6,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from common.errors import BadInput
-from observer.geometry.lens import Lens, distorted, undistorted
+from observer.geometry.lens import LensDistortion, distorted, undistorted
 from observer.geometry.projection import Floats, project
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Calibrated:
+class CalibratedCamera:
     """One camera.
 
     K: (3, 3) intrinsic matrix, pixels. distortion: (4, 5, 8, 12 or 14) as
@@ -36,9 +36,9 @@ class Calibrated:
         return result
 
     @property
-    def lens(self) -> Lens | None:
+    def lens(self) -> LensDistortion | None:
         """What its camera file says of the lens; None where its distortion is not known."""
-        return Lens(self.K, self.distortion) if len(self.distortion) else None
+        return LensDistortion(self.K, self.distortion) if len(self.distortion) else None
 
     @property
     def place(self) -> Floats:
@@ -56,7 +56,7 @@ class Calibrated:
         plain = undistorted(_from_pixels(self.K, pixels), self.distortion)
         return _to_pixels(self.K, plain)
 
-    def moved(self, R: Floats, t: Floats) -> "Calibrated":
+    def moved(self, R: Floats, t: Floats) -> "CalibratedCamera":
         """The same camera when the room's points become X' = R X + t."""
         R_new = self.R @ R.T
         return replace(self, R=R_new, t=self.t - R_new @ t)

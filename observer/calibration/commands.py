@@ -10,9 +10,9 @@ import typer
 from common.errors import BadInput, LabanmeshError
 
 if TYPE_CHECKING:
-    from observer.calibration.calibrated import Calibrated
-    from observer.calibration.detection import Sightings
-    from observer.calibration.from_boards import BoardResult
+    from observer.calibration.calibrate import BoardResult
+    from observer.calibration.calibrated import CalibratedCamera
+    from observer.calibration.detection import CameraDetections
     from observer.calibration.intrinsics import FittedLens
 
 ALL = "all.opencv.toml"
@@ -53,9 +53,8 @@ def calibrate(
     _write(output, [_upright(camera) for camera in found] if up == "z" else found)
 
 
-def _read(path: Path) -> list["Calibrated"]:
-    from observer.calibration.opencv_file import read_opencv
-    from observer.calibration.qualisys_file import read_qualisys
+def _read(path: Path) -> list["CalibratedCamera"]:
+    from observer.calibration.formats import read_opencv, read_qualisys
 
     if path.name.endswith(".qca.txt"):
         return read_qualisys(path)
@@ -64,8 +63,8 @@ def _read(path: Path) -> list["Calibrated"]:
     raise BadInput(f"{path}: unknown kind; known: .qca.txt (Qualisys), .toml (OpenCV, Pose2Sim, caliscope, anipose)")
 
 
-def _from_file(path: Path, lenses: dict[str, "Calibrated"]) -> "Calibrated":
-    from observer.calibration.from_points import from_points, placed_by_points, read_points
+def _from_file(path: Path, lenses: dict[str, "CalibratedCamera"]) -> "CalibratedCamera":
+    from observer.calibration.calibrate import from_points, placed_by_points, read_points
 
     places, pixels = read_points(path)
     if lenses:
@@ -76,13 +75,13 @@ def _from_file(path: Path, lenses: dict[str, "Calibrated"]) -> "Calibrated":
     return camera
 
 
-def _of(lenses: dict[str, "Calibrated"], name: str) -> "Calibrated":
+def _of(lenses: dict[str, "CalibratedCamera"], name: str) -> "CalibratedCamera":
     if name not in lenses:
         raise BadInput(f"--lens: no camera {name!r} in it; it has {', '.join(lenses)}; name the file as the camera")
     return lenses[name]
 
 
-def _upright(camera: "Calibrated") -> "Calibrated":
+def _upright(camera: "CalibratedCamera") -> "CalibratedCamera":
     """The same camera in a room whose y is up, where z was."""
     import numpy as np
 
@@ -90,12 +89,12 @@ def _upright(camera: "Calibrated") -> "Calibrated":
 
 
 def _from_sources(
-    sources: Sequence[Path], board: str, lenses: dict[str, "Calibrated"], output: Path,
+    sources: Sequence[Path], board: str, lenses: dict[str, "CalibratedCamera"], output: Path,
     origin: int | None, lying: bool, apart: bool, every: int,
 ) -> None:  # fmt: skip
-    from observer.calibration.board_file import read_board
+    from observer.calibration.board import read_board
+    from observer.calibration.calibrate import from_boards
     from observer.calibration.detection import find_boards
-    from observer.calibration.from_boards import from_boards
     from observer.calibration.intrinsics import FittedLens, fit_lens
     from observer.calibration.pictures import is_video, pictures
 
@@ -115,7 +114,7 @@ def _from_sources(
         _annotate(output / f"{s.name}.png", s, pictures(source, every), result)
 
 
-def _tell(seen: Sequence["Sightings"], lenses: dict[str, "FittedLens"], result: "BoardResult") -> None:
+def _tell(seen: Sequence["CameraDetections"], lenses: dict[str, "FittedLens"], result: "BoardResult") -> None:
     for s in seen:
         typer.echo(f"{s.name}: board in {len(s.seen)} of {s.looked_at} pictures")
         for shot in s.seen:
@@ -128,13 +127,12 @@ def _tell(seen: Sequence["Sightings"], lenses: dict[str, "FittedLens"], result: 
     typer.echo(f"the room's origin is the board in picture {result.origin}")
 
 
-def _annotate(path: Path, s: "Sightings", taken: object, result: "BoardResult") -> None:
+def _annotate(path: Path, s: "CameraDetections", taken: object, result: "BoardResult") -> None:
     """The camera's worst picture: whoever looks at one only should see what is wrong."""
     from collections.abc import Iterator
     from typing import cast
 
-    from observer.calibration.annotate import annotated
-    from observer.calibration.pictures import Picture, write_picture
+    from observer.calibration.pictures import Picture, annotated, write_picture
 
     errors = result.errors_px[s.name]
     shot = max(s.seen, key=lambda one: errors[one.number])
@@ -153,9 +151,9 @@ def _check_names(names: Sequence[str]) -> None:
             raise BadInput(f"{name!r}: no name for a file; letters, digits, _ . and - are")
 
 
-def _write(output: Path, cameras: Sequence["Calibrated"]) -> None:
-    from observer.calibration.opencv_file import write_opencv
-    from observer.geometry.camera_file import Camera, write_camera
+def _write(output: Path, cameras: Sequence["CalibratedCamera"]) -> None:
+    from observer.calibration.formats import write_opencv
+    from observer.geometry.camera_file import CameraModel, write_camera
 
     _check_names([camera.name for camera in cameras])
     try:
@@ -164,7 +162,7 @@ def _write(output: Path, cameras: Sequence["Calibrated"]) -> None:
         raise LabanmeshError(f"{output}: cannot be made: {error.strerror}") from None
     typer.echo("camera            focal px      centre px     stands at (m)          error px")
     for c in cameras:
-        file = Camera(c.name, c.matrix, c.image_size_px, c.error_px, c.provenance, c.lens)
+        file = CameraModel(c.name, c.matrix, c.image_size_px, c.error_px, c.provenance, c.lens)
         write_camera(output / f"{c.name}.toml", file)
         place = " ".join(f"{x:6.2f}" for x in c.place)
         known = "not told" if c.error_px is None else f"{c.error_px:.2f}"

@@ -1,6 +1,6 @@
-"""Finding a board's corners in a picture."""
+"""Finding a board's corners in pictures, and how fast they move from picture to picture."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import cv2
@@ -23,7 +23,7 @@ Find = Callable[[Gray], Found | None]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sighting:
+class BoardDetection:
     """A board seen in one picture. number, label: which picture. ids: (N,) corners. pixels: (N, 2) where they are.
 
     behind: whether it is seen from behind, through the paper or printed on both sides.
@@ -37,7 +37,7 @@ class Sighting:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sightings:
+class CameraDetections:
     """What one camera saw. name: of the camera. image_size_px: (width, height). looked_at: number of pictures.
 
     step: by how much the numbers of pictures grow that are neighbours in a video; 0 for pictures taken one by one.
@@ -45,12 +45,12 @@ class Sightings:
 
     name: str
     image_size_px: tuple[int, int]
-    seen: tuple[Sighting, ...]
+    seen: tuple[BoardDetection, ...]
     looked_at: int
     step: int = 0
 
 
-def find_boards(name: str, taken: Iterable[tuple[int, str, Picture]], board: Board, step: int = 0) -> Sightings:
+def find_boards(name: str, taken: Iterable[tuple[int, str, Picture]], board: Board, step: int = 0) -> CameraDetections:
     """The board in each picture; step: as in Sightings.
 
     Raises BadInput for pictures of different sizes, none at all, or an unknown board.
@@ -63,11 +63,11 @@ def find_boards(name: str, taken: Iterable[tuple[int, str, Picture]], board: Boa
             raise BadInput(f"{name}: {label} is {width}x{height}, the first picture {size[0]}x{size[1]}; one size only")
         found = find(cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY).astype(np.uint8, copy=False))
         if found is not None and len(found[0]) >= FEWEST and not _in_line(board.points[found[0]]):
-            seen.append(Sighting(number, label, *found))
+            seen.append(BoardDetection(number, label, *found))
         count += 1
     if size is None:
         raise BadInput(f"{name}: no pictures")
-    return Sightings(name, size, tuple(seen), count, step)
+    return CameraDetections(name, size, tuple(seen), count, step)
 
 
 def finder(board: Board) -> Find:
@@ -154,3 +154,29 @@ def _charuco_finder(board: Charuco) -> Find:
 def _in_line(points: Floats) -> bool:
     spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
     return bool(spread[1] < 1e-6 + 0.05 * spread[0])
+
+
+Shot = tuple[int, NDArray[np.intp], Floats]
+"""Number of the picture, (N,) ids of the corners, (N, 2) pixels."""
+
+
+def speeds(shots: Sequence[Shot], step: int) -> list[Floats]:
+    """For each shot (N, 2) pixels from picture to picture, `step` numbers apart, by its neighbours.
+
+    A corner that neither neighbour has moves as the others do on average; a shot without neighbours does not move.
+    """
+    known = {number: dict(zip(ids.tolist(), pixels, strict=True)) for number, ids, pixels in shots}
+    return [_of(shot, [known.get(shot[0] + away, {}) for away in (-step, 0, step)]) for shot in shots]
+
+
+def _of(shot: Shot, neighbours: list[dict[int, Floats]]) -> Floats:
+    _, ids, pixels = shot
+    result = np.full_like(pixels, np.nan)
+    for n, corner in enumerate(ids.tolist()):
+        places = [(at, found[corner]) for at, found in enumerate(neighbours) if corner in found]
+        (first, begin), (last, end) = places[0], places[-1]
+        if last > first:
+            result[n] = (end - begin) / (last - first)
+    unknown = np.isnan(result[:, 0])
+    result[unknown] = 0.0 if unknown.all() else result[~unknown].mean(axis=0)
+    return result

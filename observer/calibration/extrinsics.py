@@ -9,11 +9,10 @@ import numpy as np
 
 from common.errors import BadInput
 from observer.calibration.board import Board
-from observer.calibration.bundle import Adjusted, Corners, Optics, adjusted
+from observer.calibration.bundle import BoardCorners, BundleResult, Optics, bundle_adjust
 from observer.calibration.calibrated import angle_between
-from observer.calibration.detection import Sighting, Sightings
+from observer.calibration.detection import BoardDetection, CameraDetections, speeds
 from observer.calibration.intrinsics import FittedLens, check_sensible
-from observer.calibration.speeds import speeds
 from observer.geometry.projection import Floats
 
 DISAGREE_RAD, DISAGREE = 0.35, 0.5
@@ -24,24 +23,24 @@ SQUARE = 0.05
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Pose:
+class RigidTransform:
     """R: (3, 3), t: (3,) metres: X' = R X + t."""
 
     R: Floats
     t: Floats
 
-    def after(self, first: "Pose") -> "Pose":
+    def after(self, first: "RigidTransform") -> "RigidTransform":
         """What `first` and then this one do."""
-        return Pose(self.R @ first.R, self.R @ first.t + self.t)
+        return RigidTransform(self.R @ first.R, self.R @ first.t + self.t)
 
     @property
-    def back(self) -> "Pose":
+    def back(self) -> "RigidTransform":
         """The way back."""
-        return Pose(self.R.T, -self.R.T @ self.t)
+        return RigidTransform(self.R.T, -self.R.T @ self.t)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Placed:
+class RigExtrinsics:
     """cameras: by name, from the room to the camera. boards: by picture number, from the board to the room.
 
     lenses: by camera, K and distortion. off_px: by camera, by picture number, (N, 2) from the corners found to where
@@ -49,25 +48,25 @@ class Placed:
     pattern on the board's back: metres along x, y and z, and radians about z.
     """
 
-    cameras: dict[str, Pose]
-    boards: dict[int, Pose]
+    cameras: dict[str, RigidTransform]
+    boards: dict[int, RigidTransform]
     lenses: dict[str, Optics]
     off_px: dict[str, dict[int, Floats]]
     moments: float
     back: Floats
 
 
-def board_pose(sighting: Sighting, board: Board, lens: FittedLens) -> Pose:
+def board_pose(sighting: BoardDetection, board: Board, lens: FittedLens) -> RigidTransform:
     """From the board to the camera that saw it, by the better of a plane's two solutions (IPPE), refined."""
     space, image = board.points[sighting.ids], sighting.pixels
     _, turns, moves, _ = cv2.solvePnPGeneric(space, image, lens.K, lens.distortion, flags=cv2.SOLVEPNP_IPPE)
     turn, move = cv2.solvePnPRefineLM(space, image, lens.K, lens.distortion, turns[0], moves[0])
-    return Pose(np.asarray(cv2.Rodrigues(turn)[0], np.float64), np.asarray(move, np.float64).ravel())
+    return RigidTransform(np.asarray(cv2.Rodrigues(turn)[0], np.float64), np.asarray(move, np.float64).ravel())
 
 
-def placed(
-    cameras: Sequence[Sightings], lenses: Mapping[str, FittedLens], board: Board, adjust: Collection[str] = ()
-) -> Placed:
+def solve_extrinsics(
+    cameras: Sequence[CameraDetections], lenses: Mapping[str, FittedLens], board: Board, adjust: Collection[str] = ()
+) -> RigExtrinsics:
     """All cameras in the frame of the first one; pictures of the same number are taken as taken at the same time.
 
     Pairs are placed by the relative pose that most of their shared pictures agree with, the pairs with most shared
@@ -81,12 +80,12 @@ def placed(
                        "rows must be even, the other odd, or use ChArUco")  # fmt: skip
     seen = {c.name: {s.number: board_pose(s, board, lenses[c.name]) for s in c.seen} for c in cameras}
     poses = _joined(seen)
-    boards: dict[int, Pose] = {}
+    boards: dict[int, RigidTransform] = {}
     for name, shots in seen.items():
         for number, pose in shots.items():
             boards.setdefault(number, poses[name].back.after(pose))
     corners = [corner for c in cameras for corner in _corners(c, board)]
-    moved = adjusted(
+    moved = bundle_adjust(
         corners,
         {name: (lens.K, lens.distortion) for name, lens in lenses.items()},
         {name: (p.R, p.t) for name, p in poses.items()},
@@ -98,13 +97,13 @@ def placed(
     return _told(corners, moved)
 
 
-def _told(corners: Sequence[Corners], moved: Adjusted) -> Placed:
+def _told(corners: Sequence[BoardCorners], moved: BundleResult) -> RigExtrinsics:
     off: dict[str, dict[int, Floats]] = {name: {} for name in moved.cameras}
     for corner, pixels in zip(corners, moved.pixels_off, strict=True):
         off[corner.camera][corner.number] = pixels
-    return Placed(
-        {n: Pose(*p) for n, p in moved.cameras.items()},
-        {n: Pose(*p) for n, p in moved.boards.items()},
+    return RigExtrinsics(
+        {n: RigidTransform(*p) for n, p in moved.cameras.items()},
+        {n: RigidTransform(*p) for n, p in moved.boards.items()},
         moved.lenses,
         off,
         float(np.sqrt(np.mean(moved.moments**2))),
@@ -112,13 +111,13 @@ def _told(corners: Sequence[Corners], moved: Adjusted) -> Placed:
     )
 
 
-def _corners(camera: Sightings, board: Board) -> list[Corners]:
+def _corners(camera: CameraDetections, board: Board) -> list[BoardCorners]:
     if camera.step:
         moving = speeds([(s.number, s.ids, s.pixels) for s in camera.seen], camera.step)
     else:
         moving = [np.zeros_like(s.pixels) for s in camera.seen]
     return [
-        Corners(camera.name, s.number, board.points[s.ids], s.pixels, speed, s.behind)
+        BoardCorners(camera.name, s.number, board.points[s.ids], s.pixels, speed, s.behind)
         for s, speed in zip(camera.seen, moving, strict=True)
     ]
 
@@ -127,17 +126,17 @@ def _square(lens: FittedLens) -> bool:
     return bool(abs(lens.K[0, 0] / lens.K[1, 1] - 1) < SQUARE)
 
 
-def _middle(camera: Sightings) -> tuple[float, float]:
+def _middle(camera: CameraDetections) -> tuple[float, float]:
     """(u, v) of the middle of the picture; the first pixel's centre is at 0."""
     width, height = camera.image_size_px
     return (width - 1) / 2, (height - 1) / 2
 
 
-def _joined(seen: dict[str, dict[int, Pose]]) -> dict[str, Pose]:
+def _joined(seen: dict[str, dict[int, RigidTransform]]) -> dict[str, RigidTransform]:
     """From the first camera's frame to each camera, along the pairs with most shared pictures (Prim's tree)."""
     names = list(seen)
     shared = {pair: len(seen[pair[0]].keys() & seen[pair[1]].keys()) for pair in permutations(names, 2)}
-    poses = {names[0]: Pose(np.eye(3), np.zeros(3))}
+    poses = {names[0]: RigidTransform(np.eye(3), np.zeros(3))}
     while len(poses) < len(names):
         count, known, new = max((shared[k, n], k, n) for k in poses for n in names if n not in poses)
         if count == 0:
@@ -150,7 +149,7 @@ def _joined(seen: dict[str, dict[int, Pose]]) -> dict[str, Pose]:
     return poses
 
 
-def _between(known: dict[int, Pose], new: dict[int, Pose], names: str) -> Pose:
+def _between(known: dict[int, RigidTransform], new: dict[int, RigidTransform], names: str) -> RigidTransform:
     """From one camera to another: that of the shared pictures' relative poses which the others lie nearest to."""
     found = [new[n].after(known[n].back) for n in sorted(known.keys() & new.keys())]
     gaps = np.zeros((len(found), len(found)))

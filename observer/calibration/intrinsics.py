@@ -7,7 +7,7 @@ import numpy as np
 
 from common.errors import BadInput
 from observer.calibration.board import Board
-from observer.calibration.detection import Sighting, Sightings
+from observer.calibration.detection import BoardDetection, CameraDetections
 from observer.geometry.projection import Floats
 
 FEWEST_PICTURES = 4
@@ -34,7 +34,7 @@ class FittedLens:
     left_out: tuple[int, ...] = ()
 
 
-def fit_lens(sightings: Sightings, board: Board, most: int = MOST_PICTURES) -> FittedLens:
+def fit_lens(sightings: CameraDetections, board: Board, most: int = MOST_PICTURES) -> FittedLens:
     """The lens with the least squared reprojection error (Zhang 2000, by OpenCV), k3 held at 0.
 
     Raises BadInput when the board is seen in fewer than four pictures or always from the same direction.
@@ -55,7 +55,7 @@ def fit_lens(sightings: Sightings, board: Board, most: int = MOST_PICTURES) -> F
     return lens
 
 
-def check_sensible(sightings: Sightings, K: Floats) -> None:
+def check_sensible(sightings: CameraDetections, K: Floats) -> None:
     """Raise BadInput for a focal length or a centre that no lens has."""
     width, height = sightings.image_size_px
     if not (0.2 < K[0, 0] / max(width, height) < 20 and 0 < K[0, 2] < width and 0 < K[1, 2] < height):
@@ -69,12 +69,12 @@ def _limit(errors: list[float]) -> float:
     return max(OFF_PX, OFF_TIMES * float(np.median(errors)))
 
 
-def _spread(seen: tuple[Sighting, ...], most: int) -> list[Sighting]:
+def _spread(seen: tuple[BoardDetection, ...], most: int) -> list[BoardDetection]:
     """At most so many, evenly over time."""
     return [seen[n] for n in np.unique(np.linspace(0, len(seen) - 1, min(most, len(seen))).astype(int))]
 
 
-def _fitted(sightings: Sightings, chosen: list[Sighting], board: Board) -> FittedLens:
+def _fitted(sightings: CameraDetections, chosen: list[BoardDetection], board: Board) -> FittedLens:
     space = [board.points[s.ids].astype(np.float32) for s in chosen]
     image = [s.pixels.astype(np.float32) for s in chosen]
     start = np.eye(3)

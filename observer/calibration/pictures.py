@@ -1,4 +1,4 @@
-"""The pictures of one camera: a video, a picture or a folder of pictures, one after the other."""
+"""The pictures of one camera, read from a video, a picture or a folder; and the annotated picture of a calibration."""
 
 import os
 from collections.abc import Iterator
@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.errors import BadInput, LabanmeshError
+from observer.geometry.projection import Floats
 
 Picture = NDArray[np.uint8]
 
@@ -66,3 +67,21 @@ def _video(path: Path, every: int) -> Iterator[tuple[int, str, Picture]]:
         video.release()
     if number == 0:
         raise BadInput(f"{path}: no video that OpenCV can read; convert it, e.g. to .mp4 with H.264")
+
+
+FOUND, DRAWN, TEXT = (80, 220, 0), (0, 0, 255), (255, 255, 255)
+"""Green rings, red crosses, white letters (BGR)."""
+
+
+def annotated(picture: Picture, found: Floats, drawn: Floats, text: str) -> Picture:
+    """(H, W, 3), (N, 2) corners found, (N, 2) corners projected -> a copy with rings, crosses and a line of text."""
+    result = picture.copy()
+    size = max(4, picture.shape[1] // 160)
+    for u, v in np.round(found).astype(int).tolist():
+        cv2.circle(result, (u, v), size, FOUND, 2, cv2.LINE_AA)
+    for u, v in np.round(drawn[np.isfinite(drawn).all(axis=1)]).astype(int).tolist():
+        cv2.drawMarker(result, (u, v), DRAWN, cv2.MARKER_CROSS, size, 1, cv2.LINE_AA)
+    height = max(0.5, picture.shape[1] / 1600)
+    for colour, width in (((0, 0, 0), 4), (TEXT, 1)):
+        cv2.putText(result, text, (10, int(40 * height)), cv2.FONT_HERSHEY_SIMPLEX, height, colour, width, cv2.LINE_AA)
+    return result

@@ -18,7 +18,7 @@ STEPS = 10
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Triangulated:
+class TriangulatedPoint:
     """point: (3,) metres, NaN when no two cameras agree. used: (N,) the cameras it rests on.
 
     errors_px: (N,) distance of the projected point from what each camera saw; NaN where it saw nothing.
@@ -34,7 +34,7 @@ class Triangulated:
         return float(np.sqrt(np.mean(self.errors_px[self.used] ** 2))) if self.used.any() else float("nan")
 
 
-def triangulate(matrices: Sequence[Floats] | Floats, pixels: Floats, gate_px: float = GATE_PX) -> Triangulated:
+def triangulate(matrices: Sequence[Floats] | Floats, pixels: Floats, gate_px: float = GATE_PX) -> TriangulatedPoint:
     """(N, 3, 4) projective matrices, (N, 2) pixels (NaN row: not seen; undistorted) -> the point.
 
     Every two cameras that see it propose a point; the one that most cameras agree with to `gate_px` wins, the smaller
@@ -51,9 +51,9 @@ def triangulate(matrices: Sequence[Floats] | Floats, pixels: Floats, gate_px: fl
     used = _agreeing(Hs, pixels, gate_px)
     if used.sum() < 2:
         nothing = np.full(len(Hs), np.nan)
-        return Triangulated(np.full(3, np.nan), np.zeros(len(Hs), dtype=np.bool_), nothing)
+        return TriangulatedPoint(np.full(3, np.nan), np.zeros(len(Hs), dtype=np.bool_), nothing)
     point = _refined(linear_point(Hs[used], pixels[used]), Hs[used], pixels[used])
-    return Triangulated(point, used, _errors(Hs, pixels, point))
+    return TriangulatedPoint(point, used, _errors(Hs, pixels, point))
 
 
 def linear_point(matrices: Floats, pixels: Floats) -> Floats:

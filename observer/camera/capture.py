@@ -7,8 +7,7 @@ from typing import Protocol, cast
 
 import cv2
 
-from observer.camera.address import kind_of
-from observer.camera.base import CameraFault, Clock, Picture, Size
+from observer.camera.base import CameraFault, Clock, Picture, Size, kind_of
 
 OPEN_TIMEOUT_MS = 2000
 """For the answer of a camera in the network."""
@@ -41,7 +40,7 @@ def be_quiet() -> None:
         set_level(_SILENT)
 
 
-class OpenedCamera:
+class OpenCvCamera:
     """A camera that OpenCV has opened."""
 
     def __init__(self, capture: cv2.VideoCapture, clock: Clock = time.time_ns) -> None:
@@ -64,7 +63,7 @@ class OpenedCamera:
         self._capture.release()
 
 
-def connect(text: str, rate_hz: float, size_px: Size | None = None) -> OpenedCamera:
+def connect(text: str, rate_hz: float, size_px: Size | None = None) -> OpenCvCamera:
     """Opens the camera "0", "/dev/video0" or at an address; a webcam is asked for the rate and the size.
 
     Raises CameraFault when it cannot be opened.
@@ -79,7 +78,7 @@ def connect(text: str, rate_hz: float, size_px: Size | None = None) -> OpenedCam
             _ask(capture, rate_hz, size_px)
     except cv2.error:
         raise CameraFault(_WHY[kind == "url"]) from None
-    return OpenedCamera(capture)
+    return OpenCvCamera(capture)
 
 
 _WHY = {

@@ -5,12 +5,10 @@ from functools import partial
 from pathlib import Path
 
 from common.errors import BadInput
-from observer.camera.address import SCHEMES, kind_of, shown
-from observer.camera.base import NOMINAL_HZ, PictureSource, Report, Size, unheard
+from observer.camera.base import NOMINAL_HZ, SCHEMES, PictureSource, Report, Size, kind_of, shown, unheard
 from observer.camera.capture import connect
-from observer.camera.files import PICTURES, Album, Video
+from observer.camera.files import PICTURES, Album, RecordedPictures, Video
 from observer.camera.live import LiveCamera
-from observer.camera.recorded import RecordedPictures
 
 KNOWN = f'a webcam ("0", "/dev/video0"), an address ({", ".join(SCHEMES)}), a video file, a folder of pictures'
 

@@ -1,4 +1,4 @@
-"""One line of somebody else's tracks, as docs/reference/tracks.md has it: JSON in, a frame of centres out. Pure."""
+"""One line of a foreign tracker's output, JSON to centres, and the tracker that classifies them; pure."""
 
 from collections.abc import Sequence
 from typing import Annotated
@@ -7,7 +7,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, PositiveInt, ValidationError
 
 from common.errors import BadInput
-from observer.tracks import Frame
+from observer.tracks import Frame, Tracks
 
 Place = tuple[FiniteFloat, FiniteFloat] | tuple[FiniteFloat, FiniteFloat, Annotated[FiniteFloat, Field(ge=0, le=1)]]
 LIMIT = 64 * 1024
@@ -51,3 +51,20 @@ def frame_of_line(line: bytes, body_parts: Sequence[str], arrived_ns: int) -> Fr
 
 EXAMPLE = '{"captured_ns": 1700000000000000000, "parts": {"left_hand": [412, 300, 0.9], "right_hand": null}}'
 """A line as docs/reference/tracks.md shows it."""
+
+
+SURE = 0.5
+"""Confidence from which on a part counts as seen, as most trackers mean theirs; below it is a guess."""
+
+
+class ForeignTracker:
+    """A `observer.tracks.Tracker` of frames whose content is (P, 3): u, v, confidence 0 to 1; NaN: not seen."""
+
+    def __init__(self, body_parts: Sequence[str]) -> None:
+        self.body_parts = tuple(body_parts)
+
+    def update(self, frame: Frame) -> Tracks:
+        """Centres where confidence ≥ 0.5, guesses below."""
+        sure = frame.content[:, 2:] >= SURE
+        places = frame.content[:, :2].astype(np.float64)
+        return Tracks(np.where(sure, places, np.nan), np.where(sure, np.nan, places))

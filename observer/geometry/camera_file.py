@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, PositiveInt, ValidationError
 
 from common.errors import BadInput, LabanmeshError
-from observer.geometry.lens import DISTORTION_SIZES, SIZES_SAID, Lens, check_intrinsic_matrix
+from observer.geometry.lens import DISTORTION_SIZES, SIZES_SAID, LensDistortion, check_intrinsic_matrix
 from observer.geometry.projection import Floats, oriented
 
 TURNED = 1e-3
@@ -18,7 +18,7 @@ TURNED = 1e-3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Camera:
+class CameraModel:
     """One calibrated camera.
 
     matrix: (3, 4) from metres to pixels without distortion, of any scale but zero. image_size_px: (width, height).
@@ -31,10 +31,10 @@ class Camera:
     image_size_px: tuple[int, int] | None = None
     reprojection_error_px: float | None = None
     provenance: str = ""
-    lens: Lens | None = None
+    lens: LensDistortion | None = None
 
 
-def read_camera(path: Path) -> Camera:
+def read_camera(path: Path) -> CameraModel:
     """The camera in a file; raises BadInput with file and key when it cannot be read or is no camera."""
     try:
         keys = tomllib.loads(path.read_text(encoding="utf-8"))
@@ -45,7 +45,7 @@ def read_camera(path: Path) -> Camera:
     return _checked(path, keys)
 
 
-def write_camera(path: Path, camera: Camera) -> None:
+def write_camera(path: Path, camera: CameraModel) -> None:
     """Write the file whole or not at all; raises BadInput for what is no camera, LabanmeshError for a full disk."""
     text = _toml(camera)
     _checked(path, tomllib.loads(text))
@@ -63,7 +63,7 @@ Row = Annotated[list[FiniteFloat], Field(min_length=4, max_length=4)]
 RowOfThree = Annotated[list[FiniteFloat], Field(min_length=3, max_length=3)]
 
 
-class _Keys(BaseModel):
+class _CameraFileKeys(BaseModel):
     """The keys of a camera file."""
 
     model_config = ConfigDict(extra="forbid")
@@ -76,22 +76,22 @@ class _Keys(BaseModel):
     distortion: list[FiniteFloat] | None = None
 
 
-def _checked(path: Path, keys: dict[str, object]) -> Camera:
+def _checked(path: Path, keys: dict[str, object]) -> CameraModel:
     try:
-        known = _Keys.model_validate(keys)
+        known = _CameraFileKeys.model_validate(keys)
     except ValidationError as error:
         first = error.errors()[0]
         key = ".".join(map(str, first["loc"]))
-        names = ", ".join(_Keys.model_fields)
+        names = ", ".join(_CameraFileKeys.model_fields)
         raise BadInput(f"{path}: {key}: {first['msg']}; the keys of a camera file: {names}") from None
     matrix = np.array(known.projective_matrix)
     if np.linalg.matrix_rank(matrix) < 3 or not oriented(matrix).any():
         raise BadInput(f"{path}: projective_matrix: no camera, its rows depend on each other; calibrate again")
     lens = _lens(path, known, matrix)
-    return Camera(known.name, matrix, known.image_size_px, known.reprojection_error_px, known.provenance, lens)
+    return CameraModel(known.name, matrix, known.image_size_px, known.reprojection_error_px, known.provenance, lens)
 
 
-def _lens(path: Path, known: _Keys, matrix: Floats) -> Lens | None:
+def _lens(path: Path, known: _CameraFileKeys, matrix: Floats) -> LensDistortion | None:
     if known.intrinsic_matrix is None and known.distortion is None:
         return None
     if known.intrinsic_matrix is None or known.distortion is None:
@@ -105,7 +105,7 @@ def _lens(path: Path, known: _Keys, matrix: Floats) -> Lens | None:
     except BadInput as error:
         raise BadInput(f"{path}: intrinsic_matrix: {error}") from None
     _check_together(path, K, matrix)
-    return Lens(K, distortion)
+    return LensDistortion(K, distortion)
 
 
 def _check_together(path: Path, K: Floats, matrix: Floats) -> None:
@@ -119,7 +119,7 @@ def _check_together(path: Path, K: Floats, matrix: Floats) -> None:
         )
 
 
-def _toml(camera: Camera) -> str:
+def _toml(camera: CameraModel) -> str:
     lines = [f"name = {_quoted(camera.name)}", f"projective_matrix = {_rows(camera.matrix)}"]
     if camera.image_size_px is not None:
         lines.append(f"image_size_px = {list(camera.image_size_px)}")

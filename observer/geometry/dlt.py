@@ -23,7 +23,7 @@ With 1 px of noise, all points but one in a plane give 0.001 to 0.0025; 12 point
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Calibration:
+class FittedMatrix:
     """A fitted camera.
 
     matrix: (3, 4), scaled so that w is the depth in metres. error_px: root mean square of error_per_point_px (N,),
@@ -36,7 +36,7 @@ class Calibration:
     warnings: tuple[str, ...]
 
 
-def fit_projective_matrix(points_m: Floats, pixels: Floats) -> Calibration:
+def fit_projective_matrix(points_m: Floats, pixels: Floats) -> FittedMatrix:
     """(N, 3) metres, (N, 2) pixels -> the H with least sum of squared reprojection errors of I^T = H O^T.
 
     Normalised DLT (Hartley 1997), then refined by least squares on the image. Lens distortion is not modelled: a strong
@@ -53,7 +53,7 @@ def fit_projective_matrix(points_m: Floats, pixels: Floats) -> Calibration:
     H = _in_metres(np.linalg.inv(in_image) @ _refined(vectors, points, image) @ in_space)
     _check_in_front(H, points_m)
     errors_px = np.linalg.norm(_image(H, points_m) - pixels, axis=1)
-    return Calibration(H, float(np.sqrt(np.mean(errors_px**2))), errors_px, _warnings(len(points_m)))
+    return FittedMatrix(H, float(np.sqrt(np.mean(errors_px**2))), errors_px, _warnings(len(points_m)))
 
 
 def _check(points_m: Floats, pixels: Floats) -> None:

@@ -24,7 +24,7 @@ STRIDE = 1e-6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Lens:
+class LensDistortion:
     """A lens as OpenCV describes it.
 
     intrinsic_matrix: (3, 3) [[fu, s, cu], [0, fv, cv], [0, 0, 1]] px. distortion: (4, 5, 8, 12 or 14) in OpenCV's

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from common.errors import BadInput
 from observer.geometry.camera_file import read_camera
-from observer.geometry.lens import Lens
+from observer.geometry.lens import LensDistortion
 from observer.geometry.projection import Floats, oriented, parallel_matrix
 
 PRINCIPAL_PLANES_DEG = {"door": (0.0, 0.0), "wheel": (90.0, 0.0), "table": (0.0, 90.0)}
@@ -31,7 +31,7 @@ class View:
 
     name: str
     matrix: Floats
-    lens: Lens | None = None
+    lens: LensDistortion | None = None
 
 
 def parse_view(text: str, folder: Path | None = None) -> View:

@@ -9,7 +9,7 @@ from common.errors import BadInput, LabanmeshError
 
 if TYPE_CHECKING:
     from observer.camera.base import Report
-    from observer.preview.account import Account
+    from observer.preview.looking import LookReport
     from observer.source import FrameSource
     from observer.tracks import Tracker
 
@@ -35,15 +35,15 @@ def look(
 
     Example: labanmesh look motion.npz --view yaw:45 --save-skin skin.npz
     """
-    from observer.camera.address import kind_of, shown
+    from observer.camera.base import kind_of, shown
     from observer.preview.film import write_picture
-    from observer.preview.looking import Trouble, look_at
+    from observer.preview.looking import LastReport, look_at
 
     if output.suffix.lower() not in ENDINGS:
         raise BadInput(f"--output {output}: a name that ends in {', '.join(ENDINGS)} is expected")
     for place in (output, save_skin):
         _require_folder(place)
-    trouble = Trouble()
+    trouble = LastReport()
     opened = _source(source, view, recording, trouble)
     eyes = _tracker(tracker, skin, _box(face))
     name = Path(source).name if kind_of(source) == "path" else shown(source)
@@ -54,8 +54,8 @@ def look(
         _save_skin(eyes, save_skin)
 
 
-def _tell(account: "Account", output: Path) -> None:
-    from observer.preview.account import advice, lines
+def _tell(account: "LookReport", output: Path) -> None:
+    from observer.preview.looking import advice, lines
 
     for line in lines(account):
         typer.echo(line)
@@ -86,12 +86,12 @@ def _tracker(name: str, skin: str, face: tuple[int, int, int, int] | None) -> "T
 
     from common.config import ObserverConfig
     from observer.geometry.views import View
-    from observer.tracking.registry import Setting, tracker_named
+    from observer.tracking.registry import TrackerSettings, tracker_named
     from observer.tracks import BODY_PARTS
 
     kind = tracker_named(name, "--tracker", "pictures")
     section = ObserverConfig(source="look", skin=skin, face=face)
-    return kind.build(Setting(View("look", np.eye(3, 4)), (), BODY_PARTS, section, Path))
+    return kind.build(TrackerSettings(View("look", np.eye(3, 4)), (), BODY_PARTS, section, Path))
 
 
 def _box(text: str) -> tuple[int, int, int, int] | None:

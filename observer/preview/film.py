@@ -11,7 +11,7 @@ import cv2
 
 from common.errors import BadInput, LabanmeshError
 from observer.camera.capture import be_quiet
-from observer.preview.layout import SIZE
+from observer.preview.drawing import SIZE
 from observer.preview.sight import Picture
 
 log = logging.getLogger("labanmesh.observer")

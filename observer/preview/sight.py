@@ -25,7 +25,7 @@ OVER_S, STILL = 0.2, 0.12
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Belief:
+class ShownPosterior:
     """labels: names of the M movements. p: (M,) posterior over them. rest: probability that the person is at rest."""
 
     labels: tuple[str, ...]
@@ -50,7 +50,7 @@ class Belief:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sight:
+class PreviewFrame:
     """One frame as a person should see it; P body parts, T frames back, newest last.
 
     tracks: in px of the picture, or in any unit where there is none. trail: (T, P, 2) centres, NaN where not seen.
@@ -65,14 +65,14 @@ class Sight:
     symbols: Symbols
     extent: Floats | None = None
     back_projection: Picture | None = None
-    belief: Belief | None = None
+    belief: ShownPosterior | None = None
     title: str = ""
     frame: int = 0
     age_s: float | None = None
     complaint: str = ""
 
 
-class Recent:
+class PreviewHistory:
     """Remembers the last frames, and makes of each new one a Sight.
 
     rate_hz: of the frames. `see` raises BadInput, as `observer.space.SpaceReader` does, for parts without a head or a
@@ -92,17 +92,17 @@ class Recent:
         self,
         tracks: Tracks,
         *,
-        belief: Belief | None = None,
+        belief: ShownPosterior | None = None,
         back_projection: Picture | None = None,
         age_s: float | None = None,
         complaint: str = "",
-    ) -> Sight:
-        """The next frame; other arguments as in `Sight`."""
+    ) -> PreviewFrame:
+        """The next frame; other arguments as in `PreviewFrame`."""
         self._symbols.append(self._reader.update(tracks))
         self._trail.append(tracks.centres)
         self._widen(tracks.centres)
         self._frames += 1
-        return Sight(
+        return PreviewFrame(
             tracks,
             self._body_parts,
             np.array(self._trail),

@@ -10,7 +10,7 @@ from common.progress import Bar
 
 if TYPE_CHECKING:
     from observer.motion.archive import Recording
-    from observer.recording.recorded import Choices
+    from observer.recording.recorded import RecordingOptions
 
 
 def record(
@@ -36,15 +36,15 @@ def record(
     from common.arguments import words
     from common.lifecycle import log_to_stderr
     from observer.motion.archive import Recording
-    from observer.recording.axes import performer_axes
-    from observer.recording.recorded import Choices
+    from observer.recording.reconstruction import performer_axes
+    from observer.recording.recorded import RecordingOptions
     from observer.tracks import BODY_PARTS
 
     log_to_stderr()
     performer_axes(up, front)
     empty = np.zeros((0, len(BODY_PARTS), 3), np.float32)
     name = Recording(empty, rate, label, subject, "" if trial is None else str(trial))
-    _record(scene, words("--observers", observers), output, name, seconds, Choices(gate, up, front, trim))
+    _record(scene, words("--observers", observers), output, name, seconds, RecordingOptions(gate, up, front, trim))
 
 
 def _record(
@@ -53,15 +53,13 @@ def _record(
     output: Path,
     name: "Recording",
     seconds: float | None,
-    choices: "Choices",
+    choices: "RecordingOptions",
 ) -> None:
     from common.config import read_scene
     from common.lifecycle import stop_on_signals
     from observer.motion.archive_file import read_archive, write_archive
-    from observer.recording.appending import appended, completed
-    from observer.recording.opening import open_watchers
-    from observer.recording.recorded import recorded
-    from observer.recording.watching import watch
+    from observer.recording.capture import open_watchers, watch
+    from observer.recording.recorded import appended, completed, recorded
     from observer.tracks import BODY_PARTS
 
     before = read_archive(output) if output.exists() else None

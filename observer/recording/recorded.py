@@ -1,4 +1,4 @@
-"""From what cameras saw to one recording: one clock, positions in space, mended, in the performer's axes; pure."""
+"""One new recording of a motion archive: its name, its positions and a quality report; pure."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -7,18 +7,91 @@ import numpy as np
 
 from common.errors import BadInput
 from observer.calibration.triangulate import GATE_PX
-from observer.motion.archive import Recording
-from observer.recording.axes import FRONT, UP, to_performer_axes
-from observer.recording.mending import closed, moving_span, without_spikes
-from observer.recording.rebuilding import rebuilt
-from observer.recording.summary import summary
-from observer.recording.timeline import Sighted, instants, sampled
+from observer.motion.archive import LABEL_RULE, MotionArchive, Recording, is_label
+from observer.recording.reconstruction import (
+    FRONT,
+    UP,
+    CameraTracks,
+    Reconstruction,
+    closed,
+    instants,
+    moving_span,
+    reconstruct,
+    sampled,
+    to_performer_axes,
+    without_spikes,
+)
+from observer.tracks import Floats
+
+
+def completed(name: Recording, archive: MotionArchive | None, body_parts: tuple[str, ...], place: str) -> Recording:
+    """`name`, still without positions, with a trial: its own, or the next free number. Asked before anybody performs.
+
+    Raises BadInput, naming `place`, for an archive of other body parts, of another rate, or that has this trial, and
+    for a label or a subject that is none.
+    """
+    if not name.label or not is_label(name.label):
+        raise BadInput(f"--label {name.label!r}: {LABEL_RULE}, and not empty")
+    if not name.subject.strip() or not name.subject.isprintable():
+        raise BadInput(f"--subject {name.subject!r}: who performs, in printable characters")
+    if archive is None:
+        return replace(name, trial=name.trial or "1")
+    if archive.body_parts != body_parts:
+        theirs, ours = ", ".join(archive.body_parts), ", ".join(body_parts)
+        raise BadInput(f"{place}: holds {theirs}, this records {ours}; name another file")
+    other = next((r.rate_hz for r in archive.recordings if r.rate_hz != name.rate_hz), None)
+    if other is not None:
+        raise BadInput(f"{place}: at {other:g} Hz; give --rate {other:g}, or name another file")
+    there = [r.trial for r in archive.recordings if (r.label, r.subject) == (name.label, name.subject)]
+    if name.trial in there:
+        raise BadInput(f"{place}: has trial {name.trial} of {name.label} by {name.subject}; leave out --trial")
+    return replace(name, trial=name.trial or str(max((int(t) for t in there if t.isdecimal()), default=0) + 1))
+
+
+def appended(archive: MotionArchive | None, body_parts: tuple[str, ...], recording: Recording) -> MotionArchive:
+    """The archive with one recording more, or a new one with this alone."""
+    return MotionArchive(body_parts, (*(archive.recordings if archive else ()), recording))
+
+
+OUTVOTED = 0.1
+"""A camera that contradicts the others more often than this is worth a line of its own."""
+
+
+def summary(names: Sequence[str], body_parts: Sequence[str], reconstruct: Reconstruction, final: Floats) -> list[str]:
+    """One line for all, one more for each camera that had little say; final: (K, P, 3) the positions, mended."""
+    whole = np.logical_and.reduce(np.isfinite(final), axis=-1)
+    seen = ", ".join(f"{part} {share:.0%}" for part, share in zip(body_parts, whole.mean(axis=0), strict=True))
+    errors = reconstruct.errors_px[reconstruct.used]
+    exactness = f"median reprojection error {np.median(errors):.1f} px" if len(errors) else "no position found"
+    head = f"all parts in {whole.all(axis=1).mean():.0%} of {len(final)} instants ({seen}); {exactness}"
+    return [head, *filter(None, (_camera(n, name, reconstruct) for n, name in enumerate(names)))]
+
+
+def rejected(reconstruct: Reconstruction) -> Floats:
+    """(N,) of what each camera saw and others placed, the share in which it was outvoted; NaN where there is none."""
+    found = np.isfinite(reconstruct.positions).all(axis=-1, keepdims=True)
+    judged = reconstruct.seen & found
+    outvoted = (judged & ~reconstruct.used).sum(axis=(0, 1))
+    total = judged.sum(axis=(0, 1))
+    return np.where(total > 0, outvoted / np.maximum(total, 1), np.nan)
+
+
+def _camera(n: int, name: str, reconstruct: Reconstruction) -> str:
+    if not reconstruct.seen[..., n].any():
+        return f"{name}: saw no part at all; labanmesh look shows what its tracker finds"
+    share = rejected(reconstruct)[n]
+    if np.isnan(share):
+        return f"{name}: agrees with no other camera; look at its calibration"
+    if share > OUTVOTED:
+        return f"{name}: rejected in {share:.0%} of what it saw; look at its calibration and at what its tracker finds"
+    return ""
+
 
 Progress = Callable[[int, int], None]
 
 
 @dataclass(frozen=True, slots=True)
-class Choices:
+class RecordingOptions:
     """gate_px: a camera further off is outvoted. up, front: axes of the room. trim: whether idle ends are cut off."""
 
     gate_px: float = GATE_PX
@@ -28,10 +101,10 @@ class Choices:
 
 
 def recorded(
-    sighted: Sequence[Sighted],
+    sighted: Sequence[CameraTracks],
     body_parts: Sequence[str],
     name: Recording,
-    choices: Choices,
+    choices: RecordingOptions,
     progress: Progress = lambda *_: None,
 ) -> tuple[Recording, list[str]]:
     """`name` with the positions that the cameras agree on, at its own rate; and lines that say how good they are.
@@ -41,7 +114,7 @@ def recorded(
     at_ns = instants(sighted, name.rate_hz)
     known = [one for one in sighted if len(one.at_ns)]
     centres = np.stack([sampled(one, at_ns) for one in known], axis=2)
-    found = rebuilt([one.matrix for one in known], centres, choices.gate_px, progress)
+    found = reconstruct([one.matrix for one in known], centres, choices.gate_px, progress)
     positions = closed(without_spikes(found.positions, name.rate_hz), name.rate_hz)
     positions = to_performer_axes(positions, choices.up, choices.front)
     lines = summary([one.name for one in known], body_parts, found, positions)

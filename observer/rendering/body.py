@@ -58,7 +58,7 @@ class Arm:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Pose:
+class BodyPose:
     """Places in metres. head: None when not seen; arms: left, right, None with the hand; the rest is inferred.
 
     spine: unit vector from the hips to the head; across: to the performer's right, along the shoulders.
@@ -99,7 +99,7 @@ def _height(places: Floats) -> float:
     return float(np.clip(furthest / HANGING, SMALLEST, TALLEST)) if furthest > 0.55 else USUAL_HEIGHT
 
 
-def pose(positions: Floats, standing: Stature) -> Pose | None:
+def pose(positions: Floats, standing: Stature) -> BodyPose | None:
     """(P, 3) hands and head -> the body that holds them there; None when none of them is seen."""
     seen: NDArray[np.bool_] = np.logical_and.reduce(np.isfinite(positions), axis=1)
     if not seen.any():
@@ -116,7 +116,7 @@ def pose(positions: Floats, standing: Stature) -> Pose | None:
     both_hips = hips + HALF_HIPS * tall * sides
     knees, ankles = _legs(both_hips, hips, standing)
     known_head = head if seen[HEAD] else None
-    return Pose(known_head, spine, across, chest, shoulders, (arms[0], arms[1]), both_hips, knees, ankles)
+    return BodyPose(known_head, spine, across, chest, shoulders, (arms[0], arms[1]), both_hips, knees, ankles)
 
 
 def _hips(head: Floats, standing: Stature) -> Floats:

@@ -1,19 +1,91 @@
-"""Drawing a figure's shapes into a picture with OpenCV: smooth edges, shaded as if round, the farthest first."""
+"""Draws a figure's shapes into a picture with OpenCV: smooth edges, shaded as if round, farthest first."""
 
 from dataclasses import dataclass
+from typing import Self
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from common.errors import BadInput
+from observer.geometry.projection import Floats, oriented
 from observer.rendering.body import HEAD
-from observer.rendering.face import complexion
-from observer.rendering.figure import Cloth, Shape, Skin
-from observer.rendering.lens import NEAREST, Lens
-from observer.rendering.look import Look
-from observer.tracks import Floats
+from observer.rendering.figure import Appearance, ClothHull, Shape, SkinEllipsoid, complexion
+
+NEAREST = 0.05
+"""Metres before the camera: what is nearer cannot be drawn."""
+
+
+class PinholeCamera:
+    """A camera by its (3, 4) matrix, space in metres to picture in pixels."""
+
+    __slots__ = ("_H", "centre", "focal_px")
+
+    def __init__(self, H: Floats, centre: Floats, focal_px: float) -> None:
+        self._H = H
+        self.centre = centre
+        self.focal_px = focal_px
+
+    @classmethod
+    def of(cls, matrix: Floats) -> Self:
+        """The camera of a pinhole matrix. Raises BadInput for one that is parallel, singular or not (3, 4).
+
+        With H scaled to |h3| = 1 (rows h1, h2, h3 of its left 3x3), w is the depth in metres and the focal lengths
+        are |h1 × h3| and |h2 × h3| (Hartley and Zisserman, section 6.2); `focal_px` is their geometric mean.
+        """
+        if np.shape(matrix) != (3, 4):
+            raise BadInput(f"projective matrix of shape {np.shape(matrix)}: (3, 4) is expected")
+        H = oriented(matrix)
+        left = H[:, :3]
+        if not H[2, :3].any() or abs(np.linalg.det(left)) < 1e-18:
+            raise BadInput("projective matrix: a pinhole camera is expected, not a parallel or singular projection")
+        H = H / np.linalg.norm(H[2, :3])
+        x, y, z = H[:, :3]
+        focal = float(np.linalg.norm(np.cross(x, z)) * np.linalg.norm(np.cross(y, z))) ** 0.5
+        centre: Floats = np.linalg.solve(H[:, :3], -H[:, 3]).astype(np.float64)
+        return cls(H, centre, focal)
+
+    def see(self, points: Floats) -> tuple[Floats, Floats]:
+        """(K, 3) points -> (K, 2) pixels and (K,) depths in metres; pixels mean nothing where depth < NEAREST."""
+        image = points @ self._H[:, :3].T + self._H[:, 3]
+        depth = image[:, 2]
+        return image[:, :2] / np.maximum(depth, NEAREST)[:, None], depth
+
+    def unproject_about(self, centre: Floats) -> tuple[Floats, Floats, Floats]:
+        """At a point (3,): its pixel p (2,), the line of sight v (3,), and B (3, 2).
+
+        centre + B (q - p) is seen at the pixel q, near p, and lies in the plane through the centre that is
+        perpendicular to v: the inverse of the projection's linear part.
+        """
+        image = self._H[:, :3] @ centre + self._H[:, 3]
+        pixel = image[:2] / image[2]
+        sight = centre - self.centre
+        sight = sight / np.linalg.norm(sight)
+        jacobian = (self._H[:2, :3] - np.outer(pixel, self._H[2, :3])) / image[2]
+        B = np.linalg.inv(np.vstack([jacobian, sight]))[:, :2]
+        return pixel, sight, B
+
+    def conic(self, place: Floats, axes: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+        """Pixel p (2,), WB (3, 2), Wv (3,) and Q (2, 2) of an ellipsoid at `place`, columns of `axes` its semi-axes.
+
+        W is the inverse of `axes`, p, B and v as `unproject_about` gives them. The line of sight through the pixel
+        p + d meets the ellipsoid where d Q d <= 1, with Q = (WB)ᵀ(WB) - ggᵀ/|Wv|², g = (WB)ᵀ Wv.
+        """
+        pixel, sight, B = self.unproject_about(place)
+        W = np.linalg.inv(axes)
+        WB, Wv = W @ B, W @ sight
+        g = WB.T @ Wv
+        return pixel, WB, Wv, WB.T @ WB - np.outer(g, g) / float(Wv @ Wv)
+
+    def outline_area(self, place: Floats, axes: Floats) -> float:
+        """Pixels inside the outline of that ellipsoid; 0 behind the camera."""
+        if self.see(place[None])[1][0] < NEAREST:
+            return 0.0
+        return float(np.pi / np.sqrt(np.linalg.det(self.conic(place, axes)[3])))
+
 
 Picture = NDArray[np.uint8]
+Shade = NDArray[np.float32]
 
 SUBPIXEL_BITS = 4
 NOBODY = 255
@@ -31,7 +103,7 @@ class Canvas:
 
 
 @dataclass(frozen=True, slots=True)
-class Box:
+class DrawingBounds:
     """The part of a picture from (left, top) up to but without (right, bottom)."""
 
     left: int
@@ -50,16 +122,16 @@ class Box:
         return slice(self.top, self.bottom), slice(self.left, self.right)
 
 
-def draw(canvas: Canvas, lens: Lens, shapes: list[Shape], look: Look) -> None:
+def draw(canvas: Canvas, lens: PinholeCamera, shapes: list[Shape], look: Appearance) -> None:
     """Draw the shapes, the farthest from the camera first: what is nearer covers what is behind it."""
     for shape in sorted(shapes, key=lambda s: -float(np.linalg.norm(s.place - lens.centre)) - s.bias):
-        if isinstance(shape, Cloth):
+        if isinstance(shape, ClothHull):
             _draw_cloth(canvas, lens, shape)
         else:
             _draw_skin(canvas, lens, shape, look)
 
 
-def _draw_cloth(canvas: Canvas, lens: Lens, cloth: Cloth) -> None:
+def _draw_cloth(canvas: Canvas, lens: PinholeCamera, cloth: ClothHull) -> None:
     pixels, depth = lens.see(cloth.points)
     if depth.min() < NEAREST:
         return
@@ -87,8 +159,8 @@ def _roundness(mask: Picture, radius_px: float) -> NDArray[np.float32]:
     return shade
 
 
-def _draw_skin(canvas: Canvas, lens: Lens, skin: Skin, look: Look) -> None:
-    """An ellipsoid by its lines of sight: each meets it, on the ball that `Lens.conic` makes of it, at WBd + t Wv."""
+def _draw_skin(canvas: Canvas, lens: PinholeCamera, skin: SkinEllipsoid, look: Appearance) -> None:
+    """Cast a ray through each pixel: on the unit ball of `PinholeCamera.conic` it is WBd + t Wv."""
     if lens.see(skin.place[None])[1][0] < CLOSEST_SKIN:
         return
     pixel, WB, Wv, conic = lens.conic(skin.place, skin.axes)
@@ -109,14 +181,16 @@ def _draw_skin(canvas: Canvas, lens: Lens, skin: Skin, look: Look) -> None:
     _blend(canvas, box, alpha, colours, skin.part)
 
 
-def _blend(canvas: Canvas, box: Box, alpha: NDArray[np.float32], colours: NDArray[np.float32], part: int) -> None:
+def _blend(
+    canvas: Canvas, box: DrawingBounds, alpha: NDArray[np.float32], colours: NDArray[np.float32], part: int
+) -> None:
     window = canvas.picture[box.window]
     behind = window.astype(np.float32)
     window[:] = np.clip(behind + alpha[..., None] * (colours - behind) + 0.5, 0.0, 255.0).astype(np.uint8)
     canvas.owner[box.window][alpha > 0.5] = part
 
 
-def _box(canvas: Canvas, low: Floats, high: Floats) -> Box | None:
+def _box(canvas: Canvas, low: Floats, high: Floats) -> DrawingBounds | None:
     """The pixels between two corners as far as they are in the picture; None where none is."""
     rows, columns = canvas.owner.shape
     left, top = (max(0, int(np.floor(value)) - 1) for value in np.clip(low, -1e6, 1e6))
@@ -124,4 +198,4 @@ def _box(canvas: Canvas, low: Floats, high: Floats) -> Box | None:
         min(most, int(np.ceil(value)) + 2)
         for most, value in zip((columns, rows), np.clip(high, -1e6, 1e6), strict=True)
     )
-    return Box(left, top, right, bottom) if left < right and top < bottom else None
+    return DrawingBounds(left, top, right, bottom) if left < right and top < bottom else None

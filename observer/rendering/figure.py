@@ -1,13 +1,121 @@
-"""The shapes that make up a clothed figure: tubes and hulls of cloth, ellipsoids of skin; pure."""
+"""The clothed figure: colours of the performer, shapes of cloth and skin, and the shading of skin; pure."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
-from observer.rendering.body import HEAD, LEFT, RIGHT, Arm, Pose
-from observer.rendering.look import Bgr, Look
+from observer.rendering.body import HEAD, LEFT, RIGHT, Arm, BodyPose
 from observer.tracks import Floats
+
+Bgr = tuple[float, float, float]
+"""A colour in daylight, 0 to 255: blue, green, red."""
+
+SKIN_TONES: tuple[Bgr, ...] = (
+    (180.0, 205.0, 240.0),
+    (150.0, 180.0, 225.0),
+    (120.0, 155.0, 205.0),
+    (90.0, 125.0, 180.0),
+    (65.0, 95.0, 145.0),
+    (48.0, 70.0, 108.0),
+)
+"""From very light to very dark, one for each of Fitzpatrick's six types; a person's lies between two of them."""
+
+# Nothing that is worn has the hue of skin: a tracker that finds the shirt errs for reasons of its own.
+_HAIR: tuple[Bgr, ...] = ((24.0, 24.0, 28.0), (38.0, 42.0, 48.0), (120.0, 120.0, 118.0), (30.0, 32.0, 44.0))
+_SHIRTS: tuple[Bgr, ...] = (
+    (130.0, 70.0, 30.0),
+    (70.0, 105.0, 40.0),
+    (120.0, 45.0, 95.0),
+    (62.0, 58.0, 55.0),
+    (150.0, 120.0, 40.0),
+    (60.0, 80.0, 65.0),
+)
+_TROUSERS: tuple[Bgr, ...] = ((70.0, 50.0, 40.0), (42.0, 40.0, 40.0), (95.0, 90.0, 86.0), (50.0, 60.0, 48.0))
+
+
+@dataclass(frozen=True, slots=True)
+class Appearance:
+    """Colours of one person. skin: between two of SKIN_TONES; nothing else has the hue of skin."""
+
+    skin: Bgr
+    hair: Bgr
+    shirt: Bgr
+    trousers: Bgr
+    shoes: Bgr = (30.0, 28.0, 28.0)
+
+
+def appearance_of(seed: int) -> Appearance:
+    """The look that belongs to a seed, 0 or more."""
+    rng = np.random.default_rng((seed, 1))
+    place = rng.uniform(0.0, len(SKIN_TONES) - 1.0)
+    tone = [float(np.interp(place, range(len(SKIN_TONES)), channel)) for channel in zip(*SKIN_TONES, strict=True)]
+    hair, shirt, trousers = (colours[rng.integers(len(colours))] for colours in (_HAIR, _SHIRTS, _TROUSERS))
+    return Appearance((tone[0], tone[1], tone[2]), hair, shirt, trousers)
+
+
+Plane = NDArray[np.float32]
+
+HAIRLINE_AT = (-1.0, -0.35, 0.05, 0.3, 0.5)
+HAIRLINE = (0.60, 0.50, 0.05, -0.1, -0.75)
+"""Hair grows above these heights at these places front (-1) to back (1), all in semi-axes of the head."""
+
+
+def complexion(
+    surface: Sequence[Plane], axes: Floats, inward: Floats, look: Appearance, is_head: bool
+) -> NDArray[np.float32]:
+    """(h, w, 3) colours at the points `surface` (x right, y up, z back, each (h, w), on the unit ball).
+
+    axes (3, 3) turns that ball into metres; inward (3,) is the direction of looking, on the ball.
+    """
+    shade = _light(surface, axes, inward)[..., None]
+    skin = np.array(look.skin, np.float32)
+    if not is_head:
+        return shade * skin
+    x, y, z = surface
+    face = _features(x, y, z)
+    ruddy = np.array([0.55, 0.6, 0.95], np.float32)
+    colours = skin * (1.0 - face[0][..., None]) * (1.0 - face[1][..., None] * (1.0 - ruddy))
+    hair = np.clip((y - _hairline(z)) / 0.08 + 0.5, 0.0, 1.0)[..., None]
+    mixed: NDArray[np.float32] = shade * (colours + hair * (np.array(look.hair, np.float32) - colours))
+    return mixed
+
+
+def _light(surface: Sequence[Plane], axes: Floats, inward: Floats) -> Plane:
+    """Soft light from above and from the camera's side: 0.56 to 1.08."""
+    sight = axes @ inward
+    sight = sight / np.linalg.norm(sight)
+    # The normal of an ellipsoid at A n is A⁻ᵀ n: the gradient of |A⁻¹ x|².
+    gradient = np.linalg.inv(axes).T
+    normal = [sum(float(gradient[i, j]) * surface[j] for j in range(3)) for i in range(3)]
+    length = np.sqrt(sum(n * n for n in normal)) + 1e-6
+    facing = -sum(float(s) * n for s, n in zip(sight, normal, strict=True)) / length
+    shade: Plane = (0.68 + 0.28 * np.maximum(facing, 0.0) + 0.12 * normal[1] / length).astype(np.float32)
+    return shade
+
+
+def _hairline(z: Plane) -> Plane:
+    return np.interp(z, HAIRLINE_AT, HAIRLINE).astype(np.float32)
+
+
+def _features(x: Plane, y: Plane, z: Plane) -> tuple[Plane, Plane]:
+    """How dark (h, w), 0 to 1, and how red: sockets, eyes, brows, the nose's shadow; the mouth."""
+    front = np.clip(-3.0 * z, 0.0, 1.0)
+    side = np.absolute(x).astype(np.float32)
+    dark = 0.35 * _spot(side - 0.40, y - 0.10, 0.26, 0.15)
+    dark = np.maximum(dark, 0.85 * _spot(side - 0.40, y - 0.06, 0.13, 0.07))
+    dark = np.maximum(dark, 0.65 * _spot(side - 0.42, y - 0.25, 0.24, 0.055))
+    dark = np.maximum(dark, 0.30 * _spot(side - 0.12, y + 0.26, 0.10, 0.06))
+    dark = np.maximum(dark, 0.30 * _spot(x, y + 0.545, 0.30, 0.03))
+    return front * dark, front * _spot(x, y + 0.54, 0.30, 0.085)
+
+
+def _spot(x: NDArray[np.floating], y: NDArray[np.floating], half_width: float, half_height: float) -> Plane:
+    """1 in the middle, about half at the rim of an ellipse, 0 far outside."""
+    spot: Plane = np.exp(-0.7 * ((x / half_width) ** 2 + (y / half_height) ** 2)).astype(np.float32)
+    return spot
+
 
 HEAD_SEMI_AXES = (0.078, 0.115, 0.096)
 """Metres: half the width, height and depth of the head."""
@@ -19,7 +127,7 @@ FARTHER, NEARER = 0.12, -0.06
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Cloth:
+class ClothHull:
     """The hull of balls: points (K, 3), radii (K,) metres. bias: metres added to its distance when ordering."""
 
     points: Floats
@@ -35,7 +143,7 @@ class Cloth:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Skin:
+class SkinEllipsoid:
     """The ellipsoid of a body part: axes (3, 3), columns its semi-axes: performer's right, up or along, back."""
 
     part: int
@@ -44,10 +152,10 @@ class Skin:
     bias: float = 0.0
 
 
-Shape = Cloth | Skin
+Shape = ClothHull | SkinEllipsoid
 
 
-def shapes(pose: Pose, look: Look) -> list[Shape]:
+def shapes(pose: BodyPose, look: Appearance) -> list[Shape]:
     """The figure's shapes in any order; those of a part that is not seen, and its sleeve, are left out."""
     found: list[Shape] = [*_legs(pose, look), *_trunk(pose, look)]
     for part, arm in ((LEFT, pose.arms[0]), (RIGHT, pose.arms[1])):
@@ -59,11 +167,11 @@ def shapes(pose: Pose, look: Look) -> list[Shape]:
         back = np.cross(right, pose.spine)
         up = np.cross(back, right)
         axes = np.column_stack([right, up / np.linalg.norm(up), back / np.linalg.norm(back)])
-        found.append(Skin(HEAD, pose.head, axes * HEAD_SEMI_AXES))
+        found.append(SkinEllipsoid(HEAD, pose.head, axes * HEAD_SEMI_AXES))
     return found
 
 
-def _trunk(pose: Pose, look: Look) -> Iterator[Cloth]:
+def _trunk(pose: BodyPose, look: Appearance) -> Iterator[ClothHull]:
     across, spine, chest = pose.across, pose.spine, pose.chest
     hips = pose.hips.mean(axis=0)
     sides = np.array([-1.0, 1.0])[:, None] * across
@@ -75,28 +183,28 @@ def _trunk(pose: Pose, look: Look) -> Iterator[Cloth]:
             hips + 0.055 * sides + 0.02 * spine,
         ]
     )
-    yield Cloth(points, np.array([0.052, 0.052, 0.108, 0.108, 0.085, 0.1, 0.1]), look.shirt)
+    yield ClothHull(points, np.array([0.052, 0.052, 0.108, 0.108, 0.085, 0.1, 0.1]), look.shirt)
     # A high collar: who seeks skin finds head and hands, nothing between.
-    yield Cloth(np.stack([chest, chest + 0.085 * spine]), np.array([0.062, 0.054]), look.shirt, FARTHER)
+    yield ClothHull(np.stack([chest, chest + 0.085 * spine]), np.array([0.062, 0.054]), look.shirt, FARTHER)
 
 
-def _sleeve_and_hand(part: int, arm: Arm, across: Floats, look: Look) -> Iterator[Shape]:
+def _sleeve_and_hand(part: int, arm: Arm, across: Floats, look: Appearance) -> Iterator[Shape]:
     along = arm.along
     wrist = arm.hand - (HAND_SEMI_AXES[1] + 0.01) * along
-    yield Cloth(np.stack([arm.shoulder, arm.elbow]), np.array([0.058, 0.045]), look.shirt, NEARER)
-    yield Cloth(np.stack([arm.elbow, wrist]), np.array([0.045, 0.034]), look.shirt, NEARER)
+    yield ClothHull(np.stack([arm.shoulder, arm.elbow]), np.array([0.058, 0.045]), look.shirt, NEARER)
+    yield ClothHull(np.stack([arm.elbow, wrist]), np.array([0.045, 0.034]), look.shirt, NEARER)
     side = np.cross(along, across)
     if np.linalg.norm(side) < 1e-3:  # an arm straight out to the side
         side = np.cross(along, [0.0, 0.0, 1.0])
     side = side / np.linalg.norm(side)
     axes = np.column_stack([np.cross(along, side), along, side])
-    yield Skin(part, arm.hand, axes * HAND_SEMI_AXES, NEARER)
+    yield SkinEllipsoid(part, arm.hand, axes * HAND_SEMI_AXES, NEARER)
 
 
-def _legs(pose: Pose, look: Look) -> Iterator[Cloth]:
+def _legs(pose: BodyPose, look: Appearance) -> Iterator[ClothHull]:
     for hip, knee, ankle in zip(pose.hips, pose.knees, pose.ankles, strict=True):
-        yield Cloth(np.stack([hip, knee]), np.array([0.09, 0.066]), look.trousers, FARTHER)
-        yield Cloth(np.stack([knee, ankle]), np.array([0.066, 0.052]), look.trousers, FARTHER)
+        yield ClothHull(np.stack([hip, knee]), np.array([0.09, 0.066]), look.trousers, FARTHER)
+        yield ClothHull(np.stack([knee, ankle]), np.array([0.066, 0.052]), look.trousers, FARTHER)
         heel = ankle + np.array([0.0, -0.03, 0.03])
         toe = heel + np.array([0.0, -0.01, -0.19])
-        yield Cloth(np.stack([heel, toe]), np.array([0.045, 0.035]), look.shoes, FARTHER)
+        yield ClothHull(np.stack([heel, toe]), np.array([0.045, 0.035]), look.shoes, FARTHER)

@@ -6,14 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.errors import BadInput
-from observer.rendering.background import background
 from observer.rendering.body import Stature, pose, stature
-from observer.rendering.canvas import NOBODY, Canvas, Picture, draw
-from observer.rendering.disturbance import add_noise, occlude, relight
-from observer.rendering.figure import Skin, shapes
-from observer.rendering.lens import NEAREST, Lens
-from observer.rendering.look import Look, look_of
-from observer.rendering.scenery import Scenery
+from observer.rendering.canvas import NEAREST, NOBODY, Canvas, Picture, PinholeCamera, draw
+from observer.rendering.figure import Appearance, SkinEllipsoid, appearance_of, shapes
+from observer.rendering.scenery import Scenery, add_noise, background, occlude, relight
 from observer.tracks import BODY_PARTS, Floats
 
 SUB_FRAMES = 6
@@ -53,18 +49,18 @@ class Renderer:
         size_px: tuple[int, int] = (640, 480),
         scenery: Scenery | None = None,
         seed: int = 0,
-        look: Look | None = None,
+        look: Appearance | None = None,
         standing: Stature | None = None,
     ) -> None:
         if min(size_px) < 16:
             raise BadInput(f"size_px = {size_px}: width and height of at least 16 pixels are expected")
         if seed < 0:
             raise BadInput(f"seed = {seed}: 0 or more is expected")
-        self._lens = Lens.of(matrix)
+        self._lens = PinholeCamera.of(matrix)
         self._size_px = size_px
         self._scenery = scenery or Scenery()
         self._seed = seed
-        self._look = look or look_of(seed)
+        self._look = look or appearance_of(seed)
         self._standing = standing
 
     def picture(self, positions: Floats, frame_number: int, before: Floats | None = None) -> Picture:
@@ -126,6 +122,6 @@ class Renderer:
         areas = np.zeros(len(BODY_PARTS))
         body = pose(positions, self._standing or stature(positions[None]))
         for shape in shapes(body, self._look) if body is not None else ():
-            if isinstance(shape, Skin):
+            if isinstance(shape, SkinEllipsoid):
                 areas[shape.part] = self._lens.outline_area(shape.place, shape.axes)
         return areas

@@ -1,9 +1,15 @@
-"""What a rendered picture shows besides the performer, and how badly: background, noise, light, occlusion, blur."""
+"""Everything in a rendered picture except the performer: background, light, noise and occlusion."""
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
+
+import cv2
+import numpy as np
 
 from common.errors import BadInput
+from observer.rendering.canvas import NOBODY, Canvas, Picture
+from observer.rendering.figure import Bgr
 
 BACKGROUNDS = ("plain", "cluttered", "skin_toned")
 """A bare wall; shelves and boxes of many colours, none like skin; beige wall and wood, near the hue of skin."""
@@ -61,3 +67,180 @@ class Scenery:
 def _check_range(name: str, value: float, most: float) -> None:
     if not (math.isfinite(value) and 0.0 <= value <= most):
         raise BadInput(f"{name} = {value}: 0 to {most:g} is expected")
+
+
+_HORIZON = 0.8  # where the floor begins, of the picture's height
+
+
+@lru_cache(maxsize=8)
+def background(kind: str, size_px: tuple[int, int], seed: int) -> Picture:
+    """(H, W, 3) the background of that kind (one of scenery.BACKGROUNDS), size (width, height) and seed; read-only."""
+    rng = np.random.default_rng((seed, 2))
+    width, height = size_px
+    picture = {"plain": _plain, "cluttered": _cluttered, "skin_toned": _skin_toned}[kind](width, height, rng)
+    picture.setflags(write=False)
+    return picture
+
+
+def _plain(width: int, height: int, rng: np.random.Generator) -> Picture:
+    """A grey-blue wall and a darker floor, each brighter at the top."""
+    tint = rng.uniform(-8.0, 8.0)
+    wall = _wash(width, height, (188.0 + tint, 176.0, 164.0 - tint), 0.12)
+    horizon = int(_HORIZON * height)
+    wall[horizon:] = _wash(width, height - horizon, (128.0, 126.0, 118.0), 0.2)
+    return wall
+
+
+def _cluttered(width: int, height: int, rng: np.random.Generator) -> Picture:
+    """Shelves of books and boxes, a patterned curtain, pictures on the wall, boxes on the floor."""
+    picture = _plain(width, height, rng)
+    for _ in range(2):
+        left = int(rng.uniform(0.0, 0.65) * width)
+        _shelf(picture, left, int(rng.uniform(0.02, 0.2) * height), int(0.32 * width), int(0.62 * height), rng)
+    curtain = int(rng.uniform(0.05, 0.75) * width)
+    _stripes(picture, curtain, int(0.18 * width), int(0.75 * height), rng)
+    for _ in range(24):
+        w, h = rng.uniform(0.04, 0.16, 2) * (width, height)
+        x, y = rng.uniform(-0.02, 0.95) * width, rng.uniform(0.0, 0.92) * height
+        _thing(picture, int(x), int(y), int(w), int(h), rng)
+    return picture
+
+
+def _skin_toned(width: int, height: int, rng: np.random.Generator) -> Picture:
+    """A beige wall, a wooden cupboard and a wooden floor: hues of 8 to 18 of 180, as skin has."""
+    picture = _wash(width, height, (150.0, 180.0, 208.0), 0.1)
+    wide = int(rng.uniform(0.3, 0.45) * width)
+    left = int(rng.uniform(0.05, 0.5) * width)
+    top = int(rng.uniform(0.15, 0.3) * height)
+    picture[top:, left : left + wide] = _wood(wide, height - top, rng)
+    for k in range(4):
+        cv2.rectangle(picture, (left + k * wide // 3, top), (left + k * wide // 3, height), (52, 78, 110), 2)
+    horizon = int(_HORIZON * height)
+    floor = np.ascontiguousarray(_wood(height - horizon, width, rng).transpose(1, 0, 2))
+    picture[horizon:] = floor
+    for y in range(horizon, height, max(height // 30, 4)):
+        cv2.line(picture, (0, y), (width, y), (58, 84, 118), 1)
+    return picture
+
+
+def _shelf(picture: Picture, left: int, top: int, wide: int, high: int, rng: np.random.Generator) -> None:
+    cv2.rectangle(picture, (left, top), (left + wide, top + high), (66, 64, 60), -1)
+    board = max(high // 4, 8)
+    for y in range(top + board, top + high + 1, board):
+        x = left + 4
+        while x < left + wide - 10:
+            w, h = int(rng.uniform(0.03, 0.11) * wide) + 3, int(rng.uniform(0.55, 0.92) * board)
+            cv2.rectangle(picture, (x, y - h), (min(x + w, left + wide - 4), y), _bgr(_no_skin(rng)), -1)
+            x += w + 1
+        cv2.line(picture, (left, y), (left + wide, y), (120, 122, 124), 3)
+
+
+def _stripes(picture: Picture, left: int, wide: int, high: int, rng: np.random.Generator) -> None:
+    colours = [_bgr(_no_skin(rng)) for _ in range(3)]
+    for k, x in enumerate(range(left, left + wide, max(wide // 14, 2))):
+        cv2.rectangle(picture, (x, 0), (x + max(wide // 14, 2), high), colours[k % 3], -1)
+
+
+def _thing(picture: Picture, x: int, y: int, wide: int, high: int, rng: np.random.Generator) -> None:
+    """A box, perhaps with a checked or dotted front."""
+    cv2.rectangle(picture, (x, y), (x + wide, y + high), _bgr(_no_skin(rng)), -1)
+    pattern, other = rng.integers(3), _bgr(_no_skin(rng))
+    step = max(min(wide, high) // 4, 4)
+    for i in range(x + 2, x + wide - step, 2 * step):
+        for j in range(y + 2, y + high - step, 2 * step):
+            if pattern == 1:
+                cv2.rectangle(picture, (i, j), (i + step, j + step), other, -1)
+            elif pattern == 2:
+                cv2.circle(picture, (i + step // 2, j + step // 2), step // 2, other, -1, cv2.LINE_AA)
+    cv2.rectangle(picture, (x, y), (x + wide, y + high), (40, 38, 36), 1)
+
+
+def _no_skin(rng: np.random.Generator) -> Bgr:
+    """A colour of any hue but skin's (about 0 to 25 and 165 to 180, in OpenCV's 180), or a grey."""
+    hue, saturation = rng.integers(38, 150), rng.integers(0, 3) * rng.integers(30, 100)
+    hsv = np.array([[[hue, saturation, rng.integers(50, 230)]]], np.uint8)
+    blue, green, red = cv2.cvtColor(hsv, cv2.COLOR_HSV2BGR)[0, 0]
+    return float(blue), float(green), float(red)
+
+
+def _wood(width: int, height: int, rng: np.random.Generator) -> Picture:
+    """(height, width, 3) wood with its grain upright."""
+    white = rng.normal(0.0, 1.0, (height, width)).astype(np.float32)
+    grain = np.asarray(cv2.GaussianBlur(white, (0, 0), 1.2, sigmaY=40.0), dtype=np.float32)
+    grain /= max(float(grain.std()), 1e-6)
+    tone = np.array(rng.uniform((75.0, 112.0, 160.0), (105.0, 142.0, 190.0)), np.float32)
+    return np.clip(tone * (1.0 + 0.07 * grain[..., None]), 0.0, 255.0).astype(np.uint8)
+
+
+def _wash(width: int, height: int, colour: Bgr, fall: float) -> Picture:
+    """One colour, by the share `fall` darker at the bottom."""
+    fading = np.linspace(1.0, 1.0 - fall, height, dtype=np.float32)[:, None, None] * np.array(colour, np.float32)
+    return np.broadcast_to(np.clip(fading, 0.0, 255.0).astype(np.uint8), (height, width, 3)).copy()
+
+
+def _bgr(colour: Bgr) -> tuple[int, int, int]:
+    return int(colour[0]), int(colour[1]), int(colour[2])
+
+
+LIGHT, GRAIN = 3, 4  # the second number of each stream of chance, after the seed
+BOX_COLOURS = ((92, 70, 48), (116, 92, 66))
+_TILE = 61  # pixels that the grain may be shifted by; larger than any pattern is remembered
+
+
+def occlude(canvas: Canvas, scenery: Scenery, frame_number: int) -> None:
+    """Put the boxes of that frame before all that is drawn: bluish, striped, the same whatever the seed."""
+    rows, columns = canvas.owner.shape
+    for box in scenery.occluders:
+        if not box.covers(frame_number):
+            continue
+        left, right = round(box.left * columns), round((box.left + box.width) * columns)
+        top, bottom = round(box.top * rows), round((box.top + box.height) * rows)
+        if left >= right or top >= bottom:
+            continue
+        canvas.owner[top:bottom, left:right] = NOBODY
+        canvas.picture[top:bottom, left:right] = BOX_COLOURS[0]
+        for y in range(top, min(bottom, rows), 12):
+            canvas.picture[y : min(y + 4, bottom), left:right] = BOX_COLOURS[1]
+
+
+def gains(scenery: Scenery, seed: int, frame_number: int) -> tuple[float, float, float]:
+    """By what blue, green and red are multiplied in that frame; all 1 in steady light and before the first jump."""
+    swing = 1.0 + scenery.slow_light * math.sin(2 * math.pi * frame_number / scenery.slow_frames)
+    jump = frame_number // scenery.sudden_frames
+    if not (scenery.sudden_light and jump):
+        return swing, swing, swing
+    brightness, warmth = np.random.default_rng((seed, LIGHT, jump)).uniform(-1.0, 1.0, 2) * scenery.sudden_light
+    level = swing * (1.0 + float(brightness))
+    warm = 0.2 * float(warmth)
+    return level * (1.0 - warm), level, level * (1.0 + warm)
+
+
+def relight(picture: Picture, scenery: Scenery, seed: int, frame_number: int) -> Picture:
+    """The picture in that frame's light; bright parts burn out at 255."""
+    factors = gains(scenery, seed, frame_number)
+    if factors == (1.0, 1.0, 1.0):
+        return picture
+    table = np.clip(np.arange(256.0)[:, None] * factors + 0.5, 0.0, 255.0).astype(np.uint8)
+    return np.asarray(cv2.LUT(picture, table[None]), dtype=np.uint8)
+
+
+def add_noise(picture: Picture, scenery: Scenery, seed: int, frame_number: int) -> Picture:
+    """The picture with that frame's noise: normal, independent in every pixel and channel, rounded."""
+    if not scenery.noise:
+        return picture
+    rows, columns = picture.shape[:2]
+    above, below = _grain((columns, rows), scenery.noise, seed)
+    y, x, swapped = np.random.default_rng((seed, GRAIN, frame_number)).integers((_TILE, _TILE, 2))
+    window = slice(y, y + rows), slice(x, x + columns)
+    if swapped:
+        above, below = below, above
+    return np.asarray(cv2.subtract(cv2.add(picture, above[window]), below[window]), dtype=np.uint8)
+
+
+@lru_cache(maxsize=4)
+def _grain(size_px: tuple[int, int], noise: float, seed: int) -> tuple[Picture, Picture]:
+    """What is added and what is taken away, larger than a picture: drawing it anew would cost more than a picture."""
+    rng = np.random.default_rng((seed, GRAIN))
+    grain = np.rint(rng.normal(0.0, noise, (size_px[1] + _TILE, size_px[0] + _TILE, 3)))
+    above, below = (np.clip(part, 0, 255).astype(np.uint8) for part in (grain, -grain))
+    return above, below

@@ -13,7 +13,7 @@ from observer.geometry.projection import Floats, pinhole_matrix
 from observer.geometry.views import View
 from observer.motion.archive import Recording
 from observer.rendering.body import Stature, stature
-from observer.rendering.look import look_of
+from observer.rendering.figure import appearance_of
 from observer.rendering.renderer import Renderer
 from observer.rendering.scenery import Scenery
 from observer.source import RecordedMotion
@@ -96,7 +96,7 @@ class VirtualCamera:
         """What draws that recording: for the pictures' truth, ask it with the same positions and frame numbers."""
         standing = stature(recording.positions[:, _rows_of(self.motion.archive_parts)])
         matrix = aimed_matrix(self.view, standing, self.size_px)
-        look = look_of(zlib.crc32(recording.subject.encode()))
+        look = appearance_of(zlib.crc32(recording.subject.encode()))
         return Renderer(matrix, self.size_px, self.scenery, self.seed, look, standing)
 
 

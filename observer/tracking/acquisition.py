@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from observer.tracking.patch import Patch
+from observer.tracking.back_projection import SkinPatch
 from observer.tracks import Floats
 
 FRAMES = 3
@@ -20,17 +20,17 @@ MOVED = 0.3
 class Candidate:
     """A patch and for how many frames running it was there."""
 
-    patch: Patch
+    patch: SkinPatch
     frames: int
 
 
-class Acquisition:
+class HandAcquisition:
     """Remembers candidates from frame to frame."""
 
     def __init__(self) -> None:
         self._before: list[Candidate] = []
 
-    def update(self, patches: Sequence[Patch], face: float) -> list[Patch]:
+    def update(self, patches: Sequence[SkinPatch], face: float) -> list[SkinPatch]:
         """Patches that may be hands now; `face` is the face's width in px. The believed ones, best first."""
         now = []
         left = list(self._before)
@@ -58,13 +58,13 @@ RESTS_S, TREMBLES = 0.6, 0.3
 """A hanging hand is believed when it was there for so long, never further from itself than so many face widths."""
 
 
-class Resting:
+class RestingHands:
     """A hand that does not move: the only skin where a hand hangs, on its side of the body, for a while."""
 
     def __init__(self) -> None:
         self._seen: dict[int, tuple[Floats, float]] = {}
 
-    def update(self, pieces: Sequence[Patch], head: Floats, face: float, seconds: float) -> dict[int, Patch]:
+    def update(self, pieces: Sequence[SkinPatch], head: Floats, face: float, seconds: float) -> dict[int, SkinPatch]:
         """All pieces of skin in a frame -> those believed to be hanging hands, by side: -1 the picture's left, or 1."""
         believed, now = {}, {}
         for side in (-1, 1):

@@ -1,4 +1,4 @@
-"""The paper's tracker (section V.A): skin colour and CAMshift, one filter a part, and honest about what it loses."""
+"""The paper's tracker (section V.A): skin colour, CAMshift and one Kalman filter per body part."""
 
 from collections.abc import Sequence
 
@@ -6,17 +6,59 @@ import cv2
 import numpy as np
 
 from common.errors import BadInput
-from observer.tracking.backdrop import Backdrop
-from observer.tracking.face import WHY_NOT, Box, FaceFinder, have_cascade
-from observer.tracking.hands import Hands
-from observer.tracking.head import DOUBTED_S, LOST_S, Head, middle
-from observer.tracking.motion import Motion
-from observer.tracking.part import HEAD_ACCELERATION, Part
-from observer.tracking.retina import Retina, shrunk, step_for
-from observer.tracking.skin import Picture, Skin
-from observer.tracking.suits import COVERED, Hint
-from observer.tracking.window import SKIN, Region
+from observer.tracking.back_projection import SKIN, BackProjection, PixelRect, shrunk, step_for
+from observer.tracking.background_model import ForegroundDetector, SkinBackground
+from observer.tracking.hands import HandTracker
+from observer.tracking.head import DOUBTED_S, LOST_S, WHY_NOT, Box, FaceFinder, HeadTracker, have_cascade, middle
+from observer.tracking.kalman import HEAD_ACCELERATION, TrackedPart
+from observer.tracking.skin import Picture, SkinHistogram
 from observer.tracks import BODY_PARTS, Floats, Frame, State, Tracks
+
+PATIENCE_S = 5.0
+"""So long no face may be found before anybody is told; and so long what was told stands."""
+DARK = 40.0
+"""Mean of a picture, 0 to 255, under which hues are noise."""
+COVERED = 0.2
+"""Where more of the picture has the colour of a face, either is none, or nothing can be told by colour."""
+NARROW_PX = 24.0
+"""A hand of a face narrower than this is about a dozen pixels wide."""
+
+
+def explain_loss(unfound_s: float, brightness: float, covered: float, face_px: float | None) -> str:
+    """One line, or "" when all is well.
+
+    unfound_s: for how long no face was found. brightness: the picture's mean, 0 to 255. covered: share of the picture
+    in the colour of the face found last, 0 to 1. face_px: its width, None before the first.
+    """
+    if unfound_s < PATIENCE_S:
+        if face_px is not None and face_px < NARROW_PX:
+            return f'the face is {face_px:.0f} px wide: nearer, a larger picture, or tracker = "mediapipe"'
+        return ""
+    lost = f"no face found for {PATIENCE_S:.0f} s"
+    if brightness < DARK:
+        return f'{lost}: the picture is dark (mean {brightness:.0f} of 255); more light, or tracker = "mediapipe"'
+    if covered >= COVERED:
+        return f'{lost}: skin colour covers {covered:.0%} of the picture; another wall, or tracker = "mediapipe"'
+    return f'{lost}: face the camera, come nearer, or tracker = "mediapipe"'
+
+
+class TrackingAdvice:
+    """Keeps the line while nothing new is to be said."""
+
+    def __init__(self) -> None:
+        self.complaint, self._unfound_s, self._stood_s = "", 0.0, PATIENCE_S
+
+    def update(self, followed: bool, face_px: float | None, covered: float, small: Picture, seconds: float) -> None:
+        """After each frame; followed: whether there is a head now; small: the picture, of any size."""
+        self._unfound_s = 0.0 if followed else self._unfound_s + seconds
+        self._stood_s += seconds
+        well = followed and (face_px is None or face_px >= NARROW_PX)
+        if well:
+            self.complaint, self._stood_s = "", PATIENCE_S
+        elif self._stood_s >= PATIENCE_S:
+            said = explain_loss(self._unfound_s, float(small[::8, ::8].mean()), covered, face_px)
+            self.complaint, self._stood_s = said, 0.0 if said else PATIENCE_S
+
 
 SHORT_SIDE = 240
 """Until a face is found pictures are looked at about so large."""
@@ -35,14 +77,17 @@ class CamshiftTracker:
     (`observer.geometry.views.facing`): which hand is which is told by it, and from the side not at all.
     """
 
-    def __init__(self, skin: Skin | None = None, face_region: Box | None = None, facing: float = 1.0) -> None:
+    def __init__(self, skin: SkinHistogram | None = None, face_region: Box | None = None, facing: float = 1.0) -> None:
         if face_region is None and skin is None and not have_cascade():
             raise BadInput(WHY_NOT)
-        self._head = Head(FaceFinder() if have_cascade() else None, skin, away=facing < 0)
+        self._head = HeadTracker(FaceFinder() if have_cascade() else None, skin, away=facing < 0)
         self._region = face_region
-        self._hands, self._head_part = Hands(np.array([-1.0 if facing < 0 else 1.0, 1.0])), Part(HEAD_ACCELERATION)
+        self._hands, self._head_part = (
+            HandTracker(np.array([-1.0 if facing < 0 else 1.0, 1.0])),
+            TrackedPart(HEAD_ACCELERATION),
+        )
         self._nameless = abs(facing) < SIDEWAYS
-        self._motion, self._backdrop, self._hint = Motion(), Backdrop(), Hint()
+        self._motion, self._backdrop, self._hint = ForegroundDetector(), SkinBackground(), TrackingAdvice()
         self._step: int | None = None
         self._covered = 0.0
         self._before_ns: int | None = None
@@ -54,7 +99,7 @@ class CamshiftTracker:
         return BODY_PARTS
 
     @property
-    def skin(self) -> Skin | None:
+    def skin(self) -> SkinHistogram | None:
         """The histogram as it is now, to be saved; None until a face taught one."""
         return self._head.skin
 
@@ -78,7 +123,9 @@ class CamshiftTracker:
         skin, face, at = self._head.skin, self._head.face, self._head_at
         if skin is not None and face is not None and at is not None:
             region = _reach(at, face, step, small.shape)
-            retina = Retina.of(small, step, skin, (moved, fresh, self._backdrop.stale(region, small.shape)), region)
+            retina = BackProjection.of(
+                small, step, skin, (moved, fresh, self._backdrop.stale(region, small.shape)), region
+            )
             at = self._follow_head(retina, at, face, seconds)
             self._hands.follow(retina, at, face, seconds, self._head_part.filter is not None)
             self._learn_backdrop(retina, seconds)
@@ -135,7 +182,7 @@ class CamshiftTracker:
             self._head_part.acquire(middle(box), mass, float(w))
             self._head_at = middle(box)
 
-    def _follow_head(self, retina: Retina, at: Floats, face: float, seconds: float) -> Floats:
+    def _follow_head(self, retina: BackProjection, at: Floats, face: float, seconds: float) -> Floats:
         """(2,) px: where it is, or where it was last, `at`."""
         head = self._head_part
         if head.filter is None:
@@ -154,7 +201,7 @@ class CamshiftTracker:
             head.doubt()
         return at
 
-    def _learn_backdrop(self, retina: Retina, seconds: float) -> None:
+    def _learn_backdrop(self, retina: BackProjection, seconds: float) -> None:
         step = retina.step
         parts = [
             (p.filter.centre / step, p.side / step)
@@ -175,13 +222,13 @@ class CamshiftTracker:
             self._head.adapt(picture, small, step, head.filter.centre, seconds)
 
 
-def _centre(part: Part, state: State) -> Floats:
+def _centre(part: TrackedPart, state: State) -> Floats:
     return part.filter.centre if part.filter is not None and part.state is state else np.full(2, np.nan)
 
 
-def _reach(head: Floats, face: float, step: int, shape: tuple[int, ...]) -> Region:
+def _reach(head: Floats, face: float, step: int, shape: tuple[int, ...]) -> PixelRect:
     width, height, below = (share * face / step for share in REACH)
-    return Region.around(head / step + (0.0, below), (width, height), shape)
+    return PixelRect.around(head / step + (0.0, below), (width, height), shape)
 
 
 def _checked(content: Picture) -> Picture:

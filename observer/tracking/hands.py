@@ -4,12 +4,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from observer.tracking.acquisition import Acquisition, Resting
-from observer.tracking.assignment import GATE, assign
-from observer.tracking.part import HAND_ACCELERATION, Part
-from observer.tracking.patch import Patch
-from observer.tracking.retina import Mask, Retina
-from observer.tracking.sides import LEFT, RIGHT, Doubt, name_first, name_second, name_two
+from observer.tracking.acquisition import HandAcquisition, RestingHands
+from observer.tracking.back_projection import BackProjection, Mask, SkinPatch
+from observer.tracking.kalman import GATE, HAND_ACCELERATION, TrackedPart, assign
+from observer.tracking.sides import LEFT, RIGHT, HandednessEvidence, name_first, name_second, name_two
 from observer.tracks import Floats, State
 
 HAND = (0.06, 0.6)
@@ -29,14 +27,19 @@ STILL = 0.7
 NEVER = 1e6
 
 
-class Hands:
+class HandTracker:
     """Left and right; lengths in px, `face` is the face's width."""
 
     def __init__(self, mirror: Floats) -> None:
         """mirror: (2,) by which places are multiplied before sides are named: u is negated for a person's back."""
-        self.parts = [Part(HAND_ACCELERATION), Part(HAND_ACCELERATION)]
-        self.found: list[Patch] = []
-        self._acquisition, self._resting, self._doubt, self._mirror = Acquisition(), Resting(), Doubt(), mirror
+        self.parts = [TrackedPart(HAND_ACCELERATION), TrackedPart(HAND_ACCELERATION)]
+        self.found: list[SkinPatch] = []
+        self._acquisition, self._resting, self._doubt, self._mirror = (
+            HandAcquisition(),
+            RestingHands(),
+            HandednessEvidence(),
+            mirror,
+        )
 
     def predict(self, seconds: float) -> None:
         """Let time pass."""
@@ -51,7 +54,7 @@ class Hands:
             if row != but and part.filter is not None
         ]
 
-    def follow(self, retina: Retina, head: Floats, face: float, seconds: float, findable: bool) -> None:
+    def follow(self, retina: BackProjection, head: Floats, face: float, seconds: float, findable: bool) -> None:
         """One frame; head: (2,) where it was last. findable: it is followed, so that new hands may be named."""
         self.found = []
         pieces = retina.blobs([_ellipse(head, face)], HAND[0] * face**2 / 2, HAND[1] * face**2)
@@ -65,9 +68,9 @@ class Hands:
         else:
             self._acquisition.forget()
 
-    def _measured(self, retina: Retina, head: Floats, face: float) -> list[Patch]:
+    def _measured(self, retina: BackProjection, head: Floats, face: float) -> list[SkinPatch]:
         """Where CAMshift comes to rest from where each hand is expected; hands that meet would pull at each other's."""
-        found: list[Patch] = []
+        found: list[SkinPatch] = []
         if self._meeting():
             return found
         for row, part in enumerate(self.parts):
@@ -86,7 +89,7 @@ class Hands:
             return False
         return float(np.hypot(*(left.filter.centre - right.filter.centre))) < MEETING * max(left.side, right.side)
 
-    def _unmerged(self, patches: list[Patch]) -> list[Patch]:
+    def _unmerged(self, patches: list[SkinPatch]) -> list[SkinPatch]:
         """Where two hands are expected together and one piece of skin is, it is both: neither is measured by it."""
         left, right = (part.filter for part in self.parts)
         if left is None or right is None or not self._meeting():
@@ -99,7 +102,7 @@ class Hands:
         self._doubt.merged()
         return [patch for patch in patches if all(patch is not other for other in there)]
 
-    def _assign(self, patches: Sequence[Patch], face: float, seconds: float) -> None:
+    def _assign(self, patches: Sequence[SkinPatch], face: float, seconds: float) -> None:
         known = [part for part in self.parts if part.filter is not None]
         cost = np.array([[_cost(part, patch, face) for patch in patches] for part in known]).reshape(
             len(known), len(patches)
@@ -128,7 +131,7 @@ class Hands:
             if exchanged and hand.state is State.SEEN and outwards * (place[0] - middle[0]) < 0:
                 hand.doubt()
 
-    def _find_resting(self, retina: Retina, head: Floats, face: float, seconds: float) -> None:
+    def _find_resting(self, retina: BackProjection, head: Floats, face: float, seconds: float) -> None:
         missing = [row for row in (LEFT, RIGHT) if self.parts[row].state is State.MISSING]
         if not missing:
             return
@@ -139,7 +142,7 @@ class Hands:
             if row in missing and _apart_from(patch.centre, taken, face):
                 self._acquire(row, patch, face)
 
-    def _find(self, pieces: Sequence[Patch], head: Floats, face: float) -> None:
+    def _find(self, pieces: Sequence[SkinPatch], head: Floats, face: float) -> None:
         free = [row for row in (LEFT, RIGHT) if self._is_free(row, face)]
         taken = [part.filter.centre for part in self.parts if part.filter is not None and part.state is State.SEEN]
         pieces = [p for p in pieces if _apart_from(p.centre, taken, 0.7 * face)]
@@ -150,7 +153,7 @@ class Hands:
         elif hands and not self._take_over(hands[0], head, face) and free:
             self._name_one(hands[0], free, head, face)
 
-    def _name_two(self, hands: Sequence[Patch]) -> dict[int, int]:
+    def _name_two(self, hands: Sequence[SkinPatch]) -> dict[int, int]:
         """As they are expected, while that is known; else by their sides."""
         left, right = (part.filter for part in self.parts)
         if left is None or right is None:
@@ -166,7 +169,7 @@ class Hands:
             return self.parts[row].state is not State.SEEN
         return self.parts[row].state is not State.SEEN and _apart_from(part.centre, [other.centre], 2 * face)
 
-    def _take_over(self, hand: Patch, head: Floats, face: float) -> bool:
+    def _take_over(self, hand: SkinPatch, head: Floats, face: float) -> bool:
         """What moves is the hand of its side, where the one that was thought to be that hand keeps still."""
         row = name_first(self._mirror * hand.centre, self._mirror * head, 0.6 * face)
         if row is None or self.parts[row].state is not State.SEEN:
@@ -177,7 +180,7 @@ class Hands:
         self._acquire(row, hand, face)
         return True
 
-    def _name_one(self, hand: Patch, free: Sequence[int], head: Floats, face: float) -> None:
+    def _name_one(self, hand: SkinPatch, free: Sequence[int], head: Floats, face: float) -> None:
         place, middle, margin = self._mirror * hand.centre, self._mirror * head, 0.6 * face
         if len(free) == 2:
             row = name_first(place, middle, margin)
@@ -193,7 +196,7 @@ class Hands:
         if row is not None:
             self._acquire(row, hand, face)
 
-    def _acquire(self, row: int, hand: Patch, face: float) -> None:
+    def _acquire(self, row: int, hand: SkinPatch, face: float) -> None:
         self._doubt.forget()
         self.found.append(hand)
         self.parts[row].acquire(hand.centre, hand.area, face)
@@ -208,7 +211,7 @@ def _outside(centre: Floats, head: Floats, face: float) -> bool:
     return bool(away @ away > 1)
 
 
-def _cost(part: Part, patch: Patch, face: float) -> float:
+def _cost(part: TrackedPart, patch: SkinPatch, face: float) -> float:
     """Squared Mahalanobis distance; beyond any gate where the patch is too large, too small or too far."""
     if part.filter is None or not part.fits(patch.area):
         return NEVER
@@ -217,9 +220,9 @@ def _cost(part: Part, patch: Patch, face: float) -> float:
     return squared / part.filter.variance if squared < (FURTHEST * face) ** 2 else NEVER
 
 
-def _distinct(patches: Sequence[Patch]) -> list[Patch]:
+def _distinct(patches: Sequence[SkinPatch]) -> list[SkinPatch]:
     """Two windows that came to rest on the same skin are one hand: the other is hidden or lost."""
-    kept: list[Patch] = []
+    kept: list[SkinPatch] = []
     for patch in patches:
         if _apart_from(patch.centre, [p.centre for p in kept], 0.7 * float(np.sqrt(patch.area))):
             kept.append(patch)

@@ -8,7 +8,7 @@ from typing import Literal
 
 from common.config import ObserverConfig
 from common.errors import BadInput
-from observer.foreign.tracker import ForeignTracker
+from observer.foreign.track_line import ForeignTracker
 from observer.geometry.views import View, facing
 from observer.projected import ProjectedTracker
 from observer.tracks import Tracker
@@ -18,7 +18,7 @@ Content = Literal["positions", "pictures", "tracks"]
 
 
 @dataclass(frozen=True, slots=True)
-class Setting:
+class TrackerSettings:
     """What a tracker may be told. recorded: names of the rows of positions or tracks; wanted: the parts a model reads.
 
     place: where a file named in the scene file is.
@@ -37,31 +37,31 @@ class TrackerKind:
 
     name: str
     reads: Content
-    build: Callable[[Setting], Tracker]
+    build: Callable[[TrackerSettings], Tracker]
 
 
-def _projected(setting: Setting) -> Tracker:
+def _projected(setting: TrackerSettings) -> Tracker:
     return ProjectedTracker(setting.view, setting.recorded, setting.wanted)
 
 
-def _camshift(setting: Setting) -> Tracker:
+def _camshift(setting: TrackerSettings) -> Tracker:
     # Imported only where it is used: OpenCV costs 0.2 s, and a machine that only projects does without.
     from observer.tracking.camshift import CamshiftTracker
-    from observer.tracking.skin import Skin
+    from observer.tracking.skin import SkinHistogram
 
     section = setting.section
-    skin = Skin.load(setting.place(section.skin)) if section.skin else None
+    skin = SkinHistogram.load(setting.place(section.skin)) if section.skin else None
     return CamshiftTracker(skin, section.face, facing(setting.view))
 
 
-def _mediapipe(setting: Setting) -> Tracker:
+def _mediapipe(setting: TrackerSettings) -> Tracker:
     from observer.tracking.mediapipe_pose import MediapipeTracker
 
     section = setting.section
     return MediapipeTracker(str(setting.place(section.pose_model)) if section.pose_model else None, section.hand)
 
 
-def _foreign(setting: Setting) -> Tracker:
+def _foreign(setting: TrackerSettings) -> Tracker:
     return ForeignTracker(setting.recorded)
 
 

@@ -43,7 +43,7 @@ SURE, NAMED, ENOUGH = 3.0, 0.25, 0.08
 """Evidence for the names, face widths apart times seconds: the most there is, of hands just named, what decides."""
 
 
-class Doubt:
+class HandednessEvidence:
     """Whether the names of the two hands are in doubt, and when to exchange them.
 
     Filters carry the names through a crossing. Where two hands meet and part, crossing and turning back look alike;

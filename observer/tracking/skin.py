@@ -80,7 +80,7 @@ def _weights(mean: float, deviation: float) -> Picture:
 
 
 @dataclass(frozen=True, slots=True)
-class Skin:
+class SkinHistogram:
     """Frequencies of the bins, each (45, 32) and of sum 1, in the person's skin and in the rest of the picture.
 
     value: (2,) mean and standard deviation of the skin's value, 0 to 255: wood has the hue of skin, seldom its shade.
@@ -97,7 +97,9 @@ class Skin:
         object.__setattr__(self, "weights", _weights(float(self.value[0]), float(self.value[1])))
 
     @classmethod
-    def learn(cls, picture: Picture, box: tuple[int, int, int, int], rest: Picture | None = None) -> "Skin | None":
+    def learn(
+        cls, picture: Picture, box: tuple[int, int, int, int], rest: Picture | None = None
+    ) -> "SkinHistogram | None":
         """From the ellipse in `box` (x, y, width, height) of a face or marked region; None: too few usable pixels.
 
         rest: (H, W, 3) what is no skin, its black pixels left out; without it the picture around the box.
@@ -117,11 +119,11 @@ class Skin:
         outside[max(y - h // 4, 0) : y + h * 5 // 4, max(x - w // 4, 0) : x + w * 5 // 4] = 0
         return cls(_frequencies(hsv, inside), _frequencies(hsv, outside), value)
 
-    def adapted(self, newer: "Skin", rate: float) -> "Skin":
+    def adapted(self, newer: "SkinHistogram", rate: float) -> "SkinHistogram":
         """A step of `rate` (0 to 1) towards a newer one: light changes slowly."""
         skin, rest = self.skin + rate * (newer.skin - self.skin), self.rest + rate * (newer.rest - self.rest)
         # Light becomes darker and brighter faster than it becomes redder.
-        return Skin(skin, rest, self.value + min(3 * rate, 1.0) * (newer.value - self.value))
+        return SkinHistogram(skin, rest, self.value + min(3 * rate, 1.0) * (newer.value - self.value))
 
     def back_project(self, picture: Picture) -> Picture:
         """(H, W) uint8: 255 p(skin | colour) with skin and rest equally likely beforehand; 0 where colour is no use."""
@@ -135,7 +137,7 @@ class Skin:
             np.savez(file, skin=self.skin, rest=self.rest, value=self.value)
 
     @classmethod
-    def load(cls, path: Path) -> "Skin":
+    def load(cls, path: Path) -> "SkinHistogram":
         """Read what `save` wrote; BadInput for anything else."""
         expected = (
             f"a skin histogram of two arrays ({HUES}, {SATURATIONS}) and a value (2,) is expected; learn it again"

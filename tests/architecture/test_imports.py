@@ -85,11 +85,10 @@ IMPURE = {
     "observer.opening": "opens files, cameras and the standard input",
     "observer.prepared": "turns a source's pictures",
     "observer.foreign.sources": "a stream, a thread, the mesh",
-    **{
-        f"observer.calibration.{name}": "OpenCV"
-        for name in ("annotate", "bundle", "detection", "extrinsics", "from_boards", "intrinsics")
-    },
-    "observer.calibration.from_points": "OpenCV and files",
+    **{f"observer.calibration.{name}": "OpenCV" for name in ("bundle", "detection", "extrinsics", "intrinsics")},
+    "observer.calibration.board": "reads board files",
+    "observer.calibration.calibrate": "OpenCV and files",
+    "observer.calibration.formats": "files",
     "observer.calibration.pictures": "pictures and videos",
     "observer.camera*": "cameras",
     "observer.*_file": "files",
@@ -99,11 +98,9 @@ IMPURE = {
     "observer.motion.importers": "files",
     "observer.motion.importers.*": "files",
     "observer.preview.*": "OpenCV, threads, files",
-    "observer.recording.opening": "opens cameras",
-    "observer.recording.watching": "one thread a camera",
-    "observer.rendering.background": "OpenCV",
+    "observer.recording.capture": "opens cameras, one thread each",
     "observer.rendering.canvas": "OpenCV",
-    "observer.rendering.disturbance": "OpenCV",
+    "observer.rendering.scenery": "OpenCV",
     "observer.rendering.renderer": "draws with OpenCV",
     "observer.rendering.virtual_camera": "plays recordings by the clock",
     "observer.tracking.*": "OpenCV",
@@ -148,9 +145,9 @@ IMPURE = {
 }
 """Modules, by pattern, that touch sockets, clocks, disks, cameras or processes. All others are pure."""
 PURE_ALL_THE_SAME = {
-    *("observer.camera.address", "observer.camera.base", "observer.camera.sight"),
+    "observer.camera.base",
     "observer.motion.importers.skeleton",
-    *("observer.preview.account", "observer.preview.layout", "observer.preview.sight"),
+    "observer.preview.sight",
 }
 ALLOWED = {
     ("common.health", "threading"): "a lock: the status thread reads what the loop writes; nothing waits in it",

@@ -12,7 +12,7 @@ from observer.geometry.views import parse_view
 from observer.motion.archive import Recording
 from observer.rendering.virtual_camera import VirtualCamera
 from observer.source import RecordedMotion
-from observer.tracking.registry import TRACKERS, Setting, tracker_named
+from observer.tracking.registry import TRACKERS, TrackerSettings, tracker_named
 from observer.tracks import BODY_PARTS, Frame, State
 
 DOOR = parse_view("door")
@@ -54,7 +54,7 @@ def kind(request):
 
 @pytest.fixture
 def tracker(kind):
-    return kind.build(Setting(DOOR, BODY_PARTS, BODY_PARTS, ObserverConfig(source="0"), Path))
+    return kind.build(TrackerSettings(DOOR, BODY_PARTS, BODY_PARTS, ObserverConfig(source="0"), Path))
 
 
 def updated(tracker, frames):
@@ -80,7 +80,7 @@ def test_it_never_says_the_corner_for_lost(kind, tracker):
 
 
 def test_the_same_frames_give_the_same_tracks(kind, tracker):
-    again = kind.build(Setting(DOOR, BODY_PARTS, BODY_PARTS, ObserverConfig(source="0"), Path))
+    again = kind.build(TrackerSettings(DOOR, BODY_PARTS, BODY_PARTS, ObserverConfig(source="0"), Path))
     for one, other in zip(updated(tracker, contents(kind.reads)), updated(again, contents(kind.reads)), strict=True):
         assert np.array_equal(one.centres, other.centres, equal_nan=True)
 

@@ -18,7 +18,7 @@ from observer.motion.resample import resample
 from observer.rendering.scenery import Scenery
 from observer.rendering.virtual_camera import VirtualCamera
 from observer.source import RecordedMotion
-from observer.tracking.face import have_cascade
+from observer.tracking.head import have_cascade
 from studies.performer import perform, perform_continuously
 
 ROOT = Path(__file__).parents[2]

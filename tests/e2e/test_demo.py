@@ -8,7 +8,7 @@ import pytest
 
 from observer.motion.archive import MotionArchive
 from observer.motion.archive_file import write_archive
-from observer.tracking.face import have_cascade
+from observer.tracking.head import have_cascade
 from studies.performer import perform, perform_continuously
 
 

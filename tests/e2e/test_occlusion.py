@@ -13,7 +13,7 @@ from common.messages import JudgementMessage, PosteriorMessage
 from common.wire import decode
 from observer.motion.archive import MotionArchive
 from observer.motion.archive_file import write_archive
-from observer.tracking.face import have_cascade
+from observer.tracking.head import have_cascade
 from studies.performer import perform, perform_continuously
 
 ROOT = Path(__file__).parents[2]

@@ -12,7 +12,7 @@ import pytest
 
 from observer.space import SpaceReader, VectorSymbol
 from observer.tracking.camshift import CamshiftTracker
-from observer.tracking.face import have_cascade
+from observer.tracking.head import have_cascade
 from observer.tracks import BODY_PARTS, Frame, Tracks
 
 mediapipe = pytest.importorskip("mediapipe")

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from observer.calibration.opencv_file import read_opencv
+from observer.calibration.formats import read_opencv
 from observer.calibration.triangulate import triangulate
 from observer.tracking.mediapipe_pose import MediapipeTracker
 from observer.tracks import Frame

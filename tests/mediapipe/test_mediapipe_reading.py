@@ -12,8 +12,16 @@ from hypothesis.extra.numpy import arrays
 
 from common.errors import BadInput, LabanmeshError
 from observer.tracking import mediapipe_pose
-from observer.tracking.mediapipe_model import LANDMARKS, TaskPose, open_pose
-from observer.tracking.mediapipe_pose import PATIENCE_S, SEEN, UNSURE, MediapipeTracker, read_pose
+from observer.tracking.mediapipe_pose import (
+    LANDMARKS,
+    PATIENCE_S,
+    SEEN,
+    UNSURE,
+    MediapipeTracker,
+    TaskPose,
+    open_pose,
+    read_pose,
+)
 from observer.tracks import BODY_PARTS, Frame, State
 
 PICTURE = np.zeros((48, 64, 3), np.uint8)

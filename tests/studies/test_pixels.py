@@ -6,7 +6,7 @@ import pytest
 from observer.geometry.views import parse_view
 from observer.motion.resample import resample
 from observer.rendering.scenery import Scenery
-from observer.tracking.face import have_cascade
+from observer.tracking.head import have_cascade
 from studies.evaluate import Question, evaluate
 from studies.performer import perform
 from studies.pixels import RATE_HZ, Filming, evaluate_pixels, tracked

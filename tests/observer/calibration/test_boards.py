@@ -7,15 +7,14 @@ import numpy as np
 import pytest
 
 from common.errors import BadInput
-from observer.calibration.board import Charuco, Chessboard, parse_chessboard
-from observer.calibration.board_file import read_board
-from observer.calibration.bundle import Corners, _Problem, adjusted, seen
+from observer.calibration.board import Charuco, Chessboard, parse_chessboard, read_board
+from observer.calibration.bundle import BoardCorners, _Problem, bundle_adjust, project_board
+from observer.calibration.calibrate import from_boards
 from observer.calibration.calibrated import angle_between, rotation
-from observer.calibration.detection import Sighting, Sightings, _upright, find_boards, finder
-from observer.calibration.extrinsics import Pose, placed
-from observer.calibration.from_boards import from_boards
+from observer.calibration.detection import BoardDetection, CameraDetections, _upright, find_boards, finder
+from observer.calibration.extrinsics import RigidTransform, solve_extrinsics
+from observer.calibration.formats import read_opencv
 from observer.calibration.intrinsics import FittedLens, fit_lens
-from observer.calibration.opencv_file import read_opencv
 from observer.calibration.pictures import pictures
 
 K = np.array([[700.0, 0, 320], [0, 700, 240], [0, 0, 1]])
@@ -56,7 +55,9 @@ def test_slopes_of_the_bundle_are_those_of_its_errors():
 
     def drawn(board, camera, points, lens):
         f, u, v, k1, k2 = lens
-        return seen(points, (np.array([[f, 0, u], [0, f, v], [0, 0, 1]]), np.array([k1, k2, 0, 0, 0])), board, camera)
+        return project_board(
+            points, (np.array([[f, 0, u], [0, f, v], [0, 0, 1]]), np.array([k1, k2, 0, 0, 0])), board, camera
+        )
 
     given = board, camera, BOARD.points, lens
     off, by_board, by_camera, by_point, by_lens = drawn(*given)
@@ -72,11 +73,11 @@ def test_slopes_of_the_bundle_are_those_of_its_errors():
 def test_slopes_of_the_whole_problem_are_those_of_its_residuals():
     seen_, _ = shots()
     corners = [
-        Corners(c.name, s.number, BOARD.points[s.ids], s.pixels, np.full_like(s.pixels, 3.0), c.name == "two")
+        BoardCorners(c.name, s.number, BOARD.points[s.ids], s.pixels, np.full_like(s.pixels, 3.0), c.name == "two")
         for c in seen_
         for s in c.seen[:2]
     ]
-    start = placed(seen_, {"one": LENS, "two": LENS}, BOARD)
+    start = solve_extrinsics(seen_, {"one": LENS, "two": LENS}, BOARD)
     optics = dict.fromkeys(start.cameras, (K, LENS.distortion))
     cameras = {name: (pose.R, pose.t) for name, pose in start.cameras.items()}
     boards = {n: (start.boards[n].R, start.boards[n].t) for n in (0, 1)}
@@ -92,15 +93,17 @@ def test_slopes_of_the_whole_problem_are_those_of_its_residuals():
 
 def test_the_bundle_mends_a_camera_that_begins_off_and_bears_a_wrong_corner():
     shown, second = shots()
-    start = placed(shown, {"one": LENS, "two": LENS}, BOARD)
+    start = solve_extrinsics(shown, {"one": LENS, "two": LENS}, BOARD)
     corners = [
-        Corners(c.name, s.number, BOARD.points, s.pixels.copy(), np.zeros_like(s.pixels)) for c in shown for s in c.seen
+        BoardCorners(c.name, s.number, BOARD.points, s.pixels.copy(), np.zeros_like(s.pixels))
+        for c in shown
+        for s in c.seen
     ]
     corners[3].pixels[5] += 40
     cameras = {name: (pose.R, pose.t) for name, pose in start.cameras.items()}
     cameras["two"] = (rotation([0, 0.35, 0.02], "test"), second.t + 0.05)
     lenses = dict.fromkeys(cameras, (K, LENS.distortion))
-    R, t = adjusted(corners, lenses, cameras, {n: (p.R, p.t) for n, p in start.boards.items()}).cameras["two"]
+    R, t = bundle_adjust(corners, lenses, cameras, {n: (p.R, p.t) for n, p in start.boards.items()}).cameras["two"]
     np.testing.assert_allclose(t, second.t, atol=2e-3)
     assert angle_between(R, second.R) < 2e-3
 
@@ -135,52 +138,52 @@ def test_a_wrong_board_is_told(text, says):
 def shots(moment_of_second=0):
     """Two cameras 0.5 m apart and 0.3 rad turned, a board at eight places; noiseless corners."""
     rng = np.random.default_rng(5)
-    second = Pose(rotation([0, 0.3, 0], "test"), np.array([-0.5, 0.02, 0.1]))
+    second = RigidTransform(rotation([0, 0.3, 0], "test"), np.array([-0.5, 0.02, 0.1]))
     turns, places = rng.uniform(-0.5, 0.5, (8, 3)), rng.uniform([-0.2, -0.2, 1.5], [0.1, 0.1, 1.5], (8, 3))
-    boards = [Pose(rotation(turn, "test"), place) for turn, place in zip(turns, places, strict=True)]
-    seen = []
-    for name, camera, late in (("one", Pose(np.eye(3), np.zeros(3)), 0), ("two", second, moment_of_second)):
+    boards = [RigidTransform(rotation(turn, "test"), place) for turn, place in zip(turns, places, strict=True)]
+    project_board = []
+    for name, camera, late in (("one", RigidTransform(np.eye(3), np.zeros(3)), 0), ("two", second, moment_of_second)):
         sightings = []
         for n in range(8):
             pose = camera.after(boards[(n + late) % 8])
             drawn = cv2.projectPoints(BOARD.points, cv2.Rodrigues(pose.R)[0], pose.t, K, LENS.distortion)[0]
-            sightings.append(Sighting(n, f"{n}", np.arange(28), drawn.reshape(-1, 2)))
-        seen.append(Sightings(name, (640, 480), tuple(sightings), 8))
-    return seen, second
+            sightings.append(BoardDetection(n, f"{n}", np.arange(28), drawn.reshape(-1, 2)))
+        project_board.append(CameraDetections(name, (640, 480), tuple(sightings), 8))
+    return project_board, second
 
 
 def test_lens_and_places_are_found_from_exact_corners():
-    seen, second = shots()
-    lens = fit_lens(seen[0], BOARD)
+    project_board, second = shots()
+    lens = fit_lens(project_board[0], BOARD)
     np.testing.assert_allclose(lens.K, K, atol=0.5)
-    found = placed(seen, {"one": LENS, "two": LENS}, BOARD).cameras["two"]
+    found = solve_extrinsics(project_board, {"one": LENS, "two": LENS}, BOARD).cameras["two"]
     np.testing.assert_allclose(found.t, second.t, atol=1e-4)
     assert angle_between(found.R, second.R) < 1e-4
-    result = from_boards(seen, {"one": LENS, "two": LENS}, BOARD, origin=3, lying=False, apart=False)
+    result = from_boards(project_board, {"one": LENS, "two": LENS}, BOARD, origin=3, lying=False, apart=False)
     one, two = result.cameras
     assert result.origin == 3 and max(c.error_px for c in result.cameras) < 0.01
     np.testing.assert_allclose(np.linalg.norm(one.place - two.place), np.linalg.norm(second.t), atol=1e-4)
-    np.testing.assert_allclose(one.pixels(BOARD.points * [-1, -1, 1]), seen[0].seen[3].pixels, atol=0.01)
+    np.testing.assert_allclose(one.pixels(BOARD.points * [-1, -1, 1]), project_board[0].seen[3].pixels, atol=0.01)
     assert one.place[2] < 0  # in front of who holds the board
 
 
 def test_what_cannot_be_placed_is_told():
     lenses = {"one": LENS, "two": LENS}
-    seen, _ = shots(moment_of_second=3)
+    project_board, _ = shots(moment_of_second=3)
     with pytest.raises(BadInput, match="one and two: their 8 shared pictures contradict"):
-        placed(seen, lenses, BOARD)
+        solve_extrinsics(project_board, lenses, BOARD)
     first, second = shots()[0]
-    later = Sightings(
-        "two", (640, 480), tuple(Sighting(s.number + 8, s.label, s.ids, s.pixels) for s in second.seen), 8
+    later = CameraDetections(
+        "two", (640, 480), tuple(BoardDetection(s.number + 8, s.label, s.ids, s.pixels) for s in second.seen), 8
     )
     with pytest.raises(BadInput, match="two: no picture shows the board at the same time"):
-        placed([first, later], lenses, BOARD)
+        solve_extrinsics([first, later], lenses, BOARD)
     with pytest.raises(BadInput, match="looks the same upside down"):
-        placed([first, second], lenses, Chessboard(4, 6, 0.06))
+        solve_extrinsics([first, second], lenses, Chessboard(4, 6, 0.06))
     with pytest.raises(BadInput, match="--origin 99"):
         from_boards([first], lenses, BOARD, origin=99, lying=False, apart=False)
     with pytest.raises(BadInput, match="board seen in 2 of 8 pictures"):
-        fit_lens(Sightings("one", (640, 480), first.seen[:2], 8), BOARD)
+        fit_lens(CameraDetections("one", (640, 480), first.seen[:2], 8), BOARD)
 
 
 def test_pictures_that_are_none_are_told(tmp_path):
@@ -223,17 +226,19 @@ def test_moments_and_the_boards_back_are_found():
             x, y, turn = path[n + 1] + moment * (path[n + 2] - path[n + 1])
             board = points @ rotation([2 * y, 2 * x, y + turn], "test").T + [x / 3, y / 3, 1.5]
             drawn = cv2.projectPoints(board, cv2.Rodrigues(R)[0], away[name], K, np.zeros(5))[0].reshape(-1, 2)
-            sightings.append(Sighting(n, f"frame {n}", np.arange(28), drawn, name == "two"))
-        shown.append(Sightings(name, (640, 480), tuple(sightings), 18, 1))
+            sightings.append(BoardDetection(n, f"frame {n}", np.arange(28), drawn, name == "two"))
+        shown.append(CameraDetections(name, (640, 480), tuple(sightings), 18, 1))
     lens = FittedLens(K, np.zeros(5), 0.0, {})
-    found = placed(shown, {"one": lens, "two": lens}, BOARD)
+    found = solve_extrinsics(shown, {"one": lens, "two": lens}, BOARD)
     assert angle_between(found.cameras["two"].R, late["two"]) < 0.002
     np.testing.assert_allclose(found.cameras["two"].t, away["two"], atol=0.004)
     # What lies along the board is partly a camera that stands elsewhere.
     np.testing.assert_allclose(found.back[:3], back, atol=0.002)
     assert 0.003 < found.back[2] < 0.005
-    plain = [Sightings(s.name, s.image_size_px, tuple(replace(x, behind=False) for x in s.seen), 18) for s in shown]
-    off = placed(plain, {"one": lens, "two": lens}, BOARD)
+    plain = [
+        CameraDetections(s.name, s.image_size_px, tuple(replace(x, behind=False) for x in s.seen), 18) for s in shown
+    ]
+    off = solve_extrinsics(plain, {"one": lens, "two": lens}, BOARD)
     assert rms(off.off_px) > 3 * rms(found.off_px)
 
 
@@ -244,15 +249,15 @@ def rms(off_px):
 def test_a_lens_that_was_fitted_wrongly_is_mended_by_the_other_cameras_pictures():
     shown, second = shots()
     wrong = FittedLens(K * np.array([[1.03], [1.03], [1]]), LENS.distortion, 0.0, {})
-    found = placed(shown, {"one": LENS, "two": wrong}, BOARD, adjust=["two"])
+    found = solve_extrinsics(shown, {"one": LENS, "two": wrong}, BOARD, adjust=["two"])
     np.testing.assert_allclose(found.lenses["two"][0], K, atol=3)
     np.testing.assert_allclose(found.cameras["two"].t, second.t, atol=3e-3)
     np.testing.assert_array_equal(found.lenses["one"][0], K)
-    left = placed(shown, {"one": LENS, "two": wrong}, BOARD)
+    left = solve_extrinsics(shown, {"one": LENS, "two": wrong}, BOARD)
     np.testing.assert_array_equal(left.lenses["two"][0], wrong.K)
     # Its pixels are not square: one focal length would not do.
     oblong = FittedLens(K * np.array([[1.1], [1], [1]]), LENS.distortion, 0.0, {})
-    kept = placed(shown, {"one": LENS, "two": oblong}, BOARD, adjust=["two"])
+    kept = solve_extrinsics(shown, {"one": LENS, "two": oblong}, BOARD, adjust=["two"])
     np.testing.assert_array_equal(kept.lenses["two"][0], oblong.K)
 
 
@@ -263,13 +268,13 @@ def test_places_of_caliscope_from_its_videos(data, lenses, most_deg, most):
     board, truth = read_board(str(home / "charuco.toml")), read_opencv(home / "camera_array.toml")
     seen_ = [find_boards(c.name, pictures(home / f"{c.name}.mp4"), board, 1) for c in truth]
     if lenses == "theirs":
-        found = placed(seen_, {c.name: FittedLens(c.K, c.distortion, 0.0, {}) for c in truth}, board).cameras
+        found = solve_extrinsics(seen_, {c.name: FittedLens(c.K, c.distortion, 0.0, {}) for c in truth}, board).cameras
     else:
         fitted = {s.name: fit_lens(s, board) for s in seen_}
-        found = placed(seen_, fitted, board, adjust=list(fitted)).cameras
+        found = solve_extrinsics(seen_, fitted, board, adjust=list(fitted)).cameras
     for i, one in enumerate(truth):
         for other in truth[:i]:
-            expected = Pose(one.R, one.t).after(Pose(other.R, other.t).back)
+            expected = RigidTransform(one.R, one.t).after(RigidTransform(other.R, other.t).back)
             got = found[one.name].after(found[other.name].back)
             length = np.linalg.norm(expected.t)
             turned, off = np.degrees(angle_between(expected.R, got.R)), np.linalg.norm(expected.t - got.t) / length

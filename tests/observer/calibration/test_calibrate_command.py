@@ -9,13 +9,13 @@ import typer
 
 from common.errors import BadInput
 from observer.calibration.board import Chessboard
-from observer.calibration.calibrated import Calibrated, rotation
+from observer.calibration.calibrated import CalibratedCamera, rotation
 from observer.calibration.commands import ALL, calibrate
-from observer.calibration.opencv_file import read_opencv, write_opencv
+from observer.calibration.formats import read_opencv, write_opencv
 from observer.geometry.camera_file import read_camera
 
 K = np.array([[700.0, 0, 320], [0, 705, 240], [0, 0, 1]])
-TRUE = Calibrated("door", K, np.zeros(0), rotation([0.1, 3.0, 0.2], "test"), np.array([0.2, -0.1, 3.0]))
+TRUE = CalibratedCamera("door", K, np.zeros(0), rotation([0.1, 3.0, 0.2], "test"), np.array([0.2, -0.1, 3.0]))
 BOARD = "chessboard:4x7:0.06"
 
 
@@ -50,7 +50,7 @@ def test_known_points_become_a_camera_by_dlt(run, tmp_path, capsys):
 
 
 def test_with_its_lens_known_points_in_a_plane_place_a_camera(run, tmp_path):
-    bent = Calibrated("door", K, np.array([0.15, -0.2, 1e-3, 2e-3]), TRUE.R, TRUE.t)
+    bent = CalibratedCamera("door", K, np.array([0.15, -0.2, 1e-3, 2e-3]), TRUE.R, TRUE.t)
     write_opencv(tmp_path / "lens.toml", [bent.moved(rotation([0, 1, 0], "test"), np.ones(3))])
     write_pairs(tmp_path / "door.csv", 8, flat=True, camera=bent)
     run("--points", "door.csv", "--lens", "lens.toml", "-o", "out")

@@ -7,9 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from common.errors import BadInput
-from observer.calibration.calibrated import Calibrated, rotation
-from observer.calibration.opencv_file import read_opencv, write_opencv
-from observer.calibration.qualisys_file import read_qualisys
+from observer.calibration.calibrated import CalibratedCamera, rotation
+from observer.calibration.formats import read_opencv, read_qualisys, write_opencv
 from observer.geometry.projection import project
 
 K = np.array([[800.0, 0, 330], [0, 810, 250], [0, 0, 1]])
@@ -25,7 +24,7 @@ size = [640, 480]
 
 
 def camera(lens, turned=(0.1, -0.2, 0.05)):
-    return Calibrated("c", K, np.array(lens, dtype=float), rotation(turned, "test"), np.array([0.1, 0.2, 3.0]))
+    return CalibratedCamera("c", K, np.array(lens, dtype=float), rotation(turned, "test"), np.array([0.1, 0.2, 3.0]))
 
 
 @pytest.mark.parametrize("lens", LENSES)

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from observer.calibration.speeds import speeds
+from observer.calibration.detection import speeds
 
 IDS = np.arange(3)
 BASE = np.array([[10.0, 20], [30, 20], [10, 40]])

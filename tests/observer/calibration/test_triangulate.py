@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from common.errors import BadInput
-from observer.calibration.opencv_file import read_opencv
+from observer.calibration.formats import read_opencv
 from observer.calibration.triangulate import triangulate
 from observer.geometry.projection import pinhole_matrix, project
 

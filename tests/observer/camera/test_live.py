@@ -10,12 +10,11 @@ import pytest
 
 from common.errors import LabanmeshError
 from observer.camera.base import CameraFault, frame_of
-from observer.camera.live import LiveCamera, Newest
-from observer.camera.sight import Backoff, Patience, Seen
+from observer.camera.live import Backoff, CameraHistory, CameraTimeouts, LatestFrame, LiveCamera
 
 WAIT_S = 20
 SOON = Backoff(first_s=0.01, longest_s=0.02)
-SHORT = Patience(silence_s=0.3, same_s=0.05)
+SHORT = CameraTimeouts(silence_s=0.3, same_s=0.05)
 
 
 def picture(number, size_px=(16, 8)):
@@ -100,31 +99,31 @@ class Watcher:
 
 
 def test_the_newest_replaces_what_was_not_taken():
-    newest = Newest(0)
-    assert newest.take(0) == (None, Seen(0, 0))
+    newest = LatestFrame(0)
+    assert newest.take(0) == (None, CameraHistory(0, 0))
     for number in range(3):
         newest.put(100 + number, picture(number), 10 + number)
     frame, seen = newest.take(WAIT_S)
     assert (frame.captured_ns, number_of(frame)) == (102, 2)
-    assert seen == Seen(12, 12)
+    assert seen == CameraHistory(12, 12)
     assert newest.take(0)[0] is None
 
 
 def test_the_same_picture_is_new_and_unchanged_and_a_fault_ends_with_the_next():
-    newest = Newest(0)
+    newest = LatestFrame(0)
     newest.put(1, picture(7), 10)
     newest.put(2, picture(7), 20)
-    assert newest.take(0)[1] == Seen(20, 10)
+    assert newest.take(0)[1] == CameraHistory(20, 10)
     newest.fail("gone")
-    assert newest.take(0) == (None, Seen(20, 10, "gone"))
+    assert newest.take(0) == (None, CameraHistory(20, 10, "gone"))
     newest.put(3, picture(8), 30)
-    assert newest.take(0)[1] == Seen(30, 30)
+    assert newest.take(0)[1] == CameraHistory(30, 30)
 
 
 def test_a_slow_observer_always_gets_the_newest_and_none_twice():
     camera = FakeCamera()
     stop = threading.Event()
-    source = LiveCamera("cam", camera.connect, patience=Patience(same_s=WAIT_S, silence_s=WAIT_S))
+    source = LiveCamera("cam", camera.connect, patience=CameraTimeouts(same_s=WAIT_S, silence_s=WAIT_S))
     captured = []
     for frame in source.frames(stop):
         captured.append((frame.captured_ns, number_of(frame)))
@@ -181,7 +180,7 @@ def test_the_wait_grows_with_each_failure_in_a_row():
 @pytest.mark.parametrize("mode", ["fails", "hangs"])
 def test_a_loss_is_reported_within_a_second_by_default(mode):
     camera = FakeCamera()
-    with Watcher(camera, patience=Patience()) as watcher:
+    with Watcher(camera, patience=CameraTimeouts()) as watcher:
         watcher.next_frame()
         began_s = time.monotonic()
         camera.mode = mode
@@ -220,7 +219,7 @@ def test_a_frozen_picture_is_noticed_after_about_a_second_by_default():
     camera = FakeCamera()
     camera.mode = "frozen"
     began_s = time.monotonic()
-    with Watcher(camera, patience=Patience()) as watcher:
+    with Watcher(camera, patience=CameraTimeouts()) as watcher:
         assert watcher.told() == ("degraded", "cam: frozen: the same picture for 1 s")
         assert 1.0 <= time.monotonic() - began_s < 1.5
 

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from common.errors import BadInput
+from observer.camera.files import RecordedPictures
 from observer.camera.live import LiveCamera
 from observer.camera.opening import open_pictures
-from observer.camera.recorded import RecordedPictures
 
 SECOND_NS = 1_000_000_000
 START_NS = 1_000 * SECOND_NS

@@ -5,24 +5,33 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from observer.camera.address import kind_of, shown
-from observer.camera.sight import SECOND_NS, Backoff, Judgement, Patience, Seen, digest, judge, silent_in_s
+from observer.camera.base import kind_of, shown
+from observer.camera.live import (
+    SECOND_NS,
+    Backoff,
+    CameraHealth,
+    CameraHistory,
+    CameraTimeouts,
+    digest,
+    judge,
+    silent_in_s,
+)
 
 MS = 1_000_000
 times = st.integers(0, 10**13)
-patience = Patience(silence_s=0.9, same_s=1.0)
+patience = CameraTimeouts(silence_s=0.9, same_s=1.0)
 
 
 @pytest.mark.parametrize(
     ("seen", "now_ms", "sight"),
     [
-        (Seen(0, 0), 0, "sees"),
-        (Seen(0, 0), 899, "sees"),
-        (Seen(0, 0), 900, "lost"),
-        (Seen(5000 * MS, 4001 * MS), 5010, "sees"),
-        (Seen(5000 * MS, 4000 * MS), 5010, "frozen"),
-        (Seen(5000 * MS, 4000 * MS), 5900, "lost"),
-        (Seen(5000 * MS, 5000 * MS, "unplugged"), 5001, "lost"),
+        (CameraHistory(0, 0), 0, "sees"),
+        (CameraHistory(0, 0), 899, "sees"),
+        (CameraHistory(0, 0), 900, "lost"),
+        (CameraHistory(5000 * MS, 4001 * MS), 5010, "sees"),
+        (CameraHistory(5000 * MS, 4000 * MS), 5010, "frozen"),
+        (CameraHistory(5000 * MS, 4000 * MS), 5900, "lost"),
+        (CameraHistory(5000 * MS, 5000 * MS, "unplugged"), 5001, "lost"),
     ],
 )
 def test_the_first_rule_that_applies(seen, now_ms, sight):
@@ -30,19 +39,19 @@ def test_the_first_rule_that_applies(seen, now_ms, sight):
 
 
 def test_the_fault_is_the_reason():
-    assert judge(Seen(0, 0, "unplugged"), 0, patience) == Judgement("lost", "unplugged")
+    assert judge(CameraHistory(0, 0, "unplugged"), 0, patience) == CameraHealth("lost", "unplugged")
 
 
 @given(times, st.integers(0, 5 * SECOND_NS), st.integers(0, 5 * SECOND_NS), st.sampled_from(["", "gone"]))
 def test_a_reason_is_given_exactly_when_something_is_wrong(start, same, silent, fault):
-    found = judge(Seen(start + same, start, fault), start + same + silent, patience)
+    found = judge(CameraHistory(start + same, start, fault), start + same + silent, patience)
     assert (found.sight == "sees") == (found.reason == "")
     assert (found.sight == "sees") == (not fault and silent < 0.9 * SECOND_NS and same < SECOND_NS)
 
 
 @given(times, st.integers(0, 2 * SECOND_NS))
 def test_whoever_waits_as_long_as_it_says_finds_the_silence(start, later):
-    seen, now = Seen(start, start), start + later
+    seen, now = CameraHistory(start, start), start + later
     then = now + round(silent_in_s(seen, now, patience) * SECOND_NS)
     assert judge(seen, then + 1, patience).sight == "lost"
     if then > now + 1:

@@ -8,8 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from common.errors import BadInput
-from observer.foreign.track_line import EXAMPLE, LIMIT, frame_of_line
-from observer.foreign.tracker import ForeignTracker
+from observer.foreign.track_line import EXAMPLE, LIMIT, ForeignTracker, frame_of_line
 from observer.tracks import BODY_PARTS, State
 
 NUMBERS = st.floats(-1e6, 1e6)

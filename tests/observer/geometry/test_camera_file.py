@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from common.errors import BadInput, LabanmeshError
-from observer.geometry.camera_file import Camera, read_camera, write_camera
-from observer.geometry.lens import Lens
+from observer.geometry.camera_file import CameraModel, read_camera, write_camera
+from observer.geometry.lens import LensDistortion
 from observer.geometry.projection import pinhole_matrix
 
 MATRIX = pinhole_matrix(0.3, 0.1, 3.0, 812.5, (640, 360))
@@ -28,7 +28,7 @@ def folder(tmp_path_factory):
     st.sampled_from([1e-30, -1.0, 1 / 3, 1e20]),
 )
 def test_there_and_back(folder, name, provenance, size, error, scale):
-    camera = Camera(name, MATRIX * scale, size, error, provenance)
+    camera = CameraModel(name, MATRIX * scale, size, error, provenance)
     write_camera(folder / "camera.toml", camera)
     back = read_camera(folder / "camera.toml")
     np.testing.assert_array_equal(back.matrix, camera.matrix)
@@ -91,13 +91,13 @@ def test_unreadable(tmp_path):
 
 def test_a_refused_write_leaves_the_old_file(tmp_path):
     path = tmp_path / "cam.toml"
-    write_camera(path, Camera("good", MATRIX))
-    for bad in (Camera("", MATRIX), Camera("bad", MATRIX * np.nan), Camera("bad", MATRIX[:2])):
+    write_camera(path, CameraModel("good", MATRIX))
+    for bad in (CameraModel("", MATRIX), CameraModel("bad", MATRIX * np.nan), CameraModel("bad", MATRIX[:2])):
         with pytest.raises(BadInput):
             write_camera(path, bad)
     assert read_camera(path).name == "good"
     with pytest.raises(LabanmeshError, match="cannot be written"):
-        write_camera(tmp_path / "nowhere" / "cam.toml", Camera("good", MATRIX))
+        write_camera(tmp_path / "nowhere" / "cam.toml", CameraModel("good", MATRIX))
 
 
 K = np.array([[812.5, 0, 640], [0, 812.5, 360], [0, 0, 1]])
@@ -111,7 +111,7 @@ WITH_LENS = (
 @pytest.mark.parametrize("scale", [1.0, -3.0, 1e-3])
 def test_a_lens_there_and_back(tmp_path, size, scale):
     distortion = np.linspace(-0.1, 1 / 3, size)
-    write_camera(tmp_path / "c.toml", Camera("c", MATRIX * scale, lens=Lens(K, distortion)))
+    write_camera(tmp_path / "c.toml", CameraModel("c", MATRIX * scale, lens=LensDistortion(K, distortion)))
     lens = read_camera(tmp_path / "c.toml").lens
     np.testing.assert_array_equal(lens.intrinsic_matrix, K)
     np.testing.assert_array_equal(lens.distortion, distortion)

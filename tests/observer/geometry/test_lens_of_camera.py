@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from common.errors import BadInput
-from observer.geometry.lens import DISTORTION_SIZES, Lens, undistorted
+from observer.geometry.lens import DISTORTION_SIZES, LensDistortion, undistorted
 
 K = np.array([[800.0, 0, 330], [0, 810, 250], [0, 0, 1]])
 STRONG = np.array([-0.3, 0.1, 1e-3, -2e-3, 0.02, 0.05, -0.02, 0.01, 2e-3, -1e-3, 1e-3, 5e-4, 0.02, -0.03])
@@ -35,7 +35,7 @@ def test_the_way_back_is_that_of_a_search_over_all_places(pixel, distortion):
         best = ((u - target[0]) ** 2 + (v - target[1]) ** 2).argmin()
         centre, half = np.array([x.flat[best], y.flat[best]]), half / 8
     expected = centre * np.diag(K)[:2] + K[:2, 2]
-    found = Lens(K, np.array(distortion)).undistorted(np.array([pixel], float))
+    found = LensDistortion(K, np.array(distortion)).undistorted(np.array([pixel], float))
     np.testing.assert_allclose(found, [expected], atol=1e-4)
 
 
@@ -44,7 +44,7 @@ def test_drawn_is_where_opencv_draws(distortion):
     points = np.random.default_rng(1).uniform([-0.4, -0.3, 1], [0.4, 0.3, 1], (50, 3)) * [1, 1, 1]
     expected = cv2.projectPoints(points, np.zeros(3), np.zeros(3), K, distortion)[0].reshape(-1, 2)
     plain = points[:, :2] * np.diag(K)[:2] + K[:2, 2]
-    np.testing.assert_allclose(Lens(K, distortion).distorted(plain), expected, atol=1e-6)
+    np.testing.assert_allclose(LensDistortion(K, distortion).distorted(plain), expected, atol=1e-6)
 
 
 @given(
@@ -53,14 +53,14 @@ def test_drawn_is_where_opencv_draws(distortion):
     st.lists(st.tuples(st.floats(0, 640), st.floats(0, 480)), min_size=1, max_size=5),
 )
 def test_there_and_back(distortion, strength, pixels):
-    lens, centres = Lens(K, distortion * strength), np.array(pixels)
+    lens, centres = LensDistortion(K, distortion * strength), np.array(pixels)
     np.testing.assert_allclose(lens.distorted(lens.undistorted(centres)), centres, atol=2e-3)
     np.testing.assert_allclose(lens.undistorted(lens.distorted(centres)), centres, atol=2e-3)
 
 
 def test_a_skewed_matrix_is_honoured():
     skewed = K + np.array([[0, 12.0, 0], [0, 0, 0], [0, 0, 0]])
-    lens, points = Lens(skewed, STRONG[:5]), np.array([[0.2, -0.1], [-0.3, 0.25]])
+    lens, points = LensDistortion(skewed, STRONG[:5]), np.array([[0.2, -0.1], [-0.3, 0.25]])
     plain = points @ skewed[:2, :2].T + skewed[:2, 2]
     there = np.array([drawn_at(*point, *STRONG[:5]) for point in points]) @ skewed[:2, :2].T + skewed[:2, 2]
     np.testing.assert_allclose(lens.distorted(plain), there, atol=1e-9)
@@ -68,11 +68,13 @@ def test_a_skewed_matrix_is_honoured():
 
 
 def test_what_is_not_seen_stays_so_and_moves_nobody_else():
-    lens = Lens(K, STRONG[:5])
+    lens = LensDistortion(K, STRONG[:5])
     both = lens.undistorted(np.array([[np.nan, np.nan], [100.0, 80.0], [5.0, np.nan]]))
     assert np.isnan(both[[0, 2]]).all()
     np.testing.assert_allclose(both[1], lens.undistorted(np.array([[100.0, 80.0]]))[0], atol=1e-6)
-    np.testing.assert_allclose(Lens(K, np.zeros(5)).undistorted(np.array([[7.0, 9.0]])), [[7.0, 9.0]], atol=1e-9)
+    np.testing.assert_allclose(
+        LensDistortion(K, np.zeros(5)).undistorted(np.array([[7.0, 9.0]])), [[7.0, 9.0]], atol=1e-9
+    )
 
 
 def test_where_the_lens_draws_nothing_nothing_is_seen():
@@ -96,5 +98,5 @@ def test_where_the_lens_draws_nothing_nothing_is_seen():
 )
 def test_what_is_no_lens_is_told(matrix, distortion, says):
     with pytest.raises(BadInput, match=says) as caught:
-        Lens(matrix, distortion)
+        LensDistortion(matrix, distortion)
     assert "\n" not in str(caught.value)

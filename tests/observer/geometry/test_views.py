@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from common.errors import BadInput
-from observer.geometry.camera_file import Camera, write_camera
+from observer.geometry.camera_file import CameraModel, write_camera
 from observer.geometry.projection import parallel_matrix, pinhole_matrix, project
 from observer.geometry.views import parse_view, split_views, turned
 
@@ -36,7 +36,7 @@ def test_planes_and_angles(text, yaw_deg, pitch_deg):
 
 def test_camera_file_counts_from_its_folder(tmp_path):
     matrix = pinhole_matrix(0.1, 0.2, 3.0, 800, (640, 360))
-    write_camera(tmp_path / "left.toml", Camera("left", matrix))
+    write_camera(tmp_path / "left.toml", CameraModel("left", matrix))
     for view in (parse_view("left.toml", tmp_path), parse_view(str(tmp_path / "left.toml"))):
         assert view.name == "left"
         np.testing.assert_array_equal(view.matrix, matrix)

@@ -16,11 +16,11 @@ from observer.camera.live import LiveCamera
 from observer.motion.archive import MotionArchive, Recording
 from observer.motion.archive_file import write_archive
 from observer.preview import commands, looking
-from observer.preview.account import Account, advice, lines
 from observer.preview.commands import look
-from observer.preview.layout import SIZE
-from observer.tracking.face import have_cascade
-from observer.tracking.skin import Skin
+from observer.preview.drawing import SIZE
+from observer.preview.looking import LookReport, advice, lines
+from observer.tracking.head import have_cascade
+from observer.tracking.skin import SkinHistogram
 from observer.tracks import BODY_PARTS, State
 
 cascade = pytest.mark.skipif(not have_cascade(), reason="this OpenCV has no face cascade")
@@ -59,7 +59,7 @@ def test_a_rendered_performer_is_seen_and_the_skin_is_saved(run, waving, tmp_pat
     assert "head        seen" in said and "right hand  seen" in said and "skin " in said
     (written,) = Album.open(tmp_path / "look.png").pictures()
     assert (written.shape[1], written.shape[0]) == SIZE
-    assert Skin.load(tmp_path / "skin.npz").skin.sum() == pytest.approx(1.0)
+    assert SkinHistogram.load(tmp_path / "skin.npz").skin.sum() == pytest.approx(1.0)
     assert sorted(p.name for p in tmp_path.iterdir()) == ["look.png", "motion.npz", "skin.npz"]
 
 
@@ -136,7 +136,7 @@ def test_a_camera_that_gives_nothing_is_one_line_with_its_reason(run, monkeypatc
     assert not [t for t in threading.enumerate() if t.name == "camera camera 0"]
 
 
-FINE = Account(
+FINE = LookReport(
     "door.mp4", "camshift", (640, 480), 30.0, False, 30, 120.0, 8, 10, 60, 0.02,
     dict.fromkeys(BODY_PARTS, 0.9), dict.fromkeys(BODY_PARTS, State.SEEN),
 )  # fmt: skip

@@ -9,13 +9,20 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from common.errors import BadInput
-from observer.preview.layout import SIZE, Layout, Placement
-from observer.preview.lettering import PLAIN, fitting, plain, width_of, wrapped
-from observer.preview.marks import COLOURS, RADIUS
-from observer.preview.painting import paint
-from observer.preview.panel import BAR, REST, WINNER, bar_ends, draw_belief
-from observer.preview.sight import Belief, Recent
-from observer.preview.strip import ARROW, STILL, draw_symbol
+from observer.preview.drawing import (
+    COLOURS,
+    PLAIN,
+    RADIUS,
+    SIZE,
+    PaintingLayout,
+    Placement,
+    fitting,
+    plain,
+    width_of,
+    wrapped,
+)
+from observer.preview.painting import ARROW, BAR, REST, STILL_DOT, WINNER, bar_ends, draw_belief, draw_symbol, paint
+from observer.preview.sight import PreviewHistory, ShownPosterior
 from observer.space import VectorSymbol
 from observer.tracks import BODY_PARTS, State, Tracks
 
@@ -26,7 +33,7 @@ GREY = np.full((480, 640, 3), 90, np.uint8)
 
 
 def sight_of(centres=STANDING, guesses=None, **more):
-    return Recent(BODY_PARTS, 5.0, "door").see(Tracks(centres, guesses), **more)
+    return PreviewHistory(BODY_PARTS, 5.0, "door").see(Tracks(centres, guesses), **more)
 
 
 def pixels(picture, colour):
@@ -42,7 +49,7 @@ def around(canvas, place, box, half=RADIUS + 4):
 def test_a_seen_part_has_its_mark_in_the_middle_of_its_place(size):
     centres = STANDING / [640, 480] * [size[1], size[0]]
     canvas = paint(np.full((*size, 3), 90, np.uint8), sight_of(centres))
-    box = Layout.of(size[1], size[0]).picture
+    box = PaintingLayout.of(size[1], size[0]).picture
     for place in Placement.of_picture(size[1], box).px(centres):
         assert tuple(box.cut(canvas)[round(place[1]), round(place[0])]) == COLOURS[State.SEEN]
 
@@ -50,7 +57,7 @@ def test_a_seen_part_has_its_mark_in_the_middle_of_its_place(size):
 def test_an_unsure_part_has_an_empty_ring_in_another_colour_at_its_guess():
     centres, guesses = STANDING.copy(), NOWHERE.copy()
     centres[0], guesses[0] = np.nan, (500.0, 200.0)
-    box = Layout.of(640, 480).picture
+    box = PaintingLayout.of(640, 480).picture
     canvas = paint(GREY, sight_of(centres, guesses))
     place = Placement.of_picture(640, box).px(guesses)[0]
     near = around(canvas, place, box)
@@ -59,7 +66,7 @@ def test_an_unsure_part_has_an_empty_ring_in_another_colour_at_its_guess():
 
 
 def test_a_missing_part_is_in_the_legend_alone():
-    layout = Layout.of(640, 480)
+    layout = PaintingLayout.of(640, 480)
     missing, seen = paint(GREY, sight_of(NOWHERE)), paint(GREY, sight_of())
     assert (layout.picture.cut(missing) == 90).all()
     for state, there, not_there in ((State.MISSING, missing, seen), (State.SEEN, seen, missing)):
@@ -68,11 +75,11 @@ def test_a_missing_part_is_in_the_legend_alone():
 
 
 def test_the_way_of_a_part_is_drawn_and_not_through_where_it_was_not_seen():
-    box, recent = Layout.of(640, 480).picture, Recent(BODY_PARTS, 5.0)
+    box, recent = PaintingLayout.of(640, 480).picture, PreviewHistory(BODY_PARTS, 5.0)
     middle = Placement.of_picture(640, box).px(np.array([360.0, 300.0]))
     ways = {}
     for between in ("seen", "hidden"):
-        recent = Recent(BODY_PARTS, 5.0)
+        recent = PreviewHistory(BODY_PARTS, 5.0)
         for u in (300.0, 330.0, 360.0, 390.0, 420.0):
             hidden = between == "hidden" and u == 360.0
             sight = recent.see(Tracks(STANDING - [[420.0 - u if not hidden else np.nan, 0.0], [0, 0], [0, 0]]))
@@ -89,7 +96,7 @@ def test_the_picture_given_is_not_changed():
 def test_the_inset_shows_where_skin_is():
     back = np.zeros((60, 80), np.uint8)
     back[:30] = 255
-    panel = Layout.of(640, 480).panel
+    panel = PaintingLayout.of(640, 480).panel
     without, shown = (panel.cut(paint(GREY, sight_of(back_projection=b))) for b in (None, back))
     rows = np.flatnonzero((shown == 255).all(axis=2).sum(axis=1) > 200)
     assert len(rows) > 100 and not ((without == 255).all(axis=2).sum(axis=1) > 200).any()
@@ -98,7 +105,7 @@ def test_the_inset_shows_where_skin_is():
 
 
 def belief_of(p, rest=0.0, labels=None):
-    return Belief(labels or tuple(f"movement_{n}" for n in range(len(p))), np.asarray(p, np.float64), rest)
+    return ShownPosterior(labels or tuple(f"movement_{n}" for n in range(len(p))), np.asarray(p, np.float64), rest)
 
 
 def bar_lengths(belief, width=480):
@@ -145,21 +152,21 @@ def test_stillness_is_a_dot_and_what_was_not_seen_is_a_gap():
     still, gap = np.zeros((2, 21, 21, 3), np.uint8)
     draw_symbol(still, (10, 10), VectorSymbol.O, 8)
     draw_symbol(gap, (10, 10), VectorSymbol.NOT_SEEN, 8)
-    assert 5 < pixels(still, STILL) < 40 and not gap.any()
+    assert 5 < pixels(still, STILL_DOT) < 40 and not gap.any()
 
 
 def test_motion_is_in_the_strip_newest_at_the_right():
-    recent = Recent(BODY_PARTS, 5.0)
+    recent = PreviewHistory(BODY_PARTS, 5.0)
     recent.see(Tracks(STANDING))
     sight = recent.see(Tracks(STANDING + LEFT_GOES_RIGHT))
-    strip = Layout.of(640, 480).strip.cut(paint(GREY, sight))
+    strip = PaintingLayout.of(640, 480).strip.cut(paint(GREY, sight))
     _, u = np.nonzero((strip == ARROW).all(axis=2))
     assert len(u) and u.min() > SIZE[0] - 50
 
 
 def test_recorded_motion_without_a_picture_has_its_marks_in_its_proportions():
     metres = np.array([[0.3, -0.9], [-0.3, -0.9], [0.0, -1.6]])
-    box, sight = Layout.of(640, 480).picture, sight_of(metres)
+    box, sight = PaintingLayout.of(640, 480).picture, sight_of(metres)
     canvas = paint(None, sight)
     px = Placement.of_motion(sight.extent, box).px(metres)
     for place in px:

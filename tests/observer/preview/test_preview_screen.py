@@ -12,16 +12,15 @@ from common.vocabulary import Vocabulary
 from observer.camera.files import Album, Video
 from observer.pipeline import Opinion
 from observer.preview import film, screen
+from observer.preview.drawing import SIZE
 from observer.preview.film import Film, Stills, Window, why_no_window
-from observer.preview.layout import SIZE
-from observer.preview.previewed import Previewed
-from observer.preview.screen import INSTEAD, WAITING, Preview, open_preview
-from observer.preview.sight import Recent
+from observer.preview.screen import INSTEAD, WAITING, PreviewingObserver, PreviewThread, open_preview
+from observer.preview.sight import PreviewHistory
 from observer.tracks import BODY_PARTS, Frame, Tracks
 
 SOON_S = 20.0
 STANDING = np.array([[42.0, 30.0], [18.0, 30.0], [32.0, 9.0]])
-RECENT = Recent(BODY_PARTS, 5.0)
+RECENT = PreviewHistory(BODY_PARTS, 5.0)
 SIGHT = RECENT.see(Tracks(STANDING))
 
 
@@ -143,7 +142,7 @@ def test_single_pictures_are_files_of_their_own(tmp_path, target, names):
 
 def test_the_newest_takes_the_place_of_what_nobody_has_painted_yet():
     shelf = Shelf()
-    preview = Preview(shelf, keep_all=False)
+    preview = PreviewThread(shelf, keep_all=False)
     preview.show(picture(1), SIGHT)
     assert shelf.entered.wait(SOON_S)
     for number in range(2, 20):
@@ -155,7 +154,7 @@ def test_the_newest_takes_the_place_of_what_nobody_has_painted_yet():
 
 def test_where_all_are_kept_the_observer_waits():
     shelf, shown = Shelf(), threading.Semaphore(0)
-    preview = Preview(shelf, keep_all=True)
+    preview = PreviewThread(shelf, keep_all=True)
     count = WAITING + 6
 
     def observe():
@@ -179,7 +178,7 @@ def test_where_all_are_kept_the_observer_waits():
 def test_what_cannot_be_shown_is_said_once_and_stops_nobody(caplog, keep_all, trouble):
     shelf = Shelf(trouble)
     shelf.let.set()
-    preview = Preview(shelf, keep_all)
+    preview = PreviewThread(shelf, keep_all)
     with caplog.at_level(logging.WARNING):
         for number in range(WAITING + 20):
             preview.show(picture(number), SIGHT)
@@ -269,7 +268,9 @@ class Remembering:
 @pytest.mark.parametrize("content", [picture(3), np.zeros((3, 3))])
 def test_an_observer_that_is_looked_at_does_as_without(content):
     seen, judge = Remembering(), Judge()
-    looked_at = Previewed(judge, judge, seen, Recent(BODY_PARTS, 5.0, "door"), clock=lambda: 2_500_000_000)
+    looked_at = PreviewingObserver(
+        judge, judge, seen, PreviewHistory(BODY_PARTS, 5.0, "door"), clock=lambda: 2_500_000_000
+    )
     opinion = looked_at.step(Frame(2_000_000_000, content))
     assert opinion.p.tolist() == [0.7, 0.3] and looked_at.vocabulary is judge.vocabulary
     ((shown, sight),) = seen.shown

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from common.errors import BadInput
-from observer.preview.layout import SIZE, Layout, Placement
-from observer.preview.sight import SYMBOLS, TRAIL, Belief, Recent
+from observer.preview.drawing import SIZE, PaintingLayout, Placement
+from observer.preview.sight import SYMBOLS, TRAIL, PreviewHistory, ShownPosterior
 from observer.space import VectorSymbol
 from observer.tracks import BODY_PARTS, Tracks
 
@@ -20,7 +20,7 @@ shares = arrays(np.float64, st.integers(2, 40), elements=st.floats(0.0, 1.0))
 
 
 def seen_after(*centres):
-    recent = Recent(BODY_PARTS, 5.0, "door")
+    recent = PreviewHistory(BODY_PARTS, 5.0, "door")
     return [recent.see(Tracks(np.array(c, dtype=np.float64))) for c in centres][-1]
 
 
@@ -37,7 +37,7 @@ def test_only_the_last_frames_are_remembered():
 
 
 def test_the_room_only_grows_and_holds_all_that_was_seen():
-    recent, before = Recent(BODY_PARTS, 5.0), None
+    recent, before = PreviewHistory(BODY_PARTS, 5.0), None
     for shift in (0.0, 40.0, -300.0, math.nan, 10.0):
         sight = recent.see(Tracks(STANDING + shift))
         low, high = sight.extent
@@ -50,12 +50,12 @@ def test_the_room_only_grows_and_holds_all_that_was_seen():
 
 def test_parts_without_a_head_are_refused():
     with pytest.raises(BadInput, match="head"):
-        Recent(("left_hand",), 5.0).see(Tracks(np.zeros((1, 2))))
+        PreviewHistory(("left_hand",), 5.0).see(Tracks(np.zeros((1, 2))))
 
 
 @given(shares, st.integers(1, 8))
 def test_the_most_probable_movements_are_shown_in_the_order_of_the_vocabulary(p, most):
-    belief = Belief(tuple(map(str, range(len(p)))), p, 0.0)
+    belief = ShownPosterior(tuple(map(str, range(len(p)))), p, 0.0)
     shown = belief.shown(most)
     assert shown == sorted(set(shown)) and len(shown) == min(most, len(p))
     left_out = np.delete(p, shown)
@@ -64,13 +64,13 @@ def test_the_most_probable_movements_are_shown_in_the_order_of_the_vocabulary(p,
 
 
 def test_who_knows_nothing_has_no_winner_and_all_the_entropy():
-    belief = Belief(("a", "b", "c", "d"), np.full(4, 0.25), 0.0)
+    belief = ShownPosterior(("a", "b", "c", "d"), np.full(4, 0.25), 0.0)
     assert belief.winner is None and belief.entropy_bits == pytest.approx(2.0)
 
 
 @given(st.integers(1, 9000), st.integers(1, 9000))
 def test_picture_panel_and_strip_share_the_whole_and_do_not_meet(width, height):
-    layout = Layout.of(width, height)
+    layout = PaintingLayout.of(width, height)
     canvas = np.zeros((SIZE[1], SIZE[0], 3), np.uint8)
     for box in (layout.picture, layout.panel, layout.strip):
         assert min(box.x, box.y) >= 0 and min(box.width, box.height) >= 1
@@ -81,7 +81,7 @@ def test_picture_panel_and_strip_share_the_whole_and_do_not_meet(width, height):
 
 
 def test_places_go_where_their_pixels_go():
-    box = Layout.of(640, 480).picture
+    box = PaintingLayout.of(640, 480).picture
     placement = Placement.of_picture(640, box)
     corners = placement.px(np.array([[-0.5, -0.5], [639.5, 479.5]]))
     np.testing.assert_allclose(corners, [[-0.5, -0.5], [box.width - 0.5, box.height - 0.5]], atol=1.0)
@@ -89,7 +89,7 @@ def test_places_go_where_their_pixels_go():
 
 @given(st.floats(-1e3, 1e3), st.floats(1e-3, 1e4))
 def test_motion_of_any_unit_fits_the_canvas(shift, unit):
-    box = Layout.of(640, 480).picture
+    box = PaintingLayout.of(640, 480).picture
     sight = seen_after((STANDING + shift) * unit)
     px = Placement.of_motion(sight.extent, box).px(sight.tracks.centres)
     assert (px >= 0).all() and (px <= [box.width, box.height]).all()

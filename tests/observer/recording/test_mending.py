@@ -6,8 +6,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from common.errors import BadInput
-from observer.recording.axes import AXES, performer_axes, to_performer_axes
-from observer.recording.mending import closed, moving_span, without_spikes
+from observer.recording.reconstruction import (
+    AXES,
+    closed,
+    moving_span,
+    performer_axes,
+    to_performer_axes,
+    without_spikes,
+)
 
 
 def swing(rate_hz, seconds=2.0, hertz=1.5, reach=0.4):

@@ -9,9 +9,9 @@ import typer
 
 from common.errors import BadInput
 from common.vocabulary import Vocabulary
-from observer.calibration.opencv_file import read_opencv
-from observer.geometry.camera_file import Camera, write_camera
-from observer.geometry.lens import Lens
+from observer.calibration.formats import read_opencv
+from observer.geometry.camera_file import CameraModel, write_camera
+from observer.geometry.lens import LensDistortion
 from observer.geometry.projection import pinhole_matrix, project
 from observer.geometry.views import parse_view
 from observer.learning import learn_view, seen_from
@@ -19,9 +19,9 @@ from observer.model.base import Onset
 from observer.motion.archive import MotionArchive, Recording
 from observer.motion.archive_file import read_archive, write_archive
 from observer.motion.importers import import_recordings
+from observer.recording.capture import RecordingCamera, watch
 from observer.recording.commands import record
-from observer.recording.recorded import Choices, recorded
-from observer.recording.watching import Watcher, watch
+from observer.recording.recorded import RecordingOptions, recorded
 from observer.tracks import BODY_PARTS, Frame, Tracks
 
 SECOND_NS = 1_000_000_000
@@ -55,7 +55,7 @@ def watchers(positions, rate_hz, matrices, spoil=lambda camera, centres: centres
         centres = spoil(n, project(H, positions))
         at = [round(i * SECOND_NS / rate_hz) + n * late_ns for i in range(len(positions))]
         frames = [Frame(t, c, t if motion else None) for t, c in zip(at, centres, strict=True)]
-        result.append(Watcher(f"cam{n}", iter(frames), Given(), H))
+        result.append(RecordingCamera(f"cam{n}", iter(frames), Given(), H))
     return result
 
 
@@ -64,7 +64,7 @@ def seen_by(*args, **options):
 
 
 def test_what_is_seen_exactly_is_found_exactly():
-    made, lines = recorded(seen_by(waving(), 30, CAMERAS), BODY_PARTS, name(), Choices())
+    made, lines = recorded(seen_by(waving(), 30, CAMERAS), BODY_PARTS, name(), RecordingOptions())
     np.testing.assert_allclose(made.positions, waving(), atol=1e-4)
     assert len(lines) == 1 and "all parts in 100%" in lines[0] and "0.0 px" in lines[0]
 
@@ -72,7 +72,7 @@ def test_what_is_seen_exactly_is_found_exactly():
 def test_cameras_that_look_at_other_moments_and_other_rates_agree_on_the_common_clock():
     fast = seen_by(waving(2, 60), 60, CAMERAS[:2], late_ns=7_000_000)
     slow = seen_by(waving(2, 25), 25, CAMERAS[2:])
-    made, _ = recorded([*fast, *slow], BODY_PARTS, name(20.0), Choices())
+    made, _ = recorded([*fast, *slow], BODY_PARTS, name(20.0), RecordingOptions())
     expected = waving(2, 20)[: len(made.positions)]
     # The clock begins 7 ms late: a hand at 2.4 m/s is then 17 mm further, and a straight line cuts 12 mm off its curve.
     assert np.nanmax(np.linalg.norm(made.positions - expected, axis=-1)) < 0.03
@@ -84,7 +84,7 @@ def test_a_camera_that_is_wrong_is_outvoted_and_named():
         return centres + ([90, -60] if camera == 1 else 0)
 
     cameras = [*CAMERAS, pinhole_matrix(math.radians(100), 0.1, 3.0, 700, (640, 360), (0, 0.9, 0))]
-    made, lines = recorded(seen_by(waving(), 30, cameras, spoil), BODY_PARTS, name(), Choices())
+    made, lines = recorded(seen_by(waving(), 30, cameras, spoil), BODY_PARTS, name(), RecordingOptions())
     np.testing.assert_allclose(made.positions, waving(), atol=1e-3)
     assert lines[1] == ("cam1: rejected in 100% of what it saw; look at its calibration and at what its tracker finds")
     assert len(lines) == 2
@@ -96,7 +96,7 @@ def test_what_one_camera_alone_sees_is_not_known_unless_for_a_moment():
             centres[20:23, 0] = centres[30:45, 1] = np.nan
         return centres
 
-    made, lines = recorded(seen_by(waving(), 30, CAMERAS, spoil), BODY_PARTS, name(), Choices())
+    made, lines = recorded(seen_by(waving(), 30, CAMERAS, spoil), BODY_PARTS, name(), RecordingOptions())
     unknown = np.isnan(made.positions).any(axis=-1)
     assert unknown[:, 1].sum() == 15 and not unknown[:, [0, 2]].any()
     assert "right_hand 75%" in lines[0]
@@ -105,7 +105,7 @@ def test_what_one_camera_alone_sees_is_not_known_unless_for_a_moment():
 def test_a_hand_that_is_taken_for_another_for_a_moment_is_put_back():
     wrong = waving()
     wrong[25, 0] += [0.5, 0.4, 0.0]
-    made, _ = recorded(seen_by(wrong, 30, CAMERAS), BODY_PARTS, name(), Choices())
+    made, _ = recorded(seen_by(wrong, 30, CAMERAS), BODY_PARTS, name(), RecordingOptions())
     np.testing.assert_allclose(made.positions[:, 0], waving()[:, 0], atol=1e-4)
 
 
@@ -114,7 +114,7 @@ def test_idle_ends_are_cut_on_request_and_the_room_is_turned():
     positions = np.concatenate([still, waving(), still])
     room = positions[..., [2, 0, 1]] * [-1, -1, 1]  # x forward, y left, z up
     matrices = [H @ np.array([[0, -1, 0, 0], [0, 0, 1, 0], [-1, 0, 0, 0], [0, 0, 0, 1.0]]) for H in CAMERAS]
-    made, _ = recorded(seen_by(room, 30, matrices), BODY_PARTS, name(), Choices(up="z", front="x", trim=True))
+    made, _ = recorded(seen_by(room, 30, matrices), BODY_PARTS, name(), RecordingOptions(up="z", front="x", trim=True))
     assert 60 < len(made.positions) < 90
     count = len(made.positions)
     off = [np.abs(made.positions - positions[n : n + count]).max() for n in range(len(positions) - count)]
@@ -126,14 +126,14 @@ def test_enough_is_enough_for_each_and_a_live_camera_that_delivers_nothing_is_no
     stop = threading.Event()
     live = watchers(waving(5), 30, CAMERAS[:2], motion=False)
     nothing = (Frame(0, np.zeros((3, 2))) for _ in range(1) if not stop.wait(20))
-    hanging = Watcher("cam9", nothing, Given(), CAMERAS[0])
+    hanging = RecordingCamera("cam9", nothing, Given(), CAMERAS[0])
     seen = watch([*live, hanging], stop, seconds=1.0)
     assert stop.is_set()
     assert 29 <= len(seen[0].at_ns) <= 31 or 29 <= len(seen[1].at_ns) <= 31
     assert len(seen[2].at_ns) == 0
     with pytest.raises(BadInput, match="nothing was recorded"):
         blind = seen_by(waving(), 30, CAMERAS, lambda n, c: c * np.nan)
-        recorded(blind, BODY_PARTS, name(), Choices())
+        recorded(blind, BODY_PARTS, name(), RecordingOptions())
 
 
 def test_one_that_fails_stops_all_and_is_heard():
@@ -150,7 +150,13 @@ def test_one_that_fails_stops_all_and_is_heard():
         raise BadInput("cam1: zero bytes")
 
     with pytest.raises(BadInput, match="zero bytes"):
-        watch([Watcher("cam0", endless(), Given(), CAMERAS[0]), Watcher("cam1", broken(), Given(), CAMERAS[0])], stop)
+        watch(
+            [
+                RecordingCamera("cam0", endless(), Given(), CAMERAS[0]),
+                RecordingCamera("cam1", broken(), Given(), CAMERAS[0]),
+            ],
+            stop,
+        )
 
 
 @pytest.fixture
@@ -170,7 +176,9 @@ def dojo(tmp_path):
     lines = ['scene = "dojo"']
     for n, H in enumerate(CAMERAS):
         K = np.array([[700.0, 0, 640], [0, 700, 360], [0, 0, 1]])
-        write_camera(tmp_path / f"cam{n}.toml", Camera(f"cam{n}", H, (1280, 720), lens=Lens(K, np.zeros(5))))
+        write_camera(
+            tmp_path / f"cam{n}.toml", CameraModel(f"cam{n}", H, (1280, 720), lens=LensDistortion(K, np.zeros(5)))
+        )
         # Recording neither waits nor begins again, whatever the scene says for `observe`.
         lines += [
             f"[observers.cam{n}]",
@@ -247,8 +255,8 @@ def test_the_recorded_person_of_pose2sim_with_noise_and_a_camera_that_points_any
             drawn = rng.uniform((0, 0), camera.image_size_px, drawn.shape)
         at = [round(i * SECOND_NS / 60) for i in range(len(truth))]
         frames = [Frame(t, camera.lens.undistorted(c), t) for t, c in zip(at, drawn, strict=True)]
-        sources.append(Watcher(camera.name, iter(frames), Given(), camera.matrix))
-    made, said = recorded(watch(sources, threading.Event()), BODY_PARTS, name(60.0), Choices())
+        sources.append(RecordingCamera(camera.name, iter(frames), Given(), camera.matrix))
+    made, said = recorded(watch(sources, threading.Event()), BODY_PARTS, name(60.0), RecordingOptions())
     off = np.linalg.norm(made.positions - truth, axis=-1)
     print(f"median {np.nanmedian(off) * 1000:.1f} mm, seen {np.isfinite(off).mean():.1%}; {said}")
     assert np.nanmedian(off) < 0.01  # 3 cm are asked for
@@ -266,7 +274,7 @@ def test_a_model_learned_from_what_three_cameras_recorded_judges_as_one_from_the
     again = []
     for one in few:
         noisy = seen_by(one.positions.astype(float), 15, matrices, lambda n, c: c + rng.normal(0, 1, c.shape))
-        made, _ = recorded(noisy, BODY_PARTS, name(15.0, one.label, one.subject, one.trial), Choices())
+        made, _ = recorded(noisy, BODY_PARTS, name(15.0, one.label, one.subject, one.trial), RecordingOptions())
         again.append(made)
     off = [
         np.linalg.norm(made.positions - one.positions[: len(made.positions)], axis=-1)

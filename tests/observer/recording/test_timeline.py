@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from common.errors import BadInput
-from observer.recording.timeline import SAME_S, Sighted, instants, sampled
+from observer.recording.reconstruction import SAME_S, CameraTracks, instants, sampled
 
 H = np.eye(3, 4)
 EPOCH_NS = 1_764_000_000_123_456_789
@@ -15,7 +15,7 @@ EPOCH_NS = 1_764_000_000_123_456_789
 def sighted(times_s, centres=None, begin_ns=0, name="cam"):
     at = begin_ns + np.round(np.array(times_s) * 1e9).astype(np.int64)
     centres = np.zeros((len(at), 1, 2)) if centres is None else np.array(centres, dtype=float).reshape(len(at), 1, 2)
-    return Sighted(name, H, at, centres)
+    return CameraTracks(name, H, at, centres)
 
 
 @given(

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from observer.geometry.projection import pinhole_matrix, project
-from observer.rendering.lens import Lens
+from observer.rendering.canvas import PinholeCamera
 
 
 @given(st.floats(-3.0, 3.0), st.floats(-1.4, 1.4), st.floats(0.5, 8.0), st.floats(200.0, 2000.0), st.floats(-3.0, 3.0))
@@ -14,7 +14,7 @@ def test_it_finds_the_camera_that_the_matrix_was_made_of(yaw_rad, pitch_rad, dis
     if abs(factor) < 0.01:
         return
     matrix = pinhole_matrix(yaw_rad, pitch_rad, distance, focal_px, (320.0, 240.0), (0.1, 1.0, 2.0))
-    lens = Lens.of(factor * matrix)
+    lens = PinholeCamera.of(factor * matrix)
     sight = matrix[2, :3] / np.linalg.norm(matrix[2, :3])
     np.testing.assert_allclose(lens.centre, [0.1, 1.0, 2.0] - distance * sight, atol=1e-6)
     assert lens.focal_px == pytest.approx(focal_px)
@@ -25,7 +25,7 @@ def test_it_finds_the_camera_that_the_matrix_was_made_of(yaw_rad, pitch_rad, dis
 
 
 def test_a_ball_in_the_middle_has_the_outline_of_a_circle():
-    lens = Lens.of(pinhole_matrix(0.4, 0.2, 4.0, 600.0, (320.0, 240.0)))
+    lens = PinholeCamera.of(pinhole_matrix(0.4, 0.2, 4.0, 600.0, (320.0, 240.0)))
     radius_px = 0.1 * 600.0 / 4.0
     pixel, _, _, Q = lens.conic(np.zeros(3), 0.1 * np.eye(3))
     np.testing.assert_allclose(pixel, [320.0, 240.0], atol=1e-9)
@@ -39,7 +39,7 @@ def test_the_outline_holds_all_of_the_ellipsoid_and_touches_it(place, seed):
     rng = np.random.default_rng(seed)
     matrix = pinhole_matrix(0.7, 0.3, 3.5, 650.0, (320.0, 240.0))
     axes = np.linalg.qr(rng.normal(size=(3, 3)))[0] * [0.045, 0.09, 0.045]
-    pixel, _, _, Q = Lens.of(matrix).conic(np.array(place), axes)
+    pixel, _, _, Q = PinholeCamera.of(matrix).conic(np.array(place), axes)
     ball = rng.normal(size=(4000, 3))
     surface = np.array(place) + (ball / np.linalg.norm(ball, axis=1, keepdims=True)) @ axes.T
     off = project(matrix, surface) - pixel

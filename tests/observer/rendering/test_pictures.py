@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from common.errors import BadInput
 from observer.geometry.projection import parallel_matrix, pinhole_matrix, project
 from observer.rendering.body import Stature
-from observer.rendering.look import SKIN_TONES, look_of
+from observer.rendering.figure import SKIN_TONES, appearance_of
 from observer.rendering.renderer import Renderer
 from observer.rendering.scenery import BACKGROUNDS, Occluder, Scenery
 
@@ -66,7 +66,7 @@ def test_another_seed_is_another_picture(background):
     unseen = np.full((3, 3), np.nan)
     assert (renderer(seed=1, background=background).picture(unseen, 0) != renderer(seed=2, background=background)
             .picture(unseen, 0)).any()  # fmt: skip
-    assert look_of(1) != look_of(2)
+    assert appearance_of(1) != appearance_of(2)
 
 
 # Where the parts are
@@ -130,7 +130,7 @@ def test_the_clothed_trunk_has_the_width_of_a_persons():
 
 @pytest.mark.parametrize("seed", range(8))
 def test_skin_is_of_a_human_tone_and_nothing_else_of_the_person_or_the_room_is(seed):
-    look = look_of(seed)
+    look = appearance_of(seed)
     assert (np.min(SKIN_TONES, axis=0) <= look.skin).all() and (look.skin <= np.max(SKIN_TONES, axis=0)).all()
     assert look.skin[0] < look.skin[1] < look.skin[2]
     unseen = np.full((3, 3), np.nan)
@@ -172,7 +172,7 @@ def test_the_trunk_hides_the_far_hand_from_the_side():
 
 @pytest.mark.parametrize("part", [LEFT, RIGHT, HEAD])
 def test_a_part_not_seen_is_not_drawn(part):
-    eye = renderer(look=look_of(5))
+    eye = renderer(look=appearance_of(5))
     positions = with_(part, np.nan)
     truth = eye.visible_truth(positions, 0)
     assert truth.shares[part] == 0 and np.isnan(truth.centres[part]).all()

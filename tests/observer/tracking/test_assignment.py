@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from observer.tracking.assignment import assign, squared_distances
+from observer.tracking.kalman import assign, squared_distances
 
 
 def total(cost, chosen, gate):

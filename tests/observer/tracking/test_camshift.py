@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 from common.errors import BadInput
-from observer.tracking import camshift, face
+from observer.tracking import camshift, head
 from observer.tracking.camshift import CamshiftTracker
-from observer.tracking.skin import Skin
+from observer.tracking.skin import SkinHistogram
 from observer.tracks import Frame, State
 
 SKIN = (105, 140, 200)
@@ -154,16 +154,16 @@ def test_a_saved_histogram_is_the_same_again(tmp_path):
     track(scene(wave(1), wave(-1), frames=3), tracker)
     assert tracker.skin is not None
     tracker.skin.save(tmp_path / "skin.npz")
-    again = Skin.load(tmp_path / "skin.npz")
+    again = SkinHistogram.load(tmp_path / "skin.npz")
     assert np.array_equal(again.skin, tracker.skin.skin)
     (tmp_path / "bad.npz").write_bytes(b"no")
     with pytest.raises(BadInput, match="a skin histogram of two arrays"):
-        Skin.load(tmp_path / "bad.npz")
+        SkinHistogram.load(tmp_path / "bad.npz")
 
 
 def test_skin_is_found_and_dark_pale_and_burnt_pixels_are_not():
     picture = next(iter(scene(wave(1), wave(-1))))
-    skin = Skin.learn(picture, REGION)
+    skin = SkinHistogram.learn(picture, REGION)
     assert skin is not None
     colours = np.array([[SKIN, (5, 5, 9), (200, 200, 201), (254, 254, 255), (160, 90, 40)]], np.uint8)
     back = skin.back_project(colours)[0]
@@ -172,4 +172,4 @@ def test_skin_is_found_and_dark_pale_and_burnt_pixels_are_not():
 
 
 def test_this_opencv_has_a_cascade_or_says_so():
-    assert face.have_cascade() or "no face cascade" in face.WHY_NOT
+    assert head.have_cascade() or "no face cascade" in head.WHY_NOT

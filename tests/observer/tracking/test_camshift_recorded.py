@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from observer.tracking.camshift import CamshiftTracker
-from observer.tracking.face import have_cascade
+from observer.tracking.head import have_cascade
 from observer.tracks import Frame
 
 RIGHT_HAND = {

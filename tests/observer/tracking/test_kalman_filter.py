@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from observer.tracking.kalman import ConstantVelocity
+from observer.tracking.kalman import ConstantVelocityFilter
 
 number = st.floats(-300, 300)
 steps = st.lists(st.tuples(st.floats(0, 0.5), number, number), min_size=1, max_size=12)
@@ -12,7 +12,7 @@ steps = st.lists(st.tuples(st.floats(0, 0.5), number, number), min_size=1, max_s
 
 @given(steps, st.floats(1, 2000), st.floats(0.5, 20))
 def test_equals_the_textbook_filter_written_with_full_matrices(steps, acceleration, noise):
-    kf = ConstantVelocity(np.zeros(2), acceleration, noise)
+    kf = ConstantVelocityFilter(np.zeros(2), acceleration, noise)
     x, P = np.zeros(4), np.diag([noise**2, noise**2, (acceleration / 10) ** 2, (acceleration / 10) ** 2])
     for dt, u, v in steps:
         F = np.array([[1, 0, dt, 0], [0, 1, 0, dt], [0, 0, 1, 0], [0, 0, 0, 1]])
@@ -30,7 +30,7 @@ def test_equals_the_textbook_filter_written_with_full_matrices(steps, accelerati
 
 
 def test_a_steady_motion_is_predicted():
-    kf = ConstantVelocity(np.zeros(2), 10.0, 1.0)
+    kf = ConstantVelocityFilter(np.zeros(2), 10.0, 1.0)
     for i in range(1, 60):
         kf.predict(0.1)
         kf.correct(np.array([5.0 * i, -3.0 * i]))

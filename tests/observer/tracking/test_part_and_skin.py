@@ -4,21 +4,31 @@ import cv2
 import numpy as np
 import pytest
 
-from observer.tracking.head import Head
-from observer.tracking.part import COAST_S, Part
-from observer.tracking.skin import BURNT, DARK, HUE_SHIFT, HUES, PALE, SATURATIONS, Skin, counts, hue_saturation
+from observer.tracking.head import HeadTracker
+from observer.tracking.kalman import COAST_S, TrackedPart
+from observer.tracking.skin import (
+    BURNT,
+    DARK,
+    HUE_SHIFT,
+    HUES,
+    PALE,
+    SATURATIONS,
+    SkinHistogram,
+    counts,
+    hue_saturation,
+)
 from observer.tracks import State
 
 
 @pytest.mark.parametrize(("area", "fits"), [(49, False), (51, True), (199, True), (201, False)])
 def test_areas_fit_from_half_to_twice_the_median(area, fits):
-    part = Part(10.0)
+    part = TrackedPart(10.0)
     part.acquire(np.zeros(2), 100.0, 40.0)
     assert part.fits(area) is fits
 
 
 def test_a_part_without_measurements_is_unsure_and_then_missing():
-    part = Part(10.0)
+    part = TrackedPart(10.0)
     part.acquire(np.zeros(2), 100.0, 40.0)
     part.not_measured(COAST_S * 0.9)
     assert part.state is State.UNSURE
@@ -45,7 +55,7 @@ def test_every_usable_pixel_of_the_mask_is_counted_at_its_rotated_hue():
 
 def test_the_histogram_follows_the_colour_of_the_light_slowly():
     before, after = np.full((80, 80, 3), (105, 140, 200), np.uint8), np.full((80, 80, 3), (90, 170, 200), np.uint8)
-    head = Head(None, None)
+    head = HeadTracker(None, None)
     assert head.begin(before, (20, 20, 40, 40))
     assert head.skin is not None
     found = [int(head.skin.back_project(after).mean())]
@@ -84,6 +94,6 @@ def likely(skin, colour):
 )
 def test_skin_is_supposed_rarer_where_that_tells_it_from_the_scenery(rest, wood_is_skin, face_is_skin):
     wood = 0.04 if rest["wood"] == 0.04 else 0.25
-    skin = Skin(frequencies(face=0.7, wood=wood), frequencies(**rest), np.array([200.0, 10.0]))
+    skin = SkinHistogram(frequencies(face=0.7, wood=wood), frequencies(**rest), np.array([200.0, 10.0]))
     assert (likely(skin, WOOD_BGR) >= 110) is wood_is_skin
     assert (likely(skin, FACE_BGR) >= 110) is face_is_skin

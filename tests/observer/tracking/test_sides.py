@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from observer.tracking.sides import LEFT, RIGHT, Doubt, name_first, name_second, name_two
+from observer.tracking.sides import LEFT, RIGHT, HandednessEvidence, name_first, name_second, name_two
 
 HEAD = np.array([100.0, 50.0])
 
@@ -48,7 +48,7 @@ def merged(doubt):
 
 def settled():
     """Hands that have long been on their own sides."""
-    doubt = Doubt()
+    doubt = HandednessEvidence()
     for _ in range(90):
         assert not doubt.exchange(RIGHT_OF_IT, LEFT_OF_IT, FACE, FRAME_S)
     return doubt
@@ -74,7 +74,7 @@ def test_after_a_meeting_hands_on_each_others_side_are_exchanged_in_few_frames_a
 
 @pytest.mark.parametrize("meeting", [ambiguous, merged])
 def test_hands_on_their_own_sides_settle_the_doubt(meeting):
-    doubt = Doubt()
+    doubt = HandednessEvidence()
     meeting(doubt)
     for _ in range(3):
         assert not doubt.exchange(RIGHT_OF_IT, LEFT_OF_IT, FACE, FRAME_S)
@@ -83,7 +83,7 @@ def test_hands_on_their_own_sides_settle_the_doubt(meeting):
 
 @given(st.lists(st.floats(-0.59, 0.59), max_size=60))
 def test_hands_above_each_other_say_nothing(apart):
-    doubt = Doubt()
+    doubt = HandednessEvidence()
     doubt.merged()
     for share in apart:
         assert not doubt.exchange(at(100 + share * FACE), at(100), FACE, 0.1)

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from observer.tracking import camshift
-from observer.tracking.camshift import CamshiftTracker
-from observer.tracking.suits import Hint, why
+from observer.tracking.camshift import CamshiftTracker, TrackingAdvice, explain_loss
 from observer.tracks import Frame, State
 
 DISCS = Path(__file__).with_name("test_camshift.py")
@@ -39,14 +38,14 @@ def discs(monkeypatch):
     ],
 )
 def test_one_line_says_what_is_wrong(told, says):
-    said = why(*told)
+    said = explain_loss(*told)
     assert said.startswith(says)
     assert bool(said) is bool(says)
     assert not says or 'tracker = "mediapipe"' in said
 
 
 def test_the_line_stands_while_nobody_is_found_and_goes_when_somebody_is():
-    hint, dark = Hint(), np.zeros((48, 64, 3), np.uint8)
+    hint, dark = TrackingAdvice(), np.zeros((48, 64, 3), np.uint8)
     said = []
     for _ in range(90):
         hint.update(False, None, 0.0, dark, 0.1)

@@ -14,8 +14,8 @@ from observer.rendering.scenery import Scenery
 from observer.rendering.virtual_camera import VirtualCamera, aimed_matrix
 from observer.source import RecordedMotion
 from observer.tracking.camshift import CamshiftTracker
-from observer.tracking.skin import Skin
-from observer.tracking.topmost import MOST_PATCHES, topmost_skin
+from observer.tracking.head import MOST_PATCHES, topmost_skin
+from observer.tracking.skin import SkinHistogram
 from observer.tracks import BODY_PARTS, Frame
 
 HEAD_PX = 40
@@ -29,7 +29,7 @@ def drawn(*patches, size=(240, 320)):
     return picture
 
 
-SKIN = Skin.learn(drawn((160, 70, 30)), (130, 40, 60, 60))
+SKIN = SkinHistogram.learn(drawn((160, 70, 30)), (130, 40, 60, 60))
 
 
 @given(st.integers(60, 260), st.integers(30, 120), st.integers(8, 20), st.integers(1, 3))
@@ -72,7 +72,7 @@ def test_a_rendered_performer_has_its_head_found_from_every_corner(view):
         return project(aimed_matrix(parse_view(named), stature(recording.positions)), standing[2].astype(float))
 
     u, v = head("door")
-    skin = Skin.learn(picture("door"), (round(u) - 18, round(v) - 18, 36, 36))
+    skin = SkinHistogram.learn(picture("door"), (round(u) - 18, round(v) - 18, 36, 36))
     box = topmost_skin(picture(view), skin)
     assert box is not None
     away = np.hypot(box[0] + box[2] / 2 - head(view)[0], box[1] + box[3] / 2 - head(view)[1])
@@ -94,7 +94,7 @@ def test_with_a_saved_skin_hands_are_followed_by_their_names_from_the_front_and_
         return [draw.picture(p, n, None) for n, p in enumerate(positions.astype(float))]
 
     u, v = project(aimed_matrix(parse_view("door"), stature(positions)), positions[0, 2].astype(float))
-    skin = Skin.learn(pictures("door")[0], (round(u) - 18, round(v) - 18, 36, 36))
+    skin = SkinHistogram.learn(pictures("door")[0], (round(u) - 18, round(v) - 18, 36, 36))
     view = parse_view(named)
     tracker = CamshiftTracker(skin, facing=facing(view))
     seen = np.array([tracker.update(Frame(round(n * 1e9 / 30), p)).centres for n, p in enumerate(pictures(named))])

@@ -1,21 +1,23 @@
-"""OpenCV-style camera TOML, as Pose2Sim, caliscope and anipose write it, read and written."""
+"""Camera files of other programs: OpenCV-style TOML, read and written, and Qualisys calibrations, read."""
 
 import json
+import math
 import tomllib
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 
 from common.errors import BadInput, LabanmeshError
-from observer.calibration.calibrated import Calibrated, rotation
+from observer.calibration.calibrated import CalibratedCamera, rotation
 from observer.geometry.lens import DISTORTION_SIZES, SIZES_SAID
 from observer.geometry.projection import Floats
 
 NEEDED = "matrix, rotation, translation"
 
 
-def read_opencv(path: Path) -> list[Calibrated]:
+def read_opencv(path: Path) -> list[CalibratedCamera]:
     """All cameras of a file: one table a camera (Pose2Sim, anipose) or a table `cameras` of them (caliscope,
     whose camera 0 is called cam_0, as its video is).
 
@@ -30,7 +32,9 @@ def read_opencv(path: Path) -> list[Calibrated]:
         raise BadInput(f"{path}: no TOML: {error}") from None
     tables = keys["cameras"] if isinstance(keys.get("cameras"), dict) else keys
     cameras = [
-        _camera(f"{path}: {name}", str(table.get("name", f"cam_{name}" if name.isdigit() else name)), table, path.name)
+        _opencv_camera(
+            f"{path}: {name}", str(table.get("name", f"cam_{name}" if name.isdigit() else name)), table, path.name
+        )
         for name, table in tables.items()
         if isinstance(table, dict) and name != "metadata" and not table.get("ignore")
     ]
@@ -39,7 +43,7 @@ def read_opencv(path: Path) -> list[Calibrated]:
     return cameras
 
 
-def write_opencv(path: Path, cameras: list[Calibrated]) -> None:
+def write_opencv(path: Path, cameras: list[CalibratedCamera]) -> None:
     """One table a camera, whole or not at all; raises LabanmeshError when the disk does not take it."""
     text = "\n".join(_toml(number, camera) for number, camera in enumerate(cameras, 1))
     partial = path.with_name(f"{path.name}.part")
@@ -52,7 +56,7 @@ def write_opencv(path: Path, cameras: list[Calibrated]) -> None:
         partial.unlink(missing_ok=True)
 
 
-def _camera(where: str, name: str, table: dict[str, Any], file: str) -> Calibrated:
+def _opencv_camera(where: str, name: str, table: dict[str, Any], file: str) -> CalibratedCamera:
     missing = [key for key in NEEDED.split(", ") if key not in table]
     if missing:
         raise BadInput(f"{where}.{missing[0]}: missing; a camera has {NEEDED}, and often distortions, size")
@@ -73,7 +77,7 @@ def _camera(where: str, name: str, table: dict[str, Any], file: str) -> Calibrat
     size = _size(f"{where}.size", table["size"]) if "size" in table else None
     error = table.get("error")
     known = float(error) if isinstance(error, int | float) and np.isfinite(error) and error >= 0 else None
-    return Calibrated(name, K, distortion, R, place, size, known, f"read from {file}")
+    return CalibratedCamera(name, K, distortion, R, place, size, known, f"read from {file}")
 
 
 def _numbers(where: str, values: object, shape: tuple[int, ...] | None) -> Floats:
@@ -93,7 +97,7 @@ def _size(where: str, values: object) -> tuple[int, int]:
     return int(size[0]), int(size[1])
 
 
-def _toml(number: int, camera: Calibrated) -> str:
+def _toml(number: int, camera: CalibratedCamera) -> str:
     lines = [f"[cam_{number}]", f"name = {json.dumps(camera.name, ensure_ascii=False)}"]
     if camera.image_size_px is not None:
         lines.append(f"size = {list(camera.image_size_px)}")
@@ -102,3 +106,73 @@ def _toml(number: int, camera: Calibrated) -> str:
     if camera.error_px is not None:
         lines.append(f"error = {float(camera.error_px)!r}")
     return "\n".join([*lines, "fisheye = false"]) + "\n"
+
+
+SUBPIXELS = 64.0
+"""Focal lengths and centres are given in 64ths of a pixel."""
+
+MM_PER_METRE = 1000.0
+
+
+def read_qualisys(path: Path) -> list[CalibratedCamera]:
+    """All active cameras of a .qca.txt, the room's z up as Qualisys has it; raises BadInput naming file and attribute.
+
+    Its camera looks along -z with y up, ours along z with y down: a half turn about x.
+    """
+    try:
+        text = path.read_bytes()
+    except OSError as error:
+        raise BadInput(f"{path}: {error.strerror}; a Qualisys calibration (.qca.txt) is expected") from None
+    if b"<!ENTITY" in text:
+        raise BadInput(f"{path}: declares XML entities, which no calibration does; export it again")
+    try:
+        root = ElementTree.fromstring(text)  # noqa: S314 - entities are refused above
+    except ElementTree.ParseError as error:
+        raise BadInput(f"{path}: no Qualisys calibration: {error}") from None
+    cameras = [_qualisys_camera(path, camera) for camera in root.iter("camera") if camera.get("active", "1") == "1"]
+    if not cameras:
+        raise BadInput(f"{path}: no active camera in it; a Qualisys calibration (.qca.txt) is expected")
+    return cameras
+
+
+def _qualisys_camera(path: Path, camera: ElementTree.Element) -> CalibratedCamera:
+    name = camera.get("serial", "")
+    where = f"{path}: camera {name!r}"
+    if not name:
+        raise BadInput(f"{where}: no serial; it names the camera")
+    if camera.get("viewrotation", "0") not in ("", "0"):
+        raise BadInput(
+            f"{where}: viewrotation = {camera.get('viewrotation')}: turned pictures are not read; export at 0"
+        )
+    parts = {tag: _part(where, camera, tag) for tag in ("fov_video", "transform", "intrinsic")}
+    area, place, lens = parts["fov_video"], parts["transform"], parts["intrinsic"]
+    # The rows of the file's matrix are the camera's axes in the room: right, up, and back from where it looks.
+    axes = [[_number(where, place, f"r{row}{column}") for column in (1, 2, 3)] for row in (1, 2, 3)]
+    R = np.diag([1.0, -1.0, -1.0]) @ rotation(axes, f"{where}: transform")
+    stands = np.array([_number(where, place, axis) for axis in "xyz"]) / MM_PER_METRE
+    left, top = _number(where, area, "left"), _number(where, area, "top")
+    focal = [_number(where, lens, f"focalLength{axis}") / SUBPIXELS for axis in "UV"]
+    centre = [_number(where, lens, f"centerPoint{axis}") / SUBPIXELS for axis in "UV"]
+    skew = _number(where, lens, "skew") / SUBPIXELS
+    K = np.array([[focal[0], skew, centre[0] - left], [0, focal[1], centre[1] - top], [0, 0, 1.0]])
+    names = ("radialDistortion1", "radialDistortion2", "tangentalDistortion1", "tangentalDistortion2")
+    distortion = np.array([_number(where, lens, key) for key in (*names, "radialDistortion3")])
+    size = (int(_number(where, area, "right") - left) + 1, int(_number(where, area, "bottom") - top) + 1)
+    return CalibratedCamera(name, K, distortion, R, -R @ stands, size, None, f"read from {path.name}")
+
+
+def _part(where: str, camera: ElementTree.Element, tag: str) -> ElementTree.Element:
+    part = camera.find(tag)
+    if part is None:
+        raise BadInput(f"{where}: no {tag}; a camera has fov_video, transform and intrinsic")
+    return part
+
+
+def _number(where: str, part: ElementTree.Element, key: str) -> float:
+    try:
+        value = float(part.get(key, ""))
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise BadInput(f"{where}: {part.tag} {key} = {part.get(key)!r}: a number is needed")
+    return value

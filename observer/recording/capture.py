@@ -1,4 +1,4 @@
-"""Several cameras watched at once, each in a thread of its own, until they end or enough was seen."""
+"""Reads several calibrated cameras at once, each in its own thread."""
 
 import threading
 from collections.abc import Callable, Iterator, Sequence
@@ -7,9 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from common.config import Scene
 from common.errors import BadInput
-from observer.recording.timeline import Sighted
-from observer.tracks import Floats, Frame, Tracker
+from observer.foreign.sources import MeshTracks
+from observer.opening import open_eyes
+from observer.recording.reconstruction import CameraTracks
+from observer.tracks import BODY_PARTS, Floats, Frame, Tracker
 
 SECOND_NS = 1_000_000_000
 
@@ -21,7 +24,7 @@ Progress = Callable[[float], None]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Watcher:
+class RecordingCamera:
     """One camera at work. tracker: its centres are undistorted px, for which `matrix` (3, 4) holds."""
 
     name: str
@@ -33,7 +36,7 @@ class Watcher:
 class _Watch:
     """What one watcher has seen so far; written by its thread only."""
 
-    def __init__(self, watcher: Watcher, stop: threading.Event, seconds: float | None) -> None:
+    def __init__(self, watcher: RecordingCamera, stop: threading.Event, seconds: float | None) -> None:
         self._watcher, self._stop = watcher, stop
         self._most_ns = None if seconds is None else round(seconds * SECOND_NS)
         self._at_ns: list[int] = []
@@ -57,19 +60,19 @@ class _Watch:
             self._at_ns.append(frame.at_ns)
             self._centres.append(self._watcher.tracker.update(frame).centres.copy())
 
-    def sighted(self) -> Sighted:
+    def sighted(self) -> CameraTracks:
         """What it saw."""
         parts = len(self._watcher.tracker.body_parts)
         centres = np.array(self._centres, dtype=np.float64).reshape(-1, parts, 2)
-        return Sighted(self._watcher.name, self._watcher.matrix, np.array(self._at_ns, dtype=np.int64), centres)
+        return CameraTracks(self._watcher.name, self._watcher.matrix, np.array(self._at_ns, dtype=np.int64), centres)
 
 
 def watch(
-    watchers: Sequence[Watcher],
+    watchers: Sequence[RecordingCamera],
     stop: threading.Event,
     seconds: float | None = None,
     progress: Progress = lambda _: None,
-) -> list[Sighted]:
+) -> list[CameraTracks]:
     """What each of them saw, in their order; seconds: of motion, None for all that there is.
 
     Sets `stop`, which the frames must heed too, when one of them fails, and raises what it raised. Raises BadInput when
@@ -90,3 +93,36 @@ def watch(
         finally:
             stop.set()
     return [one.sighted() for one in watches]
+
+
+def open_watchers(scene: Scene, observers: Sequence[str], stop: threading.Event) -> list[RecordingCamera]:
+    """Those named, else all that look through a calibrated camera; what was recorded comes as fast as it can be read.
+
+    Raises BadInput when they are fewer than two, for one without a camera file, for tracks that come over the mesh, and
+    as `open_eyes` does.
+    """
+    for name in observers:
+        if not _calibrated(scene, name):
+            view = scene.observer(name).view
+            raise BadInput(f"observers.{name}.view = {view!r}: a camera file is needed; labanmesh calibrate writes it")
+    chosen = list(dict.fromkeys(observers)) or [name for name in scene.roster if _calibrated(scene, name)]
+    if len(chosen) < 2:
+        names = f": {chosen[0]}" if chosen else ""
+        raise BadInput(
+            f"{len(chosen)} observer with a camera file as its view{names}; two at least are needed, "
+            "labanmesh calibrate writes their files"
+        )
+    hurried = {name: scene.observer(name).model_copy(update={"speed": 0.0, "loop": False}) for name in scene.roster}
+    hurrying = scene.model_copy(update={"observers": hurried})
+    return [_watcher(hurrying, name, stop) for name in chosen]
+
+
+def _watcher(scene: Scene, name: str, stop: threading.Event) -> RecordingCamera:
+    eyes = open_eyes(scene, name, BODY_PARTS)
+    if isinstance(eyes.source, MeshTracks):
+        raise BadInput(f"observers.{name}.source: tracks that come over the mesh are not recorded; name a camera")
+    return RecordingCamera(name, eyes.source.frames(stop), eyes.tracker, eyes.view.matrix)
+
+
+def _calibrated(scene: Scene, name: str) -> bool:
+    return scene.observer(name).view.strip().endswith(".toml")

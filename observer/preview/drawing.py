@@ -1,0 +1,229 @@
+"""Layout, text and marks of the painted picture."""
+
+import math
+import unicodedata
+from dataclasses import dataclass
+from typing import Self
+
+import cv2
+import numpy as np
+
+from observer.preview.sight import Picture, PreviewFrame
+from observer.tracks import Floats, State
+
+SIZE = (1280, 720)
+"""Width and height of every painted picture, px, so that a video of them may be one."""
+STRIP = 116
+"""Height of the strip of Vector Symbols, px."""
+PANEL = (320, 560)
+"""Least and greatest width of the panel beside the picture, px."""
+CANVAS = (640, 480)
+"""Width and height of the picture that stands in for recorded motion, px."""
+
+
+@dataclass(frozen=True, slots=True)
+class PixelBox:
+    """A rectangle of the painted picture, px."""
+
+    x: int
+    y: int
+    width: int
+    height: int
+
+    def cut(self, canvas: Picture) -> Picture:
+        """That part of the canvas; what is drawn on it is drawn on the canvas, and never beyond the box."""
+        return canvas[self.y : self.y + self.height, self.x : self.x + self.width]
+
+
+@dataclass(frozen=True, slots=True)
+class PaintingLayout:
+    """picture: the source's picture, in its own proportions. panel: right of it. strip: below both."""
+
+    picture: PixelBox
+    panel: PixelBox
+    strip: PixelBox
+
+    @classmethod
+    def of(cls, width_px: int, height_px: int) -> Self:
+        """For a source of that size, which is 1 px or more each way."""
+        room, height = SIZE[0] - PANEL[0], SIZE[1] - STRIP
+        scale = min(room / width_px, height / height_px)
+        wide, high = (max(1, round(n * scale)) for n in (width_px, height_px))
+        panel = min(max(SIZE[0] - wide, PANEL[0]), PANEL[1])
+        left = (SIZE[0] - panel - wide) // 2
+        return cls(
+            PixelBox(left, (height - high) // 2, wide, high),
+            PixelBox(SIZE[0] - panel, 0, panel, height),
+            PixelBox(0, height, SIZE[0], STRIP),
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Placement:
+    """Source to box: scale times a place, plus shift (2,) px."""
+
+    scale: float
+    shift: Floats
+
+    @classmethod
+    def of_picture(cls, width_px: int, box: PixelBox) -> Self:
+        """A picture so wide, resized into the box; places are middles of pixels."""
+        scale = box.width / width_px
+        return cls(scale, np.full(2, 0.5 * scale - 0.5))
+
+    @classmethod
+    def of_motion(cls, extent: Floats | None, box: PixelBox) -> Self:
+        """(2, 2) corners of all motion so far, in any unit, into the middle of the box."""
+        if extent is None:
+            return cls(1.0, np.zeros(2))
+        size = np.array([box.width, box.height], dtype=np.float64)
+        sides = np.maximum(extent[1] - extent[0], 1e-9)
+        scale = float((size / sides).min())
+        return cls(scale, size / 2 - scale * extent.mean(axis=0))
+
+    def px(self, places: Floats) -> Floats:
+        """(..., 2) places of the source -> (..., 2) px in the box; NaN stays NaN."""
+        return places * self.scale + self.shift
+
+
+Colour = tuple[int, int, int]
+"""Blue, green, red, 0 to 255."""
+
+FONT, BOLD = cv2.FONT_HERSHEY_SIMPLEX, cv2.FONT_HERSHEY_DUPLEX
+SMALL, PLAIN, LARGE = 0.42, 0.5, 0.75
+"""Sizes of letters; PLAIN has capitals of about 11 px."""
+
+
+def write(
+    canvas: Picture,
+    text: str,
+    at: tuple[int, int],
+    colour: Colour,
+    size: float = PLAIN,
+    *,
+    width_px: int | None = None,
+    bold: bool = False,
+    outlined: bool = False,
+) -> None:
+    """Text from `at` (left end of the base line, px), cut off with two dots where it is wider than `width_px`.
+
+    outlined: a black edge, for letters on a picture.
+    """
+    text = fitting(text, size, width_px) if width_px is not None else plain(text)
+    if outlined:
+        cv2.putText(canvas, text, at, FONT, size, (0, 0, 0), 4, cv2.LINE_AA)
+    cv2.putText(canvas, text, at, BOLD if bold else FONT, size, colour, 1, cv2.LINE_AA)
+
+
+def plain(text: str) -> str:
+    """The text in ASCII: accents go, what has no letter becomes a question mark, ends of lines become blanks."""
+    bare = "".join(c for c in unicodedata.normalize("NFKD", text) if not unicodedata.combining(c))
+    return "".join(c if " " <= c <= "~" else "?" for c in " ".join(bare.split()))
+
+
+def width_of(text: str, size: float = PLAIN) -> int:
+    """Width in px of a text as `write` draws it."""
+    return int(cv2.getTextSize(plain(text), FONT, size, 1)[0][0])
+
+
+def fitting(text: str, size: float, width_px: int) -> str:
+    """The text in ASCII, cut off with two dots where it is wider than that; "" where not even those fit."""
+    text = plain(text)
+    if width_of(text, size) <= width_px:
+        return text
+    low, high = 0, len(text)
+    while low < high:
+        middle = (low + high + 1) // 2
+        low, high = (middle, high) if width_of(text[:middle] + "..", size) <= width_px else (low, middle - 1)
+    return text[:low] + ".." if low else ""
+
+
+def wrapped(text: str, size: float, width_px: int, lines: int) -> list[str]:
+    """The text in at most so many lines of that width; the last is cut off by `write` where it is too long."""
+    words, found = plain(text).split(), [""]
+    for word in words:
+        longer = f"{found[-1]} {word}".strip()
+        if len(found) == lines or not found[-1] or width_of(longer, size) <= width_px:
+            found[-1] = longer
+        else:
+            found.append(word)
+    return found
+
+
+COLOURS: dict[State, Colour] = {
+    State.SEEN: (233, 180, 86),
+    State.UNSURE: (66, 228, 240),
+    State.MISSING: (0, 94, 213),
+}
+"""Sky blue, yellow, vermilion of Okabe and Ito's palette: told apart by who is colour-blind, and also in grey."""
+
+RADIUS = 14
+"""Of a ring, px."""
+DASHES = 8
+"""Of an unsure part's ring."""
+BLACK: Colour = (0, 0, 0)
+
+
+def draw_marks(canvas: Picture, placement: Placement, sight: PreviewFrame) -> None:
+    """Trails first, then a mark with its name for each part that is seen or guessed at."""
+    _draw_trails(canvas, placement.px(sight.trail))
+    centres, states = placement.px(sight.tracks.centres), sight.tracks.states
+    guesses = None if sight.tracks.guesses is None else placement.px(sight.tracks.guesses)
+    for row, (part, state) in enumerate(zip(sight.body_parts, states, strict=True)):
+        place = centres[row] if state is State.SEEN or guesses is None else guesses[row]
+        at = _on(canvas, place)
+        if at is not None:
+            draw_mark(canvas, at, state)
+            _name(canvas, at, part)
+
+
+def draw_mark(canvas: Picture, at: tuple[int, int], state: State, radius: int = RADIUS) -> None:
+    """Seen: a ring with a filled middle; unsure: a dashed, empty ring; missing: a cross. Colours as COLOURS."""
+    colour = COLOURS[state]
+    if state is State.SEEN:
+        for inked, width in ((BLACK, 5), (colour, 2)):
+            cv2.circle(canvas, at, radius, inked, width, cv2.LINE_AA)
+        cv2.circle(canvas, at, radius // 3 + 2, BLACK, -1, cv2.LINE_AA)
+        cv2.circle(canvas, at, radius // 3, colour, -1, cv2.LINE_AA)
+    elif state is State.UNSURE:
+        for inked, width in ((BLACK, 5), (colour, 2)):
+            for dash in range(DASHES):
+                begin = dash * 360 / DASHES
+                cv2.ellipse(canvas, at, (radius, radius), 0, begin, begin + 200 / DASHES, inked, width, cv2.LINE_AA)
+    else:
+        half = radius * 2 // 3
+        for inked, width in ((BLACK, 5), (colour, 2)):
+            for rise in (-half, half):
+                ends = (at[0] - half, at[1] - rise), (at[0] + half, at[1] + rise)
+                cv2.line(canvas, *ends, inked, width, cv2.LINE_AA)
+
+
+def _draw_trails(canvas: Picture, trail: Floats) -> None:
+    """Thin where it is old, so that it shows which way the part went."""
+    # All of the black edge first, or each piece would cut the one before it.
+    for inked, edge in ((BLACK, 2), (COLOURS[State.SEEN], 0)):
+        for row in range(trail.shape[1]):
+            for i in range(1, len(trail)):
+                begin, end = _on(canvas, trail[i - 1, row]), _on(canvas, trail[i, row])
+                if begin is not None and end is not None:
+                    width = 1 + math.floor(3 * i / len(trail)) + edge
+                    cv2.line(canvas, begin, end, inked, width, cv2.LINE_AA)
+
+
+def _name(canvas: Picture, at: tuple[int, int], part: str) -> None:
+    """Beside the mark, on the side on which a person's hands do not meet; always inside the picture."""
+    text = part.replace("_", " ")
+    wide, away = width_of(text, SMALL), RADIUS + 6
+    left = {"right_hand": at[0] - away - wide, "head": at[0] - wide // 2}.get(part, at[0] + away)
+    base = at[1] - away if part == "head" else at[1] + 4
+    height, width = canvas.shape[:2]
+    place = (max(min(left, width - wide - 3), 3), min(max(base, 12), height - 4))
+    write(canvas, text, place, (255, 255, 255), SMALL, outlined=True)
+
+
+def _on(canvas: Picture, place: Floats) -> tuple[int, int] | None:
+    """The pixel, or None for what is not known or not on the canvas."""
+    height, width = canvas.shape[:2]
+    if not (np.isfinite(place).all() and -1 < place[0] < width and -1 < place[1] < height):
+        return None
+    return round(float(place[0])), round(float(place[1]))
