@@ -119,13 +119,10 @@ def overview() -> str:
 
 
 def _unknown(verb: str) -> LabanmeshError:
-    from difflib import get_close_matches
-
     from common.errors import BadInput
+    from common.text import nearest
 
-    near = get_close_matches(verb, VERBS, 1)
-    hint = f"did you mean {near[0]}?" if near else f"known: {', '.join(VERBS)}"
-    return BadInput(f"{verb!r}: unknown verb; {hint}")
+    return BadInput(f"{verb!r}: unknown verb; {nearest(verb, VERBS)}")
 
 
 def app_of(verb: str) -> "typer.Typer":

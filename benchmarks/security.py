@@ -105,7 +105,7 @@ def judging_process(folder: Path, pipe: Connection) -> None:
                 Link.router(router_config(scene, register, [listen]), "the benchmark's router")
             )
             endpoints.append(router.locator)
-            link = links.enter_context(Link.open(_mesh(router.locator, folder, FUSION), "fusion", named=FUSION))
+            link = links.enter_context(Link.open(_mesh(router.locator, folder, FUSION), "fusion", process_id=FUSION))
             referee = FusionEngine(scene.scene, list(scene.roster), NAMES, scene.fusion)
             threads.append(threading.Thread(target=serve, args=(scene, referee, link, stop), daemon=True))
             threads[-1].start()
@@ -122,7 +122,7 @@ def _way(mesh: MeshConfig, folder: Path, links: ExitStack) -> tuple[Publisher, I
     """An observer's voice and a hub's ear at one router."""
     keys = _scene(mesh).keys
     ear = links.enter_context(Link.open(_mesh(mesh.endpoint, folder, HUB), "hub"))
-    mouth = links.enter_context(Link.open(_mesh(mesh.endpoint, folder, OBSERVER), "observer", named=OBSERVER))
+    mouth = links.enter_context(Link.open(_mesh(mesh.endpoint, folder, OBSERVER), "observer", process_id=OBSERVER))
     inbox, voice = ear.inbox(keys.judgement, limit=1_000_000), mouth.publisher(keys.posterior(OBSERVER))
     if not voice.wait_for_subscriber(SOON_S) or not inbox.take(SOON_S):
         raise LabanmeshError(f"{mesh.endpoint}: observer and fusion did not meet; is loopback TCP allowed here?")

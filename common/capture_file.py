@@ -8,10 +8,11 @@
 import io
 import struct
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from types import TracebackType
-from typing import Self, TypeVar, get_args
+from typing import Literal, Self, TypeVar, get_args
 
 from mcap.exceptions import EndOfFile, McapError, RecordLengthLimitExceeded
 from mcap.records import Attachment, Channel, Header, McapRecord, Message, Metadata
@@ -20,7 +21,6 @@ from mcap.well_known import MessageEncoding
 from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
 from pydantic import ValidationError
 
-from common.capture_record import Kind, Record
 from common.config import Scene
 from common.errors import BadInput, LabanmeshError
 
@@ -32,6 +32,26 @@ TEXT_NAME = "scene.toml"
 CHANNELS_LIMIT = 10_000
 """So many keys are told apart; a peer that invents keys cannot fill the table, which MCAP ends at 65535."""
 T = TypeVar("T")
+
+
+APPEARED, GONE = b"\xc3", b"\xc2"
+"""A token's payload: true and false in MessagePack."""
+
+CaptureKind = Literal["put", "answer", "token"]
+
+
+@dataclass(frozen=True, slots=True)
+class CaptureRecord:
+    """One thing that was heard: under which key, how, its bytes, and when it arrived (ns since 1970).
+
+    `token`: a process came or went, the payload is CAME or WENT. `answer`: somebody was asked for his last word; its
+    arrival is that of the answer, it may have been said long before.
+    """
+
+    kind: CaptureKind
+    key: str
+    payload: bytes
+    arrived_ns: int
 
 
 class CaptureWriter:
@@ -46,7 +66,7 @@ class CaptureWriter:
         self.messages = 0
         self.left_out = 0
         self._stream = _created(path)
-        self._channels: dict[tuple[Kind, str], int] = {}
+        self._channels: dict[tuple[CaptureKind, str], int] = {}
         self._writer = Writer(self._stream, compression=CompressionType.NONE, use_chunking=False)
         self._refusable(lambda: self._begin(scene, text, began_ns))
 
@@ -55,7 +75,7 @@ class CaptureWriter:
         """Bytes so far, those included that are not flushed yet."""
         return self._stream.tell()
 
-    def write(self, record: Record) -> None:
+    def write(self, record: CaptureRecord) -> None:
         """Append one record; counted in `left_out` instead when its key is one too many."""
         channel = self._channel(record)
         if channel is None:
@@ -82,7 +102,7 @@ class CaptureWriter:
         self._writer.add_attachment(began_ns, began_ns, TEXT_NAME, "application/toml", text.encode())
         self._stream.flush()
 
-    def _channel(self, record: Record) -> int | None:
+    def _channel(self, record: CaptureRecord) -> int | None:
         name = record.kind, record.key
         if name not in self._channels and len(self._channels) < CHANNELS_LIMIT:
             told: dict[str, str] = {"kind": record.kind}
@@ -127,12 +147,12 @@ class CaptureFile:
         self.scene = self._read_scene(head)
         self.text = head[2].data.decode(errors="replace") if isinstance(head[2], Attachment) else ""
 
-    def records(self) -> Iterator[Record]:
+    def records(self) -> Iterator[CaptureRecord]:
         """All that was heard, in the order of arrival; of a file that was cut off, all that is whole.
 
         Raises LabanmeshError where the file is damaged other than by being cut off.
         """
-        channels: dict[int, tuple[Kind, str]] = {}
+        channels: dict[int, tuple[CaptureKind, str]] = {}
         for found in self._found():
             if isinstance(found, Channel):
                 channels[found.id] = self._kind(found), found.topic
@@ -140,7 +160,7 @@ class CaptureFile:
                 if found.channel_id not in channels:
                     raise LabanmeshError(f"{self.path}: damaged: a message of no known channel")
                 kind, key = channels[found.channel_id]
-                yield Record(kind, key, found.data, found.log_time)
+                yield CaptureRecord(kind, key, found.data, found.log_time)
 
     @cached_property
     def began_ns(self) -> int:
@@ -187,8 +207,8 @@ class CaptureFile:
         except (ValidationError, BadInput) as error:
             raise BadInput(f"{self.path}: its scene cannot be used here: {str(error).splitlines()[0]}") from None
 
-    def _kind(self, channel: Channel) -> Kind:
-        for kind in get_args(Kind):
+    def _kind(self, channel: Channel) -> CaptureKind:
+        for kind in get_args(CaptureKind):
             if channel.metadata.get("kind") == kind:
                 return kind  # type: ignore[no-any-return]
         raise LabanmeshError(f"{self.path}: damaged: channel {channel.topic!r} is of no known kind")

@@ -12,8 +12,7 @@ from typing import Annotated, Any
 
 from pydantic import Field, PrivateAttr, ValidationError, model_validator
 
-from common.config_environment import override
-from common.config_faults import worded
+from common.config_input import override, worded
 from common.config_sections import (
     DashboardConfig,
     FusionConfig,
@@ -24,7 +23,7 @@ from common.config_sections import (
     ObserverConfig,
     Section,
     VirtualConfig,
-    usual_quorum,
+    default_quorum,
 )
 from common.errors import BadInput
 from common.keys import SceneKeys, identifier
@@ -89,7 +88,7 @@ class Scene(Section):
         """The ids of all fusion services of this scene; the first one is where a mesh of one machine meets."""
         return (self.fusion.id, *self.fusion.standby)
 
-    def judged_by(self, service: str) -> "Scene":
+    def for_service(self, service: str) -> "Scene":
         """The same scene as seen by one of its fusion services; raises BadInput that lists the known ones."""
         if service not in self.services:
             raise BadInput(
@@ -101,7 +100,7 @@ class Scene(Section):
         scene._folder = self._folder
         return scene
 
-    def shared_by(self, service: str) -> "Scene":
+    def for_shared_service(self, service: str) -> "Scene":
         """The same as seen by one of the processes that share many scenes; raises BadInput for its id."""
         identifier(service, "fusion.id")
         scene = self.model_copy(update={"fusion": self.fusion.model_copy(update={"id": service})})
@@ -173,4 +172,4 @@ def _fill_in(table: dict[str, Any]) -> None:
             section.setdefault("model", f"{name}.model")
     fusion = table.setdefault("fusion", {})
     if isinstance(fusion, dict):
-        fusion.setdefault("quorum", usual_quorum(len(observers)))
+        fusion.setdefault("quorum", default_quorum(len(observers)))

@@ -149,7 +149,7 @@ class FusionConfig(Section):
     memory: str = ""
 
 
-def usual_quorum(observers: int) -> int:
+def default_quorum(observers: int) -> int:
     """Half of them: they are weighed before they are counted, and a majority of two would be both."""
     return max((observers + 1) // 2, 1)
 

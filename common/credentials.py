@@ -19,14 +19,14 @@ OTHERS = stat.S_IRWXG | stat.S_IRWXO
 
 
 @dataclass(frozen=True, slots=True)
-class Finding:
+class MeshFault:
     """Something that is wrong: one line what, one line what to do."""
 
     what: str
-    what_to_do: str
+    remedy: str
 
     def __str__(self) -> str:
-        return f"{self.what}; {self.what_to_do}"
+        return f"{self.what}; {self.remedy}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,34 +58,34 @@ def own_certificate(folder: Path) -> Certificate:
     return read_certificate(folder / CERTIFICATE_FILE)
 
 
-def check(folder: Path, now: datetime) -> Finding | None:
+def check_credentials(folder: Path, now: datetime) -> MeshFault | None:
     """Why the credentials in `folder` cannot be used at `now`, found without the network; None: they can."""
     copy = "copy the folder here that `labanmesh secure add` made for this machine"
     if not folder.is_dir():
-        return Finding(f"mesh.credentials = '{folder}': no such folder", copy)
+        return MeshFault(f"mesh.credentials = '{folder}': no such folder", copy)
     authority, certificate, key = (folder / name for name in (AUTHORITY_FILE, CERTIFICATE_FILE, KEY_FILE))
     for path in (authority, certificate, key):
         if not path.is_file():
-            return Finding(f"{path}: missing", copy)
+            return MeshFault(f"{path}: missing", copy)
         if not os.access(path, os.R_OK):
-            return Finding(f"{path}: this process may not read it", "make the user who runs labanmesh its owner")
+            return MeshFault(f"{path}: this process may not read it", "make the user who runs labanmesh its owner")
     mode = stat.S_IMODE(key.stat().st_mode)
     if os.name == "posix" and mode & OTHERS:
-        return Finding(f"{key}: others can read it (mode {mode:04o})", f"chmod 600 {key}")
+        return MeshFault(f"{key}: others can read it (mode {mode:04o})", f"chmod 600 {key}")
     try:
         return _mismatch(authority, certificate, key) or _out_of_time(certificate, now)
     except BadInput as error:
-        return Finding(str(error), copy)
+        return MeshFault(str(error), copy)
 
 
-def require(folder: Path, role: str, named: str, now: datetime) -> None:
+def require_credentials(folder: Path, role: str, named: str, now: datetime) -> None:
     """Raises BadInput, one line, when the credentials cannot be used, or are not for `role` (under the id `named`)."""
-    finding = check(folder, now) or not_permitted(folder, role, named)
+    finding = check_credentials(folder, now) or role_fault(folder, role, named)
     if finding is not None:
         raise BadInput(str(finding))
 
 
-def not_permitted(folder: Path, role: str, named: str = "") -> Finding | None:
+def role_fault(folder: Path, role: str, named: str = "") -> MeshFault | None:
     """What is to be said when this machine's certificate is not for `role` (under the id `named`); raises BadInput."""
     ours = own_certificate(folder)
     # A fusion service that stands by is one all the same.
@@ -93,16 +93,16 @@ def not_permitted(folder: Path, role: str, named: str = "") -> Finding | None:
     if ours.is_for(role, named):
         return None
     wanted, has = f"{role} {named}".strip(), ", ".join(ours.roles).replace(":", " ")
-    return Finding(
+    return MeshFault(
         f"{folder / CERTIFICATE_FILE}: certificate {ours.common_name} is for {has}, not for {wanted}",
         f"labanmesh secure add SCENE NAME {OPTION[role].format(named or 'ID')}, and copy the new folder here",
     )
 
 
-def not_admitted(folder: Path, endpoint: str) -> Finding:
+def admission_fault(folder: Path, endpoint: str) -> MeshFault:
     """What it means when TLS is fine and the router still answers nothing."""
     name = own_certificate(folder).common_name
-    return Finding(
+    return MeshFault(
         f"mesh.endpoint = {endpoint!r}: the router's access rules do not know certificate {name}: revoked, superseded, "
         "or issued after the rules that it has",
         "on the authority's machine `labanmesh secure list SCENE`, then copy the newest folder here, or the new "
@@ -110,7 +110,7 @@ def not_admitted(folder: Path, endpoint: str) -> Finding:
     )
 
 
-def _mismatch(authority: Path, certificate: Path, key: Path) -> Finding | None:
+def _mismatch(authority: Path, certificate: Path, key: Path) -> MeshFault | None:
     """Whether the three files belong to each other."""
     ours, signer = _loaded(certificate), _loaded(authority)
     copy = "copy all three files from the folder that `labanmesh secure add` made for this machine"
@@ -119,23 +119,23 @@ def _mismatch(authority: Path, certificate: Path, key: Path) -> Finding | None:
     except (ValueError, TypeError) as error:
         raise BadInput(f"{key}: no private key in PEM form without a password") from error
     if private.public_key() != ours.public_key():
-        return Finding(f"{key}: not the key of {certificate}", copy)
+        return MeshFault(f"{key}: not the key of {certificate}", copy)
     try:
         ours.verify_directly_issued_by(signer)
     except (ValueError, TypeError, InvalidSignature):
-        return Finding(f"{certificate}: not signed by the authority in {authority}", copy)
+        return MeshFault(f"{certificate}: not signed by the authority in {authority}", copy)
     return None
 
 
-def _out_of_time(path: Path, now: datetime) -> Finding | None:
+def _out_of_time(path: Path, now: datetime) -> MeshFault | None:
     ours = read_certificate(path)
     name = ours.common_name.rpartition(".")[0] or ours.common_name
     if now > ours.expires:
         what = f"{path}: this machine's certificate {ours.common_name} expired on {ours.expires:%Y-%m-%d}"
-        return Finding(what, f"labanmesh secure renew SCENE {name}, and copy the new folder here")
+        return MeshFault(what, f"labanmesh secure renew SCENE {name}, and copy the new folder here")
     if now < ours.begins:
         what = f"{path}: this machine's certificate {ours.common_name} begins only on {ours.begins:%Y-%m-%d %H:%M} UTC"
-        return Finding(what, f"set this machine's clock, which says {now:%Y-%m-%d %H:%M} UTC")
+        return MeshFault(what, f"set this machine's clock, which says {now:%Y-%m-%d %H:%M} UTC")
     return None
 
 

@@ -1,90 +1,204 @@
-"""How a process is: what its status message says. Pure: time is passed in."""
+"""Whether a process is alive and ready, as /healthz and /readyz answer. Pure: time is passed in.
 
+1. Alive: its loop has taken a step lately. Who is not alive hangs, and only a new process helps.
+2. Ready: it does now what it is there for: frames come, the scene is judged, the broker is connected. Who is not ready
+   says why, and may become ready by itself.
+"""
+
+import json
+import logging
+import socket
 import threading
-from collections import deque
-from collections.abc import Mapping
-from functools import cache
-from importlib.metadata import PackageNotFoundError, version
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from http import HTTPStatus
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from socketserver import TCPServer
+from typing import Protocol, TypeVar
 
-from common.messages import Account, ProcessState, StatusMessage
+from common.address import Address
+from common.messages import ProcessRole
 
-SECOND_NS = 1_000_000_000
-RATE_WINDOW_NS = 2 * SECOND_NS
-"""Over how long the rate is counted: short enough to show a stall, long enough for a steady number."""
+STEPS: dict[ProcessRole, str] = {"observer": "frame", "fusion": "step", "hub": "look"}
+"""What a step of the loop is called, by role."""
+STALLED_S = 30.0
+"""A loop without a step for so long hangs; the container files and systemd's watchdog of fusion wait as long."""
+FRESH_S = 2.0
+"""A process without a step for so long is not ready; the status message says degraded after as long."""
 
 
-class Health:
-    """State, reason, frame rate and newest frame of one process; written by its loop, read by the status thread.
+@dataclass(frozen=True, slots=True)
+class HealthResult:
+    """Yes or no, and in words why; "" when all is well and there is nothing to add."""
 
-    A running process of which no frame was seen for `silence_s` says degraded of itself: being reachable does not
-    mean that the camera delivers.
+    ok: bool
+    reason: str
+
+
+class ProcessHealth:
+    """Written by a process's loop, read by the thread that answers. now_s: seconds, never set back.
+
+    fresh_s: how long ready lasts without a step. note: what the process says of itself, e.g. its status' reason.
     """
 
-    def __init__(self, scene: str, process: str, silence_s: float = 2.0) -> None:
-        self._scene, self._process, self._silence_ns = scene, process, silence_s * SECOND_NS
-        self._state: ProcessState = "starting"
-        self._reason = ""
-        self._steps: deque[int] = deque(maxlen=10_000)
-        self._last_frame_ns: int | None = None
-        self._last_step_ns: int | None = None
-        self._skew_s: float | None = None
-        self._observers: dict[str, Account] | None = None
-        self._lock = threading.Lock()
+    def __init__(
+        self,
+        scene: str,
+        role: ProcessRole,
+        process: str,
+        now_s: float,
+        fresh_s: float = FRESH_S,
+        note: Callable[[], str] = str,
+    ) -> None:
+        self.scene, self.role, self.process = scene, role, process
+        self._fresh_s, self._note = fresh_s, note
+        self._began_s = now_s
+        self._stepped_s: float | None = None
+        self._hindrance = ""
 
-    def become(self, state: ProcessState, reason: str = "") -> None:
-        """A new state, with its reason in words."""
-        with self._lock:
-            self._state, self._reason = state, reason
+    def record_step(self, now_s: float) -> None:
+        """The loop has taken a step: a frame, a judgement, a look into the inbox."""
+        self._stepped_s = now_s
 
-    def frame(self, frame_ns: int, now_ns: int) -> None:
-        """One frame (for fusion: one posterior) captured at `frame_ns` was worked on at `now_ns`."""
-        with self._lock:
-            self._steps.append(now_ns)
-            self._last_step_ns = now_ns
-            self._last_frame_ns = max(frame_ns, self._last_frame_ns or 0)
+    def set_obstacle(self, reason: str) -> None:
+        """What keeps it from its work although its loop goes on; "" when nothing does any more."""
+        self._hindrance = reason
 
-    def skew(self, skew_s: float | None) -> None:
-        """How far this machine's clock is ahead of the fusion machine's, in seconds; None: not known."""
-        with self._lock:
-            self._skew_s = skew_s
+    def alive(self, now_s: float) -> HealthResult:
+        """Whether the loop goes on; a process that has just begun has time until its first step."""
+        quiet_s = now_s - (self._began_s if self._stepped_s is None else self._stepped_s)
+        return HealthResult(quiet_s < STALLED_S, self._quiet(quiet_s) if quiet_s >= STALLED_S else "")
 
-    def noticed(self, observers: Mapping[str, Account]) -> None:
-        """What a fusion service has noticed of its observers so far."""
-        with self._lock:
-            self._observers = dict(observers)
+    def ready(self, now_s: float) -> HealthResult:
+        """Whether it does its work now."""
+        if self._hindrance:
+            return HealthResult(False, self._hindrance)
+        note = self._note()
+        if self._stepped_s is None:
+            return HealthResult(False, note or f"no {STEPS[self.role]} yet")
+        quiet_s = now_s - self._stepped_s
+        fresh = quiet_s < self._fresh_s
+        return HealthResult(fresh, note if fresh else note or self._quiet(quiet_s))
 
-    def status(self, now_ns: int) -> StatusMessage:
-        """What to say at `now_ns`; rate_hz counts the frames of the last two seconds."""
-        with self._lock:
-            while self._steps and now_ns - self._steps[0] > RATE_WINDOW_NS:
-                self._steps.popleft()
-            state, reason = self._judged(now_ns)
-            return StatusMessage(
-                scene=self._scene,
-                id=self._process,
-                state=state,
-                reason=reason,
-                rate_hz=len(self._steps) * SECOND_NS / RATE_WINDOW_NS,
-                last_frame_ns=self._last_frame_ns,
-                skew_s=self._skew_s,
-                version=_version(),
-                at_ns=now_ns,
-                observers=self._observers,
-            )
-
-    def _judged(self, now_ns: int) -> tuple[ProcessState, str]:
-        if self._state != "running" or self._last_step_ns is None:
-            return self._state, self._reason
-        # By this machine's clock: a peer whose clock is wrong is not silent.
-        silent_ns = now_ns - self._last_step_ns
-        if silent_ns <= self._silence_ns:
-            return self._state, self._reason
-        return "degraded", f"no frame for {silent_ns / SECOND_NS:.0f} s"
+    def _quiet(self, quiet_s: float) -> str:
+        return f"no {STEPS[self.role]} for {quiet_s:.0f} s"
 
 
-@cache
-def _version() -> str:
+LISTEN = "metrics.listen"
+PATIENCE_S = 5.0
+"""How long a client may take to say what it wants."""
+WAKE_S = 0.1
+"""How long the server takes to end, at most."""
+
+log = logging.getLogger("labanmesh.common")
+
+
+class Exposing(Protocol):
+    """What knows the text of /metrics."""
+
+    def exposition(self, accept: str) -> tuple[bytes, str]:
+        """Text and content type, by the client's Accept header."""
+
+
+M = TypeVar("M", bound=Exposing)
+
+
+@contextmanager
+def serve_health(listen: str, vitals: ProcessHealth, make: Callable[[], M]) -> Iterator[M | None]:
+    """Answer at `listen` (HOST:PORT) while the context lasts; gives what `make` made, None where nobody listens.
+
+    Raises BadInput when `listen` is no HOST:PORT; "" is nowhere.
+    """
+    if not listen:
+        yield None
+        return
+    metrics = make()
+    server = _bound(Address.parse(listen, LISTEN), vitals, metrics)
+    if server is None:
+        yield None
+        return
+    with server:
+        thread = threading.Thread(target=server.serve_forever, args=(WAKE_S,), name="health", daemon=True)
+        thread.start()
+        log.info("metrics and health at http://%s", Address(server.address.host, server.server_address[1]))
+        try:
+            yield metrics
+        finally:
+            server.shutdown()
+            thread.join()
+
+
+def _bound(address: Address, vitals: ProcessHealth, metrics: Exposing) -> "_Server | None":
     try:
-        return version("labanmesh")
-    except PackageNotFoundError:
-        return ""
+        return _Server(address, vitals, metrics)
+    except OSError as error:
+        log.warning(
+            "%s = '%s': %s; going on without metrics; LABANMESH_METRICS_LISTEN=HOST:PORT is for one process alone",
+            *(LISTEN, address, (error.strerror or str(error)).lower()),
+        )
+        return None
+
+
+class _Server(ThreadingHTTPServer):
+    daemon_threads = True
+    block_on_close = False
+
+    def __init__(self, address: Address, vitals: ProcessHealth, metrics: Exposing) -> None:
+        self.address, self.vitals, self.metrics = address, vitals, metrics
+        if ":" in address.host:
+            self.address_family = socket.AF_INET6
+        super().__init__((address.host, address.port), _Handler)
+
+    def server_bind(self) -> None:
+        """Without asking the network's name service what this machine is called, which may take seconds."""
+        TCPServer.server_bind(self)
+
+    def handle_error(self, request: object, client_address: object) -> None:
+        """A client that went away in the middle is no news."""
+        log.debug("%s = '%s': a client went away", LISTEN, self.address, exc_info=True)
+
+
+class _Handler(BaseHTTPRequestHandler):
+    server: _Server
+    timeout = PATIENCE_S
+    protocol_version = "HTTP/1.0"
+
+    def do_GET(self) -> None:
+        """One question, one answer."""
+        vitals, path = self.server.vitals, self.path.partition("?")[0]
+        if path == "/metrics":
+            self._send(HTTPStatus.OK, *self.server.metrics.exposition(self.headers.get("Accept", "")))
+        elif path == "/healthz":
+            self._tell(vitals.alive(time.monotonic()))
+        elif path == "/readyz":
+            self._tell(vitals.ready(time.monotonic()))
+        else:
+            self._send(HTTPStatus.NOT_FOUND, b"/metrics, /healthz, /readyz\n", "text/plain; charset=utf-8")
+
+    def do_HEAD(self) -> None:
+        """The same without the text."""
+        self.do_GET()
+
+    def _tell(self, answer: HealthResult) -> None:
+        vitals = self.server.vitals
+        said = {"ok": answer.ok, "reason": answer.reason, "scene": vitals.scene, "role": vitals.role,
+                "process": vitals.process}  # fmt: skip
+        status = HTTPStatus.OK if answer.ok else HTTPStatus.SERVICE_UNAVAILABLE
+        self._send(status, json.dumps(said).encode() + b"\n", "application/json")
+
+    def _send(self, status: HTTPStatus, text: bytes, kind: str) -> None:
+        self.send_response(status)
+        self.send_header("Content-Type", kind)
+        self.send_header("Content-Length", str(len(text)))
+        self.end_headers()
+        if self.command != "HEAD":
+            self.wfile.write(text)
+
+    def log_message(self, format: str, *args: object) -> None:  # noqa: A002 - the base class calls it so
+        """A scrape every few seconds is no news."""
+
+    def version_string(self) -> str:
+        """No server's name and version for strangers."""
+        return "labanmesh"

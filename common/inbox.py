@@ -26,7 +26,7 @@ class Inbox:
         self._lock = threading.Lock()
         self.dropped = 0
 
-    def drop_in(self, key: str, payload: bytes) -> None:
+    def put(self, key: str, payload: bytes) -> None:
         """Called by the mesh's threads: enqueue and return at once."""
         arrivals = self._arrivals
         if len(arrivals) == arrivals.maxlen:

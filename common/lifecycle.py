@@ -1,5 +1,6 @@
 """How a process begins and ends: logging to stderr, SIGTERM and Ctrl-C as a clean stop."""
 
+import json
 import logging
 import os
 import signal
@@ -7,9 +8,9 @@ import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from datetime import UTC, datetime
 from types import FrameType
-
-from common.logs import FORMATS, formatter
+from typing import Literal
 
 SUPERVISOR = "LABANMESH_SUPERVISOR"
 SUPERVISOR_LOOK_S = 0.5
@@ -69,3 +70,56 @@ def _outlive(supervisor: int, stop: threading.Event) -> None:
 def _restore(handlers: dict[signal.Signals, "signal._HANDLER"]) -> None:
     for number, handler in handlers.items():
         signal.signal(number, handler)
+
+
+FORMATS = ("text", "json")
+FIELDS = ("verdict", "label", "agree", "heard", "ended")
+"""What a record may carry besides its words: log.info(..., extra={"verdict": ...}); left out where it is not said."""
+
+
+class JsonLines(logging.Formatter):
+    """A record as one line of JSON: at (UTC), level, logger, message, who speaks, and what else the record carries."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.speaker: dict[str, str] = {}
+
+    def format(self, record: logging.LogRecord) -> str:
+        """The line; whatever a stranger may have said in it, it stays one line."""
+        said = {
+            "at": datetime.fromtimestamp(record.created, UTC).isoformat(timespec="milliseconds"),
+            "level": record.levelname.lower(),
+            "logger": record.name,
+            "message": record.getMessage(),
+            **self.speaker,
+            **{name: getattr(record, name) for name in FIELDS if hasattr(record, name)},
+        }
+        if record.exc_info:
+            said["exception"] = self.formatException(record.exc_info)
+        return json.dumps(said, ensure_ascii=False, default=str)
+
+
+def formatter(kind: str) -> logging.Formatter:
+    """The form of that kind; text for all others."""
+    return (
+        JsonLines()
+        if kind == "json"
+        else logging.Formatter("%(asctime)s %(levelname)s %(name)s: %(message)s", "%H:%M:%S")
+    )
+
+
+def set_log_identity(scene: str, role: Literal["observer", "fusion", "hub"], process: str) -> None:
+    """From now on each line of JSON of this process says who it is: its scene, and under its role its id."""
+    for handler in logging.root.handlers:
+        if isinstance(handler.formatter, JsonLines):
+            handler.formatter.speaker = {"scene": scene, role: process}
+
+
+def as_json_line(process: str, line: str) -> str:
+    """A line of some process as a line of JSON: as it is if it is one, else as the words of that process."""
+    try:
+        if isinstance(json.loads(line), dict):
+            return line
+    except ValueError:
+        pass
+    return json.dumps({"process": process, "message": line}, ensure_ascii=False)

@@ -8,34 +8,39 @@
 
 import json
 import logging
+import os
+import socket
+import struct
 import threading
+import time
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from datetime import UTC, datetime
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 import zenoh
 
-from common.branch import Branch, Publisher
 from common.config import MeshConfig
 from common.errors import BadInput, LabanmeshError
 from common.inbox import Arrival, Inbox, Presence
-from common.lingering import keep_ending
-from common.zenoh_settings import ADMITTED, Role, reason, settings
+from common.subsession import Publisher, SubSession
+from common.zenoh_settings import ADMITTED, MeshRole, reason, settings
 
-__all__ = ["Arrival", "Inbox", "Link", "Presence", "Publisher", "Role"]
+__all__ = ["Arrival", "Inbox", "Link", "MeshRole", "Presence", "Publisher"]
 
-ROUTER_PATIENCE_S = 5.0
+ROUTER_TIMEOUT_S = 5.0
 """How long a client looks for its router before it says so; a supervisor then starts it again."""
-CLOSE_PATIENCE_S = 3.0
+CLOSE_TIMEOUT_S = 3.0
 """A session that cannot close (a callback of ours that never returns) is left to the end of the process."""
-ADMISSION_S = 3.0
+ADMISSION_TIMEOUT_S = 3.0
 """A router answers in a millisecond whom it admits, and does not answer others: so long it may be busy."""
 
 log = logging.getLogger("labanmesh.common")
 
 
-class Link(Branch):
+class Link(SubSession):
     """One process's session on the mesh, a context manager; `close` ends all that was made with it."""
 
     def __init__(self, session: zenoh.Session, endpoint: str, whatami: str) -> None:
@@ -49,20 +54,20 @@ class Link(Branch):
     def open(
         cls,
         mesh: MeshConfig,
-        role: Role,
+        role: MeshRole,
         *,
         listen: Sequence[str] | None = None,
-        patience_s: float = ROUTER_PATIENCE_S,
-        named: str = "",
+        timeout_s: float = ROUTER_TIMEOUT_S,
+        process_id: str = "",
     ) -> "Link":
         """A session for `role` in `mesh`; with `listen` it is itself where the others meet.
 
-        named: the id of the observer or fusion service, which this machine's certificate must be for, if it has one.
-        Raises LabanmeshError, one line with the way out: endpoint in use, unusable, or no router within `patience_s`.
+        process_id: the id of the observer or fusion service; a certificate of this machine must be for it.
+        Raises LabanmeshError, one line with the way out: endpoint in use, unusable, or no router within `timeout_s`.
         """
         if mesh.credentials:
-            _require_credentials(mesh, role, named)
-        chosen = settings(mesh, role, listen, patience_s)
+            _require_credentials(mesh, role, process_id)
+        chosen = settings(mesh, role, listen, timeout_s)
         where = (listen or [mesh.endpoint])[0]
         try:
             session = _session(zenoh.Config(), chosen)
@@ -70,7 +75,7 @@ class Link(Branch):
             raise LabanmeshError(_why(mesh, str(error), where)) from None
         log.debug("link open as %s, %s", chosen["mode"], where)
         link = cls(session, where, str(chosen["mode"]))
-        if mesh.credentials and chosen["mode"] == "client" and not link.admitted(ADMISSION_S):
+        if mesh.credentials and chosen["mode"] == "client" and not link.admitted(ADMISSION_TIMEOUT_S):
             link.close()
             raise LabanmeshError(_not_admitted(mesh))
         return link
@@ -120,9 +125,9 @@ class Link(Branch):
             inbox.wake()
         ending = threading.Thread(target=self._session.close, daemon=True, name="link-close")
         ending.start()
-        ending.join(CLOSE_PATIENCE_S)
+        ending.join(CLOSE_TIMEOUT_S)
         if ending.is_alive():
-            log.warning("the Zenoh session did not close within %g s; it ends with the process", CLOSE_PATIENCE_S)
+            log.warning("the Zenoh session did not close within %g s; it ends with the process", CLOSE_TIMEOUT_S)
 
 
 def _session(config: zenoh.Config, values: Mapping[str, Any]) -> zenoh.Session:
@@ -132,21 +137,60 @@ def _session(config: zenoh.Config, values: Mapping[str, Any]) -> zenoh.Session:
 
 
 # The modules about certificates are heavy and imported only where there are some, or to explain a failure.
-def _require_credentials(mesh: MeshConfig, role: Role, named: str) -> None:
-    from common.credentials import require
+def _require_credentials(mesh: MeshConfig, role: MeshRole, named: str) -> None:
+    from common.credentials import require_credentials
 
-    require(Path(mesh.credentials), role, named, datetime.now(UTC))
+    require_credentials(Path(mesh.credentials), role, named, datetime.now(UTC))
 
 
 def _not_admitted(mesh: MeshConfig) -> str:
-    from common.credentials import not_admitted
+    from common.credentials import admission_fault
 
-    return str(not_admitted(Path(mesh.credentials), mesh.endpoint))
+    return str(admission_fault(Path(mesh.credentials), mesh.endpoint))
 
 
 def _why(mesh: MeshConfig, fault: str, where: str) -> str:
     """Zenoh's fault in one line; TLS faults are all one to it, so the endpoint is looked at without it."""
-    from common.tls import why_unusable
+    from common.tls import endpoint_fault
 
-    finding = why_unusable(mesh, datetime.now(UTC)) if "Unable to connect" in fault else None
+    finding = endpoint_fault(mesh, datetime.now(UTC)) if "Unable to connect" in fault else None
     return reason(fault, f"mesh.endpoint = {where!r}") if finding is None else str(finding)
+
+
+LOOK_S = 0.5
+"""A quarter of the lease: a link is known before it can be given up."""
+OFF = struct.pack("ii", 0, 0)
+
+
+def end_lingering() -> int:
+    """Switch it off on all TCP sockets that this process has now; returns on how many it was on."""
+    found = 0
+    with suppress(OSError):
+        for entry in Path("/proc/self/fd").iterdir():
+            with suppress(OSError, ValueError):
+                if str(entry.readlink()).startswith("socket:"):
+                    found += _end_on(int(entry.name))
+    return found
+
+
+def _end_on(descriptor: int) -> bool:
+    # A copy, so that ours may be closed: options are the socket's, not the descriptor's.
+    with socket.socket(fileno=os.dup(descriptor)) as held:
+        if held.type != socket.SOCK_STREAM or held.family not in (socket.AF_INET, socket.AF_INET6):
+            return False
+        if held.getsockopt(socket.SOL_SOCKET, socket.SO_LINGER, 8)[:4] == OFF[:4]:
+            return False
+        held.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, OFF)
+        return True
+
+
+@cache
+def keep_ending() -> None:
+    """From now on look every half second, in one thread for the whole process however often this is called."""
+    threading.Thread(target=_repeat, daemon=True, name="lingering").start()
+
+
+def _repeat() -> None:
+    while True:
+        end_lingering()
+        time.sleep(LOOK_S)

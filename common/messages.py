@@ -15,11 +15,10 @@ SUM_TOLERANCE = 1e-3
 """A posterior may miss a sum of 1 by this much: what float32 arithmetic of a foreign judge can lose."""
 
 Identifier = Annotated[str, Field(pattern=r"^[a-z0-9_-]{1,64}$")]
-Share = Annotated[FiniteFloat, Field(ge=0, le=1)]
+Probability = Annotated[FiniteFloat, Field(ge=0, le=1)]
 VoteState = Literal["counted", "stale", "late", "silent", "foreign", "invalid"]
+ProcessRole = Literal["observer", "fusion", "hub"]
 ProcessState = Literal["starting", "running", "degraded", "stopping", "failed"]
-ABSTAIN = "abstain"
-"""The label of a verdict when something was done and the judges could not agree what."""
 
 
 class Message(BaseModel):
@@ -79,14 +78,14 @@ class PosteriorMessage(Message):
     captured_ns: NonNegativeInt
     sent_ns: NonNegativeInt
     vocabulary: VocabularyHash
-    p: list[Share] = Field(min_length=2, max_length=10_000)
-    prior: list[Share] | None = None
-    rest: Share | None = None
-    unlearned: Share | None = None
+    p: list[Probability] = Field(min_length=2, max_length=10_000)
+    prior: list[Probability] | None = None
+    rest: Probability | None = None
+    unlearned: Probability | None = None
     frames: NonNegativeInt
     visible: dict[str, bool] = Field(default_factory=dict)
     facing: Facing | None = None
-    facets: dict[str, list[Share]] | None = None
+    facets: dict[str, list[Probability]] | None = None
 
     @model_validator(mode="after")
     def _is_distribution(self) -> "PosteriorMessage":
@@ -140,7 +139,7 @@ class Agreement(BaseModel):
     n: NonNegativeInt
 
 
-class Movement(BaseModel):
+class OngoingMovement(BaseModel):
     """The movement that is being judged: its verdict's id, when it began, and what was decided of it so far."""
 
     model_config = ConfigDict(frozen=True, extra="ignore")
@@ -173,7 +172,7 @@ class JudgementMessage(Message):
     unlearned: float | None = None
     facets: dict[str, list[float]] | None = None
     facing_deg: float | None = None
-    movement: Movement | None = None
+    movement: OngoingMovement | None = None
 
 
 class Contribution(BaseModel):
@@ -202,7 +201,7 @@ class VerdictMessage(JudgementMessage):
     contributions: dict[str, Contribution] | None = None
 
 
-class Account(BaseModel):
+class ObserverStatistics(BaseModel):
     """What a fusion service has noticed of one observer: clock skew, and per reason how many messages were not used."""
 
     model_config = ConfigDict(frozen=True, extra="ignore")
@@ -225,7 +224,7 @@ class StatusMessage(Message):
     skew_s: float | None = None
     version: str = ""
     at_ns: NonNegativeInt | None = None
-    observers: dict[str, Account] | None = None
+    observers: dict[str, ObserverStatistics] | None = None
 
 
 class VocabularyMessage(Message):

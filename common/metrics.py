@@ -23,8 +23,7 @@ from prometheus_client.exposition import choose_encoder
 from prometheus_client.metrics_core import CounterMetricFamily, GaugeMetricFamily
 from prometheus_client.registry import Collector
 
-from common.messages import ProcessState, StatusMessage
-from common.vitals import Role
+from common.messages import ProcessRole, ProcessState, StatusMessage
 
 STEP_BUCKETS = (0.0005, 0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0)
 """Seconds: a step of fusion takes a millisecond, of an observer with a pose model a tenth of a second."""
@@ -44,7 +43,9 @@ class Metrics(Collector):
     names: the labels that everything carries, e.g. scene and observer. status: how the process is now.
     """
 
-    def __init__(self, role: Role, names: Mapping[str, str], status: Callable[[], StatusMessage] | None = None) -> None:
+    def __init__(
+        self, role: ProcessRole, names: Mapping[str, str], status: Callable[[], StatusMessage] | None = None
+    ) -> None:
         self._role, self._names, self._status = role, dict(names), status
         self.registry = CollectorRegistry()
         ProcessCollector(registry=self.registry)

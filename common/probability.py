@@ -13,7 +13,7 @@ def uniform(size: int) -> Floats:
     return np.full(size, 1.0 / size)
 
 
-def from_logs(log_p: Floats) -> Floats:
+def softmax(log_p: Floats) -> Floats:
     """(..., M) unnormalised log probabilities -> (..., M) probabilities that sum to 1 along the last axis.
 
     The maximum is subtracted before exp; a row of all -inf carries no information and becomes uniform.
@@ -52,4 +52,27 @@ def temper(p: Floats, prior: Floats, exponent: float) -> Floats:
         log_ratio = np.where(prior > 0, np.log(p) - log_prior, 0.0)
         # 0 * -inf has no value; an exponent of 0 forgets even a certainty.
         powered = log_ratio * exponent if exponent > 0 else np.zeros_like(log_ratio)
-    return from_logs(powered + log_prior)
+    return softmax(powered + log_prior)
+
+
+Surprise = NDArray[np.int64]
+
+SURPRISE_UNIT = 8.0
+"""Surprise is -8 ln P: one more is a twelfth less likely, near enough to be multiplied."""
+SURPRISE_LIMIT = 255
+"""Nothing is less likely than e^-32 on the wire."""
+
+
+def encode_facing(facing: Floats) -> Surprise:
+    """(M, K) P(facing | movement) -> (M, K) whole numbers, 0 to LIMIT."""
+    surprise: Surprise = np.rint(
+        -SURPRISE_UNIT * np.log(np.maximum(facing, np.exp(-SURPRISE_LIMIT / SURPRISE_UNIT)))
+    ).astype(np.int64)
+    return np.clip(surprise, 0, SURPRISE_LIMIT)
+
+
+def decode_facing(surprise: Surprise) -> Floats:
+    """(M, K) whole numbers -> (M, K) P(facing | movement), each row summing to 1."""
+    mass = np.exp((surprise.min(axis=1, keepdims=True) - surprise) / SURPRISE_UNIT)
+    facing: Floats = mass / mass.sum(axis=1, keepdims=True)
+    return facing

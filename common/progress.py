@@ -11,7 +11,7 @@ LINES = 4
 """So many plain lines a task at most, where nobody watches a bar grow."""
 
 
-class Bar:
+class ProgressBar:
     """A context manager; called with what is done, how much of it, and how much there is."""
 
     def __init__(self) -> None:

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 from functools import cache
 
 from common.errors import BadInput
-from common.messages import ABSTAIN
 
+ABSTAIN = "abstain"
+"""The label of a verdict when something was done and the observers could not agree what."""
 LABEL = re.compile(r"[a-z0-9_]{1,64}\Z")
 
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal
 if TYPE_CHECKING:
     from common.config import MeshConfig
 
-Role = Literal["fusion", "standby", "observer", "hub", "router"]
+MeshRole = Literal["fusion", "standby", "observer", "hub", "router"]
 LOOPBACK = "tcp/127.0.0.1:0"
 RETRY = {"period_init_ms": 50, "period_max_ms": 200, "period_increase_factor": 2}
 """Fast retry: a router or peer that comes back is found again in 0.1 s instead of Zenoh's 2 s."""
@@ -34,7 +34,7 @@ ADMITTED = "@/*/router"
 TLS = "transport/link/tls"
 
 
-def settings(mesh: "MeshConfig", role: Role, listen: Sequence[str] | None, patience_s: float) -> dict[str, Any]:
+def settings(mesh: "MeshConfig", role: MeshRole, listen: Sequence[str] | None, patience_s: float) -> dict[str, Any]:
     """Path -> value for a process with `role`; a client looks for its router for `patience_s`.
 
     With `listen` it is itself where the others meet.

@@ -11,8 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import IO
 
-from common.lifecycle import SUPERVISOR
-from common.logs import wrapped
+from common.lifecycle import SUPERVISOR, as_json_line
 from deploy.supervision import Career, Outcome, Patience
 
 TERM_PATIENCE_S = 5.0
@@ -48,7 +47,7 @@ class Log:
 
     def say(self, name: str, line: str) -> None:
         """One line of `name`; a reader who has gone away does not stop the scene."""
-        said = wrapped(name, line) if self._as_json else f"{name:<{self._width}} | {line}"
+        said = as_json_line(name, line) if self._as_json else f"{name:<{self._width}} | {line}"
         with self._lock, contextlib.suppress(BrokenPipeError, ValueError):
             print(said, file=self._stream, flush=True)
 

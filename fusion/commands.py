@@ -10,7 +10,7 @@ from common.config import read_scene
 from common.errors import BadInput
 from common.keys import identifier
 from common.lifecycle import log_to_stderr, stop_on_signals
-from common.link import Link, Role
+from common.link import Link, MeshRole
 from fusion.engine.rules import get_rule
 from fusion.memory_file import Memory
 from fusion.service import known_vocabulary, serve
@@ -62,12 +62,12 @@ def _judge_one(path: Path, service: str) -> None:
     from fusion.engine.engine import FusionEngine
 
     whole = read_scene(path)
-    named = whole.judged_by(service or whole.fusion.id)
+    named = whole.for_service(service or whole.fusion.id)
     get_rule(named.fusion.rule, len(named.roster))
     # On one machine the first service is where all meet; the others come there as observers do.
-    role: Role = "fusion" if named.fusion.id == whole.fusion.id else "standby"
+    role: MeshRole = "fusion" if named.fusion.id == whole.fusion.id else "standby"
     memory = Memory(named.place(named.fusion.memory)) if named.fusion.memory else None
-    with stop_on_signals() as stop, Link.open(named.mesh, role, named=named.fusion.id) as link:
+    with stop_on_signals() as stop, Link.open(named.mesh, role, process_id=named.fusion.id) as link:
         vocabulary = known_vocabulary(named, link, stop)
         if vocabulary is not None:
             referee = FusionEngine(named.scene, list(named.roster), vocabulary, named.fusion)
@@ -81,7 +81,7 @@ def _judge_many(files: Sequence[Path], service: str) -> None:
     require_shareable(read)
     first = read[0].fusion.id
     own = identifier(service or first, "--id")
-    scenes = [scene.shared_by(own) for scene in read]
-    role: Role = "fusion" if own == first else "standby"
-    with stop_on_signals() as stop, Link.open(scenes[0].mesh, role, named=own) as link:
+    scenes = [scene.for_shared_service(own) for scene in read]
+    role: MeshRole = "fusion" if own == first else "standby"
+    with stop_on_signals() as stop, Link.open(scenes[0].mesh, role, process_id=own) as link:
         serve_many(scenes, link, stop)

@@ -13,11 +13,11 @@ from dataclasses import dataclass
 
 from pydantic import ValidationError
 
-from common.branch import Branch
 from common.config import Scene
 from common.messages import JudgementMessage, VerdictMessage
 from common.notify import Notifier
-from common.status import StatusBoard
+from common.status import StatusPublisher
+from common.subsession import SubSession
 from common.wire import BadMessage, decode, encode, encode_vocabulary
 from fusion.desk import Desk
 from fusion.engine.engine import EngineOutput, FusionEngine
@@ -47,7 +47,7 @@ class Court:
     """One scene, as the fusion process `scene.fusion.id` has to do with it. referee: makes a new one."""
 
     def __init__(
-        self, scene: Scene, referee: Callable[[], FusionEngine], link: Branch, clock: Callable[[], int]
+        self, scene: Scene, referee: Callable[[], FusionEngine], link: SubSession, clock: Callable[[], int]
     ) -> None:
         self.scene = scene
         self._new_referee, self._link, self._clock = referee, link, clock
@@ -104,7 +104,7 @@ class Court:
     def tell(self) -> None:
         """Say how the judging is; to be called once a second."""
         if self.duty is Duty.JUDGING and self._sitting is not None:
-            self._sitting.board.say()
+            self._sitting.board.publish()
 
     def close(self) -> None:
         """Leave the scene."""
@@ -123,13 +123,13 @@ class Court:
         if self.duty is Duty.TAKING and self._asking is None and self._sitting is not None:
             self._asking = _Asking(self._sitting.link, self.scene)
         if self.duty is Duty.SECOND:
-            self._gallery = self._gallery or _Gallery(self.scene, self._link.branch(polled=True))
+            self._gallery = self._gallery or _Gallery(self.scene, self._link.sub_session(polled=True))
         elif self.duty is not Duty.TAKING and self._gallery is not None:
             self._gallery.link.close()
             self._gallery = None
 
     def _sit(self) -> "_Sitting":
-        sitting = _Sitting(self.scene, self._new_referee(), self._link.branch(polled=True), self._clock)
+        sitting = _Sitting(self.scene, self._new_referee(), self._link.sub_session(polled=True), self._clock)
         sitting.link.answer(self.scene.keys.fusion_handover(self.scene.fusion.id), self._hand_over)
         return sitting
 
@@ -141,7 +141,7 @@ class Court:
         self._asking = self._kept = None
         self._share.took_over()
         self._follow()
-        sitting.board.become("running")
+        sitting.board.set_state("running")
         log.info("%s: judging%s", self.scene.scene, "" if state is None else ", going on where another was")
 
     def _overheard(self) -> Remembered | None:
@@ -165,7 +165,7 @@ class Court:
 class _Sitting:
     """What a scene that is judged here needs; all that it declared goes with its branch."""
 
-    def __init__(self, scene: Scene, referee: FusionEngine, link: Branch, clock: Callable[[], int]) -> None:
+    def __init__(self, scene: Scene, referee: FusionEngine, link: SubSession, clock: Callable[[], int]) -> None:
         self.link, self.referee = link, referee
         # By name: Zenoh finds the subscriber of a whole key at once, and tries one after the other those with
         # wildcards; with 250 of them a message costs ten times as much. Only the newest of each observer counts.
@@ -174,7 +174,7 @@ class _Sitting:
         self._voice = Voice(link, scene.keys, encode_vocabulary(scene.scene, referee.vocabulary), referee)
         # Not entered: a process of many scenes has no thread for each, and is one to its supervisor.
         status = scene.keys.fusion_status(scene.fusion.id)
-        self.board = StatusBoard(link, status, self.desk.health, clock, supervisor=Notifier(""))
+        self.board = StatusPublisher(link, status, self.desk.health, clock, supervisor=Notifier(""))
         self._last: JudgementMessage | None = None
         self._verdict: VerdictMessage | None = None
 
@@ -202,7 +202,7 @@ class _Sitting:
 class _Gallery:
     """Where the second listens."""
 
-    def __init__(self, scene: Scene, link: Branch) -> None:
+    def __init__(self, scene: Scene, link: SubSession) -> None:
         self.link, self._scene = link, scene.scene
         # One each: only the newest counts.
         self._judgements = link.inbox(scene.keys.judgement, limit=1)
@@ -224,7 +224,7 @@ class _Gallery:
 class _Asking:
     """Asking who judges a scene to hand it over. finished: everybody has answered, or nobody will."""
 
-    def __init__(self, link: Branch, scene: Scene) -> None:
+    def __init__(self, link: SubSession, scene: Scene) -> None:
         self.finished = False
         self._scene = scene.scene
         self._answers: list[bytes] = []

@@ -2,12 +2,12 @@
 
 from collections.abc import Callable
 
-from common.branch import Branch
-from common.clock_asking import EVERY_S, ClockAsker
+from common.clock_skew import QUERY_EVERY_S, ClockQuerier
 from common.config import Scene
-from common.health import Health
 from common.inbox import Arrival
 from common.keys import observer_of
+from common.status import ProcessStatus
+from common.subsession import SubSession
 from fusion.ear import Ear
 from fusion.referee_like import EngineLike, EngineOutputLike
 
@@ -22,16 +22,16 @@ class Desk:
         self,
         scene: Scene,
         referee: EngineLike,
-        link: Branch,
+        link: SubSession,
         clock: Callable[[], int],
         wake: Callable[[], None] = lambda: None,
-        ask_s: float = EVERY_S,
+        ask_s: float = QUERY_EVERY_S,
     ) -> None:
         self._scene, self._referee, self._clock = scene, referee, clock
-        self.health = Health(scene.scene, scene.fusion.id)
+        self.health = ProcessStatus(scene.scene, scene.fusion.id)
         self._ear = Ear(scene.scene, referee, self.health, clock)
         self._presence = link.presence(scene.keys.observer_alive())
-        self._asker = ClockAsker(link, scene.keys.observer_status(), clock, wake, ask_s)
+        self._asker = ClockQuerier(link, scene.keys.observer_status(), clock, wake, ask_s)
 
     def hear(self, arrival: Arrival) -> None:
         """One posterior; a bad one is counted and dropped."""
@@ -40,7 +40,7 @@ class Desk:
     def look(self) -> None:
         """Who is alive, and what time they have; after what they said, so that it does not bring back who has gone."""
         if self._asker.ask_if_due():
-            self.health.noticed(self._ear.accounts(self._scene.roster))
+            self.health.set_observers(self._ear.accounts(self._scene.roster))
         for observer, reading in self._asker.readings():
             self._referee.read_clock(observer, reading)
         self._referee.present(frozenset(observer_of(key) for key in self._presence.alive))

@@ -3,10 +3,10 @@
 import logging
 from collections.abc import Callable, Sequence
 
-from common.health import Health
 from common.keys import observer_of
 from common.link import Arrival
-from common.messages import Account, PosteriorMessage
+from common.messages import ObserverStatistics, PosteriorMessage
+from common.status import ProcessStatus
 from common.wire import BadMessage, decode
 from fusion.complaints import Complaints
 from fusion.referee_like import EngineLike
@@ -17,7 +17,7 @@ log = logging.getLogger("labanmesh.fusion")
 class Ear:
     """From arrived bytes to the referee, who is told of each message that he gets and of each that he does not."""
 
-    def __init__(self, scene: str, referee: EngineLike, health: Health, clock: Callable[[], int]) -> None:
+    def __init__(self, scene: str, referee: EngineLike, health: ProcessStatus, clock: Callable[[], int]) -> None:
         self._scene, self._referee, self._health, self._clock = scene, referee, health, clock
         self._complaints = Complaints()
 
@@ -35,15 +35,15 @@ class Ear:
             return
         reason = self._referee.hear(observer, message, now_ns)
         if reason is None:
-            self._health.frame(message.captured_ns, now_ns)
+            self._health.record_frame(message.captured_ns, now_ns)
         else:
             self._complain(observer, reason, f"seq {message.seq} of session {message.session}", now_ns)
 
-    def accounts(self, roster: Sequence[str]) -> dict[str, Account]:
+    def accounts(self, roster: Sequence[str]) -> dict[str, ObserverStatistics]:
         """What was noticed of each observer of the scene, and of others who spoke as if they were."""
         rejected = self._complaints.totals
         return {
-            observer: Account(skew_s=self._referee.skew_s(observer), rejected=rejected.get(observer, {}))
+            observer: ObserverStatistics(skew_s=self._referee.skew_s(observer), rejected=rejected.get(observer, {}))
             for observer in dict.fromkeys((*roster, *rejected))
         }
 

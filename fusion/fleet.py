@@ -11,7 +11,6 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import islice
 
-from common.branch import Branch
 from common.config import Scene
 from common.errors import BadInput
 from common.inbox import Presence
@@ -19,6 +18,7 @@ from common.keys import observer_of as fusion_of
 from common.keys import scene_of
 from common.link import Link
 from common.notify import Notifier
+from common.subsession import SubSession
 from fusion.court import Court
 from fusion.engine.engine import FusionEngine
 from fusion.engine.pooling import pool_many
@@ -68,7 +68,7 @@ def serve_many(
 class Fleet:
     """This process's part in judging many scenes."""
 
-    def __init__(self, scenes: Sequence[Scene], link: Branch, clock: Callable[[], int]) -> None:
+    def __init__(self, scenes: Sequence[Scene], link: SubSession, clock: Callable[[], int]) -> None:
         self._courts = [Court(scene, _referee_of(scene), link, clock) for scene in scenes]
         now_s = time.monotonic()
         # Spread evenly, and so they stay: judged all at once, the last would wait for the first.

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from common.config import Scene
-from common.health_server import answering
-from common.logs import speak_as
-from common.vitals import Vitals
+from common.health import ProcessHealth, serve_health
+from common.lifecycle import set_log_identity
 
 if TYPE_CHECKING:
     from fusion.fleet_metrics import FleetMetrics
@@ -33,8 +32,8 @@ class Round:
 def telling_rounds(first: Scene, scenes: int) -> Iterator[Callable[[Round], None]]:
     """Answer where the first scene's [metrics] says while the context lasts; gives what wants to know of each round."""
     name, service = f"{scenes} scenes", first.fusion.id
-    speak_as(name, "fusion", service)
-    vitals = Vitals(name, "fusion", service, time.monotonic())
+    set_log_identity(name, "fusion", service)
+    vitals = ProcessHealth(name, "fusion", service, time.monotonic())
 
     def make() -> "FleetMetrics":
         # Who is not asked for metrics does not load what they need.
@@ -42,10 +41,10 @@ def telling_rounds(first: Scene, scenes: int) -> Iterator[Callable[[Round], None
 
         return FleetMetrics(service)
 
-    with answering(first.metrics.listen, vitals, make) as metrics:
+    with serve_health(first.metrics.listen, vitals, make) as metrics:
 
         def tell(taken: Round) -> None:
-            vitals.stepped(time.monotonic())
+            vitals.record_step(time.monotonic())
             if metrics is not None:
                 metrics.round(taken)
 

@@ -4,8 +4,9 @@ from collections import Counter as Tally
 from collections.abc import Callable, Iterable, Sequence
 from typing import TYPE_CHECKING, get_args
 
-from common.messages import ABSTAIN, JudgementMessage, StatusMessage, VoteState
+from common.messages import JudgementMessage, StatusMessage, VoteState
 from common.metrics import AGE_BUCKETS, OTHERS, STEP_BUCKETS, Metrics
+from common.vocabulary import ABSTAIN
 
 if TYPE_CHECKING:
     from prometheus_client import Metric

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import Protocol
 
-from common.clock_skew import Reading
+from common.clock_skew import ClockReading
 from common.messages import JudgementMessage, PosteriorMessage, VerdictMessage
 from common.vocabulary import Vocabulary
 from fusion.engine.reliability import Reliability
@@ -37,7 +37,7 @@ class EngineLike(Protocol):
     def present(self, observers: frozenset[str]) -> None:
         """Who is alive on the mesh now."""
 
-    def read_clock(self, observer: str, reading: Reading) -> None:
+    def read_clock(self, observer: str, reading: ClockReading) -> None:
         """An observer was asked what time it has."""
 
     def skew_s(self, observer: str) -> float | None:

@@ -17,7 +17,7 @@ from common.keys import observer_of
 from common.link import Link, Presence
 from common.messages import VocabularyMessage
 from common.notify import Notifier
-from common.status import StatusBoard
+from common.status import StatusPublisher
 from common.vocabulary import Vocabulary
 from common.wire import decode, encode_vocabulary
 from fusion.desk import Desk
@@ -57,7 +57,7 @@ def serve(
     voice.recall(scene.scene, clock())
     team = Team(scene, referee, voice, link)
     told = telling(scene, referee.vocabulary.labels, lambda: desk.health.status(clock()))
-    with told as tell, StatusBoard(link, keys.fusion_status(fusion), desk.health, clock) as board:
+    with told as tell, StatusPublisher(link, keys.fusion_status(fusion), desk.health, clock) as board:
         link.announce(keys.fusion_alive(fusion))
         log.info("judging %s: %s", scene.scene, ", ".join(scene.roster))
         while not stop.is_set():
@@ -69,7 +69,7 @@ def serve(
             desk.look()
             leads = team.leads(_ids(others), clock())
             if team.news is not None:
-                board.become("running", team.news)
+                board.set_state("running", team.news)
             ruling = desk.judge()
             said = team.pass_on(ruling, leads) if ruling is not None else ()
             took_s = time.monotonic() - begun_s

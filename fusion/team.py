@@ -7,11 +7,11 @@
 import logging
 from collections.abc import Sequence
 
-from common.branch import Branch
 from common.config import Scene
 from common.keys import SceneKeys
 from common.link import Arrival, Link
 from common.messages import JudgementMessage, VerdictMessage
+from common.subsession import SubSession
 from common.wire import BadMessage, decode, encode
 from fusion.leadership import STEPS_MISSED, Leadership
 from fusion.memory_file import Memory
@@ -83,7 +83,7 @@ class Voice:
     """Says rulings on the mesh and repeats the last ones to who asks."""
 
     def __init__(
-        self, link: Branch, keys: SceneKeys, vocabulary: bytes, referee: EngineLike, memory: Memory | None = None
+        self, link: SubSession, keys: SceneKeys, vocabulary: bytes, referee: EngineLike, memory: Memory | None = None
     ) -> None:
         self._judgement = link.publisher(keys.judgement)
         self._verdict = link.publisher(keys.verdict)

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from common.config import Scene
-from common.health_server import answering
-from common.logs import speak_as
+from common.health import FRESH_S, ProcessHealth, serve_health
+from common.lifecycle import set_log_identity
 from common.messages import StatusMessage, VerdictMessage
-from common.vitals import FRESH_S, Vitals
 from fusion.leadership import STEPS_MISSED
 from fusion.referee_like import EngineOutputLike
 
@@ -48,10 +47,10 @@ def telling(
 
         return FusionMetrics(scene.scene, scene.fusion.id, labels, status)
 
-    with answering(scene.metrics.listen, vitals, make) as metrics:
+    with serve_health(scene.metrics.listen, vitals, make) as metrics:
 
         def tell(step: Step) -> None:
-            vitals.stepped(time.monotonic())
+            vitals.record_step(time.monotonic())
             if metrics is not None:
                 metrics.step(step)
 
@@ -62,19 +61,19 @@ def telling(
 def waiting(scene: Scene, reason: str) -> Iterator[Callable[[], None]]:
     """The same before the loop begins: alive, and not ready for `reason`; gives what wants to know of each try."""
     vitals = _vitals(scene, str)
-    vitals.hindered(reason)
+    vitals.set_obstacle(reason)
 
     def make() -> "FusionMetrics":
         from fusion.metrics import FusionMetrics
 
         return FusionMetrics(scene.scene, scene.fusion.id, (), None)
 
-    with answering(scene.metrics.listen, vitals, make):
-        yield lambda: vitals.stepped(time.monotonic())
+    with serve_health(scene.metrics.listen, vitals, make):
+        yield lambda: vitals.record_step(time.monotonic())
 
 
-def _vitals(scene: Scene, note: Callable[[], str]) -> Vitals:
-    speak_as(scene.scene, "fusion", scene.fusion.id)
+def _vitals(scene: Scene, note: Callable[[], str]) -> ProcessHealth:
+    set_log_identity(scene.scene, "fusion", scene.fusion.id)
     # Who has missed so many steps, and for FRESH_S at least, is not ready any more.
     fresh_s = max(FRESH_S, STEPS_MISSED / scene.fusion.step_hz)
-    return Vitals(scene.scene, "fusion", scene.fusion.id, time.monotonic(), fresh_s, note)
+    return ProcessHealth(scene.scene, "fusion", scene.fusion.id, time.monotonic(), fresh_s, note)

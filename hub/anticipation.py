@@ -13,7 +13,8 @@ from collections import OrderedDict
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from common.messages import ABSTAIN, JudgementMessage, Movement, VerdictMessage
+from common.messages import JudgementMessage, OngoingMovement, VerdictMessage
+from common.vocabulary import ABSTAIN
 
 Stage = Literal["early", "confirmed", "corrected", "withdrawn"]
 ENDED_S = 0.5
@@ -95,7 +96,7 @@ class Anticipation:
             self._memory = ""
         return self._memory != ""
 
-    def _early(self, message: JudgementMessage, movement: Movement, now_s: float) -> list[Word]:
+    def _early(self, message: JudgementMessage, movement: OngoingMovement, now_s: float) -> list[Word]:
         if not is_early(message, self._certainty) or movement.id in self._open or movement.id in self._closed:
             return []
         label = message.label

@@ -12,8 +12,7 @@ from dataclasses import dataclass
 from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
-from common.capture_file import CaptureWriter
-from common.capture_record import CAME, WENT, Kind, Record
+from common.capture_file import APPEARED, GONE, CaptureKind, CaptureRecord, CaptureWriter
 
 if TYPE_CHECKING:
     from rich.status import Status
@@ -83,10 +82,10 @@ class Capture:
     def _note_tokens(self) -> None:
         alive, now_ns = self._presence.alive, self._clock()
         for key in sorted(self._tokens - alive):
-            self._write("token", key, WENT, now_ns)
+            self._write("token", key, GONE, now_ns)
         come = sorted(alive - self._tokens)
         for key in come:
-            self._write("token", key, CAME, now_ns)
+            self._write("token", key, APPEARED, now_ns)
         self._tokens = alive
         if come:
             self._ask()
@@ -102,8 +101,8 @@ class Capture:
                 self._write("answer", key, payload, self._asked_ns)
         self._told = frozenset(answers)
 
-    def _write(self, kind: Kind, key: str, payload: bytes, arrived_ns: int) -> None:
-        self._writer.write(Record(kind, key, payload, arrived_ns))
+    def _write(self, kind: CaptureKind, key: str, payload: bytes, arrived_ns: int) -> None:
+        self._writer.write(CaptureRecord(kind, key, payload, arrived_ns))
         self._kinds[key.rsplit("/", 1)[-1] if kind == "put" else kind] += 1
 
 

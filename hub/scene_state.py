@@ -6,7 +6,6 @@ from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from common.messages import (
-    ABSTAIN,
     JudgementMessage,
     Message,
     StatusMessage,
@@ -16,6 +15,7 @@ from common.messages import (
     Vote,
     VoteState,
 )
+from common.vocabulary import ABSTAIN
 
 VERDICTS_KEPT = 10
 SOMETHING_ELSE = "something else"

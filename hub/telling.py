@@ -6,9 +6,8 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from common.config import Scene
-from common.health_server import answering
-from common.logs import speak_as
-from common.vitals import Vitals
+from common.health import ProcessHealth, serve_health
+from common.lifecycle import set_log_identity
 from hub.session import Heard
 
 if TYPE_CHECKING:
@@ -18,18 +17,18 @@ if TYPE_CHECKING:
 class Teller:
     """What a hub's loop calls; from any thread. Made by `telling`."""
 
-    def __init__(self, vitals: Vitals, metrics: "HubMetrics | None") -> None:
+    def __init__(self, vitals: ProcessHealth, metrics: "HubMetrics | None") -> None:
         self._vitals, self._metrics = vitals, metrics
 
     def heard(self, heard: Heard) -> None:
         """A message, or a look into the inbox."""
-        self._vitals.stepped(time.monotonic())
+        self._vitals.record_step(time.monotonic())
         if self._metrics is not None:
             self._metrics.heard(heard.state, heard.message)
 
     def reaches(self, what: str, reason: str = "") -> None:
         """The hub reaches `what` it hands on to, e.g. "the broker"; reason: why it does not, "" when it does."""
-        self._vitals.hindered(f"{what}: {reason}" if reason else "")
+        self._vitals.set_obstacle(f"{what}: {reason}" if reason else "")
         if self._metrics is not None:
             self._metrics.connected(not reason)
 
@@ -38,8 +37,8 @@ class Teller:
 def telling(scenes: Sequence[Scene], hub: str) -> Iterator[Teller]:
     """Answer where [metrics] of the first scene says while the context lasts; hub: `mqtt` or `dashboard`."""
     names = ",".join(scene.scene for scene in scenes)
-    speak_as(names, "hub", hub)
-    vitals = Vitals(names, "hub", hub, time.monotonic())
+    set_log_identity(names, "hub", hub)
+    vitals = ProcessHealth(names, "hub", hub, time.monotonic())
 
     def make() -> "HubMetrics":
         # Who is not asked for metrics does not load what they need.
@@ -47,5 +46,5 @@ def telling(scenes: Sequence[Scene], hub: str) -> Iterator[Teller]:
 
         return HubMetrics(hub)
 
-    with answering(scenes[0].metrics.listen, vitals, make) as metrics:
+    with serve_health(scenes[0].metrics.listen, vitals, make) as metrics:
         yield Teller(vitals, metrics)

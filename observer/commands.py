@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from common.arguments import numbers, words
 from common.errors import BadInput
-from common.progress import Bar
+from common.progress import ProgressBar
+from common.text import named_numbers, split_list
 from common.vocabulary import Vocabulary
 
 if TYPE_CHECKING:
@@ -67,7 +67,7 @@ def observe(
         in_folder = section.preview not in ("", "window")
         target = preview or (str(named.place(section.preview)) if in_folder else section.preview)
         shown = open_until_end.enter_context(_previewed(target, observer, judge, eyes, model.header))
-        link = open_until_end.enter_context(Link.open(named.mesh, "observer", named=observer))
+        link = open_until_end.enter_context(Link.open(named.mesh, "observer", process_id=observer))
         if isinstance(eyes.source, MeshTracks):
             eyes.source.listen(link)
         serve(named, observer, shown, eyes.source, link, stop, condition=condition)
@@ -125,7 +125,7 @@ def import_recordings(
     from observer.motion.archive_file import write_archive
     from observer.motion.importers import import_recordings as read
 
-    with Bar() as bar:
+    with ProgressBar() as bar:
         result = read(kind, path, progress=lambda done, total: bar("reading", done, total))
     write_archive(output, result.archive)
     for note in result.notes:
@@ -180,14 +180,14 @@ def learn(
     from observer.model.store import write_model
     from observer.motion.archive_file import read_archive
 
-    whole = prepared(read_archive(archive), words("--subjects", subjects), rate)
+    whole = prepared(read_archive(archive), split_list("--subjects", subjects), rate)
     provenance = {
         "archive": archive.name,
         "archive_sha256": hashlib.sha256(archive.read_bytes()).hexdigest(),
         "subjects": ",".join(sorted({r.subject for r in whole.recordings})),
     }
-    given, chosen = numbers("--parameter", parameter or []), words("--labels", labels)
-    others = read_background(background, background_labels, archive, whole, words("--subjects", subjects))
+    given, chosen = named_numbers("--parameter", parameter or []), split_list("--labels", labels)
+    others = read_background(background, background_labels, archive, whole, split_list("--subjects", subjects))
     if effort and add_to:
         raise BadInput("--effort --add-to: movements are added, Effort is learned from all its examples at once")
     if others and (effort or add_to):
@@ -261,7 +261,7 @@ def forget(
     from observer.learned import edited
     from observer.model.store import read_model, write_model
 
-    gone = words("--labels", labels)
+    gone = split_list("--labels", labels)
     kept = without_movements(read_model(model), gone)
     write_model(output, kept)
     print(f"{output}: {', '.join(gone)} taken out; {edited(kept.header)}")

@@ -1,7 +1,7 @@
 """An observer's opinion as the message that says it, no larger than it must be. Pure."""
 
-from common.facing import surprise_of
 from common.messages import Facing, PosteriorMessage, VocabularyHash
+from common.probability import encode_facing
 from common.vocabulary import Vocabulary
 from observer.opinion import OpinionLike
 
@@ -33,7 +33,7 @@ class Minutes:
             unlearned=opinion.unlearned,
             frames=opinion.frames,
             visible={} if all(opinion.visible.values()) else dict(opinion.visible),
-            facing=None if facing is None else Facing(surprise=surprise_of(facing).tolist()),
+            facing=None if facing is None else Facing(surprise=encode_facing(facing).tolist()),
             facets={name: p.tolist() for name, p in opinion.facets.items()} or None,
         )
         self.seq += 1

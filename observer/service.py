@@ -7,13 +7,11 @@ import time
 from collections.abc import Callable
 from typing import Protocol
 
-from common.clock_asking import ClockAsker
-from common.clock_skew import ClockSkew
+from common.clock_skew import ClockQuerier, ClockSkew
 from common.config import Scene
-from common.health import Health
 from common.link import Link, Publisher
 from common.messages import ProcessState
-from common.status import StatusBoard
+from common.status import ProcessStatus, StatusPublisher
 from common.vocabulary import Vocabulary
 from common.wire import encode, encode_vocabulary
 from observer.condition import Condition, Tell
@@ -61,15 +59,15 @@ def serve(
     """
     condition = condition or Condition()
     keys = scene.keys
-    health = Health(scene.scene, observer_id)
+    health = ProcessStatus(scene.scene, observer_id)
     directed = scene.observer(observer_id).direction == "known"
     spoken = link.publisher(keys.posterior(observer_id))
     speaker = Speaker(observer.vocabulary, spoken, directed, _restraint(scene, observer_id))
-    asker, fusion_clock = ClockAsker(link, keys.fusion_status(), clock), ClockSkew()
+    asker, fusion_clock = ClockQuerier(link, keys.fusion_status(), clock), ClockSkew()
     names = encode_vocabulary(scene.scene, observer.vocabulary)
     link.answer(keys.vocabulary, lambda: names)
     told = telling(scene, observer_id, lambda: health.status(clock()))
-    with told as tell_frame, StatusBoard(link, keys.observer_status(observer_id), health, clock) as board:
+    with told as tell_frame, StatusPublisher(link, keys.observer_status(observer_id), health, clock) as board:
         link.announce(keys.observer_alive(observer_id))
         condition.tell_to(_teller(board, condition, observer_id))
         for frame in source.frames(stop):
@@ -78,21 +76,21 @@ def serve(
             now_ns = clock()
             said = opinion is not None and speaker.say(opinion, frame.captured_ns, now_ns)
             tell_frame((now_ns - frame.captured_ns) / 1e9, time.monotonic() - begun_s, said)
-            health.frame(frame.captured_ns, now_ns)
+            health.record_frame(frame.captured_ns, now_ns)
             condition.frame(observer.complaint)
             board.alive()
             asker.ask_if_due()
             for _, reading in asker.readings():
                 fusion_clock.note(reading)
-                health.skew(-(fusion_clock.skew_s or 0.0))
+                health.set_clock_skew(-(fusion_clock.skew_s or 0.0))
     log.info("%s: %s after %d posteriors", observer_id, "stopped" if stop.is_set() else "source ended", speaker.seq)
 
 
-def _teller(board: StatusBoard, condition: Condition, observer_id: str) -> Tell:
+def _teller(board: StatusPublisher, condition: Condition, observer_id: str) -> Tell:
     """A change of condition goes to the mesh, and into the log what no source has logged itself."""
 
     def tell(state: ProcessState, reason: str) -> None:
-        board.become(state, reason)
+        board.set_state(state, reason)
         if reason and reason == condition.complaint:
             log.warning("%s: %s", observer_id, reason)
 

@@ -6,10 +6,9 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from common.config import Scene
-from common.health_server import answering
-from common.logs import speak_as
+from common.health import ProcessHealth, serve_health
+from common.lifecycle import set_log_identity
 from common.messages import StatusMessage
-from common.vitals import Vitals
 
 if TYPE_CHECKING:
     from observer.metrics import ObserverMetrics
@@ -23,8 +22,8 @@ def telling(
 
     Of a frame: how old it was when it had been judged, how long that took, seconds, and whether a posterior came of it.
     """
-    speak_as(scene.scene, "observer", observer)
-    vitals = Vitals(scene.scene, "observer", observer, time.monotonic(), note=lambda: status().reason)
+    set_log_identity(scene.scene, "observer", observer)
+    vitals = ProcessHealth(scene.scene, "observer", observer, time.monotonic(), note=lambda: status().reason)
 
     def make() -> "ObserverMetrics":
         # Who is not asked for metrics does not load what they need.
@@ -32,10 +31,10 @@ def telling(
 
         return ObserverMetrics(scene.scene, observer, status)
 
-    with answering(scene.metrics.listen, vitals, make) as metrics:
+    with serve_health(scene.metrics.listen, vitals, make) as metrics:
 
         def tell(age_s: float, step_s: float, said: bool) -> None:
-            vitals.stepped(time.monotonic())
+            vitals.record_step(time.monotonic())
             if metrics is not None:
                 metrics.frame(age_s, step_s, said=said)
 

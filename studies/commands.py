@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from common.arguments import numbers, one_of, words
 from common.errors import BadInput
-from common.progress import Bar
+from common.progress import ProgressBar
+from common.text import named_numbers, one_of, split_list
 from studies import options
 
 if TYPE_CHECKING:
@@ -66,20 +66,20 @@ def evaluate(
     whole = read_archive(archive)
     seen = tuple(parse_view(view) for view in split_views(views))
     learned = labels_in(labels) or labels_of(whole)
-    given, turned = numbers("--parameter", parameter or []), _turn(turn)
+    given, turned = named_numbers("--parameter", parameter or []), _turn(turn)
     shown, other = strangers(unlearned, background_labels, learned, labels_of(whole), seed)
     question = Question(
         views=seen,
         labels=learned,
-        train_subjects=words("--train-subjects", train_subjects),
-        test_subjects=words("--test-subjects", test_subjects),
+        train_subjects=split_list("--train-subjects", train_subjects),
+        test_subjects=split_list("--test-subjects", test_subjects),
         leave_one_subject_out=leave_one_subject_out,
         model=model,
         parameters=_with_facings(given, facings, model, turned),
         rule=rule,
         turn=turned,
         faults=dict(fault_named(text, [view.name for view in seen]) for text in fault or []),
-        body_parts=words("--body-parts", body_parts),
+        body_parts=split_list("--body-parts", body_parts),
         onset_known=one_of("--onset", onset, ("known", "unknown")) == "known",
         temperature=temperature,
         calibrated=not uncalibrated,
@@ -113,7 +113,7 @@ def _evaluated(
     from studies.report import draw_learning_curve, write_report
     from studies.stream import judge_stream
 
-    with Bar() as bar:
+    with ProgressBar() as bar:
         # First, so that what it refuses is refused at once.
         learned = {"learning_curve": learning_curve(archive, question, bar)} if curve else {}
         if through == "pixels":
@@ -157,7 +157,7 @@ def _tell(found: dict[str, Any]) -> None:
 
 
 def _from_pixels(
-    archive: "MotionArchive", question: "Question", background: str, bar: Bar
+    archive: "MotionArchive", question: "Question", background: str, bar: ProgressBar
 ) -> tuple["MotionArchive", "Answer", "Answer"]:
     """The archive at a camera's rate, and what is judged of it from pictures and from the joints."""
     from observer.learning import prepared
@@ -197,7 +197,7 @@ def demo(
     else:
         performance = recorded_performance(read_archive(motion), motion.name, subject, seed)
     print(performance.title)
-    with Bar() as bar:
+    with ProgressBar() as bar:
         scene = write_demo(performance, output, bar, pixels)
     stream = performance.stream
     length_s = len(stream.positions) / stream.rate_hz
@@ -229,9 +229,13 @@ def paper(
 
     whole = read_archive(archive)
     sets = {text: labels_in(text) for text in labels or []} or {"all": labels_of(whole)}
-    with Bar() as bar:
+    with ProgressBar() as bar:
         outcomes = run_experiments(
-            whole, sets, words("--train-subjects", train_subjects), words("--test-subjects", test_subjects), bar
+            whole,
+            sets,
+            split_list("--train-subjects", train_subjects),
+            split_list("--test-subjects", test_subjects),
+            bar,
         )
     text = told(outcomes)
     print(text)

@@ -6,8 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from common.messages import ABSTAIN, JudgementMessage, VerdictMessage
+from common.messages import JudgementMessage, VerdictMessage
 from common.probability import entropy_bits
+from common.vocabulary import ABSTAIN
 from observer.motion.archive import Recording, Span
 from observer.tracks import Floats
 from studies.demo import Heard

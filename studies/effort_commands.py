@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from common.errors import BadInput
-from common.progress import Bar
+from common.progress import ProgressBar
 
 if TYPE_CHECKING:
     from studies.effort_study import Judged
@@ -35,7 +35,7 @@ def effort(
     usual = Counter(r.rate_hz for r in whole.recordings).most_common(1)[0][0]
     whole = prepared(whole, (), rate or usual)
     seen = [parse_view(text) for text in split_views(views)]
-    with Bar() as bar:
+    with ProgressBar() as bar:
         at = judge_poles(whole, seen, rule, FRACTIONS, bar)
     found = as_json(at, rule)
     text = as_text(found)

@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.errors import BadInput
-from common.facing import surprise_of
-from common.probability import uniform
+from common.probability import encode_facing, uniform
 from common.vocabulary import Vocabulary
 from fusion.engine.pooling import pool_posteriors
 from fusion.engine.roster import AgedPosterior
@@ -201,7 +200,7 @@ def _opinions(said: Said, frame: int) -> list[AgedPosterior]:
     """As the referee would have them, had they come over the mesh."""
     opinions = []
     for v, p in enumerate(said.p[frame]):
-        surprise = None if said.facing is None else surprise_of(said.facing[frame, v])
+        surprise = None if said.facing is None else encode_facing(said.facing[frame, v])
         unlearned = None if said.unlearned is None or np.isnan(said.unlearned[frame, v]) else said.unlearned[frame, v]
         opinions.append(AgedPosterior(str(v), p, 0.0, 0.0, "counted", unlearned=unlearned, surprise=surprise))
     return opinions

@@ -11,11 +11,11 @@
 from dataclasses import dataclass, field
 from typing import Any
 
-from common.capture_record import Record
+from common.capture_file import CaptureRecord
 from common.messages import (
     JudgementMessage,
     Message,
-    Movement,
+    OngoingMovement,
     PosteriorMessage,
     StatusMessage,
     VerdictMessage,
@@ -54,7 +54,7 @@ class MovedTimes:
         """When that is to be sent which arrived then."""
         return self.start_ns + round((arrived_ns - self.first_ns) / self.speed) if self.speed else self.start_ns
 
-    def payload(self, record: Record, now_ns: int) -> bytes:
+    def payload(self, record: CaptureRecord, now_ns: int) -> bytes:
         """The bytes to send at `now_ns`; what cannot be read goes as it is, for it was said like that."""
         kind = KINDS.get(record.key.rsplit("/", 1)[-1])
         try:
@@ -65,7 +65,7 @@ class MovedTimes:
             return record.payload
         return encode(message.model_copy(update={"scene": self.scene} | self._moved(message, record, now_ns)))
 
-    def _moved(self, message: Message, record: Record, now_ns: int) -> dict[str, Any]:
+    def _moved(self, message: Message, record: CaptureRecord, now_ns: int) -> dict[str, Any]:
         match message:
             case PosteriorMessage():
                 return self._posterior(message, record.arrived_ns, now_ns)
@@ -93,7 +93,7 @@ class MovedTimes:
             moved["movement"] = message.movement.model_copy(update=self._span_of(message.movement))
         return moved | self._span_of(message) if isinstance(message, VerdictMessage) else moved
 
-    def _span_of(self, said: Movement | VerdictMessage) -> dict[str, Any]:
+    def _span_of(self, said: OngoingMovement | VerdictMessage) -> dict[str, Any]:
         """The times of a movement, and its id, which is made from them."""
         times = {name: getattr(said, name, None) for name in ("began_ns", "decided_ns", "ended_ns")}
         moved = {name: self._on_line(at_ns) for name, at_ns in times.items() if at_ns is not None}

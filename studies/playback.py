@@ -15,7 +15,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from common.capture_record import CAME, Record
+from common.capture_file import APPEARED, CaptureRecord
 from common.errors import BadInput, LabanmeshError
 from common.link import Link, Publisher
 from studies.moved_times import MovedTimes
@@ -51,7 +51,7 @@ class Outline:
     records: int = 0
     first_ns: int = 0
     last_ns: int = 0
-    vocabularies: dict[str, Record] = field(default_factory=dict)
+    vocabularies: dict[str, CaptureRecord] = field(default_factory=dict)
 
     @classmethod
     def of(cls, capture: "CaptureFile") -> "Outline":
@@ -104,7 +104,7 @@ class _Stage:
         self._links = links
         self._tokens: dict[str, Link] = {}
         self._publishers: dict[str, Publisher] = {}
-        self._last: dict[str, deque[Record]] = {}
+        self._last: dict[str, deque[CaptureRecord]] = {}
         self._times = self._begin()
 
     def _begin(self) -> MovedTimes:
@@ -138,12 +138,12 @@ class _Stage:
             progress("playing", number, self._outline.records)
         return said
 
-    def _is_an_observers(self, record: Record) -> bool:
+    def _is_an_observers(self, record: CaptureRecord) -> bool:
         what = record.key.rsplit("/", 1)[-1]
         below = record.key.startswith(f"{self._capture.scene.keys.root}/observer/")
         return below and (record.kind == "token" or (record.kind == "put" and what == "posterior"))
 
-    def _say(self, record: Record) -> bool:
+    def _say(self, record: CaptureRecord) -> bool:
         if record.kind == "token":
             self._show(record)
         else:
@@ -152,7 +152,7 @@ class _Stage:
             self._publisher(self._key(record)).put(self._payload(record))
         return record.kind == "put"
 
-    def answer(self, record: Record) -> None:
+    def answer(self, record: CaptureRecord) -> None:
         """From now on who asks gets this."""
         key = self._key(record)
         if key.rsplit("/", 1)[-1] not in ANSWERED:
@@ -163,18 +163,18 @@ class _Stage:
             self._mouth.answer(key, lambda: [self._payload(last) for last in tuple(self._last[key])])
         self._last[key].append(record)
 
-    def _show(self, record: Record) -> None:
+    def _show(self, record: CaptureRecord) -> None:
         key = self._key(record)
         if (gone := self._tokens.pop(key, None)) is not None:
             gone.close()
-        if record.payload == CAME:
+        if record.payload == APPEARED:
             self._tokens[key] = self._links.enter_context(Link.open(self._scene.mesh, "hub"))
             self._tokens[key].announce(key)
 
-    def _key(self, record: Record) -> str:
+    def _key(self, record: CaptureRecord) -> str:
         return self._scene.keys.root + record.key.removeprefix(self._capture.scene.keys.root)
 
-    def _payload(self, record: Record) -> bytes:
+    def _payload(self, record: CaptureRecord) -> bytes:
         return record.payload if self._manner.as_recorded else self._times.payload(record, time.time_ns())
 
     def _publisher(self, key: str) -> Publisher:

@@ -8,8 +8,8 @@
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import TYPE_CHECKING
 
-from common.capture_record import CAME, Record
-from common.clock_skew import Reading
+from common.capture_file import APPEARED, CaptureRecord
+from common.clock_skew import ClockReading
 from common.keys import SceneKeys, observer_of
 from common.messages import PosteriorMessage, StatusMessage
 from common.vocabulary import Vocabulary
@@ -28,7 +28,7 @@ UNDER_WAY_NS = 500_000_000
 
 
 def from_posteriors(
-    records: Iterable[Record], scene: "Scene", labels: Mapping[str, tuple[str, ...]], change: Change
+    records: Iterable[CaptureRecord], scene: "Scene", labels: Mapping[str, tuple[str, ...]], change: Change
 ) -> Iterator[EngineOutput]:
     """The captured posteriors as the referee would judge them that hears them when the capture did."""
     vocabulary = scene.named_vocabulary or Vocabulary(_only(labels), scene.vocabulary_name)
@@ -51,20 +51,20 @@ class _Ear:
         self._keys, self._referee = keys, referee
         self._alive: frozenset[str] = frozenset()
 
-    def concerns(self, record: Record) -> bool:
+    def concerns(self, record: CaptureRecord) -> bool:
         """Whether this is something that an observer said, or he himself."""
         below = f"{self._keys.root}/observer/"
         return (
             record.kind != "answer" and record.key.startswith(below) and record.key.count("/") == below.count("/") + 1
         )
 
-    def hear(self, record: Record, now_ns: int) -> None:
+    def hear(self, record: CaptureRecord, now_ns: int) -> None:
         """One record; a bad one is counted and dropped."""
         observer, what = observer_of(record.key), record.key.rsplit("/", 1)[-1]
         try:
             if record.kind == "token":
                 ids = frozenset({observer})
-                self._alive = self._alive | ids if record.payload == CAME else self._alive - ids
+                self._alive = self._alive | ids if record.payload == APPEARED else self._alive - ids
                 self._referee.present(self._alive)
             elif what == "posterior":
                 self._hear_posterior(observer, decode(PosteriorMessage, record.payload), now_ns)
@@ -82,14 +82,14 @@ class _Ear:
     def _read_clock(self, observer: str, status: StatusMessage, arrived_ns: int) -> None:
         # Nobody was asked: how long a status was under way is not known, so only a plainly wrong clock is one.
         if status.at_ns is not None and abs(status.at_ns - arrived_ns) > UNDER_WAY_NS:
-            self._referee.read_clock(observer, Reading(arrived_ns, status.at_ns, arrived_ns))
+            self._referee.read_clock(observer, ClockReading(arrived_ns, status.at_ns, arrived_ns))
 
 
 def _lots(
-    records: Iterable[Record], concerns: Callable[[Record], bool], step_ns: int, quiet_ns: int
-) -> Iterator[tuple[list[Record], int]]:
+    records: Iterable[CaptureRecord], concerns: Callable[[CaptureRecord], bool], step_ns: int, quiet_ns: int
+) -> Iterator[tuple[list[CaptureRecord], int]]:
     """What is heard in each step, and when that is (rule 3)."""
-    lot: list[Record] = []
+    lot: list[CaptureRecord] = []
     last_ns: int | None = None
     for record in records:
         now_ns = record.arrived_ns

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from common.errors import BadInput, LabanmeshError
-from common.messages import JudgementMessage, Movement, VerdictMessage, Vote
+from common.messages import JudgementMessage, OngoingMovement, VerdictMessage, Vote
 from common.probability import Floats, uniform
 from common.vocabulary import Vocabulary
 from fusion.engine.engine import EngineOutput, FusionEngine
@@ -108,7 +108,7 @@ class FromJudgements:
             self._continue(self._referee, judgement, judgement.seq)
         return ruling
 
-    def _is_only_recorded(self, recorded: Movement | None, judged: Movement | None) -> bool:
+    def _is_only_recorded(self, recorded: OngoingMovement | None, judged: OngoingMovement | None) -> bool:
         """Whether a movement goes on otherwise than it was recorded, and can, because not all of it is in the file."""
         began_ns = [movement.began_ns for movement in (recorded, judged) if movement is not None]
         return recorded != judged and bool(self.unsure) and min(began_ns) <= self.unsure[-1][1]

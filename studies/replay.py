@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal, TypeVar
 
-from common.capture_record import WENT, Record
+from common.capture_file import GONE, CaptureRecord
 from common.errors import LabanmeshError
 from common.keys import observer_of
 from common.messages import JudgementMessage, Message, VerdictMessage, VocabularyMessage
@@ -159,8 +159,8 @@ def _sayings(rulings: Iterable[EngineOutput]) -> Iterator[Saying]:
             yield Saying(verdict, encode(verdict))
 
 
-def _is_gone(record: Record, keys: "SceneKeys") -> bool:
-    return record.kind == "token" and record.payload == WENT and record.key.startswith(f"{keys.root}/fusion/")
+def _is_gone(record: CaptureRecord, keys: "SceneKeys") -> bool:
+    return record.kind == "token" and record.payload == GONE and record.key.startswith(f"{keys.root}/fusion/")
 
 
 def _usable(told: VocabularyMessage) -> dict[str, tuple[str, ...]]:
@@ -171,7 +171,7 @@ def _usable(told: VocabularyMessage) -> dict[str, tuple[str, ...]]:
     return {vocabulary.digest: vocabulary.labels}
 
 
-def _readable(kind: type[M], record: Record) -> M | None:
+def _readable(kind: type[M], record: CaptureRecord) -> M | None:
     try:
         return decode(kind, record.payload)
     except BadMessage:

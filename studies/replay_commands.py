@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Annotated, cast, get_args
 
 import typer
 
-from common.arguments import one_of
 from common.errors import BadInput
-from common.progress import Bar
+from common.progress import ProgressBar
+from common.text import one_of
 
 if TYPE_CHECKING:
     from common.capture_file import CaptureFile
@@ -69,7 +69,7 @@ def _judge(capture: "CaptureFile", change: "Change", source: str | None, json: b
 
     if source is not None:
         one_of("--from", source, get_args(Source))
-    with Bar() as bar:
+    with ProgressBar() as bar:
         found = judge_anew(capture, change, cast("Source | None", source), bar)
     name = str(capture.path)
     if json:
@@ -85,6 +85,6 @@ def _play(capture: "CaptureFile", onto: Path, manner: "Manner") -> None:
     from studies.playback import play
 
     scene = read_scene(onto)
-    with stop_on_signals() as stop, Bar() as bar:
+    with stop_on_signals() as stop, ProgressBar() as bar:
         said = play(capture, scene, manner, stop, bar)
     print(f"{capture.path}: {said} messages played onto {scene.mesh.endpoint}")

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from common.arguments import words
 from common.errors import BadInput
+from common.text import split_list
 from observer.background import BLENDS
 
 OTHERS = "others"
@@ -21,7 +21,7 @@ def strangers(
     are then not shown. Raises BadInput for a movement that would be two of learned, background and unlearned.
     """
     chosen = _background(background)
-    shown = tuple(m for m in known if m not in learned) if unlearned == OTHERS else words("--unlearned", unlearned)
+    shown = tuple(m for m in known if m not in learned) if unlearned == OTHERS else split_list("--unlearned", unlearned)
     _require_apart("--unlearned", shown, learned)
     if isinstance(chosen, int):
         chosen = _drawn(chosen, shown, seed)
@@ -42,7 +42,7 @@ def _background(text: str) -> Labels | int | None:
         return None
     if text == BLENDS:
         return ()
-    return int(text) if text.isdecimal() else words("--background-labels", text)
+    return int(text) if text.isdecimal() else split_list("--background-labels", text)
 
 
 def _drawn(count: int, shown: Sequence[str], seed: int) -> Labels:

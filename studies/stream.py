@@ -13,9 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from common.config_sections import FusionConfig, usual_quorum
-from common.messages import ABSTAIN, PosteriorMessage
-from common.vocabulary import Vocabulary
+from common.config_sections import FusionConfig, default_quorum
+from common.messages import PosteriorMessage
+from common.vocabulary import ABSTAIN, Vocabulary
 from fusion.engine.engine import FusionEngine
 from observer.learning import frames_of
 from observer.model.base import MovementModel, Onset
@@ -84,7 +84,7 @@ def judge_stream(
     archive: MotionArchive, question: Question, progress: Callable[[str, int, int], None] = lambda *_: None
 ) -> dict[str, Any]:
     """Judge the test people's streams: continuous recordings as they are, else their recordings strung together."""
-    quorum = usual_quorum(len(question.views))
+    quorum = default_quorum(len(question.views))
     conduct = FusionConfig(rule=question.rule, temperature=question.temperature, quorum=quorum)
     tried = [conduct.model_copy(update={"threshold": t}) for t in THRESHOLDS if question.unlearned]
     words = [Words() for _ in (conduct, *tried)]

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 
-from common.arguments import words
+from common.text import split_list
 from observer.motion.importers.msr_action3d import LABELS
 
 
@@ -20,4 +20,4 @@ SUBSETS: Mapping[str, tuple[str, ...]] = {
 
 def labels_in(text: str) -> tuple[str, ...]:
     """`a,b,AS1` -> the labels, subsets spelled out; raises BadInput for an empty piece."""
-    return tuple(dict.fromkeys(label for word in words("--labels", text) for label in SUBSETS.get(word, (word,))))
+    return tuple(dict.fromkeys(label for word in split_list("--labels", text) for label in SUBSETS.get(word, (word,))))

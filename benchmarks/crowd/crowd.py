@@ -69,7 +69,7 @@ class Crowd:
         self._sayings: list[tuple[Movement, list[Saying]] | None] = [None] * scenes
         self._seq, self._still, self._spoken_s = 0, False, 0.0
         # Polled: a thread that waits for its turn beside this busy one would take what comes for older than it is.
-        self._ears = link.branch(polled=True)
+        self._ears = link.sub_session(polled=True)
         self._box: Inbox = self._ears.inbox("laban/*/judgement", limit=1_000_000)
         self._verdicts: Inbox = self._ears.inbox("laban/*/verdict", limit=1_000_000)
         self.account = Account()

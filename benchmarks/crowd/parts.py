@@ -19,11 +19,11 @@ from benchmarks.crowd.traffic import MICRO, hearing, sayings, scene_of
 from benchmarks.crowd.trial import free_port
 from common.config import MeshConfig, Scene
 from common.errors import LabanmeshError
-from common.health import Health
 from common.inbox import Arrival, Presence
 from common.keys import SceneKeys
 from common.link import Link, Publisher
 from common.messages import PosteriorMessage, StatusMessage, VerdictMessage
+from common.status import ProcessStatus
 from common.wire import decode, encode, encode_vocabulary
 from fusion.ear import Ear
 from fusion.engine.engine import FusionEngine
@@ -63,7 +63,10 @@ def alone() -> tuple[dict[str, float], dict[str, int]]:
     """What hearing and encoding cost without a mesh; how large messages are."""
     scene = scene_of(0)
     keys, now_ns = scene.keys, time.time_ns()
-    referee, health = FusionEngine(scene.scene, list(scene.roster), NAMES, scene.fusion), Health(scene.scene, "fusion")
+    referee, health = (
+        FusionEngine(scene.scene, list(scene.roster), NAMES, scene.fusion),
+        ProcessStatus(scene.scene, "fusion"),
+    )
     ear = Ear(scene.scene, referee, health, lambda: now_ns)
     took: list[float] = []
     verdict: VerdictMessage | None = None
@@ -77,7 +80,7 @@ def alone() -> tuple[dict[str, float], dict[str, int]]:
         took.append((time.thread_time() - begun_s) / JUDGES)
         ruling = referee.judge(now_ns)
         verdict = next(iter(ruling.verdicts), verdict)
-    health.noticed(ear.accounts(scene.roster))
+    health.set_observers(ear.accounts(scene.roster))
     one = decode(PosteriorMessage, said[0].at(seq, now_ns)).model_copy(
         update={"scene": None, "observer": None, "visible": None, "v": 2}
     )
@@ -138,7 +141,7 @@ def _rounds_of(count: int, link: Link, far: Link) -> tuple[float, float]:
 
 def taking(link: Link, far: Link) -> float:
     """What it costs to empty an inbox of one posterior, over an empty one."""
-    branches = [link.branch(polled=True) for _ in range(TOGETHER)]
+    branches = [link.sub_session(polled=True) for _ in range(TOGETHER)]
     inboxes = [
         branch.inbox(*map(scene_of(n).keys.posterior, scene_of(n).roster), ring=1) for n, branch in enumerate(branches)
     ]

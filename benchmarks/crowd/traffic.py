@@ -31,11 +31,11 @@ SUBSCRIBED = 1000
 def hearing(link: Link, endpoint: str) -> dict[str, float]:
     """What Zenoh's threads spend on what comes: into rings, of a link that listens to many more; and to a thread."""
     key = SceneKeys("burst").posterior
-    with link.branch(polled=True) as polled:
+    with link.sub_session(polled=True) as polled:
         polled.inbox(*(key(f"cam{n}") for n in range(SUBSCRIBED)), ring=1)
         small, large = bursts(endpoint, SMALL), bursts(endpoint, LARGE)
     each = max((large - small) / (LARGE - SMALL), 0.0)
-    with link.branch() as called:
+    with link.sub_session() as called:
         called.inbox(key("*"))
         call = bursts(endpoint, SMALL)
     burst = max(small - SMALL * each, 0.0)
@@ -87,7 +87,7 @@ def forwarding() -> float:
     try:
         if not up.wait(SOON_S):
             raise LabanmeshError(f"the router did not listen within {SOON_S:.0f} s")
-        with Link.open(mesh, "hub") as link, link.branch(polled=True) as rings:
+        with Link.open(mesh, "hub") as link, link.sub_session(polled=True) as rings:
             rings.inbox(SceneKeys("burst").posterior("*"))
             speaker = context.Process(target=speak, args=(mesh, LARGE, ready, go))
             speaker.start()

@@ -16,9 +16,9 @@ from benchmarks.transports.kinds import KINDS, here, program
 from benchmarks.transports.stage import flooded, paced, processors
 from benchmarks.transports.table import BEGIN, END, RUNS, as_markdown, rewritten
 from benchmarks.transports.workload import judgement, posteriors
-from common.arguments import one_of, words
 from common.errors import BadInput, LabanmeshError
-from common.progress import Bar
+from common.progress import ProgressBar
+from common.text import one_of, split_list
 
 ROUNDS = 5
 FRAMES = 180
@@ -32,7 +32,7 @@ def main(words_given: Sequence[str] | None = None) -> int:
     asked = _asked(words_given)
     try:
         text = _page(asked.page)
-        names, left_out = here([one_of("--only", name, list(KINDS)) for name in words("--only", asked.only)])
+        names, left_out = here([one_of("--only", name, list(KINDS)) for name in split_list("--only", asked.only)])
         for line in left_out:
             print(line, file=sys.stderr)
         figures = measured(names, asked.rounds, asked.frames, asked.seconds)
@@ -53,7 +53,7 @@ def measured(names: Sequence[str], rounds: int, frames: int, seconds: float) -> 
     """By transport and figure; in each round all take turns, and turns who begins."""
     found: dict[str, list[Found]] = {name: [] for name in names}
     total = rounds * len(names)
-    with Bar() as bar:
+    with ProgressBar() as bar:
         for number in range(total):
             name = names[(number + number // len(names)) % len(names)]
             found[name] += _once(name, frames, seconds)

@@ -9,9 +9,9 @@ from typing import Annotated
 
 import typer
 
-from common.arguments import words
 from common.config import Scene
 from common.errors import BadInput
+from common.text import split_list
 from deploy.doctor import cameras, look_cameras, look_machine, look_mesh, look_scene, machine, mesh, network, scene_file
 from deploy.doctor.finding import Finding, Mark, worst
 from deploy.doctor.look_network import look_at_network
@@ -47,7 +47,7 @@ def doctor(
 
     Example: labanmesh doctor scene.toml --json | jq '.findings[] | select(.mark == "error")'
     """
-    named = None if not observers else () if observers == NOBODY else words("--observers", observers)
+    named = None if not observers else () if observers == NOBODY else split_list("--observers", observers)
     settings: list[Setting] = []
     if scene is None:
         findings = all_at_once([_look_at_machine(None, ()), Look("cameras", MACHINE_S, _webcams)])

@@ -45,7 +45,7 @@ def listen(scene: Scene, network: Network, for_s: float) -> Overheard:
     began_s = time.monotonic()
     role, named = as_whom(scene.mesh)
     try:
-        link = Link.open(_reachable(scene.mesh), role, patience_s=OPEN_S, named=named)
+        link = Link.open(_reachable(scene.mesh), role, timeout_s=OPEN_S, process_id=named)
         if not _connected(link):
             # A session that has met nobody takes seconds to close; nobody need wait for that.
             threading.Thread(target=link.close, daemon=True, name="close").start()

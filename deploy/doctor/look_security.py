@@ -4,10 +4,10 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from common.config import MeshConfig
-from common.credentials import check, own_certificate
+from common.credentials import check_credentials, own_certificate
 from common.errors import BadInput
-from common.tls import why_unusable
-from common.zenoh_settings import Role
+from common.tls import endpoint_fault
+from common.zenoh_settings import MeshRole
 from deploy.doctor.network import SECURE, Network, meeting
 from deploy.doctor.security import Security
 
@@ -18,7 +18,7 @@ def look_at_security(network: Network) -> Security:
     """network: as it was seen, with what Zenoh said."""
     mesh = network.mesh
     now = datetime.now(UTC)
-    fault = check(Path(mesh.credentials), now) if mesh.credentials else None
+    fault = check_credentials(Path(mesh.credentials), now) if mesh.credentials else None
     said = str(fault) if fault else _unusable(network, now)
     if not mesh.credentials:
         return Security(mesh, fault=said)
@@ -33,14 +33,14 @@ def _unusable(network: Network, now: datetime) -> str:
     """Why Zenoh did not answer where somebody listens; nothing for what the network's findings say already."""
     if network.zenoh is not None or network.reached is None or network.reached.took_s is None:
         return ""
-    why = why_unusable(network.mesh, now, PROBE_S)
+    why = endpoint_fault(network.mesh, now, PROBE_S)
     if why is not None:
         return str(why)
     secured = meeting(network.mesh.endpoint).protocol in SECURE
     return network.fault or (f"{network.mesh.endpoint}: no session came about" if secured else "")
 
 
-def as_whom(mesh: MeshConfig) -> tuple[Role, str]:
+def as_whom(mesh: MeshConfig) -> tuple[MeshRole, str]:
     """The role, and the id, under which this machine's certificate lets it listen: best a hub, then fusion.
 
     ("observer", ID) hears little. Without credentials anybody may be a hub.

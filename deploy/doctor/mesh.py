@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from common.config_faults import nearest
+from common.text import nearest
 from deploy.doctor.finding import Finding, Mark, error, ok, warning
 from deploy.doctor.heard import Heard, Said, judged_hash
 from deploy.doctor.members import member, seconds, strange_speech

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from common.config_environment import PREFIX, Place
+from common.config_input import PREFIX, Place
 
 if TYPE_CHECKING:
     from common.config import Scene

@@ -5,7 +5,7 @@ Prose begins with "# "; what may be made a setting by taking the # away begins w
 
 from collections.abc import Iterator, Sequence
 
-from common.config_sections import usual_quorum
+from common.config_sections import default_quorum
 from deploy.doctor.cameras import Webcam
 
 VIEWS = {1: ("door",), 2: ("yaw:30", "yaw:-30"), 3: ("door", "yaw:45", "yaw:-45")}
@@ -74,7 +74,7 @@ def scene_text(webcams: Sequence[Webcam], file: str, scene: str) -> str:
         OBSERVER.format(name=name, camera=camera, source=source, view=view)
         for (name, view), camera, source in zip(placed, described, sources, strict=True)
     ]
-    return head + "".join(observers) + TAIL.format(quorum=usual_quorum(len(names)))
+    return head + "".join(observers) + TAIL.format(quorum=default_quorum(len(names)))
 
 
 def _source(webcam: Webcam) -> str:

@@ -22,7 +22,7 @@ def roles_of(scene: "Scene", name: str, asked: Roles) -> Roles:
         for observer in asked.observers:
             scene.observer(observer)
         for fusion in asked.fusions:
-            scene.judged_by(fusion)
+            scene.for_service(fusion)
         return asked
     is_observer, is_fusion = name in scene.observers, name in scene.services
     if is_observer and is_fusion:

@@ -13,7 +13,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from common.config import MeshConfig, read_scene
-from common.credentials import require
+from common.credentials import require_credentials
 from common.errors import BadInput, LabanmeshError
 from common.link import Link
 from common.notify import Notifier
@@ -101,7 +101,7 @@ def rules_of_scene(path: Path, endpoint: str = "") -> Rules:
             return router_config(now, None, listen)
         if not listen[0].startswith(("tls/", "quic/")):
             raise BadInput(f"{listen[0]!r}: not encrypted, and {path} wants credentials; write tls/HOST:PORT")
-        require(Path(now.mesh.credentials), "router", "", datetime.now(UTC))
+        require_credentials(Path(now.mesh.credentials), "router", "", datetime.now(UTC))
         return router_config(now, read_register(register_file, now), listen)
 
     return Rules(str(path), make, [path, register_file], credentials if scene.mesh.credentials else [])

@@ -10,7 +10,7 @@
 
 from dataclasses import dataclass, field
 
-from common.clock_skew import ClockSkew, Reading
+from common.clock_skew import ClockReading, ClockSkew
 from common.messages import PosteriorMessage
 
 UNNOTICED_NS = 5_000_000
@@ -32,7 +32,7 @@ class Clocks:
     def __init__(self, observers: list[str]) -> None:
         self._clocks = {observer: _Clock() for observer in observers}
 
-    def read(self, observer: str, reading: Reading) -> None:
+    def read(self, observer: str, reading: ClockReading) -> None:
         """An observer was asked for the time."""
         if observer in self._clocks:
             self._clocks[observer].skew.note(reading)
@@ -66,7 +66,7 @@ def _doubtful(clock: _Clock, message: PosteriorMessage) -> bool:
     return clock.doubtful or (follows and message.sent_ns <= clock.sent_ns)
 
 
-def _correction_ns(reading: Reading | None) -> int:
+def _correction_ns(reading: ClockReading | None) -> int:
     if reading is None or abs(reading.skew_ns) <= max(reading.doubt_ns, UNNOTICED_NS):
         return 0
     return reading.skew_ns

@@ -5,9 +5,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
-from common.clock_skew import Reading
-from common.messages import ABSTAIN, Contribution, JudgementMessage, Movement, PosteriorMessage, VerdictMessage
-from common.vocabulary import Vocabulary
+from common.clock_skew import ClockReading
+from common.messages import Contribution, JudgementMessage, OngoingMovement, PosteriorMessage, VerdictMessage
+from common.vocabulary import ABSTAIN, Vocabulary
 from fusion.engine.clocks import Clocks
 from fusion.engine.contributions import contributions
 from fusion.engine.messages import JudgementBuilder, verdict_of
@@ -78,7 +78,7 @@ class FusionEngine:
             self._clocks.heard(observer, message)
         return reason
 
-    def read_clock(self, observer: str, reading: Reading) -> None:
+    def read_clock(self, observer: str, reading: ClockReading) -> None:
         """An observer was asked what time it has."""
         self._clocks.read(observer, reading)
         if observer in self._known:
@@ -166,12 +166,12 @@ class FusionEngine:
     def _keep(self, grounds: Mapping[int, _Ground]) -> None:
         self._grounds = {at_ns: grounds[at_ns] for at_ns in self._judge.grounds_at if at_ns in grounds}
 
-    def _movement(self) -> Movement | None:
+    def _movement(self) -> OngoingMovement | None:
         if self._judge.movement is None:
             return None
         began_ns, decision = self._judge.movement
         label, decided_ns = (None, None) if decision is None else (decision.label, decision.decided_ns)
-        return Movement(id=self._verdict_id(began_ns), began_ns=began_ns, label=label, decided_ns=decided_ns)
+        return OngoingMovement(id=self._verdict_id(began_ns), began_ns=began_ns, label=label, decided_ns=decided_ns)
 
     def _verdict_id(self, began_ns: int) -> str:
         return f"{self._scene}-{began_ns // 1_000_000}"
@@ -208,7 +208,7 @@ class FusionEngine:
         return self._contributed[1]
 
 
-def _decided(said: Movement | VerdictMessage) -> tuple[int, Decision | None]:
+def _decided(said: OngoingMovement | VerdictMessage) -> tuple[int, Decision | None]:
     """The movement as the judge has it: when it began, and what was decided of it so far."""
     if said.label is None or said.decided_ns is None:
         return said.began_ns, None

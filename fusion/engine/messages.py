@@ -10,7 +10,7 @@ from common.messages import (
     Contribution,
     Facing,
     JudgementMessage,
-    Movement,
+    OngoingMovement,
     VerdictMessage,
     VocabularyReference,
     Vote,
@@ -57,7 +57,7 @@ class JudgementBuilder:
         view: View,
         pooled: PooledPosterior,
         facets: Mapping[str, Floats],
-        movement: Movement | None,
+        movement: OngoingMovement | None,
         seq: int,
         now_ns: int,
     ) -> JudgementMessage:

@@ -17,8 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from common.facing import facing_from
-from common.probability import Floats, temper, uniform
+from common.probability import Floats, decode_facing, temper, uniform
 from fusion.engine.roster import AgedPosterior
 from fusion.engine.rules import Rule
 from fusion.engine.strengths import ObserverTrust
@@ -179,7 +178,7 @@ def _facing(opinions: Sequence[AgedPosterior], answers: int) -> Floats | None:
     for n, opinion in enumerate(opinions):
         table = opinion.surprise
         if table is not None and table.shape[1] == size:
-            facing[n, : len(table)] = facing_from(table)
+            facing[n, : len(table)] = decode_facing(table)
     return facing
 
 

@@ -20,8 +20,8 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from common.messages import ABSTAIN, VerdictMessage
-from common.vocabulary import Vocabulary
+from common.messages import VerdictMessage
+from common.vocabulary import ABSTAIN, Vocabulary
 from fusion.engine.strengths import apart
 
 KEEPS = 0.95

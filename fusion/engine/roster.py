@@ -26,9 +26,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from common.facing import Surprise, facing_from, surprise_of
 from common.messages import PosteriorMessage, VoteState
-from common.probability import entropy_bits, normalise, temper, uniform
+from common.probability import Surprise, decode_facing, encode_facing, entropy_bits, normalise, temper, uniform
 from common.vocabulary import Vocabulary
 
 Floats = NDArray[np.float64]
@@ -254,7 +253,7 @@ def _ignorance(p: Floats) -> float:
 
 def _faded_surprise(surprise: Surprise, keeps: float) -> Surprise:
     """P(facing | movement)^keeps as surprise again, so that a vote can say it as it was pooled."""
-    return surprise if keeps == 1.0 else surprise_of(normalise(facing_from(surprise) ** keeps))
+    return surprise if keeps == 1.0 else encode_facing(normalise(decode_facing(surprise) ** keeps))
 
 
 def _faded_facet(said: list[float], keeps: float) -> Floats:

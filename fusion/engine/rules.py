@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.errors import BadInput
-from common.probability import entropy_bits, from_logs
+from common.probability import entropy_bits, softmax
 from fusion.engine import weights as weigh
 from fusion.engine.strengths import ObserverTrust, Strengths, strengths
 
@@ -106,9 +106,9 @@ def log_mix(cells: Floats, prior: Floats, found: Strengths) -> Floats:
     if cells.shape[-1] == 1:
         evidence = _of_movements(cells[..., 0], prior, found.epsilon)
         logs = np.log(prior) + (found.exponents[..., None, :] @ evidence)[..., 0, :]
-        return from_logs(logs)[..., None]
+        return softmax(logs)[..., None]
     evidence = np.tensordot(found.exponents, _evidence(cells, prior, found.epsilon), 1)
-    return from_logs((np.log(prior)[:, None] + evidence).reshape(-1)).reshape(evidence.shape)
+    return softmax((np.log(prior)[:, None] + evidence).reshape(-1)).reshape(evidence.shape)
 
 
 def _of_movements(p: Floats, prior: Floats, epsilon: Floats) -> Floats:

@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Protocol
 
-from common.messages import ABSTAIN
+from common.vocabulary import ABSTAIN
 
 SECOND_NS = 1_000_000_000
 

@@ -10,7 +10,7 @@ from collections.abc import Iterable
 from dataclasses import replace
 from typing import TYPE_CHECKING, TypeVar
 
-from common.capture_record import CAME, Record
+from common.capture_file import APPEARED, CaptureRecord
 from common.keys import observer_of
 from common.messages import JudgementMessage, Message, StatusMessage, VerdictMessage, VocabularyMessage
 from common.wire import BadMessage, decode
@@ -55,7 +55,7 @@ class Thinned:
 class Tape:
     """What was heard of a scene, by the capturing machine's clock; `chronicle` is what was known at a moment of it."""
 
-    def __init__(self, scene: "Scene", records: Iterable[Record]) -> None:
+    def __init__(self, scene: "Scene", records: Iterable[CaptureRecord]) -> None:
         self._scene = scene
         self._judgements = Thinned(JUDGEMENT_EVERY_NS, JUDGEMENTS_KEPT)
         self._statuses: dict[str, Thinned] = defaultdict(lambda: Thinned(STATUS_EVERY_NS, STATUSES_KEPT))
@@ -104,10 +104,10 @@ class Tape:
         """When each verdict was first said, in seconds from the beginning, and its label: marks of the replay bar."""
         return [(round((at_ns - self.began_ns) / 1e9, 2), label) for at_ns, label in self._moments.values()]
 
-    def _note(self, record: Record, at_ns: int) -> None:
+    def _note(self, record: CaptureRecord, at_ns: int) -> None:
         kind = record.key.rsplit("/", 1)[-1]
         if record.kind == "token" and "/observer/" in record.key:
-            self._tokens.append((at_ns, observer_of(record.key), record.payload == CAME))
+            self._tokens.append((at_ns, observer_of(record.key), record.payload == APPEARED))
         elif kind == "judgement" and record.kind == "put":
             self._judgements.add(at_ns, record.payload)
         elif kind == "status":

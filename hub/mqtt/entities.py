@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from common.messages import ABSTAIN
+from common.vocabulary import ABSTAIN
 from hub.mqtt.facets import facet_sensors
 from hub.mqtt.names import ORIGIN, Names
 

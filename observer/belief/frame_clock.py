@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from common.probability import from_logs
+from common.probability import softmax
 from observer.tracks import Floats
 
 
@@ -31,4 +31,4 @@ class FrameClock:
     @property
     def p(self) -> Floats:
         """(M,) the posterior."""
-        return from_logs(self._log_p)
+        return softmax(self._log_p)

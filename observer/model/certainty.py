@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from common.probability import Floats, from_logs
+from common.probability import Floats, softmax
 
 Indices = NDArray[np.int64]
 
@@ -47,7 +47,7 @@ class Certainty:
             return belief
         cells = belief.ravel()
         with np.errstate(divide="ignore"):
-            tempered = from_logs(np.log(cells) / self.temperature)
+            tempered = softmax(np.log(cells) / self.temperature)
         believed: Floats = ((1 - self.doubt) * tempered + self.doubt / len(cells)).reshape(belief.shape)
         return believed
 
@@ -119,7 +119,7 @@ def _least_log_loss(beliefs: Floats, truth: Indices, weights: Floats) -> tuple[f
         logs = np.log(np.maximum(beliefs, 1e-300))
     best = (np.inf, 1.0, 0.0)
     for temperature in TEMPERATURES:
-        right = from_logs(logs / temperature)[np.arange(len(truth)), truth]
+        right = softmax(logs / temperature)[np.arange(len(truth)), truth]
         # Who was never wrong in n trials may be in the next.
         for doubt in DOUBTS[min(1.0 / float(weights.sum()), FEW.doubt) <= DOUBTS]:
             losses = -np.log((1 - doubt) * right + doubt / beliefs.shape[1] + LEAST_P)

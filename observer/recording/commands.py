@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from common.progress import Bar
+from common.progress import ProgressBar
 
 if TYPE_CHECKING:
     from observer.motion.archive import Recording
@@ -33,8 +33,8 @@ def record(
     """
     import numpy as np
 
-    from common.arguments import words
     from common.lifecycle import log_to_stderr
+    from common.text import split_list
     from observer.motion.archive import Recording
     from observer.recording.reconstruction import performer_axes
     from observer.recording.recorded import RecordingOptions
@@ -44,7 +44,7 @@ def record(
     performer_axes(up, front)
     empty = np.zeros((0, len(BODY_PARTS), 3), np.float32)
     name = Recording(empty, rate, label, subject, "" if trial is None else str(trial))
-    _record(scene, words("--observers", observers), output, name, seconds, RecordingOptions(gate, up, front, trim))
+    _record(scene, split_list("--observers", observers), output, name, seconds, RecordingOptions(gate, up, front, trim))
 
 
 def _record(
@@ -65,7 +65,7 @@ def _record(
     before = read_archive(output) if output.exists() else None
     named = completed(name, before, BODY_PARTS, str(output))
     # What was seen until Ctrl-C is kept: it is how a recording without --seconds ends.
-    with stop_on_signals() as stop, Bar() as bar:
+    with stop_on_signals() as stop, ProgressBar() as bar:
         watchers = open_watchers(read_scene(scene), observers, stop)
         until = "until their sources end, or Ctrl-C" if seconds is None else f"for {seconds:g} s"
         who = ", ".join(one.name for one in watchers)
@@ -78,6 +78,6 @@ def _record(
     typer.echo(f"{output}: {len(made.positions) / made.rate_hz:.1f} s more, {len(whole.recordings)} recordings in all")
 
 
-def _tell(bar: Bar, done_s: float, seconds: float | None) -> None:
+def _tell(bar: ProgressBar, done_s: float, seconds: float | None) -> None:
     if seconds is not None:
         bar("watching", round(10 * min(done_s, seconds)), round(10 * seconds))

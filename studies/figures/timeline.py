@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from matplotlib.patches import Rectangle
 
-from common.messages import ABSTAIN
+from common.vocabulary import ABSTAIN
 from studies.figures.style import COLOURS, INK, Axes, Figure, Floats, plain, save
 
 TRUE, RIGHT, WRONG, UNDECIDED = INK, COLOURS[2], COLOURS[1], "#999999"

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from common.arguments import words
 from common.errors import BadInput
-from common.progress import Bar
+from common.progress import ProgressBar
+from common.text import split_list
 
 if TYPE_CHECKING:
     from observer.motion.archive import MotionArchive
@@ -51,8 +51,8 @@ def peers(
     question = Question(
         views=tuple(parse_view(view) for view in split_views(views)),
         labels=labels_of(whole),
-        train_subjects=words("--train-subjects", train_subjects),
-        test_subjects=words("--test-subjects", test_subjects),
+        train_subjects=split_list("--train-subjects", train_subjects),
+        test_subjects=split_list("--test-subjects", test_subjects),
         leave_one_subject_out=leave_one_subject_out,
     )
     table, found = _compared(whole, _sets(question, labels or []), fast)
@@ -73,7 +73,7 @@ def _compared(archive: "MotionArchive", sets: "dict[str, Question]", fast: bool)
     from studies.peers.table import as_json, as_markdown, rows_of
 
     seeds = range(1 if fast else SEEDS)
-    with Bar() as bar:
+    with ProgressBar() as bar:
         contests = [compared(archive, name, question, seeds, fast, bar) for name, question in sets.items()]
     rows = rows_of(contests)
     views = [view.name for view in next(iter(sets.values())).views]
@@ -108,7 +108,7 @@ def _archive(path: Path | None) -> "MotionArchive":
     if not folder or not (Path(folder) / RECORDINGS).is_dir():
         place = f"LABANMESH_DATA = {folder!r} has no {RECORDINGS}" if folder else "LABANMESH_DATA is not set"
         raise BadInput(f"peers: no archive is named and {place}; set it, or: labanmesh peers ARCHIVE.npz")
-    with Bar() as bar:
+    with ProgressBar() as bar:
         return import_recordings(
             "msr-action3d", Path(folder) / RECORDINGS, progress=lambda done, total: bar("reading", done, total)
         ).archive

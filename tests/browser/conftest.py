@@ -10,8 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from common.capture_file import CaptureWriter
-from common.capture_record import Record
+from common.capture_file import CaptureRecord, CaptureWriter
 from common.config import MeshConfig, read_scene
 from common.link import Link
 from common.messages import (
@@ -190,14 +189,14 @@ def chapter(tmp_path):
     scene, began_ns, at = read_scene(file, {}), 1_700_000_000 * 10**9, tmp_path / "chapter.mcap"
     told = VocabularyMessage(scene="room", name="movements", hash=VOCABULARY.digest, labels=list(VOCABULARY.labels))
     with CaptureWriter(at, scene, file.read_text(), began_ns) as writer:
-        writer.write(Record("answer", "laban/room/vocabulary", encode(told), began_ns))
+        writer.write(CaptureRecord("answer", "laban/room/vocabulary", encode(told), began_ns))
         for step in range(121):
             now_ns = began_ns + step * 10**8
             said = fields(("cam1", "cam2"), set(), "nthrow", step, now_ns)
-            writer.write(Record("put", "laban/room/judgement", encode(JudgementMessage(**said)), now_ns))
+            writer.write(CaptureRecord("put", "laban/room/judgement", encode(JudgementMessage(**said)), now_ns))
             if step in (30, 90):
                 label = "ok" if step == 30 else "maestro"
                 more = {"began_ns": now_ns - 10**9, "decided_ns": now_ns, "ended_ns": now_ns, "id": f"v{step}"}
                 verdict = VerdictMessage(**{**said, "label": label}, **more)
-                writer.write(Record("put", "laban/room/verdict", encode(verdict), now_ns))
+                writer.write(CaptureRecord("put", "laban/room/verdict", encode(verdict), now_ns))
     return at

@@ -11,8 +11,7 @@ from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
 from common import capture_file
-from common.capture_file import CHANNELS_LIMIT, CaptureFile, CaptureWriter
-from common.capture_record import CAME, WENT, Record
+from common.capture_file import APPEARED, CHANNELS_LIMIT, GONE, CaptureFile, CaptureRecord, CaptureWriter
 from common.config import ObserverConfig, Scene
 from common.errors import BadInput, LabanmeshError
 
@@ -20,14 +19,14 @@ ROOT = Path(__file__).parents[2]
 SCENE = Scene(scene="dojo", observers={"cam1": ObserverConfig(source="m.npz", size_px=(640, 480), recording="all")})
 TEXT = 'scene = "dojo"\n# Dōjō\n'
 RECORDS = [
-    Record("token", "laban/dojo/observer/cam1/alive", CAME, 900),
-    Record("answer", "laban/dojo/vocabulary", b"names", 1000),
-    Record("put", "laban/dojo/vocabulary", b"", 1001),
-    Record("put", "laban/dojo/judgement", b"\xff" * 300, 1002),
-    Record("token", "laban/dojo/observer/cam1/alive", WENT, 999),
+    CaptureRecord("token", "laban/dojo/observer/cam1/alive", APPEARED, 900),
+    CaptureRecord("answer", "laban/dojo/vocabulary", b"names", 1000),
+    CaptureRecord("put", "laban/dojo/vocabulary", b"", 1001),
+    CaptureRecord("put", "laban/dojo/judgement", b"\xff" * 300, 1002),
+    CaptureRecord("token", "laban/dojo/observer/cam1/alive", GONE, 999),
 ]
 ONE = st.builds(
-    Record,
+    CaptureRecord,
     kind=st.sampled_from(("put", "answer", "token")),
     key=st.sampled_from(("laban/dojo/judgement", "laban/dojo/observer/cam1/posterior", "laban/dojo/é")),
     payload=st.binary(max_size=50),
@@ -161,15 +160,14 @@ def test_a_full_disk_is_one_line_and_what_was_written_stays(tmp_path):
     script = (
         "import resource, sys\n"
         "from pathlib import Path\n"
-        "from common.capture_file import CaptureWriter\n"
-        "from common.capture_record import Record\n"
+        "from common.capture_file import CaptureRecord, CaptureWriter\n"
         "from common.config import ObserverConfig, Scene\n"
         "scene = Scene(scene='dojo', observers={'cam1': ObserverConfig(source='m.npz')})\n"
         "resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))\n"
         "try:\n"
         "    with CaptureWriter(Path(sys.argv[1]), scene, '', 5) as writer:\n"
         "        while True:\n"
-        "            writer.write(Record('put', 'laban/dojo/judgement', b'x' * 1000, writer.messages))\n"
+        "            writer.write(CaptureRecord('put', 'laban/dojo/judgement', b'x' * 1000, writer.messages))\n"
         "            writer.flush()\n"
         "except Exception as error:\n"
         "    print(type(error).__name__, error)\n"
@@ -188,6 +186,6 @@ def test_a_full_disk_is_one_line_and_what_was_written_stays(tmp_path):
 def test_invented_keys_do_not_fill_the_table(tmp_path):
     with CaptureWriter(tmp_path / "a.mcap", SCENE, TEXT, 5) as writer:
         for number in range(CHANNELS_LIMIT + 3):
-            writer.write(Record("put", f"laban/dojo/{number}", b"", 1))
-        writer.write(Record("put", "laban/dojo/0", b"", 1))
+            writer.write(CaptureRecord("put", f"laban/dojo/{number}", b"", 1))
+        writer.write(CaptureRecord("put", "laban/dojo/0", b"", 1))
         assert (writer.messages, writer.left_out) == (CHANNELS_LIMIT + 1, 3)

@@ -4,13 +4,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.clock_skew import DRIFT, SECOND_NS, ClockSkew, Reading
+from common import SECOND_NS
+from common.clock_skew import DRIFT, ClockReading, ClockSkew
 
 MS = 1_000_000
 
 
 def ask(at_ns, skew_ns, there_ns, back_ns):
-    return Reading(at_ns, at_ns + there_ns + skew_ns, at_ns + there_ns + back_ns)
+    return ClockReading(at_ns, at_ns + there_ns + skew_ns, at_ns + there_ns + back_ns)
 
 
 @given(
@@ -43,7 +44,7 @@ def test_a_clock_that_was_set_is_believed_as_it_is_now(jump_s):
 def test_a_clock_that_stands_still_falls_behind_second_by_second():
     skew = ClockSkew()
     for second in range(10):
-        skew.note(Reading(second * SECOND_NS, 0, second * SECOND_NS + MS))
+        skew.note(ClockReading(second * SECOND_NS, 0, second * SECOND_NS + MS))
         assert skew.skew_s == pytest.approx(-second, abs=0.001)
 
 

@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from common.lingering import end_lingering
+from common.link import end_lingering
 
 LINGERS = struct.pack("ii", 1, 10)
 

@@ -14,8 +14,8 @@ def test_an_empty_inbox_gives_nothing_after_the_timeout():
 
 def test_arrivals_come_oldest_first_and_once():
     inbox = Inbox()
-    inbox.drop_in("a", b"1")
-    inbox.drop_in("b", b"2")
+    inbox.put("a", b"1")
+    inbox.put("b", b"2")
     assert [(arrival.key, arrival.payload) for arrival in inbox.take(1)] == [("a", b"1"), ("b", b"2")]
     assert inbox.take(0) == []
 
@@ -24,7 +24,7 @@ def test_arrivals_come_oldest_first_and_once():
 def test_a_full_inbox_loses_the_oldest_and_counts_them(limit, count):
     inbox = Inbox(limit)
     for i in range(count):
-        inbox.drop_in("k", bytes([i]))
+        inbox.put("k", bytes([i]))
     kept = [arrival.payload[0] for arrival in inbox.take(0)]
     assert kept == list(range(count))[-limit:]
     assert inbox.dropped == max(0, count - limit)

@@ -5,7 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from common.messages import ABSTAIN, PosteriorMessage, StatusMessage, VerdictMessage
+from common.messages import PosteriorMessage, StatusMessage, VerdictMessage
+from common.vocabulary import ABSTAIN
 
 SAID = {
     "scene": "dojo", "observer": "cam1", "seq": 0, "session": "a", "captured_ns": 1, "sent_ns": 2,

@@ -11,18 +11,17 @@ from prometheus_client.parser import text_string_to_metric_families
 
 from common.address import Address
 from common.errors import BadInput
-from common.lifecycle import log_to_stderr
-from common.logs import JsonLines, formatter, speak_as, wrapped
+from common.health import FRESH_S, STALLED_S, ProcessHealth
+from common.lifecycle import JsonLines, as_json_line, formatter, log_to_stderr, set_log_identity
 from common.messages import (
-    Account,
     Agreement,
     JudgementMessage,
+    ObserverStatistics,
     StatusMessage,
     VerdictMessage,
     VocabularyReference,
     Vote,
 )
-from common.vitals import FRESH_S, STALLED_S, Vitals
 from deploy.commands import with_ports
 from deploy.launcher import Job
 from fusion.fleet_metrics import FleetMetrics
@@ -73,20 +72,20 @@ def test_every_interface_is_reached_on_this_machine():
 
 def test_alive_and_ready_by_the_steps_of_the_loop():
     said = []
-    vitals = Vitals("dojo", "observer", "cam1", 100.0, note=lambda: said[-1] if said else "")
+    vitals = ProcessHealth("dojo", "observer", "cam1", 100.0, note=lambda: said[-1] if said else "")
     assert vitals.alive(101).ok and not vitals.ready(101).ok and vitals.ready(101).reason == "no frame yet"
     assert vitals.alive(100 + STALLED_S).reason == f"no frame for {STALLED_S:.0f} s"
-    vitals.stepped(110)
+    vitals.record_step(110)
     assert vitals.ready(110 + FRESH_S - 0.1).ok and vitals.ready(111).reason == ""
     assert not vitals.ready(110 + FRESH_S).ok and vitals.alive(110 + FRESH_S).ok
     assert not vitals.alive(110 + STALLED_S).ok
     said.append("camera 0: no picture any more")
     assert vitals.ready(120).reason == "camera 0: no picture any more"
-    vitals.stepped(120)
+    vitals.record_step(120)
     assert vitals.ready(121).ok and vitals.ready(121).reason == "camera 0: no picture any more"
-    vitals.hindered("the broker: refused")
+    vitals.set_obstacle("the broker: refused")
     assert vitals.ready(121) != vitals.alive(121) and vitals.ready(121).reason == "the broker: refused"
-    vitals.hindered("")
+    vitals.set_obstacle("")
     assert vitals.ready(121).ok
 
 
@@ -124,7 +123,7 @@ def test_the_form_is_chosen_by_the_environment(monkeypatch, capsys):
             root.handlers[:] = []
             monkeypatch.setenv("LABANMESH_LOG_FORMAT", form)
             log_to_stderr()
-            speak_as("dojo", "observer", "cam1")
+            set_log_identity("dojo", "observer", "cam1")
             logging.getLogger("labanmesh").warning("hello")
             *warned, line = capsys.readouterr().err.splitlines()
             assert (
@@ -142,9 +141,9 @@ def test_the_form_is_chosen_by_the_environment(monkeypatch, capsys):
 
 def test_a_line_of_a_process_becomes_json_unless_it_is():
     own = formatter("json").format(record("hello"))
-    assert wrapped("cam1", own) == own
-    assert json.loads(wrapped("cam1", "Traceback: {")) == {"process": "cam1", "message": "Traceback: {"}
-    assert json.loads(wrapped("cam1", "3")) == {"process": "cam1", "message": "3"}
+    assert as_json_line("cam1", own) == own
+    assert json.loads(as_json_line("cam1", "Traceback: {")) == {"process": "cam1", "message": "Traceback: {"}
+    assert json.loads(as_json_line("cam1", "3")) == {"process": "cam1", "message": "3"}
 
 
 def spoken(judgement_of=JudgementMessage, **more):
@@ -156,7 +155,10 @@ def spoken(judgement_of=JudgementMessage, **more):
 
 
 def status():
-    accounts = {"cam1": Account(skew_s=0.01, rejected={"malformed": 2}), "x1": Account(rejected={"malformed": 3})}
+    accounts = {
+        "cam1": ObserverStatistics(skew_s=0.01, rejected={"malformed": 2}),
+        "x1": ObserverStatistics(rejected={"malformed": 3}),
+    }
     return StatusMessage(
         scene="dojo", id="fusion", state="running", last_frame_ns=SECOND, skew_s=0.01, version="1", observers=accounts
     )

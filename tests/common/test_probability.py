@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from common.probability import entropy_bits, from_logs, normalise, temper, uniform
+from common.probability import entropy_bits, normalise, softmax, temper, uniform
 
 MASSES = arrays(np.float64, st.integers(2, 8), elements=st.sampled_from([0.0, 1e-300, 1e-12, 0.2, 1.0, 3.0]))
 DISTRIBUTIONS = MASSES.map(normalise)
@@ -28,21 +28,21 @@ def test_uniform():
 
 
 @given(st.lists(st.floats(-30, 30), min_size=2, max_size=6), st.floats(-1e5, 1e5))
-def test_from_logs_is_exp_and_divide_whatever_is_added(logs, shift):
+def test_softmax_is_exp_and_divide_whatever_is_added(logs, shift):
     plain = [math.exp(x) for x in logs]
     expected = [x / sum(plain) for x in plain]
-    assert from_logs(np.array(logs)) == pytest.approx(expected)
-    assert from_logs(np.array(logs) + shift) == pytest.approx(expected, rel=1e-6, abs=1e-9)
+    assert softmax(np.array(logs)) == pytest.approx(expected)
+    assert softmax(np.array(logs) + shift) == pytest.approx(expected, rel=1e-6, abs=1e-9)
 
 
 @given(LOGS)
-def test_from_logs_always_gives_a_distribution(logs):
-    assert is_distribution(from_logs(logs))
+def test_softmax_always_gives_a_distribution(logs):
+    assert is_distribution(softmax(logs))
 
 
-def test_from_logs_of_nothing_is_uniform_row_by_row():
+def test_softmax_of_nothing_is_uniform_row_by_row():
     rows = np.array([[-np.inf, -np.inf], [0.0, -np.inf], [-1e300, -1e300]])
-    assert from_logs(rows).tolist() == [[0.5, 0.5], [1, 0], [0.5, 0.5]]
+    assert softmax(rows).tolist() == [[0.5, 0.5], [1, 0], [0.5, 0.5]]
 
 
 @given(MASSES)

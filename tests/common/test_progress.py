@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-from common.progress import LINES, Bar
+from common.progress import LINES, ProgressBar
 
 
 class Terminal(io.StringIO):
@@ -20,7 +20,7 @@ def said(capsys):
 
 
 def test_a_long_task_says_a_few_lines_and_its_end(capsys):
-    with Bar() as bar:
+    with ProgressBar() as bar:
         for n in range(1001):
             bar("judging", n, 1000)
     assert said(capsys) == [f"judging: {n} of 1000" for n in (250, 500, 750, 1000)]
@@ -28,7 +28,7 @@ def test_a_long_task_says_a_few_lines_and_its_end(capsys):
 
 @pytest.mark.parametrize("total", [1, 2, 3, 7, 10_000])
 def test_never_more_than_so_many_lines_and_always_the_last(capsys, total):
-    with Bar() as bar:
+    with ProgressBar() as bar:
         for n in range(1, total + 1):
             bar("learning", n, total)
     lines = said(capsys)
@@ -36,7 +36,7 @@ def test_never_more_than_so_many_lines_and_always_the_last(capsys, total):
 
 
 def test_each_task_has_its_own_lines_and_may_begin_again(capsys):
-    with Bar() as bar:
+    with ProgressBar() as bar:
         for what in ("learning", "judging", "learning"):
             for n in (1, 2):
                 bar(what, n, 2)
@@ -44,7 +44,7 @@ def test_each_task_has_its_own_lines_and_may_begin_again(capsys):
 
 
 def test_nothing_to_do_is_no_division_by_zero(capsys):
-    with Bar() as bar:
+    with ProgressBar() as bar:
         bar("judging", 0, 0)
     assert said(capsys) == []
 
@@ -53,7 +53,7 @@ def test_on_a_terminal_it_is_a_bar_that_goes_away(monkeypatch, capsys):
     terminal = Terminal()
     monkeypatch.setattr(sys, "stderr", terminal)
     monkeypatch.setenv("TERM", "xterm")
-    with Bar() as bar:
+    with ProgressBar() as bar:
         bar("learning", 1, 2)
         bar("judging", 1, 4)
         bar("learning", 2, 2)
@@ -64,7 +64,7 @@ def test_on_a_terminal_it_is_a_bar_that_goes_away(monkeypatch, capsys):
 
 def test_a_bar_ends_when_the_work_fails(monkeypatch):
     monkeypatch.setattr(sys, "stderr", Terminal())
-    with pytest.raises(RuntimeError, match="work"), Bar() as bar:
+    with pytest.raises(RuntimeError, match="work"), ProgressBar() as bar:
         bar("learning", 1, 2)
         raise RuntimeError("work")
     assert bar._rich.finished is False and not bar._rich.live.is_started

@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from common.config import FusionConfig, MeshConfig, ObserverConfig, Scene
 from common.link import Link
 from common.messages import (
-    Account,
     Agreement,
     JudgementMessage,
+    ObserverStatistics,
     PosteriorMessage,
     StatusMessage,
     VocabularyReference,
@@ -76,7 +76,7 @@ def status(who, state="running", at_ns=NOON, frame_ns=NOON, version=HERE, **more
 
 
 def account(**observers):
-    return {"observers": {name: Account(**said) for name, said in observers.items()}}
+    return {"observers": {name: ObserverStatistics(**said) for name, said in observers.items()}}
 
 
 def good():

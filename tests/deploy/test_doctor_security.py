@@ -59,7 +59,7 @@ def router(place, authority):
 @pytest.fixture
 def seen_by(place, router, monkeypatch):
     """The scene as a machine with one of the folders of credentials has it, and what doctor finds there."""
-    monkeypatch.setattr("common.link.ADMISSION_S", 1.0)
+    monkeypatch.setattr("common.link.ADMISSION_TIMEOUT_S", 1.0)
 
     def see(who, endpoint=router):
         text = TEXT.format(endpoint=endpoint, who=who)

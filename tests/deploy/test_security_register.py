@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from common.config import read_scene
-from common.credentials import Certificate, check, read_certificate
+from common.credentials import Certificate, check_credentials, read_certificate
 from common.errors import BadInput
 from deploy.security.authority import issue, make_authority
 from deploy.security.issuing import found, opened
@@ -167,7 +167,7 @@ def test_keys_are_for_their_owner_alone(scene, authority, tmp_path):
     assert read_certificate(place / "certificate.pem") == Certificate(
         "sofa.1", NOW - timedelta(hours=1), NOW + timedelta(days=365), ("observer:sofa",)
     )
-    assert check(place, NOW) is None
+    assert check_credentials(place, NOW) is None
 
 
 def test_a_machine_is_renewed_under_the_next_number_and_keeps_its_roles(scene, authority):
@@ -249,8 +249,8 @@ def test_the_list_says_what_counts_and_for_how_long(scene, authority):
 def test_credentials_that_do_not_fit_are_one_line(scene, authority, tmp_path, spoil, line):
     place = authority().add(scene, "sofa", Roles(observers=("sofa",)), (), NOW)
     spoil(place)
-    finding = check(place, NOW)
-    assert line in str(finding) and "\n" not in str(finding) and finding.what_to_do
+    finding = check_credentials(place, NOW)
+    assert line in str(finding) and "\n" not in str(finding) and finding.remedy
 
 
 def swap(place: Path, name: str) -> None:
@@ -263,4 +263,4 @@ def swap(place: Path, name: str) -> None:
 @pytest.mark.parametrize(("days", "line"), [(-1, "begins only on"), (400, "expired on 2028-01-31")])
 def test_the_clock_counts(scene, authority, days, line):
     place = authority().add(scene, "sofa", Roles(observers=("sofa",)), (), NOW)
-    assert line in str(check(place, NOW + timedelta(days=days)))
+    assert line in str(check_credentials(place, NOW + timedelta(days=days)))

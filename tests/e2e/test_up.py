@@ -11,7 +11,8 @@ import pytest
 
 from common.config import MeshConfig, read_scene
 from common.link import Link
-from common.messages import ABSTAIN, JudgementMessage, StatusMessage, VerdictMessage, VocabularyMessage
+from common.messages import JudgementMessage, StatusMessage, VerdictMessage, VocabularyMessage
+from common.vocabulary import ABSTAIN
 from common.wire import decode
 from observer.motion.archive import MotionArchive
 from observer.motion.archive_file import write_archive

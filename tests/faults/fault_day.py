@@ -10,10 +10,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from common.config import FusionConfig, MeshConfig, ObserverConfig, Scene
-from common.health import Health
 from common.link import Link
 from common.messages import JudgementMessage, PosteriorMessage, VerdictMessage, VocabularyReference
-from common.status import StatusBoard
+from common.status import ProcessStatus, StatusPublisher
 from common.vocabulary import Vocabulary
 from common.wire import decode, encode
 from fusion.engine.engine import FusionEngine
@@ -101,7 +100,7 @@ class Players:
         self._judged, self._decided = self._hub.inbox(keys.judgement), self._hub.inbox(keys.verdict)
         self._mouths = {name: link.publisher(keys.posterior(name)) for name, link in self._links.items()}
         for name, link in self._links.items():
-            board = StatusBoard(link, keys.observer_status(name), Health("day", name), self._clock)
+            board = StatusPublisher(link, keys.observer_status(name), ProcessStatus("day", name), self._clock)
             self._boards.append(board.__enter__())
             link.announce(keys.observer_alive(name))
             assert self._mouths[name].wait_for_subscriber(SOON_S)

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.clock_skew import Reading
+from common.clock_skew import ClockReading
 from common.messages import PosteriorMessage, VocabularyReference
 from fusion.engine.clocks import UNNOTICED_NS, Clocks
 
@@ -27,7 +27,7 @@ def hear(clocks, said, now_ns):
 
 
 def asked(skew_ns, now_ns=NOW, way_ns=MS):
-    return Reading(now_ns - 2 * way_ns, now_ns - way_ns + skew_ns, now_ns)
+    return ClockReading(now_ns - 2 * way_ns, now_ns - way_ns + skew_ns, now_ns)
 
 
 def test_a_right_clock_is_believed_to_the_nanosecond():
@@ -114,7 +114,7 @@ def test_strangers_are_not_remembered():
 )
 def test_the_age_is_right_to_within_the_doubt_whatever_the_clock_shows(skew_ns, latency_ns, way_ns, back_ns):
     clocks = Clocks(["cam"])
-    clocks.read("cam", Reading(NOW, NOW + way_ns + skew_ns, NOW + way_ns + back_ns))
+    clocks.read("cam", ClockReading(NOW, NOW + way_ns + skew_ns, NOW + way_ns + back_ns))
     sent = NOW + S
     found = clocks.captured_ns("cam", message(sent - latency_ns + skew_ns, sent + skew_ns), sent + way_ns)
     doubt = max((way_ns + back_ns) // 2, UNNOTICED_NS)

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.messages import ABSTAIN
+from common.vocabulary import ABSTAIN
 from fusion.engine.verdict_detector import MovementPhase, PooledState, VerdictDetector
 
 STEP_NS = 100_000_000

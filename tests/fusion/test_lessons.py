@@ -7,8 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.messages import ABSTAIN
-from common.vocabulary import Vocabulary
+from common.vocabulary import ABSTAIN, Vocabulary
 from fusion.engine.reliability import LEAST, Reliability, learn
 
 NAMES = Vocabulary(("bow", "lunge", "punch", "kick"))

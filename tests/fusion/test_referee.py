@@ -9,9 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from common.errors import BadInput
-from common.messages import ABSTAIN, PosteriorMessage, VerdictMessage, VocabularyReference
+from common.messages import PosteriorMessage, VerdictMessage, VocabularyReference
 from common.probability import entropy_bits
-from common.vocabulary import Vocabulary
+from common.vocabulary import ABSTAIN, Vocabulary
 from fusion.engine.engine import FusionEngine
 from fusion.engine.rules import RULES
 

@@ -12,7 +12,7 @@ import msgpack
 from common.messages import (
     Agreement,
     JudgementMessage,
-    Movement,
+    OngoingMovement,
     PosteriorMessage,
     StatusMessage,
     VerdictMessage,
@@ -79,7 +79,7 @@ def good_messages(rng):
         "rule": "log",
         "votes": dict.fromkeys(OBSERVERS, vote),
         "agreement": Agreement(k=2, n=3),
-        "movement": Movement(id="dojo-1", began_ns=NOON_NS, label="bowing", decided_ns=NOON_NS),
+        "movement": OngoingMovement(id="dojo-1", began_ns=NOON_NS, label="bowing", decided_ns=NOON_NS),
         "unlearned": 0.1,
         "facets": {"facing": [0.5, 0.5]},
         "facing_deg": 90.0,

@@ -16,8 +16,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from common.config import FusionConfig
-from common.health import Health
 from common.inbox import Arrival
+from common.status import ProcessStatus
 from common.wire import SIZE_LIMIT, BadMessage, decode, encode
 from fusion.ear import Ear
 from fusion.engine.engine import FusionEngine
@@ -69,7 +69,7 @@ def test_bad_messages_change_no_judgement(caplog):
     quiet = FusionEngine(SCENE, list(OBSERVERS), NAMES, FusionConfig(quorum=2))
     noisy = Listening(quiet, SCENE, list(OBSERVERS), NAMES, FusionConfig(quorum=2))
     now_ns = NOON_NS
-    ear = Ear(SCENE, noisy, Health(SCENE, "fusion"), lambda: now_ns)
+    ear = Ear(SCENE, noisy, ProcessStatus(SCENE, "fusion"), lambda: now_ns)
     mutator, before_kb, compared = Mutator(SEED + 1), peak_kb(), 0
     for n in range(MESSAGES):
         observer = OBSERVERS[n % len(OBSERVERS)]
@@ -95,7 +95,7 @@ def test_bad_messages_change_no_judgement(caplog):
 def test_a_judge_is_heard_again_whatever_was_said_in_its_name():
     referee = FusionEngine(SCENE, list(OBSERVERS), NAMES, FusionConfig(quorum=2))
     now_ns, mutator = NOON_NS, Mutator(SEED + 2)
-    ear = Ear(SCENE, referee, Health(SCENE, "fusion"), lambda: now_ns)
+    ear = Ear(SCENE, referee, ProcessStatus(SCENE, "fusion"), lambda: now_ns)
     for n in range(MESSAGES // 10):
         now_ns += FRAME_NS
         good = encode(posterior(mutator.rng, "cam1", n, now_ns))
@@ -171,7 +171,7 @@ def spoilt(**fields):
 )
 def test_each_way_of_being_bad_is_counted_by_its_name_and_changes_nothing(payload, reason):
     referee = FusionEngine(SCENE, list(OBSERVERS), NAMES, FusionConfig(quorum=2))
-    ear = Ear(SCENE, referee, Health(SCENE, "fusion"), lambda: NOON_NS)
+    ear = Ear(SCENE, referee, ProcessStatus(SCENE, "fusion"), lambda: NOON_NS)
     for observer in OBSERVERS:
         ear.hear(Arrival(KEY.format(observer), encode(posterior(Mutator(1).rng, observer)), NOON_NS))
     before = referee.judge(NOON_NS).judgement

@@ -6,7 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.messages import ABSTAIN, Movement
+from common.messages import OngoingMovement
+from common.vocabulary import ABSTAIN
 from hub.anticipation import ENDED_S, NEVER, REMEMBERED, SILENT_S, Anticipation
 from hub.leanings import facing_words, leanings
 
@@ -14,7 +15,7 @@ SURE, UNSURE = (0.02, 0.03, 0.05, 0.9), (0.2, 0.2, 0.2, 0.4)
 
 
 def going_on(said, number=1, p=SURE, label="nthrow", decided=None, **more):
-    movement = Movement(id=f"v{number}", began_ns=said.NOON, label=decided, decided_ns=decided and said.NOON)
+    movement = OngoingMovement(id=f"v{number}", began_ns=said.NOON, label=decided, decided_ns=decided and said.NOON)
     return said.judgement(label=label, p=p).model_copy(update={"movement": movement, **more})
 
 

@@ -6,8 +6,7 @@ import time
 import pytest
 
 import labanmesh
-from common.capture_file import CaptureFile, CaptureWriter
-from common.capture_record import CAME, WENT
+from common.capture_file import APPEARED, GONE, CaptureFile, CaptureWriter
 from common.config import MeshConfig, read_scene
 from common.link import Link
 from common.wire import encode
@@ -85,12 +84,12 @@ def test_who_comes_and_goes_is_written_in_order_with_its_last_words(meeting, cap
     with Link.open(read_scene(scene_file, {}).mesh, "observer") as observer:
         mouth = observer.publisher("laban/room/observer/cam1/posterior")
         observer.announce(ALIVE)
-        capturer.until(lambda records: of(records, "token", ALIVE) == [CAME])
+        capturer.until(lambda records: of(records, "token", ALIVE) == [APPEARED])
         assert mouth.wait_for_subscriber(SOON_S)
         mouth.put(b"last words")
         capturer.until(lambda records: of(records, "put", "laban/room/observer/cam1/posterior"))
-    found = capturer.until(lambda records: WENT in of(records, "token", ALIVE))
-    assert [record.payload for record in found if record.kind != "answer"] == [CAME, b"last words", WENT]
+    found = capturer.until(lambda records: GONE in of(records, "token", ALIVE))
+    assert [record.payload for record in found if record.kind != "answer"] == [APPEARED, b"last words", GONE]
 
 
 def test_last_values_are_asked_for_at_the_beginning(meeting, scene_file, tmp_path, said):

@@ -58,7 +58,7 @@ def test_what_is_said_is_heard_in_order_and_once(scene, said):
     messages = [said.judgement(1), said.verdict(1), said.judgement(1), said.judgement(2, said.NOON + 1)]
     for message in messages:
         kind = "verdict" if hasattr(message, "id") else "judgement"
-        link.box.drop_in(f"{ROOT}/{kind}", encode(message))
+        link.box.put(f"{ROOT}/{kind}", encode(message))
     heard = [each.message for each in listen(scene, link, looks(1)) if each.message]
     assert heard == [messages[0], messages[1], messages[3]]
     assert f"{ROOT}/judgement" in link.keys and f"{ROOT}/observer/*/status" in link.keys
@@ -66,24 +66,24 @@ def test_what_is_said_is_heard_in_order_and_once(scene, said):
 
 def test_nonsense_is_counted_and_dropped(scene, said):
     link = FakeLink()
-    link.box.drop_in(f"{ROOT}/judgement", b"nonsense")
-    link.box.drop_in(f"{ROOT}/new_kind", b"whatever")
-    link.box.drop_in(f"{ROOT}/judgement", encode(said.judgement()))
+    link.box.put(f"{ROOT}/judgement", b"nonsense")
+    link.box.put(f"{ROOT}/new_kind", b"whatever")
+    link.box.put(f"{ROOT}/judgement", encode(said.judgement()))
     *_, end = listen(scene, link, looks(1))
     assert end.state.rejected == 1 and end.state.judgement == said.judgement()
 
 
 def test_whose_status_it_is_stands_in_the_key(scene, said):
     link = FakeLink()
-    link.box.drop_in(f"{ROOT}/observer/cam1/status", encode(said.status("cam1")))
-    link.box.drop_in(f"{ROOT}/fusion/main/status", encode(said.status("main")))
+    link.box.put(f"{ROOT}/observer/cam1/status", encode(said.status("cam1")))
+    link.box.put(f"{ROOT}/fusion/main/status", encode(said.status("main")))
     *_, end = listen(scene, link, looks(1))
     assert [judge.name for judge in end.state.judges] == ["cam1", "cam2"] and "main" in end.state.fusion_status
 
 
 def test_a_missing_vocabulary_is_asked_for_until_it_is_told(scene, said):
     link, seconds = FakeLink(), count(said.NOON, said.SECOND)
-    link.box.drop_in(f"{ROOT}/judgement", encode(said.judgement()))
+    link.box.put(f"{ROOT}/judgement", encode(said.judgement()))
     states = listen(scene, link, looks(8), lambda: next(seconds))
     while f"{ROOT}/vocabulary" not in link.asked:
         link.box.wake()

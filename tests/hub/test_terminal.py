@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rich.console import Console
 
-from common.messages import Account, Contribution, Movement
+from common.messages import Contribution, ObserverStatistics, OngoingMovement
 from hub.anticipation import Anticipation
 from hub.bars import Bar
 from hub.scene_state import SceneState
@@ -55,7 +55,7 @@ def test_one_who_differs_and_one_who_is_not_counted_are_told(said):
 def test_a_wrong_clock_bad_messages_and_who_stands_by_are_told(said):
     late = said.vote().model_copy(update={"skew_s": -3600.0})
     state = scene(said).fold(said.judgement(2, said.NOON + 1, votes={"cam1": late, "cam2": said.vote()}), said.NOON)
-    account = {"cam2": Account(skew_s=0.001, rejected={"malformed": 3, "repeated": 4})}
+    account = {"cam2": ObserverStatistics(skew_s=0.001, rejected={"malformed": 3, "repeated": 4})}
     leader = said.status("fuse1").model_copy(update={"observers": account})
     state = state.fold(leader, said.NOON, "fusion").fold(said.status("fuse2"), said.NOON, "fusion")
     text = drawn(render(state, 120))
@@ -67,7 +67,12 @@ HOW = {"effort_time": [0.1, 0.9], "effort_weight": [0.8, 0.2], "shape_vertical":
 
 
 def how(said):
-    more = {"facets": HOW, "facing_deg": 90.0, "unlearned": 0.25, "movement": Movement(id="v9", began_ns=said.NOON)}
+    more = {
+        "facets": HOW,
+        "facing_deg": 90.0,
+        "unlearned": 0.25,
+        "movement": OngoingMovement(id="v9", began_ns=said.NOON),
+    }
     return said.judgement(2, said.NOON + 1).model_copy(update=more)
 
 

@@ -5,7 +5,7 @@ import json
 
 from rich.console import Console
 
-from common.messages import Movement
+from common.messages import OngoingMovement
 from common.wire import decode, encode
 from hub.scene_state import SceneState
 from hub.session import Heard
@@ -44,7 +44,7 @@ def test_json_has_the_wires_fields_and_can_be_read_back(said, capsys):
 
 
 def going_on(said, seq, **more):
-    movement = Movement(id="v1", began_ns=said.NOON)
+    movement = OngoingMovement(id="v1", began_ns=said.NOON)
     return said.judgement(seq, said.NOON + seq).model_copy(update={"movement": movement, **more})
 
 

@@ -43,7 +43,7 @@ class Region:
         for number in range(SCENES):
             scene = Scene(scene=scene_name(number), vocabulary=NAMES.labels, vocabulary_name=NAMES.name,
                           mesh=self.mesh, observers=judges)  # fmt: skip
-            yield scene.shared_by(service)
+            yield scene.for_shared_service(service)
 
     def begin(self, service):
         link, stop = Link.open(self.mesh, "standby"), threading.Event()

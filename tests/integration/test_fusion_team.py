@@ -9,10 +9,9 @@ import zenoh
 
 from common.config import FusionConfig, MeshConfig, read_scene
 from common.errors import LabanmeshError
-from common.health import Health
 from common.link import Link
 from common.messages import JudgementMessage, PosteriorMessage, StatusMessage, VerdictMessage, VocabularyReference
-from common.status import StatusBoard
+from common.status import ProcessStatus, StatusPublisher
 from common.vocabulary import Vocabulary
 from common.wire import decode, encode
 from fusion.engine.engine import FusionEngine
@@ -65,7 +64,7 @@ class Hall:
     def begin(self, service, memory=None):
         """One more fusion service; returns when it is alive."""
         link, stop = self.peer("standby"), threading.Event()
-        named = self.scene.judged_by(service)
+        named = self.scene.for_service(service)
 
         def body():
             try:
@@ -194,7 +193,7 @@ def test_two_of_one_id_are_a_mistake(hall, monkeypatch):
     monkeypatch.setattr("fusion.service.NAMESAKE_S", 0.5)
     hall.begin("a")
     until(hall.judgements, JudgementMessage, lambda j: j.fusion == "a")
-    named = hall.scene.judged_by("a")
+    named = hall.scene.for_service("a")
     with pytest.raises(LabanmeshError, match="alive already; stop it, or give this one an id of its own"):
         serve(named, FusionEngine("dojo", ["cam1"], NAMES, named.fusion), hall.peer("standby"), threading.Event())
 
@@ -202,8 +201,8 @@ def test_two_of_one_id_are_a_mistake(hall, monkeypatch):
 @pytest.mark.parametrize("skew_ns", [HOUR_NS, -HOUR_NS])
 def test_an_observer_an_hour_off_is_heard_as_what_it_is_and_its_skew_is_told(hall, skew_ns):
     hall.skew_ns = skew_ns
-    health = Health("dojo", "cam1")
-    with StatusBoard(hall.camera, hall.keys.observer_status("cam1"), health, lambda: time.time_ns() + skew_ns):
+    health = ProcessStatus("dojo", "cam1")
+    with StatusPublisher(hall.camera, hall.keys.observer_status("cam1"), health, lambda: time.time_ns() + skew_ns):
         statuses = hall.hub.inbox(hall.keys.fusion_status("a"))
         hall.begin("a")
         hall.talk()

@@ -176,7 +176,7 @@ def test_a_router_that_is_not_there_is_one_line():
     with Link.open(MeshConfig(endpoint=FREE), "fusion") as gone:
         endpoint = gone.locator
     with pytest.raises(LabanmeshError, match=r"no router answers there; start it with `labanmesh router`") as caught:
-        Link.open(MeshConfig(mode="router", endpoint=endpoint), "observer", patience_s=0.1)
+        Link.open(MeshConfig(mode="router", endpoint=endpoint), "observer", timeout_s=0.1)
     assert "\n" not in str(caught.value)
 
 
@@ -212,7 +212,7 @@ def test_saying_something_on_a_closed_link_is_one_line(peer):
 
 
 def test_a_session_that_does_not_close_is_left_behind(monkeypatch, caplog):
-    monkeypatch.setattr("common.link.CLOSE_PATIENCE_S", 0.05)
+    monkeypatch.setattr("common.link.CLOSE_TIMEOUT_S", 0.05)
     release = threading.Event()
 
     class Stuck:
@@ -230,7 +230,7 @@ def test_a_session_that_does_not_close_is_left_behind(monkeypatch, caplog):
 
 def test_a_polled_branch_gives_everything_when_it_is_asked_and_nothing_before(fusion, peer):
     hub = peer("hub")
-    branch = hub.branch(polled=True)
+    branch = hub.sub_session(polled=True)
     inbox, presence = branch.inbox("x/a", ring=2), branch.presence("x/*/alive")
     fusion.answer("x/question", lambda: b"answer")
     fusion.announce("x/cam/alive")

@@ -61,7 +61,7 @@ def now():
 def quick():
     """Who is not admitted need not wait for as long as a busy router might want."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("common.link.ADMISSION_S", 1.0)
+        patch.setattr("common.link.ADMISSION_TIMEOUT_S", 1.0)
         patch.setattr("common.tls.GREETING_S", SOON_S)
         yield
 
@@ -203,7 +203,7 @@ def table(scene, mesh, cases):
         refused_by = heard_of(scene, mesh, seen, key, who)
         try:
             # What a process of ours reads that is started there; where nothing is said of its role, an observer.
-            Link.open(seen, role or "observer", named=named, patience_s=SOON_S).close()
+            Link.open(seen, role or "observer", process_id=named, timeout_s=SOON_S).close()
             says = "nothing"
         except LabanmeshError as error:
             says = plain(str(error).partition("; ")[0], scene, seen)
@@ -351,11 +351,11 @@ def services(scene, mesh):
         except Exception as error:  # noqa: BLE001 - told to the test below
             faults.append(error)
 
-    links.append(Link.open(mesh("fusion.1"), "fusion", named="fusion"))
+    links.append(Link.open(mesh("fusion.1"), "fusion", process_id="fusion"))
     referee = FusionEngine(scene.scene, list(scene.roster), NAMES, scene.fusion)
     threads = [threading.Thread(target=run, args=(serve_fusion, scene, referee, links[0]))]
     for name, certificate in (("cam1", "cam1.2"), ("cam2", "cam2.1")):
-        links.append(Link.open(mesh(certificate), "observer", named=name))
+        links.append(Link.open(mesh(certificate), "observer", process_id=name))
         arguments = (serve_observer, scene, name, FakeObserver(), FakeSource(), links[-1])
         threads.append(threading.Thread(target=run, args=arguments))
     for thread in threads:
@@ -418,14 +418,14 @@ def test_all_that_is_legitimate_works_under_default_deny(scene, mesh):
 )
 def test_a_process_that_would_not_be_heard_ends_with_one_line(mesh, certificate, role, named, line):
     with pytest.raises(LabanmeshError) as caught:
-        Link.open(mesh(certificate), role, named=named, patience_s=PATIENCE_S)
+        Link.open(mesh(certificate), role, process_id=named, timeout_s=PATIENCE_S)
     assert line in str(caught.value) and "\n" not in str(caught.value)
 
 
 def test_a_service_without_credentials_learns_why(mesh):
     for endpoint in (mesh("hub.1").endpoint, mesh("hub.1").endpoint.replace("tls/", "tcp/")):
         with pytest.raises(LabanmeshError, match=r"needs mesh.credentials|speaks TLS alone") as caught:
-            Link.open(MeshConfig(mode="router", endpoint=endpoint), "hub", patience_s=PATIENCE_S)
+            Link.open(MeshConfig(mode="router", endpoint=endpoint), "hub", timeout_s=PATIENCE_S)
         assert "\n" not in str(caught.value)
 
 
@@ -435,4 +435,4 @@ def test_whoever_is_admitted_gets_in(mesh):
         ("fusion.1", "fusion", "fusion"),
         ("hub.1", "hub", ""),
     ):
-        Link.open(mesh(certificate), role, named=named, patience_s=SOON_S).close()
+        Link.open(mesh(certificate), role, process_id=named, timeout_s=SOON_S).close()

@@ -134,7 +134,7 @@ def running(rules):
 
 
 def admitted(mesh, role="observer"):
-    with Link.open(mesh, role, patience_s=SOON_S) as link:
+    with Link.open(mesh, role, timeout_s=SOON_S) as link:
         return link.admitted(SOON_S)
 
 
@@ -147,7 +147,7 @@ def until(condition):
 
 def test_a_running_router_takes_up_what_changes(scene, secure, monkeypatch, caplog):
     """Added, refused when revoked, under new rules only when they can be used; open links end with the old rules."""
-    monkeypatch.setattr("common.link.ADMISSION_S", 0.5)
+    monkeypatch.setattr("common.link.ADMISSION_TIMEOUT_S", 0.5)
     secure("init")
     secure("add", "router")
     secure("add", "sofa")
@@ -159,7 +159,7 @@ def test_a_running_router_takes_up_what_changes(scene, secure, monkeypatch, capl
         register = scene.parent / "secure" / "register.json"
         good = register.read_text()
         register.write_text(good[: len(good) // 2])
-        with Link.open(sofa, "observer", patience_s=SOON_S) as early:
+        with Link.open(sofa, "observer", timeout_s=SOON_S) as early:
             until(lambda: "the old ones stay in force" in caplog.text)
             assert early.admitted(SOON_S)
             register.write_text(good)
@@ -178,7 +178,7 @@ def test_a_running_router_takes_up_what_changes(scene, secure, monkeypatch, capl
             secure("revoke", "sofa")
             until(lambda: not early.admitted(0.2))
         with pytest.raises(LabanmeshError, match=r"do not know certificate sofa\.1: revoked"):
-            Link.open(sofa, "observer", patience_s=SOON_S)
+            Link.open(sofa, "observer", timeout_s=SOON_S)
         assert admitted(shelf)
 
 

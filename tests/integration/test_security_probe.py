@@ -10,7 +10,7 @@ import pytest
 
 from common.config import MeshConfig
 from common.link import Link
-from common.tls import why_unusable
+from common.tls import endpoint_fault
 from common.zenoh_settings import nested, settings
 from deploy.security.authority import issue, make_authority
 
@@ -64,7 +64,7 @@ def listener(answer):
 
 def looked(endpoint, credentials, **more):
     mesh = MeshConfig(mode="router", endpoint=endpoint, credentials=credentials)
-    return why_unusable(mesh, more.pop("now", NOW), **more)
+    return endpoint_fault(mesh, more.pop("now", NOW), **more)
 
 
 def test_nothing_is_wrong(folder):
@@ -85,7 +85,7 @@ def test_what_is_wrong_with_the_routers_certificate(folder, theirs, cause, way_o
     name = f"router-{next(iter(theirs))}"
     with router(folder(name, **{"roles": ROUTER, **theirs})) as endpoint:
         finding = looked(endpoint, folder("cam1"))
-    assert cause in finding.what and way_out in finding.what_to_do and endpoint in finding.what
+    assert cause in finding.what and way_out in finding.remedy and endpoint in finding.what
 
 
 def test_a_certificate_that_only_the_router_finds_expired(folder):
@@ -125,10 +125,10 @@ def test_plain_meets_plain_and_plain_meets_tls(folder):
     with Link.open(MeshConfig(mode="router"), "router", listen=["tcp/127.0.0.1:0"]) as plain:
         assert looked(plain.locator, "", timeout_s=0.2) is None
     with router(folder("router", ROUTER)) as endpoint:
-        assert "speaks TLS alone" in why_unusable(MeshConfig(endpoint=endpoint.replace("tls/", "tcp/")), NOW).what
-        assert "needs mesh.credentials" in why_unusable(MeshConfig(endpoint=endpoint), NOW).what
+        assert "speaks TLS alone" in endpoint_fault(MeshConfig(endpoint=endpoint.replace("tls/", "tcp/")), NOW).what
+        assert "needs mesh.credentials" in endpoint_fault(MeshConfig(endpoint=endpoint), NOW).what
 
 
 @pytest.mark.parametrize("endpoint", ["quic/127.0.0.1:1", "unixsock-stream//nowhere"])
 def test_of_other_protocols_only_the_files_are_looked_at(folder, endpoint):
-    assert why_unusable(MeshConfig(endpoint=endpoint), NOW) is None
+    assert endpoint_fault(MeshConfig(endpoint=endpoint), NOW) is None

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from common.probability import from_logs
+from common.probability import softmax
 from observer.model.certainty import FEW, FEWEST_EXAMPLES, HINT, Certainty, Tried, fit
 
 SHAPES = st.sampled_from([(2,), (5,), (3, 4), (20, 12)])
@@ -92,7 +92,7 @@ def judged(rng, sure, count=1500, movements=6, blunders=0.0):
         truth = int(rng.choice(movements, p=right))
         if rng.random() < blunders:
             truth = int(rng.integers(movements))
-        said.append(Tried(truth, from_logs(sure * np.log(np.maximum(right, 1e-300)))[None], None))
+        said.append(Tried(truth, softmax(sure * np.log(np.maximum(right, 1e-300)))[None], None))
     return said
 
 

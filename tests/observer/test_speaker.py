@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from common.config import MeshConfig, read_scene
-from common.facing import facing_from
 from common.link import Link
 from common.messages import PosteriorMessage
+from common.probability import decode_facing
 from common.vocabulary import Vocabulary
 from common.wire import decode
 from observer.pipeline import Opinion
@@ -41,7 +41,7 @@ def said(opinion, **given):
 def test_facing_and_the_unlearned_go_into_the_message():
     message = said(opinion(facing=FACING, unlearned=0.125))
     assert message.unlearned == 0.125
-    assert facing_from(np.array(message.facing.surprise)) == pytest.approx(FACING, abs=0.03)
+    assert decode_facing(np.array(message.facing.surprise)) == pytest.approx(FACING, abs=0.03)
 
 
 def test_who_knows_neither_leaves_them_out():

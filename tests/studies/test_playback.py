@@ -8,15 +8,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import labanmesh
-from common.capture_file import CaptureFile, CaptureWriter
-from common.capture_record import CAME, WENT, Record
+from common.capture_file import APPEARED, GONE, CaptureFile, CaptureRecord, CaptureWriter
 from common.config import MeshConfig, ObserverConfig, Scene
 from common.errors import BadInput, LabanmeshError
 from common.link import Link
 from common.messages import (
     Agreement,
     JudgementMessage,
-    Movement,
+    OngoingMovement,
     PosteriorMessage,
     StatusMessage,
     VerdictMessage,
@@ -59,7 +58,7 @@ def verdict(at_ns, ended_ns=None):
 
 
 def put(key, message, arrived_ns):
-    return Record("put", key, message if isinstance(message, bytes) else encode(message), arrived_ns)
+    return CaptureRecord("put", key, message if isinstance(message, bytes) else encode(message), arrived_ns)
 
 
 def moving(speed=1.0, scene="dojo"):
@@ -97,7 +96,7 @@ def test_the_sayings_of_one_verdict_agree(speed, shift_ns, scale):
     assert first.began_ns == NOW + SECOND // scale and last.ended_ns == NOW + 3 * SECOND // scale
     assert first.ended_ns is None and last.at_ns == NOW + 4 * SECOND // scale
     assert first.id == f"dojo-{first.began_ns // 1_000_000}"
-    going = judgement(THEN, movement=Movement(id="dojo-1", began_ns=THEN + SECOND))
+    going = judgement(THEN, movement=OngoingMovement(id="dojo-1", began_ns=THEN + SECOND))
     going = decode(JudgementMessage, times.payload(put(JUDGEMENT, going, THEN), NOW))
     assert (going.movement.id, going.movement.began_ns, going.movement.decided_ns) == (first.id, first.began_ns, None)
 
@@ -148,13 +147,13 @@ def onto(endpoint, scene="dojo", prefix="laban"):
 
 
 WHOLE = (
-    Record("answer", VOCABULARY, encode_vocabulary("dojo", NAMES), THEN),
-    Record("token", ALIVE, CAME, THEN),
+    CaptureRecord("answer", VOCABULARY, encode_vocabulary("dojo", NAMES), THEN),
+    CaptureRecord("token", ALIVE, APPEARED, THEN),
     put(POSTERIOR, posterior(1, THEN - 5), THEN + 1_000_000),
     put(JUDGEMENT, judgement(THEN + 2_000_000), THEN + 2_000_000),
     put(STATUS, b"no status", THEN + 2_000_000),
     put(POSTERIOR, posterior(2, THEN + 2_000_000), THEN + 200_000_000),
-    Record("token", ALIVE, WENT, THEN + 300_000_000),
+    CaptureRecord("token", ALIVE, GONE, THEN + 300_000_000),
 )
 
 

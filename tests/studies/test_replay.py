@@ -12,8 +12,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import labanmesh
-from common.capture_file import CaptureFile, CaptureWriter
-from common.capture_record import CAME, WENT, Record
+from common.capture_file import APPEARED, GONE, CaptureFile, CaptureRecord, CaptureWriter
 from common.config import FusionConfig, ObserverConfig, Scene
 from common.errors import BadInput, LabanmeshError
 from common.messages import PosteriorMessage, StatusMessage, VocabularyReference
@@ -83,16 +82,18 @@ def judged(scene, played, referee=None, records=None):
     """The records of a mesh on which a referee judges what is played."""
     referee = referee or FusionEngine("dojo", list(OBSERVERS), NAMES, scene.fusion)
     records = (
-        [Record("answer", f"{ROOT}/vocabulary", encode_vocabulary("dojo", NAMES), NOON)] if records is None else records
+        [CaptureRecord("answer", f"{ROOT}/vocabulary", encode_vocabulary("dojo", NAMES), NOON)]
+        if records is None
+        else records
     )
     for at_ns, posteriors in played:
         for message in posteriors:
-            records.append(Record("put", key_of(message.observer), encode(message), at_ns))
+            records.append(CaptureRecord("put", key_of(message.observer), encode(message), at_ns))
             referee.hear(message.observer, message, at_ns)
         ruling = referee.judge(at_ns)
         for verdict in ruling.verdicts:
-            records.append(Record("put", f"{ROOT}/verdict", encode(verdict), at_ns))
-        records.append(Record("put", f"{ROOT}/judgement", encode(ruling.judgement), at_ns + 1))
+            records.append(CaptureRecord("put", f"{ROOT}/verdict", encode(verdict), at_ns))
+        records.append(CaptureRecord("put", f"{ROOT}/judgement", encode(ruling.judgement), at_ns + 1))
     return records
 
 
@@ -171,7 +172,7 @@ def test_a_changed_vote_is_noticed(kept):
     records = judged(a_scene(), lots())
     for n in judgements(records)[:40]:
         was = records[n]
-        records[n] = Record("put", was.key, was.payload.replace(b"bowing", b"lungin"), was.arrived_ns)
+        records[n] = CaptureRecord("put", was.key, was.payload.replace(b"bowing", b"lungin"), was.arrived_ns)
     found = judge_anew(kept(records), Change())
     assert found.same < found.judgements
 
@@ -181,7 +182,7 @@ def test_a_verdict_that_was_not_so_is_noticed(kept):
     said = next(n for n, record in enumerate(records) if record.key.endswith("/verdict"))
     forged = records[said].payload.replace(b"\xa5label\xa6bowing\xaecertainty", b"\xa5label\xa7lunging\xaecertainty")
     assert forged != records[said].payload
-    records[said] = Record("put", records[said].key, forged, records[said].arrived_ns)
+    records[said] = CaptureRecord("put", records[said].key, forged, records[said].arrived_ns)
     found = judge_anew(kept(records), Change())
     assert found.rows[0].likeness == "same label" and not found.faithful  # its last word was as it is now
     assert "they differ" in as_text(found, "a.mcap", True)
@@ -203,7 +204,7 @@ def test_a_capture_that_began_in_the_middle_is_exact_after_that(kept):
 def test_what_was_decided_before_the_capture_ends_on_the_grounds_that_were_told(kept):
     records = judged(a_scene(), lots())
     decided = next(n for n, record in enumerate(records) if record.key == f"{ROOT}/verdict")
-    told = Record("answer", f"{ROOT}/verdict", records[decided].payload, NOON)
+    told = CaptureRecord("answer", f"{ROOT}/verdict", records[decided].payload, NOON)
     found = judge_anew(kept([records[0], told, *records[decided + 2 :]]), Change())
     assert [len(row.recorded) for row in found.rows] == [1, 2, 2]
     assert [row.likeness for row in found.rows] == ["bit for bit"] * 3
@@ -264,7 +265,7 @@ def test_a_service_that_was_started_anew(kept, memory, cut):
     scene, whole = a_scene(), lots()
     records = judged(scene, whole[:cut])
     alive = f"{ROOT}/fusion/fusion/alive"
-    records += [Record("token", alive, WENT, NOON), Record("token", alive, CAME, NOON)]
+    records += [CaptureRecord("token", alive, GONE, NOON), CaptureRecord("token", alive, APPEARED, NOON)]
     again = FusionEngine("dojo", list(OBSERVERS), NAMES, scene.fusion)
     if memory:
         follow_all(again, records)
@@ -331,19 +332,19 @@ def test_from_posteriors_the_bad_ones_change_nothing_and_who_goes_is_silent(kept
     bad = [b"", b"\xc1", b"\x81\xa1v\x02"]
     noisy = [records[0]]
     for n, record in enumerate(records[1:]):
-        noisy += [record, Record("put", key_of("wheel"), bad[n % len(bad)], record.arrived_ns)]
+        noisy += [record, CaptureRecord("put", key_of("wheel"), bad[n % len(bad)], record.arrived_ns)]
         stolen = encode(posterior("door", 10_000 + n, record.arrived_ns, "stretch"))
-        noisy.append(Record("put", key_of("wheel"), stolen, record.arrived_ns))
+        noisy.append(CaptureRecord("put", key_of("wheel"), stolen, record.arrived_ns))
     quiet = judge_anew(kept(records), Change())
     loud = judge_anew(kept(noisy), Change())
     assert [row.judged.label for row in loud.rows] == [row.judged.label for row in quiet.rows]
     assert [row.began_ns for row in loud.rows] == [row.began_ns for row in quiet.rows]
     # Both others go as the last movement begins: one is left, and no quorum.
     last = quiet.rows[-1].began_ns
-    gone = [Record("token", key_of(o, "alive"), CAME, NOON) for o in OBSERVERS]
+    gone = [CaptureRecord("token", key_of(o, "alive"), APPEARED, NOON) for o in OBSERVERS]
     gone += [r for r in records if r.arrived_ns <= last or "/door/" in r.key]
     at = next(n for n, r in enumerate(gone) if r.arrived_ns > last)
-    gone[at:at] = [Record("token", key_of(o, "alive"), WENT, last) for o in ("corner", "wheel")]
+    gone[at:at] = [CaptureRecord("token", key_of(o, "alive"), GONE, last) for o in ("corner", "wheel")]
     assert labels(judge_anew(kept(gone), Change())) == ["bowing", "lunging", "abstain"]
 
 
@@ -352,7 +353,7 @@ def test_from_posteriors_time_passes_while_nobody_speaks(kept):
     open_end = [r for r in records if r.arrived_ns <= NOON + 18 * STEP]
     (row,) = judge_anew(kept(open_end), Change()).rows
     assert row.judged.ended_ns is None
-    later = Record("put", f"{ROOT}/fusion/fusion/status", b"", NOON + 60 * STEP)
+    later = CaptureRecord("put", f"{ROOT}/fusion/fusion/status", b"", NOON + 60 * STEP)
     (row,) = judge_anew(kept([*open_end, later]), Change()).rows
     # Past drop_s everybody is silent, and that is rest.
     assert row.judged.ended_ns == pytest.approx(NOON + 18 * STEP + 2 * 10**9, abs=2 * STEP)
@@ -365,7 +366,7 @@ def test_from_posteriors_a_clock_that_is_wrong_is_corrected_by_its_status(kept):
         if "/observer/" in record.key:
             said = status(record.arrived_ns - hour)
             at_ns = record.arrived_ns
-            records += [Record("put", key_of("wheel", "status"), said, at_ns)] if "/wheel/" in record.key else []
+            records += [CaptureRecord("put", key_of("wheel", "status"), said, at_ns)] if "/wheel/" in record.key else []
             records.append(shifted(record, -hour) if "/wheel/" in record.key else record)
         elif record.kind == "answer":
             records.append(record)
@@ -381,7 +382,7 @@ def shifted(record, by_ns):
 
     message = decode(PosteriorMessage, record.payload)
     times = {"captured_ns": message.captured_ns + by_ns, "sent_ns": message.sent_ns + by_ns}
-    return Record(record.kind, record.key, encode(message.model_copy(update=times)), record.arrived_ns)
+    return CaptureRecord(record.kind, record.key, encode(message.model_copy(update=times)), record.arrived_ns)
 
 
 def test_what_cannot_be_judged_is_said(kept):
@@ -428,7 +429,7 @@ def test_the_verb_tells_it_and_its_status(kept, tmp_path, capsys):
     for n, record in enumerate(records):
         if record.key.endswith("/verdict"):
             wrong = record.payload.replace(b"\xa5label\xa6bowing\xaec", b"\xa5label\xa7stretch\xaec")
-            records[n] = Record("put", record.key, wrong, record.arrived_ns)
+            records[n] = CaptureRecord("put", record.key, wrong, record.arrived_ns)
     bad = kept(records, name="bad.mcap").path
     assert labanmesh.main(["replay", str(good)]) == 0
     out = capsys.readouterr().out

@@ -4,7 +4,7 @@ from itertools import pairwise
 
 import pytest
 
-from common.capture_record import CAME, WENT, Record
+from common.capture_file import APPEARED, GONE, CaptureRecord
 from common.config import Scene
 from common.wire import encode
 from hub.dashboard.tape import Tape, Thinned
@@ -17,18 +17,20 @@ def tape(said):
     scene = Scene.model_validate({"scene": "room", "observers": {"cam1": {"source": "a.npz"}}})
     at = said.NOON
     records = [
-        Record("token", f"{ROOT}/observer/cam1/alive", CAME, at),
-        Record("answer", f"{ROOT}/vocabulary", encode(said.vocabulary()), at),
-        Record("answer", f"{ROOT}/vocabulary", encode(said.vocabulary().model_copy(update={"hash": "foreign"})), at),
-        Record("answer", f"{ROOT}/verdict", encode(said.verdict(0, at_ns=at - 1)), at),
-        Record("put", f"{ROOT}/observer/cam1/status", encode(said.status()), at),
-        Record("put", f"{ROOT}/observer/cam1/posterior", b"not read", at),
-        *(Record("put", f"{ROOT}/judgement", encode(said.judgement(i, at + i * 10**8)), at + i * 10**8)
+        CaptureRecord("token", f"{ROOT}/observer/cam1/alive", APPEARED, at),
+        CaptureRecord("answer", f"{ROOT}/vocabulary", encode(said.vocabulary()), at),
+        CaptureRecord(
+            "answer", f"{ROOT}/vocabulary", encode(said.vocabulary().model_copy(update={"hash": "foreign"})), at
+        ),
+        CaptureRecord("answer", f"{ROOT}/verdict", encode(said.verdict(0, at_ns=at - 1)), at),
+        CaptureRecord("put", f"{ROOT}/observer/cam1/status", encode(said.status()), at),
+        CaptureRecord("put", f"{ROOT}/observer/cam1/posterior", b"not read", at),
+        *(CaptureRecord("put", f"{ROOT}/judgement", encode(said.judgement(i, at + i * 10**8)), at + i * 10**8)
           for i in range(100)),
-        Record("put", f"{ROOT}/verdict", b"nonsense", at + 10**10),
-        Record("put", f"{ROOT}/verdict", encode(said.verdict(1)), at + 10**10),
-        Record("put", f"{ROOT}/verdict", encode(said.verdict(1, ended_ns=at, at_ns=at + 1)), at + 11 * 10**9),
-        Record("token", f"{ROOT}/observer/cam1/alive", WENT, at + 12 * 10**9),
+        CaptureRecord("put", f"{ROOT}/verdict", b"nonsense", at + 10**10),
+        CaptureRecord("put", f"{ROOT}/verdict", encode(said.verdict(1)), at + 10**10),
+        CaptureRecord("put", f"{ROOT}/verdict", encode(said.verdict(1, ended_ns=at, at_ns=at + 1)), at + 11 * 10**9),
+        CaptureRecord("token", f"{ROOT}/observer/cam1/alive", GONE, at + 12 * 10**9),
     ]  # fmt: skip
     return Tape(scene, records)
 

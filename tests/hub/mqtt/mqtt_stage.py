@@ -20,7 +20,7 @@ from common.link import Link
 from common.messages import (
     Agreement,
     JudgementMessage,
-    Movement,
+    OngoingMovement,
     VerdictMessage,
     VocabularyMessage,
     VocabularyReference,
@@ -231,7 +231,7 @@ class Room:
 
     def begin(self, number):
         """A movement goes on, undecided."""
-        self.movement = Movement(id=f"{self.name}-{number}", began_ns=time.time_ns())
+        self.movement = OngoingMovement(id=f"{self.name}-{number}", began_ns=time.time_ns())
 
     def say_verdict(self, label, number, ended=False, at_ns=None):
         """A verdict as the referee says it, and the movement that goes on until it has ended."""
@@ -243,7 +243,7 @@ class Room:
             verdict = VerdictMessage(**{**facts, "at_ns": at_ns or now}, id=verdict_id, **times)
             self._verdicts[verdict.id] = verdict
             self._verdicts = dict(list(self._verdicts.items())[-10:])
-        going = Movement(id=verdict_id, began_ns=now - SECOND, label=label, decided_ns=now)
+        going = OngoingMovement(id=verdict_id, began_ns=now - SECOND, label=label, decided_ns=now)
         self.movement = None if ended else going
         self._mouths[self.keys.verdict].put(encode(verdict))
         return verdict_id

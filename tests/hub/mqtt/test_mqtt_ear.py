@@ -28,7 +28,7 @@ class FakeLink:
 
     def ask_each(self, key, timeout_s):
         for spoken, payload in self.meanwhile:
-            self.boxes[spoken].drop_in(spoken, payload)
+            self.boxes[spoken].put(spoken, payload)
         return self.told
 
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from common.errors import BadInput
-from common.messages import Contribution, Movement
+from common.messages import Contribution, OngoingMovement
 from hub.mqtt.bridge import WAITING, SceneBridge
 from hub.mqtt.entities import EXPIRE_S, discovery
 from hub.mqtt.names import Names, bridge_topic, prefix
@@ -50,7 +50,7 @@ def taken(bridge, now_s):
 
 
 def going_on(said, label="nthrow", **more):
-    movement = Movement(id="v1", began_ns=said.NOON, label=label, decided_ns=said.NOON)
+    movement = OngoingMovement(id="v1", began_ns=said.NOON, label=label, decided_ns=said.NOON)
     return said.judgement(**more).model_copy(update={"movement": movement})
 
 
@@ -234,7 +234,7 @@ def test_an_early_word_is_an_event_and_so_is_its_end(said):
     bridge = SceneBridge(NAMES, OBSERVERS, (), certainty=0.55)
     bridge.recall(None)
     undecided = going_on(said, None)
-    undecided = undecided.model_copy(update={"movement": Movement(id="v1", began_ns=said.NOON)})
+    undecided = undecided.model_copy(update={"movement": OngoingMovement(id="v1", began_ns=said.NOON)})
     doubted = undecided.model_copy(update={"p": [0.1, 0.2, 0.2, 0.5]})
     config = payloads(bridge.look(at(said, doubted), frozenset(), 0.0))
     assert bridge.event(0.0) is None
@@ -246,7 +246,7 @@ def test_an_early_word_is_an_event_and_so_is_its_end(said):
     bridge.hear(said.verdict(1, ended_ns=said.NOON, label="ok"), 1.0)
     bridge.look(at(said, said.judgement()), frozenset(), 1.0)
     assert taken(bridge, 1.0) == [("early", "ok", "corrected"), ("verdict", "ok", "decided"), ("ended", "ok", "ended")]
-    second = undecided.model_copy(update={"movement": Movement(id="v2", began_ns=said.NOON)})
+    second = undecided.model_copy(update={"movement": OngoingMovement(id="v2", began_ns=said.NOON)})
     bridge.look(at(said, second.model_copy(update={"p": doubted.p})), frozenset(), 1.9)
     bridge.look(at(said, second), frozenset(), 2.0)
     for now_s in (3.0, 4.0):
@@ -256,7 +256,7 @@ def test_an_early_word_is_an_event_and_so_is_its_end(said):
 
 def test_without_a_certainty_nothing_is_early(bridge, said):
     sure = said.judgement(p=(0.0, 0.0, 0.0, 1.0))
-    sure = sure.model_copy(update={"movement": Movement(id="v1", began_ns=said.NOON)})
+    sure = sure.model_copy(update={"movement": OngoingMovement(id="v1", began_ns=said.NOON)})
     due = payloads(bridge.look(at(said, sure), frozenset(), 0.0))
     assert not any("EARLY" in topic for topic in due) and bridge.event(0.0) is None
 

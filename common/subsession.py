@@ -54,7 +54,7 @@ class Publisher:
             return bool(now.matching) or matched.wait(timeout_s)
 
 
-class Branch:
+class SubSession:
     """A part of a session on the mesh that can be given up alone; `close` ends all that was made with it.
 
     polled: nothing is called or put into an inbox but by `poll`.
@@ -68,9 +68,9 @@ class Branch:
         self._awaited: list[tuple[Any, Callable[[Any], None], Callable[[], None]]] = []
         self._closed = threading.Event()
 
-    def branch(self, *, polled: bool = False) -> "Branch":
+    def sub_session(self, *, polled: bool = False) -> "SubSession":
         """A part of its own on the same session, which outlives it."""
-        return Branch(self._session, polled=polled)
+        return SubSession(self._session, polled=polled)
 
     def poll(self) -> None:
         """Take in all that waits in the rings of a polled branch; everything it calls is called here."""
@@ -101,7 +101,7 @@ class Branch:
             payload = sample.payload
             # What no message can be is not copied: a queue full of such would fill the memory.
             said = payload.to_bytes() if len(payload) <= SIZE_LIMIT else OVERSIZE
-            inbox.drop_in(str(sample.key_expr), said)
+            inbox.put(str(sample.key_expr), said)
 
         for key in keys:
             self._declare(partial(self._session.declare_subscriber, key), enqueue, ring)
