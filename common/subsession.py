@@ -90,12 +90,14 @@ class SubSession:
         self._kept.append(made)
         return Publisher(made)
 
-    def inbox(self, *keys: str, limit: int = 4096, ring: int = RING) -> Inbox:
-        """One inbox for all that is said under `keys`, which may hold wildcards; the oldest go past `limit`.
+    def inbox(self, *keys: str, limit: int = 4096, ring: int = RING, remote: bool = False) -> Inbox:
+        """Return one inbox for all messages under `keys`, which may hold wildcards; past `limit` the oldest are lost.
 
-        ring: on a polled branch, how many of each key wait from one poll to the next; the oldest are lost.
+        ring: on a polled sub-session, how many messages of each key wait from one poll to the next; the oldest are
+        lost. remote: leave out what this process publishes itself.
         """
         inbox = Inbox(limit)
+        origin = zenoh.Locality.REMOTE if remote else None
 
         def enqueue(sample: zenoh.Sample) -> None:
             payload = sample.payload
@@ -104,7 +106,8 @@ class SubSession:
             inbox.put(str(sample.key_expr), said)
 
         for key in keys:
-            self._declare(partial(self._session.declare_subscriber, key), enqueue, ring)
+            declare = self._session.declare_subscriber
+            self._declare(partial(declare, key, allowed_origin=origin), enqueue, ring)
         self._inboxes.append(inbox)
         return inbox
 
@@ -137,6 +140,22 @@ class SubSession:
 
         self._declare(partial(self._session.declare_queryable, key, complete=True), reply)
 
+    def answer_requests(self, key: str, respond: Callable[[bytes], bytes | None]) -> None:
+        """Answer requests that name exactly `key` with what `respond` makes of their payload; None: no answer.
+
+        A query with wildcards, as a listener sends for the last values, is not answered and changes nothing.
+        """
+
+        def reply(query: zenoh.Query) -> None:
+            with query:
+                if str(query.key_expr) != key or query.payload is None:
+                    return
+                response = respond(query.payload.to_bytes())
+                if response is not None:
+                    query.reply(key, response, encoding=ENCODING)
+
+        self._declare(partial(self._session.declare_queryable, key, complete=True), reply)
+
     def ask(self, key: str, timeout_s: float) -> dict[str, bytes]:
         """The last value under each key that matches `key`, which may hold wildcards; empty after `timeout_s`."""
         return dict(self.ask_each(key, timeout_s))
@@ -159,10 +178,11 @@ class SubSession:
         answered: Callable[[str, bytes], None],
         timeout_s: float,
         finished: Callable[[], None] = lambda: None,
+        payload: bytes | None = None,
     ) -> None:
         """Ask without waiting: `answered` gets each key and its bytes, in a thread of the mesh; it must be quick.
 
-        finished: called once, when no more answers will come.
+        finished: called once, when no more answers will come. payload: what the request carries.
         """
 
         def pass_on(reply: zenoh.Reply) -> None:
@@ -172,7 +192,7 @@ class SubSession:
         # No ring: what it holds is lost at the end of the answers. Nobody answers so often that this would fill.
         handler: Any = zenoh.handlers.FifoChannel(RING) if self._polled else zenoh.handlers.Callback(pass_on, finished)
         with contextlib.suppress(zenoh.ZError):  # closed: nobody will answer
-            replies = self._session.get(key, handler, target=zenoh.QueryTarget.ALL, timeout=timeout_s)
+            replies = self._session.get(key, handler, target=zenoh.QueryTarget.ALL, timeout=timeout_s, payload=payload)
             if self._polled:
                 self._awaited.append((replies, pass_on, finished))
 

@@ -255,3 +255,25 @@ def test_a_polled_branch_gives_everything_when_it_is_asked_and_nothing_before(fu
     assert hub.ask("x/question", SOON_S)
     branch.poll()
     assert inbox.take(0) == []
+
+
+def test_a_request_is_answered_under_its_exact_key_and_a_listeners_query_is_not(fusion, peer):
+    one, two = fusion, peer()
+    asked = []
+    one.answer_requests("laban/dojo/fusion/a/handover", lambda payload: asked.append(payload) or b"state")
+    replies, finished = [], threading.Event()
+    two.request("laban/dojo/fusion/a/handover", lambda key, payload: replies.append(payload), 2.0, finished.set, b"b")
+    assert finished.wait(SOON_S)
+    assert (asked, replies) == ([b"b"], [b"state"])
+    assert two.ask("laban/dojo/**", 0.2) == {}
+    assert two.ask("laban/dojo/fusion/a/handover", 0.2) == {} and asked == [b"b"]
+
+
+def test_an_inbox_can_leave_out_what_its_own_process_publishes(fusion, peer):
+    one, two = fusion, peer()
+    inbox = one.inbox("laban/dojo/judgement", remote=True)
+    own, other = one.publisher("laban/dojo/judgement"), two.publisher("laban/dojo/judgement")
+    assert other.wait_for_subscriber(SOON_S)
+    own.put(b"own")
+    other.put(b"other")
+    assert [arrival.payload for arrival in inbox.take(SOON_S)] == [b"other"]
