@@ -45,10 +45,10 @@ mqtt-tools:
 	@tests/hub/mqtt/install_mosquitto.sh
 
 peers: $(PEERS)/.ready   ## our judges beside MiniRocket and 1-NN DTW: the table of docs/results/peers.md, written anew
-	@$(PEERS)/bin/labanmesh peers --page docs/results/peers.md
+	@$(PEERS)/bin/python -m benchmarks.peers --page docs/results/peers.md
 
 test-peers: $(PEERS)/.ready   ## the tests of that comparison, also those that need aeon
-	@$(PEERS)/bin/pytest -q -n0 tests/studies/test_peers.py
+	@$(PEERS)/bin/pytest -q -n0 tests/test_peers.py
 
 peers-transport: $(TRANSPORTS)/.ready   ## ours beside MQTT, NATS and ZeroMQ: the table of docs/results/performance.md, written anew
 	@benchmarks/transports/install_brokers.sh
@@ -65,7 +65,7 @@ bench: $(VENV)/.ready  ## each cost beside its floor, to build/bench.json
 	@$(BIN)/python -m benchmarks
 
 scale: $(VENV)/.ready   ## what growing costs, measured anew: the tables of docs/design/scale.md, about four minutes
-	@$(BIN)/python -m benchmarks.crowd.costs --write studies/scale/measured.json && $(BIN)/labanmesh scale --page docs/design/scale.md
+	@$(BIN)/python -m benchmarks.scale.measure --write benchmarks/scale/measured.json && $(BIN)/python -m benchmarks.scale --page docs/design/scale.md
 
 soak: $(VENV)/.ready  ## ten minutes of a thousand SIMULATED observers before one real fusion process
 	@$(BIN)/python -m benchmarks.crowd

@@ -30,7 +30,7 @@ class Verb:
 
 
 VERBS = {
-    "demo": Verb("studies.commands", "demo", "the whole system on this machine, on what the package carries"),
+    "demo": Verb("studies.demo", "demo", "the whole system on this machine, on what the package carries"),
     "init": Verb("deploy.init.commands", "init", "a commented scene file for the cameras of this machine"),
     "up": Verb("deploy.commands", "up", "all processes that a scene file names, supervised"),
     "observe": Verb("observer.commands", "observe", "one observer: its view becomes a judge on the mesh"),
@@ -41,7 +41,7 @@ VERBS = {
     "router": Verb("deploy.commands", "router", "a Zenoh router for a mesh of several machines"),
     "watch": Verb("hub.commands", "watch", "live view of beliefs, weights and verdicts in the terminal"),
     "capture": Verb("hub.commands", "capture", "all that is said in a scene -> a capture file"),
-    "replay": Verb("studies.replay_commands", "replay", "a capture judged anew, or played back onto a mesh"),
+    "replay": Verb("studies.replay.commands", "replay", "a capture judged anew, or played back onto a mesh"),
     "hub": Verb("hub.mqtt.commands", "hub", "what homes get from a scene: Home Assistant through an MQTT broker"),
     "dashboard": Verb("hub.dashboard.commands", "dashboard", "the same as watch, as a page in the browser"),
     "import": Verb("observer.commands", "import_recordings", "recordings of others -> motion archive"),
@@ -54,15 +54,10 @@ VERBS = {
     "forget": Verb("observer.commands", "forget", "a model without some of its movements, nothing learned again"),
     "paper": Verb("studies.commands", "paper", "the paper's three experiments, beside the paper's tables"),
     "evaluate": Verb("studies.commands", "evaluate", "accuracy, confusion, earliness and calibration on an archive"),
-    "peers": Verb("studies.peers.commands", "peers", "our judges beside offline classifiers on the same tracks"),
-    "scale": Verb(
-        "studies.scale.commands", "scale", "what it costs to grow: homes by factors of ten, from measured costs"
-    ),
-    "effort": Verb("studies.effort_commands", "effort", "Effort told apart in actions that taught nothing of it"),
+    "effort": Verb("studies.effort", "effort", "Effort told apart in actions that taught nothing of it"),
 }
 
 EXTRAS = {
-    "aeon": "peers",
     "cv2": "observer",
     "scipy": "observer",
     "matplotlib": "report",

@@ -11,8 +11,8 @@ from dataclasses import asdict
 from itertools import chain
 from pathlib import Path
 
-from benchmarks import fusion_step, mesh, model_update, observer, recovery, security, throughput, tracking
-from benchmarks.crowd import rows as crowd
+from benchmarks import fusion, mesh, observer, observer_steps, recovery, security
+from benchmarks.crowd import trial
 from benchmarks.timing import Row
 from common.errors import LabanmeshError
 
@@ -25,10 +25,16 @@ def main() -> int:
     place = os.environ.get("LABANMESH_DATA")
     try:
         data = Path(place) if place else None
-        one = chain(tracking.rows(), model_update.rows(data), observer.rows(data))
+        one = chain(observer_steps.tracking_rows(), observer_steps.model_rows(data), observer.rows(data))
         rows = told(
             chain(
-                one, fusion_step.rows(), mesh.rows(), throughput.rows(), crowd.rows(), recovery.rows(), security.rows()
+                one,
+                fusion.step_rows(),
+                mesh.rows(),
+                fusion.flood_rows(),
+                trial.rows(),
+                recovery.rows(),
+                security.rows(),
             )
         )
     except LabanmeshError as error:

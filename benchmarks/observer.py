@@ -23,9 +23,8 @@ import cv2
 import numpy as np
 
 from benchmarks.bare_zenoh import LOOPBACK, SOON_S
-from benchmarks.model_update import FACINGS, halves, learned, recorded
+from benchmarks.observer_steps import FACINGS, RATE_HZ, halves, learned, plain_calls, recorded
 from benchmarks.timing import Row, row
-from benchmarks.tracking import RATE_HZ, plain_calls
 from common.config import MeshConfig
 from common.errors import LabanmeshError
 from common.inbox import Inbox

@@ -1,4 +1,4 @@
-"""The verbs that look at the whole: `evaluate` and `demo`."""
+"""The verbs `evaluate`, `paper` and `demo`, and the options that they share."""
 
 import json as json_text
 from dataclasses import replace
@@ -10,42 +10,87 @@ import typer
 from common.errors import BadInput
 from common.progress import ProgressBar
 from common.text import named_numbers, one_of, split_list
-from studies import options
 
 if TYPE_CHECKING:
     from observer.motion.archive import MotionArchive
     from studies.evaluate import Answer, Question
+
+Archive = Annotated[Path, typer.Argument(help="The motion archive (.npz).")]
+Views = Annotated[str, typer.Option(help="door, wheel, table, yaw:DEG[,pitch:DEG], camera files; by commas.")]
+Labels = Annotated[str, typer.Option(help="Movements to tell apart, or AS1, AS2, AS3; by commas; all.")]
+LabelSets = Annotated[
+    list[str] | None, typer.Option(help="Movements by commas, or a set as AS1; repeat for several sets; all.")
+]
+TrainSubjects = Annotated[str, typer.Option(help="People to learn from; every other one.")]
+TestSubjects = Annotated[str, typer.Option(help="People to judge; those not learned from.")]
+LeaveOneOut = Annotated[bool, typer.Option("--leave-one-subject-out", help="Judge each in turn.")]
+Model = Annotated[str, typer.Option(help="phase, phase-symbols or frame-table.")]
+RuleName = Annotated[str, typer.Option(help="Name of the fusion rule.")]
+Parameters = Annotated[
+    list[str] | None, typer.Option(help="NAME=NUMBER of the model instead of its default; may be repeated.")
+]
+Turn = Annotated[str, typer.Option(help="Degrees the performer is turned in test, or random.")]
+Faults = Annotated[list[str] | None, typer.Option(help="VIEW=wrong|noise|silent|late|hidden; may be repeated.")]
+Facings = Annotated[
+    int, typer.Option(min=0, help="Directions that the model knows; 1 for a known turn, 12 for a random one.")
+]
+Temperature = Annotated[float, typer.Option(min=0.1, help="Of the fused belief: [fusion] temperature.")]
+Uncalibrated = Annotated[bool, typer.Option("--uncalibrated", help="Observers as sure as their evidence.")]
+Unlearned = Annotated[
+    str, typer.Option(help="With --stream: movements shown without having been learned, by commas; or others.")
+]
+BackgroundLabels = Annotated[
+    str,
+    typer.Option(
+        help="Movements learned as something else, by commas; a number: so many of --unlearned, shown no more; "
+        "blends: none, mixtures of those learned alone."
+    ),
+]
+BodyParts = Annotated[str, typer.Option(help="Parts to use, by commas; all of the archive's.")]
+OnsetKind = Annotated[str, typer.Option(help="known: as cut out. unknown: idle around it, any tempo.")]
+Stream = Annotated[bool, typer.Option("--stream", help="Judge continuously too: spotting in a stream.")]
+LearningCurve = Annotated[
+    bool, typer.Option("--learning-curve", help="Also from fewer people, and fewer recordings of each.")
+]
+Through = Annotated[
+    str, typer.Option(help="process; mesh: over real Zenoh sessions; pixels: filmed and tracked by camshift.")
+]
+Background = Annotated[str, typer.Option(help="With pixels: plain, cluttered or skin_toned.")]
+Seed = Annotated[int, typer.Option(min=0, help="Seeds all chance.")]
+ReportFolder = Annotated[Path | None, typer.Option(help="Folder for tables and figures.")]
+JsonFile = Annotated[Path | None, typer.Option(help="File for the figures as JSON.")]
+
 
 FACINGS = 12
 """Every 30 degrees: fewer lose up to 2 points between two directions, more cost time (docs/design/model.md)."""
 
 
 def evaluate(
-    archive: options.Archive,
-    views: options.Views,
-    labels: options.Labels = "",
-    train_subjects: options.TrainSubjects = "",
-    test_subjects: options.TestSubjects = "",
-    leave_one_subject_out: options.LeaveOneOut = False,
-    model: options.Model = "phase",
-    rule: options.RuleName = "robust_inverse_entropy",
-    parameter: options.Parameters = None,
-    turn: options.Turn = "0",
-    fault: options.Faults = None,
-    facings: options.Facings = 0,
-    temperature: options.Temperature = 1.0,
-    uncalibrated: options.Uncalibrated = False,
-    unlearned: options.Unlearned = "",
-    background_labels: options.BackgroundLabels = "",
-    body_parts: options.BodyParts = "",
-    onset: options.OnsetKind = "known",
-    stream: options.Stream = False,
-    learning_curve: options.LearningCurve = False,
-    through: options.Through = "process",
-    background: options.Background = "plain",
-    seed: options.Seed = 0,
-    report: options.ReportFolder = None,
-    json: options.JsonFile = None,
+    archive: Archive,
+    views: Views,
+    labels: Labels = "",
+    train_subjects: TrainSubjects = "",
+    test_subjects: TestSubjects = "",
+    leave_one_subject_out: LeaveOneOut = False,
+    model: Model = "phase",
+    rule: RuleName = "robust_inverse_entropy",
+    parameter: Parameters = None,
+    turn: Turn = "0",
+    fault: Faults = None,
+    facings: Facings = 0,
+    temperature: Temperature = 1.0,
+    uncalibrated: Uncalibrated = False,
+    unlearned: Unlearned = "",
+    background_labels: BackgroundLabels = "",
+    body_parts: BodyParts = "",
+    onset: OnsetKind = "known",
+    stream: Stream = False,
+    learning_curve: LearningCurve = False,
+    through: Through = "process",
+    background: Background = "plain",
+    seed: Seed = 0,
+    report: ReportFolder = None,
+    json: JsonFile = None,
 ) -> None:
     """How well the system judges people whom it has not learned from: accuracy, confusion, earliness, calibration.
 
@@ -60,8 +105,7 @@ def evaluate(
     from observer.motion.archive_file import read_archive
     from studies.evaluate import Question
     from studies.faults import fault_named
-    from studies.strangers import strangers
-    from studies.subsets import labels_in
+    from studies.trials import labels_in, strangers
 
     whole = read_archive(archive)
     seen = tuple(parse_view(view) for view in split_views(views))
@@ -106,12 +150,11 @@ def _evaluated(
     curve: bool = False,
 ) -> list[Path]:
     """Evaluate with progress, tell the result, write what was asked for; returns the files."""
-    from studies.answer import as_json
     from studies.evaluate import evaluate as ask
     from studies.learning_curve import learning_curve
-    from studies.mesh_run import fused_over_mesh
-    from studies.report import draw_learning_curve, write_report
+    from studies.report import as_json, draw_learning_curve, write_report
     from studies.stream import judge_stream
+    from studies.through import fused_over_mesh
 
     with ProgressBar() as bar:
         # First, so that what it refuses is refused at once.
@@ -141,9 +184,8 @@ def _evaluated(
 
 def _tell(found: dict[str, Any]) -> None:
     """What a person reads of it."""
-    from studies.answer import as_text
     from studies.learning_curve import as_table
-    from studies.report import resolved_pairs
+    from studies.report import as_text, resolved_pairs
 
     print(as_text(found))
     if "learning_curve" in found:
@@ -163,58 +205,18 @@ def _from_pixels(
     from observer.learning import prepared
     from observer.rendering.scenery import Scenery
     from studies.evaluate import evaluate as ask
-    from studies.pixels import RATE_HZ, Filming, evaluate_pixels
+    from studies.through import RATE_HZ, Filming, evaluate_pixels
 
     filming = Filming(Scenery(background=background))
     sampled = prepared(archive, rate_hz=RATE_HZ)
     return sampled, evaluate_pixels(sampled, question, filming, bar), ask(sampled, question, bar)
 
 
-def demo(
-    motion: Annotated[Path | None, typer.Option(help="A motion archive: recorded people instead of ours.")] = None,
-    subject: Annotated[str | None, typer.Option(help="Who performs, of the archive; the last one.")] = None,
-    output: Annotated[Path, typer.Option(help="Folder for scene, models, log and figures.")] = Path("labanmesh-demo"),
-    seed: Annotated[int, typer.Option(min=0, help="Seeds all chance.")] = 0,
-    pixels: Annotated[
-        bool, typer.Option(help="Track hands and head in pictures of virtual cameras, or be told where they are.")
-    ] = True,
-) -> None:
-    """The whole system on this machine: four observer processes in the corners, one referee, verdicts against truth.
-
-    The performer is synthetic unless --motion names recorded people, and filmed by virtual cameras. Ends by itself.
-
-    Example: labanmesh demo
-
-    Example: labanmesh demo --motion msr.npz --subject 8
-    """
-    from observer.motion.archive_file import read_archive
-    from studies.demo import play
-    from studies.demo_report import draw, rows_of, table
-    from studies.demo_scene import PREVIEW, recorded_performance, synthetic_performance, write_demo
-
-    if motion is None:
-        performance = synthetic_performance(seed)
-    else:
-        performance = recorded_performance(read_archive(motion), motion.name, subject, seed)
-    print(performance.title)
-    with ProgressBar() as bar:
-        scene = write_demo(performance, output, bar, pixels)
-    stream = performance.stream
-    length_s = len(stream.positions) / stream.rate_hz
-    print(f"five processes start: four observers, one referee; the performance takes {length_s:.0f} s", flush=True)
-    heard = play(scene, output / "log.txt", length_s)
-    figures = draw(stream, heard, performance.vocabulary.labels, output)
-    print(f"\n{performance.title}\n\n{table(rows_of(stream, heard))}\n")
-    film = [output / PREVIEW] if pixels else []
-    print("written:", *figures, *film, scene, output / "log.txt", sep="\n  ")
-    print(f"\nagain, by hand: labanmesh up {scene}, and labanmesh watch {scene} in another terminal")
-
-
 def paper(
-    archive: options.Archive,
-    labels: options.LabelSets = None,
-    train_subjects: options.TrainSubjects = "",
-    test_subjects: options.TestSubjects = "",
+    archive: Archive,
+    labels: LabelSets = None,
+    train_subjects: TrainSubjects = "",
+    test_subjects: TestSubjects = "",
     report: Annotated[Path | None, typer.Option(help="Folder for the text and the figures.")] = None,
 ) -> None:
     """The paper's three experiments with the paper's own model and rule, confusion tables beside the paper's.
@@ -225,7 +227,7 @@ def paper(
     from observer.motion.archive_file import read_archive
     from studies.experiments import run_experiments, told
     from studies.report import write_report
-    from studies.subsets import labels_in
+    from studies.trials import labels_in
 
     whole = read_archive(archive)
     sets = {text: labels_in(text) for text in labels or []} or {"all": labels_of(whole)}

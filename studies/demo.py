@@ -13,17 +13,60 @@ import threading
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Annotated
+
+import typer
 
 from common.config import Scene, read_scene
 from common.errors import LabanmeshError
 from common.inbox import Inbox
 from common.link import Link
 from common.messages import JudgementMessage, PosteriorMessage, VerdictMessage
+from common.progress import ProgressBar
 from common.wire import BadMessage, decode
 
 SECOND_NS = 1_000_000_000
 PLAY_PATIENCE_S = 30.0
 STOP_PATIENCE_S = 10.0
+
+
+def demo(
+    motion: Annotated[Path | None, typer.Option(help="A motion archive: recorded people instead of ours.")] = None,
+    subject: Annotated[str | None, typer.Option(help="Who performs, of the archive; the last one.")] = None,
+    output: Annotated[Path, typer.Option(help="Folder for scene, models, log and figures.")] = Path("labanmesh-demo"),
+    seed: Annotated[int, typer.Option(min=0, help="Seeds all chance.")] = 0,
+    pixels: Annotated[
+        bool, typer.Option(help="Track hands and head in pictures of virtual cameras, or be told where they are.")
+    ] = True,
+) -> None:
+    """The whole system on this machine: four observer processes in the corners, one referee, verdicts against truth.
+
+    The performer is synthetic unless --motion names recorded people, and filmed by virtual cameras. Ends by itself.
+
+    Example: labanmesh demo
+
+    Example: labanmesh demo --motion msr.npz --subject 8
+    """
+    from observer.motion.archive_file import read_archive
+    from studies.demo_report import draw, rows_of, table
+    from studies.demo_scene import PREVIEW, recorded_performance, synthetic_performance, write_demo
+
+    if motion is None:
+        performance = synthetic_performance(seed)
+    else:
+        performance = recorded_performance(read_archive(motion), motion.name, subject, seed)
+    print(performance.title)
+    with ProgressBar() as bar:
+        scene = write_demo(performance, output, bar, pixels)
+    stream = performance.stream
+    length_s = len(stream.positions) / stream.rate_hz
+    print(f"five processes start: four observers, one referee; the performance takes {length_s:.0f} s", flush=True)
+    heard = play(scene, output / "log.txt", length_s)
+    figures = draw(stream, heard, performance.vocabulary.labels, output)
+    print(f"\n{performance.title}\n\n{table(rows_of(stream, heard))}\n")
+    film = [output / PREVIEW] if pixels else []
+    print("written:", *figures, *film, scene, output / "log.txt", sep="\n  ")
+    print(f"\nagain, by hand: labanmesh up {scene}, and labanmesh watch {scene} in another terminal")
 
 
 @dataclass(slots=True)

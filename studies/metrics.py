@@ -1,7 +1,11 @@
-"""How good judgements are: accuracy, confusion, calibration. Pure functions on arrays.
+"""Accuracy, calibration and confusion tables. Pure functions on arrays.
 
 Shapes: p (N, M) judged probabilities, truth (N,) indices of the true movements.
 """
+
+from collections.abc import Sequence
+from itertools import zip_longest
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,3 +52,64 @@ def brier(p: Floats, truth: Indices) -> float:
 def log_loss(p: Floats, truth: Indices) -> float:
     """Mean of -ln p(true movement), in nats."""
     return float(-np.log(np.maximum(p[np.arange(len(p)), truth], LEAST_P)).mean())
+
+
+ERRORS_HEAD = "Σ errors"
+Counts = NDArray[np.int64]
+
+
+class ConfusedPair(NamedTuple):
+    """A movement taken for another so often in one view, and so often after fusion."""
+
+    true: str
+    judged: str
+    count_in_one_view: int
+    count_fused: int
+
+
+def confusion_table(confusion: Counts, labels: Sequence[str], title: str = "") -> str:
+    """(M, M) counts, rows true, columns judged -> the table as lines of text.
+
+    Rows carry number and name, columns numbers, a zero is an empty cell; to the right the errors of each row,
+    below them all errors as `32(of 95)`. Raises ValueError when confusion is not (M, M) for M labels.
+    """
+    counts = _checked(confusion, labels)
+    errors = counts.sum(axis=1) - counts.diagonal()
+    number = len(str(len(labels)))
+    names = [f"{place:>{number}} {label}" for place, label in enumerate(labels, 1)]
+    side = max(map(len, names))
+    cell = max(number, len(str(counts.max(initial=0)))) + 1
+    total = f"{errors.sum()}(of {counts.sum()})"
+    end = max(len(ERRORS_HEAD), len(total)) + 2
+    head = " " * side + "".join(f"{place:>{cell}}" for place in range(1, len(labels) + 1)) + f"{ERRORS_HEAD:>{end}}"
+    rows = [
+        f"{name:<{side}}" + "".join(f"{count or '':>{cell}}" for count in row) + f"{wrong:>{end}}"
+        for name, row, wrong in zip(names, counts.tolist(), errors.tolist(), strict=True)
+    ]
+    return "\n".join([*([title] if title else []), head, "-" * len(head), *rows, f"{total:>{len(head)}}"])
+
+
+def beside(left: str, right: str, gap: int = 4) -> str:
+    """Two texts side by side, `gap` spaces apart, lines matched from the top; no line ends in spaces."""
+    lines_left, lines_right = left.splitlines(), right.splitlines()
+    width = max(map(len, lines_left), default=0) + gap
+    pairs = zip_longest(lines_left, lines_right, fillvalue="")
+    return "\n".join(f"{ours:<{width}}{theirs}".rstrip() for ours, theirs in pairs)
+
+
+def confused_pairs(confusion_one: Counts, confusion_fused: Counts, labels: Sequence[str]) -> list[ConfusedPair]:
+    """Pairs that one view confuses and the fusion confuses less: the paper's nthrow taken for ok.
+
+    Both (M, M) counts, rows true, columns judged, over the same trials. The most resolved comes first, then
+    the more frequent confusion, then the order of the labels. Raises ValueError for shapes that do not fit.
+    """
+    one, fused = _checked(confusion_one, labels), _checked(confusion_fused, labels)
+    places = [(i, j) for i, j in np.argwhere(one > fused).tolist() if i != j]
+    places.sort(key=lambda at: (fused[at] - one[at], -one[at], at))
+    return [ConfusedPair(labels[i], labels[j], int(one[i, j]), int(fused[i, j])) for i, j in places]
+
+
+def _checked(confusion: Counts, labels: Sequence[str]) -> Counts:
+    if confusion.shape != (len(labels), len(labels)):
+        raise ValueError(f"confusion has shape {confusion.shape}: ({len(labels)}, {len(labels)}) for so many labels")
+    return confusion

@@ -1,14 +1,17 @@
-"""Who is judged on what: splitting people, turning them, hiding where a movement begins. Seeded, pure."""
+"""What is learned and what is judged: movements, people, turns, unknown onsets. Seeded, pure."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from common.errors import BadInput
+from common.text import split_list
+from observer.background import BLENDS
 from observer.geometry.views import turned
 from observer.learning import cut_out, labels_of
 from observer.motion.archive import MotionArchive, Recording
+from observer.motion.importers.msr_action3d import LABELS
 from observer.motion.resample import retime
 
 SLOWEST, FASTEST = 0.6, 1.7
@@ -123,3 +126,73 @@ def _trial(recording: Recording, onset_known: bool, turn: float | None, rng: np.
     still = (still + rng.normal(0, IDLE_NOISE_M, still.shape)).astype(np.float32)
     whole = np.concatenate([still[:before], moving, still[before:]])
     return Trial(replace(recording, positions=whole), before, before + len(moving), turn_deg)
+
+
+OTHERS = "others"
+Labels = tuple[str, ...]
+
+
+def strangers(
+    unlearned: str, background: str, learned: Labels, known: Labels, seed: int = 0
+) -> tuple[Labels, Labels | None]:
+    """The texts of --unlearned and --background-labels -> the movements of each; known: all of the archive.
+
+    `others` are all that are neither learned nor background. A number of background is drawn from the unlearned, which
+    are then not shown. Raises BadInput for a movement that would be two of learned, background and unlearned.
+    """
+    chosen = _background(background)
+    shown = tuple(m for m in known if m not in learned) if unlearned == OTHERS else split_list("--unlearned", unlearned)
+    _require_apart("--unlearned", shown, learned)
+    if isinstance(chosen, int):
+        chosen = _drawn(chosen, shown, seed)
+        return tuple(m for m in shown if m not in chosen), chosen
+    if chosen is None:
+        return shown, None
+    _require_apart("--background-labels", chosen, learned)
+    if unlearned == OTHERS:
+        return tuple(m for m in shown if m not in chosen), chosen
+    for label in shown:
+        if label in chosen:
+            raise BadInput(f"--background-labels: {label!r} is among --unlearned, which must not be known; name others")
+    return shown, chosen
+
+
+def _background(text: str) -> Labels | int | None:
+    if not text:
+        return None
+    if text == BLENDS:
+        return ()
+    return int(text) if text.isdecimal() else split_list("--background-labels", text)
+
+
+def _drawn(count: int, shown: Sequence[str], seed: int) -> Labels:
+    if not 0 < count < len(shown):
+        raise BadInput(
+            f"--background-labels {count}: of {len(shown)} movements of --unlearned; "
+            f"one at least must be drawn and one left, e.g. --unlearned others"
+        )
+    chosen = np.random.default_rng([seed, 3]).permutation(len(shown))[:count]
+    return tuple(shown[n] for n in sorted(chosen.tolist()))
+
+
+def _require_apart(option: str, named: Sequence[str], learned: Sequence[str]) -> None:
+    for label in named:
+        if label in learned:
+            raise BadInput(f"{option}: {label!r} is among the movements that are learned; name others in --labels")
+
+
+def _numbered(*numbers: int) -> tuple[str, ...]:
+    return tuple(LABELS[number - 1] for number in numbers)
+
+
+SUBSETS: Mapping[str, tuple[str, ...]] = {
+    # Li, Zhang and Liu, "Action recognition based on a bag of 3D points", CVPR workshops 2010.
+    "AS1": _numbered(2, 3, 5, 6, 10, 13, 18, 20),
+    "AS2": _numbered(1, 4, 7, 8, 9, 11, 12, 14),
+    "AS3": _numbered(6, 14, 15, 16, 17, 18, 19, 20),
+}
+
+
+def labels_in(text: str) -> tuple[str, ...]:
+    """`a,b,AS1` -> the labels, subsets spelled out; raises BadInput for an empty piece."""
+    return tuple(dict.fromkeys(label for word in split_list("--labels", text) for label in SUBSETS.get(word, (word,))))

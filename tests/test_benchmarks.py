@@ -1,25 +1,19 @@
 """The benchmarks: rows as the contract has them, small runs without a mesh, which judgement answers which put."""
 
 import json
-import sys
 from dataclasses import asdict, fields
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-# The benchmarks are no part of what is installed.
-sys.path.append(str(Path(__file__).parents[1]))
-
 from benchmarks.__main__ import as_json, table, told
-from benchmarks.fusion_step import pool_row
-from benchmarks.fusion_step import rows as fusion_rows
+from benchmarks.fusion import pool_row
+from benchmarks.fusion import step_rows as fusion_rows
 from benchmarks.mesh import first_judged
-from benchmarks.model_update import FLOORS, halves, learned, measure, memory, recorded
 from benchmarks.observer import NOW_NS, told_bytes
+from benchmarks.observer_steps import FLOORS, camshift_row, halves, learned, measure, memory, pictures, recorded
 from benchmarks.posteriors import NAMES, beliefs, message, scene_of
 from benchmarks.timing import Row, compare, row
-from benchmarks.tracking import camshift_row, pictures
 from common.inbox import Arrival
 from common.wire import encode
 from fusion.engine.engine import FusionEngine

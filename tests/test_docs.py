@@ -147,6 +147,8 @@ def test_commands_in_blocks_are_understood(page):
     for words in command_lines(page):
         if words[0] == "make":
             assert f"\n{words[1]}:" in makefile, words
+        elif words[:2] == ["python", "-m"]:
+            assert (ROOT / words[2].replace(".", "/") / "__main__.py").exists(), words
         else:
             assert words[0] == "labanmesh", words
             command, rest = told_apart(words[1:])

@@ -14,15 +14,21 @@ from pathlib import Path
 import msgpack
 import pytest
 
-# The benchmarks are no part of what is installed.
-sys.path.append(str(Path(__file__).parents[1]))
-
 from benchmarks.transports import commands, kinds
-from benchmarks.transports.figures import Figure, in_ms, latencies, over_rounds
 from benchmarks.transports.kinds import KINDS, here
-from benchmarks.transports.stage import LADDER_HZ, flooded, paced
-from benchmarks.transports.table import BEGIN, END, ROWS, RUNS, as_markdown, rewritten
-from benchmarks.transports.workload import judgement, names, posteriors
+from benchmarks.transports.stage import LADDER_HZ, flooded, judgement, names, paced, posteriors
+from benchmarks.transports.table import (
+    BEGIN,
+    END,
+    ROWS,
+    RUNS,
+    Figure,
+    as_markdown,
+    in_ms,
+    latencies,
+    over_rounds,
+    rewritten,
+)
 from common.messages import JudgementMessage, PosteriorMessage
 from common.wire import decode
 

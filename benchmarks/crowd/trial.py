@@ -1,9 +1,10 @@
-"""One trial: real `labanmesh fuse` processes, the crowd before them, and what they cost: time, memory, verdicts."""
+"""One crowd trial: real `labanmesh fuse` processes, the simulated observers, and what the processes cost."""
 
 import os
 import socket
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
@@ -12,8 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.crowd.crowd import Account, Crowd, scene_name
-from benchmarks.crowd.play import JUDGES, MOVING_S, NAMES
+from benchmarks.crowd.crowd import JUDGES, MOVING_S, NAMES, Account, Crowd, scene_name
+from benchmarks.timing import Row, row
 from common.config import MeshConfig
 from common.errors import LabanmeshError
 from common.link import Link
@@ -194,3 +195,22 @@ def _line(account: Account, running: Sequence[Process], begun_s: float) -> str:
         f"{time.monotonic() - begun_s:5.0f} s: {account.put} posteriors, {account.movements} movements, "
         f"{account.right} verdicts, age p99 {np.percentile(recent, 99):.1f} ms; {told}"
     )
+
+
+SECONDS = 10.0
+FEW, MANY = 1, 250
+"""Scenes, of four observers each."""
+
+
+def rows(seconds: float = SECONDS) -> Iterator[Row]:
+    """Processor time of the fusion process for each posterior, and how old judgements are at the 99th percentile."""
+    few, many = (_run(scenes, seconds) for scenes in (FEW, MANY))
+    observers = f"{many[2]} observers, floor: {few[2]}"
+    yield row(f"one posterior, {observers}", many[0], few[0], "us", 1)
+    yield row(f"age of a judgement, p99, {observers}", many[1], few[1], "ms", 1)
+
+
+def _run(scenes: int, seconds: float) -> tuple[float, float, int]:
+    with tempfile.TemporaryDirectory() as folder:
+        outcome = run(Plan(scenes, 30.0, seconds), Path(folder), lambda line: None)
+    return outcome.cpu_per_posterior_us, outcome.age_p99_ms, scenes * JUDGES

@@ -11,11 +11,9 @@ from dataclasses import asdict
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-from benchmarks.transports.figures import Figure, Found, over_rounds
 from benchmarks.transports.kinds import KINDS, here, program
-from benchmarks.transports.stage import flooded, paced, processors
-from benchmarks.transports.table import BEGIN, END, RUNS, as_markdown, rewritten
-from benchmarks.transports.workload import judgement, posteriors
+from benchmarks.transports.stage import flooded, judgement, paced, posteriors, processors
+from benchmarks.transports.table import BEGIN, END, RUNS, Figure, Found, as_markdown, over_rounds, rewritten
 from common.errors import BadInput, LabanmeshError
 from common.progress import ProgressBar
 from common.text import one_of, split_list

@@ -3,7 +3,7 @@
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 
-from benchmarks.transports.posts import EACH_POSTERIOR, JUDGEMENT, Put, Seat, Take, Transport, posterior
+from benchmarks.transports.kinds import EACH_POSTERIOR, JUDGEMENT, Put, Seat, Take, Transport, posterior
 from common.config import MeshConfig
 from common.inbox import Inbox
 from common.link import Link, Publisher

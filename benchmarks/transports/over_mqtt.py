@@ -9,7 +9,7 @@ from typing import Any
 from paho.mqtt.client import Client, MQTTMessage
 from paho.mqtt.enums import CallbackAPIVersion
 
-from benchmarks.transports.posts import EACH_POSTERIOR, JUDGEMENT, LOT, Put, Seat, Take, Transport, posterior
+from benchmarks.transports.kinds import EACH_POSTERIOR, JUDGEMENT, LOT, Put, Seat, Take, Transport, posterior
 
 
 @asynccontextmanager

@@ -4,7 +4,7 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 
 from benchmarks.bare_zenoh import Bare, bare_peer
-from benchmarks.transports.posts import EACH_POSTERIOR, JUDGEMENT, LOT, Put, Seat, Take, Transport, posterior
+from benchmarks.transports.kinds import EACH_POSTERIOR, JUDGEMENT, LOT, Put, Seat, Take, Transport, posterior
 
 
 @asynccontextmanager

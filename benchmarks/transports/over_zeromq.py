@@ -6,7 +6,7 @@ from typing import TypeAlias
 
 import zmq
 
-from benchmarks.transports.posts import EACH_POSTERIOR, JUDGEMENT, LOT, Put, Seat, Take, Transport, posterior
+from benchmarks.transports.kinds import EACH_POSTERIOR, JUDGEMENT, LOT, Put, Seat, Take, Transport, posterior
 
 LOOPBACK = "tcp://127.0.0.1:*"
 Socket: TypeAlias = "zmq.Socket[bytes]"

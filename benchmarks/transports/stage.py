@@ -1,7 +1,4 @@
-"""One run over one transport: its processes started, all having found each other, measured, and ended.
-
-In a run as fast as they can the referee has one processor to itself, where there are two; all others share the rest.
-"""
+"""One run over one transport: its processes are started, find each other, are measured, and end."""
 
 import os
 import threading
@@ -9,14 +6,16 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from functools import cache
 
+from benchmarks.posteriors import NAMES, beliefs, message, scene_of
 from benchmarks.transports.actors import Heard, Part, Ready, Spoken, act
-from benchmarks.transports.broker import keep
-from benchmarks.transports.figures import Found, in_ms, latencies
 from benchmarks.transports.kinds import KINDS
-from benchmarks.transports.orders import SOON_S, Actor, Plan, Tally
-from benchmarks.transports.workload import judgement, names, posteriors
+from benchmarks.transports.orders import SOON_S, Actor, Plan, Tally, keep
+from benchmarks.transports.table import Found, in_ms, latencies
 from common.errors import LabanmeshError
+from common.wire import encode
+from fusion.engine.engine import FusionEngine
 
 RATE_HZ = 60.0
 AHEAD_S = 0.1
@@ -227,3 +226,28 @@ def _until(condition: Callable[[], bool], what: str, seconds: float = SOON_S) ->
         if time.monotonic() > deadline:
             raise LabanmeshError(f"not within {seconds:g} s: {what}; a machine with less to do may help")
         pause.wait(LOOK_S)
+
+
+START_NS = 1_700_000_000_000_000_000
+FRAME_NS = 16_666_667
+
+
+def names(publishers: int) -> list[str]:
+    """cam1, cam2, ..."""
+    return list(scene_of(publishers).roster)
+
+
+def posteriors(name: str, count: int) -> tuple[bytes, ...]:
+    """`count` + 1 of them: sequence number 0 is the murmur."""
+    p = beliefs(count + 1, seed=int(name.removeprefix("cam")))
+    return tuple(encode(message(name, seq, START_NS + seq * FRAME_NS, belief)) for seq, belief in enumerate(p))
+
+
+@cache
+def judgement(publishers: int) -> bytes:
+    """What the referee says when it has heard one posterior of each."""
+    scene = scene_of(publishers)
+    referee = FusionEngine(scene.scene, list(scene.roster), NAMES, scene.fusion)
+    for name, belief in zip(scene.roster, beliefs(publishers), strict=True):
+        referee.hear(name, message(name, 0, START_NS, belief), START_NS)
+    return encode(referee.judge(START_NS).judgement)

@@ -13,9 +13,8 @@ from common.errors import BadInput
 from observer.motion.archive import MotionArchive, Recording, Span
 from observer.tracks import BODY_PARTS, Floats
 from studies.performer.body import CHANNELS, assume
-from studies.performer.movements import SCORES
-from studies.performer.people import KNOWN_PEOPLE, Person
 from studies.performer.plan import Plan, compose, standing
+from studies.performer.repertoire import KNOWN_PEOPLE, SCORES, Person
 
 MOVEMENTS: tuple[str, ...] = tuple(SCORES)
 """The paper's eight labels, in the order of its tables."""

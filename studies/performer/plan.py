@@ -6,8 +6,7 @@ import numpy as np
 
 from observer.tracks import Floats
 from studies.performer.body import CHANNELS, LEFT, RIGHT, Posture
-from studies.performer.movements import Hold, Score, Stroke, Swing
-from studies.performer.people import Person
+from studies.performer.repertoire import Hold, Person, Score, Stroke, Swing
 
 # How much one trial differs from the next: standard deviations, cut off at two of them (Chance.about).
 TEMPO, AMPLITUDE, STROKE_TIME, SWING_SIZE = 0.04, 0.05, 0.05, 0.12  # factors, around 1

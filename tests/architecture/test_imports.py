@@ -25,7 +25,6 @@ MAY_ENTER = {
     "labanmesh": {"common"},
 }
 ONLY_IN = {
-    "aeon": "studies/peers/classifiers.py",
     "zenoh": "common/link.py common/subsession.py",
     "msgpack": "common/wire.py",
     "mcap": "common/capture_file.py",
@@ -49,7 +48,7 @@ EXTRAS_OF = {
     "common": ("capture",),
     "hub": ("mqtt", "dashboard"),
     "observer": ("observer",),
-    "studies": ("observer", "report", "peers"),
+    "studies": ("observer", "report"),
 }
 """Rooms that may need more than the plain install."""
 
@@ -60,7 +59,6 @@ OUTSIDE_WORLD = {
 }
 IMPURE = {
     "studies.learning_curve": "runs evaluate, which measures time",
-    "studies.peers.comparison": "runs evaluate, which measures time",
     "*.commands": "command line: files, signals, printing",
     "*.telling": "the clock, and a server in a thread",
     "*.service": "a loop with clock and mesh",
@@ -126,19 +124,16 @@ IMPURE = {
     "deploy.doctor.look*": "files, ports, processes, threads, the mesh",
     "deploy.launcher": "processes",
     "studies.demo*": "processes, files, ports",
-    "studies.effort_commands": "command line: files, printing",
+    "studies.effort": "command line: files, printing",
     "studies.evaluate": "measures how long judging takes",
     "studies.experiments": "files",
     "studies.figures": "files",
     "studies.figures.*": "files",
-    "studies.mesh_run": "the mesh",
-    "studies.options": "the command line's options: paths",
-    "studies.pixels": "processes, and the virtual camera",
-    "studies.playback": "the mesh and the clock",
-    "studies.replay_commands": "command line: files, printing",
+    "studies.through": "the mesh, processes, the virtual camera",
+    "studies.replay.playback": "the mesh and the clock",
+    "studies.replay.commands": "command line: files, printing",
     "studies.report": "files",
     "studies.stream": "runs evaluate, which measures time",
-    "studies.answer": "words for what evaluate, which measures time, found",
 }
 """Modules, by pattern, that touch sockets, clocks, disks, cameras or processes. All others are pure."""
 PURE_ALL_THE_SAME = {
@@ -147,10 +142,8 @@ PURE_ALL_THE_SAME = {
     "observer.preview.sight",
 }
 ALLOWED = {
-    ("studies.moved_times", "common.capture_file"): "the record type",
-    ("studies.rehearing", "common.capture_file"): "the record type",
-    ("studies.replay", "common.capture_file"): "the record type",
-    ("studies.subsets", "observer.motion.importers.msr_action3d"): "the names of its movements, a table",
+    ("studies.replay.judging", "common.capture_file"): "the record type",
+    ("studies.trials", "observer.motion.importers.msr_action3d"): "the names of its movements, a table",
     ("observer.tracking.registry", "pathlib"): "a tracker may be told the name of a file",
     ("observer.geometry.views", "pathlib"): "a view may be the name of a camera file",
     ("observer.geometry.views", "observer.geometry.camera_file"): "a view may be the name of a camera file",

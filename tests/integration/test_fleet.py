@@ -10,8 +10,7 @@ import pytest
 # The benchmarks are no part of what is installed.
 sys.path.append(str(Path(__file__).parents[2]))
 
-from benchmarks.crowd.crowd import Crowd, scene_name
-from benchmarks.crowd.play import JUDGES, NAMES
+from benchmarks.crowd.crowd import JUDGES, NAMES, Crowd, scene_name
 from benchmarks.crowd.trial import Plan, run
 from common.config import MeshConfig, ObserverConfig, Scene
 from common.link import Link

@@ -13,8 +13,7 @@ from observer.motion.archive import MotionArchive, Recording
 from observer.motion.archive_file import write_archive
 from observer.motion.importers import import_recordings
 from observer.tracks import BODY_PARTS
-from studies.effort_commands import effort
-from studies.effort_study import FUSED, as_json, as_text, judge_poles
+from studies.effort import FUSED, as_json, as_text, effort, judge_poles
 
 RATE = 30.0
 VIEWS = (parse_view("door"), parse_view("wheel"))

@@ -9,12 +9,11 @@ import pytest
 from common.errors import BadInput
 from observer.geometry.views import parse_view
 from observer.motion.archive import MotionArchive, Recording
-from studies.answer import as_json, as_text
 from studies.evaluate import Question, at_end, evaluate
-from studies.mesh_run import fused_over_mesh
 from studies.performer import perform, perform_continuously
-from studies.report import resolved_pairs, write_report
+from studies.report import as_json, as_text, resolved_pairs, write_report
 from studies.stream import Alarm, judge_stream, scored
+from studies.through import fused_over_mesh
 
 LABELS = ("ok", "shake", "lunging")
 DOOR_WHEEL = (parse_view("door"), parse_view("wheel"))

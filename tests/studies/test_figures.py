@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from common.errors import BadInput
 from common.probability import entropy_bits, normalise
+from studies.experiments import MOVEMENTS, TABLE_III
 from studies.figures import (
     Span,
     belief_figure,
@@ -17,9 +18,8 @@ from studies.figures import (
     reliability_figure,
     verdict_timeline_figure,
 )
+from studies.figures.over_time import _is_right, _rows
 from studies.figures.style import Figure, save, spread
-from studies.figures.timeline import _is_right, _rows
-from studies.paper_tables import MOVEMENTS, TABLE_III
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from common.errors import BadInput
 from studies.performer import MOVEMENTS, PEOPLE, perform, perform_continuously
-from studies.performer.people import KNOWN_PEOPLE
+from studies.performer.repertoire import KNOWN_PEOPLE
 
 LEFT, RIGHT, HEAD = range(3)
 X, Y, Z = range(3)

@@ -6,9 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from studies.performer.body import assume
-from studies.performer.movements import SCORES, Stroke
-from studies.performer.people import KNOWN_PEOPLE
 from studies.performer.plan import TimedStroke, TimedSwing, compose, minimum_jerk, standing
+from studies.performer.repertoire import KNOWN_PEOPLE, SCORES, Stroke
 
 seeds = st.integers(0, 2**32)
 persons = st.sampled_from(sorted(KNOWN_PEOPLE))

@@ -9,7 +9,7 @@ from observer.rendering.scenery import Scenery
 from observer.tracking.head import have_cascade
 from studies.evaluate import Question, evaluate
 from studies.performer import perform
-from studies.pixels import RATE_HZ, Filming, evaluate_pixels, tracked
+from studies.through import RATE_HZ, Filming, evaluate_pixels, tracked
 from studies.trials import Trial
 
 pytestmark = pytest.mark.skipif(not have_cascade(), reason="this OpenCV has no face cascade")

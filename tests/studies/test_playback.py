@@ -23,9 +23,8 @@ from common.messages import (
 )
 from common.vocabulary import Vocabulary
 from common.wire import decode, encode, encode_vocabulary
-from studies import playback
-from studies.moved_times import MovedTimes
-from studies.playback import Manner, play
+from studies.replay import playback
+from studies.replay.playback import Manner, MovedTimes, play
 
 SOON_S = 10.0
 SECOND = 1_000_000_000

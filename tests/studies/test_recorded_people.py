@@ -11,11 +11,11 @@ from observer.learning import labels_of
 from observer.motion.archive import MotionArchive
 from observer.motion.importers import import_recordings
 from observer.motion.importers.msr_action3d import LABELS
-from studies.answer import as_json
 from studies.evaluate import Question, evaluate
 from studies.experiments import PAPER_MODEL, PAPER_RULE
-from studies.mesh_run import fused_over_mesh
-from studies.subsets import SUBSETS
+from studies.report import as_json
+from studies.through import fused_over_mesh
+from studies.trials import SUBSETS
 
 ODD, EVEN = ("1", "3", "5", "7", "9"), ("2", "4", "6", "8", "10")
 pytestmark = pytest.mark.slow

@@ -19,10 +19,9 @@ from common.messages import PosteriorMessage, StatusMessage, VocabularyReference
 from common.vocabulary import Vocabulary
 from common.wire import encode, encode_vocabulary
 from fusion.engine.engine import FusionEngine
-from studies.rejudging import Change
-from studies.replay import judge_anew
-from studies.replay_report import as_json, as_text
-from studies.verdict_rows import Saying, rows_of
+from studies.replay.comparison import Saying, as_json, as_text, rows_of
+from studies.replay.from_judgements import Change
+from studies.replay.judging import judge_anew
 
 HOUSE = Path(__file__).parents[2]
 NOON = 1_795_000_000_000_000_000

@@ -4,11 +4,11 @@ import pytest
 
 from common.errors import BadInput
 from observer.geometry.views import parse_view
-from studies.answer import _extras
 from studies.evaluate import Question, evaluate, folds_of
 from studies.performer import perform
-from studies.strangers import strangers
+from studies.report import _extras
 from studies.stream import THRESHOLDS, judge_stream
+from studies.trials import strangers
 
 KNOWN = ("a", "b", "c", "d", "e")
 LEARNED = ("a", "b")

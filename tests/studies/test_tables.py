@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from studies.paper_tables import MOVEMENTS, TABLE_I, TABLE_II, TABLE_III
-from studies.tables import ConfusedPair, beside, confused_pairs, confusion_table
+from studies.experiments import MOVEMENTS, TABLE_I, TABLE_II, TABLE_III
+from studies.metrics import ConfusedPair, beside, confused_pairs, confusion_table
 
 counts = st.integers(2, 20).flatmap(lambda size: arrays(np.int64, (size, size), elements=st.integers(0, 120)))
 

@@ -1,0 +1,235 @@
+"""What one frame costs an observer: tracking hands and head in a picture, and updating the movement model."""
+
+import importlib.util
+import threading
+import tracemalloc
+from collections.abc import Callable, Iterator
+from itertools import count, cycle
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from benchmarks.timing import BATCH_S, ROUNDS, Row, compare, row
+from common.vocabulary import Vocabulary
+from observer.geometry.views import parse_view
+from observer.learning import frames_of, labels_of, learn_view
+from observer.model.base import Arrays, MovementModel, Onset
+from observer.model.phase_symbols import PhaseSymbols
+from observer.model.registry import MODELS
+from observer.motion.archive import MotionArchive
+from observer.motion.importers import import_recordings
+from observer.motion.resample import resample
+from observer.pipeline import Observer
+from observer.projected import ProjectedTracker
+from observer.rendering.scenery import Scenery
+from observer.rendering.virtual_camera import VirtualCamera
+from observer.source import RecordedMotion
+from observer.tracking.camshift import CamshiftTracker
+from observer.tracks import Floats, Frame, Tracker
+from studies.performer import perform, perform_continuously
+
+SIZES = ((640, 480), (1280, 720))
+RATE_HZ = 30.0
+TRACKER_WARM_UP = 45
+"""So many pictures, at first, teach the tracker who stands there."""
+PICTURES = 90
+Pictures = list[Frame]
+Work = Callable[[], object]
+
+
+def tracking_rows(rounds: int = ROUNDS, batch_s: float = BATCH_S) -> Iterator[Row]:
+    """Two rows a size, or one without mediapipe."""
+    cv2.setNumThreads(1)
+    for size in SIZES:
+        shot = pictures(size)
+        yield camshift_row(shot, size, rounds, batch_s)
+        if importlib.util.find_spec("mediapipe") is not None:
+            yield mediapipe_row(shot, size, rounds, batch_s)
+
+
+def pictures(size: tuple[int, int]) -> Pictures:
+    """A virtual camera's pictures of the synthetic performer, cluttered and noisy: idle, then waving."""
+    stream = resample(perform_continuously("1", ("byebye",)), RATE_HZ)
+    archive = MotionArchive(("left_hand", "right_hand", "head"), (stream,))
+    motion = RecordedMotion(archive.body_parts, archive.recordings, speed=0)
+    camera = VirtualCamera(motion, parse_view("door"), size, Scenery(background="cluttered", noise=3.0))
+    frames = camera.frames(threading.Event())
+    return [next(frames) for _ in range(min(TRACKER_WARM_UP + PICTURES, len(stream.positions)))]
+
+
+def camshift_row(shot: Pictures, size: tuple[int, int], rounds: int, batch_s: float) -> Row:
+    """Our tracker, all three parts, against the plain calls."""
+    name = f"tracking, camshift, {size[0]}x{size[1]}"
+    return compare(name, tracking(CamshiftTracker(), shot), plain_calls(shot), rounds, batch_s)
+
+
+def mediapipe_row(shot: Pictures, size: tuple[int, int], rounds: int, batch_s: float) -> Row:
+    """Our tracker around MediaPipe's model, against its bare call."""
+    from mediapipe.python.solutions.pose import Pose  # type: ignore[import-not-found,unused-ignore]
+
+    from observer.tracking.mediapipe_pose import MediapipeTracker
+
+    pose, numbers = Pose(), count()
+
+    def bare() -> None:
+        pose.process(cv2.cvtColor(shot[next(numbers) % len(shot)].content, cv2.COLOR_BGR2RGB))
+
+    name = f"tracking, mediapipe, {size[0]}x{size[1]}"
+    return compare(name, tracking(MediapipeTracker(), shot), bare, rounds, batch_s)
+
+
+def tracking(tracker: Tracker, shot: Pictures) -> Work:
+    """Updates of the tracker, the pictures forth and back, so that nothing jumps; warmed up."""
+    period_ns, last = round(1e9 / RATE_HZ), len(shot) - 1
+    numbers = count()
+
+    def step() -> None:
+        number = next(numbers)
+        place = number % (2 * last)
+        tracker.update(Frame(number * period_ns, shot[place if place <= last else 2 * last - place].content))
+
+    for _ in range(TRACKER_WARM_UP):
+        step()
+    return step
+
+
+def plain_calls(shot: Pictures) -> Work:
+    """What a first programme does with each picture: no prediction, no sizes, no names, and nothing is ever lost.
+
+    Its histogram and its three first windows are where our tracker found the parts in the last picture.
+    """
+    found, last = located(shot), shot[-1].content
+    side = last.shape[0] // 12
+    windows = [(int(u) - side // 2, int(v) - side // 2, side, side) for u, v in found]
+    x, y, w, h = first = windows[2]
+    hsv = cv2.cvtColor(last[y : y + h, x : x + w], cv2.COLOR_BGR2HSV)
+    histogram = cv2.calcHist([hsv], [0, 1], None, [45, 32], [0, 180, 0, 256])
+    cv2.normalize(histogram, histogram, 0, 255, cv2.NORM_MINMAX)
+    stop, numbers = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 10, 1.0), count()
+
+    def step() -> None:
+        hsv = cv2.cvtColor(shot[next(numbers) % len(shot)].content, cv2.COLOR_BGR2HSV)
+        back = cv2.calcBackProject([hsv], [0, 1], histogram, [0, 180, 0, 256], 1)
+        for i in range(len(windows)):
+            _, window = cv2.CamShift(back, windows[i], stop)
+            windows[i] = (window[0], window[1], window[2], window[3]) if window[2] and window[3] else first
+
+    return step
+
+
+def located(shot: Pictures) -> Floats:
+    """(P, 2) px: where the parts were last seen, the picture's middle for one that never was."""
+    tracker = CamshiftTracker()
+    found = np.tile(np.array(shot[0].content.shape[1::-1]) / 2.0, (len(tracker.body_parts), 1))
+    for number, frame in enumerate(shot):
+        centres = tracker.update(Frame(round(number * 1e9 / RATE_HZ), frame.content)).centres
+        found = np.where(np.isfinite(centres), centres, found)
+    return found
+
+
+FACINGS = 12
+RECORDINGS = 20
+"""So many of the other half of the people are watched, one after the other, over and over."""
+
+
+def model_rows(data: Path | None, rounds: int = ROUNDS, batch_s: float = BATCH_S) -> Iterator[Row]:
+    """One row a model; data: the folder of recordings, None for the synthetic performer."""
+    train, test = halves(recorded(data))
+    for kind in MODELS:
+        yield measure(kind, learned(kind, train), test, rounds, batch_s)
+    turning = learned("phase", train, FACINGS)
+    yield measure(f"phase with {FACINGS} facings", turning, test, rounds, batch_s)
+    yield memory(f"phase with {FACINGS} facings", turning)
+
+
+def learned(kind: str, train: MotionArchive, facings: int = 1) -> MovementModel:
+    """A model of all movements, seen from the Door."""
+    parameters = {"facings": float(facings)} if facings > 1 else {}
+    vocabulary = Vocabulary(labels_of(train), "bench")
+    return learn_view(train, parse_view("door"), vocabulary, kind=kind, parameters=parameters, tried=False)
+
+
+def measure(
+    name: str, model: MovementModel, test: MotionArchive, rounds: int = ROUNDS, batch_s: float = BATCH_S
+) -> Row:
+    """`Observer.step` of one model against its floor."""
+    tracker = ProjectedTracker(parse_view("door"), test.body_parts, test.body_parts)
+    observer = Observer(tracker, model)
+    frames = cycle([frame for recording in test.recordings for frame in frames_of(recording)])
+    told = f"model update, {name}, {model.header.vocabulary.size} movements"
+    floor = FLOORS[model.header.kind](model.arrays())
+    return compare(told, lambda: observer.step(next(frames)), floor, rounds, batch_s)
+
+
+def memory(name: str, model: MovementModel) -> Row:
+    """Megabytes that a model takes once it is read and watches; the floor is that of its arrays alone."""
+    arrays = {key: array.copy() for key, array in model.arrays().items()}
+    tracemalloc.start()
+    again = type(model).from_arrays(model.header, arrays)
+    watch = again.watch(Onset())
+    ours = tracemalloc.get_traced_memory()[0] + sum(array.nbytes for array in arrays.values())
+    tracemalloc.stop()
+    floor = sum(array.nbytes for array in arrays.values())
+    return row(f"memory of a model, {name}, {len(watch.p)} movements", ours / 1e6, floor / 1e6, "MB", 1)
+
+
+def recorded(data: Path | None) -> MotionArchive:
+    """MSR Action3D, 20 movements; without it the synthetic performer, 8 movements."""
+    return perform() if data is None else import_recordings("msr-action3d", data / "msr_action3d").archive
+
+
+def halves(archive: MotionArchive) -> tuple[MotionArchive, MotionArchive]:
+    """Every other person to learn from; some recordings of the others to watch."""
+    learned = sorted({r.subject for r in archive.recordings}, key=lambda s: (len(s), s))[::2]
+    train = tuple(r for r in archive.recordings if r.subject in learned)
+    others = tuple(r for r in archive.recordings if r.subject not in learned)
+    test = others[:: max(len(others) // RECORDINGS, 1)]
+    return MotionArchive(archive.body_parts, train), MotionArchive(archive.body_parts, test)
+
+
+def _phase_floor(arrays: Arrays) -> Work:
+    chains = np.asarray(arrays["chains"], np.float32)
+    postures, o = chains.reshape(-1, chains.shape[-1]), chains[0, chains.shape[1] // 2].copy()
+    state, evidence = np.full(len(postures), 1.0 / len(postures), np.float32), np.empty(len(postures), np.float32)
+
+    def floor() -> None:
+        np.matmul(postures, o, out=evidence)
+        np.exp(evidence, out=evidence)
+        np.multiply(state, evidence, out=evidence)
+
+    return floor
+
+
+def _phase_symbols_floor(arrays: Arrays) -> Work:
+    table = np.asarray(arrays["log_table"], np.float64)
+    state = np.full((int(PhaseSymbols.DEFAULTS["speeds"]), *table.shape[:2]), 1.0 / table[..., 0, 0].size)
+    parts, symbols, evidence, result = (
+        np.arange(table.shape[2]),
+        np.arange(table.shape[2]),
+        state[0].copy(),
+        state.copy(),
+    )
+
+    def floor() -> None:
+        np.exp(table[:, :, parts, symbols].sum(axis=2, out=evidence), out=evidence)
+        np.multiply(state, evidence, out=result)
+
+    return floor
+
+
+def _frame_table_floor(arrays: Arrays) -> Work:
+    table = np.asarray(arrays["log_table"], np.float64)
+    parts, symbols, belief = np.arange(table.shape[2]), np.arange(table.shape[2]), np.zeros(len(table))
+
+    def floor() -> None:
+        np.add(belief, table[:, 0, parts, symbols].sum(axis=1), out=belief)
+
+    return floor
+
+
+FLOORS: dict[str, Callable[[Arrays], Work]] = {
+    "phase": _phase_floor,
+    "phase-symbols": _phase_symbols_floor,
+    "frame-table": _frame_table_floor,
+}

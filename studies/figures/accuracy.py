@@ -1,0 +1,223 @@
+"""Figures of accuracy: confusion, earliness, learning curves, Effort poles, reliability."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from matplotlib.colors import to_rgb
+from matplotlib.ticker import PercentFormatter
+from numpy.typing import NDArray
+
+from studies.figures.style import COLOURS, GREY, INK, MARKERS, Axes, Figure, Floats, plain, save, spread
+
+RIGHT, WRONG = COLOURS[0], COLOURS[1]
+CELL_INCHES = 0.36
+PALEST = 0.12
+"""A single confusion in a row of many is still to be seen."""
+
+
+def confusion_figure(confusion: NDArray[np.int64], labels: Sequence[str], title: str, path: Path) -> Path:
+    """(M, M) counts, rows true, columns judged -> a picture at `path` (.png, .svg, .pdf), which is returned.
+
+    Colour is the share of the row; the numbers are counts; a row without trials stays white.
+    """
+    size = len(labels)
+    side = size * CELL_INCHES + 1.9
+    figure = Figure(figsize=(side, side + 0.3), layout="constrained")
+    axes = figure.add_subplot()
+    shares = confusion / np.maximum(confusion.sum(axis=1, keepdims=True), 1)
+    axes.imshow(_colours(shares), aspect="equal")
+    _write_counts(axes, confusion, shares)
+    names = [label.replace("_", " ") for label in labels]
+    axes.set_xticks(range(size), names, rotation=45, ha="right", rotation_mode="anchor", fontsize=8)
+    axes.set_yticks(range(size), names, fontsize=8)
+    axes.set_xlabel("judged")
+    axes.set_ylabel("true")
+    axes.set_xticks(np.arange(size + 1) - 0.5, minor=True)
+    axes.set_yticks(np.arange(size + 1) - 0.5, minor=True)
+    axes.grid(which="minor", color="#DDDDDD", linewidth=0.6)
+    axes.tick_params(which="both", length=0)
+    axes.spines[:].set_visible(False)
+    right, trials = int(confusion.trace()), int(confusion.sum())
+    axes.set_title(f"{title}\n{right} of {trials} right ({right / max(trials, 1):.0%})", fontsize=10, loc="left")
+    return save(figure, path)
+
+
+def _colours(shares: Floats) -> Floats:
+    """(M, M) shares of the row -> (M, M, 3) colours, white at zero."""
+    strength = np.where(shares > 0, PALEST + (1 - PALEST) * shares, 0.0)[..., None]
+    hue = np.where(np.eye(len(shares), dtype=bool)[..., None], to_rgb(RIGHT), to_rgb(WRONG))
+    colours: Floats = 1 - strength * (1 - hue)
+    return colours
+
+
+def _write_counts(axes: Axes, confusion: NDArray[np.int64], shares: Floats) -> None:
+    for row, column in np.argwhere(confusion > 0).tolist():
+        colour = "white" if shares[row, column] > 0.55 else INK
+        weight = "bold" if row == column else "normal"
+        count = str(confusion[row, column])
+        axes.text(column, row, count, ha="center", va="center", fontsize=8, color=colour, fontweight=weight)
+
+
+LABEL_GAP = 0.06
+
+
+def earliness_figure(
+    fractions: Sequence[float], series: Mapping[str, Sequence[float]], path: Path, chance: float | None = None
+) -> Path:
+    """Accuracies (0 to 1) of each series at `fractions` (0 to 1) of the movement; the last series is drawn thick.
+
+    Put the fusion last. `chance` draws the accuracy of guessing. Returns `path`.
+    """
+    figure = Figure(figsize=(5.6, 3.6), layout="constrained")
+    axes = figure.add_subplot()
+    heights = spread([accuracies[-1] for accuracies in series.values()], LABEL_GAP)
+    for place, ((name, accuracies), height) in enumerate(zip(series.items(), heights, strict=True)):
+        last = place == len(series) - 1
+        colour = COLOURS[place % len(COLOURS)]
+        marker = MARKERS[place % len(MARKERS)]
+        axes.plot(fractions, accuracies, color=colour, marker=marker, markersize=5, linewidth=2.6 if last else 1.4)
+        axes.annotate(
+            f"{name}  {accuracies[-1]:.0%}", (fractions[-1], height), xytext=(8, 0), textcoords="offset points",
+            va="center", fontsize=9, color=colour, fontweight="bold" if last else "normal",
+        )  # fmt: skip
+    if chance is not None:
+        axes.axhline(chance, color=GREY, linestyle=":", linewidth=1.2)
+        axes.text(fractions[0], chance + 0.01, "guessing", fontsize=8, color="#777777", va="bottom")
+    axes.set_xticks(list(fractions))
+    axes.xaxis.set_major_formatter(PercentFormatter(1.0))
+    axes.yaxis.set_major_formatter(PercentFormatter(1.0))
+    axes.set_xlim(min(fractions) - 0.03, max(fractions) * 1.38)
+    axes.set_ylim(0, 1.02)
+    axes.grid(axis="y", color="#E5E5E5", linewidth=0.7)
+    axes.set_axisbelow(True)
+    axes.set_xlabel("part of the movement seen")
+    axes.set_ylabel("right judgements")
+    plain(axes)
+    axes.spines["bottom"].set_bounds(min(fractions), max(fractions))
+    return save(figure, path)
+
+
+LABEL_GAP = 0.06
+Panel = tuple[Sequence[int], Mapping[str, Sequence[float]], Sequence[tuple[float, float]]]
+
+
+def learning_figure(panels: Mapping[str, Panel], path: Path) -> Path:
+    """One panel a title: numbers learned from, accuracies (0 to 1) of each series, and least and most of the last one.
+
+    Put the fusion last: it is drawn thick, and shaded from least to most. Returns `path`.
+    """
+    figure = Figure(figsize=(4.2 * len(panels), 3.4), layout="constrained")
+    drawn = figure.subplots(1, len(panels), sharey=True, squeeze=False)[0]
+    for axes, (title, panel) in zip(drawn, panels.items(), strict=True):
+        _draw(axes, panel)
+        axes.set_xlabel(title)
+    drawn[0].set_ylabel("right judgements at the end")
+    return save(figure, path)
+
+
+def _draw(axes: Axes, panel: Panel) -> None:
+    numbers, series, ranges = panel
+    heights = spread([values[-1] for values in series.values()], LABEL_GAP)
+    for place, ((name, values), height) in enumerate(zip(series.items(), heights, strict=True)):
+        last = place == len(series) - 1
+        colour, marker = COLOURS[place % len(COLOURS)], MARKERS[place % len(MARKERS)]
+        axes.plot(numbers, values, color=colour, marker=marker, markersize=5, linewidth=2.6 if last else 1.4)
+        axes.annotate(
+            f"{name}  {values[-1]:.0%}", (numbers[-1], height), xytext=(8, 0), textcoords="offset points",
+            va="center", fontsize=8, color=colour, fontweight="bold" if last else "normal",
+        )  # fmt: skip
+        if last:
+            least, most = [pair[0] for pair in ranges], [pair[1] for pair in ranges]
+            axes.fill_between(numbers, least, most, color=colour, alpha=0.15, linewidth=0)
+    axes.set_xticks(list(numbers))
+    axes.yaxis.set_major_formatter(PercentFormatter(1.0))
+    width = max(numbers[-1] - numbers[0], 1)
+    axes.set_xlim(numbers[0] - 0.06 * width, numbers[-1] + 0.4 * width)
+    axes.set_ylim(0, 1.02)
+    axes.grid(axis="y", color="#E5E5E5", linewidth=0.7)
+    axes.set_axisbelow(True)
+    plain(axes)
+    axes.spines["bottom"].set_bounds(numbers[0], numbers[-1])
+
+
+CHANCE = 0.5
+HATCHES = ("", "//", "..", "xx", "\\\\", "++")
+"""Colour is never alone: bars differ in their hatching as well."""
+
+
+def poles_figure(factors: Sequence[str], rates: Mapping[str, Sequence[float]], path: Path) -> Path:
+    """Bars: for each factor the share of right judgements, one bar a series (a view, or fused). Returns `path`.
+
+    rates: for each series one rate a factor, 0 to 1. The dotted line is chance: there are two poles.
+    """
+    figure = Figure(figsize=(5.0, 3.2), layout="constrained")
+    axes = figure.subplots()
+    width = 0.8 / len(rates)
+    for place, (name, values) in enumerate(rates.items()):
+        at = np.arange(len(factors)) + (place - (len(rates) - 1) / 2) * width
+        colour, hatch = COLOURS[place % len(COLOURS)], HATCHES[place % len(HATCHES)]
+        bars = axes.bar(at, values, width * 0.92, label=name, color=colour, hatch=hatch, edgecolor="white")
+        axes.bar_label(bars, [f"{value:.2f}" for value in values], fontsize=7, padding=1)
+    axes.axhline(CHANCE, color=GREY, linestyle=":", linewidth=1.4)
+    axes.set_xticks(range(len(factors)), factors, fontsize=9)
+    axes.set_ylim(0, 1.08)
+    axes.set_ylabel("right", fontsize=9)
+    figure.legend(frameon=False, fontsize=9, loc="outside upper left", ncols=len(rates))
+    plain(axes)
+    return save(figure, path)
+
+
+BINS = 15
+FEWEST = 5
+"""Bins with fewer judgements are drawn hollow and off the line: their height is mostly chance."""
+
+
+def reliability_figure(
+    series: Mapping[str, tuple[Floats, NDArray[np.bool_]]], ece: Mapping[str, float], path: Path, bins: int = BINS
+) -> Path:
+    """Reliability diagram: for each series (confidence (N,) in 0..1, correct (N,)), above; how many, below.
+
+    `ece` is each series' expected calibration error, told in the legend. On the dotted line confidence is
+    what it claims to be; below it a judge is too sure. Returns `path`.
+    """
+    figure = Figure(figsize=(4.4, 5.0), layout="constrained")
+    upper, lower = figure.subplots(2, 1, sharex=True, gridspec_kw={"height_ratios": (3, 1)})
+    upper.plot([0, 1], [0, 1], color=GREY, linestyle=":", linewidth=1.4)
+    upper.text(0.97, 0.05, "too sure", fontsize=8, color="#777777", ha="right")
+    upper.text(0.03, 0.93, "too shy", fontsize=8, color="#777777")
+    edges = np.linspace(0, 1, bins + 1)
+    for place, (name, (confidence, correct)) in enumerate(series.items()):
+        colour, marker = COLOURS[place % len(COLOURS)], MARKERS[place % len(MARKERS)]
+        counts = np.histogram(confidence, edges)[0]
+        _curve(upper, edges, confidence, correct, colour, marker, f"{name}, ECE {ece[name]:.2f}")
+        lower.stairs(counts, edges, color=colour, linewidth=1.6)
+    upper.set_xlim(-0.02, 1.02)
+    upper.set_ylim(-0.02, 1.04)
+    upper.set_ylabel("right", fontsize=9)
+    lower.set_ylabel("judgements", fontsize=9)
+    lower.set_xlabel("confidence", fontsize=9)
+    figure.legend(frameon=False, fontsize=9, loc="outside upper left", ncols=min(2, len(series)))
+    plain(upper)
+    plain(lower)
+    return save(figure, path)
+
+
+def _curve(
+    axes: Axes,
+    edges: Floats,
+    confidence: Floats,
+    correct: NDArray[np.bool_],
+    colour: str,
+    marker: str,
+    name: str,
+) -> None:
+    """One series: each bin that holds anything at its mean confidence and its share of right judgements."""
+    place = np.clip(np.digitize(confidence, edges) - 1, 0, len(edges) - 2)
+    counts = np.bincount(place, minlength=len(edges) - 1)
+    held = counts > 0
+    x = np.bincount(place, confidence, len(counts))[held] / counts[held]
+    y = np.bincount(place, correct, len(counts))[held] / counts[held]
+    few = counts[held] < FEWEST
+    axes.plot(x[~few], y[~few], color=colour, linewidth=1.6, marker=marker, markersize=5, label=name)
+    axes.plot(x[few], y[few], ls="", color=colour, marker=marker, markersize=5, mfc="white")

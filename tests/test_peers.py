@@ -1,0 +1,276 @@
+"""The comparison with offline classifiers: what they may see, what the table says. Those that learn need aeon."""
+
+import dataclasses
+import importlib.util
+import json
+import re
+
+import numpy as np
+import pytest
+
+from benchmarks.command_line import run_command
+from benchmarks.peers import __main__ as commands
+from benchmarks.peers import table
+from benchmarks.peers.classifiers import PEERS, Peer, bridged, channels, panel, relative, resampled, watched
+from benchmarks.peers.comparison import compared, our_curves
+from benchmarks.peers.table import Contest, Curve, scored
+from common.errors import BadInput
+from observer.geometry.views import parse_view
+from observer.motion.archive_file import write_archive
+from observer.tracks import BODY_PARTS
+from studies.evaluate import Question, evaluate
+from studies.performer import perform
+from studies.report import FRACTIONS
+from studies.trials import SUBSETS, trials
+
+DOOR_WHEEL = (parse_view("door"), parse_view("wheel"))
+LABELS = ("ok", "shake")
+HEAD = BODY_PARTS.index("head")
+
+with_aeon = pytest.mark.skipif(
+    importlib.util.find_spec("aeon") is None, reason="aeon is not installed: make test-peers brings it"
+)
+
+
+@pytest.fixture(scope="module")
+def archive():
+    return perform(("1", "2"), LABELS, trials=2, seed=3)
+
+
+def all_trials(archive):
+    return trials(archive.recordings, onset_known=True, turn=0.0, rng=np.random.default_rng(0))
+
+
+def shown(archive, fraction, length=12, derived=True):
+    some = all_trials(archive)
+    return panel([watched(t, DOOR_WHEEL, archive.body_parts) for t in some], some, fraction, length, derived)
+
+
+# What they are shown
+
+
+def test_a_panel_has_positions_hands_from_the_head_and_velocities_in_all_views(archive):
+    whole = shown(archive, 1.0)
+    assert whole.shape == (8, 2 * (6 + 4 + 6), 12)
+    door, from_head = whole[:, :6], whole[:, 12:16]
+    for hand in (0, 1):
+        x, head = door[:, 2 * hand : 2 * hand + 2], door[:, 2 * HEAD : 2 * HEAD + 2]
+        assert from_head[:, 2 * hand : 2 * hand + 2] == pytest.approx(x - head)
+    assert shown(archive, 1.0, derived=False) == pytest.approx(shown(archive, 1.0)[:, :12])
+
+
+@pytest.mark.parametrize("fraction", FRACTIONS[:-1])
+def test_nothing_after_the_fraction_is_shown(archive, fraction):
+    """Whatever happens later, size, origin and bridged gaps included, leaves the panel as it was."""
+    changed = []
+    for recording, trial in zip(archive.recordings, all_trials(archive), strict=True):
+        positions = recording.positions.copy()
+        positions[trial.frame_at(fraction) + 1 :] = np.random.default_rng(1).normal(0, 5, 3)
+        changed.append(dataclasses.replace(recording, positions=positions))
+    other = dataclasses.replace(archive, recordings=tuple(changed))
+    assert (shown(other, fraction) == shown(archive, fraction)).all()
+    assert not (shown(other, 1.0) == shown(archive, 1.0)).all()
+
+
+def test_neither_where_a_person_stands_nor_how_tall_he_looks_is_shown():
+    centres = np.random.default_rng(2).normal(size=(1, 9, 3, 2))
+    assert channels(centres * 7 + (300, 200), 12, True) == pytest.approx(channels(centres, 12, True))
+
+
+def test_positions_count_from_the_first_head_with_up_positive():
+    centres = np.zeros((2, 3, 2))
+    centres[:, HEAD] = (10, 20)
+    centres[:, :HEAD] = (10, 120)  # 100 below the head, and v goes down
+    centres[1, 0] = (60, 20)
+    placed = relative(centres)
+    assert placed[:, HEAD] == pytest.approx(np.zeros((2, 2)))
+    assert placed[0, 0] == pytest.approx((0, -1 / 0.45)) and placed[1, 0] == pytest.approx((0.5 / 0.45, 0))
+
+
+def test_gaps_are_bridged_and_what_was_never_seen_is_zero():
+    nan = np.nan
+    rows = np.array([[nan, 1, nan, 3, nan], [nan] * 5])
+    assert bridged(rows) == pytest.approx(np.array([[1, 1, 2, 3, 3], [0] * 5]))
+    unseen = np.full((1, 4, 3, 2), nan)
+    assert (channels(unseen, 6, True) == 0).all()
+
+
+def test_stretching_keeps_first_and_last_and_velocities_stay_those_that_were_filmed():
+    rows = np.array([[0.0, 1, 2, 3, 4]])
+    assert resampled(rows, 9) == pytest.approx(np.linspace(0, 4, 9)[None])
+    assert resampled(rows[:, :1], 3) == pytest.approx(np.zeros((1, 3)))
+    steady = np.zeros((1, 21, 3, 2))
+    steady[0, :, 0, 0] = np.arange(21) / 10
+    steady[0, :, 1, 1] = 10 / 0.45  # keeps the size: 10, far more than the other hand is away
+    for length in (12, 21, 60):
+        moved = channels(steady, length, derived=True)[10]
+        assert moved == pytest.approx(np.full(length, 0.1 / 10))
+
+
+# What is counted
+
+
+def test_a_peer_gets_the_trials_of_our_judges_and_learns_anew_for_every_fraction(archive):
+    """A peer that remembers what it was given: other people to learn from than to judge, five times."""
+    given = []
+
+    def always_ok(learned, labels, unknown, seed, fast):
+        given.append((len(learned), sorted(labels), len(unknown), seed, learned.tobytes()))
+        return np.full(len(unknown), "ok")
+
+    asked = Question(views=DOOR_WHEEL, labels=LABELS, train_subjects=("1",))
+    contest = compared(archive, "both", asked, (0, 1), peers={"MiniRocket": Peer(always_ok, 12, True, True)})
+    assert len(given) == 2 * len(FRACTIONS) and [g[3] for g in given[:2]] == [0, 1]
+    assert {g[:1] + g[2:3] for g in given} == {(4, 4)} and given[0][1] == ["ok", "ok", "shake", "shake"]
+    assert len({g[4] for g in given}) == len(FRACTIONS), "each fraction has a panel of its own to learn from"
+    assert [c.name for c in contest.curves] == ["ours, fused", "ours, door", "ours, wheel", "MiniRocket"]
+    truth = [j.trial.recording.label == "ok" for j in evaluate(archive, asked).judged]
+    assert (contest.curves[-1].right == np.array([truth] * len(FRACTIONS))).all()
+    assert contest.people == ("2",) * 4
+
+
+def test_one_view_alone_is_one_row_and_everybody_left_out_is_judged_once(archive):
+    asked = Question(views=DOOR_WHEEL[:1], labels=LABELS, leave_one_subject_out=True)
+    contest = compared(archive, "both", asked, (0,), peers={})
+    assert [c.name for c in contest.curves] == ["ours, fused"] and contest.people == ("1",) * 4 + ("2",) * 4
+
+
+def test_our_curves_are_the_accuracies_of_evaluate(archive):
+    from studies.report import as_json
+
+    answer = evaluate(archive, Question(views=DOOR_WHEEL, labels=LABELS, train_subjects=("1",)))
+    found, curves = as_json(answer), our_curves(answer)
+    assert curves[0].right.mean(axis=1) == pytest.approx(list(found["accuracy_at"].values()))
+    assert curves[2].right.mean(axis=1) == pytest.approx(list(found["per_view"]["wheel"]["accuracy_at"].values()))
+
+
+# What a difference means
+
+
+def test_the_area_is_the_mean_of_the_fractions():
+    right = np.array([[0.0, 1], [1, 1]])
+    assert scored([right], [("a", "b")]).mean == pytest.approx((0.5, 1.0, 0.75))
+
+
+def test_the_interval_of_many_people_is_that_of_independent_trials():
+    right = np.random.default_rng(4).random((1, 1000)) < 0.8
+    score = scored([right.astype(float)], [[str(n) for n in range(1000)]])
+    half = 1.96 * np.sqrt(right.mean() * (1 - right.mean()) / 1000)
+    # Drawing people and then their one trial is drawing trials.
+    assert score.high[0] - score.low[0] == pytest.approx(2 * half, rel=0.1)
+
+
+def test_trials_of_few_people_tell_less_than_so_many_people():
+    people = [str(n // 50) for n in range(250)]
+    right = np.array([[float(p in "01") for p in people]])
+    alone = scored([right], [[str(n) for n in range(250)]])
+    few = scored([right], [people])
+    assert few.high[0] - few.low[0] > 4 * (alone.high[0] - alone.low[0])
+
+
+def test_a_difference_on_the_same_trials_is_surer_than_each_of_the_two():
+    people = [str(n % 5) for n in range(250)]
+    one = (np.random.default_rng(5).random((1, 250)) < 0.8).astype(float)
+    other = one.copy()
+    other[0, :5] = 0
+    apart, alone = scored([one - other], [people]), scored([one], [people])
+    assert apart.high[0] - apart.low[0] < 0.5 * (alone.high[0] - alone.low[0])
+    assert scored([one - one], [people]).high[0] == 0
+
+
+def test_several_sets_are_averaged_even_when_a_person_is_in_one_only():
+    score = scored([np.ones((1, 2)), np.zeros((1, 1))], [("a", "b"), ("b",)])
+    assert score.mean[0] == 0.5 and score.low[0] == score.high[0] == 0.5
+
+
+# What is written
+
+
+def contests():
+    people = ("a", "b", "a", "b")
+    right = np.array([[1.0, 1, 1, 0]] * len(FRACTIONS))
+    curves = (Curve("ours, fused", right), Curve("MiniRocket", 1 - right))
+    return [Contest("all 20", people, curves), *(Contest(name, people, curves) for name in SUBSETS)]
+
+
+def test_the_table_names_everybody_and_what_lies_between_them():
+    rows = table.rows_of(contests())
+    assert [r.movements for r in rows[::3]] == ["all 20", "AS1", "AS2", "AS3", "mean of AS1, AS2, AS3"]
+    assert [r.who for r in rows[:3]] == ["ours, fused", "MiniRocket", "ours, fused − MiniRocket"]
+    lines = table.as_markdown(rows, FRACTIONS).splitlines()
+    assert len(lines) == 2 + len(rows) and len({line.count("|") for line in lines}) == 1
+    assert lines[0].startswith("| movements | judged by | 20% |") and lines[0].endswith("| area |")
+    assert lines[2].startswith("| all 20 | ours, fused | 0.750 (") and lines[4].startswith("|  | ours, fused − MiniRo")
+    assert "| +0.500 (" in lines[4]
+    said = json.loads(json.dumps(table.as_json(rows, FRACTIONS)))
+    assert said[0]["accuracy_at"]["0.2"] == 0.75 and said[1]["area"] == 0.25
+    low, high = said[0]["interval"]["area"]
+    assert low < 0.75 <= high
+
+
+def test_a_page_keeps_all_that_is_not_the_table():
+    page = f"before\n{table.BEGIN}\nold\n{table.END}\nafter\n"
+    new = table.rewritten(page, "new")
+    assert new == page.replace("old", "new") and table.rewritten(new, "new") == new
+    assert table.rewritten("no marks", "new") is None
+    assert table.rewritten(f"{table.END} {table.BEGIN}", "new") is None
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"page": "absent.md"}, "cannot be read"),
+        ({"page": "plain.md"}, "two lines that are not there"),
+        ({"page": "plain.md", "fast": True}, "leave one of the two out"),
+    ],
+)
+def test_a_page_that_cannot_be_rewritten_is_said_before_the_work(tmp_path, given, said):
+    (tmp_path / "plain.md").write_text("no marks\n", encoding="utf-8")
+    with pytest.raises(BadInput, match=said):
+        commands.peers(None, **{**given, "page": tmp_path / given["page"]})
+
+
+@pytest.mark.parametrize("place", [None, "nowhere"])
+def test_without_recordings_one_line_says_what_to_do(monkeypatch, tmp_path, place):
+    monkeypatch.delenv("LABANMESH_DATA", raising=False)
+    if place:
+        monkeypatch.setenv("LABANMESH_DATA", str(tmp_path / place))
+    with pytest.raises(BadInput, match=r"LABANMESH_DATA.*benchmarks.peers ARCHIVE.npz$") as error:
+        commands.peers(None)
+    assert "\n" not in str(error.value)
+
+
+# With aeon
+
+
+@with_aeon
+@pytest.mark.parametrize("name", PEERS)
+def test_a_peer_learns_what_is_easy_to_tell(archive, name):
+    peer = PEERS[name]
+    some = all_trials(archive)
+    seen = [watched(t, DOOR_WHEEL, archive.body_parts) for t in some]
+    whole = panel(seen, some, 1.0, peer.length, peer.derived)
+    labels = np.array([t.recording.label for t in some])
+    judged = [peer.judged(whole, labels, whole, seed, True) for seed in (0, 0)]
+    assert (judged[0] == labels).all() and (judged[0] == judged[1]).all()
+
+
+@with_aeon
+def test_the_command_writes_page_and_json(archive, tmp_path, capsys):
+    write_archive(tmp_path / "two.npz", archive)
+    page = tmp_path / "page.md"
+    page.write_text(f"# A page\n{table.BEGIN}\n{table.END}\n", encoding="utf-8")
+    asked = [str(tmp_path / "two.npz"), "--train-subjects", "1", "--json", str(tmp_path / "found.json")]
+    assert run_command(commands.peers, "peers", [*asked, "--page", str(page)]) == 0
+    found = json.loads((tmp_path / "found.json").read_text(encoding="utf-8"))
+    assert [row["judged_by"] for row in found["rows"]][-2:] == ["ours, fused − MiniRocket", "ours, fused − 1-NN DTW"]
+    assert re.search(r"\| all 2 \| ours, fused \|", page.read_text(encoding="utf-8"))
+    assert "ours, wheel" in capsys.readouterr().out
+
+
+def test_without_aeon_one_line_says_how_to_get_it(archive, tmp_path, capsys):
+    if importlib.util.find_spec("aeon"):
+        pytest.skip("aeon is installed here")
+    write_archive(tmp_path / "two.npz", archive)
+    assert run_command(commands.peers, "peers", [str(tmp_path / "two.npz"), "--train-subjects", "1"]) == 1
+    assert capsys.readouterr().err == "peers: aeon is not installed; pip install 'labanmesh[peers]'\n"
