@@ -50,8 +50,10 @@ VERBS = {
     ),
     "look": Verb("observer.preview.commands", "look", "one look at a source: what a tracker makes out in it"),
     "record": Verb("observer.recording.commands", "record", "several calibrated cameras -> motion archive"),
-    "learn": Verb("observer.commands", "learn", "motion archive -> one observer's model for its view"),
-    "forget": Verb("observer.commands", "forget", "a model without some of its movements, nothing learned again"),
+    "learn": Verb("observer.learning.commands", "learn", "motion archive -> one observer's model for its view"),
+    "forget": Verb(
+        "observer.learning.commands", "forget", "a model without some of its movements, nothing learned again"
+    ),
     "paper": Verb("studies.commands", "paper", "the paper's three experiments, beside the paper's tables"),
     "evaluate": Verb("studies.commands", "evaluate", "accuracy, confusion, earliness and calibration on an archive"),
     "effort": Verb("studies.effort", "effort", "Effort told apart in actions that taught nothing of it"),

@@ -32,19 +32,16 @@ from common.link import Link
 from common.wire import encode
 from observer.effort.reader import FacetReader
 from observer.geometry.views import parse_view
-from observer.learning import frames_of
 from observer.model.base import MovementModel
-from observer.model.store import write_model
+from observer.model.model_file import write_model
 from observer.motion.archive import MotionArchive
-from observer.motion.resample import resample
-from observer.pace import Pace
-from observer.pipeline import Observer
-from observer.projected import ProjectedTracker
+from observer.motion.playback import RecordedMotion
+from observer.motion.projected import ProjectedTracker, frames_of
+from observer.motion.transforms import resample
 from observer.rendering.scenery import Scenery
 from observer.rendering.virtual_camera import VirtualCamera
-from observer.restraint import Restraint
-from observer.saying import Minutes
-from observer.source import RecordedMotion
+from observer.runtime.pipeline import Observer, Resampler
+from observer.runtime.posterior_encoder import PosteriorEncoder, SendOnChange
 from observer.tracks import Frame
 from studies.stream import strung
 
@@ -215,13 +212,13 @@ def told_bytes(
     header = model.header
     reader = FacetReader(header.body_parts, header.rate_hz) if facets else None
     tracker = ProjectedTracker(parse_view("door"), archive.body_parts, header.body_parts)
-    observer = Observer(tracker, model, None, Pace(header.rate_hz), reader)
-    restraint = None if heartbeat_s is None else Restraint(heartbeat_s)
-    minutes, told, floor = Minutes(header.vocabulary, "bench0"), 0, 0
+    observer = Observer(tracker, model, None, Resampler(header.rate_hz), reader)
+    restraint = None if heartbeat_s is None else SendOnChange(heartbeat_s)
+    minutes, told, floor = PosteriorEncoder(header.vocabulary, "bench0"), 0, 0
     for frame in frames:
         opinion = replace(observer.step(frame), unlearned=UNLEARNED)
-        if restraint is None or restraint.lets_pass(opinion, frame.captured_ns):
-            told += len(encode(minutes.of(opinion, frame.captured_ns, frame.captured_ns + 1)))
+        if restraint is None or restraint.should_send(opinion, frame.captured_ns):
+            told += len(encode(minutes.encode(opinion, frame.captured_ns, frame.captured_ns + 1)))
         facing = 0 if opinion.facing is None else opinion.facing.size
         floor += 4 * (len(opinion.p) + 2 + sum(map(len, opinion.facets.values()))) + FIXED + facing
     return told, floor

@@ -13,18 +13,18 @@ import numpy as np
 from benchmarks.timing import BATCH_S, ROUNDS, Row, compare, row
 from common.vocabulary import Vocabulary
 from observer.geometry.views import parse_view
-from observer.learning import frames_of, labels_of, learn_view
+from observer.learning.learn import learn_view
 from observer.model.base import Arrays, MovementModel, Onset
 from observer.model.phase_symbols import PhaseSymbols
 from observer.model.registry import MODELS
 from observer.motion.archive import MotionArchive
 from observer.motion.importers import import_recordings
-from observer.motion.resample import resample
-from observer.pipeline import Observer
-from observer.projected import ProjectedTracker
+from observer.motion.playback import RecordedMotion
+from observer.motion.projected import ProjectedTracker, frames_of
+from observer.motion.transforms import labels_of, resample
 from observer.rendering.scenery import Scenery
 from observer.rendering.virtual_camera import VirtualCamera
-from observer.source import RecordedMotion
+from observer.runtime.pipeline import Observer
 from observer.tracking.camshift import CamshiftTracker
 from observer.tracks import Floats, Frame, Tracker
 from studies.performer import perform, perform_continuously

@@ -1,12 +1,15 @@
 """What an observer sees in one frame: where each body part is in its image, if it is seen at all."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    import threading
 
 Floats = NDArray[np.float64]
 
@@ -81,3 +84,18 @@ class Tracker(Protocol):
 
     def update(self, frame: Frame) -> Tracks:
         """The tracks in the newest frame; may remember earlier ones."""
+
+
+class FrameSource(Protocol):
+    """Delivers frames, stamped at capture, until it ends or is told to stop."""
+
+    @property
+    def rate_hz(self) -> float:
+        """Frames per second of motion: at this rate they were sampled, however fast they are played."""
+
+    @property
+    def body_parts(self) -> Sequence[str]:
+        """Names of what the rows of a frame's content are, if the content is positions."""
+
+    def frames(self, stop: "threading.Event") -> Iterator[Frame]:
+        """The frames, each when it is due; ends soon after `stop` is set."""

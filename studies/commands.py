@@ -101,8 +101,8 @@ def evaluate(
     Example: labanmesh evaluate msr.npz --views door --turn 45 --model frame-table --rule inverse_entropy --report out
     """
     from observer.geometry.views import parse_view, split_views
-    from observer.learning import labels_of
     from observer.motion.archive_file import read_archive
+    from observer.motion.transforms import labels_of
     from studies.evaluate import Question
     from studies.faults import fault_named
     from studies.trials import labels_in, strangers
@@ -202,13 +202,13 @@ def _from_pixels(
     archive: "MotionArchive", question: "Question", background: str, bar: ProgressBar
 ) -> tuple["MotionArchive", "Answer", "Answer"]:
     """The archive at a camera's rate, and what is judged of it from pictures and from the joints."""
-    from observer.learning import prepared
+    from observer.motion.transforms import select
     from observer.rendering.scenery import Scenery
     from studies.evaluate import evaluate as ask
     from studies.through import RATE_HZ, Filming, evaluate_pixels
 
     filming = Filming(Scenery(background=background))
-    sampled = prepared(archive, rate_hz=RATE_HZ)
+    sampled = select(archive, rate_hz=RATE_HZ)
     return sampled, evaluate_pixels(sampled, question, filming, bar), ask(sampled, question, bar)
 
 
@@ -223,8 +223,8 @@ def paper(
 
     Example: labanmesh paper msr.npz --labels AS1 --labels AS2 --labels AS3 --report out
     """
-    from observer.learning import labels_of
     from observer.motion.archive_file import read_archive
+    from observer.motion.transforms import labels_of
     from studies.experiments import run_experiments, told
     from studies.report import write_report
     from studies.trials import labels_in

@@ -11,13 +11,14 @@ import numpy as np
 from common.errors import BadInput, LabanmeshError
 from common.vocabulary import Vocabulary
 from observer.geometry.views import parse_view
-from observer.learning import cut_out, learn_view
-from observer.model.store import write_model
+from observer.learning.learn import learn_view
+from observer.model.model_file import write_model
 from observer.motion.archive import MotionArchive, Recording
 from observer.motion.archive_file import write_archive
+from observer.motion.playback import RecordedMotion
+from observer.motion.transforms import movements_in
 from observer.rendering.scenery import Scenery
 from observer.rendering.virtual_camera import VirtualCamera
-from observer.source import RecordedMotion
 from observer.tracking.camshift import CamshiftTracker
 from studies.performer import MOVEMENTS, PEOPLE, perform, perform_continuously
 from studies.stream import strung
@@ -71,7 +72,7 @@ def recorded_performance(archive: MotionArchive, name: str, subject: str | None,
     if len(subjects) < 2:
         raise BadInput(f"--motion {name}: it shows one person only; who shall the judges learn from?")
     others = tuple(r for r in archive.recordings if r.subject != chosen)
-    learned = MotionArchive(archive.body_parts, tuple(cut_out(MotionArchive(archive.body_parts, others))))
+    learned = MotionArchive(archive.body_parts, tuple(movements_in(MotionArchive(archive.body_parts, others))))
     labels = tuple(dict.fromkeys(r.label for r in learned.recordings if r.label))
     stream = _stream_of([r for r in archive.recordings if r.subject == chosen], labels, seed)
     title = f"recorded person {chosen} of {name}, judged by who saw the {len(subjects) - 1} others"

@@ -19,8 +19,8 @@ from fusion.engine.rules import DEFAULT_RULE, get_rule
 from observer.effort.learning import learn_trials, trials_in
 from observer.effort.model import FACTORS, EffortModel, Trial
 from observer.geometry.views import View
-from observer.learning import common_rate
 from observer.motion.archive import MotionArchive
+from observer.motion.transforms import common_rate
 from studies.metrics import accuracy, expected_calibration_error, log_loss
 
 Floats = NDArray[np.float64]
@@ -168,13 +168,13 @@ def effort(
     Example: labanmesh effort effort.npz --views door,wheel --report out
     """
     from observer.geometry.views import parse_view, split_views
-    from observer.learning import prepared
     from observer.motion.archive_file import read_archive
+    from observer.motion.transforms import select
     from studies.effort import FRACTIONS, as_json, as_text, judge_poles
 
     whole = read_archive(archive)
     usual = Counter(r.rate_hz for r in whole.recordings).most_common(1)[0][0]
-    whole = prepared(whole, (), rate or usual)
+    whole = select(whole, (), rate or usual)
     seen = [parse_view(text) for text in split_views(views)]
     with ProgressBar() as bar:
         at = judge_poles(whole, seen, rule, FRACTIONS, bar)

@@ -14,12 +14,12 @@ from fusion.engine.pooling import pool_posteriors
 from fusion.engine.roster import AgedPosterior
 from fusion.engine.rules import DEFAULT_RULE, Rule, get_rule
 from observer.geometry.views import View
-from observer.learning import frames_of, learn_view
+from observer.learning.learn import learn_view
 from observer.model.base import MovementModel, Onset
 from observer.model.registry import DEFAULT_MODEL
 from observer.motion.archive import MotionArchive
-from observer.pipeline import Observer
-from observer.projected import ProjectedTracker
+from observer.motion.projected import ProjectedTracker, frames_of
+from observer.runtime.pipeline import Observer
 from observer.tracks import Tracker
 from studies.faults import HIDDEN, Hidden, Said, disturb
 from studies.trials import Split, Trial, splits, trials, with_labels

@@ -17,12 +17,11 @@ from common.config_sections import FusionConfig, default_quorum
 from common.messages import PosteriorMessage
 from common.vocabulary import ABSTAIN, Vocabulary
 from fusion.engine.engine import FusionEngine
-from observer.learning import frames_of
 from observer.model.base import MovementModel, Onset
 from observer.motion.archive import MotionArchive, Recording, Span
-from observer.pipeline import Observer
-from observer.projected import ProjectedTracker
-from observer.saying import Minutes
+from observer.motion.projected import ProjectedTracker, frames_of
+from observer.runtime.pipeline import Observer
+from observer.runtime.posterior_encoder import PosteriorEncoder
 from studies.evaluate import Question, folds_of, learn
 from studies.trials import IDLE_NOISE_M
 
@@ -180,9 +179,12 @@ def _heard(stream: Recording, models: Sequence[MovementModel], recorded: tuple[s
         for v, (view, model) in enumerate(zip(question.views, models, strict=True))
     }
     vocabulary = models[0].header.vocabulary
-    minutes = {name: Minutes(vocabulary, "stream") for name in observers}
+    minutes = {name: PosteriorEncoder(vocabulary, "stream") for name in observers}
     said = [
-        {name: minutes[name].of(o.step(frame), frame.captured_ns, frame.captured_ns) for name, o in observers.items()}
+        {
+            name: minutes[name].encode(o.step(frame), frame.captured_ns, frame.captured_ns)
+            for name, o in observers.items()
+        }
         for frame in frames_of(stream, start_ns=SECOND_NS)
     ]
     return Heard(stream, vocabulary, said)

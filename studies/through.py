@@ -25,11 +25,11 @@ from fusion.service import serve
 from observer.geometry.views import View, facing, parse_view
 from observer.model.base import MovementModel, Onset
 from observer.motion.archive import MotionArchive
-from observer.pipeline import Observer, Opinion
+from observer.motion.playback import RecordedMotion
 from observer.rendering.scenery import Scenery
 from observer.rendering.virtual_camera import PERFECT, VirtualCamera
-from observer.service import Speaker
-from observer.source import RecordedMotion
+from observer.runtime.pipeline import Observer, Posterior
+from observer.runtime.service import PosteriorPublisher
 from observer.tracking.camshift import CamshiftTracker
 from observer.tracking.skin import SkinHistogram
 from observer.tracks import BODY_PARTS, Frame, Tracks
@@ -89,7 +89,7 @@ def _label(court: _Court, judged: Judged, number: int, total: int, progress: Cal
         publisher = link.publisher(keys.posterior(name))
         if number == 0 and not publisher.wait_for_subscriber(PATIENCE_S):
             raise LabanmeshError(f"{name} found no referee on the mesh within {PATIENCE_S:g} s")
-        speaker = Speaker(court.vocabulary, publisher)
+        speaker = PosteriorPublisher(court.vocabulary, publisher)
         said = [_opinion(judged, v, n) for n in range(len(judged.views))]
         for opinion in said:
             _say(speaker, opinion)
@@ -98,20 +98,20 @@ def _label(court: _Court, judged: Judged, number: int, total: int, progress: Cal
     return _awaited(court, last, judged.trial.name)
 
 
-def _opinion(judged: Judged, view: int, frame: int) -> Opinion:
+def _opinion(judged: Judged, view: int, frame: int) -> Posterior:
     """What one observer believed."""
     facing = None if judged.facing is None else judged.facing[frame, view]
     unlearned = np.nan if judged.unlearned is None else float(judged.unlearned[frame, view])
     p = judged.views[frame, view]
-    return Opinion(p, 0.0, frame + 1, {}, facing=facing, unlearned=None if np.isnan(unlearned) else unlearned)
+    return Posterior(p, 0.0, frame + 1, {}, facing=facing, unlearned=None if np.isnan(unlearned) else unlearned)
 
 
-def _say(speaker: Speaker, opinion: Opinion) -> None:
+def _say(speaker: PosteriorPublisher, opinion: Posterior) -> None:
     now_ns = time.time_ns()
-    speaker.say(opinion, now_ns, now_ns)
+    speaker.publish(opinion, now_ns, now_ns)
 
 
-def _awaited(court: _Court, last: Mapping[str, tuple[Speaker, Opinion]], trial: str) -> str:
+def _awaited(court: _Court, last: Mapping[str, tuple[PosteriorPublisher, Posterior]], trial: str) -> str:
     """The label of the first judgement in which everybody's last posterior counts."""
     begun = said = time.monotonic()
     while (now := time.monotonic()) < begun + PATIENCE_S:
@@ -145,7 +145,7 @@ def _compared(answer: Answer, labels: Sequence[str]) -> dict[str, Any]:
 
 
 RATE_HZ = 30.0
-"""What cameras give: bring the archive to it first, `observer.learning.prepared(archive, rate_hz=RATE_HZ)`."""
+"""What cameras give: bring the archive to it first, `observer.motion.transforms.select(archive, rate_hz=RATE_HZ)`."""
 IDLE_S = 1.5
 """So long the performer stands, trembling, before a recording begins: no camera is switched on by a gesture."""
 FRONTAL = 0.9

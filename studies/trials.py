@@ -7,12 +7,11 @@ import numpy as np
 
 from common.errors import BadInput
 from common.text import split_list
-from observer.background import BLENDS
 from observer.geometry.views import turned
-from observer.learning import cut_out, labels_of
+from observer.learning.background import BLENDS
 from observer.motion.archive import MotionArchive, Recording
 from observer.motion.importers.msr_action3d import LABELS
-from observer.motion.resample import retime
+from observer.motion.transforms import labels_of, movements_in, retime
 
 SLOWEST, FASTEST = 0.6, 1.7
 IDLE_S = (0.5, 2.0)
@@ -49,7 +48,7 @@ class Split:
 
 def with_labels(archive: MotionArchive, labels: Sequence[str]) -> MotionArchive:
     """Only the recordings of these movements, cut out; raises BadInput for a movement that nobody performs."""
-    pieces = tuple(r for r in cut_out(archive) if r.label in labels)
+    pieces = tuple(r for r in movements_in(archive) if r.label in labels)
     for label in labels:
         if not any(r.label == label for r in pieces):
             known = ", ".join(labels_of(archive))

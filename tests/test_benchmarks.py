@@ -18,10 +18,10 @@ from common.inbox import Arrival
 from common.wire import encode
 from fusion.engine.engine import FusionEngine
 from fusion.engine.rules import RULES
-from observer.learning import frames_of
 from observer.model.registry import MODELS
 from observer.motion.archive import MotionArchive
-from observer.motion.resample import resample
+from observer.motion.projected import frames_of
+from observer.motion.transforms import resample
 
 KEYS = ["name", "ours", "floor", "ratio", "unit", "n"]
 QUICK = {"rounds": 1, "batch_s": 0.0}

@@ -275,10 +275,10 @@ def extension(name):
 
 def test_the_model_in_extend_tells_movements_apart(monkeypatch):
     from observer.geometry.views import parse_view
-    from observer.learning import frames_of, learn_view
+    from observer.learning.learn import learn_view
     from observer.model import registry
-    from observer.pipeline import Observer
-    from observer.projected import ProjectedTracker
+    from observer.motion.projected import ProjectedTracker, frames_of
+    from observer.runtime.pipeline import Observer
 
     def hands_at(height, size, label):
         body = np.array([[-0.3, height, 0], [0.3, -0.7, 0], [0, 0, 0]], dtype=np.float32) * size

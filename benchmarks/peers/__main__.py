@@ -44,7 +44,7 @@ def peers(
     """
     from benchmarks.peers.table import rewritten
     from observer.geometry.views import parse_view, split_views
-    from observer.learning import labels_of
+    from observer.motion.transforms import labels_of
     from studies.evaluate import Question
 
     text = _page(page, fast)

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from observer.features.space import BodySize
 from observer.geometry.views import View
-from observer.learning import seen_from
-from observer.space import BodySize
+from observer.motion.projected import view_tracks
 from observer.tracks import BODY_PARTS, Floats
 from studies.trials import Trial
 
@@ -21,7 +21,7 @@ Panel = NDArray[np.float64]
 
 def watched(trial: Trial, views: Sequence[View], recorded: tuple[str, ...]) -> Floats:
     """(V, F, P, 2) centres of the hands and the head in every frame of a trial, as each view sees them."""
-    return np.array([[t.centres for t in seen_from(view, trial.recording, recorded, BODY_PARTS)] for view in views])
+    return np.array([[t.centres for t in view_tracks(view, trial.recording, recorded, BODY_PARTS)] for view in views])
 
 
 def panel(

@@ -46,7 +46,7 @@ def _examined(path: Path, observers: Sequence[str]) -> tuple[dict[str, Examined]
     """Per observer what was found in time, and why some were not examined."""
     if not observers:
         return {}, ""
-    command = [sys.executable, "-P", "-m", "observer.examination", str(path), *observers]
+    command = [sys.executable, "-P", "-m", "observer.runtime.preflight", str(path), *observers]
     try:
         done = subprocess.run(  # noqa: S603 - the command line is ours
             command, stdin=subprocess.DEVNULL, capture_output=True, timeout=EXAMINATION_S, check=False

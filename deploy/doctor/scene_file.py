@@ -22,7 +22,7 @@ ELSEWHERE = "if it runs on another machine, name this one's: --observers ID,ID (
 
 @dataclass(frozen=True, slots=True)
 class Examined:
-    """One observer, as the observer room found it: `observer/examination.py`. What it lacks is told of the machine."""
+    """One observer, as the observer room found it: `observer/runtime/preflight.py`."""
 
     observer: str
     source: str

@@ -34,7 +34,7 @@ class Report(Protocol):
 
 
 class PictureSource(Protocol):
-    """A `observer.source.FrameSource` whose frames hold pictures, all of one size."""
+    """A `observer.tracks.FrameSource` whose frames hold pictures, all of one size."""
 
     @property
     def rate_hz(self) -> float:

@@ -18,7 +18,7 @@ from common.errors import BadInput
 from observer.camera.base import Clock, Picture, Size, size_of
 from observer.camera.capture import be_quiet
 from observer.camera.live import SECOND_NS
-from observer.source import wait_until
+from observer.motion.playback import wait_until
 from observer.tracks import Frame
 
 log = logging.getLogger("labanmesh.observer")
@@ -172,7 +172,7 @@ def _natural(file: Path) -> tuple[list[tuple[int, str]], str]:
 
 @dataclass(frozen=True, slots=True)
 class RecordedPictures:
-    """Plays pictures as `observer.source.RecordedMotion` plays motion: a PictureSource that ends after the last.
+    """Plays pictures as `RecordedMotion` plays motion: a PictureSource that ends after the last.
 
     Picture i is captured at start + i / rate / speed; without `start_ns` that is now. speed 0: no waiting, and the
     time of capture is the time of playing. When the observer is slower, pictures come late and none is left out.

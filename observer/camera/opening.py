@@ -28,7 +28,8 @@ def open_pictures(
 
     rate_hz: what a camera is asked for, or the rate of recorded pictures instead of their own. size_px: width and
     height that the pictures must have. speed, loop, start_ns (Unix epoch, ns): how recorded pictures are played, as
-    in `observer.source.RecordedMotion`. A live camera is not opened before its frames are asked for, and may be away.
+    in `observer.motion.playback.RecordedMotion`.
+    A live camera is not opened before its frames are asked for, and may be away.
 
     Raises BadInput, which never shows a password, for what cannot be a source: an unknown scheme, no such file, zero
     bytes, no video or a codec that cannot be read, no pictures, pictures of different or wrong sizes.

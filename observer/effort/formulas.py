@@ -8,7 +8,7 @@ descriptors of human motion", MOCO 2015. A part with a gap counts by what is see
 import numpy as np
 from numpy.typing import NDArray
 
-from observer.effort.smoothing import derivatives
+from observer.effort.course import derivatives
 from observer.tracks import Floats
 
 

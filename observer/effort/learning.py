@@ -12,8 +12,9 @@ from observer.effort.course import course_of
 from observer.effort.features import features
 from observer.effort.model import COLUMNS, FACTORS, EffortModel, Trial, log_odds, spread
 from observer.geometry.views import View
-from observer.learning import common_rate, cut_out, seen_from
 from observer.motion.archive import MotionArchive
+from observer.motion.projected import view_tracks
+from observer.motion.transforms import common_rate, movements_in
 from observer.tracks import BODY_PARTS, Floats
 
 LEVELS = re.compile(r"(-?[01])_(-?[01])_(-?[01])_(-?[01])(?:\..*)?")
@@ -37,14 +38,14 @@ def trials_in(archive: MotionArchive, view: View, fraction: float = 1.0) -> list
     Raises BadInput when none is labelled, for recordings at different rates, and when hands or head are missing.
     """
     common_rate(archive)
-    labelled = [(r, levels) for r in cut_out(archive) if (levels := levels_of(r.trial)) is not None]
+    labelled = [(r, levels) for r in movements_in(archive) if (levels := levels_of(r.trial)) is not None]
     if not labelled:
         raise BadInput(
             "Effort: no recording's trial says how it was done; -1_0_1_1 (Space, Weight, Time, Flow) is expected"
         )
     trials = []
     for recording, levels in labelled:
-        tracks = [t.centres for t in seen_from(view, recording, archive.body_parts, BODY_PARTS)]
+        tracks = [t.centres for t in view_tracks(view, recording, archive.body_parts, BODY_PARTS)]
         course = course_of(tracks[: math.ceil(fraction * len(tracks))], BODY_PARTS, recording.rate_hz)
         trials.append(Trial(features(course), levels, recording.label))
     return trials

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observer.effort.formulas import advancing, rising, spreading
+from observer.features.space import BodySize
 from observer.geometry.projection import oriented
-from observer.space import BodySize
 from observer.tracks import BODY_PARTS, Floats
 
 WINDOW_S = 0.5

@@ -1,5 +1,6 @@
 """What every movement model is: learned from examples, stored as arrays, and asked to watch a performer."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import ClassVar, Protocol, Self, runtime_checkable
@@ -9,7 +10,7 @@ from numpy.typing import NDArray
 
 from common.errors import BadInput
 from common.vocabulary import Vocabulary
-from observer.model.certainty import Certainty
+from observer.model.posterior_calibration import PosteriorCalibration
 from observer.tracks import Floats, Tracks
 
 Arrays = Mapping[str, NDArray[np.generic]]
@@ -33,7 +34,7 @@ class Header:
     body_parts: tuple[str, ...]
     parameters: Mapping[str, float] = field(default_factory=dict)
     provenance: Mapping[str, str] = field(default_factory=dict)
-    certainty: Certainty = field(default_factory=Certainty)
+    certainty: PosteriorCalibration = field(default_factory=PosteriorCalibration)
     background: tuple[str, ...] | None = None
 
 
@@ -157,3 +158,8 @@ def as_read(kind: type[MovementModel], header: Header, examples: Sequence[Exampl
         return list(examples)
     whole = with_defaults(header, kind.DEFAULTS)
     return [replace(e, features=kind.read(whole, e)) for e in examples]
+
+
+def evenly_spread(number: int) -> float:
+    """0 to 1: successive numbers fill the interval evenly, however many there are (multiples of the golden ratio)."""
+    return (number * (math.sqrt(5) - 1) / 2) % 1.0

@@ -11,14 +11,13 @@ from typing import ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from observer.belief.chain_filter import ChainFilter
-from observer.belief.phase_filter import Dynamics
-from observer.model.answers import given_learned
+from observer.features.posture import REFERENCE_HZ, PostureReader, at_rest
+from observer.filtering.chain_filter import ChainFilter
+from observer.filtering.phase_filter import Dynamics
 from observer.model.base import Arrays, Example, Header, Onset, with_defaults
-from observer.model.blends import pairs_to_blend
-from observer.model.chains import bridged, completed, laid_over
+from observer.model.chains import bridged, completed, laid_over, pairs_to_blend
+from observer.model.posterior_calibration import given_learned
 from observer.model.postures import Chosen, PostureEvidence, Postures
-from observer.posture import REFERENCE_HZ, PostureReader, at_rest
 from observer.tracks import Floats, Tracks
 
 STEPS = (0.4, 0.3, 0.15, 0.1, 0.05)

@@ -6,10 +6,10 @@ from typing import ClassVar
 import numpy as np
 
 from common.probability import uniform
-from observer.belief.phase_filter import Dynamics, FilterWatch, PhaseFilter
+from observer.features.space import SpaceReader, VectorSymbol
+from observer.filtering.phase_filter import Dynamics, PhaseFilter
 from observer.model.base import Onset
-from observer.model.symbol_table import SYMBOLS, SymbolTable, log_evidence
-from observer.space import SpaceReader, VectorSymbol
+from observer.model.frame_table import SYMBOLS, SymbolTable, log_evidence
 from observer.tracks import Floats, Tracks
 
 STILL_AT_REST = 0.9
@@ -63,6 +63,38 @@ class PhaseSymbols(SymbolTable):
         belief = PhaseFilter(np.arange(movements), phases, uniform(movements), dynamics, onset.known)
         reader = SpaceReader(self.header.body_parts, given["threshold"])
         return _PhaseSymbolsWatch(self.log_table, 1 / given["temperature"], reader, belief)
+
+
+class FilterWatch:
+    """The belief of a model's watch that filters: what it believes is what its filter believes."""
+
+    def __init__(self, belief: PhaseFilter) -> None:
+        self.belief = belief
+
+    @property
+    def p(self) -> Floats:
+        """(M,) posterior over movements."""
+        return self.belief.p
+
+    @property
+    def joint(self) -> Floats | None:
+        """It knows one facing alone."""
+        return None
+
+    @property
+    def foreseen(self) -> Floats | None:
+        """Not known."""
+        return None
+
+    @property
+    def unlearned(self) -> Floats | None:
+        """Not known."""
+        return None
+
+    @property
+    def rest(self) -> float:
+        """P(at rest now)."""
+        return self.belief.rest
 
 
 class _PhaseSymbolsWatch(FilterWatch):

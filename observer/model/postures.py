@@ -3,9 +3,9 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from observer.belief.chain_filter import Indices, Masses
-from observer.belief.phase_filter import FLOOR
-from observer.posture import groups_of
+from observer.features.posture import groups_of
+from observer.filtering.chain_filter import Indices, Masses
+from observer.filtering.phase_filter import FLOOR
 from observer.tracks import Floats
 
 

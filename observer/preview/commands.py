@@ -10,8 +10,7 @@ from common.errors import BadInput, LabanmeshError
 if TYPE_CHECKING:
     from observer.camera.base import Report
     from observer.preview.looking import LookReport
-    from observer.source import FrameSource
-    from observer.tracks import Tracker
+    from observer.tracks import FrameSource, Tracker
 
 ENDINGS = (".png", ".jpg", ".jpeg")
 
@@ -71,8 +70,8 @@ def _source(text: str, view: str, recording: int, report: "Report") -> "FrameSou
         return open_pictures(text, Path(), report=report, speed=0.0)
     from observer.geometry.views import parse_view
     from observer.motion.archive_file import read_archive
+    from observer.motion.playback import RecordedMotion
     from observer.rendering.virtual_camera import VirtualCamera
-    from observer.source import RecordedMotion
 
     archive = read_archive(Path(text))
     if recording >= len(archive.recordings):

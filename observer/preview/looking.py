@@ -15,10 +15,9 @@ from observer.camera.live import LiveCamera
 from observer.preview.painting import paint
 from observer.preview.screen import back_projection
 from observer.preview.sight import Picture, PreviewFrame, PreviewHistory
-from observer.source import FrameSource
 from observer.tracking.back_projection import SKIN
 from observer.tracking.head import FaceFinder, have_cascade
-from observer.tracks import Frame, State, Tracker
+from observer.tracks import Frame, FrameSource, State, Tracker
 
 DARK, BRIGHT = 45.0, 215.0
 """Mean grey levels (0 to 255) below and above which colours are lost."""

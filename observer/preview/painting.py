@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 
 from common.errors import BadInput
+from observer.features.space import VectorSymbol
 from observer.preview.drawing import (
     CANVAS,
     COLOURS,
@@ -24,7 +25,6 @@ from observer.preview.drawing import (
     write,
 )
 from observer.preview.sight import SYMBOLS, Picture, PreviewFrame, ShownPosterior
-from observer.space import VectorSymbol
 from observer.tracks import State
 
 GROUND: Colour = (28, 25, 24)

@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 
 from common.errors import BadInput, LabanmeshError
 from common.vocabulary import Vocabulary
-from observer.opinion import OpinionLike
 from observer.preview.film import CODECS, STILLS, Film, Outlet, Stills, Window, why_no_window
 from observer.preview.painting import paint
 from observer.preview.sight import Picture, PreviewFrame, PreviewHistory, ShownPosterior
-from observer.service import ObserverLike
+from observer.runtime.pipeline import Posterior
+from observer.runtime.service import ObserverLike
 from observer.tracks import Frame, Tracker, Tracks
 
 log = logging.getLogger("labanmesh.observer")
@@ -120,7 +120,7 @@ INSET_PX = 320
 
 
 class Finder(Protocol):
-    """What is asked of `observer.prepared.PreparedTracker`."""
+    """What is asked of `observer.runtime.scene_inputs.PreparedTracker`."""
 
     @property
     def body_parts(self) -> Sequence[str]:
@@ -136,7 +136,7 @@ class Finder(Protocol):
 
 
 class PreviewingObserver:
-    """An `observer.service.ObserverLike` that shows each step of another one.
+    """An `observer.runtime.service.ObserverLike` that shows each step of another one.
 
     finder: the tracker that the observer steps. The first frame decides whether there are pictures or motion alone.
     """
@@ -158,7 +158,7 @@ class PreviewingObserver:
         """As the observer says."""
         return self._observer.complaint
 
-    def step(self, frame: Frame) -> OpinionLike | None:
+    def step(self, frame: Frame) -> Posterior | None:
         """One frame, as the observer does it; then it is shown, or given up for a newer one."""
         opinion = self._observer.step(frame)
         tracks = self._finder.found

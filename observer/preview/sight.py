@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.probability import entropy_bits
-from observer.space import SpaceReader, Symbols
+from observer.features.space import SpaceReader, Symbols
 from observer.tracks import Floats, Tracks
 
 Picture = NDArray[np.uint8]
@@ -54,7 +54,7 @@ class PreviewFrame:
     """One frame as a person should see it; P body parts, T frames back, newest last.
 
     tracks: in px of the picture, or in any unit where there is none. trail: (T, P, 2) centres, NaN where not seen.
-    symbols: (T, P) of `observer.space.VectorSymbol`. extent: (2, 2) corners that hold all motion so far, None before
+    symbols: (T, P) of `VectorSymbol`. extent: (2, 2) corners that hold all motion so far, None before
     any was seen; only used without a picture. back_projection: (H, W) uint8, where skin colour is. frame: its number
     from 0. age_s: seconds since capture. complaint: what is wrong, in words; "" when nothing is.
     """
@@ -75,7 +75,7 @@ class PreviewFrame:
 class PreviewHistory:
     """Remembers the last frames, and makes of each new one a Sight.
 
-    rate_hz: of the frames. `see` raises BadInput, as `observer.space.SpaceReader` does, for parts without a head or a
+    rate_hz: of the frames. `see` raises BadInput, as `SpaceReader` does, for parts without a head or a
     hand.
     """
 

@@ -10,8 +10,8 @@ import numpy as np
 from common.config import Scene
 from common.errors import BadInput
 from observer.foreign.sources import MeshTracks
-from observer.opening import open_eyes
 from observer.recording.reconstruction import CameraTracks
+from observer.runtime.scene_inputs import open_inputs
 from observer.tracks import BODY_PARTS, Floats, Frame, Tracker
 
 SECOND_NS = 1_000_000_000
@@ -99,7 +99,7 @@ def open_watchers(scene: Scene, observers: Sequence[str], stop: threading.Event)
     """Those named, else all that look through a calibrated camera; what was recorded comes as fast as it can be read.
 
     Raises BadInput when they are fewer than two, for one without a camera file, for tracks that come over the mesh, and
-    as `open_eyes` does.
+    as `open_inputs` does.
     """
     for name in observers:
         if not _calibrated(scene, name):
@@ -118,7 +118,7 @@ def open_watchers(scene: Scene, observers: Sequence[str], stop: threading.Event)
 
 
 def _watcher(scene: Scene, name: str, stop: threading.Event) -> RecordingCamera:
-    eyes = open_eyes(scene, name, BODY_PARTS)
+    eyes = open_inputs(scene, name, BODY_PARTS)
     if isinstance(eyes.source, MeshTracks):
         raise BadInput(f"observers.{name}.source: tracks that come over the mesh are not recorded; name a camera")
     return RecordingCamera(name, eyes.source.frames(stop), eyes.tracker, eyes.view.matrix)

@@ -12,11 +12,11 @@ from common.errors import BadInput
 from observer.geometry.projection import Floats, pinhole_matrix
 from observer.geometry.views import View
 from observer.motion.archive import Recording
+from observer.motion.playback import RecordedMotion
 from observer.rendering.body import Stature, stature
 from observer.rendering.figure import appearance_of
 from observer.rendering.renderer import Renderer
 from observer.rendering.scenery import Scenery
-from observer.source import RecordedMotion
 from observer.tracks import BODY_PARTS, Frame
 
 DISTANCE = 3.5

@@ -10,7 +10,7 @@ from common.config import ObserverConfig
 from common.errors import BadInput
 from observer.foreign.track_line import ForeignTracker
 from observer.geometry.views import View, facing
-from observer.projected import ProjectedTracker
+from observer.motion.projected import ProjectedTracker
 from observer.tracks import Tracker
 
 Content = Literal["positions", "pictures", "tracks"]

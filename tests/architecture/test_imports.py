@@ -60,6 +60,7 @@ OUTSIDE_WORLD = {
 IMPURE = {
     "studies.learning_curve": "runs evaluate, which measures time",
     "*.commands": "command line: files, signals, printing",
+    "*.instrumentation": "the clock, and a server in a thread",
     "*.telling": "the clock, and a server in a thread",
     "*.service": "a loop with clock and mesh",
     "common.subsession": "the mesh",
@@ -75,10 +76,9 @@ IMPURE = {
     "common.status": "a thread and the mesh",
     "common.tls": "sockets and files",
     "observer.npz_file": "files",
-    "observer.examination": "a process of its own: opens files",
-    "observer.source": "plays recordings by the clock",
-    "observer.opening": "opens files, cameras and the standard input",
-    "observer.prepared": "turns a source's pictures",
+    "observer.runtime.preflight": "a process of its own: opens files",
+    "observer.motion.playback": "plays recordings by the clock",
+    "observer.runtime.scene_inputs": "opens files, cameras and the standard input",
     "observer.foreign.sources": "a stream, a thread, the mesh",
     **{f"observer.calibration.{name}": "OpenCV" for name in ("bundle", "detection", "extrinsics", "intrinsics")},
     "observer.calibration.board": "reads board files",
@@ -88,7 +88,7 @@ IMPURE = {
     "observer.camera*": "cameras",
     "observer.*_file": "files",
     "observer.geometry.camera_file": "files",
-    "observer.model.store": "files",
+    "observer.model.model_file": "files",
     "observer.motion.archive_file": "files",
     "observer.motion.importers": "files",
     "observer.motion.importers.*": "files",
@@ -138,7 +138,6 @@ IMPURE = {
 """Modules, by pattern, that touch sockets, clocks, disks, cameras or processes. All others are pure."""
 PURE_ALL_THE_SAME = {
     "observer.camera.base",
-    "observer.motion.importers.skeleton",
     "observer.preview.sight",
 }
 ALLOWED = {

@@ -30,7 +30,7 @@ from fusion.metrics import FusionMetrics
 from fusion.telling import Step
 from hub.metrics import HubMetrics
 from hub.scene_state import SceneState
-from observer.metrics import ObserverMetrics
+from observer.runtime.metrics import ObserverMetrics
 
 ROOT = Path(__file__).parents[2]
 SECOND = 1_000_000_000

@@ -7,14 +7,14 @@ from common.errors import BadInput
 from common.probability import entropy_bits
 from common.vocabulary import Vocabulary
 from observer.geometry.views import parse_view
-from observer.learning import frames_of, learn_view, seen_from
+from observer.learning.learn import learn_view
 from observer.model.base import Onset
-from observer.model.certainty import Certainty
+from observer.model.model_file import read_model, require, write_model
+from observer.model.posterior_calibration import PosteriorCalibration
 from observer.model.registry import MODELS, model_named
-from observer.model.store import read_model, require, write_model
 from observer.motion.archive import MotionArchive, Recording
-from observer.pipeline import Observer
-from observer.projected import ProjectedTracker
+from observer.motion.projected import ProjectedTracker, frames_of, view_tracks
+from observer.runtime.pipeline import Observer
 from observer.tracks import BODY_PARTS, Frame
 
 KINDS = list(MODELS)
@@ -69,7 +69,7 @@ def test_every_belief_is_a_distribution_and_rest_a_probability(model):
 
 def test_what_it_says_of_facing_and_of_what_it_has_not_learned_fits_its_belief(model):
     watch = model.watch(Onset())
-    for tracks in seen_from(DOOR, move("wave", 6), BODY_PARTS, BODY_PARTS):
+    for tracks in view_tracks(DOOR, move("wave", 6), BODY_PARTS, BODY_PARTS):
         watch.update(tracks)
         assert watch.joint is None or watch.joint.sum(axis=1) == pytest.approx(watch.p)
         assert watch.foreseen is None or (watch.foreseen.shape == (3,) and np.isfinite(watch.foreseen).all())
@@ -77,7 +77,7 @@ def test_what_it_says_of_facing_and_of_what_it_has_not_learned_fits_its_belief(m
 
 
 def test_it_knows_how_far_it_can_be_believed(model):
-    assert model.header.certainty != Certainty()
+    assert model.header.certainty != PosteriorCalibration()
 
 
 def test_beginning_anew_forgets_everything(model):

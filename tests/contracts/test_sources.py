@@ -13,9 +13,9 @@ from observer.camera.opening import open_pictures
 from observer.foreign.sources import LineTracks, PipedTracks
 from observer.geometry.views import parse_view
 from observer.motion.archive import Recording
-from observer.prepared import Unmirrored
+from observer.motion.playback import RecordedMotion
 from observer.rendering.virtual_camera import VirtualCamera
-from observer.source import RecordedMotion
+from observer.runtime.scene_inputs import Unmirrored
 from observer.tracks import BODY_PARTS
 
 FRAMES, RATE = 6, 50.0

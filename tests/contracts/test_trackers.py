@@ -10,8 +10,8 @@ from common.config import ObserverConfig
 from common.errors import BadInput
 from observer.geometry.views import parse_view
 from observer.motion.archive import Recording
+from observer.motion.playback import RecordedMotion
 from observer.rendering.virtual_camera import VirtualCamera
-from observer.source import RecordedMotion
 from observer.tracking.registry import TRACKERS, TrackerSettings, tracker_named
 from observer.tracks import BODY_PARTS, Frame, State
 

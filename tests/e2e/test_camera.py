@@ -14,10 +14,10 @@ from common.messages import PosteriorMessage, StatusMessage
 from common.wire import decode
 from observer.geometry.views import parse_view
 from observer.motion.archive_file import write_archive
-from observer.motion.resample import resample
+from observer.motion.playback import RecordedMotion
+from observer.motion.transforms import resample
 from observer.rendering.scenery import Scenery
 from observer.rendering.virtual_camera import VirtualCamera
-from observer.source import RecordedMotion
 from observer.tracking.head import have_cascade
 from studies.performer import perform, perform_continuously
 

@@ -17,8 +17,8 @@ from fault_processes import SOON_S, Process, labanmesh
 
 from common.vocabulary import Vocabulary
 from observer.geometry.views import parse_view
-from observer.learning import learn_view
-from observer.model.store import write_model
+from observer.learning.learn import learn_view
+from observer.model.model_file import write_model
 from observer.motion.archive import MotionArchive
 from observer.motion.archive_file import write_archive
 from studies.performer import perform, perform_continuously

@@ -27,7 +27,7 @@ from hub import healthcheck as hub_healthcheck
 from hub.healthcheck import healthcheck
 from hub.session import listen
 from hub.telling import telling
-from observer.service import serve as serve_observer
+from observer.runtime.service import serve as serve_observer
 from observer.tracks import Frame
 
 SOON_S = 20.0

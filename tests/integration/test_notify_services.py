@@ -19,7 +19,7 @@ from common.messages import StatusMessage
 from common.vocabulary import Vocabulary
 from common.wire import encode
 from fusion.service import known_vocabulary
-from observer.service import serve as serve_observer
+from observer.runtime.service import serve as serve_observer
 from observer.tracks import Frame
 
 ROOT = Path(__file__).parents[2]

@@ -27,7 +27,7 @@ from deploy.security.register import Register, Roles
 from deploy.security.router_config import router_config
 from fusion.engine.engine import FusionEngine
 from fusion.service import serve as serve_fusion
-from observer.service import serve as serve_observer
+from observer.runtime.service import serve as serve_observer
 from observer.tracks import Frame
 
 SOON_S = 20.0

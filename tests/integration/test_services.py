@@ -25,7 +25,7 @@ from common.wire import decode, encode
 from fusion.complaints import MINUTE_NS, Complaints
 from fusion.service import known_vocabulary
 from fusion.service import serve as serve_fusion
-from observer.service import serve as serve_observer
+from observer.runtime.service import serve as serve_observer
 from observer.tracks import Frame
 
 SOON_S = 10.0

@@ -5,9 +5,10 @@ import pytest
 
 from common.vocabulary import Vocabulary
 from observer.geometry.views import View
-from observer.learning import labels_of, learn_view
+from observer.learning.learn import learn_view
 from observer.motion.archive import MotionArchive
-from observer.pipeline import Observer
+from observer.motion.transforms import labels_of
+from observer.runtime.pipeline import Observer
 from observer.tracks import BODY_PARTS, Frame, Tracks
 
 pytest.importorskip("mediapipe")

@@ -3,7 +3,7 @@
 import pytest
 
 import labanmesh
-from observer.model.store import read_model
+from observer.model.model_file import read_model
 from observer.motion.archive_file import read_archive, write_archive
 from studies.performer import perform
 

@@ -8,10 +8,10 @@ import pytest
 
 from common.errors import BadInput
 from observer.geometry.views import parse_view
-from observer.learning import prepared
 from observer.motion.archive import MotionArchive, Recording
 from observer.motion.archive_file import write_archive
 from observer.motion.importers import import_recordings
+from observer.motion.transforms import select
 from observer.tracks import BODY_PARTS
 from studies.effort import FUSED, as_json, as_text, effort, judge_poles
 
@@ -87,7 +87,7 @@ def test_the_command_prints_the_table_and_writes_what_was_asked_for(archive, tmp
 
 @pytest.mark.slow
 def test_effort_is_told_in_an_action_that_nobody_showed(data):
-    recorded = prepared(import_recordings("bvh", data / "effort_bvh").archive, (), RATE)
+    recorded = select(import_recordings("bvh", data / "effort_bvh").archive, (), RATE)
     found = as_json(judge_poles(recorded, VIEWS), "robust_inverse_entropy")
     print(as_text(found))
     fused = {factor: by[FUSED] for factor, by in found["factors"].items()}

@@ -7,8 +7,8 @@ import numpy as np
 from common.config_sections import FusionConfig
 from fusion.engine.engine import FusionEngine
 from observer.geometry.views import parse_view
-from observer.learning import labels_of
-from observer.restraint import Restraint
+from observer.motion.transforms import labels_of
+from observer.runtime.posterior_encoder import SendOnChange
 from studies.evaluate import Question
 from studies.performer import perform
 from studies.stream import heard_in
@@ -43,7 +43,7 @@ def judged(heard, restraints):
     )
     for messages in heard.said:
         for name, message in messages.items():
-            if restraints is None or restraints[name].lets_pass(Said.by(message), message.captured_ns):
+            if restraints is None or restraints[name].should_send(Said.by(message), message.captured_ns):
                 referee.hear(name, message, message.captured_ns)
                 said += 1
         ruling = referee.judge(message.captured_ns)
@@ -66,7 +66,7 @@ def test_verdicts_are_the_same_and_begin_and_end_within_a_step_with_a_fifth_less
     )
     for heard in heard_in(archive, question):
         whole, all_said, _ = judged(heard, None)
-        held, said, states = judged(heard, {name: Restraint(CONDUCT.fresh_s / 2) for name in heard.said[0]})
+        held, said, states = judged(heard, {name: SendOnChange(CONDUCT.fresh_s / 2) for name in heard.said[0]})
         assert said < 0.8 * all_said and states == {"counted"}
         assert len(held) == len(whole) >= 5
         for one, other in zip(whole, held, strict=True):

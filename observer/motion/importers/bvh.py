@@ -14,8 +14,7 @@ import numpy as np
 from common.errors import BadInput
 from observer.motion.archive import MotionArchive, Recording, check_recording, clean_label
 from observer.motion.importers.base import ImportResult, Progress, files_at, rate_from
-from observer.motion.importers.bvh_file import read_bvh
-from observer.motion.importers.skeleton import BvhMotion, Floats, Joint, joint_positions
+from observer.motion.importers.bvh_file import BvhMotion, Floats, Joint, joint_positions, read_bvh
 from observer.tracks import BODY_PARTS
 
 _EFFORT_NAME = re.compile(r"(.*[A-Za-z].*?)_(-?[01]_-?[01]_-?[01]_-?[01])")

@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from observer.effort.course import DEGREE, coefficients, derivatives, window_frames
 from observer.effort.formulas import advancing, flow, rising, space, spreading, time, triangle, weight
-from observer.effort.smoothing import DEGREE, coefficients, derivatives, window_frames
 
 RATE = 60.0
 SHARES = np.array([0.4, 0.4, 0.2])

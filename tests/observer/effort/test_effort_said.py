@@ -9,8 +9,8 @@ from common.wire import decode
 from observer.effort.reader import FacetReader
 from observer.model.base import Example, Header
 from observer.model.phase import Phase
-from observer.pipeline import Observer
-from observer.service import Speaker
+from observer.runtime.pipeline import Observer
+from observer.runtime.service import PosteriorPublisher
 from observer.tracks import BODY_PARTS, Frame, Tracks
 
 RATE = 30.0
@@ -48,9 +48,9 @@ def model():
 def test_shape_is_said_on_the_mesh_with_the_posterior():
     learned, publisher = model(), Kept()
     observer = Observer(Given(), learned, facets=FacetReader(BODY_PARTS, RATE))
-    speaker = Speaker(learned.header.vocabulary, publisher)
+    speaker = PosteriorPublisher(learned.header.vocabulary, publisher)
     for n, centres in enumerate(rising()):
-        speaker.say(observer.step(Frame(n * 33_000_000, centres)), n, n)
+        speaker.publish(observer.step(Frame(n * 33_000_000, centres)), n, n)
     said = [decode(PosteriorMessage, payload) for payload in publisher.payloads]
     assert said[0].facets is None
     assert set(said[-1].facets) == {"shape_horizontal", "shape_vertical"}
@@ -59,6 +59,6 @@ def test_shape_is_said_on_the_mesh_with_the_posterior():
 
 def test_an_observer_that_reads_no_facets_says_none():
     learned, publisher = model(), Kept()
-    speaker = Speaker(learned.header.vocabulary, publisher)
-    speaker.say(Observer(Given(), learned).step(Frame(0, rising()[0])), 0, 0)
+    speaker = PosteriorPublisher(learned.header.vocabulary, publisher)
+    speaker.publish(Observer(Given(), learned).step(Frame(0, rising()[0])), 0, 0)
     assert decode(PosteriorMessage, publisher.payloads[0]).facets is None

@@ -8,8 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from common.errors import BadInput
 from observer.motion.importers.bvh import import_files
-from observer.motion.importers.bvh_file import read_bvh
-from observer.motion.importers.skeleton import BvhMotion, Joint, joint_positions
+from observer.motion.importers.bvh_file import BvhMotion, Joint, joint_positions, read_bvh
 
 ARM = """HIERARCHY
 ROOT Hips

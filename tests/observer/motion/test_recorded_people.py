@@ -10,9 +10,8 @@ from common.errors import BadInput, LabanmeshError
 from observer.motion.archive import check_archive
 from observer.motion.archive_file import read_archive, write_archive
 from observer.motion.importers import import_recordings
-from observer.motion.importers.bvh_file import read_bvh
+from observer.motion.importers.bvh_file import joint_positions, read_bvh
 from observer.motion.importers.msr_action3d import LABELS
-from observer.motion.importers.skeleton import joint_positions
 
 LEFT, RIGHT, HEAD = range(3)
 PARTS = ("left_hand", "right_hand", "head")

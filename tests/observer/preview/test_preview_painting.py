@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from common.errors import BadInput
+from observer.features.space import VectorSymbol
 from observer.preview.drawing import (
     COLOURS,
     PLAIN,
@@ -23,7 +24,6 @@ from observer.preview.drawing import (
 )
 from observer.preview.painting import ARROW, BAR, REST, STILL_DOT, WINNER, bar_ends, draw_belief, draw_symbol, paint
 from observer.preview.sight import PreviewHistory, ShownPosterior
-from observer.space import VectorSymbol
 from observer.tracks import BODY_PARTS, State, Tracks
 
 STANDING = np.array([[420.0, 300.0], [180.0, 300.0], [320.0, 90.0]])

@@ -10,12 +10,12 @@ import pytest
 from common.errors import BadInput, LabanmeshError
 from common.vocabulary import Vocabulary
 from observer.camera.files import Album, Video
-from observer.pipeline import Opinion
 from observer.preview import film, screen
 from observer.preview.drawing import SIZE
 from observer.preview.film import Film, Stills, Window, why_no_window
 from observer.preview.screen import INSTEAD, WAITING, PreviewingObserver, PreviewThread, open_preview
 from observer.preview.sight import PreviewHistory
+from observer.runtime.pipeline import Posterior
 from observer.tracks import BODY_PARTS, Frame, Tracks
 
 SOON_S = 20.0
@@ -252,7 +252,7 @@ class Judge:
 
     def step(self, frame):
         self.found = Tracks(STANDING)
-        return Opinion(np.array([0.7, 0.3]), 0.1, 1, {})
+        return Posterior(np.array([0.7, 0.3]), 0.1, 1, {})
 
 
 class Remembering:

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from common.errors import BadInput
+from observer.features.space import VectorSymbol
 from observer.preview.drawing import SIZE, PaintingLayout, Placement
 from observer.preview.sight import SYMBOLS, TRAIL, PreviewHistory, ShownPosterior
-from observer.space import VectorSymbol
 from observer.tracks import BODY_PARTS, Tracks
 
 STANDING = np.array([[200.0, 200.0], [100.0, 200.0], [150.0, 50.0]])

@@ -14,11 +14,12 @@ from observer.geometry.camera_file import CameraModel, write_camera
 from observer.geometry.lens import LensDistortion
 from observer.geometry.projection import pinhole_matrix, project
 from observer.geometry.views import parse_view
-from observer.learning import learn_view, seen_from
+from observer.learning.learn import learn_view
 from observer.model.base import Onset
 from observer.motion.archive import MotionArchive, Recording
 from observer.motion.archive_file import read_archive, write_archive
 from observer.motion.importers import import_recordings
+from observer.motion.projected import view_tracks
 from observer.recording.capture import RecordingCamera, watch
 from observer.recording.commands import record
 from observer.recording.recorded import RecordingOptions, recorded
@@ -296,7 +297,7 @@ def judged_right(originals, learned_from, labels):
     right = 0
     for one in (r for r in originals if r.subject in "678"):
         observer = model.watch(Onset(known=True, length=len(one.positions)))
-        for tracks in seen_from(view, one, BODY_PARTS, BODY_PARTS):
+        for tracks in view_tracks(view, one, BODY_PARTS, BODY_PARTS):
             observer.update(tracks)
         right += labels[int(observer.p.argmax())] == one.label
     return right

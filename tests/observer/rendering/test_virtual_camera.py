@@ -11,10 +11,10 @@ from observer.geometry.projection import pinhole_matrix, project
 from observer.geometry.views import View, parse_view
 from observer.motion.archive import Recording
 from observer.motion.importers import import_recordings
+from observer.motion.playback import RecordedMotion
 from observer.rendering.body import stature
 from observer.rendering.scenery import BACKGROUNDS, Scenery
 from observer.rendering.virtual_camera import VirtualCamera, aimed_matrix
-from observer.source import RecordedMotion
 from observer.tracks import BODY_PARTS
 
 UPRIGHT = np.array([[-0.35, 0.8, -0.05], [0.35, 0.8, -0.05], [0.0, 1.6, 0.0]], np.float32)

@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 from observer.geometry.projection import project
 from observer.geometry.views import facing, parse_view
 from observer.motion.archive import Recording
+from observer.motion.playback import RecordedMotion
 from observer.rendering.body import stature
 from observer.rendering.scenery import Scenery
 from observer.rendering.virtual_camera import VirtualCamera, aimed_matrix
-from observer.source import RecordedMotion
 from observer.tracking.camshift import CamshiftTracker
 from observer.tracking.head import MOST_PATCHES, topmost_skin
 from observer.tracking.skin import SkinHistogram

@@ -1,1 +1,0 @@
-"""Belief: the Bayes filters that turn evidence into a posterior over movements."""

@@ -1,0 +1,1 @@
+"""Features of motion in the image: Laban's Space as Vector Symbols, and posture."""

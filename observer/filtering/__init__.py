@@ -1,0 +1,1 @@
+"""Bayes filters that turn the evidence of frames into a posterior over movements."""

@@ -1,0 +1,195 @@
+"""The phase filter for many chains at one speed, and for facings: only as far as mass reaches (docs/design/model.md).
+
+It believes what `phase_filter.py:PhaseFilter` believes, its oracle in the tests, and leaves out what decides nothing:
+chains with a negligible mass, phases that nobody can have reached yet.
+"""
+
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from observer.filtering.phase_filter import FLOOR, Dynamics
+from observer.tracks import Floats
+
+Masses = NDArray[np.float32]
+Indices = NDArray[np.int64]
+
+NEGLIGIBLE = 1e-8
+"""Of all mass: a chain that holds less is left out until the person rests again; and less is not worth entering."""
+CROWDED = 0.75
+"""Chains are left out when fewer than this share of those at work still count: moving the others costs time too."""
+
+
+class Evidence(Protocol):
+    """What one frame says."""
+
+    def chains(self, live: Indices | None, phases: int) -> tuple[Masses, float]:
+        """(phases, n) P(observation | chain, phase) of the first phases of the chains `live`, None for all.
+
+        Over a scale whose logarithm is said too, so that the greatest is near 1.
+        """
+
+    @property
+    def rest(self) -> float:
+        """log P(observation | at rest before any movement)."""
+
+    @property
+    def after(self) -> Floats:
+        """(M, K) log P(observation | at rest after movement m, facing k)."""
+
+
+class ChainFilter:
+    """P(movement, facing, phase | frames so far).
+
+    cell_of: (C,) movement * K + facing of each chain; movements M, facings K; phases: of each chain. dynamics: with
+    one speed. The prior is uniform over movements that have chains, and over the facings of each.
+    negligible: see above; 0 leaves out nothing.
+    """
+
+    def __init__(
+        self,
+        cell_of: Indices,
+        movements: int,
+        facings: int,
+        phases: int,
+        dynamics: Dynamics,
+        onset_known: bool,
+        negligible: float = NEGLIGIBLE,
+    ) -> None:
+        self._cell_of, self._shape, self._phases = cell_of, (movements, facings), phases
+        self._dynamics, self._negligible = dynamics, negligible
+        self._steps = dynamics.steps[0].astype(np.float32)
+        count = np.bincount(cell_of, minlength=movements * facings)
+        self._prior = (count > 0) / max(int((count > 0).sum()), 1)
+        self._entering = np.outer(dynamics.entry, self._prior[cell_of] / count[cell_of]).astype(np.float32)
+        self._live: Indices | None = None
+        self._active: Masses = np.zeros((len(dynamics.entry), len(cell_of)), np.float32)
+        self._before = 0.0 if onset_known else 1.0
+        self._after = np.zeros(movements * facings)
+        self._past = np.zeros(movements * facings)
+        self._moving = onset_known
+        self._begun = not onset_known
+        # The joint belief is asked for several times a frame, and is a sum over all that is active.
+        self._told: Floats | None = None
+        if onset_known:
+            self._active += self._entering
+        self.said: Floats = np.zeros(movements)
+        """(M,) log P(last frame | what came before, movement m): how well each movement foresaw it."""
+
+    @property
+    def joint(self) -> Floats:
+        """(M, K) P(movement, facing): active, or just done; the rest before any movement is spread as the prior.
+
+        While he moves the movement before is no answer: were it one still, two judges who half doubt that he has
+        begun would together be sure of what he did last.
+        """
+        if self._told is None:
+            self._told = self._joint()
+        return self._told.copy()
+
+    def _joint(self) -> Floats:
+        done = np.maximum(self._after - self._past, 0.0) if self._moving else self._after
+        mass = self._cells(self._active.sum(axis=0)) + done + self._before * self._prior
+        joint: Floats = (mass / mass.sum()).reshape(self._shape)
+        return joint
+
+    @property
+    def rest(self) -> float:
+        """P(at rest now), before a movement or after one."""
+        return float(min(self._before + self._after.sum(), 1.0))
+
+    def step(self, evidence: Evidence) -> None:
+        """One frame."""
+        self._told = None
+        if not self._moving:
+            self._past = self._after.copy()
+        if self._begun:
+            self._predict(self._dynamics.forget)
+        self._begun = True
+        self._condition(evidence)
+        self._moving = self.rest < 0.5
+        self._leave_out()
+
+    def step_blind(self) -> None:
+        """One frame in which nothing was seen: time passes, all movements lose the same share to the prior."""
+        self._told = None
+        if self._begun:
+            self._predict(0.0)
+        self._begun = True
+        doubt = self._dynamics.forget
+        self._before += doubt * float(self._active.sum() + self._after.sum())
+        self._active *= np.float32(1 - doubt)
+        self._after *= 1 - doubt
+        self._past *= 1 - doubt
+        self.said[:] = 0.0
+
+    def _cells(self, of_chains: NDArray[np.floating]) -> Floats:
+        cell_of = self._cell_of if self._live is None else self._cell_of[self._live]
+        return np.bincount(cell_of, of_chains, minlength=len(self._after)).astype(np.float64, copy=False)
+
+    def _predict(self, forget: float) -> None:
+        old, reach = self._active, len(self._steps) - 1
+        width = min(len(old) + reach, self._phases)
+        new = np.zeros((width, old.shape[1]), np.float32)
+        left = np.zeros(old.shape[1], np.float32)
+        for k, share in enumerate(self._steps):
+            kept = min(len(old), width - k)
+            new[k : k + kept] += share * old[:kept]
+            if kept < len(old):
+                left += share * old[kept:].sum(axis=0)
+        self._active = new
+        self._after += self._cells(left)
+        forgotten = forget * self._after
+        self._after -= forgotten
+        self._past *= 1 - forget
+        # Who forgets in this frame begins in the next at the earliest.
+        begun = self._dynamics.begin * self._before
+        self._before += float(forgotten.sum())
+        if begun > self._negligible or not self._negligible:
+            self._enter(begun)
+
+    def _enter(self, mass: float) -> None:
+        if self._live is not None:
+            whole = np.zeros((len(self._active), len(self._cell_of)), np.float32)
+            whole[:, self._live] = self._active
+            self._live, self._active = None, whole
+        self._before -= mass
+        self._active[: len(self._entering)] += np.float32(mass) * self._entering
+
+    def _condition(self, evidence: Evidence) -> None:
+        foreseen = self._of_movements()
+        likelihood, log_scale = evidence.chains(self._live, len(self._active))
+        log_after = evidence.after.ravel()
+        top = max(log_scale, evidence.rest, float(log_after.max()))
+        likelihood *= np.float32(np.exp(max(log_scale - top, FLOOR)))
+        self._active *= np.maximum(likelihood, np.float32(np.exp(FLOOR)), out=likelihood)
+        self._before *= float(np.exp(max(evidence.rest - top, FLOOR)))
+        of_rest = np.exp(np.maximum(log_after - top, FLOOR))
+        self._after *= of_rest
+        self._past *= of_rest
+        with np.errstate(divide="ignore", invalid="ignore"):
+            said = np.log(self._of_movements() / foreseen) + top
+        self.said = np.where(np.isfinite(said), said, FLOOR)
+        total = float(self._active.sum(dtype=np.float64) + self._after.sum()) + self._before
+        self._active /= np.float32(total)
+        self._before /= total
+        self._after /= total
+        self._past /= total
+
+    def _of_movements(self) -> Floats:
+        of_cells: Floats = (self._cells(self._active.sum(axis=0)) + self._after).reshape(self._shape).sum(axis=1)
+        return of_cells
+
+    def _leave_out(self) -> None:
+        if not self._negligible:
+            return
+        rows = np.flatnonzero(self._active.sum(axis=1) > self._negligible)
+        width = max(int(rows[-1]) + 1 if len(rows) else 0, len(self._entering))
+        self._active = self._active[:width]
+        # Numbers near 1e-38 are slow, and decide nothing.
+        self._active[self._active < np.float32(1e-30)] = 0.0
+        counts = self._active.sum(axis=0) > self._negligible / len(self._cell_of)
+        if counts.sum() < CROWDED * len(counts) and self.rest < 0.5:
+            self._live = np.flatnonzero(counts) if self._live is None else self._live[counts]
+            self._active = np.ascontiguousarray(self._active[:, counts])

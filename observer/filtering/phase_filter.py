@@ -1,0 +1,131 @@
+"""The Bayes filter over movement, phase and speed, with rest before and after (docs/design/model.md).
+
+A movement is one or several *chains* of phases: one learned on average, or each training example by itself, when
+the movement is the mixture of its chains. Somebody at rest enters a chain near its beginning, goes through its phases
+at one of V speeds, and leaves it past the last phase into the rest after that movement.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from observer.tracks import Floats
+
+FLOOR = -69.0
+"""Log of 1e-30: no single frame can speak more strongly than this against a state."""
+NEGLIGIBLE = 1e-150
+"""Masses below this are set to 0: they decide nothing, and arithmetic on numbers near 1e-308 is slow."""
+
+
+@dataclass(frozen=True, slots=True)
+class Dynamics:
+    """How somebody moves through a chain.
+
+    steps: (V, K) P(advance by k phases in one frame | speed v). speeds: (V,) P(v) at the start. jitter: (V, V)
+    P(v' | v) from one frame to the next. entry: (S,) P(enter at phase s). begin: P(leave rest in one frame).
+    forget: P(the rest after a movement becomes plain rest, in one frame), and what a frame without sight costs.
+    """
+
+    steps: Floats
+    speeds: Floats
+    jitter: Floats
+    entry: Floats
+    begin: float
+    forget: float
+
+
+class PhaseFilter:
+    """P(movement, phase, speed | frames so far).
+
+    movement_of: (C,) the movement of each chain; phases: Φ of each; prior: (M,) P(M). With `onset_known` the movement
+    begins with the first frame; else the person is at rest.
+    """
+
+    def __init__(
+        self, movement_of: NDArray[np.int64], phases: int, prior: Floats, dynamics: Dynamics, onset_known: bool
+    ) -> None:
+        self._movement_of, self._dynamics, self._prior = movement_of, dynamics, prior
+        chains = np.bincount(movement_of, minlength=len(prior))
+        self._chain_prior = prior[movement_of] / chains[movement_of]
+        self._active = np.zeros((len(dynamics.speeds), len(movement_of), phases))
+        self._before = 0.0 if onset_known else 1.0
+        self._after = np.zeros(len(prior))
+        if onset_known:
+            self._enter(1.0)
+        self._begun = not onset_known
+
+    @property
+    def p(self) -> Floats:
+        """(M,) P(M): active, or just done; the rest before any movement says nothing and is spread as the prior."""
+        active = np.bincount(self._movement_of, self._active.sum(axis=(0, 2)), minlength=len(self._prior))
+        mass = active + self._after + self._before * self._prior
+        p: Floats = mass / mass.sum()
+        return p
+
+    @property
+    def rest(self) -> float:
+        """P(at rest now), before a movement or after one."""
+        return float(min(self._before + self._after.sum(), 1.0))
+
+    def step(self, log_evidence: Floats, log_rest: float, log_after: Floats | None = None) -> None:
+        """One frame: (C, Φ) log P(observation | chain, phase), and log P(observation | rest).
+
+        log_after: (M,) the same of the rest after each movement, where it differs from the rest before any.
+        """
+        if self._begun:
+            self._predict(self._dynamics.forget)
+        self._begun = True
+        self._condition(log_evidence, log_rest, np.full(len(self._prior), log_rest) if log_after is None else log_after)
+
+    def step_blind(self) -> None:
+        """One frame in which no part was seen: time passes, and the belief leans towards the prior (section I).
+
+        Every movement loses the same share, so that the entropy never falls; forgetting only what has ended would
+        speak for what has not.
+        """
+        if self._begun:
+            self._predict(forget=0.0)
+        self._begun = True
+        doubt = self._dynamics.forget
+        self._before += doubt * (self._active.sum() + self._after.sum())
+        self._active *= 1 - doubt
+        self._after *= 1 - doubt
+
+    def _predict(self, forget: float) -> None:
+        d = self._dynamics
+        moved = self._active if len(d.speeds) == 1 else np.tensordot(d.jitter.T, self._active, axes=1)
+        self._active, left = _advance(moved, d.steps)
+        self._after += np.bincount(self._movement_of, left, minlength=len(self._prior))
+        forgotten = forget * self._after
+        self._after -= forgotten
+        begun = d.begin * self._before
+        self._before += forgotten.sum() - begun
+        self._enter(begun)
+
+    def _enter(self, mass: float) -> None:
+        d = self._dynamics
+        entering = mass * d.speeds[:, None, None] * self._chain_prior[:, None] * d.entry
+        self._active[:, :, : len(d.entry)] += entering
+
+    def _condition(self, log_evidence: Floats, log_rest: float, log_after: Floats) -> None:
+        top = max(float(log_evidence.max()), log_rest, float(log_after.max()))
+        self._active *= np.exp(np.maximum(log_evidence - top, FLOOR))
+        self._before *= float(np.exp(max(log_rest - top, FLOOR)))
+        self._after *= np.exp(np.maximum(log_after - top, FLOOR))
+        total = self._active.sum() + self._before + self._after.sum()
+        self._active /= total
+        self._active[self._active < NEGLIGIBLE] = 0.0
+        self._before /= total
+        self._after /= total
+
+
+def _advance(active: Floats, steps: Floats) -> tuple[Floats, Floats]:
+    """(V, C, Φ) and (V, K) -> the mass after one step (V, C, Φ), and what left each chain (C,)."""
+    result = active * steps[:, :1, None]
+    left = np.zeros(active.shape[1])
+    for k in range(1, steps.shape[1]):
+        moved = steps[:, k, None, None] * active
+        result[:, :, k:] += moved[:, :, :-k]
+        left += moved[:, :, -k:].sum(axis=(0, 2))
+    return result, left

@@ -1,0 +1,71 @@
+"""Where an observer's frames come from, and recorded motion, played in real time, faster, or as fast as possible."""
+
+import itertools
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+from observer.motion.archive import Recording
+from observer.tracks import Frame
+
+SECOND_NS = 1_000_000_000
+Clock = Callable[[], int]
+
+
+@dataclass(frozen=True, slots=True)
+class RecordedMotion:
+    """Plays recordings one after the other, whole and never ahead of time.
+
+    Frame i is captured at start + i / rate / speed; without `start_ns` that is now. speed 0: no waiting, and the
+    time of capture is the time of playing, which is what ever faster playing comes to. When the observer is
+    slower than the motion, frames come late and none is left out. After the last frame nothing is held: it ends.
+    """
+
+    archive_parts: tuple[str, ...]
+    recordings: Sequence[Recording]
+    speed: float = 1.0
+    loop: bool = False
+    start_ns: int | None = None
+    clock: Clock = time.time_ns
+
+    @property
+    def length(self) -> int:
+        """Frames of the first recording."""
+        return len(self.recordings[0].positions)
+
+    @property
+    def rate_hz(self) -> float:
+        """Frames per second of motion, as the first recording was sampled: what a model must be told."""
+        return self.recordings[0].rate_hz
+
+    @property
+    def body_parts(self) -> tuple[str, ...]:
+        """The archive's body parts, rows of `Frame.content`."""
+        return self.archive_parts
+
+    def frames(self, stop: threading.Event) -> Iterator[Frame]:
+        """Each frame when it is due."""
+        due_ns = self.clock() if self.start_ns is None else self.start_ns
+        motion_ns = 0
+        for recording in itertools.cycle(self.recordings) if self.loop else self.recordings:
+            for i, positions in enumerate(recording.positions):
+                captured_ns = wait_until(due_ns + self._offset_ns(i, recording), self.speed, stop, self.clock)
+                if captured_ns is None:
+                    return
+                yield Frame(captured_ns, positions.astype(float), motion_ns + round(i * SECOND_NS / recording.rate_hz))
+            due_ns += self._offset_ns(len(recording.positions), recording)
+            motion_ns += round(len(recording.positions) * SECOND_NS / recording.rate_hz)
+
+    def _offset_ns(self, frame: int, recording: Recording) -> int:
+        return round(frame * SECOND_NS / recording.rate_hz / self.speed) if self.speed else 0
+
+
+def wait_until(due_ns: int, speed: float, stop: threading.Event, clock: Clock) -> int | None:
+    """The time of capture of what is due then: that, or with speed 0 now; None when told to stop before."""
+    while not stop.is_set():
+        now_ns = clock()
+        if now_ns >= due_ns:
+            return due_ns if speed else now_ns
+        stop.wait((due_ns - now_ns) / SECOND_NS)
+    return None

@@ -1,0 +1,1 @@
+"""The observer process: it reads frames and publishes posteriors."""

@@ -1,0 +1,199 @@
+"""Posture: by hand, against an oracle that reads whole recordings, and the laws of sight."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from common.errors import BadInput
+from observer.features.posture import (
+    ANCHOR_S,
+    APART,
+    FEATURES_PER_PART,
+    SLOW,
+    PostureReader,
+    at_rest,
+    groups_of,
+    soft_direction,
+)
+from observer.tracks import BODY_PARTS, Tracks
+
+RATE = 15.0
+FAST = 1.5
+WEIGHT = 0.25
+GONE = [np.nan, np.nan]
+CENTRES = arrays(np.float64, (10, 3, 2), elements=st.integers(-300, 300).map(float))
+
+
+def read(centres, rate_hz=RATE, body_parts=BODY_PARTS):
+    reader = PostureReader(body_parts, rate_hz, FAST, WEIGHT)
+    return np.stack([reader.update(Tracks(np.array(frame, dtype=float))) for frame in centres])
+
+
+def of_parts(features):
+    """(F, D) -> (F, P, 5), without what is between the hands."""
+    return features[:, :-APART].reshape(len(features), -1, FEATURES_PER_PART)
+
+
+def oracle(centres, rate_hz=RATE):
+    """The same by plain loops over the whole recording."""
+    largest, anchor, rows = 0.0, None, []
+    for n, (left, right, head) in enumerate(centres):
+        for hand in (left, right):
+            distance = math.dist(hand, head)
+            largest = max(largest, 0.0 if math.isnan(distance) else distance)
+        size = 0.45 * largest if largest else math.nan
+        if not any(map(math.isnan, head)):
+            here = (head[0], -head[1])
+            share = 1 / (ANCHOR_S * rate_hz)
+            anchor = here if anchor is None else [a + (h - a) * share for a, h in zip(anchor, here, strict=True)]
+        row = []
+        for part in range(3):
+            u, v = centres[n][part]
+            au, av = anchor or GONE
+            du, dv = (u - centres[n - 1][part][0], centres[n - 1][part][1] - v) if n else GONE
+            du, dv = (d / size * rate_hz / 15 for d in (du, dv))
+            speed = math.hypot(du, dv)
+            cut = max(speed, SLOW)
+            row += [(u - au) / size, (-v - av) / size, du / cut * FAST, dv / cut * FAST, min(speed, FAST)]
+        row += [(left[0] - right[0]) / size * WEIGHT**0.5, (right[1] - left[1]) / size * WEIGHT**0.5]
+        rows.append(row)
+    return np.array(rows)
+
+
+def test_by_hand():
+    centres = [[[0, 100], [100, 0], [0, 0]], [[0, 82], [100, 0], [0, 0]], [[0, 82], GONE, [0, 0]]]
+    features = of_parts(read(centres))
+    np.testing.assert_allclose(features[0, :, :2], [[0, -1 / 0.45], [1 / 0.45, 0], [0, 0]])  # up is positive
+    assert np.isnan(features[0, :, 2:]).all()
+    # 18 of 45 in a frame: 0.4 body sizes in a fifteenth of a second, straight up
+    np.testing.assert_allclose(features[1, 0], [0, -82 / 45, 0, FAST, 0.4])
+    np.testing.assert_allclose(features[1, 1, 2:], 0)
+    assert np.isnan(features[2, 1]).all() and np.isfinite(features[2, [0, 2]]).all()
+
+
+@given(CENTRES, arrays(np.bool_, (10, 3)), st.sampled_from([10.0, 15.0, 30.0]))
+def test_against_the_oracle(centres, missing, rate_hz):
+    centres[missing] = np.nan
+    np.testing.assert_allclose(read(centres, rate_hz), oracle(centres.tolist(), rate_hz), atol=1e-12)
+
+
+@given(CENTRES, st.integers(-1000, 1000), st.sampled_from([0.25, 8.0]))
+def test_where_and_how_large_the_person_is_means_nothing(centres, shift, scale):
+    np.testing.assert_allclose(read((centres + shift) * scale), read(centres), atol=1e-9)
+
+
+@given(CENTRES, st.integers(1, 9))
+def test_the_stream_knows_nothing_of_what_comes(centres, count):
+    np.testing.assert_array_equal(read(centres[:count]), read(centres)[:count])
+
+
+def test_speed_is_per_fifteenth_of_a_second_at_any_rate():
+    def hand(rate_hz):
+        steps = round(rate_hz) + 1
+        return [[[0, 100 - 45 * n / rate_hz], [45, 0], [0, 0]] for n in range(steps)]
+
+    for rate_hz in (15.0, 30.0, 60.0):
+        assert read(hand(rate_hz), rate_hz)[-1, 4] == pytest.approx(1 / 15)
+
+
+def test_who_walks_is_followed_slowly_and_who_bends_is_not():
+    still, aside = [[0, 100], [45, 0], [0, 0]], [[30, 100], [75, 0], [30, 0]]
+    features = read([still] + [aside] * 1000)
+    head_right = features[:, 2 * FEATURES_PER_PART]
+    assert head_right[10] > 0.9 * head_right[1] > 0
+    after_ten_s = 1 + round(ANCHOR_S * RATE)
+    assert head_right[after_ten_s] == pytest.approx(head_right[1] / math.e, rel=0.02)
+    assert head_right[-1] < 0.01
+
+
+def test_a_lost_head_leaves_the_hands_where_they_were_told_from():
+    centres = [[[0, 100], [45, 0], [0, 0]], [[0, 80], [45, 0], GONE]]
+    features = of_parts(read(centres))
+    assert features[1, 0, 1] == pytest.approx(-80 / 45) and np.isnan(features[1, 2]).all()
+
+
+def test_nothing_is_known_before_the_size_is():
+    assert np.isnan(read([[GONE, GONE, [0, 0]], [[0, 5], [3, 3], GONE]])).all()
+    assert np.isnan(read([[[7, 7]] * 3] * 2)).all()
+
+
+def test_a_tracker_may_use_its_array_again():
+    reader, centres = PostureReader(BODY_PARTS, RATE, FAST), np.array([[0.0, 100], [45, 0], [0, 0]])
+    reader.update(Tracks(centres))
+    centres[0] -= (0, 18)
+    assert reader.update(Tracks(centres))[4] == pytest.approx(0.4)
+    assert centres[0].tolist() == [0, 82]
+
+
+def test_parts_go_by_their_names():
+    order = ("head", "right_hand", "left_hand")
+    centres = np.array([[[0, 100], [45, 0], [0, 0]], [[0, 82], [45, 0], [0, 0]]], dtype=float)
+    mixed, plain = read(centres[:, [2, 1, 0]], body_parts=order), read(centres)
+    np.testing.assert_array_equal(of_parts(mixed), of_parts(plain)[:, [2, 1, 0]])
+    np.testing.assert_array_equal(mixed[:, -APART:], plain[:, -APART:])
+
+
+def test_the_hands_tell_how_far_apart_they_are_even_while_the_head_is_lost():
+    centres = [[[0, 100], [100, 0], [0, 0]], [[30, 55], [75, 10], GONE], [GONE, [75, 10], [0, 0]]]
+    features = read(centres)[:, -APART:]
+    # From the right hand to the left one, up positive: its evidence has the exponent WEIGHT, so its length the root.
+    np.testing.assert_allclose(features[:2], [[-0.5 / 0.45, -0.5 / 0.45], [-0.5, -0.5]])
+    assert np.isnan(features[2]).all()
+
+
+def test_without_two_hands_nothing_is_known_of_how_far_apart_they_are():
+    features = read(np.array([[[100, 0], [0, 0]]] * 2, dtype=float), body_parts=("right_hand", "head"))
+    assert np.isnan(features[:, -APART:]).all() and np.isfinite(of_parts(features)[1]).all()
+
+
+def test_whatever_is_seen_is_seen_as_a_group():
+    groups = groups_of(3)
+    rng = np.random.default_rng(0)
+    centres = rng.normal(size=(40, 3, 2))
+    centres[rng.random((40, 3)) < 0.4] = np.nan
+    seen = np.isfinite(read(centres))
+    assert len(groups) == seen.shape[1] and groups.max() == 6
+    for group in range(7):
+        assert (seen[:, groups == group].all(axis=1) == seen[:, groups == group].any(axis=1)).all()
+
+
+def test_without_a_head_there_is_no_posture():
+    with pytest.raises(BadInput, match="head"):
+        PostureReader(("left_hand", "right_hand"), RATE, FAST)
+    with pytest.raises(BadInput, match="left_hand or right_hand"):
+        read([[[0, 0]]], body_parts=("head",))
+
+
+@given(arrays(np.float64, (3, 2), elements=st.floats(-5, 5)), st.floats(0, 2 * math.pi))
+def test_a_soft_direction_turns_with_the_motion_and_is_bounded(velocity, angle):
+    soft = soft_direction(velocity, FAST)
+    assert (np.hypot(soft[:, 0], soft[:, 1]) <= FAST + 1e-12).all() and (soft[:, 2] <= FAST).all()
+    turn = np.array([[math.cos(angle), math.sin(angle)], [-math.sin(angle), math.cos(angle)]])
+    turned = soft_direction(velocity @ turn, FAST)
+    np.testing.assert_allclose(turned[:, :2], soft[:, :2] @ turn, atol=1e-9)
+    np.testing.assert_allclose(turned[:, 2], soft[:, 2], atol=1e-9)
+
+
+def test_slow_motion_has_little_direction():
+    slow, slower, none = soft_direction(np.array([[SLOW, 0], [SLOW / 10, 0], [0.0, 0]]), FAST)
+    assert slow.tolist() == [FAST, 0, SLOW] and slower[0] == pytest.approx(FAST / 10) and none.tolist() == [0, 0, 0]
+
+
+def test_at_rest_is_the_same_place_without_motion():
+    features = read(np.random.default_rng(0).normal(size=(6, 3, 2)))
+    resting = at_rest(features)
+    assert resting.shape == features.shape
+    parts, before = of_parts(resting), of_parts(features)
+    np.testing.assert_array_equal(resting[:, -APART:], features[:, -APART:])
+    np.testing.assert_array_equal(parts[..., :2], before[..., :2])
+    assert (parts[..., 2:] == 0).all() and np.isnan(before[0, 0, 2])
+    np.testing.assert_array_equal(at_rest(features.astype(np.float32)[3]), resting[3].astype(np.float32))
+
+
+def test_who_stands_still_reads_like_at_rest():
+    still = read([[[0, 100], [45, 0], [0, 0]]] * 3)
+    np.testing.assert_array_equal(at_rest(still)[2], still[2])

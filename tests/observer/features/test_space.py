@@ -1,0 +1,168 @@
+"""Vector Symbols: oracle by angles, then the laws of the ring, then the stream of tracks."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from common.errors import BadInput
+from observer.features.space import BodySize, SpaceReader, VectorSymbol, vector_symbols
+from observer.tracks import BODY_PARTS, Tracks
+
+RING = ["U", "UR", "R", "DR", "D", "DL", "L", "UL"]
+MIRROR = {"U": "U", "UR": "UL", "R": "L", "DR": "DL", "D": "D", "DL": "DR", "L": "R", "UL": "UR", "O": "O"}
+ANGLE = st.floats(0, 360, exclude_max=True)
+CENTRES = arrays(np.float64, (12, 3, 2), elements=st.integers(-300, 300).map(float))
+
+
+def vector(clockwise_from_up_deg, length=1.0):
+    angle = math.radians(clockwise_from_up_deg)
+    return length * np.array([math.sin(angle), -math.cos(angle)])
+
+
+def away_from_edges(angle_deg):
+    return 1e-6 < (angle_deg + 22.5) % 45 < 45 - 1e-6
+
+
+def test_the_order_of_the_paper():
+    assert [symbol.name for symbol in VectorSymbol if symbol >= 0] == ["O", *RING]
+    assert [symbol.value for symbol in VectorSymbol if symbol >= 0] == list(range(9))
+    assert VectorSymbol.NOT_SEEN == -1
+
+
+def test_by_hand():
+    moves = np.array(
+        [[0, -9], [9, -9], [9, 0], [9, 9], [0, 9], [-9, 9], [-9, 0], [-9, -9], [0, 0], [1, 1], [9, np.nan]]
+    )
+    symbols = vector_symbols(moves, size=20.0, threshold=0.1)
+    assert [VectorSymbol(s).name for s in symbols] == [*RING, "O", "O", "NOT_SEEN"]
+    assert symbols.dtype == np.int8
+
+
+@given(ANGLE, st.floats(0.2, 1e6))
+def test_against_an_oracle_that_compares_angles(angle_deg, length):
+    assume(away_from_edges(angle_deg))
+    inside = [name for k, name in enumerate(RING) if min((angle_deg - 45 * k) % 360, (45 * k - angle_deg) % 360) < 22.5]
+    assert [VectorSymbol(int(vector_symbols(vector(angle_deg, length), 1.0, 0.1))).name] == inside  # exactly one
+
+
+@given(st.floats(-1e9, 1e9), st.floats(-1e9, 1e9), st.floats(0, 1e3), st.floats(0, 1e3))
+def test_every_displacement_has_one_of_the_nine(du, dv, size, threshold):
+    symbol = vector_symbols(np.array([du, dv]), size, threshold)
+    assert 0 <= symbol <= 8
+    length = math.hypot(du, dv)
+    assume(abs(length - size * threshold) > 1e-6 * length)
+    assert (symbol == VectorSymbol.O) == (length < size * threshold or length == 0)
+
+
+def test_still_stays_still_without_a_threshold():
+    assert vector_symbols(np.zeros((3, 2)), 1.0, 0.0).tolist() == [0, 0, 0]
+    assert vector_symbols(np.array([[-0.0, 0.0], [0.0, -0.0]]), 1.0, 0.0).tolist() == [0, 0]
+
+
+@given(ANGLE, st.floats(0.01, 1))
+def test_turning_the_image_by_45_degrees_goes_one_on_in_the_ring(angle_deg, length):
+    assume(away_from_edges(angle_deg))
+    before, after = vector_symbols(np.stack([vector(angle_deg, length), vector(angle_deg + 45, length)]), 1.0, 0.1)
+    assume(abs(length - 0.1) > 1e-9)
+    assert after == (before % 8 + 1 if before else 0)
+
+
+@given(ANGLE, st.floats(0, 2))
+def test_a_mirror_swaps_right_and_left(angle_deg, length):
+    assume(away_from_edges(angle_deg))
+    move = vector(angle_deg, length)
+    there, mirrored = vector_symbols(np.stack([move, move * (-1, 1)]), 1.0, 0.1)
+    assert VectorSymbol(int(mirrored)).name == MIRROR[VectorSymbol(int(there)).name]
+
+
+def test_an_unknown_size_says_nothing():
+    assert (vector_symbols(np.ones((3, 2)), math.nan, 0.1) == VectorSymbol.NOT_SEEN).all()
+
+
+def test_many_frames_at_once():
+    assert vector_symbols(np.ones((5, 3, 2)), 1.0, 0.1).shape == (5, 3)
+    assert vector_symbols(np.ones((0, 2)), 1.0, 0.1).shape == (0,)
+
+
+def test_body_size_is_a_share_of_the_largest_distance_so_far():
+    size = BodySize()
+    gone = [np.nan, np.nan]
+    assert math.isnan(size.update(np.array([gone, gone, [0, 0]]), BODY_PARTS))
+    assert math.isnan(size.update(np.array([[3, 4], [6, 8], gone]), BODY_PARTS))
+    assert size.update(np.array([[3, 4], gone, [0, 0]]), BODY_PARTS) == pytest.approx(0.45 * 5)
+    assert size.update(np.array([[3, 4], [6, 8], [0, 0]]), BODY_PARTS) == pytest.approx(0.45 * 10)
+    assert size.update(np.array([gone, gone, gone]), BODY_PARTS) == pytest.approx(0.45 * 10)
+    assert size.update(np.array([[1, 0], [0, 1], [0, 0]]), BODY_PARTS) == pytest.approx(0.45 * 10)
+
+
+def test_body_size_goes_by_names():
+    names = ("hip", "head", "right_hand")
+    assert BodySize(1.0).update(np.array([[90, 90], [0, 0], [3, 4]]), names) == 5
+    for useless in (("left_hand", "right_hand"), ("head", "hip")):
+        with pytest.raises(BadInput, match="body_parts"):
+            BodySize().update(np.zeros((2, 2)), useless)
+
+
+def read(centres, threshold=0.1):
+    reader = SpaceReader(BODY_PARTS, threshold)
+    return np.stack([reader.update(Tracks(frame)) for frame in centres])
+
+
+def test_a_stream_by_hand():
+    gone = [np.nan, np.nan]
+    centres = [
+        [[0, 100], [10, 100], [0, 0]],
+        [[0, 80], gone, [0, 0]],
+        [[20, 80], [10, 100], [0, 1]],
+        [[20, 80], [30, 80], gone],
+    ]
+    assert read(np.array(centres, dtype=float)).tolist() == [
+        [-1, -1, -1],
+        [VectorSymbol.U, -1, VectorSymbol.O],
+        [VectorSymbol.R, -1, VectorSymbol.O],
+        [VectorSymbol.O, VectorSymbol.UR, -1],
+    ]
+
+
+def test_a_tracker_may_use_its_array_again():
+    reader, centres = SpaceReader(BODY_PARTS, 0.1), np.array([[0.0, 100], [10, 100], [0, 0]])
+    reader.update(Tracks(centres))
+    centres -= (0, 50)
+    assert reader.update(Tracks(centres)).tolist() == [VectorSymbol.U] * 3
+
+
+@given(CENTRES, st.integers(-1000, 1000), st.sampled_from([0.25, 2.0, 1024.0]))
+def test_where_and_how_large_the_person_is_means_nothing(centres, shift, scale):
+    np.testing.assert_array_equal(read((centres + shift) * scale), read(centres))
+
+
+@given(CENTRES, st.integers(1, 11))
+def test_the_stream_knows_nothing_of_what_comes(centres, count):
+    np.testing.assert_array_equal(read(centres[:count]), read(centres)[:count])
+
+
+@given(CENTRES, arrays(np.bool_, (12, 3)))
+def test_not_seen_is_where_a_part_was_missing_now_or_then(centres, missing):
+    centres[0] = [[0, 100], [10, 100], [0, 0]]
+    missing[0] = False  # the size is known from the first frame
+    centres[missing] = np.nan
+    expected = missing.copy()
+    expected[1:] |= missing[:-1]
+    expected[0] = True
+    np.testing.assert_array_equal(read(centres) == VectorSymbol.NOT_SEEN, expected)
+
+
+@given(CENTRES, st.integers(1, 5))
+def test_motion_over_several_frames_is_that_between_frames_so_far_apart(centres, over):
+    apart = SpaceReader(BODY_PARTS, 0.1, over)
+    symbols = [apart.update(Tracks(c)) for c in centres]
+    assert all((s == VectorSymbol.NOT_SEEN).all() for s in symbols[:over])
+    size = BodySize()
+    for n, centre in enumerate(centres):
+        learned = size.update(centre, BODY_PARTS)
+        if n >= over:
+            assert np.array_equal(symbols[n], vector_symbols(centre - centres[n - over], learned, 0.1))

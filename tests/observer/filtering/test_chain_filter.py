@@ -1,0 +1,234 @@
+"""The chain filter against the phase filter and against a table of all transitions, and its laws."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from common.probability import entropy_bits, uniform
+from common.vocabulary import Vocabulary
+from observer.features.posture import PostureReader, at_rest
+from observer.filtering.chain_filter import ChainFilter
+from observer.filtering.phase_filter import Dynamics, PhaseFilter
+from observer.geometry.views import parse_view
+from observer.learning.learn import learn_view
+from observer.model.phase import ENTRY, STEPS
+from observer.model.postures import Chosen, PostureEvidence, Postures
+from observer.motion.projected import view_tracks
+from studies.performer import perform
+
+FACINGS, PHASES = 2, 8
+CELL_OF = np.array([0, 1, 2, 3, 3, 2, 4, 5])
+"""Three movements at two facings; one has two chains at each."""
+MOVEMENTS = 3
+DYNAMICS = Dynamics(np.array([STEPS]), np.ones(1), np.ones((1, 1)), np.array(ENTRY), begin=0.3, forget=0.2)
+SEEDS = st.integers(0, 10_000)
+some = settings(max_examples=25, deadline=None)
+
+
+class Table:
+    """One frame's evidence, all of it given: log (C, Φ), rest, (M, K) after."""
+
+    def __init__(self, log, rest, after):
+        self.log, self.rest, self.after = log, rest, after
+
+    @classmethod
+    def drawn(cls, rng, strength=5.0, facings=FACINGS):
+        log = rng.uniform(-strength, 0, (len(CELL_OF), PHASES))
+        return cls(log, rng.uniform(-strength, 0), rng.uniform(-strength, 0, (MOVEMENTS, facings)))
+
+    def chains(self, live, phases):
+        log = (self.log if live is None else self.log[live]).T[:phases]
+        scale = float(log.max())
+        return np.exp(log - scale).astype(np.float32), scale
+
+
+def chain_filter(known, negligible=0.0):
+    return ChainFilter(CELL_OF, MOVEMENTS, FACINGS, PHASES, DYNAMICS, known, negligible)
+
+
+def phase_filter(cell_of, known):
+    return PhaseFilter(cell_of, PHASES, uniform(int(cell_of.max()) + 1), DYNAMICS, known)
+
+
+@some
+@given(seed=SEEDS, known=st.booleans(), blind=st.sets(st.integers(0, 11)))
+def test_believes_what_the_phase_filter_believes_of_each_movement_at_each_facing(seed, known, blind):
+    rng = np.random.default_rng(seed)
+    ours, oracle, first = chain_filter(known), phase_filter(CELL_OF, known), known
+    for n in range(12):
+        if n in blind:
+            ours.step_blind()
+            oracle.step_blind()
+        else:
+            frame = Table.drawn(rng)
+            ours.step(frame)
+            oracle.step(frame.log, frame.rest, frame.after.ravel())
+        assert ours.rest == pytest.approx(oracle.rest, abs=1e-5)
+        first = first and ours.rest < 0.5
+        # What was done before the movement that goes on is believed as ever, and not told.
+        if first or (ours.rest >= 0.5 and n not in blind):
+            assert ours.joint.ravel() == pytest.approx(oracle.p, abs=1e-5)
+
+
+@some
+@given(seed=SEEDS, known=st.booleans())
+def test_with_one_facing_it_is_the_phase_filter_of_the_movements(seed, known):
+    rng = np.random.default_rng(seed)
+    movement_of = CELL_OF // FACINGS
+    ours = ChainFilter(movement_of, MOVEMENTS, 1, PHASES, DYNAMICS, known, negligible=0.0)
+    oracle = phase_filter(movement_of, known)
+    for _ in range(12):
+        frame = Table.drawn(rng, facings=1)
+        ours.step(frame)
+        oracle.step(frame.log, frame.rest, frame.after[:, 0])
+        assert ours.rest == pytest.approx(oracle.rest, abs=1e-5)
+        if ours.rest >= 0.5:
+            assert ours.joint[:, 0] == pytest.approx(oracle.p, abs=1e-5)
+
+
+def transitions():
+    """(S, S) P(state | state before) of before, C x Φ and M x K rests, and (S,) the movement of each; before is -1."""
+    count = np.bincount(CELL_OF)
+    chain_states = [(c, f) for c in range(len(CELL_OF)) for f in range(PHASES)]
+    states = ["before", *chain_states, *[("after", cell) for cell in range(len(count))]]
+    place = {state: n for n, state in enumerate(states)}
+    table = np.zeros((len(states), len(states)))
+    table[0, 0] = 1 - DYNAMICS.begin
+    for c, f in chain_states:
+        if f < len(ENTRY):
+            table[0, place[c, f]] = DYNAMICS.begin * ENTRY[f] / len(count) / count[CELL_OF[c]]
+        for k, share in enumerate(STEPS):
+            if f + k < PHASES:
+                table[place[c, f], place[c, f + k]] += share
+            else:
+                table[place[c, f], place["after", CELL_OF[c]]] += share * (1 - DYNAMICS.forget)
+                table[place[c, f], 0] += share * DYNAMICS.forget
+    for cell in range(len(count)):
+        table[place["after", cell], place["after", cell]] = 1 - DYNAMICS.forget
+        table[place["after", cell], 0] = DYNAMICS.forget
+    movement = [-1, *(CELL_OF[c] // FACINGS for c, _ in chain_states), *(cell // FACINGS for cell in range(len(count)))]
+    return table, np.array(movement)
+
+
+@some
+@given(SEEDS)
+def test_what_each_movement_foresaw_is_the_predictive_density_of_the_frame(seed):
+    rng = np.random.default_rng(seed)
+    table, movement = transitions()
+    mass, ours = np.eye(len(table))[0], chain_filter(known=False)
+    for _ in range(10):
+        frame = Table.drawn(rng)
+        likelihood = np.exp(np.concatenate([[frame.rest], frame.log.ravel(), frame.after.ravel()]))
+        # The first frame is predicted too: who is at rest may begin with it.
+        foreseen = mass @ table
+        ours.step(frame)
+        mass = foreseen * likelihood
+        said = [np.log(mass[movement == m].sum() / foreseen[movement == m].sum()) for m in range(3)]
+        assert ours.said == pytest.approx(said, abs=1e-4)
+        mass /= mass.sum()
+
+
+@some
+@given(SEEDS)
+def test_while_somebody_moves_what_he_did_before_is_no_answer(seed):
+    rng = np.random.default_rng(seed)
+    table, movement = transitions()
+    cells = np.bincount(CELL_OF).size
+    active = movement[1:-cells] * FACINGS + np.repeat(CELL_OF % FACINGS, PHASES)
+    mass, past, moving, ours = np.eye(len(table))[0], np.zeros(cells), False, chain_filter(known=False)
+    for _ in range(25):
+        frame = Table.drawn(rng)
+        likelihood = np.exp(np.concatenate([[frame.rest], frame.log.ravel(), frame.after.ravel()]))
+        ours.step(frame)
+        past = past if moving else mass[-cells:].copy()
+        mass = (mass @ table) * likelihood
+        past *= (1 - DYNAMICS.forget) * likelihood[-cells:] / mass.sum()
+        mass /= mass.sum()
+        moving = mass[0] + mass[-cells:].sum() < 0.5
+        done = mass[-cells:] - past * moving
+        told = np.bincount(active, mass[1:-cells], cells) + done + mass[0] / cells
+        assert ours.joint.ravel() == pytest.approx(told / told.sum(), abs=1e-4)
+
+
+@some
+@given(seed=SEEDS, seen=st.integers(0, 12), known=st.booleans(), negligible=st.sampled_from([0.0, 1e-8, 1e-3]))
+def test_with_nothing_seen_nobody_is_surer_of_movement_or_facing(seed, seen, known, negligible):
+    rng = np.random.default_rng(seed)
+    belief = chain_filter(known, negligible)
+    for _ in range(seen):
+        belief.step(Table.drawn(rng))
+    last = np.full(2, -1.0)
+    for _ in range(25):
+        belief.step_blind()
+        now = np.array([entropy_bits(belief.joint.sum(axis=1)), entropy_bits(belief.joint.ravel())])
+        assert (now >= last - 1e-5).all()
+        assert (belief.said == 0).all()
+        last = now
+
+
+@some
+@given(seed=SEEDS, known=st.booleans(), negligible=st.sampled_from([0.0, 1e-8]), strength=st.sampled_from([5.0, 500.0]))
+def test_whatever_is_seen_the_belief_is_a_distribution(seed, known, negligible, strength):
+    rng = np.random.default_rng(seed)
+    belief = chain_filter(known, negligible)
+    for _ in range(30):
+        belief.step(Table.drawn(rng, strength))
+        assert belief.joint.shape == (MOVEMENTS, FACINGS) and (belief.joint >= 0).all()
+        assert belief.joint.sum() == pytest.approx(1) and 0 <= belief.rest <= 1
+        assert np.isfinite(belief.said).all()
+
+
+@some
+@given(seed=SEEDS, constant=st.floats(-800, 800))
+def test_a_constant_added_to_all_evidence_is_foreseen_and_changes_no_belief(seed, constant):
+    rng = np.random.default_rng(seed)
+    plain, shifted = chain_filter(known=True), chain_filter(known=True)
+    for _ in range(6):
+        frame = Table.drawn(rng)
+        plain.step(frame)
+        shifted.step(Table(frame.log + constant, frame.rest + constant, frame.after + constant))
+    assert shifted.joint == pytest.approx(plain.joint, abs=1e-5)
+    assert shifted.said == pytest.approx(plain.said + constant, abs=1e-3)
+
+
+def test_before_anything_was_seen_all_is_equally_likely():
+    for known in (True, False):
+        assert chain_filter(known).joint == pytest.approx(np.full((3, 2), 1 / 6))
+        assert chain_filter(known).rest == (0.0 if known else 1.0)
+
+
+class Asked:
+    """Evidence that notes how many cells were asked for."""
+
+    def __init__(self, evidence, cells):
+        self._evidence, self._cells = evidence, cells
+        self.rest, self.after = evidence.rest, evidence.after
+
+    def chains(self, live, phases):
+        likelihood, scale = self._evidence.chains(live, phases)
+        self._cells.append(likelihood.size)
+        return likelihood, scale
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_what_is_left_out_decides_nothing_and_spares_most_of_the_work(known):
+    labels, door = ("ok", "shake", "lunging"), parse_view("door")
+    archive = perform(("1", "2"), labels, trials=2, seed=3)
+    model = learn_view(archive, door, Vocabulary(labels), parameters={"facings": 4.0}, tried=False)
+    chains, cell_of = model.arrays()["chains"], model.arrays()["movement_of"] * 4 + model.arrays()["facing_of"]
+    postures, ends = Postures(chains.transpose(1, 2, 0)), [at_rest(chains[:, n]).T[None] for n in (0, -1)]
+    of_rest = (*map(Postures, ends), cell_of, (3, 4))
+    dynamics = Dynamics(np.array([STEPS]), np.ones(1), np.ones((1, 1)), np.array(ENTRY), 0.05, 0.01)
+    asked: dict[float, list[int]] = {0.0: [], 1e-8: []}
+    for recording in perform(("3",), labels, seed=4).recordings:
+        exact, quick = (ChainFilter(cell_of, 3, 4, chains.shape[1], dynamics, known, n) for n in asked)
+        chosen = Chosen(postures), Chosen(postures)
+        reader = PostureReader(archive.body_parts, recording.rate_hz, fast=1.5, apart=0.5)
+        for tracks in view_tracks(door, recording, archive.body_parts, archive.body_parts):
+            features = reader.update(tracks)
+            for belief, own, cells in zip((exact, quick), chosen, asked.values(), strict=True):
+                belief.step(Asked(PostureEvidence(own, of_rest, features, 1.0, 5.0), cells))
+            assert quick.joint == pytest.approx(exact.joint, abs=1e-3)
+            assert quick.rest == pytest.approx(exact.rest, abs=1e-3)
+    assert sum(asked[1e-8]) < 0.6 * sum(asked[0.0])

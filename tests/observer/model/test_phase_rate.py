@@ -1,0 +1,54 @@
+"""The phase model judges alike whatever the frame rate: its constants are of fifteenths of a second."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from common.vocabulary import Vocabulary
+from observer.geometry.views import parse_view
+from observer.learning.learn import learn_view
+from observer.model.base import Onset
+from observer.model.phase import STEPS, steps_in
+from observer.motion.archive import MotionArchive, Recording
+from observer.motion.projected import ProjectedTracker, frames_of
+from observer.motion.transforms import resample
+from observer.runtime.pipeline import Observer
+from observer.tracks import BODY_PARTS
+
+DOOR, NAMES = parse_view("door"), Vocabulary(("raise", "wave"))
+
+
+@given(st.floats(0.05, 4.0))
+def test_in_so_much_time_so_many_phases_go_by(share):
+    steps = steps_in(share)
+    assert steps.sum() == pytest.approx(1) and (steps >= 0).all()
+    assert steps @ np.arange(len(steps)) == pytest.approx(share * np.dot(STEPS, range(len(STEPS))))
+
+
+def test_one_fifteenth_of_a_second_is_a_step():
+    np.testing.assert_allclose(steps_in(1.0), STEPS)
+
+
+def performed(label, size):
+    t = np.linspace(0, 1, 31)
+    up = np.sin(np.pi * t)
+    aside = 0.3 * np.sin(6 * np.pi * t) * up if label == "wave" else 0 * t
+    positions = np.zeros((len(t), 3, 3))
+    positions[:, 0] = (-0.25, -0.6, 0)
+    positions[:, 1] = np.stack([0.25 + aside, -0.6 + up, 0 * t], axis=1)
+    return Recording((positions * size).astype(np.float32), 15.0, label, str(size), "1")
+
+
+def surety(rate_hz, label):
+    people = [resample(performed(name, size), rate_hz) for name in NAMES.labels for size in (0.9, 1.0, 1.1)]
+    model = learn_view(MotionArchive(BODY_PARTS, tuple(people)), DOOR, NAMES, tried=False)
+    observer = Observer(ProjectedTracker(DOOR, BODY_PARTS, BODY_PARTS), model, Onset(known=True))
+    shown = list(frames_of(resample(performed(label, 1.05), rate_hz)))
+    return [observer.step(frame).p[NAMES.index(label)] for frame in shown][round(0.3 * len(shown))]
+
+
+@pytest.mark.parametrize("label", NAMES.labels)
+def test_thirty_frames_a_second_make_nobody_twice_as_sure(label):
+    odds = [np.log(p / (1 - p)) for p in (surety(15.0, label), surety(30.0, label))]
+    assert odds[1] == pytest.approx(odds[0], abs=max(0.5, 0.4 * abs(odds[0])))

@@ -1,0 +1,108 @@
+"""Recorded motion: each frame when it is due, whole, never ahead of time."""
+
+import threading
+
+import numpy as np
+import pytest
+
+from observer.motion.archive import Recording
+from observer.motion.playback import RecordedMotion
+
+SECOND_NS = 1_000_000_000
+PARTS = ("left_hand", "right_hand", "head")
+
+
+class Watch:
+    """A clock that only waiting moves; stands in for time and for the stop event at once."""
+
+    def __init__(self, now_ns=1_000 * SECOND_NS):
+        self.now_ns = self.began_ns = now_ns
+        self.waits = []
+
+    def __call__(self):
+        return self.now_ns
+
+    def is_set(self):
+        return False
+
+    def wait(self, seconds):
+        self.waits.append(seconds)
+        self.now_ns += round(seconds * SECOND_NS)
+
+
+def recording(frames, rate_hz=10.0, first=0):
+    positions = np.arange(first, first + frames, dtype=np.float32)[:, None, None] * np.ones((1, 3, 3), np.float32)
+    return Recording(positions, rate_hz, "bowing", "1", "1")
+
+
+def played(watch, *recordings, **arguments):
+    return RecordedMotion(PARTS, recordings, clock=watch, **arguments).frames(watch)
+
+
+def test_frames_are_captured_at_the_rate_from_now_and_waited_for():
+    watch = Watch()
+    frames = list(played(watch, recording(4)))
+    assert [(frame.captured_ns - watch.began_ns) / SECOND_NS for frame in frames] == pytest.approx([0, 0.1, 0.2, 0.3])
+    assert watch.waits == pytest.approx([0.1, 0.1, 0.1])
+    assert [frame.content[0, 0] for frame in frames] == [0, 1, 2, 3]
+    assert frames[0].content.shape == (3, 3) and frames[0].content.dtype == np.float64
+
+
+def test_twice_the_speed_is_half_the_time():
+    watch = Watch()
+    frames = list(played(watch, recording(3), speed=2.0))
+    assert (frames[-1].captured_ns - watch.began_ns) / SECOND_NS == pytest.approx(0.1)
+
+
+def test_speed_0_waits_for_nothing_and_stamps_the_time_of_playing():
+    watch = Watch()
+    for i, frame in enumerate(played(watch, recording(3), recording(2), speed=0.0)):
+        assert frame.captured_ns == watch.began_ns + 7 * i
+        watch.now_ns += 7
+    assert i == 4 and watch.waits == []
+
+
+def test_recordings_follow_each_other_at_their_own_rates():
+    watch = Watch()
+    frames = list(played(watch, recording(2, 10.0), recording(2, 20.0)))
+    after = [round((frame.captured_ns - watch.began_ns) / SECOND_NS, 6) for frame in frames]
+    assert after == [0, 0.1, 0.2, 0.25]
+
+
+def test_a_common_start_is_waited_for():
+    watch = Watch()
+    first = next(played(watch, recording(2), start_ns=watch.began_ns + 2 * SECOND_NS))
+    assert watch.waits == [2.0] and first.captured_ns == watch.began_ns + 2 * SECOND_NS
+
+
+def test_a_slow_observer_gets_every_frame_late_and_none_early():
+    watch = Watch()
+    captured = []
+    for frame in played(watch, recording(5)):
+        assert watch() >= frame.captured_ns
+        captured.append(frame.captured_ns - watch.began_ns)
+        watch.now_ns += SECOND_NS // 4
+    assert captured == [i * SECOND_NS // 10 for i in range(5)] and watch.waits == []
+
+
+def test_a_loop_goes_on_in_time():
+    watch = Watch()
+    frames = played(watch, recording(2), loop=True)
+    captured = [next(frames).captured_ns - watch.began_ns for _ in range(5)]
+    assert captured == [i * SECOND_NS // 10 for i in range(5)]
+
+
+def test_stop_ends_a_wait():
+    stop, seen = threading.Event(), threading.Event()
+    source = RecordedMotion(PARTS, [recording(2, 0.001)])
+
+    def play():
+        for _ in source.frames(stop):
+            seen.set()
+
+    playing = threading.Thread(target=play)
+    playing.start()
+    assert seen.wait(5)
+    stop.set()
+    playing.join(5)
+    assert not playing.is_alive()

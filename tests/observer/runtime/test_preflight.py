@@ -1,0 +1,104 @@
+"""What an observer would meet before its first frame is found without a camera, and without OpenCV too."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from common.config import read_scene
+from observer.model.model_file import read_model
+from observer.model.registry import MODELS
+from observer.motion.archive_file import write_archive
+from observer.runtime.preflight import examine
+from studies.performer import perform
+
+ROOT = Path(__file__).parents[3]
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory):
+    """A folder with recorded motion and the model of one view."""
+    folder = tmp_path_factory.mktemp("examined")
+    write_archive(folder / "motion.npz", perform(people=("2",), movements=("lunging", "byebye"), trials=2))
+    command = ["labanmesh", "learn", folder / "motion.npz", "--view", "door", "-o", folder / "good.model"]
+    subprocess.run([sys.executable, "-m", *map(str, command)], cwd=ROOT, check=True, capture_output=True, timeout=60)
+    assert read_model(folder / "good.model").header.kind in MODELS
+    return folder
+
+
+@pytest.fixture
+def examined(place):
+    def look(section, head=""):
+        path = place / "scene.toml"
+        path.write_text(f'scene = "dojo"\n{head}[observers.a]\nmodel = "good.model"\n{section}\n')
+        return examine(read_scene(path, {}), "a")
+
+    return look
+
+
+def test_a_good_one(examined):
+    found = examined('source = "motion.npz"')
+    assert (found.faults, found.doubts, found.lacks) == ([], [], [])
+    assert (found.labels, found.reads) == (["lunging", "byebye"], "positions") and found.rate_hz
+
+
+@pytest.mark.parametrize(
+    ("section", "words"),
+    [
+        ('source = "motion.npz"\nview = "dor"', "did you mean door?"),
+        ('source = "motion.npz"\nview = "gone.toml"', "gone.toml"),
+        ('source = "motion.npz"\ntracker = "camshft"', "unknown tracker"),
+        ('source = "zenoh:k"\ntracker = "camshift"', "it reads pictures"),
+        ('source = "gone.npz"', "gone.npz"),
+        ('source = "gone.mp4"', "gone.mp4: no such file"),
+        ('source = "motion.npz"\nrecording = 99', "has recordings 0 to"),
+        ('source = "motion.npz"\nrate_hz = 30', "learned at"),
+        ('source = "0"\nskin = "gone.npz"', "gone.npz"),
+        ('source = "motion.npz"\nmirrored = true', "only pictures can be mirrored"),
+    ],
+)
+def test_a_fault_is_said_in_the_words_of_observe(examined, section, words):
+    (fault,) = examined(section).faults
+    assert words in fault
+
+
+def test_a_model_for_others_movements_or_another_view(examined):
+    (fault,) = examined('source = "motion.npz"', 'vocabulary = ["bowing", "lunging"]\n').faults
+    assert "learned for the vocabulary" in fault
+    (doubt,) = examined('source = "motion.npz"\nview = "wheel"').doubts
+    assert "labanmesh learn ... --view wheel" in doubt
+
+
+def test_no_camera_is_opened_and_no_standard_input_read(examined):
+    assert examined('source = "97"').faults == []
+    assert examined('source = "rtsp://me:secret@127.0.0.1:9/x"').source == "rtsp://127.0.0.1:9/x"
+    assert "standard input" in examined('source = "-"').doubts[0]
+
+
+def test_mediapipe_is_not_started(examined, monkeypatch):
+    monkeypatch.setattr("observer.runtime.preflight.find_spec", lambda name: None)
+    assert examined('source = "97"\ntracker = "mediapipe"').lacks == ["mediapipe"]
+    monkeypatch.setattr("observer.runtime.preflight.find_spec", lambda name: name)
+    assert examined('source = "97"\ntracker = "mediapipe"').lacks == []
+    (fault,) = examined('source = "97"\ntracker = "mediapipe"\npose_model = "gone.task"').faults
+    assert "gone.task" in fault
+    (fault,) = examined('source = "gone.mp4"\ntracker = "mediapipe"').faults
+    assert "gone.mp4: no such file" in fault
+
+
+def test_a_plain_install_says_what_it_lacks(place):
+    """A machine without OpenCV and scipy; it judges recorded motion all the same."""
+    (place / "plain.toml").write_text(
+        'scene = "dojo"\n[observers.eye]\nsource = "0"\nmodel = "good.model"\n'
+        '[observers.motion]\nsource = "motion.npz"\nmodel = "good.model"\n'
+    )
+    without = "import runpy, sys; sys.modules.update(cv2=None, scipy=None); "
+    run = f"{without}runpy.run_module('observer.runtime.preflight', run_name='__main__')"
+    done = subprocess.run(
+        [sys.executable, "-c", run, str(place / "plain.toml")], cwd=ROOT, capture_output=True, text=True, timeout=60
+    )
+    eye, motion = map(json.loads, done.stdout.splitlines())
+    assert (eye["observer"], eye["lacks"], eye["faults"]) == ("eye", ["cv2"], [])
+    assert (motion["lacks"], motion["faults"]) == ([], [])

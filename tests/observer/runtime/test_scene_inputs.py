@@ -1,0 +1,98 @@
+"""From a scene file's section to frames and a tracker: what is chosen, and what cannot be."""
+
+import threading
+
+import numpy as np
+import pytest
+
+from common.config import read_scene
+from common.errors import BadInput
+from observer.foreign.sources import MeshTracks, PipedTracks
+from observer.motion.archive import MotionArchive, Recording
+from observer.motion.archive_file import write_archive
+from observer.rendering.virtual_camera import VirtualCamera
+from observer.runtime.scene_inputs import PLAYBACK_START, open_inputs
+from observer.tracking.camshift import CamshiftTracker
+from observer.tracks import BODY_PARTS
+
+STANDING = np.array([[-0.3, 0.9, 0], [0.3, 0.9, 0], [0, 1.65, 0]], np.float32)
+
+
+def recording(frames):
+    return Recording(np.repeat(STANDING[None], frames, axis=0), 10.0, "bowing", "1", "1")
+
+
+@pytest.fixture
+def opened(tmp_path):
+    write_archive(tmp_path / "m.npz", MotionArchive(BODY_PARTS, (recording(2), recording(3))))
+
+    def read(extra="", source="m.npz", environment=None):
+        (tmp_path / "s.toml").write_text(f'scene = "d"\n[observers.cam1]\nsource = "{source}"\n{extra}')
+        return open_inputs(read_scene(tmp_path / "s.toml", {}), "cam1", environment=environment or {})
+
+    return read
+
+
+def test_the_scene_names_the_recording(opened):
+    eyes = opened("recording = 1\nspeed = 0\nloop = true")
+    one = eyes.source
+    assert [len(recording.positions) for recording in one.recordings] == [3]
+    assert (one.speed, one.loop, one.start_ns, one.rate_hz, one.body_parts) == (0, True, None, 10, BODY_PARTS)
+    assert eyes.length == 3 and eyes.at_own_rate
+    assert len(opened('recording = "all"').source.recordings) == 2
+    assert opened(environment={PLAYBACK_START: "123"}).source.start_ns == 123
+
+
+def test_recorded_motion_can_be_sampled_at_another_rate(opened):
+    assert opened("rate_hz = 30").source.rate_hz == 30
+
+
+def test_a_tracker_of_pictures_films_recorded_motion(opened):
+    room = '[observers.cam1.virtual]\nbackground = "cluttered"'
+    eyes = opened(f'tracker = "camshift"\nspeed = 0\nsize_px = [320, 240]\n{room}')
+    assert isinstance(eyes.source, VirtualCamera) and isinstance(eyes.tracker.tracker, CamshiftTracker)
+    assert not eyes.at_own_rate
+    frames = list(eyes.source.frames(threading.Event()))
+    assert [frame.content.shape for frame in frames] == [(240, 320, 3)] * 2
+    assert eyes.tracker.update(frames[0]).centres.shape == (3, 2)
+
+
+def test_an_occluder_stands_there_in_its_seconds(opened):
+    rows = "[[0, 0, 1, 1, 0.1, 0.2]]"
+    eyes = opened(f'tracker = "camshift"\nspeed = 0\n[observers.cam1.virtual]\nnoise = 0\noccluders = {rows}')
+    before, hidden = (frame.content for frame in eyes.source.frames(threading.Event()))
+    assert (before != hidden).any(axis=2).mean() > 0.9
+
+
+def test_mirrored_pictures_are_turned_back(opened):
+    words = 'tracker = "camshift"\nspeed = 0\n'
+    plain = next(opened(words).source.frames(threading.Event())).content
+    turned = next(opened(words + "mirrored = true").source.frames(threading.Event())).content
+    assert np.array_equal(plain[:, ::-1], turned) and turned.flags.c_contiguous
+
+
+@pytest.mark.parametrize(("source", "kind"), [("-", PipedTracks), ("zenoh:tracks/cam1", MeshTracks)])
+def test_tracks_of_others(opened, source, kind):
+    eyes = opened(source=source)
+    assert isinstance(eyes.source, kind) and eyes.tracker.body_parts == BODY_PARTS
+
+
+@pytest.mark.parametrize(
+    ("extra", "source", "environment", "line"),
+    [
+        ("recording = 2", "m.npz", {}, r"observers\.cam1\.recording = 2: .*m\.npz has recordings 0 to 1"),
+        ("", "m.npz", {PLAYBACK_START: "soon"}, r"LABANMESH_PLAYBACK_START_NS = 'soon': nanoseconds"),
+        ('tracker = "camshfit"', "m.npz", {}, r"observers\.cam1\.tracker = 'camshfit': .* did you mean 'camshift'"),
+        ('tracker = "foreign"', "m.npz", {}, r"it reads tracks, the source gives positions; able: projected"),
+        ('tracker = "projected"', "0", {}, r"it reads positions, the source gives pictures; able: camshift, mediapipe"),
+        ("mirrored = true", "m.npz", {}, r"cam1\.mirrored: only pictures can be mirrored back"),
+        ("", "zenoh:a/*", {}, r"zenoh:KEY is expected"),
+        ("", "gone.mp4", {}, r"gone\.mp4: no such file or folder; a source is a webcam"),
+        ('view = "gone.toml"', "m.npz", {}, r"gone\.toml"),
+        ('skin = "gone.npz"\ntracker = "camshift"', "m.npz", {}, r"gone\.npz"),
+    ],
+)
+def test_what_cannot_be_opened_is_one_line(opened, extra, source, environment, line):
+    with pytest.raises(BadInput, match=line) as caught:
+        opened(extra, source, environment)
+    assert "\n" not in str(caught.value)

@@ -1,0 +1,57 @@
+"""What `labanmesh observe` loads before it speaks: nothing heavy that it does not use, so that it starts soon."""
+
+import subprocess
+import sys
+from dataclasses import replace
+
+import pytest
+
+from common.vocabulary import Vocabulary
+from observer.geometry.views import parse_view
+from observer.learning.learn import learn_view
+from observer.model.model_file import write_model
+from observer.motion.archive import MotionArchive
+from observer.motion.archive_file import write_archive
+from studies.performer import perform
+
+NEVER = {
+    "scipy",
+    "matplotlib",
+    "rich",
+    "cryptography",
+    "mediapipe",
+    "mcap",
+    "starlette",
+    "prometheus_client",
+    "asyncio",
+}
+LOOK = """
+import sys, labanmesh
+status = labanmesh.main(["observe", sys.argv[1], "cam1"])
+print(status, *sys.modules)
+"""
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory):
+    folder, whole = tmp_path_factory.mktemp("loads"), perform(("1",), ("ok", "shake"), trials=1)
+    short = replace(whole.recordings[0], positions=whole.recordings[0].positions[:4])
+    write_model(folder / "cam1.model", learn_view(whole, parse_view("door"), Vocabulary(("ok", "shake")), tried=False))
+    write_archive(folder / "short.npz", MotionArchive(whole.body_parts, (short,)))
+    return folder
+
+
+@pytest.mark.parametrize(("tracker", "with_pictures"), [("projected", False), ("camshift", True)])
+def test_observing_loads_what_it_needs_and_no_more(place, tracker, with_pictures):
+    scene = 'scene = "dojo"\n[mesh]\nmode = "process"\nendpoint = "tcp/127.0.0.1:0"\n[observers.cam1]\n'
+    scene += f'source = "short.npz"\nspeed = 0\ntracker = "{tracker}"\nsize_px = [160, 120]\n'
+    (place / f"{tracker}.toml").write_text(scene)
+    words = [sys.executable, "-c", LOOK, str(place / f"{tracker}.toml")]
+    ended = subprocess.run(words, capture_output=True, text=True, timeout=60, check=True)
+    status, *modules = ended.stdout.split()
+    loaded = {name.partition(".")[0] for name in modules}
+    assert status == "0" and {"zenoh", "numpy"} <= loaded
+    assert not loaded & NEVER, f"loaded and never used: {sorted(loaded & NEVER)}"
+    assert ("cv2" in loaded) == with_pictures
+    assert not {"fusion", "hub", "studies", "deploy"} & loaded
+    assert "observer.learning.learn" not in modules and "observer.calibration.bundle" not in modules
