@@ -91,9 +91,9 @@ def _read(payloads: Sequence[bytes]) -> list[PosteriorMessage]:
 
 def _judged(referee: FusionEngine, now_ns: int, heard: Sequence[PosteriorMessage]) -> JudgementMessage:
     for said in heard:
-        if referee.hear(said.observer or "", said, now_ns) is not None:
+        if referee.receive(said.observer or "", said, now_ns) is not None:
             raise AssertionError("a posterior of the benchmark was refused: it measures nothing")
-    return referee.judge(now_ns).judgement
+    return referee.step(now_ns).judgement
 
 
 def _again(steps: Sequence[tuple[int, T]], work: Callable[[FusionEngine, int, T], object]) -> Callable[[], object]:

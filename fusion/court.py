@@ -93,13 +93,13 @@ class Court:
         if self.duty is not Duty.JUDGING:
             return Step(len(arrivals))
         now_ns = self._clock()
-        return Step(len(arrivals), now_ns, sitting.referee.case(now_ns))
+        return Step(len(arrivals), now_ns, sitting.referee.pooling_case(now_ns))
 
     def say(self, step: Step, pooled: PooledPosterior) -> Sequence[VerdictMessage]:
         """VerdictDetector by what the step's case came to, and say it; the verdicts."""
         if self._sitting is None or step.case is None:
             return ()
-        return self._sitting.say(self._sitting.referee.rule_on(step.case.opinions, step.now_ns, pooled))
+        return self._sitting.say(self._sitting.referee.output_for(step.case.posteriors, step.now_ns, pooled))
 
     def tell(self) -> None:
         """Say how the judging is; to be called once a second."""
@@ -189,11 +189,11 @@ class _Sitting:
         """What another needs to go on; None when nothing was judged yet."""
         if self._last is None:
             return None
-        return Remembered(judgement=self._last, verdict=self._verdict, lessons=self.referee.lessons)
+        return Remembered(judgement=self._last, verdict=self._verdict, lessons=self.referee.reliability)
 
     def go_on(self, state: Remembered) -> None:
         """Go on where another was."""
-        self.referee.lessons = state.lessons
+        self.referee.reliability = state.lessons
         for said in sorted((m for m in (state.verdict, state.judgement) if m), key=lambda m: m.seq):
             self.referee.continue_from(said)
             self._voice.note(said, encode(said))

@@ -42,9 +42,9 @@ class Desk:
         if self._asker.ask_if_due():
             self.health.set_observers(self._ear.accounts(self._scene.roster))
         for observer, reading in self._asker.readings():
-            self._referee.read_clock(observer, reading)
-        self._referee.present(frozenset(observer_of(key) for key in self._presence.alive))
+            self._referee.record_clock(observer, reading)
+        self._referee.set_present(frozenset(observer_of(key) for key in self._presence.alive))
 
     def judge(self) -> EngineOutputLike | None:
         """What the judges together believe now; None while there is nothing to judge."""
-        return self._referee.judge(self._clock())
+        return self._referee.step(self._clock())

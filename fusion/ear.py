@@ -33,7 +33,7 @@ class Ear:
             said = f"{message.observer} in {message.scene} said under {arrival.key}"
             self._refuse(observer, "wrong_key", said, now_ns)
             return
-        reason = self._referee.hear(observer, message, now_ns)
+        reason = self._referee.receive(observer, message, now_ns)
         if reason is None:
             self._health.record_frame(message.captured_ns, now_ns)
         else:

@@ -28,16 +28,16 @@ class EngineLike(Protocol):
     def vocabulary(self) -> Vocabulary:
         """The movements that it judges."""
 
-    def hear(self, observer: str, message: PosteriorMessage, now_ns: int) -> str | None:
+    def receive(self, observer: str, message: PosteriorMessage, now_ns: int) -> str | None:
         """Take one posterior; returns why it was not used, or None."""
 
     def reject(self, observer: str, reason: str) -> None:
         """Count a message that could not even be read."""
 
-    def present(self, observers: frozenset[str]) -> None:
+    def set_present(self, observers: frozenset[str]) -> None:
         """Who is alive on the mesh now."""
 
-    def read_clock(self, observer: str, reading: ClockReading) -> None:
+    def record_clock(self, observer: str, reading: ClockReading) -> None:
         """An observer was asked what time it has."""
 
     def skew_s(self, observer: str) -> float | None:
@@ -47,12 +47,12 @@ class EngineLike(Protocol):
         """Go on where another fusion service was."""
 
     @property
-    def lessons(self) -> Reliability:
+    def reliability(self) -> Reliability:
         """What was learned of the observers."""
 
-    @lessons.setter
-    def lessons(self, lessons: Reliability) -> None:
+    @reliability.setter
+    def reliability(self, reliability: Reliability) -> None:
         """Go on from what was learned before a restart."""
 
-    def judge(self, now_ns: int) -> EngineOutputLike | None:
+    def step(self, now_ns: int) -> EngineOutputLike | None:
         """What the judges together believe at `now_ns`; None while there is nothing to judge."""

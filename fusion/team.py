@@ -112,13 +112,13 @@ class Voice:
             return
         self._last = payload
         if self._memory is not None:
-            self._memory.keep(said, self._newest, self._referee.lessons)
+            self._memory.keep(said, self._newest, self._referee.reliability)
 
     def recall(self, scene: str, now_ns: int) -> None:
         """Go on from what was kept before a restart."""
         if self._memory is None:
             return
-        self._referee.lessons = self._memory.lessons(scene)
+        self._referee.reliability = self._memory.lessons(scene)
         found = self._memory.recall(scene, now_ns)
         if found is None:
             return

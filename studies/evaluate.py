@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from common.errors import BadInput
 from common.probability import encode_facing, uniform
 from common.vocabulary import Vocabulary
-from fusion.engine.pooling import pool_posteriors
+from fusion.engine.pooling import PoolingCase, pool_posteriors
 from fusion.engine.roster import AgedPosterior
 from fusion.engine.rules import DEFAULT_RULE, Rule, get_rule
 from observer.geometry.views import View
@@ -190,7 +190,7 @@ def refused(judged: Sequence[Judged], question: Question, vocabulary: Vocabulary
 
 def _fused(judged: Judged, said: Said, rule: Rule, temperature: float) -> Judged:
     prior = uniform(said.p.shape[2])
-    pools = [pool_posteriors(rule, _opinions(said, n), prior, temperature) for n in range(len(said.p))]
+    pools = [pool_posteriors(PoolingCase(rule, _opinions(said, n), prior, temperature)) for n in range(len(said.p))]
     faced = np.array([pool.facing for pool in pools]) if pools[0].facing is not None else None
     fused = np.array([pool.p for pool in pools])
     return Judged(judged.trial, judged.truth, said.p, fused, said.facing, said.unlearned, faced)

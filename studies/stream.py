@@ -196,9 +196,9 @@ def alarms_in(heard: Heard, conduct: FusionConfig) -> list[Alarm]:
     alarms: dict[str, Alarm] = {}
     for messages in heard.said:
         for name, message in messages.items():
-            referee.hear(name, message, message.captured_ns)
+            referee.receive(name, message, message.captured_ns)
             now_ns = message.captured_ns
-        for verdict in referee.judge(now_ns).verdicts:
+        for verdict in referee.step(now_ns).verdicts:
             said_s = (verdict.decided_ns - SECOND_NS) / SECOND_NS
             first = alarms.get(verdict.id, Alarm(verdict.label, said_s, verdict.label))
             alarms[verdict.id] = replace(first, last=verdict.label)

@@ -91,8 +91,8 @@ def test_a_posterior_is_judged_by_the_first_judgement_that_weighs_it_or_a_newer_
 
     def judged_at(now_ns, *heard):
         for observer, seq, captured_ns in heard:
-            assert referee.hear(observer, message(observer, seq, captured_ns, p), now_ns) is None
-        return Arrival("key", encode(referee.judge(now_ns).judgement), now_ns + 7)
+            assert referee.receive(observer, message(observer, seq, captured_ns, p), now_ns) is None
+        return Arrival("key", encode(referee.step(now_ns).judgement), now_ns + 7)
 
     first, second, third = AT_NS, AT_NS + 16_666_667, AT_NS + 33_333_334
     arrivals = [

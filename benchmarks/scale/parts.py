@@ -77,7 +77,7 @@ def alone() -> tuple[dict[str, float], dict[str, int]]:
         for judge, payload in enumerate(payloads):
             ear.hear(Arrival(keys.posterior(f"cam{judge}"), payload, now_ns))
         took.append((time.thread_time() - begun_s) / JUDGES)
-        ruling = referee.judge(now_ns)
+        ruling = referee.step(now_ns)
         verdict = next(iter(ruling.verdicts), verdict)
     health.set_observers(ear.accounts(scene.roster))
     one = decode(PosteriorMessage, said[0].at(seq, now_ns)).model_copy(

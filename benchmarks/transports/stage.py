@@ -249,5 +249,5 @@ def judgement(publishers: int) -> bytes:
     scene = scene_of(publishers)
     referee = FusionEngine(scene.scene, list(scene.roster), NAMES, scene.fusion)
     for name, belief in zip(scene.roster, beliefs(publishers), strict=True):
-        referee.hear(name, message(name, 0, START_NS, belief), START_NS)
-    return encode(referee.judge(START_NS).judgement)
+        referee.receive(name, message(name, 0, START_NS, belief), START_NS)
+    return encode(referee.step(START_NS).judgement)

@@ -19,7 +19,7 @@ def contributions(
     rule: Rule, opinions: Sequence[AgedPosterior], prior: Floats, temperature: float, label: int | None
 ) -> dict[str, Contribution]:
     """Of each judge who is heard, to the answer `label`; None: to the likeliest of all, "something else" too."""
-    whole = pool_posteriors(rule, opinions, prior, temperature).answers
+    whole = pool_posteriors(PoolingCase(rule, opinions, prior, temperature)).answers
     answer = int(whole.argmax()) if label is None else label
     odds = _log_odds(whole, answer)
     told = {}

@@ -3,35 +3,19 @@
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 from common.clock_skew import ClockReading
+from common.config_sections import FusionConfig
 from common.messages import Contribution, JudgementMessage, OngoingMovement, PosteriorMessage, VerdictMessage
 from common.vocabulary import ABSTAIN, Vocabulary
 from fusion.engine.clocks import Clocks
 from fusion.engine.contributions import contributions
 from fusion.engine.messages import JudgementBuilder, verdict_of
 from fusion.engine.pooling import PooledPosterior, PoolingCase, pool_facets, pool_posteriors
-from fusion.engine.reliability import Reliability, learn
-from fusion.engine.roster import HEARD, AgedPosterior, ObserverRecord, Patience, Roster
+from fusion.engine.reliability import Reliability, learn_from_verdict
+from fusion.engine.roster import HEARD, AgedPosterior, ObserverRecord, Roster
 from fusion.engine.rules import get_rule
-from fusion.engine.verdict_detector import Decision, Demand, PooledState, VerdictDetector
-
-
-class Conduct(Patience, Demand, Protocol):
-    """How a referee judges: the [fusion] part of a scene file."""
-
-    @property
-    def id(self) -> str:
-        """The fusion service's id."""
-
-    @property
-    def rule(self) -> str:
-        """Name of the fusion rule."""
-
-    @property
-    def temperature(self) -> float:
-        """Of the pooled belief."""
+from fusion.engine.verdict_detector import Decision, PooledState, VerdictDetector
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,21 +40,21 @@ class FusionEngine:
     Raises BadInput for an unknown rule, or a rule that cannot hear so many observers.
     """
 
-    def __init__(self, scene: str, observers: list[str], vocabulary: Vocabulary, conduct: Conduct) -> None:
+    def __init__(self, scene: str, observers: list[str], vocabulary: Vocabulary, config: FusionConfig) -> None:
         self.vocabulary = vocabulary
         self._scene = scene
-        self._conduct = conduct
-        self._rule = get_rule(conduct.rule, len(observers))
-        self._roster = Roster(observers, vocabulary, conduct)
+        self._config = config
+        self._rule = get_rule(config.rule, len(observers))
+        self._roster = Roster(observers, vocabulary, config)
         self._clocks = Clocks(observers)
-        self._judge = VerdictDetector(conduct)
-        self._scribe = JudgementBuilder(scene, conduct.id, vocabulary, self._roster.prior, self._rule.name)
+        self._judge = VerdictDetector(config)
+        self._scribe = JudgementBuilder(scene, config.id, vocabulary, self._roster.prior, self._rule.name)
         self._grounds: Mapping[int, _Ground] = {}
         self._contributed: tuple[object, Mapping[str, Contribution]] = (None, {})
         self._seq = 0
-        self.lessons = Reliability()
+        self.reliability = Reliability()
 
-    def hear(self, observer: str, message: PosteriorMessage, now_ns: int) -> str | None:
+    def receive(self, observer: str, message: PosteriorMessage, now_ns: int) -> str | None:
         """Take one posterior; returns why it was not used, or None."""
         captured_ns = self._clocks.captured_ns(observer, message, now_ns)
         reason = self._roster.receive(observer, message, now_ns, captured_ns)
@@ -78,7 +62,7 @@ class FusionEngine:
             self._clocks.heard(observer, message)
         return reason
 
-    def read_clock(self, observer: str, reading: ClockReading) -> None:
+    def record_clock(self, observer: str, reading: ClockReading) -> None:
         """An observer was asked what time it has."""
         self._clocks.read(observer, reading)
         if observer in self._known:
@@ -88,7 +72,7 @@ class FusionEngine:
         """Count a message that could not even be read."""
         self._roster.reject(observer, reason)
 
-    def present(self, observers: frozenset[str]) -> None:
+    def set_present(self, observers: frozenset[str]) -> None:
         """Who is alive on the mesh now."""
         self._roster.present(observers)
 
@@ -98,13 +82,13 @@ class FusionEngine:
         return self._roster.rejected
 
     @property
-    def lessons(self) -> Reliability:
+    def reliability(self) -> Reliability:
         """What was learned of the judges, to be kept over a restart."""
-        return self._lessons
+        return self._reliability
 
-    @lessons.setter
-    def lessons(self, lessons: Reliability) -> None:
-        self._lessons = lessons
+    @reliability.setter
+    def reliability(self, reliability: Reliability) -> None:
+        self._reliability = reliability
         # Asked for at every step, and changed once a verdict.
         self._known = {who: self._known_of(who) for who in self._roster.rejected}
 
@@ -112,30 +96,32 @@ class FusionEngine:
         """Seconds by which an observer's clock is ahead of ours; None while it was never asked."""
         return self._clocks.skew_s(observer)
 
-    def judge(self, now_ns: int) -> EngineOutput:
+    def step(self, now_ns: int) -> EngineOutput:
         """What the judges together believe at `now_ns`, and what that decides."""
-        case = self.case(now_ns)
-        return self.rule_on(case.opinions, now_ns, pool_posteriors(*case))
+        case = self.pooling_case(now_ns)
+        return self.output_for(case.posteriors, now_ns, pool_posteriors(case))
 
-    def case(self, now_ns: int) -> PoolingCase:
-        """What is to be pooled at `now_ns`; `rule_on` goes on from there, so that many scenes can be pooled at once."""
+    def pooling_case(self, now_ns: int) -> PoolingCase:
+        """What to pool at `now_ns`. `output_for` continues from there, so that many scenes can be pooled at once."""
         return self._case(self._roster.opinions(now_ns, self._known.__getitem__))
 
     def _case(self, opinions: Sequence[AgedPosterior]) -> PoolingCase:
-        return PoolingCase(self._rule, opinions, self._roster.prior, self._conduct.temperature)
+        return PoolingCase(self._rule, opinions, self._roster.prior, self._config.temperature)
 
     def _known_of(self, observer: str) -> ObserverRecord:
-        lessons = self._lessons
-        return ObserverRecord(self._clocks.skew_s(observer), lessons.reliability(observer), lessons.doubles(observer))
+        reliability = self._reliability
+        return ObserverRecord(
+            self._clocks.skew_s(observer), reliability.reliability(observer), reliability.correlations(observer)
+        )
 
-    def rule_on(
+    def output_for(
         self, opinions: Sequence[AgedPosterior], now_ns: int, pooled: PooledPosterior | None = None
     ) -> EngineOutput:
         """The same for opinions that were gathered elsewhere, e.g. recorded: one for each observer, in their order.
 
         pooled: what they come to, where that is known.
         """
-        pooled = pooled or pool_posteriors(*self._case(opinions))
+        pooled = pooled or pool_posteriors(self._case(opinions))
         view = self._scribe.view(opinions, pooled)
         other = pooled.unlearned or 0.0
         belief = PooledState(now_ns, view.label, view.p * (1.0 - other), view.agreement.k, _rest(opinions), other)
@@ -149,7 +135,7 @@ class FusionEngine:
         if decision is None:
             return EngineOutput(judgement, [])
         verdict = self._verdict(judgement, decision, grounds)
-        self.lessons = learn(self.lessons, verdict, self.vocabulary)
+        self.reliability = learn_from_verdict(self.reliability, verdict, self.vocabulary)
         return EngineOutput(judgement, [verdict])
 
     def continue_from(self, judgement: JudgementMessage) -> None:
@@ -158,7 +144,7 @@ class FusionEngine:
         if isinstance(judgement, VerdictMessage):
             self._judge.follow(None if judgement.ended_ns is not None else _decided(judgement))
             self._keep({**self._grounds, judgement.decided_ns: _Ground(judgement)})
-            self.lessons = learn(self.lessons, judgement, self.vocabulary)
+            self.reliability = learn_from_verdict(self.reliability, judgement, self.vocabulary)
         else:
             self._judge.follow(None if judgement.movement is None else _decided(judgement.movement))
             self._keep(self._grounds)
@@ -189,7 +175,7 @@ class FusionEngine:
         end = grounds.get(decision.ended_ns or 0, ground)
         said = {
             "id": self._verdict_id(decision.began_ns),
-            "fusion": self._conduct.id,
+            "fusion": self._config.id,
             "seq": judgement.seq,
             "at_ns": judgement.at_ns,
         }
@@ -201,7 +187,7 @@ class FusionEngine:
         asked = (ground.judgement.at_ns, decision.label)
         if self._contributed[0] != asked:
             label = None if decision.label == ABSTAIN else self.vocabulary.index(decision.label)
-            prior, temperature = self._roster.prior, self._conduct.temperature
+            prior, temperature = self._roster.prior, self._config.temperature
             told = contributions(self._rule, ground.opinions, prior, temperature, label)
             # Said twice, when it is decided and when it has ended; leaving out each judge in turn takes its time.
             self._contributed = asked, told

@@ -104,7 +104,7 @@ class JudgementBuilder:
             facing=None if surprise is None else Facing.model_construct(surprise=surprise.tolist()),
             facets={name: p.tolist() for name, p in opinion.facets.items()} or None,
             reliability=opinion.reliability,
-            doubles=dict(opinion.doubles) or None,
+            doubles=dict(opinion.correlations) or None,
         )
 
     def _held(self, opinions: Sequence[AgedPosterior], rows: Floats) -> list[str | None]:

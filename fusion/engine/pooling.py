@@ -13,7 +13,6 @@
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -50,20 +49,20 @@ class PooledPosterior:
         return self.p if self.unlearned is None else np.append(self.p * (1.0 - self.unlearned), self.unlearned)
 
 
-class PoolingCase(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class PoolingCase:
     """What `pool_posteriors` pools: one scene's."""
 
     rule: Rule
-    opinions: Sequence[AgedPosterior]
+    posteriors: Sequence[AgedPosterior]
     prior: Floats
     temperature: float = 1.0
 
 
-def pool_posteriors(
-    rule: Rule, opinions: Sequence[AgedPosterior], prior: Floats, temperature: float = 1.0
-) -> PooledPosterior:
+def pool_posteriors(case: PoolingCase) -> PooledPosterior:
     """All opinions, of at least one judge, by the rule (1 to 3)."""
-    standing, rows, over = standing_of(opinions), np.array([o.p for o in opinions]), prior
+    rule, opinions, prior, temperature = case.rule, case.posteriors, case.prior, case.temperature
+    standing, rows, over = observer_trust(opinions), np.array([o.p for o in opinions]), prior
     extra = any(o.unlearned is not None for o in opinions)
     if extra:
         rows, over = _with_another_answer(rows, opinions), uniform(len(prior) + 1)
@@ -83,12 +82,12 @@ def pool_many(cases: Sequence[PoolingCase]) -> list[PooledPosterior]:
     pools: list[PooledPosterior | None] = [None] * len(cases)
     alike: dict[object, list[int]] = {}
     for n, case in enumerate(cases):
-        if case.rule.many and all(o.surprise is None for o in case.opinions):
-            extra = any(o.unlearned is not None for o in case.opinions)
-            kind = (case.rule.name, len(case.opinions), len(case.prior), case.temperature, extra)
+        if case.rule.many and all(o.surprise is None for o in case.posteriors):
+            extra = any(o.unlearned is not None for o in case.posteriors)
+            kind = (case.rule.name, len(case.posteriors), len(case.prior), case.temperature, extra)
             alike.setdefault(kind, []).append(n)
         else:
-            pools[n] = pool_posteriors(*case)
+            pools[n] = pool_posteriors(case)
     for places in alike.values():
         for n, pool in zip(places, _together([cases[n] for n in places]), strict=True):
             pools[n] = pool
@@ -97,13 +96,16 @@ def pool_many(cases: Sequence[PoolingCase]) -> list[PooledPosterior]:
 
 def _together(cases: Sequence[PoolingCase]) -> Iterator[PooledPosterior]:
     """Cases of one rule, number of judges, prior and temperature, who all say something else is possible, or none."""
-    rule, first, prior, temperature = cases[0]
+    case = cases[0]
+    rule, first, prior, temperature = case.rule, case.posteriors, case.prior, case.temperature
     extra = any(o.unlearned is not None for o in first)
-    rows, over = np.array([[o.p for o in case.opinions] for case in cases]), prior
+    rows, over = np.array([[o.p for o in case.posteriors] for case in cases]), prior
     if extra:
-        rows = np.array([_with_another_answer(r, c.opinions) for r, c in zip(rows, cases, strict=True)])
+        rows = np.array([_with_another_answer(r, c.posteriors) for r, c in zip(rows, cases, strict=True)])
         over = uniform(len(prior) + 1)
-    pooled, weights = _plain(rule, rows, over, ObserverTrust.together([standing_of(case.opinions) for case in cases]))
+    pooled, weights = _plain(
+        rule, rows, over, ObserverTrust.together([observer_trust(case.posteriors) for case in cases])
+    )
     for p, shares in zip(pooled, weights, strict=True):
         yield _told(p if temperature == 1.0 else temper(p, over, 1.0 / temperature), shares, extra, None)
 
@@ -123,7 +125,7 @@ def pool_facets(rule: Rule, opinions: Sequence[AgedPosterior]) -> dict[str, Floa
     names = dict.fromkeys(name for o in opinions for name in o.facets if name != FACING)
     if not names:
         return {}
-    standing, result = standing_of(opinions), {}
+    standing, result = observer_trust(opinions), {}
     for name in sorted(names)[:FACETS_LIMIT]:
         size = _most(len(o.facets[name]) for o in opinions if name in o.facets)
         places = [n for n, o in enumerate(opinions) if name in o.facets and len(o.facets[name]) == size]
@@ -133,14 +135,14 @@ def pool_facets(rule: Rule, opinions: Sequence[AgedPosterior]) -> dict[str, Floa
     return result
 
 
-def standing_of(opinions: Sequence[AgedPosterior]) -> ObserverTrust:
+def observer_trust(opinions: Sequence[AgedPosterior]) -> ObserverTrust:
     """What the opinions say of their judges."""
-    if all(o.reliability == 1.0 and not o.doubles for o in opinions):
+    if all(o.reliability == 1.0 and not o.correlations for o in opinions):
         return ObserverTrust.unknown(len(opinions))
     place = {o.observer: n for n, o in enumerate(opinions)}
     doubles = np.zeros((len(opinions), len(opinions)))
     for opinion in opinions:
-        for other, rho in opinion.doubles.items():
+        for other, rho in opinion.correlations.items():
             if other in place and other != opinion.observer:
                 doubles[place[opinion.observer], place[other]] = rho
     return ObserverTrust(np.array([o.reliability for o in opinions]), doubles)

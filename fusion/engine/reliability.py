@@ -22,7 +22,7 @@ from pydantic import Field
 
 from common.messages import VerdictMessage
 from common.vocabulary import ABSTAIN, Vocabulary
-from fusion.engine.strengths import apart
+from fusion.engine.strengths import log_distance
 
 KEEPS = 0.95
 FIRST = 4.0
@@ -55,7 +55,7 @@ class Reliability:
         right, claimed = self.right.get(observer, 0.0), self.claimed.get(observer, 0.0)
         return round(min(1.0, max(LEAST, ((right + FIRST) / (claimed + FIRST)) ** 2)), 3)
 
-    def doubles(self, observer: str) -> dict[str, float]:
+    def correlations(self, observer: str) -> dict[str, float]:
         """With whom he shares a voice, and how much of it, 0 to 1."""
         found = {}
         for pair, times in self.times.items():
@@ -67,7 +67,7 @@ class Reliability:
         return found
 
 
-def learn(reliability: Reliability, verdict: VerdictMessage, vocabulary: Vocabulary) -> Reliability:
+def learn_from_verdict(reliability: Reliability, verdict: VerdictMessage, vocabulary: Vocabulary) -> Reliability:
     """The reliability with this verdict's, if it is the last word on its movement and new."""
     if verdict.ended_ns is None or verdict.label == ABSTAIN or verdict.id == reliability.verdict:
         return reliability
@@ -87,7 +87,7 @@ def learn(reliability: Reliability, verdict: VerdictMessage, vocabulary: Vocabul
         weight = min(1.0, (1.0 - float((p + q).max()) / 2) / UNSURE)
         pair = f"{one} {two}"
         times[pair] = times.get(pair, 0.0) + weight
-        distance[pair] = distance.get(pair, 0.0) + weight * float(apart(np.array([p, q]) * size)[0, 1])
+        distance[pair] = distance.get(pair, 0.0) + weight * float(log_distance(np.array([p, q]) * size)[0, 1])
     return Reliability(right, claimed, times, distance, verdict.id)
 
 

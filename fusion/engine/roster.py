@@ -21,11 +21,11 @@ import math
 from collections import Counter, deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from common.config_sections import FusionConfig
 from common.messages import PosteriorMessage, VoteState
 from common.probability import Surprise, decode_facing, encode_facing, entropy_bits, normalise, temper, uniform
 from common.vocabulary import Vocabulary
@@ -38,33 +38,13 @@ SESSIONS_KEPT = 64
 """So many sessions of one observer are remembered: stragglers come within seconds of a restart, not after so many."""
 
 
-class Patience(Protocol):
-    """How long an opinion counts, in seconds: untouched until `fresh_s`, then fading by `fade_s`, gone at `drop_s`."""
-
-    @property
-    def fresh_s(self) -> float:
-        """Age up to which an opinion counts in full: a frame interval and the way over the network."""
-
-    @property
-    def fade_s(self) -> float:
-        """Time constant tau of the fading after that."""
-
-    @property
-    def blind_s(self) -> float:
-        """Time constant of the fading of who sees nothing."""
-
-    @property
-    def drop_s(self) -> float:
-        """Age at which the judge is silent; also how far in the future a capture time may lie."""
-
-
 @dataclass(frozen=True, slots=True)
 class AgedPosterior:
     """One judge as the rule hears it: p (M,) faded to its age, rest the chance that the person is at rest.
 
     skew_s: how far its clock is ahead of ours, as far as that was asked; age_s has it taken out. unlearned: how likely
     it is none of the movements; surprise (M, K): which way the person faces given the movement; facets by name: None or
-    left out where it does not say it, all faded like p. reliability, doubles: what was learned of it (lessons.py).
+    left out where it does not say it, all faded like p. reliability, correlations: what was learned of it (lessons.py).
     """
 
     observer: str
@@ -77,16 +57,16 @@ class AgedPosterior:
     surprise: Surprise | None = None
     facets: Mapping[str, Floats] = field(default_factory=dict)
     reliability: float = 1.0
-    doubles: Mapping[str, float] = field(default_factory=dict)
+    correlations: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
 class ObserverRecord:
-    """What is known of a judge beside what it says: skew_s, reliability and doubles as in AgedPosterior."""
+    """What is known of a judge beside what it says: skew_s, reliability and correlations as in AgedPosterior."""
 
     skew_s: float | None = None
     reliability: float = 1.0
-    doubles: Mapping[str, float] = field(default_factory=dict)
+    correlations: Mapping[str, float] = field(default_factory=dict)
 
 
 NO_RECORD = ObserverRecord()
@@ -108,10 +88,10 @@ class _Seat:
 class Roster:
     """The judges of one scene and their newest opinions."""
 
-    def __init__(self, observers: list[str], vocabulary: Vocabulary, patience: Patience) -> None:
+    def __init__(self, observers: list[str], vocabulary: Vocabulary, config: FusionConfig) -> None:
         self.vocabulary = vocabulary
         self.prior = uniform(vocabulary.size)
-        self._patience = patience
+        self._config = config
         self._seats = {observer: _Seat() for observer in observers}
         self._alive: frozenset[str] = frozenset()
 
@@ -171,9 +151,9 @@ class Roster:
             return "foreign_vocabulary"
         if len(message.p) != self.vocabulary.size:
             return "wrong_length"
-        if captured_ns > now_ns + self._patience.drop_s * SECOND_NS:
+        if captured_ns > now_ns + self._config.drop_s * SECOND_NS:
             return "from_the_future"
-        last, drop_s = seat.message, self._patience.drop_s
+        last, drop_s = seat.message, self._config.drop_s
         if abs(_age_s(seat.heard_ns, now_ns)) > drop_s or _age_s(seat.captured_ns, now_ns) < -drop_s:
             return None
         if message.session in seat.past_sessions:
@@ -192,24 +172,24 @@ class Roster:
             seat.trouble = "foreign" if reason == "foreign_vocabulary" else "invalid"
 
     def _opinion(self, observer: str, seat: _Seat, now_ns: int, known: ObserverRecord) -> AgedPosterior:
-        message, patience = seat.message, self._patience
-        skew_s, trust = known.skew_s, (known.reliability, known.doubles)
+        message, config = seat.message, self._config
+        skew_s, trust = known.skew_s, (known.reliability, known.correlations)
         if message is None:
             return AgedPosterior(
                 observer, self.prior, 1.0, None, seat.trouble or "silent", skew_s, None, None, {}, *trust
             )
         age_s = _age_s(seat.captured_ns, now_ns)
         unseen_s = (seat.captured_ns - seat.seen_ns) / SECOND_NS
-        faded = max(age_s - patience.fresh_s, 0.0) / patience.fade_s
-        sees = math.exp(-max(unseen_s - patience.fresh_s, 0.0) / patience.blind_s)
+        faded = max(age_s - config.fresh_s, 0.0) / config.fade_s
+        sees = math.exp(-max(unseen_s - config.fresh_s, 0.0) / config.blind_s)
         keeps = math.exp(-faded) * sees
         p = seat.p
         active = sees * (1.0 - (_ignorance(p) if message.rest is None else message.rest))
         state: VoteState
-        if seat.gone or abs(age_s) > patience.drop_s:
-            speaks = not seat.gone and abs(now_ns - seat.heard_ns) <= patience.drop_s * SECOND_NS
-            late = speaks and _age_s(seat.captured_ns, seat.heard_ns) > patience.drop_s
-            rest = 1.0 - active if seat.gone and abs(age_s) <= patience.drop_s else 1.0
+        if seat.gone or abs(age_s) > config.drop_s:
+            speaks = not seat.gone and abs(now_ns - seat.heard_ns) <= config.drop_s * SECOND_NS
+            late = speaks and _age_s(seat.captured_ns, seat.heard_ns) > config.drop_s
+            rest = 1.0 - active if seat.gone and abs(age_s) <= config.drop_s else 1.0
             state = seat.trouble or ("late" if late else "silent")
             return AgedPosterior(observer, self.prior, rest, age_s, state, skew_s, None, None, {}, *trust)
         surprise = None if message.facing is None else _faded_surprise(np.array(message.facing.surprise), keeps)

@@ -50,10 +50,10 @@ SMALLEST = 1e-300
 
 @dataclass(frozen=True, slots=True)
 class ObserverTrust:
-    """What is known of the judges beside their beliefs: trust (..., N) 0 to 1; doubles (..., N, N) rho, symmetric."""
+    """What is known of N observers: trust (..., N), 0 to 1; correlations (..., N, N), symmetric."""
 
     trust: Floats
-    doubles: Floats
+    correlations: Floats
 
     @staticmethod
     def unknown(size: int) -> "ObserverTrust":
@@ -63,11 +63,11 @@ class ObserverTrust:
     @staticmethod
     def together(scenes: Sequence["ObserverTrust"]) -> "ObserverTrust":
         """Those of several scenes with as many judges each, along a new first axis."""
-        return ObserverTrust(np.array([s.trust for s in scenes]), np.array([s.doubles for s in scenes]))
+        return ObserverTrust(np.array([s.trust for s in scenes]), np.array([s.correlations for s in scenes]))
 
     def of(self, places: Sequence[int]) -> "ObserverTrust":
         """That of some judges of one scene."""
-        return ObserverTrust(self.trust[list(places)], self.doubles[np.ix_(places, places)])
+        return ObserverTrust(self.trust[list(places)], self.correlations[np.ix_(places, places)])
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,7 +95,7 @@ def strengths(p: Floats, prior: Floats, standing: ObserverTrust) -> Strengths:
     one, two, three = ROBUSTNESS
     usual = one + (two - one) * confirmed + (three - two) * checked
     w = _certainty(p, prior, part, usual) * standing.trust * _not_much_surer(said_bits) ** checked
-    rho = np.maximum(alike(ratio) * _unsure(p), standing.doubles) * part[..., None, :]
+    rho = np.maximum(similarity(ratio) * _unsure(p), standing.correlations) * part[..., None, :]
     # Who is alone has no double.
     rho *= (number > 1.0)[..., None, None]
     borne_out = _borne_out(ratio, prior, w, rho)
@@ -151,13 +151,13 @@ def _unsure(p: Floats) -> Floats:
     return unsure
 
 
-def alike(ratio: Floats) -> Floats:
+def similarity(ratio: Floats) -> Floats:
     """(..., N, M) beliefs over the prior -> (..., N, N): 1 for the very same, near 0 for who see for themselves."""
-    result: Floats = np.exp(apart(ratio) / -SAME) * _others(ratio.shape[-2])
+    result: Floats = np.exp(log_distance(ratio) / -SAME) * _others(ratio.shape[-2])
     return result
 
 
-def apart(ratio: Floats) -> Floats:
+def log_distance(ratio: Floats) -> Floats:
     """(..., N, M) beliefs over the prior -> (..., N, N) mean distance of their logs, over how large these are.
 
     0 for the same.
@@ -166,7 +166,7 @@ def apart(ratio: Floats) -> Floats:
     much = _along(np.abs(said))
     both = (much[..., :, None] + much[..., None, :]) / 2
     distance = _along(np.abs(said[..., :, None, :] - said[..., None, :, :]))
-    # Two who know nothing are no doubles of each other.
+    # Two who know nothing are no correlations of each other.
     return np.where(both > 1e-9, distance / np.maximum(both, 1e-9), 1.0)
 
 

@@ -17,27 +17,11 @@
 
 from dataclasses import dataclass, replace
 from enum import Enum
-from typing import Protocol
 
+from common.config_sections import FusionConfig
 from common.vocabulary import ABSTAIN
 
 SECOND_NS = 1_000_000_000
-
-
-class Demand(Protocol):
-    """What a verdict takes."""
-
-    @property
-    def threshold(self) -> float:
-        """Least pooled probability of the label, 0 to 1."""
-
-    @property
-    def quorum(self) -> int:
-        """Least number of judges who hold the label themselves."""
-
-    @property
-    def hold_s(self) -> float:
-        """For how long both must be met, in seconds."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,9 +60,9 @@ class MovementPhase(Enum):
 class VerdictDetector:
     """Watches the pooled belief and says what was done, once per movement."""
 
-    def __init__(self, demand: Demand) -> None:
-        self._demand = demand
-        self._hold_ns = demand.hold_s * SECOND_NS
+    def __init__(self, config: FusionConfig) -> None:
+        self._config = config
+        self._hold_ns = config.hold_s * SECOND_NS
         self._last_ns = 0
         self.phase = MovementPhase.REST
         self._decision: Decision | None = None
@@ -138,7 +122,7 @@ class VerdictDetector:
 
     def _held(self, belief: PooledState) -> str | None:
         """The label that has met the demand for long enough, if any."""
-        if belief.p < self._demand.threshold or belief.agreeing < self._demand.quorum:
+        if belief.p < self._config.threshold or belief.agreeing < self._config.quorum:
             self._candidate = None
             return None
         if self._candidate is None or self._candidate[0] != belief.label:
@@ -151,7 +135,7 @@ class VerdictDetector:
             self._resting_since_ns = self._revision = None
         elif self._resting_since_ns is None:
             self._resting_since_ns = belief.at_ns
-            last = ABSTAIN if belief.unlearned >= self._demand.threshold else held
+            last = ABSTAIN if belief.unlearned >= self._config.threshold else held
             if self._decision is not None and last not in (None, self._decision.label):
                 self._revision = replace(self._decision, label=last, decided_ns=belief.at_ns)
 

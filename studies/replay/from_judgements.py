@@ -141,7 +141,7 @@ class FromJudgements:
         prior = uniform(referee.vocabulary.size)
         remaining = self._change.remaining(judgement.votes)
         heard = [_opinion(o, judgement.votes[o], prior, remaining) for o in remaining]
-        ruling = referee.rule_on(heard, judgement.at_ns)
+        ruling = referee.output_for(heard, judgement.at_ns)
         named = {"fusion": judgement.fusion}
         verdicts = [verdict.model_copy(update=named) for verdict in ruling.verdicts]
         return EngineOutput(ruling.judgement.model_copy(update=named), verdicts)
@@ -160,8 +160,8 @@ def _opinion(observer: str, vote: Vote, prior: Floats, remaining: Collection[str
     if surprise is not None and len(surprise) != len(prior):
         raise LabanmeshError(f"a judgement cannot be judged anew: the facing of {observer} is of another vocabulary")
     reliability = 1.0 if vote.reliability is None else vote.reliability
-    doubles = {other: share for other, share in (vote.doubles or {}).items() if other in remaining}
-    said_last = (vote.unlearned, surprise, facets, reliability, doubles)
+    correlations = {other: share for other, share in (vote.doubles or {}).items() if other in remaining}
+    said_last = (vote.unlearned, surprise, facets, reliability, correlations)
     return AgedPosterior(observer, p, rest, vote.age_s, vote.state, vote.skew_s, *said_last)
 
 

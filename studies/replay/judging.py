@@ -179,7 +179,7 @@ def from_posteriors(
     for lot, now_ns in _lots(records, ear.concerns, round(SECOND_NS / conduct.step_hz), quiet_ns):
         for record in lot:
             ear.hear(record, now_ns)
-        yield referee.judge(now_ns)
+        yield referee.step(now_ns)
 
 
 class _Ear:
@@ -203,7 +203,7 @@ class _Ear:
             if record.kind == "token":
                 ids = frozenset({observer})
                 self._alive = self._alive | ids if record.payload == APPEARED else self._alive - ids
-                self._referee.present(self._alive)
+                self._referee.set_present(self._alive)
             elif what == "posterior":
                 self._hear_posterior(observer, decode(PosteriorMessage, record.payload), now_ns)
             elif what == "status":
@@ -213,14 +213,14 @@ class _Ear:
 
     def _hear_posterior(self, observer: str, message: PosteriorMessage, now_ns: int) -> None:
         if message.is_of(self._keys.scene, observer):
-            self._referee.hear(observer, message, now_ns)
+            self._referee.receive(observer, message, now_ns)
         else:
             self._referee.reject(observer, "wrong_key")
 
     def _read_clock(self, observer: str, status: StatusMessage, arrived_ns: int) -> None:
         # Nobody was asked: how long a status was under way is not known, so only a plainly wrong clock is one.
         if status.at_ns is not None and abs(status.at_ns - arrived_ns) > UNDER_WAY_NS:
-            self._referee.read_clock(observer, ClockReading(arrived_ns, status.at_ns, arrived_ns))
+            self._referee.record_clock(observer, ClockReading(arrived_ns, status.at_ns, arrived_ns))
 
 
 def _lots(

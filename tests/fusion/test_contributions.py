@@ -7,7 +7,7 @@ import pytest
 
 from common.probability import uniform
 from fusion.engine.contributions import contributions
-from fusion.engine.pooling import pool_posteriors
+from fusion.engine.pooling import PoolingCase, pool_posteriors
 from fusion.engine.roster import AgedPosterior
 from fusion.engine.rules import RULES
 
@@ -48,6 +48,6 @@ def test_vetoes_leave_it_finite():
 
 def test_of_an_abstention_it_is_to_what_was_likeliest_also_something_else():
     said = [judge("a", (0.5, 0.3, 0.2), unlearned=0.9), judge("b", (0.4, 0.3, 0.3))]
-    assert pool_posteriors(PRODUCT, said, uniform(3)).answers.argmax() == 3
+    assert pool_posteriors(PoolingCase(PRODUCT, said, uniform(3))).answers.argmax() == 3
     told = contributions(PRODUCT, said, uniform(3), 1.0, None)
     assert told["a"].nats > 0 and not told["a"].stands and told["b"].nats < 0 and told["b"].stands

@@ -2,20 +2,20 @@
 
 from collections import Counter
 from itertools import chain, pairwise
-from types import SimpleNamespace
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from common.config_sections import FusionConfig
 from common.vocabulary import ABSTAIN
 from fusion.engine.verdict_detector import MovementPhase, PooledState, VerdictDetector
 
 STEP_NS = 100_000_000
 HOLD = 3
 """Steps of a tenth of a second; hold_s is three of them."""
-DEMAND = SimpleNamespace(threshold=0.8, quorum=2, hold_s=0.3)
-LOOSE = SimpleNamespace(threshold=0.8, quorum=2, hold_s=0.0)
+DEMAND = FusionConfig(threshold=0.8, quorum=2, hold_s=0.3)
+LOOSE = FusionConfig(threshold=0.8, quorum=2, hold_s=0.0)
 
 
 def rest(n, label="bow", p=0.5, agreeing=0):
@@ -192,7 +192,7 @@ BELIEFS = st.lists(
     max_size=60,
 )
 DEMANDS = st.builds(
-    SimpleNamespace,
+    FusionConfig,
     threshold=st.just(0.8),
     quorum=st.integers(1, 3),
     hold_s=st.sampled_from([0.0, 0.1, 0.3, 1.0]),

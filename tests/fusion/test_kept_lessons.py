@@ -18,7 +18,7 @@ LEARNED = Reliability({"cam1": 1.0}, {"cam1": 15.0}, {"cam1 cam2": 12.0}, {"cam1
 @pytest.fixture
 def kept(tmp_path):
     memory = Memory(tmp_path / "m.json")
-    judgement = FusionEngine("dojo", ["cam1", "cam2"], NAMES, FusionConfig(id="a")).judge(1000 * 10**9).judgement
+    judgement = FusionEngine("dojo", ["cam1", "cam2"], NAMES, FusionConfig(id="a")).step(1000 * 10**9).judgement
     memory.keep(judgement, None, LEARNED)
     return tmp_path / "m.json"
 
@@ -31,8 +31,8 @@ def test_lessons_are_recalled_after_days_and_for_their_scene_alone(kept):
 
 def test_a_referee_that_is_given_them_says_so_in_its_votes(kept):
     referee = FusionEngine("dojo", ["cam1", "cam2"], NAMES, FusionConfig(id="a"))
-    referee.lessons = Memory(kept).lessons("dojo")
-    votes = referee.judge(DAY_NS).judgement.votes
+    referee.reliability = Memory(kept).lessons("dojo")
+    votes = referee.step(DAY_NS).judgement.votes
     assert votes["cam1"].reliability == 0.1 and votes["cam2"].reliability == 1.0
     assert votes["cam1"].doubles == {"cam2": votes["cam2"].doubles["cam1"]}
 
@@ -47,4 +47,4 @@ def test_a_spoiled_file_is_told_once_and_begun_afresh(kept, spoiled, caplog):
 
 
 def test_pairs_that_are_none_do_no_harm():
-    assert Reliability(times={"cam1": 3.0, "": 1.0}).doubles("cam1") == {}
+    assert Reliability(times={"cam1": 3.0, "": 1.0}).correlations("cam1") == {}

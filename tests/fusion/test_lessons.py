@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from common.vocabulary import ABSTAIN, Vocabulary
-from fusion.engine.reliability import LEAST, Reliability, learn
+from fusion.engine.reliability import LEAST, Reliability, learn_from_verdict
 
 NAMES = Vocabulary(("bow", "lunge", "punch", "kick"))
 
@@ -25,7 +25,7 @@ def verdict(beliefs, label="bow", number=0, ended_ns=1):
 def after(times, beliefs, lessons=None, label="bow"):
     lessons = lessons or Reliability()
     for n in range(times):
-        lessons = learn(lessons, verdict(beliefs, label, f"{label}{n}{id(beliefs)}"), NAMES)
+        lessons = learn_from_verdict(lessons, verdict(beliefs, label, f"{label}{n}{id(beliefs)}"), NAMES)
     return lessons
 
 
@@ -55,7 +55,7 @@ def test_who_is_honestly_unsure_loses_nothing():
     rng, lessons = np.random.default_rng(3), Reliability()
     for n in range(300):
         own = "bow" if rng.random() < 0.6 else "kick"
-        lessons = learn(lessons, verdict({**RIGHT, "d": sure(own, 0.6)}, number=n), NAMES)
+        lessons = learn_from_verdict(lessons, verdict({**RIGHT, "d": sure(own, 0.6)}, number=n), NAMES)
     assert lessons.reliability("d") > 0.6
 
 
@@ -68,7 +68,7 @@ def test_of_two_nobody_knows_who_is_right():
     "said", [verdict(LIAR, ABSTAIN), verdict(LIAR, ended_ns=None), verdict(LIAR, "bow", "same")], ids=str
 )
 def test_what_teaches_nothing(said):
-    taught = learn(Reliability(verdict="vsame"), said, NAMES)
+    taught = learn_from_verdict(Reliability(verdict="vsame"), said, NAMES)
     assert taught == Reliability(verdict="vsame")
 
 
@@ -79,14 +79,14 @@ def test_twins_are_known_and_strangers_are_not():
         one, other = rng.dirichlet(np.where(np.array(NAMES.labels) == label, 6, 2), 2)
         twin = one * np.exp(rng.normal(0, 0.02, 4))
         said = {"left": one, "twin": twin / twin.sum(), "far": other}
-        lessons = learn(lessons, verdict(said, label, n), NAMES)
-    assert lessons.doubles("left")["twin"] == lessons.doubles("twin")["left"] > 0.5
-    assert lessons.doubles("far").get("left", 0) < 0.1 and "far" not in lessons.doubles("left")
+        lessons = learn_from_verdict(lessons, verdict(said, label, n), NAMES)
+    assert lessons.correlations("left")["twin"] == lessons.correlations("twin")["left"] > 0.5
+    assert lessons.correlations("far").get("left", 0) < 0.1 and "far" not in lessons.correlations("left")
 
 
 def test_two_who_are_certain_of_the_same_are_no_twins_for_that():
     certain = {name: sure("bow", 1.0) for name in "abc"}
-    assert after(30, certain).doubles("a") == {}
+    assert after(30, certain).correlations("a") == {}
 
 
 def test_who_is_heard_no_more_is_forgotten():
@@ -106,8 +106,8 @@ def test_who_is_heard_no_more_is_forgotten():
 def test_whatever_was_said_the_lessons_are_sound(said):
     lessons = Reliability()
     for n, (label, beliefs) in enumerate(said):
-        lessons = learn(lessons, verdict(beliefs, label, n), NAMES)
+        lessons = learn_from_verdict(lessons, verdict(beliefs, label, n), NAMES)
         for name in "abcd":
             assert LEAST <= lessons.reliability(name) <= 1
-            for other, rho in lessons.doubles(name).items():
-                assert other != name and 0 < rho <= 1 and lessons.doubles(other)[name] == rho
+            for other, rho in lessons.correlations(name).items():
+                assert other != name and 0 < rho <= 1 and lessons.correlations(other)[name] == rho

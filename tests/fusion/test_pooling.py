@@ -13,11 +13,11 @@ from fusion.engine.pooling import (
     JointPool,
     PoolingCase,
     facing_deg,
+    observer_trust,
     pool_facets,
     pool_joint,
     pool_many,
     pool_posteriors,
-    standing_of,
 )
 from fusion.engine.roster import AgedPosterior
 from fusion.engine.rules import RULES, Rule, RuleResult, get_rule
@@ -27,6 +27,10 @@ ids = [rule.name for rule in ALL]
 DEFAULT = RULES["robust_inverse_entropy"]
 LINEAR = [RULES[name] for name in ("inverse_entropy", "iest", "ieat", "min_entropy", "linear")]
 P = [(0.7, 0.2, 0.1), (0.2, 0.5, 0.3), (0.5, 0.3, 0.2)]
+
+
+def pooled_from(rule, posteriors, prior, temperature=1.0):
+    return pool_posteriors(PoolingCase(rule, posteriors, prior, temperature))
 
 
 def judge(n, p, state="counted", **more):
@@ -48,7 +52,7 @@ def told(mass):
 
 @pytest.mark.parametrize("rule", ALL, ids=ids)
 def test_while_nobody_says_more_it_is_the_rule_alone_bit_for_bit(rule):
-    pooled = pool_posteriors(rule, judges(), uniform(3))
+    pooled = pooled_from(rule, judges(), uniform(3))
     plain = rule.pool(np.array(P), uniform(3))
     assert (pooled.p == plain.p).all() and (pooled.weights == plain.weights).all()
     assert pooled.unlearned is None and pooled.facing is None and pooled.answers is pooled.p
@@ -59,18 +63,18 @@ def test_while_nobody_says_more_it_is_the_rule_alone_bit_for_bit(rule):
 
 @pytest.mark.parametrize("rule", ALL, ids=ids)
 def test_something_else_is_one_more_answer(rule):
-    pooled = pool_posteriors(rule, judges({"unlearned": 0.9}, {"unlearned": 0.8}, {"unlearned": 0.7}), uniform(3))
+    pooled = pooled_from(rule, judges({"unlearned": 0.9}, {"unlearned": 0.8}, {"unlearned": 0.7}), uniform(3))
     assert pooled.unlearned > 0.6 and pooled.p.sum() == pytest.approx(1) and pooled.answers.sum() == pytest.approx(1)
 
 
 def test_who_does_not_say_it_is_neutral_there():
-    prior_there = pool_posteriors(DEFAULT, judges({"unlearned": 0.6}, {"unlearned": 0.25}), uniform(3))
-    silent_there = pool_posteriors(DEFAULT, judges({"unlearned": 0.6}), uniform(3))
+    prior_there = pooled_from(DEFAULT, judges({"unlearned": 0.6}, {"unlearned": 0.25}), uniform(3))
+    silent_there = pooled_from(DEFAULT, judges({"unlearned": 0.6}), uniform(3))
     assert silent_there.unlearned == pytest.approx(prior_there.unlearned)
 
 
 def test_all_certain_of_something_else_is_no_division_by_zero():
-    pooled = pool_posteriors(RULES["product"], judges({"unlearned": 1.0}, {"unlearned": 1.0}), uniform(3))
+    pooled = pooled_from(RULES["product"], judges({"unlearned": 1.0}, {"unlearned": 1.0}), uniform(3))
     assert np.isfinite(pooled.p).all() and pooled.unlearned == pytest.approx(1)
 
 
@@ -80,21 +84,21 @@ def test_all_certain_of_something_else_is_no_division_by_zero():
 @pytest.mark.parametrize("rule", LINEAR, ids=[rule.name for rule in LINEAR])
 def test_linear_rules_are_the_same_after_facing_is_summed_out(rule):
     more = ({"surprise": surprise(0.7, 0.1, 0.1, 0.1)}, {"surprise": surprise(0.1, 0.6, 0.2, 0.1)})
-    pooled = pool_posteriors(rule, judges(*more), uniform(3))
+    pooled = pooled_from(rule, judges(*more), uniform(3))
     assert pooled.p == pytest.approx(rule.pool(np.array(P), uniform(3)).p)
 
 
 @pytest.mark.parametrize("rule", ALL, ids=ids)
 def test_weights_are_those_of_the_movements(rule):
-    pooled = pool_posteriors(rule, judges({"surprise": surprise(0.97, 0.01, 0.01, 0.01)}), uniform(3))
+    pooled = pooled_from(rule, judges({"surprise": surprise(0.97, 0.01, 0.01, 0.01)}), uniform(3))
     assert pooled.weights == pytest.approx(rule.pool(np.array(P), uniform(3)).weights)
     assert pooled.facing.shape == (4,) and pooled.facing.sum() == pytest.approx(1)
 
 
 def test_facing_that_says_nothing_is_neutral():
     even = {"surprise": surprise(0.25, 0.25, 0.25, 0.25)}
-    assert pool_posteriors(DEFAULT, judges(even, even), uniform(3)).p == pytest.approx(
-        pool_posteriors(DEFAULT, judges(), uniform(3)).p
+    assert pooled_from(DEFAULT, judges(even, even), uniform(3)).p == pytest.approx(
+        pooled_from(DEFAULT, judges(), uniform(3)).p
     )
 
 
@@ -103,11 +107,11 @@ def test_two_who_can_only_both_be_right_one_way_round():
     undecided, left_or_right = (0.49, 0.49, 0.02), [[0.98, 0.02], [0.02, 0.98], [0.5, 0.5]]
     first = judge(0, undecided, surprise=told(np.array(left_or_right)))
     other = judge(1, (0.35, 0.35, 0.3), surprise=told(np.tile([0.05, 0.95], (3, 1))))
-    pooled = pool_posteriors(RULES["product"], [first, other], uniform(3))
+    pooled = pooled_from(RULES["product"], [first, other], uniform(3))
     joint = np.array(left_or_right) * np.array(undecided)[:, None] * [0.05, 0.95] * np.array([[0.35], [0.35], [0.3]])
     assert pooled.p == pytest.approx(joint.sum(1) / joint.sum(), abs=0.02) and pooled.p.argmax() == 1
     assert pooled.facing == pytest.approx(joint.sum(0) / joint.sum(), abs=0.03)
-    robust = pool_posteriors(DEFAULT, [first, other], uniform(3))
+    robust = pooled_from(DEFAULT, [first, other], uniform(3))
     assert robust.p.argmax() == 1 and robust.p[1] > 0.6
 
 
@@ -115,16 +119,16 @@ def test_of_different_numbers_of_directions_the_commonest_counts():
     three = surprise(0.8, 0.1, 0.1)
     more = ({"surprise": three}, {"surprise": surprise(0.1, 0.9)}, {"surprise": three})
     without = ({"surprise": three}, {}, {"surprise": three})
-    pooled = pool_posteriors(DEFAULT, judges(*more), uniform(3))
-    assert pooled.facing == pytest.approx(pool_posteriors(DEFAULT, judges(*without), uniform(3)).facing)
+    pooled = pooled_from(DEFAULT, judges(*more), uniform(3))
+    assert pooled.facing == pytest.approx(pooled_from(DEFAULT, judges(*without), uniform(3)).facing)
 
 
 def test_one_liar_about_facing_is_bounded():
     truth, lie = {"surprise": surprise(0.9, 0.05, 0.05)}, {"surprise": surprise(1e-9, 1e-9, 1)}
     said = [*judges(truth, truth, truth), judge(3, P[0], **lie)]
-    pooled = pool_posteriors(DEFAULT, said, uniform(3))
+    pooled = pooled_from(DEFAULT, said, uniform(3))
     assert pooled.facing.argmax() == 0
-    alone = pool_posteriors(DEFAULT, [*judges(), judge(3, P[0], **lie)], uniform(3))
+    alone = pooled_from(DEFAULT, [*judges(), judge(3, P[0], **lie)], uniform(3))
     assert np.log(alone.facing[2] / alone.facing[0]) < np.log(1 + 3 / 0.05)
 
 
@@ -140,14 +144,14 @@ def test_whatever_they_say_it_is_sound(n, masses, tables, unlearned, rule, tempe
     said = [
         judge(i, normalise(masses[i]), unlearned=unlearned[i], surprise=tables[i, :, : 2 + i // 2]) for i in range(n)
     ]
-    pooled = pool_posteriors(rule, said, uniform(3), temperature)
+    pooled = pooled_from(rule, said, uniform(3), temperature)
     for p in (pooled.p, pooled.facing, pooled.weights, pooled.answers):
         assert np.isfinite(p).all() and (p >= 0).all() and p.sum() == pytest.approx(1)
 
 
 def test_a_rule_of_ones_own_pools_facing_too():
     rule = Rule("mean", lambda p, prior: RuleResult(p.mean(axis=0), uniform(len(p))))
-    pooled = pool_posteriors(rule, judges({"surprise": surprise(0.7, 0.2, 0.1)}, {"unlearned": 0.5}), uniform(3))
+    pooled = pooled_from(rule, judges({"surprise": surprise(0.7, 0.2, 0.1)}, {"unlearned": 0.5}), uniform(3))
     assert pooled.facing.sum() == pytest.approx(1) and pooled.unlearned is not None
 
 
@@ -159,7 +163,7 @@ def test_the_joint_alone():
 
 def test_the_temperature_is_of_the_answers_and_not_of_the_facing():
     more = ({"surprise": surprise(0.7, 0.2, 0.1)}, {"surprise": surprise(0.7, 0.2, 0.1)})
-    cold, warm = (pool_posteriors(DEFAULT, judges(*more), uniform(3), t) for t in (1.0, 2.0))
+    cold, warm = (pooled_from(DEFAULT, judges(*more), uniform(3), t) for t in (1.0, 2.0))
     assert warm.p == pytest.approx(np.sqrt(cold.p) / np.sqrt(cold.p).sum())
     assert warm.facing == pytest.approx(cold.facing, abs=0.02)
 
@@ -195,13 +199,10 @@ def test_many_invented_facets_cost_no_more():
 
 
 def test_what_was_learned_of_the_judges_comes_with_their_opinions():
-    said = judges({"reliability": 0.2, "doubles": {"cam1": 0.7, "cam9": 1.0}}, {"doubles": {"cam0": 0.7}})
-    standing = standing_of(said)
-    assert standing.trust.tolist() == [0.2, 1.0, 1.0] and standing.doubles[0].tolist() == [0, 0.7, 0]
-    assert (
-        pool_posteriors(DEFAULT, said, uniform(3)).weights[0]
-        < pool_posteriors(DEFAULT, judges(), uniform(3)).weights[0]
-    )
+    said = judges({"reliability": 0.2, "correlations": {"cam1": 0.7, "cam9": 1.0}}, {"correlations": {"cam0": 0.7}})
+    standing = observer_trust(said)
+    assert standing.trust.tolist() == [0.2, 1.0, 1.0] and standing.correlations[0].tolist() == [0, 0.7, 0]
+    assert pooled_from(DEFAULT, said, uniform(3)).weights[0] < pooled_from(DEFAULT, judges(), uniform(3)).weights[0]
 
 
 @st.composite
@@ -226,7 +227,7 @@ def cases(draw):
 @given(st.lists(cases(), max_size=6))
 def test_many_scenes_at_once_are_pooled_as_each_alone(scenes):
     for case, together in zip(scenes, pool_many(scenes), strict=True):
-        alone = pool_posteriors(*case)
+        alone = pool_posteriors(case)
         assert together.p == pytest.approx(alone.p, abs=1e-12)
         assert together.weights == pytest.approx(alone.weights, abs=1e-12)
         assert together.unlearned == pytest.approx(alone.unlearned, abs=1e-12)

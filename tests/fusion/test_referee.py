@@ -1,13 +1,13 @@
 """The referee: messages of four observers in, judgements and verdicts out, as one story a test."""
 
 import json
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from common.config_sections import FusionConfig
 from common.errors import BadInput
 from common.messages import PosteriorMessage, VerdictMessage, VocabularyReference
 from common.probability import entropy_bits
@@ -35,7 +35,7 @@ class Hall:
     """A referee and his observers, who speak in step."""
 
     def __init__(self, observers=CORNERS, **conduct):
-        self.referee = FusionEngine("dojo", list(observers), NAMES, SimpleNamespace(**{**CONDUCT, **conduct}))
+        self.referee = FusionEngine("dojo", list(observers), NAMES, FusionConfig(**{**CONDUCT, **conduct}))
         self.now_ns, self.seq, self.verdicts = START, 0, []
 
     def say(self, observer, p, rest, **changed):
@@ -44,7 +44,7 @@ class Hall:
             "sent_ns": self.now_ns, "vocabulary": VocabularyReference(name="karate", hash=NAMES.digest), "p": list(p),
             "rest": rest, "frames": self.seq,
         }  # fmt: skip
-        return self.referee.hear(observer, PosteriorMessage(**{**fields, **changed}), self.now_ns)
+        return self.referee.receive(observer, PosteriorMessage(**{**fields, **changed}), self.now_ns)
 
     def step(self, views, rest):
         """A tenth of a second: each observer says what it believes."""
@@ -52,7 +52,7 @@ class Hall:
         self.seq += 1
         for observer, p in views.items():
             assert self.say(observer, p, rest) is None
-        ruling = self.referee.judge(self.now_ns)
+        ruling = self.referee.step(self.now_ns)
         self.verdicts += ruling.verdicts
         return ruling.judgement
 
@@ -156,9 +156,9 @@ def test_judges_who_cannot_agree_abstain():
 
 def test_a_judge_whose_process_goes_is_silent_at_once_and_the_others_go_on():
     hall = Hall()
-    hall.referee.present(frozenset(CORNERS))
+    hall.referee.set_present(frozenset(CORNERS))
     hall.steps(2, all_say(sure("bow")), rest=0.05)
-    hall.referee.present(frozenset(CORNERS) - {"back"})
+    hall.referee.set_present(frozenset(CORNERS) - {"back"})
     judgement = hall.steps(4, all_say(sure("bow"), "back"), rest=0.05)
     assert (judgement.votes["back"].state, judgement.votes["back"].label) == ("silent", None)
     assert judgement.votes["back"].p is None and judgement.votes["back"].entropy is None
@@ -173,7 +173,7 @@ def test_all_states_of_a_vote_beside_each_other():
     hall.say("late", sure("bow"), 0.1, captured_ns=hall.now_ns - 3 * S)
     assert hall.say("foreign", sure("bow"), 0.1, vocabulary=VocabularyReference(name="k", hash="x")) is not None
     hall.referee.reject("invalid", "malformed")
-    votes = hall.referee.judge(hall.now_ns).judgement.votes
+    votes = hall.referee.step(hall.now_ns).judgement.votes
     assert {name: vote.state for name, vote in votes.items()} == {name: name for name in votes}
     assert {name for name, vote in votes.items() if vote.label} == {"counted", "stale"}
     assert hall.referee.rejected["foreign"] == {"foreign_vocabulary": 1}
@@ -199,7 +199,7 @@ def test_a_judge_who_is_sure_and_wrong_does_not_hold_the_movement_open():
                 hall.say("stuck", sure("lunge", 0.97), 0.01)
                 for observer, p in views.items():
                     hall.say(observer, p, rest)
-                hall.verdicts += hall.referee.judge(hall.now_ns).verdicts
+                hall.verdicts += hall.referee.step(hall.now_ns).verdicts
     assert [(v.label, v.ended_ns is not None) for v in hall.verdicts] == [
         ("bow", False), ("bow", True), ("punch", False), ("punch", True)
     ]  # fmt: skip
@@ -228,7 +228,7 @@ def test_time_between_cameras_of_50_ms_changes_nothing():
             hall.now_ns, hall.seq = hall.now_ns + STEP, hall.seq + 1
             for n, name in enumerate(CORNERS):
                 hall.say(name, sure(label), rest, captured_ns=hall.now_ns + skew_ns * (n - 1))
-            hall.verdicts += hall.referee.judge(hall.now_ns).verdicts
+            hall.verdicts += hall.referee.step(hall.now_ns).verdicts
         return [(v.label, v.began_ns, v.decided_ns, v.ended_ns, v.p) for v in hall.verdicts]
 
     assert judged(0) == judged(50_000_000) and len(judged(0)) == 2
@@ -266,7 +266,7 @@ def test_an_unlearned_movement_is_an_abstention_that_says_why():
         hall.now_ns, hall.seq = hall.now_ns + STEP, hall.seq + 1
         for name in CORNERS:
             hall.say(name, sure("bow", 0.98), 0.05, unlearned=0.9)
-        judgement = hall.referee.judge(hall.now_ns).judgement
+        judgement = hall.referee.step(hall.now_ns).judgement
     assert judgement.unlearned > 0.8 and judgement.movement is not None and judgement.movement.label is None
     assert sum(judgement.p) == pytest.approx(1) and {v.label for v in judgement.votes.values()} == {None}
     hall.steps(8, all_say(UNSURE), rest=0.95)
@@ -282,7 +282,7 @@ def test_the_threshold_is_among_all_answers():
             hall.now_ns, hall.seq = hall.now_ns + STEP, hall.seq + 1
             for name in CORNERS:
                 hall.say(name, sure("bow", 0.9), 0.05, unlearned=unlearned)
-            hall.verdicts += hall.referee.judge(hall.now_ns).verdicts
+            hall.verdicts += hall.referee.step(hall.now_ns).verdicts
         decided[unlearned] = [v.label for v in hall.verdicts]
     assert decided == {0.0: ["bow"], 0.3: []}
 
@@ -294,7 +294,7 @@ def test_a_decision_is_taken_back_when_at_rest_it_was_something_else():
         hall.now_ns, hall.seq = hall.now_ns + STEP, hall.seq + 1
         for name in CORNERS:
             hall.say(name, sure("bow", 0.98), rest, unlearned=unlearned)
-        hall.verdicts += hall.referee.judge(hall.now_ns).verdicts
+        hall.verdicts += hall.referee.step(hall.now_ns).verdicts
     assert [v.label for v in hall.verdicts] == ["bow", ABSTAIN]
     assert len({v.id for v in hall.verdicts}) == 1 and hall.verdicts[1].unlearned > 0.9
 
@@ -304,7 +304,7 @@ def test_facing_and_facets_are_judged_and_said():
     for name in CORNERS[:2]:
         hall.say(name, sure("bow"), 0.05, facing={"surprise": table}, facets={"effort_time": [0.1, 0.9]})
     hall.say("table", sure("bow"), 0.05, facets={"effort_time": [0.3, 0.7], "own": [1.0]})
-    judgement = hall.referee.judge(hall.now_ns).judgement
+    judgement = hall.referee.step(hall.now_ns).judgement
     assert set(judgement.facets) == {"facing", "effort_time"} and np.argmax(judgement.facets["facing"]) == 0
     assert (judgement.facing_deg + 1) % 360 == pytest.approx(1, abs=0.5)
     assert judgement.facets["effort_time"][1] > 0.6
@@ -323,7 +323,7 @@ def test_who_lied_in_verdict_after_verdict_counts_less_and_a_follower_knows_it_t
     assert back.reliability < 0.5 and door.reliability == 1.0
     for verdict in hall.verdicts:
         follower.referee.continue_from(verdict)
-    assert follower.referee.lessons == hall.referee.lessons
+    assert follower.referee.reliability == hall.referee.reliability
 
 
 DISTRIBUTIONS = st.sampled_from([UNSURE, sure("bow"), sure("punch"), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)])

@@ -2,20 +2,20 @@
 
 import copy
 import math
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from common.config_sections import FusionConfig
 from common.messages import PosteriorMessage, VocabularyReference
 from common.vocabulary import Vocabulary
 from fusion.engine.roster import SESSIONS_KEPT, Roster
 
 NAMES = Vocabulary(("bow", "lunge", "punch"))
 OTHER = Vocabulary(("bow", "punch", "lunge"))
-PATIENCE = SimpleNamespace(fresh_s=0.2, fade_s=0.5, blind_s=0.15, drop_s=2.0)
+CONFIG = FusionConfig(fresh_s=0.2, fade_s=0.5, blind_s=0.15, drop_s=2.0)
 S = 1_000_000_000
 NOW = 100_000 * S
 SAID = (0.7, 0.2, 0.1)
@@ -29,7 +29,7 @@ def message(captured_ns=NOW, p=SAID, seq=0, session="a", vocabulary=NAMES, **mor
 
 
 def roster(*heard, now_ns=NOW, observers=("cam1", "cam2")):
-    made = Roster(list(observers), NAMES, PATIENCE)
+    made = Roster(list(observers), NAMES, CONFIG)
     for said in heard:
         made.receive("cam1", said, now_ns)
     return made
@@ -56,7 +56,7 @@ def test_who_sees_nothing_fades_by_the_formula_and_comes_back_whole():
     made = roster(message(at(0), seq=0, **SEES))
     for seq in range(1, 11):
         made.receive("cam1", message(at(seq / 10), seq=seq, **BLIND), at(seq / 10))
-        keeps = math.exp(-max(seq / 10 - PATIENCE.fresh_s, 0) / PATIENCE.blind_s)
+        keeps = math.exp(-max(seq / 10 - CONFIG.fresh_s, 0) / CONFIG.blind_s)
         wanted = np.array(SAID) ** keeps / (np.array(SAID) ** keeps).sum()
         opinion = first(made, at(seq / 10))
         assert opinion.p == pytest.approx(wanted)
@@ -71,7 +71,7 @@ def test_who_does_not_say_what_he_sees_is_not_blind():
 
 
 def test_every_judge_has_its_place_in_the_roster_whoever_spoke_first():
-    made = Roster(["c", "a", "b"], NAMES, PATIENCE)
+    made = Roster(["c", "a", "b"], NAMES, CONFIG)
     made.receive("b", message(), NOW)
     assert [(o.observer, o.state) for o in made.opinions(NOW)] == [("c", "silent"), ("a", "silent"), ("b", "counted")]
 
@@ -131,9 +131,7 @@ def test_rule_2_one_mad_or_forged_message_silences_nobody_for_good():
 def faded(p, age_s):
     """The formula, word for word."""
     prior = [1 / len(p)] * len(p)
-    mass = [
-        (x / q) ** math.exp(-(age_s - PATIENCE.fresh_s) / PATIENCE.fade_s) * q for x, q in zip(p, prior, strict=True)
-    ]
+    mass = [(x / q) ** math.exp(-(age_s - CONFIG.fresh_s) / CONFIG.fade_s) * q for x, q in zip(p, prior, strict=True)]
     return [m / sum(mass) for m in mass]
 
 
@@ -161,7 +159,7 @@ def test_rule_3_older_is_never_surer(one, other):
 def test_rule_3_even_a_certainty_fades_without_a_nan():
     made = roster(message(p=(1, 0, 0)))
     assert first(made, at(1.9)).p.tolist() == [1, 0, 0]  # 0 to any power: an exclusion stays, until it is dropped
-    made = Roster(["cam1"], NAMES, SimpleNamespace(fresh_s=0.0, fade_s=1e-4, blind_s=0.15, drop_s=2.0))
+    made = Roster(["cam1"], NAMES, FusionConfig(fresh_s=0.0, fade_s=1e-4, blind_s=0.15, drop_s=2.0))
     made.receive("cam1", message(p=(1, 0, 0)), NOW)
     assert first(made, at(1.9)).p == pytest.approx([1 / 3] * 3)
 

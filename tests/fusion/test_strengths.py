@@ -8,7 +8,7 @@ from hypothesis.extra.numpy import arrays
 
 from common.probability import normalise, uniform
 from fusion.engine.rules import RULES
-from fusion.engine.strengths import CAP, ROBUSTNESS, ObserverTrust, alike, strengths
+from fusion.engine.strengths import CAP, ROBUSTNESS, ObserverTrust, similarity, strengths
 
 RULE = RULES["robust_inverse_entropy"]
 
@@ -72,7 +72,7 @@ def test_the_same_judge_again_adds_nothing_to_two(p):
     """Two identical judges count as one, up to what it means that somebody confirms the first."""
     exponents = found(np.vstack([p[:2], p[:1]])).exponents
     assert exponents[0] == pytest.approx(exponents[2])
-    assert alike(p / uniform(p.shape[1])).diagonal() == pytest.approx(0)
+    assert similarity(p / uniform(p.shape[1])).diagonal() == pytest.approx(0)
 
 
 def test_twins_share_one_voice():

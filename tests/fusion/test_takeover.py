@@ -1,11 +1,10 @@
 """Two referees in step: wherever the leading one dies, the other says what was left to say, under the same ids."""
 
-from types import SimpleNamespace
-
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from common.config_sections import FusionConfig
 from common.messages import PosteriorMessage, VocabularyReference
 from common.vocabulary import Vocabulary
 from fusion.engine.engine import FusionEngine
@@ -34,14 +33,14 @@ STORY = [
 
 
 def referee(name):
-    return FusionEngine("dojo", ["cam"], NAMES, SimpleNamespace(id=name, **CONDUCT))
+    return FusionEngine("dojo", ["cam"], NAMES, FusionConfig(id=name, **CONDUCT))
 
 
 def hear(one, seq, now_ns):
     p, rest = STORY[seq]
     fields = {"captured_ns": now_ns, "sent_ns": now_ns, "vocabulary": REFERENCE, "p": list(p), "rest": rest}
     said = PosteriorMessage(scene="dojo", observer="cam", seq=seq, session="a", frames=1, **fields)
-    one.hear("cam", said, now_ns)
+    one.receive("cam", said, now_ns)
 
 
 def told(verdict):
@@ -53,7 +52,7 @@ def whole_story():
     for seq in range(len(STORY)):
         now_ns = 1000 * S + seq * STEP
         hear(alone, seq, now_ns)
-        said += alone.judge(now_ns).verdicts
+        said += alone.step(now_ns).verdicts
     return said
 
 
@@ -72,13 +71,13 @@ def test_wherever_the_leader_dies_all_is_said_once_and_under_its_id(dies_at, ver
         now_ns = 1000 * S + seq * STEP
         if seq <= dies_at:
             hear(leading, seq, now_ns)
-            ruling = leading.judge(now_ns)
+            ruling = leading.step(now_ns)
             last = seq == dies_at
             if not last or verdict_came_through:
                 said += ruling.verdicts
         # A moment later, as two machines never step together.
         hear(standing_by, seq, now_ns + 3_000_000)
-        own = standing_by.judge(now_ns + 3_000_000)
+        own = standing_by.step(now_ns + 3_000_000)
         if seq > dies_at:
             said += own.verdicts
         elif not last or verdict_came_through:
@@ -105,14 +104,14 @@ def test_the_end_is_said_on_the_leaders_grounds():
         hear(leading, seq, now_ns)
         hear(standing_by, seq, now_ns)
         if not said:
-            ruling = leading.judge(now_ns)
-            standing_by.judge(now_ns)
+            ruling = leading.step(now_ns)
+            standing_by.step(now_ns)
             for verdict in ruling.verdicts:
                 standing_by.continue_from(verdict)
                 said.append(verdict)
             standing_by.continue_from(ruling.judgement)
         else:
-            said += standing_by.judge(now_ns).verdicts
+            said += standing_by.step(now_ns).verdicts
     decided, ended = said
     assert (decided.fusion, ended.fusion, decided.ended_ns) == ("a", "b", None) and ended.ended_ns is not None
     for name in ("p", "votes", "agreement", "label", "decided_ns", "began_ns", "id"):
@@ -130,7 +129,7 @@ def test_the_lead_may_change_as_often_as_it_likes(changes):
         rulings = []
         for one in both:
             hear(one, seq, now_ns)
-            rulings.append(one.judge(now_ns))
+            rulings.append(one.step(now_ns))
         said += rulings[leads].verdicts
         for verdict in rulings[leads].verdicts:
             both[1 - leads].continue_from(verdict)

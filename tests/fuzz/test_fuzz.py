@@ -56,11 +56,11 @@ class Listening(FusionEngine):
         self._follower = follower
         self.accepted = 0
 
-    def hear(self, observer, message, now_ns):
-        reason = super().hear(observer, message, now_ns)
+    def receive(self, observer, message, now_ns):
+        reason = super().receive(observer, message, now_ns)
         if reason is None:
             self.accepted += 1
-            assert self._follower.hear(observer, message, now_ns) is None
+            assert self._follower.receive(observer, message, now_ns) is None
         return reason
 
 
@@ -81,7 +81,7 @@ def test_bad_messages_change_no_judgement(caplog):
             ear.hear(Arrival(KEY.format(observer), good, now_ns))
         now_ns += FRAME_NS // len(OBSERVERS)
         if n % JUDGED_EVERY == 0:
-            one, other = noisy.judge(now_ns), quiet.judge(now_ns)
+            one, other = noisy.step(now_ns), quiet.step(now_ns)
             assert belief(one.judgement) == belief(other.judgement)
             assert [v.id for v in one.verdicts] == [v.id for v in other.verdicts]
             assert all(map(math.isfinite, one.judgement.p))
@@ -104,7 +104,7 @@ def test_a_judge_is_heard_again_whatever_was_said_in_its_name():
         now_ns += FRAME_NS
         good = encode(posterior(mutator.rng, "cam1", n + 1 + later, now_ns))
         ear.hear(Arrival(KEY.format("cam1"), good, now_ns))
-    assert referee.judge(now_ns).judgement.votes["cam1"].state in ("counted", "stale")
+    assert referee.step(now_ns).judgement.votes["cam1"].state in ("counted", "stale")
 
 
 def belief(judgement):
@@ -174,9 +174,9 @@ def test_each_way_of_being_bad_is_counted_by_its_name_and_changes_nothing(payloa
     ear = Ear(SCENE, referee, ProcessStatus(SCENE, "fusion"), lambda: NOON_NS)
     for observer in OBSERVERS:
         ear.hear(Arrival(KEY.format(observer), encode(posterior(Mutator(1).rng, observer)), NOON_NS))
-    before = referee.judge(NOON_NS).judgement
+    before = referee.step(NOON_NS).judgement
     ear.hear(Arrival(KEY.format("cam1"), payload, NOON_NS))
-    after = referee.judge(NOON_NS).judgement
+    after = referee.step(NOON_NS).judgement
     assert belief(after) == belief(before) and np.isclose(sum(after.p), 1.0)
     assert ear.accounts(OBSERVERS)["cam1"].rejected == {reason: 1}
 

@@ -257,7 +257,7 @@ def test_a_memory_that_is_broken_old_or_of_another_scene_is_none(tmp_path, caplo
     (tmp_path / "m.json").write_text("{")
     assert memory.recall("dojo", 0) is None and "beginning afresh" in caplog.text
     referee = FusionEngine("dojo", ["cam1"], NAMES, FusionConfig(id="a"))
-    judgement = referee.judge(1000 * 10**9).judgement
+    judgement = referee.step(1000 * 10**9).judgement
     memory.keep(judgement, None)
     assert memory.recall("dojo", 1001 * 10**9).judgement == judgement
     assert memory.recall("garden", 1001 * 10**9) is None

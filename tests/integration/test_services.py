@@ -95,7 +95,7 @@ class FakeReferee:
         self.clocks, self.continued = {}, []
         self.changed = threading.Condition()
 
-    def hear(self, observer, message, now_ns):
+    def receive(self, observer, message, now_ns):
         if message.session == "old":
             return "past_session"
         with self.changed:
@@ -108,12 +108,12 @@ class FakeReferee:
             self.rejected[observer, reason] += 1
             self.changed.notify_all()
 
-    def present(self, observers):
+    def set_present(self, observers):
         with self.changed:
             self.alive = observers
             self.changed.notify_all()
 
-    def read_clock(self, observer, reading):
+    def record_clock(self, observer, reading):
         with self.changed:
             self.clocks[observer] = reading.skew_ns / 1e9
             self.changed.notify_all()
@@ -124,7 +124,7 @@ class FakeReferee:
     def continue_from(self, judgement):
         self.continued.append(judgement)
 
-    def judge(self, now_ns):
+    def step(self, now_ns):
         with self.changed:
             self.steps += 1
             self.changed.notify_all()

@@ -88,8 +88,8 @@ def judged(scene, played, referee=None, records=None):
     for at_ns, posteriors in played:
         for message in posteriors:
             records.append(CaptureRecord("put", key_of(message.observer), encode(message), at_ns))
-            referee.hear(message.observer, message, at_ns)
-        ruling = referee.judge(at_ns)
+            referee.receive(message.observer, message, at_ns)
+        ruling = referee.step(at_ns)
         for verdict in ruling.verdicts:
             records.append(CaptureRecord("put", f"{ROOT}/verdict", encode(verdict), at_ns))
         records.append(CaptureRecord("put", f"{ROOT}/judgement", encode(ruling.judgement), at_ns + 1))
@@ -238,8 +238,8 @@ def test_another_service_takes_over_in_the_middle_of_a_movement(kept):
     records = judged(scene, whole[:cut], first)
     for at_ns, posteriors in whole[:cut]:
         for message in posteriors:
-            second.hear(message.observer, message, at_ns)
-        ruling = second.judge(at_ns)
+            second.receive(message.observer, message, at_ns)
+        ruling = second.step(at_ns)
     follow_all(second, records)
     assert ruling.judgement.movement is not None
     judged(scene, whole[cut:], second, records)
@@ -280,8 +280,8 @@ def test_without_an_observer_it_is_as_if_he_had_not_been_there(kept):
     said = []
     for at_ns, posteriors in played:
         for message in posteriors:
-            alone.hear(message.observer, message, at_ns)
-        said += [encode(verdict) for verdict in alone.judge(at_ns).verdicts]
+            alone.receive(message.observer, message, at_ns)
+        said += [encode(verdict) for verdict in alone.step(at_ns).verdicts]
     assert [saying.payload for row in found.rows for saying in row.anew] == said
     assert labels(found) == ["bowing", "lunging", "stretch"] and found.faithful
 

@@ -44,9 +44,9 @@ def judged(heard, restraints):
     for messages in heard.said:
         for name, message in messages.items():
             if restraints is None or restraints[name].should_send(Said.by(message), message.captured_ns):
-                referee.hear(name, message, message.captured_ns)
+                referee.receive(name, message, message.captured_ns)
                 said += 1
-        ruling = referee.judge(message.captured_ns)
+        ruling = referee.step(message.captured_ns)
         states |= {vote.state for vote in ruling.judgement.votes.values()}
         for verdict in ruling.verdicts:
             verdicts.setdefault(verdict.id, []).append(verdict)
