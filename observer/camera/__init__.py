@@ -1,1 +1,1 @@
-"""Pictures for an observer: live cameras, video files, folders of pictures; `opening.open_pictures` is the door."""
+"""Picture sources for an observer: live cameras, video files and picture folders. Start at `opening.open_pictures`."""

@@ -1,103 +1,126 @@
-"""Cameras by OpenCV: open one, take the next picture, and keep OpenCV and FFmpeg from talking to the terminal."""
+"""Opens and reads cameras with OpenCV, and keeps OpenCV and FFmpeg from writing to the terminal."""
 
 import os
+import sys
 import time
 from collections.abc import Callable
-from typing import Protocol, cast
+from pathlib import Path
+from typing import cast
 
 import cv2
 
+from common.errors import BadInput
 from observer.camera.base import CameraFault, Clock, Picture, Size, kind_of
 
 OPEN_TIMEOUT_MS = 2000
-"""For the answer of a camera in the network."""
+"""Timeout for the first answer of a network camera."""
 READ_TIMEOUT_MS = 1000
-"""For its next picture; then the stream is opened again."""
-
-
-class Camera(Protocol):
-    """An open camera, used by one thread."""
-
-    def read(self) -> tuple[int, Picture]:
-        """When it was captured (Unix epoch, ns) and the next picture; waits for it. CameraFault when none comes."""
-
-    def close(self) -> None:
-        """Gives the device or the connection back."""
-
-
+"""Timeout for the next picture of a network camera; after it the stream is opened again."""
 _SILENT = 0  # OpenCV's LOG_LEVEL_SILENT
 
-Connect = Callable[[], Camera]
-"""Opens the camera; CameraFault when that does not succeed now."""
 
+def silence_opencv() -> None:
+    """Stop OpenCV and FFmpeg from writing to stderr, unless the environment asks for it.
 
-def be_quiet() -> None:
-    """Nothing of OpenCV or FFmpeg on stderr, unless the environment asks for it; FFmpeg if it was not used before."""
+    FFmpeg reads its setting once, at its first use in the process.
+    """
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
     if "OPENCV_LOG_LEVEL" not in os.environ:
-        # OpenCV 4.11 has the first, 4.14 the second.
+        # OpenCV 4.11 has the first function, 4.14 the second.
         set_level = getattr(cv2, "setLogLevel", None) or cv2.utils.logging.setLogLevel
         set_level(_SILENT)
 
 
 class OpenCvCamera:
-    """A camera that OpenCV has opened."""
+    """An open camera, used by one thread."""
 
     def __init__(self, capture: cv2.VideoCapture, clock: Clock = time.time_ns) -> None:
         self._capture, self._clock = capture, clock
 
     def read(self) -> tuple[int, Picture]:
-        """The next picture, stamped when OpenCV had grabbed it and before it is unpacked."""
+        """Wait for the next picture; return its capture time (Unix epoch, ns) and the picture.
+
+        The time is taken when OpenCV has grabbed the picture, before it is decoded. Raises CameraFault when no picture
+        comes.
+        """
         try:
             grabbed = self._capture.grab()
             captured_ns = self._clock()
             good, picture = self._capture.retrieve() if grabbed else (False, None)
         except cv2.error as error:
-            raise CameraFault(f"delivers no more: {error.err}") from None
+            raise CameraFault(f"delivers no more pictures: {error.err}") from None
         if not good or picture is None or picture.size == 0:
             raise CameraFault("delivers no more pictures")
         return captured_ns, cast("Picture", picture)
 
     def close(self) -> None:
-        """Releases the device or the connection."""
+        """Release the device or the connection."""
         self._capture.release()
 
 
+Connect = Callable[[], OpenCvCamera]
+"""Opens the camera; raises CameraFault when that fails now."""
+
+
 def connect(text: str, rate_hz: float, size_px: Size | None = None) -> OpenCvCamera:
-    """Opens the camera "0", "/dev/video0" or at an address; a webcam is asked for the rate and the size.
+    """Open the camera "0", "/dev/video0" or at an address; a webcam is asked for the rate and the size.
 
     Raises CameraFault when it cannot be opened.
     """
-    be_quiet()
+    silence_opencv()
     kind = kind_of(text)
     try:
-        capture = _from_network(text) if kind == "url" else _from_device(text, kind == "index")
+        capture = _open_address(text) if kind == "url" else _open_device(text, kind == "index")
         if not capture.isOpened():
-            raise CameraFault(_WHY[kind == "url"])
+            raise CameraFault(_reason(text))
         if kind != "url":
-            _ask(capture, rate_hz, size_px)
+            _request(capture, rate_hz, size_px)
     except cv2.error:
-        raise CameraFault(_WHY[kind == "url"]) from None
+        raise CameraFault(_reason(text)) from None
     return OpenCvCamera(capture)
 
 
-_WHY = {
-    True: "does not answer, or sends no video: is it on, in this network, and are its address and password right?",
-    False: "cannot be opened: is it plugged in, may this user read it, and does no other program hold it?",
-}
+def require_device(text: str, platform: str = sys.platform) -> None:
+    """Raise BadInput when `text` names a webcam whose device file does not exist; other sources pass.
+
+    Only Linux shows a webcam as a file. A device that exists may still be busy.
+    """
+    device = _missing_device(text, platform)
+    if device is not None:
+        raise BadInput(f"camera {text}: there is no {device}. Plug a camera in, or name another; {_WHICH}")
 
 
-def _from_network(address: str) -> cv2.VideoCapture:
-    limits = [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, OPEN_TIMEOUT_MS, cv2.CAP_PROP_READ_TIMEOUT_MSEC, READ_TIMEOUT_MS]
-    return cv2.VideoCapture(address, cv2.CAP_FFMPEG, limits)
+_WHICH = "labanmesh doctor lists the cameras of this machine"
 
 
-def _from_device(text: str, by_index: bool) -> cv2.VideoCapture:
+def _missing_device(text: str, platform: str = sys.platform) -> Path | None:
+    kind = kind_of(text)
+    if kind not in ("index", "device") or platform != "linux":
+        return None
+    device = Path(f"/dev/video{int(text)}" if kind == "index" else text)
+    return None if device.exists() else device
+
+
+def _reason(text: str) -> str:
+    if kind_of(text) == "url":
+        return "does not answer, or sends no video: is it on, in this network, and are its address and password right?"
+    device = _missing_device(text)
+    if device is not None:
+        return f"there is no {device}: is the camera plugged in?"
+    return "cannot be opened: is it plugged in, may this user read it, and is no other program using it?"
+
+
+def _open_address(address: str) -> cv2.VideoCapture:
+    timeouts = [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, OPEN_TIMEOUT_MS, cv2.CAP_PROP_READ_TIMEOUT_MSEC, READ_TIMEOUT_MS]
+    return cv2.VideoCapture(address, cv2.CAP_FFMPEG, timeouts)
+
+
+def _open_device(text: str, by_index: bool) -> cv2.VideoCapture:
     return cv2.VideoCapture(int(text)) if by_index else cv2.VideoCapture(text, cv2.CAP_V4L2)
 
 
-def _ask(capture: cv2.VideoCapture, rate_hz: float, size_px: Size | None) -> None:
-    """What the camera makes of it shows in its pictures; not all can do it."""
+def _request(capture: cv2.VideoCapture, rate_hz: float, size_px: Size | None) -> None:
+    """Ask a webcam for size and rate; not all can do it, and the pictures show what it chose."""
     if size_px is not None:
         capture.set(cv2.CAP_PROP_FRAME_WIDTH, size_px[0])
         capture.set(cv2.CAP_PROP_FRAME_HEIGHT, size_px[1])

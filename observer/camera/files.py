@@ -14,10 +14,10 @@ from typing import cast
 import cv2
 import numpy as np
 
+from common import SECOND_NS
 from common.errors import BadInput
 from observer.camera.base import Clock, Picture, Size, size_of
-from observer.camera.capture import be_quiet
-from observer.camera.live import SECOND_NS
+from observer.camera.capture import silence_opencv
 from observer.motion.playback import wait_until
 from observer.tracks import Frame
 
@@ -25,20 +25,19 @@ log = logging.getLogger("labanmesh.observer")
 
 PICTURES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp")
 CHECKED = 100
-"""So many pictures of a folder are looked at before it is played; the others when their turn comes."""
+"""How many pictures of a folder are checked at opening; the others are checked when they are played."""
 FASTEST_HZ = 1000.0
-"""A video that claims more does not know its rate: 90000 is the unit of a clock."""
+"""A video that states a higher rate does not know it: 90000 is the tick rate of its clock."""
 NEARLY_ALL = 0.9
-"""A video of which a smaller part can be read than this is damaged; what it says that it holds is often a bit off."""
+"""A video is damaged when a smaller share of its stated pictures can be read; the stated count is often a bit off."""
 
 _CONTAINERS = ((0, b"RIFF", "AVI"), (4, b"ftyp", "MP4"), (0, b"\x1a\x45\xdf\xa3", "Matroska"), (0, b"OggS", "Ogg"))
-_NEEDED = 16
-"""Bytes of a file that tell what it is."""
+_HEADER_BYTES = 16
 
 
 @dataclass(frozen=True, slots=True)
 class Video:
-    """A video file whose first picture could be read. rate_hz: None if it does not say. count: as it says."""
+    """A video file whose first picture could be read. rate_hz: None when it states none. count: as it states."""
 
     path: Path
     rate_hz: float | None
@@ -47,7 +46,7 @@ class Video:
 
     @classmethod
     def open(cls, path: Path) -> "Video":
-        """Looks into the file; BadInput when it holds no video that can be read."""
+        """Read the first picture; BadInput when the file holds no readable video."""
         with _capture(path) as capture:
             first = _next(capture)
             if first is None:
@@ -57,7 +56,7 @@ class Video:
         return cls(path, rate_hz if known else None, size_of(first), max(int(count), 1))
 
     def pictures(self) -> Iterator[Picture]:
-        """All pictures from the first; BadInput if none can be read any more or one has another size."""
+        """All pictures from the first; BadInput when none can be read or one has another size."""
         read = 0
         with _capture(self.path) as capture:
             while (picture := _next(capture)) is not None:
@@ -71,25 +70,31 @@ class Video:
 
 
 @dataclass(frozen=True, slots=True)
-class Album:
-    """Picture files of one size, in the order of their names with numbers as numbers."""
+class PictureFolder:
+    """Picture files of one size, sorted by name with digits compared as numbers. rate_hz: None, it states none."""
 
     files: tuple[Path, ...]
     size_px: Size
+    rate_hz: float | None = None
 
     @classmethod
-    def open(cls, place: Path) -> "Album":
+    def open(cls, path: Path) -> "PictureFolder":
         """A folder of pictures, or one picture; BadInput for none, unreadable ones, and different sizes."""
-        files = tuple(sorted(_pictures_in(place), key=_natural)) if place.is_dir() else (place,)
+        files = tuple(sorted(_pictures_in(path), key=_natural)) if path.is_dir() else (path,)
         if not files:
-            raise BadInput(f"{place}: no pictures in this folder; names must end in {', '.join(PICTURES)}")
+            raise BadInput(f"{path}: no pictures in this folder; names must end in {', '.join(PICTURES)}")
         size_px = size_of(read_picture(files[0]))
         for file in files[1 :: max(1, len(files) // CHECKED)]:
             require_size(file, read_picture(file), size_px, files[0].name)
         return cls(files, size_px)
 
+    @property
+    def count(self) -> int:
+        """Number of pictures."""
+        return len(self.files)
+
     def pictures(self) -> Iterator[Picture]:
-        """All pictures, each read when its turn comes; BadInput for one that cannot be read or has another size."""
+        """All pictures, each read when it is played; BadInput for one that cannot be read or has another size."""
         for file in self.files:
             picture = read_picture(file)
             require_size(file, picture, self.size_px, self.files[0].name)
@@ -97,15 +102,15 @@ class Album:
 
 
 def read_picture(file: Path) -> Picture:
-    """The picture in a file, upright as its camera noted; BadInput when it cannot be read."""
-    be_quiet()
-    content = _opened(file, whole=True)
+    """The picture in a file, rotated as its camera recorded; BadInput when it cannot be read."""
+    silence_opencv()
+    content = _read_bytes(file)
     try:
         picture = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_COLOR)
-    except cv2.error:  # too large, says OpenCV, of what is no picture
+    except cv2.error:  # OpenCV calls some other files too large
         picture = None
     if picture is None:
-        raise BadInput(f"{file}: not a picture that can be read: damaged, or another format than its name says")
+        raise BadInput(f"{file}: not a readable picture: damaged, or not the format of its name")
     return cast("Picture", picture)
 
 
@@ -114,15 +119,16 @@ def require_size(file: Path, picture: Picture, size_px: Size, like: str = "its f
     size = size_of(picture)
     if size != size_px:
         raise BadInput(
-            f"{file}: {size[0]}x{size[1]} px, but {like} has {size_px[0]}x{size_px[1]}; one source, one size"
+            f"{file}: {size[0]}x{size[1]} px, but {like} has {size_px[0]}x{size_px[1]}; "
+            "all pictures of a source need one size"
         )
 
 
 @contextmanager
 def _capture(path: Path) -> Iterator[cv2.VideoCapture]:
-    be_quiet()
-    _opened(path)
-    # Absolute, so that FFmpeg does not take a name with a colon for an address.
+    silence_opencv()
+    _read_bytes(path, _HEADER_BYTES)
+    # Absolute, so that FFmpeg does not read a name with a colon as an address.
     capture = cv2.VideoCapture(str(path.absolute()), cv2.CAP_FFMPEG)
     try:
         yield capture
@@ -138,27 +144,27 @@ def _next(capture: cv2.VideoCapture) -> Picture | None:
     return cast("Picture", picture) if good else None
 
 
-def _opened(file: Path, whole: bool = False) -> bytes:
-    """The file's first bytes, or all of them; BadInput when there are none."""
+def _read_bytes(file: Path, count: int = -1) -> bytes:
+    """The file's first `count` bytes, or all of them; BadInput when it is empty or cannot be read."""
     try:
         with file.open("rb") as stream:
-            content = stream.read() if whole else stream.read(_NEEDED)
+            content = stream.read(count)
     except OSError as error:
-        raise BadInput(f"{file}: {error.strerror}") from None
+        raise BadInput(f"cannot read {file}: {error.strerror}") from None
     if not content:
-        raise BadInput(f"{file}: zero bytes: nothing was recorded, or the copy failed")
+        raise BadInput(f"{file}: the file is empty: nothing was recorded, or the copy failed")
     return content
 
 
 def _why_unreadable(path: Path) -> str:
-    head = _opened(path)
+    head = _read_bytes(path, _HEADER_BYTES)
     for at, magic, name in _CONTAINERS:
         if head[at : at + len(magic)] == magic:
             return (
-                f"{path}: {name} of which no picture can be read: an unknown codec, or its recording was cut off; "
+                f"{path}: {name} file, but no picture can be read: unknown codec, or the recording was cut off; "
                 "if another player shows it, convert it to H.264"
             )
-    return f"{path}: not a video; known: what FFmpeg reads, such as .mp4, .avi, .mkv, and folders of pictures"
+    return f"{path}: not a video; known: formats that FFmpeg reads, such as .mp4, .avi, .mkv, and folders of pictures"
 
 
 def _pictures_in(folder: Path) -> list[Path]:
@@ -166,17 +172,17 @@ def _pictures_in(folder: Path) -> list[Path]:
 
 
 def _natural(file: Path) -> tuple[list[tuple[int, str]], str]:
-    # Digits and other text alternate, so that a number is only ever compared with a number.
+    # Digits and text alternate, so that numbers are only compared with numbers.
     return [(int(t) if t.isdecimal() else -1, t) for t in re.split(r"(\d+)", file.name)], file.name
 
 
 @dataclass(frozen=True, slots=True)
 class RecordedPictures:
-    """Plays pictures as `RecordedMotion` plays motion: a PictureSource that ends after the last.
+    """A PictureSource that plays pictures as `RecordedMotion` plays motion, and ends after the last.
 
-    Picture i is captured at start + i / rate / speed; without `start_ns` that is now. speed 0: no waiting, and the
-    time of capture is the time of playing. When the observer is slower, pictures come late and none is left out.
-    pictures: begins at the first each time it is called. count: how many the file says that it holds.
+    Picture i is captured at start + i / rate / speed; without `start_ns` the start is now. Speed 0 does not wait, and
+    stamps each picture with the time of playing. When the observer is slower, pictures come late and none is dropped.
+    pictures: starts from the first picture at each call. count: the number of pictures that the file states.
     """
 
     pictures: Callable[[], Iterator[Picture]] = field(repr=False)
@@ -190,7 +196,7 @@ class RecordedPictures:
     body_parts: tuple[str, ...] = ()
 
     def frames(self, stop: threading.Event) -> Iterator[Frame]:
-        """Each picture when it is due. Raises BadInput when the files are no longer what they were at opening."""
+        """Each picture when it is due. Raises BadInput when the files have changed since they were opened."""
         start_ns = self.clock() if self.start_ns is None else self.start_ns
         for i, picture in enumerate(self._all()):
             offset_ns = round(i * SECOND_NS / self.rate_hz / self.speed) if self.speed else 0

@@ -1,1 +1,1 @@
-"""Tracks of others: 2-D positions that any other tracker found, as JSON lines or on a Zenoh key."""
+"""Foreign trackers: 2-D positions that another program found, read as JSON lines or from a Zenoh key."""

@@ -1,4 +1,4 @@
-"""Frame sources of somebody else's tracks: JSON lines on the standard input, or one line a message on a Zenoh key."""
+"""Frame sources of a foreign tracker: JSON lines on the standard input, or one line a message on a Zenoh key."""
 
 import logging
 import queue
@@ -11,63 +11,64 @@ from typing import BinaryIO
 from common.errors import BadInput
 from common.inbox import Inbox
 from common.link import Link
-from observer.camera.base import NOMINAL_HZ, Clock, Report, unheard
-from observer.foreign.track_line import LIMIT, frame_of_line
+from common.text import plural
+from observer.camera.base import NOMINAL_HZ, Clock, Report, ignore_report
+from observer.foreign.track_line import MAX_BYTES, frame_of_line
 from observer.tracks import BODY_PARTS, Frame
 
 log = logging.getLogger("labanmesh.observer")
 SILENCE_S = 0.9
-"""No line for so long: the other tracker is lost. It shows as degraded within a second, as a camera's silence does."""
+"""A tracker without lines for this long is lost: it is reported as degraded within a second, as a camera is."""
 TAKE_S = 0.1
-SAY_AGAIN_S = 60.0
-"""A bad line is told at once, the next ones once a minute with their number."""
+WARN_AGAIN_S = 60.0
+"""The first rejected line is logged at once, later ones once a minute with their count."""
 
 Take = Callable[[float], list[tuple[bytes, int]] | None]
-"""Lines with their times of arrival, waiting up to so many seconds for one; None: there will be no more."""
+"""Returns lines with their times of arrival, waiting for at most that many seconds; None at the end of the input."""
 
 
 @dataclass(slots=True)
 class LineTracks:
-    """Frames out of lines; what the two sources have in common. A bad line is counted, told, and left out."""
+    """Turns lines into frames, for both sources below. A bad line is counted in `rejected`, logged and dropped."""
 
     name: str
-    report: Report = unheard
+    report: Report = ignore_report
     clock: Clock = time.time_ns
     rate_hz: float = NOMINAL_HZ
     body_parts: tuple[str, ...] = BODY_PARTS
-    bad: int = 0
-    _told_ns: int | None = None
+    rejected: int = 0
+    _warned_ns: int | None = None
     _fault: str = ""
 
     def frames_of(self, take: Take, stop: threading.Event) -> Iterator[Frame]:
-        """Each good line's frame, until there are no more lines or `stop` is set."""
-        heard_ns = self.clock()
+        """The frame of each valid line, until the input ends or `stop` is set."""
+        newest_ns = self.clock()
         while not stop.is_set():
             lines = take(TAKE_S)
             if lines is None:
                 return
             for line, arrived_ns in lines:
-                heard_ns = arrived_ns
-                frame = self._read(line, arrived_ns)
+                newest_ns = arrived_ns
+                frame = self._parse(line, arrived_ns)
                 if frame is not None:
-                    self._say("")
+                    self._set_fault("")
                     yield frame
-            if self.clock() - heard_ns > SILENCE_S * 1e9:
-                self._say(f"{self.name}: no tracks for {SILENCE_S:g} s; is the other tracker running?")
+            if self.clock() - newest_ns > SILENCE_S * 1e9:
+                self._set_fault(f"{self.name}: no tracks for {SILENCE_S:g} s; is the other tracker running?")
 
-    def _read(self, line: bytes, arrived_ns: int) -> Frame | None:
+    def _parse(self, line: bytes, arrived_ns: int) -> Frame | None:
         if not line.strip():
             return None
         try:
             return frame_of_line(line, self.body_parts, arrived_ns)
         except BadInput as error:
-            self.bad += 1
-            if self._told_ns is None or arrived_ns - self._told_ns > SAY_AGAIN_S * 1e9:
-                self._told_ns = arrived_ns
-                log.warning("%s: left out %d line(s) so far, the last: %s", self.name, self.bad, error)
+            self.rejected += 1
+            if self._warned_ns is None or arrived_ns - self._warned_ns > WARN_AGAIN_S * 1e9:
+                self._warned_ns = arrived_ns
+                log.warning("%s: rejected %s so far, the last: %s", self.name, plural(self.rejected, "line"), error)
             return None
 
-    def _say(self, fault: str) -> None:
+    def _set_fault(self, fault: str) -> None:
         if fault != self._fault:
             self._fault = fault
             log.warning("%s", fault) if fault else log.info("%s: tracks again", self.name)
@@ -78,16 +79,16 @@ class LineTracks:
 class PipedTracks:
     """Tracks as JSON lines on a stream, e.g. the standard input; ends when the stream does.
 
-    A thread of its own reads, because a read cannot be told to stop; who writes faster than we work has to wait.
+    A thread reads the stream, because a blocking read cannot be stopped; a faster writer has to wait.
     """
 
     stream: BinaryIO
     lines: LineTracks
-    _waiting: "queue.Queue[tuple[bytes, int] | None]" = field(default_factory=lambda: queue.Queue(256))
+    _queue: "queue.Queue[tuple[bytes, int] | None]" = field(default_factory=lambda: queue.Queue(256))
 
     @property
     def rate_hz(self) -> float:
-        """Nominal: each line says when it was."""
+        """Nominal: each line carries its own time."""
         return self.lines.rate_hz
 
     @property
@@ -96,18 +97,18 @@ class PipedTracks:
         return self.lines.body_parts
 
     def frames(self, stop: threading.Event) -> Iterator[Frame]:
-        """A frame a line."""
+        """One frame per line."""
         threading.Thread(target=self._read, name="tracks", daemon=True).start()
         return self.lines.frames_of(self._take, stop)
 
     def _read(self) -> None:
-        while line := self.stream.readline(LIMIT + 2):
-            self._waiting.put((line, self.lines.clock()))
-        self._waiting.put(None)
+        while line := self.stream.readline(MAX_BYTES + 2):
+            self._queue.put((line, self.lines.clock()))
+        self._queue.put(None)
 
     def _take(self, timeout_s: float) -> list[tuple[bytes, int]] | None:
         try:
-            line = self._waiting.get(timeout=timeout_s)
+            line = self._queue.get(timeout=timeout_s)
         except queue.Empty:
             return []
         return None if line is None else [line]
@@ -115,7 +116,7 @@ class PipedTracks:
 
 @dataclass(slots=True)
 class MeshTracks:
-    """Tracks on a Zenoh key, one JSON object a message; never ends by itself. `listen` before `frames`."""
+    """Tracks on a Zenoh key, one JSON object a message; never ends by itself. Call `listen` before `frames`."""
 
     key: str
     lines: LineTracks
@@ -123,7 +124,7 @@ class MeshTracks:
 
     @property
     def rate_hz(self) -> float:
-        """Nominal: each message says when it was."""
+        """Nominal: each message carries its own time."""
         return self.lines.rate_hz
 
     @property
@@ -136,7 +137,7 @@ class MeshTracks:
         self._inbox = link.inbox(self.key)
 
     def frames(self, stop: threading.Event) -> Iterator[Frame]:
-        """A frame a message."""
+        """One frame per message."""
         return self.lines.frames_of(self._take, stop)
 
     def _take(self, timeout_s: float) -> list[tuple[bytes, int]]:

@@ -34,7 +34,7 @@ def look(
 
     Example: labanmesh look motion.npz --view yaw:45 --save-skin skin.npz
     """
-    from observer.camera.base import kind_of, shown
+    from observer.camera.base import kind_of, without_secrets
     from observer.preview.film import write_picture
     from observer.preview.looking import LastReport, look_at
 
@@ -45,7 +45,7 @@ def look(
     trouble = LastReport()
     opened = _source(source, view, recording, trouble)
     eyes = _tracker(tracker, skin, _box(face))
-    name = Path(source).name if kind_of(source) == "path" else shown(source)
+    name = Path(source).name if kind_of(source) == "path" else without_secrets(source)
     looked = look_at(opened, eyes, frames, name, tracker, trouble)
     write_picture(output, looked.painted, output.with_name(f".{output.stem}.part{output.suffix}"))
     _tell(looked.account, output)

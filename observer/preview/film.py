@@ -9,14 +9,14 @@ from typing import Protocol
 
 import cv2
 
+from common import SECOND_NS
 from common.errors import BadInput, LabanmeshError
-from observer.camera.capture import be_quiet
+from observer.camera.capture import silence_opencv
 from observer.preview.drawing import SIZE
 from observer.preview.sight import Picture
 
 log = logging.getLogger("labanmesh.observer")
 
-SECOND_NS = 1_000_000_000
 CODECS = {".mp4": "mp4v", ".avi": "MJPG"}
 STILLS = (".png", ".jpg", ".jpeg")
 PAUSE_S = 2.0
@@ -43,7 +43,7 @@ class Film:
     def __init__(self, path: Path, rate_hz: float, keep_all: bool) -> None:
         self._path, self._rate_hz, self._keep_all = path, rate_hz, keep_all
         self._growing = path.with_name(f"{path.stem}.part{path.suffix}")
-        be_quiet()
+        silence_opencv()
         _claim(self._growing, path)
         codec = cv2.VideoWriter.fourcc(*CODECS[path.suffix.lower()])
         self._writer = cv2.VideoWriter(str(self._growing.absolute()), cv2.CAP_FFMPEG, codec, rate_hz, SIZE)

@@ -7,14 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from common import SECOND_NS
 from common.config import Scene
 from common.errors import BadInput
 from observer.foreign.sources import MeshTracks
 from observer.recording.reconstruction import CameraTracks
 from observer.runtime.scene_inputs import open_inputs
 from observer.tracks import BODY_PARTS, Floats, Frame, Tracker
-
-SECOND_NS = 1_000_000_000
 
 LOOK_S = 0.2
 """So often the progress is told."""

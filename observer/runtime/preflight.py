@@ -48,13 +48,13 @@ class Examined:
 
 def examine(scene: Scene, observer: str) -> Examined:
     """Try all that is needed before the first frame; never raises for what the scene file can get wrong."""
-    from observer.camera.base import shown
+    from observer.camera.base import without_secrets
     from observer.geometry.views import parse_view
     from observer.runtime.scene_inputs import content_of
     from observer.tracking.registry import tracker_named
 
     section, key = scene.observer(observer), f"observers.{observer}"
-    found = Examined(observer, shown(section.source))
+    found = Examined(observer, without_secrets(section.source))
     view = found.attempt(lambda: parse_view(section.view, scene.place(".")))
     content = content_of(section.source)
     kind = found.attempt(lambda: tracker_named(section.tracker, f"{key}.tracker", content))

@@ -12,7 +12,7 @@ import numpy as np
 
 from common.config import ObserverConfig, Scene
 from common.errors import BadInput
-from observer.camera.base import Report, unheard
+from observer.camera.base import Report, ignore_report
 from observer.foreign.sources import LineTracks, MeshTracks, PipedTracks
 from observer.geometry.lens import LensDistortion
 from observer.geometry.views import View, parse_view
@@ -110,7 +110,7 @@ def open_inputs(
     scene: Scene,
     observer: str,
     wanted: Sequence[str] = BODY_PARTS,
-    report: Report = unheard,
+    report: Report = ignore_report,
     environment: Mapping[str, str] = os.environ,
 ) -> ObserverInputs:
     """Source and tracker that the scene file names for `observer`; wanted: the body parts that its model reads.

@@ -1,4 +1,4 @@
-"""A live camera that fails, freezes and returns: what is delivered, and what is reported."""
+"""A live camera that fails, freezes and returns: its frames and its reports."""
 
 import itertools
 import queue
@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from common.errors import LabanmeshError
-from observer.camera.base import CameraFault, frame_of
+from observer.camera.base import CameraFault
 from observer.camera.live import Backoff, CameraHistory, CameraTimeouts, LatestFrame, LiveCamera
 
 WAIT_S = 20
@@ -64,20 +64,20 @@ class FakeCamera:
             self.tick.wait(0.002)
 
 
-class Watcher:
+class FrameReader:
     """Takes the frames in a thread, as an observer does; its reports and frames can be waited for."""
 
     def __init__(self, camera, **arguments):
         self.reports, self.frames, self.stop = queue.Queue(), queue.Queue(), threading.Event()
-        given = {"patience": SHORT, "backoff": SOON, **arguments}
-        self.source = LiveCamera("cam", camera.connect, lambda *told: self.reports.put(told), **given)
+        options = {"timeouts": SHORT, "backoff": SOON, **arguments}
+        self.source = LiveCamera("cam", camera.connect, lambda *report: self.reports.put(report), **options)
         self.thread = threading.Thread(target=self._run)
 
     def _run(self):
         for frame in self.source.frames(self.stop):
             self.frames.put(frame)
 
-    def told(self):
+    def next_report(self):
         return self.reports.get(timeout=WAIT_S)
 
     def next_frame(self):
@@ -98,18 +98,18 @@ class Watcher:
         assert not self.thread.is_alive()
 
 
-def test_the_newest_replaces_what_was_not_taken():
+def test_the_newest_frame_replaces_one_that_was_not_taken():
     newest = LatestFrame(0)
     assert newest.take(0) == (None, CameraHistory(0, 0))
     for number in range(3):
         newest.put(100 + number, picture(number), 10 + number)
-    frame, seen = newest.take(WAIT_S)
+    frame, history = newest.take(WAIT_S)
     assert (frame.captured_ns, number_of(frame)) == (102, 2)
-    assert seen == CameraHistory(12, 12)
+    assert history == CameraHistory(12, 12)
     assert newest.take(0)[0] is None
 
 
-def test_the_same_picture_is_new_and_unchanged_and_a_fault_ends_with_the_next():
+def test_an_identical_picture_is_new_but_unchanged_and_a_picture_ends_a_fault():
     newest = LatestFrame(0)
     newest.put(1, picture(7), 10)
     newest.put(2, picture(7), 20)
@@ -123,7 +123,7 @@ def test_the_same_picture_is_new_and_unchanged_and_a_fault_ends_with_the_next():
 def test_a_slow_observer_always_gets_the_newest_and_none_twice():
     camera = FakeCamera()
     stop = threading.Event()
-    source = LiveCamera("cam", camera.connect, patience=CameraTimeouts(same_s=WAIT_S, silence_s=WAIT_S))
+    source = LiveCamera("cam", camera.connect, timeouts=CameraTimeouts(same_s=WAIT_S, silence_s=WAIT_S))
     captured = []
     for frame in source.frames(stop):
         captured.append((frame.captured_ns, number_of(frame)))
@@ -136,82 +136,82 @@ def test_a_slow_observer_always_gets_the_newest_and_none_twice():
     assert camera.closed == camera.opened == 1
 
 
-def test_a_lost_camera_is_reported_retried_and_its_return_reported():
+def test_loss_and_return_of_a_camera_are_reported_once():
     camera = FakeCamera()
-    with Watcher(camera) as watcher:
-        watcher.next_frame()
-        assert watcher.reports.empty(), "nothing is reported of a camera that works"
+    with FrameReader(camera) as reader:
+        reader.next_frame()
+        assert reader.reports.empty(), "nothing is reported of a camera that works"
         camera.mode = "away"
-        assert watcher.told() == ("degraded", "cam: delivers no more pictures")
-        assert watcher.told() == ("degraded", "cam: cannot be opened")
+        assert reader.next_report() == ("degraded", "cam: delivers no more pictures")
+        assert reader.next_report() == ("degraded", "cam: cannot be opened")
         camera.mode = "works"
-        assert watcher.told() == ("running", "")
-        watcher.next_frame()
+        assert reader.next_report() == ("running", "")
+        reader.next_frame()
     assert camera.opened == camera.closed == 2
-    assert watcher.reports.empty(), "each change is reported once"
+    assert reader.reports.empty(), "each change is reported once"
 
 
 def test_a_camera_that_is_away_at_the_start_is_waited_for():
     camera = FakeCamera()
     camera.mode = "away"
-    with Watcher(camera) as watcher:
-        assert watcher.told() == ("degraded", "cam: cannot be opened")
+    with FrameReader(camera) as reader:
+        assert reader.next_report() == ("degraded", "cam: cannot be opened")
         camera.mode = "works"
-        assert watcher.told() == ("running", "")
-        watcher.next_frame()
+        assert reader.next_report() == ("running", "")
+        reader.next_frame()
 
 
 def test_the_wait_grows_with_each_failure_in_a_row():
-    stop, waited_after = threading.Event(), []
+    stop, failure_counts = threading.Event(), []
 
-    class Noted(Backoff):
+    class RecordingBackoff(Backoff):
         def wait_s(self, failures):
-            waited_after.append(failures)
+            failure_counts.append(failures)
             if failures == 4:
                 stop.set()
             return 0.001
 
     camera = FakeCamera()
     camera.mode = "away"
-    assert list(LiveCamera("cam", camera.connect, backoff=Noted()).frames(stop)) == []
-    assert waited_after[:4] == [1, 2, 3, 4]
+    assert list(LiveCamera("cam", camera.connect, backoff=RecordingBackoff()).frames(stop)) == []
+    assert failure_counts[:4] == [1, 2, 3, 4]
 
 
 @pytest.mark.parametrize("mode", ["fails", "hangs"])
 def test_a_loss_is_reported_within_a_second_by_default(mode):
     camera = FakeCamera()
-    with Watcher(camera, patience=CameraTimeouts()) as watcher:
-        watcher.next_frame()
+    with FrameReader(camera, timeouts=CameraTimeouts()) as reader:
+        reader.next_frame()
         began_s = time.monotonic()
         camera.mode = mode
-        assert watcher.told()[0] == "degraded"
+        assert reader.next_report()[0] == "degraded"
         assert time.monotonic() - began_s < 1.0
         camera.released.set()
 
 
 def test_a_camera_that_hangs_is_silent_and_stopping_does_not_wait_for_more_frames():
     camera = FakeCamera()
-    with Watcher(camera) as watcher:
-        watcher.next_frame()
+    with FrameReader(camera) as reader:
+        reader.next_frame()
         camera.mode = "hangs"
-        assert watcher.told() == ("degraded", "cam: no picture for 0.3 s")
+        assert reader.next_report() == ("degraded", "cam: no picture for 0.3 s")
         camera.mode = "works"
         camera.released.set()
-        assert watcher.told() == ("running", "")
+        assert reader.next_report() == ("running", "")
 
 
 def test_a_frozen_picture_is_reported_and_not_passed_on_until_it_moves():
     camera = FakeCamera()
-    with Watcher(camera) as watcher:
-        watcher.next_frame()
+    with FrameReader(camera) as reader:
+        reader.next_frame()
         camera.mode = "frozen"
-        assert watcher.told() == ("degraded", "cam: frozen: the same picture for 0.05 s")
-        watcher.frames.queue.clear()
+        assert reader.next_report() == ("degraded", "cam: frozen: the same picture for 0.05 s")
+        reader.frames.queue.clear()
         camera.wait_for_reads(20)
-        assert watcher.frames.empty()
+        assert reader.frames.empty()
         camera.mode = "works"
-        assert watcher.told() == ("running", "")
-        assert number_of(watcher.next_frame()) > 0
+        assert reader.next_report() == ("running", "")
+        assert number_of(reader.next_frame()) > 0
     assert camera.opened == 1
 
 
@@ -219,30 +219,25 @@ def test_a_frozen_picture_is_noticed_after_about_a_second_by_default():
     camera = FakeCamera()
     camera.mode = "frozen"
     began_s = time.monotonic()
-    with Watcher(camera, patience=CameraTimeouts()) as watcher:
-        assert watcher.told() == ("degraded", "cam: frozen: the same picture for 1 s")
+    with FrameReader(camera, timeouts=CameraTimeouts()) as reader:
+        assert reader.next_report() == ("degraded", "cam: frozen: the same picture for 1 s")
         assert 1.0 <= time.monotonic() - began_s < 1.5
 
 
-def test_another_size_is_a_fault_that_is_told():
+def test_pictures_of_another_size_are_a_reported_fault():
     camera = FakeCamera()
-    with Watcher(camera, size_px=(16, 8)) as watcher:
-        watcher.next_frame()
+    with FrameReader(camera, size_px=(16, 8)) as reader:
+        reader.next_frame()
         camera.size_px = (8, 8)
-        assert watcher.told() == ("degraded", "cam: delivers 8x8 px, not 16x8 as before or as calibrated")
+        assert reader.next_report() == ("degraded", "cam: delivers 8x8 px, not 16x8 as before or as calibrated")
         camera.size_px = (16, 8)
-        assert watcher.told() == ("running", "")
+        assert reader.next_report() == ("running", "")
 
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
-def test_a_defect_in_the_thread_is_not_waited_out_for_ever():
+def test_an_unexpected_error_in_the_thread_ends_the_source():
     camera = FakeCamera()
     camera.mode = "broken"
     with pytest.raises(LabanmeshError, match="cam: the thread"):
         list(LiveCamera("cam", camera.connect).frames(threading.Event()))
     assert camera.closed == 1
-
-
-def test_a_frame_holds_the_picture_itself():
-    shown = picture(3)
-    assert frame_of(5, shown).content is shown and frame_of(5, shown).captured_ns == 5

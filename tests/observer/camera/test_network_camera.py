@@ -1,4 +1,4 @@
-"""A camera in the network, MJPEG over HTTP, by OpenCV itself: killed and started again, frozen, with a password."""
+"""A network camera (MJPEG over HTTP, read by OpenCV): killed and restarted, frozen, with a password."""
 
 import http.server
 import queue
@@ -40,7 +40,7 @@ class Stream(http.server.BaseHTTPRequestHandler):
         except OSError:
             pass  # the other side has gone
 
-    def log_message(self, *said):
+    def log_message(self, *args):
         pass
 
 
@@ -74,18 +74,18 @@ class Viewer:
     def __init__(self, port):
         self.reports, self.frames, self.stop = queue.Queue(), queue.Queue(), threading.Event()
         address = f"http://me:s3cret@127.0.0.1:{port}/video?key=s3cret"
-        self.source = open_pictures(address, Path(), report=lambda *told: self.reports.put(told))
+        self.source = open_pictures(address, Path(), report=lambda *report: self.reports.put(report))
         self.name = f"http://127.0.0.1:{port}/video"
         self.thread = threading.Thread(target=lambda: [self.frames.put(f) for f in self.source.frames(self.stop)])
 
-    def told(self):
+    def next_report(self):
         return self.reports.get(timeout=WAIT_S)
 
-    def told_at_last(self, state):
-        """Waits until this state is told; how many reports there were before it does not matter."""
-        while (told := self.told())[0] != state:
+    def wait_for_report(self, state):
+        """Wait until this state is reported, whatever is reported before it."""
+        while (report := self.next_report())[0] != state:
             pass
-        return told
+        return report
 
     def __enter__(self):
         self.thread.start()
@@ -106,11 +106,11 @@ def test_a_stream_that_dies_and_comes_back(caplog):
             assert 0 <= time.time_ns() - frame.captured_ns < WAIT_S * 1e9
             began_s = time.monotonic()
             server.close()
-            state, reason = viewer.told()
+            state, reason = viewer.next_report()
             assert time.monotonic() - began_s < 1.0
             assert state == "degraded" and reason.startswith(f"{viewer.name}: ")
             with Server(port):
-                assert viewer.told_at_last("running") == ("running", "")
+                assert viewer.wait_for_report("running") == ("running", "")
                 again_ns = time.time_ns()
                 while viewer.frames.get(timeout=WAIT_S).captured_ns < again_ns:
                     pass
@@ -121,25 +121,25 @@ def test_a_stream_that_freezes():
     with Server() as server, Viewer(server.server_port) as viewer:
         viewer.frames.get(timeout=WAIT_S)
         server.frozen.set()
-        assert viewer.told() == ("degraded", f"{viewer.name}: frozen: the same picture for 1 s")
+        assert viewer.next_report() == ("degraded", f"{viewer.name}: frozen: the same picture for 1 s")
         server.frozen.clear()
-        assert viewer.told() == ("running", "")
+        assert viewer.next_report() == ("running", "")
 
 
-def test_an_address_where_nobody_is_says_what_to_look_for():
+def test_an_address_without_a_camera_says_what_to_check():
     with Server() as server:
         port = server.server_port
     with pytest.raises(CameraFault, match="does not answer, or sends no video: is it on"):
         connect(f"http://127.0.0.1:{port}/video", 30)
 
 
-def test_a_device_that_is_not_there_says_what_to_look_for():
+def test_a_missing_device_says_what_to_check():
     for text in ("93", "/dev/video93"):
-        with pytest.raises(CameraFault, match="cannot be opened: is it plugged in"):
+        with pytest.raises(CameraFault, match="there is no /dev/video93"):
             connect(text, 30, (640, 480))
 
 
-def test_stopping_while_the_camera_is_away_is_soon():
+def test_stopping_does_not_wait_for_an_absent_camera():
     stop = threading.Event()
 
     def away():

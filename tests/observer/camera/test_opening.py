@@ -1,4 +1,4 @@
-"""Files as sources: every picture when it is due, and one clear line for what cannot be played."""
+"""Recorded pictures as sources: every picture when it is due, and one clear line for unreadable files."""
 
 import logging
 import os
@@ -10,17 +10,17 @@ import cv2
 import numpy as np
 import pytest
 
+from common import SECOND_NS
 from common.errors import BadInput
 from observer.camera.files import RecordedPictures
 from observer.camera.live import LiveCamera
 from observer.camera.opening import open_pictures
 
-SECOND_NS = 1_000_000_000
 START_NS = 1_000 * SECOND_NS
 
 
-class Watch:
-    """A clock that only waiting moves; stands in for time and for the stop event at once."""
+class WaitingClock:
+    """A clock that only `wait` advances; stands in for the time and for the stop event."""
 
     def __init__(self):
         self.now_ns = START_NS
@@ -53,7 +53,7 @@ def write_pictures(folder, names, size_px=(64, 48)):
     return folder
 
 
-def refused(text, folder, **arguments):
+def rejection(text, folder, **arguments):
     with pytest.raises(BadInput) as caught:
         for _ in open_pictures(text, folder, speed=0, **arguments).frames(threading.Event()):
             pass
@@ -62,50 +62,50 @@ def refused(text, folder, **arguments):
     return line
 
 
-def played(source, watch, **arguments):
-    given = {"speed": source.speed, "loop": source.loop, "start_ns": source.start_ns, **arguments}
-    return RecordedPictures(source.pictures, source.rate_hz, source.size_px, source.count, clock=watch, **given)
+def played(source, clock, **arguments):
+    options = {"speed": source.speed, "loop": source.loop, "start_ns": source.start_ns, **arguments}
+    return RecordedPictures(source.pictures, source.rate_hz, source.size_px, source.count, clock=clock, **options)
 
 
 def test_a_video_is_played_whole_at_its_own_rate(video):
-    source, watch = open_pictures("clip.avi", video.parent), Watch()
+    source, clock = open_pictures("clip.avi", video.parent), WaitingClock()
     assert (source.rate_hz, source.size_px, source.count, source.body_parts) == (25.0, (64, 48), 12, ())
-    frames = list(played(source, watch).frames(watch))
+    frames = list(played(source, clock).frames(clock))
     assert numbers(frames) == list(range(12))
     assert captured_s(frames) == pytest.approx([i / 25 for i in range(12)])
     assert frames[0].content.shape == (48, 64, 3) and frames[0].content.dtype == np.uint8
-    assert watch.waits == 11
+    assert clock.waits == 11
 
 
 @pytest.mark.parametrize("speed", [0.5, 4.0])
 def test_speed_and_a_common_start(video, speed):
     source = open_pictures("clip.avi", video.parent, speed=speed, start_ns=START_NS + SECOND_NS)
-    watch = Watch()
-    frames = list(played(source, watch).frames(watch))
+    clock = WaitingClock()
+    frames = list(played(source, clock).frames(clock))
     assert captured_s(frames) == pytest.approx([1 + i / 25 / speed for i in range(12)])
 
 
-def test_speed_0_waits_for_nothing_and_stamps_the_time_of_playing(video):
-    watch = Watch()
-    frames = list(played(open_pictures("clip.avi", video.parent, speed=0), watch).frames(watch))
-    assert len(frames) == 12 and watch.waits == 0
+def test_speed_0_does_not_wait_and_stamps_the_time_of_playing(video):
+    clock = WaitingClock()
+    frames = list(played(open_pictures("clip.avi", video.parent, speed=0), clock).frames(clock))
+    assert len(frames) == 12 and clock.waits == 0
     assert {frame.captured_ns for frame in frames} == {START_NS}
 
 
-def test_a_rate_may_be_given_instead_of_the_videos(video):
+def test_a_rate_replaces_the_videos_own(video):
     assert open_pictures("clip.avi", video.parent, rate_hz=10).rate_hz == 10
-    assert "0 pictures per second" in refused("clip.avi", video.parent, rate_hz=0.0)
+    assert "0 pictures per second" in rejection("clip.avi", video.parent, rate_hz=0.0)
 
 
-def test_a_loop_goes_on_in_step_until_told_to_stop(video):
-    watch = Watch()
-    watch.stopped_after = 30
-    frames = list(played(open_pictures("clip.avi", video.parent, loop=True), watch).frames(watch))
+def test_a_loop_keeps_its_rate_until_stopped(video):
+    clock = WaitingClock()
+    clock.stopped_after = 30
+    frames = list(played(open_pictures("clip.avi", video.parent, loop=True), clock).frames(clock))
     assert numbers(frames) == [i % 12 for i in range(30)]
     assert captured_s(frames) == pytest.approx([i / 25 for i in range(30)])
 
 
-def test_pictures_follow_their_numbers(tmp_path):
+def test_pictures_are_sorted_by_number(tmp_path):
     write_pictures(tmp_path / "p", ["a2.png", "a10.png", "a11.PNG", "b1.bmp"])
     (tmp_path / "p" / "notes.txt").write_text("not a picture")
     (tmp_path / "p" / "._a1.png").write_bytes(b"left by a Mac")
@@ -115,47 +115,47 @@ def test_pictures_follow_their_numbers(tmp_path):
     assert numbers(open_pictures("p/a10.png", tmp_path, speed=0).frames(threading.Event())) == [1]
 
 
-def test_what_is_no_video(tmp_path, video):
+def test_files_that_are_not_videos(tmp_path, video):
     (tmp_path / "empty.mp4").touch()
     (tmp_path / "text.mp4").write_text("no video " * 100)
     whole = video.read_bytes()
     (tmp_path / "codec.avi").write_bytes(whole.replace(b"MJPG", b"QQQQ"))
     (tmp_path / "head.avi").write_bytes(whole[:300])
-    assert "empty.mp4: zero bytes" in refused("empty.mp4", tmp_path)
-    assert "text.mp4: not a video; known:" in refused("text.mp4", tmp_path)
+    assert "empty.mp4: the file is empty" in rejection("empty.mp4", tmp_path)
+    assert "text.mp4: not a video; known:" in rejection("text.mp4", tmp_path)
     for name in ("codec.avi", "head.avi"):
-        assert f"{name}: AVI of which no picture can be read: an unknown codec" in refused(name, tmp_path)
-    assert "gone.mp4: no such file or folder; a source is a webcam" in refused("gone.mp4", tmp_path)
-    assert "'': no such file" in refused("", tmp_path)
+        assert f"{name}: AVI file, but no picture can be read: unknown codec" in rejection(name, tmp_path)
+    assert "gone.mp4: no such file or folder; a source is a webcam" in rejection("gone.mp4", tmp_path)
+    assert "'': no such file" in rejection("", tmp_path)
 
 
-def test_what_is_no_folder_of_pictures(tmp_path):
+def test_folders_without_usable_pictures(tmp_path):
     (tmp_path / "none").mkdir()
-    assert "none: no pictures in this folder" in refused("none", tmp_path)
+    assert "none: no pictures in this folder" in rejection("none", tmp_path)
     folder = write_pictures(tmp_path / "p", ["1.png", "2.png"])
     (folder / "3.png").touch()
-    assert "3.png: zero bytes" in refused("p", tmp_path)
+    assert "3.png: the file is empty" in rejection("p", tmp_path)
     (folder / "3.png").write_bytes(b"\x89PNG is not enough")
-    assert "3.png: not a picture that can be read" in refused("p", tmp_path)
+    assert "3.png: not a readable picture" in rejection("p", tmp_path)
     write_pictures(folder, ["3.png"], (32, 48))
-    assert "3.png: 32x48 px, but 1.png has 64x48" in refused("p", tmp_path)
+    assert "3.png: 32x48 px, but 1.png has 64x48" in rejection("p", tmp_path)
 
 
-def test_sizes_are_held_to_what_is_expected(tmp_path, video):
-    assert "clip.avi: 64x48 px, but 640x480 is expected" in refused("clip.avi", video.parent, size_px=(640, 480))
+def test_another_size_than_expected_is_rejected(tmp_path, video):
+    assert "clip.avi: 64x48 px, but 640x480 is expected" in rejection("clip.avi", video.parent, size_px=(640, 480))
     assert open_pictures("clip.avi", video.parent, size_px=(64, 48)).size_px == (64, 48)
 
 
-def test_files_that_change_after_opening_are_refused_when_played(tmp_path, video):
+def test_a_file_that_is_emptied_after_opening_is_rejected_when_played(tmp_path, video):
     copy = tmp_path / "clip.avi"
     copy.write_bytes(video.read_bytes())
     source = open_pictures("clip.avi", tmp_path, speed=0)
     copy.write_bytes(b"")
-    with pytest.raises(BadInput, match="zero bytes"):
+    with pytest.raises(BadInput, match="the file is empty"):
         list(source.frames(threading.Event()))
 
 
-def test_a_picture_that_changes_its_size_after_opening_is_refused_when_its_turn_comes(tmp_path):
+def test_a_picture_that_changes_its_size_after_opening_is_rejected_when_played(tmp_path):
     folder = write_pictures(tmp_path / "p", ["1.png", "2.png"])
     frames = open_pictures("p", tmp_path, speed=0).frames(threading.Event())
     next(frames)
@@ -164,7 +164,7 @@ def test_a_picture_that_changes_its_size_after_opening_is_refused_when_its_turn_
         next(frames)
 
 
-def test_a_video_that_breaks_off_is_played_so_far_and_said(tmp_path, video, caplog):
+def test_a_truncated_video_is_played_as_far_as_it_goes_with_a_warning(tmp_path, video, caplog):
     whole = video.read_bytes()
     (tmp_path / "cut.avi").write_bytes(whole[: len(whole) * 4 // 5])
     source = open_pictures("cut.avi", tmp_path, speed=0)
@@ -174,8 +174,8 @@ def test_a_video_that_breaks_off_is_played_so_far_and_said(tmp_path, video, capl
     assert f"ends after {len(played_numbers)} of 12 pictures" in caplog.text
 
 
-def test_addresses_open_nothing_yet_and_show_no_password(tmp_path):
-    line = refused("ftp://me:s3cret@host/clip.mp4", tmp_path)
+def test_an_address_is_not_opened_early_and_shows_no_password(tmp_path):
+    line = rejection("ftp://me:s3cret@host/clip.mp4", tmp_path)
     assert line == "ftp://host/clip.mp4: unknown kind of address; known: rtsp://, rtsps://, http://, https://"
     source = open_pictures("rtsp://me:s3cret@host/1", tmp_path, size_px=(640, 480))
     assert isinstance(source, LiveCamera) and source.name == "rtsp://host/1" and source.rate_hz == 30
@@ -184,7 +184,7 @@ def test_addresses_open_nothing_yet_and_show_no_password(tmp_path):
     assert open_pictures("/dev/video7", tmp_path).name == "/dev/video7"
 
 
-def test_opencv_and_ffmpeg_keep_quiet(tmp_path, video):
+def test_opencv_and_ffmpeg_write_nothing_to_stderr(tmp_path, video):
     (tmp_path / "text.mp4").write_text("no video " * 100)
     (tmp_path / "codec.avi").write_bytes(video.read_bytes().replace(b"MJPG", b"QQQQ"))
     code = """if True:
@@ -208,8 +208,8 @@ def test_opencv_and_ffmpeg_keep_quiet(tmp_path, video):
         "text.mp4",
         "codec.avi",
         "does not answer, or sends no video",
-        "cannot be opened",
-        "cannot be opened",
+        "there is no /dev/video93",
+        "there is no /dev/video93",
     ]
 
 
@@ -226,4 +226,4 @@ def test_a_recorded_person(data):
 def test_a_recording_that_was_cut_off(data, tmp_path):
     whole = (data / "wave_webcam" / "wave.mp4").read_bytes()
     (tmp_path / "cut.mp4").write_bytes(whole[:1000])
-    assert "cut.mp4: MP4 of which no picture can be read" in refused("cut.mp4", tmp_path)
+    assert "cut.mp4: MP4 file, but no picture can be read" in rejection("cut.mp4", tmp_path)

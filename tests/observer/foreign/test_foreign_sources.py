@@ -1,4 +1,4 @@
-"""Tracks of others, on a stream and on a key of the mesh."""
+"""Foreign tracks on a stream and on a Zenoh key."""
 
 import io
 import json
@@ -19,27 +19,29 @@ def line(u):
     return json.dumps({"captured_ns": u + 1, "parts": {"head": [u, 2]}}).encode()
 
 
-def test_a_stream_gives_a_frame_a_line_and_ends_with_it():
+def test_a_stream_yields_one_frame_per_line_and_ends_at_its_end():
     source = PipedTracks(io.BytesIO(b"\n".join(line(u) for u in range(600))), LineTracks("pipe"))
     frames = list(source.frames(threading.Event()))
     assert [frame.content[2, 0] for frame in frames] == list(range(600))
 
 
-def test_bad_lines_are_left_out_counted_and_told_once(caplog):
+def test_bad_lines_are_rejected_counted_and_logged_once(caplog):
     lines = LineTracks("pipe")
     with caplog.at_level(logging.WARNING):
-        source = PipedTracks(io.BytesIO(b"junk\n" + line(1) + b"\n\n{}\n" + line(2) + b"\n"), lines)
+        source = PipedTracks(
+            io.BytesIO(b"\n".join([b"junk", line(1), b"", b"{}", line(2**64), line(10**400), line(2), b""])), lines
+        )
         assert len(list(source.frames(threading.Event()))) == 2
-    assert lines.bad == 2
-    assert len(caplog.records) == 1 and "pipe: left out 1 line(s)" in caplog.text
+    assert lines.rejected == 4
+    assert len(caplog.records) == 1 and "pipe: rejected 1 line so far" in caplog.text
 
 
-def test_silence_is_reported_and_so_is_its_end():
+def test_silence_and_its_end_are_reported():
     reader, writer = os.pipe()
-    told, silent, speaking = [], threading.Event(), threading.Event()
+    reports, silent, speaking = [], threading.Event(), threading.Event()
 
     def report(state, reason):
-        told.append((state, reason))
+        reports.append((state, reason))
         (silent if state == "degraded" else speaking).set()
 
     stop = threading.Event()
@@ -58,8 +60,8 @@ def test_silence_is_reported_and_so_is_its_end():
         if thread.name == "tracks":
             thread.join(SOON_S)
     stream.close()
-    assert told[0] == ("degraded", "pipe: no tracks for 0.9 s; is the other tracker running?")
-    assert told[1] == ("running", "")
+    assert reports[0] == ("degraded", "pipe: no tracks for 0.9 s; is the other tracker running?")
+    assert reports[1] == ("running", "")
 
 
 @pytest.fixture
@@ -72,7 +74,7 @@ def ends():
         yield here, there
 
 
-def test_a_key_on_the_mesh_gives_a_frame_a_message(ends):
+def test_a_zenoh_key_yields_one_frame_per_message(ends):
     here, there = ends
     source, stop = MeshTracks("tracks/cam1", LineTracks("zenoh:tracks/cam1")), threading.Event()
     source.listen(here)

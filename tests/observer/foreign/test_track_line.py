@@ -1,4 +1,4 @@
-"""One line of another tracker's tracks: as documented, and every way to get it wrong."""
+"""One line of a foreign tracker: as documented, and malformed in every way."""
 
 import json
 
@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from common.errors import BadInput
-from observer.foreign.track_line import EXAMPLE, LIMIT, ForeignTracker, frame_of_line
+from observer.foreign.track_line import EXAMPLE, MAX_BYTES, ForeignTracker, frame_of_line
 from observer.tracks import BODY_PARTS, State
 
 NUMBERS = st.floats(-1e6, 1e6)
@@ -22,7 +22,7 @@ def test_the_documented_line_is_read():
 
 
 @given(st.dictionaries(st.sampled_from(BODY_PARTS), st.lists(NUMBERS, min_size=2, max_size=2), min_size=1))
-def test_every_part_that_is_named_is_where_the_line_says(parts):
+def test_every_part_in_the_line_gets_its_position(parts):
     line = json.dumps({"parts": parts, "nose": 3}).encode()
     frame = frame_of_line(line, BODY_PARTS, 77)
     tracks = ForeignTracker(BODY_PARTS).update(frame)
@@ -43,10 +43,13 @@ def test_a_low_confidence_is_a_guess():
     [
         b"", b"no", b"[]", b"{}", b'{"parts": {}}', b'{"parts": {"tail": [1, 2]}}', b'{"parts": {"head": [1]}}',
         b'{"parts": {"head": [1, 2, 7]}}', b'{"parts": {"head": [1, NaN]}}', b'{"parts": {"head": "left"}}',
-        b'{"captured_ns": -3, "parts": {"head": [1, 2]}}', b"\xff\xfe", b'{"parts": {"head": [1, 2]}}' + b" " * LIMIT,
+        b'{"captured_ns": %d, "parts": {"head": [1, 2]}}' % 2**63,
+        b'{"captured_ns": %d, "parts": {"head": [1, 2]}}' % 10**400,
+        b'{"captured_ns": -3, "parts": {"head": [1, 2]}}', b"\xff\xfe",
+        b'{"parts": {"head": [1, 2]}}' + b" " * MAX_BYTES,
     ],
 )  # fmt: skip
-def test_a_bad_line_is_one_line(line):
+def test_a_malformed_line_is_rejected_with_one_line(line):
     with pytest.raises(BadInput) as caught:
         frame_of_line(line, BODY_PARTS, 0)
     assert "\n" not in str(caught.value)

@@ -11,7 +11,7 @@ import typer
 
 from common.errors import BadInput, LabanmeshError
 from observer.camera.base import CameraFault
-from observer.camera.files import Album
+from observer.camera.files import PictureFolder
 from observer.camera.live import LiveCamera
 from observer.motion.archive import MotionArchive, Recording
 from observer.motion.archive_file import write_archive
@@ -57,7 +57,7 @@ def test_a_rendered_performer_is_seen_and_the_skin_is_saved(run, waving, tmp_pat
     said = run("motion.npz", "-o", "look.png", "--save-skin", "skin.npz")
     assert "motion.npz: 640x480 px, 15 Hz as recorded, 24 pictures seen" in said
     assert "head        seen" in said and "right hand  seen" in said and "skin " in said
-    (written,) = Album.open(tmp_path / "look.png").pictures()
+    (written,) = PictureFolder.open(tmp_path / "look.png").pictures()
     assert (written.shape[1], written.shape[0]) == SIZE
     assert SkinHistogram.load(tmp_path / "skin.npz").skin.sum() == pytest.approx(1.0)
     assert sorted(p.name for p in tmp_path.iterdir()) == ["look.png", "motion.npz", "skin.npz"]

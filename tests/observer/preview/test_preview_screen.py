@@ -9,7 +9,7 @@ import pytest
 
 from common.errors import BadInput, LabanmeshError
 from common.vocabulary import Vocabulary
-from observer.camera.files import Album, Video
+from observer.camera.files import PictureFolder, Video
 from observer.preview import film, screen
 from observer.preview.drawing import SIZE
 from observer.preview.film import Film, Stills, Window, why_no_window
@@ -136,7 +136,7 @@ def test_single_pictures_are_files_of_their_own(tmp_path, target, names):
             preview.show(picture(number + 1), SIGHT)
     files = sorted(p for p in tmp_path.rglob("*") if p.is_file())
     assert [str(p.relative_to(tmp_path)) for p in files] == names
-    newest = list(Album.open(files[-1]).pictures())[-1]
+    newest = list(PictureFolder.open(files[-1]).pictures())[-1]
     assert (newest.shape[1], newest.shape[0]) == SIZE and level(newest) == 3
 
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import typer
 
+from common import SECOND_NS
 from common.errors import BadInput
 from common.vocabulary import Vocabulary
 from observer.calibration.formats import read_opencv
@@ -25,7 +26,6 @@ from observer.recording.commands import record
 from observer.recording.recorded import RecordingOptions, recorded
 from observer.tracks import BODY_PARTS, Frame, Tracks
 
-SECOND_NS = 1_000_000_000
 CAMERAS = [pinhole_matrix(math.radians(yaw), 0.15, 3.0, 700, (640, 360), (0, 0.9, 0)) for yaw in (-50, 0, 45)]
 
 
