@@ -155,7 +155,9 @@ class JudgementMessage(Message):
     `unlearned` is the probability that what is done is no movement of the vocabulary, left out when no judge says it;
     `p` is then given that it is one. `facets` are those that some judge says, pooled; `facing` among them is which way
     the person faces, by K directions, and `facing_deg` that in degrees to the left of where recordings face the Door.
-    `movement` is left out while the person rests; another fusion service goes on from it when this one dies.
+    `movement` is left out while the person rests; another fusion service goes on from it when this one dies. `epoch` is
+    one higher than that of the fusion service before: of two services that publish, the one with the lower epoch
+    stops. `session` is random per process; two processes of one id differ in it.
     """
 
     scene: Identifier
@@ -173,6 +175,8 @@ class JudgementMessage(Message):
     facets: dict[str, list[float]] | None = None
     facing_deg: float | None = None
     movement: OngoingMovement | None = None
+    epoch: NonNegativeInt | None = None
+    session: str | None = None
 
 
 class Contribution(BaseModel):

@@ -52,6 +52,10 @@ class FusionEngine:
         self._grounds: Mapping[int, _Ground] = {}
         self._contributed: tuple[object, Mapping[str, Contribution]] = (None, {})
         self._seq = 0
+        self.epoch: int | None = None
+        """The epoch of the service that owns the scene, written into each message."""
+        self.session: str | None = None
+        """Random per process, written into each message."""
         self.reliability = Reliability()
 
     def receive(self, observer: str, message: PosteriorMessage, now_ns: int) -> str | None:
@@ -129,7 +133,8 @@ class FusionEngine:
         decision = self._judge.watch(belief) if any(o.age_s is not None for o in opinions) else None
         self._seq += 1
         facets = pool_facets(self._rule, opinions)
-        judgement = self._scribe.judgement(view, pooled, facets, self._movement(), self._seq, now_ns)
+        speaker = (self.epoch, self.session)
+        judgement = self._scribe.judgement(view, pooled, facets, self._movement(), self._seq, now_ns, *speaker)
         grounds = {**self._grounds, now_ns: _Ground(judgement, opinions)}
         self._keep(grounds)
         if decision is None:
@@ -178,6 +183,8 @@ class FusionEngine:
             "fusion": self._config.id,
             "seq": judgement.seq,
             "at_ns": judgement.at_ns,
+            "epoch": self.epoch,
+            "session": self.session,
         }
         return verdict_of(ground.judgement, end.judgement, decision, self._contributions(ground, decision), said)
 

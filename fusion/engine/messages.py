@@ -60,6 +60,8 @@ class JudgementBuilder:
         movement: OngoingMovement | None,
         seq: int,
         now_ns: int,
+        epoch: int | None = None,
+        session: str | None = None,
     ) -> JudgementMessage:
         """What the judges together believe, and each of them."""
         told = {name: p.tolist() for name, p in facets.items()}
@@ -81,6 +83,8 @@ class JudgementBuilder:
             facets=told or None,
             facing_deg=None if pooled.facing is None else facing_deg(pooled.facing),
             movement=movement,
+            epoch=epoch,
+            session=session,
         )
 
     def _votes(self, opinions: Sequence[AgedPosterior], weights: Floats) -> dict[str, Vote]:
