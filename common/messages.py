@@ -158,6 +158,8 @@ class JudgementMessage(Message):
     `movement` is left out while the person rests; another fusion service goes on from it when this one dies. `epoch` is
     one higher than that of the fusion service before: of two services that publish, the one with the lower epoch
     stops. `session` is random per process; two processes of one id differ in it.
+
+    While no vote is counted or stale, `label` is empty, `agreement` is 0 of 0, and `p` is the prior.
     """
 
     scene: Identifier

@@ -10,7 +10,7 @@ from common.messages import Contribution, JudgementMessage, OngoingMovement, Pos
 from common.vocabulary import ABSTAIN, Vocabulary
 from fusion.engine.clocks import Clocks
 from fusion.engine.contributions import contributions
-from fusion.engine.messages import JudgementBuilder, verdict_of
+from fusion.engine.messages import JudgementBuilder, Stamp, verdict_of
 from fusion.engine.pooling import PooledPosterior, PoolingCase, pool_facets, pool_posteriors
 from fusion.engine.reliability import Reliability, learn_from_verdict
 from fusion.engine.roster import HEARD, AgedPosterior, ObserverRecord, Roster
@@ -37,6 +37,7 @@ class _Ground:
 class FusionEngine:
     """Hears the observers of one scene and judges.
 
+    `epoch` and `session` of the fusion service are written into each message; None leaves them out.
     Raises BadInput for an unknown rule, or a rule that cannot hear so many observers.
     """
 
@@ -48,14 +49,12 @@ class FusionEngine:
         self._roster = Roster(observers, vocabulary, config)
         self._clocks = Clocks(observers)
         self._judge = VerdictDetector(config)
-        self._scribe = JudgementBuilder(scene, config.id, vocabulary, self._roster.prior, self._rule.name)
+        self._scribe = JudgementBuilder(scene, vocabulary, self._roster.prior, self._rule.name)
         self._grounds: Mapping[int, _Ground] = {}
         self._contributed: tuple[object, Mapping[str, Contribution]] = (None, {})
         self._seq = 0
         self.epoch: int | None = None
-        """The epoch of the service that owns the scene, written into each message."""
         self.session: str | None = None
-        """Random per process, written into each message."""
         self.reliability = Reliability()
 
     def receive(self, observer: str, message: PosteriorMessage, now_ns: int) -> str | None:
@@ -133,8 +132,7 @@ class FusionEngine:
         decision = self._judge.watch(belief) if any(o.age_s is not None for o in opinions) else None
         self._seq += 1
         facets = pool_facets(self._rule, opinions)
-        speaker = (self.epoch, self.session)
-        judgement = self._scribe.judgement(view, pooled, facets, self._movement(), self._seq, now_ns, *speaker)
+        judgement = self._scribe.judgement(view, pooled, facets, self._movement(), self._stamp(now_ns))
         grounds = {**self._grounds, now_ns: _Ground(judgement, opinions)}
         self._keep(grounds)
         if decision is None:
@@ -164,6 +162,9 @@ class FusionEngine:
         label, decided_ns = (None, None) if decision is None else (decision.label, decision.decided_ns)
         return OngoingMovement(id=self._verdict_id(began_ns), began_ns=began_ns, label=label, decided_ns=decided_ns)
 
+    def _stamp(self, at_ns: int) -> Stamp:
+        return Stamp(self._config.id, self._seq, at_ns, self.epoch, self.session)
+
     def _verdict_id(self, began_ns: int) -> str:
         return f"{self._scene}-{began_ns // 1_000_000}"
 
@@ -178,15 +179,9 @@ class FusionEngine:
         now = grounds[judgement.at_ns]
         ground = grounds.get(grounds_ns or 0, now)
         end = grounds.get(decision.ended_ns or 0, ground)
-        said = {
-            "id": self._verdict_id(decision.began_ns),
-            "fusion": self._config.id,
-            "seq": judgement.seq,
-            "at_ns": judgement.at_ns,
-            "epoch": self.epoch,
-            "session": self.session,
-        }
-        return verdict_of(ground.judgement, end.judgement, decision, self._contributions(ground, decision), said)
+        contributed, verdict_id = self._contributions(ground, decision), self._verdict_id(decision.began_ns)
+        stamp = self._stamp(judgement.at_ns)
+        return verdict_of(ground.judgement, end.judgement, decision, contributed, verdict_id, stamp)
 
     def _contributions(self, ground: _Ground, decision: Decision) -> Mapping[str, Contribution] | None:
         if isinstance(ground.judgement, VerdictMessage):

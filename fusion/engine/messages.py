@@ -1,7 +1,8 @@
 """From what was pooled to the messages that say it: votes, judgements, verdicts. Pure."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from typing import Any
 
 import numpy as np
 
@@ -37,19 +38,36 @@ class View:
     agreement: Agreement
 
 
+@dataclass(frozen=True, slots=True)
+class Stamp:
+    """Which fusion service publishes a message, in which epoch and session, with which number, and when."""
+
+    fusion: str
+    seq: int
+    at_ns: int
+    epoch: int | None = None
+    session: str | None = None
+
+    def fields(self) -> dict[str, Any]:
+        """The fields of the message, by name."""
+        return asdict(self)
+
+
 class JudgementBuilder:
     """Puts one fusion service's judgements into words."""
 
-    def __init__(self, scene: str, fusion: str, vocabulary: Vocabulary, prior: Floats, rule: str) -> None:
-        self._scene, self._fusion, self._vocabulary, self._prior, self._rule = scene, fusion, vocabulary, prior, rule
+    def __init__(self, scene: str, vocabulary: Vocabulary, prior: Floats, rule: str) -> None:
+        self._scene, self._vocabulary, self._prior, self._rule = scene, vocabulary, prior, rule
         self._reference = VocabularyReference(name=vocabulary.name, hash=vocabulary.digest)
 
     def view(self, opinions: Sequence[AgedPosterior], pooled: PooledPosterior) -> View:
         """The likeliest movement, each judge's vote, and who agrees."""
         likeliest = int(pooled.p.argmax())
-        label = self._vocabulary.labels[likeliest]
         votes = self._votes(opinions, pooled.weights)
-        heard = [vote.label == label for vote in votes.values() if vote.state in HEARD]
+        counted = [vote for vote in votes.values() if vote.state in HEARD]
+        # With no vote, the pooled posterior is the prior, and its first label would be nobody's.
+        label = self._vocabulary.labels[likeliest] if counted else ""
+        heard = [vote.label == label for vote in counted]
         return View(label, float(pooled.p[likeliest]), votes, Agreement(k=sum(heard), n=len(heard)))
 
     def judgement(
@@ -58,10 +76,7 @@ class JudgementBuilder:
         pooled: PooledPosterior,
         facets: Mapping[str, Floats],
         movement: OngoingMovement | None,
-        seq: int,
-        now_ns: int,
-        epoch: int | None = None,
-        session: str | None = None,
+        stamp: Stamp,
     ) -> JudgementMessage:
         """What the judges together believe, and each of them."""
         told = {name: p.tolist() for name, p in facets.items()}
@@ -69,9 +84,7 @@ class JudgementBuilder:
             told[FACING] = pooled.facing.tolist()
         return JudgementMessage(
             scene=self._scene,
-            fusion=self._fusion,
-            seq=seq,
-            at_ns=now_ns,
+            **stamp.fields(),
             vocabulary=self._reference,
             p=pooled.p.tolist(),
             label=view.label,
@@ -83,8 +96,6 @@ class JudgementBuilder:
             facets=told or None,
             facing_deg=None if pooled.facing is None else facing_deg(pooled.facing),
             movement=movement,
-            epoch=epoch,
-            session=session,
         )
 
     def _votes(self, opinions: Sequence[AgedPosterior], weights: Floats) -> dict[str, Vote]:
@@ -125,10 +136,13 @@ def verdict_of(
     end: JudgementMessage,
     decision: Decision,
     contributed: Mapping[str, Contribution] | None,
-    said: Mapping[str, object],
+    verdict_id: str,
+    stamp: Stamp,
 ) -> VerdictMessage:
-    """The `decision` in words that rest on `ground`; its facets are those of `end`. `said`: by whom, when, its id."""
+    """The `decision` in words that rest on `ground`; its facets are those of `end`."""
     fields = {name: getattr(ground, name) for name in JudgementMessage.model_fields}
     told = {"facets": end.facets, "facing_deg": end.facing_deg, "movement": None, "label": decision.label}
     times = {"began_ns": decision.began_ns, "decided_ns": decision.decided_ns, "ended_ns": decision.ended_ns}
-    return VerdictMessage.model_validate({**fields, **told, **times, **said, "contributions": contributed})
+    return VerdictMessage.model_validate(
+        {**fields, **told, **times, **stamp.fields(), "id": verdict_id, "contributions": contributed}
+    )

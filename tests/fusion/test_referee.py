@@ -338,7 +338,8 @@ def test_whatever_they_say_the_judgement_is_sound(said, rule):
     for n, (views, rest) in enumerate(said, 1):
         judgement = hall.step(views, rest)
         assert sum(judgement.p) == pytest.approx(1) and judgement.seq == n
-        assert judgement.label == NAMES.labels[int(np.argmax(judgement.p))]
+        used = judgement.agreement.n
+        assert judgement.label == (NAMES.labels[int(np.argmax(judgement.p))] if used else "")
         assert 0 <= judgement.agreement.k <= judgement.agreement.n <= 4
         heard = [v for v in judgement.votes.values() if v.p is not None]
         assert len(heard) == judgement.agreement.n
@@ -347,3 +348,26 @@ def test_whatever_they_say_the_judgement_is_sound(said, rule):
     for verdict in hall.verdicts:
         assert isinstance(verdict, VerdictMessage) and verdict.label in (*NAMES.labels, ABSTAIN)
         assert verdict.id == f"dojo-{verdict.began_ns // 1_000_000}"
+
+
+@pytest.mark.parametrize("rule", sorted(set(RULES) - {"chernoff"}))
+def test_without_a_vote_no_movement_is_named_and_none_is_decided(rule):
+    hall = Hall(rule=rule, quorum=1, threshold=0.2, hold_s=0.0, drop_s=0.5)
+    assert hall.steps(3, {}, rest=0).label == ""
+    hall.say("door", sure("bow"), 0.05)
+    assert hall.referee.step(hall.now_ns).judgement.label == "bow"
+    judgement = hall.steps(10, {}, rest=0)
+    assert (judgement.label, judgement.agreement.k, judgement.agreement.n) == ("", 0, 0)
+    assert judgement.p == pytest.approx(UNSURE) and {v.label for v in judgement.votes.values()} == {None}
+    assert {v.label for v in hall.verdicts} <= {"bow"}
+
+
+def test_epoch_and_session_of_the_service_are_in_every_message():
+    hall = Hall(quorum=1)
+    assert (hall.step(all_say(UNSURE), 0.9).epoch, hall.verdicts) == (None, [])
+    hall.referee.epoch, hall.referee.session = 3, "s1"
+    hall.steps(6, all_say(sure("bow")), rest=0.05)
+    hall.referee.epoch, hall.referee.session = 4, "s2"
+    judgement = hall.steps(6, all_say(sure("bow")), rest=0.95)
+    assert (judgement.epoch, judgement.session) == (4, "s2")
+    assert [(v.epoch, v.session) for v in hall.verdicts] == [(3, "s1"), (4, "s2")]
