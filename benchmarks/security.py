@@ -26,7 +26,7 @@ from common.errors import LabanmeshError
 from common.inbox import Inbox
 from common.link import Link, Publisher
 from common.wire import encode
-from deploy.security.issuing import found, opened
+from deploy.security.issuing import create_authority, open_authority
 from deploy.security.register import Roles
 from deploy.security.router_config import router_config
 
@@ -54,10 +54,10 @@ def rows(frames: int = FRAMES) -> Iterator[Row]:
 
 
 def _certify(folder: Path) -> None:
-    scene, now = scene_of(1), datetime.now(UTC)
-    found(folder, scene, now)
+    now = datetime.now(UTC)
+    authority = create_authority(folder, [scene_of(1)], now)
     for name, roles in MACHINES.items():
-        opened(folder, scene).add(scene, name, roles, ("127.0.0.1",), now)
+        authority.add(name, roles, ("127.0.0.1",), now)
 
 
 def _mesh(endpoint: str, folder: Path, name: str) -> MeshConfig:
@@ -100,9 +100,9 @@ def judging_process(folder: Path, pipe: Connection) -> None:
     with ExitStack() as links:
         for listen in ("tcp/127.0.0.1:0", "tls/127.0.0.1:0"):
             scene = _scene(_mesh(listen, folder, ROUTER))
-            register = opened(folder, scene).register if scene.mesh.credentials else None
+            register = open_authority(folder, [scene]).register if scene.mesh.credentials else None
             router = links.enter_context(
-                Link.router(router_config(scene, register, [listen]), "the benchmark's router")
+                Link.router(router_config([scene], register, [listen]), "the benchmark's router")
             )
             endpoints.append(router.locator)
             link = links.enter_context(Link.open(_mesh(router.locator, folder, FUSION), "fusion", process_id=FUSION))

@@ -6,7 +6,7 @@ faults are worded in config_faults.py.
 
 import os
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -40,6 +40,7 @@ __all__ = [
     "Scene",
     "VirtualConfig",
     "read_scene",
+    "scene_files",
 ]
 
 
@@ -121,6 +122,18 @@ class Scene(Section):
     def place(self, name: str) -> Path:
         """Where a file named in the scene file is: relative names start from the scene file's folder."""
         return self._folder / Path(name).expanduser()
+
+
+def scene_files(paths: Sequence[Path]) -> Iterator[Path]:
+    """The files among `paths`, and all *.toml of the folders; raises BadInput for a folder without any."""
+    for path in paths:
+        if not path.is_dir():
+            yield path
+            continue
+        inside = sorted(path.glob("*.toml"))
+        if not inside:
+            raise BadInput(f"{path}: no scene file in this folder; scene files end in .toml")
+        yield from inside
 
 
 def read_scene(path: Path, environment: Mapping[str, str] | None = None) -> Scene:

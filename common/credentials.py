@@ -31,7 +31,10 @@ class MeshFault:
 
 @dataclass(frozen=True, slots=True)
 class Certificate:
-    """What a certificate says of its holder. roles: `observer:cam1`, `fusion:fusion`, `hub`, `router`."""
+    """What a certificate says of its holder.
+
+    roles: `observer:cam1`, `fusion:fusion`, `hub`, `router`; for one scene of several `observer:home/cam1`, `hub:home`.
+    """
 
     common_name: str
     begins: datetime
@@ -42,10 +45,18 @@ class Certificate:
         """Days until it expires, negative after that; `now` with its time zone."""
         return (self.expires - now).total_seconds() / 86400
 
-    def is_for(self, role: str, named: str = "") -> bool:
-        """Whether its holder may have `role`, under the id `named` if there is one; one that names no roles may."""
-        wanted = f"{role}:{named}" if named else role
-        return not self.roles or any(wanted == has or (not named and has.startswith(f"{role}:")) for has in self.roles)
+    def is_for(self, role: str, process_id: str = "", scene: str = "") -> bool:
+        """Whether its holder may have `role`, under an id and in a scene if they are named.
+
+        A certificate that names no roles is for all of them, and a role that names no scene for every scene.
+        """
+        return not self.roles or any(_permits(word, role, process_id, scene) for word in self.roles)
+
+
+def _permits(word: str, role: str, process_id: str, scene: str) -> bool:
+    kind, _, name = word.partition(":")
+    own_scene, _, own_id = (name, "", process_id) if kind == "hub" else name.rpartition("/")
+    return kind == role and process_id in ("", own_id) and (not scene or own_scene in ("", scene))
 
 
 def read_certificate(path: Path) -> Certificate:
@@ -78,24 +89,27 @@ def check_credentials(folder: Path, now: datetime) -> MeshFault | None:
         return MeshFault(str(error), copy)
 
 
-def require_credentials(folder: Path, role: str, named: str, now: datetime) -> None:
-    """Raises BadInput, one line, when the credentials cannot be used, or are not for `role` (under the id `named`)."""
-    finding = check_credentials(folder, now) or role_fault(folder, role, named)
-    if finding is not None:
-        raise BadInput(str(finding))
+def require_credentials(folder: Path, role: str, process_id: str, now: datetime, scene: str = "") -> None:
+    """Raises BadInput, one line, when the credentials cannot be used, or not for this role, id and scene."""
+    fault = check_credentials(folder, now) or role_fault(folder, role, process_id, scene)
+    if fault is not None:
+        raise BadInput(str(fault))
 
 
-def role_fault(folder: Path, role: str, named: str = "") -> MeshFault | None:
-    """What is to be said when this machine's certificate is not for `role` (under the id `named`); raises BadInput."""
+def role_fault(folder: Path, role: str, process_id: str = "", scene: str = "") -> MeshFault | None:
+    """Why this machine's certificate is not for a role (under an id, in a scene); None if it is. Raises BadInput."""
     ours = own_certificate(folder)
     # A fusion service that stands by is one all the same.
     role = "fusion" if role == "standby" else role
-    if ours.is_for(role, named):
+    if ours.is_for(role, process_id, scene):
         return None
-    wanted, has = f"{role} {named}".strip(), ", ".join(ours.roles).replace(":", " ")
+    of_scenes = any("/" in word or word.startswith("hub:") for word in ours.roles)
+    wanted = "/".join(filter(None, [scene if of_scenes else "", process_id]))
+    asked = f"{role} {wanted}".strip()
+    has = ", ".join(ours.roles).replace(":", " ")
     return MeshFault(
-        f"{folder / CERTIFICATE_FILE}: certificate {ours.common_name} is for {has}, not for {wanted}",
-        f"labanmesh secure add SCENE NAME {OPTION[role].format(named or 'ID')}, and copy the new folder here",
+        f"{folder / CERTIFICATE_FILE}: certificate {ours.common_name} is for {has}, not for {asked}",
+        f"labanmesh secure add SCENE NAME {OPTION[role].format(wanted or 'ID')}, and copy the new folder here",
     )
 
 

@@ -59,14 +59,16 @@ class Link(SubSession):
         listen: Sequence[str] | None = None,
         timeout_s: float = ROUTER_TIMEOUT_S,
         process_id: str = "",
+        scene: str = "",
     ) -> "Link":
         """A session for `role` in `mesh`; with `listen` it is itself where the others meet.
 
-        process_id: the id of the observer or fusion service; a certificate of this machine must be for it.
+        process_id, scene: the id of the observer or fusion service, and its scene; a certificate of this machine must
+        be for them.
         Raises LabanmeshError, one line with the way out: endpoint in use, unusable, or no router within `timeout_s`.
         """
         if mesh.credentials:
-            _require_credentials(mesh, role, process_id)
+            _require_credentials(mesh, role, process_id, scene)
         chosen = settings(mesh, role, listen, timeout_s)
         where = (listen or [mesh.endpoint])[0]
         try:
@@ -137,10 +139,10 @@ def _session(config: zenoh.Config, values: Mapping[str, Any]) -> zenoh.Session:
 
 
 # The modules about certificates are heavy and imported only where there are some, or to explain a failure.
-def _require_credentials(mesh: MeshConfig, role: MeshRole, named: str) -> None:
+def _require_credentials(mesh: MeshConfig, role: MeshRole, process_id: str, scene: str) -> None:
     from common.credentials import require_credentials
 
-    require_credentials(Path(mesh.credentials), role, named, datetime.now(UTC))
+    require_credentials(Path(mesh.credentials), role, process_id, datetime.now(UTC), scene)
 
 
 def _not_admitted(mesh: MeshConfig) -> str:

@@ -107,8 +107,8 @@ def router(
         str, typer.Argument(help="Where it listens: tcp/0.0.0.0:7447 is every interface of this machine.")
     ] = "",
     scene: Annotated[
-        Path | None,
-        typer.Option(help="The scene file: a secured scene's router admits whom the authority's register names."),
+        list[Path] | None,
+        typer.Option(help="The scene file, or a folder of them; repeatable. A secured router admits their machines."),
     ] = None,
     config: Annotated[
         Path | None, typer.Option(help="A whole Zenoh configuration (JSON5), as `labanmesh secure rules` prints it.")
@@ -116,20 +116,21 @@ def router(
 ) -> None:
     """A Zenoh router, where the machines of a mesh meet. It relays, and keeps nothing.
 
-    Scene files then say mode = "router" and this machine's address under [mesh] endpoint. Changed files are noticed.
+    Scene files then say mode = "router" and this machine's address under [mesh] endpoint. The router notices changes
+    in its files.
 
     Example: labanmesh router tcp/0.0.0.0:7447
 
     Example: labanmesh router --scene scene.toml
     """
-    from deploy.security.routing import plain_rules, route, rules_in_file, rules_of_scene
+    from deploy.security.routing import plain_rules, route, rules_in_file, rules_of_scenes
 
-    if config is not None and (scene is not None or endpoint):
-        raise BadInput(f"--config {config}: says itself where to listen; leave out ENDPOINT and --scene")
+    if config is not None and (scene or endpoint):
+        raise BadInput(f"--config {config}: it says itself where to listen; leave out ENDPOINT and --scene")
     log_to_stderr()
     if config is not None:
         rules = rules_in_file(config)
     else:
-        rules = plain_rules(endpoint or MeshConfig().endpoint) if scene is None else rules_of_scene(scene, endpoint)
+        rules = rules_of_scenes(scene, endpoint) if scene else plain_rules(endpoint or MeshConfig().endpoint)
     with stop_on_signals() as stop:
         route(rules, stop)

@@ -38,7 +38,7 @@ def watch(
     named = read_scene(scene)
     end_s = math.inf if for_s is None else time.monotonic() + for_s
     console = Console()
-    with _termination() as terminated, Link.open(named.mesh, "hub") as link:
+    with _termination() as terminated, Link.open(named.mesh, "hub", scene=named.scene) as link:
         heard = _noted(listen(named, link, lambda: not terminated.is_set() and time.monotonic() < end_s))
         if json:
             show_json(heard, named.hub.certainty)
@@ -68,7 +68,7 @@ def capture(
     named = read_scene(scene)
     text = scene.read_text(encoding="utf-8")
     end_s = math.inf if for_s is None else time.monotonic() + for_s
-    with stop_on_signals() as stop, Link.open(named.mesh, "hub") as link:
+    with stop_on_signals() as stop, Link.open(named.mesh, "hub", scene=named.scene) as link:
         with CaptureWriter(output, named, text, time.time_ns()) as writer:
             account = write_down(named, link, writer, lambda: not stop.is_set() and time.monotonic() < end_s)
         print(f"{output}: {account}", flush=True)

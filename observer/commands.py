@@ -60,7 +60,8 @@ def observe(
         in_folder = section.preview not in ("", "window")
         target = preview or (str(named.place(section.preview)) if in_folder else section.preview)
         shown = open_until_end.enter_context(_previewed(target, observer, judge, eyes, model.header))
-        link = open_until_end.enter_context(Link.open(named.mesh, "observer", process_id=observer))
+        opening = Link.open(named.mesh, "observer", process_id=observer, scene=named.scene)
+        link = open_until_end.enter_context(opening)
         if isinstance(eyes.source, MeshTracks):
             eyes.source.listen(link)
         serve(named, observer, shown, eyes.source, link, stop, condition=condition)

@@ -1,1 +1,1 @@
-"""Who may speak on the mesh: a private certificate authority, its register, and the router's access rules."""
+"""Certificates from a private authority, its register, and the router's access rules."""

@@ -18,11 +18,11 @@ from common.zenoh_settings import ROLE_URI
 AUTHORITY_DAYS = 3650
 CERTIFICATE_DAYS = 365
 BACKDATED = timedelta(hours=1)
-"""A certificate begins a little before it was made: the clock of a machine without a battery may be behind."""
+"""A certificate is valid from a little before it was made: a machine without a battery may have a slow clock."""
 
 
 @dataclass(frozen=True, slots=True)
-class Pair:
+class KeyPair:
     """A certificate and its private key, each PEM; the key is not encrypted, the file's mode protects it."""
 
     certificate: bytes
@@ -30,50 +30,50 @@ class Pair:
 
 
 @dataclass(frozen=True, slots=True)
-class Issued:
-    """A machine's pair, with what the register keeps of it."""
+class SignedCertificate:
+    """A machine's pair, with the facts that the register keeps."""
 
-    pair: Pair
+    pair: KeyPair
     serial: int
     expires: datetime
 
 
-def make_authority(scene: str, now: datetime, days: int = AUTHORITY_DAYS) -> Pair:
-    """A new authority for `scene`, which signs itself; `now` is timezone-aware; valid for `days`."""
+def make_authority(scenes: str, now: datetime, days: int = AUTHORITY_DAYS) -> KeyPair:
+    """A new authority that signs itself, valid for `days`; `now` is timezone-aware, `scenes` names it for people."""
     key = ec.generate_private_key(ec.SECP256R1())
-    name = _named(f"labanmesh {scene}"[:64])
+    name = _subject(f"labanmesh {scenes}"[:64])
     usage = _usage(key_cert_sign=True, crl_sign=True)
     builder = (
         _builder(name, name, key.public_key(), now, now + timedelta(days=days))
         .add_extension(x509.BasicConstraints(ca=True, path_length=0), critical=True)
         .add_extension(usage, critical=True)
     )
-    return Pair(_pem(builder.sign(key, hashes.SHA256())), _key_pem(key))
+    return KeyPair(_pem(builder.sign(key, hashes.SHA256())), _key_pem(key))
 
 
 def issue(
-    authority: Pair,
+    authority: KeyPair,
     common_name: str,
     hosts: Sequence[str],
     now: datetime,
     *,
     roles: Sequence[str] = (),
     days: float = CERTIFICATE_DAYS,
-) -> Issued:
+) -> SignedCertificate:
     """A certificate for `common_name`, signed by `authority`, valid for `days` but never longer than the authority.
 
-    hosts: DNS names or IP addresses by which it is reached. roles: what its holder is, `observer:cam1`, `fusion:ID`,
-    `hub`, `router`; only a router may be a server.
+    hosts: DNS names or IP addresses by which its holder is reached. roles: as `Roles.words` has them; only
+    a router may be a TLS server.
     """
     signer = x509.load_pem_x509_certificate(authority.certificate)
     signer_key = serialization.load_pem_private_key(authority.key, None)
     if not isinstance(signer_key, ec.EllipticCurvePrivateKey):
-        raise ValueError("the authority's key is no elliptic curve key")
+        raise ValueError("the authority's key is not an elliptic curve key")
     key = ec.generate_private_key(ec.SECP256R1())
     expires = min(now + timedelta(days=days), signer.not_valid_after_utc).replace(microsecond=0)
     purposes = [ExtendedKeyUsageOID.CLIENT_AUTH, *([ExtendedKeyUsageOID.SERVER_AUTH] if "router" in roles else [])]
     builder = (
-        _builder(_named(common_name), signer.subject, key.public_key(), now, expires)
+        _builder(_subject(common_name), signer.subject, key.public_key(), now, expires)
         .add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
         .add_extension(_usage(digital_signature=True), critical=True)
         .add_extension(x509.ExtendedKeyUsage(purposes), critical=False)
@@ -83,7 +83,7 @@ def issue(
     if names:
         builder = builder.add_extension(x509.SubjectAlternativeName(names), critical=False)
     certificate = builder.sign(signer_key, hashes.SHA256())
-    return Issued(Pair(_pem(certificate), _key_pem(key)), certificate.serial_number, expires)
+    return SignedCertificate(KeyPair(_pem(certificate), _key_pem(key)), certificate.serial_number, expires)
 
 
 def _builder(
@@ -95,14 +95,14 @@ def _builder(
         .issuer_name(issuer)
         .public_key(key)
         .serial_number(x509.random_serial_number())
-        # Before its end even for one that has already expired, as tests make them.
+        # Tests make certificates that have expired already: the beginning lies before their end too.
         .not_valid_before(min(begins, expires) - BACKDATED)
         .not_valid_after(expires)
         .add_extension(x509.SubjectKeyIdentifier.from_public_key(key), critical=False)
     )
 
 
-def _named(common_name: str) -> x509.Name:
+def _subject(common_name: str) -> x509.Name:
     return x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, common_name)])
 
 

@@ -1,6 +1,7 @@
-"""The verb `labanmesh secure` with its sub-verbs: an authority for a scene, and a certificate for each machine."""
+"""The verb `labanmesh secure` with its sub-verbs: an authority for scenes, and a certificate for each machine."""
 
 import json as json_text
+import shlex
 import sys
 from collections.abc import Sequence
 from datetime import UTC, datetime
@@ -9,19 +10,27 @@ from typing import Annotated
 
 import typer
 
-from common.config import Scene, read_scene
+from common.config import Scene, scene_files
 from common.errors import BadInput
 from deploy.security.authority import CERTIFICATE_DAYS
-from deploy.security.issuing import FOLDER, REGISTER, found, opened, read_register
-from deploy.security.listing import as_rows, as_table
-from deploy.security.register import Machine, Roles
-from deploy.security.roles import roles_of
+from deploy.security.issuing import (
+    FOLDER,
+    REGISTER,
+    Authority,
+    create_authority,
+    open_authority,
+    read_register,
+    read_scenes,
+)
+from deploy.security.register import IssuedCertificate, Roles, as_rows, as_table, qualified_observers, roles_of
 from deploy.security.router_config import host_of, listening, router_config
 
-SceneFile = Annotated[Path, typer.Argument(help="The scene file (TOML).")]
+SceneFiles = Annotated[
+    list[Path], typer.Argument(metavar="SCENE...", help="The scene file (TOML); or several, or a folder of them.")
+]
 Name = Annotated[str, typer.Argument(help="The machine: an observer's or fusion service's id, router, or any name.")]
 To = Annotated[
-    Path | None, typer.Option("--to", help="The authority's folder; without it secure/ beside the scene file.")
+    Path | None, typer.Option("--to", help="The authority's folder; by default secure/ beside the first scene file.")
 ]
 Host = Annotated[
     list[str] | None, typer.Option("--host", help="A name or address by which others reach it (a router); repeatable.")
@@ -32,76 +41,95 @@ secure = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
     no_args_is_help=False,
-    help="""Certificates and access rules for named machines, from an authority of the scene's own.
+    help="""Certificates and access rules for named machines, from an authority of one scene or of several.
 
     Example: labanmesh secure init scene.toml
 
     Example: labanmesh secure add scene.toml router
     """,
 )
-# What the front door shows of a verb is its docstring.
+# The front door shows a verb's docstring.
 secure.__doc__ = secure.info.help
 
 
 @secure.command()
-def init(scene: SceneFile, to: To = None) -> None:
-    """A new authority for the scene; its key stays in its folder.
+def init(files: SceneFiles, to: To = None) -> None:
+    """Create an authority for the scenes that meet at one router; its key stays in its folder.
+
+    With an authority of some of the scenes it adds the others to it.
 
     Example: labanmesh secure init scene.toml
+
+    Example: labanmesh secure init scenes/
     """
-    named, folder = _scene_and_folder(scene, to)
-    found(folder, named, _now())
-    print(f"{folder}: a new authority for scene {named.scene}; keep a copy of this folder where nobody else gets at it")
-    if not named.mesh.credentials:
-        print(f'\nIn {scene}, for every machine:\n[mesh]\nmode = "router"\nendpoint = "tls/ADDRESS-OF-THE-ROUTER:7447"')
+    scenes, folder = read_scenes(files), _folder(files, to)
+    create_authority(folder, scenes, _now())
+    names = ", ".join(scene.scene for scene in scenes)
+    print(f"{folder}: the authority of {names}; keep a copy of this folder in a safe place")
+    if not scenes[0].mesh.credentials:
+        print(f'\nIn {_words(files)}, for every machine:\n[mesh]\nmode = "router"')
+        print('endpoint = "tls/ADDRESS-OF-THE-ROUTER:7447"')
         print('credentials = "credentials"   # a folder beside the scene file, on each machine its own')
-    machines = ["router", *named.services, *named.roster, "hub"]
-    print("\nThen for each machine:", *(f"  labanmesh secure add {scene} {machine}" for machine in machines), sep="\n")
+    print("\nThen for each machine:")
+    for machine in _machines(scenes):
+        print(f"  labanmesh secure add {_words(files)} {machine}")
 
 
 @secure.command()
 def add(
-    scene: SceneFile,
+    files: SceneFiles,
     name: Name,
-    observer: Annotated[list[str] | None, typer.Option(help="It runs this observer; repeatable.")] = None,
-    fusion: Annotated[list[str] | None, typer.Option(help="It runs this fusion service; repeatable.")] = None,
+    observer: Annotated[
+        list[str] | None, typer.Option(help="It runs this observer (ID, or SCENE/ID); repeatable.")
+    ] = None,
+    fusion: Annotated[
+        list[str] | None,
+        typer.Option(help="It runs this fusion service: ID for all the scenes, SCENE/ID for one; repeatable."),
+    ] = None,
     hub: Annotated[bool, typer.Option("--hub", help="It listens: watch, capture, doctor.")] = False,
+    hub_of: Annotated[list[str] | None, typer.Option(help="It listens to this scene alone; repeatable.")] = None,
     router: Annotated[bool, typer.Option("--router", help="It is the router.")] = False,
     host: Host = None,
     days: Days = CERTIFICATE_DAYS,
     to: To = None,
 ) -> None:
-    """A certificate for a machine, in a folder to be copied there; what it may do follows from its name or the options.
+    """A certificate for a machine, in a folder to be copied there; its rights follow from its name or the options.
 
     Example: labanmesh secure add scene.toml attic --observer sofa --observer shelf --hub
+
+    Example: labanmesh secure add scenes/ north --fusion north
     """
-    named, folder = _scene_and_folder(scene, to)
-    asked = Roles(observers=tuple(observer or ()), fusions=tuple(fusion or ()), hub=hub, router=router)
-    roles = roles_of(named, name, asked)
-    hosts = _hosts(named, host or []) if roles.router else tuple(host or ())
-    place = opened(folder, named).add(named, name, roles, hosts, _now(), days)
-    _tell(named, folder, place, name)
+    authority = _open(files, to)
+    requested = Roles(
+        observers=tuple(observer or ()),
+        fusions=tuple(fusion or ()),
+        hub=hub,
+        hub_of=tuple(hub_of or ()),
+        router=router,
+    )
+    roles = roles_of(authority.scenes, name, requested)
+    hosts = _hosts(authority.scenes[0], host or []) if roles.router else tuple(host or ())
+    _print_next_step(authority, authority.add(name, roles, hosts, _now(), days))
 
 
 @secure.command()
-def renew(scene: SceneFile, name: Name, host: Host = None, days: Days = CERTIFICATE_DAYS, to: To = None) -> None:
+def renew(files: SceneFiles, name: Name, host: Host = None, days: Days = CERTIFICATE_DAYS, to: To = None) -> None:
     """The next certificate for a machine that has one; both count until the old one expires or is revoked.
 
     Example: labanmesh secure renew scene.toml sofa
     """
-    named, folder = _scene_and_folder(scene, to)
-    authority = opened(folder, named)
-    hosts = _hosts(named, host) if host and authority.register.newest(name).roles.router else host or ()
-    before = [machine for machine in authority.register.of(name) if machine.revoked is None]
-    place = authority.renew(named, name, hosts, _now(), days)
-    _tell(named, folder, place, name)
+    authority = _open(files, to)
+    register = authority.register
+    hosts = _hosts(authority.scenes[0], host) if host and register.newest(name).roles.router else host or ()
+    before = [certificate for certificate in register.of(name) if certificate.revoked is None]
+    _print_next_step(authority, authority.renew(name, hosts, _now(), days))
     for old in before:
-        print(f"when it is in place: labanmesh secure revoke {scene} {old.common_name}")
+        print(f"when it is in place: labanmesh secure revoke {_words(files)} {old.common_name}")
 
 
 @secure.command()
 def revoke(
-    scene: SceneFile,
+    files: SceneFiles,
     name: Annotated[str, typer.Argument(help="A machine, or one certificate of it: NAME.NUMBER.")],
     to: To = None,
 ) -> None:
@@ -109,30 +137,28 @@ def revoke(
 
     Example: labanmesh secure revoke scene.toml sofa.1
     """
-    named, folder = _scene_and_folder(scene, to)
-    gone = opened(folder, named).revoke(named, name, _now())
-    print(f"revoked: {', '.join(gone)}")
-    _tell_router(named, folder)
+    authority = _open(files, to)
+    print(f"revoked: {', '.join(authority.revoke(name, _now()))}")
+    _print_router_step(authority)
 
 
 @secure.command("list")
 def list_(
-    scene: SceneFile,
+    files: SceneFiles,
     json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False,
     to: To = None,
 ) -> None:
-    """All certificates, what they are for, and for how many days yet.
+    """All certificates with their roles, states and days left.
 
     Example: labanmesh secure list scene.toml --json
     """
-    named, folder = _scene_and_folder(scene, to)
-    machines: Sequence[Machine] = read_register(folder / REGISTER, named).machines
-    print(json_text.dumps(as_rows(machines, _now()), indent=1) if json else as_table(machines, _now()))
+    certificates = read_register(_folder(files, to) / REGISTER, read_scenes(files)).certificates
+    print(json_text.dumps(as_rows(certificates, _now()), indent=1) if json else as_table(certificates, _now()))
 
 
 @secure.command()
 def rules(
-    scene: SceneFile,
+    files: SceneFiles,
     credentials: Annotated[
         str, typer.Option(help="Where ca.pem, certificate.pem, key.pem lie on the router's machine, an absolute path.")
     ] = "",
@@ -143,38 +169,59 @@ def rules(
 
     Example: labanmesh secure rules scene.toml --credentials /etc/zenohd/credentials > router.json5
     """
-    named, folder = _scene_and_folder(scene, to)
-    register = read_register(folder / REGISTER, named)
-    if not (credentials or named.mesh.credentials):
+    scenes = read_scenes(files)
+    register, mesh = read_register(_folder(files, to) / REGISTER, scenes), scenes[0].mesh
+    if not (credentials or mesh.credentials):
         raise BadInput(
-            f"{scene}: mesh.credentials is empty: rules without certificates bind nobody; --credentials FOLDER"
+            f"{_words(files)}: mesh.credentials is empty: rules without certificates bind nobody; --credentials FOLDER"
         )
-    endpoint = listen or listening(named.mesh.endpoint)
+    endpoint = listen or listening(mesh.endpoint)
     if not endpoint.startswith(("tls/", "quic/")):
-        raise BadInput(f"{endpoint!r}: is not encrypted; --listen tls/0.0.0.0:7447, or mesh.endpoint in {scene}")
-    sys.stdout.write(router_config(named, register, [endpoint], credentials))
+        raise BadInput(
+            f"{endpoint!r}: is not encrypted; --listen tls/0.0.0.0:7447, or mesh.endpoint in {_words(files)}"
+        )
+    sys.stdout.write(router_config(scenes, register, [endpoint], credentials))
 
 
-def _scene_and_folder(scene: Path, to: Path | None) -> tuple[Scene, Path]:
-    return read_scene(scene), to or scene.parent / FOLDER
+def _open(files: Sequence[Path], to: Path | None) -> Authority:
+    return open_authority(_folder(files, to), read_scenes(files))
 
 
-def _hosts(scene: Scene, asked: Sequence[str]) -> tuple[str, ...]:
-    """By which names a router is reached: what the scene file says, what was asked, and by itself."""
-    return tuple(dict.fromkeys(filter(None, [host_of(scene.mesh.endpoint), *asked, "localhost", "127.0.0.1"])))
+def _folder(files: Sequence[Path], to: Path | None) -> Path:
+    return to or next(scene_files(files)).parent / FOLDER
 
 
-def _tell(scene: Scene, folder: Path, place: Path, name: str) -> None:
-    machine = read_register(folder / REGISTER, scene).newest(name)
-    reached = f", reached as {', '.join(machine.hosts)}" if machine.hosts else ""
-    print(f"{place}: certificate {machine.common_name} for {machine.roles}{reached}, until {machine.expires:%Y-%m-%d}")
-    where = Path(scene.mesh.credentials or "credentials").name
-    print(f"copy it as a whole to the machine {name}, beside its scene file: scp -rp {place} {name}:FOLDER/{where}")
-    _tell_router(scene, folder)
+def _words(files: Sequence[Path]) -> str:
+    """The scene files as they were typed, for commands to copy."""
+    return shlex.join(map(str, files))
 
 
-def _tell_router(scene: Scene, folder: Path) -> None:
-    print(f"a router on this machine takes it up within a second; for one elsewhere copy {folder / REGISTER} there")
+def _machines(scenes: Sequence[Scene]) -> list[str]:
+    """One machine for each process: the words that follow `labanmesh secure add SCENE`."""
+    services = dict.fromkeys(service for scene in scenes for service in scene.services)
+    if len(scenes) == 1:
+        return ["router", *services, *scenes[0].roster, "hub"]
+    observers = [f"{each.replace('/', '-')} --observer {each}" for each in qualified_observers(scenes)]
+    return ["router", *services, *observers, "hub"]
+
+
+def _hosts(scene: Scene, options: Sequence[str]) -> tuple[str, ...]:
+    """The names by which a router is reached: the scene file's, those of the options, and its own."""
+    return tuple(dict.fromkeys(filter(None, [host_of(scene.mesh.endpoint), *options, "localhost", "127.0.0.1"])))
+
+
+def _print_next_step(authority: Authority, certificate: IssuedCertificate) -> None:
+    place, roles, expires = authority.folder / certificate.common_name, certificate.roles, certificate.expires
+    reached = f", reached as {', '.join(certificate.hosts)}" if certificate.hosts else ""
+    print(f"{place}: certificate {certificate.common_name} for {roles}{reached}, until {expires:%Y-%m-%d}")
+    target = f"{certificate.name}:FOLDER/{Path(authority.scenes[0].mesh.credentials or 'credentials').name}"
+    print(f"copy it as a whole to the machine {certificate.name}, beside its scene file: scp -rp {place} {target}")
+    _print_router_step(authority)
+
+
+def _print_router_step(authority: Authority) -> None:
+    register = authority.folder / REGISTER
+    print(f"a router on this machine takes it up within a second; for one elsewhere copy {register} there")
 
 
 def _now() -> datetime:

@@ -2,39 +2,75 @@
 
 A machine's certificates are numbered: `cam1.1`, after renewal `cam1.2`. The number is in the common name, so that the
 old one can be refused while the new one counts: Zenoh reads no revocation lists, its access rules name common names.
+
+In an authority of one scene a role names an id alone: `cam1`. In one of several scenes it is `SCENE/ID` for one scene
+and `ID` for all of them, scenes that are added later included.
 """
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
+from typing import TYPE_CHECKING, Any
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from common.errors import BadInput
+from common.keys import identifier
 
-VERSION = 1
+if TYPE_CHECKING:
+    from common.config import Scene
+
+ONE_SCENE, SEVERAL_SCENES = 1, 2
+"""Versions of the file's form; an authority of one scene keeps the form that older installations read."""
+LONGEST_NAME = 56
+"""A common name has 64 characters at most, and the generation needs some."""
+TABLE_HEAD = ("certificate", "for", "state", "days left", "expires")
 
 
 class Roles(BaseModel):
-    """What a machine is there for; one machine may be several."""
+    """What a machine is there for; one machine may have several roles. hub_of: scenes, where it is not a hub of all."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
     observers: tuple[str, ...] = ()
     fusions: tuple[str, ...] = ()
     hub: bool = False
+    hub_of: tuple[str, ...] = ()
     router: bool = False
 
     @property
     def words(self) -> tuple[str, ...]:
-        """As the certificate carries them: `observer:cam1`, `fusion:fusion`, `hub`, `router`."""
-        named = [*(f"observer:{name}" for name in self.observers), *(f"fusion:{name}" for name in self.fusions)]
-        return (*named, *(("hub",) if self.hub else ()), *(("router",) if self.router else ()))
+        """The roles as the certificate carries them: `observer:cam1`, `fusion:home/fusion`, `hub`, `hub:home`."""
+        by_id = [("observer", self.observers), ("fusion", self.fusions), ("hub", self.hub_of)]
+        words = [f"{kind}:{name}" for kind, names in by_id for name in names]
+        return (*words, *(("hub",) if self.hub else ()), *(("router",) if self.router else ()))
+
+    def observers_in(self, scene: str) -> tuple[str, ...]:
+        """The observers that it may be in `scene`."""
+        return tuple(_ids(self.observers, scene))
+
+    def fusions_in(self, scene: str) -> tuple[str, ...]:
+        """The fusion services that it may be in `scene`."""
+        return tuple(_ids(self.fusions, scene))
+
+    def is_hub_in(self, scene: str) -> bool:
+        """Whether it may listen to `scene`."""
+        return self.hub or scene in self.hub_of
+
+    def only_in(self, scene: str) -> "Roles":
+        """The same roles, for `scene` and no other one."""
+        return Roles(
+            observers=tuple(f"{scene}/{name}" for name in self.observers),
+            fusions=tuple(f"{scene}/{name}" for name in self.fusions),
+            hub_of=(scene,) if self.hub else (),
+            router=self.router,
+        )
 
     def __str__(self) -> str:
         return ", ".join(self.words).replace(":", " ")
 
 
-class Machine(BaseModel):
-    """One certificate. hosts: by which names it is reached; serial: hexadecimal; expires: with its time zone."""
+class IssuedCertificate(BaseModel):
+    """One certificate. hosts: by which names its machine is reached; serial: hexadecimal; expires: with time zone."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
     name: str
@@ -47,75 +83,214 @@ class Machine(BaseModel):
 
     @property
     def common_name(self) -> str:
-        """How the certificate names its holder: `NAME.GENERATION`."""
+        """The name of its holder in the certificate: `NAME.GENERATION`."""
         return f"{self.name}.{self.generation}"
 
     def days_left(self, now: datetime) -> float:
         """Days until it expires, negative after that."""
         return (self.expires - now).total_seconds() / 86400
 
+    def state(self, now: datetime) -> str:
+        """`in force`, `revoked` or `expired`."""
+        if self.revoked is not None:
+            return "revoked"
+        return "in force" if self.days_left(now) > 0 else "expired"
+
 
 class _File(BaseModel):
-    """What the register's file holds."""
+    """The register's file: `scene` in version 1, `scenes` in version 2."""
 
     model_config = ConfigDict(extra="forbid")
-    version: int = VERSION
-    scene: str
-    certificates: list[Machine] = []
+    version: int = ONE_SCENE
+    scene: str = ""
+    scenes: tuple[str, ...] = ()
+    certificates: list[IssuedCertificate] = []
 
 
 @dataclass(frozen=True, slots=True)
 class Register:
-    """All certificates that the authority of `scene` has issued, oldest first."""
+    """All certificates that the authority of `scenes` has issued, oldest first."""
 
-    scene: str
-    machines: tuple[Machine, ...] = ()
+    scenes: tuple[str, ...]
+    certificates: tuple[IssuedCertificate, ...] = ()
 
-    def in_force(self) -> tuple[Machine, ...]:
-        """Those that were not revoked; an expired one is refused by TLS itself."""
-        return tuple(machine for machine in self.machines if machine.revoked is None)
+    def in_force(self) -> tuple[IssuedCertificate, ...]:
+        """The certificates that were not revoked; TLS itself refuses an expired one."""
+        return tuple(each for each in self.certificates if each.revoked is None)
 
-    def of(self, name: str) -> tuple[Machine, ...]:
+    def of(self, name: str) -> tuple[IssuedCertificate, ...]:
         """The certificates of the machine `name`, oldest first."""
-        return tuple(machine for machine in self.machines if machine.name == name)
+        return tuple(each for each in self.certificates if each.name == name)
 
-    def newest(self, name: str) -> Machine:
+    def newest(self, name: str) -> IssuedCertificate:
         """The newest certificate of the machine `name`; raises BadInput for a name that has none."""
-        found = self.of(name)
-        if not found:
-            known = ", ".join(dict.fromkeys(machine.name for machine in self.machines)) or "none yet"
+        certificates = self.of(name)
+        if not certificates:
+            known = ", ".join(dict.fromkeys(each.name for each in self.certificates)) or "none yet"
             raise BadInput(f"{name!r}: no such machine in the register; known: {known}")
-        return found[-1]
+        return certificates[-1]
 
-    def with_(self, machine: Machine) -> "Register":
+    def with_certificate(self, certificate: IssuedCertificate) -> "Register":
         """The register with one more certificate."""
-        return replace(self, machines=(*self.machines, machine))
+        return replace(self, certificates=(*self.certificates, certificate))
+
+    def with_scenes(self, scenes: Iterable[str]) -> "Register":
+        """The register with more scenes; certificates of an authority of one scene stay for that scene alone."""
+        register = self
+        if len(self.scenes) == 1:
+            (only,) = self.scenes
+            scoped = (each.model_copy(update={"roles": each.roles.only_in(only)}) for each in self.certificates)
+            register = replace(self, certificates=tuple(scoped))
+        return replace(register, scenes=tuple(dict.fromkeys([*self.scenes, *scenes])))
 
     def revoke(self, name: str, now: datetime) -> tuple["Register", tuple[str, ...]]:
-        """Without `name`: a machine, or one certificate `NAME.GENERATION`; and the common names that it concerned.
+        """The register without a machine, or without one certificate `NAME.GENERATION`, and the common names revoked.
 
         Raises BadInput when there is nothing in force under that name.
         """
-        meant = [machine for machine in self.in_force() if name in (machine.name, machine.common_name)]
-        if not meant:
-            known = ", ".join(machine.common_name for machine in self.in_force()) or "none"
+        revoked = [each for each in self.in_force() if name in (each.name, each.common_name)]
+        if not revoked:
+            known = ", ".join(each.common_name for each in self.in_force()) or "none"
             raise BadInput(f"{name!r}: no certificate in force has this name; in force: {known}")
-        machines = tuple(m.model_copy(update={"revoked": now}) if m in meant else m for m in self.machines)
-        return replace(self, machines=machines), tuple(machine.common_name for machine in meant)
+        rest = (c.model_copy(update={"revoked": now}) if c in revoked else c for c in self.certificates)
+        return replace(self, certificates=tuple(rest)), tuple(each.common_name for each in revoked)
 
     def to_json(self) -> str:
-        """As text: what `from_json` reads."""
-        return _File(scene=self.scene, certificates=list(self.machines)).model_dump_json(indent=1) + "\n"
+        """The register as text, which `from_json` reads."""
+        if len(self.scenes) == 1:
+            file, unused = _File(scene=self.scenes[0], certificates=list(self.certificates)), {"hub_of"}
+        else:
+            file = _File(version=SEVERAL_SCENES, scenes=self.scenes, certificates=list(self.certificates))
+            unused = set()
+        exclude: Any = {("scenes" if file.scene else "scene"): True, "certificates": {"__all__": {"roles": unused}}}
+        return file.model_dump_json(indent=1, exclude=exclude) + "\n"
 
     @classmethod
     def from_json(cls, text: str, where: str) -> "Register":
         """The register in `text`; raises BadInput that names `where` it was read."""
         try:
-            said = _File.model_validate_json(text)
+            file = _File.model_validate_json(text)
         except ValidationError as error:
             first = error.errors()[0]
             at = ".".join(str(part) for part in first["loc"])
-            raise BadInput(f"{where}: no register of labanmesh: {at} {first['msg']}".replace("\n", " ")) from None
-        if said.version != VERSION:
-            raise BadInput(f"{where}: version {said.version}, this labanmesh reads {VERSION}; use one as new")
-        return cls(said.scene, tuple(said.certificates))
+            fault = f"{where}: not a register of labanmesh: {at} {first['msg']}".replace("\n", " ")
+            raise BadInput(f"{fault}. Copy register.json again from the authority's folder") from None
+        scenes = file.scenes or ((file.scene,) if file.scene else ())
+        if file.version not in (ONE_SCENE, SEVERAL_SCENES) or not scenes:
+            raise BadInput(
+                f"{where}: version {file.version} with {len(scenes)} scenes, this labanmesh reads versions {ONE_SCENE} "
+                f"and {SEVERAL_SCENES}. Install the version that wrote it"
+            )
+        return cls(scenes, tuple(file.certificates))
+
+
+def as_rows(certificates: Sequence[IssuedCertificate], now: datetime) -> list[dict[str, Any]]:
+    """One map a certificate, for --json: its entry in the register, its state and the days left."""
+    return [
+        {
+            "name": each.name,
+            "common_name": each.common_name,
+            "roles": list(each.roles.words),
+            "hosts": list(each.hosts),
+            "serial": each.serial,
+            "state": each.state(now),
+            "days_left": round(each.days_left(now), 1),
+            "expires": each.expires.isoformat(),
+            "revoked": each.revoked.isoformat() if each.revoked else None,
+        }
+        for each in certificates
+    ]
+
+
+def as_table(certificates: Sequence[IssuedCertificate], now: datetime) -> str:
+    """Lines for people, one a certificate."""
+    rows = [TABLE_HEAD] + [
+        (each.common_name, str(each.roles), each.state(now), f"{each.days_left(now):.0f}", f"{each.expires:%Y-%m-%d}")
+        for each in certificates
+    ]
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return "\n".join("  ".join(f"{cell:<{w}}" for cell, w in zip(row, widths, strict=True)).rstrip() for row in rows)
+
+
+def roles_of(scenes: Sequence["Scene"], name: str, requested: Roles) -> Roles:
+    """The requested roles, or those that `name` stands for in the scenes.
+
+    Raises BadInput for unknown ids, for an observer's id that several scenes have, and for a name that means nothing.
+    """
+    identifier(name, "machine")
+    if len(name) > LONGEST_NAME:
+        raise BadInput(f"machine = {name!r}: {len(name)} characters; choose a name of at most {LONGEST_NAME}")
+    if requested.words:
+        hub_of = tuple(_scene(scenes, scene).scene for scene in requested.hub_of)
+        return Roles(
+            observers=tuple(_observer(scenes, observer) for observer in requested.observers),
+            fusions=tuple(_fusion(scenes, fusion) for fusion in requested.fusions),
+            hub=requested.hub or (len(scenes) == 1 and bool(hub_of)),
+            hub_of=hub_of if len(scenes) > 1 else (),
+            router=requested.router,
+        )
+    is_observer = any(name in scene.observers for scene in scenes)
+    is_fusion = any(name in scene.services for scene in scenes)
+    if is_observer and is_fusion:
+        raise BadInput(
+            f"{name!r}: an observer and a fusion service have this name; say --observer {name} or --fusion {name}"
+        )
+    if is_observer:
+        return Roles(observers=(_observer(scenes, name),))
+    if is_fusion:
+        return Roles(fusions=(name,))
+    if name in ("router", "hub"):
+        return Roles(router=name == "router", hub=name == "hub")
+    known = ", ".join(dict.fromkeys(name for scene in scenes for name in [*scene.observers, *scene.services]))
+    raise BadInput(
+        f"{name!r}: no process has this name ({known}, hub, router); say what this machine is for: "
+        "--observer ID, --fusion ID, --hub, --router"
+    )
+
+
+def _observer(scenes: Sequence["Scene"], name: str) -> str:
+    """The observer's name in the register: its id, in an authority of several scenes with its scene."""
+    if len(scenes) == 1 and "/" not in name:
+        scenes[0].observer(name)
+        return name
+    scene_name, slash, observer = name.rpartition("/")
+    if slash:
+        _scene(scenes, scene_name).observer(observer)
+        return name if len(scenes) > 1 else observer
+    holders = [scene.scene for scene in scenes if name in scene.observers]
+    if not holders:
+        raise BadInput(f"observer {name!r}: in none of the scenes; known: {', '.join(qualified_observers(scenes))}")
+    if len(holders) > 1:
+        raise BadInput(f"observer {name!r}: in scenes {' and '.join(holders)}; say --observer {holders[0]}/{name}")
+    return f"{holders[0]}/{name}"
+
+
+def qualified_observers(scenes: Sequence["Scene"]) -> list[str]:
+    """All observers of several scenes as `SCENE/ID`."""
+    return [f"{scene.scene}/{observer}" for scene in scenes for observer in scene.observers]
+
+
+def _fusion(scenes: Sequence["Scene"], name: str) -> str:
+    """The fusion service's name in the register. Services that share scenes stand in no scene file: any id is legal."""
+    scene_name, slash, fusion = name.rpartition("/")
+    if slash:
+        _scene(scenes, scene_name)
+    if len(scenes) == 1:
+        scenes[0].for_service(fusion)
+        return fusion
+    identifier(fusion, "--fusion")
+    return name
+
+
+def _scene(scenes: Sequence["Scene"], name: str) -> "Scene":
+    for scene in scenes:
+        if scene.scene == name:
+            return scene
+    raise BadInput(f"scene {name!r}: none of the scenes; known: {', '.join(scene.scene for scene in scenes)}")
+
+
+def _ids(names: Iterable[str], scene: str) -> Iterable[str]:
+    for name in names:
+        scene_name, _, own_id = name.rpartition("/")
+        if scene_name in ("", scene):
+            yield own_id

@@ -1,47 +1,159 @@
-"""The router's whole Zenoh configuration, for `labanmesh router` and zenohd alike. Pure: scene and register to text."""
+"""The router's whole Zenoh configuration, for `labanmesh router` and zenohd alike. Pure: scenes and register to text.
+
+The access rules:
+
+1. Default deny. A rule names the exact common names of the certificates it is for: Zenoh knows no patterns there.
+2. `ingress` is what a machine may send to the router, `egress` what the router may pass on to it.
+3. A machine that publishes must be told of subscribers, or Zenoh suppresses its puts at their source: hence egress
+   `declare_subscriber` on all of the scene, which covers every subscriber's key.
+4. To query, a machine needs `query` in and `reply` out; to answer, the reverse, and `declare_queryable` in.
+5. Every admitted machine may ask the router for `ADMITTED`: the answer shows that its certificate counts.
+6. Only fusion services may ask for a handover. A hub may query all of the scene with a wildcard, so a rule denies it
+   the handover keys; Zenoh puts deny before allow. A fusion service answers its own exact key alone, no wildcard.
+"""
 
 import ipaddress
 import json
 import re
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Any, Literal
 
-from common.zenoh_settings import nested, settings
-from deploy.security.access import access_rules
-from deploy.security.register import Register
+from common.keys import SceneKeys
+from common.zenoh_settings import ADMITTED, nested, settings
+from deploy.security.register import IssuedCertificate, Register
 
 if TYPE_CHECKING:
     from common.config import Scene
 
-ADDRESS = re.compile(r"(?P<protocol>[\w-]+)/(?P<host>\[[^\]]+\]|[^/\[\]]+):(?P<port>\d+)(?P<more>[#?].*)?\Z")
+Flow = Literal["ingress", "egress"]
+Rule = dict[str, Any]
+
+ENDPOINT = re.compile(r"(?P<protocol>[\w-]+)/(?P<host>\[[^\]]+\]|[^/\[\]]+):(?P<port>\d+)(?P<more>[#?].*)?\Z")
+TRACKS = "zenoh:"
+"""The beginning of a source in the scene file whose tracks come over the mesh, on the key that follows."""
 HEAD = """\
-// The router of the scene {scene}, made by labanmesh secure; do not edit: it is written anew at each change.
+// The router of {scenes}, made by labanmesh secure; do not edit: it is written anew at each change.
 // labanmesh router --config FILE, or zenohd --config FILE
 """
 
 
-def router_config(scene: "Scene", register: Register | None, listen: Sequence[str], credentials: str = "") -> str:
+def router_config(
+    scenes: Sequence["Scene"], register: Register | None, listen: Sequence[str], credentials: str = ""
+) -> str:
     """JSON5 for a router that listens on `listen`; without a register everybody may do everything.
 
-    credentials: where ca.pem, certificate.pem and key.pem lie on the router's machine, if not where the scene says.
+    scenes: they have one [mesh]. credentials: where ca.pem, certificate.pem and key.pem lie on the router's machine,
+    if not where the scene says.
     """
-    mesh = scene.mesh.model_copy(update={"credentials": credentials}) if credentials else scene.mesh
-    chosen = settings(mesh, "router", listen, 0.0)
+    mesh = scenes[0].mesh
+    if credentials:
+        mesh = mesh.model_copy(update={"credentials": credentials})
+    flat = settings(mesh, "router", listen, 0.0)
     if mesh.credentials:
         # Or somebody could open a plain listener beside the secured one.
-        chosen["transport/link/protocols"] = sorted({endpoint.partition("/")[0] for endpoint in listen})
-    tree = nested(chosen)
+        flat["transport/link/protocols"] = sorted({endpoint.partition("/")[0] for endpoint in listen})
+    tree = nested(flat)
     if register is not None:
-        tree["access_control"] = access_rules(scene, register)
-    return HEAD.format(scene=scene.scene) + json.dumps(tree, indent=1) + "\n"
+        tree["access_control"] = access_rules(scenes, register)
+    names = ", ".join(scene.scene for scene in scenes)
+    return HEAD.format(scenes=f"scene{'s' * (len(scenes) > 1)} {names}") + json.dumps(tree, indent=1) + "\n"
+
+
+def access_rules(scenes: Sequence["Scene"], register: Register) -> dict[str, Any]:
+    """Zenoh's `access_control`: what each certificate in force may do; without any, nobody may do anything."""
+    rules: list[Rule] = []
+    subjects: list[Rule] = []
+    policies: list[Rule] = []
+    for certificate in register.in_force():
+        name = certificate.common_name
+        own = [{"id": f"{name} {number}", **rule} for number, rule in enumerate(_rules(scenes, certificate), 1)]
+        if own:
+            rules += own
+            subjects.append({"id": name, "cert_common_names": [name]})
+            policies.append({"rules": [rule["id"] for rule in own], "subjects": [name]})
+    # All three lists, also empty ones: Zenoh opens no session whose access control lacks one.
+    return {"enabled": True, "default_permission": "deny", "rules": rules, "subjects": subjects, "policies": policies}
+
+
+def _rules(scenes: Sequence["Scene"], certificate: IssuedCertificate) -> Iterator[Rule]:
+    """The rules for one certificate. A router's needs none: the rules do not bind the router itself."""
+    roles = certificate.roles
+    for scene in scenes:
+        keys, fusions = scene.keys, roles.fusions_in(scene.scene)
+        for observer in roles.observers_in(scene.scene):
+            if observer in scene.observers:
+                yield from _observer(keys, observer, _tracks(scene, observer))
+        for fusion in fusions:
+            yield from _fusion(keys, fusion)
+        if fusions or roles.is_hub_in(scene.scene):
+            yield from _reads(keys)
+        if not fusions and roles.is_hub_in(scene.scene):
+            yield _rule("ingress", ["query"], [f"{keys.root}/**/handover"], "deny")
+
+
+def _observer(keys: SceneKeys, observer: str, tracks: Sequence[str]) -> Iterator[Rule]:
+    """It publishes below its own key, answers for its vocabulary, reads the fusion services' status and its tracks."""
+    status = keys.observer_status(observer)
+    yield _rule("ingress", ["put"], [keys.posterior(observer), status, *tracks])
+    yield from _answers(keys, [status, keys.vocabulary])
+    yield from _lives(keys.observer_alive(observer))
+    yield from _queries([keys.fusion_status()])
+    if tracks:
+        yield _rule("ingress", ["declare_subscriber"], tracks)
+        yield _rule("egress", ["put", "declare_subscriber"], tracks)
+
+
+def _fusion(keys: SceneKeys, fusion: str) -> Iterator[Rule]:
+    """It publishes judgements, verdicts and its status, and answers for them, the vocabulary and its handover."""
+    status = keys.fusion_status(fusion)
+    yield _rule("ingress", ["put"], [keys.judgement, keys.verdict, status])
+    yield from _answers(keys, [keys.judgement, keys.verdict, status, keys.vocabulary, keys.fusion_handover(fusion)])
+    yield from _lives(keys.fusion_alive(fusion))
+
+
+def _answers(keys: SceneKeys, answered: Sequence[str]) -> Iterator[Rule]:
+    yield _rule("ingress", ["declare_queryable", "reply"], answered)
+    # Late joiners query all of the scene with a wildcard, which a narrower rule would not cover.
+    yield _rule("egress", ["declare_subscriber", "query"], [_whole(keys)])
+
+
+def _lives(token: str) -> Iterator[Rule]:
+    yield _rule("ingress", ["liveliness_token"], [token])
+    yield _rule("egress", ["declare_liveliness_subscriber", "liveliness_query"], [token.rpartition("/")[0] + "/**"])
+
+
+def _queries(queried: Sequence[str]) -> Iterator[Rule]:
+    yield _rule("ingress", ["query"], [*queried, ADMITTED])
+    yield _rule("egress", ["reply", "declare_queryable"], [*queried, ADMITTED])
+
+
+def _reads(keys: SceneKeys) -> Iterator[Rule]:
+    whole = [_whole(keys)]
+    yield from _queries(whole)
+    yield _rule("ingress", ["declare_subscriber", "declare_liveliness_subscriber", "liveliness_query"], whole)
+    yield _rule("egress", ["put", "liveliness_token"], whole)
+
+
+def _whole(keys: SceneKeys) -> str:
+    return f"{keys.root}/**"
+
+
+def _tracks(scene: "Scene", observer: str) -> list[str]:
+    """The key of its tracks, if they come over the mesh: its tracker publishes with the same certificate."""
+    source = scene.observers[observer].source
+    return [source.removeprefix(TRACKS)] if source.startswith(TRACKS) else []
+
+
+def _rule(flow: Flow, messages: Sequence[str], keys: Sequence[str], permission: str = "allow") -> Rule:
+    return {"flows": [flow], "messages": list(messages), "key_exprs": list(keys), "permission": permission}
 
 
 def listening(endpoint: str) -> str:
-    """Where the router listens whom others meet at `endpoint`: there, or on every interface if it is a name.
+    """Where a router listens that others meet at `endpoint`: there, or on every interface if it is a name.
 
     A machine's own name often stands for its loopback interface alone, where no other machine would find it.
     """
-    parts = ADDRESS.match(endpoint)
+    parts = ENDPOINT.match(endpoint)
     if parts is None or _is_number(parts["host"]):
         return endpoint
     return f"{parts['protocol']}/0.0.0.0:{parts['port']}{parts['more'] or ''}"
@@ -49,7 +161,7 @@ def listening(endpoint: str) -> str:
 
 def host_of(endpoint: str) -> str:
     """The host in `PROTOCOL/HOST:PORT`, without brackets; "" if there is none."""
-    parts = ADDRESS.match(endpoint)
+    parts = ENDPOINT.match(endpoint)
     return parts["host"].strip("[]") if parts else ""
 
 

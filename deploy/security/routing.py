@@ -1,6 +1,6 @@
 """The router's life: it relays until it is stopped, and opens anew when its rules or certificates have changed.
 
-1. New rules that cannot be used are told once, and the old ones stay in force.
+1. New rules that cannot be used are logged once, and the old ones stay in force.
 2. Opening anew closes all links, so that nobody goes on under rules that are gone; clients come back by themselves.
 """
 
@@ -9,135 +9,153 @@ import logging
 import sys
 import threading
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
-from common.config import MeshConfig, read_scene
+from common.config import MeshConfig, scene_files
 from common.credentials import require_credentials
 from common.errors import BadInput, LabanmeshError
 from common.link import Link
 from common.notify import Notifier
 from common.zenoh_settings import AUTHORITY_FILE, CERTIFICATE_FILE, KEY_FILE, nested, settings
-from deploy.security.issuing import FOLDER, REGISTER, read_register
+from deploy.security.issuing import FOLDER, REGISTER, read_register, read_scenes
 from deploy.security.router_config import listening, router_config
 
-Stamps = tuple[tuple[int, int] | None, ...]
-LOOK_S = 1.0
+FileStamp = tuple[int, int] | None
+POLL_S = 1.0
 REOPEN_S = 10.0
 """How long a port may stay taken after the session that had it was closed."""
+RETRY_S = 0.1
 log = logging.getLogger("labanmesh.deploy")
 
 
-def route(rules: "Rules", stop: threading.Event, look_s: float = LOOK_S) -> None:
-    """Relay as `rules` say until `stop` is set; raises LabanmeshError when they cannot be used at the start."""
-    text = rules.text()
-    notifier, patience_s = Notifier.from_environment(), 0.0
-    try:
-        while not stop.is_set():
-            with _opened(text, rules, stop, patience_s) as link:
-                print(f"labanmesh router: listening on {link.locator}", file=sys.stderr, flush=True)
-                notifier.ready()
-                text, patience_s = _until_changed(rules, text, link, notifier, stop, look_s), REOPEN_S
-    finally:
-        notifier.stopping()
+@dataclass(frozen=True, slots=True)
+class Changes:
+    """What was last written: other stamps when one of the files, or of the credentials, was written anew."""
+
+    files: tuple[FileStamp, ...]
+    credentials: tuple[FileStamp, ...]
 
 
-class Rules:
-    """Where a router's configuration comes from: the files that it is made of, and the credentials that it names."""
+@dataclass(frozen=True, slots=True)
+class RouterRules:
+    """Where a router's configuration comes from. source: its name for people. make: returns it as JSON5.
 
-    def __init__(
-        self, where: str, make: Callable[[], str], files: Sequence[Path], credentials: Sequence[Path] = ()
-    ) -> None:
-        self.where, self._make = where, make
-        self._files, self._credentials = files, credentials
+    files: those that it is made of now. credentials: those that it names.
+    """
+
+    source: str
+    make: Callable[[], str]
+    files: Callable[[], Sequence[Path]]
+    credentials: Sequence[Path] = ()
 
     def text(self) -> str:
         """The configuration as it is now, JSON5; raises BadInput or LabanmeshError, one line."""
-        text = self._make()
-        Link.check_router(text, self.where)
+        text = self.make()
+        Link.check_router(text, self.source)
         return text
 
-    def stamps(self) -> tuple[Stamps, Stamps]:
-        """Of the files and of the credentials: other ones when one of them was written."""
-        return tuple(map(_stamp, self._files)), tuple(map(_stamp, self._credentials))
+    def changes(self) -> Changes:
+        """When the files and credentials were last written."""
+        try:
+            files = self.files()
+        except BadInput:  # a folder without scene files
+            files = ()
+        return Changes(tuple(map(_stamp, files)), tuple(map(_stamp, self.credentials)))
 
 
-def plain_rules(endpoint: str) -> Rules:
-    """None: whoever reaches `endpoint` may do everything."""
-    mesh = MeshConfig(mode="router")
-    text = json.dumps(nested(settings(mesh, "router", [endpoint], 0.0)))
-    return Rules(f"endpoint {endpoint!r}", lambda: text, [])
+def plain_rules(endpoint: str) -> RouterRules:
+    """No access rules: whoever reaches `endpoint` may do everything."""
+    text = json.dumps(nested(settings(MeshConfig(mode="router"), "router", [endpoint], 0.0)))
+    return RouterRules(f"endpoint {endpoint!r}", lambda: text, tuple)
 
 
-def rules_in_file(path: Path) -> Rules:
+def rules_in_file(path: Path) -> RouterRules:
     """A whole Zenoh configuration in a file (JSON5)."""
 
     def make() -> str:
         try:
             return path.read_text(encoding="utf-8")
         except OSError as error:
-            said = (error.strerror or str(error)).lower()
-            raise BadInput(f"{path}: {said}; `labanmesh secure rules SCENE` makes such a file") from None
+            reason = (error.strerror or str(error)).lower()
+            raise BadInput(f"{path}: {reason}; `labanmesh secure rules SCENE` makes such a file") from None
 
-    return Rules(str(path), make, [path])
+    return RouterRules(str(path), make, lambda: [path])
 
 
-def rules_of_scene(path: Path, endpoint: str = "") -> Rules:
-    """Made from the scene file and, for a secured scene, the authority's register in secure/ beside it.
+def rules_of_scenes(paths: Sequence[Path], endpoint: str = "") -> RouterRules:
+    """Made from scene files, and for secured scenes the authority's register in secure/ beside the first one.
 
-    endpoint: where to listen; "": where the scene's machines look for their router.
+    endpoint: where to listen; "": where the scenes' machines look for their router.
     """
-    scene = read_scene(path)
-    register_file = path.absolute().parent / FOLDER / REGISTER
-    folder = Path(scene.mesh.credentials)
-    credentials = [folder / name for name in (AUTHORITY_FILE, CERTIFICATE_FILE, KEY_FILE)]
+    mesh = read_scenes(paths)[0].mesh
+    source = ", ".join(map(str, paths))
+    register_file = next(scene_files(paths)).absolute().parent / FOLDER / REGISTER
+    folder = Path(mesh.credentials)
+    credentials = [folder / name for name in (AUTHORITY_FILE, CERTIFICATE_FILE, KEY_FILE)] if mesh.credentials else []
 
     def make() -> str:
-        now = read_scene(path)
-        if now.mesh.mode != "router":
-            raise BadInput(f"{path}: mesh.mode = {now.mesh.mode!r}: its processes look for no router; say router")
-        listen = [endpoint or listening(now.mesh.endpoint)]
-        if not now.mesh.credentials:
-            return router_config(now, None, listen)
+        scenes = read_scenes(paths)
+        mesh = scenes[0].mesh
+        if mesh.mode != "router":
+            raise BadInput(f"{source}: mesh.mode = {mesh.mode!r}: its processes look for no router; write 'router'")
+        listen = [endpoint or listening(mesh.endpoint)]
+        if not mesh.credentials:
+            return router_config(scenes, None, listen)
         if not listen[0].startswith(("tls/", "quic/")):
-            raise BadInput(f"{listen[0]!r}: not encrypted, and {path} wants credentials; write tls/HOST:PORT")
-        require_credentials(Path(now.mesh.credentials), "router", "", datetime.now(UTC))
-        return router_config(now, read_register(register_file, now), listen)
+            raise BadInput(f"{listen[0]!r}: not encrypted, and {source} wants credentials; write tls/HOST:PORT")
+        require_credentials(Path(mesh.credentials), "router", "", datetime.now(UTC))
+        return router_config(scenes, read_register(register_file, scenes), listen)
 
-    return Rules(str(path), make, [path, register_file], credentials if scene.mesh.credentials else [])
+    return RouterRules(source, make, lambda: [*scene_files(paths), register_file], credentials)
 
 
-def _opened(text: str, rules: Rules, stop: threading.Event, patience_s: float) -> Link:
-    """The router's session; after a change its port may be taken for a moment yet."""
+def route(rules: RouterRules, stop: threading.Event, poll_s: float = POLL_S) -> None:
+    """Relay under `rules` until `stop` is set; raises LabanmeshError when they cannot be used at the start."""
+    text = rules.text()
+    notifier, timeout_s = Notifier.from_environment(), 0.0
+    try:
+        while not stop.is_set():
+            with _open(text, rules, stop, timeout_s) as link:
+                print(f"labanmesh router: listening on {link.locator}", file=sys.stderr, flush=True)
+                notifier.ready()
+                text, timeout_s = _wait_for_change(rules, text, link, notifier, stop, poll_s), REOPEN_S
+    finally:
+        notifier.stopping()
+
+
+def _open(text: str, rules: RouterRules, stop: threading.Event, timeout_s: float) -> Link:
+    """The router's session; just after a change its port may still be taken."""
     waited_s = 0.0
     while True:
         try:
-            return Link.router(text, rules.where)
+            return Link.router(text, rules.source)
         except LabanmeshError:
-            if waited_s >= patience_s or stop.wait(0.1):
+            if waited_s >= timeout_s or stop.wait(RETRY_S):
                 raise
-            waited_s += 0.1
+            waited_s += RETRY_S
 
 
-def _until_changed(
-    rules: Rules, text: str, link: Link, notifier: Notifier, stop: threading.Event, look_s: float
+def _wait_for_change(
+    rules: RouterRules, text: str, link: Link, notifier: Notifier, stop: threading.Event, poll_s: float
 ) -> str:
-    """Waits until `stop`, or until the files say something else than `text`; returns what they say then."""
-    seen = opened = rules.stamps()
-    while not stop.wait(look_s):
+    """Waits until `stop` is set or the configuration is no longer `text`; returns the new one."""
+    last = opened = rules.changes()
+    while not stop.wait(poll_s):
         if _answers(link):
             notifier.alive()
-        if (now := rules.stamps()) == seen:
+        if (now := rules.changes()) == last:
             continue
-        seen = now
+        last = now
         try:
             new = rules.text()
         except LabanmeshError as error:
             log.warning("changed rules cannot be used, the old ones stay in force: %s", error)
             continue
-        # A scene file may change in what is no business of the router's.
-        if new != text or now[1] != opened[1]:
-            log.info("%s: changed; opening anew", rules.where)
+        # A scene file may change in ways that do not concern the router.
+        if new != text or now.credentials != opened.credentials:
+            log.info("%s: changed; opening anew", rules.source)
             return new
     return text
 
@@ -149,7 +167,7 @@ def _answers(link: Link) -> bool:
         return False
 
 
-def _stamp(path: Path) -> tuple[int, int] | None:
+def _stamp(path: Path) -> FileStamp:
     try:
         status = path.stat()
     except OSError:

@@ -66,7 +66,7 @@ def _serve(scene: "Scene", tape: "Tape | None", address: Address, gate: Gate, fo
             print(f"http://{where}/ shows a capture of scene {scene.scene}", flush=True)
             serve_tape(port, gate, hall, tape, run)
             return
-        with telling([scene], "dashboard") as teller, Link.open(scene.mesh, "hub") as link:
+        with telling([scene], "dashboard") as teller, Link.open(scene.mesh, "hub", scene=scene.scene) as link:
             run.heard = teller.heard
             print(f"http://{where}/ shows scene {scene.scene}", flush=True)
             serve_scene(port, gate, hall, scene, link, run)

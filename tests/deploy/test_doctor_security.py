@@ -12,7 +12,7 @@ from deploy.doctor.look_mesh import listen
 from deploy.doctor.look_network import look_at_network
 from deploy.doctor.look_security import as_whom, look_at_security
 from deploy.security.authority import issue
-from deploy.security.issuing import found, opened
+from deploy.security.issuing import create_authority
 from deploy.security.register import Roles
 from deploy.security.router_config import router_config
 
@@ -42,17 +42,17 @@ def place(tmp_path_factory):
 def authority(place):
     (place / "scene.toml").write_text(TEXT.format(endpoint="tls/127.0.0.1:0", who="router"))
     scene = read_scene(place / "scene.toml", {})
-    found(place / "secure", scene, now())
+    authority = create_authority(place / "secure", [scene], now())
     for name, roles in ROLES.items():
-        opened(place / "secure", scene).add(scene, name, roles, ["127.0.0.1"] if roles.router else (), now())
-    opened(place / "secure", scene).revoke(scene, "gone", now())
-    return opened(place / "secure", scene)
+        authority.add(name, roles, ["127.0.0.1"] if roles.router else (), now())
+    authority.revoke("gone", now())
+    return authority
 
 
 @pytest.fixture(scope="module")
 def router(place, authority):
     scene = read_scene(place / "scene.toml", {})
-    with Link.router(router_config(scene, authority.register, [scene.mesh.endpoint]), "the test's router") as link:
+    with Link.router(router_config([scene], authority.register, [scene.mesh.endpoint]), "the test's router") as link:
         yield link.locator
 
 

@@ -22,7 +22,7 @@ from common.vocabulary import Vocabulary
 from common.wire import decode
 from common.zenoh_settings import ADMITTED, settings
 from deploy.security.authority import issue
-from deploy.security.issuing import found, opened
+from deploy.security.issuing import create_authority
 from deploy.security.register import Register, Roles
 from deploy.security.router_config import router_config
 from fusion.engine.engine import FusionEngine
@@ -76,13 +76,8 @@ def scene(tmp_path_factory):
 @pytest.fixture(scope="module")
 def secure(scene):
     """The authority after its work: all machines, cam1 renewed and its old certificate revoked, garden revoked."""
-    folder = scene.place("secure")
-
-    def step(work):
-        return work(opened(folder, scene))
-
-    found(folder, scene, now())
-    step(lambda a: a.add(scene, "router", Roles(router=True), ["127.0.0.1"], now()))
+    authority = create_authority(scene.place("secure"), [scene], now())
+    authority.add("router", Roles(router=True), ["127.0.0.1"], now())
     for name, roles in {
         "cam1": Roles(observers=("cam1",)),
         "cam2": Roles(observers=("cam2",)),
@@ -90,16 +85,16 @@ def secure(scene):
         "hub": Roles(hub=True),
         "garden": Roles(observers=("cam2",)),
     }.items():
-        step(lambda a, name=name, roles=roles: a.add(scene, name, roles, (), now()))
-    step(lambda a: a.renew(scene, "cam1", (), now()))
-    step(lambda a: a.revoke(scene, "cam1.1", now()))
-    step(lambda a: a.revoke(scene, "garden", now()))
-    return step(lambda a: a)
+        authority.add(name, roles, (), now())
+    authority.renew("cam1", (), now())
+    authority.revoke("cam1.1", now())
+    authority.revoke("garden", now())
+    return authority
 
 
 @pytest.fixture(scope="module")
 def router(scene, secure):
-    with Link.router(router_config(scene, secure.register, [scene.mesh.endpoint]), "the test's router") as link:
+    with Link.router(router_config([scene], secure.register, [scene.mesh.endpoint]), "the test's router") as link:
         yield link.locator
 
 
@@ -163,7 +158,7 @@ def cases(scene, secure, router, mesh, tmp_path_factory):
     """Who tries what: how they see the mesh, what they say, and as whom they say it."""
     other_scene = tmp_path_factory.mktemp("other") / "scene.toml"
     other_scene.write_text(SCENE)
-    other = found(other_scene.parent / "secure", read_scene(other_scene, {}), now()).pair
+    other = create_authority(other_scene.parent / "secure", [read_scene(other_scene, {})], now()).pair
     ours, keys, base = secure.pair, scene.keys, scene.place("")
     foreign = issue(other, "cam1.2", (), now()).pair
     late = issue(ours, "cam1.2", (), now() - timedelta(days=2), days=1).pair
@@ -261,7 +256,7 @@ def test_the_page_shows_what_was_seen(table):
 @pytest.mark.parametrize("who", ["observer cam1 speaks for cam2", "a hub judges", "a revoked machine"])
 def test_without_rules_the_same_lie_is_heard(scene, secure, cases, who):
     """The control: these attacks are real ones."""
-    open_to_all = router_config(scene, None, [scene.mesh.endpoint])
+    open_to_all = router_config([scene], None, [scene.mesh.endpoint])
     with Link.router(open_to_all, "the test's router") as link:
         seen, key, _, _ = cases[who]
 
@@ -274,7 +269,7 @@ def test_without_rules_the_same_lie_is_heard(scene, secure, cases, who):
 
 
 def test_nobody_is_let_in_by_an_empty_register(scene, secure):
-    with Link.router(router_config(scene, Register("dojo"), [scene.mesh.endpoint]), "the test's router") as link:
+    with Link.router(router_config([scene], Register(("dojo",)), [scene.mesh.endpoint]), "the test's router") as link:
         mesh = MeshConfig(mode="router", endpoint=link.locator, credentials=str(scene.place("secure/hub.1")))
         with stranger(mesh) as session:
             assert session is not None

@@ -16,7 +16,7 @@ import pytest
 from common.config import read_scene
 from common.errors import LabanmeshError
 from common.link import Link
-from deploy.security.routing import route, rules_in_file, rules_of_scene
+from deploy.security.routing import route, rules_in_file, rules_of_scenes
 from labanmesh import main
 
 SOON_S = 20.0
@@ -119,7 +119,7 @@ def running(rules):
 
     def body():
         try:
-            route(rules, stop, look_s=0.02)
+            route(rules, stop, poll_s=0.02)
         except LabanmeshError as error:
             faults.append(error)
 
@@ -154,7 +154,7 @@ def test_a_running_router_takes_up_what_changes(scene, secure, monkeypatch, capl
     shutil.copytree(scene.parent / "secure" / "router.1", scene.parent / "credentials")
     mesh = read_scene(scene, {}).mesh
     sofa = mesh.model_copy(update={"credentials": placed(scene, "sofa.1")})
-    with running(rules_of_scene(scene)):
+    with running(rules_of_scenes([scene])):
         assert admitted(sofa)
         register = scene.parent / "secure" / "register.json"
         good = register.read_text()
@@ -211,7 +211,7 @@ def test_a_router_that_cannot_be_secured_does_not_start(scene, secure, spoil, li
     secure("add", "sofa")
     spoil(scene.parent)
     with pytest.raises(LabanmeshError) as caught:
-        route(rules_of_scene(scene), threading.Event())
+        route(rules_of_scenes([scene]), threading.Event())
     assert line in str(caught.value) and "\n" not in str(caught.value)
 
 
