@@ -1,12 +1,19 @@
-"""Facets: what else is believed of a movement beside its name, each a distribution over a few named values.
+"""Facets: how a movement is performed, each facet a distribution over a few values. Pure.
 
-Laban's Effort factors with their two poles, and his Shape in three directions. The order of the values is the order on
-the wire.
+They are Laban's Effort factors, each with its two poles, and his Shape in three directions. The order of the values is
+their order in messages. An observer may also send facets of its own, within the limits below.
 """
 
+import re
 from collections.abc import Mapping, Sequence
 
 SUM_TOLERANCE = 1e-3
+"""A facet may miss a sum of 1 by this much, as a posterior may."""
+FACETS_LIMIT = 32
+"""Facets in one posterior; more are rejected, so that an observer cannot grow every judgement."""
+VALUES_LIMIT = 72
+"""Values of one facet: as many as there may be facings."""
+NAME = re.compile(r"[a-z0-9_-]{1,64}\Z")
 
 EFFORT: Mapping[str, tuple[str, str]] = {
     "effort_time": ("sustained", "sudden"),
@@ -23,9 +30,19 @@ FACETS: Mapping[str, tuple[str, ...]] = {**EFFORT, **SHAPE}
 
 
 def check_facets(facets: Mapping[str, Sequence[float]]) -> None:
-    """Raise ValueError for a known facet of another length, or any that does not sum to 1; unknown ones may come."""
+    """Check name -> probabilities of the values; raises ValueError that names the facet and the rule.
+
+    There are at most FACETS_LIMIT facets of at most VALUES_LIMIT values, a known facet has exactly its values, and each
+    sums to 1.
+    """
+    if len(facets) > FACETS_LIMIT:
+        raise ValueError(f"{len(facets)} facets; at most {FACETS_LIMIT} are allowed")
     for name, p in facets.items():
+        if not NAME.match(name):
+            raise ValueError(f"facet {name[:64]!r}: a name is 1 to 64 characters of a-z, 0-9, _ and -")
+        if len(p) > VALUES_LIMIT:
+            raise ValueError(f"facet {name} has {len(p)} values; at most {VALUES_LIMIT} are allowed")
         if name in FACETS and len(p) != len(FACETS[name]):
-            raise ValueError(f"facet {name} has {len(p)} values, {', '.join(FACETS[name])} are {len(FACETS[name])}")
+            raise ValueError(f"facet {name} has {len(p)} values; it has {len(FACETS[name])}: {', '.join(FACETS[name])}")
         if abs(sum(p) - 1) > SUM_TOLERANCE:
             raise ValueError(f"facet {name} sums to {sum(p):.6g}, not to 1")

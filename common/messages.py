@@ -1,59 +1,95 @@
-"""The messages of the mesh, checked where they come in (docs/reference/wire.md).
+"""The messages on the mesh, checked when they are made and when they arrive (docs/reference/wire.md).
 
-Every message is a map with string keys and carries `v`, its schema version. Unknown extra fields are
-ignored, so that a newer peer may say more. Times are Unix epoch in nanoseconds; ages in seconds.
+1. Every message is a map with string keys and carries `v`, its schema version. Unknown fields are ignored, so that a
+   newer peer can send more.
+2. Times are Unix epoch in nanoseconds and fit into 63 bits; ages are in seconds, entropies in bits.
+3. Round-off is not an error: a probability or an entropy that is outside its range by at most ROUND_OFF is clamped, and
+   -0.0 becomes 0.0.
 """
 
+from collections.abc import Sequence
 from typing import Annotated, ClassVar, Final, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, NonNegativeInt, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat, model_validator
 
+from common.errors import BadInput
 from common.facets import check_facets
+from common.vocabulary import Vocabulary
 
 SCHEMA_VERSION: Final = 1
 SUM_TOLERANCE = 1e-3
-"""A posterior may miss a sum of 1 by this much: what float32 arithmetic of a foreign judge can lose."""
+"""A distribution may miss a sum of 1 by this much: more than float32 arithmetic of a foreign observer loses."""
+ROUND_OFF = 1e-6
+"""A probability or entropy may be outside its range by this much: more than a softmax in float32 loses."""
+LAST_INTEGER = 2**63 - 1
+LABELS_LIMIT = 10_000
 
+
+def _clamp(value: float) -> float:
+    # max(-0.0, 0.0) may keep the sign; adding 0.0 clears it.
+    return min(max(value, 0.0), 1.0) + 0.0
+
+
+def _clamp_all(values: list[float]) -> list[float]:
+    # Most lists need no change, and min and max are fast.
+    if values and (min(values) <= 0.0 or max(values) > 1.0):
+        return [_clamp(value) for value in values]
+    return values
+
+
+def _not_negative(value: float) -> float:
+    return max(value, 0.0) + 0.0
+
+
+_NearProbability = Annotated[
+    FiniteFloat, Field(ge=-ROUND_OFF, le=1 + ROUND_OFF, json_schema_extra={"minimum": 0, "maximum": 1})
+]
 Identifier = Annotated[str, Field(pattern=r"^[a-z0-9_-]{1,64}$")]
-Probability = Annotated[FiniteFloat, Field(ge=0, le=1)]
+Count = Annotated[int, Field(ge=0, le=LAST_INTEGER)]
+Time = Annotated[int, Field(ge=0, le=LAST_INTEGER)]
+Probability = Annotated[_NearProbability, AfterValidator(_clamp)]
+Probabilities = Annotated[list[_NearProbability], AfterValidator(_clamp_all)]
+Bits = Annotated[FiniteFloat, Field(ge=-ROUND_OFF, json_schema_extra={"minimum": 0}), AfterValidator(_not_negative)]
 VoteState = Literal["counted", "stale", "late", "silent", "foreign", "invalid"]
 ProcessRole = Literal["observer", "fusion", "hub"]
 ProcessState = Literal["starting", "running", "degraded", "stopping", "failed"]
 
 
-class Message(BaseModel):
-    """What all messages share: the schema version, and that they are never changed after they were made."""
+class Part(BaseModel):
+    """A part of a message, or a whole one. Immutable; unknown fields are ignored."""
 
     model_config = ConfigDict(frozen=True, extra="ignore")
+
+
+class Message(Part):
+    """What all messages share: the schema version."""
+
     VERSIONS: ClassVar[tuple[int, ...]] = (SCHEMA_VERSION,)
-    """Those that are understood."""
+    """The versions that can be decoded."""
     v: Literal[1] = SCHEMA_VERSION
 
 
-class VocabularyHash(BaseModel):
-    """Which vocabulary a probability vector is in: the hash decides, the name is for people and may be left out."""
+class VocabularyHash(Part):
+    """The vocabulary of a probability vector: the hash identifies it; the name is for people and optional."""
 
-    model_config = ConfigDict(frozen=True, extra="ignore")
     name: str = ""
     hash: str
 
 
 class VocabularyReference(VocabularyHash):
-    """Which vocabulary a probability vector is in: a name for people and a hash that decides."""
+    """The vocabulary of a probability vector: the hash identifies it, the name is for people."""
 
     name: str
 
 
-class Facing(BaseModel):
-    """Which way the person faces in the room's frame, for each movement that it may be: P(facing | movement).
+class Facing(Part):
+    """The direction that the person faces in the room's frame, given each movement: P(facing | movement).
 
-    surprise: (M, K) whole numbers, -8 ln P(facing k | movement m), rounded and at most 255: a byte or two each, and
-    near enough to be multiplied. Facing k is turned to the left by k * 360/K degrees from where recordings face the
-    Door.
+    surprise: (M, K) integers from 0 to 255, -8 ln P(facing k | movement m) rounded (`common.probability` converts).
+    Facing k is turned to the left by k * 360/K degrees from the direction in which recordings face the Door.
     """
 
-    model_config = ConfigDict(frozen=True, extra="ignore")
-    surprise: list[list[Annotated[int, Field(ge=0, le=255)]]] = Field(min_length=2, max_length=10_000)
+    surprise: list[list[Annotated[int, Field(ge=0, le=255)]]] = Field(min_length=2, max_length=LABELS_LIMIT)
 
     @model_validator(mode="after")
     def _is_table(self) -> "Facing":
@@ -63,180 +99,196 @@ class Facing(BaseModel):
 
 
 class PosteriorMessage(Message):
-    """What one observer believes: `p` over the vocabulary's movements, cumulative since the movement began.
+    """The posterior of one observer: `p` over the vocabulary's movements, cumulative since the movement began.
 
-    `unlearned` is the probability that what the person does is none of them; a judge that cannot tell leaves it out.
-    Version 2 is the terse one: scene and observer, which the key says, may be left out.
+    `unlearned` is the probability that the person does none of the movements; an observer that cannot tell omits it.
+    In version 2 `scene` and `observer` may be omitted, because the key carries them.
     """
 
     VERSIONS: ClassVar[tuple[int, ...]] = (1, 2)
     v: Literal[1, 2] = SCHEMA_VERSION  # type: ignore[assignment]
     scene: Identifier | None = None
     observer: Identifier | None = None
-    seq: NonNegativeInt
+    seq: Count
     session: str
-    captured_ns: NonNegativeInt
-    sent_ns: NonNegativeInt
+    captured_ns: Time
+    sent_ns: Time
     vocabulary: VocabularyHash
-    p: list[Probability] = Field(min_length=2, max_length=10_000)
-    prior: list[Probability] | None = None
+    p: Probabilities = Field(min_length=2, max_length=LABELS_LIMIT)
+    prior: Probabilities | None = None
     rest: Probability | None = None
     unlearned: Probability | None = None
-    frames: NonNegativeInt
+    frames: Count
     visible: dict[str, bool] = Field(default_factory=dict)
     facing: Facing | None = None
-    facets: dict[str, list[Probability]] | None = None
+    facets: dict[str, Probabilities] | None = None
 
     @model_validator(mode="after")
     def _is_distribution(self) -> "PosteriorMessage":
         if self.v == 1 and None in (self.scene, self.observer):
-            raise ValueError("scene and observer may be left out from version 2 on; this is version 1")
-        for name, values in (("p", self.p), ("prior", self.prior)):
-            if values is not None and abs(sum(values) - 1) > SUM_TOLERANCE:
-                raise ValueError(f"{name} sums to {sum(values):.6g}, not to 1")
-        if self.prior is not None and len(self.prior) != len(self.p):
-            raise ValueError(f"prior has {len(self.prior)} entries, p has {len(self.p)}")
+            raise ValueError("scene and observer may be omitted from version 2 on; this is version 1")
+        _require_sum("p", self.p)
+        if self.prior is not None:
+            _require_sum("prior", self.prior)
+            if len(self.prior) != len(self.p):
+                raise ValueError(f"prior has {len(self.prior)} entries, p has {len(self.p)}")
         if self.facing is not None and len(self.facing.surprise) != len(self.p):
             raise ValueError(f"facing has {len(self.facing.surprise)} rows, p has {len(self.p)} entries")
         check_facets(self.facets or {})
         return self
 
     def is_of(self, scene: str, observer: str) -> bool:
-        """Whether it does not say that it is somebody else's than its key says."""
+        """Whether the message's own `scene` and `observer`, where present, agree with those of its key."""
         return (self.scene or scene, self.observer or observer) == (scene, observer)
 
 
-class Vote(BaseModel):
-    """One judge's flag: label, entropy (bits), weight, age; null while the judge has said nothing usable.
+class Vote(Part):
+    """One observer's entry in a judgement; its fields are null while the observer has sent nothing usable.
 
-    `label` is null too while the judge believes no more of one movement than of another, or rather that it is none of
-    them (`unlearned`). `rest` is the judge's chance that the person rests. `skew_s` is how far his clock is ahead of
-    the fusion machine's; `age_s` is corrected by it. `reliability` is what was learned of him from earlier verdicts, 1
-    for nothing against him; `doubles` are those with whom he shares a voice, and how much of it: 1 is all.
+    `label` is also null while no movement stands out from the prior, and while `unlearned` is more probable. `weight`
+    is the share in the pooled posterior, `rest` the probability that the person rests. `skew_s` is how far the
+    observer's clock is ahead of the fusion machine's; `age_s` is corrected by it. `reliability` is learned from earlier
+    verdicts: 1 is full trust. `doubles` are the correlated observers, each with its correlation from 0 to 1.
     """
 
-    model_config = ConfigDict(frozen=True, extra="ignore")
     label: str | None
-    entropy: float | None
-    weight: float
-    age_s: float | None
+    entropy: Bits | None
+    weight: Probability
+    age_s: FiniteFloat | None
     state: VoteState
-    p: list[float] | None = None
-    rest: float | None = None
-    skew_s: float | None = None
-    unlearned: float | None = None
+    p: Probabilities | None = None
+    rest: Probability | None = None
+    skew_s: FiniteFloat | None = None
+    unlearned: Probability | None = None
     facing: Facing | None = None
-    facets: dict[str, list[float]] | None = None
-    reliability: float | None = None
-    doubles: dict[str, float] | None = None
+    facets: dict[str, Probabilities] | None = None
+    reliability: Probability | None = None
+    doubles: dict[str, Probability] | None = None
 
 
-class Agreement(BaseModel):
-    """How many of the judges who are heard (counted or stale) hold the fused label: k of n."""
+class Agreement(Part):
+    """How many of the observers that are counted or stale vote for the fused label: k of n."""
 
-    model_config = ConfigDict(frozen=True, extra="ignore")
-    k: NonNegativeInt
-    n: NonNegativeInt
+    k: Count
+    n: Count
 
 
-class OngoingMovement(BaseModel):
-    """The movement that is being judged: its verdict's id, when it began, and what was decided of it so far."""
+class OngoingMovement(Part):
+    """The movement in progress: the id of its verdict, its beginning, and the decision so far."""
 
-    model_config = ConfigDict(frozen=True, extra="ignore")
     id: str
-    began_ns: NonNegativeInt
+    began_ns: Time
     label: str | None = None
-    decided_ns: NonNegativeInt | None = None
+    decided_ns: Time | None = None
 
 
 class JudgementMessage(Message):
-    """What the judges together believe now. `certainty_bits` is the entropy of `p`: 0 is certain.
+    """The pooled posterior of one fusion step, and every observer's vote. `certainty_bits` is the entropy of `p`.
 
-    `unlearned` is the probability that what is done is no movement of the vocabulary, left out when no judge says it;
-    `p` is then given that it is one. `facets` are those that some judge says, pooled; `facing` among them is which way
-    the person faces, by K directions, and `facing_deg` that in degrees to the left of where recordings face the Door.
-    `movement` is left out while the person rests; another fusion service goes on from it when this one dies. `epoch` is
-    one higher than that of the fusion service before: of two services that publish, the one with the lower epoch
-    stops. `session` is random per process; two processes of one id differ in it.
+    `unlearned` is the probability that the person does no movement of the vocabulary, omitted if no observer reports
+    it; `p` is conditional on a movement of the vocabulary. `facets` are pooled from the observers that report them;
+    `facing` among them is the distribution over K directions, and `facing_deg` the most probable one in degrees to the
+    left of where recordings face the Door. `movement` is omitted while the person rests; a standby fusion service
+    continues from it. `epoch` is one higher than that of the fusion service before: of two services that publish, the
+    one with the lower epoch stops. `session` is random per process; two processes with one id differ in it.
 
     While no vote is counted or stale, `label` is empty, `agreement` is 0 of 0, and `p` is the prior.
     """
 
     scene: Identifier
     fusion: Identifier
-    seq: NonNegativeInt
-    at_ns: NonNegativeInt
+    seq: Count
+    at_ns: Time
     vocabulary: VocabularyReference
-    p: list[float]
+    p: Probabilities
     label: str
-    certainty_bits: float
+    certainty_bits: Bits
     rule: str
     votes: dict[str, Vote]
     agreement: Agreement
-    unlearned: float | None = None
-    facets: dict[str, list[float]] | None = None
-    facing_deg: float | None = None
+    unlearned: Probability | None = None
+    facets: dict[str, Probabilities] | None = None
+    facing_deg: FiniteFloat | None = None
     movement: OngoingMovement | None = None
-    epoch: NonNegativeInt | None = None
+    epoch: Count | None = None
     session: str | None = None
 
 
-class Contribution(BaseModel):
-    """What one judge did to a verdict: the log odds of its label against the best other answer, less those without him.
+class Contribution(Part):
+    """One observer's contribution to a verdict.
 
-    `nats` below 0: he held against it. `stands`: without him the label would still be the likeliest.
+    `nats`: the log odds of the label against the best alternative, minus those without this observer; negative if it
+    spoke against the label. `stands`: the label is the most probable one without this observer, too.
     """
 
-    model_config = ConfigDict(frozen=True, extra="ignore")
     nats: float
     stands: bool
 
 
 class VerdictMessage(JudgementMessage):
-    """What was done: one per movement, said again under the same `id` when its end is known.
+    """The outcome of one movement: sent once when it is decided, and again under the same `id` when it has ended.
 
-    `p`, `votes` and `agreement` are what it rests on: those at `decided_ns`, also when it is said again; those of an
-    abstention are from when the movement ended. `contributions` are of the judges that were heard; for an abstention to
-    what was likeliest then. `facets` are those of the end, once it is known.
+    `p`, `votes` and `agreement` are those at `decided_ns`, in the second message too; those of an abstention are from
+    the end of the movement. `contributions` are of the observers that were counted or stale; those of an abstention are
+    to the label that was most probable. `facets` are those at the end of the movement, once it is known.
     """
 
     id: str
-    began_ns: NonNegativeInt
-    decided_ns: NonNegativeInt
-    ended_ns: NonNegativeInt | None = None
+    began_ns: Time
+    decided_ns: Time
+    ended_ns: Time | None = None
     contributions: dict[str, Contribution] | None = None
 
 
-class ObserverStatistics(BaseModel):
-    """What a fusion service has noticed of one observer: clock skew, and per reason how many messages were not used."""
+class ObserverStatistics(Part):
+    """A fusion service's statistics of one observer: its clock skew, and rejected messages counted by reason."""
 
-    model_config = ConfigDict(frozen=True, extra="ignore")
-    skew_s: float | None = None
-    rejected: dict[str, NonNegativeInt] = Field(default_factory=dict)
+    skew_s: FiniteFloat | None = None
+    rejected: dict[str, Count] = Field(default_factory=dict)
 
 
 class StatusMessage(Message):
-    """How a process is, beyond being reachable. `at_ns` is its clock when it says so: who asks learns its skew.
+    """The state of a process. `at_ns` is its clock when it sends this: a process that queries it learns the skew.
 
-    `observers` is what a fusion service has noticed of its observers, those included that are not of the scene.
+    `observers` are a fusion service's statistics of its observers, including senders that the scene does not name.
     """
 
     scene: Identifier
     id: Identifier
     state: ProcessState
     reason: str = ""
-    rate_hz: float | None = None
-    last_frame_ns: int | None = None
-    skew_s: float | None = None
+    rate_hz: FiniteFloat | None = None
+    last_frame_ns: Time | None = None
+    skew_s: FiniteFloat | None = None
     version: str = ""
-    at_ns: NonNegativeInt | None = None
+    at_ns: Time | None = None
     observers: dict[str, ObserverStatistics] | None = None
 
 
 class VocabularyMessage(Message):
-    """The names of the movements, in the order of every `p`."""
+    """The labels of the movements, in the order of every `p`, and their hash."""
 
     scene: Identifier
     name: str
     hash: str
-    labels: list[str]
+    labels: list[str] = Field(min_length=2, max_length=LABELS_LIMIT)
+
+    @model_validator(mode="after")
+    def _hash_fits(self) -> "VocabularyMessage":
+        try:
+            digest = self.vocabulary.digest
+        except BadInput as error:
+            raise ValueError(str(error)) from None
+        if self.hash != digest:
+            raise ValueError(f"hash {self.hash!r} does not fit the labels, whose hash is {digest!r}")
+        return self
+
+    @property
+    def vocabulary(self) -> Vocabulary:
+        """The vocabulary itself."""
+        return Vocabulary(tuple(self.labels), self.name)
+
+
+def _require_sum(name: str, p: Sequence[float]) -> None:
+    if abs(sum(p) - 1) > SUM_TOLERANCE:
+        raise ValueError(f"{name} sums to {sum(p):.6g}, not to 1")

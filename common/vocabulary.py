@@ -1,26 +1,25 @@
-"""The vocabulary: the movements that a scene tells apart, in one agreed order."""
+"""The vocabulary: the movements of a scene in one agreed order. Pure."""
 
 import hashlib
 import re
 from dataclasses import dataclass
-from functools import cache
+from functools import lru_cache
 
 from common.errors import BadInput
 
 ABSTAIN = "abstain"
-"""The label of a verdict when something was done and the observers could not agree what."""
+"""The label of a verdict if a movement happened and the observers could not agree on it."""
 LABEL = re.compile(r"[a-z0-9_]{1,64}\Z")
 
 
 @dataclass(frozen=True, slots=True)
 class Vocabulary:
-    """Names of M movements in the order of every probability vector (1: M in {maestro, ..., nthrow}).
+    """Labels of M movements in the order of every probability vector (1: M in {maestro, ..., nthrow}).
 
-    Two processes understand each other when `digest` is equal: the order and every name count, the
-    vocabulary's own `name` does not.
+    Two processes understand each other if their `digest` is equal: order and labels count, `name` does not.
 
-    Raises BadInput for fewer than two labels, a repeated label, one not in [a-z0-9_]{1,64}, or `abstain`, which is the
-    judges' own word.
+    Raises BadInput for fewer than two labels, a repeated label, one not in [a-z0-9_]{1,64}, and `abstain`, which is the
+    label of a verdict without agreement.
     """
 
     labels: tuple[str, ...]
@@ -28,15 +27,15 @@ class Vocabulary:
 
     def __post_init__(self) -> None:
         if len(self.labels) < 2:
-            raise BadInput(f"vocabulary = {list(self.labels)}: at least two movements are needed to tell them apart")
+            raise BadInput(f"vocabulary = {list(self.labels)}: name at least two movements")
         for label in self.labels:
             if not LABEL.match(label):
-                raise BadInput(f"label {label!r}: lower case letters, digits and underscores only, 1 to 64 of them")
+                raise BadInput(f"label {label!r}: use 1 to 64 lower case letters, digits and underscores")
         if ABSTAIN in self.labels:
-            raise BadInput(f"label {ABSTAIN!r}: that is what judges say who cannot agree; choose another name")
+            raise BadInput(f"label {ABSTAIN!r}: reserved for verdicts without agreement; choose another label")
         if len(set(self.labels)) != len(self.labels):
             twice = next(label for label in self.labels if self.labels.count(label) > 1)
-            raise BadInput(f"label {twice!r} stands twice in the vocabulary: every movement needs a name of its own")
+            raise BadInput(f"label {twice!r} occurs twice in the vocabulary; give every movement a label of its own")
 
     @property
     def size(self) -> int:
@@ -45,18 +44,18 @@ class Vocabulary:
 
     @property
     def digest(self) -> str:
-        """First 16 hex digits of the SHA-256 of the labels, each ended by a newline."""
+        """First 16 hex digits of the SHA-256 of the labels, each followed by a newline."""
         return _digest(self.labels)
 
     def index(self, label: str) -> int:
-        """Position of `label`; raises BadInput that lists the known ones."""
+        """Position of `label`; raises BadInput that lists the known labels."""
         try:
             return self.labels.index(label)
         except ValueError:
             raise BadInput(f"label {label!r}: not in the vocabulary; known: {', '.join(self.labels)}") from None
 
 
-@cache
+@lru_cache(maxsize=64)
 def _digest(labels: tuple[str, ...]) -> str:
-    # Every message is checked against it, and a process meets few vocabularies.
+    # Every message is checked against it. Peers can send any number of vocabularies, so the cache is bounded.
     return hashlib.sha256("".join(f"{label}\n" for label in labels).encode()).hexdigest()[:16]

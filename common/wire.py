@@ -1,35 +1,65 @@
-"""Messages to bytes and back: the only file that knows MessagePack (docs/reference/wire.md).
+"""Messages to bytes and back: the only file that imports MessagePack (docs/reference/wire.md). Pure.
 
-1. Every message is one map with string keys; a field that says nothing (None) is left out, but a verdict's open
-   end is said as null, as the contract has it.
-2. Whatever bytes come in, the answer is a checked message or BadMessage, never anything else.
-3. The size is looked at before anything is unpacked, so that a peer cannot make us build what it never sent.
+1. A message is one map with string keys. A field that is None is omitted, except a verdict's `ended_ns`, which is null
+   while the movement goes on.
+2. Decoding any bytes gives a checked message or raises BadMessage, and nothing else.
+3. The size is checked before anything is decoded, and no message is sent that a receiver would reject for its size:
+   `encode` leaves out optional detail until it fits.
 """
 
-from typing import Any, Literal, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 import msgpack
 from pydantic import ValidationError
 
-from common.errors import LabanmeshError
-from common.messages import Message, PosteriorMessage, VocabularyMessage
-from common.vocabulary import Vocabulary
+from common.errors import BadInput, LabanmeshError
+from common.keys import observer_of, scene_of
+from common.messages import (
+    LAST_INTEGER,
+    Agreement,
+    JudgementMessage,
+    Message,
+    OngoingMovement,
+    PosteriorMessage,
+    StatusMessage,
+    VerdictMessage,
+    VocabularyMessage,
+    VocabularyReference,
+    Vote,
+)
+from common.text import plural
+from common.vocabulary import ABSTAIN, Vocabulary
+
+if TYPE_CHECKING:
+    from common.config import Scene
 
 SIZE_LIMIT = 64 * 1024
-"""Bytes; a posterior over 1000 movements takes 9 kB, a judgement of seven such judges 73 kB less their `p`."""
+"""Bytes that a receiver accepts; `encode` makes none longer."""
+OPTIONAL_DETAIL = (
+    ("votes", "p"),
+    ("votes", "facing"),
+    ("votes", "doubles"),
+    ("votes", "facets"),
+    ("contributions",),
+    ("facing",),
+    ("facets",),
+    ("observers",),
+)
+"""What `encode` leaves out of a message that is too long, in this order, until it fits."""
 DETAIL_LIMIT = 200
-"""Characters of a peer's fault that are worth a log line."""
-SAID_AS_NULL = frozenset({"ended_ns"})
-"""Fields whose None is a statement (the movement has not ended) and travels as null."""
+"""Characters of a decoding error that are worth a log line."""
+SENT_AS_NULL = frozenset({"ended_ns"})
+"""Fields whose None is information (the movement has not ended) and is sent as null."""
 
 Reason = Literal[
-    "too_large", "not_msgpack", "not_a_map", "wrong_version", "not_finite", "not_a_distribution", "malformed"
-]
+    "too_large", "not_msgpack", "not_a_map", "wrong_version", "not_finite", "not_a_distribution", "malformed",
+    "wrong_key", "foreign_vocabulary", "wrong_length",
+]  # fmt: skip
 M = TypeVar("M", bound=Message)
 
 
 class BadMessage(LabanmeshError):  # noqa: N818 - like BadInput: it names whose fault it is
-    """What a peer sent cannot be used. `reason` is from a small fixed set, for counting; `detail` is for people."""
+    """A peer sent something unusable. `reason` is from a small fixed set, for counting; `detail` is for people."""
 
     def __init__(self, reason: Reason, detail: str) -> None:
         self.reason: Reason = reason
@@ -38,55 +68,177 @@ class BadMessage(LabanmeshError):  # noqa: N818 - like BadInput: it names whose 
 
 
 def encode(message: Message) -> bytes:
-    """The message as one MessagePack map, in the order of its fields; the most frequent one as small as it can be."""
-    if isinstance(message, PosteriorMessage):
-        # Single precision loses what no camera has seen; what is as it is when left out is left out.
-        small: bytes = msgpack.packb(
-            {"v": message.v, **message.model_dump(exclude_defaults=True)}, use_single_float=True
+    """The message as one MessagePack map of at most SIZE_LIMIT bytes; posteriors in single precision.
+
+    A message that is longer loses OPTIONAL_DETAIL until it fits. Raises LabanmeshError if it does not fit even then.
+    """
+    fields = _fields(message)
+    # No camera can measure what single precision loses of a posterior.
+    single = isinstance(message, PosteriorMessage)
+    packed: bytes = msgpack.packb(fields, use_single_float=single)
+    for detail in OPTIONAL_DETAIL:
+        if len(packed) <= SIZE_LIMIT:
+            break
+        if _leave_out(fields, detail):
+            packed = msgpack.packb(fields, use_single_float=single)
+    if len(packed) > SIZE_LIMIT:
+        raise LabanmeshError(
+            f"{type(message).__name__}: {len(packed)} bytes without optional detail, a message holds {SIZE_LIMIT}; "
+            "use fewer observers or movements"
         )
-        return small
-    fields = {key: value for key, value in message.model_dump().items() if value is not None or key in SAID_AS_NULL}
-    packed: bytes = msgpack.packb(fields)
     return packed
 
 
 def encode_vocabulary(scene: str, vocabulary: Vocabulary) -> bytes:
-    """The names of the movements, for those who know only the hash; said by observers and fusion alike."""
-    labels = list(vocabulary.labels)
-    return encode(VocabularyMessage(scene=scene, name=vocabulary.name, hash=vocabulary.digest, labels=labels))
+    """The labels of the movements, for peers that know only the hash; observers and fusion services answer with it."""
+    return encode(_vocabulary_message(scene, vocabulary))
 
 
 def decode(kind: type[M], payload: bytes, size_limit: int = SIZE_LIMIT) -> M:
-    """The checked message of type `kind`; raises BadMessage, and nothing else, for any bytes that are none."""
+    """The checked message of type `kind`; raises BadMessage, and nothing else, for any other bytes."""
     if len(payload) > size_limit:
         raise BadMessage("too_large", f"more than {size_limit} bytes")
     fields = _unpack(payload)
     version = fields.get("v")
     if type(version) is not int or version not in kind.VERSIONS:
         raise BadMessage(
-            "wrong_version", f"v = {version!r}; this side speaks v = {' and '.join(map(str, kind.VERSIONS))}"
+            "wrong_version", f"v = {version!r}; this version reads v = {' and '.join(map(str, kind.VERSIONS))}"
         )
     try:
         return kind.model_validate(fields, strict=True)
     except ValidationError as error:
-        raise _fault(error) from None
+        raise _bad_field(error) from None
+
+
+def decode_from(key: str, kind: type[M], payload: bytes) -> M:
+    """Same as `decode`, for a message that arrived under `key`: the scene and process that it names must be the key's.
+
+    Access rules protect keys and not fields, so a process is identified by its key. Raises BadMessage.
+    """
+    message = decode(kind, payload)
+    if isinstance(message, PosteriorMessage):
+        claimed = message.observer, message.scene
+        agrees = message.is_of(scene_of(key), observer_of(key))
+    elif isinstance(message, StatusMessage):
+        claimed = message.id, message.scene
+        agrees = claimed == (observer_of(key), scene_of(key))
+    else:
+        claimed = "", getattr(message, "scene", "")
+        agrees = claimed[1] == key.rsplit("/", 2)[-2]
+    if not agrees:
+        raise BadMessage("wrong_key", f"{' in '.join(filter(None, claimed))} under {key}")
+    return message
+
+
+def check_vocabulary(message: JudgementMessage, vocabulary: Vocabulary) -> None:
+    """Raises BadMessage unless a judgement or verdict is entirely in `vocabulary`: its hash, lengths and labels."""
+    if message.vocabulary.hash != vocabulary.digest:
+        raise BadMessage("foreign_vocabulary", f"hash {message.vocabulary.hash}, this scene's is {vocabulary.digest}")
+    for p in (message.p, *(vote.p for vote in message.votes.values())):
+        if p is not None and len(p) != vocabulary.size:
+            raise BadMessage("wrong_length", f"{len(p)} probabilities for {vocabulary.size} movements")
+    labels = {message.label, *(vote.label for vote in message.votes.values())}
+    if message.movement is not None:
+        labels.add(message.movement.label)
+    # While no vote counts, a judgement has an empty label.
+    unknown = labels - {*vocabulary.labels, ABSTAIN, "", None}
+    if unknown:
+        raise BadMessage("malformed", f"label {min(map(str, unknown))!r} is not in the vocabulary")
+
+
+def largest_judgement(scene: str, observers: tuple[str, ...], vocabulary: Vocabulary, rule: str) -> int:
+    """Upper bound in bytes of a judgement or verdict without OPTIONAL_DETAIL, for these observers and movements."""
+    label = max(vocabulary.labels, key=len)
+    vote = Vote(
+        label=label, entropy=1.0, weight=1.0, age_s=1.0, state="counted", rest=1.0, skew_s=1.0, unlearned=1.0,
+        reliability=1.0,
+    )  # fmt: skip
+    longest_id, movement_id = "x" * 64, "m" * 128
+    movement = OngoingMovement(id=movement_id, began_ns=LAST_INTEGER, label=label, decided_ns=LAST_INTEGER)
+    verdict = VerdictMessage(
+        scene=scene,
+        fusion=longest_id,
+        seq=LAST_INTEGER,
+        at_ns=LAST_INTEGER,
+        vocabulary=VocabularyReference(name=vocabulary.name, hash=vocabulary.digest),
+        p=[1.0] * vocabulary.size,
+        label=label,
+        certainty_bits=1.0,
+        rule=rule,
+        votes=dict.fromkeys(observers, vote),
+        agreement=Agreement(k=LAST_INTEGER, n=LAST_INTEGER),
+        unlearned=1.0,
+        facing_deg=1.0,
+        movement=movement,
+        epoch=LAST_INTEGER,
+        session=longest_id,
+        id=movement_id,
+        began_ns=LAST_INTEGER,
+        decided_ns=LAST_INTEGER,
+        ended_ns=LAST_INTEGER,
+    )
+    return len(msgpack.packb(_fields(verdict)))
+
+
+def require_fits(scene: "Scene", vocabulary: Vocabulary | None = None) -> None:
+    """Raises BadInput, one line, if messages of `scene` cannot fit into SIZE_LIMIT even without optional detail.
+
+    vocabulary: the scene's own if None; a scene that names none is checked for its observers alone.
+    """
+    known = vocabulary or scene.named_vocabulary
+    checked = known or Vocabulary(("a", "b"))
+    size = largest_judgement(scene.scene, scene.roster, checked, scene.fusion.rule)
+    if size > SIZE_LIMIT:
+        parts = [plural(len(scene.roster), "observer"), *([plural(checked.size, "movement")] if known else [])]
+        raise BadInput(
+            f"scene {scene.scene!r}: {' and '.join(parts)} make judgements of up to {size} bytes, a message holds "
+            f"{SIZE_LIMIT}; use fewer of them or shorter names, or several scenes"
+        )
+    size = len(msgpack.packb(_fields(_vocabulary_message(scene.scene, checked))))
+    if size > SIZE_LIMIT:
+        raise BadInput(
+            f"scene {scene.scene!r}: the labels of {plural(checked.size, 'movement')} take {size} bytes, a message "
+            f"holds {SIZE_LIMIT}; use fewer movements or shorter labels"
+        )
+
+
+def _vocabulary_message(scene: str, vocabulary: Vocabulary) -> VocabularyMessage:
+    return VocabularyMessage(scene=scene, name=vocabulary.name, hash=vocabulary.digest, labels=list(vocabulary.labels))
+
+
+def _fields(message: Message) -> dict[str, Any]:
+    if isinstance(message, PosteriorMessage):
+        # The most frequent message: fields with their default value are omitted too.
+        return {"v": message.v, **message.model_dump(exclude_defaults=True)}
+    return {name: value for name, value in message.model_dump().items() if value is not None or name in SENT_AS_NULL}
+
+
+def _leave_out(fields: dict[str, Any], detail: tuple[str, ...]) -> bool:
+    """Whether there was such detail in `fields`. A vote keeps all its fields: what is left out of it becomes null."""
+    name, *inner = detail
+    if not inner:
+        return fields.pop(name, None) is not None
+    parts = [part for part in fields.get(name, {}).values() if part.get(inner[0]) is not None]
+    for part in parts:
+        part[inner[0]] = None
+    return bool(parts)
 
 
 def _unpack(payload: bytes) -> dict[str, Any]:
     size = len(payload)
     try:
-        # No part may claim more than the payload holds; extension types have no place in the schema.
+        # No part may claim more than the payload holds; the schema has no extension types.
         fields = msgpack.unpackb(payload, max_str_len=size, max_array_len=size, max_map_len=size, max_ext_len=0)
     except (ValueError, TypeError, OverflowError, RecursionError, msgpack.UnpackException) as error:
         raise BadMessage("not_msgpack", f"{type(error).__name__}: {error}") from None
     if not isinstance(fields, dict):
         raise BadMessage("not_a_map", f"a {type(fields).__name__}; a message is a map with string keys")
     if not all(isinstance(key, str) for key in fields):
-        raise BadMessage("not_a_map", "a key that is no string; a message is a map with string keys")
+        raise BadMessage("not_a_map", "a key that is not a string; a message is a map with string keys")
     return fields
 
 
-def _fault(error: ValidationError) -> BadMessage:
+def _bad_field(error: ValidationError) -> BadMessage:
     first = error.errors(include_url=False, include_context=False)[0]
     where = ".".join(str(part) for part in first["loc"])
     return BadMessage(_reason(first["type"], first["loc"], first["msg"]), f"{where}: {first['msg']}".removeprefix(": "))

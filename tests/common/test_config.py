@@ -109,7 +109,7 @@ def test_the_mesh_at_another_endpoint():
         (LEAST + '[mesh]\nprefix = "a b"', "mesh.prefix = 'a b': 1 to 64 characters"),
         (LEAST.replace("cam1", "Cam1"), "observers = 'Cam1': 1 to 64 characters"),
         (LEAST.replace('"dojo"', '"my dojo"'), "scene = 'my dojo': 1 to 64 characters"),
-        ('vocabulary = ["a", "a"]\n' + LEAST, "label 'a' stands twice"),
+        ('vocabulary = ["a", "a"]\n' + LEAST, "label 'a' occurs twice"),
         ('vocabulary = "ab"\n' + LEAST, "vocabulary = 'ab': must be a list"),
     ],
 )

@@ -38,13 +38,13 @@ def test_names_that_run_together_are_told_apart():
     [
         ((), "at least two"),
         (("bow",), "at least two"),
-        (("bow", "lunge", "bow"), "'bow' stands twice"),
-        (("bow", "Lunge"), "'Lunge': lower case"),
-        (("bow", ""), "'': lower case"),
+        (("bow", "lunge", "bow"), "'bow' occurs twice"),
+        (("bow", "Lunge"), "'Lunge': use 1 to 64"),
+        (("bow", ""), "'': use 1 to 64"),
         (("bow", "x" * 65), "1 to 64"),
-        (("bow", "lunge\n"), "lower case"),
-        (("bow", "größe"), "lower case"),
-        (("bow", "abstain"), "'abstain': that is what judges say"),
+        (("bow", "lunge\n"), "lower case letters"),
+        (("bow", "größe"), "lower case letters"),
+        (("bow", "abstain"), "'abstain': reserved"),
     ],
 )
 def test_bad_names_are_refused_in_one_line(labels, rule):

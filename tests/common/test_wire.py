@@ -1,16 +1,24 @@
-"""Messages to bytes and back; whatever comes in, BadMessage is all that comes out."""
+"""Messages to bytes and back: round-off, size, identity; any other bytes raise BadMessage and nothing else."""
 
 import contextlib
 import math
 
 import msgpack
+import numpy as np
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
+from pydantic import ValidationError
 
+from common import wire
+from common.config import ObserverConfig, Scene
+from common.errors import BadInput, LabanmeshError
 from common.messages import (
     Agreement,
+    Contribution,
+    Facing,
     JudgementMessage,
+    OngoingMovement,
     PosteriorMessage,
     StatusMessage,
     VerdictMessage,
@@ -19,53 +27,65 @@ from common.messages import (
     VocabularyReference,
     Vote,
 )
-from common.vocabulary import Vocabulary
-from common.wire import SIZE_LIMIT, BadMessage, decode, encode, encode_vocabulary
+from common.vocabulary import ABSTAIN, Vocabulary
+from common.wire import (
+    OPTIONAL_DETAIL,
+    SIZE_LIMIT,
+    BadMessage,
+    check_vocabulary,
+    decode,
+    decode_from,
+    encode,
+    encode_vocabulary,
+)
 
 IDS = st.text("abcdefghijklmnopqrstuvwxyz0123456789_-", min_size=1, max_size=64)
-TIMES = st.integers(0, 2**63)
+COUNTS = st.integers(0, 2**63 - 1)
 WORDS = st.text(st.characters(exclude_categories=["Cs"]), max_size=30)
-SHARES = st.lists(st.floats(0.01, 1), min_size=2, max_size=20).map(lambda mass: [m / sum(mass) for m in mass])
+DISTRIBUTIONS = st.lists(st.floats(0.01, 1), min_size=2, max_size=20).map(lambda mass: [m / sum(mass) for m in mass])
 REFERENCES = st.builds(VocabularyReference, name=WORDS, hash=WORDS)
 POSTERIORS = st.builds(
     PosteriorMessage,
     scene=IDS,
     observer=IDS,
-    seq=TIMES,
+    seq=COUNTS,
     session=WORDS,
-    captured_ns=TIMES,
-    sent_ns=TIMES,
+    captured_ns=COUNTS,
+    sent_ns=COUNTS,
     vocabulary=st.builds(VocabularyHash, name=WORDS, hash=WORDS),
-    p=SHARES,
+    p=DISTRIBUTIONS,
     rest=st.none() | st.floats(0, 1),
-    frames=TIMES,
+    frames=COUNTS,
     visible=st.dictionaries(WORDS, st.booleans(), max_size=4),
 )
 NUMBERS = st.floats(allow_nan=False, allow_infinity=False)
+PROBABILITIES = st.floats(0, 1)
 VOTES = st.builds(
     Vote,
     label=st.none() | WORDS,
-    entropy=st.none() | NUMBERS,
-    weight=NUMBERS,
+    entropy=st.none() | st.floats(0, 20),
+    weight=PROBABILITIES,
     age_s=st.none() | NUMBERS,
     state=st.sampled_from(["counted", "stale", "late", "silent", "foreign", "invalid"]),
-    p=st.none() | st.lists(NUMBERS, max_size=3),
+    p=st.none() | st.lists(PROBABILITIES, max_size=3),
 )
 JUDGED = {
     "scene": IDS,
     "fusion": IDS,
-    "seq": TIMES,
-    "at_ns": TIMES,
+    "seq": COUNTS,
+    "at_ns": COUNTS,
     "vocabulary": REFERENCES,
-    "p": SHARES,
+    "p": DISTRIBUTIONS,
     "label": WORDS,
-    "certainty_bits": NUMBERS,
+    "certainty_bits": st.floats(0, 20),
     "rule": WORDS,
     "votes": st.dictionaries(IDS, VOTES, max_size=4),
-    "agreement": st.builds(Agreement, k=TIMES, n=TIMES),
+    "agreement": st.builds(Agreement, k=COUNTS, n=COUNTS),
 }
 JUDGEMENTS = st.builds(JudgementMessage, **JUDGED)
-VERDICTS = st.builds(VerdictMessage, **JUDGED, id=WORDS, began_ns=TIMES, decided_ns=TIMES, ended_ns=st.none() | TIMES)
+VERDICTS = st.builds(
+    VerdictMessage, **JUDGED, id=WORDS, began_ns=COUNTS, decided_ns=COUNTS, ended_ns=st.none() | COUNTS
+)
 STATUSES = st.builds(
     StatusMessage,
     scene=IDS,
@@ -73,14 +93,14 @@ STATUSES = st.builds(
     state=st.sampled_from(["starting", "running", "degraded", "stopping", "failed"]),
     reason=WORDS,
     rate_hz=st.none() | NUMBERS,
-    last_frame_ns=st.none() | TIMES,
+    last_frame_ns=st.none() | COUNTS,
     skew_s=st.none() | NUMBERS,
     version=WORDS,
 )
-VOCABULARIES = st.builds(VocabularyMessage, scene=IDS, name=WORDS, hash=WORDS, labels=st.lists(WORDS, max_size=5))
 KINDS = (PosteriorMessage, JudgementMessage, VerdictMessage, StatusMessage, VocabularyMessage)
+NAMES = Vocabulary(("bow", "lunge"), "karate")
 
-SAID = {
+FIELDS = {
     "v": 1,
     "scene": "dojo",
     "observer": "cam1",
@@ -102,51 +122,98 @@ def reason_of(kind, payload):
 
 
 def changed(**fields):
-    return msgpack.packb({**SAID, **fields})
+    return msgpack.packb({**FIELDS, **fields})
 
 
-def test_a_map_from_another_language_is_read():
-    message = decode(PosteriorMessage, msgpack.packb({**SAID, "p": [0, 1], "colour": "red"}))
-    assert (message.p, message.visible, message.prior) == ([0.0, 1.0], {}, None)
+def vote(**fields):
+    return Vote(**{"label": "bow", "entropy": 1.0, "weight": 0.5, "age_s": 0.0, "state": "counted", **fields})
 
 
-def test_what_is_not_said_is_left_out_but_an_open_end_is_null():
-    message = decode(PosteriorMessage, changed())
-    assert set(msgpack.unpackb(encode(message))) == {*SAID}
-    verdict = VerdictMessage(
-        scene="d", fusion="f", seq=0, at_ns=1, vocabulary=VocabularyReference(name="m", hash="h"), p=[0.5, 0.5],
-        label="a", certainty_bits=1.0, rule="log", votes={}, agreement=Agreement(k=0, n=0), id="x", began_ns=1,
-        decided_ns=1,
-    )  # fmt: skip
-    assert msgpack.unpackb(encode(verdict))["ended_ns"] is None
+def verdict(**fields):
+    least = {
+        "scene": "dojo", "fusion": "main", "seq": 0, "at_ns": 5, "p": [0.5, 0.5], "label": "bow", "certainty_bits": 1.0,
+        "vocabulary": VocabularyReference(name="karate", hash=NAMES.digest), "rule": "log", "votes": {"cam1": vote()},
+        "agreement": Agreement(k=1, n=1), "id": "dojo-1", "began_ns": 3, "decided_ns": 5,
+    }  # fmt: skip
+    return VerdictMessage(**{**least, **fields})
 
 
-def test_the_vocabulary_says_its_names_in_order():
-    vocabulary = Vocabulary(("b", "a"), "two")
-    said = decode(VocabularyMessage, encode_vocabulary("dojo", vocabulary))
-    assert (said.labels, said.name, said.hash) == (["b", "a"], "two", vocabulary.digest)
+def test_a_map_from_another_language_is_decoded():
+    message = decode(PosteriorMessage, msgpack.packb({**FIELDS, "p": [0, 1], "colour": "red"}))
+    assert (message.p, message.visible, message.prior, message.rest) == ([0.0, 1.0], {}, None, None)
 
 
-@given(JUDGEMENTS | VERDICTS | STATUSES | VOCABULARIES)
-def test_a_message_survives_the_way(message):
+def test_none_is_omitted_but_an_open_end_is_null():
+    assert set(msgpack.unpackb(encode(decode(PosteriorMessage, changed())))) == {*FIELDS}
+    assert msgpack.unpackb(encode(verdict(label=ABSTAIN)))["ended_ns"] is None
+
+
+def test_a_message_is_immutable():
+    with pytest.raises(ValidationError, match="frozen"):
+        decode(PosteriorMessage, changed()).seq = 1
+
+
+@given(JUDGEMENTS | VERDICTS | STATUSES)
+def test_a_message_survives_the_round_trip(message):
     assert decode(type(message), encode(message)) == message
 
 
 @given(POSTERIORS)
-def test_a_posterior_survives_the_way_but_for_digits_that_single_precision_has_not(message):
-    said = decode(PosteriorMessage, encode(message))
-    assert said.model_copy(update={"p": message.p, "rest": message.rest}) == message
+def test_a_posterior_survives_the_round_trip_in_single_precision(message):
+    decoded = decode(PosteriorMessage, encode(message))
+    assert decoded.model_copy(update={"p": message.p, "rest": message.rest}) == message
     near = {"rel": 1e-7, "abs": 1e-45}
-    assert said.p == pytest.approx(message.p, **near)
-    assert said.rest == message.rest or said.rest == pytest.approx(message.rest, **near)
+    assert decoded.p == pytest.approx(message.p, **near)
+    assert decoded.rest == message.rest or decoded.rest == pytest.approx(message.rest, **near)
+
+
+@given(
+    st.lists(st.floats(-500, 500, width=32), min_size=2, max_size=40),
+    st.sampled_from([np.float32, np.float64]),
+    st.sampled_from([-1e-6, -1e-17, -0.0, 0.0, 1e-17, 1e-6]),
+)
+def test_round_off_of_any_softmax_survives_the_way_to_fusion_and_to_listeners(logits, precision, off):
+    log_p = np.array(logits, precision)
+    mass = np.exp(log_p - log_p.max())
+    p = [float(value) for value in mass / mass.sum()]
+    p[0] += off
+    entropy, nearly_one = float(-sum(q * math.log2(q) for q in p if q > 0)) * 1e-9 + off, 1.0 + abs(off)
+    message = PosteriorMessage(**{**FIELDS, "p": p, "rest": nearly_one, "unlearned": off, "facets": {"own": p}})
+    decoded = decode(PosteriorMessage, encode(message))
+    entry = vote(p=p, entropy=entropy, weight=nearly_one, rest=off, reliability=nearly_one, doubles={"b": nearly_one})
+    judged = verdict(p=p, certainty_bits=entropy, unlearned=off, votes={"cam1": entry})
+    judged = decode(VerdictMessage, encode(judged))
+    entry = judged.votes["cam1"]
+    values = [*decoded.p, decoded.rest, decoded.unlearned, *decoded.facets["own"], *judged.p, *entry.p, entry.weight]
+    values += [judged.unlearned, entry.rest, entry.reliability, entry.doubles["b"]]
+    assert all(0 <= value <= 1 and math.copysign(1, value) == 1 for value in values)
+    assert all(bits >= 0 and math.copysign(1, bits) == 1 for bits in (judged.certainty_bits, entry.entropy))
+
+
+@pytest.mark.parametrize("fields", [{"rest": 1.00001}, {"unlearned": -1e-5}, {"p": [1.00001, -0.00001]}])
+def test_what_is_more_than_round_off_is_rejected_by_sender_and_receiver(fields):
+    with pytest.raises(ValidationError):
+        PosteriorMessage(**{**FIELDS, **fields})
+    reason_of(PosteriorMessage, changed(**fields))
+    with pytest.raises(ValidationError):
+        vote(**fields)
+    with pytest.raises(ValidationError):
+        vote(entropy=-1e-5)
+
+
+@given(st.floats(-0.002, 0.002))
+def test_the_sum_may_miss_one_by_a_thousandth(error):
+    if abs(error) < 0.000999:
+        assert decode(PosteriorMessage, changed(p=[0.25, 0.75 + error]))
+    elif abs(error) > 0.001001:
+        assert reason_of(PosteriorMessage, changed(p=[0.25, 0.75 + error])) == "not_a_distribution"
 
 
 @given(POSTERIORS, IDS)
-def test_the_terse_version_leaves_to_the_key_who_speaks(message, other):
+def test_version_2_leaves_scene_and_observer_to_the_key(message, other):
     terse = message.model_copy(update={"v": 2, "scene": None, "observer": None})
-    said = decode(PosteriorMessage, encode(terse))
-    assert (said.v, said.scene, said.observer) == (2, None, None)
-    assert said.is_of("dojo", other) and message.is_of(message.scene, message.observer)
+    decoded = decode_from(f"laban/dojo/observer/{other}/posterior", PosteriorMessage, encode(terse))
+    assert (decoded.v, decoded.scene, decoded.observer) == (2, None, None)
     assert message.is_of("dojo", message.observer) == (message.scene == "dojo")
     assert reason_of(PosteriorMessage, encode(terse.model_copy(update={"v": 1}))) == "malformed"
 
@@ -156,8 +223,8 @@ def test_the_terse_version_leaves_to_the_key_who_speaks(message, other):
     [
         (b"", "not_msgpack"),
         (b"\xc1", "not_msgpack"),
-        (msgpack.packb(SAID)[:-1], "not_msgpack"),
-        (msgpack.packb(SAID) + b"\x00", "not_msgpack"),
+        (msgpack.packb(FIELDS)[:-1], "not_msgpack"),
+        (msgpack.packb(FIELDS) + b"\x00", "not_msgpack"),
         (b"\xdd\xff\xff\xff\xff", "not_msgpack"),
         (b"\x91" * 5000, "not_msgpack"),
         (b"\xa1\xff", "not_msgpack"),
@@ -176,17 +243,135 @@ def test_the_terse_version_leaves_to_the_key_who_speaks(message, other):
         (changed(p=[0.5, 0.6]), "not_a_distribution"),
         (changed(p=[1.5, -0.5]), "not_a_distribution"),
         (changed(prior=[0.1, 0.1]), "not_a_distribution"),
-        (changed(p=[1.0]), "malformed"),
-        (changed(p=["0.5", "0.5"]), "malformed"),
-        (changed(rest=1.5), "malformed"),
-        (changed(seq=-1), "malformed"),
-        (changed(observer="../judgement"), "malformed"),
-        (changed(p=None), "malformed"),
+        (changed(facets={"own": [0.1, 0.1]}), "not_a_distribution"),
+        *((changed(**fields), "malformed") for fields in (
+            {"p": [1.0]}, {"p": []}, {"p": ["0.5", "0.5"]}, {"p": None}, {"prior": [1.0]}, {"prior": [0.2, 0.3, 0.5]},
+            {"rest": 1.5}, {"seq": -1}, {"seq": 2**63}, {"captured_ns": 2**63}, {"sent_ns": -1}, {"frames": 2**64 - 1},
+            {"scene": "Dojo"}, {"scene": "dojo\n"}, {"observer": ""}, {"observer": "../judgement"},
+            {"vocabulary": "karate"}, {"visible": {"head": "perhaps"}}, {"session": None},
+            {"facing": {"surprise": [[0]]}}, {"facing": {"surprise": [[0], [0, 1]]}},
+            {"facets": {"own": [1.0] + [0.0] * 7000}}, {"facets": {"effort_time": [1.0]}}, {"facets": {"a b": [1.0]}},
+            {"facets": {f"own{n}": [1.0] for n in range(33)}},
+        )),
         (msgpack.packb({"v": 1}), "malformed"),
     ],
-)
+)  # fmt: skip
 def test_each_fault_has_its_reason(payload, reason):
     assert reason_of(PosteriorMessage, payload) == reason
+
+
+@pytest.mark.parametrize("name", set(FIELDS) - {"v"})
+def test_no_field_of_the_contract_may_be_missing(name):
+    assert reason_of(PosteriorMessage, msgpack.packb({k: x for k, x in FIELDS.items() if k != name})) == "malformed"
+
+
+@pytest.mark.parametrize(
+    "fields",
+    [
+        {"seq": 2**63}, {"at_ns": 2**63}, {"decided_ns": 2**64 - 1}, {"agreement": {"k": -1, "n": 0}},
+        {"votes": {"cam1": {"state": "asleep"}}}, {"certainty_bits": math.nan},
+        {"movement": {"id": "x", "began_ns": 2**63}},
+    ],
+)  # fmt: skip
+def test_a_listener_rejects_a_verdict_with_fields_out_of_range(fields):
+    whole = {**verdict().model_dump(), **fields}
+    assert reason_of(VerdictMessage, msgpack.packb(whole)) in ("malformed", "not_finite")
+
+
+@pytest.mark.parametrize(
+    ("fields", "reason"),
+    [
+        ({"label": "kick"}, "malformed"),
+        ({"votes": {"cam1": vote(label="kick")}}, "malformed"),
+        ({"movement": OngoingMovement(id="x", began_ns=1, label="kick")}, "malformed"),
+        ({"p": [0.2, 0.3, 0.5]}, "wrong_length"),
+        ({"votes": {"cam1": vote(p=[1.0])}}, "wrong_length"),
+        ({"vocabulary": VocabularyReference(name="karate", hash="0")}, "foreign_vocabulary"),
+    ],
+)
+def test_a_judgement_outside_the_vocabulary_is_rejected(fields, reason):
+    check_vocabulary(verdict(label=ABSTAIN), NAMES)
+    with pytest.raises(BadMessage) as caught:
+        check_vocabulary(verdict(**fields), NAMES)
+    assert caught.value.reason == reason
+
+
+@pytest.mark.parametrize(
+    ("key", "message"),
+    [
+        ("laban/dojo/observer/cam1/posterior", PosteriorMessage(**FIELDS)),
+        ("home/laban/dojo/observer/cam1/status", StatusMessage(scene="dojo", id="cam1", state="running")),
+        ("laban/dojo/fusion/main/status", StatusMessage(scene="dojo", id="main", state="running")),
+        ("laban/dojo/verdict", verdict()),
+        ("laban/dojo/vocabulary", decode(VocabularyMessage, encode_vocabulary("dojo", NAMES))),
+    ],
+)
+def test_a_message_that_names_another_sender_than_its_key_is_rejected(key, message):
+    assert decode_from(key, type(message), encode(message)) == message
+    others = {key.replace("dojo", "gym"), key.replace("cam1", "cam2").replace("main", "spare")} - {key}
+    for other in others:
+        with pytest.raises(BadMessage) as caught:
+            decode_from(other, type(message), encode(message))
+        assert caught.value.reason == "wrong_key"
+
+
+def test_the_hash_of_a_vocabulary_must_fit_its_labels():
+    decoded = decode(VocabularyMessage, encode_vocabulary("dojo", NAMES))
+    assert (decoded.labels, decoded.name, decoded.hash) == (["bow", "lunge"], "karate", NAMES.digest)
+    assert decoded.vocabulary == NAMES
+    whole = decoded.model_dump()
+    for fields in ({"hash": "0" * 16}, {"labels": ["lunge", "bow"]}, {"labels": ["bow"]}, {"labels": ["bow", "Bow"]}):
+        assert reason_of(VocabularyMessage, msgpack.packb({**whole, **fields})) == "malformed"
+
+
+def detail_left_out(fields):
+    """Which optional detail is missing in a judgement of which each vote has all of it."""
+    first = next(iter(fields["votes"].values()))
+    return [d for d in OPTIONAL_DETAIL if (first[d[1]] is None if len(d) == 2 else d[0] not in fields)]
+
+
+def test_a_judgement_that_is_too_long_loses_optional_detail_in_order_until_it_fits():
+    others, facets = {f"cam{n}": 0.5 for n in range(20)}, {"own": [0.5, 0.5]}
+    entry = vote(p=[0.01] * 100, facing=Facing(surprise=[[9] * 12] * 100), facets=facets, doubles=others)
+    contributions = dict.fromkeys(others, Contribution(nats=1.0, stands=True))
+    detail = [d for d in OPTIONAL_DETAIL if d not in (("facing",), ("observers",))]
+    steps = set()
+    for size in range(1000, 6900, 25):
+        message = verdict(
+            p=[1 / size] * size, facets=facets, contributions=contributions, votes=dict.fromkeys(others, entry)
+        )
+        payload = encode(message)
+        missing = [d for d in detail_left_out(msgpack.unpackb(payload)) if d in detail]
+        assert len(payload) <= SIZE_LIMIT and missing == detail[: len(missing)]
+        assert decode(VerdictMessage, payload).p == message.p
+        steps.add(len(missing))
+    assert 0 in steps and {1, 2, 3} & steps and max(steps) >= 4
+
+
+def test_a_message_that_cannot_fit_is_an_error_and_not_sent():
+    with pytest.raises(LabanmeshError, match=r"VerdictMessage: .* bytes without optional detail"):
+        encode(verdict(p=[0.0001] * 9000))
+
+
+def scene_of(observers, labels):
+    sections = {f"observer{n}": ObserverConfig(source="0") for n in range(observers)}
+    return Scene(scene="dojo", vocabulary=tuple(f"movement_{n:05}" for n in range(labels)), observers=sections)
+
+
+@pytest.mark.parametrize(
+    ("observers", "labels", "fault"),
+    [(4, 20, None), (200, 1000, None), (600, 20, "600 observers and 20 movements"), (1, 4400, "4400 movements take")],
+)
+def test_a_scene_whose_messages_cannot_fit_is_refused(observers, labels, fault):
+    scene = scene_of(observers, labels)
+    if fault is None:
+        wire.require_fits(scene)
+        votes = dict.fromkeys(scene.roster, vote(label=scene.vocabulary[0], p=[1 / labels] * labels, doubles={}))
+        assert len(encode(verdict(p=[1 / labels] * labels, votes=votes))) <= SIZE_LIMIT
+        return
+    with pytest.raises(BadInput, match=fault) as caught:
+        wire.require_fits(scene)
+    assert "\n" not in str(caught.value) and "use fewer" in str(caught.value)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -204,16 +389,16 @@ JSONLIKE = st.recursive(
 )
 
 
-@given(st.sampled_from(sorted(SAID)), JSONLIKE)
-def test_any_value_in_any_field_is_read_or_a_bad_message(field, value):
+@given(st.sampled_from(sorted(FIELDS)), JSONLIKE)
+def test_any_value_in_any_field_is_decoded_or_a_bad_message(field, value):
     try:
-        decode(PosteriorMessage, msgpack.packb({**SAID, field: value}))
+        decode(PosteriorMessage, msgpack.packb({**FIELDS, field: value}))
     except BadMessage as error:
         assert len(error.detail) <= 200
 
 
 @given(POSTERIORS.map(encode), st.data())
-def test_mutated_bytes_are_read_or_a_bad_message(payload, data):
+def test_mutated_bytes_are_decoded_or_a_bad_message(payload, data):
     mutated = bytearray(payload)
     for _ in range(data.draw(st.integers(1, 4))):
         mutated[data.draw(st.integers(0, len(mutated) - 1))] = data.draw(st.integers(0, 255))

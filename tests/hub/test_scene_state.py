@@ -86,8 +86,9 @@ def test_verdicts_are_few_and_each_stands_once(said, spoken):
 
 @given(st.lists(st.floats(), max_size=6), st.lists(st.floats(), max_size=6))
 def test_any_numbers_become_sorted_shares(said, p, judged):
-    votes = {"cam1": said.vote(p=p)}
-    state = folded(SceneState("room"), said.vocabulary(), said.judgement(p=judged, votes=votes), at=0)
+    votes = {"cam1": said.vote().model_copy(update={"p": p})}
+    judgement = said.judgement(votes=votes).model_copy(update={"p": judged})
+    state = folded(SceneState("room"), said.vocabulary(), judgement, at=0)
     for beliefs in (state.fused, state.judges[0].beliefs):
         shares = [round(belief.p, 2) for belief in beliefs]
         assert all(0 <= share <= 1 for share in shares) and shares == sorted(shares, reverse=True)

@@ -71,7 +71,7 @@ def test_a_line_says_how_it_is_done(said, capsys):
 
 
 def test_json_never_says_nan(said, capsys):
-    show_json(heard(said, said.judgement(p=(float("nan"), 0.5, 0.25, 0.25))))
+    show_json(heard(said, said.judgement().model_copy(update={"p": [float("nan"), 0.5, 0.25, 0.25]})))
     assert json.loads(capsys.readouterr().out, parse_constant=lambda word: 1 / 0)["p"][0] is None
 
 

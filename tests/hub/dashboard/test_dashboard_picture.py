@@ -30,9 +30,10 @@ def test_a_snapshot_has_all_that_a_browser_needs(said):
 
 
 def test_numbers_that_are_none_and_endless_words_do_not_reach_the_page(said):
-    votes = {"cam1": said.vote("x" * 1000, (math.nan, math.inf, 0.5, 0.5), weight=math.nan, age_s=math.inf)}
-    strange = said.judgement(votes=votes, p=(math.nan, 2.0, -1.0, 0.5), label="y" * 1000)
-    strange = strange.model_copy(update={"certainty_bits": math.nan})
+    odd = {"p": [math.nan, math.inf, 0.5, 0.5], "weight": math.nan, "age_s": math.inf}
+    votes = {"cam1": said.vote("x" * 1000).model_copy(update=odd)}
+    strange = said.judgement(votes=votes, label="y" * 1000)
+    strange = strange.model_copy(update={"p": [math.nan, 2.0, -1.0, 0.5], "certainty_bits": math.nan})
     text = json.dumps(snapshot(HALL, told(said, strange)), allow_nan=False, ensure_ascii=False)
     assert "xxx…" in text and "x" * 100 not in text and "y" * 100 not in text
 

@@ -304,11 +304,10 @@ def test_without_a_referee_the_scene_is_offline_and_nothing_goes_on(bridge, said
 
 
 def test_a_strangers_numbers_make_no_broken_json(bridge, said):
-    odd = {
-        "cam1": said.vote(p=(float("nan"), 1.0)).model_copy(update={"entropy": float("inf"), "weight": float("nan")})
-    }
-    state = at(said, going_on(said, p=(float("nan"), -1.0, 7.0, 0.1), votes=odd))
-    bridge.hear(said.verdict(1, votes=odd, p=(float("nan"), 2.0)), 0.0)
+    nan, inf = float("nan"), float("inf")
+    odd = {"cam1": said.vote().model_copy(update={"p": [nan, 1.0], "entropy": inf, "weight": nan})}
+    state = at(said, going_on(said, votes=odd).model_copy(update={"p": [nan, -1.0, 7.0, 0.1]}))
+    bridge.hear(said.verdict(1, votes=odd).model_copy(update={"p": [nan, 2.0]}), 0.0)
     for publication in bridge.look(state, frozenset(), 0.0):
         if publication.payload[:1] == "{":
             json.loads(publication.payload, parse_constant=pytest.fail)
