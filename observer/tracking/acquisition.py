@@ -1,4 +1,4 @@
-"""New hands: a moving piece of skin within the person's reach, there in several frames running."""
+"""New hands: a moving piece of skin within reach, present in several frames in a row, or a hand that hangs at rest."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,16 +9,16 @@ from observer.tracking.back_projection import SkinPatch
 from observer.tracks import Floats
 
 FRAMES = 3
-"""A candidate is believed when it was there in so many frames running."""
+"""A candidate is accepted after this many frames in a row."""
 LEAP = 1.2
-"""How far a candidate may go between two frames, face widths."""
+"""Farthest distance that a candidate may move between two frames, face widths."""
 MOVED = 0.3
 """Least share of a candidate's pixels that moved, in each of its frames: a lamp or a cupboard does not move."""
 
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """A patch and for how many frames running it was there."""
+    """A patch, and for how many frames in a row it was present."""
 
     patch: SkinPatch
     frames: int
@@ -28,62 +28,64 @@ class HandAcquisition:
     """Remembers candidates from frame to frame."""
 
     def __init__(self) -> None:
-        self._before: list[Candidate] = []
+        self._candidates: list[Candidate] = []
 
     def update(self, patches: Sequence[SkinPatch], face: float) -> list[SkinPatch]:
-        """Patches that may be hands now; `face` is the face's width in px. The believed ones, best first."""
-        now = []
-        left = list(self._before)
+        """Patches that may be hands -> the accepted ones, best first; `face`: face width in px."""
+        candidates = []
+        previous = list(self._candidates)
         for patch in patches:
             if patch.moved < MOVED:
                 continue
-            near = [c for c in left if _apart(c.patch.centre, patch.centre) < LEAP * face]
+            near = [c for c in previous if _distance(c.patch.centre, patch.centre) < LEAP * face]
             frames = 1
             if near:
-                nearest = min(near, key=lambda c: _apart(c.patch.centre, patch.centre))
-                left = [c for c in left if c is not nearest]
+                nearest = min(near, key=lambda c: _distance(c.patch.centre, patch.centre))
+                previous = [c for c in previous if c is not nearest]
                 frames += nearest.frames
-            now.append(Candidate(patch, frames))
-        self._before = now
-        return [c.patch for c in sorted(now, key=lambda c: (-c.frames, -c.patch.area)) if c.frames >= FRAMES]
+            candidates.append(Candidate(patch, frames))
+        self._candidates = candidates
+        best_first = sorted(candidates, key=lambda c: (-c.frames, -c.patch.area))
+        return [c.patch for c in best_first if c.frames >= FRAMES]
 
     def forget(self) -> None:
-        """Begin again."""
-        self._before = []
+        """Drop all candidates."""
+        self._candidates = []
 
 
-HANGS = ((0.6, 2.6), (3.0, 6.5))
-"""Where hands hang: away from the head's middle and below it, face widths."""
-RESTS_S, TREMBLES = 0.6, 0.3
-"""A hanging hand is believed when it was there for so long, never further from itself than so many face widths."""
+HANGING = ((0.6, 2.6), (3.0, 6.5))
+"""Where hands hang: distances beside and below the middle of the head, face widths."""
+REST_S, TREMBLE = 0.6, 0.3
+"""A hanging hand is accepted after this long, if it stays within this many face widths."""
 
 
 class RestingHands:
-    """A hand that does not move: the only skin where a hand hangs, on its side of the body, for a while."""
+    """Finds a hand that does not move: the only skin where a hand hangs, on its side of the body, for a while."""
 
     def __init__(self) -> None:
-        self._seen: dict[int, tuple[Floats, float]] = {}
+        self._candidates: dict[int, tuple[Floats, float]] = {}
 
     def update(self, pieces: Sequence[SkinPatch], head: Floats, face: float, seconds: float) -> dict[int, SkinPatch]:
-        """All pieces of skin in a frame -> those believed to be hanging hands, by side: -1 the picture's left, or 1."""
-        believed, now = {}, {}
+        """All skin patches of a frame -> accepted hanging hands, by side: -1 the picture's left, 1 its right."""
+        accepted, candidates = {}, {}
         for side in (-1, 1):
-            here = [p for p in pieces if _hangs((p.centre - head) * (side, 1) / face)]
-            if len(here) != 1:
+            patches = [p for p in pieces if _hangs((p.centre - head) * (side, 1) / face)]
+            if len(patches) != 1:
                 continue
-            place, since = self._seen.get(side, (here[0].centre, 0.0))
-            stayed = _apart(place, here[0].centre) < TREMBLES * face
-            now[side] = (place, since + seconds) if stayed else (here[0].centre, 0.0)
-            if now[side][1] >= RESTS_S:
-                believed[side] = here[0]
-        self._seen = now
-        return believed
+            centre = patches[0].centre
+            start, since_s = self._candidates.get(side, (centre, 0.0))
+            stayed = _distance(start, centre) < TREMBLE * face
+            candidates[side] = (start, since_s + seconds) if stayed else (centre, 0.0)
+            if candidates[side][1] >= REST_S:
+                accepted[side] = patches[0]
+        self._candidates = candidates
+        return accepted
 
 
-def _hangs(away: Floats) -> bool:
-    (left, right), (top, bottom) = HANGS
-    return bool(left < away[0] < right and top < away[1] < bottom)
+def _hangs(offset: Floats) -> bool:
+    (left, right), (top, bottom) = HANGING
+    return bool(left < offset[0] < right and top < offset[1] < bottom)
 
 
-def _apart(one: Floats, other: Floats) -> float:
+def _distance(one: Floats, other: Floats) -> float:
     return float(np.hypot(*(one - other)))

@@ -9,85 +9,85 @@ from common.errors import BadInput
 from observer.tracking.back_projection import SKIN, BackProjection, PixelRect, shrunk, step_for
 from observer.tracking.background_model import ForegroundDetector, SkinBackground
 from observer.tracking.hands import HandTracker
-from observer.tracking.head import DOUBTED_S, LOST_S, WHY_NOT, Box, FaceFinder, HeadTracker, have_cascade, middle
+from observer.tracking.head import DOUBTED_S, LOST_S, NO_CASCADE, Box, FaceFinder, HeadTracker, have_cascade, middle
 from observer.tracking.kalman import HEAD_ACCELERATION, TrackedPart
 from observer.tracking.skin import Picture, SkinHistogram
 from observer.tracks import BODY_PARTS, Floats, Frame, State, Tracks
 
-PATIENCE_S = 5.0
-"""So long no face may be found before anybody is told; and so long what was told stands."""
+ADVISE_AFTER_S = 5.0
+"""Time without a face before advice is given, and least time for which an advice stands."""
 DARK = 40.0
-"""Mean of a picture, 0 to 255, under which hues are noise."""
+"""Mean of a picture (0 to 255) below which hues are noise."""
 COVERED = 0.2
-"""Where more of the picture has the colour of a face, either is none, or nothing can be told by colour."""
+"""If more of the picture has the colour of a face, the face is false or colour is no cue in this room."""
 NARROW_PX = 24.0
-"""A hand of a face narrower than this is about a dozen pixels wide."""
+"""With a face narrower than this, a hand is about a dozen pixels wide."""
 
 
-def explain_loss(unfound_s: float, brightness: float, covered: float, face_px: float | None) -> str:
-    """One line, or "" when all is well.
+def explain_loss(lost_s: float, brightness: float, covered: float, face_px: float | None) -> str:
+    """Why the tracker does not suit the picture and what would help, in one line; "" when it suits.
 
-    unfound_s: for how long no face was found. brightness: the picture's mean, 0 to 255. covered: share of the picture
-    in the colour of the face found last, 0 to 1. face_px: its width, None before the first.
+    lost_s: time without a face. brightness: mean of the picture, 0 to 255. covered: share of the picture in the colour
+    of the last face, 0 to 1. face_px: its width, None before the first.
     """
-    if unfound_s < PATIENCE_S:
+    if lost_s < ADVISE_AFTER_S:
         if face_px is not None and face_px < NARROW_PX:
-            return f'the face is {face_px:.0f} px wide: nearer, a larger picture, or tracker = "mediapipe"'
+            return f'the face is only {face_px:.0f} px wide: come nearer, use larger pictures, or tracker = "mediapipe"'
         return ""
-    lost = f"no face found for {PATIENCE_S:.0f} s"
+    lost = f"no face found for {ADVISE_AFTER_S:.0f} s"
     if brightness < DARK:
-        return f'{lost}: the picture is dark (mean {brightness:.0f} of 255); more light, or tracker = "mediapipe"'
+        return f'{lost}: the picture is dark (mean {brightness:.0f} of 255); add light, or use tracker = "mediapipe"'
     if covered >= COVERED:
-        return f'{lost}: skin colour covers {covered:.0%} of the picture; another wall, or tracker = "mediapipe"'
-    return f'{lost}: face the camera, come nearer, or tracker = "mediapipe"'
+        share = f"skin colour covers {covered:.0%} of the picture"
+        return f'{lost}: {share}; change the background, or use tracker = "mediapipe"'
+    return f'{lost}: face the camera, come nearer, or use tracker = "mediapipe"'
 
 
 class TrackingAdvice:
-    """Keeps the line while nothing new is to be said."""
+    """Holds the current advice in `complaint`, and changes it at most every ADVISE_AFTER_S."""
 
     def __init__(self) -> None:
-        self.complaint, self._unfound_s, self._stood_s = "", 0.0, PATIENCE_S
+        self.complaint, self._lost_s, self._stood_s = "", 0.0, ADVISE_AFTER_S
 
     def update(self, followed: bool, face_px: float | None, covered: float, small: Picture, seconds: float) -> None:
-        """After each frame; followed: whether there is a head now; small: the picture, of any size."""
-        self._unfound_s = 0.0 if followed else self._unfound_s + seconds
+        """Process one frame. followed: whether a head is tracked. small: the picture, of any size."""
+        self._lost_s = 0.0 if followed else self._lost_s + seconds
         self._stood_s += seconds
-        well = followed and (face_px is None or face_px >= NARROW_PX)
-        if well:
-            self.complaint, self._stood_s = "", PATIENCE_S
-        elif self._stood_s >= PATIENCE_S:
-            said = explain_loss(self._unfound_s, float(small[::8, ::8].mean()), covered, face_px)
-            self.complaint, self._stood_s = said, 0.0 if said else PATIENCE_S
+        if followed and (face_px is None or face_px >= NARROW_PX):
+            self.complaint, self._stood_s = "", ADVISE_AFTER_S
+        elif self._stood_s >= ADVISE_AFTER_S:
+            self.complaint = explain_loss(self._lost_s, float(small[::8, ::8].mean()), covered, face_px)
+            self._stood_s = 0.0 if self.complaint else ADVISE_AFTER_S
 
 
 SHORT_SIDE = 240
-"""Until a face is found pictures are looked at about so large."""
+"""Until a face is found, pictures are reduced to about this shorter side, px."""
 SIDEWAYS = 0.5
-"""A person turned further away than this (cosine) shows one hand before the other: their names are not told."""
+"""Cosine of the turn beyond which one hand hides the other: then left and right are not distinguished."""
 REACH = (5.5, 6.0, 1.0)
-"""Half width and height of what hands can reach, and how far its middle is below the head, face widths."""
+"""Half width and half height of the region that hands reach, and how far its middle is below the head, face widths."""
 
 
 class CamshiftTracker:
-    """A `observer.tracks.Tracker` of pictures (H, W, 3) uint8 BGR; centres in px of the picture given.
+    """A `Tracker` of pictures (H, W, 3) uint8 BGR; centres in px of the picture.
 
-    skin: a saved histogram, else it is learned from the face. face_region: (x, y, width, height) px of the face in the
-    first picture, for an OpenCV without cascade or a face that it does not find. BadInput where there is neither.
-    facing: 1 where the person faces the camera, -1 where his back is seen, between from the side
-    (`observer.geometry.views.facing`): which hand is which is told by it, and from the side not at all.
+    skin: a saved histogram; None learns it from the face. face_region: (x, y, width, height) px of the face in the
+    first picture, for an OpenCV without cascade or a face that it does not find. facing: 1 for a person who faces the
+    camera, -1 for one seen from behind, between from the side (`observer.geometry.views.facing`); it decides which
+    hand is which, and from the side they stay unnamed. Raises BadInput without cascade, skin and face region.
     """
 
     def __init__(self, skin: SkinHistogram | None = None, face_region: Box | None = None, facing: float = 1.0) -> None:
         if face_region is None and skin is None and not have_cascade():
-            raise BadInput(WHY_NOT)
+            raise BadInput(NO_CASCADE)
         self._head = HeadTracker(FaceFinder() if have_cascade() else None, skin, away=facing < 0)
         self._region = face_region
         self._hands, self._head_part = (
             HandTracker(np.array([-1.0 if facing < 0 else 1.0, 1.0])),
             TrackedPart(HEAD_ACCELERATION),
         )
-        self._nameless = abs(facing) < SIDEWAYS
-        self._motion, self._backdrop, self._hint = ForegroundDetector(), SkinBackground(), TrackingAdvice()
+        self._unnamed = abs(facing) < SIDEWAYS
+        self._foreground, self._background, self._advice = ForegroundDetector(), SkinBackground(), TrackingAdvice()
         self._step: int | None = None
         self._covered = 0.0
         self._before_ns: int | None = None
@@ -95,53 +95,52 @@ class CamshiftTracker:
 
     @property
     def body_parts(self) -> Sequence[str]:
-        """left_hand, right_hand, head: the person's own left and right, who faces an unmirrored camera."""
+        """left_hand, right_hand, head: left and right of the person, seen by a camera that does not mirror."""
         return BODY_PARTS
 
     @property
     def skin(self) -> SkinHistogram | None:
-        """The histogram as it is now, to be saved; None until a face taught one."""
+        """The current histogram, e.g. to be saved; None until it was learned from a face."""
         return self._head.skin
 
     @property
     def complaint(self) -> str:
-        """Why little can be made out, and what would help; "" when all is well."""
-        return self._hint.complaint
+        """Why the tracker finds little, and what would help; "" when all is well."""
+        return self._advice.complaint
 
     def update(self, frame: Frame) -> Tracks:
-        """Centres (3, 2) px in the newest picture, NaN for a part that is not seen; BadInput for what is no picture."""
+        """Centres (3, 2) px in the newest picture, NaN for a part not seen; BadInput for a wrong shape or type."""
         picture = _checked(frame.content)
         seconds = 0.0 if self._before_ns is None else min(max((frame.at_ns - self._before_ns) / 1e9, 0.0), 1.0)
         self._before_ns = frame.at_ns
         self._hands.predict(seconds)
         self._head_part.predict(seconds)
         self._find_head(picture, seconds)
-        step = self._step_now(picture)
+        step = self._current_step(picture)
         small = shrunk(picture, step)
-        self._hint.update(self._head_part.filter is not None, self._head.face, self._covered, small, seconds)
-        moved, fresh = self._motion.update(small, seconds, self._seen(step))
-        skin, face, at = self._head.skin, self._head.face, self._head_at
-        if skin is not None and face is not None and at is not None:
-            region = _reach(at, face, step, small.shape)
-            retina = BackProjection.of(
-                small, step, skin, (moved, fresh, self._backdrop.stale(region, small.shape)), region
-            )
-            at = self._follow_head(retina, at, face, seconds)
-            self._hands.follow(retina, at, face, seconds, self._head_part.filter is not None)
-            self._learn_backdrop(retina, seconds)
+        self._advice.update(self._head_part.filter is not None, self._head.face, self._covered, small, seconds)
+        masks = self._foreground.update(small, seconds, self._parts_seen(step))
+        skin, face, head = self._head.skin, self._head.face, self._head_at
+        if skin is not None and face is not None and head is not None:
+            region = _reach(head, face, step, small.shape)
+            background = self._background.mask(region, small.shape)
+            image = BackProjection.of(small, step, skin, (*masks, background), region)
+            head = self._follow_head(image, head, face, seconds)
+            self._hands.follow(image, head, face, seconds, self._head_part.filter is not None)
+            self._learn_background(image, seconds)
             self._adapt(picture, small, step, seconds)
         return self._tracks()
 
     def _tracks(self) -> Tracks:
         parts = (*self._hands.parts, self._head_part)
         seen, unsure = (np.array([_centre(part, state) for part in parts]) for state in (State.SEEN, State.UNSURE))
-        if self._nameless:
+        if self._unnamed:
             unsure[:2] = np.where(np.isfinite(seen[:2]), seen[:2], unsure[:2])
             seen[:2] = np.nan
         return Tracks(seen, unsure)
 
-    def _step_now(self, picture: Picture) -> int:
-        """Pixels to one that is looked at; kept while it about fits, since the background begins anew with another."""
+    def _current_step(self, picture: Picture) -> int:
+        """The reduction of the picture; kept while it about fits, since a new one starts the background over."""
         if self._head.face is None:
             return max(1, int(min(picture.shape[:2])) // SHORT_SIDE)
         wanted = step_for(self._head.face)
@@ -149,7 +148,7 @@ class CamshiftTracker:
             self._step = wanted
         return self._step
 
-    def _seen(self, step: int) -> list[tuple[Floats, float]]:
+    def _parts_seen(self, step: int) -> list[tuple[Floats, float]]:
         parts = (*self._hands.parts, self._head_part)
         return [
             (p.filter.centre / step, p.side / step) for p in parts if p.filter is not None and p.state is State.SEEN
@@ -161,7 +160,7 @@ class CamshiftTracker:
             marked, self._region = self._region, None
             self._start_head(picture, marked, marked=True)
             return
-        box = self._head.look(picture, None if head.filter is None else head.filter.centre, seconds)
+        box = self._head.search(picture, None if head.filter is None else head.filter.centre, seconds)
         if box is None:
             return
         if head.filter is None:
@@ -182,16 +181,16 @@ class CamshiftTracker:
             self._head_part.acquire(middle(box), mass, float(w))
             self._head_at = middle(box)
 
-    def _follow_head(self, retina: BackProjection, at: Floats, face: float, seconds: float) -> Floats:
-        """(2,) px: where it is, or where it was last, `at`."""
+    def _follow_head(self, image: BackProjection, last: Floats, face: float, seconds: float) -> Floats:
+        """(2,) px: the head's centre, or `last` while it is not measured."""
         head = self._head_part
         if head.filter is None:
-            return at
+            return last
         wide = min(head.side + 2 * float(np.sqrt(head.filter.variance)), 3 * face)
-        found = retina.camshift(head.filter.centre, head.side, wide, self._hands.masks(), head=True)
-        if found is not None and head.fits(found.area) and head.expects(found.centre):
-            head.measured(found.centre, found.area)
-            self._head_at = at = head.filter.centre.copy()
+        patch = image.camshift(head.filter.centre, head.side, wide, self._hands.masks(), head=True)
+        if patch is not None and head.fits(patch.area) and head.expects(patch.centre):
+            head.measured(patch.centre, patch.area)
+            self._head_at = last = head.filter.centre.copy()
         else:
             head.not_measured(seconds)
         strayed_s = 0.0 if head.filter is None else self._head.strayed_s(head.filter.centre)
@@ -199,21 +198,21 @@ class CamshiftTracker:
             head.lose()
         elif strayed_s > DOUBTED_S and head.state is State.SEEN:
             head.doubt()
-        return at
+        return last
 
-    def _learn_backdrop(self, retina: BackProjection, seconds: float) -> None:
-        step = retina.step
+    def _learn_background(self, image: BackProjection, seconds: float) -> None:
+        step = image.step
         parts = [
             (p.filter.centre / step, p.side / step)
             for p in (*self._hands.parts, self._head_part)
             if p.filter is not None
         ]
-        self._backdrop.learn(retina.skin, retina.region, seconds, parts)
-        for patch in self._hands.found:
-            self._backdrop.clear(patch.centre / step, float(np.sqrt(patch.area)) / step)
+        self._background.learn(image.skin, image.region, seconds, parts)
+        for patch in self._hands.acquired:
+            self._background.clear(patch.centre / step, float(np.sqrt(patch.area)) / step)
 
     def _adapt(self, picture: Picture, small: Picture, step: int, seconds: float) -> None:
-        """Now and then, from a head that is seen and has no hand before it."""
+        """Adapt the skin histogram from a head that is seen and has no hand in front of it."""
         head, face = self._head_part, float(self._head.face or 0)
         if head.filter is None or head.state is not State.SEEN:
             return

@@ -1,4 +1,4 @@
-"""The two hands from frame to frame: what is measured, whose it is, and where lost ones are found again."""
+"""The two hands from frame to frame: measurement, assignment, left and right, and reacquisition."""
 
 from collections.abc import Sequence
 
@@ -11,30 +11,31 @@ from observer.tracking.sides import LEFT, RIGHT, HandednessEvidence, name_first,
 from observer.tracks import Floats, State
 
 HAND = (0.06, 0.6)
-"""Areas of a new hand, squared face widths."""
+"""Least and largest area of a new hand, squared face widths."""
 HEAD_ELLIPSE = (0.55, 0.75)
 """Half axes of the head, face widths."""
 MASK = 0.5
-"""Half axis of what hides a hand from the search for the other one, sides of its square."""
+"""Half axis of the ellipse that masks a hand in the search for the other one, in sides of its square."""
 GROWN = 1.4
-"""New hands are looked for outside an ellipse so much larger: the neck is skin too."""
+"""New hands are searched outside a head ellipse enlarged by this factor: the neck is skin too."""
 FURTHEST = 3.0
-"""A hand is looked for no further than this from where it was expected, face widths."""
+"""Farthest distance of a hand from its prediction, face widths."""
 MEETING = 1.6
-"""Two hands are together when they are expected nearer than so many of their sides."""
+"""Two hands meet when their predictions are nearer than this many of their sides."""
 STILL = 0.7
-"""A hand slower than this keeps still, face widths a second."""
-NEVER = 1e6
+"""A hand slower than this is still, face widths per s."""
+IMPOSSIBLE = 1e6
+"""A cost beyond every gate."""
 
 
 class HandTracker:
-    """Left and right; lengths in px, `face` is the face's width."""
+    """The left and the right hand; lengths in px, `face` is the face width."""
 
     def __init__(self, mirror: Floats) -> None:
-        """mirror: (2,) by which places are multiplied before sides are named: u is negated for a person's back."""
+        """mirror: (2,) factor applied to centres before sides are named; u is negated for a person seen from behind."""
         self.parts = [TrackedPart(HAND_ACCELERATION), TrackedPart(HAND_ACCELERATION)]
-        self.found: list[SkinPatch] = []
-        self._acquisition, self._resting, self._doubt, self._mirror = (
+        self.acquired: list[SkinPatch] = []
+        self._acquisition, self._resting, self._handedness, self._mirror = (
             HandAcquisition(),
             RestingHands(),
             HandednessEvidence(),
@@ -42,46 +43,46 @@ class HandTracker:
         )
 
     def predict(self, seconds: float) -> None:
-        """Let time pass."""
+        """Predict ahead."""
         for part in self.parts:
             part.predict(seconds)
 
     def masks(self, but: int | None = None) -> list[Mask]:
-        """Where the hands are, for who looks for something else."""
+        """Ellipses about the hands except `but`, to be ignored in the search for other parts."""
         return [
             (part.filter.centre, (MASK * part.side, MASK * part.side))
             for row, part in enumerate(self.parts)
             if row != but and part.filter is not None
         ]
 
-    def follow(self, retina: BackProjection, head: Floats, face: float, seconds: float, findable: bool) -> None:
-        """One frame; head: (2,) where it was last. findable: it is followed, so that new hands may be named."""
-        self.found = []
-        pieces = retina.blobs([_ellipse(head, face)], HAND[0] * face**2 / 2, HAND[1] * face**2)
-        patches = [*self._measured(retina, head, face), *pieces]
+    def follow(self, image: BackProjection, head: Floats, face: float, seconds: float, findable: bool) -> None:
+        """Process one frame. head: (2,) last centre. findable: the head is tracked, so new hands can be named."""
+        self.acquired = []
+        pieces = image.blobs([_ellipse(head, face)], HAND[0] * face**2 / 2, HAND[1] * face**2)
+        patches = [*self._measured(image, head, face), *pieces]
         patches = self._unmerged(_distinct(patches))
         self._assign(patches, face, seconds)
         self._check_names(head, face, seconds)
         if findable:
-            self._find_resting(retina, head, face, seconds)
-            self._find([p for p in pieces if _outside(p.centre, head, GROWN * face)], head, face)
+            self._acquire_resting(image, head, face, seconds)
+            self._acquire_moving([p for p in pieces if _outside(p.centre, head, GROWN * face)], head, face)
         else:
             self._acquisition.forget()
 
-    def _measured(self, retina: BackProjection, head: Floats, face: float) -> list[SkinPatch]:
-        """Where CAMshift comes to rest from where each hand is expected; hands that meet would pull at each other's."""
-        found: list[SkinPatch] = []
+    def _measured(self, image: BackProjection, head: Floats, face: float) -> list[SkinPatch]:
+        """CAMshift from the prediction of each hand; none when the hands meet, since each would attract the other's."""
+        patches: list[SkinPatch] = []
         if self._meeting():
-            return found
+            return patches
         for row, part in enumerate(self.parts):
             if part.filter is None:
                 continue
             wide = min(part.side + 2 * float(np.sqrt(part.filter.variance)), FURTHEST * face)
             masks = [_ellipse(head, face), *self.masks(row)]
-            patch = retina.camshift(part.filter.centre, part.side, wide, masks)
+            patch = image.camshift(part.filter.centre, part.side, wide, masks)
             if patch is not None:
-                found.append(patch)
-        return found
+                patches.append(patch)
+        return patches
 
     def _meeting(self) -> bool:
         left, right = self.parts
@@ -90,27 +91,27 @@ class HandTracker:
         return float(np.hypot(*(left.filter.centre - right.filter.centre))) < MEETING * max(left.side, right.side)
 
     def _unmerged(self, patches: list[SkinPatch]) -> list[SkinPatch]:
-        """Where two hands are expected together and one piece of skin is, it is both: neither is measured by it."""
+        """When the hands meet and only one patch is there, it is both hands and measures neither: drop it."""
         left, right = (part.filter for part in self.parts)
         if left is None or right is None or not self._meeting():
             return patches
         near = MEETING * max(part.side for part in self.parts)
         middle = (left.centre + right.centre) / 2
-        there = [patch for patch in patches if float(np.hypot(*(patch.centre - middle))) < near]
-        if len(there) > 1:
+        merged = [patch for patch in patches if float(np.hypot(*(patch.centre - middle))) < near]
+        if len(merged) > 1:
             return patches
-        self._doubt.merged()
-        return [patch for patch in patches if all(patch is not other for other in there)]
+        self._handedness.add_merge()
+        return [patch for patch in patches if all(patch is not other for other in merged)]
 
     def _assign(self, patches: Sequence[SkinPatch], face: float, seconds: float) -> None:
         known = [part for part in self.parts if part.filter is not None]
         cost = np.array([[_cost(part, patch, face) for patch in patches] for part in known]).reshape(
             len(known), len(patches)
         )
-        chosen = assign(cost, GATE)
+        columns = assign(cost, GATE)
         if len(known) == 2:
-            self._doubt.heard(cost, chosen)
-        for part, column in zip(known, chosen, strict=True):
+            self._handedness.add_assignment(cost, columns)
+        for part, column in zip(known, columns, strict=True):
             if column is None:
                 part.not_measured(seconds)
             else:
@@ -120,32 +121,32 @@ class HandTracker:
         left, right = self.parts
         if left.filter is None or right.filter is None:
             return
-        places = [self._mirror * kf.centre for kf in (left.filter, right.filter)]
+        centres = [self._mirror * kf.centre for kf in (left.filter, right.filter)]
         middle = self._mirror * head
-        if left.state is right.state is State.SEEN and self._doubt.exchange(places[0], places[1], face, seconds):
+        if left.state is right.state is State.SEEN and self._handedness.exchange(centres[0], centres[1], face, seconds):
             self.parts.reverse()
             return
-        # In doubt, exchanged as it seems, and on the other hand's side of the head: nothing is claimed.
-        exchanged = self._doubt.doubtful and places[0][0] < places[1][0]
-        for hand, place, outwards in ((left, places[0], 1), (right, places[1], -1)):
-            if exchanged and hand.state is State.SEEN and outwards * (place[0] - middle[0]) < 0:
+        # Doubtful, apparently exchanged, and on the other hand's side of the head: unsure rather than wrong.
+        exchanged = self._handedness.doubtful and centres[0][0] < centres[1][0]
+        for hand, centre, outwards in ((left, centres[0], 1), (right, centres[1], -1)):
+            if exchanged and hand.state is State.SEEN and outwards * (centre[0] - middle[0]) < 0:
                 hand.doubt()
 
-    def _find_resting(self, retina: BackProjection, head: Floats, face: float, seconds: float) -> None:
+    def _acquire_resting(self, image: BackProjection, head: Floats, face: float, seconds: float) -> None:
         missing = [row for row in (LEFT, RIGHT) if self.parts[row].state is State.MISSING]
         if not missing:
             return
-        skin = retina.blobs([_ellipse(head, face)], HAND[0] * face**2, HAND[1] * face**2, backdrop=True)
-        taken = [part.filter.centre for part in self.parts if part.filter is not None]
+        skin = image.blobs([_ellipse(head, face)], HAND[0] * face**2, HAND[1] * face**2, background=True)
+        occupied = [part.filter.centre for part in self.parts if part.filter is not None]
         for side, patch in self._resting.update(skin, head, face, seconds).items():
             row = RIGHT if side * self._mirror[0] < 0 else LEFT
-            if row in missing and _apart_from(patch.centre, taken, face):
+            if row in missing and _is_apart(patch.centre, occupied, face):
                 self._acquire(row, patch, face)
 
-    def _find(self, pieces: Sequence[SkinPatch], head: Floats, face: float) -> None:
+    def _acquire_moving(self, pieces: Sequence[SkinPatch], head: Floats, face: float) -> None:
         free = [row for row in (LEFT, RIGHT) if self._is_free(row, face)]
-        taken = [part.filter.centre for part in self.parts if part.filter is not None and part.state is State.SEEN]
-        pieces = [p for p in pieces if _apart_from(p.centre, taken, 0.7 * face)]
+        occupied = [p.filter.centre for p in self.parts if p.filter is not None and p.state is State.SEEN]
+        pieces = [p for p in pieces if _is_apart(p.centre, occupied, 0.7 * face)]
         hands = self._acquisition.update(pieces, face)[: max(len(free), 1)]
         if len(hands) == 2:
             for row, index in self._name_two(hands).items():
@@ -154,23 +155,23 @@ class HandTracker:
             self._name_one(hands[0], free, head, face)
 
     def _name_two(self, hands: Sequence[SkinPatch]) -> dict[int, int]:
-        """As they are expected, while that is known; else by their sides."""
+        """By the predictions of the two filters while both exist, else by their sides."""
         left, right = (part.filter for part in self.parts)
         if left is None or right is None:
             return name_two([self._mirror * p.centre for p in hands])
-        away = [[float(np.hypot(*(kf.centre - p.centre))) for p in hands] for kf in (left, right)]
-        first = int(away[0][0] + away[1][1] > away[0][1] + away[1][0])
+        distances = [[float(np.hypot(*(kf.centre - p.centre))) for p in hands] for kf in (left, right)]
+        first = int(distances[0][0] + distances[1][1] > distances[0][1] + distances[1][0])
         return {LEFT: first, RIGHT: 1 - first}
 
     def _is_free(self, row: int, face: float) -> bool:
-        """Not seen, and not just passing behind the other hand, from where its filter will take it."""
+        """Whether the hand is not seen and not just passing behind the other hand, where its filter bridges the gap."""
         part, other = self.parts[row].filter, self.parts[LEFT + RIGHT - row].filter
         if self.parts[row].lost or part is None or other is None:
             return self.parts[row].state is not State.SEEN
-        return self.parts[row].state is not State.SEEN and _apart_from(part.centre, [other.centre], 2 * face)
+        return self.parts[row].state is not State.SEEN and _is_apart(part.centre, [other.centre], 2 * face)
 
     def _take_over(self, hand: SkinPatch, head: Floats, face: float) -> bool:
-        """What moves is the hand of its side, where the one that was thought to be that hand keeps still."""
+        """Whether `hand`, which moves, replaces the tracked hand of its side, which is still."""
         row = name_first(self._mirror * hand.centre, self._mirror * head, 0.6 * face)
         if row is None or self.parts[row].state is not State.SEEN:
             return False
@@ -181,24 +182,24 @@ class HandTracker:
         return True
 
     def _name_one(self, hand: SkinPatch, free: Sequence[int], head: Floats, face: float) -> None:
-        place, middle, margin = self._mirror * hand.centre, self._mirror * head, 0.6 * face
+        centre, middle, margin = self._mirror * hand.centre, self._mirror * head, 0.6 * face
         if len(free) == 2:
-            row = name_first(place, middle, margin)
+            row = name_first(centre, middle, margin)
         else:
             other = LEFT + RIGHT - free[0]
             known = self.parts[other].filter
             if known is None:
                 return
-            believe, exchange = name_second(place, self._mirror * known.centre, other, middle, margin)
+            accept, exchange = name_second(centre, self._mirror * known.centre, other, middle, margin)
             if exchange:
                 self.parts.reverse()
-            row = (other if exchange else free[0]) if believe else None
+            row = (other if exchange else free[0]) if accept else None
         if row is not None:
             self._acquire(row, hand, face)
 
     def _acquire(self, row: int, hand: SkinPatch, face: float) -> None:
-        self._doubt.forget()
-        self.found.append(hand)
+        self._handedness.reset()
+        self.acquired.append(hand)
         self.parts[row].acquire(hand.centre, hand.area, face)
 
 
@@ -207,27 +208,27 @@ def _ellipse(head: Floats, face: float) -> Mask:
 
 
 def _outside(centre: Floats, head: Floats, face: float) -> bool:
-    away = (centre - head) / (HEAD_ELLIPSE[0] * face, HEAD_ELLIPSE[1] * face)
-    return bool(away @ away > 1)
+    offset = (centre - head) / (HEAD_ELLIPSE[0] * face, HEAD_ELLIPSE[1] * face)
+    return bool(offset @ offset > 1)
 
 
 def _cost(part: TrackedPart, patch: SkinPatch, face: float) -> float:
-    """Squared Mahalanobis distance; beyond any gate where the patch is too large, too small or too far."""
+    """Squared Mahalanobis distance; IMPOSSIBLE where the patch is too large, too small or too far."""
     if part.filter is None or not part.fits(patch.area):
-        return NEVER
-    away = patch.centre - part.filter.centre
-    squared = float(away @ away)
-    return squared / part.filter.variance if squared < (FURTHEST * face) ** 2 else NEVER
+        return IMPOSSIBLE
+    innovation = patch.centre - part.filter.centre
+    squared = float(innovation @ innovation)
+    return squared / part.filter.variance if squared < (FURTHEST * face) ** 2 else IMPOSSIBLE
 
 
 def _distinct(patches: Sequence[SkinPatch]) -> list[SkinPatch]:
-    """Two windows that came to rest on the same skin are one hand: the other is hidden or lost."""
-    kept: list[SkinPatch] = []
+    """One patch of those that ended on the same skin: the other hand is hidden or lost."""
+    distinct: list[SkinPatch] = []
     for patch in patches:
-        if _apart_from(patch.centre, [p.centre for p in kept], 0.7 * float(np.sqrt(patch.area))):
-            kept.append(patch)
-    return kept
+        if _is_apart(patch.centre, [p.centre for p in distinct], 0.7 * float(np.sqrt(patch.area))):
+            distinct.append(patch)
+    return distinct
 
 
-def _apart_from(centre: Floats, others: Sequence[Floats], distance: float) -> bool:
+def _is_apart(centre: Floats, others: Sequence[Floats], distance: float) -> bool:
     return all(float(np.hypot(*(centre - other))) > distance for other in others)

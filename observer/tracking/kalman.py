@@ -11,24 +11,15 @@ import numpy as np
 from observer.tracks import Floats, State
 
 GATE = 13.8
-"""Squared Mahalanobis distance that a part's own measurement stays under with probability 0.999 (chi², 2 degrees)."""
-
-
-def squared_distances(predicted: Sequence[tuple[Floats, Floats]], measured: Floats) -> Floats:
-    """(P, N) squared Mahalanobis distances of measurements (N, 2) from P predictions: centre (2,), spread (2, 2)."""
-    rows = []
-    for centre, spread in predicted:
-        away = measured - centre
-        rows.append(np.einsum("ni,ij,nj->n", away, np.linalg.inv(spread), away))
-    return np.array(rows, dtype=np.float64).reshape(len(predicted), len(measured))
+"""Gate: the squared Mahalanobis distance that a part's own measurement stays below with probability 0.999 (chi², 2
+degrees of freedom)."""
 
 
 def assign(cost: Floats, gate: float) -> list[int | None]:
-    """For each of P rows of cost (P, N) its column, or None; each column at most once.
+    """The optimal assignment: for each of P rows of `cost` (P, N) its column or None, each column at most once.
 
-    Minimises the sum of the costs where leaving a row without column costs `gate`; so no pair above the gate is ever
-    made. Every assignment is looked at: two hands have few, and a solver for many would take more memory than all of
-    the tracker.
+    Minimises the sum of the costs, where a row without a column costs `gate`, so that no pair above the gate is made.
+    All assignments are enumerated: two hands have few, and scipy's solver takes more memory than the whole tracker.
     """
     within = [[None, *(column for column, c in enumerate(row) if c <= gate)] for row in cost.tolist()]
 
@@ -48,30 +39,25 @@ _EYE = np.eye(2)
 
 
 class ConstantVelocityFilter:
-    """State (4,): u, v, du/dt, dv/dt in px and px/s; covariance (4, 4).
+    """Kalman filter with a constant velocity and white-noise acceleration; state (4,): u, v, du/dt, dv/dt in px, px/s.
 
     x' = F x, P' = F P Fᵀ + Q with F = [[I, dt I], [0, I]] and, for an acceleration of standard deviation a held over
     the step, Q = a² [[dt⁴/4 I, dt³/2 I], [dt³/2 I, dt² I]] (Bar-Shalom, Li and Kirubarajan 2001, section 6.3.2).
-    Both axes have the same variances and no covariance: P = [[p I, c I], [c I, q I]], three numbers.
+    Both axes have equal variances and no covariance: P = [[p I, c I], [c I, q I]], three numbers.
     """
 
     def __init__(self, centre: Floats, acceleration: float, noise: float) -> None:
-        """centre: (2,) px; acceleration: px/s², > 0; noise: standard deviation of a measurement, px, > 0."""
+        """centre: (2,) px. acceleration: standard deviation, px/s², > 0. noise: that of a measurement, px, > 0."""
         self._acceleration, self._noise = acceleration, noise
         self.centre: Floats = np.asarray(centre, dtype=np.float64).copy()
         self.velocity: Floats = np.zeros(2)
-        # The speed is unknown at first: as fast as the acceleration would make it in a tenth of a second.
+        # The speed is unknown at first: assume what the acceleration reaches in a tenth of a second.
         self._p, self._c, self._q = noise**2, 0.0, (acceleration / 10) ** 2
 
     @property
     def variance(self) -> float:
-        """px²: variance of a measurement about `centre`, along either axis."""
+        """Innovation variance in px²: of a measurement about `centre`, along either axis."""
         return self._p + self._noise**2
-
-    @property
-    def spread(self) -> Floats:
-        """(2, 2) px²: covariance of a measurement about `centre`."""
-        return self.variance * _EYE
 
     @property
     def state(self) -> Floats:
@@ -84,7 +70,7 @@ class ConstantVelocityFilter:
         return np.kron(np.array([[self._p, self._c], [self._c, self._q]]), _EYE)
 
     def predict(self, seconds: float) -> None:
-        """Let `seconds` (≥ 0) pass."""
+        """Predict `seconds` (≥ 0) ahead."""
         self.centre = self.centre + seconds * self.velocity
         a = (self._acceleration * seconds) ** 2
         self._p += seconds * (2 * self._c + seconds * self._q) + a * seconds**2 / 4
@@ -92,51 +78,51 @@ class ConstantVelocityFilter:
         self._q += a
 
     def correct(self, measured: Floats) -> None:
-        """Take in a measured centre (2,) px."""
-        away, spread = measured - self.centre, self.variance
-        gain, pull = self._p / spread, self._c / spread
-        self.centre = self.centre + gain * away
-        self.velocity = self.velocity + pull * away
-        self._q -= pull * self._c
+        """Update with a measured centre (2,) px."""
+        innovation, variance = measured - self.centre, self.variance
+        gain, velocity_gain = self._p / variance, self._c / variance
+        self.centre = self.centre + gain * innovation
+        self.velocity = self.velocity + velocity_gain * innovation
+        self._q -= velocity_gain * self._c
         self._c *= 1 - gain
-        # p r / (p + r): what is left of p, without the difference of two nearly equal numbers.
-        self._p *= self._noise**2 / spread
+        # p r / (p + r) equals (1 - gain) p without the difference of two nearly equal numbers.
+        self._p *= self._noise**2 / variance
 
 
 HAND_ACCELERATION, HEAD_ACCELERATION = 150.0, 20.0
-"""Standard deviations of the accelerations, face widths a second squared: a fast wave of an arm; a step aside."""
+"""Standard deviations of the accelerations, face widths per s²: a fast wave of an arm; a step aside."""
 NOISE = 0.15
-"""Standard deviation of a measured centre, face widths: CAMshift finds the middle of the skin, not of the hand."""
+"""Standard deviation of a measured centre, face widths: CAMshift finds the centre of the skin, not of the hand."""
 COAST_S = 0.7
-"""A part that was not measured for so long is missing, and may be found anywhere again."""
+"""A part without a measurement for this long is missing, and may be found anywhere again."""
 LOST_S, BRAKE_S = 0.3, 0.15
-"""A part unseen for longer is not thought to pass behind another: it comes to rest, with this time constant."""
-SIZES = 15
-"""How many areas the median is of."""
+"""A part unseen for longer than LOST_S is not passing behind another: its velocity decays with constant BRAKE_S."""
+AREAS = 15
+"""Number of areas in the median."""
 
 
 class TrackedPart:
-    """A part with its filter; areas in px², lengths in px, times in seconds.
+    """One body part with its filter and state; areas in px², lengths in px, times in seconds.
 
-    area: median of the areas measured so far, side: of the square with that area; nan before the first.
+    area: median of the last areas measured. side: that of the square with this area. Both are nan before the first.
     """
 
     def __init__(self, acceleration: float) -> None:
-        """acceleration: face widths a second squared."""
+        """acceleration: face widths per s²."""
         self._acceleration = acceleration
         self.state = State.MISSING
         self.filter: ConstantVelocityFilter | None = None
-        self._areas: deque[float] = deque(maxlen=SIZES)
+        self._areas: deque[float] = deque(maxlen=AREAS)
         self.area = self.side = math.nan
         self._unseen_s = 0.0
 
-    def _sized(self, area: float) -> None:
+    def _add_area(self, area: float) -> None:
         self._areas.append(area)
         self.area = median(self._areas)
         self.side = math.sqrt(self.area)
 
     def fits(self, area: float) -> bool:
-        """Whether an area is within 0.5 to 2 of the median: neither a crumb nor a hand grown together with the face."""
+        """Whether an area is 0.5 to 2 times the median: neither a fragment nor a hand merged with the face."""
         return 0.5 * self.area <= area <= 2 * self.area
 
     def expects(self, centre: Floats) -> bool:
@@ -148,33 +134,33 @@ class TrackedPart:
 
     @property
     def lost(self) -> bool:
-        """Whether it is missing, or unseen for longer than a crossing of two hands takes."""
+        """Whether the part is missing, or unseen for longer than two hands take to cross."""
         return self.filter is None or self._unseen_s > LOST_S
 
     def acquire(self, centre: Floats, area: float, face: float) -> None:
-        """Begin at `centre` (2,) with `area`; `face` is the face's width, the unit of accelerations and noise."""
+        """Start at `centre` (2,) with `area`; `face`: face width in px, the unit of accelerations and noise."""
         self.filter = ConstantVelocityFilter(centre, self._acceleration * face, NOISE * face)
         self._areas.clear()
-        self._sized(area)
+        self._add_area(area)
         self._unseen_s = 0.0
         self.state = State.SEEN
 
     def predict(self, seconds: float) -> None:
-        """Let time pass."""
+        """Predict ahead."""
         if self.filter is not None:
             self.filter.predict(seconds)
 
     def measured(self, centre: Floats, area: float) -> None:
-        """A measurement assigned to this part."""
+        """Update with a measurement that was assigned to this part."""
         if self.filter is None:
             return
         self.filter.correct(centre)
-        self._sized(min(max(area, 0.5 * self.area), 2 * self.area))
+        self._add_area(min(max(area, 0.5 * self.area), 2 * self.area))
         self._unseen_s = 0.0
         self.state = State.SEEN
 
     def not_measured(self, seconds: float) -> None:
-        """No measurement in this frame: unsure while it coasts, then missing."""
+        """Record that this frame has no measurement: the part is unsure while it coasts, then missing."""
         self._unseen_s += seconds
         if self.filter is None or self._unseen_s > COAST_S:
             self.lose()
@@ -184,9 +170,9 @@ class TrackedPart:
         self.state = State.UNSURE
 
     def doubt(self) -> None:
-        """Measured, but perhaps this is another part."""
+        """Mark the part as unsure: the measurement may be of another part."""
         self.state = State.UNSURE
 
     def lose(self) -> None:
-        """Missing; where it was is forgotten."""
+        """Mark the part as missing and forget its position."""
         self.filter, self.state = None, State.MISSING

@@ -1,4 +1,9 @@
-"""MediaPipe's pose model as a tracker: 33 landmarks become hands and head."""
+"""MediaPipe's pose model as a tracker: 33 landmarks become hands and head.
+
+Up to 0.10.21 `mediapipe.solutions` carries the model in its wheel; from 0.10.30 on there is only `mediapipe.tasks`,
+which needs a .task file. Nothing is ever downloaded: of the solution only complexity 1 is used, because it fetches the
+models of 0 and 2.
+"""
 
 import importlib
 import os
@@ -16,32 +21,32 @@ from common.errors import BadInput, LabanmeshError
 from observer.tracks import BODY_PARTS, Floats, Frame, Tracks
 
 LANDMARKS = 33
-"""BlazePose's points (Bazarevsky et al., BlazePose: on-device real-time body pose tracking, 2020, figure 3)."""
+"""Landmarks of BlazePose (Bazarevsky et al., BlazePose: on-device real-time body pose tracking, 2020, figure 3)."""
 
 INSTALL = "pip install 'labanmesh[mediapipe]'"
 LIBRARIES = "if it names a system library, install that (Debian: libgl1, libegl1, libgles2)"
 
 
 class PoseModel(Protocol):
-    """Finds the landmarks of the most prominent person; follows him from picture to picture."""
+    """Finds the landmarks of the most prominent person and follows them from picture to picture."""
 
     def landmarks(self, rgb: NDArray[np.uint8], ms: int) -> Floats | None:
-        """(H, W, 3) picture, red first -> (33, 3) u and v as shares of width and height, visibility 0 to 1; or nobody.
+        """(H, W, 3) RGB -> (33, 3) u and v as shares of width and height, visibility 0 to 1; None without a person.
 
-        ms: milliseconds, more than those of the picture before.
+        ms: time of the picture, greater than that of the previous one.
         """
 
     def close(self) -> None:
-        """Give back its threads; no picture after it."""
+        """Release the threads of the model; no picture may follow."""
 
 
 def open_pose(model_path: str | None) -> PoseModel:
-    """The model in the file `model_path`, or for None the one that the installed mediapipe carries.
+    """The model in the file `model_path`, or for None the model in the installed mediapipe.
 
-    Raises BadInput without mediapipe, for a mediapipe that carries none, and for a file that is no pose model;
-    LabanmeshError where a library of the system is missing.
+    Raises BadInput without mediapipe, for a mediapipe without a model, and for a file that is not a pose model;
+    LabanmeshError when a system library is missing.
     """
-    # Must be set before the first import, and is a person's own where he set it.
+    # Must be set before the first import; a value set by the user stays.
     os.environ.setdefault("GLOG_minloglevel", "2")
     mediapipe = _imported("mediapipe")
     if model_path is not None:
@@ -56,17 +61,17 @@ def open_pose(model_path: str | None) -> PoseModel:
 
 
 class SolutionPose:
-    """The model inside the wheel. It takes pictures to be 1/30 s apart, which only its smoothing of landmarks sees."""
+    """The model inside the wheel. It assumes pictures 1/30 s apart, which affects only its smoothing."""
 
     def __init__(self, solution: Any) -> None:  # noqa: ANN401 - mediapipe has no types
-        with _hushed():
+        with _stderr_silenced():
             self._pose = solution.Pose(model_complexity=1)
-            self._pose.process(_nothing())
+            self._pose.process(_empty_picture())
 
     def landmarks(self, rgb: NDArray[np.uint8], ms: int) -> Floats | None:
-        """As `PoseModel.landmarks`; `ms` is not read."""
-        found = self._pose.process(rgb).pose_landmarks
-        return None if found is None else _array(found.landmark)
+        """As `PoseModel.landmarks`; `ms` is ignored."""
+        landmarks = self._pose.process(rgb).pose_landmarks
+        return None if landmarks is None else _array(landmarks.landmark)
 
     def close(self) -> None:
         """As `PoseModel.close`."""
@@ -74,7 +79,7 @@ class SolutionPose:
 
 
 class TaskPose:
-    """A model in a .task file, by `mediapipe.tasks`. Raises BadInput where the file is missing or no pose model."""
+    """A model in a .task file, run by `mediapipe.tasks`. Raises BadInput for a missing file and for another file."""
 
     def __init__(self, model_path: str) -> None:
         if not Path(model_path).is_file():
@@ -84,10 +89,10 @@ class TaskPose:
         base = _imported("mediapipe.tasks.python").BaseOptions(model_asset_path=model_path)
         options = vision.PoseLandmarkerOptions(base_options=base, running_mode=vision.RunningMode.VIDEO)
         try:
-            with _hushed():
+            with _stderr_silenced():
                 self._pose = vision.PoseLandmarker.create_from_options(options)
-                self._detect(_nothing(), 0)
-        # What it raises over a file that is no model differs from version to version.
+                self._detect(_empty_picture(), 0)
+        # The exception for a file that is not a model differs between versions.
         except (RuntimeError, ValueError, FileNotFoundError) as error:
             reason = _one_line(error).rstrip(".")
             raise BadInput(f"pose_model = {model_path!r}: {reason}; a pose landmarker .task file is expected") from None
@@ -96,16 +101,16 @@ class TaskPose:
 
     def landmarks(self, rgb: NDArray[np.uint8], ms: int) -> Floats | None:
         """As `PoseModel.landmarks`; `ms` must be above 0."""
-        found = self._detect(rgb, ms).pose_landmarks
-        return _array(found[0]) if found else None
+        people = self._detect(rgb, ms).pose_landmarks
+        return _array(people[0]) if people else None
 
     def close(self) -> None:
         """As `PoseModel.close`."""
         try:
             self._pose.close()
         except RuntimeError:
-            # Python is ending and has stopped the threads that mediapipe 1 closes with; without its handle it does not
-            # try again, and loudly, while it is deleted.
+            # At exit Python has already stopped the threads that mediapipe 1 needs to close. Without its handle it does
+            # not try again, with a traceback, when it is deleted.
             self._pose._handle = None
 
     def _detect(self, rgb: NDArray[np.uint8], ms: int) -> Any:  # noqa: ANN401 - mediapipe has no types
@@ -114,7 +119,7 @@ class TaskPose:
 
 
 def _imported(name: str) -> Any:  # noqa: ANN401 - mediapipe has no types
-    """Late, because it costs a second and most observers do without it."""
+    """Import on first use: it takes a second, and most observers do not need it."""
     try:
         return importlib.import_module(name)
     except ImportError as error:
@@ -127,55 +132,55 @@ def _one_line(error: Exception) -> str:
     return " ".join(str(error).split())[:160]
 
 
-def _array(found: Any) -> Floats:  # noqa: ANN401 - mediapipe has no types
-    return np.array([[mark.x, mark.y, mark.visibility] for mark in found], dtype=np.float64)
+def _array(landmarks: Any) -> Floats:  # noqa: ANN401 - mediapipe has no types
+    return np.array([[mark.x, mark.y, mark.visibility] for mark in landmarks], dtype=np.float64)
 
 
-def _nothing() -> NDArray[np.uint8]:
-    """A picture without a person: the first picture starts the model, which then says all that it has to say."""
+def _empty_picture() -> NDArray[np.uint8]:
+    """A picture without a person: the first picture starts the model, which then prints its warnings."""
     return np.zeros((64, 64, 3), dtype=np.uint8)
 
 
 @contextmanager
-def _hushed() -> Iterator[None]:
-    """Without what the native code writes while it starts: warnings about its own model, which no setting silences."""
-    kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
-    os.dup2(nowhere, 2)
+def _stderr_silenced() -> Iterator[None]:
+    """Drop the start-up warnings of the native code about its own model, which no setting silences."""
+    stderr, null = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    os.dup2(null, 2)
     try:
         yield
     finally:
-        os.dup2(kept, 2)
-        os.close(kept)
-        os.close(nowhere)
+        os.dup2(stderr, 2)
+        os.close(stderr)
+        os.close(null)
 
 
 Hand = Literal["palm", "wrist"]
 
 LEFT_HAND: Mapping[Hand, tuple[int, ...]] = {"palm": (15, 17, 19), "wrist": (15,)}
-"""BlazePose's landmarks whose mean is the left hand: wrist, and the knuckles of little and index finger; the right
-hand's have the next number. The palm is where depth cameras put a hand, even where the recording calls it wrist."""
+"""Landmarks whose mean is the left hand: wrist, and the knuckles of little and index finger; those of the right hand
+have the next number. Depth cameras report the palm, even in recordings that call it wrist."""
 HEAD = (7, 8)
-"""Both ears: the middle between them is the middle of the head, as depth cameras give it, from all sides."""
+"""Both ears: their midpoint is the middle of the head from all sides, as in recordings of depth cameras."""
 
 SEEN = 0.5
-"""Visibility from which on a part is seen: MediaPipe's own threshold for its confidences."""
+"""Visibility from which a part is seen: MediaPipe's own threshold for its confidences."""
 UNSURE = 0.2
-"""Visibility from which on the model's place for a hidden part is shown as a guess."""
+"""Visibility from which the model's position of a hidden part is shown as a guess."""
 
-PATIENCE_S = 2.0
-"""Nobody made out for so long is worth a word; people turn, stoop and pass behind things."""
+NOBODY_S = 2.0
+"""Time without a person before a complaint; people turn, stoop and pass behind things."""
 COMPLAINT = (
-    "the tracker mediapipe makes out nobody: bring the person, at least head to hips, and light into the picture;"
-    " for face and hands alone take the tracker camshift"
+    "the tracker mediapipe finds nobody: the picture must show a person at least from head to hips, in good light;"
+    " for face and hands alone use the tracker camshift"
 )
 
 
 class MediapipeTracker:
-    """A `observer.tracks.Tracker` of pictures (H, W, 3) uint8 BGR; centres in px of the picture given.
+    """A `Tracker` of pictures (H, W, 3) uint8 BGR; centres in px of the picture.
 
-    model_path: a pose landmarker .task file, or None for the model in mediapipe's wheel. hand: what a hand's centre is,
-    the middle of the palm or the wrist. Pictures must not be mirrored, or left and right are exchanged. Raises
-    BadInput without mediapipe, without a model, and for an unknown hand.
+    model_path: a pose landmarker .task file, or None for the model in mediapipe's wheel. hand: the centre of a hand is
+    the middle of the palm or the wrist. Mirrored pictures exchange left and right. Raises BadInput without mediapipe,
+    without a model, and for an unknown hand.
     """
 
     def __init__(self, model_path: str | None = None, hand: Hand = "palm") -> None:
@@ -183,39 +188,39 @@ class MediapipeTracker:
             raise BadInput(f"hand = {hand!r}: unknown; known: {', '.join(LEFT_HAND)}")
         self._hand = hand
         self._model = open_pose(model_path)
-        # At the latest when Python ends: left to itself, mediapipe complains of being deleted then.
+        # At the latest at exit: mediapipe prints a traceback when it is deleted while open.
         self._closing = weakref.finalize(self, self._model.close)
         self._first_ns: int | None = None
         self._ms, self._someone_ms = 0, 0
 
     @property
     def body_parts(self) -> Sequence[str]:
-        """left_hand, right_hand, head: the person's own left and right."""
+        """left_hand, right_hand, head: left and right of the person."""
         return BODY_PARTS
 
     @property
     def complaint(self) -> str:
-        """What to do when for `PATIENCE_S` nobody was made out; "" when all is well."""
-        return COMPLAINT if self._ms - self._someone_ms > 1000 * PATIENCE_S else ""
+        """What to do when nobody was found for NOBODY_S; "" when all is well."""
+        return COMPLAINT if self._ms - self._someone_ms > 1000 * NOBODY_S else ""
 
     def update(self, frame: Frame) -> Tracks:
-        """Centres (3, 2) px of the most prominent person, NaN for a part not seen; BadInput for what is no picture."""
+        """Centres (3, 2) px of the most prominent person, NaN for a part not seen; BadInput for a wrong shape."""
         picture = _checked(frame.content)
         self._ms = self._after(frame.at_ns)
         rgb = np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2RGB), dtype=np.uint8)
-        found = self._model.landmarks(rgb, self._ms)
-        if found is None:
+        landmarks = self._model.landmarks(rgb, self._ms)
+        if landmarks is None:
             return Tracks(np.full((len(BODY_PARTS), 2), np.nan))
         self._someone_ms = self._ms
         height, width = picture.shape[:2]
-        return read_pose(found, (width, height), self._hand)
+        return read_pose(landmarks, (width, height), self._hand)
 
     def close(self) -> None:
-        """Give back the model's threads; no picture after it."""
+        """Release the threads of the model; no picture may follow."""
         self._closing()
 
     def _after(self, at_ns: int) -> int:
-        """Milliseconds from the first frame on, always more than before: the model refuses a clock that stands."""
+        """Milliseconds since the first frame, strictly increasing: the model rejects repeated times."""
         if self._first_ns is None:
             self._first_ns = at_ns
         return max(self._ms + 1, 1 + round((at_ns - self._first_ns) / 1e6))
@@ -224,8 +229,8 @@ class MediapipeTracker:
 def read_pose(landmarks: Floats, size_px: tuple[int, int], hand: Hand = "palm") -> Tracks:
     """(33, 3) u and v as shares of size_px = (width, height), visibility 0 to 1 -> Tracks in px.
 
-    A part's centre and visibility are the means over its landmarks. From `SEEN` on it is seen, from `UNSURE` on
-    guessed, below it is missing; outside the picture it is missing whatever the model says of it.
+    A part's centre and visibility are the means over its landmarks. It is seen from a visibility of SEEN, a guess from
+    UNSURE, else missing; outside the picture it is always missing.
     """
     left = LEFT_HAND[hand]
     parts = (left, tuple(n + 1 for n in left), HEAD)

@@ -1,27 +1,27 @@
-"""All trackers by name: what each reads, and how it is made from a scene file's section."""
+"""All trackers by name: the content that each reads, and how it is built from an observer's section."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Literal
 
 from common.config import ObserverConfig
 from common.errors import BadInput
+from common.text import nearest
 from observer.foreign.track_line import ForeignTracker
 from observer.geometry.views import View, facing
 from observer.motion.projected import ProjectedTracker
 from observer.tracks import Tracker
 
 Content = Literal["positions", "pictures", "tracks"]
-"""What a frame holds: (P, 3) metres of recorded motion, (H, W, 3) uint8, or (P, 3) u, v, confidence."""
+"""Content of a frame: (P, 3) metres of recorded motion, (H, W, 3) uint8 pictures, or (P, 3) u, v, confidence."""
 
 
 @dataclass(frozen=True, slots=True)
 class TrackerSettings:
-    """What a tracker may be told. recorded: names of the rows of positions or tracks; wanted: the parts a model reads.
+    """Arguments of a tracker. recorded: names of the rows of positions or tracks. wanted: parts that the model reads.
 
-    place: where a file named in the scene file is.
+    place: from the name of a file in the scene file to its path.
     """
 
     view: View
@@ -33,36 +33,36 @@ class TrackerSettings:
 
 @dataclass(frozen=True, slots=True)
 class TrackerKind:
-    """A way to find body parts. build: raises BadInput for a setting that it cannot work with."""
+    """An entry of the registry. build: raises BadInput for settings that the tracker cannot use."""
 
     name: str
     reads: Content
     build: Callable[[TrackerSettings], Tracker]
 
 
-def _projected(setting: TrackerSettings) -> Tracker:
-    return ProjectedTracker(setting.view, setting.recorded, setting.wanted)
+def _projected(settings: TrackerSettings) -> Tracker:
+    return ProjectedTracker(settings.view, settings.recorded, settings.wanted)
 
 
-def _camshift(setting: TrackerSettings) -> Tracker:
-    # Imported only where it is used: OpenCV costs 0.2 s, and a machine that only projects does without.
+def _camshift(settings: TrackerSettings) -> Tracker:
+    # Imported on use: OpenCV takes 0.2 s, and projected motion does not need it.
     from observer.tracking.camshift import CamshiftTracker
     from observer.tracking.skin import SkinHistogram
 
-    section = setting.section
-    skin = SkinHistogram.load(setting.place(section.skin)) if section.skin else None
-    return CamshiftTracker(skin, section.face, facing(setting.view))
+    section = settings.section
+    skin = SkinHistogram.load(settings.place(section.skin)) if section.skin else None
+    return CamshiftTracker(skin, section.face, facing(settings.view))
 
 
-def _mediapipe(setting: TrackerSettings) -> Tracker:
+def _mediapipe(settings: TrackerSettings) -> Tracker:
     from observer.tracking.mediapipe_pose import MediapipeTracker
 
-    section = setting.section
-    return MediapipeTracker(str(setting.place(section.pose_model)) if section.pose_model else None, section.hand)
+    section = settings.section
+    return MediapipeTracker(str(settings.place(section.pose_model)) if section.pose_model else None, section.hand)
 
 
-def _foreign(setting: TrackerSettings) -> Tracker:
-    return ForeignTracker(setting.recorded)
+def _foreign(settings: TrackerSettings) -> Tracker:
+    return ForeignTracker(settings.recorded)
 
 
 TRACKERS: Mapping[str, TrackerKind] = {
@@ -78,19 +78,17 @@ AUTO = "auto"
 
 
 def tracker_named(name: str, key: str, content: Content) -> TrackerKind:
-    """The tracker of that name, or with "auto" the first that reads `content`; `key` is where the name stands.
+    """The tracker of that name; "auto": the first that reads `content`. key: the option or scene-file key of the name.
 
-    Raises BadInput for an unknown name, and for a tracker that cannot read what the source holds.
+    Raises BadInput for an unknown name, and for a tracker that cannot read this content.
     """
     if name == AUTO:
         return next(kind for kind in TRACKERS.values() if kind.reads == content)
     if name not in TRACKERS:
-        near = get_close_matches(name, TRACKERS, 1)
-        hint = f"; did you mean {near[0]!r}?" if near else ""
-        raise BadInput(f"{key} = {name!r}: unknown tracker{hint}; known: {AUTO}, {', '.join(TRACKERS)}")
+        raise BadInput(f"{key} = {name!r}: unknown tracker; {nearest(name, [AUTO, *TRACKERS])}")
     kind = TRACKERS[name]
-    # Positions can be filmed by the virtual camera; nothing else can be turned into something else.
+    # The virtual camera turns positions into pictures; no other content can be converted.
     if kind.reads != content and (content, kind.reads) != ("positions", "pictures"):
-        able = ", ".join(k.name for k in TRACKERS.values() if k.reads == content)
-        raise BadInput(f"{key} = {name!r}: it reads {kind.reads}, the source gives {content}; able: {able}")
+        suitable = ", ".join(k.name for k in TRACKERS.values() if k.reads == content)
+        raise BadInput(f"{key} = {name!r}: reads {kind.reads}, but the source provides {content}; use {suitable}")
     return kind

@@ -1,4 +1,4 @@
-"""Skin colour of the person in front of the camera: a histogram of rotated hue and saturation."""
+"""Skin colour of the person in front of the camera: a histogram of hue and saturation, and its back-projection."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,30 +14,31 @@ from observer.tracks import Floats
 Picture = NDArray[Any]
 HUES, SATURATIONS = 45, 32
 HUE_SHIFT = 90
-"""Skin lies about hue 0, where OpenCV's hue (0 to 179) wraps around; rotated by 90 it lies in the middle."""
+"""Skin lies near hue 0, where OpenCV's hue (0 to 179) wraps around; rotated by 90 it lies in the middle."""
 DARK, BURNT, PALE = 40, 252, 12
-"""Values (0 to 255) under which, over which, and saturations under which hue is noise."""
+"""Hue is noise at values (0 to 255) below DARK or above BURNT, and at saturations below PALE."""
 MIN_PIXELS = 60
-"""Fewer usable pixels than these do not teach a histogram."""
+"""Fewest usable pixels from which a histogram is learned."""
 SHADE = 20.0
-"""Least standard deviation of skin's value: hands are lit otherwise than the face."""
+"""Least standard deviation of the value of skin: hands are lit differently from the face."""
 RARER, COMMON = 3.0, 0.05
-"""Where more of the rest than this share has the colour of skin, skin is supposed so many times rarer, if that halves
-it and leaves most of the skin: wood, and skin of about its hue. Elsewhere it costs hands that are lit otherwise."""
+"""If more than the share COMMON of the rest has the colour of skin, the prior of skin is lowered RARER times, provided
+that this halves the share and keeps most of the skin. This separates skin from wood of a similar hue. It is not done
+elsewhere because it loses hands that are lit differently from the face."""
 LIKELY = 0.43
-"""From here on a colour counts as skin's."""
+"""Probability from which a colour counts as skin."""
 SEEN_ONCE = 2e-4
-"""Frequency in the rest of the picture that every colour is given: one that nobody wears proves little."""
+"""Frequency added to every colour of the rest of the picture: a colour that is absent proves little."""
 
 
 def hue_saturation(picture: Picture) -> tuple[Picture, Picture]:
-    """(H, W, 3) BGR uint8 -> the same in hue, saturation and value, and the mask (H, W) uint8 of pixels worth using."""
+    """(H, W, 3) BGR uint8 -> hue, saturation and value (H, W, 3), and the mask (H, W) uint8 of usable pixels."""
     hsv = cv2.cvtColor(picture, cv2.COLOR_BGR2HSV)
     return hsv, cv2.inRange(hsv, (0, PALE, DARK), (180, 255, BURNT))
 
 
 def counts(hsv: Picture, mask: Picture) -> Picture:
-    """(45, 32) float32: how many pixels of the mask have each rotated hue and saturation."""
+    """(45, 32) float32: number of pixels in the mask per rotated hue and saturation."""
     fine = cv2.calcHist([hsv], [0, 1], mask, [180, SATURATIONS], [0, 180, 0, 256])
     rotated = np.roll(fine, HUE_SHIFT, axis=0)
     summed: Picture = rotated.reshape(HUES, -1, SATURATIONS).sum(axis=1)
@@ -51,18 +52,18 @@ def _frequencies(hsv: Picture, mask: Picture) -> Floats:
 
 
 def _likely(skin: Floats, rest: Floats) -> Floats:
-    """(45, 32) p(skin | colour), 0 to 1: skin and rest equally likely beforehand, or skin rarer where that helps."""
+    """(45, 32) p(skin | colour), 0 to 1, with equal priors of skin and rest, or a lower prior of skin (see RARER)."""
     even, rare = (skin / (skin + times * rest + SEEN_ONCE) for times in (1.0, RARER))
     before, after = (float(rest[likely >= LIKELY].sum()) for likely in (even, rare))
-    told_apart = after < before / 2 and float(skin[rare >= LIKELY].sum()) > 0.5
-    likely: Floats = rare if before > COMMON and told_apart else even
+    separates = after < before / 2 and float(skin[rare >= LIKELY].sum()) > 0.5
+    likely: Floats = rare if before > COMMON and separates else even
     return likely
 
 
 def _table(skin: Floats, rest: Floats) -> Picture:
-    """(90, 64) float32, 0 to 255: the ratio for `cv2.calcBackProject`, whose hues are not rotated.
+    """(90, 64) float32, 0 to 255: the table for `cv2.calcBackProject`, with hues not rotated.
 
-    Twice as fine as the histograms, so that the rotation and PALE fall between two of its bins.
+    It is twice as fine as the histograms, so that the rotation and PALE coincide with bin edges.
     """
     ratio = 255 * _likely(skin, rest)
     hues = (np.arange(2 * HUES) * 2 + HUE_SHIFT) % 180 * HUES // 180
@@ -72,18 +73,18 @@ def _table(skin: Floats, rest: Floats) -> Picture:
 
 
 def _weights(mean: float, deviation: float) -> Picture:
-    """(256,) uint8, 255 within two deviations of the mean value, normal beyond; 0 where dark or burnt."""
+    """(256,) uint8: 255 within two deviations of the mean value, Gaussian beyond; 0 where dark or burnt."""
     values = np.arange(256.0)
-    away = np.maximum(np.abs(values - mean) / max(deviation, SHADE) - 2, 0)
+    excess = np.maximum(np.abs(values - mean) / max(deviation, SHADE) - 2, 0)
     usable = (values >= DARK) & (values <= BURNT)
-    return np.where(usable, 255 * np.exp(-0.5 * away**2), 0).astype(np.uint8)
+    return np.where(usable, 255 * np.exp(-0.5 * excess**2), 0).astype(np.uint8)
 
 
 @dataclass(frozen=True, slots=True)
 class SkinHistogram:
-    """Frequencies of the bins, each (45, 32) and of sum 1, in the person's skin and in the rest of the picture.
+    """Relative frequencies of colours, each (45, 32) with sum 1, in the person's skin and in the rest of the picture.
 
-    value: (2,) mean and standard deviation of the skin's value, 0 to 255: wood has the hue of skin, seldom its shade.
+    value: (2,) mean and standard deviation of the skin's value, 0 to 255: wood has the hue of skin, rarely its value.
     """
 
     skin: Floats
@@ -100,9 +101,9 @@ class SkinHistogram:
     def learn(
         cls, picture: Picture, box: tuple[int, int, int, int], rest: Picture | None = None
     ) -> "SkinHistogram | None":
-        """From the ellipse in `box` (x, y, width, height) of a face or marked region; None: too few usable pixels.
+        """Learn from the ellipse in `box` (x, y, width, height) of a face or marked region; None: too few pixels.
 
-        rest: (H, W, 3) what is no skin, its black pixels left out; without it the picture around the box.
+        rest: (H, W, 3) picture without skin, black pixels ignored; None takes the picture around the box.
         """
         hsv, usable = hue_saturation(picture)
         x, y, w, h = box
@@ -120,13 +121,13 @@ class SkinHistogram:
         return cls(_frequencies(hsv, inside), _frequencies(hsv, outside), value)
 
     def adapted(self, newer: "SkinHistogram", rate: float) -> "SkinHistogram":
-        """A step of `rate` (0 to 1) towards a newer one: light changes slowly."""
+        """The histogram moved by `rate` (0 to 1) towards a newer one: light changes slowly."""
         skin, rest = self.skin + rate * (newer.skin - self.skin), self.rest + rate * (newer.rest - self.rest)
-        # Light becomes darker and brighter faster than it becomes redder.
+        # The brightness of light changes faster than its colour.
         return SkinHistogram(skin, rest, self.value + min(3 * rate, 1.0) * (newer.value - self.value))
 
     def back_project(self, picture: Picture) -> Picture:
-        """(H, W) uint8: 255 p(skin | colour) with skin and rest equally likely beforehand; 0 where colour is no use."""
+        """(H, W) uint8: 255 p(skin | colour); 0 where the colour is not usable."""
         hsv = cv2.cvtColor(picture, cv2.COLOR_BGR2HSV)
         back = cv2.calcBackProject([hsv], [0, 1], self.table, [0, 180, 0, 256], 1)
         return cv2.multiply(back, cv2.LUT(cv2.extractChannel(hsv, 2), self.weights), scale=1 / 255)
@@ -138,9 +139,10 @@ class SkinHistogram:
 
     @classmethod
     def load(cls, path: Path) -> "SkinHistogram":
-        """Read what `save` wrote; BadInput for anything else."""
+        """Read a file written by `save`; raises BadInput for anything else."""
         expected = (
-            f"a skin histogram of two arrays ({HUES}, {SATURATIONS}) and a value (2,) is expected; learn it again"
+            f"a skin histogram of two arrays ({HUES}, {SATURATIONS}) and a value (2,) is expected; learn it again with "
+            "labanmesh look --save-skin"
         )
         try:
             with np.load(path, allow_pickle=False) as file:

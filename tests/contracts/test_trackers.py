@@ -1,4 +1,4 @@
-"""What every tracker must keep: any tracker put into the registry is held to this."""
+"""The contract of every tracker in the registry."""
 
 import importlib.util
 from pathlib import Path
@@ -61,19 +61,19 @@ def updated(tracker, frames):
     return [tracker.update(Frame(n * PERIOD_NS, content)) for n, content in enumerate(frames)]
 
 
-def test_it_names_the_parts_and_gives_a_row_for_each(kind, tracker):
+def test_there_is_one_row_per_named_part(kind, tracker):
     assert set(BODY_PARTS) <= set(tracker.body_parts)
     for tracks in updated(tracker, contents(kind.reads)[:5]):
         assert tracks.centres.shape == (len(tracker.body_parts), 2)
         assert len(tracks.states) == len(tracker.body_parts)
 
 
-def test_nothing_to_see_is_nothing_seen(kind, tracker):
+def test_an_empty_picture_has_no_seen_part(kind, tracker):
     for tracks in updated(tracker, [NOTHING[kind.reads]] * 5):
         assert np.isnan(tracks.centres).all() and State.SEEN not in tracks.states
 
 
-def test_it_never_says_the_corner_for_lost(kind, tracker):
+def test_a_lost_part_is_never_at_the_origin(kind, tracker):
     frames = contents(kind.reads)
     for tracks in updated(tracker, [*frames, *[NOTHING[kind.reads]] * 30, *frames]):
         assert not (tracks.centres == 0).all(axis=1).any()
@@ -85,14 +85,14 @@ def test_the_same_frames_give_the_same_tracks(kind, tracker):
         assert np.array_equal(one.centres, other.centres, equal_nan=True)
 
 
-def test_a_seen_right_hand_is_on_the_right_hands_side(kind, tracker):
-    """Seen from the door an unmirrored picture has the performer's right hand on its left."""
+def test_the_right_hand_is_left_of_the_head_in_the_picture(kind, tracker):
+    """An unmirrored picture from the door shows the performer's right hand on its left."""
     seen = [t.centres for t in updated(tracker, contents(kind.reads)) if t.visible[1] and t.visible[2]]
     assert all(centres[1, 0] < centres[2, 0] for centres in seen)
-    if kind.name != "mediapipe":  # a drawn performer is no person to it
+    if kind.name != "mediapipe":  # it does not detect a drawn performer
         assert len(seen) > 10
 
 
-def test_unknown_names_are_one_line():
+def test_an_unknown_name_is_rejected():
     with pytest.raises(BadInput, match="known: auto, projected, camshift, mediapipe, foreign"):
         tracker_named("eyes", "tracker", "pictures")

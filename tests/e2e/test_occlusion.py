@@ -1,4 +1,4 @@
-"""Something stands before one camera of four: real processes, rendered pictures, and what the referee does."""
+"""An occluder in front of one camera of four: real processes, rendered pictures, and the weights of fusion."""
 
 import subprocess
 import sys
@@ -19,7 +19,7 @@ from studies.performer import perform, perform_continuously
 ROOT = Path(__file__).parents[2]
 MOVEMENTS = ("lunging", "byebye", "nthrow", "stretch")
 VIEWS = {"door": "door", "right": "yaw:30", "left": "yaw:-30", "wheel": "yaw:60"}
-SOON_S, PATIENCE_S = 30.0, 60.0
+SOON_S, TIMEOUT_S = 30.0, 60.0
 
 
 def labanmesh(*words):
@@ -28,7 +28,7 @@ def labanmesh(*words):
 
 @pytest.fixture
 def stage(tmp_path):
-    """A scene of which the first observer looks at pictures, with a box before its camera in the middle third."""
+    """A scene whose first observer sees pictures, with a box in front of its camera in the middle third."""
     learned = perform(people=("2", "3", "4"), movements=MOVEMENTS, trials=2)
     write_archive(tmp_path / "learned.npz", learned)
     seen = perform_continuously("1", ("byebye",))
@@ -40,7 +40,7 @@ def stage(tmp_path):
     text = f'scene = "dojo"\n[mesh]\nendpoint = "{endpoint}"\n'
     for name, view in VIEWS.items():
         learn = labanmesh("learn", tmp_path / "learned.npz", "--view", view, "-o", tmp_path / f"{name}.model")
-        subprocess.run(learn, cwd=ROOT, check=True, capture_output=True, timeout=PATIENCE_S)
+        subprocess.run(learn, cwd=ROOT, check=True, capture_output=True, timeout=TIMEOUT_S)
         text += f'[observers.{name}]\nsource = "seen.npz"\nview = "{view}"\n'
         if name == "door":
             text += 'tracker = "camshift"\nrate_hz = 30\n'
@@ -50,7 +50,7 @@ def stage(tmp_path):
 
 
 @pytest.mark.skipif(not have_cascade(), reason="this OpenCV has no face cascade")
-def test_the_weight_of_a_hidden_camera_falls_at_once_and_returns(stage):
+def test_the_weight_of_an_occluded_camera_falls_at_once_and_recovers(stage):
     file, endpoint, (begin_s, end_s) = stage
     judgements, posteriors = [], []
     with Link.open(MeshConfig(endpoint=endpoint), "hub") as hub:

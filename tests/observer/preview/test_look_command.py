@@ -81,7 +81,7 @@ def test_a_marked_face_is_enough(run, waving):
     [
         ("gone.mp4", "gone.mp4: no such file"),
         ("gone.npz", "gone.npz"),
-        ("motion.npz --tracker camshaft", "did you mean 'camshift'"),
+        ("motion.npz --tracker camshaft", "did you mean camshift"),
         ("motion.npz --tracker projected", "--tracker = 'projected'"),
         ("motion.npz --view dor", "did you mean door?"),
         ("motion.npz --recording 1", "has recordings 0 to 0"),

@@ -50,7 +50,7 @@ def test_a_good_one(examined):
         ('source = "motion.npz"\nview = "dor"', "did you mean door?"),
         ('source = "motion.npz"\nview = "gone.toml"', "gone.toml"),
         ('source = "motion.npz"\ntracker = "camshft"', "unknown tracker"),
-        ('source = "zenoh:k"\ntracker = "camshift"', "it reads pictures"),
+        ('source = "zenoh:k"\ntracker = "camshift"', "reads pictures"),
         ('source = "gone.npz"', "gone.npz"),
         ('source = "gone.mp4"', "gone.mp4: no such file"),
         ('source = "motion.npz"\nrecording = 99', "has recordings 0 to"),

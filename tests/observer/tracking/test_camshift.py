@@ -1,12 +1,13 @@
-"""The camshift tracker on drawn scenes with exact truth: skin-coloured discs before several backgrounds."""
+"""The camshift tracker on drawn scenes with exact truth, its advice, and a recorded person who waves."""
 
 import cv2
 import numpy as np
 import pytest
 
 from common.errors import BadInput
-from observer.tracking import camshift, head
-from observer.tracking.camshift import CamshiftTracker
+from observer.tracking import camshift
+from observer.tracking.camshift import CamshiftTracker, TrackingAdvice, explain_loss
+from observer.tracking.head import have_cascade
 from observer.tracking.skin import SkinHistogram
 from observer.tracks import Frame, State
 
@@ -15,11 +16,12 @@ SIZE = (240, 320)
 HEAD = (160, 70)
 REGION = (140, 50, 40, 40)
 RATE = 30.0
+cascade = pytest.mark.skipif(not have_cascade(), reason="this OpenCV has no face cascade")
 
 
-@pytest.fixture(autouse=True)
-def no_cascade(monkeypatch):
-    """Discs have no face: the marked region alone."""
+@pytest.fixture
+def discs(monkeypatch):
+    """Drawn discs have no face: the tracker starts from the marked region."""
     monkeypatch.setattr(camshift, "have_cascade", lambda: False)
 
 
@@ -70,16 +72,18 @@ def errors(centres, truth):
 
 
 @pytest.mark.parametrize("kind", ["plain", "cluttered", "skin-toned"])
-def test_two_waving_hands_are_followed_by_their_names(kind):
+@pytest.mark.usefixtures("discs")
+def test_two_waving_hands_are_tracked_as_left_and_right(kind):
     left, right = wave(1), wave(-1)
     centres, _ = track(scene(left, right, kind))
     for row, truth in ((0, left), (1, right)):
-        away = errors(centres[:, row], truth)
-        assert np.isfinite(away[15:]).mean() > 0.8
-        assert (away[np.isfinite(away)] < 16).mean() > 0.95
+        distance = errors(centres[:, row], truth)
+        assert np.isfinite(distance[15:]).mean() > 0.8
+        assert (distance[np.isfinite(distance)] < 16).mean() > 0.95
     assert np.nanmax(np.linalg.norm(centres[:, 2] - HEAD, axis=1)) < 10
 
 
+@pytest.mark.usefixtures("discs")
 def test_hands_that_cross_keep_their_names():
     def left(i):
         return (160 + 80 * np.cos(max(i - 20, 0) * np.pi / 50), 150 + 8 * np.sin(i / 3))
@@ -89,12 +93,13 @@ def test_hands_that_cross_keep_their_names():
 
     centres, _ = track(scene(left, right, frames=70))
     for row, truth in ((0, left), (1, right)):
-        away = errors(centres[:, row], truth)[55:]
-        assert np.isfinite(away).mean() > 0.7
-        assert np.nanmax(away) < 16
+        distance = errors(centres[:, row], truth)[55:]
+        assert np.isfinite(distance).mean() > 0.7
+        assert np.nanmax(distance) < 16
 
 
-def test_a_hand_before_the_face_is_not_seen_and_comes_back():
+@pytest.mark.usefixtures("discs")
+def test_a_hand_in_front_of_the_face_is_not_seen_and_is_found_again():
     def right(i):
         return (
             wave(-1, 72)(i) if i < 30 else (max(85, 160 - 4 * abs(i - 50)), 72 + (20 * np.sin(i / 4) if i > 66 else 0))
@@ -103,11 +108,12 @@ def test_a_hand_before_the_face_is_not_seen_and_comes_back():
     centres, states = track(scene(lambda i: None, right, frames=110))
     assert all(state[1] is not State.SEEN for state in states[49:52])
     assert np.isnan(centres[49:52, 1]).all()
-    away = errors(centres[:, 1], right)[80:]
-    assert np.isfinite(away).mean() > 0.7
-    assert np.nanmax(away) < 16
+    distance = errors(centres[:, 1], right)[80:]
+    assert np.isfinite(distance).mean() > 0.7
+    assert np.nanmax(distance) < 16
 
 
+@pytest.mark.usefixtures("discs")
 def test_a_hand_that_leaves_is_missing_until_it_returns():
     def left(i):
         return None if 40 <= i < 80 else wave(1)(i)
@@ -118,19 +124,22 @@ def test_a_hand_that_leaves_is_missing_until_it_returns():
     assert (errors(centres[:, 0], wave(1))[95:] < 16).mean() > 0.8
 
 
+@pytest.mark.usefixtures("discs")
 def test_slow_light_does_not_lose_the_hands():
     centres, _ = track(scene(wave(1), wave(-1), light=lambda i: 1.0 - 0.4 * i / 150, frames=150))
     assert (errors(centres[:, 0], wave(1))[100:] < 16).mean() > 0.8
 
 
-def test_nobody_there_is_missing_and_nothing_is_invented():
+@pytest.mark.usefixtures("discs")
+def test_an_empty_picture_has_no_tracks():
     empty = [np.full((*SIZE, 3), 90, np.uint8)] * 5
     centres, states = track(empty)
     assert np.isnan(centres).all()
     assert set(states[-1]) == {State.MISSING}
 
 
-def test_large_pictures_give_their_own_pixels():
+@pytest.mark.usefixtures("discs")
+def test_centres_are_in_pixels_of_a_large_picture():
     large = (cv2.resize(p, None, fx=3, fy=3) for p in scene(wave(1), wave(-1), frames=40))
     centres, _ = track(large, CamshiftTracker(face_region=(420, 150, 120, 120)))
     assert np.nanmedian(errors(centres[20:, 1], lambda i: np.array(wave(-1)(i + 20)) * 3)) < 25
@@ -139,17 +148,20 @@ def test_large_pictures_give_their_own_pixels():
 @pytest.mark.parametrize(
     "picture", [np.zeros((40, 40), np.uint8), np.zeros((40, 40, 3)), np.zeros((0, 9, 3), np.uint8)]
 )
-def test_what_is_no_picture_is_one_line(picture):
+@pytest.mark.usefixtures("discs")
+def test_a_wrong_shape_or_type_is_rejected(picture):
     with pytest.raises(BadInput, match=r"\(H, W, 3\) of uint8"):
         CamshiftTracker(face_region=REGION).update(Frame(0, picture))
 
 
-def test_without_a_cascade_and_without_a_region_one_line_says_what_to_do():
+@pytest.mark.usefixtures("discs")
+def test_without_cascade_and_region_the_error_names_the_way_out():
     with pytest.raises(BadInput, match="no face cascade; mark a region"):
         CamshiftTracker()
 
 
-def test_a_saved_histogram_is_the_same_again(tmp_path):
+@pytest.mark.usefixtures("discs")
+def test_a_saved_histogram_is_read_back(tmp_path):
     tracker = CamshiftTracker(face_region=REGION)
     track(scene(wave(1), wave(-1), frames=3), tracker)
     assert tracker.skin is not None
@@ -161,7 +173,7 @@ def test_a_saved_histogram_is_the_same_again(tmp_path):
         SkinHistogram.load(tmp_path / "bad.npz")
 
 
-def test_skin_is_found_and_dark_pale_and_burnt_pixels_are_not():
+def test_back_projection_ignores_dark_pale_and_overexposed_pixels():
     picture = next(iter(scene(wave(1), wave(-1))))
     skin = SkinHistogram.learn(picture, REGION)
     assert skin is not None
@@ -171,5 +183,88 @@ def test_skin_is_found_and_dark_pale_and_burnt_pixels_are_not():
     assert (back[1:] == 0).all()
 
 
-def test_this_opencv_has_a_cascade_or_says_so():
-    assert head.have_cascade() or "no face cascade" in head.WHY_NOT
+@pytest.mark.parametrize(
+    ("arguments", "begins"),
+    [
+        ((0.0, 100.0, 0.0, 40.0), ""),
+        ((0.0, 100.0, 0.0, None), ""),
+        ((4.9, 10.0, 0.5, None), ""),
+        ((5.0, 23.0, 0.5, None), "no face found for 5 s: the picture is dark (mean 23 of 255)"),
+        ((5.0, 100.0, 0.4, 40.0), "no face found for 5 s: skin colour covers 40% of the picture"),
+        ((5.0, 100.0, 0.0, None), "no face found for 5 s: face the camera"),
+        ((0.0, 100.0, 0.0, 14.0), "the face is only 14 px wide"),
+    ],
+)
+def test_the_advice_names_the_cause_and_an_alternative(arguments, begins):
+    advice = explain_loss(*arguments)
+    assert advice.startswith(begins)
+    assert bool(advice) is bool(begins)
+    assert not begins or 'tracker = "mediapipe"' in advice
+
+
+def test_an_advice_stands_until_a_face_is_found():
+    advice, dark = TrackingAdvice(), np.zeros((48, 64, 3), np.uint8)
+    lines = []
+    for _ in range(90):
+        advice.update(False, None, 0.0, dark, 0.1)
+        lines.append(advice.complaint)
+    assert lines[48] == ""
+    assert set(lines[51:]) == {lines[-1]}
+    assert "dark" in lines[-1]
+    advice.update(True, 40.0, 0.0, dark, 0.1)
+    assert advice.complaint == ""
+
+
+def states_and_centres(facing):
+    tracker = CamshiftTracker(face_region=REGION, facing=facing)
+    return track(scene(wave(1), wave(-1), frames=50), tracker)
+
+
+@pytest.mark.usefixtures("discs")
+def test_from_behind_the_hand_on_the_pictures_left_is_the_left_hand():
+    before, _ = states_and_centres(1.0)
+    behind, _ = states_and_centres(-1.0)
+    assert np.array_equal(before[20:, [1, 0]], behind[20:, :2], equal_nan=True)
+    assert np.nanmax(behind[20:, 0, 0]) < HEAD[0]
+
+
+@pytest.mark.usefixtures("discs")
+def test_from_the_side_the_hands_are_unsure_and_the_head_is_seen():
+    centres, states = states_and_centres(0.2)
+    assert np.isnan(centres[:, :2]).all()
+    assert all(state[0] is state[1] is State.UNSURE for state in states[30:40])
+    assert np.isfinite(centres[-1, 2]).all()
+
+
+@cascade
+def test_an_empty_dark_room_is_complained_of():
+    tracker = CamshiftTracker()
+    for n in range(8):
+        tracker.update(Frame(n * 1_000_000_000, np.full((120, 160, 3), 12, np.uint8)))
+    assert "dark" in tracker.complaint
+
+
+RIGHT_HAND = {
+    10: (143, 31), 20: (146, 43), 30: (167, 36), 40: (223, 34), 50: (184, 30),
+    60: (156, 40), 70: (118, 57), 76: (158, 39), 88: (144, 40), 120: (136, 40),
+}  # fmt: skip
+"""Frame -> middle of the raised right hand, px."""
+HEAD_TO_HIP = 142
+
+
+def track_video(path):
+    video, tracker, centres = cv2.VideoCapture(str(path)), CamshiftTracker(), []
+    rate = video.get(cv2.CAP_PROP_FPS)
+    while (read := video.read())[0]:
+        centres.append(tracker.update(Frame(int(len(centres) * 1e9 / rate), read[1])).centres)
+    video.release()
+    return np.array(centres)
+
+
+@pytest.mark.slow
+@cascade
+def test_the_raised_hand_of_a_recorded_person_is_tracked(data):
+    centres = track_video(data / "wave_webcam" / "wave.mp4")
+    distance = np.array([np.linalg.norm(centres[i, 1] - mark) for i, mark in RIGHT_HAND.items()]) / HEAD_TO_HIP
+    assert (distance < 0.25).sum() >= 7
+    assert (distance > 0.5).sum() <= 1

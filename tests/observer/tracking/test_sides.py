@@ -1,4 +1,4 @@
-"""Left and right at acquisition, and their repair after a doubtful meeting."""
+"""Left and right at acquisition, and their exchange after an ambiguous meeting."""
 
 import numpy as np
 import pytest
@@ -22,7 +22,7 @@ def test_the_hand_on_the_pictures_left_is_the_right_hand():
     assert name_first(at(105), HEAD, 10) is None
 
 
-def test_a_second_hand_is_believed_on_its_own_side_only():
+def test_a_second_hand_is_accepted_on_its_own_side_only():
     assert name_second(at(150), at(50), RIGHT, HEAD, 10) == (True, False)
     assert name_second(at(30), at(50), RIGHT, HEAD, 10) == (False, False)
     assert name_second(at(40), at(160), RIGHT, HEAD, 10) == (True, True)
@@ -33,58 +33,58 @@ FACE, FRAME_S = 40.0, 1 / 30
 LEFT_OF_IT, RIGHT_OF_IT = at(50), at(150)
 
 
-def frames_until_exchanged(doubt, most=90):
-    """How many frames of a left hand on the right one's side it takes; None: it is not exchanged."""
-    return next((n for n in range(most) if doubt.exchange(LEFT_OF_IT, RIGHT_OF_IT, FACE, FRAME_S)), None)
+def frames_until_exchanged(evidence, most=90):
+    """Frames until a left hand on the right side is exchanged; None: never."""
+    return next((n for n in range(most) if evidence.exchange(LEFT_OF_IT, RIGHT_OF_IT, FACE, FRAME_S)), None)
 
 
-def ambiguous(doubt):
-    doubt.heard(np.array([[1.0, 3.0], [3.0, 1.0]]), [0, 1])
+def ambiguous(evidence):
+    evidence.add_assignment(np.array([[1.0, 3.0], [3.0, 1.0]]), [0, 1])
 
 
-def merged(doubt):
-    doubt.merged()
+def merged(evidence):
+    evidence.add_merge()
 
 
 def settled():
     """Hands that have long been on their own sides."""
-    doubt = HandednessEvidence()
+    evidence = HandednessEvidence()
     for _ in range(90):
-        assert not doubt.exchange(RIGHT_OF_IT, LEFT_OF_IT, FACE, FRAME_S)
-    return doubt
+        assert not evidence.exchange(RIGHT_OF_IT, LEFT_OF_IT, FACE, FRAME_S)
+    return evidence
 
 
-def test_hands_that_have_long_been_seen_may_cross_for_a_second():
-    doubt = settled()
-    doubt.heard(np.array([[1.0, 90.0], [90.0, 1.0]]), [0, 1])
-    assert not doubt.doubtful
-    assert frames_until_exchanged(doubt) >= 30
+def test_hands_with_settled_names_may_cross_for_a_second():
+    evidence = settled()
+    evidence.add_assignment(np.array([[1.0, 90.0], [90.0, 1.0]]), [0, 1])
+    assert not evidence.doubtful
+    assert frames_until_exchanged(evidence) >= 30
 
 
 @pytest.mark.parametrize("meeting", [ambiguous, merged])
-def test_after_a_meeting_hands_on_each_others_side_are_exchanged_in_few_frames_and_once(meeting):
-    doubt = settled()
-    meeting(doubt)
-    assert doubt.doubtful
-    taken = frames_until_exchanged(doubt)
-    assert taken is not None
-    assert 0 < taken <= 3
-    assert not doubt.exchange(RIGHT_OF_IT, LEFT_OF_IT, FACE, FRAME_S)
+def test_after_a_meeting_hands_on_each_others_side_are_exchanged_once_within_few_frames(meeting):
+    evidence = settled()
+    meeting(evidence)
+    assert evidence.doubtful
+    frames = frames_until_exchanged(evidence)
+    assert frames is not None
+    assert 0 < frames <= 3
+    assert not evidence.exchange(RIGHT_OF_IT, LEFT_OF_IT, FACE, FRAME_S)
 
 
 @pytest.mark.parametrize("meeting", [ambiguous, merged])
 def test_hands_on_their_own_sides_settle_the_doubt(meeting):
-    doubt = HandednessEvidence()
-    meeting(doubt)
+    evidence = HandednessEvidence()
+    meeting(evidence)
     for _ in range(3):
-        assert not doubt.exchange(RIGHT_OF_IT, LEFT_OF_IT, FACE, FRAME_S)
-    assert not doubt.doubtful
+        assert not evidence.exchange(RIGHT_OF_IT, LEFT_OF_IT, FACE, FRAME_S)
+    assert not evidence.doubtful
 
 
 @given(st.lists(st.floats(-0.59, 0.59), max_size=60))
-def test_hands_above_each_other_say_nothing(apart):
-    doubt = HandednessEvidence()
-    doubt.merged()
-    for share in apart:
-        assert not doubt.exchange(at(100 + share * FACE), at(100), FACE, 0.1)
-    assert doubt.doubtful
+def test_hands_above_each_other_are_no_evidence(offsets):
+    evidence = HandednessEvidence()
+    evidence.add_merge()
+    for share in offsets:
+        assert not evidence.exchange(at(100 + share * FACE), at(100), FACE, 0.1)
+    assert evidence.doubtful

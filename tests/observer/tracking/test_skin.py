@@ -1,11 +1,10 @@
-"""Size clamp, states and the colours of skin, each alone."""
+"""The skin histogram: counting, learning, adaptation and back-projection."""
 
 import cv2
 import numpy as np
 import pytest
 
 from observer.tracking.head import HeadTracker
-from observer.tracking.kalman import COAST_S, TrackedPart
 from observer.tracking.skin import (
     BURNT,
     DARK,
@@ -17,27 +16,9 @@ from observer.tracking.skin import (
     counts,
     hue_saturation,
 )
-from observer.tracks import State
 
 
-@pytest.mark.parametrize(("area", "fits"), [(49, False), (51, True), (199, True), (201, False)])
-def test_areas_fit_from_half_to_twice_the_median(area, fits):
-    part = TrackedPart(10.0)
-    part.acquire(np.zeros(2), 100.0, 40.0)
-    assert part.fits(area) is fits
-
-
-def test_a_part_without_measurements_is_unsure_and_then_missing():
-    part = TrackedPart(10.0)
-    part.acquire(np.zeros(2), 100.0, 40.0)
-    part.not_measured(COAST_S * 0.9)
-    assert part.state is State.UNSURE
-    part.not_measured(COAST_S * 0.2)
-    assert part.state is State.MISSING
-    assert part.filter is None
-
-
-def test_hues_on_both_sides_of_red_are_neighbours():
+def test_hues_on_both_sides_of_red_are_adjacent():
     reds = cv2.cvtColor(np.array([[(179, 100, 200), (1, 100, 200)]], np.uint8), cv2.COLOR_HSV2BGR)
     hues = [int(counts(*hue_saturation(red)).nonzero()[0][0]) for red in (reds[:, :1], reds[:, 1:])]
     assert abs(hues[0] - hues[1]) <= 1
@@ -53,17 +34,17 @@ def test_every_usable_pixel_of_the_mask_is_counted_at_its_rotated_hue():
     assert (counts(hsv, usable) == bins).all() and bins.sum() > 1000
 
 
-def test_the_histogram_follows_the_colour_of_the_light_slowly():
+def test_the_histogram_adapts_slowly_to_the_colour_of_the_light():
     before, after = np.full((80, 80, 3), (105, 140, 200), np.uint8), np.full((80, 80, 3), (90, 170, 200), np.uint8)
     head = HeadTracker(None, None)
     assert head.begin(before, (20, 20, 40, 40))
     assert head.skin is not None
-    found = [int(head.skin.back_project(after).mean())]
+    means = [int(head.skin.back_project(after).mean())]
     for _ in range(10):
         head.adapt(after, after, 1, np.array([40.0, 40.0]), 1.0)
-        found.append(int(head.skin.back_project(after).mean()))
-    assert found[0] < 30
-    assert found[-1] > 100
+        means.append(int(head.skin.back_project(after).mean()))
+    assert means[0] < 30
+    assert means[-1] > 100
     assert head.skin.back_project(before).mean() > 100
 
 
@@ -73,11 +54,11 @@ FACE_BGR, WOOD_BGR = (105, 140, 200), (70, 120, 200)
 
 def frequencies(**shares):
     """(45, 32) of sum 1: `face` and `wood` are shares of those colours, the remainder is blue."""
-    found = np.zeros((HUES, SATURATIONS))
+    result = np.zeros((HUES, SATURATIONS))
     for colour, share in ((FACE_BGR, shares["face"]), (WOOD_BGR, shares["wood"])):
-        found[counts(*hue_saturation(np.full((1, 1, 3), colour, np.uint8))) > 0] = share
-    found[10, 5] += 1 - found.sum()
-    return found
+        result[counts(*hue_saturation(np.full((1, 1, 3), colour, np.uint8))) > 0] = share
+    result[10, 5] += 1 - result.sum()
+    return result
 
 
 def likely(skin, colour):
@@ -87,12 +68,12 @@ def likely(skin, colour):
 @pytest.mark.parametrize(
     ("rest", "wood_is_skin", "face_is_skin"),
     [
-        ({"face": 0.0, "wood": 0.04}, True, True),  # little of it: nothing is changed
-        ({"face": 0.0, "wood": 0.25}, False, True),  # a cupboard that the face resembles a little
-        ({"face": 0.4, "wood": 0.25}, True, True),  # a wall in the face's own colour: the face would go with it
+        ({"face": 0.0, "wood": 0.04}, True, True),  # little wood: unchanged
+        ({"face": 0.0, "wood": 0.25}, False, True),  # a cupboard of a similar colour
+        ({"face": 0.4, "wood": 0.25}, True, True),  # a wall of the face's colour: the face would be lost
     ],
 )
-def test_skin_is_supposed_rarer_where_that_tells_it_from_the_scenery(rest, wood_is_skin, face_is_skin):
+def test_the_prior_of_skin_is_lowered_where_that_separates_it_from_the_room(rest, wood_is_skin, face_is_skin):
     wood = 0.04 if rest["wood"] == 0.04 else 0.25
     skin = SkinHistogram(frequencies(face=0.7, wood=wood), frequencies(**rest), np.array([200.0, 10.0]))
     assert (likely(skin, WOOD_BGR) >= 110) is wood_is_skin

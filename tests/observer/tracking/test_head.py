@@ -1,4 +1,4 @@
-"""A head found by its skin alone: on drawn patches, and on a rendered performer from all sides."""
+"""Finding a head by its skin: drawn patches, and a rendered performer from all sides."""
 
 import cv2
 import numpy as np
@@ -52,35 +52,35 @@ def test_the_topmost_patch_is_the_head_at_any_size_of_picture(u, v, radius, scal
         [(160, 120, 100)],
         [(20 + 40 * i, 60 + 20 * i, 10) for i in range(MOST_PATCHES + 1)],
     ],
-    ids=["nothing", "two equally high", "a crumb", "a wall", "too many"],
+    ids=["nothing", "two equally high", "too small", "a wall", "too many"],
 )
-def test_nothing_is_told_where_nothing_can_be(patches):
+def test_ambiguous_patches_give_no_head(patches):
     assert topmost_skin(drawn(*patches), SKIN) is None
 
 
 @pytest.mark.parametrize("view", ["yaw:45,pitch:20", "yaw:135,pitch:20", "yaw:225,pitch:20", "yaw:315,pitch:20"])
-def test_a_rendered_performer_has_its_head_found_from_every_corner(view):
+def test_the_head_of_a_rendered_performer_is_found_from_every_corner(view):
     standing = np.array([[-0.35, 0.95, 0.0], [0.35, 0.95, 0.0], [0.0, 1.65, 0.0]], np.float32)
     recording = Recording(np.repeat(standing[None], 2, axis=0), 30.0, "rest", "1", "1")
 
-    def picture(named):
+    def picture(view_name):
         motion = RecordedMotion(BODY_PARTS, (recording,), speed=0)
-        camera = VirtualCamera(motion, parse_view(named), scenery=Scenery("cluttered", 3.0))
+        camera = VirtualCamera(motion, parse_view(view_name), scenery=Scenery("cluttered", 3.0))
         return camera.renderer(recording).picture(standing.astype(float), 0, None)
 
-    def head(named):
-        return project(aimed_matrix(parse_view(named), stature(recording.positions)), standing[2].astype(float))
+    def head(view_name):
+        return project(aimed_matrix(parse_view(view_name), stature(recording.positions)), standing[2].astype(float))
 
     u, v = head("door")
     skin = SkinHistogram.learn(picture("door"), (round(u) - 18, round(v) - 18, 36, 36))
     box = topmost_skin(picture(view), skin)
     assert box is not None
-    away = np.hypot(box[0] + box[2] / 2 - head(view)[0], box[1] + box[3] / 2 - head(view)[1])
-    assert away < HEAD_PX / 2
+    distance = np.hypot(box[0] + box[2] / 2 - head(view)[0], box[1] + box[3] / 2 - head(view)[1])
+    assert distance < HEAD_PX / 2
 
 
-@pytest.mark.parametrize("named", ["yaw:45,pitch:20", "yaw:135,pitch:20"])
-def test_with_a_saved_skin_hands_are_followed_by_their_names_from_the_front_and_from_behind(named):
+@pytest.mark.parametrize("view_name", ["yaw:45,pitch:20", "yaw:135,pitch:20"])
+def test_with_a_saved_histogram_left_and_right_are_tracked_from_front_and_behind(view_name):
     t = np.arange(60) / 30.0
     positions = np.zeros((len(t), 3, 3), np.float32)
     positions[:, 0] = np.stack([-0.55 + 0 * t, 1.2 + 0.25 * np.sin(5 * t), 0 * t], axis=1)
@@ -95,10 +95,10 @@ def test_with_a_saved_skin_hands_are_followed_by_their_names_from_the_front_and_
 
     u, v = project(aimed_matrix(parse_view("door"), stature(positions)), positions[0, 2].astype(float))
     skin = SkinHistogram.learn(pictures("door")[0], (round(u) - 18, round(v) - 18, 36, 36))
-    view = parse_view(named)
+    view = parse_view(view_name)
     tracker = CamshiftTracker(skin, facing=facing(view))
-    seen = np.array([tracker.update(Frame(round(n * 1e9 / 30), p)).centres for n, p in enumerate(pictures(named))])
+    seen = np.array([tracker.update(Frame(round(n * 1e9 / 30), p)).centres for n, p in enumerate(pictures(view_name))])
     truth = project(aimed_matrix(view, stature(positions)), positions.astype(float))
-    away = np.linalg.norm(seen[:, :2] - truth[:, :2], axis=2)
-    assert (np.isfinite(away[20:]).mean(axis=0) > 0.5).all()
-    assert np.nanmax(away) < HEAD_PX / 2
+    distance = np.linalg.norm(seen[:, :2] - truth[:, :2], axis=2)
+    assert (np.isfinite(distance[20:]).mean(axis=0) > 0.5).all()
+    assert np.nanmax(distance) < HEAD_PX / 2
