@@ -46,6 +46,9 @@ MESSAGES = {
 }
 REWRITE = "the last block of docs/reference/wire.md is the command that writes them anew"
 
+SHELL = {".", "cd", "mkdir"}
+"""Ordinary commands that a block of shell may hold."""
+
 pages = pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 
 
@@ -145,6 +148,8 @@ def told_apart(words):
 def test_commands_in_blocks_are_understood(page):
     makefile = (ROOT / "Makefile").read_text("utf-8")
     for words in command_lines(page):
+        if words[0] in SHELL or words[:2] == ["python", "make_motion.py"]:
+            continue
         if words[0] == "make":
             assert f"\n{words[1]}:" in makefile, words
         elif words[:2] == ["python", "-m"]:
