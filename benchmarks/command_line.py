@@ -1,16 +1,17 @@
-"""Runs one function as the command line of a benchmark: its parameters are the options, an error is one line."""
+"""What the benchmarks with a command line share: options of a function, one-line errors, tables in markdown pages."""
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from pathlib import Path
 
 import typer
 from typer.exceptions import TyperException
 
-from common.errors import LabanmeshError
+from common.errors import BadInput, LabanmeshError
 
 
-def run_command(function: Callable[..., int | None], name: str, arguments: list[str] | None = None) -> int:
-    """Parse `arguments` (default: those of this process) and call `function`.
+def run_command(function: Callable[..., int | None], name: str, arguments: Sequence[str] | None = None) -> int:
+    """Parse `arguments` (default: those of this process) and call `function`, whose parameters are the options.
 
     Returns the exit status: what `function` returns, else 0; 1 for an error at run time; 2 for bad input; 130 after
     Ctrl-C. Errors go to stderr as one line that begins with `name`.
@@ -30,3 +31,34 @@ def run_command(function: Callable[..., int | None], name: str, arguments: list[
     except (KeyboardInterrupt, typer.Abort):
         return 130
     return status if isinstance(status, int) else 0
+
+
+def markdown_table(head: Sequence[str], rows: Sequence[Sequence[str]], left: int = 1) -> str:
+    """A table whose first `left` columns are aligned to the left, the others to the right."""
+    rule = ["---"] * left + ["---:"] * (len(head) - left)
+    return "\n".join(f"| {' | '.join(cells)} |" for cells in (head, rule, *rows))
+
+
+def replace_table(page: str, table: str, begin: str, end: str) -> str:
+    """The page with `table` between its two marks; raises BadInput when a mark is missing."""
+    before, begin_mark, rest = page.partition(begin)
+    _, end_mark, after = rest.partition(end)
+    if not (begin_mark and end_mark):
+        raise BadInput(f"the page has no place for the table: it needs the lines {begin} and {end}")
+    return f"{before}{begin}\n{table}\n{end}{after}"
+
+
+def read_page(page: Path | None, begin: str, end: str) -> str:
+    """The text of a page, checked before the long work; "" for None. Raises BadInput for one without the marks."""
+    if page is None:
+        return ""
+    try:
+        text = page.read_text(encoding="utf-8")
+    except OSError as error:
+        why = (error.strerror or str(error)).lower()
+        raise BadInput(f"cannot read {page}: {why}. Choose another page with --page") from None
+    try:
+        replace_table(text, "", begin, end)
+    except BadInput as error:
+        raise BadInput(f"--page {page}: {error}") from None
+    return text

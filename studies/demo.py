@@ -1,8 +1,8 @@
-"""`labanmesh demo`: real processes on this machine, from recorded or synthetic motion to verdicts, ends by itself.
+"""`labanmesh demo`: real processes on this machine, from motion to verdicts; ends by itself.
 
-1. Performance, models and scene file are written into a folder.
-2. `labanmesh up` starts four observers and the referee; `labanmesh watch` shows them.
-3. This process listens like any hub, and at the end holds the verdicts against what was performed.
+1. The performance, one model per observer and the scene file are written into a folder.
+2. `labanmesh up` starts four observers and the fusion service; `labanmesh watch` shows them.
+3. This process subscribes as any hub does, and at the end compares the verdicts with what was performed.
 """
 
 import contextlib
@@ -17,6 +17,7 @@ from typing import Annotated
 
 import typer
 
+from common import SECOND_NS
 from common.config import Scene, read_scene
 from common.errors import LabanmeshError
 from common.inbox import Inbox
@@ -25,30 +26,64 @@ from common.messages import JudgementMessage, PosteriorMessage, VerdictMessage
 from common.progress import ProgressBar
 from common.wire import BadMessage, decode
 
-SECOND_NS = 1_000_000_000
-PLAY_PATIENCE_S = 30.0
-STOP_PATIENCE_S = 10.0
+PLAY_TIMEOUT_S = 30.0
+"""How much longer than the performance the processes may take."""
+STOP_TIMEOUT_S = 10.0
+
+
+@dataclass(slots=True)
+class DemoTraffic:
+    """The messages of one demo. began_ns, ended_ns: capture times of the first and the newest frame.
+
+    first_words, last_words: by the verdict's id its first message and its newest one, which may correct the first.
+    """
+
+    began_ns: int | None = None
+    ended_ns: int = 0
+    judgements: list[JudgementMessage] = field(default_factory=list)
+    first_words: dict[str, VerdictMessage] = field(default_factory=dict)
+    last_words: dict[str, VerdictMessage] = field(default_factory=dict)
+
+    def add(self, key: str, payload: bytes, scene: Scene) -> None:
+        """Decode and keep one message; raises BadMessage."""
+        if key == scene.keys.judgement:
+            self.judgements.append(decode(JudgementMessage, payload))
+        elif key == scene.keys.verdict:
+            verdict = decode(VerdictMessage, payload)
+            self.first_words.setdefault(verdict.id, verdict)
+            self.last_words[verdict.id] = verdict
+        else:
+            captured_ns = decode(PosteriorMessage, payload).captured_ns
+            self.began_ns = captured_ns if self.began_ns is None else self.began_ns
+            self.ended_ns = max(self.ended_ns, captured_ns)
+
+    def seconds(self, at_ns: int) -> float:
+        """Time since the performance began."""
+        return (at_ns - (self.began_ns or at_ns)) / SECOND_NS
 
 
 def demo(
-    motion: Annotated[Path | None, typer.Option(help="A motion archive: recorded people instead of ours.")] = None,
-    subject: Annotated[str | None, typer.Option(help="Who performs, of the archive; the last one.")] = None,
+    motion: Annotated[Path | None, typer.Option(help="A motion archive of recorded people instead of ours.")] = None,
+    subject: Annotated[
+        str | None, typer.Option(help="The person of the archive who performs; default: the last.")
+    ] = None,
     output: Annotated[Path, typer.Option(help="Folder for scene, models, log and figures.")] = Path("labanmesh-demo"),
-    seed: Annotated[int, typer.Option(min=0, help="Seeds all chance.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of all random choices.")] = 0,
     pixels: Annotated[
-        bool, typer.Option(help="Track hands and head in pictures of virtual cameras, or be told where they are.")
+        bool,
+        typer.Option(help="Track hands and head in pictures of virtual cameras, or take their positions as given."),
     ] = True,
 ) -> None:
-    """The whole system on this machine: four observer processes in the corners, one referee, verdicts against truth.
+    """Run the whole system here: four observer processes in the corners, one fusion service, verdicts against truth.
 
-    The performer is synthetic unless --motion names recorded people, and filmed by virtual cameras. Ends by itself.
+    The performer is synthetic unless --motion names recorded people. Virtual cameras film the performer.
 
     Example: labanmesh demo
 
     Example: labanmesh demo --motion msr.npz --subject 8
     """
     from observer.motion.archive_file import read_archive
-    from studies.demo_report import draw, rows_of, table
+    from studies.demo_report import draw_figures, movement_rows, result_text
     from studies.demo_scene import PREVIEW, recorded_performance, synthetic_performance, write_demo
 
     if motion is None:
@@ -58,68 +93,43 @@ def demo(
     print(performance.title)
     with ProgressBar() as bar:
         scene = write_demo(performance, output, bar, pixels)
-    stream = performance.stream
-    length_s = len(stream.positions) / stream.rate_hz
-    print(f"five processes start: four observers, one referee; the performance takes {length_s:.0f} s", flush=True)
-    heard = play(scene, output / "log.txt", length_s)
-    figures = draw(stream, heard, performance.vocabulary.labels, output)
-    print(f"\n{performance.title}\n\n{table(rows_of(stream, heard))}\n")
+    length_s = len(performance.stream.positions) / performance.stream.rate_hz
+    print(f"starting four observers and the fusion service; the performance takes {length_s:.0f} s", flush=True)
+    traffic = play(scene, output / "log.txt", length_s)
+    rows = movement_rows(performance.stream, traffic)
+    print(f"\n{performance.title}\n\n{result_text(rows, traffic, pixels)}\n", flush=True)
+    files, note = draw_figures(performance.stream, traffic, performance.vocabulary.labels, output)
     film = [output / PREVIEW] if pixels else []
-    print("written:", *figures, *film, scene, output / "log.txt", sep="\n  ")
-    print(f"\nagain, by hand: labanmesh up {scene}, and labanmesh watch {scene} in another terminal")
+    print("written:", *files, *film, scene, output / "log.txt", sep="\n  ")
+    print(f"{note}\nto run it again: labanmesh up {scene}, and labanmesh watch {scene} in another terminal")
 
 
-@dataclass(slots=True)
-class Heard:
-    """Everything the mesh said during the demo. began_ns: capture time of the first frame."""
+def play(scene_file: Path, log: Path, length_s: float) -> DemoTraffic:
+    """Run the scene to its end under the terminal view; returns the messages.
 
-    began_ns: int | None = None
-    judgements: list[JudgementMessage] = field(default_factory=list)
-    verdicts: dict[str, VerdictMessage] = field(default_factory=dict)
-    first_words: dict[str, VerdictMessage] = field(default_factory=dict)
-
-    def note(self, key: str, payload: bytes, scene: Scene) -> None:
-        """Take one message; the last word of a verdict replaces the one before, the first is kept beside it."""
-        if key == scene.keys.judgement:
-            self.judgements.append(decode(JudgementMessage, payload))
-        elif key == scene.keys.verdict:
-            verdict = decode(VerdictMessage, payload)
-            self.first_words.setdefault(verdict.id, verdict)
-            self.verdicts[verdict.id] = verdict
-        elif self.began_ns is None:
-            self.began_ns = decode(PosteriorMessage, payload).captured_ns
-
-    def seconds(self, at_ns: int) -> float:
-        """Time since the performance began."""
-        return (at_ns - (self.began_ns or at_ns)) / SECOND_NS
-
-
-def play(scene_file: Path, log: Path, length_s: float) -> Heard:
-    """Run the scene to its end under the terminal view; returns what was heard.
-
-    Raises LabanmeshError when the processes do not end or do not speak, naming the log.
+    Raises LabanmeshError that names the log when the processes do not end or publish nothing.
     """
-    scene, heard = read_scene(scene_file), Heard()
+    scene, traffic = read_scene(scene_file), DemoTraffic()
     python = [sys.executable, "-P", "-m", "labanmesh"]
     with (
         log.open("w", encoding="utf-8") as log_file,
         Link.open(scene.mesh, "hub") as link,
-        _listening(link.inbox(scene.keys.posterior(), scene.keys.judgement, scene.keys.verdict), scene, heard),
+        _subscribed(link.inbox(scene.keys.posterior(), scene.keys.judgement, scene.keys.verdict), scene, traffic),
         _process([*python, "up", str(scene_file), "--exit-when-done"], stdout=log_file, stderr=log_file) as up,
         _process([*python, "watch", str(scene_file)]),
     ):
         try:
-            status = up.wait(length_s + PLAY_PATIENCE_S)
+            status = up.wait(length_s + PLAY_TIMEOUT_S)
         except subprocess.TimeoutExpired:
             raise LabanmeshError(f"the demo's processes did not end in time; {log} says why") from None
-    if status or not heard.judgements:
-        raise LabanmeshError(f"the demo's processes failed or said nothing; {log} says why")
-    return heard
+    if status or not traffic.judgements:
+        raise LabanmeshError(f"the demo's processes failed or published nothing; {log} says why")
+    return traffic
 
 
 @contextlib.contextmanager
 def _process(command: list[str], **streams: object) -> Iterator[subprocess.Popen[bytes]]:
-    """A process that is over, one way or another, when the block is left."""
+    """A process that has ended when the block is left."""
     with subprocess.Popen(command, **streams) as process:  # type: ignore[call-overload]  # noqa: S603 - our own verbs
         try:
             yield process
@@ -127,26 +137,26 @@ def _process(command: list[str], **streams: object) -> Iterator[subprocess.Popen
             if process.poll() is None:
                 process.send_signal(signal.SIGTERM)
                 try:
-                    process.wait(STOP_PATIENCE_S)
+                    process.wait(STOP_TIMEOUT_S)
                 except subprocess.TimeoutExpired:
                     process.kill()
 
 
 @contextlib.contextmanager
-def _listening(inbox: Inbox, scene: Scene, heard: Heard) -> Iterator[None]:
-    """Note in a thread what comes, until the block is left and the inbox is empty."""
+def _subscribed(inbox: Inbox, scene: Scene, traffic: DemoTraffic) -> Iterator[None]:
+    """Collect messages in a thread until the block is left and the inbox is empty."""
     done = threading.Event()
 
-    def listen() -> None:
+    def collect() -> None:
         while True:
             over = done.is_set()
             for arrival in inbox.take(0.1):
                 with contextlib.suppress(BadMessage):
-                    heard.note(arrival.key, arrival.payload, scene)
+                    traffic.add(arrival.key, arrival.payload, scene)
             if over:
                 return
 
-    thread = threading.Thread(target=listen, name="demo-listener")
+    thread = threading.Thread(target=collect, name="demo-listener")
     thread.start()
     try:
         yield

@@ -1,94 +1,152 @@
-"""What the demo shows at its end: verdicts against truth, and where the figures are."""
+"""The result of a demo: verdicts against truth, whether the machine kept up, and the figures."""
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from common.errors import LabanmeshError
 from common.messages import JudgementMessage, VerdictMessage
 from common.probability import entropy_bits
+from common.text import plural
 from common.vocabulary import ABSTAIN
 from observer.motion.archive import Recording, Span
 from observer.tracks import Floats
-from studies.demo import Heard
+from studies.demo import DemoTraffic
 from studies.report import figures
 
 LATE_S = 1.0
-"""A verdict may come so long after the movement's end and still be about it."""
+"""A verdict may begin this long after a movement has ended and still belong to it."""
+SLOW_SHARE = 0.1
+"""With more votes than this share late, stale or silent, the machine was too slow for the demo."""
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
-    """A movement performed, and the verdict on it, if any; times in seconds from the performance's begin."""
+class DemoRow:
+    """A movement with the verdicts on it, earliest first; begin_s, end_s from the begin of the performance."""
 
     label: str
     begin_s: float
     end_s: float
-    verdict: VerdictMessage | None
-    decided_s: float | None
-
-    @property
-    def right(self) -> bool:
-        """Whether the last word of the verdict is what was done."""
-        return self.verdict is not None and self.verdict.label == self.label
+    verdict_ids: tuple[str, ...] = ()
 
 
-def rows_of(stream: Recording, heard: Heard) -> list[Row]:
-    """Each movement with the verdict whose time overlaps it most."""
-    return [_row(span, stream.rate_hz, heard) for span in stream.spans]
+@dataclass(frozen=True, slots=True)
+class DemoResult:
+    """All movements, and the verdicts that belong to none of them (`unmatched`, by id)."""
+
+    rows: tuple[DemoRow, ...]
+    unmatched: tuple[str, ...]
 
 
-def _row(span: Span, rate_hz: float, heard: Heard) -> Row:
-    begin_s, end_s = span.start / rate_hz, span.end / rate_hz
-
-    def overlap(verdict: VerdictMessage) -> float:
-        ended = verdict.ended_ns or verdict.decided_ns
-        return min(end_s + LATE_S, heard.seconds(ended)) - max(begin_s, heard.seconds(verdict.began_ns))
-
-    verdict = max(heard.verdicts.values(), key=overlap, default=None)
-    if verdict is None or overlap(verdict) <= 0:
-        return Row(span.label, begin_s, end_s, None, None)
-    return Row(span.label, begin_s, end_s, verdict, heard.seconds(verdict.decided_ns))
-
-
-def table(rows: Sequence[Row]) -> str:
-    """Verdicts against truth, a line a movement, and how many were right."""
-    width = max(len(row.label) for row in rows) + 2
-    head = f"{'done':<{width}}{'from':>6}{'to':>7}  {'verdict':<{width}}{'after':>7}{'agreed':>8}{'entropy':>9}"
-    right = sum(row.right for row in rows)
-    return "\n".join([head, "-" * len(head), *(_line(row, width) for row in rows), "", _sum(rows, right)])
+def movement_rows(stream: Recording, traffic: DemoTraffic) -> DemoResult:
+    """Assign each verdict to the movement that it overlaps longest."""
+    spans = [(span, span.start / stream.rate_hz, span.end / stream.rate_hz) for span in stream.spans]
+    ids: list[list[str]] = [[] for _ in spans]
+    unmatched: list[str] = []
+    for name, verdict in sorted(traffic.last_words.items(), key=lambda item: item[1].began_ns):
+        began_s = traffic.seconds(verdict.began_ns)
+        ended_s = traffic.seconds(verdict.ended_ns or verdict.decided_ns)
+        overlaps = [min(end_s + LATE_S, ended_s) - max(begin_s, began_s) for _, begin_s, end_s in spans]
+        best = int(np.argmax(overlaps)) if overlaps else 0
+        (ids[best] if overlaps and overlaps[best] > 0 else unmatched).append(name)
+    rows = [DemoRow(s.label, begin_s, end_s, tuple(own)) for (s, begin_s, end_s), own in zip(spans, ids, strict=True)]
+    return DemoResult(tuple(rows), tuple(unmatched))
 
 
-def _line(row: Row, width: int) -> str:
+def result_text(result: DemoResult, traffic: DemoTraffic, pixels: bool = True) -> str:
+    """The table of movements, the counts, additional verdicts, and whether the machine was fast enough."""
+    rows = result.rows
+    width = max([len(row.label) for row in rows] + [len(v.label) for v in traffic.last_words.values()] + [10]) + 2
+    head = f"{'done':<{width}}{'from':>6}{'to':>7}  {'first word':<{width}}{'after':>6}  "
+    head += f"{'last word':<{width}}{'agreed':>7}{'entropy':>10}"
+    table = [head, "-" * len(head), *(_line(row, traffic, width) for row in rows)]
+    first = _counts(rows, traffic.first_words)
+    last = _counts(rows, traffic.last_words)
+    counts = [f"{first} (observers abstain rather than guess)"]
+    if last != first:
+        counts = [f"first word: {counts[0]}", f"last word:  {last}"]
+    return "\n".join([*table, "", *counts, *_additional(result, traffic), *_timeliness(traffic, pixels)])
+
+
+def _line(row: DemoRow, traffic: DemoTraffic, width: int) -> str:
     start = f"{row.label:<{width}}{row.begin_s:>5.1f}s{row.end_s:>6.1f}s  "
-    if row.verdict is None or row.decided_s is None:
-        return f"{start}{'none':<{width}}"
-    after = f"{row.decided_s - row.begin_s:>6.1f}s"
-    agreed = f"{row.verdict.agreement.k} of {row.verdict.agreement.n}"
-    mark = "right" if row.right else "undecided" if row.verdict.label == ABSTAIN else "WRONG"
-    bits = f"{row.verdict.certainty_bits:.2f} bit"
-    return f"{start}{row.verdict.label:<{width}}{after}{agreed:>8}{bits:>9}  {mark}"
+    if not row.verdict_ids:
+        return f"{start}no verdict"
+    first, last = traffic.first_words[row.verdict_ids[0]], traffic.last_words[row.verdict_ids[0]]
+    after = f"{traffic.seconds(first.decided_ns) - row.begin_s:>5.1f}s  "
+    changed = "" if last.label == first.label else last.label
+    agreed = f"{last.agreement.k} of {last.agreement.n}"
+    words = list(dict.fromkeys(_grade(row, verdict) for verdict in (first, last)))
+    grade = ", then ".join(words)
+    return f"{start}{first.label:<{width}}{after}{changed:<{width}}{agreed:>7}{last.certainty_bits:>6.2f} bit  {grade}"
 
 
-def _sum(rows: Sequence[Row], right: int) -> str:
-    wrong = sum(not row.right and row.verdict is not None and row.verdict.label != ABSTAIN for row in rows)
-    open_ = len(rows) - right - wrong
-    return f"{right} of {len(rows)} right, {wrong} wrong, {open_} undecided (the judges abstain rather than guess)"
+def _grade(row: DemoRow, verdict: VerdictMessage) -> str:
+    return "right" if verdict.label == row.label else "undecided" if verdict.label == ABSTAIN else "WRONG"
 
 
-def draw(stream: Recording, heard: Heard, labels: Sequence[str], folder: Path) -> list[Path]:
-    """The verdicts over time, and the paper's Fig. 7 of the movement on which the judges differed most."""
+def _counts(rows: Sequence[DemoRow], words: dict[str, VerdictMessage]) -> str:
+    grades = Counter(_grade(row, words[row.verdict_ids[0]]) if row.verdict_ids else "undecided" for row in rows)
+    return f"{grades['right']} of {len(rows)} right, {grades['WRONG']} wrong, {grades['undecided']} undecided"
+
+
+def _additional(result: DemoResult, traffic: DemoTraffic) -> list[str]:
+    """Verdicts beyond the first one of each movement."""
+    extra = [(name, f"during {row.label}") for row in result.rows for name in row.verdict_ids[1:]]
+    extra += [(name, "between movements") for name in result.unmatched]
+    if not extra:
+        return []
+    lines = [f"{plural(len(extra), 'additional verdict')}:"]
+    for name, place in sorted(extra, key=lambda item: traffic.first_words[item[0]].decided_ns):
+        first, last = traffic.first_words[name], traffic.last_words[name]
+        label = first.label if first.label == last.label else f"{first.label}, then {last.label}"
+        lines.append(f"  {traffic.seconds(first.decided_ns):>5.1f}s  {label}, {place}")
+    return lines
+
+
+def _timeliness(traffic: DemoTraffic, pixels: bool) -> list[str]:
+    """How many votes were late, stale or silent while the observers were watching; a plain word when too many."""
+    states = Counter(
+        vote.state
+        for judgement in traffic.judgements
+        if (traffic.began_ns or 0) <= judgement.at_ns <= traffic.ended_ns
+        for vote in judgement.votes.values()
+    )
+    total = max(states.total(), 1)
+    shares = {state: states[state] / total for state in ("late", "stale", "silent")}
+    late = sum(shares.values())
+    lines = [f"votes in time: {1 - late:.0%}; " + ", ".join(f"{state} {share:.0%}" for state, share in shares.items())]
+    if late > SLOW_SHARE:
+        way_out = "close other programs" + (", or run labanmesh demo --no-pixels" if pixels else "")
+        lines.append(f"THIS MACHINE WAS TOO SLOW: {late:.0%} of the votes came too late to count in full; {way_out}")
+    return lines
+
+
+def draw_figures(
+    stream: Recording, traffic: DemoTraffic, labels: Sequence[str], folder: Path
+) -> tuple[list[Path], str]:
+    """The figures' files, and a note (or "") that says which figures are missing and how to get them."""
+    try:
+        return _draw(stream, traffic, labels, folder), ""
+    except (LabanmeshError, OSError) as error:
+        names = f"{folder / 'verdicts.png'} and {folder / 'belief-*.png'}"
+        return [], f"\nfigures left out: {names}: {error}\n"
+
+
+def _draw(stream: Recording, traffic: DemoTraffic, labels: Sequence[str], folder: Path) -> list[Path]:
+    """The verdicts over time, and the paper's Fig. 7 of the movement on which the observers differed most."""
     drawing = figures()
-    Interval = drawing.Span
-    rate = stream.rate_hz
-    judgements = _one_a_frame(heard, rate)
-    times_s = np.array([heard.seconds(j.at_ns) for j in judgements])
+    interval, rate = drawing.LabelledInterval, stream.rate_hz
+    judgements = _last_per_frame(traffic, rate)
+    times_s = np.array([traffic.seconds(j.at_ns) for j in judgements])
     fused = np.array([j.p for j in judgements])
-    truth = [Interval(s.start / rate, s.end / rate, s.label) for s in stream.spans]
+    truth = [interval(s.start / rate, s.end / rate, s.label) for s in stream.spans]
     verdicts = [
-        Interval(heard.seconds(v.began_ns), heard.seconds(v.ended_ns or v.decided_ns), v.label)
-        for v in heard.verdicts.values()
+        interval(traffic.seconds(v.began_ns), traffic.seconds(v.ended_ns or v.decided_ns), v.label)
+        for v in traffic.last_words.values()
     ]
     playing = (times_s >= 0) & (times_s <= len(stream.positions) / rate)
     timeline = drawing.verdict_timeline_figure(
@@ -96,28 +154,28 @@ def draw(stream: Recording, heard: Heard, labels: Sequence[str], folder: Path) -
     )
     span = _most_disputed(stream, judgements, times_s)
     inside = np.flatnonzero((times_s >= span.start / rate) & (times_s <= span.end / rate + LATE_S / 2))
-    told = [judgements[n] for n in inside]
-    beliefs = {name: _belief_of(name, told, len(labels)) for name in judgements[0].votes}
+    chosen = [judgements[n] for n in inside]
+    beliefs = {name: _posteriors_of(name, chosen, len(labels)) for name in judgements[0].votes}
     beliefs["fused"] = fused[inside]
     entropies = {name: entropy_bits(p) for name, p in beliefs.items()}
     path = folder / f"belief-{span.label}.png"
     return [timeline, drawing.belief_figure(times_s[inside], beliefs, entropies, labels, span.label, path)]
 
 
-def _one_a_frame(heard: Heard, rate_hz: float) -> list[JudgementMessage]:
-    """The last judgement of each frame, when all judges have spoken: each of them causes a judgement of its own."""
-    last = {int(heard.seconds(j.at_ns) * rate_hz): j for j in heard.judgements}
+def _last_per_frame(traffic: DemoTraffic, rate_hz: float) -> list[JudgementMessage]:
+    """The last judgement of each frame, in which all observers count: each posterior causes a judgement."""
+    last = {int(traffic.seconds(j.at_ns) * rate_hz): j for j in traffic.judgements}
     return [last[frame] for frame in sorted(last)]
 
 
-def _belief_of(observer: str, judgements: Sequence[JudgementMessage], size: int) -> Floats:
-    """(F, M) what one observer believed; the prior while it was silent."""
-    said = [judgement.votes[observer].p for judgement in judgements]
-    return np.array([[1 / size] * size if p is None else p for p in said])
+def _posteriors_of(observer: str, judgements: Sequence[JudgementMessage], size: int) -> Floats:
+    """(F, M) posterior of one observer; the uniform prior while it is silent."""
+    votes = [judgement.votes[observer].p for judgement in judgements]
+    return np.array([[1 / size] * size if p is None else p for p in votes])
 
 
 def _most_disputed(stream: Recording, judgements: Sequence[JudgementMessage], times_s: Floats) -> Span:
-    """The movement during which the judges' entropies lay farthest apart, on average."""
+    """The movement during which the entropies of the observers differ most, on average."""
     entropies = [[v.entropy for v in j.votes.values() if v.entropy is not None] for j in judgements]
     spread = np.array([max(bits) - min(bits) if bits else 0.0 for bits in entropies])
 

@@ -1,4 +1,4 @@
-"""What a demo needs on disk: a performance, one model a corner, a scene file."""
+"""The files of a demo: a performance, one model per corner, a scene file."""
 
 import socket
 from collections.abc import Callable, Sequence
@@ -9,6 +9,7 @@ from threading import Event
 import numpy as np
 
 from common.errors import BadInput, LabanmeshError
+from common.text import plural
 from common.vocabulary import Vocabulary
 from observer.geometry.views import parse_view
 from observer.learning.learn import learn_view
@@ -21,6 +22,7 @@ from observer.rendering.scenery import Scenery
 from observer.rendering.virtual_camera import VirtualCamera
 from observer.tracking.camshift import CamshiftTracker
 from studies.performer import MOVEMENTS, PEOPLE, perform, perform_continuously
+from studies.report import make_folder, write_text
 from studies.stream import strung
 
 CORNERS = {
@@ -29,22 +31,22 @@ CORNERS = {
     "back-right": "yaw:135,pitch:20",
     "back-left": "yaw:225,pitch:20",
 }
-"""The four Karate judges: ids as seen from the performer, and views; high in the corners, as cameras hang.
+"""The four observers: ids as seen from the performer, and views from high in the corners, as cameras hang.
 
-From the same height two opposite judges would see mirror images and always believe the same.
+At the performer's height two opposite observers would see mirror images and always agree.
 """
 RATE_HZ, BACKGROUND, NOISE = 30.0, "cluttered", 3.0
 """Of the virtual cameras' pictures."""
 PREVIEW = "front-left.mp4"
-"""The film of what the first corner sees."""
+"""The film of the first corner."""
 MOST_MOVEMENTS = 10
-"""So many movements of a recorded person fit into a demo that ends in under 90 s."""
+"""Movements of a recorded person that fit into a demo of under 90 s."""
 Progress = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Performance:
-    """What is performed, and whom the judges have learned from."""
+    """The recording that is performed, and the recordings that the observers learn from."""
 
     title: str
     stream: Recording
@@ -53,34 +55,35 @@ class Performance:
 
 
 def synthetic_performance(seed: int) -> Performance:
-    """The package's own performer: three people to learn from, the fourth to judge. SYNTHETIC."""
+    """The SYNTHETIC performer: observers learn from three people and judge the fourth."""
     *others, last = PEOPLE
-    title = f"SYNTHETIC performer (a kinematic model, no recorded person): person {last}, judged by who saw the others"
+    title = f"SYNTHETIC performer (a kinematic model, no recorded person): person {last}, learned from the others"
     stream = perform_continuously(last, MOVEMENTS, seed=seed)
     return Performance(title, stream, perform(others, seed=seed), Vocabulary(MOVEMENTS, "the paper's eight"))
 
 
 def recorded_performance(archive: MotionArchive, name: str, subject: str | None, seed: int) -> Performance:
-    """A person of an archive, judged by who saw the others; the recordings strung together with idle between.
+    """One person of an archive, judged by models of the others; recordings are strung together with rest between.
 
-    Raises BadInput for an unknown person, or an archive of one person only.
+    Raises BadInput for an unknown person and for an archive of a single person.
     """
     subjects = sorted({r.subject for r in archive.recordings}, key=lambda s: (len(s), s))
     chosen = subject or subjects[-1]
     if chosen not in subjects:
         raise BadInput(f"--subject {chosen!r}: not in {name}; it has {', '.join(subjects)}")
     if len(subjects) < 2:
-        raise BadInput(f"--motion {name}: it shows one person only; who shall the judges learn from?")
+        raise BadInput(f"--motion {name}: shows 1 person; the observers learn from others, so it needs at least 2")
     others = tuple(r for r in archive.recordings if r.subject != chosen)
     learned = MotionArchive(archive.body_parts, tuple(movements_in(MotionArchive(archive.body_parts, others))))
     labels = tuple(dict.fromkeys(r.label for r in learned.recordings if r.label))
     stream = _stream_of([r for r in archive.recordings if r.subject == chosen], labels, seed)
-    title = f"recorded person {chosen} of {name}, judged by who saw the {len(subjects) - 1} others"
+    others_text = plural(len(subjects) - 1, "other")
+    title = f"recorded person {chosen} of {name}, learned from {others_text}"
     return Performance(title, stream, learned, Vocabulary(labels))
 
 
 def _stream_of(own: Sequence[Recording], labels: Sequence[str], seed: int) -> Recording:
-    """The person's continuous recording, if there is one; else one recording each of up to ten movements."""
+    """The person's continuous recording if there is one, else one recording each of up to ten movements."""
     whole = [r for r in own if r.spans]
     if whole:
         return whole[0]
@@ -93,26 +96,27 @@ def _stream_of(own: Sequence[Recording], labels: Sequence[str], seed: int) -> Re
 def write_demo(performance: Performance, folder: Path, progress: Progress, pixels: bool = True) -> Path:
     """Write performance, models and scene file into `folder`; returns the scene file.
 
-    pixels: the observers look at pictures of virtual cameras, by camshift, and the performer has first shown his face
-    to one of them; else they are told where hands and head would be in their view.
+    pixels: the observers track pictures of virtual cameras with camshift, with a skin histogram learned from the face
+    as seen from the front; otherwise they receive the projected positions of hands and head. Raises BadInput where
+    the folder cannot be written.
     """
-    folder.mkdir(parents=True, exist_ok=True)
+    make_folder(folder, "--output")
     stream = replace(performance.stream, trial="demo")
     write_archive(folder / "performance.npz", MotionArchive(performance.learned.body_parts, (stream,)))
     for n, (corner, view) in enumerate(CORNERS.items()):
         provenance = {"archive": performance.title}
         model = learn_view(performance.learned, parse_view(view), performance.vocabulary, provenance=provenance)
         write_model(folder / f"{corner}.model", model)
-        progress("each corner learns its perspective", n + 1, len(CORNERS))
+        progress("learning one model per corner", n + 1, len(CORNERS))
     if pixels:
-        _introduce(performance, folder / "skin.npz")
+        _save_skin(performance, folder / "skin.npz")
     scene = folder / "scene.toml"
-    scene.write_text(_scene_file(performance, pixels), encoding="utf-8")
+    write_text(scene, _scene_file(performance, pixels), "--output")
     return scene
 
 
-def _introduce(performance: Performance, file: Path) -> None:
-    """What `labanmesh look --view door --save-skin` does: corners see no face from the front that would teach skin."""
+def _save_skin(performance: Performance, file: Path) -> None:
+    """As `labanmesh look --view door --save-skin`: the corner cameras see no frontal face to learn the skin from."""
     parts, stream = performance.learned.body_parts, performance.stream
     motion = RecordedMotion(parts, (stream,), speed=0)
     tracker = CamshiftTracker()
@@ -121,13 +125,13 @@ def _introduce(performance: Performance, file: Path) -> None:
         if tracker.skin is not None:
             tracker.skin.save(file)
             return
-    raise LabanmeshError(f"{performance.title}: no face was seen from the front; labanmesh demo --no-pixels needs none")
+    raise LabanmeshError(f"{performance.title}: no face detected from the front; labanmesh demo --no-pixels needs none")
 
 
 def _scene_file(performance: Performance, pixels: bool) -> str:
     labels = ", ".join(f'"{label}"' for label in performance.vocabulary.labels)
     lines = [
-        "# Written by labanmesh demo: four judges in the corners, one referee, on this machine.",
+        "# Written by labanmesh demo: four observers in the corners and one fusion service on this machine.",
         f"# {performance.title}.",
         'scene = "demo"',
         f"vocabulary = [{labels}]",
@@ -137,7 +141,7 @@ def _scene_file(performance: Performance, pixels: bool) -> str:
         f'endpoint = "tcp/127.0.0.1:{_free_port()}"',
         "",
         "[fusion]",
-        # Two of four cameras see his back: the two that see his hands must be able to decide.
+        # Two of four cameras see the performer from behind: the two that see the hands must be able to decide.
         f"quorum = {len(CORNERS) // 2 if pixels else len(CORNERS) // 2 + 1}",
     ]
     for n, (corner, view) in enumerate(CORNERS.items()):

@@ -1,6 +1,10 @@
-"""The paper's three experiments (section V.B) with the paper's own model and rule, beside the paper's tables."""
+"""The paper's three experiments (section V.B) with the paper's own model and rule, beside the paper's tables.
 
-from collections.abc import Callable, Mapping, Sequence
+Tables I to III are copied as printed. One inconsistency is theirs: in Table III the row Point sums to 13 trials, in
+Tables I and II to 12, so its counts sum to 96 while its last row says 95.
+"""
+
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,7 +13,7 @@ from numpy.typing import NDArray
 
 from observer.geometry.views import parse_view
 from observer.motion.archive import MotionArchive
-from studies.evaluate import Answer, Question, evaluate
+from studies.evaluate import EvaluationResult, EvaluationSettings, Progress, evaluate
 from studies.metrics import beside, confusion_table
 from studies.report import as_json, resolved_pairs
 
@@ -19,7 +23,7 @@ MOVEMENTS = ("lunging", "maestro", "stretch", "ok", "point", "byebye", "shake", 
 
 @dataclass(frozen=True, slots=True)
 class PaperTable:
-    """One table: `counts` are rows true, columns judged; the other figures are those printed, not computed."""
+    """One table as printed: `counts` with rows true, columns judged, and the printed sums and rate."""
 
     title: str
     counts: tuple[tuple[int, ...], ...]
@@ -89,7 +93,7 @@ PAPER_MODEL, PAPER_RULE = "frame-table", "inverse_entropy"
 
 @dataclass(frozen=True, slots=True)
 class Experiment:
-    """One of the three: which views, how far the performer is turned, and the paper's table."""
+    """One of the three experiments: views, turn of the performer in degrees, and the paper's table."""
 
     title: str
     views: tuple[str, ...]
@@ -105,12 +109,12 @@ EXPERIMENTS = (
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Outcome:
-    """An experiment on one set of movements: the judged trials and the contract's figures."""
+class ExperimentResult:
+    """An experiment on one set of movements: the trials, and their figures as in the contract's JSON."""
 
     experiment: Experiment
-    answer: Answer
-    found: dict[str, Any]
+    result: EvaluationResult
+    figures: dict[str, Any]
 
 
 def run_experiments(
@@ -118,27 +122,25 @@ def run_experiments(
     sets: Mapping[str, Sequence[str]],
     train_subjects: Sequence[str],
     test_subjects: Sequence[str],
-    progress: Callable[[str, int, int], None],
-) -> dict[str, list[Outcome]]:
+    progress: Progress,
+) -> dict[str, list[ExperimentResult]]:
     """All three experiments on each set of movements."""
     return {
-        name: [
-            _run(archive, labels, e, train_subjects, test_subjects, f"{name}, {e.title}", progress) for e in EXPERIMENTS
-        ]
+        name: [_run(archive, name, labels, e, train_subjects, test_subjects, progress) for e in EXPERIMENTS]
         for name, labels in sets.items()
     }
 
 
 def _run(
     archive: MotionArchive,
+    name: str,
     labels: Sequence[str],
     experiment: Experiment,
     train_subjects: Sequence[str],
     test_subjects: Sequence[str],
-    title: str,
-    progress: Callable[[str, int, int], None],
-) -> Outcome:
-    question = Question(
+    progress: Progress,
+) -> ExperimentResult:
+    settings = EvaluationSettings(
         views=tuple(parse_view(view) for view in experiment.views),
         labels=tuple(labels),
         train_subjects=tuple(train_subjects),
@@ -146,43 +148,37 @@ def _run(
         model=PAPER_MODEL,
         rule=PAPER_RULE,
         turn=experiment.turn,
-        # The paper's observers do not ask how far they can be believed.
+        # The paper's observers are not calibrated.
         calibrated=False,
     )
-    answer = evaluate(archive, question, lambda _, done, total: progress(title, done, total))
-    return Outcome(experiment, answer, as_json(answer))
+    title = f"{name}, {experiment.title}"
+    result = evaluate(archive, settings, lambda _, done, total: progress(title, done, total))
+    return ExperimentResult(experiment, result, as_json(result))
 
 
-def told(outcomes: Mapping[str, Sequence[Outcome]]) -> str:
-    """Everything as text: the tables beside the paper's, the pairs resolved, and the rates in one table."""
+def as_text(results: Mapping[str, Sequence[ExperimentResult]]) -> str:
+    """The confusion tables beside the paper's, the resolved pairs, and all rates in one table."""
     parts = []
-    for name, three in outcomes.items():
-        for outcome in three:
-            ours = confusion_table(np.array(outcome.found["confusion"]), outcome.found["labels"], f"{name}: ours")
-            theirs = confusion_table(
-                outcome.experiment.table.confusion, _papers_labels(), f"the paper's {outcome.experiment.table.title}"
-            )
-            parts.append(f"experiment {outcome.experiment.title}\n\n{beside(ours, theirs)}")
-        parts.append(f"{name}, {resolved_pairs(three[-1].found)}")
-    return "\n\n".join([*parts, _rates(outcomes)])
+    for name, three in results.items():
+        for one in three:
+            ours = confusion_table(np.array(one.figures["confusion"]), one.figures["labels"], f"{name}: ours")
+            printed = one.experiment.table
+            theirs = confusion_table(printed.confusion, MOVEMENTS, f"the paper's {printed.title}")
+            parts.append(f"experiment {one.experiment.title}\n\n{beside(ours, theirs)}")
+        parts.append(f"{name}, {resolved_pairs(three[-1].figures)}")
+    return "\n\n".join([*parts, _rates(results)])
 
 
-def _papers_labels() -> Sequence[str]:
-    from studies.experiments import MOVEMENTS
-
-    return MOVEMENTS
-
-
-def _rates(outcomes: Mapping[str, Sequence[Outcome]]) -> str:
-    """Accuracy by experiment and set, their mean, and the paper's."""
+def _rates(results: Mapping[str, Sequence[ExperimentResult]]) -> str:
+    """Accuracy by experiment and set, their mean, and the paper's rate."""
     width = max(len(e.title) for e in EXPERIMENTS) + 2
-    head = f"{'right':<{width}}" + "".join(f"{name:>8}" for name in outcomes) + f"{'mean':>8}{'paper':>8}"
+    head = f"{'accuracy':<{width}}" + "".join(f"{name:>8}" for name in results) + f"{'mean':>8}{'paper':>8}"
     rows = []
     for n, experiment in enumerate(EXPERIMENTS):
-        rates = [three[n].found["accuracy"] for three in outcomes.values()]
+        rates = [three[n].figures["accuracy"] for three in results.values()]
         cells = "".join(f"{rate:>8.3f}" for rate in [*rates, float(np.mean(rates)), experiment.table.printed_rate])
         rows.append(f"{experiment.title:<{width}}{cells}")
-    single = [max(v["accuracy"] for v in three[-1].found["per_view"].values()) for three in outcomes.values()]
+    single = [max(v["accuracy"] for v in three[-1].figures["per_view"].values()) for three in results.values()]
     cells = "".join(f"{rate:>8.3f}" for rate in [*single, float(np.mean(single))])
     rows.append(f"{'   the better of its two views alone':<{width}}{cells}{'':>8}")
     return "\n".join([head, "-" * len(head), *rows])

@@ -15,7 +15,7 @@ Indices = NDArray[np.int64]
 
 BINS = 15
 LEAST_P = 1e-12
-"""A movement held for impossible that happened would cost infinitely; it costs 27.6 nats."""
+"""Floor of log_loss: a true movement with p = 0 costs 27.6 nats instead of infinitely many."""
 
 
 def accuracy(p: Floats, truth: Indices) -> float:
@@ -31,7 +31,7 @@ def confusion(p: Floats, truth: Indices) -> Indices:
 
 
 def expected_calibration_error(p: Floats, truth: Indices, bins: int = BINS) -> float:
-    """Mean |accuracy - confidence| over equal bins of the confidence max p, weighed by the trials in each."""
+    """Mean |accuracy - confidence| over equal bins of the confidence max p, weighted by the trials in each bin."""
     confidence, right = p.max(axis=1), p.argmax(axis=1) == truth
     # A confidence of exactly 1 belongs to the last bin.
     place = np.minimum((confidence * bins).astype(int), bins - 1)
@@ -44,7 +44,7 @@ def expected_calibration_error(p: Floats, truth: Indices, bins: int = BINS) -> f
 
 
 def brier(p: Floats, truth: Indices) -> float:
-    """Mean over trials of sum_m (p_m - [m is true])^2: 0 perfect, 2 sure and wrong."""
+    """Mean over trials of sum_m (p_m - [m is true])^2: 0 is perfect, 2 is certain and wrong."""
     target = np.eye(p.shape[1])[truth]
     return float(((p - target) ** 2).sum(axis=1).mean())
 
@@ -59,7 +59,7 @@ Counts = NDArray[np.int64]
 
 
 class ConfusedPair(NamedTuple):
-    """A movement taken for another so often in one view, and so often after fusion."""
+    """How often one movement is judged as another, in one view and after fusion."""
 
     true: str
     judged: str
@@ -70,8 +70,8 @@ class ConfusedPair(NamedTuple):
 def confusion_table(confusion: Counts, labels: Sequence[str], title: str = "") -> str:
     """(M, M) counts, rows true, columns judged -> the table as lines of text.
 
-    Rows carry number and name, columns numbers, a zero is an empty cell; to the right the errors of each row,
-    below them all errors as `32(of 95)`. Raises ValueError when confusion is not (M, M) for M labels.
+    Rows have a number and a name, columns a number; zeros are left empty. The last column has the errors of each row,
+    the last line their sum as in `32(of 95)`. Raises ValueError unless confusion is (M, M) for M labels.
     """
     counts = _checked(confusion, labels)
     errors = counts.sum(axis=1) - counts.diagonal()
@@ -90,7 +90,7 @@ def confusion_table(confusion: Counts, labels: Sequence[str], title: str = "") -
 
 
 def beside(left: str, right: str, gap: int = 4) -> str:
-    """Two texts side by side, `gap` spaces apart, lines matched from the top; no line ends in spaces."""
+    """Two texts side by side, `gap` spaces apart, aligned at the top, without trailing spaces."""
     lines_left, lines_right = left.splitlines(), right.splitlines()
     width = max(map(len, lines_left), default=0) + gap
     pairs = zip_longest(lines_left, lines_right, fillvalue="")
@@ -98,10 +98,10 @@ def beside(left: str, right: str, gap: int = 4) -> str:
 
 
 def confused_pairs(confusion_one: Counts, confusion_fused: Counts, labels: Sequence[str]) -> list[ConfusedPair]:
-    """Pairs that one view confuses and the fusion confuses less: the paper's nthrow taken for ok.
+    """Pairs of movements that fusion confuses less often than one view does, as nthrow and ok in the paper.
 
-    Both (M, M) counts, rows true, columns judged, over the same trials. The most resolved comes first, then
-    the more frequent confusion, then the order of the labels. Raises ValueError for shapes that do not fit.
+    Both are (M, M) counts, rows true, columns judged, of the same trials. Sorted by the largest reduction, then by
+    frequency, then by label. Raises ValueError for shapes that do not match the labels.
     """
     one, fused = _checked(confusion_one, labels), _checked(confusion_fused, labels)
     places = [(i, j) for i, j in np.argwhere(one > fused).tolist() if i != j]
@@ -111,5 +111,5 @@ def confused_pairs(confusion_one: Counts, confusion_fused: Counts, labels: Seque
 
 def _checked(confusion: Counts, labels: Sequence[str]) -> Counts:
     if confusion.shape != (len(labels), len(labels)):
-        raise ValueError(f"confusion has shape {confusion.shape}: ({len(labels)}, {len(labels)}) for so many labels")
+        raise ValueError(f"confusion has shape {confusion.shape}; expected ({len(labels)}, {len(labels)})")
     return confusion

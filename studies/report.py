@@ -1,4 +1,4 @@
-"""Results of an evaluation: the JSON of the contract, the text, and the figures in one folder."""
+"""Results of an evaluation: the JSON of the contract, the text for people, and the figures in one folder."""
 
 import importlib
 from collections.abc import Sequence
@@ -10,8 +10,9 @@ import numpy as np
 
 from common.errors import BadInput, LabanmeshError
 from common.probability import entropy_bits
-from fusion.engine.pooling import facing_deg
-from studies.evaluate import Answer, Judged, at_end, at_fraction, typical_confusion
+from common.text import plural
+from studies.evaluate import EvaluationResult, TrialResult
+from studies.fusion_engine import facing_deg
 from studies.metrics import (
     accuracy,
     brier,
@@ -24,35 +25,31 @@ from studies.metrics import (
 
 FRACTIONS = (0.2, 0.4, 0.6, 0.8, 1.0)
 NEAR_DEG = 30.0
+RESOLVED_SHOWN = 10
 
 
-def truth_of(answer: Answer) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
-    """(N,) indices of the true movements."""
-    return np.array([judged.truth for judged in answer.judged])
-
-
-def as_json(answer: Answer) -> dict[str, Any]:
+def as_json(result: EvaluationResult) -> dict[str, Any]:
     """The contract's JSON: `accuracy` after the last frame, `accuracy_at` fractions of the true segment."""
-    question, truth = answer.question, truth_of(answer)
-    at = {fraction: at_fraction(answer.judged, fraction) for fraction in FRACTIONS}
-    views, fused = at_end(answer.judged)
-    names = [view.name for view in question.views]
+    settings, truth = result.settings, result.truth
+    at = {fraction: result.at_fraction(fraction) for fraction in FRACTIONS}
+    views, fused = result.at_end()
+    names = [view.name for view in settings.views]
     return {
         "version": 1,
-        "n_train": answer.n_train,
-        "n_test": len(answer.judged),
-        "labels": list(answer.vocabulary.labels),
+        "n_train": result.n_train,
+        "n_test": len(result.trials),
+        "labels": list(result.vocabulary.labels),
         "views": names,
-        "model": question.model,
-        "parameters": dict(question.parameters),
-        "rule": question.rule,
-        "onset": "known" if question.onset_known else "unknown",
-        "turn": "random" if question.turn is None else question.turn,
-        "faults": dict(question.faults),
-        "temperature": question.temperature,
-        "calibrated": question.calibrated,
-        "facing": facing_found(answer),
-        "seed": question.seed,
+        "model": settings.model,
+        "parameters": dict(settings.parameters),
+        "rule": settings.rule,
+        "onset": "known" if settings.onset_known else "unknown",
+        "turn": "random" if settings.turn is None else settings.turn,
+        "faults": dict(settings.faults),
+        "temperature": settings.temperature,
+        "calibrated": settings.calibrated,
+        "facing": _facing_errors(result),
+        "seed": settings.seed,
         "accuracy": accuracy(fused, truth),
         "accuracy_at": {str(f): accuracy(p, truth) for f, (_, p) in at.items()},
         "confusion": confusion(fused, truth).tolist(),
@@ -69,136 +66,139 @@ def as_json(answer: Answer) -> dict[str, Any]:
             }
             for v, name in enumerate(names)
         },
-        "seconds_per_frame": answer.seconds_per_frame,
-        "train_seconds": answer.train_seconds,
+        "seconds_per_frame": result.seconds_per_frame,
+        "train_seconds": result.train_seconds,
     }
 
 
-def facing_found(answer: Answer) -> dict[str, float] | None:
-    """How near the judged facing is to the true one at the end; None where nobody judges it."""
-    pairs = [(j.faced[-1], j.trial.turn_deg) for j in answer.judged if j.faced is not None]
+def _facing_errors(result: EvaluationResult) -> dict[str, float] | None:
+    """Error of the fused facing at the end; None where no model knows facings."""
+    pairs = [(r.fused_facing[-1], r.trial.turn_deg) for r in result.trials if r.fused_facing is not None]
     if not pairs:
         return None
-    astray = np.array([abs((facing_deg(faced) - true + 180) % 360 - 180) for faced, true in pairs])
-    return {"within_30_deg": float((astray <= NEAR_DEG).mean()), "median_deg": float(np.median(astray))}
+    errors_deg = np.array([abs((facing_deg(facing) - true + 180) % 360 - 180) for facing, true in pairs])
+    return {"within_30_deg": float((errors_deg <= NEAR_DEG).mean()), "median_deg": float(np.median(errors_deg))}
 
 
-def as_text(found: dict[str, Any]) -> str:
-    """What a person reads: what was asked, the accuracy by view and fused over time, and the confusion table."""
-    asked = f"{found['model']}, {found['rule']}, onset {found['onset']}, turn {found['turn']}"
-    width = max(len(name) for name in [*found["views"], "fused"])
-    head = " " * width + "".join(f"{float(f):>7.0%}" for f in found["accuracy_at"]) + "    end"
-    rows = [*((name, found["per_view"][name]) for name in found["views"]), ("fused", found)]
+def as_text(figures: dict[str, Any]) -> str:
+    """For people: the settings, the accuracy by view and fused over time, and the confusion table."""
+    settings = f"{figures['model']}, {figures['rule']}, onset {figures['onset']}, turn {figures['turn']}"
+    width = max(len(name) for name in [*figures["views"], "fused"])
+    head = " " * width + "".join(f"{float(f):>7.0%}" for f in figures["accuracy_at"]) + "    end"
+    rows = [*((name, figures["per_view"][name]) for name in figures["views"]), ("fused", figures)]
     lines = [
         f"{name:<{width}}" + "".join(f"{a:>7.3f}" for a in row["accuracy_at"].values()) + f"{row['accuracy']:>7.3f}"
         for name, row in rows
     ]
+    calibration = ", ".join(f"{name} {figures['per_view'][name]['ece']:.3f}" for name in figures["views"])
     table = confusion_table(
-        np.array(found["confusion"]), found["labels"], "judged (columns) against true (rows), fused"
+        np.array(figures["confusion"]), figures["labels"], "judged (columns) against true (rows), fused"
     )
-    return "\n".join(
-        [
-            f"{found['n_train']} recordings learned, {found['n_test']} judged; {asked}",
-            "",
-            "right, when so much of the movement was seen:",
-            head,
-            *lines,
-            "",
-            f"calibration error {found['ece']:.3f} ({_each(found, 'ece')}), Brier {found['brier']:.3f}, "
-            f"log loss {found['log_loss']:.3f}",
-            *_facing(found),
-            f"learned in {found['train_seconds']:.1f} s, {found['seconds_per_frame'] * 1e3:.2f} ms a frame and view",
-            *_extras(found),
-            "",
-            table,
-        ]
-    )
-
-
-def _by_threshold(rows: list[dict[str, Any]]) -> list[str]:
-    """What a home may choose between by [fusion] threshold, of the first word and of the last."""
-    names = ("unlearned_named", "recall", "f1")
-    head = "threshold  named  right     F1, last word: named  right     F1"
-    return [
+    parts = [
+        f"{plural(figures['n_train'], 'recording')} learned, {figures['n_test']} judged; {settings}",
+        "",
+        "accuracy after this share of the movement:",
         head,
-        *(
-            f"{row['threshold']:9.2f}"
-            + "".join(f"{row[name]:7.3f}" for name in names)
-            + " " * 13
-            + "".join(f"{row[name + '_last_word']:7.3f}" for name in names)
-            for row in rows
-        ),
+        *lines,
+        "",
+        f"calibration error {figures['ece']:.3f} ({calibration}), Brier {figures['brier']:.3f}, "
+        f"log loss {figures['log_loss']:.3f}",
+        *_facing_text(figures),
+        f"learned in {figures['train_seconds']:.1f} s, {figures['seconds_per_frame'] * 1e3:.2f} ms per frame and view",
+        *extra_text(figures),
+        "",
+        table,
     ]
+    return "\n".join(parts)
 
 
-def _each(found: dict[str, Any], figure: str) -> str:
-    return ", ".join(f"{name} {found['per_view'][name][figure]:.3f}" for name in found["views"])
-
-
-def _facing(found: dict[str, Any]) -> list[str]:
-    if found["facing"] is None:
+def _facing_text(figures: dict[str, Any]) -> list[str]:
+    facing = figures["facing"]
+    if facing is None:
         return []
-    facing = found["facing"]
     return [f"facing within 30 degrees in {facing['within_30_deg']:.1%}, median {facing['median_deg']:.1f} degrees"]
 
 
-def _extras(found: dict[str, Any]) -> list[str]:
-    """What only some evaluations ask for: the same over the mesh, and streams."""
+def extra_text(figures: dict[str, Any]) -> list[str]:
+    """The lines of --through mesh and of --stream."""
     lines = []
-    if "mesh" in found:
-        mesh = found["mesh"]
+    if "mesh" in figures:
+        mesh = figures["mesh"]
         lines.append(
-            f"over the mesh: {mesh['same_labels']} of {mesh['n']} labels the same, right {mesh['accuracy']:.3f}"
+            f"over the mesh: {mesh['same_labels']} of {mesh['n']} labels equal, accuracy {mesh['accuracy']:.3f}"
         )
-    if "stream" in found:
-        said = found["stream"]
-        latency = "none" if said["median_latency_s"] is None else f"{said['median_latency_s']:.2f} s"
+    if "stream" in figures:
+        stream = figures["stream"]
+        latency = "none" if stream["median_latency_s"] is None else f"{stream['median_latency_s']:.2f} s"
         lines.append(
-            f"in streams: F1 {said['f1']:.3f}, precision {said['precision']:.3f}, recall {said['recall']:.3f}, "
-            f"{said['false_alarms_per_minute']:.2f} false alarms a minute of rest, median latency {latency}; "
-            f"when the last word counts F1 {said['f1_last_word']:.3f}"
+            f"in streams: F1 {stream['f1']:.3f}, precision {stream['precision']:.3f}, recall {stream['recall']:.3f}, "
+            f"{stream['false_alarms_per_minute']:.2f} false alarms a minute of rest, median latency {latency}; "
+            f"by the last word F1 {stream['f1_last_word']:.3f}"
         )
-        if said["unlearned"]:
+        if stream["unlearned"]:
             lines.append(
-                f"of {said['unlearned']} movements not learned {said['unlearned_named']:.1%} were given a name, "
-                f"{said['unlearned_named_last_word']:.1%} when the last word counts"
+                f"{stream['unlearned_named']:.1%} of {plural(stream['unlearned'], 'unlearned movement')} got a label, "
+                f"{stream['unlearned_named_last_word']:.1%} by the last word"
             )
-            lines += _by_threshold(said["by_threshold"])
+            lines += _by_threshold(stream["by_threshold"])
     return lines
 
 
-RESOLVED_SHOWN = 10
+def _by_threshold(rows: list[dict[str, Any]]) -> list[str]:
+    """The trade-off that [fusion] threshold controls, by the first and the last word of the verdicts."""
+    names = ("unlearned_named", "recall", "f1")
+    lines = ["threshold  named recall     F1, last word: named recall     F1"]
+    for row in rows:
+        first = "".join(f"{row[name]:7.3f}" for name in names)
+        last = "".join(f"{row[name + '_last_word']:7.3f}" for name in names)
+        lines.append(f"{row['threshold']:9.2f}{first}{'':13}{last}")
+    return lines
 
 
-def write_report(answer: Answer, found: dict[str, Any], folder: Path, raw: Answer | None = None) -> list[Path]:
-    """Write everything into `folder`, made if needed; returns the files. raw: the same, judged uncalibrated.
+def resolved_pairs(figures: dict[str, Any]) -> str:
+    """The movements that one view confuses and fusion tells apart, as nthrow and ok in the paper."""
+    lines = []
+    for name in figures["views"]:
+        one, fused = np.array(figures["per_view"][name]["confusion"]), np.array(figures["confusion"])
+        lines += [
+            f"{name}: {pair.true} judged {pair.judged} {pair.count_in_one_view} times, {pair.count_fused} fused"
+            for pair in confused_pairs(one, fused, figures["labels"])[:RESOLVED_SHOWN]
+        ]
+    return "\n".join(["confusions of one view that fusion resolves:", *(lines or ["none"])])
 
-    Raises BadInput when the folder cannot be made, LabanmeshError where matplotlib is missing.
+
+def write_report(
+    result: EvaluationResult, figures: dict[str, Any], folder: Path, uncalibrated: EvaluationResult | None = None
+) -> list[Path]:
+    """Write text and figures into `folder`, made if needed; returns the files. uncalibrated: for a second diagram.
+
+    Raises BadInput when the folder cannot be written, LabanmeshError where matplotlib is missing.
     """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        text = folder / "report.txt"
-        text.write_text(_text(found), encoding="utf-8")
-    except OSError as error:
-        raise BadInput(f"--report {folder}: {error.strerror}") from None
-    told = [belief_of(j, found["views"], found["labels"], folder) for j in tellings(answer.judged, len(found["views"]))]
-    reliability = [_reliability(answer, folder / "reliability.png")]
-    if raw is not None:
-        reliability.append(_reliability(raw, folder / "reliability-uncalibrated.png"))
-    return [text, *_confusions(found, folder), _earliness(found, folder), *reliability, *told]
+    make_folder(folder, "--report")
+    views = figures["views"]
+    tables = [
+        confusion_table(np.array(figures["per_view"][name]["confusion"]), figures["labels"], name) for name in views
+    ]
+    resolved = [resolved_pairs(figures)] if len(views) > 1 else []
+    text = write_text(folder / "report.txt", "\n\n".join([as_text(figures), *tables, *resolved]) + "\n", "--report")
+    reliability = [_reliability(result, folder / "reliability.png")]
+    if uncalibrated is not None:
+        reliability.append(_reliability(uncalibrated, folder / "reliability-uncalibrated.png"))
+    typical = [_belief(r, views, figures["labels"], folder) for r in _resolved_trials(result.trials, len(views))]
+    return [text, *_confusions(figures, folder), _earliness(figures, folder), *reliability, *typical]
 
 
 def figures() -> ModuleType:
-    """The figures' room; raises LabanmeshError where matplotlib is missing."""
+    """The module of the figures; raises LabanmeshError where matplotlib is missing."""
     try:
         return importlib.import_module("studies.figures")
     except ImportError:
-        raise LabanmeshError("figures are drawn with matplotlib: pip install 'labanmesh[report]'") from None
+        raise LabanmeshError("matplotlib is not installed; pip install 'labanmesh[report]'") from None
 
 
 def _confusions(found: dict[str, Any], folder: Path) -> list[Path]:
     def draw(name: str, counts: list[list[int]], title: str) -> Path:
-        path = folder / f"confusion-{_file(name)}.png"
+        path = folder / f"confusion-{_file_name(name)}.png"
         drawn: Path = figures().confusion_figure(np.array(counts), found["labels"], title, path)
         return drawn
 
@@ -214,9 +214,9 @@ def _earliness(found: dict[str, Any], folder: Path) -> Path:
     return drawn
 
 
-def _reliability(answer: Answer, path: Path) -> Path:
-    truth, (views, fused) = truth_of(answer), at_end(answer.judged)
-    names = [view.name for view in answer.question.views]
+def _reliability(result: EvaluationResult, path: Path) -> Path:
+    truth, (views, fused) = result.truth, result.at_end()
+    names = [view.name for view in result.settings.views]
     beliefs = {**{name: views[:, v] for v, name in enumerate(names)}, "fused": fused}
     series = {name: (p.max(axis=1), p.argmax(axis=1) == truth) for name, p in beliefs.items()}
     ece = {name: expected_calibration_error(p, truth) for name, p in beliefs.items()}
@@ -224,51 +224,31 @@ def _reliability(answer: Answer, path: Path) -> Path:
     return drawn
 
 
-def belief_of(judged: Judged, names: Sequence[str], labels: Sequence[str], folder: Path) -> Path:
-    """The paper's Fig. 7 for one trial: belief and entropy by observer and fused."""
-    beliefs = {**{n: judged.views[:, v] for v, n in enumerate(names)}, "fused": judged.fused}
-    times_s = np.arange(len(judged.fused)) / judged.trial.recording.rate_hz
-    path = folder / f"belief-{_file(judged.trial.name)}.png"
+def _belief(result: TrialResult, names: Sequence[str], labels: Sequence[str], folder: Path) -> Path:
+    """The paper's Fig. 7 for one trial: posterior and entropy by observer and fused."""
+    beliefs = {**{n: result.views[:, v] for v, n in enumerate(names)}, "fused": result.fused}
+    times_s = np.arange(len(result.fused)) / result.trial.recording.rate_hz
+    path = folder / f"belief-{_file_name(result.trial.name)}.png"
     entropies = {name: entropy_bits(p) for name, p in beliefs.items()}
-    drawn: Path = figures().belief_figure(times_s, beliefs, entropies, labels, labels[judged.truth], path)
+    drawn: Path = figures().belief_figure(times_s, beliefs, entropies, labels, labels[result.truth], path)
     return drawn
 
 
-def tellings(judged: Sequence[Judged], views: int) -> list[Judged]:
-    """For each view the trial that tells most: it erred there, and the fusion did not; else the first trial."""
-    found = [next(typical_confusion(judged, view), None) for view in range(views)] if views > 1 else []
-    chosen = [j for j in found if j is not None]
-    return list({id(j): j for j in chosen}.values()) or list(judged[:1])
-
-
-def resolved_pairs(found: dict[str, Any]) -> str:
-    """The movements that one view confuses and the fusion resolves, as the paper's nthrow and ok."""
-    lines = []
-    for name in found["views"]:
-        one, fused = np.array(found["per_view"][name]["confusion"]), np.array(found["confusion"])
-        lines += [
-            f"{name}: {pair.true} taken for {pair.judged} {pair.count_in_one_view} times, {pair.count_fused} fused"
-            for pair in confused_pairs(one, fused, found["labels"])[:RESOLVED_SHOWN]
-        ]
-    return "\n".join(["what one view confuses and the fusion resolves:", *(lines or ["nothing"])])
-
-
-def _text(found: dict[str, Any]) -> str:
-    tables = [
-        confusion_table(np.array(found["per_view"][name]["confusion"]), found["labels"], name)
-        for name in found["views"]
-    ]
-    resolved = [resolved_pairs(found)] if len(found["views"]) > 1 else []
-    return "\n\n".join([as_text(found), *tables, *resolved]) + "\n"
-
-
-def _file(name: str) -> str:
-    return "".join(c if c.isalnum() or c in "._-" else "-" for c in name)
+def _resolved_trials(trials: Sequence[TrialResult], views: int) -> list[TrialResult]:
+    """For each view the trial that it gets wrong and fusion gets right most clearly; else the first trial."""
+    chosen: dict[int, TrialResult] = {}
+    for view in range(views) if views > 1 else ():
+        resolved = [r for r in trials if r.views[-1, view].argmax() != r.truth and r.fused[-1].argmax() == r.truth]
+        if resolved:
+            best = max(resolved, key=lambda r: float(r.fused[-1, r.truth]))
+            chosen[id(best)] = best
+    return list(chosen.values()) or list(trials[:1])
 
 
 def draw_learning_curve(curve: dict[str, Any], path: Path) -> Path:
     """The figure of `--learning-curve`."""
-    titles = {"people": "people learned from", "recordings": f"recordings of each of {curve['n_people']} people"}
+    people = plural(curve["n_people"], "person", "people")
+    titles = {"people": "people learned from", "recordings": f"recordings of each of {people}"}
     panels = {
         title: (
             [point["n"] for point in curve[kind]],
@@ -280,3 +260,26 @@ def draw_learning_curve(curve: dict[str, Any], path: Path) -> Path:
     }
     drawn: Path = figures().learning_figure(panels, path)
     return drawn
+
+
+def _file_name(name: str) -> str:
+    return "".join(c if c.isalnum() or c in "._-" else "-" for c in name)
+
+
+def make_folder(folder: Path, option: str) -> None:
+    """Make a folder and its parents; raises BadInput that names the option for another one."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        why = (error.strerror or str(error)).lower()
+        raise BadInput(f"cannot make the folder {folder}: {why}. Choose another one with {option}") from None
+
+
+def write_text(path: Path, text: str, option: str) -> Path:
+    """Write a file and return its path; raises BadInput that names the option for another path."""
+    try:
+        path.write_text(text, encoding="utf-8")
+    except OSError as error:
+        why = (error.strerror or str(error)).lower()
+        raise BadInput(f"cannot write {path}: {why}. Choose another path with {option}") from None
+    return path

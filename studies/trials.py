@@ -16,12 +16,14 @@ from observer.motion.transforms import labels_of, movements_in, retime
 SLOWEST, FASTEST = 0.6, 1.7
 IDLE_S = (0.5, 2.0)
 IDLE_NOISE_M = 0.01
-"""How much a tracked hand that is held still trembles: the quiet half of the recordings moves 0.8 to 3 cm a frame."""
+"""Trembling of a tracked hand at rest: in the quiet half of the recordings it moves 0.8 to 3 cm a frame."""
+OTHERS = "others"
+Labels = tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True)
-class Trial:
-    """One recording to be judged; the movement lies in frames begin..end-1 of it. turn_deg: to his left, 0 to 360."""
+class EvaluationTrial:
+    """One recording to judge; the movement is in frames begin..end-1. turn_deg: to the performer's left, 0 to 360."""
 
     recording: Recording
     begin: int
@@ -30,11 +32,11 @@ class Trial:
 
     @property
     def name(self) -> str:
-        """For people: movement, subject and trial, as the paper's figures cipher them."""
+        """Movement, subject and trial, as in the paper's figures."""
         return f"{self.recording.label} {self.recording.subject}.{self.recording.trial}"
 
     def frame_at(self, fraction: float) -> int:
-        """The last frame that may be used when `fraction` of the true segment has been seen, 0 to 1."""
+        """The last frame that may be used once `fraction` (0 to 1) of the true segment is over."""
         return self.begin + max(int(np.ceil(fraction * (self.end - self.begin) - 1e-9)), 1) - 1
 
 
@@ -47,24 +49,22 @@ class Split:
 
 
 def with_labels(archive: MotionArchive, labels: Sequence[str]) -> MotionArchive:
-    """Only the recordings of these movements, cut out; raises BadInput for a movement that nobody performs."""
+    """Only the recordings of these movements, cut out; raises BadInput for a movement without a recording."""
     pieces = tuple(r for r in movements_in(archive) if r.label in labels)
     for label in labels:
         if not any(r.label == label for r in pieces):
-            known = ", ".join(labels_of(archive))
-            raise BadInput(f"--labels: {label!r} is in no recording; known: {known}")
+            raise BadInput(f"--labels: {label!r} is in no recording; known: {', '.join(labels_of(archive))}")
     return MotionArchive(archive.body_parts, pieces)
 
 
 def splits(
     archive: MotionArchive, train_subjects: Sequence[str], test_subjects: Sequence[str], leave_one_out: bool
 ) -> Iterator[Split]:
-    """One split by the subjects named, or one a subject: each in turn is the test, the others are learned from.
+    """One split by the listed subjects, or with leave_one_out one per subject, which is then the only test subject.
 
-    With no subject named, every other one is learned from, or each of all left out in turn; with leave_one_out,
-    train_subjects are the people among whom this is done, so that choices can be made without the test subjects.
-    Raises BadInput for a subject who is unknown, or both learned from and judged, when nobody is left for either, and
-    for test subjects beside leave_one_out.
+    Without subjects every other one is for training. With leave_one_out, train_subjects are the people who are left
+    out in turn, so that parameters can be chosen without the test subjects. Raises BadInput for an unknown subject, a
+    subject in both sets, an empty set, and for test subjects together with leave_one_out.
     """
     subjects = sorted({r.subject for r in archive.recordings}, key=lambda s: (len(s), s))
     for subject in [*train_subjects, *test_subjects]:
@@ -79,7 +79,7 @@ def splits(
     test = test_subjects or [s for s in subjects if s not in train_subjects]
     both = [s for s in train if s in test]
     if both:
-        raise BadInput(f"subject {both[0]!r}: both in training and in test; a judge must not know who he judges")
+        raise BadInput(f"subject {both[0]!r}: both in training and in test; name each person in one of them")
     if not train or not test:
         raise BadInput("no subject is left to train or to test on; name them with --train-subjects, --test-subjects")
     yield _split(archive, train, test)
@@ -87,9 +87,9 @@ def splits(
 
 def _one_left_out(archive: MotionArchive, among: Sequence[str], test_subjects: Sequence[str]) -> Iterator[Split]:
     if test_subjects:
-        raise BadInput("--leave-one-subject-out judges everybody in turn: leave out --test-subjects")
+        raise BadInput("--leave-one-subject-out judges every person in turn: omit --test-subjects")
     if len(among) < 2:
-        raise BadInput(f"--leave-one-subject-out: one person only, {among[0]!r}; nobody is left to learn from")
+        raise BadInput(f"--leave-one-subject-out: 1 person only, {among[0]!r}; at least 2 are needed")
     for subject in among:
         yield _split(archive, [s for s in among if s != subject], [subject])
 
@@ -99,24 +99,24 @@ def _split(archive: MotionArchive, train: Sequence[str], test: Sequence[str]) ->
     return Split(MotionArchive(archive.body_parts, learned), tuple(r for r in archive.recordings if r.subject in test))
 
 
-def trials(
+def make_trials(
     recordings: Sequence[Recording], *, onset_known: bool, turn: float | None, rng: np.random.Generator
-) -> list[Trial]:
-    """What the judges get to see. turn: degrees, or None for any facing, drawn for each trial.
+) -> list[EvaluationTrial]:
+    """The trials that observers watch. turn: degrees, or None for a random facing in each trial.
 
-    Unknown onset: retimed by 0.6 to 1.7 and held still, trembling, for 0.5 to 2 s before and after.
+    Unknown onset: retimed by 0.6 to 1.7, with 0.5 to 2 s of trembling rest before and after.
     """
     return [_trial(recording, onset_known, turn, rng) for recording in recordings]
 
 
-def _trial(recording: Recording, onset_known: bool, turn: float | None, rng: np.random.Generator) -> Trial:
-    angle = np.deg2rad(rng.uniform(0, 360) if turn is None else turn)
-    turn_deg = float(np.rad2deg(angle)) % 360
-    if angle:
-        recording = replace(recording, positions=turned(recording.positions, float(angle)))
+def _trial(recording: Recording, onset_known: bool, turn: float | None, rng: np.random.Generator) -> EvaluationTrial:
+    angle_rad = np.deg2rad(rng.uniform(0, 360) if turn is None else turn)
+    turn_deg = float(np.rad2deg(angle_rad)) % 360
+    if angle_rad:
+        recording = replace(recording, positions=turned(recording.positions, float(angle_rad)))
     if onset_known:
-        return Trial(recording, 0, len(recording.positions), turn_deg)
-    # Evenly in the logarithm, so that as many are slower as are faster.
+        return EvaluationTrial(recording, 0, len(recording.positions), turn_deg)
+    # Uniform in the logarithm, so that slower and faster are equally frequent.
     tempo = float(np.exp(rng.uniform(np.log(SLOWEST), np.log(FASTEST))))
     moving = retime(recording, tempo).positions
     shortest, longest = (round(s * recording.rate_hz) for s in IDLE_S)
@@ -124,20 +124,17 @@ def _trial(recording: Recording, onset_known: bool, turn: float | None, rng: np.
     still = np.concatenate([np.repeat(moving[:1], before, axis=0), np.repeat(moving[-1:], after, axis=0)])
     still = (still + rng.normal(0, IDLE_NOISE_M, still.shape)).astype(np.float32)
     whole = np.concatenate([still[:before], moving, still[before:]])
-    return Trial(replace(recording, positions=whole), before, before + len(moving), turn_deg)
+    return EvaluationTrial(replace(recording, positions=whole), before, before + len(moving), turn_deg)
 
 
-OTHERS = "others"
-Labels = tuple[str, ...]
-
-
-def strangers(
+def unlearned_and_background(
     unlearned: str, background: str, learned: Labels, known: Labels, seed: int = 0
 ) -> tuple[Labels, Labels | None]:
-    """The texts of --unlearned and --background-labels -> the movements of each; known: all of the archive.
+    """The values of --unlearned and --background-labels -> the movements of each; known: all of the archive.
 
-    `others` are all that are neither learned nor background. A number of background is drawn from the unlearned, which
-    are then not shown. Raises BadInput for a movement that would be two of learned, background and unlearned.
+    `others` are all movements that are neither learned nor background. A number for the background draws that many
+    of the unlearned movements, which are then not shown. Raises BadInput for a movement in two of learned, background
+    and unlearned.
     """
     chosen = _background(background)
     shown = tuple(m for m in known if m not in learned) if unlearned == OTHERS else split_list("--unlearned", unlearned)
@@ -152,7 +149,7 @@ def strangers(
         return tuple(m for m in shown if m not in chosen), chosen
     for label in shown:
         if label in chosen:
-            raise BadInput(f"--background-labels: {label!r} is among --unlearned, which must not be known; name others")
+            raise BadInput(f"--background-labels: {label!r} is also in --unlearned; name it in one of them")
     return shown, chosen
 
 
@@ -167,31 +164,31 @@ def _background(text: str) -> Labels | int | None:
 def _drawn(count: int, shown: Sequence[str], seed: int) -> Labels:
     if not 0 < count < len(shown):
         raise BadInput(
-            f"--background-labels {count}: of {len(shown)} movements of --unlearned; "
-            f"one at least must be drawn and one left, e.g. --unlearned others"
+            f"--background-labels {count}: needs 1 to one less than the {len(shown)} movements of --unlearned; "
+            "try --unlearned others"
         )
     chosen = np.random.default_rng([seed, 3]).permutation(len(shown))[:count]
     return tuple(shown[n] for n in sorted(chosen.tolist()))
 
 
-def _require_apart(option: str, named: Sequence[str], learned: Sequence[str]) -> None:
-    for label in named:
+def _require_apart(option: str, labels: Sequence[str], learned: Sequence[str]) -> None:
+    for label in labels:
         if label in learned:
-            raise BadInput(f"{option}: {label!r} is among the movements that are learned; name others in --labels")
+            raise BadInput(f"{option}: {label!r} is one of the learned movements; name the others in --labels")
 
 
-def _numbered(*numbers: int) -> tuple[str, ...]:
+def _numbered(*numbers: int) -> Labels:
     return tuple(LABELS[number - 1] for number in numbers)
 
 
-SUBSETS: Mapping[str, tuple[str, ...]] = {
-    # Li, Zhang and Liu, "Action recognition based on a bag of 3D points", CVPR workshops 2010.
+SUBSETS: Mapping[str, Labels] = {
+    # Li, Zhang and Liu, "Action recognition based on a bag of 3D points", CVPR workshops 2010. Upper case: no label is.
     "AS1": _numbered(2, 3, 5, 6, 10, 13, 18, 20),
     "AS2": _numbered(1, 4, 7, 8, 9, 11, 12, 14),
     "AS3": _numbered(6, 14, 15, 16, 17, 18, 19, 20),
 }
 
 
-def labels_in(text: str) -> tuple[str, ...]:
-    """`a,b,AS1` -> the labels, subsets spelled out; raises BadInput for an empty piece."""
+def labels_in(text: str) -> Labels:
+    """`a,b,AS1` -> the labels, with subsets spelled out; raises BadInput for an empty piece."""
     return tuple(dict.fromkeys(label for word in split_list("--labels", text) for label in SUBSETS.get(word, (word,))))

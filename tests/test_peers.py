@@ -8,20 +8,29 @@ import re
 import numpy as np
 import pytest
 
-from benchmarks.command_line import run_command
+from benchmarks.command_line import replace_table, run_command
 from benchmarks.peers import __main__ as commands
 from benchmarks.peers import table
-from benchmarks.peers.classifiers import PEERS, Peer, bridged, channels, panel, relative, resampled, watched
-from benchmarks.peers.comparison import compared, our_curves
-from benchmarks.peers.table import Contest, Curve, scored
+from benchmarks.peers.classifiers import (
+    PEERS,
+    Peer,
+    bridge_gaps,
+    channels,
+    make_panel,
+    relative,
+    resample_rows,
+    view_centres,
+)
+from benchmarks.peers.comparison import compare_peers, our_curves
+from benchmarks.peers.table import AccuracyCurve, PeerComparison, accuracy_interval
 from common.errors import BadInput
 from observer.geometry.views import parse_view
 from observer.motion.archive_file import write_archive
 from observer.tracks import BODY_PARTS
-from studies.evaluate import Question, evaluate
+from studies.evaluate import EvaluationSettings, evaluate
 from studies.performer import perform
 from studies.report import FRACTIONS
-from studies.trials import SUBSETS, trials
+from studies.trials import SUBSETS, make_trials
 
 DOOR_WHEEL = (parse_view("door"), parse_view("wheel"))
 LABELS = ("ok", "shake")
@@ -38,12 +47,12 @@ def archive():
 
 
 def all_trials(archive):
-    return trials(archive.recordings, onset_known=True, turn=0.0, rng=np.random.default_rng(0))
+    return make_trials(archive.recordings, onset_known=True, turn=0.0, rng=np.random.default_rng(0))
 
 
 def shown(archive, fraction, length=12, derived=True):
     some = all_trials(archive)
-    return panel([watched(t, DOOR_WHEEL, archive.body_parts) for t in some], some, fraction, length, derived)
+    return make_panel([view_centres(t, DOOR_WHEEL, archive.body_parts) for t in some], some, fraction, length, derived)
 
 
 # What they are shown
@@ -61,7 +70,7 @@ def test_a_panel_has_positions_hands_from_the_head_and_velocities_in_all_views(a
 
 @pytest.mark.parametrize("fraction", FRACTIONS[:-1])
 def test_nothing_after_the_fraction_is_shown(archive, fraction):
-    """Whatever happens later, size, origin and bridged gaps included, leaves the panel as it was."""
+    """Whatever happens later, size, origin and bridge_gaps gaps included, leaves the panel as it was."""
     changed = []
     for recording, trial in zip(archive.recordings, all_trials(archive), strict=True):
         positions = recording.positions.copy()
@@ -90,15 +99,15 @@ def test_positions_count_from_the_first_head_with_up_positive():
 def test_gaps_are_bridged_and_what_was_never_seen_is_zero():
     nan = np.nan
     rows = np.array([[nan, 1, nan, 3, nan], [nan] * 5])
-    assert bridged(rows) == pytest.approx(np.array([[1, 1, 2, 3, 3], [0] * 5]))
+    assert bridge_gaps(rows) == pytest.approx(np.array([[1, 1, 2, 3, 3], [0] * 5]))
     unseen = np.full((1, 4, 3, 2), nan)
     assert (channels(unseen, 6, True) == 0).all()
 
 
 def test_stretching_keeps_first_and_last_and_velocities_stay_those_that_were_filmed():
     rows = np.array([[0.0, 1, 2, 3, 4]])
-    assert resampled(rows, 9) == pytest.approx(np.linspace(0, 4, 9)[None])
-    assert resampled(rows[:, :1], 3) == pytest.approx(np.zeros((1, 3)))
+    assert resample_rows(rows, 9) == pytest.approx(np.linspace(0, 4, 9)[None])
+    assert resample_rows(rows[:, :1], 3) == pytest.approx(np.zeros((1, 3)))
     steady = np.zeros((1, 21, 3, 2))
     steady[0, :, 0, 0] = np.arange(21) / 10
     steady[0, :, 1, 1] = 10 / 0.45  # keeps the size: 10, far more than the other hand is away
@@ -118,27 +127,27 @@ def test_a_peer_gets_the_trials_of_our_judges_and_learns_anew_for_every_fraction
         given.append((len(learned), sorted(labels), len(unknown), seed, learned.tobytes()))
         return np.full(len(unknown), "ok")
 
-    asked = Question(views=DOOR_WHEEL, labels=LABELS, train_subjects=("1",))
-    contest = compared(archive, "both", asked, (0, 1), peers={"MiniRocket": Peer(always_ok, 12, True, True)})
+    asked = EvaluationSettings(views=DOOR_WHEEL, labels=LABELS, train_subjects=("1",))
+    contest = compare_peers(archive, "both", asked, (0, 1), peers={"MiniRocket": Peer(always_ok, 12, True, True)})
     assert len(given) == 2 * len(FRACTIONS) and [g[3] for g in given[:2]] == [0, 1]
     assert {g[:1] + g[2:3] for g in given} == {(4, 4)} and given[0][1] == ["ok", "ok", "shake", "shake"]
     assert len({g[4] for g in given}) == len(FRACTIONS), "each fraction has a panel of its own to learn from"
     assert [c.name for c in contest.curves] == ["ours, fused", "ours, door", "ours, wheel", "MiniRocket"]
-    truth = [j.trial.recording.label == "ok" for j in evaluate(archive, asked).judged]
+    truth = [j.trial.recording.label == "ok" for j in evaluate(archive, asked).trials]
     assert (contest.curves[-1].right == np.array([truth] * len(FRACTIONS))).all()
     assert contest.people == ("2",) * 4
 
 
 def test_one_view_alone_is_one_row_and_everybody_left_out_is_judged_once(archive):
-    asked = Question(views=DOOR_WHEEL[:1], labels=LABELS, leave_one_subject_out=True)
-    contest = compared(archive, "both", asked, (0,), peers={})
+    asked = EvaluationSettings(views=DOOR_WHEEL[:1], labels=LABELS, leave_one_subject_out=True)
+    contest = compare_peers(archive, "both", asked, (0,), peers={})
     assert [c.name for c in contest.curves] == ["ours, fused"] and contest.people == ("1",) * 4 + ("2",) * 4
 
 
 def test_our_curves_are_the_accuracies_of_evaluate(archive):
     from studies.report import as_json
 
-    answer = evaluate(archive, Question(views=DOOR_WHEEL, labels=LABELS, train_subjects=("1",)))
+    answer = evaluate(archive, EvaluationSettings(views=DOOR_WHEEL, labels=LABELS, train_subjects=("1",)))
     found, curves = as_json(answer), our_curves(answer)
     assert curves[0].right.mean(axis=1) == pytest.approx(list(found["accuracy_at"].values()))
     assert curves[2].right.mean(axis=1) == pytest.approx(list(found["per_view"]["wheel"]["accuracy_at"].values()))
@@ -149,12 +158,12 @@ def test_our_curves_are_the_accuracies_of_evaluate(archive):
 
 def test_the_area_is_the_mean_of_the_fractions():
     right = np.array([[0.0, 1], [1, 1]])
-    assert scored([right], [("a", "b")]).mean == pytest.approx((0.5, 1.0, 0.75))
+    assert accuracy_interval([right], [("a", "b")]).mean == pytest.approx((0.5, 1.0, 0.75))
 
 
 def test_the_interval_of_many_people_is_that_of_independent_trials():
     right = np.random.default_rng(4).random((1, 1000)) < 0.8
-    score = scored([right.astype(float)], [[str(n) for n in range(1000)]])
+    score = accuracy_interval([right.astype(float)], [[str(n) for n in range(1000)]])
     half = 1.96 * np.sqrt(right.mean() * (1 - right.mean()) / 1000)
     # Drawing people and then their one trial is drawing trials.
     assert score.high[0] - score.low[0] == pytest.approx(2 * half, rel=0.1)
@@ -163,8 +172,8 @@ def test_the_interval_of_many_people_is_that_of_independent_trials():
 def test_trials_of_few_people_tell_less_than_so_many_people():
     people = [str(n // 50) for n in range(250)]
     right = np.array([[float(p in "01") for p in people]])
-    alone = scored([right], [[str(n) for n in range(250)]])
-    few = scored([right], [people])
+    alone = accuracy_interval([right], [[str(n) for n in range(250)]])
+    few = accuracy_interval([right], [people])
     assert few.high[0] - few.low[0] > 4 * (alone.high[0] - alone.low[0])
 
 
@@ -173,13 +182,13 @@ def test_a_difference_on_the_same_trials_is_surer_than_each_of_the_two():
     one = (np.random.default_rng(5).random((1, 250)) < 0.8).astype(float)
     other = one.copy()
     other[0, :5] = 0
-    apart, alone = scored([one - other], [people]), scored([one], [people])
+    apart, alone = accuracy_interval([one - other], [people]), accuracy_interval([one], [people])
     assert apart.high[0] - apart.low[0] < 0.5 * (alone.high[0] - alone.low[0])
-    assert scored([one - one], [people]).high[0] == 0
+    assert accuracy_interval([one - one], [people]).high[0] == 0
 
 
 def test_several_sets_are_averaged_even_when_a_person_is_in_one_only():
-    score = scored([np.ones((1, 2)), np.zeros((1, 1))], [("a", "b"), ("b",)])
+    score = accuracy_interval([np.ones((1, 2)), np.zeros((1, 1))], [("a", "b"), ("b",)])
     assert score.mean[0] == 0.5 and score.low[0] == score.high[0] == 0.5
 
 
@@ -189,14 +198,14 @@ def test_several_sets_are_averaged_even_when_a_person_is_in_one_only():
 def contests():
     people = ("a", "b", "a", "b")
     right = np.array([[1.0, 1, 1, 0]] * len(FRACTIONS))
-    curves = (Curve("ours, fused", right), Curve("MiniRocket", 1 - right))
-    return [Contest("all 20", people, curves), *(Contest(name, people, curves) for name in SUBSETS)]
+    curves = (AccuracyCurve("ours, fused", right), AccuracyCurve("MiniRocket", 1 - right))
+    return [PeerComparison("all 20", people, curves), *(PeerComparison(name, people, curves) for name in SUBSETS)]
 
 
 def test_the_table_names_everybody_and_what_lies_between_them():
-    rows = table.rows_of(contests())
+    rows = table.peer_rows(contests())
     assert [r.movements for r in rows[::3]] == ["all 20", "AS1", "AS2", "AS3", "mean of AS1, AS2, AS3"]
-    assert [r.who for r in rows[:3]] == ["ours, fused", "MiniRocket", "ours, fused − MiniRocket"]
+    assert [r.classifier for r in rows[:3]] == ["ours, fused", "MiniRocket", "ours, fused − MiniRocket"]
     lines = table.as_markdown(rows, FRACTIONS).splitlines()
     assert len(lines) == 2 + len(rows) and len({line.count("|") for line in lines}) == 1
     assert lines[0].startswith("| movements | judged by | 20% |") and lines[0].endswith("| area |")
@@ -208,20 +217,21 @@ def test_the_table_names_everybody_and_what_lies_between_them():
     assert low < 0.75 <= high
 
 
-def test_a_page_keeps_all_that_is_not_the_table():
+def test_only_the_table_of_a_page_is_replaced():
     page = f"before\n{table.BEGIN}\nold\n{table.END}\nafter\n"
-    new = table.rewritten(page, "new")
-    assert new == page.replace("old", "new") and table.rewritten(new, "new") == new
-    assert table.rewritten("no marks", "new") is None
-    assert table.rewritten(f"{table.END} {table.BEGIN}", "new") is None
+    new = replace_table(page, "new", table.BEGIN, table.END)
+    assert new == page.replace("old", "new") and replace_table(new, "new", table.BEGIN, table.END) == new
+    for bad in ("no marks", f"{table.END} {table.BEGIN}"):
+        with pytest.raises(BadInput, match="no place for the table"):
+            replace_table(bad, "new", table.BEGIN, table.END)
 
 
 @pytest.mark.parametrize(
     ("given", "said"),
     [
-        ({"page": "absent.md"}, "cannot be read"),
-        ({"page": "plain.md"}, "two lines that are not there"),
-        ({"page": "plain.md", "fast": True}, "leave one of the two out"),
+        ({"page": "absent.md"}, "cannot read"),
+        ({"page": "plain.md"}, "needs the lines"),
+        ({"page": "plain.md", "fast": True}, "omit one of the two"),
     ],
 )
 def test_a_page_that_cannot_be_rewritten_is_said_before_the_work(tmp_path, given, said):
@@ -248,10 +258,10 @@ def test_without_recordings_one_line_says_what_to_do(monkeypatch, tmp_path, plac
 def test_a_peer_learns_what_is_easy_to_tell(archive, name):
     peer = PEERS[name]
     some = all_trials(archive)
-    seen = [watched(t, DOOR_WHEEL, archive.body_parts) for t in some]
-    whole = panel(seen, some, 1.0, peer.length, peer.derived)
+    seen = [view_centres(t, DOOR_WHEEL, archive.body_parts) for t in some]
+    whole = make_panel(seen, some, 1.0, peer.length, peer.derived)
     labels = np.array([t.recording.label for t in some])
-    judged = [peer.judged(whole, labels, whole, seed, True) for seed in (0, 0)]
+    judged = [peer.predict(whole, labels, whole, seed, True) for seed in (0, 0)]
     assert (judged[0] == labels).all() and (judged[0] == judged[1]).all()
 
 

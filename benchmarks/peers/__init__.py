@@ -1,1 +1,1 @@
-"""Offline classifiers on the very tracks that our judges get: how good one may be that is given the whole segment."""
+"""Offline classifiers on the tracks of our observers: an upper reference, as they are given the whole segment."""

@@ -1,6 +1,10 @@
 """Offline classifiers (MiniRocket, 1-NN DTW) and the gap-free panels of tracks that they learn from.
 
 A panel uses nothing after the requested frame: size, origin and bridging of gaps come from earlier frames.
+aeon is imported when a classifier learns.
+
+Dempster, Schmidt and Webb, "MiniRocket: a very fast (almost) deterministic transform for time series classification",
+KDD 2021. The parameters were chosen among training people (docs/results/peers.md).
 """
 
 import warnings
@@ -14,27 +18,33 @@ from observer.features.space import BodySize
 from observer.geometry.views import View
 from observer.motion.projected import view_tracks
 from observer.tracks import BODY_PARTS, Floats
-from studies.trials import Trial
+from studies.trials import EvaluationTrial
 
 Panel = NDArray[np.float64]
+Names = NDArray[np.str_]
+
+KERNELS = 10_000
+KERNELS_FAST = 1_000
+DTW_WINDOW = 0.2
+"""How far, as a share of the length, one movement may be ahead of the other."""
 
 
-def watched(trial: Trial, views: Sequence[View], recorded: tuple[str, ...]) -> Floats:
-    """(V, F, P, 2) centres of the hands and the head in every frame of a trial, as each view sees them."""
+def view_centres(trial: EvaluationTrial, views: Sequence[View], recorded: tuple[str, ...]) -> Floats:
+    """(V, F, P, 2) centres of hands and head in every frame of a trial, by view."""
     return np.array([[t.centres for t in view_tracks(view, trial.recording, recorded, BODY_PARTS)] for view in views])
 
 
-def panel(
-    watched_trials: Sequence[Floats], trials: Sequence[Trial], fraction: float, length: int, derived: bool
+def make_panel(
+    centres: Sequence[Floats], trials: Sequence[EvaluationTrial], fraction: float, length: int, derived: bool
 ) -> Panel:
-    """(N, C, length): each trial until `fraction` of it has been seen, stretched or shrunk to `length` frames.
+    """(N, C, length): each trial up to `fraction` of it, resampled to `length` frames.
 
-    C is V*6 positions; if derived, also the V*4 of the hands as seen from the head, and V*6 velocities.
+    C is V*6 positions; if derived, also V*4 positions of the hands relative to the head, and V*6 velocities.
     """
     return np.array(
         [
-            channels(seen[:, trial.begin : trial.frame_at(fraction) + 1], length, derived)
-            for seen, trial in zip(watched_trials, trials, strict=True)
+            channels(own[:, trial.begin : trial.frame_at(fraction) + 1], length, derived)
+            for own, trial in zip(centres, trials, strict=True)
         ]
     )
 
@@ -42,10 +52,10 @@ def panel(
 def channels(centres: Floats, length: int, derived: bool) -> Floats:
     """(V, F, P, 2) centres, v down -> (C, length): right and up from the first head, in body sizes, gaps bridged.
 
-    Velocities are per frame as it was filmed, so that they still tell slow from fast when the length no longer does.
+    Velocities are per recorded frame, so that they still distinguish slow from fast after resampling.
     """
-    rows = np.concatenate([bridged(relative(view).reshape(len(view), -1).T) for view in centres])
-    positions = resampled(rows, length)
+    rows = np.concatenate([bridge_gaps(relative(view).reshape(len(view), -1).T) for view in centres])
+    positions = resample_rows(rows, length)
     if not derived:
         return positions
     parts = positions.reshape(len(centres), len(BODY_PARTS), 2, length)
@@ -56,77 +66,68 @@ def channels(centres: Floats, length: int, derived: bool) -> Floats:
 
 
 def relative(centres: Floats) -> Floats:
-    """(F, P, 2) centres of one view, v down -> the same in body sizes, up positive, from where the head was first.
+    """(F, P, 2) centres of one view, v down -> in body sizes, up positive, relative to the first visible head.
 
-    The size is the body's when the last frame has been seen; unknown places stay NaN. A person whose head was never
-    seen, or no hand with it, has no size, and counts as never seen.
+    The body size is that after the last frame; unknown places stay NaN. Without a visible head, or without a hand
+    visible together with it, the size is unknown and everything is NaN.
     """
     reader = BodySize()
     size = [reader.update(frame, BODY_PARTS) for frame in centres][-1]
     head = centres[:, BODY_PARTS.index("head")]
-    seen = np.isfinite(head).all(axis=1)
-    first = head[seen.argmax()] if seen.any() else np.full(2, np.nan)
+    visible = np.isfinite(head).all(axis=1)
+    first = head[visible.argmax()] if visible.any() else np.full(2, np.nan)
     placed: Floats = (centres - first) / size * (1.0, -1.0)
     return placed
 
 
-def bridged(rows: Floats) -> Floats:
-    """(C, F) -> the same without NaN: straight lines over gaps, held at the ends, 0 where nothing was ever seen."""
+def bridge_gaps(rows: Floats) -> Floats:
+    """(C, F) -> the same without NaN: straight lines over gaps, constant at the ends, 0 where all is NaN."""
     result = np.zeros_like(rows)
     instants = np.arange(rows.shape[1])
-    for row, seen in zip(range(len(rows)), np.isfinite(rows), strict=True):
-        if seen.any():
-            result[row] = np.interp(instants, instants[seen], rows[row, seen])
+    for row, visible in zip(range(len(rows)), np.isfinite(rows), strict=True):
+        if visible.any():
+            result[row] = np.interp(instants, instants[visible], rows[row, visible])
     return result
 
 
-def resampled(rows: Floats, length: int) -> Floats:
+def resample_rows(rows: Floats, length: int) -> Floats:
     """(C, F) -> (C, length), linear in time from the first frame to the last."""
     instants = np.linspace(0, rows.shape[1] - 1, length)
     return np.array([np.interp(instants, np.arange(rows.shape[1]), row) for row in rows])
 
 
-Names = NDArray[np.str_]
-
-KERNELS = 10_000
-KERNELS_FAST = 1_000
-DTW_WINDOW = 0.2
-"""How far, as a share of the length, one movement may be ahead of the other."""
-
-
 @dataclass(frozen=True, slots=True)
 class Peer:
-    """An offline classifier. judged: (training panel, its labels, test panel, seed, fast) -> labels of the test panel.
+    """An offline classifier. predict: (training panel, labels, test panel, seed, fast) -> labels of the test panel.
 
-    length: frames of its panels. derived: whether they have more than positions. by_chance: whether another seed may
-    judge otherwise.
+    length: frames of its panels. derived: see make_panel. random: whether the result depends on the seed.
     """
 
-    judged: Callable[[Panel, Names, Panel, int, bool], Names]
+    predict: Callable[[Panel, Names, Panel, int, bool], Names]
     length: int
     derived: bool
-    by_chance: bool
+    random: bool
 
 
-def _minirocket(learned: Panel, labels: Names, unknown: Panel, seed: int, fast: bool) -> Names:
+def _minirocket(train: Panel, labels: Names, test: Panel, seed: int, fast: bool) -> Names:
     from aeon.classification.convolution_based import MiniRocketClassifier
 
-    # The default is a ridge classifier whose penalty is found by cross-validation among what is learned from.
+    # By default a ridge classifier whose penalty is cross-validated on the training panel.
     classifier = MiniRocketClassifier(n_kernels=KERNELS_FAST if fast else KERNELS, random_state=seed)
-    return np.asarray(classifier.fit(learned, labels).predict(unknown))
+    return np.asarray(classifier.fit(train, labels).predict(test))
 
 
-def _nearest(learned: Panel, labels: Names, unknown: Panel, seed: int, fast: bool) -> Names:
+def _nearest(train: Panel, labels: Names, test: Panel, seed: int, fast: bool) -> Names:
     from aeon.classification.distance_based import KNeighborsTimeSeriesClassifier
 
     classifier = KNeighborsTimeSeriesClassifier(n_neighbors=1, distance="dtw", distance_params={"window": DTW_WINDOW})
     with warnings.catch_warnings():
-        # What numba says of aeon's own code when it compiles it; nobody here can act on it.
+        # numba warns about aeon's own code when it compiles it.
         warnings.filterwarnings("ignore", "unsafe cast from uint64 to int64")
-        return np.asarray(classifier.fit(learned, labels).predict(unknown))
+        return np.asarray(classifier.fit(train, labels).predict(test))
 
 
 PEERS: Mapping[str, Peer] = {
-    "MiniRocket": Peer(_minirocket, length=64, derived=True, by_chance=True),
-    "1-NN DTW": Peer(_nearest, length=40, derived=False, by_chance=False),
+    "MiniRocket": Peer(_minirocket, length=64, derived=True, random=True),
+    "1-NN DTW": Peer(_nearest, length=40, derived=False, random=False),
 }

@@ -1,95 +1,94 @@
-"""Our judges and their peers on the same trials: learned from the same people, asked when as much has been seen."""
+"""Our observers and the peers on the same trials: the same training people, the same fractions of the movement."""
 
 from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from benchmarks.peers.classifiers import PEERS, Names, Peer, panel, watched
-from benchmarks.peers.table import Contest, Curve, Floats
+from benchmarks.peers.classifiers import PEERS, Names, Peer, make_panel, view_centres
+from benchmarks.peers.table import AccuracyCurve, Floats, PeerComparison
 from observer.motion.archive import MotionArchive
-from studies.evaluate import Answer, Progress, Question, at_fraction, evaluate, trials_of
-from studies.report import FRACTIONS, truth_of
-from studies.trials import Split, Trial, splits, trials, with_labels
+from studies.evaluate import EvaluationResult, EvaluationSettings, Progress, evaluate, folds_of, trials_of
+from studies.report import FRACTIONS
+from studies.trials import EvaluationTrial, Split, make_trials
 
 
-def compared(
+def compare_peers(
     archive: MotionArchive,
     movements: str,
-    question: Question,
+    settings: EvaluationSettings,
     seeds: Sequence[int],
     fast: bool = False,
     progress: Progress = lambda *_: None,
     peers: Mapping[str, Peer] = PEERS,
-) -> Contest:
-    """All judge the question's movements, which together are called `movements`; peers anew for every fraction.
+) -> PeerComparison:
+    """Judge the settings' movements, called `movements`, by all classifiers; peers relearn for every fraction.
 
     Raises BadInput as evaluate does, and ModuleNotFoundError where aeon is not installed.
     """
-    theirs = peer_curves(archive, question, seeds, fast, lambda what, *n: progress(f"{what}, {movements}", *n), peers)
-    answer = evaluate(archive, question, lambda what, *n: progress(f"ours, {movements}", *n))
-    people = tuple(judged.trial.recording.subject for judged in answer.judged)
-    return Contest(movements, people, (*our_curves(answer), *theirs))
+    theirs = _peer_curves(archive, settings, seeds, fast, lambda what, *n: progress(f"{what}, {movements}", *n), peers)
+    result = evaluate(archive, settings, lambda what, *n: progress(f"ours, {movements}", *n))
+    people = tuple(r.trial.recording.subject for r in result.trials)
+    return PeerComparison(movements, people, (*our_curves(result), *theirs))
 
 
-def our_curves(answer: Answer) -> list[Curve]:
-    """Fused, then, where there are several, each view alone."""
-    truth = truth_of(answer)
-    beliefs = [at_fraction(answer.judged, fraction) for fraction in FRACTIONS]
-    fused = [p.argmax(axis=1) == truth for _, p in beliefs]
-    curves = [Curve("ours, fused", np.array(fused, dtype=np.float64))]
-    for v, view in enumerate(answer.question.views):
-        alone = [p[:, v].argmax(axis=1) == truth for p, _ in beliefs]
-        curves.append(Curve(f"ours, {view.name}", np.array(alone, dtype=np.float64)))
-    return curves if len(answer.question.views) > 1 else curves[:1]
+def our_curves(result: EvaluationResult) -> list[AccuracyCurve]:
+    """The fused curve, then, with several views, one per view."""
+    truth = result.truth
+    posteriors = [result.at_fraction(fraction) for fraction in FRACTIONS]
+    fused = [p.argmax(axis=1) == truth for _, p in posteriors]
+    curves = [AccuracyCurve("ours, fused", np.array(fused, dtype=np.float64))]
+    for v, view in enumerate(result.settings.views):
+        alone = [p[:, v].argmax(axis=1) == truth for p, _ in posteriors]
+        curves.append(AccuracyCurve(f"ours, {view.name}", np.array(alone, dtype=np.float64)))
+    return curves if len(result.settings.views) > 1 else curves[:1]
 
 
-def peer_curves(
+def _peer_curves(
     archive: MotionArchive,
-    question: Question,
+    settings: EvaluationSettings,
     seeds: Sequence[int],
     fast: bool,
     progress: Progress,
     peers: Mapping[str, Peer],
-) -> list[Curve]:
-    """One curve a peer, over the trials in evaluate's order; a peer that depends on chance is the mean over seeds."""
-    chosen = with_labels(archive, question.labels)
-    folds = list(splits(chosen, question.train_subjects, question.test_subjects, question.leave_one_subject_out))
+) -> list[AccuracyCurve]:
+    """One curve per peer over the trials in evaluate's order; a random peer is the mean over the seeds."""
+    folds = folds_of(archive, settings, settings.labels)
     curves = []
     for name, peer in peers.items():
-        told = _counted(progress, name, len(folds) * len(FRACTIONS))
-        rights = [_right(split, question, n, peer, seeds, fast, told) for n, split in enumerate(folds)]
-        curves.append(Curve(name, np.concatenate(rights, axis=1)))
+        advance = _counter(progress, name, len(folds) * len(FRACTIONS))
+        rights = [_right(split, settings, n, peer, seeds, fast, advance) for n, split in enumerate(folds)]
+        curves.append(AccuracyCurve(name, np.concatenate(rights, axis=1)))
     return curves
 
 
-def _counted(progress: Progress, what: str, total: int) -> Callable[[], None]:
+def _counter(progress: Progress, task: str, total: int) -> Callable[[], None]:
     done = iter(range(1, total + 1))
-    return lambda: progress(what, next(done), total)
+    return lambda: progress(task, next(done), total)
 
 
 def _right(
     split: Split,
-    question: Question,
+    settings: EvaluationSettings,
     number: int,
     peer: Peer,
     seeds: Sequence[int],
     fast: bool,
-    told: Callable[[], None],
+    advance: Callable[[], None],
 ) -> Floats:
-    """(F, N) how often this peer is right about the test trials of one split."""
-    views, parts = question.views, split.train.body_parts
-    learned = trials(split.train.recordings, onset_known=True, turn=0.0, rng=np.random.default_rng(0))
-    asked = trials_of(split, question, number)
-    seen_learned, seen_asked = ([watched(trial, views, parts) for trial in group] for group in (learned, asked))
+    """(F, N) how often the peer is right about the test trials of one split."""
+    views, parts = settings.views, split.train.body_parts
+    learned = make_trials(split.train.recordings, onset_known=True, turn=0.0, rng=np.random.default_rng(0))
+    asked = trials_of(split, settings, number)
+    train_centres, test_centres = ([view_centres(t, views, parts) for t in group] for group in (learned, asked))
     result = []
     for fraction in FRACTIONS:
-        shown = (panel(seen_learned, learned, fraction, peer.length, peer.derived), _labels(learned))
-        test, truth = panel(seen_asked, asked, fraction, peer.length, peer.derived), _labels(asked)
-        tries = [peer.judged(*shown, test, seed, fast) == truth for seed in (seeds if peer.by_chance else seeds[:1])]
+        train = make_panel(train_centres, learned, fraction, peer.length, peer.derived), _labels(learned)
+        test, truth = make_panel(test_centres, asked, fraction, peer.length, peer.derived), _labels(asked)
+        tries = [peer.predict(*train, test, seed, fast) == truth for seed in (seeds if peer.random else seeds[:1])]
         result.append(np.mean(tries, axis=0))
-        told()
+        advance()
     return np.array(result)
 
 
-def _labels(some: Sequence[Trial]) -> Names:
-    return np.array([trial.recording.label for trial in some])
+def _labels(trials: Sequence[EvaluationTrial]) -> Names:
+    return np.array([trial.recording.label for trial in trials])

@@ -7,10 +7,10 @@ from studies.figures.accuracy import (
     poles_figure,
     reliability_figure,
 )
-from studies.figures.over_time import Span, belief_figure, verdict_timeline_figure
+from studies.figures.over_time import LabelledInterval, belief_figure, verdict_timeline_figure
 
 __all__ = [
-    "Span",
+    "LabelledInterval",
     "belief_figure",
     "confusion_figure",
     "earliness_figure",

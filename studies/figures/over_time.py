@@ -103,7 +103,7 @@ ROWS = 10
 """Movements shown at most: those performed or judged, then those most believed in."""
 
 
-class Span(NamedTuple):
+class LabelledInterval(NamedTuple):
     """A movement in time, seconds; as truth or as verdict."""
 
     start_s: float
@@ -112,7 +112,12 @@ class Span(NamedTuple):
 
 
 def verdict_timeline_figure(
-    times_s: Floats, belief: Floats, labels: Sequence[str], truth: Sequence[Span], verdicts: Sequence[Span], path: Path
+    times_s: Floats,
+    belief: Floats,
+    labels: Sequence[str],
+    truth: Sequence[LabelledInterval],
+    verdicts: Sequence[LabelledInterval],
+    path: Path,
 ) -> Path:
     """Strips of what was done and what was judged, over the fused belief (F, M) at times_s (F,) as a map.
 
@@ -138,7 +143,9 @@ def verdict_timeline_figure(
     return save(figure, path)
 
 
-def _rows(belief: Floats, labels: Sequence[str], truth: Sequence[Span], verdicts: Sequence[Span]) -> list[str]:
+def _rows(
+    belief: Floats, labels: Sequence[str], truth: Sequence[LabelledInterval], verdicts: Sequence[LabelledInterval]
+) -> list[str]:
     """The labels to show, in the vocabulary's order."""
     mentioned = {span.label for span in (*truth, *verdicts)}
     peak = belief.max(axis=0)
@@ -147,13 +154,13 @@ def _rows(belief: Floats, labels: Sequence[str], truth: Sequence[Span], verdicts
     return [label for label in labels if label in kept]
 
 
-def _is_right(verdict: Span, truth: Sequence[Span]) -> bool:
+def _is_right(verdict: LabelledInterval, truth: Sequence[LabelledInterval]) -> bool:
     return any(
         verdict.label == true.label and verdict.start_s < true.end_s and true.start_s < verdict.end_s for true in truth
     )
 
 
-def _box(axes: Axes, span: Span, level: int, colour: str, hatched: bool) -> None:
+def _box(axes: Axes, span: LabelledInterval, level: int, colour: str, hatched: bool) -> None:
     width = span.end_s - span.start_s
     face = (span.start_s, level)
     axes.add_patch(Rectangle(face, width, 0.8, facecolor=colour, alpha=0.18, linewidth=0))
@@ -164,7 +171,12 @@ def _box(axes: Axes, span: Span, level: int, colour: str, hatched: bool) -> None
 
 
 def _map(
-    axes: Axes, times_s: Floats, belief: Floats, labels: Sequence[str], rows: Sequence[str], truth: Sequence[Span]
+    axes: Axes,
+    times_s: Floats,
+    belief: Floats,
+    labels: Sequence[str],
+    rows: Sequence[str],
+    truth: Sequence[LabelledInterval],
 ) -> None:
     """The fused belief as shades, one line for each movement, white up to chance; the true spans are framed."""
     shown = belief[:, [labels.index(label) for label in rows]]

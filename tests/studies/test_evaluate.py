@@ -9,10 +9,10 @@ import pytest
 from common.errors import BadInput
 from observer.geometry.views import parse_view
 from observer.motion.archive import MotionArchive, Recording
-from studies.evaluate import Question, at_end, evaluate
+from studies.evaluate import EvaluationSettings, evaluate
 from studies.performer import perform, perform_continuously
 from studies.report import as_json, as_text, resolved_pairs, write_report
-from studies.stream import Alarm, judge_stream, scored
+from studies.stream import StreamVerdict, judge_streams, score
 from studies.through import fused_over_mesh
 
 LABELS = ("ok", "shake", "lunging")
@@ -25,7 +25,7 @@ def archive():
 
 
 def question(**given):
-    return Question(**{"views": DOOR_WHEEL, "labels": LABELS, "train_subjects": ("1", "2"), **given})
+    return EvaluationSettings(**{"views": DOOR_WHEEL, "labels": LABELS, "train_subjects": ("1", "2"), **given})
 
 
 @pytest.fixture(scope="module")
@@ -46,11 +46,11 @@ def test_the_json_holds_what_the_contract_names(answer):
 
 def test_nothing_after_the_fraction_is_used(archive, answer):
     """Cutting the test recordings short after 60 % leaves every belief up to there as it was."""
-    whole = {j.trial.name: j for j in answer.judged}
+    whole = {j.trial.name: j for j in answer.trials}
     short = MotionArchive(
         archive.body_parts, tuple(_shortened(r) if r.subject == "3" else r for r in archive.recordings)
     )
-    for judged in evaluate(short, question()).judged:
+    for judged in evaluate(short, question()).trials:
         frames = len(judged.fused)
         assert whole[judged.trial.name].fused[:frames] == pytest.approx(judged.fused)
 
@@ -62,20 +62,20 @@ def _shortened(recording):
 def test_the_same_seed_gives_the_same_answer(archive):
     asked = question(onset_known=False, turn=None, seed=5)
     one, two, other = evaluate(archive, asked), evaluate(archive, asked), evaluate(archive, question(onset_known=False))
-    assert (at_end(one.judged)[1] == at_end(two.judged)[1]).all()
-    assert not (at_end(one.judged)[1] == at_end(other.judged)[1]).all()
+    assert (one.at_end()[1] == two.at_end()[1]).all()
+    assert not (one.at_end()[1] == other.at_end()[1]).all()
 
 
 def test_everybody_is_judged_once_when_each_is_left_out_in_turn(archive):
     answer = evaluate(archive, question(train_subjects=(), leave_one_subject_out=True))
-    assert len(answer.judged) == len(archive.recordings)
-    assert len({j.trial.name for j in answer.judged}) == len(archive.recordings)
+    assert len(answer.trials) == len(archive.recordings)
+    assert len({j.trial.name for j in answer.trials}) == len(archive.recordings)
 
 
 @pytest.mark.parametrize("fault", ["wrong", "noise", "silent", "late"])
 def test_a_faulty_view_changes_its_own_beliefs_only(archive, answer, fault):
     disturbed = evaluate(archive, question(faults={"wheel": fault}))
-    for sound, ill in zip(answer.judged, disturbed.judged, strict=True):
+    for sound, ill in zip(answer.trials, disturbed.trials, strict=True):
         assert (sound.views[:, 0] == ill.views[:, 0]).all()
         assert not (sound.views[:, 1] == ill.views[:, 1]).all()
 
@@ -117,7 +117,7 @@ def test_what_cannot_be_asked_is_one_clear_line(archive, given, said):
 def test_streams_of_movements_are_spotted(archive):
     stream = perform_continuously("3", LABELS, seed=1)
     both = MotionArchive(archive.body_parts, (*archive.recordings, stream))
-    said = judge_stream(both, question(test_subjects=("3",)))
+    said = judge_streams(both, question(test_subjects=("3",)))
     assert said["recall"] >= 2 / 3 and said["false_alarms_per_minute"] == 0
     assert 0 < said["median_latency_s"] < 3
 
@@ -129,12 +129,12 @@ def test_scoring_alarms_by_hand():
         np.zeros((150, 3, 3), np.float32), 15.0, "", "1", "1", (Span(15, 45, "ok"), Span(75, 105, "shake"))
     )
     said = [("ok", 0.7), ("ok", 2.0), ("ok", 6.0), ("shake", 4.0), ("shake", 7.33), ("abstain", 1.0)]
-    alarms = [Alarm(label, at_s, label) for label, at_s in said]
-    score = scored(alarms, stream, ("ok", "shake"))
+    alarms = [StreamVerdict(label, at_s, label) for label, at_s in said]
+    counts = score(alarms, stream, ("ok", "shake"))
     # .7 s is within 333 ms of the span; the second ok is one too many; ok at 6 s is wrong; 4 s is rest.
-    assert (score.right, score.false, score.movements, score.alarms_at_rest) == (2, 3, 2, 1)
-    assert score.rest_s == pytest.approx(6.0)
-    assert score.latencies_s == pytest.approx((-0.3, 2.33))
+    assert (counts.right, counts.false, counts.movements, counts.alarms_at_rest) == (2, 3, 2, 1)
+    assert counts.rest_s == pytest.approx(6.0)
+    assert counts.latencies_s == pytest.approx((-0.3, 2.33))
 
 
 def test_who_names_what_was_not_learned_is_told_so():
@@ -142,7 +142,7 @@ def test_who_names_what_was_not_learned_is_told_so():
 
     spans = (Span(15, 45, "ok"), Span(75, 105, "jump"), Span(120, 135, "jump"))
     stream = Recording(np.zeros((150, 3, 3), np.float32), 15.0, "", "1", "1", spans)
-    score = scored([Alarm("ok", 2.0, "ok"), Alarm("shake", 6.0, "ok")], stream, ("ok", "shake"))
-    assert (score.right, score.false, score.movements) == (1, 1, 1)
-    assert (score.unlearned, score.named, score.alarms_at_rest) == (2, 1, 0)
-    assert score.as_json()["unlearned_named"] == 0.5
+    counts = score([StreamVerdict("ok", 2.0, "ok"), StreamVerdict("shake", 6.0, "ok")], stream, ("ok", "shake"))
+    assert (counts.right, counts.false, counts.movements) == (1, 1, 1)
+    assert (counts.unlearned, counts.labelled, counts.alarms_at_rest) == (2, 1, 0)
+    assert counts.as_json()["unlearned_named"] == 0.5

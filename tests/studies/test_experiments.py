@@ -10,7 +10,7 @@ def test_all_three_are_printed_beside_the_papers(tmp_path, capsys):
     write_archive(archive, perform(trials=2, seed=1))
     paper(archive, report=tmp_path / "out")
     said = capsys.readouterr().out
-    for title in ("Table I:", "Table II:", "Table III:", "32(of 95)", "all, what one view confuses"):
+    for title in ("Table I:", "Table II:", "Table III:", "32(of 95)", "all, confusions of one view"):
         assert title in said
     assert "1: one camera on the Door plane" in said.splitlines()[-6]
     assert (tmp_path / "out" / "experiments.txt").read_text() in said

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from common.errors import BadInput
 from observer.tracks import Frame, Tracks
-from studies.faults import FAULTS, LATE_S, Hidden, Said, disturb, fault_named
+from studies.faults import FAULTS, LATE_S, ObserverOutputs, OccludedTracker, disturb, parse_fault
 
 VIEWS = ("door", "wheel", "table")
 RATE = 5.0
@@ -21,7 +21,7 @@ def said(seed=0, lengths=(8, 12, 3), facings=2):
     for n in lengths:
         p = rng.dirichlet(np.ones(M), size=(n, len(VIEWS)))
         facing = rng.dirichlet(np.ones(facings), size=(n, len(VIEWS), M)) if facings else None
-        result.append(Said(p, facing, rng.random((n, len(VIEWS))) if facings else None))
+        result.append(ObserverOutputs(p, facing, rng.random((n, len(VIEWS))) if facings else None))
     return result
 
 
@@ -116,24 +116,24 @@ def test_noise_of_facing_owes_nothing_to_the_person_either():
 
 
 def test_faults_are_named_view_by_view():
-    assert fault_named("door=wrong", VIEWS) == ("door", "wrong")
-    assert fault_named("yaw:45,pitch:10=late", ("yaw:45,pitch:10",)) == ("yaw:45,pitch:10", "late")
-    assert fault_named("a=b=late", ("a=b",)) == ("a=b", "late")
+    assert parse_fault("door=wrong", VIEWS) == ("door", "wrong")
+    assert parse_fault("yaw:45,pitch:10=late", ("yaw:45,pitch:10",)) == ("yaw:45,pitch:10", "late")
+    assert parse_fault("a=b=late", ("a=b",)) == ("a=b", "late")
 
 
 @pytest.mark.parametrize(
     ("text", "rule"),
     [
-        ("door", "VIEW=KIND is wanted, VIEW one of door, wheel, table"),
+        ("door", "VIEW=KIND is expected, VIEW one of door, wheel, table"),
         ("roof=late", "VIEW one of door, wheel, table"),
-        ("=late", "VIEW=KIND is wanted"),
-        ("door=", "'' is no fault; known: wrong, noise, silent, late, hidden"),
-        ("door=asleep", "'asleep' is no fault"),
+        ("=late", "VIEW=KIND is expected"),
+        ("door=", "unknown fault ''; known: wrong, noise, silent, late, hidden"),
+        ("door=asleep", "unknown fault 'asleep'"),
     ],
 )
 def test_bad_faults_are_refused(text, rule):
     with pytest.raises(BadInput, match=rule):
-        fault_named(text, VIEWS)
+        parse_fault(text, VIEWS)
 
 
 class Counting:
@@ -144,6 +144,6 @@ class Counting:
 
 
 def test_who_is_hidden_sees_nothing_in_those_frames_and_loses_none():
-    tracker = Hidden(Counting(), 2, 4)
+    tracker = OccludedTracker(Counting(), 2, 4)
     seen = [tracker.update(Frame(n, np.zeros(0))).centres[0, 0] for n in range(6)]
     assert np.array_equal(seen, [0, 1, np.nan, np.nan, 4, 5], equal_nan=True)

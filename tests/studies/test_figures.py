@@ -11,7 +11,7 @@ from common.errors import BadInput
 from common.probability import entropy_bits, normalise
 from studies.experiments import MOVEMENTS, TABLE_III
 from studies.figures import (
-    Span,
+    LabelledInterval,
     belief_figure,
     confusion_figure,
     earliness_figure,
@@ -67,21 +67,24 @@ def test_reliability_is_drawn_with_few_and_with_certain_judgements(tmp_path):
 
 
 def test_the_timeline_is_drawn(tmp_path, beliefs):
-    truth, verdicts = [Span(0.1, 0.5, "ok")], [Span(0.2, 0.5, "shake"), Span(0.7, 0.9, "abstain")]
+    truth, verdicts = (
+        [LabelledInterval(0.1, 0.5, "ok")],
+        [LabelledInterval(0.2, 0.5, "shake"), LabelledInterval(0.7, 0.9, "abstain")],
+    )
     path = tmp_path / "t.svg"
     assert is_svg(verdict_timeline_figure(np.arange(40) / 30, beliefs["fused"], MOVEMENTS, truth, verdicts, path))
 
 
 def test_a_verdict_is_right_when_it_meets_a_span_of_its_label():
-    truth = [Span(1, 2, "ok"), Span(5, 6, "shake")]
-    assert _is_right(Span(1.5, 3, "ok"), truth) and not _is_right(Span(5, 6, "ok"), truth)
-    assert not _is_right(Span(2, 3, "ok"), truth), "touching is not meeting"
+    truth = [LabelledInterval(1, 2, "ok"), LabelledInterval(5, 6, "shake")]
+    assert _is_right(LabelledInterval(1.5, 3, "ok"), truth) and not _is_right(LabelledInterval(5, 6, "ok"), truth)
+    assert not _is_right(LabelledInterval(2, 3, "ok"), truth), "touching is not meeting"
 
 
 def test_what_was_done_is_always_among_the_rows():
     labels = [f"m{i}" for i in range(20)]
     belief = normalise(np.tile(np.arange(20.0, 0, -1), (3, 1)))
-    rows = _rows(belief, labels, [Span(0, 1, "m19")], [Span(0, 1, "abstain")])
+    rows = _rows(belief, labels, [LabelledInterval(0, 1, "m19")], [LabelledInterval(0, 1, "abstain")])
     assert "m19" in rows and len(rows) == 10 and rows == sorted(rows, key=labels.index)
 
 

@@ -11,7 +11,7 @@ from observer.geometry.views import parse_view
 from observer.motion.archive import MotionArchive, Recording
 from observer.motion.archive_file import write_archive
 from studies import learning_curve as curves
-from studies.evaluate import Question, evaluate
+from studies.evaluate import EvaluationSettings, evaluate
 from studies.performer import perform
 from studies.report import draw_learning_curve
 
@@ -47,7 +47,7 @@ def asked(monkeypatch):
 def test_people_and_recordings_are_counted_up_and_the_same_are_judged(asked):
     both = dict.fromkeys(LABELS, 3)
     archive = MotionArchive(("left_hand", "right_hand", "head"), recordings(dict.fromkeys("abcdx", both)))
-    question = Question(views=FRONT, labels=LABELS, train_subjects=("a", "b", "c", "d"))
+    question = EvaluationSettings(views=FRONT, labels=LABELS, train_subjects=("a", "b", "c", "d"))
     found = curves.learning_curve(archive, question)
     assert [(p["n"], p["draws"]) for p in found["people"]] == [(1, 3), (2, 3), (3, 3), (4, 1)]
     assert [(p["n"], p["draws"]) for p in found["recordings"]] == [(1, 3), (2, 3), (3, 1)]
@@ -66,7 +66,7 @@ def test_people_and_recordings_are_counted_up_and_the_same_are_judged(asked):
 def test_who_does_not_show_every_movement_is_not_learned_from_alone(asked):
     who = {"a": {"ok": 1}, "b": dict.fromkeys(LABELS, 1), "c": {"lunging": 1}, "x": dict.fromkeys(LABELS, 1)}
     archive = MotionArchive(("left_hand", "right_hand", "head"), recordings(who))
-    curves.learning_curve(archive, Question(views=FRONT, labels=LABELS, train_subjects=("a", "b", "c")))
+    curves.learning_curve(archive, EvaluationSettings(views=FRONT, labels=LABELS, train_subjects=("a", "b", "c")))
     assert {q.train_subjects for _, q in asked} == {("b",), ("a", "b"), ("a", "c"), ("b", "c"), ("a", "b", "c")}
 
 
@@ -75,7 +75,7 @@ def test_many_are_judged_by_some_of_them(asked, monkeypatch):
     archive = MotionArchive(
         ("left_hand", "right_hand", "head"), recordings({s: dict.fromkeys(LABELS, 9) for s in "ax"})
     )
-    question = Question(views=FRONT, labels=LABELS, train_subjects=("a",))
+    question = EvaluationSettings(views=FRONT, labels=LABELS, train_subjects=("a",))
     assert curves.learning_curve(archive, question)["n_judged"] == 5
     judged = {tuple((r.label, r.trial) for r in archive.recordings if r.subject == "x") for archive, _ in asked}
     assert len(judged) == 1
@@ -86,7 +86,7 @@ def test_many_are_judged_by_some_of_them(asked, monkeypatch):
 def test_people_left_out_in_turn_are_refused():
     archive = MotionArchive(("left_hand", "right_hand", "head"), recordings({"a": dict.fromkeys(LABELS, 1)}))
     with pytest.raises(BadInput, match="--learning-curve --leave-one-subject-out"):
-        curves.learning_curve(archive, Question(views=FRONT, labels=LABELS, leave_one_subject_out=True))
+        curves.learning_curve(archive, EvaluationSettings(views=FRONT, labels=LABELS, leave_one_subject_out=True))
 
 
 def test_as_a_person_types_it(capsys, tmp_path):
@@ -110,10 +110,10 @@ def test_as_a_person_types_it(capsys, tmp_path):
     assert [p["n"] for p in curve["people"]] == [p["n"] for p in curve["recordings"]] == [1, 2]
     assert curve["people"][-1] == {**curve["recordings"][-1], "n": 2}
     # The last point is the evaluation itself.
-    question = Question(views=FRONT, labels=LABELS, train_subjects=("1", "2"), model="frame-table")
+    question = EvaluationSettings(views=FRONT, labels=LABELS, train_subjects=("1", "2"), model="frame-table")
     whole = evaluate(archive, question)
     assert (
         curve["people"][-1]["accuracy"] == found["accuracy"] and curve["people"][-1]["examples"] == whole.n_train == 8
     )
-    assert "right at the end, by people learned from" in out and "by recordings of each of 2 people" in out
+    assert "accuracy at the end by people learned from" in out and "by recordings of each of 2 people" in out
     assert draw_learning_curve(curve, tmp_path / "learning-curve.png").stat().st_size > 1000

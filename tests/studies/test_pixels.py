@@ -7,10 +7,10 @@ from observer.geometry.views import parse_view
 from observer.motion.transforms import resample
 from observer.rendering.scenery import Scenery
 from observer.tracking.head import have_cascade
-from studies.evaluate import Question, evaluate
+from studies.evaluate import EvaluationSettings, evaluate
 from studies.performer import perform
-from studies.through import RATE_HZ, Filming, evaluate_pixels, tracked
-from studies.trials import Trial
+from studies.through import RATE_HZ, Filming, evaluate_pixels, track_pictures
+from studies.trials import EvaluationTrial
 
 pytestmark = pytest.mark.skipif(not have_cascade(), reason="this OpenCV has no face cascade")
 LABELS = ("byebye", "stretch")
@@ -25,21 +25,25 @@ def archive():
 
 def test_what_is_tracked_has_the_recordings_frames_and_follows_it(archive):
     recording = archive.recordings[0]
-    seen = tracked(Trial(recording, 0, len(recording.positions)), parse_view("door"), archive.body_parts, Filming())
+    seen = track_pictures(
+        EvaluationTrial(recording, 0, len(recording.positions)), parse_view("door"), archive.body_parts, Filming()
+    )
     assert len(seen) == len(recording.positions)
     assert np.mean([tracks.visible for tracks in seen]) > 0.7
-    again = tracked(Trial(recording, 0, len(recording.positions)), parse_view("door"), archive.body_parts, Filming())
+    again = track_pictures(
+        EvaluationTrial(recording, 0, len(recording.positions)), parse_view("door"), archive.body_parts, Filming()
+    )
     assert all(np.array_equal(a.centres, b.centres, equal_nan=True) for a, b in zip(seen, again, strict=True))
 
 
 def test_verdicts_from_pixels_are_those_from_joints_for_two_clear_movements(archive):
     people = sorted({r.subject for r in archive.recordings})
-    question = Question((parse_view("door"),), LABELS, tuple(people[:-1]), tuple(people[-1:]))
+    question = EvaluationSettings((parse_view("door"),), LABELS, tuple(people[:-1]), tuple(people[-1:]))
     told = []
     small = Filming(Scenery(background="cluttered"))
     pixels = evaluate_pixels(archive, question, small, lambda *what: told.append(what))
     joints = evaluate(archive, question)
-    assert [j.truth for j in pixels.judged] == [j.truth for j in joints.judged]
-    assert [j.views.shape for j in pixels.judged] == [j.views.shape for j in joints.judged]
-    assert all(j.fused[-1].argmax() == j.truth for j in pixels.judged)
-    assert told[-1][1] == told[-1][2] == len(pixels.judged)
+    assert [j.truth for j in pixels.trials] == [j.truth for j in joints.trials]
+    assert [j.views.shape for j in pixels.trials] == [j.views.shape for j in joints.trials]
+    assert all(j.fused[-1].argmax() == j.truth for j in pixels.trials)
+    assert told[-1][1] == told[-1][2] == len(pixels.trials)

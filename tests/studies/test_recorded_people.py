@@ -11,7 +11,7 @@ from observer.motion.archive import MotionArchive
 from observer.motion.importers import import_recordings
 from observer.motion.importers.msr_action3d import LABELS
 from observer.motion.transforms import labels_of
-from studies.evaluate import Question, evaluate
+from studies.evaluate import EvaluationSettings, evaluate
 from studies.experiments import PAPER_MODEL, PAPER_RULE
 from studies.report import as_json
 from studies.through import fused_over_mesh
@@ -32,7 +32,7 @@ def msr(data) -> MotionArchive:
 
 
 def ask(archive, labels, views="door", **given):
-    question = Question(tuple(parse_view(v) for v in views.split(",")), tuple(labels), ODD, EVEN, **given)
+    question = EvaluationSettings(tuple(parse_view(v) for v in views.split(",")), tuple(labels), ODD, EVEN, **given)
     return evaluate(archive, question)
 
 

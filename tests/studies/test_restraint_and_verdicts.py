@@ -9,9 +9,9 @@ from fusion.engine.engine import FusionEngine
 from observer.geometry.views import parse_view
 from observer.motion.transforms import labels_of
 from observer.runtime.posterior_encoder import SendOnChange
-from studies.evaluate import Question
+from studies.evaluate import EvaluationSettings
 from studies.performer import perform
-from studies.stream import heard_in
+from studies.stream import observed_streams
 
 CONDUCT = FusionConfig(quorum=1)
 STEP_NS = 1e9 / CONDUCT.step_hz
@@ -36,12 +36,12 @@ class Said:
 def judged(heard, restraints):
     """Verdicts by their id, first and last word of each; how many posteriors it took; how judges were heard."""
     referee, verdicts, said, states = (
-        FusionEngine("stream", list(heard.said[0]), heard.vocabulary, CONDUCT),
+        FusionEngine("stream", list(heard.messages[0]), heard.vocabulary, CONDUCT),
         {},
         0,
         set(),
     )
-    for messages in heard.said:
+    for messages in heard.messages:
         for name, message in messages.items():
             if restraints is None or restraints[name].should_send(Said.by(message), message.captured_ns):
                 referee.receive(name, message, message.captured_ns)
@@ -56,7 +56,7 @@ def judged(heard, restraints):
 def test_verdicts_are_the_same_and_begin_and_end_within_a_step_with_a_fifth_less_said():
     archive, views = perform(), (parse_view("door"), parse_view("wheel"))
     people = sorted({r.subject for r in archive.recordings})
-    question = Question(
+    question = EvaluationSettings(
         views,
         labels_of(archive)[:5],
         train_subjects=tuple(people[1:]),
@@ -64,9 +64,9 @@ def test_verdicts_are_the_same_and_begin_and_end_within_a_step_with_a_fifth_less
         onset_known=False,
         calibrated=False,
     )
-    for heard in heard_in(archive, question):
+    for heard in observed_streams(archive, question):
         whole, all_said, _ = judged(heard, None)
-        held, said, states = judged(heard, {name: SendOnChange(CONDUCT.fresh_s / 2) for name in heard.said[0]})
+        held, said, states = judged(heard, {name: SendOnChange(CONDUCT.fresh_s / 2) for name in heard.messages[0]})
         assert said < 0.8 * all_said and states == {"counted"}
         assert len(held) == len(whole) >= 5
         for one, other in zip(whole, held, strict=True):

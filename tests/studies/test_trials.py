@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from common.errors import BadInput
 from observer.motion.archive import MotionArchive, Recording, Span
-from studies.trials import FASTEST, IDLE_S, SLOWEST, Trial, splits, trials, with_labels
+from studies.trials import FASTEST, IDLE_S, SLOWEST, EvaluationTrial, make_trials, splits, with_labels
 
 RATE = 10.0
 PARTS = ("left_hand", "right_hand", "head")
@@ -93,8 +93,8 @@ def test_without_names_every_other_person_is_learned_from():
         (["1", "2"], ["2", "3"], False, "subject '2': both in training and in test"),
         (["1", "2", "3", "10"], [], False, "no subject is left"),
         ([], ["1", "2", "3", "10"], False, "no subject is left"),
-        (["1", "2"], ["3"], True, "--leave-one-subject-out judges everybody"),
-        (["1"], [], True, "--leave-one-subject-out: one person only, '1'"),
+        (["1", "2"], ["3"], True, "--leave-one-subject-out judges every person"),
+        (["1"], [], True, "--leave-one-subject-out: 1 person only, '1'"),
     ],
 )
 def test_bad_splits_are_refused_in_one_line(train, test, leave_one_out, rule):
@@ -103,7 +103,7 @@ def test_bad_splits_are_refused_in_one_line(train, test, leave_one_out, rule):
 
 
 def test_one_person_alone_cannot_be_split():
-    for leave_one_out, rule in ((True, "one person only, '7'"), (False, "no subject is left")):
+    for leave_one_out, rule in ((True, "1 person only, '7'"), (False, "no subject is left")):
         with pytest.raises(BadInput, match=rule):
             list(splits(archive(("7",)), (), (), leave_one_out))
 
@@ -113,7 +113,7 @@ def test_one_person_alone_cannot_be_split():
 
 @given(st.integers(0, 50), st.integers(1, 200), st.lists(st.floats(0, 1), min_size=2, max_size=9))
 def test_frame_at_never_goes_back_nor_past_the_end(begin, length, fractions):
-    trial = Trial(recording(), begin, begin + length)
+    trial = EvaluationTrial(recording(), begin, begin + length)
     frames = [trial.frame_at(f) for f in sorted(fractions)]
     assert frames == sorted(frames)
     assert all(begin <= frame < begin + length for frame in frames)
@@ -125,15 +125,22 @@ def test_frame_at_never_goes_back_nor_past_the_end(begin, length, fractions):
 
 
 def test_frame_at_is_exact_where_binary_fractions_are_not():
-    assert [Trial(recording(), 0, 10).frame_at(f) for f in (0.1, 0.2, 0.3, 0.6, 0.7, 1.0)] == [0, 1, 2, 5, 6, 9]
-    assert Trial(recording(), 0, 100).frame_at(0.07) == 6  # 0.07 * 100 is 7.000000000000001
+    assert [EvaluationTrial(recording(), 0, 10).frame_at(f) for f in (0.1, 0.2, 0.3, 0.6, 0.7, 1.0)] == [
+        0,
+        1,
+        2,
+        5,
+        6,
+        9,
+    ]
+    assert EvaluationTrial(recording(), 0, 100).frame_at(0.07) == 6  # 0.07 * 100 is 7.000000000000001
 
 
 # What is shown
 
 
 def test_a_known_onset_shows_the_recording_as_it_is():
-    (trial,) = trials([recording()], onset_known=True, turn=0.0, rng=seeded())
+    (trial,) = make_trials([recording()], onset_known=True, turn=0.0, rng=seeded())
     assert (trial.begin, trial.end, trial.name) == (0, 12, "bow 1.1")
     np.testing.assert_array_equal(trial.recording.positions, recording().positions)
 
@@ -141,7 +148,7 @@ def test_a_known_onset_shows_the_recording_as_it_is():
 @given(st.integers(0, 300), st.integers(2, 60))
 def test_an_unknown_onset_keeps_the_movement_inside_begin_to_end(seed, frames):
     original = recording(frames=frames)
-    (trial,) = trials([original], onset_known=False, turn=0.0, rng=seeded(seed))
+    (trial,) = make_trials([original], onset_known=False, turn=0.0, rng=seeded(seed))
     shown, moving = trial.recording.positions, trial.recording.positions[trial.begin : trial.end]
     np.testing.assert_array_equal(moving[0], original.positions[0])
     steps = np.diff(moving[:, 0, 0])
@@ -157,7 +164,7 @@ def test_an_unknown_onset_keeps_the_movement_inside_begin_to_end(seed, frames):
 
 
 def test_as_many_are_slower_as_are_faster():
-    shown = trials([recording(frames=200)] * 400, onset_known=False, turn=0.0, rng=seeded(1))
+    shown = make_trials([recording(frames=200)] * 400, onset_known=False, turn=0.0, rng=seeded(1))
     lengths = np.array([t.end - t.begin for t in shown])
     middle = 200 / math.sqrt(SLOWEST * FASTEST)
     assert abs((lengths < middle).mean() - 0.5) < 0.1
@@ -165,7 +172,7 @@ def test_as_many_are_slower_as_are_faster():
 
 
 def test_a_performer_is_turned_where_he_stands():
-    (trial,) = trials([recording()], onset_known=True, turn=90.0, rng=seeded())
+    (trial,) = make_trials([recording()], onset_known=True, turn=90.0, rng=seeded())
     before, after = recording().positions, trial.recording.positions
     centre = before.reshape(-1, 3).mean(axis=0)
     np.testing.assert_allclose(after[..., 1], before[..., 1])
@@ -174,7 +181,7 @@ def test_a_performer_is_turned_where_he_stands():
 
 
 def test_any_facing_is_drawn_for_each_trial_and_keeps_distances():
-    shown = trials([recording()] * 20, onset_known=True, turn=None, rng=seeded())
+    shown = make_trials([recording()] * 20, onset_known=True, turn=None, rng=seeded())
     first_frames = {tuple(t.recording.positions[0, 0].round(3)) for t in shown}
     assert len(first_frames) == 20
     assert len({t.turn_deg for t in shown}) == 20
@@ -186,13 +193,13 @@ def test_any_facing_is_drawn_for_each_trial_and_keeps_distances():
 @pytest.mark.parametrize("onset_known", [True, False])
 @pytest.mark.parametrize(("turn", "told"), [(0.0, 0.0), (45.0, 45.0), (-90.0, 270.0), (None, None)])
 def test_the_truth_knows_how_far_he_was_turned(turn, told, onset_known):
-    (trial,) = trials([recording()], onset_known=onset_known, turn=turn, rng=seeded())
+    (trial,) = make_trials([recording()], onset_known=onset_known, turn=turn, rng=seeded())
     assert 0 <= trial.turn_deg < 360 and (told is None or trial.turn_deg == pytest.approx(told))
 
 
 def test_the_angle_that_is_told_is_the_one_he_is_turned_by():
-    (trial,) = trials([recording()], onset_known=True, turn=None, rng=seeded())
-    (again,) = trials([recording()], onset_known=True, turn=trial.turn_deg, rng=seeded())
+    (trial,) = make_trials([recording()], onset_known=True, turn=None, rng=seeded())
+    (again,) = make_trials([recording()], onset_known=True, turn=trial.turn_deg, rng=seeded())
     np.testing.assert_allclose(again.recording.positions, trial.recording.positions, atol=1e-4)
 
 
@@ -200,7 +207,7 @@ def test_the_angle_that_is_told_is_the_one_he_is_turned_by():
 @pytest.mark.parametrize("onset_known", [True, False])
 def test_the_seed_gives_the_same_again(turn, onset_known):
     def shown(seed):
-        return trials([recording()] * 5, onset_known=onset_known, turn=turn, rng=seeded(seed))
+        return make_trials([recording()] * 5, onset_known=onset_known, turn=turn, rng=seeded(seed))
 
     for one, other in zip(shown(3), shown(3), strict=True):
         np.testing.assert_array_equal(one.recording.positions, other.recording.positions)
@@ -213,7 +220,7 @@ def test_the_seed_gives_the_same_again(turn, onset_known):
 def test_what_was_not_seen_stays_unseen():
     holed = recording(frames=20)
     holed.positions[5:9, 1] = np.nan
-    (trial,) = trials([holed], onset_known=False, turn=30.0, rng=seeded())
+    (trial,) = make_trials([holed], onset_known=False, turn=30.0, rng=seeded())
     moving = trial.recording.positions[trial.begin : trial.end]
     assert np.isnan(moving[:, 1]).any() and np.isfinite(moving[:, [0, 2]]).all()
     assert np.isfinite(trial.recording.positions[: trial.begin]).all()
