@@ -1,4 +1,4 @@
-"""HOST:PORT, where a process listens and others look for it. Pure."""
+"""HOST:PORT, where a process listens for HTTP. Pure."""
 
 import re
 from dataclasses import dataclass
@@ -7,37 +7,39 @@ from common.errors import BadInput
 
 HOST_PORT = re.compile(r"(\[[0-9a-fA-F:.]+\]|[^\s:/\[\]]+):(\d{1,5})\Z")
 LAST_PORT = 65535
-ANY_HOST = {"0.0.0.0": "127.0.0.1", "::": "::1"}  # noqa: S104 - names of it, nothing is bound here
-"""Addresses that mean every interface, and where on this machine such a process is reached."""
+ANY_HOST = {"0.0.0.0": "127.0.0.1", "::": "::1"}  # noqa: S104 - their names only, nothing is bound here
+"""Addresses that mean every interface, with the address at which this machine reaches such a process."""
 
 
 @dataclass(frozen=True, slots=True)
 class Address:
-    """A host name or number, and a port; port 0: any that is free."""
+    """A host name or number, and a port; port 0 means any free port."""
 
     host: str
     port: int
 
     @classmethod
-    def parse(cls, text: str, what: str) -> "Address":
-        """The address that `text` names; raises BadInput that names `what` it is of."""
-        found = HOST_PORT.match(text)
-        if found is None or int(found[2]) > LAST_PORT:
-            raise BadInput(f"{what} = {text!r}: must be HOST:PORT with a port up to {LAST_PORT}, e.g. 127.0.0.1:9464")
-        return cls(found[1].strip("[]"), int(found[2]))
+    def parse(cls, text: str, setting: str) -> "Address":
+        """Parse `text`; raises BadInput that names the `setting` it is the value of."""
+        match = HOST_PORT.match(text)
+        if match is None or int(match[2]) > LAST_PORT:
+            raise BadInput(
+                f"{setting} = {text!r}: must be HOST:PORT with a port up to {LAST_PORT}, e.g. 127.0.0.1:9464"
+            )
+        return cls(match[1].strip("[]"), int(match[2]))
 
     def after(self, steps: int) -> "Address":
-        """So many ports further; any free port stays any free port. Raises BadInput past the last one."""
+        """The address `steps` ports higher; port 0 stays 0. Raises BadInput above the last port."""
         port = self.port + steps if self.port else 0
         if port > LAST_PORT:
-            raise BadInput(f"metrics.listen = '{self}': {steps} further processes need a port each; begin lower")
+            raise BadInput(f"metrics.listen = '{self}': {steps} more processes need a port each; choose a lower port")
         return Address(self.host, port)
 
     @property
     def reachable(self) -> "Address":
-        """How this machine reaches it: every interface is not a place to go to."""
+        """The address at which this machine reaches a process that listens here."""
         return Address(ANY_HOST.get(self.host, self.host), self.port)
 
     def __str__(self) -> str:
-        """HOST:PORT, as it is written in the scene file."""
+        """HOST:PORT, as in the scene file."""
         return f"[{self.host}]:{self.port}" if ":" in self.host else f"{self.host}:{self.port}"

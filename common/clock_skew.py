@@ -1,9 +1,9 @@
-"""How far another machine's clock is ahead of ours, from asking what time it has there. Pure: time is passed in.
+"""How far another machine's clock is ahead of ours, from querying its status. Pure: clock and link are passed in.
 
-1. Asked at t0 and answered at t1 by our clock, theirs showed r in between: the skew lies between r - t1 and r - t0
-   (Cristian, Probabilistic clock synchronization, 1989), so the quickest answer says it best.
-2. Of the last readings the one with the narrowest bounds counts, as long as the newest does not contradict it: a
-   clock that was set, or stands still, is believed as it is now.
+1. We query at t0 and receive at t1 by our clock; their clock showed r in between. The skew lies between r - t1 and
+   r - t0 (Cristian, Probabilistic clock synchronization, 1989), so the fastest answer is the most precise.
+2. Of the last readings the most precise one counts, unless the newest contradicts it: a clock that was set, or has
+   stopped, is believed as it is now.
 """
 
 from collections import deque
@@ -12,15 +12,20 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from common import SECOND_NS
+from common.keys import observer_of
 from common.messages import StatusMessage
-from common.wire import BadMessage, decode
+from common.wire import BadMessage, decode_from
 
 if TYPE_CHECKING:
     from common.subsession import SubSession
 
-READINGS_KEPT = 8
+READINGS_LIMIT = 8
 DRIFT = 200e-6
-"""Seconds a second by which two machines' clocks may run apart between readings; quartz stays well below."""
+"""Seconds per second by which two machines' clocks may drift between readings; quartz stays well below."""
+QUERY_EVERY_S = 1.0
+ANSWER_TIMEOUT_S = 1.0
+"""A slower answer is useless for a clock."""
+ANSWERS_LIMIT = 4096
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,49 +38,47 @@ class ClockReading:
 
     @property
     def skew_ns(self) -> int:
-        """The middle of what is possible."""
+        """The middle of the possible range."""
         return self.shown_ns - (self.asked_ns + self.answered_ns) // 2
 
     @property
     def doubt_ns(self) -> int:
-        """How far the true skew may be from the middle."""
+        """The largest possible distance of the true skew from the middle."""
         return abs(self.answered_ns - self.asked_ns) // 2
+
+
+@dataclass(frozen=True, slots=True)
+class _Answer:
+    key: str
+    payload: bytes
+    asked_ns: int
+    answered_ns: int
 
 
 class ClockSkew:
     """The skew of one other clock."""
 
     def __init__(self) -> None:
-        self._readings: deque[ClockReading] = deque(maxlen=READINGS_KEPT)
+        self._readings: deque[ClockReading] = deque(maxlen=READINGS_LIMIT)
         self.best: ClockReading | None = None
         """The reading that counts; None before the first."""
 
     def note(self, reading: ClockReading) -> None:
-        """One more answer; readings that it contradicts are forgotten (rule 2)."""
+        """Add a reading; the earlier ones are dropped if it contradicts them (rule 2)."""
         if any(not _agree(reading, old) for old in self._readings):
             self._readings.clear()
         self._readings.append(reading)
-        # Asked for with every message, and changed once a second.
-        self.best = min(self._readings, key=lambda kept: kept.doubt_ns)
+        # Stored, because it is read with every message and changes once a second.
+        self.best = min(self._readings, key=lambda candidate: candidate.doubt_ns)
 
     @property
     def skew_s(self) -> float | None:
-        """Seconds by which the other clock is ahead of ours, negative: behind; None before the first answer."""
+        """Seconds by which the other clock is ahead of ours, negative if behind; None before the first reading."""
         return None if self.best is None else self.best.skew_ns / SECOND_NS
 
 
-def _agree(new: ClockReading, old: ClockReading) -> bool:
-    drift_ns = abs(new.answered_ns - old.answered_ns) * DRIFT
-    return abs(new.skew_ns - old.skew_ns) <= new.doubt_ns + old.doubt_ns + drift_ns
-
-
-QUERY_EVERY_S = 1.0
-ANSWER_S = 1.0
-"""An answer that takes longer says nothing of a clock."""
-
-
 class ClockQuerier:
-    """Asks all statuses under `key`; wake: called when an answer has come, from the mesh's thread."""
+    """Queries all statuses under `key`; wake: called in the mesh's thread when an answer has arrived."""
 
     def __init__(
         self,
@@ -87,32 +90,38 @@ class ClockQuerier:
     ) -> None:
         self._link, self._key, self._clock, self._wake = link, key, clock, wake
         self._every_ns = round(every_s * SECOND_NS)
-        self._answers: deque[tuple[bytes, int, int]] = deque(maxlen=4096)
+        self._answers: deque[_Answer] = deque(maxlen=ANSWERS_LIMIT)
         self._asked_ns: int | None = None
 
     def ask_if_due(self) -> bool:
-        """To be called in a loop; returns at once, and whether it asked."""
+        """Send a query if one is due; returns at once, and whether it did. To be called in a loop."""
         now_ns = self._clock()
         if self._asked_ns is not None and abs(now_ns - self._asked_ns) < self._every_ns:
             return False
         self._asked_ns = now_ns
 
         def answered(key: str, payload: bytes) -> None:
-            self._answers.append((payload, now_ns, self._clock()))
+            self._answers.append(_Answer(key, payload, now_ns, self._clock()))
             self._wake()
 
-        self._link.request(self._key, answered, ANSWER_S)
+        self._link.request(self._key, answered, ANSWER_TIMEOUT_S)
         return True
 
     def readings(self) -> list[tuple[str, ClockReading]]:
-        """What was answered since the last call: each process's id and its clock."""
-        read = []
+        """The readings since the last call, each with the id of its process, which is the one in the answer's key."""
+        readings = []
         while self._answers:
-            payload, asked_ns, answered_ns = self._answers.popleft()
+            answer = self._answers.popleft()
             try:
-                status = decode(StatusMessage, payload)
+                status = decode_from(answer.key, StatusMessage, answer.payload)
             except BadMessage:
                 continue
             if status.at_ns is not None:
-                read.append((status.id, ClockReading(asked_ns, status.at_ns, answered_ns)))
-        return read
+                reading = ClockReading(answer.asked_ns, status.at_ns, answer.answered_ns)
+                readings.append((observer_of(answer.key), reading))
+        return readings
+
+
+def _agree(new: ClockReading, old: ClockReading) -> bool:
+    drift_ns = abs(new.answered_ns - old.answered_ns) * DRIFT
+    return abs(new.skew_ns - old.skew_ns) <= new.doubt_ns + old.doubt_ns + drift_ns

@@ -1,7 +1,6 @@
-"""The scene file: one TOML file that describes a scene and that every process of it reads (docs/reference/scene.md).
+"""The scene file: one TOML file that describes a scene and that all its processes read (docs/reference/scene.md).
 
-What each section holds is in config_sections.py, which environment variables override it in config_environment.py, how
-faults are worded in config_faults.py.
+config_sections.py holds the sections, config_input.py the environment's overrides and the text of errors.
 """
 
 import os
@@ -12,7 +11,7 @@ from typing import Annotated, Any
 
 from pydantic import Field, PrivateAttr, ValidationError, model_validator
 
-from common.config_input import override, worded
+from common.config_input import describe_fault, override
 from common.config_sections import (
     DashboardConfig,
     FusionConfig,
@@ -25,8 +24,9 @@ from common.config_sections import (
     VirtualConfig,
     default_quorum,
 )
-from common.errors import BadInput
+from common.errors import BadInput, reason_of
 from common.keys import SceneKeys, identifier
+from common.text import plural
 from common.vocabulary import Vocabulary
 
 __all__ = [
@@ -45,7 +45,7 @@ __all__ = [
 
 
 class Scene(Section):
-    """A whole scene. Made by `read_scene`, which also knows the folder that file names in it start from."""
+    """A whole scene. `read_scene` makes it, and sets the folder that relative file names start from."""
 
     scene: str
     vocabulary: Annotated[tuple[str, ...], Field(strict=False)] | None = None
@@ -58,25 +58,27 @@ class Scene(Section):
     _folder: Path = PrivateAttr(default=Path())
 
     @model_validator(mode="after")
-    def _hangs_together(self) -> "Scene":
+    def _is_consistent(self) -> "Scene":
         _ = self.keys, self.named_vocabulary
         identifier(self.fusion.id, "fusion.id")
         for name in self.fusion.standby:
             identifier(name, "fusion.standby")
         if len(set(self.services)) != len(self.services):
-            raise BadInput(f"fusion.standby = {list(self.fusion.standby)}: each service has an id of its own")
+            raise BadInput(f"fusion.standby = {list(self.fusion.standby)}: give each service an id of its own")
+        if not self.observers:
+            raise BadInput('no observers: name at least one, e.g. [observers.cam1] with source = "motion.npz"')
         for name in self.observers:
             identifier(name, "observers")
         if self.fusion.quorum > len(self.observers):
             raise BadInput(
-                f"fusion.quorum = {self.fusion.quorum}: the scene has {len(self.observers)} observers, so many can "
-                f"never agree; choose 1 to {len(self.observers)}"
+                f"fusion.quorum = {self.fusion.quorum}: the scene has {plural(len(self.observers), 'observer')}, and "
+                f"no more can agree; choose 1 to {len(self.observers)}"
             )
         return self
 
     @property
     def keys(self) -> SceneKeys:
-        """Where on the mesh everything of this scene is said."""
+        """The keys of this scene on the mesh."""
         return SceneKeys(self.scene, self.mesh.prefix)
 
     @property
@@ -86,31 +88,31 @@ class Scene(Section):
 
     @property
     def services(self) -> tuple[str, ...]:
-        """The ids of all fusion services of this scene; the first one is where a mesh of one machine meets."""
+        """The ids of all fusion services of this scene; on a mesh of one machine the first one listens."""
         return (self.fusion.id, *self.fusion.standby)
 
     def for_service(self, service: str) -> "Scene":
-        """The same scene as seen by one of its fusion services; raises BadInput that lists the known ones."""
+        """The scene as one of its fusion services sees it; raises BadInput that lists the known ones."""
         if service not in self.services:
             raise BadInput(
                 f"fusion service {service!r}: not in the scene; known: {', '.join(self.services)}; "
                 f'add it to [fusion] standby = ["{service}"]'
             )
         others = tuple(name for name in self.services if name != service)
-        scene = self.model_copy(update={"fusion": self.fusion.model_copy(update={"id": service, "standby": others})})
-        scene._folder = self._folder
-        return scene
+        return self._with_fusion(id=service, standby=others)
 
     def for_shared_service(self, service: str) -> "Scene":
-        """The same as seen by one of the processes that share many scenes; raises BadInput for its id."""
-        identifier(service, "fusion.id")
-        scene = self.model_copy(update={"fusion": self.fusion.model_copy(update={"id": service})})
+        """The scene as one of the processes that share many scenes sees it; raises BadInput for an illegal id."""
+        return self._with_fusion(id=identifier(service, "fusion.id"))
+
+    def _with_fusion(self, **changes: object) -> "Scene":
+        scene = self.model_copy(update={"fusion": self.fusion.model_copy(update=changes)})
         scene._folder = self._folder
         return scene
 
     @property
     def named_vocabulary(self) -> Vocabulary | None:
-        """The vocabulary that the file names; None: the models bring it."""
+        """The vocabulary that the file names; None if the observers' models bring it."""
         return None if self.vocabulary is None else Vocabulary(self.vocabulary, self.vocabulary_name)
 
     def observer(self, observer: str) -> ObserverConfig:
@@ -120,7 +122,7 @@ class Scene(Section):
         return self.observers[observer]
 
     def place(self, name: str) -> Path:
-        """Where a file named in the scene file is: relative names start from the scene file's folder."""
+        """The path of a file that the scene file names; relative names start from the scene file's folder."""
         return self._folder / Path(name).expanduser()
 
 
@@ -130,32 +132,32 @@ def scene_files(paths: Sequence[Path]) -> Iterator[Path]:
         if not path.is_dir():
             yield path
             continue
-        inside = sorted(path.glob("*.toml"))
-        if not inside:
+        files = sorted(path.glob("*.toml"))
+        if not files:
             raise BadInput(f"{path}: no scene file in this folder; scene files end in .toml")
-        yield from inside
+        yield from files
 
 
 def read_scene(path: Path, environment: Mapping[str, str] | None = None) -> Scene:
-    """The scene in the file at `path`, overridden by LABANMESH_... of `environment` (default: the process's).
+    """Read the scene file at `path`, overridden by LABANMESH_... in `environment` (default: the process's).
 
     Raises BadInput, one line that names file, key, value and rule.
     """
-    table = _table(path)
+    table = _parse(path)
     override(table, Scene, os.environ if environment is None else environment)
     try:
-        _fill_in(table)
-        _place_credentials(table, path.absolute().parent)
+        _set_defaults(table)
+        _resolve_credentials(table, path.absolute().parent)
         scene = Scene.model_validate(table)
     except ValidationError as error:
-        raise BadInput(f"{path}: {worded(error, Scene)}") from None
+        raise BadInput(f"{path}: {describe_fault(error, Scene)}") from None
     except BadInput as error:
         raise BadInput(f"{path}: {error}") from None
     scene._folder = path.absolute().parent
     return scene
 
 
-def _table(path: Path) -> dict[str, Any]:
+def _parse(path: Path) -> dict[str, Any]:
     try:
         return tomllib.loads(path.read_text(encoding="utf-8"))
     except tomllib.TOMLDecodeError as error:
@@ -163,21 +165,19 @@ def _table(path: Path) -> dict[str, Any]:
     except UnicodeDecodeError:
         raise BadInput(f"{path}: not UTF-8 text; a scene file is TOML") from None
     except OSError as error:
-        raise BadInput(f"{path}: {(error.strerror or str(error)).lower()}; name a scene file (TOML)") from None
+        raise BadInput(f"{path}: {reason_of(error)}; name a scene file (TOML)") from None
 
 
-def _place_credentials(table: dict[str, Any], folder: Path) -> None:
-    """The folder of credentials starts from the scene file's: [mesh] is handed on without the scene."""
+def _resolve_credentials(table: dict[str, Any], folder: Path) -> None:
+    """Make the folder of credentials absolute: [mesh] is passed on without the scene."""
     mesh = table.get("mesh")
-    if isinstance(mesh, dict) and isinstance(named := mesh.get("credentials"), str) and named:
-        mesh["credentials"] = str(folder / Path(named).expanduser())
+    if isinstance(mesh, dict) and isinstance(name := mesh.get("credentials"), str) and name:
+        mesh["credentials"] = str(folder / Path(name).expanduser())
 
 
-def _fill_in(table: dict[str, Any]) -> None:
-    """What the defaults cannot say because it depends on the rest of the file."""
-    observers = table.get("observers")
-    if not observers:
-        raise BadInput('no observers: name at least one, e.g. [observers.cam1] with source = "motion.npz"')
+def _set_defaults(table: dict[str, Any]) -> None:
+    """Set the defaults that depend on the rest of the file."""
+    observers = table.setdefault("observers", {})
     if not isinstance(observers, dict):
         return
     for name, section in observers.items():

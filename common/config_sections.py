@@ -1,4 +1,4 @@
-"""The sections of a scene file: a frozen model each, with a default for every key but the observers' sources. Pure."""
+"""The sections of a scene file: an immutable model each; every key but an observer's source has a default. Pure."""
 
 import re
 from typing import Annotated, Literal
@@ -41,7 +41,7 @@ Occlusion = Annotated[tuple[Share, Share, Share, Share, Seconds, Seconds], Field
 
 
 class Section(BaseModel):
-    """What all parts of the file share: never changed after reading, no unknown keys, no guessing of types."""
+    """What all sections share: they are immutable, have no unknown keys, and types are not converted."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
 
@@ -60,21 +60,21 @@ class MeshConfig(Section):
     credentials: str = ""
 
     @model_validator(mode="after")
-    def _is_secured_whole(self) -> "MeshConfig":
-        named = f"mesh.credentials = {self.credentials!r}"
+    def _is_secured(self) -> "MeshConfig":
+        setting = f"mesh.credentials = {self.credentials!r}"
         if self.credentials and self.mode != "router":
-            raise BadInput(f'{named}: only a router can refuse anybody; set mesh.mode = "router", or take it out')
+            raise BadInput(f'{setting}: only a router checks certificates; set mesh.mode = "router" or remove this key')
         if self.credentials and not self.endpoint.startswith(("tls/", "quic/")):
-            raise BadInput(f"{named}: mesh.endpoint = {self.endpoint!r} is not encrypted; write tls/HOST:PORT")
+            raise BadInput(f"{setting}: mesh.endpoint = {self.endpoint!r} is not encrypted; write tls/HOST:PORT")
         return self
 
     def at(self, endpoint: str) -> "MeshConfig":
-        """The same mesh, met at another endpoint, e.g. the one that a link really listens on."""
+        """The same mesh at another endpoint, e.g. the one that a link really listens on."""
         return self.model_copy(update={"endpoint": endpoint})
 
 
 class VirtualConfig(Section):
-    """[observers.ID.virtual]: room and camera that recorded motion is filmed with for a tracker that wants pictures.
+    """[observers.ID.virtual]: the room and camera that render recorded motion for a tracker of pictures.
 
     Shares are 0 to 1. occluders: rows of left, top, width, height (shares of the picture), first and last second of the
     motion. The same seed gives the same pictures.
@@ -90,15 +90,15 @@ class VirtualConfig(Section):
 
 
 class ObserverConfig(Section):
-    """[observers.ID]: what one observer looks at, how it finds the body parts, and with which model.
+    """[observers.ID]: the source of one observer, its tracker and its model.
 
-    direction: whether `view` is where it really looks from in the room; if not, what it says of facing stays with it.
-    speed: what was recorded is played this much faster than it was; 0 is as fast as possible. model: "" until the
-    scene is read, then a file name (by default ID.model). tracker: "auto" chooses by the source. rate_hz, size_px:
-    what a camera is asked for. mirrored: the pictures are, as selfies are. skin, face: what `camshift` may be told of
-    the person (a file; x, y, width, height in px). pose_model, hand: the model file of `mediapipe`, and what
-    it takes for a hand. preview: a film to write of what it sees. effort: the file of its Effort model; "": Effort is
-    not judged. say: when it says what it believes.
+    direction: whether the camera's direction in the room is known to be `view`; an observer with "unknown" publishes no
+    facings. speed: factor on the speed of a recording; 0 is as fast as possible. model: a file name, by default
+    ID.model once the scene is read. tracker: "auto" selects one for the source. rate_hz, size_px: requested of a
+    camera. mirrored: the pictures are mirrored, as selfies are. skin, face: settings of `camshift` for the person (a
+    file; x, y, width, height in px). pose_model, hand: the model file of `mediapipe`, and which landmark is the hand.
+    preview: a video file to write. effort: the file of the Effort model; "": no Effort. say: when posteriors are
+    published.
     """
 
     source: Annotated[str, Field(min_length=1)]
@@ -124,13 +124,13 @@ class ObserverConfig(Section):
 
 
 class FusionConfig(Section):
-    """[fusion]: how the referee judges; seconds and probabilities.
+    """[fusion]: how posteriors are pooled and verdicts decided; seconds and probabilities.
 
-    quorum: least number of agreeing judges; in a scene that does not say, half of its observers.
-    fresh_s, fade_s, drop_s: how an opinion ages; blind_s: how that of who sees nothing fades. step_hz: judgements per
-    second at least. standby: ids of further fusion services, of which one takes over when the leading one is gone or
-    silent for takeover_s. memory: a file in which the movement that goes on, and what was learned of the observers, is
-    kept over a restart; "": none. temperature: of the pooled belief; above 1 it is less sure.
+    quorum: least number of observers that must agree; by default half of the scene's observers. fresh_s, fade_s,
+    drop_s: how a posterior ages; blind_s: how one fades whose observer sees no body part. step_hz: least rate of
+    judgements. standby: ids of further fusion services; one of them takes over if the active one is gone, or silent for
+    takeover_s. memory: a checkpoint file for the movement in progress and the learned reliability; "": none.
+    temperature: of the pooled posterior; above 1 makes it less certain.
     """
 
     id: str = "fusion"
@@ -150,16 +150,16 @@ class FusionConfig(Section):
 
 
 def default_quorum(observers: int) -> int:
-    """Half of them: they are weighed before they are counted, and a majority of two would be both."""
+    """Half of the observers: their weights count already, and a majority of two would be both."""
     return max((observers + 1) // 2, 1)
 
 
 class MqttConfig(Section):
-    """[hub.mqtt]: the broker through which Home Assistant and others hear of the scene.
+    """[hub.mqtt]: the broker through which Home Assistant and others receive the scene.
 
-    password_file: a file with the password alone. tls: encrypted, by the system's authorities or those in ca_file.
-    discovery: the prefix under which Home Assistant looks for entities. topics: under which states are said.
-    movements: those that get a binary sensor of their own. area: where Home Assistant shall put the devices.
+    password_file: a file that holds only the password. tls: encrypt; the broker's certificate is checked against the
+    system's authorities or those in ca_file. discovery: Home Assistant's discovery prefix. topics: prefix of the state
+    topics. movements: those with a binary sensor of their own. area: the suggested area of the devices.
     """
 
     host: str = "127.0.0.1"
@@ -175,16 +175,16 @@ class MqttConfig(Section):
 
 
 class DashboardConfig(Section):
-    """[hub.dashboard]: the page. listen: HOST:PORT. token_file: a file with the word that a browser must know."""
+    """[hub.dashboard]: the web page. listen: HOST:PORT. token_file: a file with the token that a browser must send."""
 
     listen: str = "127.0.0.1:8420"
     token_file: str = ""
 
 
 class HubConfig(Section):
-    """[hub]: who listens. start: which of them `labanmesh up` starts, of "mqtt" and "dashboard".
+    """[hub]: listeners. start: those that `labanmesh up` starts, of "mqtt" and "dashboard".
 
-    certainty: how likely a movement must be to be named before it is decided; 1: none is.
+    certainty: the probability from which a movement is announced before it is decided; 1: never.
     """
 
     start: Annotated[tuple[Literal["mqtt", "dashboard"], ...], Field(strict=False)] = ()
@@ -196,7 +196,7 @@ class HubConfig(Section):
 class MetricsConfig(Section):
     """[metrics]: listen: HOST:PORT where each process answers /metrics, /healthz and /readyz; "": nowhere.
 
-    With `labanmesh up` the first process has that port, and each further one the next.
+    With `labanmesh up` the first process has this port, and each further one the next port.
     """
 
     listen: str = ""

@@ -1,13 +1,18 @@
-"""Errors that a person reads: one line that names the value, the rule and the way out."""
+"""Errors that people read: one line that names the value, the rule and the way out. Pure."""
 
 
 class LabanmeshError(Exception):
-    """Something went wrong at run time; the message is one readable line. The command line exits with 1."""
+    """A failure at run time; the message is one readable line. The command line exits with status 1."""
 
     exit_status = 1
 
 
 class BadInput(LabanmeshError):  # noqa: N818 - it names whose fault it is, which a suffix would not
-    """What a person or a file gave cannot be used; nothing was changed. The command line exits with 2."""
+    """Input from a person or a file is unusable; nothing was changed. The command line exits with status 2."""
 
     exit_status = 2
+
+
+def reason_of(error: OSError) -> str:
+    """The operating system's reason in lower case: `permission denied`."""
+    return (error.strerror or str(error)).lower()

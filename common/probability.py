@@ -1,4 +1,4 @@
-"""Probability vectors over movements: normalising, entropy, tempering. Pure functions on (..., M) arrays."""
+"""Probability vectors over movements: normalising, entropy, tempering, compact facings. Pure functions on arrays."""
 
 import math
 
@@ -6,17 +6,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
+Surprise = NDArray[np.int64]
+
+SURPRISE_UNIT = 8.0
+"""Surprise is -8 ln P: one unit is a factor of 0.88, precise enough to be multiplied."""
+SURPRISE_LIMIT = 255
+"""The largest surprise in a message: P = e^-32."""
 
 
 def uniform(size: int) -> Floats:
-    """(M,) the uniform distribution: what a judge who has seen nothing believes."""
+    """(M,) the uniform distribution, the posterior of an observer that has seen nothing."""
     return np.full(size, 1.0 / size)
 
 
 def softmax(log_p: Floats) -> Floats:
     """(..., M) unnormalised log probabilities -> (..., M) probabilities that sum to 1 along the last axis.
 
-    The maximum is subtracted before exp; a row of all -inf carries no information and becomes uniform.
+    The maximum is subtracted before exp. A row of -inf carries no information and becomes uniform.
     """
     top = log_p.max(axis=-1, keepdims=True)
     p = np.exp(log_p - np.where(np.isfinite(top), top, 0.0))
@@ -33,7 +39,7 @@ def normalise(mass: Floats) -> Floats:
 def entropy_bits(p: Floats) -> Floats:
     """(..., M) -> (...) entropy H = -sum p log2 p in bits, 0 <= H <= log2 M, with 0 log 0 = 0 (section V.B).
 
-    Never -0.0: a rounding error below zero is cut off, because 1/H is a weight later.
+    Round-off below zero is cut off and the result is never -0.0, because 1/H is used as a weight.
     """
     safe = np.where(p > 0, p, 1.0)
     h = -(safe * np.log2(safe)).sum(axis=-1)
@@ -43,36 +49,27 @@ def entropy_bits(p: Floats) -> Floats:
 
 
 def temper(p: Floats, prior: Floats, exponent: float) -> Floats:
-    """(M,) posterior -> (p/prior)^exponent * prior, normalised: 1 leaves it, 0 gives back the prior.
+    """(M,) posterior -> (p/prior)^exponent * prior, normalised: exponent 1 is the identity, 0 gives the prior.
 
-    This is how an old opinion fades: exponent = exp(-age/tau). Movements the prior excludes stay excluded.
+    An old posterior fades in this way, with exponent = exp(-age/tau). Movements that the prior excludes stay excluded.
     """
     with np.errstate(divide="ignore", invalid="ignore"):
         log_prior = np.log(prior)
         log_ratio = np.where(prior > 0, np.log(p) - log_prior, 0.0)
-        # 0 * -inf has no value; an exponent of 0 forgets even a certainty.
+        # 0 * -inf is undefined; an exponent of 0 forgets even a certainty.
         powered = log_ratio * exponent if exponent > 0 else np.zeros_like(log_ratio)
     return softmax(powered + log_prior)
 
 
-Surprise = NDArray[np.int64]
-
-SURPRISE_UNIT = 8.0
-"""Surprise is -8 ln P: one more is a twelfth less likely, near enough to be multiplied."""
-SURPRISE_LIMIT = 255
-"""Nothing is less likely than e^-32 on the wire."""
-
-
 def encode_facing(facing: Floats) -> Surprise:
-    """(M, K) P(facing | movement) -> (M, K) whole numbers, 0 to LIMIT."""
-    surprise: Surprise = np.rint(
-        -SURPRISE_UNIT * np.log(np.maximum(facing, np.exp(-SURPRISE_LIMIT / SURPRISE_UNIT)))
-    ).astype(np.int64)
+    """(M, K) P(facing | movement) -> (M, K) integers from 0 to SURPRISE_LIMIT, for a message."""
+    least = np.exp(-SURPRISE_LIMIT / SURPRISE_UNIT)
+    surprise: Surprise = np.rint(-SURPRISE_UNIT * np.log(np.maximum(facing, least))).astype(np.int64)
     return np.clip(surprise, 0, SURPRISE_LIMIT)
 
 
 def decode_facing(surprise: Surprise) -> Floats:
-    """(M, K) whole numbers -> (M, K) P(facing | movement), each row summing to 1."""
+    """(M, K) integers -> (M, K) P(facing | movement), each row summing to 1."""
     mass = np.exp((surprise.min(axis=1, keepdims=True) - surprise) / SURPRISE_UNIT)
     facing: Floats = mass / mass.sum(axis=1, keepdims=True)
     return facing

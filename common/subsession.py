@@ -1,13 +1,14 @@
-"""What is declared on the mesh: publishers, inboxes, tokens, answers; what they mean is not its business.
+"""Declarations on the mesh: publishers, inboxes, liveliness tokens, queries and answers; their meaning is elsewhere.
 
-1. Callbacks only enqueue: a slow one would stall the whole session and hang its close.
-2. Zenoh gives each callback a thread of its own. A branch that is polled has none: all that comes waits in rings, which
-   lose the oldest, until the loop asks for it. So a process of a thousand declarations stays one of a few threads.
+1. Callbacks only enqueue: a slow one would stall the whole session and block its close.
+2. Zenoh gives each callback a thread of its own. A polled sub-session has none: everything that arrives waits in rings,
+   which drop the oldest, until the loop polls. So a process with a thousand declarations has only a few threads.
 """
 
 import contextlib
 import threading
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import partial
 from types import TracebackType
 from typing import Any, Protocol, Self
@@ -20,103 +21,110 @@ from common.wire import SIZE_LIMIT
 
 ENCODING = "application/msgpack"
 OVERSIZE = bytes(SIZE_LIMIT + 1)
-"""Stands for whatever was longer."""
-ASK_AGAIN_S = 0.05
-"""Pause between two asks while nobody answers: declarations of a peer just met may still be on their way."""
+"""Replaces a payload that is too large for any message."""
+RETRY_S = 0.05
+"""Pause between two queries while nobody answers: declarations of a new peer may still be on their way."""
 RING = 256
-"""So many samples or queries wait in each ring of a polled branch."""
+"""Samples or queries in each ring of a polled sub-session."""
 
 
 class _Ring(Protocol):
     def try_recv(self) -> object:
-        """The oldest that waits; None when nothing does; raises ZError when nothing will come any more."""
+        """The oldest entry; None if the ring is empty; raises ZError if nothing more will arrive."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Polled:
+    """A ring that `poll` empties into `take_in`; `finished` is called when a query has all its answers."""
+
+    ring: Any
+    take_in: Callable[[Any], None]
+    finished: Callable[[], None] = lambda: None
 
 
 class Publisher:
-    """Says bytes under one key. Made by `Link.publisher`; safe to use from several threads."""
+    """Publishes bytes under one key. Made by `SubSession.publisher`; safe to use from several threads."""
 
     def __init__(self, publisher: zenoh.Publisher) -> None:
         self._publisher = publisher
 
     def put(self, payload: bytes) -> None:
-        """Send to all who listen now, if any; raises LabanmeshError when the link was closed."""
+        """Send to the present subscribers, if any; raises LabanmeshError if the link is closed."""
         try:
             self._publisher.put(payload)
         except zenoh.ZError as error:
             raise LabanmeshError(f"the link to the mesh is closed: {error}") from None
 
     def wait_for_subscriber(self, timeout_s: float) -> bool:
-        """Whether somebody listens, within `timeout_s`."""
+        """Whether there is a subscriber, within `timeout_s`."""
         matched = threading.Event()
         with self._publisher.declare_matching_listener(lambda status: matched.set() if status.matching else None):
-            # The stub of eclipse-zenoh 1.10 says bool; it is an object.
+            # The stub of eclipse-zenoh 1.10 declares a bool; it is an object.
             now: Any = self._publisher.matching_status
             return bool(now.matching) or matched.wait(timeout_s)
 
 
 class SubSession:
-    """A part of a session on the mesh that can be given up alone; `close` ends all that was made with it.
+    """A part of a session on the mesh that can be closed alone; `close` ends all that was declared with it.
 
-    polled: nothing is called or put into an inbox but by `poll`.
+    polled: callbacks are called, and inboxes filled, only by `poll`.
     """
 
     def __init__(self, session: zenoh.Session, *, polled: bool = False) -> None:
-        self._session, self._polled = session, polled
-        self._kept: list[Any] = []
+        self._session, self._is_polled = session, polled
+        self._declared: list[Any] = []
         self._inboxes: list[Inbox] = []
-        self._rings: list[tuple[Any, Callable[[Any], None]]] = []
-        self._awaited: list[tuple[Any, Callable[[Any], None], Callable[[], None]]] = []
+        self._rings: list[_Polled] = []
+        self._queries: list[_Polled] = []
         self._closed = threading.Event()
 
     def sub_session(self, *, polled: bool = False) -> "SubSession":
-        """A part of its own on the same session, which outlives it."""
+        """Another part of the same session, which outlives it."""
         return SubSession(self._session, polled=polled)
 
     def poll(self) -> None:
-        """Take in all that waits in the rings of a polled branch; everything it calls is called here."""
-        for ring, take_in in self._rings:
-            _empty(ring, take_in)
-        for awaited in tuple(self._awaited):
-            replies, take_in, finished = awaited
+        """Process everything that waits in the rings of a polled sub-session, in this thread."""
+        for polled in self._rings:
+            _empty(polled)
+        for query in tuple(self._queries):
             try:
-                _empty(replies, take_in)
+                _empty(query)
             except zenoh.ZError:  # all have answered, or the time is over
-                self._awaited.remove(awaited)
-                finished()
+                self._queries.remove(query)
+                query.finished()
 
     def publisher(self, key: str) -> Publisher:
-        """A way to say things under `key`."""
-        made = self._session.declare_publisher(key, encoding=ENCODING)
-        self._kept.append(made)
-        return Publisher(made)
+        """A publisher under `key`."""
+        publisher = self._session.declare_publisher(key, encoding=ENCODING)
+        self._declared.append(publisher)
+        return Publisher(publisher)
 
     def inbox(self, *keys: str, limit: int = 4096, ring: int = RING, remote: bool = False) -> Inbox:
-        """Return one inbox for all messages under `keys`, which may hold wildcards; past `limit` the oldest are lost.
+        """One inbox for everything published under `keys`, which may have wildcards; it drops the oldest over `limit`.
 
-        ring: on a polled sub-session, how many messages of each key wait from one poll to the next; the oldest are
-        lost. remote: leave out what this process publishes itself.
+        ring: entries per key that wait between two polls of a polled sub-session; the oldest are dropped. remote: omit
+        what this process publishes itself.
         """
         inbox = Inbox(limit)
         origin = zenoh.Locality.REMOTE if remote else None
 
         def enqueue(sample: zenoh.Sample) -> None:
             payload = sample.payload
-            # What no message can be is not copied: a queue full of such would fill the memory.
-            said = payload.to_bytes() if len(payload) <= SIZE_LIMIT else OVERSIZE
-            inbox.put(str(sample.key_expr), said)
+            # A payload that no message can have is not copied: a queue of them would fill the memory.
+            inbox.put(str(sample.key_expr), payload.to_bytes() if len(payload) <= SIZE_LIMIT else OVERSIZE)
 
         for key in keys:
-            declare = self._session.declare_subscriber
-            self._declare(partial(declare, key, allowed_origin=origin), enqueue, ring)
+            declare = partial(self._session.declare_subscriber, key, allowed_origin=origin)
+            self._declare(declare, enqueue, ring)
         self._inboxes.append(inbox)
         return inbox
 
     def announce(self, key: str) -> None:
-        """Be seen as alive under `key` until the link closes or the process dies."""
-        self._kept.append(self._session.liveliness().declare_token(key))
+        """Declare a liveliness token under `key`, until the link is closed or the process dies."""
+        self._declared.append(self._session.liveliness().declare_token(key))
 
     def presence(self, key_expression: str) -> Presence:
-        """Who is alive under `key_expression`, those who were before included."""
+        """The liveliness tokens under `key_expression`, including those declared before."""
         presence = Presence()
 
         def note(sample: zenoh.Sample) -> None:
@@ -127,21 +135,21 @@ class SubSession:
         return presence
 
     def answer(self, key: str, last: Callable[[], bytes | Sequence[bytes] | None]) -> None:
-        """Answer queries for `key` with what `last` returns: a value, several, the newest last, or None: nothing yet.
+        """Answer queries for `key` with what `last` returns: one payload, several with the newest last, or None.
 
-        `last` must be quick.
+        `last` must be fast.
         """
 
         def reply(query: zenoh.Query) -> None:
             with query:
-                said = last()
-                for payload in [said] if isinstance(said, bytes) else said or ():
+                payloads = last()
+                for payload in [payloads] if isinstance(payloads, bytes) else payloads or ():
                     query.reply(key, payload, encoding=ENCODING)
 
         self._declare(partial(self._session.declare_queryable, key, complete=True), reply)
 
     def answer_requests(self, key: str, respond: Callable[[bytes], bytes | None]) -> None:
-        """Answer requests that name exactly `key` with what `respond` makes of their payload; None: no answer.
+        """Answer requests for exactly `key` with what `respond` makes of their payload; None: no answer.
 
         A query with wildcards, as a listener sends for the last values, is not answered and changes nothing.
         """
@@ -157,19 +165,19 @@ class SubSession:
         self._declare(partial(self._session.declare_queryable, key, complete=True), reply)
 
     def ask(self, key: str, timeout_s: float) -> dict[str, bytes]:
-        """The last value under each key that matches `key`, which may hold wildcards; empty after `timeout_s`."""
+        """The last payload under each key that matches `key`, which may have wildcards; empty after `timeout_s`."""
         return dict(self.ask_each(key, timeout_s))
 
     def ask_each(self, key: str, timeout_s: float) -> list[tuple[str, bytes]]:
-        """All that is answered for `key`, of one key the newest last: whoever answers first, and all who do with it.
+        """All answers to a query for `key`, of one key the newest last; empty after `timeout_s`.
 
-        Asks again while nobody answers, for a link that was just opened; empty after `timeout_s`.
+        The query is repeated while nobody answers, because the link may just have been opened.
         """
         waited_s = 0.0
         while not (replies := self._ask_once(key, timeout_s)) and waited_s < timeout_s:
-            if self._closed.wait(ASK_AGAIN_S):
+            if self._closed.wait(RETRY_S):
                 break
-            waited_s += ASK_AGAIN_S
+            waited_s += RETRY_S
         return replies
 
     def request(
@@ -180,45 +188,47 @@ class SubSession:
         finished: Callable[[], None] = lambda: None,
         payload: bytes | None = None,
     ) -> None:
-        """Ask without waiting: `answered` gets each key and its bytes, in a thread of the mesh; it must be quick.
+        """Query without waiting: `answered` gets each key and payload, in a thread of the mesh; it must be fast.
 
-        finished: called once, when no more answers will come. payload: what the request carries.
+        finished: called once, when no more answers will arrive. payload: of the request.
         """
 
         def pass_on(reply: zenoh.Reply) -> None:
             if reply.ok is not None:
                 answered(str(reply.ok.key_expr), reply.ok.payload.to_bytes())
 
-        # No ring: what it holds is lost at the end of the answers. Nobody answers so often that this would fill.
-        handler: Any = zenoh.handlers.FifoChannel(RING) if self._polled else zenoh.handlers.Callback(pass_on, finished)
+        # Not a ring, whose content is lost when the query ends. No query has so many answers that this fills up.
+        handler: Any = zenoh.handlers.Callback(pass_on, finished)
+        if self._is_polled:
+            handler = zenoh.handlers.FifoChannel(RING)
         with contextlib.suppress(zenoh.ZError):  # closed: nobody will answer
             replies = self._session.get(key, handler, target=zenoh.QueryTarget.ALL, timeout=timeout_s, payload=payload)
-            if self._polled:
-                self._awaited.append((replies, pass_on, finished))
+            if self._is_polled:
+                self._queries.append(_Polled(replies, pass_on, finished))
 
     def _ask_once(self, key: str, timeout_s: float) -> list[tuple[str, bytes]]:
-        # Several answers of one key are a history, of which Zenoh would keep but one.
+        # Several answers of one key are a history, of which Zenoh would keep only one.
         each = zenoh.ConsolidationMode.NONE
         replies = self._session.get(key, target=zenoh.QueryTarget.ALL, consolidation=each, timeout=timeout_s)
         samples = [reply.ok for reply in replies if reply.ok is not None]
         return [(str(sample.key_expr), sample.payload.to_bytes()) for sample in samples]
 
     def close(self) -> None:
-        """Give up all that was made with it and wake whoever waits on an inbox; a second call does nothing."""
+        """Undeclare everything and wake the threads that wait on an inbox; a second call does nothing."""
         self._closed.set()
-        kept, self._kept, self._rings = self._kept, [], []
-        for made in kept:
+        declared, self._declared, self._rings = self._declared, [], []
+        for declaration in declared:
             with contextlib.suppress(zenoh.ZError):  # the session was closed before
-                made.undeclare()
+                declaration.undeclare()
         for inbox in self._inboxes:
             inbox.wake()
 
     def _declare(self, declare: Callable[[Any], Any], take_in: Callable[[Any], None], ring: int = RING) -> None:
-        """Something for which `take_in` is called with what comes."""
-        made = declare(zenoh.handlers.RingChannel(ring) if self._polled else take_in)
-        self._kept.append(made)
-        if self._polled:
-            self._rings.append((made, take_in))
+        """Declare something whose samples or queries go to `take_in`."""
+        declaration = declare(zenoh.handlers.RingChannel(ring) if self._is_polled else take_in)
+        self._declared.append(declaration)
+        if self._is_polled:
+            self._rings.append(_Polled(declaration, take_in))
 
     def __enter__(self) -> Self:
         return self
@@ -229,9 +239,10 @@ class SubSession:
         self.close()
 
 
-def _empty(ring: _Ring, take_in: Callable[[Any], None]) -> None:
-    # What comes meanwhile stays for the next time: a flood must not hold the loop.
+def _empty(polled: _Polled) -> None:
+    ring: _Ring = polled.ring
+    # What arrives meanwhile waits for the next poll: a flood must not hold the loop.
     for _ in range(RING):
-        if (came := ring.try_recv()) is None:
+        if (entry := ring.try_recv()) is None:
             return
-        take_in(came)
+        polled.take_in(entry)

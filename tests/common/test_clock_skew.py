@@ -5,7 +5,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from common import SECOND_NS
-from common.clock_skew import DRIFT, ClockReading, ClockSkew
+from common.clock_skew import DRIFT, ClockQuerier, ClockReading, ClockSkew
+from common.messages import StatusMessage
+from common.wire import encode
 
 MS = 1_000_000
 
@@ -53,3 +55,17 @@ def test_a_clock_that_drifts_no_more_than_quartz_does_is_the_same_clock():
     for second in range(8):
         skew.note(ask(second * SECOND_NS, round(second * DRIFT / 2 * SECOND_NS), MS if second else 10_000, MS))
     assert skew.best.asked_ns == 0  # the quickest is still trusted
+
+
+def test_the_process_is_the_one_in_the_key_and_a_field_that_claims_another_is_rejected():
+    class Link:
+        def request(self, key, answered, timeout_s):
+            status = StatusMessage(scene="dojo", id="cam1", state="running", at_ns=7 * SECOND_NS)
+            for process in ("cam1", "cam2"):
+                answered(f"laban/dojo/observer/{process}/status", encode(status))
+            answered("laban/dojo/observer/cam3/status", b"nonsense")
+
+    querier = ClockQuerier(Link(), "laban/dojo/observer/*/status", lambda: 5 * SECOND_NS)
+    assert querier.ask_if_due() and not querier.ask_if_due()
+    ((process, reading),) = querier.readings()
+    assert process == "cam1" and reading.skew_ns == 2 * SECOND_NS and querier.readings() == []

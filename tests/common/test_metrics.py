@@ -59,7 +59,7 @@ def test_each_job_has_the_next_port():
     assert given == ["0.0.0.0:9464", "0.0.0.0:9465", "0.0.0.0:9466"]
     assert with_ports(jobs, "0.0.0.0:9464")[1].environment["A"] == "b"
     assert with_ports(jobs, "") == jobs
-    with pytest.raises(BadInput, match="begin lower"):
+    with pytest.raises(BadInput, match="choose a lower port"):
         with_ports(jobs, "127.0.0.1:65534")
     assert {job.environment["LABANMESH_METRICS_LISTEN"] for job in with_ports(jobs, "[::1]:0")} == {"[::1]:0"}
 
