@@ -261,6 +261,9 @@ def test_a_request_is_answered_under_its_exact_key_and_a_listeners_query_is_not(
     one, two = fusion, peer()
     asked = []
     one.answer_requests("laban/dojo/fusion/a/handover", lambda payload: asked.append(payload) or b"state")
+    # Declarations arrive in order: once this one is known, so is the one before.
+    one.answer("x/ready", lambda: b"yes")
+    assert two.ask("x/ready", SOON_S)
     replies, finished = [], threading.Event()
     two.request("laban/dojo/fusion/a/handover", lambda key, payload: replies.append(payload), 2.0, finished.set, b"b")
     assert finished.wait(SOON_S)
