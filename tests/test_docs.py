@@ -173,6 +173,18 @@ def test_commands_in_the_text_have_known_verbs_and_options(page):
         assert options <= known, f"{page.name}: labanmesh {line}"
 
 
+@pytest.mark.parametrize("verb", VERBS)
+def test_commands_lists_every_verb_and_option(verb):
+    page = (DOCS / "reference" / "commands.md").read_text("utf-8")
+    assert re.search(rf"^\| `{verb}[` ]", page, re.MULTILINE)
+    command = command_of(verb)
+    for inner in getattr(command, "commands", {verb: command}).values():
+        options = {option for p in inner.params for option in (*p.opts, *p.secondary_opts) if option[:1] == "-"}
+        rows = [row for row in table_rows(page) if {verb, "all", "both"} & set(re.split(r"[, ]+", row[1]))]
+        listed = set(re.findall(r"`(-[\w-]+)`", " ".join(row[0] for row in rows)))
+        assert options - {"--help"} <= listed, verb
+
+
 @pytest.mark.parametrize("kind", MESSAGES)
 def test_schemas_are_those_of_the_models(kind):
     written = json.loads((DOCS / "reference" / "schema" / f"{kind}.json").read_text("utf-8"))
