@@ -36,6 +36,7 @@ class DemoTraffic:
     """The messages of one demo. began_ns, ended_ns: capture times of the first and the newest frame.
 
     first_words, last_words: by the verdict's id its first message and its newest one, which may correct the first.
+    timed_out: the processes were stopped before the end of the performance.
     """
 
     began_ns: int | None = None
@@ -43,6 +44,7 @@ class DemoTraffic:
     judgements: list[JudgementMessage] = field(default_factory=list)
     first_words: dict[str, VerdictMessage] = field(default_factory=dict)
     last_words: dict[str, VerdictMessage] = field(default_factory=dict)
+    timed_out: bool = False
 
     def add(self, key: str, payload: bytes, scene: Scene) -> None:
         """Decode and keep one message; raises BadMessage."""
@@ -99,9 +101,11 @@ def demo(
     rows = movement_rows(performance.stream, traffic)
     print(f"\n{performance.title}\n\n{result_text(rows, traffic, pixels)}\n", flush=True)
     files, note = draw_figures(performance.stream, traffic, performance.vocabulary.labels, output)
-    film = [output / PREVIEW] if pixels else []
+    film = [path for path in (output / PREVIEW,) if path.exists()]
     print("written:", *files, *film, scene, output / "log.txt", sep="\n  ")
     print(f"{note}\nto run it again: labanmesh up {scene}, and labanmesh watch {scene} in another terminal")
+    if traffic.timed_out:
+        raise typer.Exit(1)
 
 
 def play(scene_file: Path, log: Path, length_s: float) -> DemoTraffic:
@@ -118,11 +122,12 @@ def play(scene_file: Path, log: Path, length_s: float) -> DemoTraffic:
         _process([*python, "up", str(scene_file), "--exit-when-done"], stdout=log_file, stderr=log_file) as up,
         _process([*python, "watch", str(scene_file)]),
     ):
+        status = 0
         try:
             status = up.wait(length_s + PLAY_TIMEOUT_S)
         except subprocess.TimeoutExpired:
-            raise LabanmeshError(f"the demo's processes did not end in time; {log} says why") from None
-    if status or not traffic.judgements:
+            traffic.timed_out = True
+    if status or traffic.began_ns is None or not traffic.judgements:
         raise LabanmeshError(f"the demo's processes failed or published nothing; {log} says why")
     return traffic
 

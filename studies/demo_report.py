@@ -59,9 +59,8 @@ def movement_rows(stream: Recording, traffic: DemoTraffic) -> DemoResult:
 def result_text(result: DemoResult, traffic: DemoTraffic, pixels: bool = True) -> str:
     """The table of movements, the counts, additional verdicts, and whether the machine was fast enough."""
     rows = result.rows
-    width = max([len(row.label) for row in rows] + [len(v.label) for v in traffic.last_words.values()] + [10]) + 2
-    head = f"{'done':<{width}}{'from':>6}{'to':>7}  {'first word':<{width}}{'after':>6}  "
-    head += f"{'last word':<{width}}{'agreed':>7}{'entropy':>10}"
+    width = max(len(label) for label in ("first word", *(row.label for row in rows))) + 1
+    head = f"{'done':<{width}}{'from':>6}{'to':>7}  {'first word':<{width}}{'after':>6}{'agreed':>8}{'entropy':>10}"
     table = [head, "-" * len(head), *(_line(row, traffic, width) for row in rows)]
     first = _counts(rows, traffic.first_words)
     last = _counts(rows, traffic.last_words)
@@ -76,12 +75,12 @@ def _line(row: DemoRow, traffic: DemoTraffic, width: int) -> str:
     if not row.verdict_ids:
         return f"{start}no verdict"
     first, last = traffic.first_words[row.verdict_ids[0]], traffic.last_words[row.verdict_ids[0]]
-    after = f"{traffic.seconds(first.decided_ns) - row.begin_s:>5.1f}s  "
-    changed = "" if last.label == first.label else last.label
-    agreed = f"{last.agreement.k} of {last.agreement.n}"
-    words = list(dict.fromkeys(_grade(row, verdict) for verdict in (first, last)))
-    grade = ", then ".join(words)
-    return f"{start}{first.label:<{width}}{after}{changed:<{width}}{agreed:>7}{last.certainty_bits:>6.2f} bit  {grade}"
+    after = f"{traffic.seconds(first.decided_ns) - row.begin_s:>5.1f}s"
+    agreed = f"{first.agreement.k} of {first.agreement.n}"
+    grade = _grade(row, first)
+    if last.label != first.label:
+        grade += f"; last word {last.label}: {_grade(row, last)}"
+    return f"{start}{first.label:<{width}}{after}{agreed:>8}{first.certainty_bits:>6.2f} bit  {grade}"
 
 
 def _grade(row: DemoRow, verdict: VerdictMessage) -> str:
@@ -118,10 +117,13 @@ def _timeliness(traffic: DemoTraffic, pixels: bool) -> list[str]:
     total = max(states.total(), 1)
     shares = {state: states[state] / total for state in ("late", "stale", "silent")}
     late = sum(shares.values())
+    slow = f"{late:.0%} of the votes came too late to count in full" if late > SLOW_SHARE else ""
+    if traffic.timed_out:
+        slow = f"the observers did not reach the end of the performance in time ({late:.0%} of their votes were late)"
     lines = [f"votes in time: {1 - late:.0%}; " + ", ".join(f"{state} {share:.0%}" for state, share in shares.items())]
-    if late > SLOW_SHARE:
+    if slow:
         way_out = "close other programs" + (", or run labanmesh demo --no-pixels" if pixels else "")
-        lines.append(f"THIS MACHINE WAS TOO SLOW: {late:.0%} of the votes came too late to count in full; {way_out}")
+        lines.append(f"THIS MACHINE WAS TOO SLOW: {slow}; {way_out}")
     return lines
 
 

@@ -57,7 +57,9 @@ class Performance:
 def synthetic_performance(seed: int) -> Performance:
     """The SYNTHETIC performer: observers learn from three people and judge the fourth."""
     *others, last = PEOPLE
-    title = f"SYNTHETIC performer (a kinematic model, no recorded person): person {last}, learned from the others"
+    title = (
+        f"SYNTHETIC performer (a kinematic model, no recorded person): person {last}; models learned from the others"
+    )
     stream = perform_continuously(last, MOVEMENTS, seed=seed)
     return Performance(title, stream, perform(others, seed=seed), Vocabulary(MOVEMENTS, "the paper's eight"))
 
@@ -78,7 +80,7 @@ def recorded_performance(archive: MotionArchive, name: str, subject: str | None,
     labels = tuple(dict.fromkeys(r.label for r in learned.recordings if r.label))
     stream = _stream_of([r for r in archive.recordings if r.subject == chosen], labels, seed)
     others_text = plural(len(subjects) - 1, "other")
-    title = f"recorded person {chosen} of {name}, learned from {others_text}"
+    title = f"recorded person {chosen} of {name}; models learned from {others_text}"
     return Performance(title, stream, learned, Vocabulary(labels))
 
 

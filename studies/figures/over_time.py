@@ -134,7 +134,7 @@ def verdict_timeline_figure(
         colour = UNDECIDED if span.label == ABSTAIN else RIGHT if _is_right(span, truth) else WRONG
         _box(strips, span, 0, colour, hatched=colour == WRONG)
     strips.set_yticks([0.4, 1.4], ["verdict", "done"], fontsize=8)
-    strips.set_ylim(0, 1.95)
+    strips.set_ylim(-0.05, 1.95)
     strips.tick_params(bottom=False, left=False)
     strips.spines[:].set_visible(False)
     _map(field, times_s, belief, labels, rows, truth)

@@ -30,7 +30,7 @@ def run(*words, cwd):
 def test_the_demo_ends_by_itself_with_verdicts_against_truth_and_figures(short_archive, tmp_path):
     done = run("--motion", str(short_archive), "--output", "shown", "--no-pixels", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    assert "recorded person 3 of short.npz, judged by who saw the 2 others" in done.stdout
+    assert "recorded person 3 of short.npz; models learned from 2 others" in done.stdout
     assert "2 of 2 right, 0 wrong, 0 undecided" in done.stdout, done.stdout
     for name in ("verdicts.png", "scene.toml", "log.txt"):
         assert (tmp_path / "shown" / name).stat().st_size > 0
