@@ -1,1 +1,1 @@
-"""Who listens: the terminal view today; home bridges, dashboard and metrics later."""
+"""Processes that listen to a scene: terminal view, capture, dashboard, MQTT bridge and health check."""

@@ -1,11 +1,12 @@
-"""Early words: a movement is named before it is decided, and that word is confirmed or taken back at its end. Pure.
+"""Early words: a movement is named before it is decided, and its end confirms or takes back that word. Pure.
 
-1. A movement that goes on undecided is named as soon as (1 - unlearned) p of the likeliest label is `certainty`; once.
-2. Its last verdict, under the same id, says whether that was right: `confirmed`, `corrected` or `withdrawn`.
-3. Not every movement has a verdict: what lasts too short is none, and a fusion service that starts afresh forgets. A
-   movement that the referee names no more, or that nobody has named for long, is withdrawn.
-4. What was believed as surely before the movement began is memory of the one before, until it has been doubted once.
-5. After its end nothing more is said of an id, in whatever order messages come.
+1. An undecided movement is named as soon as (1 - unlearned) p of the likeliest label reaches `certainty`; once.
+2. Its last verdict, under the same id, settles the word: `confirmed`, `corrected` or `withdrawn`.
+3. Not every movement gets a verdict: it may be too short, or the fusion service may restart. A word is withdrawn when
+   judgements no longer name its movement, or when no judgement has named it for SILENT_S.
+4. A label that was already this probable before the movement began belongs to the movement before; it does not count
+   until its probability has dropped below `certainty` once.
+5. After its end a movement gives rise to no more words, in whatever order messages arrive.
 """
 
 import math
@@ -15,21 +16,22 @@ from typing import Literal
 
 from common.messages import JudgementMessage, OngoingMovement, VerdictMessage
 from common.vocabulary import ABSTAIN
+from hub.scene_state import is_waiting
 
 Stage = Literal["early", "confirmed", "corrected", "withdrawn"]
 ENDED_S = 0.5
-"""A verdict is said before the judgement that names its movement no more; it may come so much after it."""
+"""A verdict precedes the judgement that no longer names its movement; it may arrive this much later."""
 SILENT_S = 5.0
-"""So long another fusion service may take to go on, or the same to start again with its memory."""
-REMEMBERED = 64
+"""How long another fusion service may take to continue a movement."""
+CLOSED_LIMIT = 64
 NEVER = 1.0
 
 
 @dataclass(frozen=True, slots=True)
-class Word:
-    """What is said of the movement `id`: `label` is what it is held for now, `early` what it was at first.
+class EarlyWord:
+    """One word about the movement `id`: `label` is its label now, `early` the label of the first word.
 
-    p: the probability of `early` when that was said. at_ns: by the referee's clock, when this was known.
+    p: the probability of `early` when it was named. at_ns: when this was known, by the fusion machine's clock.
     """
 
     stage: Stage
@@ -42,105 +44,106 @@ class Word:
 
 
 @dataclass(slots=True)
-class _Open:
-    word: Word
-    named_s: float
-    unnamed_s: float = math.inf
+class _Pending:
+    word: EarlyWord
+    last_named_s: float
+    unnamed_since_s: float = math.inf
 
 
 class Anticipation:
-    """Messages in, words out; `certainty` from 0 to 1, at NEVER no early word. Times only go on, in seconds."""
+    """Turns judgements and verdicts into early words. `certainty`: 0 to 1, at NEVER there are none.
+
+    Times are seconds of a clock that only advances.
+    """
 
     def __init__(self, certainty: float) -> None:
         self._certainty = certainty
-        self._open: dict[str, _Open] = {}
+        self._pending: dict[str, _Pending] = {}
         self._closed: OrderedDict[str, None] = OrderedDict()
-        self._before: str | None = None
-        self._current, self._memory = "", ""
+        self._label_before: str | None = None
+        self._current_id, self._remembered_label = "", ""
 
     @property
-    def open(self) -> tuple[Word, ...]:
+    def open(self) -> tuple[EarlyWord, ...]:
         """The early words whose movements have not ended, the oldest first."""
-        return tuple(each.word for each in self._open.values())
+        return tuple(pending.word for pending in self._pending.values())
 
-    def hear(self, message: JudgementMessage, now_s: float) -> list[Word]:
-        """What a judgement or a verdict gives rise to."""
+    def update(self, message: JudgementMessage, now_s: float) -> list[EarlyWord]:
+        """The words that a judgement or a verdict gives rise to."""
         if isinstance(message, VerdictMessage):
-            return [*self._verdict(message, now_s), *self.wait(now_s)]
+            return [*self._settle(message, now_s), *self.expire(now_s)]
         movement = message.movement
-        held = message.label if surest(message) >= self._certainty else ""
-        remembered = movement is not None and self._is_memory(movement.id, held)
-        self._before = held
-        for verdict_id, each in self._open.items():
-            if movement is not None and verdict_id == movement.id:
-                each.named_s, each.unnamed_s = now_s, math.inf
+        label = message.label if probability(message) >= self._certainty else ""
+        remembered = movement is not None and self._is_remembered(movement.id, label)
+        self._label_before = label
+        for movement_id, pending in self._pending.items():
+            if movement is not None and movement_id == movement.id:
+                pending.last_named_s, pending.unnamed_since_s = now_s, math.inf
             else:
-                each.unnamed_s = min(each.unnamed_s, now_s)
-        said = [] if movement is None or remembered else self._early(message, movement, now_s)
-        return [*self.wait(now_s), *said]
+                pending.unnamed_since_s = min(pending.unnamed_since_s, now_s)
+        words = [] if movement is None or remembered else self._name(message, movement, now_s)
+        return [*self.expire(now_s), *words]
 
-    def wait(self, now_s: float) -> list[Word]:
-        """Time has passed."""
-        gone = [
-            each.word
-            for each in self._open.values()
-            if now_s - each.unnamed_s > ENDED_S or now_s - each.named_s > SILENT_S
+    def expire(self, now_s: float) -> list[EarlyWord]:
+        """The words that are withdrawn because time has passed."""
+        expired = [
+            pending.word
+            for pending in self._pending.values()
+            if now_s - pending.unnamed_since_s > ENDED_S or now_s - pending.last_named_s > SILENT_S
         ]
-        return [self._end(word, "withdrawn", ABSTAIN, word.at_ns) for word in gone]
+        return [self._end(word, "withdrawn", ABSTAIN, word.at_ns) for word in expired]
 
-    def _is_memory(self, verdict_id: str, held: str) -> bool:
-        """Rule 4; who has heard nothing from before the movement cannot tell, and takes it for memory."""
-        if verdict_id != self._current:
-            self._current, self._memory = verdict_id, held if self._before is None else self._before
-        if held != self._memory:
-            self._memory = ""
-        return self._memory != ""
+    def _is_remembered(self, movement_id: str, label: str) -> bool:
+        """Rule 4; if nothing was received from before the movement, the label counts as remembered."""
+        if movement_id != self._current_id:
+            self._current_id = movement_id
+            self._remembered_label = label if self._label_before is None else self._label_before
+        if label != self._remembered_label:
+            self._remembered_label = ""
+        return self._remembered_label != ""
 
-    def _early(self, message: JudgementMessage, movement: OngoingMovement, now_s: float) -> list[Word]:
-        if not is_early(message, self._certainty) or movement.id in self._open or movement.id in self._closed:
+    def _name(self, message: JudgementMessage, movement: OngoingMovement, now_s: float) -> list[EarlyWord]:
+        if not is_early(message, self._certainty) or movement.id in self._pending or movement.id in self._closed:
             return []
         label = message.label
-        word = Word("early", movement.id, label, label, surest(message), movement.began_ns, message.at_ns)
-        self._open[movement.id] = _Open(word, now_s)
+        word = EarlyWord("early", movement.id, label, label, probability(message), movement.began_ns, message.at_ns)
+        self._pending[movement.id] = _Pending(word, now_s)
         return [word]
 
-    def _verdict(self, verdict: VerdictMessage, now_s: float) -> list[Word]:
-        waiting = self._open.get(verdict.id)
-        if waiting is None:
-            # The referee's own word has come: nothing can be early any more.
+    def _settle(self, verdict: VerdictMessage, now_s: float) -> list[EarlyWord]:
+        pending = self._pending.get(verdict.id)
+        if pending is None:
+            # The verdict came first: no word can be early any more.
             self._close(verdict.id)
             return []
-        waiting.named_s, waiting.unnamed_s = now_s, math.inf
+        pending.last_named_s, pending.unnamed_since_s = now_s, math.inf
         if verdict.ended_ns is None:
             return []
-        same: Stage = "confirmed" if verdict.label == waiting.word.early else "corrected"
-        stage: Stage = "withdrawn" if verdict.label == ABSTAIN else same
-        return [self._end(waiting.word, stage, verdict.label, verdict.at_ns)]
+        stage: Stage = "confirmed" if verdict.label == pending.word.early else "corrected"
+        if verdict.label == ABSTAIN:
+            stage = "withdrawn"
+        return [self._end(pending.word, stage, verdict.label, verdict.at_ns)]
 
-    def _end(self, word: Word, stage: Stage, label: str, at_ns: int) -> Word:
-        del self._open[word.id]
+    def _end(self, word: EarlyWord, stage: Stage, label: str, at_ns: int) -> EarlyWord:
+        del self._pending[word.id]
         self._close(word.id)
         return replace(word, stage=stage, label=label, at_ns=at_ns)
 
-    def _close(self, verdict_id: str) -> None:
-        self._closed[verdict_id] = None
-        self._closed.move_to_end(verdict_id)
-        while len(self._closed) > REMEMBERED:
+    def _close(self, movement_id: str) -> None:
+        self._closed[movement_id] = None
+        self._closed.move_to_end(movement_id)
+        while len(self._closed) > CLOSED_LIMIT:
             self._closed.popitem(last=False)
 
 
-def surest(judgement: JudgementMessage) -> float:
-    """The probability of the likeliest movement among all answers, "something else" included."""
-    p = max((each for each in judgement.p if 0 <= each <= 1), default=0.0)
-    return p * (1.0 - unlearned_of(judgement.unlearned))
-
-
-def unlearned_of(said: float | None) -> float:
-    """The chance of "something else" as a share; 0 where nobody, or no number, says it."""
-    return said if said is not None and 0 <= said <= 1 else 0.0
+def probability(judgement: JudgementMessage) -> float:
+    """The probability of the likeliest movement among all answers, "something else" included; 0 without observers."""
+    if is_waiting(judgement):
+        return 0.0
+    return max(judgement.p, default=0.0) * (1.0 - (judgement.unlearned or 0.0))
 
 
 def is_early(judgement: JudgementMessage, certainty: float) -> bool:
-    """Whether its movement is undecided and could be named."""
+    """Whether its movement is undecided and probable enough to be named."""
     undecided = judgement.movement is not None and judgement.movement.label is None
-    return undecided and certainty < NEVER and surest(judgement) >= certainty
+    return undecided and certainty < NEVER and probability(judgement) >= certainty

@@ -1,38 +1,72 @@
-"""Capturing a scene: all that is said below its root, who comes and who goes, from the mesh into a capture file.
+"""The verb `labanmesh capture`: everything published in a scene, written to a capture file.
 
-1. The mesh only fills an inbox; one loop empties it into the file and flushes each time, ten times a second or more.
-2. What is only said when asked (the vocabulary) is asked for at the beginning, and again after somebody has come.
+1. The mesh only fills an inbox; one loop empties it into the file and flushes, ten times a second or more.
+2. What is published only in answer to queries (the vocabulary) is queried at the start and whenever a process appears.
 """
 
+import math
 import sys
 import time
 from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Annotated, Self
 
-from common.capture_file import APPEARED, GONE, CaptureKind, CaptureRecord, CaptureWriter
+import typer
+
+from common import SECOND_NS
+from common.capture_file import APPEARED, GONE, CaptureKind, CaptureRecord
+from common.config import Scene, read_scene
+from common.link import Link
+from common.text import plural
 
 if TYPE_CHECKING:
     from rich.status import Status
 
-    from common.config import Scene
-    from common.link import Link
+    from common.capture_file import CaptureWriter
 
 TAKE_S = 0.1
-"""How long one look into the inbox waits: so much at most is lost when this process is killed."""
-ASK_S = 0.3
-ASK_AGAIN_NS = 2_000_000_000
+"""How long one look into the inbox waits; at most this much is lost when the process is killed."""
+QUERY_S = 0.3
+QUERY_AGAIN_NS = 2 * SECOND_NS
 INBOX_LIMIT = 65_536
-"""Messages that wait while the disk is slow; a scene of four cameras says about 200 a second."""
-TELL_S = 10.0
-MEGABYTE = 1_000_000
+"""Messages that wait while the disk is slow; a scene of four cameras publishes about 200 a second."""
+PROGRESS_EVERY_S = 10.0
+BYTES_PER_MB = 1_000_000
+
+
+def capture(
+    scene: Annotated[Path, typer.Argument(help="The scene file, as given to observe and fuse.")],
+    output: Annotated[Path, typer.Option("--output", "-o", help="The file to write (.mcap); a new one.")],
+    for_s: Annotated[
+        float | None, typer.Option("--for", metavar="SECONDS", min=0, help="End after this many seconds.")
+    ] = None,
+) -> None:
+    """Write everything published in a scene, with its times, to a file for `labanmesh replay`. Ctrl-C ends it.
+
+    The file stays readable when this process is killed or the disk is full; an existing file is not overwritten.
+
+    Example: labanmesh capture scene.toml -o monday.mcap --for 3600
+    """
+    from common.capture_file import CaptureWriter
+    from common.lifecycle import stop_on_signals
+
+    config = read_scene(scene)
+    text = scene.read_text(encoding="utf-8")
+    end_s = math.inf if for_s is None else time.monotonic() + for_s
+    with stop_on_signals() as stop, Link.open(config.mesh, "hub", scene=config.scene) as link:
+        with CaptureWriter(output, config, text, time.time_ns()) as writer:
+            summary = record(config, link, writer, lambda: not stop.is_set() and time.monotonic() < end_s)
+        print(f"{output}: {summary}", flush=True)
+        if not summary.messages:
+            print(f"received nothing at {config.mesh.endpoint}. Start the scene with: labanmesh up {scene}", flush=True)
 
 
 @dataclass(frozen=True, slots=True)
-class Account:
-    """What was captured: messages and bytes, seconds, per kind of message how many, and how many came too fast."""
+class CaptureSummary:
+    """What was captured. size: bytes. kinds: messages per kind. left_out: messages that came too fast."""
 
     messages: int
     size: int
@@ -43,83 +77,87 @@ class Account:
     def __str__(self) -> str:
         """One line for people."""
         kinds = ", ".join(f"{count} {kind}" for kind, count in sorted(self.kinds.items()))
-        lost = f"; {self.left_out} came too fast and were left out" if self.left_out else ""
-        head = f"{self.messages} messages, {self.size / MEGABYTE:.1f} MB in {self.seconds:.0f} s"
-        return f"{head}{f' ({kinds})' if kinds else ''}{lost}"
+        lost = f"; {plural(self.left_out, 'message')} lost to a full queue" if self.left_out else ""
+        size_mb = self.size / BYTES_PER_MB
+        total = f"{plural(self.messages, 'message')}, {size_mb:.1f} MB in {self.seconds:.0f} s"
+        return f"{total}{f' ({kinds})' if kinds else ''}{lost}"
 
 
-class Capture:
-    """One scene on its way into a file; `lap` as long as it should go on."""
+class SceneCapture:
+    """One scene on its way into a file; call `step` for as long as it should go on."""
 
-    def __init__(self, scene: "Scene", link: "Link", writer: CaptureWriter, clock: Callable[[], int]) -> None:
+    def __init__(self, scene: Scene, link: Link, writer: "CaptureWriter", clock: Callable[[], int]) -> None:
         self._keys, self._link, self._writer, self._clock = scene.keys, link, writer, clock
         self._kinds: Counter[str] = Counter()
         self._tokens: frozenset[str] = frozenset()
-        self._told: frozenset[tuple[str, bytes]] = frozenset()
+        self._answers: frozenset[tuple[str, bytes]] = frozenset()
         self._inbox = link.inbox(f"{self._keys.root}/**", limit=INBOX_LIMIT)
         self._presence = link.presence(f"{self._keys.root}/**/alive")
-        self._began_ns = self._asked_ns = clock()
-        self._unanswered = False
-        self._ask()
+        self._began_ns = self._queried_ns = clock()
+        self._vocabulary_missing = False
+        self._query()
 
     @property
-    def account(self) -> Account:
+    def summary(self) -> CaptureSummary:
         """What was captured so far."""
-        seconds = (self._clock() - self._began_ns) / 1e9
+        seconds = (self._clock() - self._began_ns) / SECOND_NS
         left_out = self._inbox.dropped + self._writer.left_out
-        return Account(self._writer.messages, self._writer.size, seconds, dict(self._kinds), left_out)
+        return CaptureSummary(self._writer.messages, self._writer.size, seconds, dict(self._kinds), left_out)
 
-    def lap(self) -> None:
-        """Write what has come, at the latest after a tenth of a second; raises LabanmeshError when the disk refuses."""
+    def step(self) -> None:
+        """Write what has arrived, after a tenth of a second at the latest.
+
+        Raises LabanmeshError when the file cannot be written.
+        """
         for arrival in self._inbox.take(TAKE_S):
             self._write("put", arrival.key, arrival.payload, arrival.arrived_ns)
-        # After their last words, as the referee hears it.
-        self._note_tokens()
-        if self._unanswered and self._clock() - self._asked_ns > ASK_AGAIN_NS:
-            self._ask()
+        # After the last messages of a process that has gone, in the order in which fusion sees them.
+        self._write_tokens()
+        if self._vocabulary_missing and self._clock() - self._queried_ns > QUERY_AGAIN_NS:
+            self._query()
         self._writer.flush()
 
-    def _note_tokens(self) -> None:
+    def _write_tokens(self) -> None:
         alive, now_ns = self._presence.alive, self._clock()
         for key in sorted(self._tokens - alive):
             self._write("token", key, GONE, now_ns)
-        come = sorted(alive - self._tokens)
-        for key in come:
+        new = sorted(alive - self._tokens)
+        for key in new:
             self._write("token", key, APPEARED, now_ns)
         self._tokens = alive
-        if come:
-            self._ask()
+        if new:
+            self._query()
 
-    def _ask(self) -> None:
-        answers = self._link.ask_each(f"{self._keys.root}/**", ASK_S)
-        self._asked_ns = self._clock()
-        # Somebody who has come may bring his vocabulary a little later; while nobody is there it is not missed.
-        known = any(key == self._keys.vocabulary for key, _ in answers)
-        self._unanswered = not known and bool(self._presence.alive)
+    def _query(self) -> None:
+        answers = self._link.ask_each(f"{self._keys.root}/**", QUERY_S)
+        self._queried_ns = self._clock()
+        # A process may declare its vocabulary after its token; without any process none is missing.
+        answered = any(key == self._keys.vocabulary for key, _ in answers)
+        self._vocabulary_missing = not answered and bool(self._presence.alive)
         for key, payload in answers:
-            if (key, payload) not in self._told:
-                self._write("answer", key, payload, self._asked_ns)
-        self._told = frozenset(answers)
+            if (key, payload) not in self._answers:
+                self._write("answer", key, payload, self._queried_ns)
+        self._answers = frozenset(answers)
 
     def _write(self, kind: CaptureKind, key: str, payload: bytes, arrived_ns: int) -> None:
         self._writer.write(CaptureRecord(kind, key, payload, arrived_ns))
         self._kinds[key.rsplit("/", 1)[-1] if kind == "put" else kind] += 1
 
 
-class Teller:
-    """Says on stderr how it goes: a line that changes on a terminal, else one every ten seconds; a context manager."""
+class CaptureProgress:
+    """Shows progress on stderr: one changing line on a terminal, else a line every ten seconds; a context manager."""
 
     def __init__(self, name: str) -> None:
-        self._name, self._said_s = name, time.monotonic()
+        self._name, self._shown_s = name, time.monotonic()
         self._status: Status | None = None
 
-    def __call__(self, account: Account) -> None:
-        """Tell it, if it is time."""
-        line = f"{self._name}: {account}"
+    def __call__(self, summary: CaptureSummary) -> None:
+        """Show `summary` if it is time."""
+        line = f"{self._name}: {summary}"
         if self._status is not None:
             self._status.update(line)
-        elif time.monotonic() - self._said_s >= TELL_S:
-            self._said_s = time.monotonic()
+        elif time.monotonic() - self._shown_s >= PROGRESS_EVERY_S:
+            self._shown_s = time.monotonic()
             print(line, file=sys.stderr, flush=True)
 
     def __enter__(self) -> Self:
@@ -137,12 +175,12 @@ class Teller:
             self._status.stop()
 
 
-def capture(scene: "Scene", link: "Link", writer: CaptureWriter, go_on: Callable[[], bool]) -> Account:
-    """Write into `writer` all that is said in `scene` while `go_on()`; returns what that was."""
-    with Teller(str(writer.path)) as tell:
-        ear = Capture(scene, link, writer, time.time_ns)
+def record(scene: Scene, link: Link, writer: "CaptureWriter", go_on: Callable[[], bool]) -> CaptureSummary:
+    """Write everything published in `scene` into `writer` while `go_on()`."""
+    with CaptureProgress(str(writer.path)) as progress:
+        scene_capture = SceneCapture(scene, link, writer, time.time_ns)
         while go_on():
-            ear.lap()
-            tell(ear.account)
-        ear.lap()
-        return ear.account
+            scene_capture.step()
+            progress(scene_capture.summary)
+        scene_capture.step()
+        return scene_capture.summary

@@ -1,17 +1,18 @@
-"""What a hub counts for Prometheus: what it heard, what it could not understand, and what it hands on."""
+"""Prometheus metrics of a hub: the messages that it receives and rejects, and its connection to a broker."""
 
 from collections import Counter as Tally
 from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
-from common.messages import JudgementMessage, Message, StatusMessage, VerdictMessage, VocabularyMessage
+from common import SECOND_NS
+from common.messages import JudgementMessage, StatusMessage, VerdictMessage, VocabularyMessage
 from common.metrics import Metrics
-from hub.scene_state import SceneState
+from hub.scene_state import SceneMessage, SceneState
 
 if TYPE_CHECKING:
     from prometheus_client import Metric
 
-KINDS: dict[type[Message], str] = {
+KINDS: dict[type[SceneMessage], str] = {
     JudgementMessage: "judgement",
     VerdictMessage: "verdict",
     StatusMessage: "status",
@@ -20,34 +21,34 @@ KINDS: dict[type[Message], str] = {
 
 
 class HubMetrics(Metrics):
-    """Of one hub (`mqtt`, `dashboard`), which may serve several scenes."""
+    """Metrics of one hub (`mqtt`, `dashboard`), which may serve several scenes."""
 
     def __init__(self, hub: str) -> None:
         super().__init__("hub", {"hub": hub})
-        self._heard: Tally[tuple[str, str]] = Tally()
+        self._messages: Tally[tuple[str, str]] = Tally()
         self._states: dict[str, SceneState] = {}
         self._connected: bool | None = None
         self._connections = 0
 
-    def heard(self, state: SceneState, message: Message | None) -> None:
-        """The scene after `message`, or after a look into the inbox."""
+    def record(self, state: SceneState, message: SceneMessage | None) -> None:
+        """Record the scene after `message`, or after a look into the inbox."""
         self._states[state.scene] = state
         if message is not None:
-            self._heard[state.scene, KINDS[type(message)]] += 1
+            self._messages[state.scene, KINDS[type(message)]] += 1
 
-    def connected(self, now: bool) -> None:
-        """Whether what the hub hands on to (a broker) is reached."""
-        self._connections += now and not self._connected
-        self._connected = now
+    def record_connection(self, connected: bool) -> None:
+        """Record whether the hub reaches its broker."""
+        self._connections += connected and not self._connected
+        self._connected = connected
 
     def collect_own(self, status: StatusMessage | None) -> "Iterable[Metric]":
-        """All of it, as of now. Copies first: the loop goes on meanwhile."""
-        heard = [(names, float(count)) for names, count in dict(self._heard).items()]
-        yield self.total("messages_heard", "Messages that were heard and understood.", heard, "scene", "kind")
+        """All metrics as of now; works on copies, because the loop goes on meanwhile."""
+        messages = [(names, float(count)) for names, count in dict(self._messages).items()]
+        yield self.total("messages_heard", "Messages that were heard and understood.", messages, "scene", "kind")
         states = dict(self._states)
         rejected = [((scene,), float(state.rejected)) for scene, state in states.items()]
         yield self.total("messages_rejected", "Messages that could not be understood.", rejected, "scene")
-        newest = [((scene,), state.heard_ns / 1e9 or None) for scene, state in states.items()]
+        newest = [((scene,), state.received_ns / SECOND_NS or None) for scene, state in states.items()]
         yield self.gauge("last_judgement_timestamp_seconds", "When a judgement was last heard.", newest, "scene")
         if self._connected is not None:
             yield self.gauge("connected", "1 while the hub reaches its broker.", [((), float(self._connected))])

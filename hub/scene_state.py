@@ -1,13 +1,13 @@
-"""What is known about a scene from what was heard: messages folded into the state that views show. Pure."""
+"""What a hub knows about a scene: messages folded into the state that all views show. Pure."""
 
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
+from common import SECOND_NS
 from common.messages import (
     JudgementMessage,
-    Message,
     StatusMessage,
     VerdictMessage,
     VocabularyMessage,
@@ -17,36 +17,40 @@ from common.messages import (
 )
 from common.vocabulary import ABSTAIN
 
-VERDICTS_KEPT = 10
+VERDICTS_LIMIT = 10
 SOMETHING_ELSE = "something else"
-"""What is told of an answer that is none of the movements; no label has a space."""
+"""Shown for an answer that is none of the movements; no label contains a space."""
 SILENT_AFTER_S = 2.0
-"""A referee that judged at every step and has said nothing for so long is told to be silent."""
-REORDERED_NS = 1_000_000_000
-"""A judgement older than the one shown by less than this is a late or repeated copy; older still, a clock was set."""
+"""A fusion service publishes several judgements a second; without one for this long it is shown as silent."""
+HEARD_STATES = frozenset({"counted", "stale"})
+"""The states of a vote that enters the judgement, fresh or fading."""
+REORDERED_NS = SECOND_NS
+"""A judgement that is older than the newest by less than this is a late copy; if it is older still, a clock was set."""
 
-Role = Literal["observer", "fusion"]
+SenderRole = Literal["observer", "fusion"]
+SceneMessage = JudgementMessage | StatusMessage | VocabularyMessage
 
 
 @dataclass(frozen=True, slots=True)
-class Belief:
-    """One movement and its probability, 0 to 1."""
+class RankedLabel:
+    """One answer (a movement, or SOMETHING_ELSE) and its probability, 0 to 1."""
 
     label: str
     p: float
 
 
 @dataclass(frozen=True, slots=True)
-class Judge:
-    """One observer as the audience sees it; entropy in bits, weight 0 to 1, age in seconds at the state's now.
+class ObserverState:
+    """One observer as fusion sees it: its vote, its status and what fusion noticed about it.
 
-    skew_s: how far its clock is ahead of the fusion machine's. rejected: messages of it that fusion could not use.
-    reliability: what the referee learned of it from earlier verdicts, 1 is nothing against it.
+    entropy: bits. weight: 0 to 1. age_s: at the scene state's now. agrees: it is one of the k in the judgement's
+    agreement "k of n". skew_s: how far its clock is ahead of the fusion machine's. rejected: how many of its messages
+    fusion rejected. reliability: learned from earlier verdicts, 1 is full reliability.
     """
 
     name: str
     label: str | None
-    beliefs: tuple[Belief, ...]
+    ranked: tuple[RankedLabel, ...]
     entropy: float | None
     weight: float
     age_s: float | None
@@ -57,35 +61,40 @@ class Judge:
     rejected: int = 0
     reliability: float | None = None
 
+    @property
+    def is_heard(self) -> bool:
+        """Whether its vote enters the judgement."""
+        return self.state in HEARD_STATES
+
 
 @dataclass(frozen=True, slots=True)
 class SceneState:
-    """All that was heard of a scene until `now_ns` (this machine's clock); `fold` gives the next state.
+    """Everything received about a scene until `now_ns` (this machine's clock); `fold` returns the next state.
 
-    `observers` are the judges the scene file names: they have a corner before they have spoken. `verdicts`
-    are newest first, at most VERDICTS_KEPT. `heard_ns` is when `judgement` came, by this machine's clock, so
-    that ages need no agreement between clocks. `rejected` counts messages that could not be understood.
+    roster: the observers in the scene file; each is shown from the start. verdicts: newest first, at most
+    VERDICTS_LIMIT. received_ns: when `judgement` arrived, by this machine's clock, so that ages do not depend on
+    synchronised clocks. rejected: how many messages were rejected.
     """
 
     scene: str
-    observers: tuple[str, ...] = ()
+    roster: tuple[str, ...] = ()
     now_ns: int = 0
     vocabulary: VocabularyMessage | None = None
     judgement: JudgementMessage | None = None
-    heard_ns: int = 0
+    received_ns: int = 0
     verdicts: tuple[VerdictMessage, ...] = ()
     observer_status: Mapping[str, StatusMessage] = field(default_factory=dict)
     fusion_status: Mapping[str, StatusMessage] = field(default_factory=dict)
     rejected: int = 0
 
     def at(self, now_ns: int) -> "SceneState":
-        """The same knowledge, looked at later: only ages change."""
+        """The same knowledge at a later time: only ages change."""
         return replace(self, now_ns=now_ns)
 
-    def fold(self, message: Message, heard_ns: int, role: Role = "observer") -> "SceneState":
-        """The state after `message` was heard; `role` says whose a status is.
+    def fold(self, message: SceneMessage, received_ns: int, role: SenderRole = "observer") -> "SceneState":
+        """The state after `message`; `role` is the sender's, for a status message.
 
-        What is a copy, or of another kind, changes nothing: the very same state is returned.
+        A copy changes nothing: the same object is returned.
         """
         match message:
             case VerdictMessage() if message in self.verdicts:
@@ -94,31 +103,39 @@ class SceneState:
                 return replace(self, verdicts=_with_verdict(self.verdicts, message))
             case JudgementMessage():
                 late = self.judgement is not None and _is_copy(message, self.judgement)
-                return self if late else replace(self, judgement=message, heard_ns=heard_ns)
+                return self if late else replace(self, judgement=message, received_ns=received_ns)
             case StatusMessage() if role == "observer":
                 return replace(self, observer_status={**self.observer_status, message.id: message})
             case StatusMessage():
                 return replace(self, fusion_status={**self.fusion_status, message.id: message})
             case VocabularyMessage() if self.judgement and message.hash != self.judgement.vocabulary.hash:
-                return self  # a stranger's: whoever is asked may answer
+                return self  # any process may answer the query, also one that uses another vocabulary
             case VocabularyMessage():
                 return replace(self, vocabulary=message)
-            case _:
-                return self
 
     def reject(self) -> "SceneState":
-        """The state after a message that could not be understood."""
+        """The state after a message that was rejected."""
         return replace(self, rejected=self.rejected + 1)
 
     @property
+    def is_empty(self) -> bool:
+        """Whether no process of the scene has been heard."""
+        return not (self.judgement or self.verdicts or self.observer_status or self.fusion_status)
+
+    @property
     def silence_s(self) -> float:
-        """Seconds since the last judgement was heard; infinite before the first."""
-        return math.inf if self.judgement is None else max(0.0, (self.now_ns - self.heard_ns) / 1e9)
+        """Seconds since the last judgement arrived; infinite before the first."""
+        return math.inf if self.judgement is None else max(0.0, (self.now_ns - self.received_ns) / SECOND_NS)
 
     @property
     def silent(self) -> bool:
-        """Whether a referee that judged has fallen silent."""
+        """Whether fusion has published judgements and has stopped."""
         return self.judgement is not None and self.silence_s > SILENT_AFTER_S
+
+    @property
+    def waiting(self) -> bool:
+        """Whether fusion publishes judgements and no observer contributes to them."""
+        return self.judgement is not None and is_waiting(self.judgement)
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -129,7 +146,7 @@ class SceneState:
 
     @property
     def missing_vocabulary(self) -> VocabularyReference | None:
-        """The vocabulary that the judgement speaks and nobody has told us, or None."""
+        """The vocabulary of the judgement if it has not arrived yet, else None."""
         if self.judgement is None or (self.vocabulary and self.vocabulary.hash == self.judgement.vocabulary.hash):
             return None
         return self.judgement.vocabulary
@@ -140,78 +157,86 @@ class SceneState:
         return self.verdicts[0] if self.verdicts else None
 
     @property
-    def fused(self) -> tuple[Belief, ...]:
-        """What the judges together believe, the most probable first; empty before the first judgement."""
-        said = self.judgement
-        return () if said is None else self.beliefs(said.p, said.label, said.unlearned)
+    def fused(self) -> tuple[RankedLabel, ...]:
+        """The fused posterior, the most probable first; empty without a judgement or without observers."""
+        if self.judgement is None or self.waiting:
+            return ()
+        return self.ranked(self.judgement.p, self.judgement.label, self.judgement.unlearned)
 
     @property
-    def judges(self) -> tuple[Judge, ...]:
-        """Every observer that the scene names or that was heard of, the scene's order first."""
+    def observers(self) -> tuple[ObserverState, ...]:
+        """Every observer of the scene file, then every other one that was heard."""
         votes = {} if self.judgement is None else self.judgement.votes
-        names = dict.fromkeys((*self.observers, *sorted(votes), *sorted(self.observer_status)))
-        return tuple(self._judge(name, votes.get(name)) for name in names)
+        names = dict.fromkeys((*self.roster, *sorted(votes), *sorted(self.observer_status)))
+        return tuple(self._observer(name, votes.get(name)) for name in names)
 
     @property
     def standing_by(self) -> tuple[str, ...]:
-        """The fusion services that run and do not lead."""
-        leads = None if self.judgement is None else self.judgement.fusion
-        return tuple(sorted(n for n, s in self.fusion_status.items() if n != leads and s.state == "running"))
+        """The fusion services that run and do not publish judgements."""
+        leader = None if self.judgement is None else self.judgement.fusion
+        return tuple(sorted(n for n, s in self.fusion_status.items() if n != leader and s.state == "running"))
 
-    def _rejected(self, observer: str) -> int:
-        said = self.fusion_status.get(self.judgement.fusion) if self.judgement else None
-        account = (said.observers or {}).get(observer) if said else None
-        return sum(account.rejected.values()) if account else 0
-
-    def _judge(self, name: str, vote: Vote | None) -> Judge:
+    def _observer(self, name: str, vote: Vote | None) -> ObserverState:
         status = self.observer_status.get(name)
         if vote is None or self.judgement is None:
-            return Judge(name, None, (), None, 0.0, None, "silent", False, status)
+            return ObserverState(name, None, (), None, 0.0, None, "silent", False, status)
         age_s = None if vote.age_s is None else vote.age_s + self.silence_s
-        agrees = vote.state == "counted" and vote.label == self.judgement.label
-        beliefs = self.beliefs(vote.p or [], vote.label, vote.unlearned)
-        return Judge(name, vote.label, beliefs, vote.entropy, vote.weight, age_s, vote.state, agrees, status,
-                     vote.skew_s, self._rejected(name), vote.reliability)  # fmt: skip
+        ranked = self.ranked(vote.p or [], vote.label, vote.unlearned)
+        agrees = agrees_with(self.judgement, vote)
+        return ObserverState(name, vote.label, ranked, vote.entropy, vote.weight, age_s, vote.state, agrees, status,
+                             vote.skew_s, self._rejected(name), vote.reliability)  # fmt: skip
 
-    def beliefs(self, p: list[float], label: str | None, unlearned: float | None = None) -> tuple[Belief, ...]:
-        """All answers, the most probable first: `p` over the movements and, where it is said, something else."""
-        other = None if unlearned is None or not p else _share(unlearned)
-        shares = [_share(value) * (1.0 - (other or 0.0)) for value in p]
-        said = [*zip(self.labels or _placeholders(p, label), shares, strict=False)]
-        said += [] if other is None else [(SOMETHING_ELSE, other)]
-        # Whole percents decide the order, so that rows of noise do not change places at every step.
-        ranked = sorted(said, key=lambda pair: -round(pair[1], 2))
-        return tuple(Belief(name, share) for name, share in ranked)
+    def _rejected(self, observer: str) -> int:
+        status = self.fusion_status.get(self.judgement.fusion) if self.judgement else None
+        counts = (status.observers or {}).get(observer) if status else None
+        return sum(counts.rejected.values()) if counts else 0
+
+    def ranked(self, p: list[float], label: str | None, unlearned: float | None = None) -> tuple[RankedLabel, ...]:
+        """All answers, the most probable first: `p` over the movements and, if `unlearned` is known, something else."""
+        shares = [value * (1.0 - (unlearned or 0.0)) for value in p]
+        pairs = [*zip(self.labels or _placeholders(p, label), shares, strict=False)]
+        pairs += [] if unlearned is None or not p else [(SOMETHING_ELSE, unlearned)]
+        # Sorted by whole percents, so that noise does not swap rows at every step.
+        return tuple(RankedLabel(*pair) for pair in sorted(pairs, key=lambda pair: -round(pair[1], 2)))
+
+
+def is_heard(vote: Vote) -> bool:
+    """Whether the vote enters the judgement."""
+    return vote.state in HEARD_STATES
+
+
+def agrees_with(judgement: JudgementMessage, vote: Vote) -> bool:
+    """Whether the vote is one of the k of the judgement's agreement "k of n"."""
+    return is_heard(vote) and vote.label is not None and vote.label == judgement.label
+
+
+def is_waiting(judgement: JudgementMessage) -> bool:
+    """Whether no observer contributes to the judgement, so that its label means nothing."""
+    return not judgement.label or not any(map(is_heard, judgement.votes.values()))
 
 
 def is_abstention(verdict: VerdictMessage) -> bool:
-    """Whether the judges saw that something was done and could not agree what."""
+    """Whether a movement took place and the observers did not agree on its label."""
     return verdict.label == ABSTAIN
 
 
 def _placeholders(p: list[float], label: str | None) -> tuple[str, ...]:
-    """Names while the vocabulary is unknown: the top one is told by `label`, the others are numbered from 1."""
-    top = max(range(len(p)), key=lambda i: _share(p[i]), default=-1)
+    """Names while the vocabulary is unknown: `label` for the most probable, numbers from 1 for the others."""
+    top = max(range(len(p)), key=lambda i: p[i], default=-1)
     return tuple(label if i == top and label else f"movement {i + 1}" for i in range(len(p)))
 
 
-def _share(value: float) -> float:
-    """A stranger's number as a share that can be drawn: 0 to 1, never NaN."""
-    return min(1.0, max(0.0, value)) if math.isfinite(value) else 0.0
-
-
-def _is_copy(message: JudgementMessage, shown: JudgementMessage) -> bool:
-    return message.fusion == shown.fusion and 0 <= shown.at_ns - message.at_ns < REORDERED_NS
+def _is_copy(message: JudgementMessage, newest: JudgementMessage) -> bool:
+    return message.fusion == newest.fusion and 0 <= newest.at_ns - message.at_ns < REORDERED_NS
 
 
 def _with_verdict(verdicts: tuple[VerdictMessage, ...], verdict: VerdictMessage) -> tuple[VerdictMessage, ...]:
-    """Newest heard first; the same id said again takes its predecessor's place, unless it is the older word.
+    """Newest arrival first; an update of a known verdict replaces it in place unless it is older.
 
-    The order is that of hearing: a fusion machine whose clock was set back must not hide its new verdicts.
+    The order is that of arrival: after a fusion machine's clock is set back, its new verdicts still show.
     """
-    known = {old.id: old for old in verdicts}
-    if verdict.id not in known:
-        return (verdict, *verdicts)[:VERDICTS_KEPT]
-    if verdict.at_ns < known[verdict.id].at_ns:
-        return verdicts
-    return tuple(verdict if old.id == verdict.id else old for old in verdicts)
+    for place, known in enumerate(verdicts):
+        if known.id == verdict.id:
+            older = verdict.at_ns < known.at_ns
+            return verdicts if older else (*verdicts[:place], verdict, *verdicts[place + 1 :])
+    return (verdict, *verdicts)[:VERDICTS_LIMIT]

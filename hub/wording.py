@@ -1,30 +1,74 @@
-"""How times, ages, labels and verdicts are said in one short plain phrase, for every view alike. Pure."""
+"""Times, ages, labels, facets and verdicts as short phrases, the same in every view. Pure."""
 
 import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from datetime import datetime
 
-from common.messages import JudgementMessage, VerdictMessage
-from hub.anticipation import Word, unlearned_of
-from hub.leanings import facing, facing_words, leanings
-from hub.scene_state import SOMETHING_ELSE, is_abstention
+from common import SECOND_NS
+from common.facets import FACETS
+from common.messages import JudgementMessage, VerdictMessage, Vote
+from hub.anticipation import EarlyWord
+from hub.scene_state import SOMETHING_ELSE, is_abstention, is_heard, is_waiting
+
+WAITING = "waiting for observers"
+
+
+@dataclass(frozen=True, slots=True)
+class Leaning:
+    """One facet: its likeliest value with its probability, and `lean` from -1 (first pole) to 1 (last pole)."""
+
+    facet: str
+    value: str
+    p: float
+    lean: float
+
+    @property
+    def poles(self) -> tuple[str, str]:
+        """The names of the two ends."""
+        return FACETS[self.facet][0], FACETS[self.facet][-1]
+
+
+def leanings(facets: Mapping[str, Sequence[float]] | None) -> tuple[Leaning, ...]:
+    """The known facets among `facets`, in the order of FACETS; those of another length are left out."""
+    pairs = ((facet, (facets or {}).get(facet)) for facet in FACETS)
+    return tuple(_leaning(facet, p) for facet, p in pairs if p is not None and len(p) == len(FACETS[facet]))
+
+
+def _leaning(facet: str, p: Sequence[float]) -> Leaning:
+    likeliest = max(range(len(p)), key=lambda place: p[place])
+    return Leaning(facet, FACETS[facet][likeliest], p[likeliest], p[-1] - p[0])
+
+
+def facing(facing_deg: float | None) -> float | None:
+    """0 to 360 degrees to the left; None where it is missing."""
+    return None if facing_deg is None else facing_deg % 360
+
+
+def facing_words(facing_deg: float, degree: str = "°") -> str:
+    """`front`, `45° left`, `90° right`, `back`."""
+    left = (round(facing_deg) + 180) % 360 - 180
+    if left in (0, -180):
+        return "back" if left else "front"
+    return f"{abs(left)}{degree} {'left' if left > 0 else 'right'}"
 
 
 def printable(text: str) -> str:
-    """`text` without characters that could steer a terminal: a stranger's words are shown, never obeyed."""
+    """`text` with `?` for characters that could control a terminal; it may come from a foreign process."""
     return "".join(character if character.isprintable() else "?" for character in text)
 
 
 def clock_time(at_ns: int) -> str:
-    """Local time of day, `14:03:22`; dashes for a time that no calendar has."""
+    """Local time of day, `14:03:22`; dashes for a time outside the calendar."""
     try:
-        return datetime.fromtimestamp(at_ns / 1e9).astimezone().strftime("%H:%M:%S")
+        return datetime.fromtimestamp(at_ns / SECOND_NS).astimezone().strftime("%H:%M:%S")
     except (ValueError, OverflowError, OSError):
         return "--:--:--"
 
 
 def age(seconds: float | None) -> str:
-    """`40 ms`, `1.2 s`, `3 min`, or `-` where nothing was heard."""
-    if seconds is None or not math.isfinite(seconds):
+    """`40 ms`, `1.2 s`, `3 min`; `-` where it is unknown."""
+    if seconds is None:
         return "-"
     if seconds < 1:
         return f"{seconds * 1000:.0f} ms"
@@ -32,8 +76,8 @@ def age(seconds: float | None) -> str:
 
 
 def bits(entropy: float | None) -> str:
-    """`0.41 bits`, or `-` where there is no belief."""
-    return "-" if entropy is None or not math.isfinite(entropy) else f"{entropy:.2f} bits"
+    """`0.41 bits`; `-` where it is unknown."""
+    return "-" if entropy is None else f"{entropy:.2f} bits"
 
 
 def percent(share: float) -> str:
@@ -47,63 +91,64 @@ def agreement(judgement: JudgementMessage) -> str:
 
 
 def duration(verdict: VerdictMessage) -> str:
-    """How long the movement took, `1.8 s`; `now` while it goes on."""
-    return "now" if verdict.ended_ns is None else f"{(verdict.ended_ns - verdict.began_ns) / 1e9:.1f} s"
+    """How long the movement took, `1.8 s`; `now` until it has ended."""
+    return "now" if verdict.ended_ns is None else f"{(verdict.ended_ns - verdict.began_ns) / SECOND_NS:.1f} s"
 
 
 def dissent(verdict: VerdictMessage) -> str:
-    """The counted judges that held another label, `cam1: ok`; empty when all agreed."""
-    if is_abstention(verdict):
-        votes = [(name, vote) for name, vote in verdict.votes.items() if vote.label]
-    else:
-        votes = [(name, vote) for name, vote in verdict.votes.items() if vote.label not in (verdict.label, None)]
-    counted = [f"{name}: {vote.label}" for name, vote in votes if vote.state == "counted"]
-    return printable(", ".join(counted))
-
-
-def gave(nats: float) -> str:
-    """What a judge gave to a verdict, `+0.61`, in nats."""
-    return f"{nats:+.2f}" if math.isfinite(nats) else "-"
+    """The observers with another label, `cam1: ok`; for an abstention all with a label; empty when all agreed."""
+    agreed = None if is_abstention(verdict) else verdict.label
+    others = [(name, vote) for name, vote in verdict.votes.items() if is_heard(vote) and vote.label]
+    return printable(", ".join(f"{name}: {vote.label}" for name, vote in others if vote.label != agreed))
 
 
 def contributed(verdict: VerdictMessage) -> str:
-    """What each judge gave, `not without cam1; cam1 +0.61, cam2 -0.20`; empty where the referee does not say it."""
-    said = verdict.contributions or {}
-    needed = [name for name, each in said.items() if not each.stands]
-    given = ", ".join(f"{name} {gave(each.nats)}" for name, each in said.items())
-    return printable(f"not without {', '.join(needed)}; {given}" if needed else given)
+    """What each observer contributed in nats, `not without cam1; cam1 +0.61, cam2 -0.20`; empty where unknown."""
+    contributions = verdict.contributions or {}
+    needed = [name for name, contribution in contributions.items() if not contribution.stands]
+    amounts = ", ".join(f"{name} {_nats(each.nats)}" for name, each in contributions.items())
+    return printable(f"not without {', '.join(needed)}; {amounts}" if needed else amounts)
+
+
+def _nats(nats: float) -> str:
+    return f"{nats:+.2f}" if math.isfinite(nats) else "-"
 
 
 def manner(judgement: JudgementMessage) -> str:
-    """How it is done, `sudden 83%, strong 70%, facing 45° left`; empty where nobody says it."""
-    # A value between the poles is no word that a reader could place.
-    words = [f"{each.value} {each.p:.0%}" for each in leanings(judgement.facets) if each.value in each.poles]
+    """How the movement is done, `sudden 83%, strong 70%, facing 45° left`; empty where unknown."""
+    # A value between the poles ("neither") would not tell a reader which facet it belongs to.
+    phrases = [f"{each.value} {each.p:.0%}" for each in leanings(judgement.facets) if each.value in each.poles]
     direction = facing(judgement.facing_deg)
-    return ", ".join([*words, *([] if direction is None else [f"facing {facing_words(direction)}"])])
+    return ", ".join([*phrases, *([] if direction is None else [f"facing {facing_words(direction)}"])])
 
 
 def verdict_line(verdict: VerdictMessage) -> str:
-    """A verdict as one plain line."""
-    words = [clock_time(verdict.began_ns), "verdict", printable(verdict.label), agreement(verdict)]
-    more = (dissent(verdict), contributed(verdict))
-    return "  ".join([*words, bits(verdict.certainty_bits), *filter(None, more)])
+    """A verdict as one line."""
+    phrases = [clock_time(verdict.began_ns), "verdict", printable(verdict.label), agreement(verdict)]
+    details = (dissent(verdict), contributed(verdict))
+    return "  ".join([*phrases, bits(verdict.certainty_bits), *filter(None, details)])
 
 
-def word_line(word: Word) -> str:
-    """An early word, or what became of it, as one plain line."""
+def early_line(word: EarlyWord) -> str:
+    """An early word, or what became of it, as one line."""
     label, early = printable(word.label), printable(word.early)
-    said = {"early": f"{label} {word.p:.0%}", "confirmed": label}.get(word.stage, f"{label}, not {early}")
-    return "  ".join([clock_time(word.began_ns), word.stage, said])
+    text = {"early": f"{label} {word.p:.0%}", "confirmed": label}.get(word.stage, f"{label}, not {early}")
+    return "  ".join([clock_time(word.began_ns), word.stage, text])
 
 
 def judgement_line(judgement: JudgementMessage) -> str:
-    """A judgement as one plain line: what is believed now, and every judge's opinion with its weight."""
-    votes = [_opinion(name, vote.label, vote.weight, vote.state) for name, vote in judgement.votes.items()]
-    words = [clock_time(judgement.at_ns), "judgement", printable(judgement.label), agreement(judgement)]
-    other = unlearned_of(judgement.unlearned)
-    more = (printable(", ".join(votes)), f"{SOMETHING_ELSE} {other:.0%}" if other else "", manner(judgement))
-    return "  ".join([*words, bits(judgement.certainty_bits), *filter(None, more)])
+    """A judgement as one line: the fused answer and every observer's vote with its weight."""
+    start = (clock_time(judgement.at_ns), "judgement")
+    votes = printable(", ".join(f"{name}: {_vote(vote)}" for name, vote in judgement.votes.items()))
+    if is_waiting(judgement):
+        return "  ".join(filter(None, (*start, WAITING, votes)))
+    other = judgement.unlearned
+    answer = (printable(judgement.label), agreement(judgement), bits(judgement.certainty_bits))
+    details = (votes, f"{SOMETHING_ELSE} {other:.0%}" if other else "", manner(judgement))
+    return "  ".join([*start, *answer, *filter(None, details)])
 
 
-def _opinion(name: str, label: str | None, weight: float, state: str) -> str:
-    return f"{name}: {label} {weight:.2f}" if state == "counted" else f"{name}: {state}"
+def _vote(vote: Vote) -> str:
+    if not is_heard(vote):
+        return vote.state
+    return f"{vote.label or 'undecided'} {vote.weight:.2f}{' stale' if vote.state == 'stale' else ''}"

@@ -1,1 +1,1 @@
-"""The page: what `labanmesh watch` shows in a terminal, in a browser; read only."""
+"""The dashboard: a scene, or a capture of one, as a read-only page in the browser (docs/guide/dashboard.md)."""

@@ -1,12 +1,19 @@
-"""The page's web application: static files, the events, the door; what every answer carries so that browsers behave.
+"""The page's web application: static files, the event stream, the token form, and who may read them.
 
-1. Nothing is loaded from elsewhere, nothing runs that is not page.js, nobody frames the page (Content-Security-Policy).
-2. A browser without the key gets the door, a program without it 401; a wrong word costs a second.
+1. On loopback every user of this machine may read; elsewhere only browsers and programs that know the token.
+2. Without a token the page answers only to this machine's own names; otherwise a foreign page could read it through a
+   host name that leads here (DNS rebinding).
+3. A browser keeps a key made from the token, never the token itself; secrets are compared in constant time.
+4. Nothing is loaded from elsewhere, only page.js runs, and no page may frame this one (Content-Security-Policy).
+5. A browser without the key gets the token form, a program 401; a wrong token costs a second.
 """
 
 import asyncio
+import hashlib
+import hmac
+import ipaddress
 import math
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Mapping
 from importlib.resources import files
 from typing import TYPE_CHECKING
 from urllib.parse import parse_qs
@@ -18,18 +25,25 @@ from starlette.requests import Request
 from starlette.responses import HTMLResponse, PlainTextResponse, RedirectResponse, Response
 from starlette.routing import Route
 
-from hub.dashboard.access import Gate
-from hub.dashboard.player import FASTEST, Playhead
+from common.address import Address
+from common.errors import BadInput
+from hub.dashboard.streams import Playhead
 
 if TYPE_CHECKING:
     from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+LISTEN_KEY = "hub.dashboard.listen"
+TOKEN_MIN_LENGTH = 16
+OWN_NAMES = frozenset({"localhost", "127.0.0.1", "::1"})
+COOKIE_PURPOSE = b"labanmesh dashboard 1"
 COOKIE = "labanmesh_dashboard"
 COOKIE_S = 30 * 24 * 3600
 PING_S = 10
-"""So often a quiet line says that it is there; the page takes three times that for a broken one."""
-WRONG_WORD_S = 1.0
+"""How often an idle stream shows that it is alive; the page reconnects after three times this."""
+WRONG_TOKEN_S = 1.0
 FORM_LIMIT = 2048
+MAX_AT_S = 1e9
+MAX_SPEED = 64.0
 HEADERS = {
     "content-security-policy": "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; "
     "connect-src 'self'; form-action 'self'; base-uri 'none'; frame-ancestors 'none'",
@@ -40,22 +54,68 @@ HEADERS = {
     "cross-origin-resource-policy": "same-origin",
     "cache-control": "no-cache",
 }
-KINDS = {"html": "text/html", "css": "text/css", "js": "text/javascript", "svg": "image/svg+xml"}
-DOOR_FILES = frozenset({"/style.css", "/icon.svg"})
-"""What the door itself needs."""
+MEDIA_TYPES = {"html": "text/html", "css": "text/css", "js": "text/javascript", "svg": "image/svg+xml"}
+STATIC = {"/": "page.html", "/style.css": "style.css", "/page.js": "page.js", "/icon.svg": "icon.svg"}
+OPEN_PATHS = frozenset({"/style.css", "/icon.svg", "/enter"})
+"""What the token form itself needs."""
 Stream = Callable[[Playhead], AsyncIterator[bytes]]
 
 
-class Guard:
-    """Wraps the application: who may not read gets no further, and all answers carry HEADERS."""
+def is_loopback(address: Address) -> bool:
+    """Whether only this machine can reach it; any name other than localhost may lead elsewhere."""
+    try:
+        return ipaddress.ip_address(address.host).is_loopback
+    except ValueError:
+        return address.host == "localhost"
 
-    def __init__(self, app: "ASGIApp", gate: Gate) -> None:
-        self._app, self._gate = app, gate
+
+def checked_token(text: str, where: str) -> str:
+    """The token in a file's `text`; raises BadInput that names `where` it is and does not reveal it."""
+    token = text.strip()
+    if len(token) < TOKEN_MIN_LENGTH or len(token.split()) != 1 or not token.isascii() or not token.isprintable():
+        raise BadInput(
+            f"{where}: a token is one word of at least {TOKEN_MIN_LENGTH} ASCII characters; "
+            f"make one: openssl rand -hex 16 > {where.rpartition(' ')[2]}"
+        )
+    return token
+
+
+class AccessControl:
+    """Decides on each request. token: None where every user of this machine may read."""
+
+    def __init__(self, token: str | None) -> None:
+        self._token = token.encode() if token is not None else None
+        self.cookie = "" if self._token is None else hmac.new(self._token, COOKIE_PURPOSE, hashlib.sha256).hexdigest()
+
+    def is_token(self, word: str) -> bool:
+        """Whether `word` is the token."""
+        return self._token is None or hmac.compare_digest(word.strip().encode(), self._token)
+
+    def admits(self, cookie: str, authorization: str) -> bool:
+        """Whether a request with this cookie, or this Authorization header (`Bearer TOKEN`), may read."""
+        if self._token is None:
+            return True
+        kind, _, word = authorization.partition(" ")
+        return hmac.compare_digest(cookie.encode(), self.cookie.encode()) or (
+            kind.lower() == "bearer" and self.is_token(word)
+        )
+
+    def answers_to(self, host: str) -> bool:
+        """Whether a request with this Host header is answered (rule 2)."""
+        name = host[1 : host.find("]")] if host.startswith("[") else host.rpartition(":")[0] or host
+        return self._token is not None or name.lower() in OWN_NAMES
+
+
+class AccessMiddleware:
+    """Wraps the application: stops requests that may not read, and adds HEADERS to every answer."""
+
+    def __init__(self, app: "ASGIApp", access: AccessControl) -> None:
+        self._app, self._access = app, access
 
     async def __call__(self, scope: "Scope", receive: "Receive", send: "Send") -> None:
-        """One request."""
+        """Handle one request."""
 
-        async def send_guarded(message: "Message") -> None:
+        async def send_with_headers(message: "Message") -> None:
             if message["type"] == "http.response.start":
                 ours = [(name.encode(), value.encode()) for name, value in HEADERS.items()]
                 theirs = [pair for pair in message["headers"] if pair[0].lower().decode("latin-1") not in HEADERS]
@@ -65,31 +125,34 @@ class Guard:
         if scope["type"] != "http":
             return
         answer = self._refusal(Request(scope))
-        await (answer or self._app)(scope, receive, send_guarded)
+        await (answer or self._app)(scope, receive, send_with_headers)
 
     def _refusal(self, request: Request) -> Response | None:
-        if not self._gate.answers_to(request.headers.get("host", "")):
-            words = "This page is for this machine only: open http://127.0.0.1 and its port (docs/guide/dashboard.md)."
-            return PlainTextResponse(words, 421)
+        if not self._access.answers_to(request.headers.get("host", "")):
+            text = "This page is for this machine only: open http://127.0.0.1 and its port (docs/guide/dashboard.md)."
+            return PlainTextResponse(text, 421)
         path = request.url.path
-        if path in DOOR_FILES or path == "/enter":
+        if path in OPEN_PATHS:
             return None
         cookie, authorization = request.cookies.get(COOKIE, ""), request.headers.get("authorization", "")
-        if self._gate.admits(cookie, authorization):
+        if self._access.admits(cookie, authorization):
             return None
         if path == "/":
-            return HTMLResponse(door(), 401)
+            return HTMLResponse(token_form(), 401)
         return PlainTextResponse("The token is missing or wrong.", 401, {"www-authenticate": "Bearer"})
 
 
-def application(gate: Gate, stream: Stream, is_full: Callable[[], bool]) -> Starlette:
-    """The application; `stream` gives what one browser is sent, `is_full` whether there are too many."""
+def application(access: AccessControl, stream: Stream, is_full: Callable[[], bool]) -> Starlette:
+    """The application; `stream` yields the events of one browser, `is_full` tells whether there are too many."""
 
     async def events(request: Request) -> Response:
         if is_full():
-            return PlainTextResponse("Too many browsers look on.", 503, {"retry-after": "5"})
+            return PlainTextResponse("Too many browsers are connected. Try again later.", 503, {"retry-after": "5"})
         query = request.query_params
-        head = Playhead(_number(query.get("at"), 0.0, math.inf), _number(query.get("speed"), 1.0, FASTEST))
+        try:
+            head = Playhead(_number(query, "at", 0.0, MAX_AT_S), _number(query, "speed", 1.0, MAX_SPEED))
+        except ValueError as error:
+            return PlainTextResponse(f"{error}\n", 400)
         return EventSourceResponse(stream(head), ping=PING_S, sep="\n")
 
     async def enter(request: Request) -> Response:
@@ -99,31 +162,28 @@ def application(gate: Gate, stream: Stream, is_full: Callable[[], bool]) -> Star
             if len(body) > FORM_LIMIT:
                 return PlainTextResponse("Too long.", 413)
         word = parse_qs(body.decode("latin-1")).get("token", [""])[0]
-        if not gate.knows(word):
-            await asyncio.sleep(WRONG_WORD_S)
-            return HTMLResponse(door("That is not the token."), 401)
+        if not access.is_token(word):
+            await asyncio.sleep(WRONG_TOKEN_S)
+            return HTMLResponse(token_form("That is not the token."), 401)
         answer = RedirectResponse("./", 303)
-        answer.set_cookie(COOKIE, gate.cookie, COOKIE_S, httponly=True, samesite="strict")
+        answer.set_cookie(COOKIE, access.cookie, COOKIE_S, httponly=True, samesite="strict")
         return answer
 
     pages = [_page(path, name) for path, name in STATIC.items()]
     routes = [*pages, Route("/events", events), Route("/enter", enter, methods=["POST"])]
-    return Starlette(routes=routes, middleware=[Middleware(Guard, gate)])
+    return Starlette(routes=routes, middleware=[Middleware(AccessMiddleware, access)])
 
 
-STATIC = {"/": "page.html", "/style.css": "style.css", "/page.js": "page.js", "/icon.svg": "icon.svg"}
-
-
-def door(complaint: str = "") -> str:
+def token_form(fault: str = "") -> str:
     """The page that asks for the token."""
-    return _static("door.html").decode().replace("<!--complaint-->", complaint)
+    return _static("door.html").decode().replace("<!--fault-->", fault)
 
 
 def _page(path: str, name: str) -> Route:
-    content, kind = _static(name), KINDS[name.rpartition(".")[2]]
+    content, media_type = _static(name), MEDIA_TYPES[name.rpartition(".")[2]]
 
     async def answer(request: Request) -> Response:
-        return Response(content, media_type=kind)
+        return Response(content, media_type=media_type)
 
     return Route(path, answer)
 
@@ -132,10 +192,15 @@ def _static(name: str) -> bytes:
     return (files("hub.dashboard") / "static" / name).read_bytes()
 
 
-def _number(text: str | None, default: float, most: float) -> float:
-    """A number from a query: not below 0; what is none is the default."""
-    try:
-        value = default if text is None else float(text)
-    except ValueError:
+def _number(query: Mapping[str, str], name: str, default: float, most: float) -> float:
+    """The number `name` of a query, 0 to `most`; raises ValueError, one line, for anything else."""
+    text = query.get(name)
+    if text is None:
         return default
-    return min(most, max(0.0, value)) if math.isfinite(value) else default
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0 <= value <= most:
+        raise ValueError(f"{name} = {text[:40]!r}: must be a number from 0 to {most:g}")
+    return value

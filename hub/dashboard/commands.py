@@ -10,13 +10,13 @@ import typer
 from common.address import Address
 from common.config import read_scene
 from common.errors import BadInput
-from hub.dashboard.access import KEY, Gate, checked_token, is_loopback, must_have_token
-from hub.dashboard.placement import azimuth_of, azimuth_of_camera, placed
+from hub.dashboard.application import LISTEN_KEY, AccessControl, checked_token, is_loopback
+from hub.dashboard.placement import azimuth_of, azimuth_of_camera, floor_positions
 
 if TYPE_CHECKING:
     from common.config import Scene
-    from hub.dashboard.picture import Hall
-    from hub.dashboard.tape import Tape
+    from hub.dashboard.history import CaptureTimeline
+    from hub.dashboard.page_data import PageSetup
 
 
 def dashboard(
@@ -25,73 +25,79 @@ def dashboard(
         Path | None, typer.Option(metavar="FILE", help="Show this capture (.mcap) instead of a running scene.")
     ] = None,
     listen: Annotated[
-        str | None, typer.Option(metavar="HOST:PORT", help="Where the page is, instead of hub.dashboard.listen.")
+        str | None, typer.Option(metavar="HOST:PORT", help="The address of the page, instead of hub.dashboard.listen.")
     ] = None,
     token_file: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="The word that browsers must know, instead of the scene file's.")
+        Path | None, typer.Option(metavar="FILE", help="A file with the token, instead of the scene file's.")
     ] = None,
     for_s: Annotated[
-        float | None, typer.Option("--for", metavar="SECONDS", min=0, help="End by itself after so long.")
+        float | None, typer.Option("--for", metavar="SECONDS", min=0, help="End after this many seconds.")
     ] = None,
 ) -> None:
     """The scene as one page in the browser: the judges on the tatami, the verdicts, and why. Ctrl-C ends it.
 
-    It only reads. Where others can reach it, it asks for a token.
+    It is read-only. Where other machines can reach it, it asks for a token.
 
     Example: labanmesh dashboard scene.toml
 
     Example: labanmesh dashboard --capture monday.mcap --listen 127.0.0.1:0
     """
     if (scene is None) == (capture is None):
-        raise BadInput("labanmesh dashboard: name a scene file, or a capture with --capture FILE, one of the two")
-    named, tape = (read_scene(scene), None) if scene else _captured(capture or Path())
-    configured = named.hub.dashboard if scene else type(named.hub.dashboard)()
-    address = Address.parse(listen or configured.listen, KEY)
-    gate = Gate(_token(address, token_file, named, own=scene is not None))
-    _serve(named, tape, address, gate, for_s)
+        raise BadInput("labanmesh dashboard: name either a scene file or a capture (--capture FILE)")
+    config, timeline = (read_scene(scene), None) if scene else _read_capture(capture or Path())
+    settings = config.hub.dashboard if scene else type(config.hub.dashboard)()
+    address = Address.parse(listen or settings.listen, LISTEN_KEY)
+    configured = config.place(settings.token_file) if settings.token_file else None
+    _serve(config, timeline, address, AccessControl(_token(address, token_file or configured)), for_s)
 
 
-def _serve(scene: "Scene", tape: "Tape | None", address: Address, gate: Gate, for_s: float | None) -> None:
+def _serve(
+    scene: "Scene", timeline: "CaptureTimeline | None", address: Address, access: AccessControl, for_s: float | None
+) -> None:
     from common.lifecycle import log_to_stderr, stop_on_signals
     from common.link import Link
     from common.notify import Notifier
-    from hub.dashboard.serving import Run, bound, serve_scene, serve_tape
-    from hub.telling import telling
+    from hub.dashboard.serving import ServingRun, bound_socket, serve_capture, serve_scene
+    from hub.instrumentation import instrumented
 
     log_to_stderr()
-    with bound(address) as port, stop_on_signals() as stop, Notifier.from_environment() as supervisor:
-        where, hall = Address(address.host, port.getsockname()[1]).reachable, _hall(scene, tape)
-        run = Run(stop, for_s, supervisor.alive)
-        if tape is not None:
+    with bound_socket(address) as port, stop_on_signals() as stop, Notifier.from_environment() as supervisor:
+        where, setup = Address(address.host, port.getsockname()[1]).reachable, _setup(scene, timeline)
+        run = ServingRun(stop, for_s, supervisor.alive)
+        if timeline is not None:
             print(f"http://{where}/ shows a capture of scene {scene.scene}", flush=True)
-            serve_tape(port, gate, hall, tape, run)
+            serve_capture(port, access, setup, timeline, run)
             return
-        with telling([scene], "dashboard") as teller, Link.open(scene.mesh, "hub", scene=scene.scene) as link:
-            run.heard = teller.heard
+        with (
+            instrumented([scene], "dashboard") as instrumentation,
+            Link.open(scene.mesh, "hub", scene=scene.scene) as link,
+        ):
+            run.record = instrumentation.record
             print(f"http://{where}/ shows scene {scene.scene}", flush=True)
-            serve_scene(port, gate, hall, scene, link, run)
+            serve_scene(port, access, setup, scene, link, run)
 
 
-def _captured(path: Path) -> tuple["Scene", "Tape"]:
+def _read_capture(path: Path) -> tuple["Scene", "CaptureTimeline"]:
     from common.capture_file import CaptureFile
-    from hub.dashboard.tape import Tape
+    from hub.dashboard.history import CaptureTimeline
 
     began_s = time.monotonic()
     file = CaptureFile(path)
-    tape = Tape(file.scene, file.records())
-    if not tape.began_ns:
-        raise BadInput(f"{path}: nothing was heard in it")
-    print(f"{path}: {tape.span_s:.0f} s, read in {time.monotonic() - began_s:.1f} s", flush=True)
-    return file.scene, tape
+    timeline = CaptureTimeline(file.scene, file.records())
+    if not timeline.began_ns:
+        raise BadInput(f"{path}: holds no messages; capture a running scene with labanmesh capture")
+    print(f"{path}: {timeline.span_s:.0f} s, read in {time.monotonic() - began_s:.1f} s", flush=True)
+    return file.scene, timeline
 
 
-def _token(address: Address, chosen: Path | None, scene: "Scene", own: bool) -> str | None:
-    """The word of the token file; None where everybody of this machine may read."""
-    named = scene.hub.dashboard.token_file if own else ""
-    path = chosen or (scene.place(named) if named else None)
+def _token(address: Address, path: Path | None) -> str | None:
+    """The token in the file `path`; None where every user of this machine may read."""
     if path is None:
         if not is_loopback(address):
-            raise must_have_token(address)
+            raise BadInput(
+                f"{LISTEN_KEY} = {str(address)!r}: other machines can reach that, and hub.dashboard.token_file is not "
+                "set; name a file with a token, or listen on 127.0.0.1"
+            )
         return None
     where = f"hub.dashboard.token_file = {path}"
     try:
@@ -101,17 +107,17 @@ def _token(address: Address, chosen: Path | None, scene: "Scene", own: bool) -> 
         raise BadInput(f"{where}: {str(reason).lower()}; make it: openssl rand -hex 16 > {path}") from None
 
 
-def _hall(scene: "Scene", tape: "Tape | None") -> "Hall":
-    from hub.dashboard.picture import Hall
+def _setup(scene: "Scene", timeline: "CaptureTimeline | None") -> "PageSetup":
+    from hub.dashboard.page_data import PageSetup
 
     views = {name: observer.view for name, observer in scene.observers.items()}
     azimuths = {name: _azimuth(scene, view) for name, view in views.items()}
-    span_s, began_ns = (None, 0) if tape is None else (tape.span_s, tape.began_ns)
-    return Hall(scene.scene, placed(views, azimuths), scene.fusion.quorum, span_s, began_ns)
+    span_s, began_ns = (None, 0) if timeline is None else (timeline.span_s, timeline.began_ns)
+    return PageSetup(scene.scene, floor_positions(views, azimuths), scene.fusion.quorum, span_s, began_ns)
 
 
 def _azimuth(scene: "Scene", view: str) -> float | None:
-    """Where a view's camera stands, from its words or its camera file; a file that is not here says nothing."""
+    """The angle of a view, also from its camera file; None when there is none or the file cannot be read."""
     if not view.endswith(".toml"):
         return azimuth_of(view)
     try:

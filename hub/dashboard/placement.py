@@ -1,26 +1,25 @@
-"""Where the judges stand on the tatami, seen from above: angles from what the scene file says of their views. Pure.
+"""Where observers stand on the page's floor, seen from above, by the views in the scene file. Pure.
 
-Angles are degrees around the performer, 0 in front, 90 at the right hand (docs/reference/scene.md, `view`). A view
-without an angle (from above, a camera file that cannot be read) is placed where there is most
-room, so that none hides another.
+Angles are degrees around the performer, 0 in front, 90 at the right hand (docs/reference/scene.md, `view`). An observer
+whose view has no angle (from above, an unreadable camera file) is placed in the widest gap, so that none hides another.
 """
 
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-NAMED_DEG = {"door": 0.0, "wheel": 90.0}
+VIEW_AZIMUTHS_DEG = {"door": 0.0, "wheel": 90.0}
 CORNER_DEG = 45.0
-APART_DEG = 32.0
-"""Two judges nearer to each other than this are moved apart, as long as there is room."""
-PASSES = 300
+MIN_DISTANCE_DEG = 32.0
+"""Two observers nearer to each other than this are moved apart while there is room."""
+MAX_PASSES = 300
 
 Matrix = Sequence[Sequence[float]]
 
 
 @dataclass(frozen=True, slots=True)
-class Standing:
-    """A judge's place. azimuth_deg: 0 to 360. known: whether the scene says so. view: in the scene file's words."""
+class FloorPosition:
+    """An observer's place. azimuth_deg: 0 to 360. known: whether the scene file gives it."""
 
     azimuth_deg: float
     known: bool
@@ -28,10 +27,10 @@ class Standing:
 
 
 def azimuth_of(view: str) -> float | None:
-    """The angle that a view's words say; None for `table`, camera files and what is none."""
+    """The angle of a view; None for `table`, camera files and invalid views."""
     words = view.strip()
-    if words in NAMED_DEG:
-        return NAMED_DEG[words]
+    if words in VIEW_AZIMUTHS_DEG:
+        return VIEW_AZIMUTHS_DEG[words]
     kind, _, number = words.partition(",")[0].partition(":")
     try:
         angle = float(number) if kind == "yaw" else math.nan
@@ -41,7 +40,7 @@ def azimuth_of(view: str) -> float | None:
 
 
 def azimuth_of_camera(matrix: Matrix) -> float | None:
-    """The side from which a camera's (3, 4) matrix looks; None for one that looks straight down, or is none."""
+    """The side from which a camera's (3, 4) matrix looks; None for one that looks straight down, or is invalid."""
     try:
         right, down, forward = (tuple(float(value) for value in row[:3]) for row in matrix)
         along = _cross(right, down)
@@ -57,8 +56,8 @@ def azimuth_of_camera(matrix: Matrix) -> float | None:
     return math.degrees(math.atan2(-x, z)) % 360
 
 
-def placed(views: Mapping[str, str], azimuths: Mapping[str, float | None]) -> dict[str, Standing]:
-    """Every judge's standing: those with an angle there, the others in the widest gaps; none upon another."""
+def floor_positions(views: Mapping[str, str], azimuths: Mapping[str, float | None]) -> dict[str, FloorPosition]:
+    """Every observer's position: at its angle if that is known, else in the widest gap, none upon another."""
     angles: dict[str, float] = {name: angle for name in views if (angle := azimuths.get(name)) is not None}
     unknown = [name for name in views if name not in angles]
     if not angles:
@@ -66,8 +65,8 @@ def placed(views: Mapping[str, str], azimuths: Mapping[str, float | None]) -> di
     for name in unknown:
         if name not in angles:
             angles[name] = _widest_gap(list(angles.values()))
-    apart = _moved_apart(angles)
-    return {name: Standing(round(apart[name], 1) % 360, name not in unknown, views[name]) for name in views}
+    final = _moved_apart(angles)
+    return {name: FloorPosition(round(final[name], 1) % 360, name not in unknown, views[name]) for name in views}
 
 
 def _widest_gap(angles: Sequence[float]) -> float:
@@ -78,11 +77,11 @@ def _widest_gap(angles: Sequence[float]) -> float:
 
 
 def _moved_apart(angles: Mapping[str, float]) -> dict[str, float]:
-    """The same with no two nearer than APART_DEG, or than an even share of the circle where there are many."""
-    least = min(APART_DEG, 0.9 * 360 / max(1, len(angles)))
+    """The same with no two nearer than MIN_DISTANCE_DEG, or than an even share of the circle in a crowd."""
+    least = min(MIN_DISTANCE_DEG, 0.9 * 360 / max(1, len(angles)))
     names = sorted(angles, key=lambda name: angles[name])
     at = [angles[name] for name in names]
-    for _ in range(PASSES if len(at) > 1 else 0):
+    for _ in range(MAX_PASSES if len(at) > 1 else 0):
         moved = False
         for i, this in enumerate(at):
             after = (i + 1) % len(at)

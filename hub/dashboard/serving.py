@@ -1,4 +1,4 @@
-"""Serving the page: the port, the web server in this thread, and beside it one that listens to the mesh."""
+"""Serving the page: the port, the web server in this thread, and a thread that listens to the mesh."""
 
 import asyncio
 import socket
@@ -9,94 +9,132 @@ from typing import TYPE_CHECKING
 
 import uvicorn
 
+from common import SECOND_NS
 from common.address import Address
 from common.errors import LabanmeshError
-from hub.dashboard.access import KEY, Gate
-from hub.dashboard.application import Stream, application
-from hub.dashboard.audience import Audience
-from hub.dashboard.live import first_chronicle, follow
-from hub.dashboard.picture import Hall
-from hub.dashboard.player import play
-from hub.session import Heard
+from common.keys import observer_of
+from common.messages import VerdictMessage
+from hub.dashboard.application import LISTEN_KEY, AccessControl, Stream, application
+from hub.dashboard.history import CaptureTimeline, SceneHistory
+from hub.dashboard.page_data import CROWD, PageSetup, state_data, verdict_data
+from hub.dashboard.streams import LiveStream, event, play
+from hub.scene_state import SceneState
+from hub.session import SceneUpdate, listen
 
 if TYPE_CHECKING:
     from starlette.applications import Starlette
 
     from common.config import Scene
     from common.link import Link
-    from hub.dashboard.tape import Tape
 
-LOOK_S = 0.1
-LEAVE_S = 2
-"""How long browsers that do not go by themselves are waited for at the end."""
+CHECK_S = 0.1
+SHUTDOWN_S = 2
+"""How long the end waits for browsers that do not disconnect."""
+STATE_EVERY_NS = SECOND_NS // 10
+CROWD_EVERY_NS = 3 * SECOND_NS // 10
+"""The state of many observers is long, and changes faster than anybody reads it."""
 
 
 @dataclass(slots=True)
-class Run:
+class ServingRun:
     """How long the page is served: until `stop` is set or `for_s` seconds are over.
 
-    alive: called after each piece of work. heard: called with all that is heard, in the listening thread.
+    alive: called after each piece of work. record: called with every update, in the listening thread.
     """
 
     stop: threading.Event
     for_s: float | None = None
     alive: Callable[[], None] = lambda: None
-    heard: Callable[[Heard], None] = lambda heard: None
+    record: Callable[[SceneUpdate], None] = lambda update: None
     ended: threading.Event = field(default_factory=threading.Event)
 
 
-def bound(address: Address) -> socket.socket:
-    """The port, taken before anything else begins; raises LabanmeshError, one line, when it cannot be had."""
+def bound_socket(address: Address) -> socket.socket:
+    """The listening socket; raises LabanmeshError, one line, when the address cannot be used."""
     family = socket.AF_INET6 if ":" in address.host else socket.AF_INET
     try:
         return socket.create_server((address.host, address.port), family=family)
     except OSError as error:
         reason = (error.strerror or str(error)).lower()
         raise LabanmeshError(
-            f"{KEY} = {str(address)!r}: {reason}; end what is there, or choose another port with --listen HOST:PORT"
+            f"{LISTEN_KEY} = {str(address)!r}: {reason}; stop the other process or choose another port with "
+            "--listen HOST:PORT"
         ) from None
 
 
-def serve_scene(port: socket.socket, gate: Gate, hall: Hall, scene: "Scene", link: "Link", run: Run) -> None:
+def follow(
+    scene: "Scene",
+    link: "Link",
+    stream: LiveStream,
+    go_on: Callable[[], bool],
+    record: Callable[[SceneUpdate], None],
+) -> None:
+    """Publish to `stream` what happens in `scene` while `go_on()`: verdicts at once, the state ten times a second."""
+    presence = link.presence(scene.keys.observer_alive())
+    history, sent_ns = first_history(scene), 0
+    for update in listen(scene, link, go_on):
+        record(update)
+        history = history.update(update.state, update.message)
+        before, history = history, history.with_presence(map(observer_of, presence.alive))
+        message, verdict = update.message, None
+        if isinstance(message, VerdictMessage):
+            verdict = event("verdict", verdict_data(message, history, scene.fusion.quorum))
+        now_ns = update.state.now_ns
+        every_ns = CROWD_EVERY_NS if len(history.state.observers) > CROWD else STATE_EVERY_NS
+        if abs(now_ns - sent_ns) >= every_ns or before is not history:
+            sent_ns = now_ns
+            stream.publish(history, verdict, event("state", state_data(history)))
+        elif verdict is not None:
+            stream.publish(history, verdict)
+
+
+def first_history(scene: "Scene") -> SceneHistory:
+    """What is known before anything has been received."""
+    return SceneHistory(SceneState(scene.scene, scene.roster))
+
+
+def serve_scene(
+    port: socket.socket, access: AccessControl, setup: PageSetup, scene: "Scene", link: "Link", run: ServingRun
+) -> None:
     """Show the live `scene`; returns when `run` is over."""
 
     async def main() -> None:
-        audience = Audience(hall, first_chronicle(scene, 0), asyncio.get_running_loop())
-        audience.told = run.alive
-        failed: list[BaseException] = []
+        stream = LiveStream(setup, first_history(scene), run.alive)
+        faults: list[BaseException] = []
 
-        def listen() -> None:
+        def listen_to_mesh() -> None:
             try:
-                follow(scene, link, audience, lambda: not run.ended.is_set(), run.heard)
-            except BaseException as error:  # noqa: BLE001 - handed on to the main thread below
-                failed.append(error)
+                follow(scene, link, stream, lambda: not run.ended.is_set(), run.record)
+            except BaseException as error:  # noqa: BLE001 - raised in the main thread below
+                faults.append(error)
                 run.stop.set()
 
-        thread = threading.Thread(target=listen, name="mesh")
+        thread = threading.Thread(target=listen_to_mesh, name="mesh")
         thread.start()
         try:
-            app = application(gate, lambda head: audience.stream(), lambda: audience.is_full)
-            await _serve(app, port, run, audience.close)
+            app = application(access, lambda head: stream.browser(), lambda: stream.is_full)
+            await _serve(app, port, run, stream.close)
         finally:
             run.ended.set()
             await asyncio.to_thread(thread.join)
-        if failed:
-            raise failed[0]
+        if faults:
+            raise faults[0]
 
     asyncio.run(main())
 
 
-def serve_tape(port: socket.socket, gate: Gate, hall: Hall, tape: "Tape", run: Run) -> None:
+def serve_capture(
+    port: socket.socket, access: AccessControl, setup: PageSetup, timeline: CaptureTimeline, run: ServingRun
+) -> None:
     """Show a capture; returns when `run` is over."""
-    stream: Stream = lambda head: play(tape, hall, head)  # noqa: E731 - named for its type
-    app = application(gate, stream, lambda: False)
-    asyncio.run(_serve(app, port, run, lambda: None))
+    stream: Stream = lambda head: play(timeline, setup, head)  # noqa: E731 - named for its type
+    asyncio.run(_serve(application(access, stream, lambda: False), port, run, lambda: None))
 
 
-async def _serve(app: "Starlette", port: socket.socket, run: Run, close: Callable[[], None]) -> None:
+async def _serve(app: "Starlette", port: socket.socket, run: ServingRun, close: Callable[[], None]) -> None:
     settings = uvicorn.Config(
         app, log_config=None, log_level="error", access_log=False, lifespan="off", ws="none", http="h11",
-        server_header=False, timeout_graceful_shutdown=LEAVE_S,
+        server_header=False, timeout_graceful_shutdown=SHUTDOWN_S,
     )  # fmt: skip
     server = uvicorn.Server(settings)
 
@@ -104,7 +142,7 @@ async def _serve(app: "Starlette", port: socket.socket, run: Run, close: Callabl
         loop = asyncio.get_running_loop()
         end_s = None if run.for_s is None else loop.time() + run.for_s
         while not (server.should_exit or run.stop.is_set() or (end_s is not None and loop.time() >= end_s)):
-            await asyncio.sleep(LOOK_S)
+            await asyncio.sleep(CHECK_S)
         server.should_exit = True
         close()
 

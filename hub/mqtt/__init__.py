@@ -1,1 +1,1 @@
-"""Home Assistant, and whoever else speaks MQTT: a scene's states and verdicts through a broker (docs/guide/home.md)."""
+"""The MQTT hub: a scene's states and verdicts for Home Assistant and other MQTT clients (docs/guide/home.md)."""

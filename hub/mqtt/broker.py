@@ -1,34 +1,39 @@
-"""The broker as the scene files name it: who we are there, with which password and certificate, and its faults."""
+"""The MQTT broker of the scene files: address, identity, password and certificate, its faults, and removing a scene."""
 
+import asyncio
+import json
 import ssl
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 from aiomqtt import Client, MqttCodeError, MqttError, Will
 
 from common.config import MqttConfig, Scene
-from common.errors import BadInput
-from hub.mqtt.names import bridge_topic, client_id, prefix
-from hub.mqtt.picture import OFFLINE
+from common.errors import BadInput, LabanmeshError
+from hub.mqtt.bridge import topics_of
+from hub.mqtt.entities import ORIGIN, Topics, bridge_topic, checked_prefix
+from hub.mqtt.states import OFFLINE, ONLINE
 
 PORT, TLS_PORT = 1883, 8883
 KEEPALIVE_S = 10
-"""A broker whose line is cut takes us for gone after one and a half of these, and says our last will."""
-PATIENCE_S = 5.0
-PENDING = 1000
-"""So many events may wait for the broker's word at once before its library complains."""
-IDENTITY = (
+"""A broker publishes our last will after one and a half of these without a sign of life."""
+TIMEOUT_S = 5.0
+COLLECT_S = 10.0
+PENDING_LIMIT = 1000
+"""How many unconfirmed events are allowed before the library warns."""
+IDENTITY_FAULTS = (
     "not authorized",
     "bad user name or password",
     "banned",
     "client identifier not valid",
     "unsupported protocol",
 )
-"""Refusals that trying again does not cure."""
+"""Faults that trying again does not cure."""
 
 
 @dataclass(frozen=True, slots=True)
-class Broker:
-    """Where the broker is and who we are there; the last will is said under `bridge`."""
+class MqttBroker:
+    """Address of the broker and our identity there; the last will is published under `bridge`."""
 
     host: str
     port: int
@@ -40,105 +45,180 @@ class Broker:
 
     @property
     def address(self) -> str:
-        """For people."""
+        """HOST:PORT."""
         return f"{self.host}:{self.port}"
 
     def client(self) -> Client:
-        """A connection to be entered; each is used once."""
+        """A connection, used once as a context manager."""
         client = Client(
             self.host, self.port, username=self.username or None, password=self.password, identifier=self.identifier,
-            tls_context=self.tls, will=Will(self.bridge, OFFLINE, qos=1, retain=True), timeout=PATIENCE_S,
+            tls_context=self.tls, will=Will(self.bridge, OFFLINE, qos=1, retain=True), timeout=TIMEOUT_S,
             keepalive=KEEPALIVE_S, max_queued_outgoing_messages=0,
         )  # fmt: skip
-        client.pending_calls_threshold = PENDING
+        client.pending_calls_threshold = PENDING_LIMIT
         return client
 
 
-def broker_of(scene: Scene, purpose: str = "") -> Broker:
-    """The broker of `scene`, in whose name we are there; raises BadInput that names the key and the way out.
-
-    purpose: for another connection than the hub's own.
-    """
-    asked = scene.hub.mqtt
-    for key in ("discovery", "topics"):
-        prefix(getattr(asked, key), f"hub.mqtt.{key}")
-    _require_host(asked.host)
-    identifier = client_id(scene.scene) + (f"-{purpose}" if purpose else "")
-    return Broker(
-        asked.host, asked.port or (TLS_PORT if asked.tls else PORT), asked.username, _password(scene),
-        _tls(scene), identifier, bridge_topic(asked.topics, scene.scene),
+def broker_of(scene: Scene, purpose: str = "") -> MqttBroker:
+    """The broker of `scene`; raises BadInput that names the faulty key. purpose: set for a second connection."""
+    config = scene.hub.mqtt
+    checked_prefix(config.discovery, "hub.mqtt.discovery")
+    checked_prefix(config.topics, "hub.mqtt.topics")
+    _require_host(config.host)
+    identifier = f"labanmesh-hub-{scene.scene}" + (f"-{purpose}" if purpose else "")
+    return MqttBroker(
+        config.host, config.port or (TLS_PORT if config.tls else PORT), config.username, _password(scene),
+        _tls(scene), identifier, bridge_topic(config.topics, scene.scene),
     )  # fmt: skip
 
 
 def _require_host(host: str) -> None:
-    named = f"hub.mqtt.host = {host!r}"
     try:
-        legal = bool(host.encode("idna")) and not any(c.isspace() or c == "/" for c in host)
+        valid = bool(host.encode("idna")) and not any(c.isspace() or c == "/" for c in host)
     except UnicodeError:
-        legal = False
-    if not legal:
-        raise BadInput(f'{named}: no name of a machine; e.g. "127.0.0.1" or "homeassistant.local"')
+        valid = False
+    if not valid:
+        raise BadInput(f'hub.mqtt.host = {host!r}: not a host name; e.g. "127.0.0.1" or "homeassistant.local"')
 
 
 def _password(scene: Scene) -> str | None:
-    asked = scene.hub.mqtt
-    if not asked.password_file:
+    config = scene.hub.mqtt
+    if not config.password_file:
         return None
-    named = f"hub.mqtt.password_file = {asked.password_file!r}"
-    if not asked.username:
-        raise BadInput(f"{named}: whose password? name hub.mqtt.username too")
+    key = f"hub.mqtt.password_file = {config.password_file!r}"
+    if not config.username:
+        raise BadInput(f"{key}: a password needs a user; set hub.mqtt.username too")
     try:
-        password = scene.place(asked.password_file).read_text(encoding="utf-8").rstrip("\r\n")
+        password = scene.place(config.password_file).read_text(encoding="utf-8").rstrip("\r\n")
     except OSError as error:
-        raise BadInput(f"{named}: {(error.strerror or str(error)).lower()}; a file with the password alone") from None
+        raise BadInput(f"{key}: {_reason(error)}; it must be a file that holds only the password") from None
     except UnicodeDecodeError:
-        raise BadInput(f"{named}: not UTF-8 text; a file with the password alone") from None
+        raise BadInput(f"{key}: not UTF-8 text; it must be a file that holds only the password") from None
     if not password or "\n" in password:
-        raise BadInput(f"{named}: must hold one line, the password, and holds {len(password.splitlines())}")
+        raise BadInput(f"{key}: must hold one line, the password, and holds {len(password.splitlines())}")
     return password
 
 
 def _tls(scene: Scene) -> ssl.SSLContext | None:
-    asked = scene.hub.mqtt
-    named = f"hub.mqtt.ca_file = {asked.ca_file!r}"
-    if not asked.tls:
-        if asked.ca_file:
-            raise BadInput(f"{named}: is for an encrypted connection; set hub.mqtt.tls = true, or take it out")
+    config = scene.hub.mqtt
+    key = f"hub.mqtt.ca_file = {config.ca_file!r}"
+    if not config.tls:
+        if config.ca_file:
+            raise BadInput(f"{key}: applies to an encrypted connection; set hub.mqtt.tls = true, or remove it")
         return None
     try:
-        return ssl.create_default_context(cafile=str(scene.place(asked.ca_file)) if asked.ca_file else None)
+        return ssl.create_default_context(cafile=str(scene.place(config.ca_file)) if config.ca_file else None)
     except ssl.SSLError:
-        raise BadInput(f"{named}: no certificates in it; the authority of the broker's certificate, PEM") from None
+        raise BadInput(f"{key}: holds no certificate; name the PEM file of the broker's authority") from None
     except OSError as error:
-        raise BadInput(f"{named}: {(error.strerror or str(error)).lower()}; the broker's authority, PEM") from None
+        raise BadInput(f"{key}: {_reason(error)}; name the PEM file of the broker's authority") from None
 
 
-def incurable(error: MqttError, broker: Broker, asked: MqttConfig) -> str | None:
-    """A fault at the first connection that trying again does not cure, as one line; None: it may pass."""
-    said = str(error)
-    if isinstance(error, MqttCodeError) and any(words in said.lower() for words in IDENTITY):
-        who = f"user {broker.username!r}" if broker.username else "who has no name"
-        way_out = "hub.mqtt.username and hub.mqtt.password_file"
-        return f"hub.mqtt: the broker at {broker.address} refuses {who}: {_plain(said)}; see {way_out}"
-    if "certificate verify failed" in said.lower():
-        reason = said.partition("certificate verify failed:")[2].partition("(_ssl")[0].strip()
-        way_out = "name its authority here, or in hub.mqtt.host the name that it is for"
-        named = f"hub.mqtt.ca_file = {asked.ca_file!r}"
-        return f"{named}: the certificate of {broker.address} is not valid: {reason}; {way_out}"
+def permanent_fault(error: MqttError, broker: MqttBroker, config: MqttConfig) -> str | None:
+    """One line for a fault at the first connection that trying again does not cure; None: it may pass."""
+    text = str(error)
+    if isinstance(error, MqttCodeError) and any(fault in text.lower() for fault in IDENTITY_FAULTS):
+        user = f"user {broker.username!r}" if broker.username else "a client without a user name"
+        keys = "hub.mqtt.username and hub.mqtt.password_file"
+        return f"hub.mqtt: the broker at {broker.address} refuses {user}: {_plain(text)}; see {keys}"
+    if "certificate verify failed" in text.lower():
+        reason = text.partition("certificate verify failed:")[2].partition("(_ssl")[0].strip()
+        way_out = "name its authority here, or set hub.mqtt.host to the name in the certificate"
+        key = f"hub.mqtt.ca_file = {config.ca_file!r}"
+        return f"{key}: the certificate of {broker.address} is not valid: {reason}; {way_out}"
     return None
 
 
-def in_words(error: MqttError, broker: Broker) -> str:
+def fault_text(error: MqttError, broker: MqttBroker) -> str:
     """Why there is no connection now, in a few words."""
-    said = _plain(str(error.__cause__ or error))
-    if "WRONG_VERSION_NUMBER" in said or "RECORD_LAYER_FAILURE" in said:
-        return f"{broker.address} does not speak TLS; hub.mqtt.port is for TLS {TLS_PORT} by custom, else {PORT}"
-    return said
+    text = _plain(str(error.__cause__ or error))
+    if "wrong_version_number" in text or "record_layer_failure" in text:
+        ports = f"the usual ports are {TLS_PORT} with TLS and {PORT} without"
+        return f"{broker.address} does not speak TLS; look at hub.mqtt.port: {ports}"
+    return text
 
 
-def _plain(said: str) -> str:
-    """Without the numbers of errors that the libraries put before their words."""
-    for opening, closing in (("[code:", "] "), ("[Errno ", "] ")):
-        if said.startswith(opening):
-            said = said.partition(closing)[2]
-    return " ".join(said.split()).lower() or "no answer"
+def _plain(text: str) -> str:
+    """Lower case, without the error numbers that libraries put first."""
+    for opening in ("[code:", "[Errno "):
+        if text.startswith(opening):
+            text = text.partition("] ")[2]
+    return " ".join(text.split()).lower() or "no answer"
+
+
+def _reason(error: OSError) -> str:
+    return (error.strerror or str(error)).lower()
+
+
+def remove(scene: Scene) -> int:
+    """Delete everything that hubs have retained for `scene` at its broker; returns how many messages.
+
+    Home Assistant then drops its entities. Raises BadInput while a hub still serves the scene, LabanmeshError when
+    there is no broker.
+    """
+    broker = broker_of(scene, "remove")
+    try:
+        return asyncio.run(_remove(scene, broker))
+    except MqttError as error:
+        fault = permanent_fault(error, broker, scene.hub.mqtt)
+        if fault is not None:
+            raise BadInput(fault) from None
+        reason = fault_text(error, broker)
+        raise LabanmeshError(f"no MQTT broker at {broker.address}: {reason}; is it running?") from None
+
+
+async def _remove(scene: Scene, broker: MqttBroker) -> int:
+    topics = topics_of(scene, broker.bridge)
+    async with broker.client() as client:
+        retained = await _collect(client, topics)
+        ours = {topic for topic, payload in retained.items() if _is_ours(topic, payload, topics)}
+        for bridge in _bridges(retained[topic] for topic in ours):
+            if retained.get(bridge) == ONLINE.encode():
+                raise BadInput(f"{scene.scene}: a hub still serves it ({bridge}); stop that hub first")
+        for topic in sorted(ours):
+            await client.publish(topic, b"", qos=1, retain=True)
+    return len(ours)
+
+
+async def _collect(client: Client, topics: Topics) -> dict[str, bytes]:
+    """All retained messages below the prefixes; raises LabanmeshError when the broker does not let us read them."""
+    end_mark = f"{topics.root}/removing"
+    for topic in (f"{topics.discovery}/+/+/config", f"{topics.root}/#", f"{topics.topics}/+/bridge"):
+        await client.subscribe(topic)
+    # The broker sends it back after all retained messages.
+    await client.publish(end_mark, b"", qos=1)
+    retained: dict[str, bytes] = {}
+    try:
+        async with asyncio.timeout(COLLECT_S):
+            async for message in client.messages:
+                if str(message.topic) == end_mark:
+                    return retained
+                if isinstance(message.payload, bytes):
+                    retained[str(message.topic)] = message.payload
+    except TimeoutError:
+        pass
+    raise LabanmeshError(f"hub.mqtt: the broker does not let us read below {topics.root}; check its access rules")
+
+
+def _is_ours(topic: str, payload: bytes, topics: Topics) -> bool:
+    if topic.startswith(f"{topics.root}/"):
+        return True
+    fields = _json_object(payload)
+    origin = fields.get("origin")
+    ours = isinstance(origin, dict) and origin.get("name") == ORIGIN
+    return ours and str(fields.get("state_topic", "")).startswith(f"{topics.root}/")
+
+
+def _bridges(payloads: Iterable[bytes]) -> set[str]:
+    """The topics under which the hubs of these entities show whether they are connected."""
+    lists = [_json_object(payload).get("availability") for payload in payloads]
+    entries = [entry for entries in lists if isinstance(entries, list) for entry in entries if isinstance(entry, dict)]
+    return {str(entry["topic"]) for entry in entries if str(entry.get("topic")).endswith("/bridge")}
+
+
+def _json_object(payload: bytes) -> dict[str, object]:
+    try:
+        value = json.loads(payload)
+    except ValueError:
+        return {}
+    return value if isinstance(value, dict) else {}

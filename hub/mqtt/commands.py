@@ -1,4 +1,4 @@
-"""The verb `labanmesh hub` with its sub-verbs: what a home gets from a scene."""
+"""The verb `labanmesh hub` with its sub-verbs: scenes for home automation."""
 
 from pathlib import Path
 from typing import Annotated
@@ -6,23 +6,24 @@ from typing import Annotated
 import typer
 
 from common.config import read_scene
+from common.text import plural
 
 hub = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
     no_args_is_help=False,
-    help="""What homes get from a scene.
+    help="""Pass a scene on to home automation.
 
     Example: labanmesh hub mqtt scene.toml
     """,
 )
-# What the front door shows of a verb is its docstring.
+# The front door shows a verb's docstring.
 hub.__doc__ = hub.info.help
 
 
 @hub.callback()
 def _sub_verbs() -> None:
-    """With one sub-verb alone typer would leave its name out."""
+    """With a single sub-verb typer would leave its name out."""
 
 
 _sub_verbs.__doc__ = hub.info.help
@@ -33,10 +34,10 @@ def mqtt(
     scenes: Annotated[list[Path], typer.Argument(metavar="SCENE...", help="The scene files, as given to fuse.")],
     remove: Annotated[
         bool,
-        typer.Option("--remove", help="Take the scenes out of the broker, and so out of Home Assistant; then end."),
+        typer.Option("--remove", help="Delete the scenes from the broker, and so from Home Assistant; then end."),
     ] = False,
 ) -> None:
-    """Home Assistant and others through an MQTT broker, as [hub.mqtt] of the scene file says: states and verdicts.
+    """Publish states and verdicts to an MQTT broker, for Home Assistant and others, as [hub.mqtt] configures it.
 
     Example: labanmesh hub mqtt scene.toml
 
@@ -45,14 +46,15 @@ def mqtt(
     Example: labanmesh hub mqtt scene.toml --remove
     """
     from common.lifecycle import log_to_stderr, stop_on_signals
-    from hub.mqtt.removal import remove as take_out
+    from hub.mqtt.broker import remove as remove_scene
     from hub.mqtt.service import serve
 
-    named = [read_scene(path) for path in scenes]
+    configs = [read_scene(path) for path in scenes]
     if remove:
-        for scene in named:
-            print(f"{scene.scene}: {take_out(scene)} retained messages taken out of the broker", flush=True)
+        for scene in configs:
+            number = remove_scene(scene)
+            print(f"{scene.scene}: {plural(number, 'retained message')} deleted from the broker", flush=True)
         return
     log_to_stderr()
     with stop_on_signals() as stop:
-        serve(named, stop)
+        serve(configs, stop)

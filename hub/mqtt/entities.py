@@ -1,59 +1,167 @@
-"""What Home Assistant shall show of a scene: its discovery messages, one for each entity. Pure.
+"""Topics, ids and Home Assistant discovery messages of one scene; stable over restarts. Pure.
 
-Each component is discovered by itself, which every version since 2021 understands; `event` needs 2023.8.
+1. Ids of scenes and observers are lower case and what joins them is upper case, so that no two ids collide.
+2. All topics of a scene lie below one root; discovery messages lie below Home Assistant's prefix.
+3. Each component is discovered by itself, which every version since 2021 understands; `event` needs 2023.8.
 """
 
 import json
-from collections.abc import Iterator, Sequence
+import re
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Final
 
+from common.errors import BadInput
+from common.facets import EFFORT, SHAPE
 from common.vocabulary import ABSTAIN
-from hub.mqtt.facets import facet_sensors
-from hub.mqtt.names import ORIGIN, Names
 
+TOPIC = re.compile(r"[a-zA-Z0-9_-]+(/[a-zA-Z0-9_-]+)*\Z")
+DEFAULTS = {"hub.mqtt.discovery": "homeassistant", "hub.mqtt.topics": "labanmesh"}
+ORIGIN = "labanmesh"
+"""The origin in our discovery messages, by which they are recognised."""
 EXPIRE_S = 30
-"""A movement that was not said to go on for so long is not known to."""
+"""A movement's binary sensor becomes unknown when it is not repeated for this long."""
 BITS = {"unit_of_measurement": "bit", "state_class": "measurement"}
 PERCENT = {"unit_of_measurement": "%", "state_class": "measurement"}
 SECONDS = {"unit_of_measurement": "s", "state_class": "measurement", "device_class": "duration"}
 HERTZ = {"unit_of_measurement": "Hz", "state_class": "measurement", "device_class": "frequency"}
+FACING: Final = "facing"
+FACET_ICONS: Mapping[str, str] = {
+    "effort_time": "mdi:timer-outline",
+    "effort_weight": "mdi:weight",
+    "effort_space": "mdi:target",
+    "effort_flow": "mdi:waves",
+    "shape_horizontal": "mdi:arrow-left-right",
+    "shape_vertical": "mdi:arrow-up-down",
+    "shape_sagittal": "mdi:arrow-top-right-bottom-left",
+}
+
+
+def checked_prefix(value: str, key: str) -> str:
+    """`value` if a topic may begin with it; raises BadInput that names the scene file's `key`."""
+    if not TOPIC.match(value):
+        rule = "parts of a-z, A-Z, 0-9, _ and -, with / between them"
+        raise BadInput(f"{key} = {value!r}: {rule}; leave it out for {DEFAULTS[key]!r}")
+    return value
+
+
+def bridge_topic(topics: str, first_scene: str) -> str:
+    """Where a hub publishes whether it is connected; several scenes share the topic of the first."""
+    return f"{topics}/{first_scene}/bridge"
+
+
+@dataclass(frozen=True, slots=True)
+class Topics:
+    """All topics and ids of `scene`; `bridge` is the topic that shows whether its hub is connected.
+
+    The payloads are described in docs/guide/home.md.
+    """
+
+    scene: str
+    bridge: str
+    topics: str = "labanmesh"
+    discovery: str = "homeassistant"
+
+    @property
+    def root(self) -> str:
+        """The topic below which everything of the scene lies."""
+        return f"{self.topics}/{self.scene}"
+
+    @property
+    def availability(self) -> str:
+        """`online` while the scene is judged."""
+        return f"{self.root}/availability"
+
+    @property
+    def state(self) -> str:
+        """JSON: the movement in progress."""
+        return f"{self.root}/state"
+
+    @property
+    def votes(self) -> str:
+        """JSON: the vote of each observer."""
+        return f"{self.root}/votes"
+
+    @property
+    def facets(self) -> str:
+        """JSON: how the movement is done."""
+        return f"{self.root}/facets"
+
+    @property
+    def verdict(self) -> str:
+        """JSON, an event: a movement was decided."""
+        return f"{self.root}/verdict"
+
+    @property
+    def ended(self) -> str:
+        """JSON, an event: a movement has ended."""
+        return f"{self.root}/ended"
+
+    @property
+    def early(self) -> str:
+        """JSON, an event: a movement is named before it is decided, or what became of that."""
+        return f"{self.root}/early"
+
+    @property
+    def last_verdict(self) -> str:
+        """JSON: the newest verdict, from which a restarted hub continues."""
+        return f"{self.root}/last_verdict"
+
+    def movement(self, label: str) -> str:
+        """`ON` from the decision to the end of this movement."""
+        return f"{self.root}/movement/{label}"
+
+    def observer(self, observer: str, what: str) -> str:
+        """One of an observer's topics: availability, connected, health, state."""
+        return f"{self.root}/observer/{observer}/{what}"
+
+    def device(self, observer: str = "") -> str:
+        """The id of the scene's device, or of an observer's."""
+        return f"labanmesh_{self.scene}" + (f"_OBSERVER_{observer}" if observer else "")
+
+    def entity(self, what: str, observer: str = "", label: str = "") -> str:
+        """The unique id of an entity, `what` in upper case."""
+        return f"{self.device(observer)}_{what}" + (f"_{label}" if label else "")
+
+    def config(self, component: str, unique_id: str) -> str:
+        """Where Home Assistant looks for the discovery message of an entity."""
+        return f"{self.discovery}/{component}/{unique_id}/config"
 
 
 @dataclass(frozen=True, slots=True)
 class Entity:
-    """One entity: its component, the last part of its id in upper case, its name, and what else Home Assistant is told.
+    """One entity. what: the last part of its id, upper case. availability: topics that must all be `online`.
 
-    observer: whose it is; "": the scene's own. availability: the topics that must all say `online`.
+    observer: whose it is; "": the scene's. settings: its other keys in the discovery message.
     """
 
     component: str
     what: str
     name: str
-    more: dict[str, Any]
+    settings: dict[str, Any]
     availability: Sequence[str]
     observer: str = ""
     label: str = ""
     device: dict[str, Any] = field(default_factory=dict)
 
-    def config(self, names: Names) -> tuple[str, str]:
-        """Topic and payload of its discovery."""
-        unique_id = names.entity(self.what, self.observer, self.label)
-        said = {
+    def discovery(self, topics: Topics) -> tuple[str, str]:
+        """Topic and payload of its discovery message."""
+        unique_id = topics.entity(self.what, self.observer, self.label)
+        payload = {
             "name": self.name,
             "unique_id": unique_id,
             "has_entity_name": True,
-            **self.more,
+            **self.settings,
             "availability": [{"topic": topic} for topic in self.availability],
             "availability_mode": "all",
             "device": self.device,
             "origin": {"name": ORIGIN},
         }
-        return names.config(self.component, unique_id), json.dumps(said)
+        return topics.config(self.component, unique_id), json.dumps(payload)
 
 
 def discovery(
-    names: Names,
+    topics: Topics,
     observers: Sequence[str],
     labels: Sequence[str],
     movements: Sequence[str],
@@ -61,76 +169,94 @@ def discovery(
     facets: frozenset[str] = frozenset(),
     early: bool = False,
 ) -> dict[str, str]:
-    """Topic and payload for each entity of the scene; verdicts have none while the `labels` are unknown.
+    """Topic and payload for each entity of the scene; without `labels` there are no event entities.
 
-    facets: those that somebody says. early: whether movements are named before they are decided.
+    movements: those with a binary sensor. facets: those that observers report. early: whether there are early words.
     """
-    found = [*_scene(names, movements, area, facets), *_events(names, labels, area, early)]
-    found += [entity for observer in observers for entity in _observer(names, observer, area)]
-    return dict(entity.config(names) for entity in found)
+    entities = [*_scene(topics, movements, area, facets), *_events(topics, labels, area, early)]
+    entities += [entity for observer in observers for entity in _observer(topics, observer, area)]
+    return dict(entity.discovery(topics) for entity in entities)
 
 
-def _events(names: Names, labels: Sequence[str], area: str, early: bool) -> Iterator[Entity]:
-    device = _device(names, names.scene, "scene", area)
-    said = [
-        ("VERDICT", "Verdict", names.verdict, "mdi:gavel"),
-        ("ENDED", "Movement ended", names.ended, "mdi:flag-checkered"),
-        *([("EARLY", "Early word", names.early, "mdi:crystal-ball")] if early else []),
+def _events(topics: Topics, labels: Sequence[str], area: str, early: bool) -> Iterator[Entity]:
+    device = _device(topics, topics.scene, "scene", area)
+    events = [
+        ("VERDICT", "Verdict", topics.verdict, "mdi:gavel"),
+        ("ENDED", "Movement ended", topics.ended, "mdi:flag-checkered"),
+        *([("EARLY", "Early word", topics.early, "mdi:crystal-ball")] if early else []),
     ]
-    for what, name, topic, icon in said if labels else ():
-        more = {"state_topic": topic, "icon": icon, "event_types": [*labels, ABSTAIN]}
-        yield Entity("event", what, name, more, (names.bridge, names.availability), device=device)
+    for what, name, topic, icon in events if labels else ():
+        settings = {"state_topic": topic, "icon": icon, "event_types": [*labels, ABSTAIN]}
+        yield Entity("event", what, name, settings, (topics.bridge, topics.availability), device=device)
 
 
-def _scene(names: Names, movements: Sequence[str], area: str, facets: frozenset[str]) -> Iterator[Entity]:
-    device = _device(names, names.scene, "scene", area)
-    judged = (names.bridge, names.availability)
+def _scene(topics: Topics, movements: Sequence[str], area: str, facets: frozenset[str]) -> Iterator[Entity]:
+    device = _device(topics, topics.scene, "scene", area)
+    available = (topics.bridge, topics.availability)
 
-    def entity(component: str, what: str, name: str, more: dict[str, Any], label: str = "") -> Entity:
-        return Entity(component, what, name, more, judged, label=label, device=device)
+    def entity(component: str, what: str, name: str, settings: dict[str, Any], label: str = "") -> Entity:
+        return Entity(component, what, name, settings, available, label=label, device=device)
 
-    votes = {"json_attributes_topic": names.votes}
-    yield entity("sensor", "MOVEMENT", "Movement", {**_value(names.state, "movement"), **votes, "icon": "mdi:karate"})
-    yield entity("sensor", "CONFIDENCE", "Confidence", _value(names.state, "confidence") | PERCENT)
-    yield entity("sensor", "ENTROPY", "Entropy", _value(names.state, "entropy") | BITS)
-    last = {"json_attributes_topic": names.last_verdict, "icon": "mdi:history"}
-    yield entity("sensor", "LAST_VERDICT", "Last verdict", _value(names.last_verdict, "label") | last)
-    for what, name, more in facet_sensors(names.facets, facets):
-        yield entity("sensor", what, name, more)
+    movement = {"json_attributes_topic": topics.votes, "icon": "mdi:karate"}
+    yield entity("sensor", "MOVEMENT", "Movement", _word(topics.state, "movement") | movement)
+    yield entity("sensor", "CONFIDENCE", "Confidence", _value(topics.state, "confidence") | PERCENT)
+    yield entity("sensor", "ENTROPY", "Entropy", _value(topics.state, "entropy") | BITS)
+    last = {"json_attributes_topic": topics.last_verdict, "icon": "mdi:history"}
+    yield entity("sensor", "LAST_VERDICT", "Last verdict", _word(topics.last_verdict, "label") | last)
+    for facet in (*EFFORT, *SHAPE):
+        if facet in facets:
+            yield entity("sensor", facet.upper(), facet.replace("_", " ").capitalize(), _facet(topics.facets, facet))
+    if FACING in facets:
+        compass = {"unit_of_measurement": "°", "icon": "mdi:compass"}
+        yield entity("sensor", FACING.upper(), "Facing", _value(topics.facets, FACING) | compass)
     for label in movements:
-        more = {"state_topic": names.movement(label), "expire_after": EXPIRE_S, "icon": "mdi:human-handsup"}
-        yield entity("binary_sensor", "DOES", label.replace("_", " ").capitalize(), more, label)
+        settings = {"state_topic": topics.movement(label), "expire_after": EXPIRE_S, "icon": "mdi:human-handsup"}
+        yield entity("binary_sensor", "DOES", label.replace("_", " ").capitalize(), settings, label)
 
 
-def _observer(names: Names, observer: str, area: str) -> Iterator[Entity]:
-    device = _device(names, f"{names.scene} {observer}", "observer", area, observer)
-    there = (names.bridge, names.observer(observer, "availability"))
+def _observer(topics: Topics, observer: str, area: str) -> Iterator[Entity]:
+    device = _device(topics, f"{topics.scene} {observer}", "observer", area, observer)
+    available = (topics.bridge, topics.observer(observer, "availability"))
     diagnostic = {"entity_category": "diagnostic"}
-    connected = {"state_topic": names.observer(observer, "connected"), "device_class": "connectivity", **diagnostic}
-    # Whether it is connected is known as long as the hub is: it says off where all else is unavailable.
-    yield Entity("binary_sensor", "CONNECTED", "Connected", connected, (names.bridge,), observer, device=device)
-    health, state = names.observer(observer, "health"), names.observer(observer, "state")
+    connected = {"state_topic": topics.observer(observer, "connected"), "device_class": "connectivity", **diagnostic}
+    # It shows "off" when the observer's other entities are unavailable, so it depends on the hub alone.
+    yield Entity("binary_sensor", "CONNECTED", "Connected", connected, (topics.bridge,), observer, device=device)
+    health, state = topics.observer(observer, "health"), topics.observer(observer, "state")
+    sensors = [
+        ("OPINION", "Opinion", _word(health, "opinion") | {"icon": "mdi:flag"}),
+        ("STATE", "State", _word(health, "state") | diagnostic | {"json_attributes_topic": health}),
+        ("ENTROPY", "Entropy", _value(state, "entropy") | BITS | diagnostic),
+        ("WEIGHT", "Weight", _value(state, "weight") | PERCENT | diagnostic),
+        ("RELIABILITY", "Reliability", _value(state, "reliability") | {"state_class": "measurement"} | diagnostic),
+        ("AGE", "Age", _value(state, "age") | SECONDS | diagnostic),
+        ("RATE", "Rate", _value(state, "rate") | HERTZ | diagnostic),
+        ("SKEW", "Clock skew", _value(state, "skew") | SECONDS | diagnostic),
+        ("REJECTED", "Rejected messages", _value(state, "rejected") | {"state_class": "total_increasing"} | diagnostic),
+    ]
+    for what, name, settings in sensors:
+        yield Entity("sensor", what, name, settings, available, observer, device=device)
 
-    def sensor(what: str, name: str, topic: str, more: dict[str, Any]) -> Entity:
-        return Entity("sensor", what, name, _value(topic, what.lower()) | more, there, observer, device=device)
 
-    yield sensor("OPINION", "Opinion", health, {"icon": "mdi:flag"})
-    yield sensor("STATE", "State", health, {**diagnostic, "json_attributes_topic": health})
-    yield sensor("ENTROPY", "Entropy", state, BITS | diagnostic)
-    yield sensor("WEIGHT", "Weight", state, PERCENT | diagnostic)
-    yield sensor("RELIABILITY", "Reliability", state, {"state_class": "measurement"} | diagnostic)
-    yield sensor("AGE", "Age", state, SECONDS | diagnostic)
-    yield sensor("RATE", "Rate", state, HERTZ | diagnostic)
-    yield sensor("SKEW", "Clock skew", state, SECONDS | diagnostic)
-    yield sensor("REJECTED", "Rejected messages", state, {"state_class": "total_increasing"} | diagnostic)
-
-
-def _device(names: Names, name: str, model: str, area: str, observer: str = "") -> dict[str, Any]:
-    via = {"via_device": names.device()} if observer else {}
+def _device(topics: Topics, name: str, model: str, area: str, observer: str = "") -> dict[str, Any]:
+    via = {"via_device": topics.device()} if observer else {}
     suggested = {"suggested_area": area} if area else {}
-    return {"identifiers": [names.device(observer)], "name": name, "manufacturer": "labanmesh", "model": model,
+    return {"identifiers": [topics.device(observer)], "name": name, "manufacturer": "labanmesh", "model": model,
             **via, **suggested}  # fmt: skip
 
 
 def _value(topic: str, field: str) -> dict[str, Any]:
+    """A number of a JSON state; Home Assistant reads null as unknown."""
     return {"state_topic": topic, "value_template": "{{ value_json." + field + " }}"}
+
+
+def _word(topic: str, field: str) -> dict[str, Any]:
+    """A word of a JSON state; Home Assistant would show null as the word "None"."""
+    return {"state_topic": topic, "value_template": "{{ value_json." + field + " or 'unknown' }}"}
+
+
+def _facet(topic: str, facet: str) -> dict[str, Any]:
+    return _word(topic, f"{facet}.pole") | {
+        "json_attributes_topic": topic,
+        "json_attributes_template": "{{ {'probability': value_json." + facet + ".probability} | tojson }}",
+        "icon": FACET_ICONS[facet],
+    }

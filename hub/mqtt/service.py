@@ -1,9 +1,9 @@
-"""The hub for MQTT: scenes on the mesh on one side, a broker on the other, and a loop that passes on what is due.
+"""The MQTT hub: listens to scenes on the mesh, and publishes what is due to one broker.
 
-1. Each scene is listened to in a thread (ear.py) and looked at four times a second, at once for a verdict or when a
-   movement can be named early (bridge.py).
-2. A broken connection is tried again, ever more slowly; said once when it breaks and once when it is back.
-3. On each new connection everything is said again, and when Home Assistant says that it has come.
+1. Each scene is listened to in a thread (listener.py). The loop looks at it four times a second, and at once for a
+   verdict or an early word (bridge.py).
+2. A broken connection is tried again, with growing pauses; its loss and its return are logged once each.
+3. Everything is published again on each new connection and when Home Assistant announces its start.
 """
 
 import asyncio
@@ -12,7 +12,7 @@ import threading
 import time
 from collections.abc import Sequence
 from contextlib import ExitStack
-from functools import partial
+from dataclasses import dataclass
 
 from aiomqtt import Client, MqttError
 
@@ -21,52 +21,51 @@ from common.errors import BadInput
 from common.link import Link
 from common.messages import JudgementMessage, VerdictMessage
 from common.notify import Notifier
+from common.text import plural
 from hub.anticipation import is_early
-from hub.mqtt.bridge import Publication, SceneBridge
-from hub.mqtt.broker import Broker, broker_of, in_words, incurable
-from hub.mqtt.ear import Ear
-from hub.mqtt.picture import FAST_S, OFFLINE, ONLINE
-from hub.mqtt.scenes import bridge_of, require_one_broker
-from hub.mqtt.verdicts import recalled
-from hub.session import Heard
-from hub.telling import Teller, telling
+from hub.instrumentation import HubInstrumentation, instrumented
+from hub.mqtt.bridge import SceneBridge, bridge_of, require_one_broker
+from hub.mqtt.broker import MqttBroker, broker_of, fault_text, permanent_fault
+from hub.mqtt.events import Publication, recalled_ns
+from hub.mqtt.listener import SceneListener
+from hub.mqtt.states import FAST_S, OFFLINE, ONLINE
+from hub.session import SceneUpdate
 
 LOOK_S = FAST_S
 FIRST_PAUSE_S, LONGEST_PAUSE_S = 0.5, 15.0
 RECALL_S = 2.0
-"""How long the broker may take to tell what an earlier hub has left there."""
+"""How long the broker may take to return what an earlier hub has left there."""
 CHECK_S = 0.05
 BROKER = "the broker"
 
 log = logging.getLogger("labanmesh.hub")
 
 
-class Hub:
+@dataclass(frozen=True, slots=True)
+class _ServedScene:
+    bridge: SceneBridge
+    listener: SceneListener
+
+
+class MqttHub:
     """All scenes of one process on their way to one broker."""
 
-    def __init__(self, scenes: Sequence[Scene], broker: Broker, stop: threading.Event, teller: Teller) -> None:
-        self._broker, self._stop, self._teller = broker, stop, teller
-        self._asked: MqttConfig = scenes[0].hub.mqtt
+    def __init__(
+        self, scenes: Sequence[Scene], broker: MqttBroker, stop: threading.Event, instrumentation: HubInstrumentation
+    ) -> None:
+        self._broker, self._stop, self._instrumentation = broker, stop, instrumentation
+        self._config: MqttConfig = scenes[0].hub.mqtt
         self._scenes = scenes
-        self._bridges = [bridge_of(scene, broker.bridge) for scene in scenes]
-        self._ears: list[Ear] = []
+        self._served: list[_ServedScene] = []
         self._supervisor = Notifier.from_environment()
         self._news = asyncio.Event()
         self._connected_once = False
-        self._trouble = ""
-        self._told_unknown: set[str] = set()
+        self._fault = ""
+        self._unknown_movements: set[str] = set()
 
     async def run(self) -> None:
-        """Until told to stop; raises LabanmeshError when the first connection is refused for good."""
-        loop = asyncio.get_running_loop()
-
-        def note(heard: Heard, certainty: float) -> None:
-            self._teller.heard(heard)
-            said = heard.message
-            if isinstance(said, VerdictMessage) or (isinstance(said, JudgementMessage) and is_early(said, certainty)):
-                _call(loop, self._news)
-
-        self._teller.reaches(BROKER, "not yet")
+        """Serve until told to stop; raises BadInput when the broker refuses the first connection for good."""
+        self._instrumentation.record_connection(BROKER, "not yet")
         with ExitStack() as stack:
             stack.enter_context(self._supervisor)
             links: dict[str, Link] = {}
@@ -74,9 +73,21 @@ class Hub:
                 mesh = scene.mesh.model_dump_json()
                 if mesh not in links:
                     links[mesh] = stack.enter_context(Link.open(scene.mesh, "hub"))
-                ear = Ear(scene, links[mesh], partial(note, certainty=scene.hub.certainty))
-                self._ears.append(stack.enter_context(ear))
+                listener = stack.enter_context(self._listener(scene, links[mesh]))
+                self._served.append(_ServedScene(bridge_of(scene, self._broker.bridge), listener))
             await self._stay_connected()
+
+    def _listener(self, scene: Scene, link: Link) -> SceneListener:
+        loop, certainty = asyncio.get_running_loop(), scene.hub.certainty
+
+        def note(update: SceneUpdate) -> None:
+            self._instrumentation.record(update)
+            message = update.message
+            early = isinstance(message, JudgementMessage) and is_early(message, certainty)
+            if early or isinstance(message, VerdictMessage):
+                _set_from_thread(loop, self._news)
+
+        return SceneListener(scene, link, note)
 
     async def _stay_connected(self) -> None:
         pause_s = FIRST_PAUSE_S
@@ -86,16 +97,16 @@ class Hub:
                     pause_s = FIRST_PAUSE_S
                     await self._serve(client)
             except MqttError as error:
-                self._note_trouble(error)
+                self._note_fault(error)
                 log.debug("the next try in %g s", pause_s)
                 await self._pause(pause_s)
                 pause_s = min(2 * pause_s, LONGEST_PAUSE_S)
 
     async def _serve(self, client: Client) -> None:
-        await self._settle(client)
-        births = asyncio.create_task(self._hear_births(client))
-        speaking = asyncio.create_task(self._speak(client))
-        done, pending = await asyncio.wait((births, speaking), return_when=asyncio.FIRST_COMPLETED)
+        await self._begin(client)
+        births = asyncio.create_task(self._await_births(client))
+        publishing = asyncio.create_task(self._publish_all(client))
+        done, pending = await asyncio.wait((births, publishing), return_when=asyncio.FIRST_COMPLETED)
         for task in pending:
             task.cancel()
         await asyncio.gather(*pending, return_exceptions=True)
@@ -103,93 +114,94 @@ class Hub:
             task.result()
         await client.publish(self._broker.bridge, OFFLINE, qos=1, retain=True)
 
-    async def _settle(self, client: Client) -> None:
-        """First words on a new connection: we are there; and the first time, what an earlier hub has said last."""
+    async def _begin(self, client: Client) -> None:
+        """Start a connection: publish that the hub is online, and the first time recall the last verdicts."""
         if not self._connected_once:
             await self._recall(client)
         await client.publish(self._broker.bridge, ONLINE, qos=1, retain=True)
-        await client.subscribe(self._births)
-        for bridge in self._bridges:
-            bridge.recall(None)
-            bridge.forget()
+        await client.subscribe(self._birth_topic)
+        for served in self._served:
+            served.bridge.recall(None)
+            served.bridge.forget()
         log.info("connected to the MQTT broker at %s as %s", self._broker.address, self._broker.identifier)
         self._supervisor.status(f"connected to the MQTT broker at {self._broker.address}")
-        self._teller.reaches(BROKER)
-        self._connected_once, self._trouble = True, ""
+        self._instrumentation.record_connection(BROKER)
+        self._connected_once, self._fault = True, ""
 
     async def _recall(self, client: Client) -> None:
-        left = {bridge.names.last_verdict: bridge for bridge in self._bridges}
-        for topic in (*left, self._broker.bridge):
+        bridges = {served.bridge.topics.last_verdict: served.bridge for served in self._served}
+        for topic in (*bridges, self._broker.bridge):
             await client.subscribe(topic)
-        # What was left there comes before the echo of our own word, which is not a retained one.
+        # Retained messages arrive before the echo of this one, which is not marked as retained.
         await client.publish(self._broker.bridge, ONLINE, qos=1, retain=True)
         try:
             async with asyncio.timeout(RECALL_S):
                 async for message in client.messages:
                     if not message.retain:
                         break
-                    if str(message.topic) in left and isinstance(message.payload, bytes):
-                        left[str(message.topic)].recall(recalled(message.payload))
+                    if str(message.topic) in bridges and isinstance(message.payload, bytes):
+                        bridges[str(message.topic)].recall(recalled_ns(message.payload))
         except TimeoutError:
-            log.warning("the broker does not let %s read below %s", self._broker.identifier, self._asked.topics)
-        await client.unsubscribe([*left, self._broker.bridge])
+            log.warning("the broker does not let %s read below %s", self._broker.identifier, self._config.topics)
+        await client.unsubscribe([*bridges, self._broker.bridge])
         self._connected_once = True
 
     @property
-    def _births(self) -> str:
-        return f"{self._asked.discovery}/status"
+    def _birth_topic(self) -> str:
+        return f"{self._config.discovery}/status"
 
-    async def _hear_births(self, client: Client) -> None:
+    async def _await_births(self, client: Client) -> None:
         async for message in client.messages:
-            # A retained one is older than our connection, on which all was said.
-            if str(message.topic) == self._births and message.payload == ONLINE.encode() and not message.retain:
-                log.info("Home Assistant has come back: everything is said again")
-                for bridge in self._bridges:
-                    bridge.forget()
+            # A retained one is older than our connection, on which everything was published.
+            if str(message.topic) == self._birth_topic and message.payload == ONLINE.encode() and not message.retain:
+                log.info("Home Assistant has started: publishing everything again")
+                for served in self._served:
+                    served.bridge.forget()
                 self._news.set()
 
-    async def _speak(self, client: Client) -> None:
+    async def _publish_all(self, client: Client) -> None:
         while not self._stop.is_set():
             self._news.clear()
-            await asyncio.gather(
-                *(self._pass_on(client, *pair) for pair in zip(self._bridges, self._ears, strict=True))
-            )
+            await asyncio.gather(*(self._publish_scene(client, served) for served in self._served))
             await self._wait(LOOK_S)
 
-    async def _pass_on(self, client: Client, bridge: SceneBridge, ear: Ear) -> None:
+    async def _publish_scene(self, client: Client, served: _ServedScene) -> None:
         now_s = time.monotonic()
-        self._look_after(bridge, ear, now_s)
-        if not ear.listens:
+        self._take_verdicts(served, now_s)
+        bridge, listener = served.bridge, served.listener
+        if not listener.ready:
             return
-        due = bridge.look(ear.state, ear.tokens, now_s)
-        while (event := bridge.event(now_s)) is not None:
+        due = bridge.due_states(listener.state, listener.tokens, now_s)
+        while (event := bridge.next_event(now_s)) is not None:
             await _publish(client, event, qos=1)
-            bridge.event_taken()
+            bridge.confirm_event()
         for publication in due:
             await _publish(client, publication, qos=0)
 
-    def _look_after(self, bridge: SceneBridge, ear: Ear, now_s: float) -> None:
-        ear.check()
-        while ear.verdicts:
-            verdict, told = ear.verdicts.popleft()
-            bridge.hear(verdict, now_s, told)
-        unknown = set(bridge.movements) - set(ear.state.labels) if ear.state.labels else set()
-        for label in sorted(unknown - self._told_unknown):
-            self._told_unknown.add(label)
-            known = ", ".join(ear.state.labels)
-            log.warning("hub.mqtt.movements: %r is none of %s's movements; known: %s", label, bridge.names.scene, known)
+    def _take_verdicts(self, served: _ServedScene, now_s: float) -> None:
+        bridge, listener = served.bridge, served.listener
+        listener.check()
+        while listener.verdicts:
+            arrived = listener.verdicts.popleft()
+            bridge.receive(arrived.verdict, now_s, arrived.answered)
+        labels = listener.state.labels
+        unknown = set(bridge.movements) - set(labels) if labels else set()
+        for label in sorted(unknown - self._unknown_movements):
+            self._unknown_movements.add(label)
+            scene, known = bridge.topics.scene, ", ".join(labels)
+            log.warning("hub.mqtt.movements: %r is no movement of %s; known: %s", label, scene, known)
 
     async def _pause(self, seconds: float) -> None:
-        """So long without a broker; what is heard is kept for as long as it counts."""
+        """Pause without a broker; verdicts are still received."""
         end_s = time.monotonic() + seconds
         while not self._stop.is_set() and time.monotonic() < end_s:
-            for bridge, ear in zip(self._bridges, self._ears, strict=True):
-                self._look_after(bridge, ear, time.monotonic())
+            for served in self._served:
+                self._take_verdicts(served, time.monotonic())
             self._news.clear()
             await self._wait(min(LOOK_S, max(0.0, end_s - time.monotonic())))
 
     async def _wait(self, seconds: float) -> None:
-        """Until news or for so long; a stop is seen soon."""
+        """Wait for news, a stop, or this long."""
         self._supervisor.alive()
         end_s = time.monotonic() + seconds
         while not (self._stop.is_set() or self._news.is_set()) and (left_s := end_s - time.monotonic()) > 0:
@@ -198,50 +210,53 @@ class Hub:
             except TimeoutError:
                 continue
 
-    def _note_trouble(self, error: MqttError) -> None:
-        final = None if self._connected_once else incurable(error, self._broker, self._asked)
-        if final is not None:
-            raise BadInput(final)
-        trouble = in_words(error, self._broker)
-        if not self._trouble:
-            log.warning("no MQTT broker at %s: %s; trying again until it is there", self._broker.address, trouble)
-            self._supervisor.status(f"no MQTT broker at {self._broker.address}: {trouble}")
-        self._teller.reaches(BROKER, trouble)
-        self._trouble = trouble
+    def _note_fault(self, error: MqttError) -> None:
+        permanent = None if self._connected_once else permanent_fault(error, self._broker, self._config)
+        if permanent is not None:
+            raise BadInput(permanent)
+        fault = fault_text(error, self._broker)
+        if not self._fault:
+            log.warning("no MQTT broker at %s: %s; trying again until it is there", self._broker.address, fault)
+            self._supervisor.status(f"no MQTT broker at {self._broker.address}: {fault}")
+        self._instrumentation.record_connection(BROKER, fault)
+        self._fault = fault
 
-    def account(self) -> None:
-        """Say what was left out, if anything was."""
-        for bridge, ear in zip(self._bridges, self._ears, strict=True):
-            if bridge.left_out:
-                log.warning("%s: %d verdicts found no broker in time", bridge.names.scene, bridge.left_out)
-            if ear.dropped:
-                log.warning("%s: %d messages came faster than they were read", bridge.names.scene, ear.dropped)
+    def log_losses(self) -> None:
+        """Log what was left out, if anything was."""
+        for served in self._served:
+            scene, left_out, dropped = served.bridge.topics.scene, served.bridge.left_out, served.listener.dropped
+            if left_out:
+                log.warning("%s: %s found no broker in time", scene, plural(left_out, "event"))
+            if dropped:
+                log.warning("%s: %s lost to a full queue", scene, plural(dropped, "message"))
 
 
 def serve(scenes: Sequence[Scene], stop: threading.Event) -> None:
-    """Pass on what is heard of `scenes` until `stop` is set; raises BadInput for what cannot be used."""
+    """Publish `scenes` to their broker until `stop` is set; raises BadInput for settings that cannot be used."""
     broker = broker_of(scenes[0])
     require_one_broker(scenes)
+    for scene in scenes:
+        bridge_of(scene, broker.bridge)
 
-    async def hub(teller: Teller) -> None:
-        served = Hub(scenes, broker, stop, teller)
+    async def run(instrumentation: HubInstrumentation) -> None:
+        hub = MqttHub(scenes, broker, stop, instrumentation)
         try:
-            await served.run()
+            await hub.run()
         finally:
-            served.account()
+            hub.log_losses()
 
-    with telling(scenes, "mqtt") as teller:
-        asyncio.run(hub(teller))
+    with instrumented(scenes, "mqtt") as instrumentation:
+        asyncio.run(run(instrumentation))
 
 
 async def _publish(client: Client, publication: Publication, qos: int) -> None:
     await client.publish(publication.topic, publication.payload, qos=qos, retain=publication.retain)
 
 
-def _call(loop: asyncio.AbstractEventLoop, news: asyncio.Event) -> None:
-    """From another thread; a loop that has ended needs no news."""
+def _set_from_thread(loop: asyncio.AbstractEventLoop, event: asyncio.Event) -> None:
+    """Set `event` from another thread; nothing to do when the loop has ended."""
     try:
-        loop.call_soon_threadsafe(news.set)
+        loop.call_soon_threadsafe(event.set)
     except RuntimeError:
         if not loop.is_closed():
             raise

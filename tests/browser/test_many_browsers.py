@@ -62,7 +62,7 @@ def sleeper(url):
 def test_fifty_browsers_lose_no_verdict_and_memory_is_flat(theatre, look):
     referee, dashboard = theatre()
     page = look(dashboard.url)
-    page.wait_for_selector(".judge")
+    page.wait_for_selector(".observer")
     # In a thread of its own: playwright has an event loop in this one.
     with sleeper(dashboard.url), ThreadPoolExecutor(1) as pool:
         told = pool.submit(lambda: asyncio.run(fifty(dashboard.url, referee, dashboard.memory_kb)))

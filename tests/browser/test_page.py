@@ -17,7 +17,7 @@ SEEN = """label => new Promise(done => {
   watcher.observe(document.body, {subtree: true, childList: true, characterData: true});
   look();
 })"""
-SAYS = """([name, word]) => [...document.querySelectorAll('.judge')].some(
+SAYS = """([name, word]) => [...document.querySelectorAll('.observer')].some(
   judge => judge.querySelector('h3').textContent === name && judge.innerText.includes(word))"""
 OBSERVER = """
 import sys
@@ -51,7 +51,7 @@ def observer():
 def test_a_verdict_is_on_the_page_within_300_ms(theatre, look):
     referee, dashboard = theatre()
     page = look(dashboard.url)
-    page.wait_for_selector(".judge")
+    page.wait_for_selector(".observer")
     delays = []
     for label in ("byebye", "maestro", "ok", "nthrow", "byebye", "ok"):
         page.evaluate(f"label => {{ window.seen = ({SEEN})(label); }}", label)
@@ -82,7 +82,7 @@ def test_who_is_killed_is_shown_within_two_seconds(theatre, look, observer):
 def test_why_opens_by_the_keyboard_and_stays_open(theatre, look):
     referee, dashboard = theatre()
     page = look(dashboard.url)
-    page.wait_for_selector(".judge")
+    page.wait_for_selector(".observer")
     referee.say("v1")
     button = page.get_by_role("button", name="Why nthrow")
     button.focus()
@@ -99,7 +99,7 @@ def test_why_opens_by_the_keyboard_and_stays_open(theatre, look):
 def test_how_it_is_done_and_what_each_judge_gave_are_shown(theatre, look, width):
     referee, dashboard = theatre()
     page = look(dashboard.url, width=width)
-    page.wait_for_selector(".judge")
+    page.wait_for_selector(".observer")
     assert not page.locator("#manner").is_visible() and not page.locator("#facing-fact").is_visible()
     facets = {"effort_time": [0.1, 0.9], "effort_flow": [0.8, 0.2], "shape_vertical": [0.1, 0.2, 0.7]}
     referee.how = {"facets": facets, "facing_deg": 40.0, "unlearned": 0.6}
@@ -132,7 +132,7 @@ def test_two_hundred_observers_are_a_list_that_can_be_read_on_a_phone(theatre, l
     size = page.locator("#list li").nth(7).bounding_box()
     assert size["height"] >= 24 and "camera-007" in page.locator("#list li").nth(7).inner_text()
     page.wait_for_function("() => document.querySelector('#count').textContent.includes('5 silent')")
-    page.get_by_label("only who does not agree").check()
+    page.get_by_label("only those that do not agree").check()
     assert page.locator("#list li:visible").count() == 50 + 3, "who holds another label, and who is silent"
 
 
@@ -151,7 +151,7 @@ def test_it_says_that_it_is_disconnected_and_comes_back(theatre, look, show):
 def test_a_strangers_words_are_text(theatre, look):
     referee, dashboard = theatre()
     page = look(dashboard.url)
-    page.wait_for_selector(".judge")
+    page.wait_for_selector(".observer")
     referee.say("v1", "<img src=x onerror=alert(1)>")
     page.wait_for_function("() => document.querySelector('#verdict').textContent.includes('<img')")
     assert page.locator("#verdict img").count() == 0 == page.locator("#verdicts img").count()
@@ -160,7 +160,7 @@ def test_a_strangers_words_are_text(theatre, look):
 def test_colours_can_be_chosen_and_text_has_contrast(theatre, look):
     referee, dashboard = theatre()
     page = look(dashboard.url, color_scheme="light")
-    page.wait_for_selector(".judge")
+    page.wait_for_selector(".observer")
     referee.say("v1")
     page.wait_for_selector("#verdicts tr.said")
     backgrounds = set()

@@ -173,8 +173,8 @@ def every_metric():
     ruling = type("Ruling", (), {"judgement": spoken(), "verdicts": [verdict]})()
     fusion.step(Step(ruling, True, [verdict], 1, 1, 4, 0.01))
     hub = HubMetrics("mqtt")
-    hub.heard(SceneState("dojo").fold(spoken(), SECOND), spoken())
-    hub.connected(True)
+    hub.record(SceneState("dojo").fold(spoken(), SECOND), spoken())
+    hub.record_connection(True)
     fleet = FleetMetrics("north")
     fleet.round(Round(2, 8, ["ok"], 0.01))
     roles = {"observer": observer, "fusion": fusion, "fusion of many scenes": fleet, "hub": hub}
@@ -237,5 +237,5 @@ def test_the_values_are_those_that_were_said():
 def test_connections_count_each_time_the_broker_is_reached():
     hub = HubMetrics("mqtt")
     for now in (True, True, False, False, True):
-        hub.connected(now)
+        hub.record_connection(now)
     assert b'labanmesh_connections_total{hub="mqtt"} 2.0' in hub.exposition("")[0]

@@ -11,7 +11,7 @@ from common.config import MeshConfig, read_scene
 from common.link import Link
 from common.wire import encode
 from hub import capture as capturing
-from hub.capture import Capture, Teller, capture
+from hub.capture import CaptureProgress, CaptureSummary, SceneCapture, record
 
 SOON_S = 10.0
 JUDGEMENT, VERDICT = "laban/room/judgement", "laban/room/verdict"
@@ -42,7 +42,7 @@ def capturer(scene_file, tmp_path):
         Link.open(scene.mesh, "hub") as link,
         CaptureWriter(tmp_path / "a.mcap", scene, scene_file.read_text(), 5) as writer,
     ):
-        yield Laps(Capture(scene, link, writer, time.time_ns), writer)
+        yield Laps(SceneCapture(scene, link, writer, time.time_ns), writer)
 
 
 class Laps:
@@ -52,7 +52,7 @@ class Laps:
     def until(self, condition):
         deadline_s = time.monotonic() + SOON_S
         while True:
-            self.capture.lap()
+            self.capture.step()
             found = list(CaptureFile(self.writer.path).records())
             if condition(found):
                 return found
@@ -77,7 +77,7 @@ def test_everything_below_the_scene_is_written_with_its_time(meeting, capturer):
     assert len([record for record in found if record.kind == "put"]) == len(payloads) + 1
     times = [record.arrived_ns for record in found if record.kind == "put"]
     assert times == sorted(times) and began_ns <= times[0] <= times[-1] <= time.time_ns()
-    assert capturer.capture.account.kinds == {"judgement": 20, "anything": 1}
+    assert capturer.capture.summary.kinds == {"judgement": 20, "anything": 1}
 
 
 def test_who_comes_and_goes_is_written_in_order_with_its_last_words(meeting, capturer, scene_file):
@@ -97,8 +97,11 @@ def test_last_values_are_asked_for_at_the_beginning(meeting, scene_file, tmp_pat
     meeting.answer(VERDICT, lambda: verdicts)
     meeting.answer(VOCABULARY, lambda: encode(said.vocabulary()))
     scene, laps = read_scene(scene_file, {}), iter((True, True))
-    with Link.open(scene.mesh, "hub") as link, CaptureWriter(tmp_path / "a.mcap", scene, "", 5) as writer:
-        account = capture(scene, link, writer, lambda: next(laps, False))
+    with (
+        Link.open(scene.mesh, "hub") as link,
+        CaptureWriter(tmp_path / "a.mcap", scene, "", 5) as writer,
+    ):
+        account = record(scene, link, writer, lambda: next(laps, False))
     found = CaptureFile(tmp_path / "a.mcap")
     assert of(found.records(), "answer", VERDICT) == verdicts
     assert of(found.records(), "answer", VOCABULARY) == [encode(said.vocabulary())]
@@ -106,7 +109,7 @@ def test_last_values_are_asked_for_at_the_beginning(meeting, scene_file, tmp_pat
 
 
 def test_a_vocabulary_that_comes_later_is_asked_for_again(meeting, capturer, said, monkeypatch):
-    monkeypatch.setattr(capturing, "ASK_AGAIN_NS", 1)
+    monkeypatch.setattr(capturing, "QUERY_AGAIN_NS", 1)
     meeting.announce("laban/room/fusion/fusion/alive")
     capturer.until(lambda records: of(records, "token", "laban/room/fusion/fusion/alive"))
     asked = threading.Event()
@@ -120,7 +123,7 @@ def test_a_vocabulary_that_comes_later_is_asked_for_again(meeting, capturer, sai
     assert of(found, "answer", VOCABULARY) == [encode(said.vocabulary())]
     asked.clear()
     for _ in range(3):
-        capturer.capture.lap()
+        capturer.capture.step()
     assert not asked.is_set(), "it is known: nobody needs to be asked again"
     meeting.announce("laban/room/fusion/second/alive")
     found = capturer.until(lambda records: of(records, "token", "laban/room/fusion/second/alive") and asked.is_set())
@@ -130,17 +133,17 @@ def test_a_vocabulary_that_comes_later_is_asked_for_again(meeting, capturer, sai
 def test_progress_is_a_line_now_and_then(monkeypatch, capsys):
     now_s = [100.0]
     monkeypatch.setattr(capturing.time, "monotonic", lambda: now_s[0])
-    with Teller("a.mcap") as tell:
+    with CaptureProgress("a.mcap") as tell:
         for second in range(25):
             now_s[0] = 100.0 + second
-            tell(capturing.Account(second, 2_500_000, second, {"judgement": second}, 0))
+            tell(CaptureSummary(second, 2_500_000, second, {"judgement": second}, 0))
     said = capsys.readouterr().err.splitlines()
     assert said == [f"a.mcap: {n} messages, 2.5 MB in {n} s ({n} judgement)" for n in (10, 20)]
 
 
 def test_what_came_too_fast_is_told():
-    account = capturing.Account(5, 100, 1.0, {}, 7)
-    assert str(account) == "5 messages, 0.0 MB in 1 s; 7 came too fast and were left out"
+    account = CaptureSummary(5, 100, 1.0, {}, 7)
+    assert str(account) == "5 messages, 0.0 MB in 1 s; 7 messages lost to a full queue"
 
 
 def verb(words, capsys):
@@ -153,7 +156,7 @@ def test_the_verb_writes_a_file_that_carries_the_scene(scene_file, tmp_path, cap
     status, out, _ = verb([scene_file, "-o", tmp_path / "b.mcap", "--for", "0"], capsys)
     assert status == 0
     assert out.splitlines()[0].startswith(f"{tmp_path / 'b.mcap'}: 0 messages")
-    assert "nothing was heard at tcp/127.0.0.1:" in out
+    assert "received nothing at tcp/127.0.0.1:" in out
     found = CaptureFile(tmp_path / "b.mcap")
     assert found.text == scene_file.read_text() and found.scene.roster == ("cam1",)
 

@@ -5,7 +5,7 @@ import math
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hub.scene_state import VERDICTS_KEPT, SceneState
+from hub.scene_state import VERDICTS_LIMIT, SceneState
 
 
 def folded(state, *messages, at):
@@ -17,8 +17,8 @@ def folded(state, *messages, at):
 def test_judges_carry_label_belief_entropy_weight_age_and_state(said):
     votes = {"cam1": said.vote("ok", (0.1, 0.1, 0.5, 0.3), 0.25, age_s=0.1), "cam2": said.vote(weight=0.75)}
     state = folded(SceneState("room"), said.vocabulary(), said.judgement(votes=votes), at=said.NOON)
-    cam1, cam2 = state.at(said.NOON + said.SECOND).judges
-    assert [(belief.label, belief.p) for belief in cam1.beliefs[:2]] == [("ok", 0.5), ("nthrow", 0.3)]
+    cam1, cam2 = state.at(said.NOON + said.SECOND).observers
+    assert [(belief.label, belief.p) for belief in cam1.ranked[:2]] == [("ok", 0.5), ("nthrow", 0.3)]
     assert (cam1.label, cam1.weight, cam1.state, cam1.agrees) == ("ok", 0.25, "counted", False)
     assert math.isclose(cam1.age_s, 1.1) and math.isclose(cam1.entropy, 1.6855, abs_tol=1e-3)
     assert cam2.agrees and state.fused[0].label == "nthrow"
@@ -26,7 +26,7 @@ def test_judges_carry_label_belief_entropy_weight_age_and_state(said):
 
 def test_a_named_observer_has_a_corner_before_it_spoke(said):
     state = folded(SceneState("room", ("cam9", "cam2")), said.judgement(), at=said.NOON)
-    assert [(judge.name, judge.state) for judge in state.judges] == [
+    assert [(judge.name, judge.state) for judge in state.observers] == [
         ("cam9", "silent"), ("cam2", "counted"), ("cam1", "counted"),
     ]  # fmt: skip
 
@@ -63,7 +63,7 @@ def test_labels_of_another_vocabulary_are_not_used(said):
 
 def test_statuses_of_an_observer_and_a_fusion_with_one_name_are_kept_apart(said):
     state = SceneState("room").fold(said.status("a"), 0, "observer").fold(said.status("a", "failed"), 0, "fusion")
-    assert state.judges[0].status.state == "running" and state.fusion_status["a"].state == "failed"
+    assert state.observers[0].status.state == "running" and state.fusion_status["a"].state == "failed"
 
 
 def test_silence_is_counted_from_hearing_not_from_foreign_clocks(said):
@@ -80,15 +80,15 @@ def test_verdicts_are_few_and_each_stands_once(said, spoken):
         at_ns = said.NOON + later
         state = state.fold(said.verdict(number, said.NOON if has_ended else None, at_ns), at_ns)
     ids = [verdict.id for verdict in state.verdicts]
-    assert len(ids) == len(set(ids)) == min(VERDICTS_KEPT, len(ids))
+    assert len(ids) == len(set(ids)) == min(VERDICTS_LIMIT, len(ids))
     assert not spoken or ids
 
 
-@given(st.lists(st.floats(), max_size=6), st.lists(st.floats(), max_size=6))
-def test_any_numbers_become_sorted_shares(said, p, judged):
-    votes = {"cam1": said.vote().model_copy(update={"p": p})}
-    judgement = said.judgement(votes=votes).model_copy(update={"p": judged})
+@given(st.lists(st.floats(0, 1), max_size=6), st.lists(st.floats(0, 1), max_size=6), st.floats(0, 1) | st.none())
+def test_answers_are_ranked_by_whole_percents(said, p, judged, unlearned):
+    votes = {"cam1": said.vote().model_copy(update={"p": p, "unlearned": unlearned})}
+    judgement = said.judgement(votes=votes).model_copy(update={"p": judged, "unlearned": unlearned})
     state = folded(SceneState("room"), said.vocabulary(), judgement, at=0)
-    for beliefs in (state.fused, state.judges[0].beliefs):
-        shares = [round(belief.p, 2) for belief in beliefs]
+    for ranked in (state.fused, state.observers[0].ranked):
+        shares = [round(each.p, 2) for each in ranked]
         assert all(0 <= share <= 1 for share in shares) and shares == sorted(shares, reverse=True)

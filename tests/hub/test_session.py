@@ -78,7 +78,7 @@ def test_whose_status_it_is_stands_in_the_key(scene, said):
     link.box.put(f"{ROOT}/observer/cam1/status", encode(said.status("cam1")))
     link.box.put(f"{ROOT}/fusion/main/status", encode(said.status("main")))
     *_, end = listen(scene, link, looks(1))
-    assert [judge.name for judge in end.state.judges] == ["cam1", "cam2"] and "main" in end.state.fusion_status
+    assert [judge.name for judge in end.state.observers] == ["cam1", "cam2"] and "main" in end.state.fusion_status
 
 
 def test_a_missing_vocabulary_is_asked_for_until_it_is_told(scene, said):

@@ -9,9 +9,9 @@ from rich.console import Console
 
 from common.messages import Contribution, ObserverStatistics, OngoingMovement
 from hub.anticipation import Anticipation
-from hub.bars import Bar
 from hub.scene_state import SceneState
 from hub.terminal import render
+from hub.terminal_widgets import ShareBar
 
 
 def drawn(renderable, width=80, encoding=None):
@@ -33,14 +33,14 @@ def scene(said, judges=4, verdicts=3, label="nthrow"):
 
 def test_each_judge_the_referee_and_the_verdict_are_seen(said):
     text = drawn(render(scene(said), 80))
-    for words in ("cam0 agrees", "cam3 agrees", "referee", "N T H R O W", "4 of 4 agree", "70%", "weight", "1.57 bits"):
+    for words in ("cam0 agrees", "cam3 agrees", "fusion", "N T H R O W", "4 of 4 agree", "70%", "weight", "1.57 bits"):
         assert words in text
 
 
 def test_the_referee_stands_between_the_corners(said):
     lines = drawn(render(scene(said), 80)).splitlines()
-    row = {name: next(i for i, line in enumerate(lines) if name in line) for name in ("cam1", "referee", "cam2")}
-    assert row["cam1"] < row["referee"] < row["cam2"]
+    row = {name: next(i for i, line in enumerate(lines) if name in line) for name in ("cam1", "fusion", "cam2")}
+    assert row["cam1"] < row["fusion"] < row["cam2"]
     assert "cam0" in lines[row["cam1"]], "two corners stand side by side"
 
 
@@ -49,7 +49,7 @@ def test_one_who_differs_and_one_who_is_not_counted_are_told(said):
     state = scene(said).fold(said.judgement(2, said.NOON + 1, votes=votes), said.NOON)
     state = state.fold(said.status("b", "degraded", "camera frozen", 2.0), said.NOON)
     text = drawn(render(state, 80))
-    assert "a differs" in text and "b stale" in text and "degraded, 2 Hz, camera frozen" in text
+    assert "a differs" in text and "b agrees, stale" in text and "degraded, 2 Hz, camera frozen" in text
 
 
 def test_a_wrong_clock_bad_messages_and_who_stands_by_are_told(said):
@@ -93,8 +93,8 @@ def test_how_it_is_done_and_something_else_are_seen_where_there_is_room(said):
 
 def test_an_early_word_stands_where_the_verdict_will(said):
     foresight = Anticipation(0.3)
-    foresight.hear(said.judgement(p=(0.25, 0.25, 0.25, 0.25)), 0.0)
-    foresight.hear(how(said), 0.0)
+    foresight.update(said.judgement(p=(0.25, 0.25, 0.25, 0.25)), 0.0)
+    foresight.update(how(said), 0.0)
     state = scene(said, 2).fold(how(said), said.NOON)
     assert "N T H R O W" in (text := drawn(render(state, 80, early=foresight.open))) and "early, 45% sure" in text
     decided = how(said).model_copy(update={"seq": 3, "at_ns": said.NOON + 2, "movement": None})
@@ -115,7 +115,7 @@ def test_a_silent_referee_is_told(said):
 
 def test_a_scene_of_which_nothing_was_heard(said):
     text = drawn(render(SceneState("room", ("cam1", "cam2")), 80))
-    assert "waiting for a referee" in text and "cam1 silent" in text and "no verdict yet" in text
+    assert "waiting for fusion" in text and "cam1 silent" in text and "no verdict yet" in text
 
 
 def test_an_abstention_is_a_verdict(said):
@@ -143,10 +143,10 @@ def test_it_fits_the_terminals_height(said, judges, height):
 
 
 def test_bars_are_as_long_as_the_share():
-    assert drawn(Bar(0.5), 10).strip("\n") == "━" * 5 + "─" * 5
-    assert drawn(Bar(0.25), 10).strip("\n") == "━━╸" + "─" * 7
-    assert drawn(Bar(2.0), 4).strip("\n") == "━━━━"
-    assert drawn(Bar(0.5), 10, "ascii").strip("\n") == "#####....."
+    assert drawn(ShareBar(0.5), 10).strip("\n") == "━" * 5 + "─" * 5
+    assert drawn(ShareBar(0.25), 10).strip("\n") == "━━╸" + "─" * 7
+    assert drawn(ShareBar(2.0), 4).strip("\n") == "━━━━"
+    assert drawn(ShareBar(0.5), 10, "ascii").strip("\n") == "#####....."
 
 
 def test_a_terminal_without_unicode_is_served(said):

@@ -7,9 +7,9 @@ import pytest
 from rich.console import Console
 
 from hub.scene_state import SceneState
-from hub.session import Heard
+from hub.session import SceneUpdate
 from hub.terminal import render
-from hub.views import BEGIN_AT_ONCE, END_AT_ONCE, show_live
+from hub.watch import BEGIN_FRAME, END_FRAME, show_live
 
 SIZES = ((80, 24), (120, 40), (50, 12), (200, 60), (30, 8), (80, 24))
 
@@ -33,11 +33,11 @@ def test_every_picture_has_the_size_of_its_moment_and_appears_as_a_whole(said):
     def resized():
         for step, size in enumerate(SIZES):
             console.size = size
-            yield Heard(state.at(said.NOON + step * said.SECOND))
+            yield SceneUpdate(state.at(said.NOON + step * said.SECOND))
 
     show_live(resized(), console)
     written = console.file.getvalue()
-    frames = re.findall(re.escape(BEGIN_AT_ONCE) + "(.*?)" + re.escape(END_AT_ONCE), written, re.DOTALL)
+    frames = re.findall(re.escape(BEGIN_FRAME) + "(.*?)" + re.escape(END_FRAME), written, re.DOTALL)
     assert len(frames) == len(SIZES) and "cam0" not in re.sub(r"(?s)\x1b\[\?2026h.*?\x1b\[\?2026l", "", written)
     for (width, height), frame in zip(SIZES, frames, strict=True):
         lines = re.sub(r"\x1b\[[\d;?]*[A-Za-z]", "", frame).split("\n")
@@ -50,7 +50,7 @@ def test_the_referee_is_seen_however_many_judges_there_are(said, count, width, h
     lines = lines_of(crowd(said, count), width, height)
     text = "\n".join(lines)
     assert len(lines) <= height and max(map(len, lines)) <= width
-    assert ("referee" in text and "N T H R O W" in text and "cam049" in text) or count < 50
+    assert ("fusion" in text and "N T H R O W" in text and "cam049" in text) or count < 50
 
 
 def test_who_does_not_agree_comes_first_where_not_all_fit(said):

@@ -26,7 +26,7 @@ from fusion.service import serve as serve_fusion
 from hub import healthcheck as hub_healthcheck
 from hub.healthcheck import healthcheck
 from hub.session import listen
-from hub.telling import telling
+from hub.instrumentation import instrumented
 from observer.runtime.service import serve as serve_observer
 from observer.tracks import Frame
 
@@ -263,20 +263,20 @@ def test_fusion_without_a_vocabulary_is_alive_and_not_ready(scene, ports):
 def test_a_hub_tells_what_it_heard_and_what_it_reaches(stage, ports):
     _, _, hub, read = stage
     stop = threading.Event()
-    with telling([read], "mqtt") as teller:
+    with instrumented([read], "mqtt") as teller:
         own = ports()
 
         def hear():
             for heard in listen(read, hub, lambda: not stop.is_set()):
-                teller.heard(heard)
+                teller.record(heard)
 
-        teller.reaches("the broker 127.0.0.1:1883", "connection refused")
+        teller.record_connection("the broker 127.0.0.1:1883", "connection refused")
         thread = threading.Thread(target=hear)
         thread.start()
         until(lambda: metrics(own).get(("labanmesh_messages_heard_total", "kind=judgement"), 0) > 3)
         assert metrics(own)[("labanmesh_connected",)] == 0
         assert json.loads(ask(own, "/readyz")[1])["reason"] == "the broker 127.0.0.1:1883: connection refused"
-        teller.reaches("the broker")
+        teller.record_connection("the broker")
         until(lambda: ask(own, "/readyz")[0] == 200)
         told = metrics(own)
         assert told[("labanmesh_connected",)] == told[("labanmesh_connections_total",)] == 1
@@ -287,8 +287,8 @@ def test_a_hub_tells_what_it_heard_and_what_it_reaches(stage, ports):
 
 def test_a_port_that_is_taken_is_one_line_and_the_process_goes_on(stage, scene, log):
     at = stage[0]["cam1"]
-    with telling([scene(listen=at)], "mqtt") as teller:
-        teller.reaches("the broker")
+    with instrumented([scene(listen=at)], "mqtt") as teller:
+        teller.record_connection("the broker")
     (line,) = [r.getMessage() for r in list(log) if r.levelno >= logging.WARNING and "metrics" in r.getMessage()]
     assert line.startswith(f"metrics.listen = '{at}': address already in use; going on without metrics; ")
     assert "\n" not in line and json.loads(ask(at, "/readyz")[1])["process"] == "cam1"
@@ -307,7 +307,7 @@ def test_healthcheck_asks_the_process_or_the_mesh(stage, scene, tmp_path, capsys
     )
     healthcheck(path, "cam2")
     assert capsys.readouterr().out == f"dojo, observer cam2 at {at['cam2']}: ready\n"
-    with pytest.raises(LabanmeshError, match=r"^mqtt does not answer at .*; does it run"):
+    with pytest.raises(LabanmeshError, match=r"^mqtt does not answer at .*; is it running"):
         healthcheck(path, "mqtt")
     cameras["cam1"].frozen = True
     until(lambda: ask(at["cam1"], "/readyz")[0] == 503)

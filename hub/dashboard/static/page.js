@@ -1,10 +1,11 @@
-// The page: server-sent events in, the tatami, the strip and the log out. All that comes is text, never HTML.
+// The page: turns server-sent events into the tatami, the strip and the log. All data is text, never HTML.
+// An observer is shown to people as a judge, and fusion as the referee.
 "use strict";
 
 const $ = (id) => document.getElementById(id);
 const MINUTE_MS = 60000, CROWD = 12, QUIET_MS = 4000, AGAIN_MS = 1000, LOG_LIMIT = 100, LOG_SHOWN = 12;
 const SVG = "http://www.w3.org/2000/svg";
-const known = { hall: null, state: null, verdicts: [], minute: [], heard: 0 };
+const known = { setup: null, state: null, verdicts: [], minute: [], updated: 0 };
 const replay = { playing: true, head: 0, dragging: false };
 let source = null, again = 0, announced = new Set();
 
@@ -40,26 +41,31 @@ function age(seconds) {
 const clock = (ms) => new Date(ms).toLocaleTimeString([], { hourCycle: "h23" });
 const took = (verdict) => verdict.ended === null ? "now" : age((verdict.ended - verdict.began) / 1000);
 const agree = (pair) => pair ? `${pair[0]} of ${pair[1]}` : "-";
-function stance(judge) {
-  if (judge.state !== "counted") return judge.state;
-  return judge.label === null ? "undecided" : judge.agrees ? "agrees" : "differs";
+const count = (number, noun) => `${number} ${noun}${number === 1 ? "" : "s"}`;
+// "agrees" is what the judgement counts as its k of n; a stale observer is still heard.
+function stance(observer) {
+  if (observer.gone) return "gone";
+  if (!observer.heard) return observer.state;
+  return observer.label === null ? "undecided" : observer.agrees ? "agrees" : "differs";
 }
-const stanceWords = (judge) => judge.gone ? "gone" : stance(judge);
-function health(judge) {
-  const said = judge.health ? [judge.health.state, judge.health.rate === null ? "" : `${judge.health.rate} Hz`, judge.health.reason] : [];
-  const clockOff = judge.skew !== null && Math.abs(judge.skew) >= 0.5 ? `clock ${judge.skew > 0 ? "+" : "-"}${age(Math.abs(judge.skew))}` : "";
-  const rejected = judge.rejected ? `${judge.rejected} bad messages` : "";
-  const text = (judge.gone ? ["its process has gone"] : said).concat(clockOff, rejected).filter(Boolean).join(", ");
-  return [text, judge.gone || Boolean(clockOff || rejected) || Boolean(judge.health && judge.health.state !== "running")];
+const isStale = (observer) => observer.state === "stale" && !observer.gone;
+const stanceWords = (observer) => stance(observer) + (isStale(observer) ? ", stale" : "");
+const tone = (observer) => observer.gone ? "silent" : isStale(observer) ? "stale" : stance(observer);
+function health(observer) {
+  const status = observer.health ? [observer.health.state, observer.health.rate === null ? "" : `${observer.health.rate} Hz`, observer.health.reason] : [];
+  const clockOff = observer.skew !== null && Math.abs(observer.skew) >= 0.5 ? `clock ${observer.skew > 0 ? "+" : "-"}${age(Math.abs(observer.skew))}` : "";
+  const rejected = observer.rejected ? count(observer.rejected, "bad message") : "";
+  const text = (observer.gone ? ["its process is gone"] : status).concat(clockOff, rejected).filter(Boolean).join(", ");
+  return [text, observer.gone || Boolean(clockOff || rejected) || Boolean(observer.health && observer.health.state !== "running")];
 }
 
-/* Bars: rows of name, bar and share, as many as there are beliefs. */
-function bars(list, beliefs) {
-  while (list.children.length > beliefs.length) list.lastChild.remove();
-  while (list.children.length < beliefs.length) {
+/* Bars: rows of name, bar and share, one for each answer. */
+function bars(list, ranked) {
+  while (list.children.length > ranked.length) list.lastChild.remove();
+  while (list.children.length < ranked.length) {
     list.append(make("li", "", make("span", "name"), make("span", "bar", make("i")), make("span", "share")));
   }
-  beliefs.forEach(([label, p], i) => {
+  ranked.forEach(([label, p], i) => {
     const [name, bar, figure] = list.children[i].children;
     put(name, words(label));
     share(bar.firstChild, p);
@@ -67,13 +73,13 @@ function bars(list, beliefs) {
   });
 }
 
-/* Facets: rows of two poles and a bar that grows from the middle to the one that it leans to. */
-function facets(list, said) {
-  while (list.children.length > said.length) list.lastChild.remove();
-  while (list.children.length < said.length) {
+/* Facets: rows of two poles and a bar from the middle to the likelier one. */
+function facets(list, leanings) {
+  while (list.children.length > leanings.length) list.lastChild.remove();
+  while (list.children.length < leanings.length) {
     list.append(make("li", "", make("span", "pole"), make("span", "tug", make("i")), make("span", "pole"), make("span", "unseen")));
   }
-  said.forEach(([facet, first, last, lean, value, p], i) => {
+  leanings.forEach(([facet, first, last, lean, value, p], i) => {
     const node = list.children[i], [left, bar, right, spoken] = node.children;
     put(left, first);
     put(right, last);
@@ -96,10 +102,10 @@ function showManner(state) {
   if (state.facing !== null) put($("facing"), state.facing[1]);
 }
 
-/* Judges: a card each beside the tatami, or one line each where they are many. */
+/* Observers: a card each beside the tatami, or one line each when there are many. */
 const cards = new Map(), lines = new Map();
 function card(name) {
-  const node = make("li", "card judge");
+  const node = make("li", "card observer");
   const parts = {
     node, name: make("h3"), stance: make("span", "stance"), bars: make("ul", "bars"), weight: make("i"), share: make("span", "share"),
     entropy: make("b"), age: make("b"), health: make("p", "health"),
@@ -111,16 +117,16 @@ function card(name) {
   put(parts.name, name);
   return parts;
 }
-function showCard(judge) {
-  if (!cards.has(judge.name)) cards.set(judge.name, card(judge.name));
-  const parts = cards.get(judge.name), [text, bad] = health(judge);
-  mark(parts.node, "stance", judge.gone ? "silent" : stance(judge));
-  put(parts.stance, stanceWords(judge));
-  bars(parts.bars, judge.beliefs.length || !judge.label ? judge.beliefs : [[judge.label, 0]]);
-  share(parts.weight, judge.weight);
-  put(parts.share, percent(judge.weight));
-  put(parts.entropy, bits(judge.entropy));
-  put(parts.age, age(judge.age));
+function showCard(observer) {
+  if (!cards.has(observer.name)) cards.set(observer.name, card(observer.name));
+  const parts = cards.get(observer.name), [text, bad] = health(observer);
+  mark(parts.node, "stance", tone(observer));
+  put(parts.stance, stanceWords(observer));
+  bars(parts.bars, observer.ranked.length || !observer.label ? observer.ranked : [[observer.label, 0]]);
+  share(parts.weight, observer.weight);
+  put(parts.share, percent(observer.weight));
+  put(parts.entropy, bits(observer.entropy));
+  put(parts.age, age(observer.age));
   put(parts.health, text);
   parts.health.classList.toggle("bad", bad);
   return parts.node;
@@ -134,13 +140,13 @@ function line() {
   }
   return node;
 }
-function showLine(judge) {
-  if (!lines.has(judge.name)) lines.set(judge.name, line());
-  const node = lines.get(judge.name), [, who, what, ...figures] = node.children, steady = judge.state === "counted" && !judge.gone;
-  mark(node, "stance", judge.gone ? "silent" : stance(judge));
-  put(who, judge.name);
-  put(what, steady && judge.label ? words(judge.label) : stanceWords(judge));
-  const values = [steady && judge.beliefs.length ? percent(judge.beliefs[0][1]) : "", percent(judge.weight), age(judge.age)];
+function showLine(observer) {
+  if (!lines.has(observer.name)) lines.set(observer.name, line());
+  const node = lines.get(observer.name), [, who, what, ...figures] = node.children, steady = observer.heard && !observer.gone;
+  mark(node, "stance", tone(observer));
+  put(who, observer.name);
+  put(what, steady && observer.label ? words(observer.label) : stanceWords(observer));
+  const values = [steady && observer.ranked.length ? percent(observer.ranked[0][1]) : "", percent(observer.weight), age(observer.age)];
   values.forEach((value, i) => put(figures[i].lastChild, value));
   return node;
 }
@@ -149,22 +155,22 @@ function keep(list, nodes) {
   for (const old of [...list.children]) if (!kept.has(old)) old.remove();
   nodes.forEach((node, i) => { if (list.children[i] !== node) list.insertBefore(node, list.children[i] || null); });
 }
-function showJudges(state) {
-  const crowd = state.judges.length > CROWD;
+function showObservers(state) {
+  const crowd = state.observers.length > CROWD;
   $("crowd").hidden = !crowd;
   $("floor").classList.toggle("alone", crowd);
   $("left").hidden = $("right").hidden = crowd;
   if (crowd) {
-    keep($("list"), state.judges.map(showLine));
+    keep($("list"), state.observers.map(showLine));
     const counts = new Map();
-    for (const judge of state.judges) counts.set(stanceWords(judge), (counts.get(stanceWords(judge)) || 0) + 1);
-    put($("count"), `${state.judges.length}: ` + [...counts].map(([word, count]) => `${count} ${word.replace(/^(agree|differ)s$/, "$1")}`).join(", "));
+    for (const observer of state.observers) counts.set(stance(observer), (counts.get(stance(observer)) || 0) + 1);
+    put($("count"), `${state.observers.length}: ` + [...counts].map(([word, number]) => `${number} ${word.replace(/^(agree|differ)s$/, "$1")}`).join(", "));
     return;
   }
-  // Whoever stands left of the performer is told left of the tatami, from the front to the back.
-  const across = (judge) => { const place = spot(judge.name); return place ? place.x : 0; };
-  const along = (judge) => { const place = spot(judge.name); return place ? place.y : 999; };
-  const sorted = [...state.judges].sort((a, b) => across(a) - across(b) || along(a) - along(b));
+  // Observers on the left of the performer are listed left of the tatami, from the front to the back.
+  const across = (observer) => { const place = spot(observer.name); return place ? place.x : 0; };
+  const along = (observer) => { const place = spot(observer.name); return place ? place.y : 999; };
+  const sorted = [...state.observers].sort((a, b) => across(a) - across(b) || along(a) - along(b));
   const half = Math.ceil(sorted.length / 2), byDepth = (a, b) => along(a) - along(b);
   keep($("left"), sorted.slice(0, half).sort(byDepth).map(showCard));
   keep($("right"), sorted.slice(half).sort(byDepth).map(showCard));
@@ -172,9 +178,9 @@ function showJudges(state) {
 
 /* The tatami from above, the performer's front at the top. */
 function spot(name) {
-  const standing = known.hall.standings[name];
-  if (!standing) return null;
-  const angle = standing.azimuth * Math.PI / 180, x = Math.sin(angle), y = -Math.cos(angle);
+  const position = known.setup.positions[name];
+  if (!position) return null;
+  const angle = position.azimuth * Math.PI / 180, x = Math.sin(angle), y = -Math.cos(angle);
   const reach = 152 / Math.max(Math.abs(x), Math.abs(y));
   return { x: x * reach, y: y * reach };
 }
@@ -190,11 +196,11 @@ function layMat() {
   // Which way the person faces, on the edge of the referee's disc.
   const needle = draw("g", { id: "needle", hidden: "" }, draw("path", { d: "M-12 -88L0 -122L12 -88Z" }));
   mat.append(needle);
-  // A judge who stands in front says it himself.
-  const before = Object.values(known.hall.standings).some(({ azimuth }) => Math.min(azimuth, 360 - azimuth) < 25);
+  // An observer in front marks the front by itself.
+  const before = Object.values(known.setup.positions).some(({ azimuth }) => Math.min(azimuth, 360 - azimuth) < 25);
   if (!before) mat.append(front, draw("path", { class: "nose", d: "M-8 -142L0 -150L8 -142" }));
   flags.clear();
-  const names = Object.keys(known.hall.standings), quiet = names.length > CROWD;
+  const names = Object.keys(known.setup.positions), quiet = names.length > CROWD;
   names.forEach((name, i) => flags.set(name, flag(name, quiet, mat, quiet && i % 2 ? 0.92 : 1)));
 }
 function innerSeams() {
@@ -215,13 +221,13 @@ function flag(name, quiet, mat, near) {
   return { group, sight, held, quiet };
 }
 function showMat(state) {
-  for (const judge of state.judges) {
-    const parts = flags.get(judge.name);
+  for (const observer of state.observers) {
+    const parts = flags.get(observer.name);
     if (!parts) continue;
-    mark(parts.group, "stance", judge.gone ? "silent" : stance(judge));
-    attribute(parts.sight, "stroke-width", parts.quiet ? 0.6 : (1 + 12 * judge.weight).toFixed(1));
+    mark(parts.group, "stance", tone(observer));
+    attribute(parts.sight, "stroke-width", parts.quiet ? 0.6 : (1 + 12 * observer.weight).toFixed(1));
     if (parts.quiet) continue;
-    const text = judge.state === "counted" && judge.label && !judge.gone ? words(judge.label) : stanceWords(judge);
+    const text = observer.heard && observer.label && !observer.gone ? words(observer.label) : stanceWords(observer);
     put(parts.held, text.length > 18 ? `${text.slice(0, 17)}…` : text);
   }
 }
@@ -232,22 +238,22 @@ function showReferee(state) {
   mark(box, "kind", !last ? "none" : last.abstain ? "abstain" : last.ended === null ? "open" : "ended");
   put($("verdict"), last ? words(last.label) : "no verdict yet");
   $("verdict").classList.toggle("long", Boolean(last) && last.label.length > 9);
-  put($("phase"), state.silent ? `referee silent ${age(state.silence)}` : state.label === null ? "" : state.moving ? "moving" : "at rest");
+  put($("phase"), state.silent ? `referee silent ${age(state.silence)}` : !state.judged ? "" : state.waiting ? "waiting for observers" : state.moving ? "moving" : "at rest");
   const ago = last ? Math.max(0, Math.round((state.now - (last.ended ?? last.decided)) / 1000)) : 0;
   const when = !last ? "" : last.ended === null ? "now" : ago < 100 ? `${ago} s ago` : `at ${clock(last.ended)}`;
   put($("verdict-facts"), last ? `${when}, ${agree(last.agreement)} agree` : "");
   bars($("fused"), state.fused);
   showManner(state);
-  put($("agreement"), agree(state.agreement));
+  put($("agreement"), state.waiting ? "-" : agree(state.agreement));
   put($("entropy"), bits(state.entropy));
 }
 function showHeader(state) {
-  const kind = known.hall.span !== null ? "capture" : state.label === null ? "waiting" : state.silent ? "silent" : "live";
-  link(kind, { capture: "capture", waiting: "waiting for a referee", silent: "referee silent", live: "live" }[kind]);
+  const kind = known.setup.span !== null ? "capture" : !state.judged ? "waiting" : state.silent ? "silent" : state.waiting ? "unobserved" : "live";
+  link(kind, { capture: "capture", waiting: "waiting for a referee", silent: "referee silent", unobserved: "waiting for observers", live: "live" }[kind]);
   const news = state.rule === null ? [] : [`${state.fusion}: ${state.rule}`];
-  if (known.hall.quorum) news.push(`${known.hall.quorum} must agree`);
+  if (known.setup.quorum) news.push(`${known.setup.quorum} must agree`);
   if (state.standby.length) news.push(`${state.standby.join(", ")} standing by`);
-  if (state.rejected) news.push(`${state.rejected} messages not understood`);
+  if (state.rejected) news.push(`${count(state.rejected, "message")} rejected`);
   put($("news"), [...news, clock(state.now)].join(" · "));
 }
 function link(kind, text) {
@@ -291,9 +297,9 @@ function showStrip(state) {
   parts.push(draw("path", { class: "believed", d: path(2, 1, TOP) }), draw("path", { class: "bits", d: path(3, most, LOW) }));
   strip.replaceChildren(...parts);
 }
-function text(x, y, said, anchor, name = "") {
+function text(x, y, words, anchor, name = "") {
   const node = draw("text", { x, y, "text-anchor": anchor, class: name });
-  node.textContent = said;
+  node.textContent = words;
   return node;
 }
 
@@ -332,22 +338,22 @@ function showRow(verdict) {
 function showReasons({ reasons, verdict }) {
   if (reasons.hidden) return;
   const cell = (tag, value, name = "") => make(tag, name, value);
-  // Log odds of the verdict that each judge added, and what would be the likeliest without it.
-  const given = verdict.votes.some((vote) => vote.gave !== null);
+  // The log odds that each observer added to the verdict, and the likeliest answer without it.
+  const contributed = verdict.votes.some((vote) => vote.gave !== null);
   const gave = (vote) => [
     cell("td", vote.gave === null ? "-" : `${vote.gave < 0 ? "" : "+"}${vote.gave.toFixed(2)} nat`.replace("-", "−"), "gave"),
     cell("td", vote.stands === null ? "-" : vote.stands ? "the same" : "another", vote.stands === false ? "needed" : "")];
-  const head = make("tr", "", ...["Judge", "Said", "Entropy", "Weight", "Age", ...(given ? ["Gave", "Without it"] : []), "In the end"].map((title) => { const th = cell("th", title); th.scope = "col"; return th; }));
+  const head = make("tr", "", ...["Judge", "Held", "Entropy", "Weight", "Age", ...(contributed ? ["Contributed", "Without it"] : []), "Result"].map((title) => { const th = cell("th", title); th.scope = "col"; return th; }));
   const votes = verdict.votes.map((vote) => {
     const kind = vote.stance === "agreed" ? "agrees" : vote.stance.startsWith("held ") ? "differs" : vote.stance;
     const end = cell("td", make("span", "stance", words(vote.stance)));
     end.dataset.stance = kind;
-    return make("tr", "", cell("th", vote.name), cell("td", vote.label === null ? "-" : words(vote.label)), cell("td", bits(vote.entropy)), cell("td", percent(vote.weight)), cell("td", age(vote.age)), ...(given ? gave(vote) : []), end);
+    return make("tr", "", cell("th", vote.name), cell("td", vote.label === null ? "-" : words(vote.label)), cell("td", bits(vote.entropy)), cell("td", percent(vote.weight)), cell("td", age(vote.age)), ...(contributed ? gave(vote) : []), end);
   });
   const sums = verdict.fused.map(([label, p]) => `${words(label)} ${percent(p)}`).join(", ");
   const how = [...verdict.facets.filter((facet) => facet[4] !== "neither").map((facet) => `${facet[4]} ${percent(facet[5])}`), ...(verdict.facing ? [`facing ${verdict.facing[1]}`] : [])];
   const sentences = [...verdict.why, ...(sums ? [`Together, when it was decided: ${sums}.`] : []), ...(how.length ? [`How it was done: ${how.join(", ")}.`] : [])];
-  reasons.firstChild.replaceChildren(make("ul", "", ...sentences.map((said) => cell("li", said))), make("table", given ? "votes given" : "votes", make("thead", "", head), make("tbody", "", ...votes)));
+  reasons.firstChild.replaceChildren(make("ul", "", ...sentences.map((sentence) => cell("li", sentence))), make("table", contributed ? "votes contributed" : "votes", make("thead", "", head), make("tbody", "", ...votes)));
 }
 function showLog(fresh) {
   $("empty").hidden = known.verdicts.length > 0;
@@ -368,8 +374,8 @@ $("more").addEventListener("click", () => {
 
 /* What comes. */
 function onSnapshot(whole) {
-  const same = known.hall && JSON.stringify(known.hall.standings) === JSON.stringify(whole.standings);
-  known.hall = whole;
+  const same = known.setup && JSON.stringify(known.setup.positions) === JSON.stringify(whole.positions);
+  known.setup = whole;
   known.verdicts = whole.verdicts;
   known.minute = whole.minute;
   announced = new Set(whole.verdicts.map((each) => each.id));
@@ -383,7 +389,7 @@ function onSnapshot(whole) {
 }
 function onState(state) {
   known.state = state;
-  known.heard = performance.now();
+  known.updated = performance.now();
   if (state.label !== null && !state.silent) remember([state.now, state.label, state.fused.length ? state.fused[0][1] : 0, state.entropy ?? 0]);
   if (state.head !== undefined) showHead(state.head);
   requestShow();
@@ -401,7 +407,7 @@ function onVerdict(verdict) {
   showLog(place < 0 ? verdict : null);
   if (!announced.has(verdict.id)) {
     announced.add(verdict.id);
-    put($("said"), verdict.abstain ? "Verdict: the judges could not agree" : `Verdict: ${words(verdict.label)}, ${agree(verdict.agreement)} agree`);
+    put($("said"), verdict.abstain ? "Verdict: the judges did not agree" : `Verdict: ${words(verdict.label)}, ${agree(verdict.agreement)} agree`);
   }
   // At once, not with the next frame: a verdict is what one waits for.
   if (known.state) showReferee(known.state);
@@ -413,13 +419,13 @@ function requestShow() {
   asked = true;
   requestAnimationFrame(() => {
     asked = false;
-    if (!known.hall || !known.state) return;
+    if (!known.setup || !known.state) return;
     showHeader(known.state);
     showReferee(known.state);
-    showJudges(known.state);
+    showObservers(known.state);
     showMat(known.state);
     showStrip(known.state);
-    attribute($("tatami"), "aria-label", `The tatami from above with ${Object.keys(known.hall.standings).length} judges around the referee`);
+    attribute($("tatami"), "aria-label", `The tatami from above with ${count(Object.keys(known.setup.positions).length, "judge")} around the referee`);
     const last = known.verdicts[0];
     attribute($("strip"), "aria-label", `Belief and entropy over the last minute${last ? `; last verdict ${words(last.label)}` : ""}`);
   });
@@ -428,10 +434,10 @@ function requestShow() {
 /* The connection: opened again whenever it breaks or falls silent; closed while nobody looks. */
 function open() {
   close();
-  const capture = known.hall && known.hall.span !== null;
+  const capture = known.setup && known.setup.span !== null;
   source = new EventSource(capture ? `events?at=${replay.head}&speed=${replay.playing ? $("speed").value : 0}` : "events");
-  known.heard = performance.now();
-  const listen = (kind, act) => source.addEventListener(kind, (event) => { known.heard = performance.now(); act(JSON.parse(event.data)); });
+  known.updated = performance.now();
+  const listen = (kind, act) => source.addEventListener(kind, (event) => { known.updated = performance.now(); act(JSON.parse(event.data)); });
   listen("snapshot", onSnapshot);
   listen("state", onState);
   listen("verdict", onVerdict);
@@ -445,11 +451,11 @@ function close() {
 }
 function away() { link("away", "disconnected, trying again"); }
 setInterval(() => {
-  const still = known.hall && known.hall.span !== null && !replay.playing;
-  if (source && !still && !document.hidden && performance.now() - known.heard > QUIET_MS) { away(); open(); }
+  const still = known.setup && known.setup.span !== null && !replay.playing;
+  if (source && !still && !document.hidden && performance.now() - known.updated > QUIET_MS) { away(); open(); }
 }, 1000);
 document.addEventListener("visibilitychange", () => {
-  if (document.hidden) { if (!known.hall || known.hall.span === null) close(); } else if (!source && (!known.hall || known.hall.span === null || replay.playing)) open(); else requestShow();
+  if (document.hidden) { if (!known.setup || known.setup.span === null) close(); } else if (!source && (!known.setup || known.setup.span === null || replay.playing)) open(); else requestShow();
 });
 addEventListener("resize", requestShow);
 
@@ -467,7 +473,7 @@ function layReplay(whole) {
 function showHead(at) {
   replay.head = at;
   if (!replay.dragging) $("head").value = at;
-  const span = known.hall.span, place = (seconds) => `${Math.floor(seconds / 60)}:${String(Math.floor(seconds % 60)).padStart(2, "0")}`;
+  const span = known.setup.span, place = (seconds) => `${Math.floor(seconds / 60)}:${String(Math.floor(seconds % 60)).padStart(2, "0")}`;
   put($("moment"), `${place(at)} / ${place(span)}`);
   attribute($("head"), "aria-valuetext", `${place(at)} of ${place(span)}`);
 }
@@ -478,7 +484,7 @@ function setPlaying(playing) {
 }
 $("play").addEventListener("click", () => {
   setPlaying(!replay.playing);
-  if (replay.playing) { if (replay.head >= known.hall.span - 0.05) replay.head = 0; open(); }
+  if (replay.playing) { if (replay.head >= known.setup.span - 0.05) replay.head = 0; open(); }
 });
 $("head").addEventListener("input", () => { replay.dragging = true; });
 $("head").addEventListener("change", () => { replay.dragging = false; replay.head = Number($("head").value); open(); });

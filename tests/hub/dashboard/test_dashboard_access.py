@@ -4,7 +4,7 @@ import pytest
 
 from common.address import Address
 from common.errors import BadInput
-from hub.dashboard.access import Gate, checked_token, is_loopback
+from hub.dashboard.application import AccessControl, checked_token, is_loopback
 
 WORD = "a-word-of-sixteen-and-more"
 
@@ -26,15 +26,17 @@ def test_a_token_that_is_none_is_refused_and_not_told(text):
 
 
 def test_the_key_is_not_the_token_and_each_token_has_its_own():
-    gate = Gate(checked_token(f" {WORD}\n", "file"))
-    assert WORD not in gate.cookie and gate.cookie != Gate(f"{WORD}2").cookie == Gate(f"{WORD}2").cookie
+    gate = AccessControl(checked_token(f" {WORD}\n", "file"))
+    assert (
+        WORD not in gate.cookie and gate.cookie != AccessControl(f"{WORD}2").cookie == AccessControl(f"{WORD}2").cookie
+    )
     assert gate.admits(gate.cookie, "") and gate.admits("", f"Bearer {WORD}")
     for cookie, authorization in (("", ""), (WORD, ""), ("", WORD), ("", f"Bearer {WORD}x"), ("ü", "Bearer ü")):
         assert not gate.admits(cookie, authorization)
 
 
 def test_without_a_token_only_this_machines_names_are_answered():
-    gate = Gate(None)
+    gate = AccessControl(None)
     assert gate.admits("", "") and all(map(gate.answers_to, ("localhost", "127.0.0.1:8420", "[::1]:8420")))
     assert not any(map(gate.answers_to, ("evil.example:8420", "", "127.0.0.1.evil.example", "[::2]:1")))
-    assert Gate(WORD).answers_to("dojo.local:8420")
+    assert AccessControl(WORD).answers_to("dojo.local:8420")

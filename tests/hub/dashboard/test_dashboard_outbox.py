@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hub.dashboard.outbox import Outbox
+from hub.dashboard.streams import Outbox
 
 
 def snapshot():
@@ -18,8 +18,8 @@ def test_of_states_the_newest_waits_and_verdicts_come_first():
     box = Outbox()
     box.take(snapshot)
     for said in (b"1", b"2", b"3"):
-        box.state(said)
-        box.verdict(b"v" + said)
+        box.put_state(said)
+        box.put_verdict(b"v" + said)
     assert box.take(snapshot) == [b"v1", b"v2", b"v3", b"3"]
     assert box.take(snapshot) == []
 
@@ -40,10 +40,10 @@ def test_no_verdict_is_lost_whatever_the_order(steps, limit):
         if step == "v":
             payload = b"%d" % len(said)
             said.append(payload)
-            box.verdict(payload)
+            box.put_verdict(payload)
             assert len(box._verdicts) <= limit
         elif step == "s":
-            box.state(b"state")
+            box.put_state(b"state")
         else:
             take()
     take()

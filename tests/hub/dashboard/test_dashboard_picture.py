@@ -1,40 +1,35 @@
 """What the page is told: the chronicle, its picture as JSON, and why a verdict is what it is."""
 
 import json
-import math
 
 from common.messages import Contribution, VerdictMessage
-from hub.dashboard.chronicle import LOG_LIMIT, Chronicle
-from hub.dashboard.explanation import why
-from hub.dashboard.picture import CROWD, Hall, snapshot, state, verdict
-from hub.dashboard.placement import placed
+from hub.dashboard.history import LOG_LIMIT, SceneHistory
+from hub.dashboard.page_data import CROWD, PageSetup, reasons, snapshot_data, state_data, verdict_data
+from hub.dashboard.placement import floor_positions
 from hub.scene_state import SceneState
 
-HALL = Hall("room", placed({"cam1": "door", "cam2": "wheel"}, {"cam1": 0.0, "cam2": 90.0}), quorum=1)
+SETUP = PageSetup("room", floor_positions({"cam1": "door", "cam2": "wheel"}, {"cam1": 0.0, "cam2": 90.0}), quorum=1)
 
 
 def told(said, *messages, now_ns=None, observers=("cam1", "cam2")):
-    chronicle = Chronicle(SceneState("room", observers, said.NOON).fold(said.vocabulary(), said.NOON))
+    chronicle = SceneHistory(SceneState("room", observers, said.NOON).fold(said.vocabulary(), said.NOON))
     for message in messages:
         known = chronicle.state.at(now_ns or message.at_ns).fold(message, now_ns or message.at_ns)
-        chronicle = chronicle.hear(known, message)
+        chronicle = chronicle.update(known, message)
     return chronicle
 
 
 def test_a_snapshot_has_all_that_a_browser_needs(said):
-    whole = json.loads(json.dumps(snapshot(HALL, told(said, said.judgement(), said.verdict(1))), allow_nan=False))
-    assert whole["standings"]["cam2"] == {"azimuth": 90.0, "known": True, "view": "wheel"}
-    assert [judge["name"] for judge in whole["state"]["judges"]] == ["cam1", "cam2"]
+    whole = json.loads(json.dumps(snapshot_data(SETUP, told(said, said.judgement(), said.verdict(1))), allow_nan=False))
+    assert whole["positions"]["cam2"] == {"azimuth": 90.0, "known": True, "view": "wheel"}
+    assert [judge["name"] for judge in whole["state"]["observers"]] == ["cam1", "cam2"]
     assert whole["state"]["fused"][0] == ["nthrow", 0.6] and len(whole["minute"]) == 1
     assert whole["verdicts"][0]["label"] == "nthrow" and whole["verdicts"][0]["votes"][0]["stance"] == "held ok"
 
 
-def test_numbers_that_are_none_and_endless_words_do_not_reach_the_page(said):
-    odd = {"p": [math.nan, math.inf, 0.5, 0.5], "weight": math.nan, "age_s": math.inf}
-    votes = {"cam1": said.vote("x" * 1000).model_copy(update=odd)}
-    strange = said.judgement(votes=votes, label="y" * 1000)
-    strange = strange.model_copy(update={"p": [math.nan, 2.0, -1.0, 0.5], "certainty_bits": math.nan})
-    text = json.dumps(snapshot(HALL, told(said, strange)), allow_nan=False, ensure_ascii=False)
+def test_endless_words_do_not_reach_the_page(said):
+    long = said.judgement(votes={"cam1": said.vote("x" * 1000)}, label="y" * 1000)
+    text = json.dumps(snapshot_data(SETUP, told(said, long)), allow_nan=False, ensure_ascii=False)
     assert "xxx…" in text and "x" * 100 not in text and "y" * 100 not in text
 
 
@@ -60,26 +55,28 @@ def test_the_minute_is_thin_and_a_minute_long(said):
 
 def test_who_was_there_and_went_is_gone(said):
     chronicle = told(said, said.judgement()).with_presence({"cam1", "cam2"}).with_presence({"cam1"})
-    assert [judge["gone"] for judge in state(chronicle)["judges"]] == [False, True]
+    assert [judge["gone"] for judge in state_data(chronicle)["observers"]] == [False, True]
     assert chronicle.with_presence({"cam1"}) is chronicle
 
 
 def test_a_crowd_is_told_in_short(said):
     names = [f"cam{i}" for i in range(CROWD + 1)]
-    judges = state(told(said, said.judgement(votes={name: said.vote() for name in names}), observers=()))["judges"]
-    assert len(judges) == CROWD + 1 and all(len(judge["beliefs"]) == 1 for judge in judges)
+    judges = state_data(told(said, said.judgement(votes={name: said.vote() for name in names}), observers=()))[
+        "observers"
+    ]
+    assert len(judges) == CROWD + 1 and all(len(judge["ranked"]) == 1 for judge in judges)
 
 
 def test_times_are_the_fusion_machines(said):
     hour = 3600 * said.SECOND
     chronicle = told(said, said.judgement(), now_ns=said.NOON + hour)
-    assert state(chronicle)["now"] == said.NOON // 10**6
+    assert state_data(chronicle)["now"] == said.NOON // 10**6
 
 
 def sentences(said, quorum=2, votes=None, **more):
     spoken = said.verdict(1, votes=votes, **more)
     assert isinstance(spoken, VerdictMessage)
-    return " ".join(why(spoken, quorum))
+    return " ".join(reasons(spoken, quorum))
 
 
 def test_whose_word_was_needed_is_said(said):
@@ -108,50 +105,52 @@ def test_who_was_late_stale_or_silent_is_said(said):
 def test_something_else_is_an_answer_among_the_others(said):
     other = {"unlearned": 0.5}
     votes = {"cam1": said.vote().model_copy(update=other)}
-    whole = snapshot(HALL, told(said, said.judgement(votes=votes).model_copy(update=other), said.verdict(1, **other)))
+    whole = snapshot_data(
+        SETUP, told(said, said.judgement(votes=votes).model_copy(update=other), said.verdict(1, **other))
+    )
     assert (
         whole["state"]["fused"][:2] == [["something else", 0.5], ["nthrow", 0.3]] == whole["verdicts"][0]["fused"][:2]
     )
-    assert whole["state"]["judges"][0]["beliefs"][:2] == [["something else", 0.5], ["nthrow", 0.35]]
+    assert whole["state"]["observers"][0]["ranked"][:2] == [["something else", 0.5], ["nthrow", 0.35]]
     assert whole["minute"][0][2] == 0.5, "the probability of what is believed most"
 
 
 def test_how_it_is_done_is_told_and_nonsense_is_not(said):
-    how = {"facets": {"effort_time": [0.2, 0.8], "effort_flow": [math.nan, 1.0], "mood": [1.0]}, "facing_deg": -45.0}
-    now = state(told(said, said.judgement().model_copy(update=how)))
+    how = {"facets": {"effort_time": [0.2, 0.8], "effort_flow": [1.0], "mood": [1.0]}, "facing_deg": -45.0}
+    now = state_data(told(said, said.judgement().model_copy(update=how)))
     assert now["facets"] == [["effort_time", "sustained", "sudden", 0.6, "sudden", 0.8]]
     assert now["facing"] == [315, "45° right"]
-    silent = state(told(said, said.judgement()))
+    silent = state_data(told(said, said.judgement()))
     assert (silent["facets"], silent["facing"]) == ([], None)
 
 
 def test_what_each_judge_gave_is_told_and_without_whom_it_falls(said):
     gave = {"cam1": Contribution(nats=-0.25, stands=True), "cam2": Contribution(nats=1.456, stands=False)}
     spoken = said.verdict(1, contributions=gave)
-    votes = verdict(spoken, told(said), 1)["votes"]
+    votes = verdict_data(spoken, told(said), 1)["votes"]
     assert [(each["gave"], each["stands"]) for each in votes] == [(-0.25, True), (1.46, False)]
-    assert "Without cam2 another answer would have been the likeliest." in why(spoken, 1)
+    assert "Without cam2 another answer would have been the likeliest." in reasons(spoken, 1)
     both = {name: Contribution(nats=0.5, stands=True) for name in gave}
-    assert "Without any one of them the likeliest answer would have been the same." in why(
+    assert "Without any one of them the likeliest answer would have been the same." in reasons(
         said.verdict(1, contributions=both), 1
     )
-    assert verdict(said.verdict(1), told(said), 1)["votes"][0]["gave"] is None
+    assert verdict_data(said.verdict(1), told(said), 1)["votes"][0]["gave"] is None
 
 
 def test_an_abstention_for_something_else_is_explained(said):
     text = sentences(said, 2, {"a": said.vote(None)}, label="abstain", ended_ns=said.NOON, unlearned=0.9)
-    assert "held it for none of the movements (90%)" in text and "could not agree" not in text
+    assert "none of those they know (90%)" in text and "did not agree" not in text
     assert "a held no movement" in text
 
 
 def test_an_abstention_is_explained(said):
     votes = {"a": said.vote(), "b": said.vote("ok")}
     text = sentences(said, 2, votes, label="abstain", ended_ns=said.NOON)
-    assert "could not agree" in text and "a held nthrow and b held ok" in text
+    assert "did not agree" in text and "a held nthrow and b held ok" in text
 
 
 def test_a_verdict_in_an_unknown_vocabulary_is_told_without_its_shares(said):
     long = said.verdict(1, label="y" * 5000)
-    assert "y" * 500 not in json.dumps(verdict(long, told(said), 1))
-    chronicle = Chronicle(SceneState("room"))
-    assert verdict(said.verdict(1), chronicle, None)["fused"] == []
+    assert "y" * 500 not in json.dumps(verdict_data(long, told(said), 1))
+    chronicle = SceneHistory(SceneState("room"))
+    assert verdict_data(said.verdict(1), chronicle, None)["fused"] == []

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hub.dashboard.placement import APART_DEG, azimuth_of, azimuth_of_camera, placed
+from hub.dashboard.placement import MIN_DISTANCE_DEG, azimuth_of, azimuth_of_camera, floor_positions
 
 
 def apart(a, b):
@@ -48,21 +48,21 @@ def test_what_is_no_camera_has_no_side(matrix):
 
 def test_unknown_judges_stand_in_the_corners():
     names = dict.fromkeys(("a", "b", "c", "d"), "table")
-    found = placed(names, {})
+    found = floor_positions(names, {})
     assert [each.azimuth_deg for each in found.values()] == [45, 135, 225, 315]
     assert not any(each.known for each in found.values())
 
 
 def test_known_ones_stay_and_the_unknown_goes_where_there_is_room():
-    found = placed({"a": "door", "b": "wheel", "c": "x.toml"}, {"a": 0.0, "b": 90.0})
+    found = floor_positions({"a": "door", "b": "wheel", "c": "x.toml"}, {"a": 0.0, "b": 90.0})
     assert (found["a"].azimuth_deg, found["b"].azimuth_deg, found["c"].azimuth_deg) == (0, 90, 225)
 
 
 @given(st.lists(st.floats(0, 359.9) | st.none(), min_size=1, max_size=30))
 def test_none_stands_upon_another(angles):
     views = {f"cam{i}": "view" for i in range(len(angles))}
-    found = placed(views, dict(zip(views, angles, strict=True)))
+    found = floor_positions(views, dict(zip(views, angles, strict=True)))
     at = [each.azimuth_deg for each in found.values()]
-    least = min(APART_DEG, 0.9 * 360 / len(at))
+    least = min(MIN_DISTANCE_DEG, 0.9 * 360 / len(at))
     assert list(found) == list(views) and all(0 <= angle < 360 for angle in at)
     assert all(apart(a, b) > 0.5 * least for i, a in enumerate(at) for b in at[:i])

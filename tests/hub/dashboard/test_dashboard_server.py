@@ -16,10 +16,9 @@ from common.config import MeshConfig
 from common.errors import BadInput, LabanmeshError
 from common.link import Link
 from common.wire import encode
-from hub.dashboard.access import Gate
-from hub.dashboard.application import COOKIE, application
+from hub.dashboard.application import COOKIE, AccessControl, application
 from hub.dashboard.commands import dashboard
-from hub.dashboard.serving import bound
+from hub.dashboard.serving import bound_socket
 
 ROOT = Path(__file__).parents[3]
 WORD = "a-word-of-sixteen-and-more"
@@ -34,7 +33,7 @@ def ask(*requests, gate=None, full=False, host="127.0.0.1"):
     """The answers to (method, path, more) of one application."""
 
     async def main():
-        app = application(gate or Gate(None), one_event, lambda: full)
+        app = application(gate or AccessControl(None), one_event, lambda: full)
         transport = httpx.ASGITransport(app)
         async with httpx.AsyncClient(transport=transport, base_url=f"http://{host}") as client:
             return [await client.request(method, path, **more) for method, path, more in requests]
@@ -61,7 +60,7 @@ def test_a_strangers_name_for_this_machine_is_refused(host):
 
 
 def test_the_token_opens_the_door():
-    gate = Gate(WORD)
+    gate = AccessControl(WORD)
     door, events, wrong, right = ask(
         ("GET", "/", {}),
         ("GET", "/events", {}),
@@ -88,10 +87,11 @@ def test_too_many_browsers_are_told_so():
     assert answer.status_code == 503
 
 
-def test_odd_moments_of_a_capture_are_the_beginning():
-    for query in ("at=x", "at=nan", "at=-5", "at=", ""):
-        (answer,) = ask(("GET", f"/events?{query}", {}))
-        assert "data: 0" in answer.text
+@pytest.mark.parametrize("query", ["at=x", "at=nan", "at=-5", "at=", "at=1e308", "speed=inf", "speed=65", "speed=-1"])
+def test_a_playhead_that_is_no_number_in_range_is_one_line_and_400(query):
+    (answer,) = ask(("GET", f"/events?{query}", {}))
+    assert answer.status_code == 400 and answer.text.count("\n") == 1
+    assert f"{query.partition('=')[0]} = " in answer.text and "must be a number from 0 to" in answer.text
 
 
 @pytest.fixture
@@ -111,8 +111,8 @@ def refusal(error, *words, **more):
 
 
 def test_bad_input_is_one_line(scene_file, tmp_path):
-    assert "one of the two" in refusal(BadInput)
-    assert "others can reach that" in refusal(BadInput, scene_file(), listen="[::]:0")
+    assert "either a scene file or a capture" in refusal(BadInput)
+    assert "other machines can reach that" in refusal(BadInput, scene_file(), listen="[::]:0")
     assert "HOST:PORT" in refusal(BadInput, scene_file('[hub.dashboard]\nlisten = "8420"\n'))
     named = scene_file('[hub.dashboard]\ntoken_file = "token"\n')
     assert "openssl rand" in refusal(BadInput, named)
@@ -122,7 +122,7 @@ def test_bad_input_is_one_line(scene_file, tmp_path):
 
 
 def test_a_port_that_is_taken_is_one_line(scene_file):
-    with bound(Address("127.0.0.1", 0)) as port:
+    with bound_socket(Address("127.0.0.1", 0)) as port:
         where = f"127.0.0.1:{port.getsockname()[1]}"
         said = refusal(LabanmeshError, scene_file(), listen=where)
         assert where in said and "in use" in said and "--listen" in said

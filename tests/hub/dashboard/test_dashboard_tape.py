@@ -7,7 +7,7 @@ import pytest
 from common.capture_file import APPEARED, GONE, CaptureRecord
 from common.config import Scene
 from common.wire import encode
-from hub.dashboard.tape import Tape, Thinned
+from hub.dashboard.history import CaptureTimeline, ThinnedRecords
 
 ROOT = "laban/room"
 
@@ -32,22 +32,22 @@ def tape(said):
         CaptureRecord("put", f"{ROOT}/verdict", encode(said.verdict(1, ended_ns=at, at_ns=at + 1)), at + 11 * 10**9),
         CaptureRecord("token", f"{ROOT}/observer/cam1/alive", GONE, at + 12 * 10**9),
     ]  # fmt: skip
-    return Tape(scene, records)
+    return CaptureTimeline(scene, records)
 
 
 def test_each_moment_is_as_it_was(tape, said):
-    assert tape.span_s == 12.0 and tape.moments_s == [(10.0, "nthrow")]
-    early = tape.chronicle(said.NOON + 5 * said.SECOND, with_minute=True)
+    assert tape.span_s == 12.0 and tape.marks == [(10.0, "nthrow")]
+    early = tape.history(said.NOON + 5 * said.SECOND, with_minute=True)
     assert (
         early.state.judgement.seq == 50
         and [each.id for each in early.verdicts] == ["v0"]
         and len(early.minute) == 51
         and not early.gone
     )
-    assert early.state.labels and early.state.judges[0].status.state == "running"
-    middle = tape.chronicle(said.NOON + 10 * said.SECOND)
+    assert early.state.labels and early.state.observers[0].status.state == "running"
+    middle = tape.history(said.NOON + 10 * said.SECOND)
     assert middle.verdicts[0].ended_ns is None and not middle.minute
-    late = tape.chronicle(tape.ended_ns)
+    late = tape.history(tape.ended_ns)
     assert late.verdicts[0].ended_ns == said.NOON and late.gone == {"cam1"} and late.state.silence_s > 2
 
 
@@ -58,8 +58,8 @@ def test_verdicts_between_two_moments_are_told_once(tape, said):
 
 
 def test_a_long_capture_is_thinned_and_keeps_its_ends():
-    kept = Thinned(10, 100)
+    kept = ThinnedRecords(10, 100)
     for at in range(10_000):
         kept.add(at, b"%d" % at)
-    assert len(kept.at_ns) <= 101 and kept.until(-1) is None and kept.until(0) == b"0"
-    assert int(kept.until(10_000)) > 9_000 and kept.at_ns == sorted(kept.at_ns)
+    assert len(kept.at_ns) <= 101 and kept.place(-1) is None and kept.payloads[kept.place(0)] == b"0"
+    assert int(kept.payloads[kept.place(10_000)]) > 9_000 and kept.at_ns == sorted(kept.at_ns)

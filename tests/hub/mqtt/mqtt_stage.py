@@ -191,7 +191,7 @@ class Room:
         self._link = link or Link.open(MeshConfig(), "fusion", listen=["tcp/127.0.0.1:0"])
         self.endpoint = self._link.locator
         self._seq, self._verdicts, self._lock = 0, {}, threading.Lock()
-        self._stop, self.judges = threading.Event(), []
+        self._stop, self.processes = threading.Event(), []
         self._mouths = {k: self._link.publisher(k) for k in (self.keys.judgement, self.keys.verdict)}
         self._link.answer(self.keys.judgement, lambda: encode(self.judgement()) if self._seq else None)
         self._link.answer(self.keys.verdict, lambda: [encode(each) for each in self._verdicts.values()])
@@ -262,9 +262,9 @@ class Room:
         """A process of an observer that runs and says so; it is seen when this returns."""
         presence = self._link.presence(self.keys.observer_alive(name))
         command = [sys.executable, "-c", OBSERVER, self.endpoint, self.name, name]
-        self.judges.append(subprocess.Popen(command, cwd=ROOT, env=environment()))
+        self.processes.append(subprocess.Popen(command, cwd=ROOT, env=environment()))
         assert presence.wait_for(1, SOON_S)
-        return self.judges[-1]
+        return self.processes[-1]
 
     def heard_by_a_hub(self):
         assert self._mouths[self.keys.verdict].wait_for_subscriber(SOON_S)
@@ -275,7 +275,7 @@ class Room:
 
     def __exit__(self, *_):
         self.stop_judging()
-        for each in self.judges:
+        for each in self.processes:
             each.kill()
             each.wait()
         if not self._shared:

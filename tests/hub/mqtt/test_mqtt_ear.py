@@ -6,7 +6,7 @@ from mqtt_stage import until
 from common.config import read_scene
 from common.inbox import Inbox, Presence
 from common.wire import encode
-from hub.mqtt.ear import Ear
+from hub.mqtt.listener import SceneListener
 
 
 class FakeLink:
@@ -43,9 +43,9 @@ def test_a_verdict_that_is_said_while_we_ask_is_news(scene, said):
     old, new = ((scene.keys.verdict, encode(said.verdict(number))) for number in (1, 2))
     words = [(scene.keys.judgement, encode(said.judgement(seq, said.NOON + seq))) for seq in range(1, 9)]
     heard = []
-    with Ear(scene, FakeLink([old, new], [new, *words]), heard.append) as ear:
+    with SceneListener(scene, FakeLink([old, new], [new, *words]), heard.append) as ear:
         until(lambda: len(ear.verdicts) == 2 and ear.state.judgement, lambda: heard)
-    assert [(verdict.id, told) for verdict, told in ear.verdicts] == [("v1", True), ("v2", False)]
+    assert [(each.verdict.id, each.answered) for each in ear.verdicts] == [("v1", True), ("v2", False)]
     assert ear.state.judgement.seq == 8
     assert sum(each.message is not None for each in heard) == 3, "of the judgements the newest alone is read"
     assert ear.dropped == 0
@@ -55,5 +55,5 @@ def test_what_ends_the_listening_before_its_time_is_raised(scene):
     def fail(heard):
         raise ValueError("no")
 
-    with Ear(scene, FakeLink([], []), fail) as ear, pytest.raises(ValueError, match="no"):
+    with SceneListener(scene, FakeLink([], []), fail) as ear, pytest.raises(ValueError, match="no"):
         until(ear.check, "the fault")

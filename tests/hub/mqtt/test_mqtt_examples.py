@@ -8,10 +8,9 @@ import subprocess
 import pytest
 from mqtt_stage import ROOT, SOON_S, Listener
 
-from hub.anticipation import Word
-from hub.mqtt.foresight import events_of
-from hub.mqtt.names import Names
-from hub.mqtt.verdicts import said_of
+from hub.anticipation import EarlyWord
+from hub.mqtt.entities import Topics
+from hub.mqtt.events import early_event, verdict_event
 
 SCRIPT = ROOT / "examples" / "mqtt.sh"
 FLOW = json.loads((ROOT / "examples" / "node-red-flow.json").read_text("utf-8"))
@@ -21,9 +20,9 @@ def test_the_shell_example_says_each_verdict(broker, said):
     if not (shutil.which("mosquitto_sub") and shutil.which("jq")):
         pytest.skip("mosquitto_sub or jq is not installed: tests/hub/mqtt/install_mosquitto.sh")
     verdicts = [
-        said_of(said.verdict(1), "decided"),
-        said_of(said.verdict(1, label="ok"), "revised"),
-        said_of(said.verdict(2, label="abstain"), "decided"),
+        verdict_event(said.verdict(1), "decided"),
+        verdict_event(said.verdict(1, label="ok"), "revised"),
+        verdict_event(said.verdict(2, label="abstain"), "decided"),
     ]
     command = [SCRIPT, "127.0.0.1", str(broker.port)]
     # Its own group, for mosquitto_sub would outlive the shell.
@@ -49,18 +48,18 @@ def test_the_node_red_flow_hangs_together_and_listens_to_our_topic():
         assert all(target in nodes for wire in node.get("wires", []) for target in wire), node
         assert node.get("broker", "labanmesh-broker") in nodes or node["type"] == "mqtt-broker"
     (source,) = [node for node in FLOW if node["type"] == "mqtt in"]
-    assert source["topic"] == Names("+", "").verdict and source["datatype"] == "json"
+    assert source["topic"] == Topics("+", "").verdict and source["datatype"] == "json"
 
 
 def test_the_node_red_flow_asks_for_fields_that_events_have(said):
-    event = said_of(said.verdict(1), "decided")
+    event = verdict_event(said.verdict(1), "decided")
     asked = {node["property"].partition(".")[2] for node in FLOW if node["type"] == "switch"}
     assert asked <= set(event)
 
 
 def test_the_document_tells_every_topic_and_every_field_of_an_event(said):
     text = (ROOT / "docs" / "guide" / "home.md").read_text("utf-8")
-    names = Names("SCENE", "labanmesh/SCENE/bridge")
+    names = Topics("SCENE", "labanmesh/SCENE/bridge")
     topics = [
         names.verdict,
         names.ended,
@@ -74,8 +73,8 @@ def test_the_document_tells_every_topic_and_every_field_of_an_event(said):
     ]
     for topic in (*topics, names.movement("LABEL"), *(names.observer("ID", what) for what in ("health", "state"))):
         assert f"`{topic}`" in text, topic
-    word = Word("early", "v1", "ok", "ok", 0.9, said.NOON, said.NOON)
-    ((_, early),) = events_of(names, [word])
-    for topic, event in ((names.verdict, said_of(said.verdict(1), "decided")), (names.early, json.loads(early))):
+    word = EarlyWord("early", "v1", "ok", "ok", 0.9, said.NOON, said.NOON)
+    early = early_event(names, word).payload
+    for topic, event in ((names.verdict, verdict_event(said.verdict(1), "decided")), (names.early, json.loads(early))):
         (row,) = re.findall(rf"^\| `{topic}` .*$", text, re.MULTILINE)
         assert set(re.findall(r"`(\w+)`", row)) == set(event)

@@ -54,7 +54,7 @@ def test_a_scene_appears_is_judged_and_goes(room, hub, listener, broker):
     taken = subprocess.run(
         [*running.process.args, "--remove"], cwd=running.cwd, capture_output=True, text=True, timeout=SOON_S, check=True
     )
-    assert "retained messages taken out" in taken.stdout
+    assert "retained messages deleted from the broker" in taken.stdout
     with Listener(broker.port) as empty:
         empty.say("mark", "")
         empty.wait_for(lambda: "mark" in empty.last)
@@ -208,7 +208,7 @@ def test_a_broker_that_is_not_there_is_told_once_and_awaited(room, tmp_path, bro
         ({"movements": ["byby"]}, "hub.mqtt.movements: 'byby' is no movement of room; known: byebye"),
         ({"topics": "a b"}, "hub.mqtt.topics = 'a b'"),
         ({"username": "anna", "password_file": "nowhere"}, "hub.mqtt.password_file = 'nowhere': no such file"),
-        ({"password_file": "nowhere"}, "name hub.mqtt.username"),
+        ({"password_file": "nowhere"}, "set hub.mqtt.username too"),
         ({"ca_file": "ca.pem"}, "set hub.mqtt.tls = true"),
         ({"tls": True, "ca_file": "nowhere.pem"}, "hub.mqtt.ca_file = 'nowhere.pem': no such file"),
     ],
@@ -240,4 +240,4 @@ def test_a_running_hub_is_not_taken_out(room, hub, listener, tmp_path, capsys):
     running = hub().connected()
     listener.wait_for(lambda: f"{T}/state" in listener.last)
     assert main(["hub", "mqtt", str(tmp_path / "room.toml"), "--remove"]) == 2
-    assert "a hub still speaks for it" in capsys.readouterr().err and running.process.poll() is None
+    assert "a hub still serves it" in capsys.readouterr().err and running.process.poll() is None

@@ -1,0 +1,264 @@
+"""What the page gets as plain JSON: a whole snapshot, the scene's state, a verdict with its reasons. Pure.
+
+All values are text, finite numbers or null, and text is bounded, whatever a peer has sent. The page decides how to draw
+them (static/page.js). The reasons are sentences for people, who know observers as judges and fusion as the referee.
+"""
+
+import math
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from common.messages import JudgementMessage, StatusMessage, VerdictMessage, Vote
+from common.text import plural
+from hub.dashboard.placement import FloorPosition
+from hub.scene_state import ObserverState, RankedLabel, is_abstention, is_heard
+from hub.wording import age, facing, facing_words, leanings
+
+if TYPE_CHECKING:
+    from hub.dashboard.history import MinutePoint, SceneHistory
+
+FUSED_SHOWN = 5
+LABELS_SHOWN = 3
+CROWD = 12
+"""More observers than this are a list of one line each, with only their most probable label."""
+TEXT_LIMIT = 80
+SENTENCE_LIMIT = 400
+NAMES_LIMIT = 6
+"""How many observers a sentence names; it counts the others, since a scene may have hundreds."""
+NS_PER_MS = 1_000_000
+
+Json = dict[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class PageSetup:
+    """What does not change while the page is open. span_s: the length of the capture; None: the scene is live."""
+
+    scene: str
+    positions: Mapping[str, FloorPosition]
+    quorum: int | None = None
+    span_s: float | None = None
+    began_ns: int = 0
+
+
+def snapshot_data(setup: PageSetup, history: "SceneHistory") -> Json:
+    """Everything, for a browser that knows nothing yet or that fell behind."""
+    return {
+        "scene": setup.scene,
+        "quorum": setup.quorum,
+        "span": setup.span_s,
+        "began": setup.began_ns // NS_PER_MS,
+        "positions": {
+            name: {"azimuth": each.azimuth_deg, "known": each.known, "view": _text(each.view)}
+            for name, each in setup.positions.items()
+        },
+        "state": state_data(history),
+        "verdicts": [verdict_data(each, history, setup.quorum) for each in history.verdicts],
+        "minute": [_point(each) for each in history.minute],
+    }
+
+
+def state_data(history: "SceneHistory") -> Json:
+    """The scene now; what a judgement says is null before the first one."""
+    state = history.state
+    judgement, observers = state.judgement, state.observers
+    shown = LABELS_SHOWN if len(observers) <= CROWD else 1
+    return {
+        "now": history.now_ns // NS_PER_MS,
+        "judged": judgement is not None,
+        "waiting": state.waiting,
+        "silent": state.silent,
+        "silence": _number(state.silence_s, 1),
+        "fusion": None if judgement is None else _text(judgement.fusion),
+        "rule": None if judgement is None else _text(judgement.rule),
+        "label": None if judgement is None or state.waiting else _text(judgement.label),
+        "entropy": None if judgement is None or state.waiting else _number(judgement.certainty_bits),
+        "labels": len(state.labels) or (len(judgement.p) if judgement else 0),
+        "agreement": None if judgement is None else [judgement.agreement.k, judgement.agreement.n],
+        "moving": judgement is not None and judgement.movement is not None,
+        "fused": _ranked(state.fused[:FUSED_SHOWN]),
+        **_manner(judgement),
+        "observers": [_observer(each, each.name in history.gone, shown) for each in observers],
+        "standby": [_text(name) for name in state.standing_by],
+        "rejected": state.rejected,
+    }
+
+
+def verdict_data(verdict: VerdictMessage, history: "SceneHistory", quorum: int | None) -> Json:
+    """One line of the log, and what opens under it."""
+    # Without the names of the movements, numbers would say less than the sentences do.
+    state = history.state
+    fused = state.ranked(verdict.p, None, verdict.unlearned) if state.labels else ()
+    return {
+        "id": verdict.id[:TEXT_LIMIT],
+        "label": _text(verdict.label),
+        "abstain": is_abstention(verdict),
+        "began": verdict.began_ns // NS_PER_MS,
+        "decided": verdict.decided_ns // NS_PER_MS,
+        "ended": None if verdict.ended_ns is None else verdict.ended_ns // NS_PER_MS,
+        "entropy": _number(verdict.certainty_bits),
+        "agreement": [verdict.agreement.k, verdict.agreement.n],
+        "rule": _text(verdict.rule),
+        "fusion": _text(verdict.fusion),
+        "fused": _ranked(fused[:LABELS_SHOWN]),
+        **_manner(verdict),
+        "votes": [_vote(name, vote, verdict) for name, vote in verdict.votes.items()],
+        "why": [_text(sentence, SENTENCE_LIMIT) for sentence in reasons(verdict, quorum)],
+    }
+
+
+def _manner(judgement: JudgementMessage | None) -> Json:
+    """Each facet with its poles, its lean from -1 to 1, its likeliest value with its probability; and the facing."""
+    direction = None if judgement is None else facing(judgement.facing_deg)
+    facets = () if judgement is None else leanings(judgement.facets)
+    return {
+        "facets": [[each.facet, *each.poles, round(each.lean, 3), each.value, round(each.p, 3)] for each in facets],
+        "facing": None if direction is None else [round(direction), facing_words(direction)],
+    }
+
+
+def _observer(observer: ObserverState, gone: bool, labels: int) -> Json:
+    return {
+        "name": _text(observer.name),
+        "label": None if observer.label is None else _text(observer.label),
+        "ranked": _ranked(observer.ranked[:labels]),
+        "entropy": _number(observer.entropy),
+        "weight": round(observer.weight, 3),
+        "age": _number(observer.age_s),
+        "state": observer.state,
+        "heard": observer.is_heard,
+        "agrees": observer.agrees,
+        "gone": gone,
+        "health": None if observer.status is None else _health(observer.status),
+        "skew": _number(observer.skew_s, 2),
+        "rejected": observer.rejected,
+    }
+
+
+def _health(status: StatusMessage) -> Json:
+    return {"state": status.state, "reason": _text(status.reason), "rate": _number(status.rate_hz, 0)}
+
+
+def _vote(name: str, vote: Vote, verdict: VerdictMessage) -> Json:
+    contribution = (verdict.contributions or {}).get(name)
+    return {
+        "name": _text(name),
+        "label": None if vote.label is None else _text(vote.label),
+        "entropy": _number(vote.entropy),
+        "weight": round(vote.weight, 3),
+        "age": _number(vote.age_s),
+        "state": vote.state,
+        "stance": _text(_stance(verdict, vote)),
+        "gave": None if contribution is None else _number(contribution.nats, 2),
+        "stands": None if contribution is None else contribution.stands,
+    }
+
+
+def _stance(verdict: VerdictMessage, vote: Vote) -> str:
+    """What a vote meant for the verdict: `agreed`, `held ok`, `undecided`, `late`, `silent`, ..."""
+    if not is_heard(vote):
+        return vote.state
+    if vote.label is None:
+        return "undecided"
+    return "agreed" if vote.label == verdict.label else f"held {vote.label}"
+
+
+def _point(point: "MinutePoint") -> list[object]:
+    return [point.at_ns // NS_PER_MS, _text(point.label), round(point.p, 3), round(point.entropy, 3)]
+
+
+def _ranked(ranked: Iterable[RankedLabel]) -> list[list[object]]:
+    return [[_text(each.label), round(each.p, 3)] for each in ranked]
+
+
+def _text(text: str, limit: int = TEXT_LIMIT) -> str:
+    return text if len(text) <= limit else text[: limit - 1] + "…"
+
+
+def _number(value: float | None, digits: int = 3) -> float | None:
+    return None if value is None or not math.isfinite(value) else round(value, digits)
+
+
+def reasons(verdict: VerdictMessage, quorum: int | None) -> Iterator[str]:
+    """Why the verdict is what it is, as sentences. quorum: how many judges must agree; None where it is unknown.
+
+    Fusion says what would have been likeliest without a judge (`contributions`). Whether there would have been a
+    verdict at all is not computed here: `labanmesh replay --without` judges again.
+    """
+    heard = {name: vote for name, vote in verdict.votes.items() if is_heard(vote)}
+    yield from _abstention(verdict) if is_abstention(verdict) else _majority(verdict, heard, quorum)
+    others = [f"{name} held {vote.label}" for name, vote in heard.items() if vote.label not in (None, verdict.label)]
+    undecided = [name for name, vote in heard.items() if vote.label is None]
+    if others:
+        yield f"{_listed(others)}."
+    if undecided and verdict.unlearned is None:
+        yield f"{_listed(undecided)} believed no more of one movement than of another."
+    elif undecided:
+        yield f"{_listed(undecided)} held no movement: none more than another, or something else."
+    yield from _weights(verdict, heard)
+    yield from _contributions(verdict)
+    yield from _faults(verdict)
+
+
+def _majority(verdict: VerdictMessage, heard: Mapping[str, Vote], quorum: int | None) -> Iterator[str]:
+    k, n = verdict.agreement.k, verdict.agreement.n
+    agreeing = [name for name, vote in heard.items() if vote.label == verdict.label]
+    count = f"{k} of {plural(n, 'judge')} held {verdict.label}"
+    if not k:
+        yield f"{count} alone; together they did."
+        return
+    yield f"{count}: {_listed(agreeing)}." if len(agreeing) == k else f"{count}."
+    if quorum is None:
+        return
+    if k <= quorum:
+        needed = "Each of them was needed" if k > 1 else "That judge was needed"
+        yield f"{needed}: the scene asks for {quorum} to agree; with one less there would have been no verdict."
+    else:
+        yield f"The scene asks for {quorum}: no single judge could have prevented it by holding something else."
+
+
+def _weights(verdict: VerdictMessage, heard: Mapping[str, Vote]) -> Iterator[str]:
+    if len(heard) > 1:
+        name = max(heard, key=lambda each: heard[each].weight)
+        yield f"{name} weighed most, {heard[name].weight:.0%}, by the rule {verdict.rule}: the surer, the heavier."
+
+
+def _abstention(verdict: VerdictMessage) -> Iterator[str]:
+    if (verdict.unlearned or 0.0) > 0.5:
+        yield f"The judges saw a movement that is none of those they know ({verdict.unlearned:.0%})."
+    else:
+        yield "The judges saw a movement and did not agree which, so the referee abstained."
+
+
+def _contributions(verdict: VerdictMessage) -> Iterator[str]:
+    contributions = verdict.contributions or {}
+    if len(contributions) < 2:
+        return
+    needed = [name for name, each in contributions.items() if not each.stands]
+    if needed:
+        yield f"Without {_listed(needed, 'or')} another answer would have been the likeliest."
+    else:
+        yield "Without any one of them the likeliest answer would have been the same."
+
+
+def _faults(verdict: VerdictMessage) -> Iterator[str]:
+    sentences = {
+        "stale": "was stale ({age} old): its vote had faded",
+        "late": "was late ({age} behind) and did not count",
+        "silent": "was silent and did not count",
+        "foreign": "uses another vocabulary and did not count",
+        "invalid": "sent an unusable message and did not count",
+    }
+    faulty = [(name, vote) for name, vote in verdict.votes.items() if vote.state in sentences]
+    if len(faulty) > NAMES_LIMIT:
+        yield f"{len(faulty)} judges did not count in full; the table shows which."
+        return
+    for name, vote in faulty:
+        yield f"{name} {sentences[vote.state].format(age=age(vote.age_s))}."
+
+
+def _listed(names: list[str], last: str = "and") -> str:
+    if len(names) > NAMES_LIMIT:
+        return f"{', '.join(names[:NAMES_LIMIT])} and {len(names) - NAMES_LIMIT} more"
+    return ", ".join(names[:-1]) + (f" {last} " if len(names) > 1 else "") + names[-1]

@@ -1,0 +1,144 @@
+"""Verdicts and early words as events: each is published once, also over a restart of the hub. Pure.
+
+1. `verdict`: once a movement, when it is decided (stage `decided`); again only if its label has changed at its end
+   (stage `revised`).
+2. `ended`: once a movement, when it has ended.
+3. `early`: one event when a movement is named early, one when that word is settled (hub/anticipation.py).
+4. A verdict from before the hub started is no event, unless the hub was away only for a moment.
+5. An event that could not be delivered within EVENT_S is left out: a light that reacts later would confuse people.
+"""
+
+import json
+from collections import OrderedDict
+from collections.abc import Iterator
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import Any
+
+from common import SECOND_NS
+from common.messages import VerdictMessage
+from hub.anticipation import EarlyWord
+from hub.mqtt.entities import Topics
+from hub.mqtt.states import confidence, facet_poles, facing_degrees, rounded, unlearned, votes
+
+EVENT_S = 30.0
+HISTORY_LIMIT = 64
+
+
+@dataclass(frozen=True, slots=True)
+class Publication:
+    """One message for the broker."""
+
+    topic: str
+    payload: str
+    retain: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class _Published:
+    label: str
+    ended: bool
+
+
+class VerdictEvents:
+    """Remembers which verdicts were published; `update` returns the events of a verdict."""
+
+    def __init__(self, topics: Topics) -> None:
+        self._topics = topics
+        self._published: OrderedDict[str, _Published] = OrderedDict()
+        self.last: VerdictMessage | None = None
+
+    def update(self, verdict: VerdictMessage) -> list[Publication]:
+        """The events of `verdict`; none for a copy."""
+        before = self._published.get(verdict.id)
+        self.remember(verdict)
+        return list(self._events(verdict, before))
+
+    def remember(self, verdict: VerdictMessage) -> None:
+        """Note a verdict that is no event any more."""
+        before = self._published.pop(verdict.id, None)
+        ended = verdict.ended_ns is not None or (before is not None and before.ended)
+        self._published[verdict.id] = _Published(verdict.label, ended)
+        while len(self._published) > HISTORY_LIMIT:
+            self._published.popitem(last=False)
+        if self.last is None or self.last.id == verdict.id or before is None:
+            self.last = verdict
+
+    def _events(self, verdict: VerdictMessage, before: _Published | None) -> Iterator[Publication]:
+        if before is None or before.label != verdict.label:
+            stage = "decided" if before is None else "revised"
+            yield _event(self._topics.verdict, verdict_event(verdict, stage))
+        if verdict.ended_ns is not None and not (before and before.ended):
+            yield _event(self._topics.ended, verdict_event(verdict, "ended"))
+
+
+def verdict_event(verdict: VerdictMessage, stage: str) -> dict[str, Any]:
+    """A verdict as an event; `event_type` is its label."""
+    how = {
+        "facets": facet_poles(verdict),
+        "facing": facing_degrees(verdict),
+        "contributions": _contributions(verdict),
+    }
+    return {"event_type": verdict.label, "stage": stage, **_facts(verdict), **votes(verdict), **how}
+
+
+def early_event(topics: Topics, word: EarlyWord) -> Publication:
+    """An early word as an event; `event_type` is the movement's label now."""
+    fields = {
+        "event_type": word.label,
+        "stage": word.stage,
+        "early": word.early,
+        "confidence": rounded(100 * word.p, 0),
+        "id": word.id,
+        "began": moment(word.began_ns),
+        "said": moment(word.at_ns),
+    }
+    return _event(topics.early, fields)
+
+
+def last_verdict_state(verdict: VerdictMessage) -> str:
+    """A verdict as the retained state of a sensor; a restarted hub continues from its `said_ns`."""
+    return json.dumps({"label": verdict.label, **_facts(verdict), "said_ns": verdict.at_ns}, allow_nan=False)
+
+
+def recalled_ns(payload: bytes | str) -> int | None:
+    """The `said_ns` that an earlier hub left at the broker; None if the payload is not ours."""
+    try:
+        fields = json.loads(payload)
+    except ValueError:
+        return None
+    said_ns = fields.get("said_ns") if isinstance(fields, dict) else None
+    return said_ns if isinstance(said_ns, int) else None
+
+
+def moment(at_ns: int) -> str | None:
+    """ISO 8601, UTC; None for a time outside the calendar."""
+    try:
+        return datetime.fromtimestamp(at_ns / SECOND_NS, UTC).isoformat(timespec="milliseconds")
+    except (ValueError, OverflowError, OSError):
+        return None
+
+
+def _facts(verdict: VerdictMessage) -> dict[str, Any]:
+    ended = verdict.ended_ns
+    return {
+        "id": verdict.id,
+        "began": moment(verdict.began_ns),
+        "decided": moment(verdict.decided_ns),
+        "ended": None if ended is None else moment(ended),
+        "duration": None if ended is None else rounded((ended - verdict.began_ns) / SECOND_NS, 1),
+        "confidence": confidence(verdict),
+        "entropy": rounded(verdict.certainty_bits, 2),
+        "unlearned": unlearned(verdict),
+    }
+
+
+def _contributions(verdict: VerdictMessage) -> dict[str, Any] | None:
+    contributions = verdict.contributions
+    return contributions and {
+        name: {"nats": rounded(each.nats, 2), "stands": each.stands} for name, each in contributions.items()
+    }
+
+
+def _event(topic: str, fields: dict[str, Any]) -> Publication:
+    return Publication(topic, json.dumps(fields, allow_nan=False), retain=False)
