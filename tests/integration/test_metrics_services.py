@@ -25,8 +25,8 @@ from fusion.service import known_vocabulary
 from fusion.service import serve as serve_fusion
 from hub import healthcheck as hub_healthcheck
 from hub.healthcheck import healthcheck
-from hub.session import listen
 from hub.instrumentation import instrumented
+from hub.session import listen
 from observer.runtime.service import serve as serve_observer
 from observer.tracks import Frame
 
