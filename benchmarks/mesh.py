@@ -22,7 +22,7 @@ from typing import TypeVar
 import numpy as np
 
 from benchmarks.bare_zenoh import BACK, LOOPBACK, PUT, SOON_S, Bare, bare_peer
-from benchmarks.posteriors import NAMES, beliefs, message, scene_of
+from benchmarks.posteriors import beliefs, message, scene_of
 from benchmarks.timing import Row, row
 from common.config import MeshConfig, Scene
 from common.errors import LabanmeshError
@@ -78,8 +78,7 @@ def measure(observers: int, frames: int = FRAMES) -> list[Row]:
 
 def referee_process(observers: int, pipe: Connection) -> None:
     """The other process: fusion service and bare echo, until the pipe says stop or breaks; then what came when."""
-    from fusion.engine.engine import FusionEngine
-    from fusion.service import serve
+    from fusion.server import serve
 
     scene, stop = scene_of(observers), threading.Event()
 
@@ -93,7 +92,7 @@ def referee_process(observers: int, pipe: Connection) -> None:
         bare.echo(PUT, BACK)
         pipe.send((link.locator, bare.locator))
         threading.Thread(target=wait_for_end, daemon=True).start()
-        serve(scene, FusionEngine(scene.scene, list(scene.roster), NAMES, scene.fusion), link, stop)
+        serve([scene], scene.fusion.id, link, stop)
         # Nobody listens when the other side gave up; it has said why.
         with suppress(OSError):
             pipe.send(bare.arrived)

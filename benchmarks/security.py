@@ -19,7 +19,7 @@ import numpy as np
 
 from benchmarks.bare_zenoh import SOON_S
 from benchmarks.mesh import first_judged
-from benchmarks.posteriors import NAMES, beliefs, message, scene_of
+from benchmarks.posteriors import beliefs, message, scene_of
 from benchmarks.timing import Row, row
 from common.config import MeshConfig, Scene
 from common.errors import LabanmeshError
@@ -92,8 +92,7 @@ def _measured(folder: Path, frames: int) -> tuple[list[int], list[int]]:
 
 def judging_process(folder: Path, pipe: Connection) -> None:
     """The other process: both routers, and a fusion service at each, until the pipe breaks."""
-    from fusion.engine.engine import FusionEngine
-    from fusion.service import serve
+    from fusion.server import serve
 
     stop = threading.Event()
     threads, endpoints = [], []
@@ -106,8 +105,7 @@ def judging_process(folder: Path, pipe: Connection) -> None:
             )
             endpoints.append(router.locator)
             link = links.enter_context(Link.open(_mesh(router.locator, folder, FUSION), "fusion", process_id=FUSION))
-            referee = FusionEngine(scene.scene, list(scene.roster), NAMES, scene.fusion)
-            threads.append(threading.Thread(target=serve, args=(scene, referee, link, stop), daemon=True))
+            threads.append(threading.Thread(target=serve, args=([scene], scene.fusion.id, link, stop), daemon=True))
             threads[-1].start()
         pipe.send(endpoints)
         # The end of the pipe is the end of the benchmark, however it came about.

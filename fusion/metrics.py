@@ -1,85 +1,101 @@
-"""What a fusion service counts for Prometheus: steps, votes, weights, verdicts, refusals, and whether it leads."""
+"""What a fusion service exports for Prometheus: steps, votes, weights, verdicts, rejections, ownership."""
 
 from collections import Counter as Tally
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable
+from time import time_ns
 from typing import TYPE_CHECKING, get_args
 
 from common.messages import JudgementMessage, StatusMessage, VoteState
 from common.metrics import AGE_BUCKETS, OTHERS, STEP_BUCKETS, Metrics
 from common.vocabulary import ABSTAIN
+from fusion.engine.roster import HEARD
 
 if TYPE_CHECKING:
     from prometheus_client import Metric
 
-    from fusion.telling import Step
-
-HEARD = ("counted", "stale")
+    from fusion.instrumentation import ServerStep
+    from fusion.scene_worker import SceneWorker
 
 
 class FusionMetrics(Metrics):
-    """Of one fusion service of a scene; labels: the movements that it can decide for."""
+    """The metrics of one fusion service `own`.
 
-    def __init__(
-        self, scene: str, fusion: str, labels: Sequence[str], status: Callable[[], StatusMessage] | None
-    ) -> None:
-        super().__init__("fusion", {"scene": scene, "fusion": fusion}, status)
+    only: its scene, where it has but one; then there are metrics of each observer and of verdicts by label. The number
+    of series of a service of many scenes does not grow with them.
+    """
+
+    def __init__(self, own: str, only: "SceneWorker | None") -> None:
+        status = None if only is None else lambda: only.status.status(time_ns())
+        super().__init__(
+            "fusion", {"fusion": own} if only is None else {"scene": only.scene.scene, "fusion": own}, status
+        )
+        self._only = only
         self._judgement: JudgementMessage | None = None
-        self._leads, self._dropped = False, 0
-        # From the first scrape on every label is there, so that the first verdict is seen as an increase.
-        self._verdicts = Tally(dict.fromkeys((*labels, ABSTAIN), 0))
-        self._steps = self.histogram("fusion_step_seconds", "One step: hearing, weighing, judging.", STEP_BUCKETS)
-        self._arrived = self.counter("posteriors_received", "Posteriors that arrived, used or not.")
+        self._owned, self._dropped = 0, 0
+        self._verdicts: Tally[str] = Tally()
+        name = "fusion_round_seconds" if only is None else "fusion_step_seconds"
+        self._steps = self.histogram(name, "One step of the loop: receive, pool, decide.", STEP_BUCKETS)
+        self._received = self.counter("posteriors_received", "Posteriors that arrived, used or not.")
         self._read = self.counter("posteriors_read", "Posteriors that were read: of a flood only the newest are.")
+        self._ended = self.counter("movements_ended", "Movements that have ended, in all scenes of this service.")
         self._delay = self.histogram("verdict_delay_seconds", "From a movement's begin to its decision.", AGE_BUCKETS)
 
-    def step(self, step: "Step") -> None:
-        """One step of the loop; of its verdicts each movement counts once, by its last word."""
-        self._judgement = step.ruling.judgement if step.ruling is not None else self._judgement
-        self._leads, self._dropped = step.leads, step.dropped
-        self._arrived.inc(step.arrived)
+    def record(self, step: "ServerStep") -> None:
+        """Count one step of the loop; each movement counts once, by the verdict at its end."""
+        self._owned, self._dropped = step.owned, step.dropped
+        self._received.inc(step.received)
         self._read.inc(step.read)
         self._steps.observe(step.took_s)
-        for verdict in step.said:
-            if verdict.ended_ns is not None:
-                self._verdicts[verdict.label] += 1
-                self._delay.observe((verdict.decided_ns - verdict.began_ns) / 1e9)
+        for _, result in step.results:
+            if result.output is not None:
+                self._judgement = result.output.judgement
+            for verdict in result.published:
+                if verdict.ended_ns is not None:
+                    self._verdicts[verdict.label] += 1
+                    self._ended.inc()
+                    self._delay.observe((verdict.decided_ns - verdict.began_ns) / 1e9)
 
     def collect_own(self, status: StatusMessage | None) -> "Iterable[Metric]":
-        """The last judgement and what was noticed of the observers, as of now."""
+        """The last judgement and what is known of the observers, as of now."""
+        yield self.gauge("scenes_judged", "Scenes that this service owns now.", [((), float(self._owned))])
         dropped = [((), float(self._dropped))]
-        yield self.total("posteriors_dropped", "Posteriors that came faster than they could be judged.", dropped)
-        yield self.gauge("leading", "1 while this service is the one that speaks.", [((), float(self._leads))])
-        verdicts = [((label,), float(count)) for label, count in self._verdicts.items()]
+        yield self.total("posteriors_dropped", "Posteriors that arrived faster than they could be fused.", dropped)
+        if self._only is None:
+            return
+        yield self.gauge("leading", "1 while this service is the one that publishes.", [((), float(self._owned))])
+        # Every label is there from the first scrape on, so that the first verdict is an increase.
+        labels = self._only.vocabulary.labels if self._only.vocabulary is not None else ()
+        verdicts = [((label,), float(self._verdicts[label])) for label in (*labels, ABSTAIN)]
         yield self.total("verdicts", "Movements that have ended, by their verdict.", verdicts, "label")
         if self._judgement is not None:
             yield from self._of(self._judgement)
-        if status is not None and status.observers is not None and self._judgement is not None:
-            yield from self._noticed(status, self._judgement)
+            if status is not None and status.observers is not None:
+                yield from self._rejected(status, self._judgement)
 
     def _of(self, judgement: JudgementMessage) -> "Iterable[Metric]":
-        yield self.gauge("entropy_bits", "Of the pooled belief: 0 is certain.", [((), judgement.certainty_bits)])
-        agreeing = float(judgement.agreement.k)
-        yield self.gauge("agreeing_observers", "How many hold the pooled label themselves.", [((), agreeing)])
+        yield self.gauge("entropy_bits", "Of the pooled posterior: 0 is certain.", [((), judgement.certainty_bits)])
+        agreeing = [((), float(judgement.agreement.k))]
+        yield self.gauge("agreeing_observers", "Observers whose own label is the pooled label.", agreeing)
         states = Tally(vote.state for vote in judgement.votes.values())
         rows = [((state,), float(states[state])) for state in get_args(VoteState)]
-        yield self.gauge("votes", "How many observers were heard in each state.", rows, "state")
+        yield self.gauge("votes", "Observers in each state.", rows, "state")
         votes = judgement.votes.items()
         heard = [((name,), float(vote.state in HEARD)) for name, vote in votes]
-        yield self.gauge("observer_heard", "1 while the observer's opinion counts, also if stale.", heard, "observer")
+        yield self.gauge("observer_heard", "1 while the observer's posterior counts, even if stale.", heard, "observer")
         entropies = [((name,), vote.entropy) for name, vote in votes]
-        yield self.gauge("observer_entropy_bits", "Of the observer's belief as pooled.", entropies, "observer")
+        yield self.gauge("observer_entropy_bits", "Of the observer's posterior as pooled.", entropies, "observer")
         weights = [((name,), vote.weight) for name, vote in votes]
-        yield self.gauge("observer_weight_ratio", "Its share in the pooled belief.", weights, "observer")
+        yield self.gauge("observer_weight_ratio", "Its share in the pooled posterior.", weights, "observer")
         ages = [((name,), vote.age_s) for name, vote in votes]
         yield self.gauge("observer_age_seconds", "Since its newest frame was captured.", ages, "observer")
         skews = [((name,), vote.skew_s) for name, vote in votes]
         yield self.gauge("observer_clock_skew_seconds", "How far its clock is ahead of ours.", skews, "observer")
 
-    def _noticed(self, status: StatusMessage, judgement: JudgementMessage) -> "Iterable[Metric]":
-        """Observers that are not of the scene are counted together: anybody may invent names."""
-        refused: Tally[tuple[str, str]] = Tally()
-        for name, account in (status.observers or {}).items():
-            for reason, count in account.rejected.items():
-                refused[name if name in judgement.votes else OTHERS, reason] += count
-        rows = [(names, float(count)) for names, count in refused.items()]
+    def _rejected(self, status: StatusMessage, judgement: JudgementMessage) -> "Iterable[Metric]":
+        """Senders that are not observers of the scene are counted together: anybody may invent names."""
+        rejected: Tally[tuple[str, str]] = Tally()
+        for name, statistics in (status.observers or {}).items():
+            for reason, count in statistics.rejected.items():
+                rejected[name if name in judgement.votes else OTHERS, reason] += count
+        rows = [(names, float(count)) for names, count in rejected.items()]
         yield self.total("posteriors_rejected", "Posteriors that could not be used.", rows, "observer", "reason")

@@ -24,7 +24,7 @@ from common.link import Link
 from common.messages import JudgementMessage
 from common.vocabulary import Vocabulary
 from common.wire import decode
-from fusion.service import serve
+from fusion.server import serve
 from observer.geometry.views import View, facing, parse_view
 from observer.model.base import MovementModel, Onset
 from observer.motion.archive import MotionArchive
@@ -74,12 +74,19 @@ def fused_over_mesh(result: EvaluationResult, progress: Progress = lambda *_: No
     ids = [f"view-{v}" for v in range(len(result.settings.views))]
     config = FusionConfig(rule=result.settings.rule, fresh_s=TIMEOUT_S, drop_s=2 * TIMEOUT_S)
     observers = {name: ObserverConfig(source="evaluated") for name in ids}
-    scene = Scene(scene="evaluate", mesh=MeshConfig(mode="process"), observers=observers, fusion=config)
+    vocabulary = result.vocabulary
+    scene = Scene(
+        scene="evaluate",
+        vocabulary=vocabulary.labels,
+        vocabulary_name=vocabulary.name,
+        mesh=MeshConfig(mode="process"),
+        observers=observers,
+        fusion=config,
+    )
     stop = threading.Event()
     with Link.open(scene.mesh, "fusion", listen=["tcp/127.0.0.1:0"]) as fusion:
         mesh = scene.mesh.at(fusion.locator)
-        engine = FusionEngine(scene.scene, ids, result.vocabulary, config)
-        thread = threading.Thread(target=serve, args=(scene, engine, fusion, stop), name="fusion")
+        thread = threading.Thread(target=serve, args=([scene], config.id, fusion, stop), name="fusion")
         links = [Link.open(mesh, "observer") for _ in ids]
         try:
             with Link.open(mesh, "hub") as hub:

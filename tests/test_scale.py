@@ -26,8 +26,8 @@ from benchmarks.scale.homes import (
 from benchmarks.scale.measured import Costs, parsed
 from benchmarks.scale.process import Load, Stay, alone, shared
 from common.errors import BadInput
-from fusion import fleet
-from fusion.sharing import ranked
+from fusion import server
+from fusion.ownership import rendezvous_rank
 
 ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs/design/scale.md"
@@ -72,7 +72,7 @@ def test_at_half_or_twice_the_costs_it_is_not(run, times):
 
 
 def test_the_simulated_loop_is_set_as_the_real_one():
-    real = fleet.PAUSE_S, fleet.TOGETHER, fleet.TELL_S
+    real = server.PAUSE_S, server.BATCH, server.STATUS_EVERY_S
     assert real == (process.PAUSE_S, process.TOGETHER, process.TELL_S)
 
 
@@ -128,7 +128,9 @@ def test_homes_are_shared_as_the_processes_share_them():
     stays, moved = stays_of(names, services, ())
     assert moved == 0
     for service, own in stays.items():
-        assert {stay.scene for stay in own} == {n for n, s in enumerate(names) if ranked(s, services)[0] == service}
+        assert {stay.scene for stay in own} == {
+            n for n, s in enumerate(names) if rendezvous_rank(s, services)[0] == service
+        }
     assert shares(names, services) == {service: len(own) for service, own in stays.items()}
 
 

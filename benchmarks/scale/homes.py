@@ -10,7 +10,7 @@ import numpy as np
 
 from benchmarks.scale.measured import Costs, Sizes
 from benchmarks.scale.process import Load, Stay, Trace, shared
-from fusion.sharing import ranked
+from fusion.ownership import rendezvous_rank
 
 NOTICE_S = 0.02
 """A killed process is gone for the others within so long: its sockets close."""
@@ -47,7 +47,7 @@ def shares(scenes: Sequence[str], services: Iterable[str]) -> dict[str, int]:
     """How many scenes each service judges."""
     count = dict.fromkeys(services, 0)
     for scene in scenes:
-        count[ranked(scene, count)[0]] += 1
+        count[rendezvous_rank(scene, count)[0]] += 1
     return count
 
 
@@ -78,13 +78,13 @@ def stays_of(
     coming = {change.service for change in changes if change.alive}
     alive = set(services) - coming
     stays: dict[str, list[Stay]] = {service: [] for service in (*services, *sorted(coming - set(services)))}
-    holder = {n: (ranked(scene, alive)[0], 0.0) for n, scene in enumerate(scenes)}
+    holder = {n: (rendezvous_rank(scene, alive)[0], 0.0) for n, scene in enumerate(scenes)}
     moved = 0
     for change in sorted(changes, key=lambda change: change.at_s):
         alive = alive | {change.service} if change.alive else alive - {change.service}
         for n, scene in enumerate(scenes):
             before, begin_s = holder[n]
-            heaviest = ranked(scene, alive)[0]
+            heaviest = rendezvous_rank(scene, alive)[0]
             if heaviest != before:
                 moved += 1
                 stays[before].append(Stay(n, begin_s, change.at_s))

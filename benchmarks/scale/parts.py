@@ -9,7 +9,7 @@
 
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager
 from statistics import median
 
@@ -18,15 +18,16 @@ from benchmarks.crowd.trial import free_port
 from benchmarks.scale.traffic import MICRO, hearing, sayings, scene_of
 from common.config import MeshConfig, Scene
 from common.errors import LabanmeshError
-from common.inbox import Arrival, Presence
+from common.inbox import Arrival
 from common.keys import SceneKeys
 from common.link import Link, Publisher
 from common.messages import PosteriorMessage, StatusMessage, VerdictMessage
+from common.notify import Notifier
 from common.status import ProcessStatus
 from common.wire import decode, encode, encode_vocabulary
-from fusion.ear import Ear
 from fusion.engine.engine import FusionEngine
-from fusion.fleet import TOGETHER, Fleet
+from fusion.ingest import PosteriorIngest
+from fusion.server import BATCH, FusionServer
 
 ROUNDS = 3
 CALLS = 200
@@ -66,7 +67,7 @@ def alone() -> tuple[dict[str, float], dict[str, int]]:
         FusionEngine(scene.scene, list(scene.roster), NAMES, scene.fusion),
         ProcessStatus(scene.scene, "fusion"),
     )
-    ear = Ear(scene.scene, referee, health, lambda: now_ns)
+    ingest = PosteriorIngest(referee, health, lambda: now_ns)
     took: list[float] = []
     verdict: VerdictMessage | None = None
     for seq in range(CALLS):
@@ -75,11 +76,11 @@ def alone() -> tuple[dict[str, float], dict[str, int]]:
         payloads = [saying.at(seq, now_ns - 20_000_000) for saying in said]
         begun_s = time.thread_time()
         for judge, payload in enumerate(payloads):
-            ear.hear(Arrival(keys.posterior(f"cam{judge}"), payload, now_ns))
+            ingest.take(Arrival(keys.posterior(f"cam{judge}"), payload, now_ns))
         took.append((time.thread_time() - begun_s) / JUDGES)
         ruling = referee.step(now_ns)
         verdict = next(iter(ruling.verdicts), verdict)
-    health.set_observers(ear.accounts(scene.roster))
+    health.set_observers(ingest.statistics(scene.roster))
     one = decode(PosteriorMessage, said[0].at(seq, now_ns)).model_copy(
         update={"scene": None, "observer": None, "visible": None, "v": 2}
     )
@@ -110,41 +111,40 @@ def linked() -> Iterator[tuple[Link, str, Link]]:
 
 def stepping(link: Link, far: Link) -> dict[str, float]:
     """What a round costs by how many scenes are due in it: each, and what all share; and what taking a scene costs."""
-    (few, _), (many, sit) = (_rounds_of(count, link, far) for count in (FEW, TOGETHER))
-    each = (many - few) / (TOGETHER - FEW)
+    (few, _), (many, sit) = (_rounds_of(count, link, far) for count in (FEW, BATCH))
+    each = (many - few) / (BATCH - FEW)
     return {"step": each, "cold": max(few - FEW * each, 0.0), "sit": sit}
 
 
 def _rounds_of(count: int, link: Link, far: Link) -> tuple[float, float]:
     scenes = [scene_of(n) for n in range(count)]
-    nobody_else = Presence()
-    with closing(Fleet(scenes, link, time.time_ns)) as fleet:
-        begun_s, end_s = time.thread_time(), time.monotonic() + PATIENCE_S
-        first = fleet.round(nobody_else)
-        sit = (time.thread_time() - begun_s) / count
-        while first.judged < count:
+    end_s = time.monotonic() + PATIENCE_S
+    with closing(polled_server(scenes, link)) as server:
+        begun_s = time.thread_time()
+        owned = server.step().owned
+        while owned < count:
             if time.monotonic() > end_s:
-                raise LabanmeshError(f"a fleet that is alone did not take its scenes within {PATIENCE_S:g} s")
-            time.sleep(ARRIVED_S)
-            first = fleet.round(nobody_else)
+                raise LabanmeshError(f"a service that is alone did not take its scenes within {PATIENCE_S:g} s")
+            owned = server.step().owned
+        sit = (time.thread_time() - begun_s) / count
         told, took = [Told(scene, far) for scene in scenes], []
         for _ in range(STEPS):
             for voices in told:
                 voices.say()
             time.sleep(1.1 / scenes[0].fusion.step_hz)
             begun_s = time.thread_time()
-            fleet.round(nobody_else)
+            server.step()
             took.append(time.thread_time() - begun_s)
     return median(took) * MICRO, sit * MICRO
 
 
 def taking(link: Link, far: Link) -> float:
     """What it costs to empty an inbox of one posterior, over an empty one."""
-    branches = [link.sub_session(polled=True) for _ in range(TOGETHER)]
+    branches = [link.sub_session(polled=True) for _ in range(BATCH)]
     inboxes = [
         branch.inbox(*map(scene_of(n).keys.posterior, scene_of(n).roster), ring=1) for n, branch in enumerate(branches)
     ]
-    told = [Told(scene_of(n), far) for n in range(TOGETHER)]
+    told = [Told(scene_of(n), far) for n in range(BATCH)]
     took: dict[int, list[float]] = {0: [], len(told) * JUDGES: []}
     for number in range(2 * STEPS):
         for one in told if number % 2 else ():
@@ -178,14 +178,17 @@ class Told:
 
 
 def passing(link: Link) -> float:
-    """What a scene that is not due costs in each round: somebody else judges all."""
-    fleet = Fleet([scene_of(n) for n in range(FLEET_SCENES)], link, time.time_ns)
+    """What a scene that is not due costs in each round."""
+    scenes = [scene_of(n) for n in range(FLEET_SCENES)]
+    slow = [scene.model_copy(update={"fusion": scene.fusion.model_copy(update={"step_hz": 0.1})}) for scene in scenes]
+    with closing(polled_server(slow, link)) as server:
+        return spent(server.step, CALLS) / FLEET_SCENES
 
-    class Unknown(Presence):
-        alive = None  # type: ignore[assignment]
 
-    took = spent(lambda: fleet.round(Unknown()), CALLS)
-    return took / FLEET_SCENES
+def polled_server(scenes: Sequence[Scene], link: Link) -> FusionServer:
+    """A service of many scenes that never pauses."""
+    silent = Notifier("")
+    return FusionServer(scenes, "fusion", link, time.time_ns, shared=True, supervisor=silent, polled=True, pause_s=0.0)
 
 
 def turning() -> float:

@@ -1,8 +1,9 @@
 """One fusion process, simulated: posteriors come, a loop judges what is due, each step at its measured cost. Pure.
 
 1. Who judges many scenes: of each observer the newest posterior waits; each scene is judged `step_hz` times a second,
-   those that are due together are judged together; a status a scene and second (fusion/fleet.py, fusion/court.py).
-2. Who judges one: as soon as something has come, and `step_hz` times a second (fusion/service.py).
+   those that are due together are judged together; a status a scene and second
+   (fusion/server.py).
+2. Who judges one: as soon as something has come, and `step_hz` times a second (fusion/server.py).
 3. Steps that were missed are not made up for: who cannot keep up judges less often.
 4. Zenoh's threads and the loop need a core each, at most; where they have but one between them the loop is slower.
 """

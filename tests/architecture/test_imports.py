@@ -102,13 +102,15 @@ IMPURE = {
     "observer.tracking.*": "OpenCV",
     "deploy.security.issuing": "files",
     "deploy.security.routing": "files, a thread, the mesh",
-    "fusion.court": "the mesh",
-    "fusion.desk": "the mesh",
-    "fusion.ear": "logging, and the types of the mesh",
-    "fusion.fleet": "a loop with clock and mesh",
-    "fusion.fleet_telling": "the clock, and a server in a thread",
-    "fusion.memory_file": "files",
-    "fusion.team": "the mesh",
+    "fusion.active_scene": "the mesh",
+    "fusion.checkpoint": "files",
+    "fusion.ingest": "logging, and the types of the mesh",
+    "fusion.instrumentation": "the clock, and a server in a thread",
+    "fusion.metrics": "the clock",
+    "fusion.publisher": "the mesh",
+    "fusion.scene_worker": "the mesh",
+    "fusion.server": "a loop with clock and mesh",
+    "fusion.standby": "the mesh",
     "hub.capture": "the mesh, the clock, the terminal",
     "hub.dashboard.application": "the event loop, files",
     "hub.dashboard.history": "capture files",
@@ -211,7 +213,7 @@ def test_this_test_reads_the_house():
     assert {room_of(name) for name in FILES} == {*ROOMS, "labanmesh"}
     seen = {(i.by, i.of) for i in IMPORTS}
     assert ("fusion.engine.engine", "fusion.engine.verdict_detector") in seen and ("common.link", "zenoh") in seen
-    lazy = [i for i in IMPORTS if i.by == "fusion.commands" and i.of == "fusion.engine.engine"]
+    lazy = [i for i in IMPORTS if i.by == "fusion.commands" and i.of == "fusion.server"]
     assert lazy and not lazy[0].at_import
     assert any(i.for_types and i.of == "common.link" for i in IMPORTS if i.by == "hub.session")
 

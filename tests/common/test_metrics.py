@@ -5,6 +5,7 @@ import logging
 import re
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from prometheus_client.parser import text_string_to_metric_families
@@ -22,12 +23,13 @@ from common.messages import (
     VocabularyReference,
     Vote,
 )
+from common.vocabulary import Vocabulary
 from deploy.commands import with_ports
 from deploy.launcher import Job
-from fusion.fleet_metrics import FleetMetrics
-from fusion.fleet_telling import Round
+from fusion.engine.engine import EngineOutput
+from fusion.instrumentation import ServerStep
 from fusion.metrics import FusionMetrics
-from fusion.telling import Step
+from fusion.scene_worker import StepResult
 from hub.metrics import HubMetrics
 from hub.scene_state import SceneState
 from observer.runtime.metrics import ObserverMetrics
@@ -168,16 +170,20 @@ def every_metric():
     """All that observer, fusion and hub can say, as Prometheus reads it, by role."""
     observer = ObserverMetrics("dojo", "cam1", status)
     observer.frame(0.1, 0.01, said=True)
-    fusion = FusionMetrics("dojo", "fusion", ("ok", "bye"), status)
+    worker = SimpleNamespace(
+        scene=SimpleNamespace(scene="dojo"),
+        vocabulary=Vocabulary(("ok", "bye")),
+        status=SimpleNamespace(status=lambda now_ns: status()),
+    )
+    fusion, shared = FusionMetrics("fusion", worker), FusionMetrics("north", None)
     verdict = spoken(VerdictMessage, id="v", began_ns=0, decided_ns=SECOND, ended_ns=2 * SECOND)
-    ruling = type("Ruling", (), {"judgement": spoken(), "verdicts": [verdict]})()
-    fusion.step(Step(ruling, True, [verdict], 1, 1, 4, 0.01))
+    result = StepResult(EngineOutput(spoken(), [verdict]), [verdict])
+    for metrics in (fusion, shared):
+        metrics.record(ServerStep([(worker, result)], 1, 1, 1, 4, 0.01))
     hub = HubMetrics("mqtt")
     hub.record(SceneState("dojo").fold(spoken(), SECOND), spoken())
     hub.record_connection(True)
-    fleet = FleetMetrics("north")
-    fleet.round(Round(2, 8, ["ok"], 0.01))
-    roles = {"observer": observer, "fusion": fusion, "fusion of many scenes": fleet, "hub": hub}
+    roles = {"observer": observer, "fusion": fusion, "fusion of many scenes": shared, "hub": hub}
     return {role: list(text_string_to_metric_families(m.exposition("")[0].decode())) for role, m in roles.items()}
 
 

@@ -15,8 +15,7 @@ from common.config import MeshConfig, read_scene
 from common.link import Link
 from common.messages import PosteriorMessage, VocabularyReference
 from common.wire import encode
-from fusion.engine.engine import FusionEngine
-from fusion.service import serve
+from fusion.server import serve
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 PROGRAMS = ("subscriber.py", "robot.py", "judge.py")
@@ -59,9 +58,8 @@ class Judged:
 def judged(tmp_path):
     (tmp_path / "scene.toml").write_text(SCENE)
     scene, stop = read_scene(tmp_path / "scene.toml", {}), threading.Event()
-    referee = FusionEngine(scene.scene, list(scene.roster), scene.named_vocabulary, scene.fusion)
     with Link.open(scene.mesh, "fusion") as meeting:
-        judging = threading.Thread(target=serve, args=(scene, referee, meeting, stop))
+        judging = threading.Thread(target=serve, args=([scene], scene.fusion.id, meeting, stop))
         judging.start()
         stage = Judged(scene, meeting)
         yield stage

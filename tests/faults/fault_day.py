@@ -15,8 +15,7 @@ from common.messages import JudgementMessage, PosteriorMessage, VerdictMessage, 
 from common.status import ProcessStatus, StatusPublisher
 from common.vocabulary import Vocabulary
 from common.wire import decode, encode
-from fusion.engine.engine import FusionEngine
-from fusion.service import serve
+from fusion.server import serve
 
 SECOND_NS = 1_000_000_000
 NAMES = Vocabulary(("bowing", "lunging", "byebye", "stretch"))
@@ -65,8 +64,7 @@ def live(hours, rate_hz, every_h, tell=lambda line: None):
     stop, clock = threading.Event(), Clock()
     with Link.open(MeshConfig(), "fusion", listen=["tcp/127.0.0.1:0"]) as link:
         mesh = scene.mesh.at(link.locator)
-        referee = FusionEngine(scene.scene, list(OBSERVERS), NAMES, scene.fusion)
-        judging = threading.Thread(target=serve, args=(scene, referee, link, stop, clock))
+        judging = threading.Thread(target=serve, args=([scene], scene.fusion.id, link, stop, clock))
         judging.start()
         try:
             with Players(scene, mesh, clock) as players:

@@ -19,8 +19,8 @@ from common.config import FusionConfig
 from common.inbox import Arrival
 from common.status import ProcessStatus
 from common.wire import SIZE_LIMIT, BadMessage, decode, encode
-from fusion.ear import Ear
 from fusion.engine.engine import FusionEngine
+from fusion.ingest import PosteriorIngest
 
 MESSAGES = int(os.environ.get("LABANMESH_FUZZ", "20000"))
 SEED = int(os.environ.get("LABANMESH_FUZZ_SEED", "0"))
@@ -69,16 +69,16 @@ def test_bad_messages_change_no_judgement(caplog):
     quiet = FusionEngine(SCENE, list(OBSERVERS), NAMES, FusionConfig(quorum=2))
     noisy = Listening(quiet, SCENE, list(OBSERVERS), NAMES, FusionConfig(quorum=2))
     now_ns = NOON_NS
-    ear = Ear(SCENE, noisy, ProcessStatus(SCENE, "fusion"), lambda: now_ns)
+    ingest = PosteriorIngest(noisy, ProcessStatus(SCENE, "fusion"), lambda: now_ns)
     mutator, before_kb, compared = Mutator(SEED + 1), peak_kb(), 0
     for n in range(MESSAGES):
         observer = OBSERVERS[n % len(OBSERVERS)]
         # Observers begin anew now and then, so that no spoiled session or number mutes them for long.
         good = encode(posterior(mutator.rng, observer, n, now_ns, session=f"s{n // 60}"))
         where = observer if n % 7 else STRANGERS[n // 7 % len(STRANGERS)]
-        ear.hear(Arrival(KEY.format(where), mutator.next(good), now_ns))
+        ingest.take(Arrival(KEY.format(where), mutator.next(good), now_ns))
         if n % 3 == 0:
-            ear.hear(Arrival(KEY.format(observer), good, now_ns))
+            ingest.take(Arrival(KEY.format(observer), good, now_ns))
         now_ns += FRAME_NS // len(OBSERVERS)
         if n % JUDGED_EVERY == 0:
             one, other = noisy.step(now_ns), quiet.step(now_ns)
@@ -86,24 +86,24 @@ def test_bad_messages_change_no_judgement(caplog):
             assert [v.id for v in one.verdicts] == [v.id for v in other.verdicts]
             assert all(map(math.isfinite, one.judgement.p))
             compared += 1
-    rejected = sum(sum(account.rejected.values()) for account in ear.accounts(OBSERVERS).values())
+    rejected = sum(sum(account.rejected.values()) for account in ingest.statistics(OBSERVERS).values())
     assert rejected > 0.5 * MESSAGES and noisy.accepted > 0.2 * MESSAGES and compared
-    assert len(ear.accounts(OBSERVERS)) < 300
+    assert len(ingest.statistics(OBSERVERS)) < 300
     assert peak_kb() - before_kb < ROOM_KB
 
 
 def test_a_judge_is_heard_again_whatever_was_said_in_its_name():
     referee = FusionEngine(SCENE, list(OBSERVERS), NAMES, FusionConfig(quorum=2))
     now_ns, mutator = NOON_NS, Mutator(SEED + 2)
-    ear = Ear(SCENE, referee, ProcessStatus(SCENE, "fusion"), lambda: now_ns)
+    ingest = PosteriorIngest(referee, ProcessStatus(SCENE, "fusion"), lambda: now_ns)
     for n in range(MESSAGES // 10):
         now_ns += FRAME_NS
         good = encode(posterior(mutator.rng, "cam1", n, now_ns))
-        ear.hear(Arrival(KEY.format("cam1"), mutator.next(good), now_ns))
+        ingest.take(Arrival(KEY.format("cam1"), mutator.next(good), now_ns))
     for later in range(150):  # five seconds in which nobody else speaks in its name
         now_ns += FRAME_NS
         good = encode(posterior(mutator.rng, "cam1", n + 1 + later, now_ns))
-        ear.hear(Arrival(KEY.format("cam1"), good, now_ns))
+        ingest.take(Arrival(KEY.format("cam1"), good, now_ns))
     assert referee.step(now_ns).judgement.votes["cam1"].state in ("counted", "stale")
 
 
@@ -171,14 +171,14 @@ def spoilt(**fields):
 )
 def test_each_way_of_being_bad_is_counted_by_its_name_and_changes_nothing(payload, reason):
     referee = FusionEngine(SCENE, list(OBSERVERS), NAMES, FusionConfig(quorum=2))
-    ear = Ear(SCENE, referee, ProcessStatus(SCENE, "fusion"), lambda: NOON_NS)
+    ingest = PosteriorIngest(referee, ProcessStatus(SCENE, "fusion"), lambda: NOON_NS)
     for observer in OBSERVERS:
-        ear.hear(Arrival(KEY.format(observer), encode(posterior(Mutator(1).rng, observer)), NOON_NS))
+        ingest.take(Arrival(KEY.format(observer), encode(posterior(Mutator(1).rng, observer)), NOON_NS))
     before = referee.step(NOON_NS).judgement
-    ear.hear(Arrival(KEY.format("cam1"), payload, NOON_NS))
+    ingest.take(Arrival(KEY.format("cam1"), payload, NOON_NS))
     after = referee.step(NOON_NS).judgement
     assert belief(after) == belief(before) and np.isclose(sum(after.p), 1.0)
-    assert ear.accounts(OBSERVERS)["cam1"].rejected == {reason: 1}
+    assert ingest.statistics(OBSERVERS)["cam1"].rejected == {reason: 1}
 
 
 def peak_kb():

@@ -20,9 +20,7 @@ from common.config import MeshConfig, read_scene
 from common.errors import BadInput, LabanmeshError
 from common.link import Link
 from common.vocabulary import Vocabulary
-from fusion.engine.engine import FusionEngine
-from fusion.service import known_vocabulary
-from fusion.service import serve as serve_fusion
+from fusion.server import serve as serve_fusion
 from hub import healthcheck as hub_healthcheck
 from hub.healthcheck import healthcheck
 from hub.instrumentation import instrumented
@@ -173,12 +171,11 @@ def running(serve, *arguments):
 @pytest.fixture
 def stage(scene, ports):
     """A referee and two observers; gives where they answer, the cameras, and a further link."""
-    read = scene()
+    read = scene(f'vocabulary = {list(NAMES.labels)}\nvocabulary_name = "{NAMES.name}"\n')
     with ExitStack() as opened:
         meeting = opened.enter_context(Link.open(read.mesh, "fusion"))
         mesh = MeshConfig(mode="process", endpoint=meeting.locator)
-        referee = FusionEngine("dojo", list(OBSERVERS), NAMES, read.fusion)
-        opened.enter_context(running(serve_fusion, read, referee, meeting))
+        opened.enter_context(running(serve_fusion, [read], read.fusion.id, meeting))
         at, cameras = {"fusion": ports(), "mesh": meeting.locator}, {}
         for name in OBSERVERS:
             link = opened.enter_context(Link.open(mesh, "observer"))
@@ -253,7 +250,7 @@ def test_alive_and_ready_and_why_not(stage):
 
 def test_fusion_without_a_vocabulary_is_alive_and_not_ready(scene, ports):
     read = scene()
-    with Link.open(read.mesh, "fusion") as link, running(known_vocabulary, read, link):
+    with Link.open(read.mesh, "fusion") as link, running(serve_fusion, [read], read.fusion.id, link):
         at = ports()
         assert ask(at, "/healthz")[0] == 200 and ask(at, "/metrics")[0] == 200
         status, text = ask(at, "/readyz")

@@ -18,7 +18,7 @@ from common.link import Link
 from common.messages import StatusMessage
 from common.vocabulary import Vocabulary
 from common.wire import encode
-from fusion.service import known_vocabulary
+from fusion.server import serve as serve_fusion
 from observer.runtime.service import serve as serve_observer
 from observer.tracks import Frame
 
@@ -157,7 +157,7 @@ def test_an_observer_that_breaks_is_stopping(observing, supervisor):
 def test_fusion_is_ready_while_it_waits_for_a_vocabulary(tmp_path, supervisor):
     with Link.open(MeshConfig(), "fusion", listen=["tcp/127.0.0.1:0"]) as link:
         scene, stop = read_scene(scene_file(tmp_path, link.locator), {}), threading.Event()
-        waiting = threading.Thread(target=known_vocabulary, args=(scene, link, stop))
+        waiting = threading.Thread(target=serve_fusion, args=([scene], "fusion", link, stop))
         waiting.start()
         supervisor.wait_for("READY=1")
         supervisor.wait_for("WATCHDOG=1")

@@ -25,8 +25,7 @@ from deploy.security.authority import issue
 from deploy.security.issuing import create_authority
 from deploy.security.register import Register, Roles
 from deploy.security.router_config import router_config
-from fusion.engine.engine import FusionEngine
-from fusion.service import serve as serve_fusion
+from fusion.server import serve as serve_fusion
 from observer.runtime.service import serve as serve_observer
 from observer.tracks import Frame
 
@@ -347,8 +346,7 @@ def services(scene, mesh):
             faults.append(error)
 
     links.append(Link.open(mesh("fusion.1"), "fusion", process_id="fusion"))
-    referee = FusionEngine(scene.scene, list(scene.roster), NAMES, scene.fusion)
-    threads = [threading.Thread(target=run, args=(serve_fusion, scene, referee, links[0]))]
+    threads = [threading.Thread(target=run, args=(serve_fusion, [scene], scene.fusion.id, links[0]))]
     for name, certificate in (("cam1", "cam1.2"), ("cam2", "cam2.1")):
         links.append(Link.open(mesh(certificate), "observer", process_id=name))
         arguments = (serve_observer, scene, name, FakeObserver(), FakeSource(), links[-1])

@@ -16,8 +16,8 @@ from common.config import MeshConfig, ObserverConfig, Scene
 from common.link import Link
 from common.messages import JudgementMessage
 from common.wire import decode
-from fusion.fleet import serve_many
-from fusion.sharing import ranked
+from fusion.ownership import rendezvous_rank
+from fusion.server import serve
 
 SCENES = 6
 SOON_S = 20.0
@@ -37,19 +37,19 @@ class Region:
         self.quiet = threading.Event()
         self.talking = threading.Thread(target=self._talk)
 
-    def scenes(self, service):
+    def scenes(self):
         judges = {f"cam{n}": ObserverConfig(source="simulated") for n in range(JUDGES)}
         for number in range(SCENES):
             scene = Scene(scene=scene_name(number), vocabulary=NAMES.labels, vocabulary_name=NAMES.name,
                           mesh=self.mesh, observers=judges)  # fmt: skip
-            yield scene.for_shared_service(service)
+            yield scene
 
     def begin(self, service):
         link, stop = Link.open(self.mesh, "standby"), threading.Event()
 
         def body():
             try:
-                serve_many(list(self.scenes(service)), link, stop)
+                serve(list(self.scenes()), service, link, stop, shared=True)
             except Exception as error:  # noqa: BLE001 - told when the region closes
                 self.faults.append(error)
 
@@ -104,7 +104,7 @@ def region():
 
 
 def share_of(*services):
-    return {scene_name(n): ranked(scene_name(n), services)[0] for n in range(SCENES)}
+    return {scene_name(n): rendezvous_rank(scene_name(n), services)[0] for n in range(SCENES)}
 
 
 def test_who_comes_and_who_dies_moves_only_its_share_and_no_movement_is_lost_or_doubled(region):

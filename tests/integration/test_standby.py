@@ -7,16 +7,14 @@ import time
 import pytest
 import zenoh
 
-from common.config import FusionConfig, MeshConfig, read_scene
-from common.errors import LabanmeshError
+from common.config import MeshConfig, read_scene
 from common.link import Link
 from common.messages import JudgementMessage, PosteriorMessage, StatusMessage, VerdictMessage, VocabularyReference
 from common.status import ProcessStatus, StatusPublisher
 from common.vocabulary import Vocabulary
 from common.wire import decode, encode
-from fusion.engine.engine import FusionEngine
-from fusion.memory_file import Memory
-from fusion.service import serve
+from fusion.scene_worker import SameIdError
+from fusion.server import serve
 
 SOON_S = 10.0
 HOUR_NS = 3600 * 1_000_000_000
@@ -50,7 +48,7 @@ class Hall:
         self.scene, self.keys = scene, scene.keys
         self.meeting = Link.open(scene.mesh, "fusion")
         self.mesh = MeshConfig(mode="process", endpoint=self.meeting.locator)
-        self.links, self.services, self.faults = [self.meeting], {}, []
+        self.links, self.services, self.clocks, self.faults = [self.meeting], {}, {}, []
         self.camera, self.hub = self.peer("observer"), self.peer("hub")
         self.mouth = self.camera.publisher(self.keys.posterior("cam1"))
         self.judgements, self.verdicts = self.hub.inbox(self.keys.judgement), self.hub.inbox(self.keys.verdict)
@@ -61,15 +59,20 @@ class Hall:
         self.links.append(Link.open(self.mesh, role))
         return self.links[-1]
 
-    def begin(self, service, memory=None):
-        """One more fusion service; returns when it is alive."""
+    def begin(self, service):
+        """Start one more fusion service."""
         link, stop = self.peer("standby"), threading.Event()
-        named = self.scene.for_service(service)
+        self.clocks[service] = ticking = threading.Event()
+        ticking.set()
+
+        def clock():
+            ticking.wait()
+            return time.time_ns()
 
         def body():
             try:
-                serve(named, FusionEngine("dojo", ["cam1"], NAMES, named.fusion), link, stop, memory=memory)
-            except Exception as error:  # noqa: BLE001 - told when the hall closes
+                serve([self.scene], service, link, stop, clock)
+            except Exception as error:  # noqa: BLE001 - asserted when the hall closes
                 self.faults.append(error)
 
         thread = threading.Thread(target=body)
@@ -80,14 +83,13 @@ class Hall:
         """Its process ends: the link closes with it."""
         stop, thread, link = self.services.pop(service)
         stop.set()
+        self.clocks[service].set()
         thread.join(SOON_S)
         link.close()
 
     def freeze(self, service):
-        """Its process stops in the middle, and its link stays open: nobody sees it go."""
-        stop, thread, _ = self.services.pop(service)
-        stop.set()
-        thread.join(SOON_S)
+        """Its loop hangs in the middle, and its link stays open: no liveliness token disappears."""
+        self.clocks[service].clear()
 
     def talk(self):
         """The observer says what it believes 50 times a second until the hall closes."""
@@ -189,13 +191,12 @@ def test_who_comes_late_is_told_the_last_verdicts_by_whoever_leads(hall):
     assert [v.decided_ns for v in told] == sorted(v.decided_ns for v in told)
 
 
-def test_two_of_one_id_are_a_mistake(hall, monkeypatch):
-    monkeypatch.setattr("fusion.service.NAMESAKE_S", 0.5)
+def test_two_services_of_one_id_are_a_mistake(hall, monkeypatch):
+    monkeypatch.setattr("fusion.server.SAME_ID_TIMEOUT_S", 0.5)
     hall.begin("a")
     until(hall.judgements, JudgementMessage, lambda j: j.fusion == "a")
-    named = hall.scene.for_service("a")
-    with pytest.raises(LabanmeshError, match="alive already; stop it, or give this one an id of its own"):
-        serve(named, FusionEngine("dojo", ["cam1"], NAMES, named.fusion), hall.peer("standby"), threading.Event())
+    with pytest.raises(SameIdError, match="alive already; stop it, or give this one an id of its own"):
+        serve([hall.scene], "a", hall.peer("standby"), threading.Event())
 
 
 @pytest.mark.parametrize("skew_ns", [HOUR_NS, -HOUR_NS])
@@ -228,41 +229,25 @@ def test_bad_messages_are_told_in_the_status_by_observer_and_reason(hall):
     with zenoh.open(foreign) as session:
         # Ours would drop what does not fit through at once; a stranger may insist.
         block = zenoh.CongestionControl.BLOCK
-        session.put(hall.keys.posterior("cam1"), bytes(10_000_000), congestion_control=block)
+        session.put(hall.keys.posterior("cam1"), bytes(500_000), congestion_control=block)
     hall.peer("observer").publisher(hall.keys.posterior("mallory")).put(b"\xc1")
     wanted = {"not_msgpack": 1, "too_large": 1}
     told = until(statuses, StatusMessage, lambda s: s.observers and s.observers["cam1"].rejected == wanted)[-1]
     assert set(told.observers) <= {"cam1", "mallory"}
 
 
-def test_a_lone_service_goes_on_after_a_restart(hall, tmp_path):
-    memory = tmp_path / "memory.json"
-    hall.begin("a", Memory(memory))
+def test_a_lone_service_continues_after_a_restart(hall, tmp_path):
+    fusion = hall.scene.fusion.model_copy(update={"standby": (), "memory": str(tmp_path / "memory.json")})
+    hall.scene = hall.scene.model_copy(update={"fusion": fusion})
+    hall.begin("a")
     hall.talk()
     until(hall.judgements, JudgementMessage, lambda j: j.votes["cam1"].state == "counted")
     hall.belief = BOWING
     decided = until(hall.verdicts, VerdictMessage, lambda v: True)[-1]
     until(hall.judgements, JudgementMessage, lambda j: j.movement is not None and j.movement.label is not None)
     hall.end("a")
-    hall.begin("a", Memory(memory))
+    hall.begin("a")
     until(hall.judgements, JudgementMessage, lambda j: j.movement is not None and j.movement.id == decided.id)
     hall.belief = REST
     ended = until(hall.verdicts, VerdictMessage, lambda v: True)
     assert [(v.id, v.ended_ns is not None) for v in ended] == [(decided.id, True)]
-
-
-def test_a_memory_that_is_broken_old_or_of_another_scene_is_none(tmp_path, caplog):
-    memory = Memory(tmp_path / "m.json")
-    assert memory.recall("dojo", 0) is None
-    (tmp_path / "m.json").write_text("{")
-    assert memory.recall("dojo", 0) is None and "beginning afresh" in caplog.text
-    referee = FusionEngine("dojo", ["cam1"], NAMES, FusionConfig(id="a"))
-    judgement = referee.step(1000 * 10**9).judgement
-    memory.keep(judgement, None)
-    assert memory.recall("dojo", 1001 * 10**9).judgement == judgement
-    assert memory.recall("garden", 1001 * 10**9) is None
-    assert memory.recall("dojo", 1100 * 10**9) is None
-    nowhere = Memory(tmp_path / "no" / "m.json")
-    nowhere.keep(judgement, None)
-    nowhere.keep(judgement.model_copy(update={"at_ns": 7}), None)
-    assert caplog.text.count("cannot be written") == 1

@@ -1,0 +1,155 @@
+"""One scene that is fused in this process: posteriors in, judgements and verdicts out when it is the owner's."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from common.clock_skew import ClockQuerier
+from common.config import Scene
+from common.inbox import Arrival
+from common.keys import observer_of
+from common.link import Link
+from common.messages import JudgementMessage, VerdictMessage
+from common.notify import Notifier
+from common.status import ProcessStatus
+from common.wire import encode_vocabulary
+from fusion.checkpoint import FORGET_S, Checkpoint, CheckpointFile
+from fusion.engine.engine import EngineOutput, FusionEngine
+from fusion.engine.pooling import PooledPosterior, PoolingCase
+from fusion.ingest import PosteriorIngest, newest
+from fusion.publisher import VerdictPublisher
+
+
+@dataclass(frozen=True, slots=True)
+class Service:
+    """What all scenes of one fusion service share.
+
+    own: its id. session: random per process, to notice a second process of the same id. clock: Unix epoch in ns.
+    ticks: monotonic seconds. shared: whether scenes that name no standby services are shared by all services. polled:
+    whether messages wait until the step that takes them (many scenes) instead of being received by a thread for each
+    subscription. wake: called when the loop has work. ask_clocks_s: how often the clocks of the observers are asked.
+    supervisor: receives the state of the scene, where there is but one.
+    """
+
+    own: str
+    session: str
+    link: Link
+    clock: Callable[[], int]
+    ticks: Callable[[], float]
+    shared: bool
+    polled: bool
+    wake: Callable[[], None]
+    ask_clocks_s: float
+    supervisor: Notifier
+
+
+@dataclass(frozen=True, slots=True)
+class StepInput:
+    """The first half of a step: posteriors received and read, and what is to be pooled; None: nothing is."""
+
+    received: int = 0
+    read: int = 0
+    now_ns: int = 0
+    case: PoolingCase | None = None
+
+
+class ActiveScene:
+    """An engine with all that it receives and publishes; everything that it declares ends with `close`."""
+
+    def __init__(
+        self,
+        scene: Scene,
+        service: Service,
+        engine: FusionEngine,
+        status: ProcessStatus,
+        file: CheckpointFile | None,
+        hand_over: Callable[[str], bytes | None],
+    ) -> None:
+        """hand_over: called between two steps with the id of a service that asks for the scene."""
+        self._scene, self._clock, self._engine, self._status = scene, service.clock, engine, status
+        self._session = service.link.sub_session(polled=service.polled)
+        # Always polled: ownership changes between two steps, never within one.
+        self._requests = service.link.sub_session(polled=True)
+        self._requests.answer_requests(
+            scene.keys.fusion_handover(service.own), lambda payload: hand_over(payload.decode("ascii", "replace"))
+        )
+        # Of many scenes by whole keys: Zenoh looks them up at once, and tries subscribers with wildcards one after the
+        # other; with 250 of them a message costs ten times as much. Of few scenes the server has one inbox.
+        names = map(scene.keys.posterior, scene.roster) if service.polled else ()
+        self._posteriors = self._session.inbox(*names, ring=1)
+        self._present = self._session.presence(scene.keys.observer_alive())
+        self._ingest = PosteriorIngest(engine, status, service.clock)
+        self._clocks = ClockQuerier(
+            self._session, scene.keys.observer_status(), service.clock, service.wake, service.ask_clocks_s
+        )
+        self._publisher = VerdictPublisher(self._session, scene.keys, engine, file)
+        vocabulary = encode_vocabulary(scene.scene, engine.vocabulary)
+        self._session.answer(scene.keys.vocabulary, lambda: vocabulary)
+        self._withheld: list[VerdictMessage] = []
+        self.restored = False
+        """Whether the engine continues from what another service, or an earlier process, has published."""
+
+    def poll_requests(self) -> None:
+        """Answer a handover request, if one has come."""
+        self._requests.poll()
+
+    def set_owner(self, owns: bool, epoch: int) -> None:
+        """Whether this service owns the scene, and the epoch of the owner."""
+        self._publisher.answers = owns
+        if owns:
+            self._engine.epoch = epoch
+
+    def collect(self, arrivals: Sequence[Arrival], *, fuse: bool) -> StepInput:
+        """Take in the `arrivals` and what else has come; with `fuse`, the result says what is to be pooled."""
+        self._session.poll()
+        arrivals = arrivals or self._posteriors.take(0)
+        read = newest(arrivals)
+        for arrival in read:
+            self._ingest.take(arrival)
+        if self._clocks.ask_if_due():
+            self._status.set_observers(self._ingest.statistics(self._scene.roster))
+        for observer, reading in self._clocks.readings():
+            self._engine.record_clock(observer, reading)
+        # After the posteriors: a last one must not bring back an observer that has gone.
+        self._engine.set_present(frozenset(map(observer_of, self._present.alive)))
+        if not fuse:
+            return StepInput(len(arrivals), len(read))
+        now_ns = self._clock()
+        return StepInput(len(arrivals), len(read), now_ns, self._engine.pooling_case(now_ns))
+
+    def fuse(self, step: StepInput, pooled: PooledPosterior | None) -> EngineOutput:
+        """The judgement and the verdicts of a step; `pooled`: what its case comes to, where that is known."""
+        if step.case is None:
+            raise ValueError("a step without a case cannot be fused")
+        output = self._engine.output_for(step.case.posteriors, step.now_ns, pooled)
+        self._withheld += output.verdicts
+        return output
+
+    def publish(self, output: EngineOutput) -> Sequence[VerdictMessage]:
+        """Publish the judgement and all verdicts that were not published yet; returns these verdicts."""
+        self._publisher.publish(self._withheld, output.judgement)
+        published, self._withheld = self._withheld, []
+        return published
+
+    def follow(self, message: JudgementMessage) -> None:
+        """Continue where the owner is: what it has not published, this engine decides again."""
+        self._withheld.clear()
+        self._engine.continue_from(message)
+        self._publisher.remember(message)
+        self.restored = True
+
+    def restore(self, checkpoint: Checkpoint) -> None:
+        """Continue from `checkpoint`; of one older than FORGET_S only the learned reliability counts."""
+        if checkpoint.age_s(self._clock()) <= FORGET_S:
+            self._publisher.restore(checkpoint)
+        else:
+            self._engine.reliability = checkpoint.reliability
+        self.restored = True
+
+    def checkpoint(self) -> Checkpoint | None:
+        """What another service needs to continue."""
+        return self._publisher.checkpoint()
+
+    def close(self) -> None:
+        """End all that was declared."""
+        self._requests.close()
+        self._session.close()

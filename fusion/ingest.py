@@ -1,0 +1,99 @@
+"""Arrived bytes to checked posteriors: what cannot be used is counted by reason, logged once a minute and dropped."""
+
+import logging
+from collections import Counter
+from collections.abc import Callable, Sequence
+
+from common.inbox import Arrival
+from common.keys import observer_of
+from common.messages import ObserverStatistics, PosteriorMessage
+from common.status import ProcessStatus
+from common.wire import BadMessage, decode_from
+from fusion.engine.engine import FusionEngine
+
+log = logging.getLogger("labanmesh.fusion")
+MINUTE_NS = 60_000_000_000
+SENDERS_LIMIT = 256
+"""A peer that invents names cannot fill the memory: further senders are counted as "others"."""
+NEWEST = 2
+"""Messages of one observer that are read of a flood: if the last is a late copy, the one before may be the newest."""
+FLOOD = 64
+"""More arrivals than this in one step mean that the service has fallen behind, or is flooded."""
+
+
+def newest(arrivals: Sequence[Arrival], flood: int = FLOOD) -> list[Arrival]:
+    """The last NEWEST arrivals of each key, in order of arrival; all of them when there are at most `flood`.
+
+    A posterior is cumulative, so only the newest of each observer count.
+    """
+    if len(arrivals) <= max(flood, NEWEST):
+        return list(arrivals)
+    counts: Counter[str] = Counter()
+    result = []
+    for arrival in reversed(arrivals):
+        if counts[arrival.key] < NEWEST:
+            counts[arrival.key] += 1
+            result.append(arrival)
+    result.reverse()
+    return result
+
+
+class RejectionLog:
+    """Counts rejected messages per sender and reason, and words a log line at most once a minute per sender."""
+
+    def __init__(self, every_ns: int = MINUTE_NS) -> None:
+        self._every_ns = every_ns
+        self._since_logged: dict[str, Counter[str]] = {}
+        self._logged_ns: dict[str, int] = {}
+        self.totals: dict[str, Counter[str]] = {}
+        """Rejected messages since the start, by sender and reason."""
+
+    def add(self, sender: str, reason: str, detail: str, now_ns: int) -> str | None:
+        """Count one message; returns the line to log, or None while the last one is younger than a minute."""
+        if sender not in self.totals and len(self.totals) >= SENDERS_LIMIT:
+            sender = "others"
+        recent = self._since_logged.setdefault(sender, Counter())
+        recent[reason] += 1
+        self.totals.setdefault(sender, Counter())[reason] += 1
+        if now_ns - self._logged_ns.get(sender, -self._every_ns) < self._every_ns:
+            return None
+        self._logged_ns[sender] = now_ns
+        counts = ", ".join(f"{name} {count}" for name, count in recent.most_common())
+        recent.clear()
+        return f"{sender}: messages rejected since the last line: {counts}; newest: {detail}"
+
+
+class PosteriorIngest:
+    """Passes the posteriors of one scene to its engine; the observer's id comes from the key."""
+
+    def __init__(self, engine: FusionEngine, status: ProcessStatus, clock: Callable[[], int]) -> None:
+        self._engine, self._status, self._clock = engine, status, clock
+        self._rejections = RejectionLog()
+
+    def take(self, arrival: Arrival) -> None:
+        """Take one message; a bad one is counted and dropped, never raised."""
+        observer, now_ns = observer_of(arrival.key), self._clock()
+        try:
+            message = decode_from(arrival.key, PosteriorMessage, arrival.payload)
+        except BadMessage as error:
+            self._engine.reject(observer, error.reason)
+            self._log(observer, error.reason, error.detail, now_ns)
+            return
+        reason = self._engine.receive(observer, message, now_ns)
+        if reason is None:
+            self._status.record_frame(message.captured_ns, now_ns)
+        else:
+            self._log(observer, reason, f"seq {message.seq} of session {message.session}", now_ns)
+
+    def statistics(self, roster: Sequence[str]) -> dict[str, ObserverStatistics]:
+        """Clock skew and rejected messages of each observer of the scene, and of others that sent some."""
+        rejected = self._rejections.totals
+        return {
+            observer: ObserverStatistics(skew_s=self._engine.skew_s(observer), rejected=rejected.get(observer, {}))
+            for observer in dict.fromkeys((*roster, *rejected))
+        }
+
+    def _log(self, observer: str, reason: str, detail: str, now_ns: int) -> None:
+        line = self._rejections.add(observer, reason, detail, now_ns)
+        if line is not None:
+            log.warning("%s", line)

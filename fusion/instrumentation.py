@@ -1,0 +1,67 @@
+"""How a fusion service is doing, for those who ask over HTTP: health, and metrics where they are wanted."""
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from common.health import FRESH_S, ProcessHealth, serve_health
+from common.lifecycle import set_log_identity
+from common.text import plural
+from fusion.scene_worker import ASKING, STEPS_MISSED, SceneWorker, StepResult
+
+if TYPE_CHECKING:
+    from fusion.metrics import FusionMetrics
+
+
+@dataclass(frozen=True, slots=True)
+class ServerStep:
+    """One step of the loop.
+
+    results: of each scene that was due. owned: scenes that this service owns. received, read: posteriors in this step,
+    and those of them that were read. dropped: posteriors left out since the start. took_s: how long the step took.
+    """
+
+    results: Sequence[tuple[SceneWorker, StepResult]]
+    owned: int
+    received: int
+    read: int
+    dropped: int
+    took_s: float
+
+
+@contextmanager
+def instrumented(workers: Sequence[SceneWorker], own: str) -> Iterator[Callable[[ServerStep], None]]:
+    """Serve health and metrics where the first scene's [metrics] says while the context lasts; yields a recorder."""
+    first = workers[0]
+    only = first if len(workers) == 1 else None
+    name = first.scene.scene if only else plural(len(workers), "scene")
+    set_log_identity(name, "fusion", own)
+    # A service that has missed several steps, and for FRESH_S at least, is not ready any more.
+    fresh_s = max(FRESH_S, STEPS_MISSED / first.scene.fusion.step_hz)
+
+    def reason() -> str:
+        return only.status.status(time.time_ns()).reason if only else ""
+
+    def obstacle() -> str:
+        return ASKING if only and only.vocabulary is None else ""
+
+    health = ProcessHealth(name, "fusion", own, time.monotonic(), fresh_s, reason)
+    health.set_obstacle(obstacle())
+
+    def make() -> "FusionMetrics":
+        # Loaded where metrics are asked for.
+        from fusion.metrics import FusionMetrics
+
+        return FusionMetrics(own, only)
+
+    with serve_health(first.scene.metrics.listen, health, make) as metrics:
+
+        def record(step: ServerStep) -> None:
+            health.record_step(time.monotonic())
+            health.set_obstacle(obstacle())
+            if metrics is not None:
+                metrics.record(step)
+
+        yield record

@@ -1,0 +1,166 @@
+"""Which fusion service publishes for a scene: one state machine for standby services and for shared scenes. Pure.
+
+1. The services of a scene that are alive are ranked, in every process in the same way: in the order of the scene file,
+   or, when the file names no standby services, by rendezvous hashing (Thaler and Ravishankar, 1998): each service has
+   a weight in each scene, a hash of both names. A service that comes or goes moves only its own share of the scenes.
+2. One service owns the scene and publishes. The others stand by. In a shared scene only the next in rank listens.
+3. When the liveliness token of the owner disappears, the first of the others takes over at once. When the owner has
+   published nothing for `takeover_s`, the first of the others takes over too, and the silent service is left out of
+   the ranking until it publishes again. Each next service waits `takeover_s` longer.
+4. In a shared scene the first in rank asks the owner to hand over. The owner answers with its state and is silent
+   from then on. If the new owner does not publish within `takeover_s`, rule 3 applies. In a scene with named standby
+   services an owner stays the owner until it stops, so that a service that crashes repeatedly does no harm.
+5. Every owner has an epoch, one higher than any epoch it has received. If two services publish, after a network was
+   split for example, the one with the lower epoch stands by as soon as it hears the other; at the same epoch the one
+   with the lower rank does.
+6. A service that took no step for `takeover_s` (stopped, swapped out) listens for as long before it publishes again,
+   because another service may be the owner by now. A service that knows of no other one goes on at once.
+
+Times are seconds of a monotonic clock.
+"""
+
+import hashlib
+from collections.abc import Iterable
+from enum import Enum
+
+
+class Role(Enum):
+    """What a service does for a scene."""
+
+    IDLE = "idle"
+    STANDBY = "standby"
+    REQUESTING = "requesting"
+    OWNER = "owner"
+
+
+def rendezvous_rank(scene: str, services: Iterable[str]) -> tuple[str, ...]:
+    """The services by their weight in the scene, the heaviest first; the same in every process."""
+    return tuple(sorted(set(services), key=lambda service: _weight(scene, service), reverse=True))
+
+
+def _weight(scene: str, service: str) -> bytes:
+    # No name contains a space, so no two pairs give the same text.
+    return hashlib.blake2b(f"{scene} {service}".encode(), digest_size=16).digest()
+
+
+class Ownership:
+    """The part of the service `own` in one scene.
+
+    named: the services that the scene file names, in its order; empty for a scene that all services share.
+    takeover_s: how long an owner may publish nothing.
+    """
+
+    def __init__(self, own: str, scene: str, named: tuple[str, ...], takeover_s: float) -> None:
+        self._own, self._scene, self._named, self._takeover_s = own, scene, named, takeover_s
+        self._others: frozenset[str] = frozenset()
+        self._silent: frozenset[str] = frozenset()
+        self._quiet_since_s = 0.0
+        self._updated_s: float | None = None
+        self.role = Role.IDLE
+        self.owner: str | None = None
+        """The service that owns the scene, as far as it is known; possibly `own`."""
+        self.epoch = 0
+        """The epoch of the owner; of `own` while it is the owner."""
+
+    def restore_epoch(self, epoch: int) -> None:
+        """Continue after a restart with an epoch that was published before."""
+        self.epoch = max(self.epoch, epoch)
+
+    def set_alive(self, alive: Iterable[str], now_s: float) -> None:
+        """Take the services whose liveliness tokens exist now."""
+        present = frozenset(alive) - {self._own}
+        if self._named:
+            present &= frozenset(self._named)
+        gone, self._others = self._others - present, present
+        self._silent &= present
+        if self.owner in gone:
+            # Rule 3: the first of the others need not wait.
+            self.owner, self._quiet_since_s = None, now_s - self._takeover_s
+
+    def published(self, service: str, epoch: int, now_s: float) -> bool:
+        """Another service published; returns whether it is the owner to follow.
+
+        A message of a service whose liveliness token has disappeared is its last one and changes nothing.
+        """
+        if service not in self._others:
+            return False
+        rival = self._own if self.role is Role.OWNER else self.owner
+        if rival not in (None, service) and not self._precedes(service, epoch, rival):
+            return False
+        self._silent -= {service}
+        if self.role is Role.OWNER:
+            self.role = Role.STANDBY
+        self.owner, self.epoch, self._quiet_since_s = service, max(epoch, self.epoch), now_s
+        return True
+
+    def sign_of_life(self, now_s: float) -> None:
+        """Something was published that was not read; the owner, if it is known, is not silent."""
+        if self.role is not Role.OWNER:
+            self._quiet_since_s = now_s
+
+    def update(self, now_s: float) -> Role:
+        """Follow the rules at one step; to be called at every step, after all that has arrived was taken."""
+        slept = self._updated_s is None or now_s - self._updated_s > self._takeover_s
+        self._updated_s = now_s
+        if self._named == (self._own,):
+            self._own_it()
+        elif slept and self._may_have_others:
+            self.role, self.owner, self._quiet_since_s = Role.STANDBY, None, now_s
+        elif self.role is not Role.OWNER:
+            self._follow_rank(now_s)
+        return self.role
+
+    def handed_over(self) -> None:
+        """The owner has handed over, or did not answer: become the owner."""
+        if self.role is Role.REQUESTING:
+            self._own_it()
+
+    def give_to(self, service: str, now_s: float) -> bool:
+        """`service` asks for the scene; returns whether it gets it (rule 4)."""
+        if self._named or self.role is not Role.OWNER or service not in self._others:
+            return False
+        if self._rank((self._own, service))[0] != service:
+            return False
+        self.role, self.owner, self._quiet_since_s = Role.STANDBY, service, now_s
+        return True
+
+    def _follow_rank(self, now_s: float) -> None:
+        quiet_s = now_s - self._quiet_since_s
+        if self.owner is not None and quiet_s > self._takeover_s:
+            self._silent |= {self.owner}
+            self.owner = None
+        place = self._rank({self._own, *self._others} - self._silent).index(self._own)
+        if place > 1 and not self._named:
+            self.role, self.owner = Role.IDLE, None
+        elif self.role is Role.IDLE and self._may_have_others:
+            # It begins to listen now.
+            self.role, self.owner, self._quiet_since_s = Role.STANDBY, None, now_s
+        elif self.owner is None:
+            waits_s = self._takeover_s * (1 + place) if self._may_have_others else 0.0
+            if quiet_s >= waits_s:
+                self._own_it()
+            else:
+                self.role = Role.STANDBY
+        elif place == 0 and not self._named:
+            self.role = Role.REQUESTING
+        else:
+            self.role = Role.STANDBY
+
+    @property
+    def _may_have_others(self) -> bool:
+        """Whether another service may own the scene; one that the scene file names may be out of reach."""
+        return bool(self._others) or len(self._named) > 1
+
+    def _own_it(self) -> None:
+        if self.role is not Role.OWNER:
+            self.role, self.owner, self.epoch = Role.OWNER, self._own, self.epoch + 1
+
+    def _precedes(self, service: str, epoch: int, rival: str | None) -> bool:
+        if epoch != self.epoch or rival is None:
+            return epoch > self.epoch
+        return self._rank((service, rival))[0] == service
+
+    def _rank(self, services: Iterable[str]) -> tuple[str, ...]:
+        if self._named:
+            return tuple(service for service in self._named if service in set(services))
+        return rendezvous_rank(self._scene, services)

@@ -1,0 +1,81 @@
+"""Publishing for one scene: verdicts and judgements out, and the last ones again for late joiners.
+
+A verdict is published before the judgement that it came from: a service that takes over in between knows of it.
+"""
+
+import logging
+from collections.abc import Sequence
+
+from common.keys import SceneKeys
+from common.messages import JudgementMessage, VerdictMessage
+from common.subsession import SubSession
+from common.wire import encode
+from fusion.checkpoint import Checkpoint, CheckpointFile
+from fusion.engine.engine import FusionEngine
+
+log = logging.getLogger("labanmesh.fusion")
+VERDICTS_KEPT = 10
+"""Late joiners receive this many of the last verdicts."""
+
+
+class VerdictPublisher:
+    """Publishes the judgements and verdicts of one scene while it is the owner's, and answers queries for them.
+
+    Of a standby service `remember` takes what the owner publishes, so that the answers go on after a takeover.
+    """
+
+    def __init__(self, session: SubSession, keys: SceneKeys, engine: FusionEngine, file: CheckpointFile | None) -> None:
+        self._judgements = session.publisher(keys.judgement)
+        self._verdicts = session.publisher(keys.verdict)
+        self._engine, self._file = engine, file
+        self._last_judgement: JudgementMessage | None = None
+        self._last_verdict: VerdictMessage | None = None
+        self._judgement_payload: bytes | None = None
+        self._verdict_payloads: tuple[bytes, ...] = ()
+        self.answers = False
+        """Whether queries are answered: by the owner alone."""
+        session.answer(keys.judgement, lambda: self._judgement_payload if self.answers else None)
+        session.answer(keys.verdict, lambda: self._verdict_payloads if self.answers else None)
+
+    def publish(self, verdicts: Sequence[VerdictMessage], judgement: JudgementMessage) -> None:
+        """Send the verdicts, then the judgement."""
+        for verdict in verdicts:
+            self._verdicts.put(self.remember(verdict))
+            _log(verdict)
+        self._judgements.put(self.remember(judgement))
+
+    def remember(self, message: JudgementMessage) -> bytes:
+        """`message` is the last one that was published, here or by the owner; returns its bytes."""
+        payload = encode(message)
+        if isinstance(message, VerdictMessage):
+            self._verdict_payloads = (*self._verdict_payloads, payload)[-VERDICTS_KEPT:]
+            self._last_verdict = message
+            return payload
+        self._last_judgement, self._judgement_payload = message, payload
+        if self._file is not None and (checkpoint := self.checkpoint()) is not None:
+            self._file.write(checkpoint)
+        return payload
+
+    def checkpoint(self) -> Checkpoint | None:
+        """What another service needs to continue; None before the first judgement."""
+        if self._last_judgement is None:
+            return None
+        return Checkpoint(
+            judgement=self._last_judgement, verdict=self._last_verdict, reliability=self._engine.reliability
+        )
+
+    def restore(self, checkpoint: Checkpoint) -> None:
+        """Continue where the service that wrote `checkpoint` was."""
+        self._engine.reliability = checkpoint.reliability
+        messages = [message for message in (checkpoint.verdict, checkpoint.judgement) if message is not None]
+        for message in sorted(messages, key=lambda message: message.seq):
+            self._engine.continue_from(message)
+            self.remember(message)
+
+
+def _log(verdict: VerdictMessage) -> None:
+    k, n = verdict.agreement.k, verdict.agreement.n
+    ended = verdict.ended_ns is not None
+    fields = {"verdict": verdict.id, "label": verdict.label, "agree": k, "heard": n, "ended": ended}
+    stage = "ended" if ended else "decided"
+    log.info("verdict %s: %s, %d of %d agree, %s", verdict.id, verdict.label, k, n, stage, extra=fields)

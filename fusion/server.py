@@ -1,0 +1,217 @@
+"""A fusion service: the loop over its scenes, one or hundreds.
+
+1. The mesh only fills inboxes and rings; one loop empties them.
+2. A service of few scenes fuses a scene as soon as posteriors arrive, and at least `step_hz` times a second. A service
+   of many fuses each scene `step_hz` times a second, of each observer the newest posterior, and pools the scenes that
+   are due together.
+3. Which service owns which scene is decided in ownership.py, scene by scene.
+"""
+
+import logging
+import secrets
+import threading
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from itertools import islice
+
+from common.config import Scene
+from common.errors import BadInput
+from common.inbox import Arrival, Presence
+from common.keys import scene_of
+from common.link import Link
+from common.notify import Notifier
+from fusion.active_scene import Service
+from fusion.engine.pooling import PooledPosterior, pool_many
+from fusion.instrumentation import ServerStep, instrumented
+from fusion.ownership import Role
+from fusion.scene_worker import SameIdError, SceneWorker, StepResult
+
+log = logging.getLogger("labanmesh.fusion")
+FEW_SCENES = 8
+"""Up to this many scenes each subscription has a thread of its own, which costs memory and saves milliseconds."""
+PAUSE_S = 0.008
+"""Between two rounds over many scenes: some are due in each, and are pooled together."""
+BATCH = 32
+"""Scenes that are pooled at once; more save little."""
+SETTLE_S = 0.3
+"""After opening a link it takes at most this long to know which services are alive."""
+SAME_ID_TIMEOUT_S = 3.0
+"""The token of a service that was killed outlives it by its lease, at most."""
+ASK_CLOCKS_S = 60.0
+"""Asking a thousand observers every second would cost as much as receiving their posteriors."""
+STATUS_EVERY_S = 1.0
+
+
+def serve(
+    scenes: Sequence[Scene],
+    own: str,
+    link: Link,
+    stop: threading.Event,
+    clock: Callable[[], int] = time.time_ns,
+    *,
+    shared: bool = False,
+) -> None:
+    """Take part in the fusion of `scenes` as the service `own` until `stop` is set.
+
+    shared: scenes that name no standby services are shared with all other services of these scenes. clock: Unix epoch
+    in ns. Raises BadInput for scenes that one process cannot serve, LabanmeshError when another process has this id.
+    """
+    require_compatible(scenes)
+    supervisor = Notifier.from_environment()
+    if not _id_is_free(scenes, own, link, stop):
+        return
+    server = FusionServer(scenes, own, link, clock, shared=shared, supervisor=supervisor)
+    fault = ""
+    try:
+        with instrumented(server.workers, own) as record:
+            supervisor.ready()
+            log.info("serving %s as %s", ", ".join(scene.scene for scene in scenes[:5]), own)
+            if shared and stop.wait(SETTLE_S):
+                return
+            while not stop.is_set():
+                record(server.step())
+                supervisor.alive()
+    except BaseException as error:
+        fault = f"{type(error).__name__}: {error}"[:200]
+        raise
+    finally:
+        server.close(fault)
+        supervisor.stopping()
+    if server.dropped:
+        log.warning("%d posteriors arrived faster than they could be fused and were left out", server.dropped)
+
+
+class FusionServer:
+    """The scenes of one fusion service; `step` does all that is due."""
+
+    def __init__(
+        self,
+        scenes: Sequence[Scene],
+        own: str,
+        link: Link,
+        clock: Callable[[], int],
+        *,
+        shared: bool,
+        supervisor: Notifier,
+        ticks: Callable[[], float] = time.monotonic,
+        polled: bool | None = None,
+        pause_s: float = PAUSE_S,
+    ) -> None:
+        """polled: whether posteriors wait until a scene is due; None: as its number of scenes asks for."""
+        self._polled = len(scenes) > FEW_SCENES if polled is None else polled
+        self._ticks, self._polling_pause_s = ticks, pause_s
+        keys = () if self._polled else tuple(scene.keys.posterior() for scene in scenes)
+        self._inbox = link.inbox(*keys)
+        service = Service(
+            own=own,
+            session=secrets.token_hex(8),
+            link=link,
+            clock=clock,
+            ticks=ticks,
+            shared=shared,
+            polled=self._polled,
+            wake=self._inbox.wake,
+            ask_clocks_s=ASK_CLOCKS_S if self._polled else 1.0,
+            supervisor=supervisor if len(scenes) == 1 else Notifier(""),
+        )
+        self.workers = [SceneWorker(scene, service) for scene in scenes]
+        now_s = ticks()
+        # Spread evenly, so that the last scene does not wait for the first.
+        self._due_s = [now_s + n / len(scenes) / scene.fusion.step_hz for n, scene in enumerate(scenes)]
+        self._status_s = now_s
+
+    @property
+    def dropped(self) -> int:
+        """Posteriors that were left out since the start because the inbox was full."""
+        return self._inbox.dropped
+
+    def step(self) -> ServerStep:
+        """Wait until something is due, at most one period, and do it."""
+        arrivals = self._inbox.take(self._pause_s())
+        begun_s = self._ticks()
+        received = read = 0
+        results: list[tuple[SceneWorker, StepResult]] = []
+        # In batches: when many are due, what was read of the first would grow old.
+        for batch in _batched(self._due(_by_scene(arrivals)), BATCH):
+            steps = [(worker, worker.collect(own)) for worker, own in batch]
+            received += sum(step.received for _, step in steps)
+            read += sum(step.read for _, step in steps)
+            pools: Iterator[PooledPosterior] = iter(pool_many([s.case for _, s in steps if s.case is not None]))
+            results += [(worker, worker.finish(s, next(pools) if s.case is not None else None)) for worker, s in steps]
+        if begun_s - self._status_s >= STATUS_EVERY_S:
+            self._status_s = begun_s
+            for worker in self.workers:
+                worker.publish_status()
+        owned = sum(worker.role is Role.OWNER for worker in self.workers)
+        return ServerStep(results, owned, received, read, self.dropped, self._ticks() - begun_s)
+
+    def close(self, fault: str = "") -> None:
+        """Leave all scenes. fault: why the service failed; "": it stops in order."""
+        for worker in self.workers:
+            worker.close(fault)
+
+    def _pause_s(self) -> float:
+        return self._polling_pause_s if self._polled else max(0.0, min(self._due_s) - self._ticks())
+
+    def _due(self, arrivals: dict[str, list[Arrival]]) -> Iterator[tuple[SceneWorker, Sequence[Arrival]]]:
+        """Scenes with arrivals, and scenes whose time has come."""
+        for n, worker in enumerate(self.workers):
+            own, late_s = arrivals.get(worker.scene.scene, ()), self._ticks() - self._due_s[n]
+            if not own and late_s < 0:
+                continue
+            period_s = 1 / worker.scene.fusion.step_hz
+            if self._polled:
+                # Steps that were missed are not made up for; the phase stays.
+                self._due_s[n] += period_s * (1 + late_s // period_s)
+            else:
+                self._due_s[n] = self._ticks() + period_s
+            yield worker, own
+
+
+def require_compatible(scenes: Sequence[Scene]) -> None:
+    """Raises BadInput, one line, for scenes that one process cannot serve together."""
+    first, names, files = scenes[0], set[str](), dict[str, str]()
+    for scene in scenes:
+        if scene.scene in names:
+            raise BadInput(f"scene {scene.scene!r}: in two of the files; each scene is fused once")
+        names.add(scene.scene)
+        if scene.mesh != first.mesh:
+            raise BadInput(f"scene {scene.scene!r}: another [mesh] than {first.scene!r}; one process has one link")
+        if scene.fusion.memory:
+            path = str(scene.place(scene.fusion.memory).absolute())
+            if path in files:
+                raise BadInput(
+                    f"scene {scene.scene!r}: fusion.memory = {scene.fusion.memory!r} is the file of {files[path]!r} "
+                    "too; each scene needs a file of its own"
+                )
+            files[path] = scene.scene
+
+
+def _id_is_free(scenes: Sequence[Scene], own: str, link: Link, stop: threading.Event) -> bool:
+    """Wait for a killed process of the same id to disappear; False when stopped before; raises SameIdError."""
+    keys = [scene.keys.fusion_alive(own) for scene in scenes]
+    with link.sub_session() as session:
+        # One of them suffices: a process announces itself in all of its scenes.
+        presence: Presence = session.presence(keys[0])
+        begun_s = time.monotonic()
+        while (waited_s := time.monotonic() - begun_s) < SETTLE_S / 2 or keys[0] in presence.alive:
+            if stop.wait(0.02):
+                return False
+            if waited_s > SAME_ID_TIMEOUT_S:
+                raise SameIdError(keys[0])
+    return True
+
+
+def _by_scene(arrivals: Iterable[Arrival]) -> dict[str, list[Arrival]]:
+    result: dict[str, list[Arrival]] = {}
+    for arrival in arrivals:
+        result.setdefault(scene_of(arrival.key), []).append(arrival)
+    return result
+
+
+def _batched(
+    due: Iterable[tuple[SceneWorker, Sequence[Arrival]]], size: int
+) -> Iterator[list[tuple[SceneWorker, Sequence[Arrival]]]]:
+    rest = iter(due)
+    while batch := list(islice(rest, size)):
+        yield batch

@@ -1,0 +1,116 @@
+"""What a fusion service takes from the other services of a scene: their messages, and a handover."""
+
+import logging
+from collections.abc import Iterator
+
+from pydantic import ValidationError
+
+from common.config import Scene
+from common.link import Link
+from common.messages import JudgementMessage, VerdictMessage
+from common.vocabulary import Vocabulary
+from common.wire import BadMessage, check_vocabulary, decode_from
+from fusion.checkpoint import Checkpoint
+
+log = logging.getLogger("labanmesh.fusion")
+HANDOVER_TIMEOUT_S = 1.0
+"""An owner that does not answer a handover request for this long is taken not to publish any more."""
+READ_EVERY_S = 1.0
+"""A listener that only keeps the last messages decodes one judgement per second; the others are signs of life."""
+
+
+class StandbyListener:
+    """Receives the judgements and verdicts that other services publish in one scene, and keeps the last of each."""
+
+    def __init__(self, scene: Scene, link: Link) -> None:
+        self._scene = scene
+        self._session = link.sub_session(polled=True)
+        self._inbox = self._session.inbox(scene.keys.judgement, scene.keys.verdict, remote=True)
+        self._judgement: bytes | None = None
+        self._verdict: bytes | None = None
+        self._decoded_s = float("-inf")
+        self._warned = False
+
+    def messages(
+        self, now_s: float, vocabulary: Vocabulary | None, *, every: bool
+    ) -> Iterator[JudgementMessage | None]:
+        """The messages since the last call in order of arrival; None stands for one that is not decoded.
+
+        vocabulary: of the scene, once it is known; a message in another one cannot be used. every: decode all of them;
+        otherwise one judgement per second.
+        """
+        self._session.poll()
+        for arrival in self._inbox.take(0):
+            kind = VerdictMessage if arrival.key == self._scene.keys.verdict else JudgementMessage
+            if kind is JudgementMessage and not every and now_s - self._decoded_s < READ_EVERY_S:
+                self._judgement = arrival.payload
+                yield None
+                continue
+            try:
+                message = decode_from(arrival.key, kind, arrival.payload)
+                if vocabulary is not None:
+                    check_vocabulary(message, vocabulary)
+            except BadMessage as error:
+                if not self._warned:
+                    log.warning("%s: cannot be used: %s", arrival.key, error)
+                self._warned = True
+                yield None
+                continue
+            self._decoded_s = now_s
+            if kind is VerdictMessage:
+                self._verdict = arrival.payload
+            else:
+                self._judgement = arrival.payload
+            yield message
+
+    def checkpoint(self) -> Checkpoint | None:
+        """What was published last; None before the first message, or when it cannot be decoded."""
+        try:
+            keys = self._scene.keys
+            verdict = None if self._verdict is None else decode_from(keys.verdict, VerdictMessage, self._verdict)
+            judgement: JudgementMessage | None = verdict
+            if self._judgement is not None:
+                judgement = decode_from(keys.judgement, JudgementMessage, self._judgement)
+        except BadMessage as error:
+            log.warning("%s: the last messages of the owner cannot be used: %s", self._scene.scene, error)
+            return None
+        return None if judgement is None else Checkpoint(judgement=judgement, verdict=verdict)
+
+    def close(self) -> None:
+        """End the subscriptions."""
+        self._session.close()
+
+
+class HandoverRequest:
+    """A request to the service `owner` to hand a scene over to `own`; `finished`: it has answered, or will not."""
+
+    def __init__(self, scene: Scene, link: Link, own: str, owner: str) -> None:
+        self.finished = False
+        self._scene = scene.scene
+        self._answers: list[bytes] = []
+        self._session = link.sub_session(polled=True)
+
+        def finish() -> None:
+            self.finished = True
+
+        key = scene.keys.fusion_handover(owner)
+        self._session.request(
+            key, lambda _, payload: self._answers.append(payload), HANDOVER_TIMEOUT_S, finish, own.encode()
+        )
+
+    def poll(self) -> None:
+        """Take in an answer that has arrived."""
+        self._session.poll()
+
+    def checkpoint(self) -> Checkpoint | None:
+        """What was handed over; None when there was no answer, or nothing had been published yet."""
+        for payload in filter(None, self._answers):
+            try:
+                return Checkpoint.model_validate_json(payload)
+            except ValidationError as error:
+                log.warning("%s: the answer to a handover request cannot be used: %s", self._scene, str(error)[:100])
+        return None
+
+    def close(self) -> None:
+        """Expect no answer any more."""
+        self._session.close()

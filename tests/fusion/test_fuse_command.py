@@ -1,0 +1,61 @@
+"""`labanmesh fuse`: which scenes one service can serve, and as whom; what it cannot is one line."""
+
+import pytest
+
+from common.config import read_scene
+from common.errors import BadInput
+from fusion.commands import require_service, scene_files
+from fusion.server import require_compatible
+
+SCENE = 'scene = "{name}"\n{more}\n[observers.cam1]\nsource = "m.npz"\n'
+
+
+def written(folder, **scenes):
+    for file, text in scenes.items():
+        (folder / f"{file}.toml").write_text(text)
+    return [read_scene(path, {}) for path in scene_files([folder])]
+
+
+@pytest.mark.parametrize("more", ["", '[fusion]\nstandby = ["c"]\n', '[fusion]\nmemory = "b.json"\n'])
+def test_scenes_of_one_mesh_are_served_together(tmp_path, more):
+    scenes = written(tmp_path, a=SCENE.format(name="a", more=""), b=SCENE.format(name="b", more="") + more)
+    assert [scene.scene for scene in scenes] == ["a", "b"]
+    require_compatible(scenes)
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "line"),
+    [
+        ("", SCENE.format(name="a", more=""), "scene 'a': in two of the files; each scene is fused once"),
+        ("", SCENE.format(name="b", more="") + '[mesh]\nmode = "process"\n', "scene 'b': another [mesh] than 'a'"),
+        (
+            '[fusion]\nmemory = "x"\n',
+            SCENE.format(name="b", more="") + '[fusion]\nmemory = "x"\n',
+            "scene 'b': fusion.memory = 'x' is the file of 'a' too; each scene needs a file of its own",
+        ),
+    ],
+)
+def test_what_cannot_be_served_together_is_one_line(tmp_path, first, second, line):
+    scenes = written(tmp_path, a=SCENE.format(name="a", more="") + first, b=second)
+    with pytest.raises(BadInput) as error:
+        require_compatible(scenes)
+    assert line in str(error.value) and "\n" not in str(error.value)
+
+
+def test_a_folder_without_scene_files_is_one_line(tmp_path):
+    with pytest.raises(BadInput, match=r"no scene file in this folder; scene files end in \.toml"):
+        list(scene_files([tmp_path]))
+
+
+def test_a_service_is_one_that_the_scene_names_or_any_where_scenes_are_shared(tmp_path):
+    plain, standby = written(
+        tmp_path,
+        a=SCENE.format(name="a", more=""),
+        b=SCENE.format(name="b", more="") + '[fusion]\nstandby = ["second"]\n',
+    )
+    require_service(plain, "fusion", shared=False)
+    require_service(plain, "north", shared=True)
+    require_service(standby, "second", shared=True)
+    for scene, shared in ((plain, False), (standby, True)):
+        with pytest.raises(BadInput, match=r"fusion service 'north': not in the scene .*; known: fusion.*standby"):
+            require_service(scene, "north", shared=shared)

@@ -1,0 +1,213 @@
+"""Which service owns a scene: one of them, always, whatever dies, hangs, comes back or is cut off."""
+
+from collections import Counter
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from fusion.ownership import Ownership, Role, rendezvous_rank
+
+TAKEOVER_S = 0.5
+STEP_S = 0.1
+
+
+class Room:
+    """Services that step in turn and hear each other, unless they are dead, frozen or cut off; time is simulated."""
+
+    def __init__(self, names, named=()):
+        self.now_s, self.named, self.published, self.owners = 100.0, named, [], []
+        self.services, self.dead, self.frozen, self.far = {}, set(), set(), set()
+        for name in names:
+            self.begin(name)
+
+    def begin(self, name):
+        self.services[name] = Ownership(name, "dojo", self.named, TAKEOVER_S)
+        self.dead.discard(name)
+
+    def connected(self, one, other):
+        return (one in self.far) == (other in self.far)
+
+    def step(self, steps=1):
+        for _ in range(steps):
+            self.now_s += STEP_S
+            speakers = [self._step(name) for name in list(self.services) if name not in self.dead | self.frozen]
+            self.owners.append([name for name in speakers if name])
+
+    def _step(self, name):
+        own = self.services[name]
+        alive = {n for n in self.services if n not in self.dead and self.connected(n, name)}
+        for other, epoch, at_s in self.published:
+            if other != name and at_s > self.now_s - STEP_S - 1e-9 and self.connected(name, other):
+                own.published(other, epoch, self.now_s)
+        own.set_alive(alive, self.now_s)
+        role = own.update(self.now_s)
+        if role is Role.REQUESTING:
+            owner = own.owner
+            asked = owner not in self.dead | self.frozen and self.connected(name, owner)
+            if asked and self.services[owner].give_to(name, self.now_s):
+                own.handed_over()
+        if own.role is Role.OWNER:
+            self.published.append((name, own.epoch, self.now_s))
+            return name
+        return None
+
+    @property
+    def owner(self):
+        (name,) = self.owners[-1]
+        return name
+
+
+NAMED = ("a", "b", "c")
+
+
+def test_the_first_in_the_file_leads_and_the_next_takes_over_at_once_when_it_dies():
+    room = Room(NAMED, NAMED)
+    room.step(10)
+    assert room.owner == "a"
+    room.dead.add("a")
+    room.step(1)
+    assert room.owner == "b"
+    room.begin("a")
+    room.step(20)
+    assert room.owner == "b", "a service that comes back stands by"
+    assert [s.role for s in room.services.values()] == [Role.STANDBY, Role.OWNER, Role.STANDBY]
+
+
+def test_a_silent_owner_is_replaced_after_takeover_s_and_stands_by_when_it_wakes():
+    room = Room(NAMED, NAMED)
+    room.step(10)
+    room.frozen.add("a")
+    room.step(5)
+    assert room.owners[-1] == []
+    room.step(2)
+    assert room.owner == "b"
+    room.frozen.clear()
+    room.step(20)
+    assert room.owner == "b" and all(len(owners) == 1 for owners in room.owners[-20:])
+
+
+def test_a_second_silent_service_delays_the_third_by_takeover_s():
+    room = Room(NAMED, NAMED)
+    room.step(10)
+    room.frozen |= {"a", "b"}
+    room.step(13)
+    assert room.owner == "c"
+
+
+def test_after_a_partition_the_higher_epoch_stays():
+    room = Room(NAMED[:2], NAMED[:2])
+    room.step(10)
+    room.far.add("b")
+    room.step(10)
+    assert room.owners[-1] == ["a", "b"]
+    room.far.clear()
+    room.step(3)
+    assert room.owner == "b" and room.services["a"].role is Role.STANDBY
+
+
+def test_a_lone_service_owns_its_scene_at_once_and_for_ever():
+    alone = Ownership("a", "dojo", ("a",), TAKEOVER_S)
+    assert alone.update(0.0) is Role.OWNER
+    assert alone.update(1000.0) is Role.OWNER
+    alone.set_alive({"a", "stranger"}, 1000.0)
+    assert not alone.published("stranger", 99, 1000.0) and alone.update(1000.1) is Role.OWNER
+
+
+def test_shared_scenes_move_to_the_first_in_rank_by_handover_without_a_gap():
+    first, second = rendezvous_rank("dojo", ("x", "y"))
+    room = Room([second])
+    room.step(2)
+    assert room.owner == second
+    room.begin(first)
+    for _ in range(15):
+        room.step()
+        # In the step of the handover both publish, one after the other.
+        assert room.owners[-1] in ([second], [second, first], [first])
+    assert room.owners.count([second, first]) == 1
+    assert room.owner == first and room.services[second].role is Role.STANDBY
+    assert room.services[first].epoch == 2
+
+
+def test_a_scene_that_was_given_away_comes_back_when_the_new_owner_never_publishes():
+    first, second = rendezvous_rank("dojo", ("x", "y"))
+    room = Room([second])
+    room.step(2)
+    room.begin(first)
+    room.frozen.add(first)
+    room.step()
+    assert room.services[second].give_to(first, room.now_s)
+    room.step(7)
+    assert room.owner == second
+
+
+def test_only_a_living_service_of_higher_rank_is_given_a_scene():
+    first, second = rendezvous_rank("dojo", ("x", "y"))
+    room = Room([first, second])
+    room.step(20)
+    assert not room.services[first].give_to(second, room.now_s)
+    assert not room.services[first].give_to("stranger", room.now_s)
+    named = Room(NAMED, NAMED)
+    named.step(10)
+    assert not named.services["a"].give_to("b", named.now_s)
+
+
+def test_unread_messages_are_signs_of_life():
+    standby = Ownership("b", "dojo", ("a", "b"), TAKEOVER_S)
+    for n in range(50):
+        standby.set_alive({"a", "b"}, n * STEP_S)
+        standby.sign_of_life(n * STEP_S)
+        assert standby.update(n * STEP_S) is Role.STANDBY
+
+
+def test_the_last_message_of_a_dead_owner_does_not_bring_it_back():
+    standby = Ownership("b", "dojo", ("a", "b"), TAKEOVER_S)
+    standby.set_alive({"a", "b"}, 0.0)
+    standby.update(0.0)
+    assert standby.published("a", 1, 0.1)
+    standby.set_alive({"b"}, 0.2)
+    assert not standby.published("a", 1, 0.2)
+    assert standby.update(0.2) is Role.OWNER and standby.epoch == 2
+
+
+def test_rank_is_the_same_for_everybody_and_moves_only_the_share_of_who_comes_or_goes():
+    scenes, services = [f"s{n}" for n in range(400)], ["a", "b", "c", "d"]
+    before = {s: rendezvous_rank(s, services)[0] for s in scenes}
+    assert before == {s: rendezvous_rank(s, reversed(services))[0] for s in scenes}
+    assert all(60 < count < 140 for count in Counter(before.values()).values())
+    without = {s: rendezvous_rank(s, services[:3])[0] for s in scenes}
+    assert all(without[s] == before[s] for s in scenes if before[s] != "d")
+
+
+KINDS = ["kill", "begin", "freeze", "thaw", "cut", "join"]
+EVENTS = st.lists(st.tuples(st.sampled_from(KINDS), st.sampled_from("abcd"), st.integers(1, 12)), max_size=15)
+
+
+@pytest.mark.parametrize("named", [(), ("a", "b", "c", "d")], ids=["shared", "named"])
+@settings(deadline=None)
+@given(events=EVENTS)
+def test_whatever_happens_one_service_owns_the_scene_when_all_can_hear_each_other_again(named, events):
+    room = Room("abcd", named)
+    for event, name, steps in events:
+        if event == "kill":
+            room.dead.add(name)
+        elif event == "begin" and name in room.dead:
+            room.begin(name)
+        elif event == "freeze":
+            room.frozen.add(name)
+        elif event == "thaw":
+            room.frozen.discard(name)
+        elif event == "cut":
+            room.far.add(name)
+        elif event == "join":
+            room.far.discard(name)
+        room.step(steps)
+    room.frozen.clear()
+    room.far.clear()
+    for name in sorted(room.dead):
+        room.begin(name)
+    room.step(60)
+    assert [len(owners) for owners in room.owners[-10:]] == [1] * 10
+    assert len({tuple(owners) for owners in room.owners[-10:]}) == 1
+    if not named:
+        assert room.owner == rendezvous_rank("dojo", "abcd")[0]

@@ -1,0 +1,218 @@
+"""A fusion service between real Zenoh peers: what an observer publishes, what a hub receives."""
+
+import threading
+import time
+
+import pytest
+
+from common.config import MeshConfig, read_scene
+from common.link import Link
+from common.messages import (
+    JudgementMessage,
+    PosteriorMessage,
+    StatusMessage,
+    VerdictMessage,
+    VocabularyMessage,
+    VocabularyReference,
+)
+from common.vocabulary import Vocabulary
+from common.wire import decode, encode, encode_vocabulary
+from fusion.server import serve
+
+SOON_S = 10.0
+NAMES = Vocabulary(("bowing", "lunging"), "karate")
+REFERENCE = VocabularyReference(name=NAMES.name, hash=NAMES.digest)
+NAMED = 'vocabulary = ["bowing", "lunging"]\nvocabulary_name = "karate"\n'
+
+
+@pytest.fixture
+def read(tmp_path):
+    def written(scene="dojo", vocabulary=NAMED, more=""):
+        text = f'scene = "{scene}"\n{vocabulary}[mesh]\nmode = "process"\nendpoint = "tcp/127.0.0.1:0"\n'
+        text += "".join(f'[observers.cam{i}]\nsource = "m.npz"\n' for i in (1, 2))
+        (tmp_path / f"{scene}.toml").write_text(f"{text}[fusion]\nstep_hz = 50\nhold_s = 0.1\nquorum = 1\n{more}")
+        return read_scene(tmp_path / f"{scene}.toml", {})
+
+    return written
+
+
+@pytest.fixture
+def meeting(read):
+    with Link.open(read().mesh, "fusion") as link:
+        yield link
+
+
+@pytest.fixture
+def peer(meeting):
+    mesh = MeshConfig(mode="process", endpoint=meeting.locator)
+    links = []
+
+    def another(role="hub"):
+        links.append(Link.open(mesh, role))
+        return links[-1]
+
+    yield another
+    for link in links:
+        link.close()
+
+
+@pytest.fixture
+def running(meeting):
+    """Run a service in a thread; its failure is the test's."""
+    stops, threads, faults = [], [], []
+
+    def run(*scenes):
+        stop = threading.Event()
+
+        def body():
+            try:
+                serve(scenes, "fusion", meeting, stop, shared=len(scenes) > 1)
+            except Exception as error:  # noqa: BLE001 - asserted below
+                faults.append(error)
+
+        threads.append(threading.Thread(target=body))
+        stops.append(stop)
+        threads[-1].start()
+        return stop, threads[-1]
+
+    yield run
+    for stop in stops:
+        stop.set()
+    for thread in threads:
+        thread.join(SOON_S)
+        assert not thread.is_alive()
+    assert faults == []
+
+
+def posterior(observer="cam1", seq=0, scene="dojo", **fields):
+    now_ns = time.time_ns()
+    values = {
+        "scene": scene, "observer": observer, "seq": seq, "session": "s", "captured_ns": now_ns, "sent_ns": now_ns,
+        "vocabulary": REFERENCE, "p": [0.98, 0.02], "rest": 0.05, "frames": 1,
+    }  # fmt: skip
+    return encode(PosteriorMessage(**{**values, **fields}))
+
+
+def collect(inbox, kind, enough):
+    """Messages of `kind` until `enough(messages)` holds."""
+    messages = []
+    while not enough(messages):
+        arrivals = inbox.take(SOON_S)
+        assert arrivals, f"only {len(messages)} came: {messages[-3:]}"
+        messages += [decode(kind, arrival.payload) for arrival in arrivals]
+    return messages
+
+
+def move(publisher, **fields):
+    """Publish a movement until somebody else says that it is enough; gives a function that ends it."""
+    end = threading.Event()
+
+    def body():
+        for seq in range(100_000):
+            if end.wait(0.01):
+                return
+            publisher.put(posterior(seq=seq, **fields))
+
+    thread = threading.Thread(target=body)
+    thread.start()
+
+    def stop():
+        end.set()
+        thread.join(SOON_S)
+
+    return stop
+
+
+def test_posteriors_become_judgements_and_verdicts_and_late_joiners_get_the_last(read, peer, running):
+    scene = read()
+    keys, hub = scene.keys, peer()
+    judgements, verdicts = hub.inbox(keys.judgement), hub.inbox(keys.verdict)
+    running(scene)
+    # It judges even when nothing comes.
+    waiting = collect(judgements, JudgementMessage, lambda said: len(said) >= 3)[-1]
+    assert (waiting.label, waiting.agreement.n, waiting.epoch) == ("", 0, 1)
+    publisher = peer("observer").publisher(keys.posterior("cam1"))
+    assert publisher.wait_for_subscriber(SOON_S)
+    end = move(publisher)
+    decided = collect(verdicts, VerdictMessage, bool)[0]
+    assert (decided.label, decided.ended_ns, decided.votes["cam1"].label) == ("bowing", None, "bowing")
+    answers = peer().ask(f"{keys.root}/**", SOON_S)
+    assert set(answers) == {keys.judgement, keys.verdict, keys.vocabulary, keys.fusion_status("fusion")}
+    assert decode(VerdictMessage, answers[keys.verdict]).id == decided.id
+    assert decode(VocabularyMessage, answers[keys.vocabulary]).labels == ["bowing", "lunging"]
+    assert decode(StatusMessage, answers[keys.fusion_status("fusion")]).state == "running"
+    end()
+
+
+@pytest.mark.parametrize("count", [2, 9], ids=["few", "many"])
+def test_a_listeners_query_for_everything_changes_nothing(read, peer, running, count):
+    """Nine scenes are polled, two are received by threads; both go on when a hub asks for all last values."""
+    scenes = [read(f"dojo{n}") for n in range(count)]
+    hub = peer()
+    judgements = hub.inbox(scenes[0].keys.judgement)
+    running(*scenes)
+    for _ in range(5):
+        collect(judgements, JudgementMessage, bool)
+        answers = peer().ask(f"{scenes[0].keys.root}/**", SOON_S)
+        assert scenes[0].keys.judgement in answers
+    assert {j.epoch for j in collect(judgements, JudgementMessage, lambda said: len(said) > 5)} == {1}
+
+
+def test_bad_messages_are_counted_and_the_loop_goes_on(read, peer, running, caplog):
+    scene = read()
+    hub, publisher = peer(), peer("observer").publisher(scene.keys.posterior("cam1"))
+    statuses, judgements = hub.inbox(scene.keys.fusion_status()), hub.inbox(scene.keys.judgement)
+    running(scene)
+    assert publisher.wait_for_subscriber(SOON_S)
+    for payload in (b"\xc1", b"", posterior("cam2"), posterior(scene="garden"), posterior()[:-3], b"x" * 70_000):
+        publisher.put(payload)
+    wanted = {"not_msgpack": 3, "wrong_key": 2, "too_large": 1}
+
+    def counted(said):
+        return any(s.observers and s.observers["cam1"].rejected == wanted for s in said)
+
+    collect(statuses, StatusMessage, counted)
+    publisher.put(posterior(seq=9))
+    collect(judgements, JudgementMessage, lambda said: any(j.votes["cam1"].state == "counted" for j in said))
+    lines = [record.message for record in caplog.records if "cam1: messages rejected" in record.message]
+    assert len(lines) == 1
+
+
+def test_it_knows_which_observers_are_alive(read, peer, running):
+    scene = read()
+    judgements, one = peer().inbox(scene.keys.judgement), peer("observer")
+    one.announce(scene.keys.observer_alive("cam1"))
+    publisher = one.publisher(scene.keys.posterior("cam1"))
+    running(scene)
+    assert publisher.wait_for_subscriber(SOON_S)
+    publisher.put(posterior())
+    collect(judgements, JudgementMessage, lambda said: any(j.votes["cam1"].state == "counted" for j in said))
+    one.close()
+    begun_s = time.monotonic()
+    collect(judgements, JudgementMessage, lambda said: said and said[-1].votes["cam1"].state == "silent")
+    assert time.monotonic() - begun_s < 1.5, "its token disappeared; nobody waited for drop_s"
+
+
+def test_it_is_alive_and_says_when_it_stops(read, meeting, peer, running):
+    scene, hub = read(), peer()
+    presence, statuses = hub.presence(scene.keys.fusion_alive()), hub.inbox(scene.keys.fusion_status())
+    stop, thread = running(scene)
+    assert presence.wait_for(1, SOON_S)
+    collect(statuses, StatusMessage, lambda said: [s.state for s in said].count("running") >= 2)
+    stop.set()
+    thread.join(SOON_S)
+    assert collect(statuses, StatusMessage, bool)[-1].state == "stopping"
+    assert presence.wait_for(0, SOON_S)
+
+
+def test_scenes_without_vocabulary_take_that_of_an_observer(read, peer, running):
+    scenes = [read("dojo", ""), read("garden")]
+    hub = peer()
+    judgements, statuses = hub.inbox(scenes[0].keys.judgement), hub.inbox(scenes[0].keys.fusion_status())
+    running(*scenes)
+    collect(statuses, StatusMessage, lambda said: said and "vocabulary" in said[-1].reason)
+    payload = encode_vocabulary("dojo", NAMES)
+    observer = peer("observer")
+    observer.answer(scenes[0].keys.vocabulary, lambda: payload)
+    judgement = collect(judgements, JudgementMessage, bool)[0]
+    assert judgement.vocabulary.hash == NAMES.digest and len(judgement.p) == 2
