@@ -47,7 +47,6 @@ from studies.evaluate import (
     learn,
     trials_of,
 )
-from studies.fusion_engine import FusionEngine
 from studies.trials import IDLE_NOISE_M, EvaluationTrial
 
 TIMEOUT_S = 10.0
