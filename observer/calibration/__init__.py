@@ -1,1 +1,1 @@
-"""Calibration: where a camera stands and how its lens maps, from boards, known points or files of others."""
+"""Calibration: intrinsics and extrinsics of cameras, from boards, known points or files of other programs."""

@@ -1,4 +1,4 @@
-"""Calibration boards: chessboards, ChArUco boards and the ChArUco file (TOML) of caliscope."""
+"""Calibration boards: chessboards, ChArUco boards, and the ChArUco file (TOML) that caliscope writes."""
 
 import re
 import tomllib
@@ -17,7 +17,7 @@ KNOWN = "chessboard:COLUMNSxROWS:METRES (corners inside the board, e.g. chessboa
 
 @dataclass(frozen=True, slots=True)
 class Chessboard:
-    """columns, rows: the corners inside the board where four squares meet. square: edge length in metres."""
+    """A chessboard. columns, rows: inner corners, where four squares meet. square: edge length in metres."""
 
     columns: int
     rows: int
@@ -30,15 +30,16 @@ class Chessboard:
 
     @property
     def turned_looks_alike(self) -> bool:
-        """Whether the board looks the same upside down, so that its corners cannot be told apart."""
+        """Whether the board looks the same upside down, so that its corners are ambiguous."""
         return (self.columns + self.rows) % 2 == 0
 
 
 @dataclass(frozen=True, slots=True)
 class Charuco:
-    """columns, rows: squares. square, marker: edge lengths in metres. dictionary: OpenCV's name, e.g. DICT_4X4_1000.
+    """A ChArUco board. columns, rows: squares. square, marker: edge lengths in metres.
 
-    inverted: white and black are exchanged. legacy: printed by OpenCV before 4.6 with an even number of rows.
+    dictionary: OpenCV's name, e.g. DICT_4X4_1000. inverted: black and white exchanged. legacy: pattern of OpenCV before
+    4.6 with an even number of rows.
     """
 
     columns: int
@@ -51,14 +52,14 @@ class Charuco:
 
     @property
     def points(self) -> Floats:
-        """((columns - 1) * (rows - 1), 3) metres on the board, by corner id, z 0; the board's own corner is 0."""
+        """((columns - 1) * (rows - 1), 3) metres on the board by corner id, z 0; the origin is the outer corner."""
         corner = np.array([self.square, self.square, 0.0])
         from_corner: Floats = _grid(self.columns - 1, self.rows - 1, self.square) + corner
         return from_corner
 
     @property
     def turned_looks_alike(self) -> bool:
-        """Never: each marker says which it is."""
+        """Never: each marker carries its id."""
         return False
 
 
@@ -67,15 +68,15 @@ Board = Chessboard | Charuco
 
 def parse_chessboard(text: str) -> Chessboard:
     """`chessboard:4x7:0.06` -> 4 by 7 corners, squares of 6 cm; raises BadInput for anything else."""
-    found = re.fullmatch(r"chessboard:(\d+)x(\d+):([\d.]+)", text.strip())
+    match = re.fullmatch(r"chessboard:(\d+)x(\d+):([\d.]+)", text.strip())
     try:
-        columns, rows, square = int(found[1]), int(found[2]), float(found[3])  # type: ignore[index]
+        columns, rows, square = int(match[1]), int(match[2]), float(match[3])  # type: ignore[index]
     except (TypeError, ValueError):
-        raise BadInput(f"--board {text!r}: no board; known: {KNOWN}") from None
+        raise BadInput(f"--board {text!r}: not a board; known: {KNOWN}") from None
     if min(columns, rows) < 3:
-        raise BadInput(f"--board {text!r}: {columns}x{rows} corners; 3x3 are the fewest, count where four squares meet")
+        raise BadInput(f"--board {text!r}: {columns}x{rows} inner corners; at least 3x3 are needed")
     if not 0.001 <= square <= 2:
-        raise BadInput(f"--board {text!r}: squares of {square:g} m; 0.001 to 2 m are believed, the unit is metres")
+        raise BadInput(f"--board {text!r}: squares of {square:g} m; 0.001 to 2 m is expected; the unit is metres")
     return Chessboard(columns, rows, square)
 
 
@@ -88,7 +89,7 @@ CM_PER_UNIT = {"inch": 2.54, "cm": 1.0, "mm": 0.1, "m": 100.0}
 
 
 class _BoardFileKeys(BaseModel):
-    """columns, rows: squares. The printed square's size counts when it is given, else what fits on the board."""
+    """columns, rows: squares. Without the size of a square, the largest that fits on the board is assumed."""
 
     model_config = ConfigDict(extra="forbid")
     columns: Annotated[int, Field(ge=3, le=100)]
@@ -111,9 +112,9 @@ def read_board(text: str) -> Board:
     try:
         keys = _BoardFileKeys.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
     except OSError as error:
-        raise BadInput(f"{path}: {error.strerror}; known boards: {KNOWN}") from None
+        raise BadInput(f"cannot read {path}: {error.strerror}; known boards: {KNOWN}") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise BadInput(f"{path}: no TOML: {error}") from None
+        raise BadInput(f"{path}: not a TOML file: {error}") from None
     except ValidationError as error:
         first = error.errors()[0]
         key, names = ".".join(map(str, first["loc"])), ", ".join(_BoardFileKeys.model_fields)
@@ -127,7 +128,7 @@ def _square_cm(path: Path, keys: _BoardFileKeys) -> float:
     if keys.square_size_override_cm is not None:
         return keys.square_size_override_cm
     if keys.board_height is None or keys.board_width is None:
-        raise BadInput(f"{path}: no size; give square_size_override_cm, the edge of a printed square, measured")
+        raise BadInput(f"{path}: no size; add square_size_override_cm, the measured edge of a printed square")
     if keys.units not in CM_PER_UNIT:
         raise BadInput(f"{path}: units = {keys.units!r}: unknown unit; known: {', '.join(CM_PER_UNIT)}")
     return min(keys.board_height / keys.rows, keys.board_width / keys.columns) * CM_PER_UNIT[keys.units]

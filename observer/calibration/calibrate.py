@@ -1,6 +1,7 @@
-"""Calibrated cameras from board detections or from known points."""
+"""Calibrated cameras from board detections, or from points whose positions in the room and the picture are known."""
 
 import csv
+from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,6 +10,7 @@ import cv2
 import numpy as np
 
 from common.errors import BadInput
+from common.text import plural
 from observer.calibration.board import Board
 from observer.calibration.bundle import Optics
 from observer.calibration.calibrated import CalibratedCamera
@@ -19,98 +21,100 @@ from observer.geometry.dlt import fit_projective_matrix
 from observer.geometry.projection import Floats
 
 HELD = RigidTransform(np.diag([-1.0, -1.0, 1.0]), np.zeros(3))
-"""From the board to the room when the performer holds it before him, upright, printed side forward."""
+"""Board to room when the performer holds it in front of the body, upright, printed side forward."""
 
 LYING = RigidTransform(np.array([[1.0, 0, 0], [0, 0, -1.0], [0, 1.0, 0]]), np.zeros(3))
-"""From the board to the room when it lies before the performer's feet, as he would read it."""
+"""Board to room when it lies at the performer's feet, readable for the performer."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class BoardResult:
-    """cameras: as calibrated. origin: the number of the picture whose board is the room's origin.
+class BoardCalibration:
+    """cameras: the result. origin: number of the picture whose board is the room's origin.
 
-    drawn: by camera, by picture number, (N, 2) pixels where the corners should be. errors_px: root mean square of each
-    picture, by camera and number. moments: root mean square of how far pictures of one number were apart, in pictures.
-    back_m: how far the pattern on the board's back lies from the one in front. Both are accounted for in the rest.
+    projected: by camera and picture number, (N, 2) px of the projected corners. errors_px: root mean square by camera
+    and picture number. time_offset: root mean square time offset of pictures of one number, in frames. back_m:
+    distance of the pattern on the board's back from the one on its front. Both are compensated in the result.
     """
 
     cameras: tuple[CalibratedCamera, ...]
     origin: int
-    drawn: dict[str, dict[int, Floats]]
+    projected: dict[str, dict[int, Floats]]
     errors_px: dict[str, dict[int, float]]
-    moments: float
+    time_offset: float
     back_m: float
 
 
 def from_boards(
-    seen: Sequence[CameraDetections],
+    detections: Sequence[CameraDetections],
     lenses: Mapping[str, FittedLens],
     board: Board,
     origin: int | None,
     lying: bool,
     apart: bool,
     adjust: Collection[str] = (),
-) -> BoardResult:
-    """Place cameras. origin: a picture's number, or None for the one that most cameras share.
+) -> BoardCalibration:
+    """Place cameras. origin: number of a picture, or None for the one that most cameras share.
 
-    adjust: cameras whose lens is moved with the places, where several cameras see the board together.
-    apart: pictures of one number were not taken at the same time; each camera is placed by its own picture `origin`.
+    lying: the board lies on the floor in that picture, else the performer holds it. apart: pictures of one number were
+    not taken at the same time, and each camera is placed by its own picture `origin`. adjust: cameras whose lens is
+    refined with the poses when several cameras see the board together.
     Raises BadInput when no camera, or with `apart` some camera, sees the board in that picture, and as
     `solve_extrinsics` does.
     """
-    number = _origin(seen, origin, apart)
-    rooms = LYING if lying else HELD
+    number = _origin(detections, origin, apart)
+    board_to_room = LYING if lying else HELD
     cameras: list[CalibratedCamera] = []
-    off: dict[str, dict[int, Floats]] = {}
-    moments, back_m = 0.0, 0.0
-    for group in [[s] for s in seen] if apart else [list(seen)]:
-        found = solve_extrinsics(group, lenses, board, adjust)
-        to_room = rooms.after(found.boards[number].back)
-        off |= found.off_px
-        moments, back_m = max(moments, found.moments), max(back_m, float(np.linalg.norm(found.back[:3])))
-        for s in group:
-            pose = found.cameras[s.name].after(to_room.back)
-            error_px = _rms(np.concatenate(list(off[s.name].values())))
-            cameras.append(_calibrated(s, found.lenses[s.name], pose, error_px, board))
-    drawn = {s.name: {shot.number: shot.pixels + off[s.name][shot.number] for shot in s.seen} for s in seen}
-    errors = {name: {n: _rms(part) for n, part in parts.items()} for name, parts in off.items()}
-    return BoardResult(tuple(cameras), number, drawn, errors, moments, back_m)
+    residuals: dict[str, dict[int, Floats]] = {}
+    time_offset, back_m = 0.0, 0.0
+    for group in [[camera] for camera in detections] if apart else [list(detections)]:
+        rig = solve_extrinsics(group, lenses, board, adjust)
+        to_room = board_to_room.after(rig.boards[number].inverse)
+        residuals |= rig.residuals_px
+        time_offset = max(time_offset, rig.time_offset)
+        back_m = max(back_m, float(np.linalg.norm(rig.back[:3])))
+        for camera in group:
+            pose = rig.cameras[camera.name].after(to_room.inverse)
+            error_px = _rms(np.concatenate(list(residuals[camera.name].values())))
+            cameras.append(_calibrated(camera, rig.lenses[camera.name], pose, error_px, board))
+    projected = {c.name: {d.number: d.pixels + residuals[c.name][d.number] for d in c.boards} for c in detections}
+    errors = {name: {n: _rms(part) for n, part in parts.items()} for name, parts in residuals.items()}
+    return BoardCalibration(tuple(cameras), number, projected, errors, time_offset, back_m)
 
 
-def _origin(seen: Sequence[CameraDetections], origin: int | None, apart: bool) -> int:
-    for s in seen:
-        if not s.seen:
-            raise BadInput(f"{s.name}: board seen in none of {s.looked_at} pictures; check --board and the light")
-    counts: dict[int, int] = {}
-    for number in (shot.number for s in seen for shot in s.seen):
-        counts[number] = counts.get(number, 0) + 1
+def _origin(detections: Sequence[CameraDetections], origin: int | None, apart: bool) -> int:
+    for camera in detections:
+        if not camera.boards:
+            pictures = plural(camera.picture_count, "picture")
+            raise BadInput(f"{camera.name}: board detected in none of {pictures}; check --board and the light")
+    counts = Counter(detection.number for camera in detections for detection in camera.boards)
     number = max(counts, key=lambda n: (counts[n], -n)) if origin is None else origin
-    needed = len(seen) if apart else 1
-    if counts.get(number, 0) < needed:
-        have = [str(n) for n in sorted(counts) if counts[n] >= needed][:20]
+    needed = len(detections) if apart else 1
+    if counts[number] < needed:
+        usable = [str(n) for n in sorted(counts) if counts[n] >= needed][:20]
         raise BadInput(
-            f"--origin {number}: {counts.get(number, 0)} of {len(seen)} cameras see the board in that picture, "
-            f"{needed} must; where they do: {', '.join(have) or 'nowhere'}"
+            f"--origin {number}: {counts[number]} of {plural(len(detections), 'camera')} see the board in that "
+            f"picture, {needed} must; choose one of: {', '.join(usable) or 'none'}"
         )
     return number
 
 
 def _calibrated(
-    s: CameraDetections, optics: Optics, pose: RigidTransform, error_px: float, board: Board
+    camera: CameraDetections, optics: Optics, pose: RigidTransform, error_px: float, board: Board
 ) -> CalibratedCamera:
-    told = f"{type(board).__name__.lower()} {board.columns}x{board.rows}, {board.square:g} m, {len(s.seen)} pictures"
-    return CalibratedCamera(s.name, *optics, pose.R, pose.t, s.image_size_px, error_px, told)
+    size = f"{type(board).__name__.lower()} {board.columns}x{board.rows}, {board.square:g} m"
+    provenance = f"{size}, {plural(len(camera.boards), 'picture')}"
+    return CalibratedCamera(camera.name, *optics, pose.R, pose.t, camera.image_size_px, error_px, provenance)
 
 
-def _rms(off: Floats) -> float:
+def _rms(residuals: Floats) -> float:
     """(N, 2) -> root mean square of the N distances."""
-    return float(np.sqrt(np.mean((off**2).sum(axis=-1))))
+    return float(np.sqrt(np.mean((residuals**2).sum(axis=-1))))
 
 
 COLUMNS = ("x", "y", "z", "u", "v")
 
 FEWEST_WITH_LENS = 6
-"""Three fix a pose up to four solutions; six leave some to average over."""
+"""Three points determine a pose up to four solutions; six leave some to average over."""
 
 
 def read_points(path: Path) -> tuple[Floats, Floats]:
@@ -122,15 +126,15 @@ def read_points(path: Path) -> tuple[Floats, Floats]:
                 raise BadInput(f"{path}: its first line must name the columns {','.join(COLUMNS)}")
             rows = [_row(path, table.line_num, row) for row in table]
     except OSError as error:
-        raise BadInput(f"{path}: {error.strerror}; a CSV file x,y,z,u,v is expected") from None
+        raise BadInput(f"cannot read {path}: {error.strerror}; a CSV file x,y,z,u,v is expected") from None
     except (UnicodeDecodeError, csv.Error) as error:
-        raise BadInput(f"{path}: no CSV file: {error}") from None
+        raise BadInput(f"{path}: not a CSV file: {error}") from None
     numbers = np.array(rows, dtype=np.float64).reshape(-1, 5)
     return numbers[:, :3].copy(), numbers[:, 3:].copy()
 
 
 def from_points(name: str, points: Floats, pixels: Floats, source: str) -> tuple[CalibratedCamera, tuple[str, ...]]:
-    """DLT (section II.A), taken apart into lens and place, no distortion; and what to know before trusting it.
+    """DLT (section II.A), decomposed into intrinsics and extrinsics without distortion; and warnings about the result.
 
     (N, 3) metres, (N, 2) pixels, N at least 6 and not in a plane. Raises BadInput as `fit_projective_matrix` does.
     """
@@ -141,13 +145,13 @@ def from_points(name: str, points: Floats, pixels: Floats, source: str) -> tuple
 
 
 def placed_by_points(camera: CalibratedCamera, points: Floats, pixels: Floats, source: str) -> CalibratedCamera:
-    """The camera, whose lens is known, placed by (N, 3) metres and (N, 2) pixels, N at least 6; a plane will do.
+    """The camera, whose lens is known, placed by (N, 3) metres and (N, 2) pixels, N at least 6; a plane is enough.
 
-    Raises BadInput for fewer, for what is not finite and for points that no place fits.
+    Raises BadInput for fewer points, for numbers that are not finite and for points that no pose fits.
     """
     if len(points) < FEWEST_WITH_LENS or not (np.isfinite(points).all() and np.isfinite(pixels).all()):
-        raise BadInput(f"{source}: {len(points)} points; {FEWEST_WITH_LENS} are needed, all finite")
-    # OpenCV refuses arrays that are views of others.
+        raise BadInput(f"{source}: {plural(len(points), 'point')}; {FEWEST_WITH_LENS} are needed, all finite")
+    # OpenCV rejects arrays that are views of others.
     points, pixels = np.ascontiguousarray(points), np.ascontiguousarray(pixels)
     try:
         ok, turn, move = cv2.solvePnP(points, pixels, camera.K, camera.distortion, flags=cv2.SOLVEPNP_SQPNP)
@@ -155,15 +159,17 @@ def placed_by_points(camera: CalibratedCamera, points: Floats, pixels: Floats, s
     except cv2.error:
         ok = False
     if not ok:
-        raise BadInput(f"{source}: no place fits these points; check the pairs, and that they are not in one line")
+        raise BadInput(f"{source}: no pose fits these points; check the pairs, and that they are not in one line")
     R = np.asarray(cv2.Rodrigues(turn)[0], np.float64)
     t = np.asarray(move, np.float64).ravel()
-    there = CalibratedCamera(camera.name, camera.K, camera.distortion, R, t, camera.image_size_px)
-    off = np.linalg.norm(there.pixels(points) - pixels, axis=1)
-    if not np.isfinite(off).all():
-        raise BadInput(f"{source}: {int(np.isnan(off).sum())} points would lie behind the camera; check the pairs")
-    error, told = float(np.sqrt(np.mean(off**2))), f"placed by {len(points)} points of {source}; {camera.provenance}"
-    return CalibratedCamera(camera.name, camera.K, camera.distortion, R, t, camera.image_size_px, error, told)
+    placed = CalibratedCamera(camera.name, camera.K, camera.distortion, R, t, camera.image_size_px)
+    errors_px = np.linalg.norm(placed.pixels(points) - pixels, axis=1)
+    if not np.isfinite(errors_px).all():
+        behind = plural(int(np.isnan(errors_px).sum()), "point")
+        raise BadInput(f"{source}: {behind} would lie behind the camera; check the pairs")
+    provenance = f"placed by {len(points)} points of {source}; {camera.provenance}"
+    error_px = float(np.sqrt(np.mean(errors_px**2)))
+    return CalibratedCamera(camera.name, camera.K, camera.distortion, R, t, camera.image_size_px, error_px, provenance)
 
 
 def decomposed(matrix: Floats) -> tuple[Floats, Floats, Floats]:
@@ -178,8 +184,10 @@ def decomposed(matrix: Floats) -> tuple[Floats, Floats, Floats]:
 
 
 def _row(path: Path, line: int, row: dict[str | None, str | None]) -> list[float]:
-    named = {(key or "").strip(): value for key, value in row.items()}
+    cells = {(key or "").strip(): value for key, value in row.items()}
     try:
-        return [float(named[column] or "") for column in COLUMNS]
+        return [float(cells[column] or "") for column in COLUMNS]
     except (TypeError, ValueError):
-        raise BadInput(f"{path}: line {line}: five numbers x,y,z,u,v are needed; leave out what was not seen") from None
+        raise BadInput(
+            f"{path}: line {line}: five numbers x,y,z,u,v are needed; omit points that were not seen"
+        ) from None

@@ -1,4 +1,4 @@
-"""A calibrated camera in all its parts: lens, place, projective matrix, and what lens distortion does to pixels."""
+"""A calibrated camera: intrinsics, distortion, extrinsics and projective matrix; pure."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -14,10 +14,9 @@ from observer.geometry.projection import Floats, project
 class CalibratedCamera:
     """One camera.
 
-    K: (3, 3) intrinsic matrix, pixels. distortion: (4, 5, 8, 12 or 14) as
-    OpenCV orders them, or (0,) where it is not known. R: (3, 3), t: (3,) metres,
-    from the room to the camera, X_camera = R X + t. error_px: root mean square over the calibration's points, where
-    known. image_size_px: (width, height), where known. provenance: how it was calibrated.
+    K: (3, 3) intrinsic matrix, px. distortion: (4, 5, 8, 12 or 14) in OpenCV's order, or (0,) where unknown. R: (3, 3),
+    t: (3,) metres: extrinsics, X_camera = R X_room + t. image_size_px: (width, height), where known. error_px: root
+    mean square reprojection error, where known. provenance: how it was calibrated.
     """
 
     name: str
@@ -31,54 +30,55 @@ class CalibratedCamera:
 
     @property
     def matrix(self) -> Floats:
-        """(3, 4) K [R | t]: metres to pixels of the picture without distortion, w is the depth in metres."""
+        """(3, 4) K [R | t]: metres to undistorted pixels; w is the depth in metres."""
         result: Floats = self.K @ np.column_stack([self.R, self.t])
         return result
 
     @property
     def lens(self) -> LensDistortion | None:
-        """What its camera file says of the lens; None where its distortion is not known."""
+        """The lens for the camera file; None where the distortion is unknown."""
         return LensDistortion(self.K, self.distortion) if len(self.distortion) else None
 
     @property
-    def place(self) -> Floats:
-        """(3,) where the camera stands in the room, metres."""
+    def position(self) -> Floats:
+        """(3,) position of the camera in the room, metres."""
         result: Floats = -self.R.T @ self.t
         return result
 
     def pixels(self, points: Floats) -> Floats:
-        """(..., 3) metres -> (..., 2) pixels as the lens draws them; NaN for what is behind the camera."""
+        """(..., 3) metres -> (..., 2) pixels with distortion; NaN for points behind the camera."""
         plain = project(np.column_stack([self.R, self.t]), points)
         return _to_pixels(self.K, distorted(plain, self.distortion))
 
     def undistorted(self, pixels: Floats) -> Floats:
-        """(..., 2) pixels of the picture -> (..., 2) pixels in which `matrix` holds; NaN stays NaN."""
+        """(..., 2) pixels of the picture -> (..., 2) undistorted pixels, for which `matrix` holds; NaN stays NaN."""
         plain = undistorted(_from_pixels(self.K, pixels), self.distortion)
         return _to_pixels(self.K, plain)
 
     def moved(self, R: Floats, t: Floats) -> "CalibratedCamera":
-        """The same camera when the room's points become X' = R X + t."""
+        """The same camera in a room whose points are X' = R X + t."""
         R_new = self.R @ R.T
         return replace(self, R=R_new, t=self.t - R_new @ t)
 
 
 def rotation(values: Sequence[object], what: str) -> Floats:
-    """(3,) Rodrigues vector or (3, 3) matrix -> (3, 3) rotation; raises BadInput beginning with `what`."""
+    """(3,) Rodrigues vector or (3, 3) matrix -> (3, 3) rotation; raises BadInput that starts with `what`."""
     try:
-        given = np.array(values, dtype=np.float64)
+        array = np.array(values, dtype=np.float64)
     except (TypeError, ValueError):
-        given = np.zeros(0)
-    if given.shape == (3,) and np.isfinite(given).all():
-        return _from_rodrigues(given)
-    if given.shape != (3, 3) or not np.allclose(given @ given.T, np.eye(3), atol=1e-3) or np.linalg.det(given) < 0:
-        raise BadInput(f"{what}: no rotation; 3 numbers (Rodrigues) or an orthogonal 3x3 matrix with determinant 1")
-    left, _, right = np.linalg.svd(given)
+        array = np.zeros(0)
+    if array.shape == (3,) and np.isfinite(array).all():
+        return _from_rodrigues(array)
+    if array.shape != (3, 3) or not np.allclose(array @ array.T, np.eye(3), atol=1e-3) or np.linalg.det(array) < 0:
+        expected = "3 numbers (Rodrigues vector) or an orthogonal 3x3 matrix with determinant 1"
+        raise BadInput(f"{what}: not a rotation; expected {expected}")
+    left, _, right = np.linalg.svd(array)
     nearest: Floats = left @ right
     return nearest
 
 
 def angle_between(first: Floats, second: Floats) -> float:
-    """Radians by which one (3, 3) rotation is turned from the other, 0 to π."""
+    """Angle between two (3, 3) rotations, 0 to π radians."""
     return float(np.arccos(np.clip((np.trace(first.T @ second) - 1) / 2, -1, 1)))
 
 

@@ -1,4 +1,4 @@
-"""Extrinsics: where cameras stand relative to each other, from a board that several of them see at the same time."""
+"""Extrinsics: poses of cameras relative to each other, from a board that several of them see at the same time."""
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
@@ -8,57 +8,58 @@ import cv2
 import numpy as np
 
 from common.errors import BadInput
+from common.text import plural
 from observer.calibration.board import Board
 from observer.calibration.bundle import BoardCorners, BundleResult, Optics, bundle_adjust
 from observer.calibration.calibrated import angle_between
 from observer.calibration.detection import BoardDetection, CameraDetections, speeds
-from observer.calibration.intrinsics import FittedLens, check_sensible
+from observer.calibration.intrinsics import FittedLens, check_plausible
 from observer.geometry.projection import Floats
 
 DISAGREE_RAD, DISAGREE = 0.35, 0.5
-"""Relative poses of two cameras that lie apart by more, 20 degrees or half their distance, are not of one moment."""
+"""Relative poses of two cameras that differ by 20 degrees or half their distance come from different moments."""
 
-SQUARE = 0.05
-"""A lens whose focal lengths differ by a larger share has no square pixels, and is not adjusted as if it had."""
+SQUARE_PIXELS = 0.05
+"""A lens whose focal lengths differ by a larger share has no square pixels, and it is not refined."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RigidTransform:
-    """R: (3, 3), t: (3,) metres: X' = R X + t."""
+    """A rigid transform X' = R X + t; R: (3, 3), t: (3,) metres."""
 
     R: Floats
     t: Floats
 
     def after(self, first: "RigidTransform") -> "RigidTransform":
-        """What `first` and then this one do."""
+        """The composition: `first`, then this transform."""
         return RigidTransform(self.R @ first.R, self.R @ first.t + self.t)
 
     @property
-    def back(self) -> "RigidTransform":
-        """The way back."""
+    def inverse(self) -> "RigidTransform":
+        """The inverse transform."""
         return RigidTransform(self.R.T, -self.R.T @ self.t)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RigExtrinsics:
-    """cameras: by name, from the room to the camera. boards: by picture number, from the board to the room.
+    """cameras: by name, room to camera. boards: by picture number, board to room. lenses: by camera, K and distortion.
 
-    lenses: by camera, K and distortion. off_px: by camera, by picture number, (N, 2) from the corners found to where
-    they should be. moments: root mean square of how far pictures of one number are apart, in pictures. back: (4,) the
-    pattern on the board's back: metres along x, y and z, and radians about z.
+    residuals_px: by camera and picture number, (N, 2) from the detected to the projected corners. time_offset: root
+    mean square time offset of pictures of one number, in frames. back: (4,) the pattern on the board's back: metres
+    along x, y and z, and radians about z.
     """
 
     cameras: dict[str, RigidTransform]
     boards: dict[int, RigidTransform]
     lenses: dict[str, Optics]
-    off_px: dict[str, dict[int, Floats]]
-    moments: float
+    residuals_px: dict[str, dict[int, Floats]]
+    time_offset: float
     back: Floats
 
 
-def board_pose(sighting: BoardDetection, board: Board, lens: FittedLens) -> RigidTransform:
-    """From the board to the camera that saw it, by the better of a plane's two solutions (IPPE), refined."""
-    space, image = board.points[sighting.ids], sighting.pixels
+def board_pose(detection: BoardDetection, board: Board, lens: FittedLens) -> RigidTransform:
+    """Board to camera, by the better of the two solutions for a plane (IPPE, Collins and Bartoli 2014), refined."""
+    space, image = board.points[detection.ids], detection.pixels
     _, turns, moves, _ = cv2.solvePnPGeneric(space, image, lens.K, lens.distortion, flags=cv2.SOLVEPNP_IPPE)
     turn, move = cv2.solvePnPRefineLM(space, image, lens.K, lens.distortion, turns[0], moves[0])
     return RigidTransform(np.asarray(cv2.Rodrigues(turn)[0], np.float64), np.asarray(move, np.float64).ravel())
@@ -67,100 +68,102 @@ def board_pose(sighting: BoardDetection, board: Board, lens: FittedLens) -> Rigi
 def solve_extrinsics(
     cameras: Sequence[CameraDetections], lenses: Mapping[str, FittedLens], board: Board, adjust: Collection[str] = ()
 ) -> RigExtrinsics:
-    """All cameras in the frame of the first one; pictures of the same number are taken as taken at the same time.
+    """All cameras in the frame of the first one; pictures of the same number count as taken at the same time.
 
-    Pairs are placed by the relative pose that most of their shared pictures agree with, the pairs with most shared
-    pictures joined into a tree, then all cameras and boards moved together for the least reprojection error, and with
-    them the lenses of those named in `adjust`, when there are several cameras.
-    Raises BadInput for a camera that shares no picture with the others, for pictures not taken at the same time, and
-    for a lens that becomes none.
+    Pairs get the relative pose that most of their shared pictures agree with; the pairs with most shared pictures form
+    a tree; then bundle adjustment refines all cameras and boards, and with several cameras the lenses of those named in
+    `adjust`. Raises BadInput for a camera that shares no picture with the others, for pictures not taken at the same
+    time, and for a lens that becomes implausible.
     """
     if len(cameras) > 1 and board.turned_looks_alike:
-        raise BadInput("--board: looks the same upside down, which way cameras see it is not known; one of columns and "
-                       "rows must be even, the other odd, or use ChArUco")  # fmt: skip
-    seen = {c.name: {s.number: board_pose(s, board, lenses[c.name]) for s in c.seen} for c in cameras}
-    poses = _joined(seen)
+        raise BadInput("--board: looks the same upside down, which is ambiguous for several cameras; use a board with "
+                       "one odd and one even number of corners, or ChArUco")  # fmt: skip
+    board_poses = {c.name: {s.number: board_pose(s, board, lenses[c.name]) for s in c.boards} for c in cameras}
+    poses = _spanning_tree(board_poses)
     boards: dict[int, RigidTransform] = {}
-    for name, shots in seen.items():
+    for name, shots in board_poses.items():
         for number, pose in shots.items():
-            boards.setdefault(number, poses[name].back.after(pose))
+            boards.setdefault(number, poses[name].inverse.after(pose))
     corners = [corner for c in cameras for corner in _corners(c, board)]
-    moved = bundle_adjust(
+    refinable = [c for c in cameras if len(cameras) > 1 and c.name in adjust and _has_square_pixels(lenses[c.name])]
+    centres_px = {c.name: _middle(c) for c in refinable}
+    refined = bundle_adjust(
         corners,
         {name: (lens.K, lens.distortion) for name, lens in lenses.items()},
         {name: (p.R, p.t) for name, p in poses.items()},
         {number: (p.R, p.t) for number, p in boards.items()},
-        {c.name: _middle(c) for c in cameras if len(cameras) > 1 and c.name in adjust and _square(lenses[c.name])},
+        centres_px,
     )
     for c in cameras:
-        check_sensible(c, moved.lenses[c.name][0])
-    return _told(corners, moved)
+        check_plausible(c, refined.lenses[c.name][0])
+    return _as_rig(corners, refined)
 
 
-def _told(corners: Sequence[BoardCorners], moved: BundleResult) -> RigExtrinsics:
-    off: dict[str, dict[int, Floats]] = {name: {} for name in moved.cameras}
-    for corner, pixels in zip(corners, moved.pixels_off, strict=True):
-        off[corner.camera][corner.number] = pixels
+def _as_rig(corners: Sequence[BoardCorners], refined: BundleResult) -> RigExtrinsics:
+    residuals_px: dict[str, dict[int, Floats]] = {name: {} for name in refined.cameras}
+    for corner, pixels in zip(corners, refined.residuals_px, strict=True):
+        residuals_px[corner.camera][corner.number] = pixels
     return RigExtrinsics(
-        {n: RigidTransform(*p) for n, p in moved.cameras.items()},
-        {n: RigidTransform(*p) for n, p in moved.boards.items()},
-        moved.lenses,
-        off,
-        float(np.sqrt(np.mean(moved.moments**2))),
-        moved.back,
+        {n: RigidTransform(*p) for n, p in refined.cameras.items()},
+        {n: RigidTransform(*p) for n, p in refined.boards.items()},
+        refined.lenses,
+        residuals_px,
+        float(np.sqrt(np.mean(refined.time_offsets**2))),
+        refined.back,
     )
 
 
 def _corners(camera: CameraDetections, board: Board) -> list[BoardCorners]:
     if camera.step:
-        moving = speeds([(s.number, s.ids, s.pixels) for s in camera.seen], camera.step)
+        corner_speeds = speeds([(s.number, s.ids, s.pixels) for s in camera.boards], camera.step)
     else:
-        moving = [np.zeros_like(s.pixels) for s in camera.seen]
+        corner_speeds = [np.zeros_like(s.pixels) for s in camera.boards]
     return [
         BoardCorners(camera.name, s.number, board.points[s.ids], s.pixels, speed, s.behind)
-        for s, speed in zip(camera.seen, moving, strict=True)
+        for s, speed in zip(camera.boards, corner_speeds, strict=True)
     ]
 
 
-def _square(lens: FittedLens) -> bool:
-    return bool(abs(lens.K[0, 0] / lens.K[1, 1] - 1) < SQUARE)
+def _has_square_pixels(lens: FittedLens) -> bool:
+    return bool(abs(lens.K[0, 0] / lens.K[1, 1] - 1) < SQUARE_PIXELS)
 
 
 def _middle(camera: CameraDetections) -> tuple[float, float]:
-    """(u, v) of the middle of the picture; the first pixel's centre is at 0."""
+    """(u, v) of the middle of the picture; the centre of the first pixel is at 0."""
     width, height = camera.image_size_px
     return (width - 1) / 2, (height - 1) / 2
 
 
-def _joined(seen: dict[str, dict[int, RigidTransform]]) -> dict[str, RigidTransform]:
+def _spanning_tree(board_poses: dict[str, dict[int, RigidTransform]]) -> dict[str, RigidTransform]:
     """From the first camera's frame to each camera, along the pairs with most shared pictures (Prim's tree)."""
-    names = list(seen)
-    shared = {pair: len(seen[pair[0]].keys() & seen[pair[1]].keys()) for pair in permutations(names, 2)}
+    names = list(board_poses)
+    numbers = {name: poses.keys() for name, poses in board_poses.items()}
+    shared = {(one, other): len(numbers[one] & numbers[other]) for one, other in permutations(names, 2)}
     poses = {names[0]: RigidTransform(np.eye(3), np.zeros(3))}
     while len(poses) < len(names):
         count, known, new = max((shared[k, n], k, n) for k in poses for n in names if n not in poses)
         if count == 0:
             lost = ", ".join(n for n in names if n not in poses)
             raise BadInput(
-                f"{lost}: no picture shows the board at the same time to it and to {', '.join(poses)}; hold it where "
-                "two cameras see it, or give --apart when the pictures were not taken at the same time"
+                f"{lost}: shares no picture of the board with {', '.join(poses)}; hold it where two cameras see it, or "
+                "give --apart when the pictures were not taken at the same time"
             )
-        poses[new] = _between(seen[known], seen[new], f"{known} and {new}").after(poses[known])
+        poses[new] = _relative_pose(board_poses[known], board_poses[new], f"{known} and {new}").after(poses[known])
     return poses
 
 
-def _between(known: dict[int, RigidTransform], new: dict[int, RigidTransform], names: str) -> RigidTransform:
-    """From one camera to another: that of the shared pictures' relative poses which the others lie nearest to."""
-    found = [new[n].after(known[n].back) for n in sorted(known.keys() & new.keys())]
-    gaps = np.zeros((len(found), len(found)))
-    for (i, first), (j, second) in combinations(enumerate(found), 2):
-        apart = float(np.linalg.norm(first.t - second.t))
-        far = apart / max(1e-9, float(np.linalg.norm(first.t)), float(np.linalg.norm(second.t)))
-        gaps[i, j] = gaps[j, i] = max(angle_between(first.R, second.R) / DISAGREE_RAD, far / DISAGREE)
+def _relative_pose(known: dict[int, RigidTransform], new: dict[int, RigidTransform], names: str) -> RigidTransform:
+    """From one camera to another: the medoid of the relative poses of the shared pictures."""
+    candidates = [new[n].after(known[n].inverse) for n in sorted(known.keys() & new.keys())]
+    gaps = np.zeros((len(candidates), len(candidates)))
+    for (i, first), (j, second) in combinations(enumerate(candidates), 2):
+        distance = float(np.linalg.norm(first.t - second.t))
+        relative = distance / max(1e-9, float(np.linalg.norm(first.t)), float(np.linalg.norm(second.t)))
+        gaps[i, j] = gaps[j, i] = max(angle_between(first.R, second.R) / DISAGREE_RAD, relative / DISAGREE)
     middle = np.median(gaps, axis=1)
     if middle.min() > 1:
         raise BadInput(
-            f"{names}: their {len(found)} shared pictures contradict each other; pictures of one number must be taken "
-            "at the same time, else give --apart"
+            f"{names}: their {plural(len(candidates), 'shared picture')} disagree; take pictures of one number at the "
+            "same time, or give --apart"
         )
-    return found[int(middle.argmin())]
+    return candidates[int(middle.argmin())]

@@ -1,4 +1,4 @@
-"""Camera files of other programs: OpenCV-style TOML, read and written, and Qualisys calibrations, read."""
+"""Camera files of other programs: OpenCV-style TOML (Pose2Sim, caliscope, anipose), and Qualisys (.qca.txt)."""
 
 import json
 import math
@@ -10,16 +10,18 @@ from xml.etree import ElementTree
 import numpy as np
 
 from common.errors import BadInput, LabanmeshError
+from common.text import plural
 from observer.calibration.calibrated import CalibratedCamera, rotation
-from observer.geometry.lens import DISTORTION_SIZES, SIZES_SAID
+from observer.geometry.lens import DISTORTION_SIZES, DISTORTION_SIZES_TEXT
 from observer.geometry.projection import Floats
 
 NEEDED = "matrix, rotation, translation"
 
 
 def read_opencv(path: Path) -> list[CalibratedCamera]:
-    """All cameras of a file: one table a camera (Pose2Sim, anipose) or a table `cameras` of them (caliscope,
-    whose camera 0 is called cam_0, as its video is).
+    """All cameras of a file: one table per camera (Pose2Sim, anipose), or a table `cameras` of them (caliscope).
+
+    Camera 0 of caliscope is named cam_0, like its video.
 
     matrix 3x3, distortions (or dist, distortion), rotation as Rodrigues vector or 3x3, translation in metres, size.
     Raises BadInput naming file, camera and key.
@@ -27,9 +29,11 @@ def read_opencv(path: Path) -> list[CalibratedCamera]:
     try:
         keys = tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
-        raise BadInput(f"{path}: {error.strerror}; an OpenCV-style TOML file of cameras is expected") from None
+        raise BadInput(
+            f"cannot read {path}: {error.strerror}; an OpenCV-style TOML file of cameras is expected"
+        ) from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise BadInput(f"{path}: no TOML: {error}") from None
+        raise BadInput(f"{path}: not a TOML file: {error}") from None
     tables = keys["cameras"] if isinstance(keys.get("cameras"), dict) else keys
     cameras = [
         _opencv_camera(
@@ -39,12 +43,12 @@ def read_opencv(path: Path) -> list[CalibratedCamera]:
         if isinstance(table, dict) and name != "metadata" and not table.get("ignore")
     ]
     if not cameras:
-        raise BadInput(f"{path}: no camera in it; one table a camera is expected, with {NEEDED}")
+        raise BadInput(f"{path}: no camera in it; one table per camera is expected, with {NEEDED}")
     return cameras
 
 
 def write_opencv(path: Path, cameras: list[CalibratedCamera]) -> None:
-    """One table a camera, whole or not at all; raises LabanmeshError when the disk does not take it."""
+    """Write one table per camera, atomically; raises LabanmeshError when the file cannot be written."""
     text = "\n".join(_toml(number, camera) for number, camera in enumerate(cameras, 1))
     partial = path.with_name(f"{path.name}.part")
     try:
@@ -61,23 +65,24 @@ def _opencv_camera(where: str, name: str, table: dict[str, Any], file: str) -> C
     if missing:
         raise BadInput(f"{where}.{missing[0]}: missing; a camera has {NEEDED}, and often distortions, size")
     if table.get("fisheye"):
-        raise BadInput(f"{where}.fisheye = true: this lens model is not known; calibrate again without it")
+        raise BadInput(f"{where}.fisheye = true: fisheye lenses are not supported; calibrate again without")
     K = _numbers(f"{where}.matrix", table["matrix"], (3, 3))
     if not (K[0, 0] > 0 and K[1, 1] > 0 and np.allclose(K[2], [0, 0, 1]) and K[1, 0] == 0):
-        raise BadInput(f"{where}.matrix: no intrinsic matrix [[fu, s, cu], [0, fv, cv], [0, 0, 1]] with fu, fv above 0")
-    bends: object = next((table[key] for key in ("distortions", "distortion", "dist") if key in table), [])
-    distortion = _numbers(f"{where}.distortions", bends, None).ravel()
+        raise BadInput(
+            f"{where}.matrix: not an intrinsic matrix [[fu, s, cu], [0, fv, cv], [0, 0, 1]] with fu, fv above 0"
+        )
+    coefficients: object = next((table[key] for key in ("distortions", "distortion", "dist") if key in table), [])
+    distortion = _numbers(f"{where}.distortions", coefficients, None).ravel()
     if len(distortion) not in (0, *DISTORTION_SIZES):
-        raise BadInput(f"{where}.distortions: {len(distortion)} numbers; {SIZES_SAID} are known")
-    place = _numbers(f"{where}.translation", table["translation"], None).ravel()
-    if len(place) != 3:
-        raise BadInput(f"{where}.translation: {len(place)} numbers; x, y and z in metres are needed")
-    turned = table["rotation"]
-    R = rotation(turned if isinstance(turned, list) else [], f"{where}.rotation")
+        raise BadInput(f"{where}.distortions: {plural(len(distortion), 'number')}; expected {DISTORTION_SIZES_TEXT}")
+    t = _numbers(f"{where}.translation", table["translation"], None).ravel()
+    if len(t) != 3:
+        raise BadInput(f"{where}.translation: {plural(len(t), 'number')}; x, y and z in metres are needed")
+    R = rotation(table["rotation"] if isinstance(table["rotation"], list) else [], f"{where}.rotation")
     size = _size(f"{where}.size", table["size"]) if "size" in table else None
     error = table.get("error")
-    known = float(error) if isinstance(error, int | float) and np.isfinite(error) and error >= 0 else None
-    return CalibratedCamera(name, K, distortion, R, place, size, known, f"read from {file}")
+    error_px = float(error) if isinstance(error, int | float) and np.isfinite(error) and error >= 0 else None
+    return CalibratedCamera(name, K, distortion, R, t, size, error_px, f"read from {file}")
 
 
 def _numbers(where: str, values: object, shape: tuple[int, ...] | None) -> Floats:
@@ -109,26 +114,26 @@ def _toml(number: int, camera: CalibratedCamera) -> str:
 
 
 SUBPIXELS = 64.0
-"""Focal lengths and centres are given in 64ths of a pixel."""
+"""Focal lengths and principal points are stored in 64ths of a pixel."""
 
 MM_PER_METRE = 1000.0
 
 
 def read_qualisys(path: Path) -> list[CalibratedCamera]:
-    """All active cameras of a .qca.txt, the room's z up as Qualisys has it; raises BadInput naming file and attribute.
+    """All active cameras of a .qca.txt, with z up as in Qualisys; raises BadInput naming file and attribute.
 
-    Its camera looks along -z with y up, ours along z with y down: a half turn about x.
+    Its cameras look along -z with y up, ours along z with y down: a half turn about x.
     """
     try:
         text = path.read_bytes()
     except OSError as error:
-        raise BadInput(f"{path}: {error.strerror}; a Qualisys calibration (.qca.txt) is expected") from None
+        raise BadInput(f"cannot read {path}: {error.strerror}; a Qualisys calibration (.qca.txt) is expected") from None
     if b"<!ENTITY" in text:
-        raise BadInput(f"{path}: declares XML entities, which no calibration does; export it again")
+        raise BadInput(f"{path}: declares XML entities, which no calibration needs; export it again")
     try:
-        root = ElementTree.fromstring(text)  # noqa: S314 - entities are refused above
+        root = ElementTree.fromstring(text)  # noqa: S314 - entities are rejected above
     except ElementTree.ParseError as error:
-        raise BadInput(f"{path}: no Qualisys calibration: {error}") from None
+        raise BadInput(f"{path}: not a Qualisys calibration: {error}") from None
     cameras = [_qualisys_camera(path, camera) for camera in root.iter("camera") if camera.get("active", "1") == "1"]
     if not cameras:
         raise BadInput(f"{path}: no active camera in it; a Qualisys calibration (.qca.txt) is expected")
@@ -139,17 +144,17 @@ def _qualisys_camera(path: Path, camera: ElementTree.Element) -> CalibratedCamer
     name = camera.get("serial", "")
     where = f"{path}: camera {name!r}"
     if not name:
-        raise BadInput(f"{where}: no serial; it names the camera")
+        raise BadInput(f"{where}: no serial number, which names the camera")
     if camera.get("viewrotation", "0") not in ("", "0"):
         raise BadInput(
-            f"{where}: viewrotation = {camera.get('viewrotation')}: turned pictures are not read; export at 0"
+            f"{where}: viewrotation = {camera.get('viewrotation')}: rotated pictures are not supported; export with 0"
         )
     parts = {tag: _part(where, camera, tag) for tag in ("fov_video", "transform", "intrinsic")}
-    area, place, lens = parts["fov_video"], parts["transform"], parts["intrinsic"]
-    # The rows of the file's matrix are the camera's axes in the room: right, up, and back from where it looks.
-    axes = [[_number(where, place, f"r{row}{column}") for column in (1, 2, 3)] for row in (1, 2, 3)]
+    area, transform, lens = parts["fov_video"], parts["transform"], parts["intrinsic"]
+    # The rows of the matrix are the camera's axes in the room: right, up, and backward.
+    axes = [[_number(where, transform, f"r{row}{column}") for column in (1, 2, 3)] for row in (1, 2, 3)]
     R = np.diag([1.0, -1.0, -1.0]) @ rotation(axes, f"{where}: transform")
-    stands = np.array([_number(where, place, axis) for axis in "xyz"]) / MM_PER_METRE
+    position = np.array([_number(where, transform, axis) for axis in "xyz"]) / MM_PER_METRE
     left, top = _number(where, area, "left"), _number(where, area, "top")
     focal = [_number(where, lens, f"focalLength{axis}") / SUBPIXELS for axis in "UV"]
     centre = [_number(where, lens, f"centerPoint{axis}") / SUBPIXELS for axis in "UV"]
@@ -158,7 +163,7 @@ def _qualisys_camera(path: Path, camera: ElementTree.Element) -> CalibratedCamer
     names = ("radialDistortion1", "radialDistortion2", "tangentalDistortion1", "tangentalDistortion2")
     distortion = np.array([_number(where, lens, key) for key in (*names, "radialDistortion3")])
     size = (int(_number(where, area, "right") - left) + 1, int(_number(where, area, "bottom") - top) + 1)
-    return CalibratedCamera(name, K, distortion, R, -R @ stands, size, None, f"read from {path.name}")
+    return CalibratedCamera(name, K, distortion, R, -R @ position, size, None, f"read from {path.name}")
 
 
 def _part(where: str, camera: ElementTree.Element, tag: str) -> ElementTree.Element:

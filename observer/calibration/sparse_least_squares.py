@@ -1,4 +1,4 @@
-"""Robust least squares of a large sparse problem, and the layout of the bundle adjustment's unknowns; pure."""
+"""Robust sparse least squares (Levenberg-Marquardt), and the layout of the bundle adjustment's unknowns; pure."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -12,50 +12,50 @@ from observer.geometry.projection import Floats
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-Whole = NDArray[np.intp]
+Integers = NDArray[np.intp]
 
 POSE, LENS, BACK = 6, 5, 4
-"""Unknowns of a place (rotation vector, translation), of a lens (f, cu, cv, k1, k2), of the board's back."""
+"""Number of unknowns of a pose (rotation vector, translation), a lens (f, cu, cv, k1, k2) and the board's back."""
 
 
 @dataclass(frozen=True, slots=True)
 class ParameterLayout:
-    """Cameras, boards, lenses, moments, back; one after the other. cameras, boards, lenses: their names, in order."""
+    """Slices of the vector of unknowns, in this order: cameras, boards, lenses, time offsets, back."""
 
     cameras: tuple[str, ...]
     boards: tuple[int, ...]
     lenses: tuple[str, ...]
-    sightings: int
+    detections: int
     _starts: dict[str | int, int] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        # Names are texts and numbers are numbers, so that one table holds both.
+        # Cameras are named by text and boards by number, so that one table holds both.
         starts = {key: POSE * n for n, key in enumerate([*self.cameras, *self.boards])}
         object.__setattr__(self, "_starts", starts)
 
     def camera(self, name: str) -> slice:
-        """Where a camera's place is."""
+        """The pose of a camera."""
         return slice(self._starts[name], self._starts[name] + POSE)
 
     def board(self, number: int) -> slice:
-        """Where the place of the board in this picture is."""
+        """The pose of the board in this picture."""
         return slice(self._starts[number], self._starts[number] + POSE)
 
     def lens(self, name: str) -> slice:
-        """Where a camera's lens is."""
+        """The lens of a camera."""
         start = POSE * (len(self.cameras) + len(self.boards)) + LENS * self.lenses.index(name)
         return slice(start, start + LENS)
 
     @property
-    def moments(self) -> slice:
-        """Where the moment of each sighting is."""
+    def time_offsets(self) -> slice:
+        """The time offsets of all detections."""
         start = POSE * (len(self.cameras) + len(self.boards)) + LENS * len(self.lenses)
-        return slice(start, start + self.sightings)
+        return slice(start, start + self.detections)
 
     @property
     def back(self) -> slice:
-        """Where the place of the pattern on the board's back is."""
-        return slice(self.moments.stop, self.moments.stop + BACK)
+        """The pose of the pattern on the board's back."""
+        return slice(self.time_offsets.stop, self.time_offsets.stop + BACK)
 
     @property
     def size(self) -> int:
@@ -64,23 +64,23 @@ class ParameterLayout:
 
 
 class SparseJacobian:
-    """A sparse matrix of slopes, filled block by block from the top. columns: number of unknowns."""
+    """A sparse Jacobian, filled block by block from the top. columns: number of unknowns."""
 
     def __init__(self, columns: int) -> None:
         self._columns, self._top, self._bottom = columns, 0, 0
-        self._parts: list[tuple[Whole, Whole, Floats]] = []
+        self._parts: list[tuple[Integers, Integers, Floats]] = []
 
     def begin(self, rows: int) -> None:
-        """What is added next stands in the next so many rows."""
+        """Start the next block of `rows` rows."""
         self._top, self._bottom = self._bottom, self._bottom + rows
 
     def add(self, columns: slice, slopes: Floats) -> None:
-        """(rows, width) slopes by these unknowns."""
+        """Add (rows, width) derivatives by these unknowns."""
         rows, across = np.mgrid[self._top : self._bottom, columns.start : columns.stop]
         self._parts.append((rows.ravel(), across.ravel(), slopes.ravel()))
 
-    def add_diagonal(self, columns: Whole, slopes: Floats) -> None:
-        """One row for each of these unknowns."""
+    def add_diagonal(self, columns: Integers, slopes: Floats) -> None:
+        """Add one row for each of these unknowns."""
         self.begin(len(columns))
         self._parts.append((np.arange(self._top, self._bottom), columns, slopes))
 
@@ -93,18 +93,18 @@ class SparseJacobian:
 
 
 ROUNDS = 60
-"""Steps at most; ten are usual."""
+"""Most steps; ten are usual."""
 
 ENOUGH = 1e-7
-"""A step that lowers the cost by a smaller share of it is the last."""
+"""The last step lowers the cost by a smaller share than this."""
 
 HOPELESS = 1e9
-"""With so much damping a step is too small to matter."""
+"""Damping from which a step is too small to matter."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LeastSquaresResult:
-    """x: (U,) the unknowns. residuals: (R,) there. cost: sum of soft squares."""
+    """x: (U,) the unknowns. residuals: (R,) at x. cost: the robust sum of squares."""
 
     x: Floats
     residuals: Floats
@@ -114,10 +114,10 @@ class LeastSquaresResult:
 def least_robust_squares(
     evaluate: Callable[[Floats], tuple[Floats, SparseJacobian]], start: Floats, soft: float
 ) -> LeastSquaresResult:
-    """x near `start` with the least sum of soft²(√(1 + (r/soft)²) - 1): r²/2 for small r, soft·|r| for large.
+    """Minimise the sum of soft²(√(1 + (r/soft)²) - 1) from `start`: r²/2 for small r, soft·|r| for large.
 
-    evaluate: x -> residuals (R,), any unit, and their slopes. Each step solves the normal equations weighted by
-    1/√(1 + (r/soft)²) (Triggs et al. 2000, section 4.3), damped until it lowers the cost.
+    evaluate: x -> residuals (R,), any unit, and their Jacobian. Each step solves the normal equations weighted by
+    1/√(1 + (r/soft)²) (Triggs et al. 2000, section 4.3), with the damping raised until the cost falls.
     """
     x, damping = start, 1e-3
     residuals, blocks = evaluate(x)
@@ -147,7 +147,7 @@ def _step(normal: "csr_array[np.float64]", downhill: Floats, damping: float) -> 
     from scipy.sparse import csc_array, diags_array
     from scipy.sparse.linalg import spsolve
 
-    # An unknown that nothing depends on stays: its row would be all zero.
+    # Keeps unknowns without influence in place: their rows would be zero.
     scale = np.maximum(normal.diagonal(), 1e-12)
     step: Floats = spsolve(csc_array(normal + diags_array(damping * scale)), downhill)
     return step

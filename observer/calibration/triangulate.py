@@ -1,4 +1,4 @@
-"""Triangulation: one point in space from where several cameras see it, leaving out cameras that contradict the rest."""
+"""Triangulation: one point in space from several cameras, without those that disagree with the rest; pure."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,17 +11,17 @@ from common.errors import BadInput
 from observer.geometry.projection import Floats, oriented, project
 
 GATE_PX = 20.0
-"""A camera that the point misses by more is left out: twice what trackers are off in pictures 1000 to 2000 px high."""
+"""Gate for the reprojection error of a camera: twice the error of trackers in pictures 1000 to 2000 px high."""
 
 STEPS = 10
-"""Gauss-Newton steps of the refinement; from the linear solution three are usual."""
+"""Most Gauss-Newton steps; three are usual from the linear solution."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TriangulatedPoint:
-    """point: (3,) metres, NaN when no two cameras agree. used: (N,) the cameras it rests on.
+    """point: (3,) metres, NaN when no two cameras agree. used: (N,) the inlier cameras.
 
-    errors_px: (N,) distance of the projected point from what each camera saw; NaN where it saw nothing.
+    errors_px: (N,) reprojection error of each camera; NaN where it did not see the point.
     """
 
     point: Floats
@@ -30,25 +30,27 @@ class TriangulatedPoint:
 
     @property
     def error_px(self) -> float:
-        """Root mean square over the cameras used; NaN when there is no point."""
+        """Root mean square over the inliers; NaN without a point."""
         return float(np.sqrt(np.mean(self.errors_px[self.used] ** 2))) if self.used.any() else float("nan")
 
 
 def triangulate(matrices: Sequence[Floats] | Floats, pixels: Floats, gate_px: float = GATE_PX) -> TriangulatedPoint:
-    """(N, 3, 4) projective matrices, (N, 2) pixels (NaN row: not seen; undistorted) -> the point.
+    """(N, 3, 4) projective matrices, (N, 2) undistorted pixels (NaN row: not seen) -> the point.
 
-    Every two cameras that see it propose a point; the one that most cameras agree with to `gate_px` wins, the smaller
-    error deciding a tie. From those cameras: linear solution (Hartley and Zisserman, section 12.2), then the least sum
-    of squared reprojection errors by Gauss-Newton. With three cameras and one wrong it can be told which; with two that
-    contradict each other there is no point. Raises BadInput for shapes that do not fit and a gate that is not positive.
+    Every pair of cameras proposes a point; the proposal with most cameras within `gate_px` wins, the smaller error
+    decides a tie. Its inliers give the linear solution (Hartley and Zisserman, section 12.2), refined by Gauss-Newton
+    to the least squared reprojection error. Three cameras reveal one wrong camera; two that disagree give no point.
+    Raises BadInput for shapes that do not match and for a gate that is not positive.
     """
     Hs, pixels = np.asarray(matrices, dtype=np.float64), np.asarray(pixels, dtype=np.float64)
     if Hs.ndim != 3 or Hs.shape[1:] != (3, 4) or pixels.shape != (len(Hs), 2):
-        raise BadInput(f"matrices {Hs.shape}, pixels {pixels.shape}: (N, 3, 4) and (N, 2) are needed, one row a camera")
+        raise BadInput(
+            f"matrices {Hs.shape}, pixels {pixels.shape}: (N, 3, 4) and (N, 2) are needed, one row per camera"
+        )
     if not gate_px > 0:
         raise BadInput(f"gate_px = {gate_px:g}: a distance in pixels above 0, e.g. {GATE_PX:g}")
     Hs = np.array([oriented(H) for H in Hs])
-    used = _agreeing(Hs, pixels, gate_px)
+    used = _inliers(Hs, pixels, gate_px)
     if used.sum() < 2:
         nothing = np.full(len(Hs), np.nan)
         return TriangulatedPoint(np.full(3, np.nan), np.zeros(len(Hs), dtype=np.bool_), nothing)
@@ -59,8 +61,8 @@ def triangulate(matrices: Sequence[Floats] | Floats, pixels: Floats, gate_px: fl
 def linear_point(matrices: Floats, pixels: Floats) -> Floats:
     """(N, 3, 4), (N, 2), N at least 2, all finite -> (3,) the point with the least algebraic error; may be infinite.
 
-    Two rows a camera: u h3·X = h1·X and v h3·X = h2·X; each scaled to length 1, so that no camera counts more for
-    the unit that its matrix happens to be in.
+    Two rows per camera: u h3·X = h1·X and v h3·X = h2·X, each scaled to length 1, so that the scale of a matrix does
+    not weight its camera.
     """
     rows = pixels[:, :, None] * matrices[:, 2:3] - matrices[:, :2]
     rows = rows / np.linalg.norm(rows[..., :3], axis=-1, keepdims=True)
@@ -70,14 +72,14 @@ def linear_point(matrices: Floats, pixels: Floats) -> Floats:
     return point
 
 
-def _agreeing(Hs: Floats, pixels: Floats, gate_px: float) -> NDArray[np.bool_]:
-    """(N,) the largest set of cameras that one pair's point satisfies; all False when there is none."""
+def _inliers(Hs: Floats, pixels: Floats, gate_px: float) -> NDArray[np.bool_]:
+    """(N,) the largest set of cameras that agree with the point of one pair; all False when there is none."""
     best, least = np.zeros(len(Hs), dtype=np.bool_), np.inf
-    seen = np.flatnonzero(np.isfinite(pixels).all(axis=1) & Hs.any(axis=(1, 2)))
-    for pair in combinations(seen, 2):
+    usable = np.flatnonzero(np.isfinite(pixels).all(axis=1) & Hs.any(axis=(1, 2)))
+    for pair in combinations(usable, 2):
         chosen = list(pair)
         errors = _errors(Hs, pixels, linear_point(Hs[chosen], pixels[chosen]))
-        # NaN compares false: neither a blind camera nor one with the point behind it agrees.
+        # NaN compares false: a camera without the point, or with the point behind it, does not agree.
         agree = errors <= gate_px
         if not agree[chosen].all():
             continue
@@ -88,19 +90,19 @@ def _agreeing(Hs: Floats, pixels: Floats, gate_px: float) -> NDArray[np.bool_]:
 
 
 def _errors(Hs: Floats, pixels: Floats, point: Floats) -> Floats:
-    """(N,) pixels; NaN where the camera saw nothing or the point is behind it."""
-    return np.array([np.linalg.norm(project(H, point) - seen) for H, seen in zip(Hs, pixels, strict=True)])
+    """(N,) px; NaN where the camera does not see the point or the point is behind it."""
+    return np.array([np.linalg.norm(project(H, point) - pixel) for H, pixel in zip(Hs, pixels, strict=True)])
 
 
 def _refined(point: Floats, Hs: Floats, pixels: Floats) -> Floats:
-    """(3,) the point after Gauss-Newton steps on the reprojection error, as long as each of them lowers it."""
+    """(3,) the point after Gauss-Newton steps on the reprojection error, while each step lowers it."""
     cost = _cost(point, Hs, pixels)
     for _ in range(STEPS):
         image = Hs[:, :, :3] @ point + Hs[:, :, 3]
         depth = image[:, 2:]
         slopes = (Hs[:, :2, :3] - (image[:, :2] / depth)[:, :, None] * Hs[:, 2:, :3]) / depth[:, :, None]
-        away = (pixels - image[:, :2] / depth).ravel()
-        moved = point + np.linalg.lstsq(slopes.reshape(-1, 3), away, rcond=None)[0]
+        residuals = (pixels - image[:, :2] / depth).ravel()
+        moved = point + np.linalg.lstsq(slopes.reshape(-1, 3), residuals, rcond=None)[0]
         moved_cost = _cost(moved, Hs, pixels)
         if not moved_cost < cost:
             break

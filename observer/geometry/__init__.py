@@ -1,1 +1,1 @@
-"""Views: how a point in the room becomes a point in an image."""
+"""Camera geometry: projective matrices, lens distortion, views and camera files."""

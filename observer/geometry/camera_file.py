@@ -1,4 +1,4 @@
-"""The camera file (TOML): one calibrated camera's projective matrix, its lens, and where they came from."""
+"""The camera file (TOML): projective matrix, lens and provenance of one calibrated camera."""
 
 import json
 import tomllib
@@ -10,20 +10,21 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, PositiveInt, ValidationError
 
 from common.errors import BadInput, LabanmeshError
-from observer.geometry.lens import DISTORTION_SIZES, SIZES_SAID, LensDistortion, check_intrinsic_matrix
+from common.text import plural
+from observer.geometry.lens import DISTORTION_SIZES, DISTORTION_SIZES_TEXT, LensDistortion, check_intrinsic_matrix
 from observer.geometry.projection import Floats, oriented
 
-TURNED = 1e-3
-"""How far from orthogonal the rotation left by the intrinsic matrix may be: files hold rounded numbers."""
+ORTHOGONAL = 1e-3
+"""Tolerance for the rotation that the intrinsic matrix leaves: files hold rounded numbers."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraModel:
     """One calibrated camera.
 
-    matrix: (3, 4) from metres to pixels without distortion, of any scale but zero. image_size_px: (width, height).
+    matrix: (3, 4) from metres to undistorted pixels, of any scale but zero. image_size_px: (width, height).
     reprojection_error_px: root mean square over the points of the calibration. provenance: how it was calibrated.
-    lens: where those pixels are in the picture, where the calibration knows it.
+    lens: from undistorted pixels to those of the picture, where known.
     """
 
     name: str
@@ -35,18 +36,18 @@ class CameraModel:
 
 
 def read_camera(path: Path) -> CameraModel:
-    """The camera in a file; raises BadInput with file and key when it cannot be read or is no camera."""
+    """The camera in a file; raises BadInput naming file and key when it is unreadable or not a camera."""
     try:
         keys = tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
-        raise BadInput(f"{path}: {error.strerror}; a camera file comes from labanmesh calibrate") from None
+        raise BadInput(f"cannot read {path}: {error.strerror}; labanmesh calibrate writes camera files") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise BadInput(f"{path}: no TOML: {error}") from None
+        raise BadInput(f"{path}: not a TOML file: {error}") from None
     return _checked(path, keys)
 
 
 def write_camera(path: Path, camera: CameraModel) -> None:
-    """Write the file whole or not at all; raises BadInput for what is no camera, LabanmeshError for a full disk."""
+    """Write the file atomically; raises BadInput for an invalid camera, LabanmeshError when it cannot be written."""
     text = _toml(camera)
     _checked(path, tomllib.loads(text))
     partial = path.with_name(f"{path.name}.part")
@@ -86,7 +87,7 @@ def _checked(path: Path, keys: dict[str, object]) -> CameraModel:
         raise BadInput(f"{path}: {key}: {first['msg']}; the keys of a camera file: {names}") from None
     matrix = np.array(known.projective_matrix)
     if np.linalg.matrix_rank(matrix) < 3 or not oriented(matrix).any():
-        raise BadInput(f"{path}: projective_matrix: no camera, its rows depend on each other; calibrate again")
+        raise BadInput(f"{path}: projective_matrix: not a camera: its rows are linearly dependent; calibrate again")
     lens = _lens(path, known, matrix)
     return CameraModel(known.name, matrix, known.image_size_px, known.reprojection_error_px, known.provenance, lens)
 
@@ -95,11 +96,11 @@ def _lens(path: Path, known: _CameraFileKeys, matrix: Floats) -> LensDistortion 
     if known.intrinsic_matrix is None and known.distortion is None:
         return None
     if known.intrinsic_matrix is None or known.distortion is None:
-        given, lacking = ("distortion", "intrinsic_matrix")[:: 1 if known.distortion is not None else -1]
-        raise BadInput(f"{path}: {given} without {lacking}: a lens has both; leave both out where it is not known")
+        present, missing = ("distortion", "intrinsic_matrix")[:: 1 if known.distortion is not None else -1]
+        raise BadInput(f"{path}: {present} without {missing}: a lens has both; omit both where it is unknown")
     K, distortion = np.array(known.intrinsic_matrix), np.array(known.distortion)
     if len(distortion) not in DISTORTION_SIZES:
-        raise BadInput(f"{path}: distortion: {len(distortion)} numbers; OpenCV's {SIZES_SAID} are expected")
+        raise BadInput(f"{path}: distortion: {plural(len(distortion), 'number')}; expected {DISTORTION_SIZES_TEXT}")
     try:
         check_intrinsic_matrix(K)
     except BadInput as error:
@@ -109,13 +110,13 @@ def _lens(path: Path, known: _CameraFileKeys, matrix: Floats) -> LensDistortion 
 
 
 def _check_together(path: Path, K: Floats, matrix: Floats) -> None:
-    """What the intrinsic matrix leaves of the projective matrix must be a rotation, of any scale."""
+    """Check that the inverse intrinsic matrix times the projective matrix is a rotation of any scale."""
     left = np.linalg.solve(K, oriented(matrix)[:, :3])
     left = left / np.cbrt(np.linalg.det(left))
-    if not np.allclose(left @ left.T, np.eye(3), atol=TURNED):
+    if not np.allclose(left @ left.T, np.eye(3), atol=ORTHOGONAL):
         raise BadInput(
-            f"{path}: intrinsic_matrix: does not belong to projective_matrix, which must be it times [R | t], in "
-            "pixels without distortion; calibrate again, or leave out intrinsic_matrix and distortion"
+            f"{path}: intrinsic_matrix: does not match projective_matrix, which must be intrinsic_matrix [R | t] in "
+            "undistorted pixels; calibrate again, or omit intrinsic_matrix and distortion"
         )
 
 
@@ -137,5 +138,5 @@ def _rows(matrix: Floats) -> str:
 
 
 def _quoted(text: str) -> str:
-    # A JSON string is a TOML string, except that TOML also wants DEL escaped and knows no surrogate pairs.
+    # A JSON string is a TOML string, except that TOML requires DEL escaped and has no surrogate pairs.
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")

@@ -1,4 +1,4 @@
-"""Views: the names by which people ask for a perspective, and a performer who turns before it."""
+"""Views: perspectives by name, and a performer who is turned relative to them."""
 
 import difflib
 import math
@@ -15,7 +15,7 @@ from observer.geometry.lens import LensDistortion
 from observer.geometry.projection import Floats, oriented, parallel_matrix
 
 PRINCIPAL_PLANES_DEG = {"door": (0.0, 0.0), "wheel": (90.0, 0.0), "table": (0.0, 90.0)}
-"""Laban's three planes as (yaw, pitch) of who looks at them (section III.A)."""
+"""Laban's three planes as (yaw, pitch) of a camera that looks at them (section III.A)."""
 
 KNOWN = "door, wheel, table, yaw:DEG, yaw:DEG,pitch:DEG, or a camera file (.toml)"
 
@@ -26,7 +26,7 @@ Real = TypeVar("Real", bound=np.floating)
 class View:
     """A perspective. matrix: (3, 4) projective matrix, to metres for planes and angles, to pixels for a camera file.
 
-    lens: what the camera's lens does to those pixels, where its file says so; the matrix holds for undistorted ones.
+    lens: distortion of the camera's pixels, where its file has one; the matrix holds for undistorted pixels.
     """
 
     name: str
@@ -35,9 +35,9 @@ class View:
 
 
 def parse_view(text: str, folder: Path | None = None) -> View:
-    """One view by its name; a relative path of a camera file counts from `folder`, else from where we are.
+    """One view by its name; the path of a camera file is relative to `folder`, by default the working directory.
 
-    Raises BadInput for an unknown name, an angle that is no number, a pitch outside -90..90 or a bad camera file.
+    Raises BadInput for an unknown name, an invalid angle, a pitch outside -90..90 and an invalid camera file.
     """
     text = text.strip()
     if text in PRINCIPAL_PLANES_DEG:
@@ -51,10 +51,10 @@ def parse_view(text: str, folder: Path | None = None) -> View:
 
 
 def facing(view: View) -> float:
-    """How much the performer faces who looks, -1 (seen from behind) over 0 (from a side) to 1 (into the face).
+    """How much the performer faces the camera: 1 seen from the front, 0 from a side, -1 from behind.
 
-    The picture's right is a row of the matrix's left part (orthogonal to the optical axis, its third row); where it is
-    the performer's left, he faces us.
+    This is minus the x component of the picture's right (first row of the matrix, made orthogonal to the optical axis,
+    its third row): it points to the left of a performer who faces the camera.
     """
     matrix = oriented(view.matrix)
     right, axis = matrix[0, :3], matrix[2, :3]
@@ -66,7 +66,7 @@ def facing(view: View) -> float:
 def split_views(text: str) -> list[str]:
     """`door,yaw:45,pitch:10` -> [`door`, `yaw:45,pitch:10`]: a pitch belongs to the yaw before it.
 
-    Raises BadInput for an empty piece and for a pitch without a yaw of its own.
+    Raises BadInput for an empty name and for a pitch without a yaw.
     """
     views: list[str] = []
     for piece in (raw.strip() for raw in text.split(",")):
@@ -84,20 +84,20 @@ def split_views(text: str) -> list[str]:
 def turned(positions: NDArray[Real], angle_rad: float, about: NDArray[np.floating] | None = None) -> NDArray[Real]:
     """(..., 3) positions -> (..., 3), the same type: the performer turned about the vertical through `about` (3,).
 
-    A positive angle turns him to his left, counter-clockwise seen from above. Turned by a and seen from yaw v is the
-    same as unturned and seen from yaw v + a (for a parallel view up to a shift, none when `about` is the origin).
-    about: its height is ignored; by default the mean of the seen points, so that he turns where he stands.
+    A positive angle turns to the performer's left, counter-clockwise seen from above. Turned by a and seen from yaw v
+    equals unturned and seen from yaw v + a (for a parallel view up to a shift, none when `about` is the origin).
+    about: its height is ignored; by default the mean of the finite points, so that the performer turns in place.
     """
-    centre = _mean_seen(positions) if about is None else about
+    centre = _mean(positions) if about is None else about
     sin, cos = math.sin(angle_rad), math.cos(angle_rad)
     x, z = positions[..., 0] - centre[0], positions[..., 2] - centre[2]
     result = np.stack([x * cos + z * sin + centre[0], positions[..., 1], z * cos - x * sin + centre[2]], axis=-1)
     return result.astype(positions.dtype)
 
 
-def _mean_seen(positions: NDArray[np.floating]) -> Floats:
-    seen = positions[np.isfinite(positions).all(axis=-1)]
-    mean: Floats = seen.mean(axis=0, dtype=np.float64) if len(seen) else np.zeros(3)
+def _mean(positions: NDArray[np.floating]) -> Floats:
+    finite = positions[np.isfinite(positions).all(axis=-1)]
+    mean: Floats = finite.mean(axis=0, dtype=np.float64) if len(finite) else np.zeros(3)
     return mean
 
 
@@ -108,7 +108,7 @@ def _parallel_view(name: str, yaw_deg: float, pitch_deg: float) -> View:
 def _angle_view(text: str) -> View:
     yaw, comma, pitch = (piece.strip() for piece in text.removeprefix("yaw:").partition(","))
     if comma and not pitch.startswith("pitch:"):
-        raise BadInput(f"view {text!r}: after the comma comes a pitch, e.g. yaw:45,pitch:10")
+        raise BadInput(f"view {text!r}: a pitch is expected after the comma, e.g. yaw:45,pitch:10")
     yaw_deg = _degrees(text, yaw)
     pitch_deg = _degrees(text, pitch.removeprefix("pitch:")) if comma else 0.0
     if abs(pitch_deg) > 90:
@@ -122,7 +122,7 @@ def _degrees(view: str, text: str) -> float:
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
-        raise BadInput(f"view {view!r}: {text!r} is no angle in degrees; e.g. yaw:45 or yaw:45,pitch:10")
+        raise BadInput(f"view {view!r}: {text!r} is not an angle in degrees; e.g. yaw:45 or yaw:45,pitch:10")
     return value
 
 

@@ -1,4 +1,4 @@
-"""`labanmesh calibrate` as a person meets it: what it prints, writes, and says to bad input."""
+"""`labanmesh calibrate`: output, files and errors."""
 
 import csv
 
@@ -38,10 +38,10 @@ def write_pairs(path, count=20, flat=False, camera=TRUE):
 def test_known_points_become_a_camera_by_dlt(run, tmp_path, capsys):
     points = write_pairs(tmp_path / "door.csv")
     run("--points", "door.csv", "-o", "out")
-    said = capsys.readouterr().out
-    assert "door" in said and "0.00" in said
+    output = capsys.readouterr().out
+    assert "door" in output and "0.00" in output
     camera = read_camera(tmp_path / "out/door.toml")
-    assert camera.lens is None  # DLT says nothing of distortion
+    assert camera.lens is None  # DLT does not estimate distortion
     assert camera.reprojection_error_px < 1e-3 and "20 points of door.csv" in camera.provenance
     (whole,) = read_opencv(tmp_path / "out" / ALL)
     np.testing.assert_allclose(whole.K, K, atol=1e-3)
@@ -49,21 +49,21 @@ def test_known_points_become_a_camera_by_dlt(run, tmp_path, capsys):
     np.testing.assert_allclose(whole.pixels(points), TRUE.pixels(points), atol=1e-3)
 
 
-def test_with_its_lens_known_points_in_a_plane_place_a_camera(run, tmp_path):
+def test_coplanar_points_place_a_camera_with_a_known_lens(run, tmp_path):
     bent = CalibratedCamera("door", K, np.array([0.15, -0.2, 1e-3, 2e-3]), TRUE.R, TRUE.t)
     write_opencv(tmp_path / "lens.toml", [bent.moved(rotation([0, 1, 0], "test"), np.ones(3))])
     write_pairs(tmp_path / "door.csv", 8, flat=True, camera=bent)
     run("--points", "door.csv", "--lens", "lens.toml", "-o", "out")
-    (found,) = read_opencv(tmp_path / "out" / ALL)
-    np.testing.assert_allclose(found.place, TRUE.place, atol=1e-4)
+    (camera,) = read_opencv(tmp_path / "out" / ALL)
+    np.testing.assert_allclose(camera.position, TRUE.position, atol=1e-4)
 
 
-def test_a_file_of_others_with_z_up_is_turned_upright(run, tmp_path):
+def test_a_foreign_file_with_z_up_is_converted_to_y_up(run, tmp_path):
     write_opencv(tmp_path / "theirs.toml", [TRUE])
     run("--read", "theirs.toml", "--up", "z", "-o", "out")
     (ours,) = read_opencv(tmp_path / "out" / ALL)
-    x, y, z = TRUE.place
-    np.testing.assert_allclose(ours.place, [x, z, -y], atol=1e-9)
+    x, y, z = TRUE.position
+    np.testing.assert_allclose(ours.position, [x, z, -y], atol=1e-9)
 
 
 def drawn_board(folder):
@@ -81,43 +81,43 @@ def drawn_board(folder):
         cv2.imwrite(str(folder / f"{n}.png"), cv2.warpPerspective(paper, H, (640, 480), borderValue=128))
 
 
-def test_pictures_of_a_board_become_camera_table_and_annotated_picture(run, tmp_path, capsys):
+def test_pictures_of_a_board_give_camera_file_and_annotated_picture(run, tmp_path, capsys):
     drawn_board(tmp_path / "cam1")
     run("cam1", "--board", BOARD, "-o", "out", "--origin", 2)
-    said = capsys.readouterr().out
-    assert "board in 6 of 6 pictures" in said and "5.png: 28 corners" in said and "picture 2" in said
-    (found,) = read_opencv(tmp_path / "out" / ALL)
-    np.testing.assert_allclose(np.diag(found.K), np.diag(K), rtol=0.03)
-    assert found.error_px < 0.3 and found.image_size_px == (640, 480)
-    assert np.linalg.norm(found.place) == pytest.approx(np.linalg.norm([0.1, 0.2, 0.9]), rel=0.03)
-    assert found.place[2] < 0  # in front of who holds the board
+    output = capsys.readouterr().out
+    assert "board in 6 of 6 pictures" in output and "5.png: 28 corners" in output and "picture 2" in output
+    (camera,) = read_opencv(tmp_path / "out" / ALL)
+    np.testing.assert_allclose(np.diag(camera.K), np.diag(K), rtol=0.03)
+    assert camera.error_px < 0.3 and camera.image_size_px == (640, 480)
+    assert np.linalg.norm(camera.position) == pytest.approx(np.linalg.norm([0.1, 0.2, 0.9]), rel=0.03)
+    assert camera.position[2] < 0  # in front of the performer who holds the board
     assert cv2.imread(str(tmp_path / "out/cam1.png")).shape == (480, 640, 3)
-    camera = read_camera(tmp_path / "out/cam1.toml")
-    assert camera.provenance.startswith("chessboard 4x7")
-    np.testing.assert_array_equal(camera.lens.intrinsic_matrix, found.K)
-    np.testing.assert_array_equal(camera.lens.distortion, found.distortion)
+    written = read_camera(tmp_path / "out/cam1.toml")
+    assert written.provenance.startswith("chessboard 4x7")
+    np.testing.assert_array_equal(written.lens.intrinsic_matrix, camera.K)
+    np.testing.assert_array_equal(written.lens.distortion, camera.distortion)
 
 
-def test_two_cameras_that_see_the_board_together_share_what_they_know_of_their_lenses(run, tmp_path):
+def test_cameras_that_share_the_board_refine_their_lenses(run, tmp_path):
     for name in ("cam1", "cam2"):
         drawn_board(tmp_path / name)
     run("cam1", "cam2", "--board", BOARD, "-o", "out")
     one, two = read_opencv(tmp_path / "out" / ALL)
     assert one.K[0, 0] == one.K[1, 1] == pytest.approx(702.5, rel=0.03)
-    np.testing.assert_allclose(one.place, two.place, atol=0.005)
+    np.testing.assert_allclose(one.position, two.position, atol=0.005)
     run("cam1", "cam2", "--board", BOARD, "-o", "again", "--lens", f"out/{ALL}")
     known = read_opencv(tmp_path / "again" / ALL)[0]
     np.testing.assert_array_equal(known.K, one.K)
 
 
 @pytest.mark.parametrize(
-    ("words", "says"),
+    ("arguments", "message"),
     [
         ("", "is needed"),
         ("cam1 --points a.csv", "is needed"),
         ("cam1", "--board: missing"),
         ("cam1 --board x", "known: chessboard"),
-        (f"gone --board {BOARD}", "gone: not there"),
+        (f"gone --board {BOARD}", "gone: no such file"),
         (f"cam1 x/cam1 --board {BOARD}", "2 cameras of this name"),
         ("--points gone.csv", "No such file"),
         ("--points few.csv", "5 points"),
@@ -129,13 +129,13 @@ def test_two_cameras_that_see_the_board_together_share_what_they_know_of_their_l
         ("--read lens.toml --up x", "--up 'x'"),
     ],
 )
-def test_bad_input_is_one_line_and_nothing_is_written(run, tmp_path, words, says):
+def test_bad_input_is_rejected_with_one_line_before_writing(run, tmp_path, arguments, message):
     write_pairs(tmp_path / "few.csv", 5)
     write_pairs(tmp_path / "flat.csv", 20, flat=True)
     (tmp_path / "words.csv").write_text("x,y,z,u,v\n1,2,three,4,5\n")
     (tmp_path / "head.csv").write_text("1,2,3,4,5\n")
     write_opencv(tmp_path / "lens.toml", [TRUE])
     with pytest.raises(BadInput) as caught:
-        run(*words.split(), "-o", "out")
-    assert says in str(caught.value) and "\n" not in str(caught.value)
+        run(*arguments.split(), "-o", "out")
+    assert message in str(caught.value) and "\n" not in str(caught.value)
     assert not (tmp_path / "out").exists()

@@ -1,4 +1,4 @@
-"""Lens distortion and places against OpenCV, readers against each other."""
+"""Distortion and projection against OpenCV, and the readers of other programs' files."""
 
 import cv2
 import numpy as np
@@ -28,7 +28,7 @@ def camera(lens, turned=(0.1, -0.2, 0.05)):
 
 
 @pytest.mark.parametrize("lens", LENSES)
-def test_pixels_are_those_of_opencv_and_back(lens):
+def test_projection_agrees_with_opencv_and_is_invertible(lens):
     one = camera(lens)
     points = np.random.default_rng(1).uniform(-0.8, 0.8, (50, 3))
     expected = cv2.projectPoints(points, cv2.Rodrigues(one.R)[0], one.t, K, one.distortion if lens else None)[0]
@@ -45,7 +45,7 @@ def test_a_camera_moved_with_its_room_sees_the_same(turned, shift):
     np.testing.assert_allclose(one.moved(R, t).pixels(points @ R.T + t), one.pixels(points), atol=1e-6)
 
 
-def test_there_and_back(tmp_path):
+def test_a_written_file_is_read_back(tmp_path):
     path = tmp_path / "all.toml"
     write_opencv(path, [camera(lens) for lens in LENSES])
     for lens, back in zip(LENSES, read_opencv(path), strict=True):
@@ -55,36 +55,36 @@ def test_there_and_back(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "says"),
+    ("old", "new", "message"),
     [
         ("matrix = [[800, 0, 330], [0, 810, 250], [0, 0, 1]]", "", "one.matrix: missing"),
-        ("[0, 810, 250]", "[0, -810, 250]", "one.matrix: no intrinsic"),
+        ("[0, 810, 250]", "[0, -810, 250]", "one.matrix: not an intrinsic"),
         ("[0, 810, 250]", "[0, 810]", "one.matrix"),
-        ("[0.1, 0, 0, 0]", "[0.1]", "one.distortions: 1 numbers"),
-        ("[0.1, 0.2, 0.3]", "[[1,0,0],[0,1,0],[0,0,2]]", "one.rotation: no rotation"),
+        ("[0.1, 0, 0, 0]", "[0.1]", "one.distortions: 1 number;"),
+        ("[0.1, 0.2, 0.3]", "[[1,0,0],[0,1,0],[0,0,2]]", "one.rotation: not a rotation"),
         ("[0.1, 0.2, 0.3]", '"x"', "one.rotation"),
         ("[1, 2, 3]", "[1, nan, 3]", "one.translation"),
         ("[640, 480]", "[640, 0]", "one.size"),
         ("[one]", "fisheye = true\n[two]", "two"),
         ("size =", "fisheye = true\nsize =", "one.fisheye"),
         (GOOD, "a = 1", "no camera"),
-        (GOOD, "a = ", "no TOML"),
+        (GOOD, "a = ", "not a TOML file"),
     ],
 )
-def test_a_wrong_file_is_one_line_with_the_key(tmp_path, old, new, says):
+def test_an_invalid_file_is_rejected_with_its_key(tmp_path, old, new, message):
     path = tmp_path / "c.toml"
     assert old in GOOD
     path.write_text(GOOD.replace(old, new))
-    if says == "two":
+    if message == "two":
         assert read_opencv(path)[0].name == "two"
         return
-    with pytest.raises(BadInput, match=says) as caught:
+    with pytest.raises(BadInput, match=message) as caught:
         read_opencv(path)
     assert str(path) in str(caught.value) and "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize("text", ["", "<a/>", "{", "<!DOCTYPE a [<!ENTITY b 'c'>]><a/>", "<camera serial='x'/>"])
-def test_what_is_no_qualisys_file_is_one_line(tmp_path, text):
+def test_other_files_are_rejected_with_one_line(tmp_path, text):
     path = tmp_path / "c.qca.txt"
     path.write_text(text)
     with pytest.raises(BadInput, match=r"c\.qca\.txt") as caught:
@@ -92,11 +92,11 @@ def test_what_is_no_qualisys_file_is_one_line(tmp_path, text):
     assert "\n" not in str(caught.value)
 
 
-def test_qualisys_says_what_pose2sim_made_of_it(data):
-    given_ = read_qualisys(data / "pose2sim_single/calibration/Calib.qca.txt")
+def test_qualisys_agrees_with_pose2sim(data):
+    cameras = read_qualisys(data / "pose2sim_single/calibration/Calib.qca.txt")
     expected = read_opencv(data / "pose2sim_single/reference_3d/Pose2Sim_cameras.toml")
-    for one, other in zip(given_, expected, strict=True):
+    for one, other in zip(cameras, expected, strict=True):
         np.testing.assert_allclose(one.matrix, other.matrix, atol=1e-4)
         assert one.image_size_px == other.image_size_px == (1088, 1920)
-        # Pose2Sim divides the distortion by 64 too; the board pictures show that the file's own numbers are right.
+        # Pose2Sim also divides the distortion by 64; the board pictures confirm the file's own numbers.
         np.testing.assert_allclose(one.distortion[:4] / 64, other.distortion, atol=1e-9)

@@ -1,4 +1,4 @@
-"""The camera file: what is written is read back; what is wrong is named in one line."""
+"""The camera file: round trip, and one line for each invalid file."""
 
 import numpy as np
 import pytest
@@ -27,7 +27,7 @@ def folder(tmp_path_factory):
     st.none() | st.floats(0, 1e9),
     st.sampled_from([1e-30, -1.0, 1 / 3, 1e20]),
 )
-def test_there_and_back(folder, name, provenance, size, error, scale):
+def test_a_written_camera_is_read_back(folder, name, provenance, size, error, scale):
     camera = CameraModel(name, MATRIX * scale, size, error, provenance)
     write_camera(folder / "camera.toml", camera)
     back = read_camera(folder / "camera.toml")
@@ -41,7 +41,7 @@ def test_there_and_back(folder, name, provenance, size, error, scale):
     assert [path.name for path in folder.iterdir()] == ["camera.toml"]
 
 
-def test_what_a_person_wrote(tmp_path):
+def test_a_minimal_file_is_read(tmp_path):
     (tmp_path / "c.toml").write_text(GOOD)
     camera = read_camera(tmp_path / "c.toml")
     assert camera.name == "cam1"
@@ -50,9 +50,9 @@ def test_what_a_person_wrote(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "says"),
+    ("text", "message"),
     [
-        ("name = ", "no TOML"),
+        ("name = ", "not a TOML file"),
         ('name = "a"', "projective_matrix: Field required"),
         (GOOD.replace("cam1", ""), "name: "),
         (GOOD.replace('"cam1"', "1"), "name: "),
@@ -60,36 +60,36 @@ def test_what_a_person_wrote(tmp_path):
         (GOOD.replace("[0,0,0,1]", "[0,0,1]"), "projective_matrix.2: "),
         (GOOD.replace("[0,0,0,1]", "[0,0,0,nan]"), "projective_matrix.2.3: "),
         (GOOD.replace("[0,0,0,1]", "[0,0,0,'x']"), "projective_matrix.2.3: "),
-        (GOOD.replace("[0,0,0,1]", "[0,2,0,0]"), "projective_matrix: no camera"),
-        (GOOD.replace("[0,1,0,0]", "[2,0,0,0]"), "projective_matrix: no camera"),
-        (GOOD.replace("[0,0,0,1]", "[0,0,0,0]"), "projective_matrix: no camera"),
-        (GOOD.replace("[0,0,0,1]", "[1,1,0,1]"), "projective_matrix: no camera"),
+        (GOOD.replace("[0,0,0,1]", "[0,2,0,0]"), "projective_matrix: not a camera"),
+        (GOOD.replace("[0,1,0,0]", "[2,0,0,0]"), "projective_matrix: not a camera"),
+        (GOOD.replace("[0,0,0,1]", "[0,0,0,0]"), "projective_matrix: not a camera"),
+        (GOOD.replace("[0,0,0,1]", "[1,1,0,1]"), "projective_matrix: not a camera"),
         (GOOD + "image_size_px = [640]", "image_size_px"),
         (GOOD + "image_size_px = [640, 0]", "image_size_px.1: "),
         (GOOD + "reprojection_error_px = -1", "reprojection_error_px: "),
         (GOOD + "reprojection_eror_px = 1", "reprojection_eror_px: "),
     ],
 )
-def test_what_is_wrong_is_named(tmp_path, text, says):
+def test_an_invalid_file_is_rejected_with_its_key(tmp_path, text, message):
     path = tmp_path / "cam.toml"
     path.write_text(text)
-    with pytest.raises(BadInput, match=says) as caught:
+    with pytest.raises(BadInput, match=message) as caught:
         read_camera(path)
     assert str(path) in str(caught.value)
     assert "\n" not in str(caught.value)
 
 
-def test_unreadable(tmp_path):
+def test_an_unreadable_file_is_rejected(tmp_path):
     with pytest.raises(BadInput, match="No such file"):
         read_camera(tmp_path / "none.toml")
     with pytest.raises(BadInput, match="directory"):
         read_camera(tmp_path)
     (tmp_path / "binary.toml").write_bytes(b"\xff\xfe")
-    with pytest.raises(BadInput, match="no TOML"):
+    with pytest.raises(BadInput, match="not a TOML file"):
         read_camera(tmp_path / "binary.toml")
 
 
-def test_a_refused_write_leaves_the_old_file(tmp_path):
+def test_a_failed_write_keeps_the_old_file(tmp_path):
     path = tmp_path / "cam.toml"
     write_camera(path, CameraModel("good", MATRIX))
     for bad in (CameraModel("", MATRIX), CameraModel("bad", MATRIX * np.nan), CameraModel("bad", MATRIX[:2])):
@@ -109,7 +109,7 @@ WITH_LENS = (
 
 @pytest.mark.parametrize("size", [4, 5, 8, 12, 14])
 @pytest.mark.parametrize("scale", [1.0, -3.0, 1e-3])
-def test_a_lens_there_and_back(tmp_path, size, scale):
+def test_a_lens_is_read_back(tmp_path, size, scale):
     distortion = np.linspace(-0.1, 1 / 3, size)
     write_camera(tmp_path / "c.toml", CameraModel("c", MATRIX * scale, lens=LensDistortion(K, distortion)))
     lens = read_camera(tmp_path / "c.toml").lens
@@ -118,23 +118,23 @@ def test_a_lens_there_and_back(tmp_path, size, scale):
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "says"),
+    ("old", "new", "message"),
     [
         ("distortion = [0.1, -0.2, 0, 0, 0.1]", "", "intrinsic_matrix without distortion"),
         ("intrinsic_matrix = [[800, 0, 320], [0, 800, 240], [0, 0, 1]]", "", "distortion without intrinsic_matrix"),
         ("[0.1, -0.2, 0, 0, 0.1]", "[0.1, -0.2]", "distortion: 2 numbers"),
         ("[0.1, -0.2, 0, 0, 0.1]", "[0.1, -0.2, 0, inf]", "distortion.3: "),
-        ("[[800, 0, 320]", "[[-800, 0, 320]", "no intrinsic matrix"),
-        ("[[800, 0, 320]", "[[700, 0, 320]", "does not belong to projective_matrix"),
-        ("[0, 800, 240], [0, 0, 1]]", "[0, 800, 200], [0, 0, 1]]", "does not belong to projective_matrix"),
+        ("[[800, 0, 320]", "[[-800, 0, 320]", "not an intrinsic matrix"),
+        ("[[800, 0, 320]", "[[700, 0, 320]", "does not match projective_matrix"),
+        ("[0, 800, 240], [0, 0, 1]]", "[0, 800, 200], [0, 0, 1]]", "does not match projective_matrix"),
         ("[0, 800, 240], [0, 0, 1]]", "[0, 800, 240]]", "intrinsic_matrix: "),
     ],
 )
-def test_a_lens_that_is_none_is_one_line(tmp_path, old, new, says):
+def test_an_invalid_lens_is_rejected_with_one_line(tmp_path, old, new, message):
     assert old in WITH_LENS
     (tmp_path / "c.toml").write_text(WITH_LENS)
     assert read_camera(tmp_path / "c.toml").lens is not None
     (tmp_path / "c.toml").write_text(WITH_LENS.replace(old, new))
-    with pytest.raises(BadInput, match=says) as caught:
+    with pytest.raises(BadInput, match=message) as caught:
         read_camera(tmp_path / "c.toml")
     assert "c.toml" in str(caught.value) and "\n" not in str(caught.value)

@@ -63,7 +63,7 @@ def test_refinement_is_never_worse_than_the_linear_solution(count, monkeypatch):
     monkeypatch.setattr(dlt, "_refined", lambda vectors, points, image: vectors[-1].reshape(3, 4))
     linear = [fit_projective_matrix(*case).error_px for case in cases]
     assert (np.array(refined) <= np.array(linear) + 1e-9).all()
-    assert np.median(np.array(refined) / np.array(linear)) < 0.9999  # it does something
+    assert np.median(np.array(refined) / np.array(linear)) < 0.9999  # the refinement has an effect
 
 
 def test_error_px_is_the_root_mean_square():
@@ -95,36 +95,36 @@ def _plane_and_one(count):
 
 @pytest.mark.parametrize("noise_px", [0.0, 1.0])
 @pytest.mark.parametrize(
-    ("points", "says"),
+    ("points", "message"),
     [
         (box(1, 5), "5 points: a calibration needs 6"),
         (_plane(30), "in one plane"),
         (_plane(30) + np.random.default_rng(0).normal(0, 0.002, (30, 3)), "in one plane"),
         (np.outer(np.linspace(-1, 1, 10), (1, 1, 1)), "in one plane"),
         (_plane_and_one(30), "more than one camera"),
-        (np.vstack([box(1, 9), box(1, 1)]), "given 2 times"),
+        (np.vstack([box(1, 9), box(1, 1)]), "appears 2 times"),
         (np.vstack([box(1, 9), [[0, np.nan, 0]]]), "point 9: not a finite number"),
         (box(1, 9)[:, :2], "are needed"),
     ],
 )
-def test_refuses(points, says, noise_px):
+def test_unusable_points_are_rejected(points, message, noise_px):
     pixels = noisy(0, np.pad(points, ((0, 0), (0, 3 - points.shape[1]))), noise_px)
-    with pytest.raises(BadInput, match=says) as caught:
+    with pytest.raises(BadInput, match=message) as caught:
         fit_projective_matrix(points, np.nan_to_num(pixels))
     assert "\n" not in str(caught.value)
 
 
-def test_refuses_bad_pixels():
+def test_unusable_pixels_are_rejected():
     points = box(1, 9)
     with pytest.raises(BadInput, match="are needed"):
         fit_projective_matrix(points, np.zeros((8, 2)))
-    with pytest.raises(BadInput, match="one place in the image"):
+    with pytest.raises(BadInput, match="one position in the image"):
         fit_projective_matrix(points, np.zeros((9, 2)))
     with pytest.raises(BadInput, match="right-handed"):
         fit_projective_matrix(points, project(CAMERA, points) * (1, -1))  # v upwards: a mirror image
 
 
-def test_names_what_to_install_without_scipy(monkeypatch):
+def test_without_scipy_the_error_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "scipy.optimize", None)
     points = box(1, 9)
     with pytest.raises(LabanmeshError, match=r"pip install 'labanmesh\[observer\]'"):
@@ -132,21 +132,21 @@ def test_names_what_to_install_without_scipy(monkeypatch):
 
 
 @pytest.mark.parametrize(("pair", "side", "camera_id"), [("01", "A", "0"), ("01", "B", "1"), ("12", "A", "1")])
-def test_real_cameras_and_a_board_in_a_hand(data, pair, side, camera_id):
-    """From half of a board's triangulated corners: the other half, and the pose that another program found."""
+def test_recorded_cameras_and_a_hand_held_board(data, pair, side, camera_id):
+    """Half of a board's triangulated corners predict the other half, and the pose found by caliscope."""
     folder = data / "caliscope_4_cam"
     with (folder / "stereotriangulated_points.csv").open() as lines:
         rows = [row for row in csv.DictReader(lines) if row["cam_id_A"] + row["cam_id_B"] == pair]
     points = np.array([[float(row[f"{axis}_pos"]) for axis in "xyz"] for row in rows])
     pixels = np.array([[float(row[f"{axis}_{side}"]) for axis in "xy"] for row in rows])
-    known = tomllib.loads((folder / "camera_array.toml").read_text())["cameras"][camera_id]
+    reference = tomllib.loads((folder / "camera_array.toml").read_text())["cameras"][camera_id]
     K, distortions, rotation, translation = (
-        np.array(known[key]) for key in ("matrix", "distortions", "rotation", "translation")
+        np.array(reference[key]) for key in ("matrix", "distortions", "rotation", "translation")
     )
     undistorted = cv2.undistortPoints(pixels[:, None], K, distortions, P=K)[:, 0]
-    for seen, worst_px in ((pixels, 2.0), (undistorted, 0.6)):  # camera 0 bends straight lines by 20 px
-        fit = fit_projective_matrix(points[::2], seen[::2])
-        assert np.median(np.linalg.norm(project(fit.matrix, points[1::2]) - seen[1::2], axis=1)) < worst_px
+    for measured, worst_px in ((pixels, 2.0), (undistorted, 0.6)):  # camera 0 bends straight lines by 20 px
+        fit = fit_projective_matrix(points[::2], measured[::2])
+        assert np.median(np.linalg.norm(project(fit.matrix, points[1::2]) - measured[1::2], axis=1)) < worst_px
     centre = -np.linalg.solve(fit.matrix[:, :3], fit.matrix[:, 3])
     assert fit.matrix[2, :3] @ rotation[2] > np.cos(np.radians(2))
     np.testing.assert_allclose(centre, -rotation.T @ translation, atol=0.02)

@@ -26,7 +26,7 @@ def drawn_at(x, y, k1, k2, p1, p2, k3):
 
 @pytest.mark.parametrize("pixel", [(330, 250), (20, 30), (620, 470), (100, 400)])
 @pytest.mark.parametrize("distortion", [[-0.35, 0.12, 1e-3, -2e-3, -0.01], [0.19, -0.25, 2e-3, -5e-3, 0.11]])
-def test_the_way_back_is_that_of_a_search_over_all_places(pixel, distortion):
+def test_undistortion_agrees_with_an_exhaustive_search(pixel, distortion):
     target = (np.array(pixel) - K[:2, 2]) / np.diag(K)[:2]
     centre, half = np.zeros(2), 0.8
     while half > 1e-9:
@@ -40,7 +40,7 @@ def test_the_way_back_is_that_of_a_search_over_all_places(pixel, distortion):
 
 
 @pytest.mark.parametrize("distortion", DISTORTIONS, ids=len)
-def test_drawn_is_where_opencv_draws(distortion):
+def test_distortion_agrees_with_opencv(distortion):
     points = np.random.default_rng(1).uniform([-0.4, -0.3, 1], [0.4, 0.3, 1], (50, 3)) * [1, 1, 1]
     expected = cv2.projectPoints(points, np.zeros(3), np.zeros(3), K, distortion)[0].reshape(-1, 2)
     plain = points[:, :2] * np.diag(K)[:2] + K[:2, 2]
@@ -52,13 +52,13 @@ def test_drawn_is_where_opencv_draws(distortion):
     st.floats(-0.5, 1.5),
     st.lists(st.tuples(st.floats(0, 640), st.floats(0, 480)), min_size=1, max_size=5),
 )
-def test_there_and_back(distortion, strength, pixels):
+def test_undistortion_inverts_distortion(distortion, strength, pixels):
     lens, centres = LensDistortion(K, distortion * strength), np.array(pixels)
     np.testing.assert_allclose(lens.distorted(lens.undistorted(centres)), centres, atol=2e-3)
     np.testing.assert_allclose(lens.undistorted(lens.distorted(centres)), centres, atol=2e-3)
 
 
-def test_a_skewed_matrix_is_honoured():
+def test_a_skewed_intrinsic_matrix():
     skewed = K + np.array([[0, 12.0, 0], [0, 0, 0], [0, 0, 0]])
     lens, points = LensDistortion(skewed, STRONG[:5]), np.array([[0.2, -0.1], [-0.3, 0.25]])
     plain = points @ skewed[:2, :2].T + skewed[:2, 2]
@@ -67,7 +67,7 @@ def test_a_skewed_matrix_is_honoured():
     np.testing.assert_allclose(lens.undistorted(there), plain, atol=1e-3)
 
 
-def test_what_is_not_seen_stays_so_and_moves_nobody_else():
+def test_nan_stays_nan_and_does_not_affect_other_rows():
     lens = LensDistortion(K, STRONG[:5])
     both = lens.undistorted(np.array([[np.nan, np.nan], [100.0, 80.0], [5.0, np.nan]]))
     assert np.isnan(both[[0, 2]]).all()
@@ -77,7 +77,7 @@ def test_what_is_not_seen_stays_so_and_moves_nobody_else():
     )
 
 
-def test_where_the_lens_draws_nothing_nothing_is_seen():
+def test_pixels_beyond_the_fold_are_nan():
     fold = 1 / np.sqrt(3 * 0.4)  # r (1 - 0.4 r²) is largest here
     most = fold * (1 - 0.4 * fold**2)
     places = np.array([[0.99 * most, 0.0], [1.01 * most, 0.0]])
@@ -87,16 +87,16 @@ def test_where_the_lens_draws_nothing_nothing_is_seen():
 
 
 @pytest.mark.parametrize(
-    ("matrix", "distortion", "says"),
+    ("matrix", "distortion", "message"),
     [
-        (K[:2], STRONG[:5], "no intrinsic matrix"),
-        (K * [[-1], [1], [1]], STRONG[:5], "no intrinsic matrix"),
-        (K * np.nan, STRONG[:5], "no intrinsic matrix"),
+        (K[:2], STRONG[:5], "not an intrinsic matrix"),
+        (K * [[-1], [1], [1]], STRONG[:5], "not an intrinsic matrix"),
+        (K * np.nan, STRONG[:5], "not an intrinsic matrix"),
         (K, STRONG[:3], "distortion: 3 numbers"),
         (K, STRONG[:5] * np.nan, "not finite"),
     ],
 )
-def test_what_is_no_lens_is_told(matrix, distortion, says):
-    with pytest.raises(BadInput, match=says) as caught:
+def test_an_invalid_lens_is_rejected(matrix, distortion, message):
+    with pytest.raises(BadInput, match=message) as caught:
         LensDistortion(matrix, distortion)
     assert "\n" not in str(caught.value)

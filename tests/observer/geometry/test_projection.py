@@ -21,7 +21,7 @@ def camera(yaw=0.0, pitch=0.0, distance=4.0, target=(0.0, 0.0, 0.0)):
 
 
 @pytest.mark.parametrize(
-    ("yaw_deg", "pitch_deg", "his_right", "his_up", "his_front"),
+    ("yaw_deg", "pitch_deg", "right", "up", "front"),
     [
         (0, 0, (-1, 0), (0, -1), (0, 0)),  # from the front: his right is image left
         (90, 0, (0, 0), (0, -1), (1, 0)),  # from his right: he looks to image right
@@ -30,10 +30,10 @@ def camera(yaw=0.0, pitch=0.0, distance=4.0, target=(0.0, 0.0, 0.0)):
         (0, 90, (-1, 0), (0, 0), (0, 1)),  # from above, risen from the front: he looks down the image
     ],
 )
-def test_his_directions_in_the_image(yaw_deg, pitch_deg, his_right, his_up, his_front):
+def test_the_performers_directions_in_the_image(yaw_deg, pitch_deg, right, up, front):
     matrix = parallel_matrix(math.radians(yaw_deg), math.radians(pitch_deg))
     seen = project(matrix, np.stack([RIGHT, UP, FRONT]))
-    np.testing.assert_allclose(seen, [his_right, his_up, his_front], atol=1e-12)
+    np.testing.assert_allclose(seen, [right, up, front], atol=1e-12)
 
 
 def test_pinhole_by_hand():
@@ -61,26 +61,26 @@ def test_not_finite_in_gives_nan(bad, axis):
 
 
 @pytest.mark.parametrize("factor", [1.0, -1.0, 1e-150, -1e150, 3.7])
-def test_behind_is_nan_whatever_the_scale(factor):
+def test_behind_is_nan_at_every_scale(factor):
     points = np.array([[0.3, 0.2, 1.0], [0.3, 0.2, -4.0], [0.3, 0.2, -4.1], [0.0, 0.0, -4.0]])
     seen = project(camera() * factor, points)
     np.testing.assert_allclose(seen[0], [640 - 0.3 * 160, 360 - 0.2 * 160])
     assert np.isnan(seen[1:]).all()
 
 
-def test_parallel_has_nothing_behind_whatever_the_scale():
+def test_a_parallel_projection_has_nothing_behind():
     points = np.array([[0.0, 0, 100.0], [0.0, 0, -100.0]])
     for factor in (1.0, -2.0):
         assert (project(parallel_matrix(0, 0) * factor, points) == 0).all()
 
 
 @pytest.mark.parametrize("matrix", [np.zeros((3, 4)), np.full((3, 4), np.nan), np.ones((3, 4))])
-def test_what_is_no_camera_sees_nothing(matrix):
+def test_a_matrix_that_is_not_a_camera_gives_nan(matrix):
     assert np.isnan(project(matrix, np.ones((2, 3)))).all()
 
 
 @given(YAW, PITCH, POINT, st.floats(0.01, 100) | st.floats(-100, -0.01))
-def test_scale_means_nothing(yaw, pitch, point, factor):
+def test_scale_has_no_effect(yaw, pitch, point, factor):
     matrix = camera(yaw, pitch)
     np.testing.assert_allclose(project(matrix * factor, point), project(matrix, point), rtol=1e-9, atol=1e-6)
 
@@ -93,7 +93,7 @@ def test_far_cameras_become_parallel(yaw, pitch, point):
 
 
 @given(YAW, PITCH, POINT, st.floats(0.5, 8), POINT)
-def test_in_front_is_seen_and_behind_is_not(yaw, pitch, target, distance, point):
+def test_points_in_front_are_finite_and_behind_are_nan(yaw, pitch, target, distance, point):
     towards = np.array(
         [math.sin(yaw) * math.cos(pitch), math.sin(pitch), -math.cos(yaw) * math.cos(pitch)]
     )  # from the target to the camera
@@ -104,7 +104,7 @@ def test_in_front_is_seen_and_behind_is_not(yaw, pitch, target, distance, point)
 
 
 @given(YAW, PITCH, POINT, st.floats(0.1, 8), st.floats(-2, 2))
-def test_the_camera_plane_is_not_seen_though_rounding_puts_it_in_front(yaw, pitch, target, distance, aside):
+def test_the_camera_plane_is_nan_despite_rounding(yaw, pitch, target, distance, aside):
     matrix = camera(yaw, pitch, distance, target)
     in_plane = np.linalg.solve(matrix[:, :3], -matrix[:, 3]) + aside * parallel_matrix(yaw, pitch)[0, :3]
     assert np.isnan(project(matrix, in_plane)).all()

@@ -34,7 +34,7 @@ def test_planes_and_angles(text, yaw_deg, pitch_deg):
     np.testing.assert_allclose(view.matrix, parallel_matrix(math.radians(yaw_deg), math.radians(pitch_deg)), atol=1e-15)
 
 
-def test_camera_file_counts_from_its_folder(tmp_path):
+def test_a_camera_file_is_relative_to_the_folder(tmp_path):
     matrix = pinhole_matrix(0.1, 0.2, 3.0, 800, (640, 360))
     write_camera(tmp_path / "left.toml", CameraModel("left", matrix))
     for view in (parse_view("left.toml", tmp_path), parse_view(str(tmp_path / "left.toml"))):
@@ -43,26 +43,26 @@ def test_camera_file_counts_from_its_folder(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "says"),
+    ("text", "message"),
     [
         ("dor", "did you mean door"),
         ("side", "known: door, wheel, table"),
         ("", "known:"),
-        ("yaw:", "'' is no angle"),
-        ("yaw:left", "'left' is no angle"),
-        ("yaw:nan", "no angle"),
-        ("yaw:inf", "no angle"),
-        ("yaw:45,10", "comes a pitch"),
-        ("yaw:45,", "comes a pitch"),
-        ("yaw:45,pitch:x", "'x' is no angle"),
+        ("yaw:", "'' is not an angle"),
+        ("yaw:left", "'left' is not an angle"),
+        ("yaw:nan", "not an angle"),
+        ("yaw:inf", "not an angle"),
+        ("yaw:45,10", "a pitch is expected"),
+        ("yaw:45,", "a pitch is expected"),
+        ("yaw:45,pitch:x", "'x' is not an angle"),
         ("yaw:45,pitch:91", "pitch is -90"),
-        ("yaw:45,pitch:10,pitch:5", "no angle"),
+        ("yaw:45,pitch:10,pitch:5", "not an angle"),
         ("pitch:10", "known:"),
         ("nowhere.toml", "nowhere.toml"),
     ],
 )
-def test_anything_else_is_bad_input_in_one_line(text, says):
-    with pytest.raises(BadInput, match=says) as caught:
+def test_other_names_are_rejected_with_one_line(text, message):
+    with pytest.raises(BadInput, match=message) as caught:
         parse_view(text)
     assert "\n" not in str(caught.value)
 
@@ -81,13 +81,13 @@ def test_split(text, views):
 
 
 @pytest.mark.parametrize("text", ["", "door,,wheel", "door,", "pitch:10", "door,pitch:10", "yaw:1,pitch:2,pitch:3"])
-def test_split_refuses(text):
+def test_split_rejects(text):
     with pytest.raises(BadInput, match="views"):
         split_views(text)
 
 
 @given(st.lists(st.sampled_from(["door", "wheel", "yaw:45", "yaw:45,pitch:10", "a.toml"]), min_size=1))
-def test_split_takes_back_what_was_joined(views):
+def test_split_inverts_join(views):
     assert split_views(",".join(views)) == views
 
 
@@ -97,7 +97,7 @@ def test_turning_left_by_hand():
 
 
 @given(POSITIONS, DEGREES, DEGREES)
-def test_turned_and_seen_is_seen_from_further_round(positions, turn, yaw):
+def test_turning_equals_moving_the_camera(positions, turn, yaw):
     view = parallel_matrix(math.radians(yaw), 0.2)
     further = parallel_matrix(math.radians(yaw + turn), 0.2)
     after = turned(positions, math.radians(turn), np.zeros(3))
@@ -108,7 +108,7 @@ def test_turned_and_seen_is_seen_from_further_round(positions, turn, yaw):
 
 
 @given(POSITIONS, DEGREES)
-def test_turning_keeps_the_person(positions, turn):
+def test_turning_preserves_distances_and_heights(positions, turn):
     positions = positions.astype(np.float32)
     after = turned(positions, math.radians(turn))
     assert after.dtype == positions.dtype
@@ -119,7 +119,7 @@ def test_turning_keeps_the_person(positions, turn):
     np.testing.assert_allclose(turned(after, -math.radians(turn)), positions, atol=1e-5)
 
 
-def test_unseen_parts_stay_unseen_and_do_not_move_the_axis():
+def test_nan_stays_nan_and_does_not_move_the_axis():
     positions = np.array([[[1.0, 0, 2], [np.nan] * 3, [3, 1, 4]]])
     after = turned(positions, math.pi)
     np.testing.assert_allclose(after[0, [0, 2]], [[3, 0, 4], [1, 1, 2]], atol=1e-12)
