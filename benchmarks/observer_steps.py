@@ -147,7 +147,7 @@ def learned(kind: str, train: MotionArchive, facings: int = 1) -> MovementModel:
     """A model of all movements, seen from the Door."""
     parameters = {"facings": float(facings)} if facings > 1 else {}
     vocabulary = Vocabulary(labels_of(train), "bench")
-    return learn_view(train, parse_view("door"), vocabulary, kind=kind, parameters=parameters, tried=False)
+    return learn_view(train, parse_view("door"), vocabulary, kind=kind, parameters=parameters, calibrate=False)
 
 
 def measure(

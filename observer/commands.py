@@ -1,4 +1,4 @@
-"""The verbs of an observer: `observe`, `import`, `learn` and `forget`."""
+"""The commands `labanmesh observe` and `labanmesh import`."""
 
 import logging
 import sys
@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from common.progress import ProgressBar
+from common.text import plural
 
 if TYPE_CHECKING:
     from common.config import Scene
@@ -26,10 +27,13 @@ def observe(
     scene: Annotated[Path, typer.Argument(help="The scene file (TOML), the same for every process of the scene.")],
     observer: Annotated[str, typer.Argument(help="The id of this observer in the scene file.")],
     preview: Annotated[
-        str, typer.Option(help="Show what it sees: a film to write (.mp4, .avi), a folder or NAME.png, or window.")
+        str,
+        typer.Option(
+            help="Show what the observer sees: a film to write (.mp4, .avi), a folder or NAME.png, or window."
+        ),
     ] = "",
 ) -> None:
-    """One observer: sees the performer from its view and says on the mesh what it believes, until its source ends.
+    """Run one observer: it watches the person from its view and publishes posteriors until its source ends.
 
     Example: labanmesh observe scene.toml cam1 --preview cam1.mp4
     """
@@ -38,73 +42,72 @@ def observe(
     from common.link import Link
     from observer.foreign.sources import MeshTracks
     from observer.model.base import Onset
-    from observer.model.model_file import read_model, require
+    from observer.model.model_file import read_model, require_match
     from observer.runtime.instrumentation import HealthReporter
     from observer.runtime.pipeline import Observer, Resampler
     from observer.runtime.scene_inputs import open_inputs
     from observer.runtime.service import serve
 
     log_to_stderr()
-    named, condition = read_scene(scene), HealthReporter()
-    section = named.observer(observer)
-    place = named.place(section.model)
-    model = read_model(place)
-    eyes = open_inputs(named, observer, model.header.body_parts, condition.camera)
-    require(place, model, named.named_vocabulary, eyes.source.rate_hz if eyes.at_own_rate else None)
-    _warn_of_another_view(place, model.header, eyes, section.view)
-    onset = Onset(known=section.onset == "known", length=eyes.length)
-    pace = None if eyes.at_own_rate else Resampler(model.header.rate_hz)
-    judge = Observer(eyes.tracker, model, onset, pace, _facets(named, observer, model.header, eyes))
-    with ExitStack() as open_until_end:
-        stop = open_until_end.enter_context(stop_on_signals())
-        in_folder = section.preview not in ("", "window")
-        target = preview or (str(named.place(section.preview)) if in_folder else section.preview)
-        shown = open_until_end.enter_context(_previewed(target, observer, judge, eyes, model.header))
-        opening = Link.open(named.mesh, "observer", process_id=observer, scene=named.scene)
-        link = open_until_end.enter_context(opening)
-        if isinstance(eyes.source, MeshTracks):
-            eyes.source.listen(link)
-        serve(named, observer, shown, eyes.source, link, stop, condition=condition)
+    config, health = read_scene(scene), HealthReporter()
+    section = config.observer(observer)
+    model_path = config.place(section.model)
+    model = read_model(model_path)
+    inputs = open_inputs(config, observer, model.header.body_parts, health.record_camera)
+    require_match(model_path, model, config.named_vocabulary, inputs.source.rate_hz if inputs.at_own_rate else None)
+    _warn_of_another_view(model_path, model.header, inputs, section.view)
+    onset = Onset(known=section.onset == "known", length=inputs.length)
+    resampler = None if inputs.at_own_rate else Resampler(model.header.rate_hz)
+    facets = _facet_reader(config, observer, model.header, inputs)
+    pipeline = Observer(inputs.tracker, model, onset, resampler, facets)
+    with ExitStack() as stack:
+        stop = stack.enter_context(stop_on_signals())
+        in_scene_folder = section.preview not in ("", "window")
+        target = preview or (str(config.place(section.preview)) if in_scene_folder else section.preview)
+        shown = stack.enter_context(_with_preview(target, observer, pipeline, inputs, model.header))
+        link = stack.enter_context(Link.open(config.mesh, "observer", process_id=observer, scene=config.scene))
+        if isinstance(inputs.source, MeshTracks):
+            inputs.source.listen(link)
+        serve(config, observer, shown, inputs.source, link, stop, health=health)
 
 
-def _facets(scene: "Scene", observer: str, header: "Header", eyes: "ObserverInputs") -> "FacetReader":
-    """Shape, and Effort where the scene names a model of it."""
+def _facet_reader(scene: "Scene", observer: str, header: "Header", inputs: "ObserverInputs") -> "FacetReader":
+    """Reads Shape, and Effort if the scene names a model of it."""
     from observer.effort.effort_file import read_effort, require_rate
     from observer.effort.reader import FacetReader
     from observer.effort.shape import depth_in
 
-    named, effort = scene.observer(observer).effort, None
-    if named:
-        effort = read_effort(scene.place(named))
-        require_rate(scene.place(named), effort, header.rate_hz)
-    return FacetReader(header.body_parts, header.rate_hz, depth_in(eyes.view.matrix), effort)
+    name, effort = scene.observer(observer).effort, None
+    if name:
+        effort = read_effort(scene.place(name))
+        require_rate(scene.place(name), effort, header.rate_hz)
+    return FacetReader(header.body_parts, header.rate_hz, depth_in(inputs.view.matrix), effort)
 
 
-def _warn_of_another_view(place: Path, header: "Header", eyes: "ObserverInputs", view: str) -> None:
+def _warn_of_another_view(model_path: Path, header: "Header", inputs: "ObserverInputs", view: str) -> None:
     import numpy as np
 
-    if not np.allclose(eyes.view.matrix, header.matrix):
-        learned, seen = header.view, eyes.view.name
-        log.warning(
-            "%s: learned for %s, this observer sees from %s: labanmesh learn ... --view %s",
-            *(place, learned, seen, view),
-        )
+    if not np.allclose(inputs.view.matrix, header.matrix):
+        text = "%s: learned for %s, but this observer sees from %s; learn it again: labanmesh learn ... --view %s"
+        log.warning(text, model_path, header.view, inputs.view.name, view)
 
 
 @contextmanager
-def _previewed(
-    target: str, observer: str, judge: "Observer", eyes: "ObserverInputs", header: "Header"
+def _with_preview(
+    target: str, observer_id: str, observer: "Observer", inputs: "ObserverInputs", header: "Header"
 ) -> Iterator["ObserverLike"]:
-    """The judge, looked at while it works if there is a target."""
+    """The observer itself or, if there is a target, the observer with its steps shown there."""
     if not target:
-        yield judge
+        yield observer
         return
     from observer.preview.screen import PreviewingObserver, open_preview
     from observer.preview.sight import PreviewHistory
 
-    rate_hz = eyes.source.rate_hz
-    with open_preview(target, rate_hz, keep_all=eyes.keeps_all) as preview:
-        yield PreviewingObserver(judge, eyes.tracker, preview, PreviewHistory(header.body_parts, rate_hz, observer))
+    rate_hz = inputs.source.rate_hz
+    with open_preview(target, rate_hz, keep_all=inputs.keeps_all) as preview:
+        yield PreviewingObserver(
+            observer, inputs.tracker, preview, PreviewHistory(header.body_parts, rate_hz, observer_id)
+        )
 
 
 def import_recordings(
@@ -112,7 +115,7 @@ def import_recordings(
     path: Annotated[Path, typer.Argument(help="The folder or file that holds the recordings.")],
     output: Annotated[Path, typer.Option("-o", "--output", help="The motion archive to write (.npz).")],
 ) -> None:
-    """Recordings of others become a motion archive: hands and head in metres, as docs/reference/motion.md says.
+    """Convert recordings in another format to a motion archive of hands and head, as docs/reference/motion.md says.
 
     Example: labanmesh import msr-action3d MSRAction3DSkeletonReal3D -o msr.npz
     """
@@ -125,9 +128,8 @@ def import_recordings(
     for note in result.notes:
         print(note, file=sys.stderr)
     recordings = result.archive.recordings
-    frames = sum(len(r.positions) for r in recordings)
-    labels, subjects = {r.label for r in recordings}, {r.subject for r in recordings}
     print(
-        f"{output}: {len(recordings)} recordings, {len(labels)} movements, {len(subjects)} people, {frames} frames "
-        f"at {recordings[0].rate_hz:g} Hz"
+        f"{output}: {plural(len(recordings), 'recording')}, {plural(len({r.label for r in recordings}), 'movement')}, "
+        f"{plural(len({r.subject for r in recordings}), 'person', 'people')}, "
+        f"{plural(sum(len(r.positions) for r in recordings), 'frame')} at {recordings[0].rate_hz:g} Hz"
     )

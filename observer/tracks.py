@@ -1,4 +1,4 @@
-"""What an observer sees in one frame: where each body part is in its image, if it is seen at all."""
+"""Frames and tracks: what sources deliver and where trackers find the body parts in it."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ BODY_PARTS = ("left_hand", "right_hand", "head")
 
 
 class State(StrEnum):
-    """What a tracker says of one part in one frame; only `seen` is evidence."""
+    """State of one part in one frame; only `seen` is evidence."""
 
     SEEN = "seen"
     UNSURE = "unsure"
@@ -27,11 +27,11 @@ class State(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """One picture, or one instant of recorded motion: `content` is whatever the tracker understands.
+    """One picture, one instant of recorded motion, or one frame of tracks from another program.
 
-    captured_ns: Unix epoch, stamped at capture. content: (P, 3) positions in metres for recorded motion, (H, W, 3)
-    uint8 in the order blue, green, red for a picture, (P, 2) centres for the tracks of others. motion_ns: when in the
-    motion itself, for what is not played at the speed at which it was recorded; counted from anywhere.
+    captured_ns: Unix epoch, stamped at capture. content: (H, W, 3) uint8 blue, green, red for a picture, (P, 3) metres
+    for recorded motion, (P, 2) centres for tracks. motion_ns: time within the motion, from any origin, for recordings
+    that are not played at the speed at which they were recorded.
     """
 
     captured_ns: int
@@ -40,7 +40,7 @@ class Frame:
 
     @property
     def at_ns(self) -> int:
-        """When in the motion: differences are what a body needs to move, however fast a recording is played."""
+        """Time within the motion; differences do not depend on the speed of playback."""
         return self.captured_ns if self.motion_ns is None else self.motion_ns
 
 
@@ -48,8 +48,8 @@ class Frame:
 class Tracks:
     """centres: (P, 2) image coordinates, u to the right, v DOWN, any unit; a row of NaN is a part not seen.
 
-    guesses: (P, 2) where a tracker thinks that parts are which it does not claim to see (merged, hidden, doubtful);
-    a row of NaN where it has none. A guess is shown to people and is never evidence.
+    guesses: (P, 2) estimates for parts that the tracker does not see (merged, hidden, doubtful), NaN where it has none.
+    A guess is shown to people and is never evidence.
     """
 
     centres: Floats
@@ -62,11 +62,11 @@ class Tracks:
 
     @property
     def states(self) -> tuple[State, ...]:
-        """P states: seen with a centre, unsure with a guess alone, missing with neither."""
-        seen = self.visible
-        guessed = np.zeros_like(seen) if self.guesses is None else _known(self.guesses)
+        """P states: seen with a centre, unsure with a guess only, missing with neither."""
+        visible = self.visible
+        guessed = np.zeros_like(visible) if self.guesses is None else _known(self.guesses)
         return tuple(
-            State.SEEN if s else State.UNSURE if g else State.MISSING for s, g in zip(seen, guessed, strict=True)
+            State.SEEN if s else State.UNSURE if g else State.MISSING for s, g in zip(visible, guessed, strict=True)
         )
 
 
@@ -76,26 +76,26 @@ def _known(rows: Floats) -> NDArray[np.bool_]:
 
 
 class Tracker(Protocol):
-    """Finds the body parts in a frame."""
+    """Finds the body parts in frames."""
 
     @property
     def body_parts(self) -> Sequence[str]:
         """Names of the P parts, in the order of the rows of `Tracks.centres`."""
 
     def update(self, frame: Frame) -> Tracks:
-        """The tracks in the newest frame; may remember earlier ones."""
+        """The tracks in the newest frame; may use earlier ones."""
 
 
 class FrameSource(Protocol):
-    """Delivers frames, stamped at capture, until it ends or is told to stop."""
+    """Delivers frames, stamped at capture, until it ends or is stopped."""
 
     @property
     def rate_hz(self) -> float:
-        """Frames per second of motion: at this rate they were sampled, however fast they are played."""
+        """Frames per second of motion, whatever the speed of playback."""
 
     @property
     def body_parts(self) -> Sequence[str]:
-        """Names of what the rows of a frame's content are, if the content is positions."""
+        """Names of the rows of a frame's content, if the content is positions or tracks."""
 
     def frames(self, stop: "threading.Event") -> Iterator[Frame]:
         """The frames, each when it is due; ends soon after `stop` is set."""

@@ -148,7 +148,7 @@ def learn(split: Split, vocabulary: Vocabulary, settings: EvaluationSettings) ->
             kind=settings.model,
             body_parts=settings.body_parts or None,
             parameters=settings.parameters,
-            tried=settings.calibrated,
+            calibrate=settings.calibrated,
             background=background,
         )
         for view in settings.views

@@ -8,7 +8,7 @@ import numpy as np
 from common.errors import BadInput
 from common.text import split_list
 from observer.geometry.views import turned
-from observer.learning.background import BLENDS
+from observer.learning.learn import BLENDS
 from observer.motion.archive import MotionArchive, Recording
 from observer.motion.importers.msr_action3d import LABELS
 from observer.motion.transforms import labels_of, movements_in, retime

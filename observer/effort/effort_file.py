@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.errors import BadInput
+from observer.array_file import read_arrays, write_arrays
 from observer.effort.features import NAMES
 from observer.effort.model import EVIDENCE, FACTORS, EffortModel
-from observer.npz_file import read_arrays, write_whole
 
 FORMAT = 1
 WAY_OUT = "make one with labanmesh learn ... --effort"
@@ -37,10 +37,7 @@ def write_effort(path: Path, model: EffortModel) -> None:
         "temper": model.temper,
         **{f"spread_{factor}": model.spreads[factor] for factor in FACTORS},
     }
-    try:
-        write_whole(path, {"header": np.array(json.dumps(header, indent=1)), **arrays}, compressed=True)
-    except OSError as error:
-        raise BadInput(f"{path}: cannot be written: {error.strerror or error}") from None
+    write_arrays(path, {"header": np.array(json.dumps(header, indent=1)), **arrays}, compressed=True)
 
 
 def read_effort(path: Path) -> EffortModel:

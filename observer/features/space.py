@@ -1,4 +1,4 @@
-"""Laban's Space: the motion of each body part between two frames as a Vector Symbol (section III.A and (1))."""
+"""Laban's Space: the motion of each body part between two frames as a Vector Symbol (section III.A, (1))."""
 
 import math
 from collections import deque
@@ -17,7 +17,8 @@ Symbols = NDArray[np.int8]
 class VectorSymbol(IntEnum):
     """The nine values of B in the order of (1), clockwise from up: R is image right, U is image up.
 
-    NOT_SEEN is none of the nine: the part moved unseen, so that all nine are equally likely. O is seen to be still.
+    NOT_SEEN is none of the nine: the motion is unknown, so that all nine are equally likely. O is seen to be
+    still.
     """
 
     NOT_SEEN = -1
@@ -35,25 +36,25 @@ class VectorSymbol(IntEnum):
 def vector_symbols(displacements: Floats, size: float, threshold: float) -> Symbols:
     """(..., 2) displacements in the image, v down -> (...) int8 symbols (section III.A).
 
-    Bins of 45° centred on the axes. Shorter than threshold * size is O; size is the body's in the displacements' unit,
-    never absolute. NOT_SEEN where a displacement is NaN, and everywhere while the size is NaN (not known yet).
+    Bins of 45° centred on the axes. Displacements shorter than threshold * size are O; size: the body's, in the
+    displacements' unit. NOT_SEEN where a displacement is NaN, and everywhere while the size is NaN (not known yet).
     """
     finite: NDArray[np.bool_] = np.isfinite(displacements)
-    seen = np.logical_and.reduce(finite, axis=-1, keepdims=True) & math.isfinite(size)
-    du, dv = np.moveaxis(np.where(seen, displacements, 0.0), -1, 0)
+    known = np.logical_and.reduce(finite, axis=-1, keepdims=True) & math.isfinite(size)
+    du, dv = np.moveaxis(np.where(known, displacements, 0.0), -1, 0)
     length = np.hypot(du, dv)
     # Without the second condition a threshold of 0 would give stillness a direction.
     still = (length < threshold * size) | (length == 0)
     eighths_from_up = np.rint(np.arctan2(du, -dv) / (math.pi / 4)) % 8
     moved = np.where(still, VectorSymbol.O, VectorSymbol.U + eighths_from_up)
-    return np.where(seen[..., 0], moved, VectorSymbol.NOT_SEEN).astype(np.int8)
+    return np.where(known[..., 0], moved, VectorSymbol.NOT_SEEN).astype(np.int8)
 
 
 class BodySize:
-    """The performer's size in the image, learned while watching him; only from frames already seen.
+    """The performer's size in the image, estimated from past frames.
 
-    torso_share: the size is this share of the largest distance so far between the head and a seen hand. For a person
-    whose arm hangs that distance is about that of head and hip plus a hand, and 0.45 of it about a torso.
+    torso_share: the size is this share of the largest distance so far between the head and a visible hand. With a
+    hanging arm that distance is about the one from head to hip plus a hand; 0.45 of it is about a torso.
     """
 
     def __init__(self, torso_share: float = 0.45) -> None:
@@ -63,7 +64,7 @@ class BodySize:
     def update(self, centres: Floats, body_parts: Sequence[str]) -> float:
         """(P, 2) centres (NaN: not seen) and the names of the P parts -> size in the same unit; NaN until known.
 
-        Raises BadInput when neither part can ever tell it: there is no head or no hand among the names.
+        Raises BadInput if there is no head or no hand among the names.
         """
         head, hands = _head_and_hands(body_parts)
         distances = np.linalg.norm(centres[hands] - centres[head], axis=1)
@@ -72,11 +73,11 @@ class BodySize:
 
 
 class SpaceReader:
-    """Reads Space from the stream of tracks: one Vector Symbol a body part and frame.
+    """Reads Space from a stream of tracks: one Vector Symbol per body part and frame.
 
     body_parts: names of the P parts. threshold: shortest motion that counts as one, as a share of the performer's
-    size; it depends on the frame rate and is fitted on training subjects. over: between which frames motion is read,
-    1 for neighbours as the paper does; at a camera's rate neighbours hardly differ.
+    size; it depends on the frame rate and is fitted on training subjects. over: the number of frames between the two
+    that are compared, 1 as in the paper; at a camera's rate neighbouring frames hardly differ.
     """
 
     def __init__(self, body_parts: Sequence[str], threshold: float, over: int = 1) -> None:
@@ -86,9 +87,9 @@ class SpaceReader:
         self._last: deque[Floats] = deque(maxlen=over)
 
     def update(self, tracks: Tracks) -> Symbols:
-        """(P,) symbols of the motion since `over` frames ago; NOT_SEEN where a part was missing now or then.
+        """(P,) symbols of the motion since `over` frames ago; NOT_SEEN for a part that was missing now or then.
 
-        In the first `over` frames all are NOT_SEEN, and as long as no hand was seen together with the head.
+        All are NOT_SEEN in the first `over` frames, and until a hand was seen together with the head.
         """
         size = self._size.update(tracks.centres, self._body_parts)
         known = len(self._last) == self._last.maxlen

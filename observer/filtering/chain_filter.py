@@ -1,7 +1,7 @@
-"""The phase filter for many chains at one speed, and for facings: only as far as mass reaches (docs/design/model.md).
+"""The phase filter for many chains at one speed, and for facings (docs/design/model.md).
 
-It believes what `phase_filter.py:PhaseFilter` believes, its oracle in the tests, and leaves out what decides nothing:
-chains with a negligible mass, phases that nobody can have reached yet.
+It computes the same as `phase_filter.py:PhaseFilter`, its oracle in the tests, but skips what decides nothing: chains
+with negligible mass, and phases that no mass can have reached yet.
 """
 
 from typing import Protocol
@@ -16,18 +16,18 @@ Masses = NDArray[np.float32]
 Indices = NDArray[np.int64]
 
 NEGLIGIBLE = 1e-8
-"""Of all mass: a chain that holds less is left out until the person rests again; and less is not worth entering."""
+"""Share of all mass: a chain with less is skipped until the person rests again, and less mass enters no chain."""
 CROWDED = 0.75
-"""Chains are left out when fewer than this share of those at work still count: moving the others costs time too."""
+"""Chains are dropped when fewer than this share of the live ones still count: copying the others costs time too."""
 
 
 class Evidence(Protocol):
-    """What one frame says."""
+    """The likelihoods of one frame."""
 
     def chains(self, live: Indices | None, phases: int) -> tuple[Masses, float]:
         """(phases, n) P(observation | chain, phase) of the first phases of the chains `live`, None for all.
 
-        Over a scale whose logarithm is said too, so that the greatest is near 1.
+        Divided by a scale so that the largest is near 1; the logarithm of the scale is returned too.
         """
 
     @property
@@ -44,7 +44,7 @@ class ChainFilter:
 
     cell_of: (C,) movement * K + facing of each chain; movements M, facings K; phases: of each chain. dynamics: with
     one speed. The prior is uniform over movements that have chains, and over the facings of each.
-    negligible: see above; 0 leaves out nothing.
+    negligible: see NEGLIGIBLE; 0 skips nothing.
     """
 
     def __init__(
@@ -70,29 +70,29 @@ class ChainFilter:
         self._past = np.zeros(movements * facings)
         self._moving = onset_known
         self._begun = not onset_known
-        # The joint belief is asked for several times a frame, and is a sum over all that is active.
-        self._told: Floats | None = None
+        # The posterior is read several times per frame, and is a sum over all active mass.
+        self._posterior: Floats | None = None
         if onset_known:
             self._active += self._entering
-        self.said: Floats = np.zeros(movements)
-        """(M,) log P(last frame | what came before, movement m): how well each movement foresaw it."""
+        self.predictive_log_likelihood: Floats = np.zeros(movements)
+        """(M,) log P(last frame | earlier frames, movement m)."""
 
     @property
-    def joint(self) -> Floats:
-        """(M, K) P(movement, facing): active, or just done; the rest before any movement is spread as the prior.
+    def posterior(self) -> Floats:
+        """(M, K) P(movement, facing): in progress or just ended; the rest before any movement is spread as the prior.
 
-        While he moves the movement before is no answer: were it one still, two judges who half doubt that he has
-        begun would together be sure of what he did last.
+        While the person moves, the previous movement is no answer. Otherwise two observers that are each half sure that
+        a new movement has begun would together be sure of the previous one.
         """
-        if self._told is None:
-            self._told = self._joint()
-        return self._told.copy()
+        if self._posterior is None:
+            self._posterior = self._compute_posterior()
+        return self._posterior.copy()
 
-    def _joint(self) -> Floats:
+    def _compute_posterior(self) -> Floats:
         done = np.maximum(self._after - self._past, 0.0) if self._moving else self._after
         mass = self._cells(self._active.sum(axis=0)) + done + self._before * self._prior
-        joint: Floats = (mass / mass.sum()).reshape(self._shape)
-        return joint
+        posterior: Floats = (mass / mass.sum()).reshape(self._shape)
+        return posterior
 
     @property
     def rest(self) -> float:
@@ -101,7 +101,7 @@ class ChainFilter:
 
     def step(self, evidence: Evidence) -> None:
         """One frame."""
-        self._told = None
+        self._posterior = None
         if not self._moving:
             self._past = self._after.copy()
         if self._begun:
@@ -109,11 +109,11 @@ class ChainFilter:
         self._begun = True
         self._condition(evidence)
         self._moving = self.rest < 0.5
-        self._leave_out()
+        self._drop_negligible()
 
     def step_blind(self) -> None:
-        """One frame in which nothing was seen: time passes, all movements lose the same share to the prior."""
-        self._told = None
+        """One frame in which no part was seen: time passes, and all movements lose the same share to the prior."""
+        self._posterior = None
         if self._begun:
             self._predict(0.0)
         self._begun = True
@@ -122,7 +122,7 @@ class ChainFilter:
         self._active *= np.float32(1 - doubt)
         self._after *= 1 - doubt
         self._past *= 1 - doubt
-        self.said[:] = 0.0
+        self.predictive_log_likelihood[:] = 0.0
 
     def _cells(self, of_chains: NDArray[np.floating]) -> Floats:
         cell_of = self._cell_of if self._live is None else self._cell_of[self._live]
@@ -134,16 +134,16 @@ class ChainFilter:
         new = np.zeros((width, old.shape[1]), np.float32)
         left = np.zeros(old.shape[1], np.float32)
         for k, share in enumerate(self._steps):
-            kept = min(len(old), width - k)
-            new[k : k + kept] += share * old[:kept]
-            if kept < len(old):
-                left += share * old[kept:].sum(axis=0)
+            staying = min(len(old), width - k)
+            new[k : k + staying] += share * old[:staying]
+            if staying < len(old):
+                left += share * old[staying:].sum(axis=0)
         self._active = new
         self._after += self._cells(left)
         forgotten = forget * self._after
         self._after -= forgotten
         self._past *= 1 - forget
-        # Who forgets in this frame begins in the next at the earliest.
+        # Mass that returns to plain rest in this frame can enter a movement in the next at the earliest.
         begun = self._dynamics.begin * self._before
         self._before += float(forgotten.sum())
         if begun > self._negligible or not self._negligible:
@@ -158,7 +158,7 @@ class ChainFilter:
         self._active[: len(self._entering)] += np.float32(mass) * self._entering
 
     def _condition(self, evidence: Evidence) -> None:
-        foreseen = self._of_movements()
+        predicted = self._movement_mass()
         likelihood, log_scale = evidence.chains(self._live, len(self._active))
         log_after = evidence.after.ravel()
         top = max(log_scale, evidence.rest, float(log_after.max()))
@@ -169,25 +169,25 @@ class ChainFilter:
         self._after *= of_rest
         self._past *= of_rest
         with np.errstate(divide="ignore", invalid="ignore"):
-            said = np.log(self._of_movements() / foreseen) + top
-        self.said = np.where(np.isfinite(said), said, FLOOR)
+            log_likelihood = np.log(self._movement_mass() / predicted) + top
+        self.predictive_log_likelihood = np.where(np.isfinite(log_likelihood), log_likelihood, FLOOR)
         total = float(self._active.sum(dtype=np.float64) + self._after.sum()) + self._before
         self._active /= np.float32(total)
         self._before /= total
         self._after /= total
         self._past /= total
 
-    def _of_movements(self) -> Floats:
-        of_cells: Floats = (self._cells(self._active.sum(axis=0)) + self._after).reshape(self._shape).sum(axis=1)
-        return of_cells
+    def _movement_mass(self) -> Floats:
+        mass: Floats = (self._cells(self._active.sum(axis=0)) + self._after).reshape(self._shape).sum(axis=1)
+        return mass
 
-    def _leave_out(self) -> None:
+    def _drop_negligible(self) -> None:
         if not self._negligible:
             return
         rows = np.flatnonzero(self._active.sum(axis=1) > self._negligible)
         width = max(int(rows[-1]) + 1 if len(rows) else 0, len(self._entering))
         self._active = self._active[:width]
-        # Numbers near 1e-38 are slow, and decide nothing.
+        # Arithmetic with numbers near 1e-38 is slow.
         self._active[self._active < np.float32(1e-30)] = 0.0
         counts = self._active.sum(axis=0) > self._negligible / len(self._cell_of)
         if counts.sum() < CROWDED * len(counts) and self.rest < 0.5:

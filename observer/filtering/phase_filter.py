@@ -1,8 +1,8 @@
 """The Bayes filter over movement, phase and speed, with rest before and after (docs/design/model.md).
 
-A movement is one or several *chains* of phases: one learned on average, or each training example by itself, when
-the movement is the mixture of its chains. Somebody at rest enters a chain near its beginning, goes through its phases
-at one of V speeds, and leaves it past the last phase into the rest after that movement.
+A movement is one or several *chains* of phases: one chain learned on average, or one per training example, whose
+mixture the movement then is. A person at rest enters a chain near its beginning, advances through its phases at one of
+V speeds, and leaves it past the last phase into the rest after that movement.
 """
 
 from dataclasses import dataclass
@@ -13,18 +13,19 @@ from numpy.typing import NDArray
 from observer.tracks import Floats
 
 FLOOR = -69.0
-"""Log of 1e-30: no single frame can speak more strongly than this against a state."""
+"""Log of 1e-30: the strongest evidence of a single frame against a state."""
 NEGLIGIBLE = 1e-150
-"""Masses below this are set to 0: they decide nothing, and arithmetic on numbers near 1e-308 is slow."""
+"""Masses below this are set to 0: they decide nothing, and arithmetic with numbers near 1e-308 is slow."""
 
 
 @dataclass(frozen=True, slots=True)
 class Dynamics:
-    """How somebody moves through a chain.
+    """How a person moves through a chain.
 
     steps: (V, K) P(advance by k phases in one frame | speed v). speeds: (V,) P(v) at the start. jitter: (V, V)
     P(v' | v) from one frame to the next. entry: (S,) P(enter at phase s). begin: P(leave rest in one frame).
-    forget: P(the rest after a movement becomes plain rest, in one frame), and what a frame without sight costs.
+    forget: P(the rest after a movement becomes plain rest, in one frame), and the share of probability that returns to
+    the prior in a frame without any visible part.
     """
 
     steps: Floats
@@ -39,7 +40,7 @@ class PhaseFilter:
     """P(movement, phase, speed | frames so far).
 
     movement_of: (C,) the movement of each chain; phases: Φ of each; prior: (M,) P(M). With `onset_known` the movement
-    begins with the first frame; else the person is at rest.
+    begins with the first frame; otherwise the person is at rest.
     """
 
     def __init__(
@@ -57,7 +58,7 @@ class PhaseFilter:
 
     @property
     def p(self) -> Floats:
-        """(M,) P(M): active, or just done; the rest before any movement says nothing and is spread as the prior."""
+        """(M,) P(M): movements in progress or just ended; the rest before any movement is spread as the prior."""
         active = np.bincount(self._movement_of, self._active.sum(axis=(0, 2)), minlength=len(self._prior))
         mass = active + self._after + self._before * self._prior
         p: Floats = mass / mass.sum()
@@ -71,7 +72,7 @@ class PhaseFilter:
     def step(self, log_evidence: Floats, log_rest: float, log_after: Floats | None = None) -> None:
         """One frame: (C, Φ) log P(observation | chain, phase), and log P(observation | rest).
 
-        log_after: (M,) the same of the rest after each movement, where it differs from the rest before any.
+        log_after: (M,) the same for the rest after each movement, if it differs from the rest before any movement.
         """
         if self._begun:
             self._predict(self._dynamics.forget)
@@ -79,10 +80,10 @@ class PhaseFilter:
         self._condition(log_evidence, log_rest, np.full(len(self._prior), log_rest) if log_after is None else log_after)
 
     def step_blind(self) -> None:
-        """One frame in which no part was seen: time passes, and the belief leans towards the prior (section I).
+        """One frame in which no part was seen: time passes, and the posterior moves towards the prior (section I).
 
-        Every movement loses the same share, so that the entropy never falls; forgetting only what has ended would
-        speak for what has not.
+        Every movement loses the same share, so that the entropy never falls; to forget only the movements that have
+        ended would be evidence for the others.
         """
         if self._begun:
             self._predict(forget=0.0)
@@ -121,7 +122,7 @@ class PhaseFilter:
 
 
 def _advance(active: Floats, steps: Floats) -> tuple[Floats, Floats]:
-    """(V, C, Φ) and (V, K) -> the mass after one step (V, C, Φ), and what left each chain (C,)."""
+    """(V, C, Φ) and (V, K) -> the mass after one step (V, C, Φ), and the mass that left each chain (C,)."""
     result = active * steps[:, :1, None]
     left = np.zeros(active.shape[1])
     for k in range(1, steps.shape[1]):

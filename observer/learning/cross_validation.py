@@ -1,105 +1,112 @@
-"""Trying a model on who it has not learned from, one person at a time, to know how far it can be believed."""
+"""Cross-validation of a model by person, to calibrate its posteriors."""
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 from observer.model.base import Example, Header, MovementModel, Onset, WithBackground, evenly_spread
-from observer.model.posterior_calibration import PosteriorCalibration, Tried, answers_of, fit, not_surer
+from observer.model.posterior_calibration import (
+    HeldOutResult,
+    PosteriorCalibration,
+    answer_posterior,
+    at_least_cautious,
+    fit_calibration,
+)
 
-MOST_TRIED = 240
-"""Examples that are judged; more hardly change the few numbers that are fitted."""
+MOST_EVALUATED = 240
+"""Examples that are evaluated; more hardly change the few numbers that are fitted."""
 
 
-def certainty_of(kind: type[MovementModel], header: Header, examples: Sequence[Example]) -> PosteriorCalibration:
-    """How far a model learned from all these examples can be believed, found by leaving out one person at a time.
+def estimate_calibration(
+    kind: type[MovementModel], header: Header, examples: Sequence[Example]
+) -> PosteriorCalibration:
+    """The calibration of a model learned from all these examples, estimated by leaving out one person at a time.
 
-    Where a movement was shown by one person alone, one recording of each movement is left out at a time instead. That
-    says nothing of other people, and no more is believed of such a model than of one that could hardly be tried.
+    If only one person shows a movement, one recording of each movement is left out at a time instead. That tells
+    nothing about other people, and the result is at least as cautious as CAUTIOUS.
     """
-    return _fitted(header, examples, _tries(kind, header, examples))
+    return _fit(header, examples, _cross_validate(kind, header, examples))
 
 
-def believable(kind: type[MovementModel], model: MovementModel, examples: Sequence[Example]) -> MovementModel:
-    """The same model, knowing its certainty; `tried` and `right` of its provenance say what that comes from."""
-    tried = _tries(kind, model.header, examples)
-    certainty = _fitted(model.header, examples, tried)
-    said = {**model.header.provenance, **told(tried)}
-    header = replace(model.header, certainty=certainty, provenance=said)
+def with_calibration(kind: type[MovementModel], model: MovementModel, examples: Sequence[Example]) -> MovementModel:
+    """The same model with its calibration; `tried` and `right` in the provenance count the evaluated examples."""
+    results = _cross_validate(kind, model.header, examples)
+    calibration = _fit(model.header, examples, results)
+    counts = {"tried": str(len(results)), "right": str(right_count(results))}
+    header = replace(model.header, calibration=calibration, provenance={**model.header.provenance, **counts})
     return kind.from_arrays(header, model.arrays())
 
 
-def told(tried: Sequence[Tried]) -> dict[str, str]:
-    """For the provenance: how many examples were judged by models that had not learned them, and how many right."""
-    right = sum(int(t.beliefs[-1].argmax()) == t.truth for t in tried)
-    return {"tried": str(len(tried)), "right": str(right)}
+def right_count(results: Sequence[HeldOutResult]) -> int:
+    """How many of the examples were recognised."""
+    return sum(int(r.posteriors[-1].argmax()) == r.truth for r in results)
 
 
-def judged(model: MovementModel, example: Example) -> Tried:
-    """What a model, which should not have learned it, believes of the example at its end, when verdicts are made."""
+def evaluate_example(model: MovementModel, example: Example) -> HeldOutResult:
+    """The model's posterior at the end of an example that it has not learned, where verdicts are made."""
     watch = model.watch(Onset(known=True, length=len(example.tracks)))
     for tracks in example.tracks:
         watch.update(tracks)
     movements = model.header.vocabulary.size
     truth = example.movement if example.movement >= 0 else movements
-    return Tried(truth, answers_of(watch).sum(axis=1)[None], watch.foreseen)
+    return HeldOutResult(truth, answer_posterior(watch).sum(axis=1)[None], watch.foreseen)
 
 
-def by_recording(examples: Sequence[Example]) -> list[list[int]]:
-    """Indices of the examples left out together: one of each movement that has several, the first, the second, ..."""
+def folds_by_recording(examples: Sequence[Example]) -> list[list[int]]:
+    """Indices of the examples left out together: the first of each movement that has several, the second, ..."""
     counts: Counter[int] = Counter()
-    by_turn: dict[int, list[int]] = {}
+    folds: dict[int, list[int]] = {}
     several = {m for m, count in Counter(e.movement for e in examples).items() if count > 1}
     for n, example in enumerate(examples):
         if example.movement in several:
-            by_turn.setdefault(counts[example.movement], []).append(n)
+            folds.setdefault(counts[example.movement], []).append(n)
             counts[example.movement] += 1
-    return list(by_turn.values())
+    return list(folds.values())
 
 
-def by_person(examples: Sequence[Example]) -> list[list[int]] | None:
-    """Indices of the examples left out together: one person's; None when a movement would then have no example."""
-    learned = [e for e in examples if e.movement >= 0]
-    movements = {e.movement for e in learned}
+def folds_by_person(examples: Sequence[Example]) -> list[list[int]] | None:
+    """Indices of the examples left out together: one person's; None if a movement would then have no example."""
+    of_vocabulary = [e for e in examples if e.movement >= 0]
+    movements = {e.movement for e in of_vocabulary}
     subjects = sorted({e.subject for e in examples})
-    if any({e.movement for e in learned if e.subject != s} != movements for s in subjects):
+    if any({e.movement for e in of_vocabulary if e.subject != s} != movements for s in subjects):
         return None
     return [[n for n, e in enumerate(examples) if e.subject == s] for s in subjects]
 
 
-def _tries(kind: type[MovementModel], header: Header, examples: Sequence[Example]) -> list[Tried]:
-    # Which way somebody faces hardly changes how sure one may be, and a dozen facings take a dozen times as long.
+def _cross_validate(kind: type[MovementModel], header: Header, examples: Sequence[Example]) -> list[HeldOutResult]:
+    # The facing hardly changes the calibration, and a dozen facings take a dozen times as long.
     front = [e for e in examples if e.facing == 0]
     header = replace(header, parameters=_one_facing(header.parameters))
-    folds = by_person(front) or by_recording(front)
-    return [t for out in folds for t in _tried(kind, header, front, out)]
+    folds = folds_by_person(front) or folds_by_recording(front)
+    return [result for fold in folds for result in _evaluate_fold(kind, header, front, fold)]
 
 
-def _fitted(header: Header, examples: Sequence[Example], tried: Sequence[Tried]) -> PosteriorCalibration:
-    found = fit(tried, header.vocabulary.size)
-    return found if by_person(examples) else not_surer(found)
+def _fit(header: Header, examples: Sequence[Example], results: Sequence[HeldOutResult]) -> PosteriorCalibration:
+    calibration = fit_calibration(results, header.vocabulary.size)
+    return calibration if folds_by_person(examples) else at_least_cautious(calibration)
 
 
 def _one_facing(parameters: Mapping[str, float]) -> dict[str, float]:
     return {name: 1.0 if name == "facings" else value for name, value in parameters.items()}
 
 
-def _tried(
-    kind: type[MovementModel], header: Header, examples: Sequence[Example], out: Sequence[int]
-) -> Iterator[Tried]:
-    """Judged by a model of all others; of many only some are judged, though all are left out."""
-    left, share = set(out), MOST_TRIED / len(examples)
-    model = kind.learn(header, [e for n, e in enumerate(examples) if n not in left])
-    for n in out:
-        # Evenly spread however the examples are ordered: every second one could be always the same movements.
+def _evaluate_fold(
+    kind: type[MovementModel], header: Header, examples: Sequence[Example], fold: Sequence[int]
+) -> Iterator[HeldOutResult]:
+    """Results by a model of all other examples; with many examples only a share of the fold is evaluated."""
+    left_out, share = set(fold), MOST_EVALUATED / len(examples)
+    model = kind.learn(header, [e for n, e in enumerate(examples) if n not in left_out])
+    for n in fold:
+        # Evenly spread whatever the order: every second example could always be of the same movements.
         if evenly_spread(n) < share:
-            judge = _without(model, examples[n].movement)
-            if judge is not None:
-                yield judged(judge, examples[n])
+            unaware = _without_movement(model, examples[n].movement)
+            if unaware is not None:
+                yield evaluate_example(unaware, examples[n])
 
 
-def _without(model: MovementModel, movement: int) -> MovementModel | None:
-    """Who can judge an example of that movement: of the background, who has learned from others alone."""
+def _without_movement(model: MovementModel, movement: int) -> MovementModel | None:
+    """The model that may evaluate an example: for a background movement, one that has learned from others only."""
     if movement >= 0:
         return model
     if isinstance(model, WithBackground) and len(model.header.background or ()) > 1:

@@ -1,6 +1,6 @@
-"""Movements added to a model, and taken out of it, without learning the others again (docs/guide/own-movements.md).
+"""Adds movements to a model and removes them, without learning the others again (docs/guide/own-movements.md).
 
-What the model has of the other movements stays as it is, bit for bit. Pure.
+The model's data of the other movements stay the same, bit for bit. Pure.
 """
 
 from collections.abc import Mapping, Sequence
@@ -10,50 +10,51 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from common.errors import BadInput
+from common.text import plural
 from common.vocabulary import Vocabulary
 from observer.geometry.views import View
-from observer.learning.cross_validation import by_person, by_recording, judged
-from observer.learning.learn import examples_of, facings_in
-from observer.model.base import Example, Header, MovementModel, WithBackground, evenly_spread
-from observer.model.posterior_calibration import PosteriorCalibration, Tried
+from observer.learning.cross_validation import evaluate_example, folds_by_person, folds_by_recording
+from observer.learning.learn import ExampleView
+from observer.model.base import Example, Header, MovementModel, WithBackground, evenly_spread, facings_in
+from observer.model.posterior_calibration import HeldOutResult, PosteriorCalibration
 from observer.motion.archive import MotionArchive
-from observer.motion.transforms import common_rate, labels_of, movements_in
+from observer.motion.transforms import common_rate, labels_of, movements_in, require_labels
 
 SAME_VIEW = 1e-6
-"""Between the numbers of two matrices: a view is computed anew each time, and may differ in its last bits."""
+"""Relative tolerance of two matrices: a view is computed each time and may differ in its last bits."""
 SAME_RATE = 0.01
-"""Between two rates, as an observer's source is held to the model's."""
-MOST_TRIED = 30
-"""Examples of the new movements that are judged: enough for a mean and a spread."""
+"""Relative tolerance of two rates, as for an observer's source."""
+MOST_EVALUATED = 30
+"""Examples of the new movements that are evaluated: enough for a mean and a spread."""
 
 
 @runtime_checkable
 class Editable(Protocol):
-    """What a movement model also has when what it knows of one movement is that movement's own."""
+    """The additional methods of a model whose data of each movement are that movement's own."""
 
     def grown(self, header: Header, examples: Sequence[Example]) -> MovementModel:
-        """The same for a vocabulary with more movements at its end, of which alone the examples are."""
+        """The same model for a vocabulary with more movements at its end; the examples show only these."""
 
     def shrunk(self, header: Header, kept: Sequence[int]) -> MovementModel:
-        """The same for a vocabulary of only these movements, in their order."""
+        """The same model for a vocabulary of only these movements, in their order."""
 
 
 @dataclass(frozen=True, slots=True)
-class Grown:
-    """The model with its new movements, and how those were judged by models that had not learned the same examples.
+class EditedModel:
+    """A model with new movements, and how models that had not learned the same examples recognise these.
 
-    people: how many showed the new movements. promoted: those of them that were something else until now.
+    people: how many show the new movements. promoted: new movements that were background until now.
     """
 
     model: MovementModel
     labels: tuple[str, ...]
     examples: int
     people: int
-    tried: tuple[Tried, ...]
+    results: tuple[HeldOutResult, ...]
     promoted: tuple[str, ...] = ()
 
 
-def with_movements(
+def add_movements(
     model: MovementModel,
     archive: MotionArchive,
     view: View,
@@ -62,52 +63,55 @@ def with_movements(
     kind: str = "",
     parameters: Mapping[str, float] | None = None,
     source: str = "",
-) -> Grown:
-    """The model and, at its end, the movements of the archive that it does not have, or these `labels` of it.
+) -> EditedModel:
+    """The model with the archive's movements that it does not have, or these `labels`, at the end of its vocabulary.
 
-    Temperature and doubt stay; how well a new movement is foreseen is found by leaving its examples out. source: where
-    the movements come from, for people. Of a movement that was of the background those examples are left out.
-    Raises BadInput for another view, rate or kind, for other parameters than
-    the model's, for a movement that the model has, and when there is none that it has not.
+    Temperature and doubt stay; the predictive likelihood of a new movement is estimated by leaving out its examples.
+    source: the origin of the recordings, for people. If a new movement was background, it leaves the background.
+
+    Raises BadInput for another view, rate or kind, for other parameters than the model's, for a movement that the model
+    already has, and if there is none to add.
     """
-    _require_alike(model.header, archive, view, kind, parameters or {})
+    _require_match(model.header, archive, view, kind, parameters or {})
     new = _new_labels(model.header.vocabulary, labels, archive)
     promoted = tuple(label for label in new if label in (model.header.background or ()))
     model = _without_background(model, promoted)
     old = model.header
     vocabulary = Vocabulary((*old.vocabulary.labels, *new), old.vocabulary.name)
-    chosen = [recording for recording in movements_in(archive) if recording.label in new]
+    recordings = [recording for recording in movements_in(archive) if recording.label in new]
     facings = facings_in({name: value for name, value in old.parameters.items() if name == "facings"})
-    examples = examples_of(chosen, view, vocabulary, archive.body_parts, old.body_parts, facings)
-    said = f"{','.join(new)}: {len(chosen)} examples" + (f" of {source}" if source else "")
-    added = "; ".join([*filter(None, [old.provenance.get("added")]), said])
+    examples = ExampleView(view, vocabulary, old.body_parts, facings).examples(recordings, archive.body_parts)
+    addition = f"{','.join(new)}: {plural(len(recordings), 'example')}" + (f" of {source}" if source else "")
+    added = "; ".join([*filter(None, [old.provenance.get("added")]), addition])
     header = replace(old, vocabulary=vocabulary, provenance={**old.provenance, "added": added})
-    tried, persons = _tries(model, header, examples)
-    certainty = replace(old.certainty, foreseen=_foreseen(old.certainty, tried, vocabulary, persons))
-    grown = _editable(model).grown(replace(header, certainty=certainty), examples)
-    return Grown(grown, new, len(chosen), len({r.subject for r in chosen}), tried, promoted)
+    results, by_person = _evaluate(model, header, examples)
+    foreseen = _foreseen_of_all(old.calibration, results, vocabulary, by_person)
+    header = replace(header, calibration=replace(old.calibration, foreseen=foreseen))
+    edited = _editable(model).grown(header, examples)
+    people = len({r.subject for r in recordings})
+    return EditedModel(edited, new, len(recordings), people, results, promoted)
 
 
-def without_movements(model: MovementModel, labels: Sequence[str]) -> MovementModel:
-    """The model without these movements. Raises BadInput for one that it has not, and when fewer than two stay."""
+def remove_movements(model: MovementModel, labels: Sequence[str]) -> MovementModel:
+    """The model without these movements; raises BadInput for an unknown one, and if fewer than two would remain."""
     old = model.header
     gone = {old.vocabulary.index(label) for label in labels}
-    kept = [m for m in range(old.vocabulary.size) if m not in gone]
-    if len(kept) < 2:
-        stay = ", ".join(old.vocabulary.labels[m] for m in kept) or "none"
+    remaining = [m for m in range(old.vocabulary.size) if m not in gone]
+    if len(remaining) < 2:
+        stay = ", ".join(old.vocabulary.labels[m] for m in remaining) or "none"
         raise BadInput(
-            f"movements {','.join(labels)}: {stay} would stay, and two at least are needed; learn a new model"
+            f"movements {','.join(labels)}: {stay} would stay, and at least two are needed; learn a new model"
         )
-    vocabulary = Vocabulary(tuple(old.vocabulary.labels[m] for m in kept), old.vocabulary.name)
-    foreseen = tuple(old.certainty.foreseen[m] for m in kept) if old.certainty.foreseen else ()
+    vocabulary = Vocabulary(tuple(old.vocabulary.labels[m] for m in remaining), old.vocabulary.name)
+    foreseen = tuple(old.calibration.foreseen[m] for m in remaining) if old.calibration.foreseen else ()
     removed = ",".join([*filter(None, [old.provenance.get("removed")]), *labels])
     header = replace(
         old,
         vocabulary=vocabulary,
-        certainty=replace(old.certainty, foreseen=foreseen),
+        calibration=replace(old.calibration, foreseen=foreseen),
         provenance={**old.provenance, "removed": removed},
     )
-    return _editable(model).shrunk(header, kept)
+    return _editable(model).shrunk(header, remaining)
 
 
 def _without_background(model: MovementModel, labels: Sequence[str]) -> MovementModel:
@@ -123,7 +127,7 @@ def _editable(model: MovementModel) -> Editable:
     return model
 
 
-def _require_alike(old: Header, archive: MotionArchive, view: View, kind: str, parameters: Mapping[str, float]) -> None:
+def _require_match(old: Header, archive: MotionArchive, view: View, kind: str, parameters: Mapping[str, float]) -> None:
     if not np.allclose(old.matrix, view.matrix, rtol=0, atol=SAME_VIEW * float(np.abs(old.matrix).max())):
         raise BadInput(f"--view {view.name}: the model is for {old.view}; give that view, or learn another model")
     if kind and kind != old.kind:
@@ -139,53 +143,54 @@ def _require_alike(old: Header, archive: MotionArchive, view: View, kind: str, p
     missing = [part for part in old.body_parts if part not in archive.body_parts]
     if missing:
         has = ", ".join(archive.body_parts)
-        raise BadInput(f"body part {missing[0]!r}: the model needs it, and the recordings have {has} alone")
+        raise BadInput(f"body part {missing[0]!r}: the model needs it, and the recordings have only {has}")
 
 
 def _new_labels(vocabulary: Vocabulary, labels: Sequence[str], archive: MotionArchive) -> tuple[str, ...]:
     shown = labels_of(archive)
     for label in labels:
         if label in vocabulary.labels:
-            raise BadInput(f"movement {label!r}: the model has it; take it out with labanmesh forget to learn it anew")
-        if label not in shown:
-            raise BadInput(f"movement {label!r}: no recording shows it; the archive has {', '.join(shown)}")
+            raise BadInput(f"movement {label!r}: the model has it; remove it with labanmesh forget to learn it again")
+    require_labels(labels, archive, "--labels")
     new = tuple(labels) or tuple(label for label in shown if label not in vocabulary.labels)
     if not new:
         raise BadInput(f"movements {','.join(shown)}: the model has them all; there is nothing to add")
     return new
 
 
-def _tries(model: MovementModel, header: Header, examples: Sequence[Example]) -> tuple[tuple[Tried, ...], bool]:
-    """New examples judged by the model grown by the others, and whether it was whole persons who were left out."""
+def _evaluate(
+    model: MovementModel, header: Header, examples: Sequence[Example]
+) -> tuple[tuple[HeldOutResult, ...], bool]:
+    """New examples evaluated by the model grown by the others; and whether whole people were left out."""
     front = [e for e in examples if e.facing == 0]
-    persons = by_person(front)
-    share = MOST_TRIED / len(front)
-    tried: list[Tried] = []
-    for out in persons or by_recording(front):
-        left = {(front[n].movement, front[n].subject, front[n].trial) for n in out}
-        others = [e for e in examples if (e.movement, e.subject, e.trial) not in left]
+    people = folds_by_person(front)
+    share = MOST_EVALUATED / len(front)
+    results: list[HeldOutResult] = []
+    for fold in people or folds_by_recording(front):
+        left_out = {(front[n].movement, front[n].subject, front[n].trial) for n in fold}
+        others = [e for e in examples if (e.movement, e.subject, e.trial) not in left_out]
         if {e.movement for e in others} == {e.movement for e in front}:
             grown = _editable(model).grown(header, others)
-            tried += [judged(grown, front[n]) for n in out if evenly_spread(n) < share]
-    return tuple(tried), bool(persons)
+            results += [evaluate_example(grown, front[n]) for n in fold if evenly_spread(n) < share]
+    return tuple(results), bool(people)
 
 
-def _foreseen(
-    certainty: PosteriorCalibration, tried: Sequence[Tried], vocabulary: Vocabulary, persons: bool
+def _foreseen_of_all(
+    calibration: PosteriorCalibration, results: Sequence[HeldOutResult], vocabulary: Vocabulary, by_person: bool
 ) -> tuple[tuple[float, float], ...]:
-    """Also of the new movements: nothing where nothing is known of the old ones.
+    """Mean and spread of the predictive likelihood, also of the new movements; empty if unknown for the old ones.
 
-    A movement tried on its own person alone is foreseen too well, and one tried once or never not at all: what is usual
-    among the model's movements then stands in.
+    Evaluated on its own person only, a movement is foreseen too well; evaluated once or never, its spread is unknown.
+    The averages of the old movements then limit or replace its own.
     """
-    old = certainty.foreseen
+    old = calibration.foreseen
     if not old:
         return ()
     usual = np.array(old).mean(axis=0)
-    stats = list(old)
+    statistics = list(old)
     for movement in range(len(old), vocabulary.size):
-        own = [float(t.foreseen[movement]) for t in tried if t.truth == movement and t.foreseen is not None]
+        own = [float(r.foreseen[movement]) for r in results if r.truth == movement and r.foreseen is not None]
         mean = float(np.mean(own)) if len(own) > 1 else float(usual[0])
         spread = float(np.std(own)) if len(own) > 1 else 0.0
-        stats.append((mean if persons else min(mean, float(usual[0])), max(spread, float(usual[1]))))
-    return tuple(stats)
+        statistics.append((mean if by_person else min(mean, float(usual[0])), max(spread, float(usual[1]))))
+    return tuple(statistics)

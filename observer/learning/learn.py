@@ -1,20 +1,59 @@
-"""Learning a perspective: recordings in 3-D, seen from one view, become that view's model (section II.B)."""
+"""Learns a view's model: 3-D recordings, projected into one view, become its movement model (section II.B)."""
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from common.errors import BadInput
 from common.vocabulary import Vocabulary
 from observer.geometry.views import View, turned
-from observer.learning.cross_validation import believable
-from observer.model.base import Example, Header, MovementModel, WithBackground, as_read, evenly_spread
+from observer.learning.cross_validation import with_calibration
+from observer.model.base import (
+    Example,
+    Header,
+    MovementModel,
+    WithBackground,
+    evenly_spread,
+    facings_in,
+    with_features,
+)
 from observer.model.registry import DEFAULT_MODEL, model_named
 from observer.motion.archive import MotionArchive, Recording
 from observer.motion.projected import view_tracks
-from observer.motion.transforms import common_rate, labels_of, movements_in
+from observer.motion.transforms import common_rate, labels_of, movements_in, require_labels, resample
 
-MOST_FACINGS = 72
+BLENDS = "blends"
+"""Stands for a background without recordings: only blends of the learned movements are "something else"."""
+
+
+@dataclass(frozen=True, slots=True)
+class ExampleView:
+    """How recordings become examples: from one view, at K facings, with these body parts in the model's order."""
+
+    view: View
+    vocabulary: Vocabulary
+    body_parts: tuple[str, ...]
+    facings: int = 1
+
+    def examples(
+        self, recordings: Sequence[Recording], recorded: Sequence[str], background: tuple[str, ...] | None = None
+    ) -> list[Example]:
+        """Each recording, with the parts `recorded`, as the view sees it from every facing.
+
+        background: given if the recordings show these movements, which are outside the vocabulary.
+        """
+        number = self.vocabulary.index if background is None else lambda label: -1 - background.index(label)
+        return [
+            Example(
+                view_tracks(self.view, _turned(recording, k, self.facings, n), tuple(recorded), self.body_parts),
+                number(recording.label),
+                k,
+                recording.subject,
+                recording.trial,
+            )
+            for k in range(self.facings)
+            for n, recording in enumerate(recordings)
+        ]
 
 
 def learn_view(
@@ -26,66 +65,63 @@ def learn_view(
     body_parts: tuple[str, ...] | None = None,
     parameters: Mapping[str, float] | None = None,
     provenance: Mapping[str, str] | None = None,
-    tried: bool = True,
+    calibrate: bool = True,
     background: MotionArchive | None = None,
 ) -> MovementModel:
     """One view's model of the vocabulary's movements, from all recordings of the archive.
 
-    With a parameter `facings` of K the performer is turned to K directions, evenly around. tried: the model is tried
-    on who it has not learned from, one person at a time, so that it knows how far it can be believed. background:
-    recordings of other movements, so that it also knows "something else"; with none in it, by blends alone.
-    Raises BadInput for recordings at different rates, an unknown model, and a movement that nobody performs.
+    With a parameter `facings` of K the performer is turned to K directions, evenly around. calibrate: cross-validate
+    by person, so that the model's posteriors can be calibrated. background: recordings of other movements, from which
+    the model also learns "something else"; without recordings, from blends only.
+
+    Raises BadInput for recordings at different rates, an unknown model, an invalid parameter, and a movement that no
+    recording shows.
     """
     parts = body_parts or archive.body_parts
-    rate_hz, facings = common_rate(archive), facings_in(parameters or {})
-    chosen = [recording for recording in movements_in(archive) if recording.label in vocabulary.labels]
-    examples = examples_of(chosen, view, vocabulary, archive.body_parts, parts, facings)
-    shown = {e.movement for e in examples}
-    never = [label for m, label in enumerate(vocabulary.labels) if m not in shown]
-    if never:
-        raise BadInput(f"movement {never[0]!r}: no recording shows it; leave it out with --labels, or record it")
-    model = model_named(kind)
-    said = {"examples": str(len(chosen)), **(provenance or {})}
-    header = Header(kind, vocabulary, view.name, view.matrix, rate_hz, parts, parameters or {}, said)
+    rate_hz, model = common_rate(archive), model_named(kind)
+    seen_from = ExampleView(view, vocabulary, parts, facings_in(parameters or {}))
+    recordings = [recording for recording in movements_in(archive) if recording.label in vocabulary.labels]
+    require_labels(vocabulary.labels, archive, "--labels")
+    examples = seen_from.examples(recordings, archive.body_parts)
+    origin = {"examples": str(len(recordings)), **(provenance or {})}
+    header = Header(kind, vocabulary, view.name, view.matrix, rate_hz, parts, parameters or {}, origin)
     if background is not None:
-        header = replace(header, background=_others(model, background, vocabulary))
-        examples += examples_of(
-            background.recordings, view, vocabulary, background.body_parts, parts, facings, header.background
-        )
-    examples = as_read(model, header, examples)
+        labels = _background_labels(model, background, vocabulary)
+        header = replace(header, background=labels)
+        examples += seen_from.examples(background.recordings, background.body_parts, labels)
+    examples = with_features(model, header, examples)
     learned = model.learn(header, examples)
-    return believable(model, learned, examples) if tried else learned
+    return with_calibration(model, learned, examples) if calibrate else learned
 
 
-def examples_of(
-    recordings: Sequence[Recording],
-    view: View,
-    vocabulary: Vocabulary,
-    recorded: tuple[str, ...],
-    parts: tuple[str, ...],
-    facings: int,
-    background: tuple[str, ...] | None = None,
-) -> list[Example]:
-    """Each recording as the view sees it, from every facing; `recorded` body parts, of which `parts` are wanted.
+def gather_background(
+    archives: Sequence[MotionArchive], labels: Sequence[str], body_parts: tuple[str, ...], rate_hz: float
+) -> MotionArchive:
+    """All labelled recordings of the archives, or those with these labels, with these parts and at this rate.
 
-    background: where given, the recordings are of these movements, which are none of the vocabulary.
+    Raises BadInput for a body part that an archive lacks, and for a label that no recording shows.
     """
-    number = vocabulary.index if background is None else lambda label: -1 - background.index(label)
-    return [
-        Example(
-            view_tracks(view, _facing(recording, k, facings, n), recorded, parts),
-            number(recording.label),
-            k,
-            recording.subject,
-            recording.trial,
+    recordings = [_with_parts(r, archive, body_parts) for archive in archives for r in movements_in(archive) if r.label]
+    gathered = MotionArchive(body_parts, tuple(resample(r, rate_hz) if r.rate_hz != rate_hz else r for r in recordings))
+    require_labels(labels, gathered, "--background-labels")
+    return MotionArchive(body_parts, tuple(r for r in gathered.recordings if not labels or r.label in labels))
+
+
+def _with_parts(recording: Recording, archive: MotionArchive, body_parts: tuple[str, ...]) -> Recording:
+    missing = [part for part in body_parts if part not in archive.body_parts]
+    if missing:
+        parts = ", ".join(archive.body_parts)
+        raise BadInput(
+            f"background: no {missing[0]!r} in its recordings, which the model needs; they have only {parts}"
         )
-        for k in range(facings)
-        for n, recording in enumerate(recordings)
-    ]
+    rows = [archive.body_parts.index(part) for part in body_parts]
+    return replace(recording, positions=recording.positions[:, rows])
 
 
-def _others(model: type[MovementModel], background: MotionArchive, vocabulary: Vocabulary) -> tuple[str, ...]:
-    """What the recordings of the background show; raises BadInput for who cannot learn it, and what is learned."""
+def _background_labels(
+    model: type[MovementModel], background: MotionArchive, vocabulary: Vocabulary
+) -> tuple[str, ...]:
+    """The labels of the background; raises BadInput for a model that cannot use it, and for labels to be learned."""
     if not issubclass(model, WithBackground):
         raise BadInput(f"model {model.kind}: learns no background; leave it out, or take --model {DEFAULT_MODEL}")
     labels = labels_of(background)
@@ -97,20 +133,12 @@ def _others(model: type[MovementModel], background: MotionArchive, vocabulary: V
     return labels
 
 
-def facings_in(parameters: Mapping[str, float]) -> int:
-    """How many facings the parameters ask for; raises BadInput for what is no number from 1 to 72."""
-    facings = parameters.get("facings", 1.0)
-    if not 1 <= facings <= MOST_FACINGS or facings != int(facings):
-        raise BadInput(f"facings = {facings:g}: a whole number from 1 to {MOST_FACINGS} is expected, e.g. 12")
-    return int(facings)
+def _turned(recording: Recording, k: int, facings: int, number: int) -> Recording:
+    """The recording turned to the left by k of `facings` directions, and by an offset of at most half a direction.
 
-
-def _facing(recording: Recording, k: int, facings: int, number: int) -> Recording:
-    """Turned to his left by k of `facings` directions, and a little more or less.
-
-    Each recording by another little, so that all together they fill the angles between two directions.
+    Each recording has another offset, so that all together they fill the angles between two directions.
     """
     if facings == 1:
         return recording
-    astray = evenly_spread(number) - 0.5
-    return replace(recording, positions=turned(recording.positions, math.tau * (k + astray) / facings))
+    offset = evenly_spread(number) - 0.5
+    return replace(recording, positions=turned(recording.positions, math.tau * (k + offset) / facings))

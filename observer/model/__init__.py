@@ -1,1 +1,1 @@
-"""Movement models: log P(observation | movement, phase), learned and stored."""
+"""Movement models: log P(observation | movement, phase), learned from recordings and stored in files."""

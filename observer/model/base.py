@@ -1,4 +1,4 @@
-"""What every movement model is: learned from examples, stored as arrays, and asked to watch a performer."""
+"""The protocol of movement models: learned from examples, stored as arrays, and used to watch a person."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -18,12 +18,12 @@ Arrays = Mapping[str, NDArray[np.generic]]
 
 @dataclass(frozen=True, slots=True)
 class Header:
-    """What a model is for: refused for another vocabulary or rate, and it says where it came from.
+    """What a model was learned for and from.
 
-    view: name of the view it was learned for; matrix: (3, 4) that view's projective matrix. parameters: the model's own
-    numbers, all of them once it was learned, so that other defaults of a later version change nothing. provenance:
-    what it was learned from, for people. certainty: how far what it believes can be believed. background: movements
-    that are none of the vocabulary, by whose examples, and by blends, it knows "something else"; None: it does not.
+    view: name of the view; matrix: (3, 4) the view's projective matrix. parameters: the model's own numbers; after
+    learning all of them, so that new defaults in a later version change nothing. provenance: what it was learned from,
+    for people. calibration: corrects the model's posteriors. background: movements outside the vocabulary from which,
+    and from blends, the model learned "something else"; None: it does not know "something else".
     """
 
     kind: str
@@ -34,25 +34,76 @@ class Header:
     body_parts: tuple[str, ...]
     parameters: Mapping[str, float] = field(default_factory=dict)
     provenance: Mapping[str, str] = field(default_factory=dict)
-    certainty: PosteriorCalibration = field(default_factory=PosteriorCalibration)
+    calibration: PosteriorCalibration = field(default_factory=PosteriorCalibration)
     background: tuple[str, ...] | None = None
 
 
-def with_defaults(header: Header, defaults: Mapping[str, float]) -> Header:
-    """The same header with every parameter of the model; raises BadInput for one that the model does not have."""
+@dataclass(frozen=True, slots=True)
+class ParameterRange:
+    """The values that a parameter may have; above: exclusive lower limit instead of `low`."""
+
+    low: float = 0.0
+    high: float = math.inf
+    above: bool = False
+    whole: bool = False
+
+    def check(self, name: str, value: float) -> None:
+        """Raise BadInput, one line with the name, the value and the range, for a value outside it."""
+        too_low = value <= self.low if self.above else value < self.low
+        # A NaN fails every comparison.
+        if too_low or not value <= self.high or not math.isfinite(value) or (self.whole and value != int(value)):
+            raise BadInput(f"parameter {name} = {value:g}: {self} is expected")
+
+    def __str__(self) -> str:
+        number = "a whole number" if self.whole else "a number"
+        if math.isfinite(self.high):
+            return f"{number} {'above' if self.above else 'from'} {self.low:g} to {self.high:g}"
+        return f"{number} {'above' if self.above else 'not below'} {self.low:g}"
+
+
+PROBABILITY = ParameterRange(0.0, 1.0)
+POSITIVE = ParameterRange(0.0, above=True)
+NOT_NEGATIVE = ParameterRange(0.0)
+MOST_FACINGS = 72
+
+
+def with_defaults(
+    header: Header, defaults: Mapping[str, float], ranges: Mapping[str, ParameterRange] | None = None
+) -> Header:
+    """The same header with every parameter of the model.
+
+    Raises BadInput for a parameter that the model does not have, and for a value outside its range.
+    """
     for name in header.parameters:
         if name not in defaults:
-            raise BadInput(f"parameter {name!r}: not of the model {header.kind}; it has {', '.join(defaults)}")
-    return replace(header, parameters={**defaults, **header.parameters})
+            known = ", ".join(defaults)
+            raise BadInput(f"parameter {name!r}: not of the model {header.kind}; it has {known}")
+    parameters = {**defaults, **header.parameters}
+    check_parameters(parameters, ranges or {})
+    return replace(header, parameters=parameters)
+
+
+def check_parameters(parameters: Mapping[str, float], ranges: Mapping[str, ParameterRange]) -> None:
+    """Raise BadInput for the first parameter whose value is outside its range."""
+    for name, allowed in ranges.items():
+        allowed.check(name, parameters[name])
+
+
+def facings_in(parameters: Mapping[str, float]) -> int:
+    """The number of facings among the parameters, 1 by default; raises BadInput unless it is whole and from 1 to 72."""
+    facings = parameters.get("facings", 1.0)
+    if not 1 <= facings <= MOST_FACINGS or facings != int(facings):
+        raise BadInput(f"facings = {facings:g}: a whole number from 1 to {MOST_FACINGS} is expected, e.g. 12")
+    return int(facings)
 
 
 @dataclass(frozen=True, slots=True)
 class Example:
-    """One movement, cut out, as seen from the model's view. movement: its index in the vocabulary.
+    """One movement as the model's view sees it; movement: its index in the vocabulary.
 
-    Of a movement that is none of the vocabulary it is negative: -1 the first of the header's background, -2 the second.
-    facing: which of the model's K facings the person had. subject, trial: who performed it, and which time. features:
-    (F, D) what a model makes of the tracks, once it was `as_read`.
+    A negative index is a movement of the background: -1 the first in the header, -2 the second. facing: which of the
+    model's K facings the person had. subject, trial: who performed it, and which time. features: (F, D) the tracks as
+    the model reads them, after `with_features`.
     """
 
     tracks: Sequence[Tracks]
@@ -65,10 +116,10 @@ class Example:
 
 @dataclass(frozen=True, slots=True)
 class Onset:
-    """What is known of where the movement begins.
+    """What is known about the beginning of the movement.
 
-    known: it begins with the first frame. length: its number of frames, which only `frame-table` may use, as the
-    paper's frame clock I does.
+    known: the movement begins with the first frame. length: its number of frames, which only `frame-table` may use,
+    as the paper's frame clock I does.
     """
 
     known: bool = False
@@ -76,50 +127,51 @@ class Onset:
 
 
 class Watch(Protocol):
-    """One performer being watched: frames in, belief out."""
+    """A model that is watching one person: frames in, posterior out."""
 
     @property
     def p(self) -> Floats:
-        """(M,) posterior over movements, given that it is one; what is spent at rest is spread as the prior."""
+        """(M,) posterior over movements, given that it is one of them; probability at rest is spread as the prior."""
 
     @property
     def joint(self) -> Floats | None:
-        """(M, K) posterior over movements and facings, of which p is the sum; None of who knows no facings."""
+        """(M, K) joint posterior over movements and facings, whose sum is p; None for a model without facings."""
 
     @property
     def foreseen(self) -> Floats | None:
-        """(M,) how well each movement foresaw what was seen since the last rest: mean log probability a frame, in nats.
+        """(M,) mean predictive log likelihood per frame since the last rest, in nats, for each movement.
 
-        None while nothing is known of that, and of a model that cannot tell.
+        None before the first movement, and for a model that cannot tell.
         """
 
     @property
     def unlearned(self) -> Floats | None:
-        """(K,) P(none of the movements, facing), K = 1 of who knows no facings; None of who was shown nothing else."""
+        """(K,) P(none of the movements, facing), K = 1 without facings; None for a model without a background."""
 
     @property
     def rest(self) -> float:
         """Probability that the person is at rest now, before or after a movement."""
 
     def update(self, tracks: Tracks) -> None:
-        """One frame at the model's rate."""
+        """Take in one frame at the model's rate."""
 
 
 class MovementModel(Protocol):
-    """log P(observation | movement, phase) and how to believe by it.
+    """Computes log P(observation | movement, phase) and filters with it.
 
-    A model that can also be shown movements that are none of its vocabulary has `WithBackground` too.
+    A model that can also learn from movements outside its vocabulary has the methods of `WithBackground` too. A model
+    may have RANGES, a ParameterRange for each parameter; values outside are rejected.
 
-    To add one: a file with such a class, a line in registry.py; tests/contracts/test_models.py holds it to this.
+    To add a model: one file with such a class and one line in registry.py; tests/contracts/test_models.py checks it.
     """
 
     kind: ClassVar[str]
     DEFAULTS: ClassVar[Mapping[str, float]]
-    """The model's parameters where nobody gave others."""
+    """The model's parameters with their default values."""
 
     @property
     def header(self) -> Header:
-        """What the model is for."""
+        """What the model was learned for and from."""
 
     @classmethod
     def learn(cls, header: Header, examples: Sequence[Example]) -> Self:
@@ -127,39 +179,45 @@ class MovementModel(Protocol):
 
     @classmethod
     def from_arrays(cls, header: Header, arrays: Arrays) -> Self:
-        """The inverse of `arrays`."""
+        """The inverse of `arrays`; may raise ValueError or KeyError for arrays that do not fit."""
 
     def arrays(self) -> Arrays:
-        """What has to be kept, by name."""
+        """What a file must store, by name."""
 
     def watch(self, onset: Onset) -> Watch:
-        """Begin to watch somebody, knowing nothing but the prior."""
+        """Start watching a person, knowing only the prior."""
+
+
+def ranges_of(kind: type[MovementModel]) -> Mapping[str, ParameterRange]:
+    """The ranges of a model's parameters; empty for a model that declares none."""
+    ranges: Mapping[str, ParameterRange] = getattr(kind, "RANGES", {})
+    return ranges
 
 
 @runtime_checkable
 class WithBackground(Protocol):
-    """What a movement model also has that learns from examples of a negative movement, the background."""
+    """The additional method of a model that also learns from background examples."""
 
     def without_background(self, gone: int) -> MovementModel:
-        """The same without this movement of the background, by its place in the header's."""
+        """The same model without one movement of the background, given by its place in the header's."""
 
 
 @runtime_checkable
-class Reads(Protocol):
-    """What a kind of model also has that reads each example by itself, and so need not read it for every learning."""
+class ReadsExamples(Protocol):
+    """The additional method of a kind of model that reads each example once, however often it learns from it."""
 
     def read(self, header: Header, example: Example) -> Floats:
         """(F, D) features, for `Example.features`."""
 
 
-def as_read(kind: type[MovementModel], header: Header, examples: Sequence[Example]) -> list[Example]:
-    """The examples with what the model makes of them, to learn from them again and again; others as they are."""
-    if not isinstance(kind, Reads):
+def with_features(kind: type[MovementModel], header: Header, examples: Sequence[Example]) -> list[Example]:
+    """The examples with their features, if this kind of model can read them in advance; otherwise unchanged."""
+    if not isinstance(kind, ReadsExamples):
         return list(examples)
-    whole = with_defaults(header, kind.DEFAULTS)
-    return [replace(e, features=kind.read(whole, e)) for e in examples]
+    complete = with_defaults(header, kind.DEFAULTS, ranges_of(kind))
+    return [replace(e, features=kind.read(complete, e)) for e in examples]
 
 
 def evenly_spread(number: int) -> float:
-    """0 to 1: successive numbers fill the interval evenly, however many there are (multiples of the golden ratio)."""
+    """Multiples of the golden ratio modulo 1: however many successive numbers there are, they fill [0, 1) evenly."""
     return (number * (math.sqrt(5) - 1) / 2) % 1.0

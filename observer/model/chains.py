@@ -1,4 +1,4 @@
-"""Examples as chains: gaps bridged, laid over phases, what was never shown taken from others."""
+"""Training examples as chains of phases: fills gaps, resamples to a fixed number of phases, and blends chains."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -6,33 +6,32 @@ from numpy.typing import NDArray
 from observer.model.base import evenly_spread
 from observer.tracks import Floats
 
+Indices = NDArray[np.int64]
 
-def bridged(features: Floats) -> Floats:
-    """(F, D) -> the same, gaps filled linearly in time, the first frame's motion from the second's.
 
-    A feature that is never seen stays NaN.
-    """
+def fill_gaps(features: Floats) -> Floats:
+    """(F, D) -> the same, gaps filled linearly in time, ends held; a feature that is never seen stays NaN."""
     frames = np.arange(len(features))
-    result = features.copy()
-    for column in result.T:
-        seen = np.isfinite(column)
-        if seen.any():
-            column[~seen] = np.interp(frames[~seen], frames[seen], column[seen])
-    return result
+    filled = features.copy()
+    for column in filled.T:
+        known = np.isfinite(column)
+        if known.any():
+            column[~known] = np.interp(frames[~known], frames[known], column[known])
+    return filled
 
 
-def laid_over(features: Floats, phases: int) -> Floats:
+def resample_phases(features: Floats, phases: int) -> Floats:
     """(F, D) -> (Φ, D), linear between frames."""
     place = np.linspace(0, len(features) - 1, phases)
     before = np.floor(place).astype(int)
     after = np.minimum(before + 1, len(features) - 1)
     share = (place - before)[:, None]
-    laid: Floats = features[before] * (1 - share) + features[after] * share
-    return laid
+    chain: Floats = features[before] * (1 - share) + features[after] * share
+    return chain
 
 
-def completed(chains: Floats, movement_of: NDArray[np.int64]) -> Floats:
-    """(C, Φ, D) -> the same, what a chain never shows taken from its movement's others, or from all."""
+def complete_chains(chains: Floats, movement_of: Indices) -> Floats:
+    """(C, Φ, D) -> the same; features that a chain never shows are means of its movement's other chains, or of all."""
     result = chains.copy()
     for chain in np.flatnonzero(~np.isfinite(chains).all(axis=(1, 2))):
         hole = ~np.isfinite(chains[chain])
@@ -46,13 +45,11 @@ def completed(chains: Floats, movement_of: NDArray[np.int64]) -> Floats:
     return result
 
 
-Indices = NDArray[np.int64]
+def blend_pairs(movement_of: Indices, facing_of: Indices) -> tuple[Indices, Indices]:
+    """(C,) and (C,) -> (B,) and (B,): pairs of chains of different movements at the same facing; deterministic.
 
-
-def pairs_to_blend(movement_of: Indices, facing_of: Indices) -> tuple[Indices, Indices]:
-    """(C,) and (C,) -> (B,) and (B,): each chain, and one of another movement at the same facing; always the same.
-
-    Where there are several facings, of each only every second chain: the others are blended at the facings beside it.
+    The mean of such a pair is neither movement, and so an example of "something else". With several facings only every
+    second chain of each facing is paired; the others are paired at the neighbouring facings.
     """
     several = len(facing_of) > 0 and facing_of.max() > 0
     ones: list[int] = []
@@ -60,8 +57,8 @@ def pairs_to_blend(movement_of: Indices, facing_of: Indices) -> tuple[Indices, I
     for facing in np.unique(facing_of):
         here = np.flatnonzero(facing_of == facing)
         for place, one in enumerate(here):
-            strange = here[movement_of[here] != movement_of[one]]
-            if len(strange) and not (several and (place + facing) % 2):
+            different = here[movement_of[here] != movement_of[one]]
+            if len(different) and not (several and (place + facing) % 2):
                 ones.append(int(one))
-                others.append(int(strange[int(evenly_spread(place) * len(strange))]))
+                others.append(int(different[int(evenly_spread(place) * len(different))]))
     return np.array(ones, dtype=np.int64), np.array(others, dtype=np.int64)

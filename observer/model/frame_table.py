@@ -1,4 +1,7 @@
-"""P(B_bp | M, I): the table of Vector Symbols that the paper learns by counting (section IV.A, (2))."""
+"""`frame-table`: the paper's own model, (2) to (6) to the letter, and the table of Vector Symbols that it is based on.
+
+It must be told where a movement begins and ends.
+"""
 
 from collections.abc import Mapping, Sequence
 from typing import ClassVar, Self
@@ -8,36 +11,37 @@ from numpy.typing import NDArray
 
 from common.probability import softmax
 from observer.features.space import SpaceReader, Symbols
-from observer.model.base import Arrays, Example, Header, Onset, with_defaults
+from observer.model.base import NOT_NEGATIVE, POSITIVE, Arrays, Example, Header, Onset, ParameterRange, with_defaults
 from observer.tracks import Floats, Tracks
 
 SYMBOLS = 9
+MOST_BINS = 1000
 
 
 def symbols_of(example: Example, body_parts: Sequence[str], threshold: float) -> Symbols:
-    """(F, P) Vector Symbols of an example, read as an observer would read them."""
+    """(F, P) Vector Symbols of an example, as an observer would read them."""
     reader = SpaceReader(body_parts, threshold)
     return np.array([reader.update(tracks) for tracks in example.tracks])
 
 
-def indices(frames: int, bins: int) -> NDArray[np.int64]:
-    """(frames,) the bin i of each frame n when a movement of that many frames is laid over I = bins: floor(n I / F)."""
+def bin_indices(frames: int, bins: int) -> NDArray[np.int64]:
+    """(frames,) the bin i of each frame n if a movement of that many frames is divided into I bins: floor(n I / F)."""
     return np.arange(frames) * bins // max(frames, 1)
 
 
 def learn_table(
     sequences: Sequence[tuple[Symbols, int]], movements: int, bins: int, smoothing: float, neighbours: float = 0.0
 ) -> Floats:
-    """(M, I, P, 9) log P(b | m, i), by counting over (symbols (F, P), movement) with Dirichlet smoothing.
+    """(M, I, P, 9) log P(b | m, i), counted over (symbols (F, P), movement) with Dirichlet smoothing (section IV.A).
 
-    neighbours: so many counts more, spread as in the bins before and after: with few examples a bin of its own knows
-    little; 0 is the paper's table. A symbol NOT_SEEN is not counted; what was never counted stays uniform.
+    neighbours: additional counts per bin, distributed as in the bins before and after, because with few examples one
+    bin knows little; 0 is the paper's table. NOT_SEEN is not counted; a distribution without counts stays uniform.
     """
     parts = sequences[0][0].shape[1]
     counts = np.full((movements, bins, parts, SYMBOLS), smoothing)
     for symbols, movement in sequences:
         frame, part = np.nonzero(symbols >= 0)
-        np.add.at(counts[movement], (indices(len(symbols), bins)[frame], part, symbols[frame, part]), 1.0)
+        np.add.at(counts[movement], (bin_indices(len(symbols), bins)[frame], part, symbols[frame, part]), 1.0)
     if neighbours:
         beside = np.full(counts.shape, smoothing)
         beside[:, 1:] += counts[:, :-1] - smoothing
@@ -48,22 +52,23 @@ def learn_table(
 
 
 def log_evidence(log_table: Floats, symbols: Symbols) -> Floats:
-    """(..., P, 9) log table and (P,) symbols -> (...) sum over parts of log P(b_bp | ...).
+    """(..., P, 9) log table and (P,) symbols -> (...) sum over parts of log P(b_bp | ...) (2).
 
-    A part NOT_SEEN contributes factor 1: "uniformly distributed descriptors" (section I).
+    A part NOT_SEEN contributes the factor 1: "uniformly distributed descriptors" (section I).
     """
-    seen = np.flatnonzero(symbols >= 0)
-    evidence: Floats = log_table[..., seen, symbols[seen]].sum(axis=-1)
+    parts = np.flatnonzero(symbols >= 0)
+    evidence: Floats = log_table[..., parts, symbols[parts]].sum(axis=-1)
     return evidence
 
 
 class SymbolTable:
-    """What the models of Vector Symbols share: the table, learned by counting, and how it is kept.
+    """Base of the models of Vector Symbols: a table learned by counting, and its storage.
 
-    DEFAULTS holds `threshold`, `smoothing`, `neighbours` and, under the name BINS, how many bins there are.
+    DEFAULTS has `threshold`, `smoothing`, `neighbours` and, under the name BINS, the number of bins.
     """
 
     DEFAULTS: ClassVar[Mapping[str, float]]
+    RANGES: ClassVar[Mapping[str, ParameterRange]]
     BINS: ClassVar[str]
 
     def __init__(self, header: Header, log_table: Floats, mean_frames: float) -> None:
@@ -74,26 +79,32 @@ class SymbolTable:
     @classmethod
     def learn(cls, header: Header, examples: Sequence[Example]) -> Self:
         """Count Vector Symbols per movement, bin and part."""
-        header = with_defaults(header, cls.DEFAULTS)
-        given = header.parameters
-        sequences = [(symbols_of(e, header.body_parts, given["threshold"]), e.movement) for e in examples]
-        bins, movements = int(given[cls.BINS]), header.vocabulary.size
-        table = learn_table(sequences, movements, bins, given["smoothing"], given["neighbours"])
+        header = with_defaults(header, cls.DEFAULTS, cls.RANGES)
+        parameters = header.parameters
+        sequences = [(symbols_of(e, header.body_parts, parameters["threshold"]), e.movement) for e in examples]
+        bins, movements = int(parameters[cls.BINS]), header.vocabulary.size
+        table = learn_table(sequences, movements, bins, parameters["smoothing"], parameters["neighbours"])
         return cls(header, table, float(np.mean([len(e.tracks) for e in examples])))
 
     def grown(self, header: Header, examples: Sequence[Example]) -> Self:
-        """The same for a vocabulary with more movements at its end, of which alone the examples are."""
+        """The same model for a vocabulary with more movements at its end; the examples show only these."""
         table = type(self).learn(header, examples).log_table[self.header.vocabulary.size :]
         return type(self)(header, np.concatenate([self.log_table, table]), self.mean_frames)
 
     def shrunk(self, header: Header, kept: Sequence[int]) -> Self:
-        """The same for a vocabulary of only these movements, in their order."""
+        """The same model for a vocabulary of only these movements, in their order."""
         return type(self)(header, self.log_table[list(kept)], self.mean_frames)
 
     @classmethod
     def from_arrays(cls, header: Header, arrays: Arrays) -> Self:
-        """From log_table (M, I, P, 9) and mean_frames ()."""
-        return cls(header, np.asarray(arrays["log_table"], dtype=np.float64), float(arrays["mean_frames"]))
+        """From log_table (M, I, P, 9) and mean_frames (); raises ValueError if they do not fit the header."""
+        log_table, mean_frames = np.asarray(arrays["log_table"], dtype=np.float64), float(arrays["mean_frames"])
+        shape = (header.vocabulary.size, int(header.parameters[cls.BINS]), len(header.body_parts), SYMBOLS)
+        if log_table.shape != shape:
+            raise ValueError(f"log_table has shape {log_table.shape}, {shape} is expected")
+        if not np.isfinite(log_table).all() or not 0 < mean_frames < 1e9:
+            raise ValueError("log_table and mean_frames must be finite")
+        return cls(header, log_table, mean_frames)
 
     def arrays(self) -> Arrays:
         """log_table (M, I, P, 9) and mean_frames ()."""
@@ -101,9 +112,9 @@ class SymbolTable:
 
 
 class FrameClock:
-    """P(M_n+1 | i_1:n+1 b_1:n+1) proportional to P(M_n) P(b_n+1 | M i_n+1), from a uniform P(M) (6).
+    """P(M_n+1 | i_1:n+1 b_1:n+1) proportional to P(M_n) P(b_n+1 | M i_n+1), from a uniform P(M) (section IV.B, (6)).
 
-    bins: I_max. frames: how many frames the clock takes for all of them; it then stays at the last.
+    bins: I_max. frames: the number of frames in which the clock passes through all bins; it then stays in the last.
     """
 
     def __init__(self, movements: int, bins: int, frames: int) -> None:
@@ -117,7 +128,7 @@ class FrameClock:
         return min(self._n * self._bins // self._frames, self._bins - 1)
 
     def condition(self, log_likelihood: Floats) -> None:
-        """(M,) log P(b | M i) of the coming frame, i as given by the clock."""
+        """Bayes' rule (3) for one frame: (M,) log P(b | M i), for the current bin i."""
         self._log_p = self._log_p + log_likelihood
         self._log_p -= self._log_p.max()
         self._n += 1
@@ -131,13 +142,19 @@ class FrameClock:
 class FrameTable(SymbolTable):
     """log P(B_bp | M, I), with the frame I given by a clock.
 
-    Without a known length the clock runs as long as the training examples did on average and then stands still: the
-    model is then as lost as the paper's would be.
+    If the length is not known, the clock takes the mean length of the training examples and then stands still, as the
+    paper's would.
     """
 
     kind: ClassVar[str] = "frame-table"
     # Chosen by leave-one-subject-out on the training subjects 1, 3, 5, 7, 9 of MSR Action3D: docs/design/paper.md.
     DEFAULTS: ClassVar[Mapping[str, float]] = {"bins": 8.0, "threshold": 0.16, "smoothing": 0.1, "neighbours": 0.0}
+    RANGES: ClassVar[Mapping[str, ParameterRange]] = {
+        "bins": ParameterRange(1, MOST_BINS, whole=True),
+        "threshold": NOT_NEGATIVE,
+        "smoothing": POSITIVE,
+        "neighbours": NOT_NEGATIVE,
+    }
     BINS = "bins"
 
     def watch(self, onset: Onset) -> "_FrameTableWatch":
@@ -149,7 +166,7 @@ class FrameTable(SymbolTable):
 
 
 class _FrameTableWatch:
-    """The paper knows no rest: `rest` is always 0."""
+    """The paper's model has no rest: `rest` is always 0."""
 
     rest = 0.0
     joint = None

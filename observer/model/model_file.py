@@ -1,63 +1,77 @@
-"""The model file: a .npz without pickles, described in docs/design/model.md.
+"""Reads and writes model files: .npz without pickles, described in docs/design/model.md.
 
 `header` is a JSON text (format version, kind, vocabulary, view, matrix, rate, body parts, parameters, provenance,
-certainty); every other array is the model's own.
+certainty); all other arrays are the model's own.
 """
 
 import json
+import math
 import zipfile
+import zlib
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from common.errors import BadInput
 from common.vocabulary import Vocabulary
-from observer.model.base import Header, MovementModel
+from observer.array_file import read_arrays, write_arrays
+from observer.model.base import Header, MovementModel, check_parameters, ranges_of
 from observer.model.posterior_calibration import PosteriorCalibration
 from observer.model.registry import MODELS
-from observer.npz_file import read_arrays, write_whole
 
 FORMAT = 1
+HIGHEST_RATE_HZ = 1000.0
 
 
 def write_model(path: Path, model: MovementModel) -> None:
-    """Write whole or not at all; raises BadInput when the folder cannot be written."""
+    """Write the model, completely or not at all; raises BadInput or LabanmeshError as `write_arrays` does."""
     header = np.array(json.dumps(_as_json(model.header), indent=1))
-    try:
-        write_whole(path, {"header": header, **model.arrays()}, compressed=True)
-    except OSError as error:
-        raise BadInput(f"{path}: cannot be written: {error.strerror or error}") from None
+    write_arrays(path, {"header": header, **model.arrays()}, compressed=True)
 
 
 def read_model(path: Path) -> MovementModel:
-    """Read a model file; raises BadInput with one line for anything that is not one."""
+    """Read a model file; raises BadInput, one line with the reason, for anything else."""
     try:
         arrays = read_arrays(path)
     except FileNotFoundError:
         raise BadInput(f"{path}: no such model file; make one with labanmesh learn") from None
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
-        raise BadInput(f"{path}: not a model file ({error}); make one with labanmesh learn") from None
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile, zlib.error, NotImplementedError, MemoryError) as error:
+        raise BadInput(f"{path}: not a model file ({_one_line(error)}); make one with labanmesh learn") from None
     if "header" not in arrays:
-        raise BadInput(f"{path}: no model file: it has no 'header', as labanmesh learn writes it")
+        raise BadInput(f"{path}: not a model file: it has no 'header', as labanmesh learn writes it")
     try:
-        said = json.loads(str(arrays.pop("header")))
-        if said["format"] != FORMAT:
-            raise BadInput(f"{path}: model format {said['format']}, this labanmesh reads {FORMAT}: learn it again")
-        if said["kind"] not in MODELS:
-            raise BadInput(f"{path}: model kind {said['kind']!r} is unknown; known: {', '.join(MODELS)}")
-        kind, header = MODELS[said["kind"]], _from_json(said)
-        missing = [name for name in kind.DEFAULTS if name not in header.parameters]
-        if missing:
-            raise BadInput(f"{path}: its header lacks the parameter {missing[0]!r}; learn it again")
-        return kind.from_arrays(header, arrays)
-    except (KeyError, TypeError, ValueError, IndexError) as error:
-        raise BadInput(f"{path}: damaged model file ({type(error).__name__}: {error}); learn it again") from None
+        return _model_from(path, arrays)
+    except (KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError, RecursionError) as error:
+        detail = f"{type(error).__name__}: {_one_line(error)}"
+        raise BadInput(f"{path}: damaged model file ({detail}); learn it again") from None
 
 
-def require(path: Path, model: MovementModel, vocabulary: Vocabulary | None, rate_hz: float | None) -> None:
-    """Raise BadInput when the model is for another vocabulary than the scene, or another rate than a given one."""
+def _model_from(path: Path, arrays: dict[str, NDArray[Any]]) -> MovementModel:
+    document = json.loads(str(arrays.pop("header")))
+    if document["format"] != FORMAT:
+        raise BadInput(f"{path}: model format {document['format']}, this labanmesh reads {FORMAT}: learn it again")
+    if document["kind"] not in MODELS:
+        raise BadInput(f"{path}: model kind {document['kind']!r} is unknown; known: {', '.join(MODELS)}")
+    kind, header = MODELS[document["kind"]], _header_from(document)
+    missing = [name for name in kind.DEFAULTS if name not in header.parameters]
+    if missing:
+        raise BadInput(f"{path}: its header lacks the parameter {missing[0]!r}; learn it again")
+    try:
+        check_parameters(header.parameters, ranges_of(kind))
+    except BadInput as error:
+        raise BadInput(f"{path}: {error}; learn it again") from None
+    return kind.from_arrays(header, arrays)
+
+
+def _one_line(error: BaseException) -> str:
+    return " ".join(str(error).split())[:200]
+
+
+def require_match(path: Path, model: MovementModel, vocabulary: Vocabulary | None, rate_hz: float | None) -> None:
+    """Raise BadInput if the model was learned for another vocabulary or rate; None: any."""
     header = model.header
     if vocabulary is not None and header.vocabulary.digest != vocabulary.digest:
         theirs, ours = ", ".join(header.vocabulary.labels), ", ".join(vocabulary.labels)
@@ -85,29 +99,38 @@ def _as_json(header: Header) -> dict[str, Any]:
         "body_parts": list(header.body_parts),
         "parameters": dict(header.parameters),
         "provenance": dict(header.provenance),
-        "certainty": asdict(header.certainty),
+        "certainty": asdict(header.calibration),
         **background,
     }
 
 
-def _from_json(said: dict[str, Any]) -> Header:
-    words = said["vocabulary"]
-    return Header(
-        kind=said["kind"],
+def _header_from(document: dict[str, Any]) -> Header:
+    words = document["vocabulary"]
+    header = Header(
+        kind=document["kind"],
         vocabulary=Vocabulary(tuple(words["labels"]), words["name"]),
-        view=said["view"],
-        matrix=np.array(said["matrix"], dtype=np.float64).reshape(3, 4),
-        rate_hz=float(said["rate_hz"]),
-        body_parts=tuple(said["body_parts"]),
-        parameters={name: float(value) for name, value in said["parameters"].items()},
-        provenance={name: str(value) for name, value in said["provenance"].items()},
-        certainty=_certainty(said.get("certainty", {})),
-        background=tuple(str(label) for label in said["background"]) if "background" in said else None,
+        view=document["view"],
+        matrix=np.array(document["matrix"], dtype=np.float64).reshape(3, 4),
+        rate_hz=float(document["rate_hz"]),
+        body_parts=tuple(document["body_parts"]),
+        parameters={name: float(value) for name, value in document["parameters"].items()},
+        provenance={name: str(value) for name, value in document["provenance"].items()},
+        calibration=_calibration_from(document.get("certainty", {}), len(words["labels"])),
+        background=tuple(str(label) for label in document["background"]) if "background" in document else None,
     )
+    if not 0 < header.rate_hz <= HIGHEST_RATE_HZ:
+        raise ValueError(f"rate_hz is {header.rate_hz:g}, a rate above 0 and up to {HIGHEST_RATE_HZ:g} Hz is expected")
+    if not np.isfinite(header.matrix).all():
+        raise ValueError("matrix contains NaN or infinity")
+    return header
 
 
-def _certainty(said: dict[str, Any]) -> PosteriorCalibration:
-    numbers = {name: float(said[name]) for name in ("temperature", "doubt", "unlike", "slope") if name in said}
-    return PosteriorCalibration(
-        **numbers, foreseen=tuple((float(mean), float(spread)) for mean, spread in said.get("foreseen", ()))
-    )
+def _calibration_from(document: dict[str, Any], movements: int) -> PosteriorCalibration:
+    numbers = {name: float(document[name]) for name in ("temperature", "doubt", "unlike", "slope") if name in document}
+    foreseen = tuple((float(mean), float(spread)) for mean, spread in document.get("foreseen", ()))
+    calibration = PosteriorCalibration(**numbers, foreseen=foreseen)
+    finite = all(math.isfinite(number) for number in (*numbers.values(), *(n for pair in foreseen for n in pair)))
+    spreads_fit = len(foreseen) in (0, movements) and all(spread > 0 for _, spread in foreseen)
+    if not (finite and spreads_fit and calibration.temperature > 0 and 0 <= calibration.doubt <= 1):
+        raise ValueError("certainty holds numbers outside their ranges")
+    return calibration

@@ -1,6 +1,6 @@
-"""`phase`, the default: every training example is a chain of postures for the phase filter (docs/design/model.md).
+"""`phase`, the default model: every training example is a chain of postures for a phase filter (docs/design/model.md).
 
-It needs to know neither where a movement begins nor how fast it is done nor, learned at several facings, which way the
+It needs to know neither where a movement begins nor how fast it is nor, if learned at several facings, which way the
 person faces.
 """
 
@@ -11,24 +11,38 @@ from typing import ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from observer.features.posture import REFERENCE_HZ, PostureReader, at_rest
+from observer.features.posture import REFERENCE_HZ, PostureReader, without_motion
 from observer.filtering.chain_filter import ChainFilter
 from observer.filtering.phase_filter import Dynamics
-from observer.model.base import Arrays, Example, Header, Onset, with_defaults
-from observer.model.chains import bridged, completed, laid_over, pairs_to_blend
+from observer.model.base import (
+    MOST_FACINGS,
+    NOT_NEGATIVE,
+    POSITIVE,
+    PROBABILITY,
+    Arrays,
+    Example,
+    Header,
+    Onset,
+    ParameterRange,
+    with_defaults,
+)
+from observer.model.chains import blend_pairs, complete_chains, fill_gaps, resample_phases
 from observer.model.posterior_calibration import given_learned
-from observer.model.postures import Chosen, PostureEvidence, Postures
+from observer.model.postures import LivePostures, PostureEvidence, Postures
 from observer.tracks import Floats, Tracks
 
 STEPS = (0.4, 0.3, 0.15, 0.1, 0.05)
-"""P(0, 1, 2, 3, 4 phases in 1/15 s): people dwell, and hurry, more than they keep an even pace."""
+"""P(advance by 0, 1, 2, 3, 4 phases in 1/15 s): people pause and hurry more often than they keep an even pace."""
 ENTRY = (0.4, 0.3, 0.2, 0.1)
 """P(a movement is entered in its first, ... fourth phase)."""
 FEWEST_PHASES = 8
 
 
-def steps_in(share: float) -> Floats:
-    """P(k phases) in so many fifteenths of a second: STEPS as often as they go into it, and with a chance the rest."""
+def step_probabilities(share: float) -> Floats:
+    """(K,) P(advance by k phases) within `share` fifteenths of a second.
+
+    STEPS convolved with itself once per whole fifteenth; the remainder is one more step with that probability.
+    """
     whole, part = int(share), share - int(share)
     steps = np.ones(1)
     for _ in range(whole):
@@ -42,12 +56,13 @@ def steps_in(share: float) -> Floats:
 
 
 class Phase:
-    """Chains (C, Φ, D): per training example and facing Φ postures; Φ is the examples' median length in frames."""
+    """Chains (C, Φ, D): Φ postures for each training example and facing; Φ is the examples' median length in 1/15 s."""
 
     kind: ClassVar[str] = "phase"
-    # sharpness: evidence is exp(-sharpness d^2), d in body sizes. fast, apart: posture.py. outlier: no frame says more
-    # against a posture, in nats. All chosen by leaving out one of the training subjects 1, 3, 5, 7, 9 of MSR Action3D
-    # at a time (docs/design/model.md). begin, forget: guesses. facings: in how many directions a person may stand.
+    # sharpness: evidence is exp(-sharpness d^2), d in body sizes. fast: PostureReader's max_speed; apart: its
+    # hands_weight. outlier: the largest evidence of a frame against a posture, in nats. All chosen by leaving out one
+    # of the training subjects 1, 3, 5, 7, 9 of MSR Action3D at a time (docs/design/model.md). begin, forget: guesses.
+    # facings: the number of directions in which a person may stand.
     DEFAULTS: ClassVar[Mapping[str, float]] = {
         "sharpness": 1.0,
         "fast": 1.5,
@@ -57,6 +72,15 @@ class Phase:
         "forget": 0.01,
         "facings": 1.0,
     }
+    RANGES: ClassVar[Mapping[str, ParameterRange]] = {
+        "sharpness": POSITIVE,
+        "fast": POSITIVE,
+        "apart": NOT_NEGATIVE,
+        "outlier": POSITIVE,
+        "begin": PROBABILITY,
+        "forget": PROBABILITY,
+        "facings": ParameterRange(1, MOST_FACINGS, whole=True),
+    }
 
     def __init__(
         self, header: Header, chains: NDArray[np.float32], movement_of: NDArray[np.int64], facing_of: NDArray[np.int64]
@@ -65,59 +89,67 @@ class Phase:
         self._chains, self._movement_of, self._facing_of = chains, movement_of, facing_of
         self.facings = int(header.parameters["facings"])
         self._share = REFERENCE_HZ / header.rate_hz
-        # All that is none of the vocabulary is one more answer, the last.
+        # "Something else" is one more answer, the last.
         movements, facings = header.vocabulary.size, self.facings
         self.answers = movements + (header.background is not None)
         self._cell_of = np.where(movement_of < 0, movements, movement_of) * facings + facing_of
         if header.background is not None:
-            one, other = pairs_to_blend(movement_of, facing_of)
+            one, other = blend_pairs(movement_of, facing_of)
             chains = np.concatenate([chains, (chains[one] + chains[other]) / np.float32(2)])
             self._cell_of = np.concatenate([self._cell_of, movements * facings + facing_of[one]])
         self._postures = Postures(chains.transpose(1, 2, 0))
-        # Somebody at rest stands as people stood before and after their movements, without moving.
-        self._first = Postures(at_rest(chains[:, 0]).astype(np.float32).T[None])
-        self._last = Postures(at_rest(chains[:, -1]).astype(np.float32).T[None])
+        # A person at rest stands as people stood before and after their movements, without moving.
+        self._first = Postures(without_motion(chains[:, 0]).astype(np.float32).T[None])
+        self._last = Postures(without_motion(chains[:, -1]).astype(np.float32).T[None])
 
     @classmethod
     def learn(cls, header: Header, examples: Sequence[Example]) -> Self:
-        """Keep every example, its frames laid over Φ phases, its gaps bridged.
+        """Store every example, resampled to Φ phases, its gaps filled.
 
-        A posture with a hole would be near to everything; a part that an example never shows is taken from the
-        average of the other examples of its movement.
+        A posture with a hole would be near to every other; a part that an example never shows is taken from the mean
+        of the other examples of its movement.
         """
-        header = with_defaults(header, cls.DEFAULTS)
+        header = with_defaults(header, cls.DEFAULTS, cls.RANGES)
         features = [_features_of(e, header) for e in examples]
         # A phase is 1/15 s of the median example, whatever the frame rate.
         lengths = [len(f) for f, e in zip(features, examples, strict=True) if e.movement >= 0]
         phases = max(round(np.median(lengths) * REFERENCE_HZ / header.rate_hz), FEWEST_PHASES)
-        chains = np.array([laid_over(f, phases) for f in features])
-        movement_of = np.array([e.movement for e in examples], dtype=np.int64)
-        facing_of = np.array([e.facing for e in examples], dtype=np.int64)
-        return cls(header, completed(chains, movement_of).astype(np.float32), movement_of, facing_of)
+        return cls(header, *_chains_of(examples, features, phases))
 
     @classmethod
     def read(cls, header: Header, example: Example) -> Floats:
-        """(F, D) read as an observer would read them, gaps bridged."""
+        """(F, D) features as an observer would read them, gaps filled."""
         reader = _reader(header)
-        return bridged(np.array([reader.update(tracks) for tracks in example.tracks]))
+        return fill_gaps(np.array([reader.update(tracks) for tracks in example.tracks]))
 
     @classmethod
     def from_arrays(cls, header: Header, arrays: Arrays) -> Self:
-        """From chains (C, Φ, D) float32, movement_of (C,) and facing_of (C,) int64."""
+        """From chains (C, Φ, D) float32, movement_of (C,) and facing_of (C,) int64; ValueError if they do not fit."""
+        chains = np.asarray(arrays["chains"], np.float32)
         movement_of = np.asarray(arrays["movement_of"], np.int64)
         facing_of = np.asarray(arrays["facing_of"], np.int64)
-        return cls(header, np.asarray(arrays["chains"], np.float32), movement_of, facing_of)
+        features = 5 * len(header.body_parts) + 2
+        if chains.ndim != 3 or chains.shape[2] != features or 0 in chains.shape:
+            raise ValueError(f"chains have shape {chains.shape}, (C, Φ, {features}) is expected")
+        if movement_of.shape != chains.shape[:1] or facing_of.shape != chains.shape[:1]:
+            raise ValueError("movement_of and facing_of do not fit the chains")
+        if not np.isfinite(chains).all():
+            raise ValueError("chains contain NaN or infinity")
+        background = len(header.background or ())
+        if movement_of.min() < -background or movement_of.max() >= header.vocabulary.size:
+            raise ValueError("movement_of is outside the vocabulary and the background")
+        if facing_of.min() < 0 or facing_of.max() >= header.parameters["facings"]:
+            raise ValueError("facing_of is outside the facings")
+        return cls(header, chains, movement_of, facing_of)
 
     def arrays(self) -> Arrays:
         """chains (C, Φ, D) float32, movement_of (C,) and facing_of (C,) int64."""
         return {"chains": self._chains, "movement_of": self._movement_of, "facing_of": self._facing_of}
 
     def grown(self, header: Header, examples: Sequence[Example]) -> Self:
-        """The same for a vocabulary with more movements at its end, of which alone the examples are."""
-        movement_of = np.array([e.movement for e in examples], dtype=np.int64)
-        facing_of = np.array([e.facing for e in examples], dtype=np.int64)
-        laid = [laid_over(_features_of(e, header), self._chains.shape[1]) for e in examples]
-        chains = completed(np.array(laid), movement_of).astype(np.float32)
+        """The same model for a vocabulary with more movements at its end; the examples show only these."""
+        features = [_features_of(e, header) for e in examples]
+        chains, movement_of, facing_of = _chains_of(examples, features, self._chains.shape[1])
         return type(self)(
             header,
             np.concatenate([self._chains, chains]),
@@ -126,63 +158,64 @@ class Phase:
         )
 
     def shrunk(self, header: Header, kept: Sequence[int]) -> Self:
-        """The same for a vocabulary of only these movements, in their order."""
-        # Where a movement stands in the new vocabulary; its chains keep their own order, and the background its place.
-        return self._only(header, {m: n for n, m in enumerate(kept)} | {-1 - b: -1 - b for b in range(self._shown)})
+        """The same model for a vocabulary of only these movements, in their order."""
+        # New index of each movement; the background keeps its own.
+        return self._renumbered(
+            header, {m: n for n, m in enumerate(kept)} | {-1 - b: -1 - b for b in range(self._background_size)}
+        )
 
     def without_background(self, gone: int) -> Self:
-        """The same without this movement of the background, by its place in the header's."""
-        left = [b for b in range(self._shown) if b != gone]
+        """The same model without one movement of the background, given by its place in the header's."""
+        left = [b for b in range(self._background_size) if b != gone]
         header = replace(self.header, background=tuple((self.header.background or ())[b] for b in left))
         movements = {m: m for m in range(header.vocabulary.size)}
-        return self._only(header, movements | {-1 - b: -1 - n for n, b in enumerate(left)})
+        return self._renumbered(header, movements | {-1 - b: -1 - n for n, b in enumerate(left)})
 
     @property
-    def _shown(self) -> int:
-        """How many movements of the background."""
+    def _background_size(self) -> int:
         return len(self.header.background or ())
 
-    def _only(self, header: Header, place: Mapping[int, int]) -> Self:
-        """Only these movements, and where they stand then."""
-        chosen = np.isin(self._movement_of, list(place))
-        movement_of = np.array([place[m] for m in self._movement_of[chosen].tolist()], dtype=np.int64)
+    def _renumbered(self, header: Header, new_index: Mapping[int, int]) -> Self:
+        """Only the chains of these movements, in their own order, with new indices of movements."""
+        chosen = np.isin(self._movement_of, list(new_index))
+        movement_of = np.array([new_index[m] for m in self._movement_of[chosen].tolist()], dtype=np.int64)
         return type(self)(header, self._chains[chosen], movement_of, self._facing_of[chosen])
 
     def watch(self, onset: Onset) -> "_PhaseWatch":
-        """Start the filter at rest, or at the first phases where the onset is known."""
-        given = self.header.parameters
+        """Start the filter at rest, or at the first phases if the onset is known."""
+        parameters = self.header.parameters
         dynamics = Dynamics(
-            steps=steps_in(self._share)[None],
+            steps=step_probabilities(self._share)[None],
             speeds=np.ones(1),
             jitter=np.ones((1, 1)),
             entry=np.array(ENTRY),
-            begin=1 - (1 - given["begin"]) ** self._share,
-            forget=1 - (1 - given["forget"]) ** self._share,
+            begin=1 - (1 - parameters["begin"]) ** self._share,
+            forget=1 - (1 - parameters["forget"]) ** self._share,
         )
         phases = self._chains.shape[1]
-        belief = ChainFilter(self._cell_of, self.answers, self.facings, phases, dynamics, onset.known)
-        return _PhaseWatch(self, _reader(self.header), belief)
+        chain_filter = ChainFilter(self._cell_of, self.answers, self.facings, phases, dynamics, onset.known)
+        return _PhaseWatch(self, _reader(self.header), chain_filter)
 
-    def chosen(self) -> Chosen:
+    def live_postures(self) -> LivePostures:
         """The chains' postures, for one watch."""
-        return Chosen(self._postures)
+        return LivePostures(self._postures)
 
-    def evidence(self, features: Floats, chosen: Chosen) -> PostureEvidence:
-        """(D,) features, NaN where not seen -> what they say of every chain, phase and rest."""
-        given = self.header.parameters
-        of_rest = (self._first, self._last, self._cell_of, (self.answers, self.facings))
-        # Twice as many frames a second say the same twice.
-        sharpness, outlier = given["sharpness"] * self._share, given["outlier"] * self._share
-        return PostureEvidence(chosen, of_rest, features, sharpness, outlier)
+    def evidence(self, features: Floats, live_postures: LivePostures) -> PostureEvidence:
+        """(D,) features, NaN where not seen -> their likelihood for every chain, phase and rest."""
+        parameters = self.header.parameters
+        ends = (self._first, self._last, self._cell_of, (self.answers, self.facings))
+        # At twice the frame rate, two frames say what one said.
+        sharpness, outlier = parameters["sharpness"] * self._share, parameters["outlier"] * self._share
+        return PostureEvidence(live_postures, ends, features, sharpness, outlier)
 
 
 class _PhaseWatch:
-    def __init__(self, model: Phase, reader: PostureReader, belief: ChainFilter) -> None:
-        self._model, self._reader, self._belief = model, reader, belief
-        self._chosen = model.chosen()
+    def __init__(self, model: Phase, reader: PostureReader, chain_filter: ChainFilter) -> None:
+        self._model, self._reader, self._filter = model, reader, chain_filter
+        self._live_postures = model.live_postures()
         self._rested = False
         self._movements = model.header.vocabulary.size
-        self._frames, self._said = 0, np.zeros(self._movements)
+        self._frames, self._log_likelihood = 0, np.zeros(self._movements)
 
     @property
     def p(self) -> Floats:
@@ -192,41 +225,53 @@ class _PhaseWatch:
 
     @property
     def joint(self) -> Floats | None:
-        """(M, K) posterior over movements and facings; None where only one facing was learned."""
+        """(M, K) posterior over movements and facings; None for a model of one facing."""
         return self._learned if self._model.facings > 1 else None
 
     @property
     def unlearned(self) -> Floats | None:
-        """(K,) P(something else, facing); None where no background was learned."""
-        return self._belief.joint[self._movements] if self._model.answers > self._movements else None
+        """(K,) P(something else, facing); None without a background."""
+        return self._filter.posterior[self._movements] if self._model.answers > self._movements else None
 
     @property
     def _learned(self) -> Floats:
-        joint = self._belief.joint
-        return joint if len(joint) == self._movements else given_learned(joint)
+        posterior = self._filter.posterior
+        return posterior if len(posterior) == self._movements else given_learned(posterior)
 
     @property
     def rest(self) -> float:
         """P(at rest now)."""
-        return self._belief.rest
+        return self._filter.rest
 
     @property
     def foreseen(self) -> Floats | None:
-        """(M,) mean log probability a frame of the movement that goes on, else of the last; None before any."""
-        return self._said / self._frames if self._frames else None
+        """(M,) mean predictive log likelihood per frame of the current movement, else of the last; None before any."""
+        return self._log_likelihood / self._frames if self._frames else None
 
     def update(self, tracks: Tracks) -> None:
+        """Take in one frame."""
         features = self._reader.update(tracks)
         if not np.isfinite(features).any():
-            self._belief.step_blind()
+            self._filter.step_blind()
             return
-        self._belief.step(self._model.evidence(features, self._chosen))
-        if self._belief.rest >= 0.5:
+        self._filter.step(self._model.evidence(features, self._live_postures))
+        if self._filter.rest >= 0.5:
             self._rested = True
             return
         if self._rested:
-            self._rested, self._frames, self._said = False, 0, np.zeros_like(self._said)
-        self._frames, self._said = self._frames + 1, self._said + self._belief.said[: self._movements]
+            self._rested, self._frames, self._log_likelihood = False, 0, np.zeros_like(self._log_likelihood)
+        self._frames += 1
+        self._log_likelihood = self._log_likelihood + self._filter.predictive_log_likelihood[: self._movements]
+
+
+def _chains_of(
+    examples: Sequence[Example], features: Sequence[Floats], phases: int
+) -> tuple[NDArray[np.float32], NDArray[np.int64], NDArray[np.int64]]:
+    """Chains (C, Φ, D) of the examples' features (F, D), and their movements and facings (C,)."""
+    movement_of = np.array([e.movement for e in examples], dtype=np.int64)
+    facing_of = np.array([e.facing for e in examples], dtype=np.int64)
+    chains = np.array([resample_phases(f, phases) for f in features])
+    return complete_chains(chains, movement_of).astype(np.float32), movement_of, facing_of
 
 
 def _reader(header: Header) -> PostureReader:

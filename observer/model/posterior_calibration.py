@@ -1,5 +1,6 @@
-"""How far a model's beliefs can be believed: the temperature and the doubt that make a probability of 0.8 right 8 times
-in 10, and how unlike the learned movements something has to be to be none of them. Pure; docs/design/model.md.
+"""Calibrates a model's posteriors: temperature and uniform mixing so that a probability of 0.8 is right 8 times in 10.
+
+Also decides how unlike the learned movements a movement must be to count as none of them. Pure; docs/design/model.md.
 """
 
 from collections.abc import Sequence
@@ -18,25 +19,24 @@ Indices = NDArray[np.int64]
 
 TEMPERATURES = np.geomspace(0.5, 8.0, 33)
 DOUBTS = np.array([0.002, 0.005, 0.01, 0.02, 0.03, 0.05, 0.08, 0.12, 0.2])
-LEAST_SPREAD = 0.3
-"""Of the mean spread: few examples of a movement can be alike by chance."""
+SMALLEST_SPREAD = 0.3
+"""As a share of the mean spread: a few examples of a movement can be alike by chance."""
 FEWEST_EXAMPLES = 20
-"""Judged examples below which what is fitted is chance: nothing is believed more than by FEW then."""
-LEAST_P = 1e-12
-HINT = 0.5
-"""Nats that one judge may say for or against something else: how well a movement is foreseen depends on the tracker
-too. That the judges disagree says more, and only fusion sees it.
-"""
+"""With fewer evaluated examples a fit is chance; the result is then at least as cautious as CAUTIOUS."""
+TINY_P = 1e-12
+MAX_EVIDENCE = 0.5
+"""Nats for or against "something else" from one observer: the likelihood of a movement also depends on the tracker.
+Disagreement between observers says more, and only fusion sees that."""
 
 
 @dataclass(frozen=True, slots=True)
 class PosteriorCalibration:
-    """p' = (1 - doubt) p^(1/temperature)/Z + doubt/M, and P(something else) from how well the movement was foreseen.
+    """p' = (1 - doubt) p^(1/temperature)/Z + doubt/M, and P(something else) from the predictive likelihood.
 
-    foreseen: per movement mean and spread of how well its examples were foreseen (mean log probability a frame) by a
-    model that had not learned from the same person; empty where that is not known. unlike, slope: ln of the odds that
-    something is none of the movements, slope (z - unlike), z spreads below the mean, against the movement's own. Of a
-    model that knows something else these are left out: that is one more of its answers, and p' is over all of them.
+    foreseen: for each movement mean and spread of `Watch.foreseen` over its examples, by models that had not learned
+    from the same person; empty if unknown. unlike, slope: the log odds that a movement is none of the vocabulary are
+    slope (z - unlike), where z is how many spreads its likelihood lies below the mean. A model that knows "something
+    else" leaves these out: it is one more of its answers, and p' covers all of them.
     """
 
     temperature: float = 1.0
@@ -45,124 +45,147 @@ class PosteriorCalibration:
     unlike: float = 0.0
     slope: float = 0.0
 
-    def of(self, belief: Floats) -> Floats:
-        """(A,) or (A, K) posterior over answers, summing to 1 over all -> the same, to be believed."""
+    def apply(self, posterior: Floats) -> Floats:
+        """(A,) or (A, K) posterior that sums to 1 over all entries -> the calibrated posterior, same shape."""
         if self.temperature == 1.0 and self.doubt == 0.0:
-            return belief
-        cells = belief.ravel()
+            return posterior
+        cells = posterior.ravel()
         with np.errstate(divide="ignore"):
             tempered = softmax(np.log(cells) / self.temperature)
-        believed: Floats = ((1 - self.doubt) * tempered + self.doubt / len(cells)).reshape(belief.shape)
-        return believed
+        calibrated: Floats = ((1 - self.doubt) * tempered + self.doubt / len(cells)).reshape(posterior.shape)
+        return calibrated
 
     def unlearned(self, p: Floats, foreseen: Floats | None) -> float | None:
-        """p (M,), foreseen (M,) mean log probability a frame -> P(none of the movements); prior 1/(M+1).
+        """p (M,), foreseen (M,) mean log likelihood per frame -> P(none of the movements), with the prior 1/(M+1).
 
-        None where nothing was learned of it, or the person has not moved.
+        None if the calibration knows nothing about it, or if the person has not moved yet.
         """
         if foreseen is None or not self.foreseen:
             return None
         m = int(p.argmax())
         mean, spread = self.foreseen[m]
         log_odds = self.slope * ((mean - float(foreseen[m])) / spread - self.unlike)
-        return float(1.0 / (1.0 + len(p) * np.exp(-np.clip(log_odds, -HINT, HINT))))
+        return float(1.0 / (1.0 + len(p) * np.exp(-np.clip(log_odds, -MAX_EVIDENCE, MAX_EVIDENCE))))
 
 
-FEW = PosteriorCalibration(temperature=1.3, doubt=0.12)
-"""What is believed of a model that could hardly be tried, or on its own person alone: what other people make of models
-of 3 to 20 movements learned from one training subject each, of 1, 3, 5, 7, 9 of MSR Action3D
-(docs/guide/own-movements.md).
-"""
+CAUTIOUS = PosteriorCalibration(temperature=1.3, doubt=0.12)
+"""For a model that could hardly be evaluated, or only on its own person: what fits for other people and models of 3 to
+20 movements learned from one training subject each, of 1, 3, 5, 7, 9 of MSR Action3D (docs/guide/own-movements.md)."""
+
+
+def answer_posterior(watch: "Watch") -> Floats:
+    """(A, K) posterior over answers and facings: the M movements and, if the model knows it, "something else" last."""
+    joint, unlearned = watch.joint, watch.unlearned
+    learned = watch.p[:, None] if joint is None else joint
+    return learned if unlearned is None else np.vstack([learned * (1.0 - unlearned.sum()), unlearned])
+
+
+def given_learned(answers: Floats) -> Floats:
+    """(M + 1, K) -> (M, K) given that it is one of the movements; uniform if that is impossible."""
+    learned = answers[:-1]
+    total = float(learned.sum())
+    return learned / total if total > 0 else np.full(learned.shape, 1.0 / learned.size)
+
+
+def calibrated_posterior(watch: "Watch", calibration: PosteriorCalibration) -> tuple[Floats, float | None]:
+    """(M, K) calibrated posterior given that it is one of the movements, and P(none of them), None if unknown."""
+    answers = calibration.apply(answer_posterior(watch))
+    if watch.unlearned is not None:
+        return given_learned(answers), float(answers[-1].sum())
+    return answers, calibration.unlearned(answers.sum(axis=1), watch.foreseen)
 
 
 @dataclass(frozen=True, slots=True)
-class Tried:
-    """One example, judged by a model that had not learned from its person. beliefs: (T, M) at some times of it.
+class HeldOutResult:
+    """What a model that had not learned from an example's person makes of it; posteriors: (T, A) at T times.
 
-    foreseen: (M,) how well each movement foresaw it to its end, None where the model cannot tell. Of a model that knows
-    something else that is the last of its answers M + 1; truth M is an example of it, by whose like it did not learn.
+    truth: index of the right answer. foreseen: (M,) `Watch.foreseen` at the end, None if the model cannot tell. For a
+    model that knows "something else", this is the last of A = M + 1 answers; truth M is an example of a background
+    movement that the model had not learned.
     """
 
     truth: int
-    beliefs: Floats
+    posteriors: Floats
     foreseen: Floats | None
 
 
-def fit(tried: Sequence[Tried], movements: int) -> PosteriorCalibration:
-    """Temperature and doubt of the least log loss; mean and spread of what is foreseen, the odds by logistic fit."""
-    if not tried:
-        return FEW
-    beliefs = np.concatenate([t.beliefs for t in tried])
-    truth = np.concatenate([np.full(len(t.beliefs), t.truth) for t in tried])
-    temperature, doubt = _least_log_loss(beliefs, truth, _weights(truth, movements))
-    if len(tried) < FEWEST_EXAMPLES:
-        return not_surer(PosteriorCalibration(temperature, doubt))
-    if beliefs.shape[1] > movements or any(t.foreseen is None for t in tried):
+def fit_calibration(results: Sequence[HeldOutResult], movements: int) -> PosteriorCalibration:
+    """The calibration of least log loss, and for "something else" the odds by logistic regression."""
+    if not results:
+        return CAUTIOUS
+    posteriors = np.concatenate([r.posteriors for r in results])
+    truth = np.concatenate([np.full(len(r.posteriors), r.truth) for r in results])
+    temperature, doubt = _least_log_loss(posteriors, truth, _weights(truth, movements))
+    if len(results) < FEWEST_EXAMPLES:
+        return at_least_cautious(PosteriorCalibration(temperature, doubt))
+    if posteriors.shape[1] > movements or any(r.foreseen is None for r in results):
         return PosteriorCalibration(temperature, doubt)
-    stats = _foreseen(tried, movements)
-    own = np.array([_below(t, t.truth, stats) for t in tried])
-    other = np.array([_below(t, _best_other(t), stats) for t in tried])
+    statistics = _foreseen_statistics(results, movements)
+    own = np.array([_spreads_below(r, r.truth, statistics) for r in results])
+    other = np.array([_spreads_below(r, _best_other(r), statistics) for r in results])
     slope, unlike = _logistic(own, other)
-    return PosteriorCalibration(temperature, doubt, stats, unlike, slope)
+    return PosteriorCalibration(temperature, doubt, statistics, unlike, slope)
 
 
-def not_surer(found: PosteriorCalibration) -> PosteriorCalibration:
-    """The same, but no surer than FEW, and silent about what is none of the movements: found of one person alone."""
-    return PosteriorCalibration(max(found.temperature, FEW.temperature), max(found.doubt, FEW.doubt))
+def at_least_cautious(calibration: PosteriorCalibration) -> PosteriorCalibration:
+    """The calibration, at least as cautious as CAUTIOUS and without "something else": for a single person's model."""
+    return PosteriorCalibration(
+        max(calibration.temperature, CAUTIOUS.temperature), max(calibration.doubt, CAUTIOUS.doubt)
+    )
 
 
 def _weights(truth: Indices, movements: int) -> Floats:
-    """Of each example: those of something else together as much as those of a movement, as its prior 1/(M+1) says."""
-    strange = truth == movements
-    share = (~strange).sum() / (movements * max(int(strange.sum()), 1))
-    return np.where(strange, share, 1.0)
+    """All examples of "something else" together weigh as much as those of one movement, as its prior 1/(M+1) says."""
+    background = truth == movements
+    share = (~background).sum() / (movements * max(int(background.sum()), 1))
+    return np.where(background, share, 1.0)
 
 
-def _least_log_loss(beliefs: Floats, truth: Indices, weights: Floats) -> tuple[float, float]:
+def _least_log_loss(posteriors: Floats, truth: Indices, weights: Floats) -> tuple[float, float]:
     with np.errstate(divide="ignore"):
-        logs = np.log(np.maximum(beliefs, 1e-300))
+        logs = np.log(np.maximum(posteriors, 1e-300))
     best = (np.inf, 1.0, 0.0)
     for temperature in TEMPERATURES:
         right = softmax(logs / temperature)[np.arange(len(truth)), truth]
-        # Who was never wrong in n trials may be in the next.
-        for doubt in DOUBTS[min(1.0 / float(weights.sum()), FEW.doubt) <= DOUBTS]:
-            losses = -np.log((1 - doubt) * right + doubt / beliefs.shape[1] + LEAST_P)
+        # A model without an error in n examples may be wrong in the next.
+        for doubt in DOUBTS[min(1.0 / float(weights.sum()), CAUTIOUS.doubt) <= DOUBTS]:
+            losses = -np.log((1 - doubt) * right + doubt / posteriors.shape[1] + TINY_P)
             loss = float((weights * losses).mean())
             best = min(best, (loss, float(temperature), float(doubt)))
     return best[1], best[2]
 
 
-def _foreseen(tried: Sequence[Tried], movements: int) -> tuple[tuple[float, float], ...]:
+def _foreseen_statistics(results: Sequence[HeldOutResult], movements: int) -> tuple[tuple[float, float], ...]:
     own: list[list[float]] = [[] for _ in range(movements)]
-    for t in tried:
-        if t.foreseen is not None:
-            own[t.truth].append(float(t.foreseen[t.truth]))
+    for r in results:
+        if r.foreseen is not None:
+            own[r.truth].append(float(r.foreseen[r.truth]))
     everything = np.array([value for values in own for value in values])
     spreads = np.array([np.std(values) for values in own if len(values) > 1] or [everything.std()])
-    least = max(LEAST_SPREAD * float(spreads.mean()), 1e-6)
+    smallest = max(SMALLEST_SPREAD * float(spreads.mean()), 1e-6)
     return tuple(
-        (float(np.mean(values)), max(float(np.std(values)), least))
+        (float(np.mean(values)), max(float(np.std(values)), smallest))
         if len(values) > 1
-        else (float(everything.mean()), float(everything.std()) + least)
+        else (float(everything.mean()), float(everything.std()) + smallest)
         for values in own
     )
 
 
-def _below(tried: Tried, movement: int, stats: Sequence[tuple[float, float]]) -> float:
-    """Spreads by which it was foreseen worse than examples of that movement are."""
-    mean, spread = stats[movement]
-    return 0.0 if tried.foreseen is None else (mean - float(tried.foreseen[movement])) / spread
+def _spreads_below(result: HeldOutResult, movement: int, statistics: Sequence[tuple[float, float]]) -> float:
+    """By how many spreads the likelihood lies below that movement's mean."""
+    mean, spread = statistics[movement]
+    return 0.0 if result.foreseen is None else (mean - float(result.foreseen[movement])) / spread
 
 
-def _best_other(tried: Tried) -> int:
-    """What the model would have taken it for, had it not learned the right movement."""
-    others = tried.beliefs[-1].copy()
-    others[tried.truth] = -1.0
+def _best_other(result: HeldOutResult) -> int:
+    """The answer that the model would have given without the right movement."""
+    others = result.posteriors[-1].copy()
+    others[result.truth] = -1.0
     return int(others.argmax())
 
 
 def _logistic(own: Floats, other: Floats) -> tuple[float, float]:
-    """Slope and place where both are equally likely: Newton's method, with a ridge against separable data."""
+    """Slope and the point of equal odds, by Newton's method; a ridge bounds the slope for separable data."""
     x = np.clip(np.concatenate([own, other]), -10.0, 10.0)
     y = np.concatenate([np.zeros(len(own)), np.ones(len(other))])
     design, weights = np.stack([x, np.ones(len(x))], axis=1), np.zeros(2)
@@ -173,25 +196,3 @@ def _logistic(own: Floats, other: Floats) -> tuple[float, float]:
         weights = weights + np.linalg.solve(hessian, gradient)
     slope = max(float(weights[0]), 1e-6)
     return slope, float(-weights[1] / slope)
-
-
-def answers_of(watch: "Watch") -> Floats:
-    """(A, K) posterior over answers and facings: the M movements and, if it is known, "something else" as the last."""
-    joint, unlearned = watch.joint, watch.unlearned
-    learned = watch.p[:, None] if joint is None else joint
-    return learned if unlearned is None else np.vstack([learned * (1.0 - unlearned.sum()), unlearned])
-
-
-def given_learned(answers: Floats) -> Floats:
-    """(M + 1, K) -> (M, K) given that it is one of the movements; uniform where that cannot be."""
-    learned = answers[:-1]
-    total = float(learned.sum())
-    return learned / total if total > 0 else np.full(learned.shape, 1.0 / learned.size)
-
-
-def believed(watch: "Watch", certainty: PosteriorCalibration) -> tuple[Floats, float | None]:
-    """(M, K) what can be believed of its movements, given that it is one, and P(none of them), None if not known."""
-    answers = certainty.of(answers_of(watch))
-    if watch.unlearned is not None:
-        return given_learned(answers), float(answers[-1].sum())
-    return answers, certainty.unlearned(answers.sum(axis=1), watch.foreseen)

@@ -1,4 +1,4 @@
-"""How near an observed posture is to each of many, and what that says: exp(-sharpness d^2), with bounded outliers."""
+"""Likelihood of an observed posture under many stored ones: exp(-sharpness d^2), with bounded outliers."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +10,7 @@ from observer.tracks import Floats
 
 
 class Postures:
-    """(Φ, D, C) postures, chain by chain and phase by phase, to which distances are measured frame after frame."""
+    """(Φ, D, C) postures by phase, feature and chain, to which the distances of each frame are computed."""
 
     def __init__(self, postures: NDArray[np.float32]) -> None:
         # Phases first, chains last: the phases that are reached and the chains that count are a block of memory.
@@ -20,80 +20,75 @@ class Postures:
         self._length = self._lengths.sum(axis=0)
         self._first_of = np.searchsorted(groups, np.arange(groups[-1] + 1))
 
-    def of(self, chains: Indices) -> "Postures":
-        """Those of some chains alone."""
-        chosen = object.__new__(Postures)
-        chosen._postures = np.ascontiguousarray(self._postures[:, :, chains])
-        chosen._lengths, chosen._length = self._lengths[:, :, chains], self._length[:, chains]
-        chosen._first_of = self._first_of
-        return chosen
-
-    @property
-    def bytes(self) -> int:
-        """Memory."""
-        return int(self._postures.nbytes + self._lengths.nbytes + self._length.nbytes)
+    def select(self, chains: Indices) -> "Postures":
+        """The postures of these chains only."""
+        selected = object.__new__(Postures)
+        selected._postures = np.ascontiguousarray(self._postures[:, :, chains])
+        selected._lengths, selected._length = self._lengths[:, :, chains], self._length[:, chains]
+        selected._first_of = self._first_of
+        return selected
 
     def squared_distances(self, features: Floats, phases: int) -> Masses:
-        """(D,) features, NaN where not seen -> (phases, C) squared distances over what is seen, first phases alone.
+        """(D,) features, NaN where not seen -> (phases, C) squared distances over what is seen, of the first phases.
 
         |x - o|^2 = |x|^2 - 2 x.o + |o|^2, so that a frame costs one matrix-vector product.
         """
-        seen = np.isfinite(features)
-        o = np.where(seen, features, 0.0).astype(np.float32)
+        known = np.isfinite(features)
+        o = np.where(known, features, 0.0).astype(np.float32)
         # A feature is seen together with its group.
-        some = self._lengths[seen[self._first_of], :phases]
-        lengths = self._length[:phases] if seen.all() else some.sum(axis=0)
+        some = self._lengths[known[self._first_of], :phases]
+        lengths = self._length[:phases] if known.all() else some.sum(axis=0)
         distances: Masses = lengths - 2 * np.matmul(o, self._postures[:phases]) + np.float32(o @ o)
         return np.maximum(distances, 0, out=distances)
 
 
-class Chosen:
-    """The postures of the chains that count, gathered anew only when those change."""
+class LivePostures:
+    """The postures of the filter's live chains, copied again only when these change."""
 
     def __init__(self, postures: Postures) -> None:
-        self._whole = self._chosen = postures
+        self._all = self._selected = postures
         self._live: Indices | None = None
 
     def of(self, live: Indices | None) -> Postures:
-        """Of these chains; None: of all."""
+        """The postures of these chains; None: of all."""
         if live is not self._live:
-            self._chosen = self._whole if live is None else self._whole.of(live)
+            self._selected = self._all if live is None else self._all.select(live)
             self._live = live
-        return self._chosen
+        return self._selected
 
 
 class PostureEvidence:
-    """What one frame's features say.
+    """The likelihood of one frame's features for every chain, phase and rest (`chain_filter.Evidence`).
 
-    of_rest: the postures (1, D, C) in which the chains begin and end, without motion, the chains' cells (C,), which are
-    movement * K + facing, and (M, K). outlier: evidence against a posture is at most so many nats beside the nearest:
-    one blunder of a tracker, or one odd movement of a hand, must not decide alone.
+    ends: the postures (1, D, C) in which the chains begin and end, without motion, the chains' cells (C,), which are
+    movement * K + facing, and (M, K). outlier: the largest evidence in nats against a posture compared with the nearest
+    one, so that one error of a tracker or one odd movement of a hand does not decide alone.
     """
 
     def __init__(
         self,
-        chosen: "Chosen",
-        of_rest: tuple[Postures, Postures, Indices, tuple[int, int]],
+        live_postures: LivePostures,
+        ends: tuple[Postures, Postures, Indices, tuple[int, int]],
         features: Floats,
         sharpness: float,
         outlier: float,
     ) -> None:
-        self._chosen, self._features = chosen, features
+        self._live_postures, self._features = live_postures, features
         self._sharpness, self._outlier = np.float32(sharpness), np.float32(outlier)
-        first, last, cell_of, (movements, facings) = of_rest
-        begun, ended = (self._likelihood(each) for each in (first, last))
+        first, last, cell_of, (movements, facings) = ends
+        begin, end = (self._likelihood(postures) for postures in (first, last))
         count = np.maximum(np.bincount(cell_of, minlength=movements * facings), 1)
-        own = (np.bincount(cell_of, ended, len(count)) / count).reshape(movements, facings)
-        # Who rests faces one way: a mean over all facings would rule rest out.
+        own = (np.bincount(cell_of, end, len(count)) / count).reshape(movements, facings)
+        # A person at rest faces one way; a mean over all facings would rule rest out.
         facing_of = cell_of % facings
         twice = 2 * np.maximum(np.bincount(facing_of, minlength=facings), 1)
-        of_facing = np.bincount(facing_of, begun + ended, facings) / twice
+        of_facing = np.bincount(facing_of, begin + end, facings) / twice
         self._rest = float(of_facing.max())
         self._after = np.maximum(own, of_facing)
 
     def chains(self, live: Indices | None, phases: int) -> tuple[Masses, float]:
-        """(phases, n) exp(-sharpness d^2) + exp(-outlier) · the nearest's, over the nearest's; and ln of that."""
-        likelihood = self._chosen.of(live).squared_distances(self._features, phases)
+        """(phases, n) likelihoods relative to the nearest posture's, plus exp(-outlier); and the log of that scale."""
+        likelihood = self._live_postures.of(live).squared_distances(self._features, phases)
         nearest = likelihood.min()
         likelihood -= nearest
         likelihood *= -self._sharpness
@@ -103,12 +98,12 @@ class PostureEvidence:
 
     @property
     def rest(self) -> float:
-        """ln of the mean over all postures in which somebody of that facing rested, at the facing where it is most."""
+        """Log of the mean likelihood over the postures at rest of one facing, for the facing where it is largest."""
         return float(np.log(max(self._rest, np.exp(FLOOR))))
 
     @property
     def after(self) -> Floats:
-        """(M, K) ln of the mean over those in which the movement ended, where that is more than rest at that facing."""
+        """(M, K) log of the mean likelihood over the movement's last postures, at least that of rest at the facing."""
         after: Floats = np.log(np.maximum(self._after, np.exp(FLOOR)))
         return after
 

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from common.errors import BadInput, LabanmeshError
+from common.errors import BadInput
+from observer.array_file import write_arrays
 from observer.motion.archive import MotionArchive, Recording, Span, check_archive
-from observer.npz_file import write_whole
 
 Arrays = dict[str, NDArray[Any]]
 
@@ -58,22 +58,12 @@ def read_archive(path: Path) -> MotionArchive:
 
 
 def write_archive(path: Path, archive: MotionArchive) -> None:
-    """Write `archive` to the .npz file at `path`: whole or not at all, an older file there stays until then.
+    """Write `archive` to the .npz file at `path`, completely or not at all.
 
-    Raises BadInput when the archive breaks a rule of the contract or the folder is missing, LabanmeshError when
-    the disk refuses.
+    Raises BadInput if the archive breaks a rule of the contract, BadInput or LabanmeshError as `write_arrays` does.
     """
     check_archive(archive, f"{path}: not written")
-    target = path.resolve()
-    if target.is_dir():
-        raise BadInput(f"{path}: is a folder; the name of a file is expected, such as {path / 'motion.npz'}")
-    if not target.parent.is_dir():
-        raise BadInput(f"{path}: folder {target.parent} does not exist; make it first")
-    arrays = _arrays(archive)
-    try:
-        write_whole(target, arrays, compressed=False)
-    except OSError as error:
-        raise LabanmeshError(f"{path}: cannot be written: {error.strerror or error}") from error
+    write_arrays(path, _arrays(archive), compressed=False)
 
 
 def _load(path: Path) -> Arrays:

@@ -1,4 +1,4 @@
-"""Where an observer's frames come from, and recorded motion, played in real time, faster, or as fast as possible."""
+"""Plays recorded motion: in real time, faster, or as fast as possible."""
 
 import itertools
 import threading
@@ -6,20 +6,19 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
+from common import SECOND_NS
 from observer.motion.archive import Recording
 from observer.tracks import Frame
 
-SECOND_NS = 1_000_000_000
 Clock = Callable[[], int]
 
 
 @dataclass(frozen=True, slots=True)
 class RecordedMotion:
-    """Plays recordings one after the other, whole and never ahead of time.
+    """A FrameSource that plays recordings one after the other, completely and never ahead of time.
 
-    Frame i is captured at start + i / rate / speed; without `start_ns` that is now. speed 0: no waiting, and the
-    time of capture is the time of playing, which is what ever faster playing comes to. When the observer is
-    slower than the motion, frames come late and none is left out. After the last frame nothing is held: it ends.
+    Frame i is captured at start + i / rate / speed; start is `start_ns`, or now. speed 0: no waiting, and the capture
+    time is the time of playback. If the observer is slower than the motion, frames come late and none is dropped.
     """
 
     archive_parts: tuple[str, ...]
@@ -36,7 +35,7 @@ class RecordedMotion:
 
     @property
     def rate_hz(self) -> float:
-        """Frames per second of motion, as the first recording was sampled: what a model must be told."""
+        """Frames per second of motion, of the first recording."""
         return self.recordings[0].rate_hz
 
     @property
@@ -45,7 +44,7 @@ class RecordedMotion:
         return self.archive_parts
 
     def frames(self, stop: threading.Event) -> Iterator[Frame]:
-        """Each frame when it is due."""
+        """Each frame when it is due; ends soon after `stop` is set."""
         due_ns = self.clock() if self.start_ns is None else self.start_ns
         motion_ns = 0
         for recording in itertools.cycle(self.recordings) if self.loop else self.recordings:
@@ -62,7 +61,7 @@ class RecordedMotion:
 
 
 def wait_until(due_ns: int, speed: float, stop: threading.Event, clock: Clock) -> int | None:
-    """The time of capture of what is due then: that, or with speed 0 now; None when told to stop before."""
+    """Wait, then return the capture time: `due_ns`, or now if speed is 0; None if stopped before."""
     while not stop.is_set():
         now_ns = clock()
         if now_ns >= due_ns:

@@ -1,9 +1,10 @@
-"""A tracker for recorded motion: the projective matrix of a view takes the place of a camera and its tracking."""
+"""Recorded motion as a view sees it: a projective matrix replaces the camera and its tracker."""
 
 from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from common import SECOND_NS
 from common.errors import BadInput
 from observer.geometry.projection import project
 from observer.geometry.views import View
@@ -12,10 +13,10 @@ from observer.tracks import Frame, Tracks
 
 
 class ProjectedTracker:
-    """Projects the 3-D positions of a frame into a view (section II.B).
+    """A tracker that projects the 3-D positions of a frame into a view (section II.B).
 
-    recorded: names of the parts in the frame's content; wanted: those that the model knows, in its order.
-    Raises BadInput when a wanted part was not recorded.
+    recorded: names of the parts in the frame's content; wanted: those that the model reads, in its order.
+    Raises BadInput if a wanted part was not recorded.
     """
 
     def __init__(self, view: View, recorded: Sequence[str], wanted: Sequence[str]) -> None:
@@ -27,18 +28,18 @@ class ProjectedTracker:
         self._rows = [list(recorded).index(part) for part in wanted]
 
     def update(self, frame: Frame) -> Tracks:
-        """The recorded positions as this view sees them; a part not recorded in this frame is not seen."""
+        """The recorded positions in the view's image; a part that is missing in this frame is not seen."""
         return Tracks(project(self._view.matrix, frame.content[self._rows]))
 
 
 def view_tracks(view: View, recording: Recording, recorded: tuple[str, ...], wanted: tuple[str, ...]) -> list[Tracks]:
-    """The recording's frames as the view sees them."""
+    """The tracks of all frames of a recording, seen from the view."""
     tracker = ProjectedTracker(view, recorded, wanted)
     return [tracker.update(frame) for frame in frames_of(recording)]
 
 
 def frames_of(recording: Recording, start_ns: int = 0) -> Iterator[Frame]:
     """The recording's frames, captured at its own rate from `start_ns` on."""
-    interval_ns = 1e9 / recording.rate_hz
+    interval_ns = SECOND_NS / recording.rate_hz
     for n, positions in enumerate(recording.positions.astype(np.float64)):
         yield Frame(start_ns + round(n * interval_ns), positions)

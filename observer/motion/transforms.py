@@ -1,4 +1,4 @@
-"""Recordings on another clock: at another sampling rate, or performed faster or slower; pure."""
+"""Transforms of recordings: select, cut into single movements, resample to another rate, and change the tempo. Pure."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -8,18 +8,65 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.errors import BadInput
+from common.text import nearest
 from observer.motion.archive import MotionArchive, Recording, Span
 
 _SAME_INSTANT = 1e-6
-"""Frames: instants nearer than this are one, so that rounding makes no frame depend on a not-seen neighbour."""
+"""Frames: closer instants are one, so that rounding makes no frame depend on a missing neighbour."""
+
+
+def select(archive: MotionArchive, subjects: Sequence[str] = (), rate_hz: float | None = None) -> MotionArchive:
+    """The recordings of these subjects (default: all), resampled to this rate (default: their own).
+
+    Raises BadInput for a subject that is not in the archive.
+    """
+    known = sorted({r.subject for r in archive.recordings})
+    for subject in subjects:
+        if subject not in known:
+            raise BadInput(f"subject {subject!r}: not in the archive; it has {', '.join(known)}")
+    recordings = [r for r in archive.recordings if not subjects or r.subject in subjects]
+    if rate_hz is not None:
+        recordings = [r if r.rate_hz == rate_hz else resample(r, rate_hz) for r in recordings]
+    return MotionArchive(archive.body_parts, tuple(recordings))
+
+
+def movements_in(archive: MotionArchive) -> Iterator[Recording]:
+    """Recordings of one movement each: continuous recordings are cut at their spans."""
+    for recording in archive.recordings:
+        if not recording.spans:
+            yield recording
+        for n, span in enumerate(recording.spans):
+            piece = recording.positions[span.start : span.end]
+            yield Recording(piece, recording.rate_hz, span.label, recording.subject, f"{recording.trial}.{n}")
+
+
+def labels_of(archive: MotionArchive) -> tuple[str, ...]:
+    """All labels in the archive, in order of first appearance."""
+    return tuple(dict.fromkeys(r.label for r in movements_in(archive) if r.label))
+
+
+def require_labels(labels: Sequence[str], archive: MotionArchive, option: str) -> None:
+    """Raise BadInput, with a suggestion, for the first label that no recording of the archive shows."""
+    known = labels_of(archive)
+    for label in labels:
+        if label not in known:
+            raise BadInput(f"{option} {label}: no recording shows this movement; {nearest(label, known)}")
+
+
+def common_rate(archive: MotionArchive) -> float:
+    """The rate of all recordings, in Hz; raises BadInput if they differ."""
+    rates = sorted({recording.rate_hz for recording in archive.recordings})
+    if len(rates) > 1:
+        raise BadInput(f"recordings at {rates[0]:g} and {rates[-1]:g} Hz: bring them to one rate with --rate")
+    return rates[0]
 
 
 def resample(recording: Recording, rate_hz: float) -> Recording:
     """The same movement sampled at `rate_hz`, linear in time, part by part.
 
-    The first frame stays the first; the last is the last that falls within the recording. A part is seen in a new
-    frame only when it is seen in both frames around that instant. A span too short for any new frame is dropped.
-    Raises BadInput for a rate that is not positive and finite.
+    The first frame stays the first; the last is the last one within the recording. A part is seen in a new frame if
+    it is seen in both frames around that instant. A span too short for any new frame is dropped. Raises BadInput for a
+    rate that is not positive and finite.
     """
     _check_positive("rate_hz", rate_hz)
     step = recording.rate_hz / rate_hz
@@ -30,7 +77,7 @@ def resample(recording: Recording, rate_hz: float) -> Recording:
 def retime(recording: Recording, tempo: float) -> Recording:
     """The same movement performed `tempo` times as fast (1.7: in 1/1.7 of the time), at the same rate.
 
-    At least 2 frames, the first and the last when there is no room for more. Seen parts and spans as in `resample`.
+    Has at least 2 frames, the first and the last. Missing parts and spans are treated as in `resample`.
     Raises BadInput for a tempo that is not positive and finite.
     """
     _check_positive("tempo", tempo)
@@ -44,7 +91,7 @@ def _check_positive(name: str, number: float) -> None:
 
 
 def _sampled(recording: Recording, step: float, count: int) -> Recording:
-    """`count` frames, each `step` old frames after the one before, spans with them."""
+    """`count` frames at intervals of `step` old frames, with their spans."""
     instants = np.minimum(np.arange(count) * step, len(recording.positions) - 1)
     spans = (
         Span(_first_from(span.start, step), min(_first_from(span.end, step), count), span.label)
@@ -63,51 +110,13 @@ def _first_from(frame: int, step: float) -> int:
 
 
 def _interpolated(positions: NDArray[np.float32], instants: NDArray[np.float64]) -> NDArray[np.float32]:
-    """positions (F, P, 3), instants (K,) in frames, 0 to F-1 -> (K, P, 3); NaN beside any not-seen neighbour."""
+    """positions (F, P, 3), instants (K,) in frames, 0 to F-1 -> (K, P, 3); NaN next to a missing neighbour."""
     before = np.floor(instants + _SAME_INSTANT).astype(np.int64)
     weight = instants - before
     weight[np.abs(weight) < _SAME_INSTANT] = 0.0
-    # An instant that is a frame needs no second neighbour: what is not seen there must not reach it.
+    # An instant on a frame needs no second neighbour, which may be missing.
     after = np.where(weight > 0, np.minimum(before + 1, len(positions) - 1), before)
     w = weight[:, None, None]
     between = (1 - w) * positions[before] + w * positions[after]
     between[~np.isfinite(between).all(axis=2)] = np.nan
     return between.astype(np.float32)
-
-
-def select(archive: MotionArchive, subjects: Sequence[str] = (), rate_hz: float | None = None) -> MotionArchive:
-    """Only these people (all, when none is named), at this rate (their own, when none is given).
-
-    Raises BadInput for a person who is not in the archive.
-    """
-    known = sorted({r.subject for r in archive.recordings})
-    for subject in subjects:
-        if subject not in known:
-            raise BadInput(f"subject {subject!r}: not in the archive; it has {', '.join(known)}")
-    chosen = [r for r in archive.recordings if not subjects or r.subject in subjects]
-    if rate_hz is not None:
-        chosen = [r if r.rate_hz == rate_hz else resample(r, rate_hz) for r in chosen]
-    return MotionArchive(archive.body_parts, tuple(chosen))
-
-
-def movements_in(archive: MotionArchive) -> Iterator[Recording]:
-    """Recordings of one movement each: those that are, and the spans of continuous ones."""
-    for recording in archive.recordings:
-        if not recording.spans:
-            yield recording
-        for n, span in enumerate(recording.spans):
-            piece = recording.positions[span.start : span.end]
-            yield Recording(piece, recording.rate_hz, span.label, recording.subject, f"{recording.trial}.{n}")
-
-
-def common_rate(archive: MotionArchive) -> float:
-    """The one rate of all recordings, in Hz; raises BadInput when they differ."""
-    rates = sorted({recording.rate_hz for recording in archive.recordings})
-    if len(rates) > 1:
-        raise BadInput(f"recordings at {rates[0]:g} and {rates[-1]:g} Hz: bring them to one rate with --rate")
-    return rates[0]
-
-
-def labels_of(archive: MotionArchive) -> tuple[str, ...]:
-    """All movements that the archive names, in order of first appearance."""
-    return tuple(dict.fromkeys(r.label for r in movements_in(archive) if r.label))

@@ -124,10 +124,10 @@ class Finder(Protocol):
 
     @property
     def body_parts(self) -> Sequence[str]:
-        """Names of the rows of `found`."""
+        """Names of the rows of `picture_tracks`."""
 
     @property
-    def found(self) -> Tracks | None:
+    def picture_tracks(self) -> Tracks | None:
         """The newest tracks, in px of the picture."""
 
     @property
@@ -161,7 +161,7 @@ class PreviewingObserver:
     def step(self, frame: Frame) -> Posterior | None:
         """One frame, as the observer does it; then it is shown, or given up for a newer one."""
         opinion = self._observer.step(frame)
-        tracks = self._finder.found
+        tracks = self._finder.picture_tracks
         if tracks is not None:
             picture = picture_in(frame.content)
             sight = self._recent.see(

@@ -1,4 +1,4 @@
-"""Telling who asks over HTTP how an observer is: its frames become vitals and, where they are wanted, metrics."""
+"""What an observer reports about itself: its health over HTTP, its metrics, and its state from camera and tracker."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -8,79 +8,76 @@ from typing import TYPE_CHECKING
 from common.config import Scene
 from common.health import ProcessHealth, serve_health
 from common.lifecycle import set_log_identity
-from common.messages import StatusMessage
+from common.messages import ProcessState, StatusMessage
 
 if TYPE_CHECKING:
     from observer.runtime.metrics import ObserverMetrics
-from common.messages import ProcessState
+
+ReportState = Callable[[ProcessState, str], None]
+RecordFrame = Callable[[float, float, bool], None]
+"""Called for each frame with its age at the end of the step and the step's duration, in seconds, and whether a
+posterior was sent."""
 
 
 @contextmanager
-def telling(
-    scene: Scene, observer: str, status: Callable[[], StatusMessage]
-) -> Iterator[Callable[[float, float, bool], None]]:
-    """Answer where [metrics] says while the context lasts; gives what wants to know of each frame.
-
-    Of a frame: how old it was when it had been judged, how long that took, seconds, and whether a posterior came of it.
-    """
+def instrument(scene: Scene, observer: str, status: Callable[[], StatusMessage]) -> Iterator[RecordFrame]:
+    """Serve health and metrics at the scene's [metrics] address while the context lasts; yields the frame recorder."""
     set_log_identity(scene.scene, "observer", observer)
-    vitals = ProcessHealth(scene.scene, "observer", observer, time.monotonic(), note=lambda: status().reason)
+    health = ProcessHealth(scene.scene, "observer", observer, time.monotonic(), note=lambda: status().reason)
 
-    def make() -> "ObserverMetrics":
-        # Who is not asked for metrics does not load what they need.
+    def make_metrics() -> "ObserverMetrics":
+        # Imported only if metrics are served: prometheus_client takes time to load.
         from observer.runtime.metrics import ObserverMetrics
 
         return ObserverMetrics(scene.scene, observer, status)
 
-    with serve_health(scene.metrics.listen, vitals, make) as metrics:
+    with serve_health(scene.metrics.listen, health, make_metrics) as metrics:
 
-        def tell(age_s: float, step_s: float, said: bool) -> None:
-            vitals.record_step(time.monotonic())
+        def record_frame(age_s: float, step_s: float, sent: bool) -> None:
+            health.record_step(time.monotonic())
             if metrics is not None:
-                metrics.frame(age_s, step_s, said=said)
+                metrics.record_frame(age_s, step_s, sent=sent)
 
-        yield tell
-
-
-Tell = Callable[[ProcessState, str], None]
+        yield record_frame
 
 
 class HealthReporter:
-    """Folds the camera's reports and the tracker's complaints into one state, and tells each change once.
+    """Combines the camera's reports and the tracker's complaints into one state, and reports each change once.
 
-    Starting until the first frame; degraded while the camera is lost or frozen, or else while the tracker complains.
+    The state is `starting` until the first frame, then `running`. It is `degraded` while the camera is lost or frozen
+    or, if the camera works, while the tracker complains.
     """
 
     def __init__(self) -> None:
-        self._tell: Tell | None = None
+        self._report: ReportState | None = None
         self._fault, self._complaint, self._started = "", "", False
-        self._told: tuple[ProcessState, str] | None = None
+        self._reported: tuple[ProcessState, str] | None = None
 
     @property
     def complaint(self) -> str:
-        """What the tracker complained of last; "" when all is well."""
+        """The tracker's last complaint; "" if all is well."""
         return self._complaint
 
-    def tell_to(self, tell: Tell) -> None:
-        """From now on each change is told to `tell(state, reason)`, in the thread in which it is heard."""
-        self._tell = tell
-        self._say()
+    def report_to(self, report: ReportState) -> None:
+        """From now on call `report(state, reason)` on each change, in the thread that caused it."""
+        self._report = report
+        self._report_change()
 
-    def camera(self, state: ProcessState, reason: str) -> None:
-        """A `observer.camera.base.Report`: degraded with the reason, or running."""
+    def record_camera(self, state: ProcessState, reason: str) -> None:
+        """A camera's report (`observer.camera.base.Report`): degraded with the reason, or running."""
         self._fault = reason if state == "degraded" else ""
-        self._say()
+        self._report_change()
 
-    def frame(self, complaint: str) -> None:
-        """A frame was worked on; complaint: why little can be made out in it, "" when all is well."""
+    def record_frame(self, complaint: str) -> None:
+        """A frame was processed; complaint: why little is found in it, "" if all is well."""
         self._started, self._complaint = True, complaint
-        self._say()
+        self._report_change()
 
-    def _say(self) -> None:
+    def _report_change(self) -> None:
         reason = self._fault or self._complaint
-        if self._tell is None or not (reason or self._started):
+        if self._report is None or not (reason or self._started):
             return
-        now: tuple[ProcessState, str] = ("degraded" if reason else "running", reason)
-        if now != self._told:
-            self._told = now
-            self._tell(*now)
+        current: tuple[ProcessState, str] = ("degraded" if reason else "running", reason)
+        if current != self._reported:
+            self._reported = current
+            self._report(*current)

@@ -1,4 +1,4 @@
-"""What an observer counts for Prometheus: frames, posteriors, how old and how long."""
+"""Prometheus metrics of an observer: frames, posteriors, their age and the time of a step."""
 
 from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING
@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 
 class ObserverMetrics(Metrics):
-    """Of one observer of a scene."""
+    """The metrics of one observer of a scene."""
 
     def __init__(self, scene: str, observer: str, status: Callable[[], StatusMessage]) -> None:
         super().__init__("observer", {"scene": scene, "observer": observer}, status)
@@ -20,15 +20,15 @@ class ObserverMetrics(Metrics):
         self._age = self.histogram("frame_age_seconds", "From capturing a frame to having judged it.", AGE_BUCKETS)
         self._step = self.histogram("observer_step_seconds", "Tracking and belief, for one frame.", STEP_BUCKETS)
 
-    def frame(self, age_s: float, step_s: float, *, said: bool) -> None:
-        """One frame was worked on; said: something was believed of it."""
+    def record_frame(self, age_s: float, step_s: float, *, sent: bool) -> None:
+        """One frame was processed; sent: whether a posterior was published."""
         self._frames.inc()
-        self._posteriors.inc(said)
+        self._posteriors.inc(sent)
         self._age.observe(age_s)
         self._step.observe(step_s)
 
     def collect_own(self, status: StatusMessage | None) -> "Iterable[Metric]":
-        """The newest frame and the clock, from the status."""
+        """The newest frame's time and the clock skew, read from the status."""
         newest = seconds(status.last_frame_ns) if status else None
         yield self.gauge("last_frame_timestamp_seconds", "When the newest frame was captured.", [((), newest)])
         skew_s = status.skew_s if status else None

@@ -1,22 +1,37 @@
-"""An observer's opinion as the message that says it, no larger than it must be. Pure."""
+"""Which posteriors an observer sends, and the messages that carry them. Pure.
+
+Rules of `SendOnChange`:
+
+1. A posterior is sent at once if the most probable movement, the side of 0.5 of rest or of `unlearned`, or whether any
+   body part is seen differs from the last one sent.
+2. It is sent if one of its distributions has moved by more than MAX_CHANGE since then: movements (with their facings,
+   where these are sent), rest, `unlearned`, and each facet. Receivers are therefore never further off than that.
+3. It is sent after `heartbeat_s` at the latest, so that no receiver takes the observer for silent or the posterior for
+   stale.
+"""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
+from common import SECOND_NS
 from common.messages import Facing, PosteriorMessage, VocabularyHash
 from common.probability import encode_facing
 from common.vocabulary import Vocabulary
 from observer.runtime.pipeline import Posterior
 from observer.tracks import Floats
 
+MAX_CHANGE = 0.01
+"""Total variation distance. Half of the largest value that changed no label of a verdict on the training subjects
+1, 3, 5, 7, 9 of MSR Action3D, each judged by models of the others."""
+
 
 class PosteriorEncoder:
-    """Numbers an observer's opinions; a new session begins with each start.
+    """Makes an observer's numbered messages; each start of the observer has a new session.
 
-    directed: whether it is known which way the observer looks, so that others can use what it says of facing. What
-    the key says, and that all parts are seen, is left out.
+    directed: whether the observer's direction is known, so that others can use its facings. The message leaves out the
+    scene and the observer, which the key contains, and `visible` if all parts are seen.
     """
 
     def __init__(self, vocabulary: Vocabulary, session: str, directed: bool = True) -> None:
@@ -24,9 +39,9 @@ class PosteriorEncoder:
         self._vocabulary = VocabularyHash(hash=vocabulary.digest)
         self.seq = 0
 
-    def encode(self, opinion: Posterior, captured_ns: int, now_ns: int) -> PosteriorMessage:
-        """The opinion about the frame captured at `captured_ns`."""
-        facing = opinion.facing if self._directed else None
+    def encode(self, posterior: Posterior, captured_ns: int, now_ns: int) -> PosteriorMessage:
+        """The posterior of the frame captured at `captured_ns` as a message, which clamps round-off."""
+        facing = posterior.facing if self._directed else None
         message = PosteriorMessage(
             v=2,
             seq=self.seq,
@@ -34,73 +49,66 @@ class PosteriorEncoder:
             captured_ns=captured_ns,
             sent_ns=now_ns,
             vocabulary=self._vocabulary,
-            p=opinion.p.tolist(),
-            rest=opinion.rest,
-            unlearned=opinion.unlearned,
-            frames=opinion.frames,
-            visible={} if all(opinion.visible.values()) else dict(opinion.visible),
+            p=posterior.p.tolist(),
+            rest=posterior.rest,
+            unlearned=posterior.unlearned,
+            frames=posterior.frames,
+            visible={} if all(posterior.visible.values()) else dict(posterior.visible),
             facing=None if facing is None else Facing(surprise=encode_facing(facing).tolist()),
-            facets={name: p.tolist() for name, p in opinion.facets.items()} or None,
+            facets={name: p.tolist() for name, p in posterior.facets.items()} or None,
         )
         self.seq += 1
         return message
 
 
-SECOND_NS = 1_000_000_000
-BOUND = 0.01
-"""Total variation: so much probability may have moved from some answers to others. Half of what on the training
-subjects 1, 3, 5, 7, 9 of MSR Action3D, each judged by what the others taught, changed no label of a verdict."""
-
-
 @dataclass(frozen=True, slots=True)
-class Gist:
-    """Of an opinion what is compared. sides: what must not change at all; beliefs: distributions by name."""
+class Summary:
+    """The parts of a posterior that are compared.
 
-    sides: tuple[object, ...]
-    beliefs: Mapping[str, Floats]
+    discrete: what must not change at all. distributions: what may change by MAX_CHANGE, by name.
+    """
+
+    discrete: tuple[object, ...]
+    distributions: Mapping[str, Floats]
 
     @classmethod
-    def of(cls, opinion: Posterior, directed: bool) -> "Gist":
-        """directed: whether facing is said too."""
-        facing = opinion.facing if directed else None
-        joint = opinion.p if facing is None else opinion.p[:, None] * facing
-        unlearned = opinion.unlearned
-        beliefs = {"movement": joint.ravel(), "rest": _binary(opinion.rest), **opinion.facets}
+    def of(cls, posterior: Posterior, directed: bool) -> "Summary":
+        """directed: whether facings are sent too."""
+        p, unlearned = posterior.p, posterior.unlearned
+        facing = posterior.facing if directed else None
+        joint = p if facing is None else p[:, None] * facing
+        distributions = {"movement": joint.ravel(), "rest": _binary(posterior.rest), **posterior.facets}
         if unlearned is not None:
-            beliefs["unlearned"] = _binary(unlearned)
-        blind = bool(opinion.visible) and not any(opinion.visible.values())
-        sides = (int(opinion.p.argmax()), opinion.rest >= 0.5, (unlearned or 0.0) >= 0.5, blind, facing is not None)
-        return cls(sides, beliefs)
+            distributions["unlearned"] = _binary(unlearned)
+        blind = bool(posterior.visible) and not any(posterior.visible.values())
+        discrete = (int(p.argmax()), posterior.rest >= 0.5, (unlearned or 0.0) >= 0.5, blind, facing is not None)
+        return cls(discrete, distributions)
 
 
 class SendOnChange:
-    """Remembers what was said last. heartbeat_s: an opinion is never held back for longer."""
+    """Decides whether a posterior differs enough from the last one sent; heartbeat_s: longest time without sending."""
 
-    def __init__(self, heartbeat_s: float, directed: bool = True, bound: float = BOUND) -> None:
-        self._heartbeat_ns, self._directed, self._bound = heartbeat_s * SECOND_NS, directed, bound
-        self._said: tuple[int, Gist] | None = None
+    def __init__(self, heartbeat_s: float, directed: bool = True, max_change: float = MAX_CHANGE) -> None:
+        self._heartbeat_ns, self._directed, self._max_change = heartbeat_s * SECOND_NS, directed, max_change
+        self._sent: tuple[int, Summary] | None = None
 
-    def should_send(self, opinion: Posterior, captured_ns: int) -> bool:
-        """Whether to say the opinion about the frame captured then; it is taken to be said if so."""
-        gist = Gist.of(opinion, self._directed)
-        if self._said is not None:
-            at_ns, said = self._said
-            if 0 <= captured_ns - at_ns < self._heartbeat_ns and distance(gist, said) <= self._bound:
+    def should_send(self, posterior: Posterior, captured_ns: int) -> bool:
+        """Whether to send the posterior of the frame captured then; if so, it counts as sent."""
+        summary = Summary.of(posterior, self._directed)
+        if self._sent is not None:
+            sent_ns, last = self._sent
+            if 0 <= captured_ns - sent_ns < self._heartbeat_ns and distance(summary, last) <= self._max_change:
                 return False
-        self._said = captured_ns, gist
+        self._sent = captured_ns, summary
         return True
 
 
-def distance(one: Gist, other: Gist) -> float:
-    """Total variation, 0 to 1, of the belief in which two opinions differ most; infinite when another side is taken."""
-    if one.sides != other.sides or one.beliefs.keys() != other.beliefs.keys():
+def distance(one: Summary, other: Summary) -> float:
+    """Largest total variation distance of the distributions, 0 to 1; infinite if a discrete part differs."""
+    if one.discrete != other.discrete or one.distributions.keys() != other.distributions.keys():
         return float("inf")
-    return max(_apart(p, other.beliefs[name]) for name, p in one.beliefs.items())
+    return max(float(np.abs(p - other.distributions[name]).sum()) / 2 for name, p in one.distributions.items())
 
 
-def _apart(p: Floats, q: Floats) -> float:
-    return float(np.abs(p - q).sum()) / 2
-
-
-def _binary(chance: float) -> Floats:
-    return np.array([chance, 1.0 - chance])
+def _binary(probability: float) -> Floats:
+    return np.array([probability, 1.0 - probability])

@@ -1,4 +1,4 @@
-"""From an observer's section of the scene file to its source of frames and its tracker: what `observe` runs on."""
+"""Opens the source of frames and the tracker that the scene file names for an observer."""
 
 import os
 import sys
@@ -21,45 +21,45 @@ from observer.motion.archive_file import read_archive
 from observer.motion.playback import RecordedMotion
 from observer.motion.transforms import resample
 from observer.tracking.registry import Content, TrackerSettings, tracker_named
-from observer.tracks import BODY_PARTS, Floats, Frame, FrameSource, Tracker, Tracks
+from observer.tracks import BODY_PARTS, Frame, FrameSource, Tracker, Tracks
 
 PLAYBACK_START = "LABANMESH_PLAYBACK_START_NS"
-"""Environment variable: when (Unix epoch, ns) all observers of a scene begin to play, so that they see the same."""
+"""Environment variable: when (Unix epoch, ns) all observers of a scene start playback, so that they see the same."""
 STANDARD_INPUT = "-"
 MESH_KEY = "zenoh:"
-"""A source that begins so is a key on the mesh under which somebody else's tracks come."""
+"""Prefix of a source that is a key on the mesh, under which another program publishes tracks."""
 SIZE_PX = (640, 480)
-"""Of the virtual camera's pictures, where the scene file names no other."""
+"""Default size of the virtual camera's pictures."""
 
 
 @dataclass(frozen=True, slots=True)
-class Unmirrored:
-    """A source of pictures that are mirror images, as selfies are: right is right again."""
+class UnmirroredSource:
+    """Flips the pictures of a mirrored source, such as a webcam in selfie mode, so that right is right again."""
 
     mirrored: FrameSource
 
     @property
     def rate_hz(self) -> float:
-        """As the mirrored ones."""
+        """The rate of the mirrored source."""
         return self.mirrored.rate_hz
 
     @property
     def body_parts(self) -> Sequence[str]:
-        """As the mirrored ones."""
+        """The body parts of the mirrored source."""
         return self.mirrored.body_parts
 
     def frames(self, stop: threading.Event) -> Iterator[Frame]:
-        """The same frames, each turned about its vertical middle."""
+        """The same frames, each flipped horizontally."""
         for frame in self.mirrored.frames(stop):
-            # A copy, because OpenCV wants rows that run to the right in memory too.
+            # A copy, because OpenCV needs rows that run to the right in memory too.
             yield replace(frame, content=np.ascontiguousarray(frame.content[:, ::-1]))
 
 
 class PreparedTracker:
-    """A tracker as a model wants it: the wanted parts in their order, and straight lines straight.
+    """Adapts a tracker to a model: selects the wanted body parts, in their order, and undistorts the centres.
 
-    lens: of a calibrated camera, whose projective matrix holds for undistorted pixels only; None: nothing to undo.
-    Raises BadInput when the tracker does not find a wanted part.
+    lens: of a calibrated camera, whose projective matrix is valid for undistorted pixels only; None: no distortion.
+    Raises BadInput if the tracker does not find a wanted part.
     """
 
     def __init__(self, tracker: Tracker, wanted: Sequence[str], lens: LensDistortion | None = None) -> None:
@@ -70,32 +70,30 @@ class PreparedTracker:
         self.body_parts = tuple(wanted)
         self.tracker = tracker
         self._rows, self._lens = [known.index(part) for part in wanted], lens
-        self.found: Tracks | None = None
+        self.picture_tracks: Tracks | None = None
 
     @property
     def complaint(self) -> str:
-        """Why little can be made out in the pictures, and what to do; "" when all is well."""
+        """Why the tracker finds little in the pictures, and what to do about it; "" if all is well."""
         return str(getattr(self.tracker, "complaint", ""))
 
     def update(self, frame: Frame) -> Tracks:
-        """Undistorted tracks (P, 2); those of the picture itself, for who draws on it, are left in `found`."""
+        """Undistorted tracks (P, 2); those in px of the picture, to draw on it, are left in `picture_tracks`."""
         tracks = self.tracker.update(frame)
         guesses = None if tracks.guesses is None else tracks.guesses[self._rows]
-        self.found = Tracks(tracks.centres[self._rows], guesses)
+        self.picture_tracks = Tracks(tracks.centres[self._rows], guesses)
         if self._lens is None:
-            return self.found
-        return Tracks(self._straight(self.found.centres), None if guesses is None else self._straight(guesses))
-
-    def _straight(self, centres: Floats) -> Floats:
-        return centres if self._lens is None else self._lens.undistorted(centres)
+            return self.picture_tracks
+        undistorted = None if guesses is None else self._lens.undistorted(guesses)
+        return Tracks(self._lens.undistorted(self.picture_tracks.centres), undistorted)
 
 
 @dataclass(frozen=True, slots=True)
 class ObserverInputs:
-    """What one observer sees with. tracker: its rows are the parts that were wanted.
+    """The source, tracker and view of one observer; the tracker's rows are the wanted body parts.
 
-    at_own_rate: the frames are recorded motion itself, and must come at the model's rate. length: frames of the first
-    recording, None where there is no such thing. keeps_all: nothing is left out, however long it takes.
+    at_own_rate: frames are recorded motion itself, whose rate must be the model's. length: frames of the first
+    recording, None for sources without one. keeps_all: no frame is dropped, however slow the observer is.
     """
 
     source: FrameSource
@@ -113,10 +111,10 @@ def open_inputs(
     report: Report = ignore_report,
     environment: Mapping[str, str] = os.environ,
 ) -> ObserverInputs:
-    """Source and tracker that the scene file names for `observer`; wanted: the body parts that its model reads.
+    """Open the source and the tracker of `observer`; wanted: the body parts that its model reads.
 
-    Raises BadInput for an unknown observer, source, tracker or view, for files that are not there or not what they
-    should be, and for a tracker that cannot read what the source gives.
+    Raises BadInput for an unknown observer, source, tracker or view, for files that are missing or invalid, and for a
+    tracker that cannot read what the source delivers.
     """
     section = scene.observer(observer)
     key = f"observers.{observer}"
@@ -126,48 +124,48 @@ def open_inputs(
     start_ns = _start_ns(environment.get(PLAYBACK_START))
     if content == "positions":
         motion = _recorded_motion(scene, section, key, start_ns)
-        source = motion if kind.reads == "positions" else _filmed(motion, view, section)
+        source = motion if kind.reads == "positions" else _virtual_camera(motion, view, section)
     elif content == "tracks":
         source = _tracks(section.source, report)
     else:
         source = _pictures(scene, section, report, start_ns)
     if kind.reads == "pictures":
-        _one_thread()
+        _use_one_thread()
     if section.mirrored:
         if kind.reads != "pictures":
             raise BadInput(f"{key}.mirrored: only pictures can be mirrored back; this source gives {content}")
-        source = Unmirrored(source)
-    built = kind.build(TrackerSettings(view, source.body_parts, wanted, section, scene.place))
-    tracker = PreparedTracker(built, wanted, view.lens)
+        source = UnmirroredSource(source)
+    tracker = kind.build(TrackerSettings(view, source.body_parts, wanted, section, scene.place))
+    prepared = PreparedTracker(tracker, wanted, view.lens)
     length = getattr(source, "length", None)
-    return ObserverInputs(source, tracker, view, kind.reads == "positions", length, section.speed == 0)
+    return ObserverInputs(source, prepared, view, kind.reads == "positions", length, section.speed == 0)
 
 
-def _one_thread() -> None:
-    """An observer is one process of several on its machine: OpenCV's own threads would only wait for each other."""
+def _use_one_thread() -> None:
+    """An observer is one process of several on its machine; more threads of OpenCV would only compete."""
     import cv2
 
     cv2.setNumThreads(1)
 
 
 def content_of(source: str) -> Content:
-    """What the frames of a source hold, by its name alone."""
+    """What the frames of a source contain, judged by its name alone."""
     if source == STANDARD_INPUT or source.startswith(MESH_KEY):
         return "tracks"
     return "positions" if Path(source).suffix == ".npz" else "pictures"
 
 
 def _recorded_motion(scene: Scene, section: ObserverConfig, key: str, start_ns: int | None) -> RecordedMotion:
-    place = scene.place(section.source)
-    archive = read_archive(place)
-    chosen = _chosen(archive, section.recording, f"{key}.recording", place)
+    path = scene.place(section.source)
+    archive = read_archive(path)
+    recordings = _select(archive, section.recording, f"{key}.recording", path)
     if section.rate_hz:
-        chosen = [resample(recording, section.rate_hz) for recording in chosen]
-    return RecordedMotion(archive.body_parts, chosen, section.speed, section.loop, start_ns)
+        recordings = [resample(recording, section.rate_hz) for recording in recordings]
+    return RecordedMotion(archive.body_parts, recordings, section.speed, section.loop, start_ns)
 
 
-def _filmed(motion: RecordedMotion, view: View, section: ObserverConfig) -> FrameSource:
-    # OpenCV is imported only for who needs pictures.
+def _virtual_camera(motion: RecordedMotion, view: View, section: ObserverConfig) -> FrameSource:
+    # OpenCV is loaded only by observers that need pictures.
     from observer.rendering.scenery import Occluder, Scenery
     from observer.rendering.virtual_camera import VirtualCamera
 
@@ -210,11 +208,11 @@ def _tracks(source: str, report: Report) -> PipedTracks | MeshTracks:
     return MeshTracks(key, LineTracks(source, report))
 
 
-def _chosen(archive: MotionArchive, which: int | Literal["all"], key: str, place: Path) -> Sequence[Recording]:
+def _select(archive: MotionArchive, which: int | Literal["all"], key: str, path: Path) -> Sequence[Recording]:
     if which == "all":
         return archive.recordings
     if which >= len(archive.recordings):
-        raise BadInput(f'{key} = {which}: {place} has recordings 0 to {len(archive.recordings) - 1}; or "all"')
+        raise BadInput(f'{key} = {which}: {path} has recordings 0 to {len(archive.recordings) - 1}; or "all"')
     return archive.recordings[which : which + 1]
 
 

@@ -1,4 +1,4 @@
-"""One observer on the mesh: frames in, posteriors out, and how it is. The loop around `Observer.step`."""
+"""One observer on the mesh: reads frames, publishes posteriors and its status. The loop around `Observer.step`."""
 
 import logging
 import secrets
@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable
 from typing import Protocol
 
+from common import SECOND_NS
 from common.clock_skew import ClockQuerier, ClockSkew
 from common.config import Scene
 from common.link import Link, Publisher
@@ -14,7 +15,7 @@ from common.messages import ProcessState
 from common.status import ProcessStatus, StatusPublisher
 from common.vocabulary import Vocabulary
 from common.wire import encode, encode_vocabulary
-from observer.runtime.instrumentation import HealthReporter, Tell, telling
+from observer.runtime.instrumentation import HealthReporter, ReportState, instrument
 from observer.runtime.pipeline import Posterior
 from observer.runtime.posterior_encoder import PosteriorEncoder, SendOnChange
 from observer.tracks import Frame, FrameSource
@@ -22,22 +23,22 @@ from observer.tracks import Frame, FrameSource
 log = logging.getLogger("labanmesh.observer")
 
 SESSION_BYTES = 4
-"""Of a session's name, at random: no two starts of an observer within anybody's memory get the same."""
+"""Random bytes in the name of a session: enough to tell the starts of one observer apart."""
 
 
 class ObserverLike(Protocol):
-    """What the service needs of an observer."""
+    """What `serve` needs of an observer: `Observer`, or `PreviewingObserver` around it."""
 
     @property
     def vocabulary(self) -> Vocabulary:
-        """The movements that it tells apart."""
+        """The movements of its model."""
 
     @property
     def complaint(self) -> str:
-        """Why little can be made out in the pictures, and what to do; "" when all is well."""
+        """Why the tracker finds little in the pictures, and what to do about it; "" if all is well."""
 
     def step(self, frame: Frame) -> Posterior | None:
-        """One frame; None when there is nothing to say yet."""
+        """The posterior after one more frame; None if there is nothing to publish yet."""
 
 
 def serve(
@@ -48,76 +49,76 @@ def serve(
     link: Link,
     stop: threading.Event,
     clock: Callable[[], int] = time.time_ns,
-    condition: HealthReporter | None = None,
+    health: HealthReporter | None = None,
 ) -> None:
-    """Say what `observer` believes after each frame, or when it has changed, until the source ends or `stop` is set.
+    """Publish posteriors after each frame, or when they change, until the source ends or `stop` is set.
 
-    condition: the one to which the source reports what is wrong with its camera.
+    health: the reporter to which the source reports its camera's faults.
     """
-    condition = condition or HealthReporter()
-    keys = scene.keys
-    health = ProcessStatus(scene.scene, observer_id)
-    directed = scene.observer(observer_id).direction == "known"
-    spoken = link.publisher(keys.posterior(observer_id))
-    speaker = PosteriorPublisher(observer.vocabulary, spoken, directed, _restraint(scene, observer_id))
-    asker, fusion_clock = ClockQuerier(link, keys.fusion_status(), clock), ClockSkew()
-    names = encode_vocabulary(scene.scene, observer.vocabulary)
-    link.answer(keys.vocabulary, lambda: names)
-    told = telling(scene, observer_id, lambda: health.status(clock()))
-    with told as tell_frame, StatusPublisher(link, keys.observer_status(observer_id), health, clock) as board:
+    health = health or HealthReporter()
+    keys, status = scene.keys, ProcessStatus(scene.scene, observer_id)
+    publisher = _posterior_publisher(scene, observer_id, observer.vocabulary, link)
+    querier, fusion_clock = ClockQuerier(link, keys.fusion_status(), clock), ClockSkew()
+    vocabulary = encode_vocabulary(scene.scene, observer.vocabulary)
+    link.answer(keys.vocabulary, lambda: vocabulary)
+    with (
+        instrument(scene, observer_id, lambda: status.status(clock())) as record_frame,
+        StatusPublisher(link, keys.observer_status(observer_id), status, clock) as status_publisher,
+    ):
         link.announce(keys.observer_alive(observer_id))
-        condition.tell_to(_teller(board, condition, observer_id))
+        health.report_to(_state_report(status_publisher, health, observer_id))
         for frame in source.frames(stop):
             begun_s = time.monotonic()
-            opinion = observer.step(frame)
+            posterior = observer.step(frame)
             now_ns = clock()
-            said = opinion is not None and speaker.publish(opinion, frame.captured_ns, now_ns)
-            tell_frame((now_ns - frame.captured_ns) / 1e9, time.monotonic() - begun_s, said)
-            health.record_frame(frame.captured_ns, now_ns)
-            condition.frame(observer.complaint)
-            board.alive()
-            asker.ask_if_due()
-            for _, reading in asker.readings():
+            sent = posterior is not None and publisher.publish(posterior, frame.captured_ns, now_ns)
+            record_frame((now_ns - frame.captured_ns) / SECOND_NS, time.monotonic() - begun_s, sent)
+            status.record_frame(frame.captured_ns, now_ns)
+            health.record_frame(observer.complaint)
+            status_publisher.alive()
+            querier.ask_if_due()
+            for _, reading in querier.readings():
                 fusion_clock.note(reading)
-                health.set_clock_skew(-(fusion_clock.skew_s or 0.0))
-    log.info("%s: %s after %d posteriors", observer_id, "stopped" if stop.is_set() else "source ended", speaker.seq)
+                status.set_clock_skew(-(fusion_clock.skew_s or 0.0))
+    log.info("%s: %s after %d posteriors", observer_id, "stopped" if stop.is_set() else "source ended", publisher.seq)
 
 
-def _teller(board: StatusPublisher, condition: HealthReporter, observer_id: str) -> Tell:
-    """A change of condition goes to the mesh, and into the log what no source has logged itself."""
+def _state_report(status: StatusPublisher, health: HealthReporter, observer_id: str) -> ReportState:
+    """Publishes each change of state, and logs the tracker's complaints; sources log their own faults."""
 
-    def tell(state: ProcessState, reason: str) -> None:
-        board.set_state(state, reason)
-        if reason and reason == condition.complaint:
+    def report(state: ProcessState, reason: str) -> None:
+        status.set_state(state, reason)
+        if reason and reason == health.complaint:
             log.warning("%s: %s", observer_id, reason)
 
-    return tell
-
-
-def _restraint(scene: Scene, observer_id: str) -> SendOnChange | None:
-    """None where every opinion is said. With it one is said in time for the next to come before it is old."""
-    if scene.observer(observer_id).say == "each frame":
-        return None
-    return SendOnChange(scene.fusion.fresh_s / 2, scene.observer(observer_id).direction == "known")
+    return report
 
 
 class PosteriorPublisher:
-    """Publishes posteriors on the mesh. directed: see PosteriorEncoder."""
+    """Publishes posteriors on the mesh; directed: see PosteriorEncoder; on_change: None to send each one."""
 
     def __init__(
-        self, vocabulary: Vocabulary, publisher: Publisher, directed: bool = True, restraint: SendOnChange | None = None
+        self, vocabulary: Vocabulary, publisher: Publisher, directed: bool = True, on_change: SendOnChange | None = None
     ) -> None:
-        self._minutes = PosteriorEncoder(vocabulary, secrets.token_urlsafe(SESSION_BYTES), directed)
-        self._publisher, self._restraint = publisher, restraint
+        self._encoder = PosteriorEncoder(vocabulary, secrets.token_urlsafe(SESSION_BYTES), directed)
+        self._publisher, self._on_change = publisher, on_change
 
     @property
     def seq(self) -> int:
-        """How many opinions were said."""
-        return self._minutes.seq
+        """Number of posteriors sent."""
+        return self._encoder.seq
 
-    def publish(self, opinion: Posterior, captured_ns: int, now_ns: int) -> bool:
-        """Publish one opinion about the frame captured at `captured_ns`; whether that was worth saying."""
-        if self._restraint is not None and not self._restraint.should_send(opinion, captured_ns):
+    def publish(self, posterior: Posterior, captured_ns: int, now_ns: int) -> bool:
+        """Send the posterior of the frame captured at `captured_ns`, unless it hardly changed; whether it was sent."""
+        if self._on_change is not None and not self._on_change.should_send(posterior, captured_ns):
             return False
-        self._publisher.put(encode(self._minutes.encode(opinion, captured_ns, now_ns)))
+        self._publisher.put(encode(self._encoder.encode(posterior, captured_ns, now_ns)))
         return True
+
+
+def _posterior_publisher(scene: Scene, observer_id: str, vocabulary: Vocabulary, link: Link) -> PosteriorPublisher:
+    section = scene.observer(observer_id)
+    directed = section.direction == "known"
+    # Half of fresh_s: the next posterior arrives before the last one is stale.
+    on_change = None if section.say == "each frame" else SendOnChange(scene.fusion.fresh_s / 2, directed)
+    return PosteriorPublisher(vocabulary, link.publisher(scene.keys.posterior(observer_id)), directed, on_change)

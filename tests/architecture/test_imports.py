@@ -76,7 +76,7 @@ IMPURE = {
     "common.progress": "the terminal",
     "common.status": "a thread and the mesh",
     "common.tls": "sockets and files",
-    "observer.npz_file": "files",
+    "observer.array_file": "files",
     "observer.runtime.preflight": "a process of its own: opens files",
     "observer.motion.playback": "plays recordings by the clock",
     "observer.runtime.scene_inputs": "opens files, cameras and the standard input",

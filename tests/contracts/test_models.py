@@ -1,4 +1,6 @@
-"""What every movement model must keep: any model put into the registry is held to this."""
+"""The contract of movement models, checked for every model in the registry."""
+
+import json
 
 import numpy as np
 import pytest
@@ -9,7 +11,7 @@ from common.vocabulary import Vocabulary
 from observer.geometry.views import parse_view
 from observer.learning.learn import learn_view
 from observer.model.base import Onset
-from observer.model.model_file import read_model, require, write_model
+from observer.model.model_file import read_model, require_match, write_model
 from observer.model.posterior_calibration import PosteriorCalibration
 from observer.model.registry import MODELS, model_named
 from observer.motion.archive import MotionArchive, Recording
@@ -57,30 +59,30 @@ def watched(model, recording, onset):
 @pytest.mark.parametrize("label", VOCABULARY.labels)
 def test_recognises_people_it_has_not_seen(model, label):
     recording = move(label, 5)
-    opinions = watched(model, recording, Onset(True, len(recording.positions)))
-    assert VOCABULARY.labels[opinions[-1].p.argmax()] == label
+    posteriors = watched(model, recording, Onset(True, len(recording.positions)))
+    assert VOCABULARY.labels[posteriors[-1].p.argmax()] == label
 
 
-def test_every_belief_is_a_distribution_and_rest_a_probability(model):
-    for opinion in watched(model, move("wave", 6), Onset()):
-        assert opinion.p.shape == (3,) and opinion.p.sum() == pytest.approx(1) and (opinion.p >= 0).all()
-        assert 0 <= opinion.rest <= 1
+def test_every_posterior_is_a_distribution_and_rest_a_probability(model):
+    for posterior in watched(model, move("wave", 6), Onset()):
+        assert posterior.p.shape == (3,) and posterior.p.sum() == pytest.approx(1) and (posterior.p >= 0).all()
+        assert 0 <= posterior.rest <= 1
 
 
-def test_what_it_says_of_facing_and_of_what_it_has_not_learned_fits_its_belief(model):
+def test_facings_and_predictive_likelihood_fit_the_posterior(model):
     watch = model.watch(Onset())
     for tracks in view_tracks(DOOR, move("wave", 6), BODY_PARTS, BODY_PARTS):
         watch.update(tracks)
         assert watch.joint is None or watch.joint.sum(axis=1) == pytest.approx(watch.p)
         assert watch.foreseen is None or (watch.foreseen.shape == (3,) and np.isfinite(watch.foreseen).all())
-        assert watch.unlearned is None, "it was shown nothing but its movements"
+        assert watch.unlearned is None, "it learned nothing but its movements"
 
 
-def test_it_knows_how_far_it_can_be_believed(model):
-    assert model.header.certainty != PosteriorCalibration()
+def test_it_is_calibrated(model):
+    assert model.header.calibration != PosteriorCalibration()
 
 
-def test_beginning_anew_forgets_everything(model):
+def test_each_watch_starts_from_the_prior(model):
     onset = Onset(True, 30)
     first = watched(model, move("wave", 6), onset)
     watched(model, move("raise", 6), onset)
@@ -88,17 +90,17 @@ def test_beginning_anew_forgets_everything(model):
     assert all((a.p == b.p).all() for a, b in zip(first, again, strict=True))
 
 
-def test_a_hidden_person_makes_nobody_surer(model):
+def test_the_entropy_never_falls_while_the_person_is_hidden(model):
     observer = Observer(ProjectedTracker(DOOR, BODY_PARTS, BODY_PARTS), model, Onset(True, 60))
     frames = list(frames_of(move("wave", 6)))
     for frame in frames[:15]:
-        opinion = observer.step(frame)
-    entropy = entropy_bits(opinion.p)
+        posterior = observer.step(frame)
+    entropy = entropy_bits(posterior.p)
     for frame in frames[15:]:
-        opinion = observer.step(Frame(frame.captured_ns, np.full((3, 3), np.nan)))
-        assert entropy_bits(opinion.p) >= entropy - 1e-9
-        assert opinion.visible == dict.fromkeys(BODY_PARTS, False)
-        entropy = entropy_bits(opinion.p)
+        posterior = observer.step(Frame(frame.captured_ns, np.full((3, 3), np.nan)))
+        assert entropy_bits(posterior.p) >= entropy - 1e-9
+        assert posterior.visible == dict.fromkeys(BODY_PARTS, False)
+        entropy = entropy_bits(posterior.p)
 
 
 def test_a_person_never_seen_is_any_movement(model):
@@ -114,30 +116,30 @@ def test_the_size_and_the_place_of_the_person_do_not_matter(model):
     assert here[-1].p == pytest.approx(there[-1].p, abs=1e-3)
 
 
-def test_what_is_stored_judges_the_same(model, tmp_path):
+def test_a_stored_model_gives_the_same_posteriors(model, tmp_path):
     path = tmp_path / "a.model"
     write_model(path, model)
     again = read_model(path)
     assert again.header.vocabulary == VOCABULARY and again.header.view == "door" and again.header.rate_hz == 15.0
     assert (again.header.matrix == model.header.matrix).all() and again.header.provenance == model.header.provenance
-    assert again.header.certainty == model.header.certainty
+    assert again.header.calibration == model.header.calibration
     onset = Onset(True, 45)
     pairs = zip(watched(model, move("wave", 6), onset), watched(again, move("wave", 6), onset), strict=True)
     assert all(a.p == pytest.approx(b.p, abs=1e-6) and a.unlearned == b.unlearned for a, b in pairs)
 
 
-def test_a_model_for_another_vocabulary_or_rate_is_refused(model, tmp_path):
+def test_a_model_for_another_vocabulary_or_rate_is_rejected(model, tmp_path):
     path = tmp_path / "a.model"
-    require(path, model, VOCABULARY, 15.0)
-    require(path, model, None, 15.0)
+    require_match(path, model, VOCABULARY, 15.0)
+    require_match(path, model, None, 15.0)
     with pytest.raises(BadInput, match=r"learned for the vocabulary \[circle, raise, wave\], the scene has \[a, b\]"):
-        require(path, model, Vocabulary(("a", "b")), 15.0)
+        require_match(path, model, Vocabulary(("a", "b")), 15.0)
     with pytest.raises(BadInput, match=r"learned at 15 Hz, the source gives 30 Hz: labanmesh learn ... --rate 30"):
-        require(path, model, VOCABULARY, 30.0)
+        require_match(path, model, VOCABULARY, 30.0)
 
 
-def test_a_movement_that_nobody_performs_is_named(archive):
-    with pytest.raises(BadInput, match="'jump': no recording shows it"):
+def test_a_movement_without_recordings_is_named(archive):
+    with pytest.raises(BadInput, match="jump: no recording shows this movement"):
         learn_view(archive, DOOR, Vocabulary(("wave", "jump")))
 
 
@@ -170,5 +172,67 @@ def test_a_model_file_without_a_parameter_is_one_clear_line(model, tmp_path):
 
 
 def test_an_unknown_model_is_named_with_the_known_ones():
-    with pytest.raises(BadInput, match="model = 'phas': unknown; did you mean 'phase'\\?; known: phase"):
+    with pytest.raises(BadInput, match="model = 'phas': unknown; did you mean phase\\?"):
         model_named("phas")
+
+
+def rewritten(path, header_changes=(), **arrays):
+    """The model file with other entries in its header and other arrays."""
+    with np.load(path) as file:
+        content = {name: file[name] for name in file.files}
+    text = str(content.pop("header"))
+    if callable(header_changes):
+        document = json.loads(text)
+        header_changes(document)
+        text = json.dumps(document)
+    elif header_changes:
+        text = header_changes
+    content.update({name: change(content[name]) for name, change in arrays.items() if name in content})
+    with path.open("wb") as file:
+        np.savez(file, header=np.array(text), **content)
+
+
+def with_nan(array):
+    return np.where(np.arange(array.size).reshape(array.shape) == 0, np.nan, array)
+
+
+DAMAGE = {
+    "rate 0": {"header_changes": lambda h: h.update(rate_hz=0)},
+    "rate NaN": {"header_changes": lambda h: h.update(rate_hz=float("nan"))},
+    "infinite matrix": {"header_changes": lambda h: h["matrix"][0].__setitem__(0, float("inf"))},
+    "no vocabulary": {"header_changes": lambda h: h.pop("vocabulary")},
+    "null certainty": {"header_changes": lambda h: h.update(certainty=None)},
+    "negative temperature": {"header_changes": lambda h: h["certainty"].update(temperature=-1)},
+    "a list": {"header_changes": "[]"},
+    "deep JSON": {"header_changes": "[" * 100_000},
+    "NaN in its arrays": {"chains": with_nan, "log_table": with_nan},
+    "other shapes": {"chains": lambda a: a[:, :, :-1], "log_table": lambda a: a[:-1]},
+    "parameter": {"header_changes": lambda h: h["parameters"].update(begin=7.0, smoothing=-1.0)},
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGE.values(), ids=DAMAGE)
+def test_a_damaged_model_file_is_one_clear_line(model, tmp_path, damage):
+    path = tmp_path / "a.model"
+    write_model(path, model)
+    rewritten(path, **damage)
+    with pytest.raises(BadInput, match=r"a\.model: .*learn it again") as caught:
+        read_model(path)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_model_file_with_too_many_facings_is_one_clear_line(archive, tmp_path):
+    path = tmp_path / "a.model"
+    write_model(path, learn_view(archive, DOOR, VOCABULARY, calibrate=False))
+    rewritten(path, lambda h: h["parameters"].update(facings=1e9))
+    with pytest.raises(
+        BadInput, match=r"a\.model: parameter facings = 1e\+09: a whole number from 1 to 72 is expected"
+    ):
+        read_model(path)
+
+
+def test_a_model_file_without_certainty_is_uncalibrated(model, tmp_path):
+    path = tmp_path / "a.model"
+    write_model(path, model)
+    rewritten(path, lambda h: h.pop("certainty"))
+    assert read_model(path).header.calibration == PosteriorCalibration()

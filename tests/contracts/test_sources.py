@@ -15,7 +15,7 @@ from observer.geometry.views import parse_view
 from observer.motion.archive import Recording
 from observer.motion.playback import RecordedMotion
 from observer.rendering.virtual_camera import VirtualCamera
-from observer.runtime.scene_inputs import Unmirrored
+from observer.runtime.scene_inputs import UnmirroredSource
 from observer.tracks import BODY_PARTS
 
 FRAMES, RATE = 6, 50.0
@@ -50,7 +50,7 @@ SOURCES = {
     "motion": lambda _folder: motion(),
     "motion in time": lambda _folder: motion(1.0),
     "virtual camera": lambda _folder: VirtualCamera(motion(), parse_view("door"), (64, 48)),
-    "mirrored": lambda folder: Unmirrored(album(folder)),
+    "mirrored": lambda folder: UnmirroredSource(album(folder)),
     "folder": album,
     "video": video,
     "pipe": piped,

@@ -1,4 +1,7 @@
-"""`labanmesh import` and `labanmesh learn` as a person types them, with good input and with bad."""
+"""`labanmesh import` and `labanmesh learn` on the command line, with valid and with invalid input."""
+
+import os
+from pathlib import Path
 
 import pytest
 
@@ -17,8 +20,8 @@ def archive(tmp_path):
 
 def run(capsys, *words):
     status = labanmesh.main([str(word) for word in words])
-    said = capsys.readouterr()
-    return status, said.out, said.err
+    printed = capsys.readouterr()
+    return status, printed.out, printed.err
 
 
 def csv_of(frames):
@@ -29,25 +32,25 @@ def csv_of(frames):
     return "\n".join([head, *rows]) + "\n"
 
 
-def test_import_writes_an_archive_and_says_what_is_in_it(capsys, tmp_path):
+def test_import_writes_an_archive_and_counts_its_contents(capsys, tmp_path):
     (tmp_path / "one.csv").write_text(csv_of(9))
     status, out, _ = run(capsys, "import", "csv", tmp_path / "one.csv", "-o", tmp_path / "one.npz")
-    assert status == 0 and "1 recordings, 1 movements, 1 people, 9 frames at 10 Hz" in out
+    assert status == 0 and "1 recording, 1 movement, 1 person, 9 frames at 10 Hz" in out
     assert read_archive(tmp_path / "one.npz").recordings[0].label == "ok"
 
 
-def test_a_bad_import_leaves_nothing_behind(capsys, tmp_path):
+def test_a_failed_import_writes_nothing(capsys, tmp_path):
     (tmp_path / "one.csv").write_text(csv_of(9).replace("1.5", "one"))
     status, _, err = run(capsys, "import", "csv", tmp_path / "one.csv", "-o", tmp_path / "one.npz")
     assert status == 2 and err.count("\n") == 1 and "one.csv" in err and "'one'" in err
     assert [p.name for p in tmp_path.iterdir()] == ["one.csv"]
 
 
-def test_learn_writes_a_model_that_says_where_it_came_from(capsys, archive, tmp_path):
+def test_learn_writes_a_model_with_its_provenance(capsys, archive, tmp_path):
     model = tmp_path / "corner.model"
     words = ["learn", archive, "--view", "yaw:45,pitch:10", "-o", model, "--subjects", "1", "--rate", "30"]
     status, out, _ = run(capsys, *words)
-    assert status == 0 and "phase for yaw:45,pitch:10, 2 movements from 2 examples of 1 people, 30 Hz" in out
+    assert status == 0 and "phase for yaw:45,pitch:10, 2 movements from 2 examples of 1 person, 30 Hz" in out
     header = read_model(model).header
     assert (header.view, header.rate_hz, header.vocabulary.labels) == ("yaw:45,pitch:10", 30.0, ("ok", "shake"))
     assert header.provenance["archive"] == "people.npz" and len(header.provenance["archive_sha256"]) == 64
@@ -55,23 +58,79 @@ def test_learn_writes_a_model_that_says_where_it_came_from(capsys, archive, tmp_
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "error"),
     [
         (["--view", "dor"], "did you mean door?"),
-        (["--view", "door", "--labels", "ok,jump"], "'jump': no recording shows it"),
+        (["--view", "door", "--labels", "ok,jump"], "--labels jump: no recording shows this movement"),
+        (
+            ["--view", "door", "--labels", "shak"],
+            "--labels shak: no recording shows this movement; did you mean shake?",
+        ),
         (["--view", "door", "--labels", "ok"], "at least two movements"),
         (["--view", "door", "--subjects", "7"], "subject '7': not in the archive; it has 1, 2"),
-        (["--view", "door", "--model", "phaze"], "did you mean 'phase'"),
+        (["--view", "door", "--model", "phaze"], "did you mean phase?"),
         (["--view", "door", "--rate", "0"], "--rate"),
         ([], "--view"),
     ],
 )
-def test_what_cannot_be_learned_is_one_line_and_exit_2(capsys, archive, tmp_path, words, said):
+def test_what_cannot_be_learned_is_one_line_and_exit_2(capsys, archive, tmp_path, words, error):
     status, _, err = run(capsys, "learn", archive, "-o", tmp_path / "a.model", *words)
-    assert status == 2 and said in err and err.count("\n") == 1
+    assert status == 2 and error in err and err.count("\n") == 1
     assert not (tmp_path / "a.model").exists()
 
 
-def test_a_model_that_cannot_be_written_is_one_line(capsys, archive, tmp_path):
-    status, _, err = run(capsys, "learn", archive, "--view", "door", "-o", tmp_path / "none" / "a.model")
-    assert status == 2 and "a.model: cannot be written" in err and err.count("\n") == 1
+@pytest.mark.parametrize(
+    ("kind", "parameter", "error"),
+    [
+        ("phase", "begin=5", "parameter begin = 5: a number from 0 to 1 is expected"),
+        ("phase", "apart=-1", "parameter apart = -1: a number not below 0 is expected"),
+        ("phase", "fast=nan", "parameter fast = nan: a number above 0 is expected"),
+        ("phase", "facings=1.5", "facings = 1.5: a whole number from 1 to 72 is expected"),
+        ("phase", "fats=1", "parameter 'fats': not of the model phase"),
+        ("phase-symbols", "temperature=0", "parameter temperature = 0: a number above 0 is expected"),
+        ("phase-symbols", "slowest=0", "parameter slowest = 0: a number above 0 to 100 is expected"),
+        ("phase-symbols", "slowest=3", "parameter fastest = 2: a number not below slowest = 3 is expected"),
+        ("phase-symbols", "phases=0", "parameter phases = 0: a whole number from 1 to 1000 is expected"),
+        ("frame-table", "smoothing=0", "parameter smoothing = 0: a number above 0 is expected"),
+        ("frame-table", "bins=inf", "parameter bins = inf: a whole number from 1 to 1000 is expected"),
+    ],
+)
+def test_a_parameter_outside_its_range_is_one_line_and_exit_2(capsys, archive, tmp_path, kind, parameter, error):
+    words = ["--view", "door", "--model", kind, "--parameter", parameter]
+    status, _, err = run(capsys, "learn", archive, "-o", tmp_path / "a.model", *words)
+    assert status == 2 and error in err and err.count("\n") == 1
+
+
+def test_the_error_of_a_model_that_cannot_be_written_names_a_way_out(capsys, archive, tmp_path, monkeypatch):
+    learn = ["learn", archive, "--view", "door", "-o"]
+    status, _, err = run(capsys, *learn, tmp_path / "none" / "a.model")
+    assert status == 2 and err.count("\n") == 1
+    assert f"cannot write {tmp_path}/none/a.model: folder {tmp_path}/none does not exist" in err
+    status, _, err = run(capsys, *learn, tmp_path)
+    assert status == 2 and f"cannot write {tmp_path}: it is a folder. Name a file with -o" in err
+
+    def denied(*_):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr("observer.array_file._replace_file", denied)
+    status, _, err = run(capsys, *learn, tmp_path / "a.model")
+    assert status == 2
+    assert err == f"labanmesh: cannot write {tmp_path}/a.model: permission denied. Choose another path with -o\n"
+
+
+def test_a_pipe_or_a_device_is_written_to_and_not_replaced(capsys, archive, tmp_path):
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    reader = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
+    try:
+        status, _, _ = run(capsys, "import", "csv", _small_csv(tmp_path), "-o", pipe)
+        assert status == 0 and pipe.is_fifo() and os.read(reader, 2) == b"PK"
+    finally:
+        os.close(reader)
+    status, out, _ = run(capsys, "learn", archive, "--view", "door", "-o", "/dev/null")
+    assert status == 0 and "/dev/null: phase for door" in out and Path("/dev/null").is_char_device()
+
+
+def _small_csv(folder):
+    (folder / "small.csv").write_text(csv_of(2))
+    return folder / "small.csv"

@@ -159,7 +159,7 @@ def test_files_that_are_not_there_or_no_archives_are_refused(tmp_path):
     (tmp_path / "text.effort").write_text("hello")
     with pytest.raises(BadInput, match="not an Effort model"):
         read_effort(tmp_path / "text.effort")
-    with pytest.raises(BadInput, match="cannot be written"):
+    with pytest.raises(BadInput, match="cannot write"):
         write_effort(tmp_path / "nowhere" / "cam.effort", learn_trials(made(), "door", 30))
 
 

@@ -11,13 +11,13 @@ from hypothesis.extra.numpy import arrays
 from common.errors import BadInput
 from observer.features.posture import (
     ANCHOR_S,
-    APART,
     FEATURES_PER_PART,
+    HANDS_FEATURES,
     SLOW,
     PostureReader,
-    at_rest,
     groups_of,
     soft_direction,
+    without_motion,
 )
 from observer.tracks import BODY_PARTS, Tracks
 
@@ -35,7 +35,7 @@ def read(centres, rate_hz=RATE, body_parts=BODY_PARTS):
 
 def of_parts(features):
     """(F, D) -> (F, P, 5), without what is between the hands."""
-    return features[:, :-APART].reshape(len(features), -1, FEATURES_PER_PART)
+    return features[:, :-HANDS_FEATURES].reshape(len(features), -1, FEATURES_PER_PART)
 
 
 def oracle(centres, rate_hz=RATE):
@@ -134,12 +134,12 @@ def test_parts_go_by_their_names():
     centres = np.array([[[0, 100], [45, 0], [0, 0]], [[0, 82], [45, 0], [0, 0]]], dtype=float)
     mixed, plain = read(centres[:, [2, 1, 0]], body_parts=order), read(centres)
     np.testing.assert_array_equal(of_parts(mixed), of_parts(plain)[:, [2, 1, 0]])
-    np.testing.assert_array_equal(mixed[:, -APART:], plain[:, -APART:])
+    np.testing.assert_array_equal(mixed[:, -HANDS_FEATURES:], plain[:, -HANDS_FEATURES:])
 
 
 def test_the_hands_tell_how_far_apart_they_are_even_while_the_head_is_lost():
     centres = [[[0, 100], [100, 0], [0, 0]], [[30, 55], [75, 10], GONE], [GONE, [75, 10], [0, 0]]]
-    features = read(centres)[:, -APART:]
+    features = read(centres)[:, -HANDS_FEATURES:]
     # From the right hand to the left one, up positive: its evidence has the exponent WEIGHT, so its length the root.
     np.testing.assert_allclose(features[:2], [[-0.5 / 0.45, -0.5 / 0.45], [-0.5, -0.5]])
     assert np.isnan(features[2]).all()
@@ -147,7 +147,7 @@ def test_the_hands_tell_how_far_apart_they_are_even_while_the_head_is_lost():
 
 def test_without_two_hands_nothing_is_known_of_how_far_apart_they_are():
     features = read(np.array([[[100, 0], [0, 0]]] * 2, dtype=float), body_parts=("right_hand", "head"))
-    assert np.isnan(features[:, -APART:]).all() and np.isfinite(of_parts(features)[1]).all()
+    assert np.isnan(features[:, -HANDS_FEATURES:]).all() and np.isfinite(of_parts(features)[1]).all()
 
 
 def test_whatever_is_seen_is_seen_as_a_group():
@@ -185,15 +185,15 @@ def test_slow_motion_has_little_direction():
 
 def test_at_rest_is_the_same_place_without_motion():
     features = read(np.random.default_rng(0).normal(size=(6, 3, 2)))
-    resting = at_rest(features)
+    resting = without_motion(features)
     assert resting.shape == features.shape
     parts, before = of_parts(resting), of_parts(features)
-    np.testing.assert_array_equal(resting[:, -APART:], features[:, -APART:])
+    np.testing.assert_array_equal(resting[:, -HANDS_FEATURES:], features[:, -HANDS_FEATURES:])
     np.testing.assert_array_equal(parts[..., :2], before[..., :2])
     assert (parts[..., 2:] == 0).all() and np.isnan(before[0, 0, 2])
-    np.testing.assert_array_equal(at_rest(features.astype(np.float32)[3]), resting[3].astype(np.float32))
+    np.testing.assert_array_equal(without_motion(features.astype(np.float32)[3]), resting[3].astype(np.float32))
 
 
 def test_who_stands_still_reads_like_at_rest():
     still = read([[[0, 100], [45, 0], [0, 0]]] * 3)
-    np.testing.assert_array_equal(at_rest(still)[2], still[2])
+    np.testing.assert_array_equal(without_motion(still)[2], still[2])

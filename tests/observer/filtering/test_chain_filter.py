@@ -7,13 +7,13 @@ from hypothesis import strategies as st
 
 from common.probability import entropy_bits, uniform
 from common.vocabulary import Vocabulary
-from observer.features.posture import PostureReader, at_rest
+from observer.features.posture import PostureReader, without_motion
 from observer.filtering.chain_filter import ChainFilter
 from observer.filtering.phase_filter import Dynamics, PhaseFilter
 from observer.geometry.views import parse_view
 from observer.learning.learn import learn_view
 from observer.model.phase import ENTRY, STEPS
-from observer.model.postures import Chosen, PostureEvidence, Postures
+from observer.model.postures import LivePostures, PostureEvidence, Postures
 from observer.motion.projected import view_tracks
 from studies.performer import perform
 
@@ -68,7 +68,7 @@ def test_believes_what_the_phase_filter_believes_of_each_movement_at_each_facing
         first = first and ours.rest < 0.5
         # What was done before the movement that goes on is believed as ever, and not told.
         if first or (ours.rest >= 0.5 and n not in blind):
-            assert ours.joint.ravel() == pytest.approx(oracle.p, abs=1e-5)
+            assert ours.posterior.ravel() == pytest.approx(oracle.p, abs=1e-5)
 
 
 @some
@@ -84,7 +84,7 @@ def test_with_one_facing_it_is_the_phase_filter_of_the_movements(seed, known):
         oracle.step(frame.log, frame.rest, frame.after[:, 0])
         assert ours.rest == pytest.approx(oracle.rest, abs=1e-5)
         if ours.rest >= 0.5:
-            assert ours.joint[:, 0] == pytest.approx(oracle.p, abs=1e-5)
+            assert ours.posterior[:, 0] == pytest.approx(oracle.p, abs=1e-5)
 
 
 def transitions():
@@ -125,7 +125,7 @@ def test_what_each_movement_foresaw_is_the_predictive_density_of_the_frame(seed)
         ours.step(frame)
         mass = foreseen * likelihood
         said = [np.log(mass[movement == m].sum() / foreseen[movement == m].sum()) for m in range(3)]
-        assert ours.said == pytest.approx(said, abs=1e-4)
+        assert ours.predictive_log_likelihood == pytest.approx(said, abs=1e-4)
         mass /= mass.sum()
 
 
@@ -148,7 +148,7 @@ def test_while_somebody_moves_what_he_did_before_is_no_answer(seed):
         moving = mass[0] + mass[-cells:].sum() < 0.5
         done = mass[-cells:] - past * moving
         told = np.bincount(active, mass[1:-cells], cells) + done + mass[0] / cells
-        assert ours.joint.ravel() == pytest.approx(told / told.sum(), abs=1e-4)
+        assert ours.posterior.ravel() == pytest.approx(told / told.sum(), abs=1e-4)
 
 
 @some
@@ -161,9 +161,9 @@ def test_with_nothing_seen_nobody_is_surer_of_movement_or_facing(seed, seen, kno
     last = np.full(2, -1.0)
     for _ in range(25):
         belief.step_blind()
-        now = np.array([entropy_bits(belief.joint.sum(axis=1)), entropy_bits(belief.joint.ravel())])
+        now = np.array([entropy_bits(belief.posterior.sum(axis=1)), entropy_bits(belief.posterior.ravel())])
         assert (now >= last - 1e-5).all()
-        assert (belief.said == 0).all()
+        assert (belief.predictive_log_likelihood == 0).all()
         last = now
 
 
@@ -174,9 +174,9 @@ def test_whatever_is_seen_the_belief_is_a_distribution(seed, known, negligible, 
     belief = chain_filter(known, negligible)
     for _ in range(30):
         belief.step(Table.drawn(rng, strength))
-        assert belief.joint.shape == (MOVEMENTS, FACINGS) and (belief.joint >= 0).all()
-        assert belief.joint.sum() == pytest.approx(1) and 0 <= belief.rest <= 1
-        assert np.isfinite(belief.said).all()
+        assert belief.posterior.shape == (MOVEMENTS, FACINGS) and (belief.posterior >= 0).all()
+        assert belief.posterior.sum() == pytest.approx(1) and 0 <= belief.rest <= 1
+        assert np.isfinite(belief.predictive_log_likelihood).all()
 
 
 @some
@@ -188,13 +188,13 @@ def test_a_constant_added_to_all_evidence_is_foreseen_and_changes_no_belief(seed
         frame = Table.drawn(rng)
         plain.step(frame)
         shifted.step(Table(frame.log + constant, frame.rest + constant, frame.after + constant))
-    assert shifted.joint == pytest.approx(plain.joint, abs=1e-5)
-    assert shifted.said == pytest.approx(plain.said + constant, abs=1e-3)
+    assert shifted.posterior == pytest.approx(plain.posterior, abs=1e-5)
+    assert shifted.predictive_log_likelihood == pytest.approx(plain.predictive_log_likelihood + constant, abs=1e-3)
 
 
 def test_before_anything_was_seen_all_is_equally_likely():
     for known in (True, False):
-        assert chain_filter(known).joint == pytest.approx(np.full((3, 2), 1 / 6))
+        assert chain_filter(known).posterior == pytest.approx(np.full((3, 2), 1 / 6))
         assert chain_filter(known).rest == (0.0 if known else 1.0)
 
 
@@ -215,20 +215,20 @@ class Asked:
 def test_what_is_left_out_decides_nothing_and_spares_most_of_the_work(known):
     labels, door = ("ok", "shake", "lunging"), parse_view("door")
     archive = perform(("1", "2"), labels, trials=2, seed=3)
-    model = learn_view(archive, door, Vocabulary(labels), parameters={"facings": 4.0}, tried=False)
+    model = learn_view(archive, door, Vocabulary(labels), parameters={"facings": 4.0}, calibrate=False)
     chains, cell_of = model.arrays()["chains"], model.arrays()["movement_of"] * 4 + model.arrays()["facing_of"]
-    postures, ends = Postures(chains.transpose(1, 2, 0)), [at_rest(chains[:, n]).T[None] for n in (0, -1)]
+    postures, ends = Postures(chains.transpose(1, 2, 0)), [without_motion(chains[:, n]).T[None] for n in (0, -1)]
     of_rest = (*map(Postures, ends), cell_of, (3, 4))
     dynamics = Dynamics(np.array([STEPS]), np.ones(1), np.ones((1, 1)), np.array(ENTRY), 0.05, 0.01)
     asked: dict[float, list[int]] = {0.0: [], 1e-8: []}
     for recording in perform(("3",), labels, seed=4).recordings:
         exact, quick = (ChainFilter(cell_of, 3, 4, chains.shape[1], dynamics, known, n) for n in asked)
-        chosen = Chosen(postures), Chosen(postures)
-        reader = PostureReader(archive.body_parts, recording.rate_hz, fast=1.5, apart=0.5)
+        chosen = LivePostures(postures), LivePostures(postures)
+        reader = PostureReader(archive.body_parts, recording.rate_hz, max_speed=1.5, hands_weight=0.5)
         for tracks in view_tracks(door, recording, archive.body_parts, archive.body_parts):
             features = reader.update(tracks)
             for belief, own, cells in zip((exact, quick), chosen, asked.values(), strict=True):
                 belief.step(Asked(PostureEvidence(own, of_rest, features, 1.0, 5.0), cells))
-            assert quick.joint == pytest.approx(exact.joint, abs=1e-3)
+            assert quick.posterior == pytest.approx(exact.posterior, abs=1e-3)
             assert quick.rest == pytest.approx(exact.rest, abs=1e-3)
     assert sum(asked[1e-8]) < 0.6 * sum(asked[0.0])

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from common.vocabulary import Vocabulary
-from observer.learning.cross_validation import MOST_TRIED, believable, certainty_of
+from observer.learning.cross_validation import MOST_EVALUATED, estimate_calibration, with_calibration
 from observer.model.base import Example, Header
-from observer.model.posterior_calibration import FEW
+from observer.model.posterior_calibration import CAUTIOUS
 
 LABELS = ("bow", "lunge")
 TOLD: list[tuple[frozenset[tuple[str, str, int]], tuple[str, str, int]]] = []
@@ -73,7 +73,7 @@ def examples(subjects, trials=("1", "2"), facings=1):
 
 def test_nobody_is_judged_by_a_model_that_learned_from_him():
     shown = examples("abcd")
-    certainty_of(Spy, header(), shown)
+    estimate_calibration(Spy, header(), shown)
     assert Counter(judged for _, judged in TOLD) == Counter((e.subject, e.trial, e.movement) for e in shown)
     for learned, (subject, _, _) in TOLD:
         assert {s for s, _, _ in learned} == set("abcd") - {subject}
@@ -81,7 +81,7 @@ def test_nobody_is_judged_by_a_model_that_learned_from_him():
 
 def test_of_one_person_alone_one_recording_of_each_movement_is_left_out_in_turn():
     shown = examples("a", trials=("1", "2", "3"))
-    certainty_of(Spy, header(), shown)
+    estimate_calibration(Spy, header(), shown)
     assert len(TOLD) == len(shown)
     for learned, judged in TOLD:
         assert judged not in learned and len(learned) == 4
@@ -92,51 +92,51 @@ def test_where_one_person_alone_shows_a_movement_recordings_are_left_out_in_turn
     shown = [*examples("ab", trials=("1", "2")), example("a", "3", 1), example("b", "3", 1)]
     shown = [e for e in shown if e.movement == 1 or e.subject == "a"]
     assert {e.subject for e in shown if e.movement == 0} == {"a"}
-    certainty_of(Spy, header(), shown)
+    estimate_calibration(Spy, header(), shown)
     assert len(TOLD) == len(shown)
     assert all(judged not in learned and {m for _, _, m in learned} == {0, 1} for learned, judged in TOLD)
 
 
 def test_the_only_recording_of_a_movement_is_always_learned_from_and_never_judged():
     shown = [example("a", "1", 0), *(example("a", str(t), 1) for t in range(3))]
-    certainty_of(Spy, header(), shown)
+    estimate_calibration(Spy, header(), shown)
     assert [judged for _, judged in TOLD] == [("a", str(t), 1) for t in range(3)]
     assert all(("a", "1", 0) in learned and judged not in learned for learned, judged in TOLD)
 
 
 @pytest.mark.parametrize("shown", [examples("a", trials=("1",)), examples("ab"), examples("a", trials=("1", "2"))])
 def test_who_can_hardly_be_tried_is_believed_less(shown):
-    assert certainty_of(Spy, header(), shown) == FEW
+    assert estimate_calibration(Spy, header(), shown) == CAUTIOUS
 
 
 def test_with_enough_of_them_it_is_fitted():
-    assert certainty_of(Spy, header(), examples("abcde")) != FEW
+    assert estimate_calibration(Spy, header(), examples("abcde")) != CAUTIOUS
 
 
 def test_what_was_found_of_one_person_alone_makes_nobody_surer_than_that():
     shown = examples("a", trials=[str(n) for n in range(20)])
-    found = certainty_of(Spy, header(), shown)
-    assert found.temperature >= FEW.temperature and found.doubt >= FEW.doubt and not found.foreseen
+    found = estimate_calibration(Spy, header(), shown)
+    assert found.temperature >= CAUTIOUS.temperature and found.doubt >= CAUTIOUS.doubt and not found.foreseen
 
 
 def test_of_very_many_only_some_are_judged_though_all_are_left_out():
     shown = examples([str(n) for n in range(10)], trials=[str(n) for n in range(30)])
-    certainty_of(Spy, header(), shown)
-    assert MOST_TRIED / 2 <= len(TOLD) <= MOST_TRIED * 1.5
+    estimate_calibration(Spy, header(), shown)
+    assert MOST_EVALUATED / 2 <= len(TOLD) <= MOST_EVALUATED * 1.5
     assert {movement for _, (_, _, movement) in TOLD} == {0, 1}
     assert all(subject not in {s for s, _, _ in learned} for learned, (subject, _, _) in TOLD)
 
 
 def test_facing_one_way_is_enough():
-    certainty_of(Spy, header(4.0), examples("abc", facings=4))
+    estimate_calibration(Spy, header(4.0), examples("abc", facings=4))
     assert len(TOLD) == 12 and all(h.parameters["facings"] == 1.0 for h in HEADERS)
 
 
 def test_the_believable_model_is_the_same_but_for_its_certainty():
     shown = examples("abcde", facings=4)
     model = Spy.learn(header(4.0), shown)
-    told = believable(Spy, model, shown)
+    told = with_calibration(Spy, model, shown)
     assert told.learned == model.learned and told.header.parameters == {"facings": 4.0}
-    assert told.header.certainty == certainty_of(Spy, header(4.0), shown) != FEW
+    assert told.header.calibration == estimate_calibration(Spy, header(4.0), shown) != CAUTIOUS
     # The spy holds all for equally likely, and takes the first.
     assert told.header.provenance == {"tried": "20", "right": "10"}

@@ -1,4 +1,4 @@
-"""A person's own movements: few recordings, cautiously believed; movements added and taken out, others untouched."""
+"""A person's own movements: few recordings, cautious calibration; movements added and removed, others unchanged."""
 
 from dataclasses import replace
 
@@ -9,15 +9,14 @@ import labanmesh
 from common.errors import BadInput
 from common.vocabulary import Vocabulary
 from observer.geometry.views import parse_view
-from observer.learning.cross_validation import by_person, by_recording
-from observer.learning.cross_validation import judged as judged_by_model
-from observer.learning.editing import with_movements, without_movements
-from observer.learning.learn import examples_of, learn_view
-from observer.learning.report import believed
+from observer.learning.commands import describe_evaluation
+from observer.learning.cross_validation import evaluate_example, folds_by_person, folds_by_recording
+from observer.learning.editing import add_movements, remove_movements
+from observer.learning.learn import ExampleView, learn_view
 from observer.model.base import Onset
 from observer.model.frame_table import learn_table
 from observer.model.model_file import read_model, write_model
-from observer.model.posterior_calibration import FEW, PosteriorCalibration, not_surer
+from observer.model.posterior_calibration import CAUTIOUS, PosteriorCalibration, at_least_cautious
 from observer.model.registry import MODELS
 from observer.motion.archive import MotionArchive
 from observer.motion.archive_file import write_archive
@@ -52,17 +51,19 @@ def model(request, people):
 @pytest.fixture(scope="module")
 def turning(people):
     """Learned at several facings, and what it foresaw of its movements is known."""
-    learned = learn_view(some(people, ("1", "2"), OLD), DOOR, Vocabulary(OLD), parameters={"facings": 4.0}, tried=False)
+    learned = learn_view(
+        some(people, ("1", "2"), OLD), DOOR, Vocabulary(OLD), parameters={"facings": 4.0}, calibrate=False
+    )
     learned.header = _sure(learned.header)
     return learned
 
 
 def _sure(header):
     certainty = PosteriorCalibration(1.5, 0.03, ((-2.0, 0.5), (-3.0, 0.7)), 2.0, 1.0)
-    return replace(header, certainty=certainty)
+    return replace(header, calibration=certainty)
 
 
-def judged(model, recording):
+def recognised(model, recording):
     watch = model.watch(Onset(True, len(recording.positions)))
     for tracks in view_tracks(DOOR, recording, BODY_PARTS, model.header.body_parts):
         watch.update(tracks)
@@ -72,37 +73,40 @@ def judged(model, recording):
 def test_three_recordings_of_one_person_are_a_usable_model(people):
     own = learn_view(some(people, ("1",), (*OLD, NEW[0])), DOOR, Vocabulary((*OLD, NEW[0])))
     others = some(people, ("2", "3"), (*OLD, NEW[0]), trials=1).recordings
-    right = [judged(own, recording) == recording.label for recording in others]
+    right = [recognised(own, recording) == recording.label for recording in others]
     assert np.mean(right) >= 5 / 6
-    assert own.header.certainty == FEW
+    assert own.header.calibration == CAUTIOUS
     assert own.header.provenance["tried"] == "9"
-    assert "tried on 9 left-out examples: right" in believed(own.header) and "other people" in believed(own.header)
+    text = describe_evaluation(own.header)
+    assert "tried on 9 left-out examples: right" in text and "other people" in text
 
 
 def test_one_person_alone_is_never_believed_more_than_a_model_that_could_not_be_tried():
-    assert not_surer(PosteriorCalibration(0.5, 0.002, ((-1.0, 0.1),), 2.0, 1.0)) == FEW
-    unsure = not_surer(PosteriorCalibration(4.0, 0.2))
+    assert at_least_cautious(PosteriorCalibration(0.5, 0.002, ((-1.0, 0.1),), 2.0, 1.0)) == CAUTIOUS
+    unsure = at_least_cautious(PosteriorCalibration(4.0, 0.2))
     assert (unsure.temperature, unsure.doubt) == (4.0, 0.2)
 
 
 def test_many_recordings_of_one_person_are_still_one_person(people):
     many = some(perform(("1",), OLD, trials=10, seed=2), ("1",), OLD, trials=10)
-    certainty = learn_view(many, DOOR, Vocabulary(OLD), kind="frame-table").header.certainty
-    assert certainty.temperature >= FEW.temperature and certainty.doubt >= FEW.doubt and not certainty.foreseen
+    certainty = learn_view(many, DOOR, Vocabulary(OLD), kind="frame-table").header.calibration
+    assert (
+        certainty.temperature >= CAUTIOUS.temperature and certainty.doubt >= CAUTIOUS.doubt and not certainty.foreseen
+    )
 
 
 def test_who_is_left_out(people):
     vocabulary, parts = Vocabulary(OLD), people.body_parts
 
     def of(archive):
-        return examples_of(archive.recordings, DOOR, vocabulary, parts, parts, 1)
+        return ExampleView(DOOR, vocabulary, parts).examples(archive.recordings, parts)
 
     two = of(some(people, ("1", "2"), OLD))
-    assert [{two[n].subject for n in out} for out in by_person(two)] == [{"1"}, {"2"}]
+    assert [{two[n].subject for n in out} for out in folds_by_person(two)] == [{"1"}, {"2"}]
     one = of(some(people, ("1",), OLD))
-    assert by_person(one) is None
-    assert sorted(n for out in by_recording(one) for n in out) == list(range(6))
-    assert all(sorted(one[n].movement for n in out) == [0, 1] for out in by_recording(one))
+    assert folds_by_person(one) is None
+    assert sorted(n for out in folds_by_recording(one) for n in out) == list(range(6))
+    assert all(sorted(one[n].movement for n in out) == [0, 1] for out in folds_by_recording(one))
 
 
 def same(one, other):
@@ -110,39 +114,39 @@ def same(one, other):
 
 
 def test_adding_and_taking_out_again_leaves_everything_as_it_was(model, people):
-    grown = with_movements(model, some(people, ("3",), NEW), DOOR)
-    assert grown.labels == NEW and grown.examples == 6 and len(grown.tried) == 6
+    grown = add_movements(model, some(people, ("3",), NEW), DOOR)
+    assert grown.labels == NEW and grown.examples == 6 and len(grown.results) == 6
     assert grown.model.header.vocabulary.labels == (*OLD, *NEW)
-    assert without_movements(grown.model, ()).header.vocabulary.labels == (*OLD, *NEW)
-    back = without_movements(grown.model, NEW)
-    assert same(model, back) and back.header.certainty == model.header.certainty
+    assert remove_movements(grown.model, ()).header.vocabulary.labels == (*OLD, *NEW)
+    back = remove_movements(grown.model, NEW)
+    assert same(model, back) and back.header.calibration == model.header.calibration
     assert back.header.vocabulary == model.header.vocabulary
 
 
 def test_an_added_movement_is_recognised_and_so_are_the_old_ones(people):
     model = learn_view(some(people, ("1", "2"), OLD), DOOR, Vocabulary(OLD))
-    grown = with_movements(model, some(people, ("1", "2"), (NEW[0],)), DOOR).model
+    grown = add_movements(model, some(people, ("1", "2"), (NEW[0],)), DOOR).model
     shown = some(people, ("3",), (*OLD, NEW[0]), trials=1).recordings
-    assert [judged(grown, r) for r in shown] == [r.label for r in shown]
+    assert [recognised(grown, r) for r in shown] == [r.label for r in shown]
     # One between two others taken out moves the last one down.
-    kept = without_movements(grown, ("shake",))
+    kept = remove_movements(grown, ("shake",))
     assert kept.header.vocabulary.labels == ("ok", "lunging")
-    assert [judged(kept, r) for r in shown if r.label != "shake"] == ["ok", "lunging"]
+    assert [recognised(kept, r) for r in shown if r.label != "shake"] == ["ok", "lunging"]
 
 
 @pytest.mark.parametrize("kind", ["phase-symbols", "frame-table"])
 def test_a_table_grows_to_what_it_would_be_had_all_been_learned_at_once(people, kind):
     both = some(people, ("1", "2"), (*OLD, NEW[0]))
-    whole = learn_view(both, DOOR, Vocabulary((*OLD, NEW[0])), kind=kind, tried=False)
-    old = learn_view(some(people, ("1", "2"), OLD), DOOR, Vocabulary(OLD), kind=kind, tried=False)
-    grown = with_movements(old, both, DOOR).model
+    whole = learn_view(both, DOOR, Vocabulary((*OLD, NEW[0])), kind=kind, calibrate=False)
+    old = learn_view(some(people, ("1", "2"), OLD), DOOR, Vocabulary(OLD), kind=kind, calibrate=False)
+    grown = add_movements(old, both, DOOR).model
     assert (grown.arrays()["log_table"] == whole.arrays()["log_table"]).all()
-    kept = without_movements(grown, ("ok",))
+    kept = remove_movements(grown, ("ok",))
     assert (kept.arrays()["log_table"] == whole.arrays()["log_table"][1:]).all()
 
 
 def test_the_file_of_a_grown_model_says_what_was_added(model, people, tmp_path):
-    grown = with_movements(model, some(people, ("3",), NEW), DOOR, labels=("byebye",), source="own.npz").model
+    grown = add_movements(model, some(people, ("3",), NEW), DOOR, labels=("byebye",), source="own.npz").model
     write_model(tmp_path / "grown.model", grown)
     again = read_model(tmp_path / "grown.model")
     assert same(grown, again) and again.header.provenance["added"] == "byebye: 3 examples of own.npz"
@@ -150,14 +154,14 @@ def test_the_file_of_a_grown_model_says_what_was_added(model, people, tmp_path):
 
 
 def test_all_facings_are_learned_of_an_added_movement_and_how_it_is_foreseen(turning, people):
-    grown = with_movements(turning, some(people, ("1", "2"), (NEW[0],), trials=2), DOOR).model
+    grown = add_movements(turning, some(people, ("1", "2"), (NEW[0],), trials=2), DOOR).model
     arrays = grown.arrays()
     assert sorted(arrays["facing_of"][arrays["movement_of"] == 2].tolist()) == sorted([0, 1, 2, 3] * 4)
-    certainty = grown.header.certainty
+    certainty = grown.header.calibration
     assert (certainty.temperature, certainty.doubt) == (1.5, 0.03)
-    assert certainty.foreseen[:2] == turning.header.certainty.foreseen and len(certainty.foreseen) == 3
+    assert certainty.foreseen[:2] == turning.header.calibration.foreseen and len(certainty.foreseen) == 3
     assert certainty.foreseen[2][1] >= 0.6, "no narrower than is usual among the others"
-    assert without_movements(grown, ("ok",)).header.certainty.foreseen == certainty.foreseen[1:]
+    assert remove_movements(grown, ("ok",)).header.calibration.foreseen == certainty.foreseen[1:]
 
 
 def test_who_judges_an_added_movements_example_has_not_learned_it(turning, people, monkeypatch):
@@ -165,22 +169,22 @@ def test_who_judges_an_added_movements_example_has_not_learned_it(turning, peopl
 
     def looking(model, example):
         chains.append(int((model.arrays()["movement_of"] == 2).sum()))
-        return judged_by_model(model, example)
+        return evaluate_example(model, example)
 
-    monkeypatch.setattr("observer.learning.editing.judged", looking)
-    with_movements(turning, some(people, ("1", "2"), (NEW[0],), trials=2), DOOR)
+    monkeypatch.setattr("observer.learning.editing.evaluate_example", looking)
+    add_movements(turning, some(people, ("1", "2"), (NEW[0],), trials=2), DOOR)
     # The other person's two recordings, from four facings.
     assert chains == [8] * 4
     chains.clear()
-    with_movements(turning, some(people, ("3",), (NEW[0],)), DOOR)
+    add_movements(turning, some(people, ("3",), (NEW[0],)), DOOR)
     assert chains == [8] * 3
 
 
 def test_of_one_person_alone_an_added_movement_is_not_expected_to_be_foreseen_better_than_the_others(turning, people):
-    once = with_movements(turning, some(people, ("3",), (NEW[0],), trials=1), DOOR)
-    assert once.tried == () and once.model.header.certainty.foreseen[2] == pytest.approx((-2.5, 0.6))
-    thrice = with_movements(turning, some(people, ("3",), (NEW[0],)), DOOR)
-    assert len(thrice.tried) == 3 and thrice.model.header.certainty.foreseen[2][0] <= -2.5
+    once = add_movements(turning, some(people, ("3",), (NEW[0],), trials=1), DOOR)
+    assert once.results == () and once.model.header.calibration.foreseen[2] == pytest.approx((-2.5, 0.6))
+    thrice = add_movements(turning, some(people, ("3",), (NEW[0],)), DOOR)
+    assert len(thrice.results) == 3 and thrice.model.header.calibration.foreseen[2][0] <= -2.5
 
 
 @pytest.mark.parametrize(
@@ -191,33 +195,33 @@ def test_of_one_person_alone_an_added_movement_is_not_expected_to_be_foreseen_be
         ({"parameters": {"fast": 2.0}}, "--parameter fast=2: the model has 1.5"),
         ({"parameters": {"fats": 2.0}}, "'fats': not of the model phase"),
         ({"labels": ("ok",)}, "'ok': the model has it"),
-        ({"labels": ("jump",)}, "'jump': no recording shows it; the archive has"),
+        ({"labels": ("jump",)}, "--labels jump: no recording shows this movement"),
     ],
 )
 def test_what_does_not_fit_the_model_is_refused(turning, people, given, said):
     with pytest.raises(BadInput, match=r"\A[^\n]*\Z") as refused:
-        with_movements(turning, some(people, ("3",), (*OLD, *NEW)), **{"view": DOOR, **given})
+        add_movements(turning, some(people, ("3",), (*OLD, *NEW)), **{"view": DOOR, **given})
     assert said in str(refused.value)
 
 
 def test_other_recordings_than_the_models_are_refused(turning, people):
     fast = MotionArchive(people.body_parts, tuple(replace(r, rate_hz=60.0) for r in people.recordings))
     with pytest.raises(BadInput, match=r"recordings at 60 Hz: the model is for .* add --rate"):
-        with_movements(turning, fast, DOOR)
+        add_movements(turning, fast, DOOR)
     handless = MotionArchive(
         people.body_parts[:2], tuple(replace(r, positions=r.positions[:, :2]) for r in people.recordings)
     )
     with pytest.raises(BadInput, match="'head': the model needs it"):
-        with_movements(turning, handless, DOOR)
+        add_movements(turning, handless, DOOR)
     with pytest.raises(BadInput, match="there is nothing to add"):
-        with_movements(turning, some(people, ("3",), OLD), DOOR)
+        add_movements(turning, some(people, ("3",), OLD), DOOR)
 
 
 def test_two_movements_stay_at_least(turning):
-    with pytest.raises(BadInput, match="ok would stay, and two at least are needed"):
-        without_movements(turning, ("shake",))
+    with pytest.raises(BadInput, match="ok would stay, and at least two are needed"):
+        remove_movements(turning, ("shake",))
     with pytest.raises(BadInput, match="'shaek': not in the vocabulary"):
-        without_movements(turning, ("shaek",))
+        remove_movements(turning, ("shaek",))
 
 
 def test_bins_borrow_from_their_neighbours_what_they_lack():
@@ -248,8 +252,8 @@ def test_as_a_person_types_it(capsys, people, tmp_path):
     status, out, err = run(capsys, *words, "--add-to", file, "-o", file)
     assert (
         status == 0
-        and "byebye added from 2 examples of 1 people; 3 movements now" in out
-        and "all the scene's observers" in out
+        and "byebye added from 2 examples of 1 person; 3 movements now" in out
+        and "all observers of the scene" in out
     )
     assert "tried on 2 left-out examples of byebye: right" in out
     assert err == "warning: byebye: 2 recordings; record it at least 3 times\n"

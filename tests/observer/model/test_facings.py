@@ -10,8 +10,8 @@ import pytest
 from common.errors import BadInput
 from common.vocabulary import Vocabulary
 from observer.geometry.views import parse_view, turned
-from observer.learning.learn import MOST_FACINGS, facings_in, learn_view
-from observer.model.base import Onset
+from observer.learning.learn import learn_view
+from observer.model.base import MOST_FACINGS, Onset, facings_in
 from observer.model.model_file import read_model, write_model
 from observer.model.posterior_calibration import PosteriorCalibration
 from observer.motion.projected import ProjectedTracker, frames_of
@@ -36,7 +36,7 @@ def model_of(people):
     @cache
     def model(facings):
         two, given = select(people, ("1", "2")), {"facings": float(facings)}
-        return learn_view(two, DOOR, Vocabulary(LABELS), parameters=given, tried=False)
+        return learn_view(two, DOOR, Vocabulary(LABELS), parameters=given, calibrate=False)
 
     return model
 
@@ -93,7 +93,7 @@ def test_movement_and_facing_are_one_belief(model_of, people):
 @pytest.mark.parametrize("certainty", [PosteriorCalibration(), PosteriorCalibration(3.0, 0.1)])
 def test_the_facing_is_told_for_each_movement_it_may_be(model_of, people, certainty):
     model = model_of(8)
-    believed = type(model).from_arrays(replace(model.header, certainty=certainty), model.arrays())
+    believed = type(model).from_arrays(replace(model.header, calibration=certainty), model.arrays())
     for opinion in watched(believed, third(people)[0]):
         assert opinion.p.shape == (3,) and opinion.p.sum() == pytest.approx(1)
         assert opinion.facing.shape == (3, 8) and opinion.facing.sum(axis=1) == pytest.approx(np.ones(3))
@@ -108,8 +108,8 @@ def test_a_model_of_one_facing_says_none(model_of, people):
 def test_the_file_keeps_facings_and_certainty(tried, people, tmp_path):
     write_model(tmp_path / "a.model", tried)
     again = read_model(tmp_path / "a.model")
-    assert again.header.certainty == tried.header.certainty != PosteriorCalibration()
-    assert again.header.parameters["facings"] == 2 and len(again.header.certainty.foreseen) == 3
+    assert again.header.calibration == tried.header.calibration != PosteriorCalibration()
+    assert again.header.parameters["facings"] == 2 and len(again.header.calibration.foreseen) == 3
     assert np.bincount(again.arrays()["facing_of"]).tolist() == [24, 24]
     recording = third(people)[0]
     for one, other in zip(watched(tried, recording, 180), watched(again, recording, 180), strict=True):
@@ -126,7 +126,7 @@ def test_a_file_from_before_certainty_is_believed_as_it_is(model_of, tmp_path):
     arrays["header"] = np.array(str(arrays["header"]).replace('"certainty"', '"other"'))
     with (tmp_path / "b.model").open("wb") as file:
         np.savez(file, **arrays)
-    assert read_model(tmp_path / "b.model").header.certainty == PosteriorCalibration()
+    assert read_model(tmp_path / "b.model").header.calibration == PosteriorCalibration()
 
 
 @pytest.mark.parametrize("facings", [1, 12])

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from observer.filtering.phase_filter import PhaseFilter
-from observer.model.frame_table import SYMBOLS, FrameClock, indices, learn_table, log_evidence
+from observer.model.frame_table import SYMBOLS, FrameClock, bin_indices, learn_table, log_evidence
 from observer.model.phase_symbols import tempo_dynamics
 
 
@@ -32,7 +32,7 @@ def test_what_was_never_seen_in_training_is_uniform():
 
 @given(frames=st.integers(1, 60), bins=st.integers(1, 40))
 def test_the_clock_lays_a_movement_over_all_its_bins(frames, bins):
-    i = indices(frames, bins)
+    i = bin_indices(frames, bins)
     assert i[0] == 0 and (np.diff(i) >= 0).all() and i[-1] <= bins - 1
     if frames >= bins:
         assert set(i) == set(range(bins))

@@ -9,7 +9,7 @@ from common.vocabulary import Vocabulary
 from observer.geometry.views import parse_view
 from observer.learning.learn import learn_view
 from observer.model.base import Onset
-from observer.model.phase import STEPS, steps_in
+from observer.model.phase import STEPS, step_probabilities
 from observer.motion.archive import MotionArchive, Recording
 from observer.motion.projected import ProjectedTracker, frames_of
 from observer.motion.transforms import resample
@@ -21,13 +21,13 @@ DOOR, NAMES = parse_view("door"), Vocabulary(("raise", "wave"))
 
 @given(st.floats(0.05, 4.0))
 def test_in_so_much_time_so_many_phases_go_by(share):
-    steps = steps_in(share)
+    steps = step_probabilities(share)
     assert steps.sum() == pytest.approx(1) and (steps >= 0).all()
     assert steps @ np.arange(len(steps)) == pytest.approx(share * np.dot(STEPS, range(len(STEPS))))
 
 
 def test_one_fifteenth_of_a_second_is_a_step():
-    np.testing.assert_allclose(steps_in(1.0), STEPS)
+    np.testing.assert_allclose(step_probabilities(1.0), STEPS)
 
 
 def performed(label, size):
@@ -42,7 +42,7 @@ def performed(label, size):
 
 def surety(rate_hz, label):
     people = [resample(performed(name, size), rate_hz) for name in NAMES.labels for size in (0.9, 1.0, 1.1)]
-    model = learn_view(MotionArchive(BODY_PARTS, tuple(people)), DOOR, NAMES, tried=False)
+    model = learn_view(MotionArchive(BODY_PARTS, tuple(people)), DOOR, NAMES, calibrate=False)
     observer = Observer(ProjectedTracker(DOOR, BODY_PARTS, BODY_PARTS), model, Onset(known=True))
     shown = list(frames_of(resample(performed(label, 1.05), rate_hz)))
     return [observer.step(frame).p[NAMES.index(label)] for frame in shown][round(0.3 * len(shown))]

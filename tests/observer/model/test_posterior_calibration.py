@@ -6,7 +6,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from common.probability import softmax
-from observer.model.posterior_calibration import FEW, FEWEST_EXAMPLES, HINT, PosteriorCalibration, Tried, fit
+from observer.model.posterior_calibration import (
+    CAUTIOUS,
+    FEWEST_EXAMPLES,
+    MAX_EVIDENCE,
+    HeldOutResult,
+    PosteriorCalibration,
+    fit_calibration,
+)
 
 SHAPES = st.sampled_from([(2,), (5,), (3, 4), (20, 12)])
 TEMPERATURES = st.floats(0.5, 8.0)
@@ -20,24 +27,24 @@ def belief(shape, seed, sharpness=0.3):
 
 def test_by_hand():
     # sqrt of 0.64 and 0.04 is 0.8 and 0.2, and a tenth of all is spread over the two.
-    assert PosteriorCalibration(2.0, 0.1).of(np.array([16 / 17, 1 / 17])) == pytest.approx(
+    assert PosteriorCalibration(2.0, 0.1).apply(np.array([16 / 17, 1 / 17])) == pytest.approx(
         [0.9 * 0.8 + 0.05, 0.9 * 0.2 + 0.05]
     )
-    assert PosteriorCalibration(3.0, 0.2).of(np.array([1.0, 0.0])) == pytest.approx([0.9, 0.1])
+    assert PosteriorCalibration(3.0, 0.2).apply(np.array([1.0, 0.0])) == pytest.approx([0.9, 0.1])
 
 
 @some
 @given(shape=SHAPES, seed=st.integers(0, 999))
 def test_a_model_that_was_not_tried_is_believed_as_it_is(shape, seed):
     believed = belief(shape, seed)
-    np.testing.assert_array_equal(PosteriorCalibration().of(believed), believed)
+    np.testing.assert_array_equal(PosteriorCalibration().apply(believed), believed)
 
 
 @some
 @given(shape=SHAPES, seed=st.integers(0, 999), temperature=TEMPERATURES, doubt=DOUBTS)
 def test_the_likeliest_stays_the_likeliest_and_all_sums_to_one(shape, seed, temperature, doubt):
     before = belief(shape, seed)
-    after = PosteriorCalibration(temperature, doubt).of(before)
+    after = PosteriorCalibration(temperature, doubt).apply(before)
     assert after.shape == before.shape and after.sum() == pytest.approx(1)
     assert (after >= doubt / after.size - 1e-12).all()
     assert after.ravel()[before.argmax()] == after.max()
@@ -48,12 +55,12 @@ def test_the_likeliest_stays_the_likeliest_and_all_sums_to_one(shape, seed, temp
 def test_of_one_facing_it_is_the_same_as_of_none(seed, temperature, doubt):
     p = belief((6,), seed)
     certainty = PosteriorCalibration(temperature, doubt)
-    assert certainty.of(p[:, None])[:, 0] == pytest.approx(certainty.of(p))
+    assert certainty.apply(p[:, None])[:, 0] == pytest.approx(certainty.apply(p))
 
 
 STATS = ((-1.0, 0.5), (-2.0, 1.0), (-1.5, 0.25))
 KNOWING = PosteriorCalibration(foreseen=STATS, unlike=2.0, slope=1.5)
-LEAST, MOST = (1 / (1 + 3 * np.exp(-hint)) for hint in (-HINT, HINT))
+LEAST, MOST = (1 / (1 + 3 * np.exp(-hint)) for hint in (-MAX_EVIDENCE, MAX_EVIDENCE))
 
 
 @pytest.mark.parametrize("m", range(3))
@@ -94,27 +101,31 @@ def judged(rng, sure, count=1500, movements=6, blunders=0.0):
         truth = int(rng.choice(movements, p=right))
         if rng.random() < blunders:
             truth = int(rng.integers(movements))
-        said.append(Tried(truth, softmax(sure * np.log(np.maximum(right, 1e-300)))[None], None))
+        said.append(HeldOutResult(truth, softmax(sure * np.log(np.maximum(right, 1e-300)))[None], None))
     return said
 
 
 @pytest.mark.parametrize("sure", [1.0, 2.0, 4.0])
 def test_fitting_finds_how_much_too_sure_somebody_was(sure):
-    found = fit(judged(np.random.default_rng(0), sure), 6)
+    found = fit_calibration(judged(np.random.default_rng(0), sure), 6)
     assert found.temperature == pytest.approx(sure, rel=0.12) and found.doubt <= 0.01
     assert found.foreseen == ()
 
 
 def test_fitting_finds_how_often_anything_is_true():
-    found = fit(judged(np.random.default_rng(1), 1.0, blunders=0.1), 6)
+    found = fit_calibration(judged(np.random.default_rng(1), 1.0, blunders=0.1), 6)
     assert found.temperature == pytest.approx(1.0, rel=0.2) and 0.05 <= found.doubt <= 0.2
 
 
 def test_who_could_hardly_be_tried_is_believed_less():
     few = judged(np.random.default_rng(0), 1.0, FEWEST_EXAMPLES)
-    found = fit(few[:-1], 6)
-    assert found.temperature >= FEW.temperature and found.doubt >= FEW.doubt and fit([], 6) == FEW
-    assert fit(few, 6).doubt < FEW.doubt
+    found = fit_calibration(few[:-1], 6)
+    assert (
+        found.temperature >= CAUTIOUS.temperature
+        and found.doubt >= CAUTIOUS.doubt
+        and fit_calibration([], 6) == CAUTIOUS
+    )
+    assert fit_calibration(few, 6).doubt < CAUTIOUS.doubt
 
 
 def foreseeing(rng, apart, count=200):
@@ -124,14 +135,14 @@ def foreseeing(rng, apart, count=200):
         truth, means = n % 2, np.array([-1.0, -2.0])
         foreseen = rng.normal(means, 0.3)
         foreseen[1 - truth] -= apart * 0.3
-        said.append(Tried(truth, np.array([[0.9, 0.1], [0.1, 0.9]])[[truth]], foreseen))
+        said.append(HeldOutResult(truth, np.array([[0.9, 0.1], [0.1, 0.9]])[[truth]], foreseen))
     return said
 
 
 @settings(max_examples=10, deadline=None)
 @given(st.integers(0, 20))
 def test_what_is_foreseen_of_own_examples_is_learned_and_what_is_worse_is_something_else(seed):
-    found = fit(foreseeing(np.random.default_rng(seed), apart=6.0), 2)
+    found = fit_calibration(foreseeing(np.random.default_rng(seed), apart=6.0), 2)
     assert np.array(found.foreseen) == pytest.approx(np.array([(-1.0, 0.3), (-2.0, 0.3)]), abs=0.08)
     assert 1.5 < found.unlike < 4.5 and found.slope > 0
     for m, mean in enumerate((-1.0, -2.0)):
@@ -141,8 +152,10 @@ def test_what_is_foreseen_of_own_examples_is_learned_and_what_is_worse_is_someth
 
 def test_a_movement_with_one_example_is_told_by_the_others():
     examples = foreseeing(np.random.default_rng(0), 6.0, count=30)
-    alone = Tried(2, np.full((1, 3), 1 / 3), np.array([-3.0, -3.0, -1.2]))
-    widened = [Tried(t.truth, np.append(t.beliefs, [[0.0]], axis=1), np.append(t.foreseen, -9.0)) for t in examples]
+    alone = HeldOutResult(2, np.full((1, 3), 1 / 3), np.array([-3.0, -3.0, -1.2]))
+    widened = [
+        HeldOutResult(t.truth, np.append(t.posteriors, [[0.0]], axis=1), np.append(t.foreseen, -9.0)) for t in examples
+    ]
     own = [t.foreseen[t.truth] for t in widened] + [-1.2]
-    mean, spread = fit([*widened, alone], 3).foreseen[2]
+    mean, spread = fit_calibration([*widened, alone], 3).foreseen[2]
     assert mean == pytest.approx(np.mean(own)) and spread > np.std(own)

@@ -251,7 +251,7 @@ class Judge:
         return self
 
     def step(self, frame):
-        self.found = Tracks(STANDING)
+        self.picture_tracks = Tracks(STANDING)
         return Posterior(np.array([0.7, 0.3]), 0.1, 1, {})
 
 

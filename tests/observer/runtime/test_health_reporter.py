@@ -1,40 +1,43 @@
-"""What an observer says of itself when its camera or its sight fails."""
+"""The state that an observer reports when its camera or its tracker fails."""
+
+import pytest
 
 from observer.runtime.instrumentation import HealthReporter
 
-
-def heard(*events):
-    said = []
-    condition = HealthReporter()
-    condition.tell_to(lambda state, reason: said.append((state, reason)))
-    for event in events:
-        if event[0] == "frame":
-            condition.frame(event[1])
-        else:
-            condition.camera(*event)
-    return said
-
-
+RUNNING = ("running", "")
 LOST = ("degraded", "camera 0: no picture for 0.9 s")
 DARK = ("degraded", "the picture is dark")
+FRAME = ""
 
 
-def test_it_runs_with_the_first_frame_and_says_so_once():
-    assert heard(("frame", ""), ("frame", "")) == [("running", "")]
+def reported(*events):
+    """The reports after frames (a complaint, or "") and the camera's states (pairs)."""
+    reports, health = [], HealthReporter()
+    health.report_to(lambda *state: reports.append(state))
+    for event in events:
+        if isinstance(event, str):
+            health.record_frame(event)
+        else:
+            health.record_camera(*event)
+    return reports
 
 
-def test_a_camera_that_never_delivers_is_degraded_from_the_start():
-    assert heard(LOST, ("running", ""), ("frame", "")) == [LOST, ("running", "")]
+@pytest.mark.parametrize(
+    ("events", "reports"),
+    [
+        pytest.param((FRAME, FRAME), [RUNNING], id="running once"),
+        pytest.param((LOST, RUNNING, FRAME), [LOST, RUNNING], id="degraded before the first frame"),
+        pytest.param(
+            (FRAME, DARK[1], LOST, RUNNING, FRAME), [RUNNING, DARK, LOST, DARK, RUNNING], id="camera before complaint"
+        ),
+    ],
+)
+def test_each_change_is_reported_once(events, reports):
+    assert reported(*events) == reports
 
 
-def test_a_lost_camera_outweighs_a_complaint_and_the_complaint_comes_back():
-    said = heard(("frame", ""), ("frame", DARK[1]), LOST, ("running", ""), ("frame", ""))
-    assert said == [("running", ""), DARK, LOST, DARK, ("running", "")]
-
-
-def test_what_happened_before_somebody_listened_is_told():
-    said = []
-    condition = HealthReporter()
-    condition.camera(*LOST)
-    condition.tell_to(lambda *now: said.append(now))
-    assert said == [LOST]
+def test_a_state_from_before_is_reported_to_a_new_listener():
+    reports, health = [], HealthReporter()
+    health.record_camera(*LOST)
+    health.report_to(lambda *state: reports.append(state))
+    assert reports == [LOST]

@@ -11,7 +11,7 @@ from common.config import read_scene
 from observer.model.model_file import read_model
 from observer.model.registry import MODELS
 from observer.motion.archive_file import write_archive
-from observer.runtime.preflight import examine
+from observer.runtime.preflight import check_observer
 from studies.performer import perform
 
 ROOT = Path(__file__).parents[3]
@@ -33,7 +33,7 @@ def examined(place):
     def look(section, head=""):
         path = place / "scene.toml"
         path.write_text(f'scene = "dojo"\n{head}[observers.a]\nmodel = "good.model"\n{section}\n')
-        return examine(read_scene(path, {}), "a")
+        return check_observer(read_scene(path, {}), "a")
 
     return look
 

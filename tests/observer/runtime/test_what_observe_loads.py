@@ -36,7 +36,9 @@ print(status, *sys.modules)
 def place(tmp_path_factory):
     folder, whole = tmp_path_factory.mktemp("loads"), perform(("1",), ("ok", "shake"), trials=1)
     short = replace(whole.recordings[0], positions=whole.recordings[0].positions[:4])
-    write_model(folder / "cam1.model", learn_view(whole, parse_view("door"), Vocabulary(("ok", "shake")), tried=False))
+    write_model(
+        folder / "cam1.model", learn_view(whole, parse_view("door"), Vocabulary(("ok", "shake")), calibrate=False)
+    )
     write_archive(folder / "short.npz", MotionArchive(whole.body_parts, (short,)))
     return folder
 

@@ -1,0 +1,177 @@
+"""Which posteriors are sent, and what the messages contain: never off by more than the bound, never late."""
+
+import threading
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from common import SECOND_NS
+from common.config import MeshConfig, read_scene
+from common.link import Link
+from common.messages import PosteriorMessage
+from common.probability import decode_facing
+from common.vocabulary import Vocabulary
+from common.wire import decode, encode
+from observer.runtime.pipeline import Posterior
+from observer.runtime.posterior_encoder import MAX_CHANGE, PosteriorEncoder, SendOnChange, Summary, distance
+from observer.runtime.service import serve
+from observer.tracks import Frame
+
+SOON_S = 10.0
+FRAME_NS = 33_333_333
+HEARTBEAT_S = 0.1
+HEARTBEAT_NS = HEARTBEAT_S * SECOND_NS
+NAMES = Vocabulary(("bowing", "lunging"))
+FACING = np.array([[0.7, 0.1, 0.1, 0.1], [0.25, 0.25, 0.25, 0.25]])
+PROBABILITIES = st.floats(0, 1)
+
+
+def posterior(p=(0.75, 0.25), rest=0.1, visible=True, **more):
+    return Posterior(np.array(p), rest, 3, {"head": visible}, **more)
+
+
+def encoded(posterior, **options):
+    """The message as it arrives."""
+    return decode(PosteriorMessage, encode(PosteriorEncoder(NAMES, "s", **options).encode(posterior, 1, 2)))
+
+
+def test_facing_and_unlearned_are_in_the_message():
+    message = encoded(posterior(facing=FACING, unlearned=0.125))
+    assert message.unlearned == 0.125
+    assert decode_facing(np.array(message.facing.surprise)) == pytest.approx(FACING, abs=0.03)
+    without = encoded(posterior())
+    assert without.unlearned is None and without.facing is None
+
+
+@pytest.mark.parametrize("off", [1 + 2**-52, -(2**-60)])
+def test_round_off_does_not_stop_an_observer(off):
+    facets = {"effort_time": np.array([off, 1 - off])}
+    message = encoded(posterior((off, 1 - off), off, unlearned=off, facets=facets, facing=FACING * (1 + 2**-52)))
+    for value in (*message.p, message.rest, message.unlearned, *message.facets["effort_time"]):
+        assert 0 <= value <= 1
+
+
+class ConstantObserver:
+    vocabulary, complaint = NAMES, ""
+
+    def step(self, frame):
+        return posterior(facing=FACING, unlearned=0.125)
+
+
+class OneFrame:
+    rate_hz, body_parts = 10.0, ("head",)
+
+    def frames(self, stop):
+        yield Frame(1, np.zeros((1, 3)))
+
+
+@pytest.mark.parametrize(("direction", "sent"), [("known", True), ("unknown", False)])
+def test_facing_is_sent_only_if_the_scene_knows_the_direction(direction, sent, tmp_path):
+    text = 'scene = "dojo"\n[mesh]\nmode = "process"\nendpoint = "tcp/127.0.0.1:0"\n'
+    text += f'[observers.cam1]\nsource = "m.npz"\ndirection = "{direction}"\n'
+    (tmp_path / "s.toml").write_text(text)
+    scene = read_scene(tmp_path / "s.toml", {})
+    with Link.open(scene.mesh, "fusion") as fusion:
+        inbox = fusion.inbox(scene.keys.posterior())
+        with Link.open(MeshConfig(mode="process", endpoint=fusion.locator), "observer") as link:
+            assert link.publisher(scene.keys.posterior("cam1")).wait_for_subscriber(SOON_S)
+            serve(scene, "cam1", ConstantObserver(), OneFrame(), link, threading.Event())
+        (arrival,) = inbox.take(SOON_S)
+    message = decode(PosteriorMessage, arrival.payload)
+    assert (message.facing is not None) == sent and message.unlearned == 0.125 and message.p == [0.75, 0.25]
+
+
+@st.composite
+def distributions(draw, size=4):
+    mass = np.array(draw(st.lists(st.floats(0.001, 1), min_size=size, max_size=size)))
+    return mass / mass.sum()
+
+
+@st.composite
+def posteriors(draw):
+    facing = np.array([draw(distributions(3)) for _ in range(4)]) if draw(st.booleans()) else None
+    facets = {"shape_vertical": draw(distributions(3))} if draw(st.booleans()) else {}
+    visible = {"head": draw(st.booleans()), "left_hand": draw(st.booleans())}
+    unlearned = draw(st.none() | PROBABILITIES)
+    return Posterior(draw(distributions()), draw(PROBABILITIES), 1, visible, facets, facing, unlearned)
+
+
+@st.composite
+def drifting(draw):
+    """Posteriors that change little from one to the next, as those of a camera do."""
+    ends = draw(st.lists(posteriors(), min_size=2, max_size=4))
+
+    def mixed(a, b, s):
+        rest, unlearned = (1 - s) * a.rest + s * b.rest, (1 - s) * (a.unlearned or 0.0) + s * (b.unlearned or 0.0)
+        return Posterior((1 - s) * a.p + s * b.p, rest, 1, ends[0].visible, unlearned=unlearned)
+
+    return [mixed(a, b, s) for a, b in pairwise(ends) for s in np.linspace(0, 1, 12)]
+
+
+@given(st.lists(posteriors(), min_size=1, max_size=20) | drifting(), st.booleans())
+def test_a_posterior_that_is_not_sent_is_within_the_bound_of_the_last_one_sent(stream, directed):
+    on_change, last, last_ns = SendOnChange(HEARTBEAT_S, directed), None, 0
+    for n, now in enumerate(stream):
+        now_ns = n * FRAME_NS
+        if on_change.should_send(now, now_ns):
+            last, last_ns = now, now_ns
+            continue
+        assert last is not None and now_ns - last_ns < HEARTBEAT_NS
+        assert np.abs(now.p - last.p).sum() / 2 <= MAX_CHANGE
+        assert abs(now.rest - last.rest) <= MAX_CHANGE and (now.rest >= 0.5) == (last.rest >= 0.5)
+        assert now.p.argmax() == last.p.argmax()
+        assert any(now.visible.values()) == any(last.visible.values())
+        assert (now.unlearned is None) == (last.unlearned is None)
+        if directed and now.facing is not None:
+            assert np.abs(now.p[:, None] * now.facing - last.p[:, None] * last.facing).sum() / 2 <= MAX_CHANGE
+        for name, facet in now.facets.items():
+            assert np.abs(facet - last.facets[name]).sum() / 2 <= MAX_CHANGE
+
+
+@given(posteriors(), st.lists(st.integers(1, 300_000_000), min_size=5, max_size=40))
+def test_an_unchanged_posterior_is_sent_at_each_heartbeat(unchanged, gaps_ns):
+    on_change, times = SendOnChange(HEARTBEAT_S), np.cumsum(gaps_ns).tolist()
+    sent = [at_ns for at_ns in times if on_change.should_send(unchanged, at_ns)]
+    assert sent[0] == times[0]
+    for before, after in pairwise(sent):
+        assert after - before >= HEARTBEAT_NS
+        # The first frame after the heartbeat is sent, and no later one.
+        assert not any(before + HEARTBEAT_NS <= at_ns < after for at_ns in times)
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [{"p": (0.735, 0.265)}, {"rest": 0.115}, {"visible": False}, {"unlearned": 0.1},
+     {"facets": {"effort_time": np.array([0.5, 0.5])}}],
+)  # fmt: skip
+def test_a_change_is_sent_at_once(changed):
+    on_change = SendOnChange(HEARTBEAT_S)
+    assert on_change.should_send(posterior(), 0)
+    assert not on_change.should_send(posterior(p=(0.745, 0.255), rest=0.105), 1)
+    assert on_change.should_send(posterior(**changed), 2)
+
+
+@pytest.mark.parametrize(
+    ("before", "after"),
+    [({"p": (0.501, 0.499)}, {"p": (0.499, 0.501)}), ({"rest": 0.499}, {"rest": 0.5}),
+     ({"unlearned": 0.499}, {"unlearned": 0.5})],
+)  # fmt: skip
+def test_another_decision_is_sent_however_small_the_change(before, after):
+    on_change = SendOnChange(HEARTBEAT_S)
+    stream = [posterior(**fields) for fields in (before, before, after, after)]
+    assert [on_change.should_send(each, n) for n, each in enumerate(stream)] == [True, False, True, False]
+
+
+def test_a_clock_that_is_set_back_silences_no_observer():
+    on_change = SendOnChange(HEARTBEAT_S)
+    assert on_change.should_send(posterior(), 10**18) and on_change.should_send(posterior(), 5)
+
+
+def test_facings_are_compared_only_if_they_are_sent():
+    turned = [np.array([[1.0, 0.0]] * 2), np.array([[0.0, 1.0]] * 2)]
+    for directed, far in ((True, 1.0), (False, 0.0)):
+        one, other = (Summary.of(posterior(facing=facing), directed) for facing in turned)
+        assert distance(one, other) == pytest.approx(far)
