@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 from common.health import FRESH_S, ProcessHealth, serve_health
 from common.lifecycle import set_log_identity
 from common.text import plural
-from fusion.scene_worker import ASKING, STEPS_MISSED, SceneWorker, StepResult
+from fusion.membership import ASKING, STEPS_MISSED, SceneMember
+from fusion.scene_worker import StepResult
 
 if TYPE_CHECKING:
     from fusion.metrics import FusionMetrics
@@ -23,7 +24,7 @@ class ServerStep:
     and those of them that were read. dropped: posteriors left out since the start. took_s: how long the step took.
     """
 
-    results: Sequence[tuple[SceneWorker, StepResult]]
+    results: Sequence[StepResult]
     owned: int
     received: int
     read: int
@@ -32,11 +33,11 @@ class ServerStep:
 
 
 @contextmanager
-def instrumented(workers: Sequence[SceneWorker], own: str) -> Iterator[Callable[[ServerStep], None]]:
+def instrumented(members: Sequence[SceneMember], own: str) -> Iterator[Callable[[ServerStep], None]]:
     """Serve health and metrics where the first scene's [metrics] says while the context lasts; yields a recorder."""
-    first = workers[0]
-    only = first if len(workers) == 1 else None
-    name = first.scene.scene if only else plural(len(workers), "scene")
+    first = members[0]
+    only = first if len(members) == 1 else None
+    name = first.scene.scene if only else plural(len(members), "scene")
     set_log_identity(name, "fusion", own)
     # A service that has missed several steps, and for FRESH_S at least, is not ready any more.
     fresh_s = max(FRESH_S, STEPS_MISSED / first.scene.fusion.step_hz)

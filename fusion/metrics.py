@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from prometheus_client import Metric
 
     from fusion.instrumentation import ServerStep
-    from fusion.scene_worker import SceneWorker
+    from fusion.membership import SceneMember
 
 
 class FusionMetrics(Metrics):
@@ -24,7 +24,7 @@ class FusionMetrics(Metrics):
     of series of a service of many scenes does not grow with them.
     """
 
-    def __init__(self, own: str, only: "SceneWorker | None") -> None:
+    def __init__(self, own: str, only: "SceneMember | None") -> None:
         status = None if only is None else lambda: only.status.status(time_ns())
         super().__init__(
             "fusion", {"fusion": own} if only is None else {"scene": only.scene.scene, "fusion": own}, status
@@ -46,7 +46,7 @@ class FusionMetrics(Metrics):
         self._received.inc(step.received)
         self._read.inc(step.read)
         self._steps.observe(step.took_s)
-        for _, result in step.results:
+        for result in step.results:
             if result.output is not None:
                 self._judgement = result.output.judgement
             for verdict in result.published:

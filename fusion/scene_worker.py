@@ -1,38 +1,55 @@
-"""One scene of a fusion service: take part in it, and fuse it while that is this service's part.
+"""One scene that is fused in this process: posteriors in, judgements and verdicts out."""
 
-1. Which role the service has is decided in ownership.py; this file does on the mesh what follows from it.
-2. The owner fuses and publishes. A standby service that the scene file names fuses the same posteriors, follows what
-   the owner publishes and withholds its own verdicts until it takes over. Where scenes are shared, the next in rank
-   only keeps the last messages of the owner.
-3. A handover request is answered between two steps, under the service's own exact key, with the checkpoint of the
-   scene. Queries of listeners change nothing.
-4. A scene that names no vocabulary asks its observers for theirs until one answers.
-"""
-
-import logging
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+from common.clock_skew import ClockQuerier
 from common.config import Scene
-from common.errors import LabanmeshError
 from common.inbox import Arrival
-from common.keys import observer_of as service_of
-from common.messages import JudgementMessage, VerdictMessage, VocabularyMessage
-from common.status import ProcessStatus, StatusPublisher
-from common.vocabulary import Vocabulary
-from common.wire import decode, require_fits
-from fusion.active_scene import ActiveScene, Service, StepInput
-from fusion.checkpoint import Checkpoint, CheckpointFile
+from common.keys import observer_of
+from common.link import Link
+from common.messages import JudgementMessage, VerdictMessage
+from common.notify import Notifier
+from common.status import ProcessStatus
+from common.wire import encode_vocabulary
+from fusion.checkpoint import FORGET_S, Checkpoint, CheckpointFile
 from fusion.engine.engine import EngineOutput, FusionEngine
-from fusion.engine.pooling import PooledPosterior
-from fusion.ownership import Ownership, Role
-from fusion.standby import HandoverRequest, StandbyListener
+from fusion.engine.pooling import PooledPosterior, PoolingCase
+from fusion.ingest import PosteriorIngest, newest
+from fusion.publisher import VerdictPublisher
 
-log = logging.getLogger("labanmesh.fusion")
-STEPS_MISSED = 2.5
-"""A service that judges at every step is not silent before it has missed this many."""
-VOCABULARY_TIMEOUT_S = 1.0
-ASKING = "asking the observers for their vocabulary"
+
+@dataclass(frozen=True, slots=True)
+class Service:
+    """What all scenes of one fusion service share.
+
+    own: its id. session: random per process, to notice a second process of the same id. clock: Unix epoch in ns.
+    ticks: monotonic seconds. shared: whether scenes that name no standby services are shared by all services. polled:
+    whether messages wait until the step that takes them (many scenes) instead of being received by a thread for each
+    subscription. wake: called when the loop has work. ask_clocks_s: how often the clocks of the observers are asked.
+    supervisor: receives the state of the scene, where there is but one.
+    """
+
+    own: str
+    session: str
+    link: Link
+    clock: Callable[[], int]
+    ticks: Callable[[], float]
+    shared: bool
+    polled: bool
+    wake: Callable[[], None]
+    ask_clocks_s: float
+    supervisor: Notifier
+
+
+@dataclass(frozen=True, slots=True)
+class StepInput:
+    """The first half of a step: posteriors received and read, and what is to be pooled; None: nothing is."""
+
+    received: int = 0
+    read: int = 0
+    now_ns: int = 0
+    case: PoolingCase | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,222 +61,105 @@ class StepResult:
 
 
 class SceneWorker:
-    """One scene of a fusion service.
+    """An engine with all that it receives and publishes; everything that it declares ends with `close`.
 
-    Raises BadInput for an unknown fusion rule, or a rule that cannot pool so many observers.
+    fuses: whether posteriors are fused, not only received. owns: whether the results are published; `epoch` goes with
+    them. restored: whether the engine continues from what another service, or an earlier process, has published.
     """
 
-    def __init__(self, scene: Scene, service: Service) -> None:
-        self.scene, self._service = scene, service
-        named = () if service.shared and not scene.fusion.standby else scene.services
-        takeover_s = max(scene.fusion.takeover_s, STEPS_MISSED / scene.fusion.step_hz)
-        self.ownership = Ownership(service.own, scene.scene, named, takeover_s)
-        self._warm = len(named) > 1
-        self._file = CheckpointFile(scene.place(scene.fusion.memory)) if scene.fusion.memory else None
-        self.vocabulary = scene.named_vocabulary
-        if self.vocabulary is not None:
-            # A bad rule is an error now, not when the scene is taken over.
-            self._new_engine(self.vocabulary)
-        self.status = ProcessStatus(scene.scene, service.own)
+    def __init__(
+        self,
+        scene: Scene,
+        service: Service,
+        engine: FusionEngine,
+        status: ProcessStatus,
+        file: CheckpointFile | None,
+        hand_over: Callable[[str], bytes | None],
+    ) -> None:
+        """hand_over: called between two steps with the id of a service that asks for the scene."""
+        self._scene, self._clock, self._engine, self._status = scene, service.clock, engine, status
         self._session = service.link.sub_session(polled=service.polled)
-        self._status_publisher = StatusPublisher(
-            self._session, scene.keys.fusion_status(service.own), self.status, service.clock,
-            supervisor=service.supervisor,
-        )  # fmt: skip
-        self._session.announce(scene.keys.fusion_alive(service.own))
-        self._services = self._session.presence(scene.keys.fusion_alive())
-        self._alive: frozenset[str] | None = None
-        self._listener: StandbyListener | None = None
-        self._active: ActiveScene | None = None
-        self._request: HandoverRequest | None = None
-        self._handed_over: Checkpoint | None = None
-        self._lookup: VocabularyLookup | None = None
-        self._reason: str | None = None
+        # Always polled: ownership changes between two steps, never within one.
+        self._requests = service.link.sub_session(polled=True)
+        self._requests.answer_requests(
+            scene.keys.fusion_handover(service.own), lambda payload: hand_over(payload.decode("ascii", "replace"))
+        )
+        # Of many scenes by whole keys: Zenoh looks them up at once, and tries subscribers with wildcards one after the
+        # other; with 250 of them a message costs ten times as much. Of few scenes the server has one inbox.
+        names = map(scene.keys.posterior, scene.roster) if service.polled else ()
+        self._posteriors = self._session.inbox(*names, ring=1)
+        self._present = self._session.presence(scene.keys.observer_alive())
+        self._ingest = PosteriorIngest(engine, status, service.clock)
+        self._clocks = ClockQuerier(
+            self._session, scene.keys.observer_status(), service.clock, service.wake, service.ask_clocks_s
+        )
+        self._publisher = VerdictPublisher(self._session, scene.keys, engine, file)
+        vocabulary = encode_vocabulary(scene.scene, engine.vocabulary)
+        self._session.answer(scene.keys.vocabulary, lambda: vocabulary)
+        self._withheld: list[VerdictMessage] = []
+        self.fuses = self.owns = self.restored = False
+        self.epoch = 0
 
-    @property
-    def role(self) -> Role:
-        """What this service does for the scene now."""
-        return self.ownership.role
+    def poll_requests(self) -> None:
+        """Answer a handover request, if one has come."""
+        self._requests.poll()
 
     def collect(self, arrivals: Sequence[Arrival] = ()) -> StepInput:
         """Take in the posteriors in `arrivals` and all else that has come; the result says what is to be pooled."""
-        now_s = self._service.ticks()
-        self._take_from_services(now_s)
-        if self._active is not None:
-            self._active.poll_requests()
-        self.ownership.update(now_s)
-        if self._request is not None:
-            self._request.poll()
-            if self._request.finished:
-                self.ownership.handed_over()
-        self._follow_role()
-        if self._active is None:
-            return StepInput(len(arrivals))
-        return self._active.collect(arrivals, fuse=self._warm or self.role is Role.OWNER)
+        self._session.poll()
+        arrivals = arrivals or self._posteriors.take(0)
+        read = newest(arrivals)
+        for arrival in read:
+            self._ingest.take(arrival)
+        if self._clocks.ask_if_due():
+            self._status.set_observers(self._ingest.statistics(self._scene.roster))
+        for observer, reading in self._clocks.readings():
+            self._engine.record_clock(observer, reading)
+        # After the posteriors: a last one must not bring back an observer that has gone.
+        self._engine.set_present(frozenset(map(observer_of, self._present.alive)))
+        if not self.fuses:
+            return StepInput(len(arrivals), len(read))
+        now_ns = self._clock()
+        return StepInput(len(arrivals), len(read), now_ns, self._engine.pooling_case(now_ns))
 
     def finish(self, step: StepInput, pooled: PooledPosterior | None = None) -> StepResult:
-        """Fuse what `collect` gave, and publish it if this service owns the scene."""
-        if self._active is None or step.case is None:
+        """Decide what `collect` asked for, and publish it if this service owns the scene.
+
+        pooled: what the step's case comes to; None: it is pooled here. Verdicts of a standby service are withheld: the
+        owner publishes them, or, should it die, this service.
+        """
+        self._publisher.answers = self.owns
+        if step.case is None:
             return StepResult()
-        output = self._active.fuse(step, pooled)
-        return StepResult(output, self._active.publish(output) if self.role is Role.OWNER else ())
+        self._engine.epoch = self.epoch if self.owns else None
+        output = self._engine.output_for(step.case.posteriors, step.now_ns, pooled)
+        self._withheld += output.verdicts
+        if not self.owns:
+            return StepResult(output)
+        published, self._withheld = self._withheld, []
+        self._publisher.publish(published, output.judgement)
+        return StepResult(output, published)
 
-    def publish_status(self) -> None:
-        """Publish how the service is in this scene; to be called once a second."""
-        if self.role is not Role.IDLE:
-            self._status_publisher.publish()
+    def follow(self, message: JudgementMessage) -> None:
+        """Continue where the owner is: what it has not published, this engine decides again."""
+        self._withheld.clear()
+        self._engine.continue_from(message)
+        self._publisher.remember(message)
+        self.restored = True
 
-    def close(self, fault: str = "") -> None:
-        """Leave the scene. fault: why the service failed; "": it stops in order."""
-        self._status_publisher.set_state("failed" if fault else "stopping", fault)
-        for part in (self._active, self._listener, self._request, self._lookup, self._session):
-            if part is not None:
-                part.close()
-
-    def _take_from_services(self, now_s: float) -> None:
-        self._session.poll()
-        if self._listener is not None:
-            for message in self._listener.messages(now_s, self.vocabulary, every=self._warm or self.role is Role.OWNER):
-                if message is None:
-                    self.ownership.sign_of_life(now_s)
-                elif message.fusion == self._service.own:
-                    self._require_only_process(message)
-                elif self.ownership.published(message.fusion, message.epoch or 0, now_s) and self._active is not None:
-                    self._active.follow(message)
-        if self._services.alive is not self._alive:
-            # After their last messages, so that these do not bring back an owner that has gone.
-            self._alive = self._services.alive
-            self.ownership.set_alive(map(service_of, self._alive), now_s)
-
-    def _require_only_process(self, message: JudgementMessage) -> None:
-        """Raises LabanmeshError in one of two processes with the same id; both find the same one."""
-        if message.session in (None, self._service.session):
-            return
-        mine, other = (self.ownership.epoch, self._service.session), (message.epoch or 0, message.session)
-        if self.role is not Role.OWNER or mine < other:
-            raise SameIdError(self.scene.keys.fusion_alive(self._service.own))
-
-    def _follow_role(self) -> None:
-        role, owner = self.role, self.ownership.owner
-        if (role is Role.IDLE) != (self._listener is None):
-            self._set_listening(role is not Role.IDLE)
-        if role is Role.REQUESTING and self._request is None and owner is not None:
-            self._request = HandoverRequest(self.scene, self._service.link, self._service.own, owner)
-        fuses = role in (Role.OWNER, Role.REQUESTING) or (role is Role.STANDBY and self._warm)
-        if fuses and self._active is None:
-            self._activate()
-        elif not fuses and self._active is not None:
-            self._active.close()
-            self._active = None
-        if self._active is not None:
-            if role is Role.OWNER and not self._active.restored:
-                self._restore(self._active)
-            self._active.set_owner(role is Role.OWNER, self.ownership.epoch)
-        if role is not Role.REQUESTING and self._request is not None:
-            self._request.close()
-            self._request = None
-        self._report()
-
-    def _set_listening(self, listening: bool) -> None:
-        if listening:
-            self._listener = StandbyListener(self.scene, self._service.link)
-        elif self._listener is not None:
-            self._listener.close()
-            self._listener = None
-
-    def _activate(self) -> None:
-        if self.vocabulary is None:
-            if self._lookup is None:
-                self._lookup = VocabularyLookup(self.scene, self._service)
-            self.vocabulary = self._lookup.poll()
-            if self.vocabulary is None:
-                return
-            self._lookup.close()
-            self._lookup = None
-        engine = self._new_engine(self.vocabulary)
-        self._active = ActiveScene(self.scene, self._service, engine, self.status, self._file, self._hand_over)
-
-    def _restore(self, active: ActiveScene) -> None:
-        """Continue from the newest state: handed over, published by the last owner, given away, or in the file."""
-        states = [
-            self._request.checkpoint() if self._request is not None else None,
-            self._listener.checkpoint() if self._listener is not None else None,
-            self._handed_over,
-            self._file.read(self.scene.scene) if self._file is not None else None,
-        ]
-        known = [state for state in states if state is not None]
-        active.restored = True
-        if known:
-            # The first of equally new ones: a handover says more than a judgement.
-            active.restore(max(known, key=lambda state: state.judgement.at_ns))
-
-    def _hand_over(self, requester: str) -> bytes | None:
-        if self._active is None or not self.ownership.give_to(requester, self._service.ticks()):
-            return None
-        self._handed_over = self._active.checkpoint()
-        log.info("%s: handed over to %s", self.scene.scene, requester)
-        return b"" if self._handed_over is None else self._handed_over.to_json().encode()
-
-    def _report(self) -> None:
-        if self.role is Role.IDLE:
-            self._reason = None
-            return
-        if self.role is Role.OWNER:
-            reason = ASKING if self._active is None else ""
+    def restore(self, checkpoint: Checkpoint) -> None:
+        """Continue from `checkpoint`; of one older than FORGET_S only the learned reliability counts."""
+        if checkpoint.age_s(self._clock()) <= FORGET_S:
+            self._publisher.restore(checkpoint)
         else:
-            owner = self.ownership.owner
-            reason = f"standing by for {owner}" if owner else "standing by"
-        if reason != self._reason:
-            first, self._reason = self._reason is None, reason
-            self._status_publisher.set_state("starting" if reason == ASKING else "running", reason)
-            if reason or not first:
-                log.info("%s: %s", self.scene.scene, reason or "publishing")
+            self._engine.reliability = checkpoint.reliability
+        self.restored = True
 
-    def _new_engine(self, vocabulary: Vocabulary) -> FusionEngine:
-        config = self.scene.fusion.model_copy(update={"id": self._service.own})
-        engine = FusionEngine(self.scene.scene, list(self.scene.roster), vocabulary, config)
-        engine.session = self._service.session
-        return engine
-
-
-class VocabularyLookup:
-    """Asks the observers of a scene for their vocabulary, again and again; the first usable answer counts."""
-
-    def __init__(self, scene: Scene, service: Service) -> None:
-        self._scene, self._ticks = scene, service.ticks
-        self._session = service.link.sub_session(polled=True)
-        self._payloads: list[bytes] = []
-        self._asked_s = float("-inf")
-        log.info("%s names no vocabulary: %s", scene.scene, ASKING)
-
-    def poll(self) -> Vocabulary | None:
-        """The vocabulary, once an observer has answered; asks when it is due."""
-        self._session.poll()
-        payloads, self._payloads = self._payloads, []
-        for payload in payloads:
-            try:
-                vocabulary = decode(VocabularyMessage, payload).vocabulary
-                require_fits(self._scene, vocabulary)
-                return vocabulary
-            except LabanmeshError as error:
-                log.warning("a vocabulary that cannot be used: %s", error)
-        if self._ticks() - self._asked_s >= VOCABULARY_TIMEOUT_S:
-            self._asked_s = self._ticks()
-            self._session.request(
-                self._scene.keys.vocabulary, lambda _, payload: self._payloads.append(payload), VOCABULARY_TIMEOUT_S
-            )
-        return None
+    def checkpoint(self) -> Checkpoint | None:
+        """What another service needs to continue."""
+        return self._publisher.checkpoint()
 
     def close(self) -> None:
-        """Ask no more."""
+        """End all that was declared."""
+        self._requests.close()
         self._session.close()
-
-
-class SameIdError(LabanmeshError):
-    """Another fusion service of the same id is alive in the scene."""
-
-    def __init__(self, key: str) -> None:
-        super().__init__(
-            f"{key}: a fusion service of this id is alive already; stop it, or give this one an id of its own: "
-            '[fusion] standby = ["second"] in the scene file, and labanmesh fuse SCENE --id second'
-        )

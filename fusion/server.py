@@ -20,11 +20,11 @@ from common.inbox import Arrival, Presence
 from common.keys import scene_of
 from common.link import Link
 from common.notify import Notifier
-from fusion.active_scene import Service
-from fusion.engine.pooling import PooledPosterior, pool_many
+from fusion.engine.pooling import pool_many
 from fusion.instrumentation import ServerStep, instrumented
+from fusion.membership import SameIdError, SceneMember
 from fusion.ownership import Role
-from fusion.scene_worker import SameIdError, SceneWorker, StepResult
+from fusion.scene_worker import SceneWorker, Service, StepInput, StepResult
 
 log = logging.getLogger("labanmesh.fusion")
 FEW_SCENES = 8
@@ -63,7 +63,7 @@ def serve(
     server = FusionServer(scenes, own, link, clock, shared=shared, supervisor=supervisor)
     fault = ""
     try:
-        with instrumented(server.workers, own) as record:
+        with instrumented(server.members, own) as record:
             supervisor.ready()
             log.info("serving %s as %s", ", ".join(scene.scene for scene in scenes[:5]), own)
             if shared and stop.wait(SETTLE_S):
@@ -114,7 +114,7 @@ class FusionServer:
             ask_clocks_s=ASK_CLOCKS_S if self._polled else 1.0,
             supervisor=supervisor if len(scenes) == 1 else Notifier(""),
         )
-        self.workers = [SceneWorker(scene, service) for scene in scenes]
+        self.members = [SceneMember(scene, service) for scene in scenes]
         now_s = ticks()
         # Spread evenly, so that the last scene does not wait for the first.
         self._due_s = [now_s + n / len(scenes) / scene.fusion.step_hz for n, scene in enumerate(scenes)]
@@ -130,42 +130,41 @@ class FusionServer:
         arrivals = self._inbox.take(self._pause_s())
         begun_s = self._ticks()
         received = read = 0
-        results: list[tuple[SceneWorker, StepResult]] = []
+        results: list[StepResult] = []
         # In batches: when many are due, what was read of the first would grow old.
         for batch in _batched(self._due(_by_scene(arrivals)), BATCH):
-            steps = [(worker, worker.collect(own)) for worker, own in batch]
+            steps = [(worker, worker.collect(own)) for member, own in batch if (worker := member.update()) is not None]
             received += sum(step.received for _, step in steps)
             read += sum(step.read for _, step in steps)
-            pools: Iterator[PooledPosterior] = iter(pool_many([s.case for _, s in steps if s.case is not None]))
-            results += [(worker, worker.finish(s, next(pools) if s.case is not None else None)) for worker, s in steps]
+            results += _finished(steps)
         if begun_s - self._status_s >= STATUS_EVERY_S:
             self._status_s = begun_s
-            for worker in self.workers:
-                worker.publish_status()
-        owned = sum(worker.role is Role.OWNER for worker in self.workers)
+            for member in self.members:
+                member.publish_status()
+        owned = sum(member.role is Role.OWNER for member in self.members)
         return ServerStep(results, owned, received, read, self.dropped, self._ticks() - begun_s)
 
     def close(self, fault: str = "") -> None:
         """Leave all scenes. fault: why the service failed; "": it stops in order."""
-        for worker in self.workers:
-            worker.close(fault)
+        for member in self.members:
+            member.close(fault)
 
     def _pause_s(self) -> float:
         return self._polling_pause_s if self._polled else max(0.0, min(self._due_s) - self._ticks())
 
-    def _due(self, arrivals: dict[str, list[Arrival]]) -> Iterator[tuple[SceneWorker, Sequence[Arrival]]]:
+    def _due(self, arrivals: dict[str, list[Arrival]]) -> Iterator[tuple[SceneMember, Sequence[Arrival]]]:
         """Scenes with arrivals, and scenes whose time has come."""
-        for n, worker in enumerate(self.workers):
-            own, late_s = arrivals.get(worker.scene.scene, ()), self._ticks() - self._due_s[n]
+        for n, member in enumerate(self.members):
+            own, late_s = arrivals.get(member.scene.scene, ()), self._ticks() - self._due_s[n]
             if not own and late_s < 0:
                 continue
-            period_s = 1 / worker.scene.fusion.step_hz
+            period_s = 1 / member.scene.fusion.step_hz
             if self._polled:
                 # Steps that were missed are not made up for; the phase stays.
                 self._due_s[n] += period_s * (1 + late_s // period_s)
             else:
                 self._due_s[n] = self._ticks() + period_s
-            yield worker, own
+            yield member, own
 
 
 def require_compatible(scenes: Sequence[Scene]) -> None:
@@ -202,6 +201,13 @@ def _id_is_free(scenes: Sequence[Scene], own: str, link: Link, stop: threading.E
     return True
 
 
+def _finished(steps: Sequence[tuple[SceneWorker, StepInput]]) -> Iterator[StepResult]:
+    """Pool together what is to be pooled, and finish each step."""
+    pools = iter(pool_many([step.case for _, step in steps if step.case is not None]))
+    for worker, step in steps:
+        yield worker.finish(step, None if step.case is None else next(pools))
+
+
 def _by_scene(arrivals: Iterable[Arrival]) -> dict[str, list[Arrival]]:
     result: dict[str, list[Arrival]] = {}
     for arrival in arrivals:
@@ -210,8 +216,8 @@ def _by_scene(arrivals: Iterable[Arrival]) -> dict[str, list[Arrival]]:
 
 
 def _batched(
-    due: Iterable[tuple[SceneWorker, Sequence[Arrival]]], size: int
-) -> Iterator[list[tuple[SceneWorker, Sequence[Arrival]]]]:
+    due: Iterable[tuple[SceneMember, Sequence[Arrival]]], size: int
+) -> Iterator[list[tuple[SceneMember, Sequence[Arrival]]]]:
     rest = iter(due)
     while batch := list(islice(rest, size)):
         yield batch

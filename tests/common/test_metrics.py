@@ -179,7 +179,7 @@ def every_metric():
     verdict = spoken(VerdictMessage, id="v", began_ns=0, decided_ns=SECOND, ended_ns=2 * SECOND)
     result = StepResult(EngineOutput(spoken(), [verdict]), [verdict])
     for metrics in (fusion, shared):
-        metrics.record(ServerStep([(worker, result)], 1, 1, 1, 4, 0.01))
+        metrics.record(ServerStep([result], 1, 1, 1, 4, 0.01))
     hub = HubMetrics("mqtt")
     hub.record(SceneState("dojo").fold(spoken(), SECOND), spoken())
     hub.record_connection(True)

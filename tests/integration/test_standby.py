@@ -13,7 +13,7 @@ from common.messages import JudgementMessage, PosteriorMessage, StatusMessage, V
 from common.status import ProcessStatus, StatusPublisher
 from common.vocabulary import Vocabulary
 from common.wire import decode, encode
-from fusion.scene_worker import SameIdError
+from fusion.membership import SameIdError
 from fusion.server import serve
 
 SOON_S = 10.0

@@ -1,0 +1,245 @@
+"""The part that a fusion service takes in one scene, next to the other services of the scene.
+
+1. Which role the service has is decided in ownership.py; this file does on the mesh what follows from it.
+2. The owner fuses and publishes. A standby service that the scene file names fuses the same posteriors, follows what
+   the owner publishes and withholds its own verdicts until it takes over. Where scenes are shared, the next in rank
+   only keeps the last messages of the owner.
+3. A handover request is answered between two steps, under the service's own exact key, with the checkpoint of the
+   scene. Queries of listeners change nothing.
+4. A scene that names no vocabulary asks its observers for theirs until one answers.
+"""
+
+import logging
+
+from common.config import Scene
+from common.errors import LabanmeshError
+from common.keys import observer_of as service_of
+from common.messages import JudgementMessage, VocabularyMessage
+from common.status import ProcessStatus, StatusPublisher
+from common.vocabulary import Vocabulary
+from common.wire import decode, require_fits
+from fusion.checkpoint import Checkpoint, CheckpointFile
+from fusion.engine.engine import FusionEngine
+from fusion.ownership import Ownership, Role
+from fusion.scene_worker import SceneWorker, Service
+from fusion.standby import HandoverRequest, StandbyListener
+
+log = logging.getLogger("labanmesh.fusion")
+STEPS_MISSED = 2.5
+"""A service that judges at every step is not silent before it has missed this many."""
+VOCABULARY_TIMEOUT_S = 1.0
+ASKING = "asking the observers for their vocabulary"
+
+
+class SceneMember:
+    """The membership of this service in one scene; `worker` fuses the scene while that is the service's part.
+
+    Raises BadInput for an unknown fusion rule, or a rule that cannot pool so many observers.
+    """
+
+    def __init__(self, scene: Scene, service: Service) -> None:
+        self.scene, self._service = scene, service
+        named = () if service.shared and not scene.fusion.standby else scene.services
+        takeover_s = max(scene.fusion.takeover_s, STEPS_MISSED / scene.fusion.step_hz)
+        self.ownership = Ownership(service.own, scene.scene, named, takeover_s)
+        self._warm = len(named) > 1
+        self._file = CheckpointFile(scene.place(scene.fusion.memory)) if scene.fusion.memory else None
+        self.vocabulary = scene.named_vocabulary
+        if self.vocabulary is not None:
+            # A bad rule is an error now, not when the scene is taken over.
+            self._new_engine(self.vocabulary)
+        self.status = ProcessStatus(scene.scene, service.own)
+        self._session = service.link.sub_session(polled=service.polled)
+        self._status_publisher = StatusPublisher(
+            self._session, scene.keys.fusion_status(service.own), self.status, service.clock,
+            supervisor=service.supervisor,
+        )  # fmt: skip
+        self._session.announce(scene.keys.fusion_alive(service.own))
+        self._services = self._session.presence(scene.keys.fusion_alive())
+        self._alive: frozenset[str] | None = None
+        self._listener: StandbyListener | None = None
+        self.worker: SceneWorker | None = None
+        self._request: HandoverRequest | None = None
+        self._handed_over: Checkpoint | None = None
+        self._lookup: VocabularyLookup | None = None
+        self._reason: str | None = None
+
+    @property
+    def role(self) -> Role:
+        """What this service does for the scene now."""
+        return self.ownership.role
+
+    def update(self) -> SceneWorker | None:
+        """Take what other services have published, follow the role that results, and return the worker, if any."""
+        now_s = self._service.ticks()
+        self._take_from_services(now_s)
+        if self.worker is not None:
+            self.worker.poll_requests()
+        self.ownership.update(now_s)
+        if self._request is not None:
+            self._request.poll()
+            if self._request.finished:
+                self.ownership.handed_over()
+        self._follow_role()
+        return self.worker
+
+    def publish_status(self) -> None:
+        """Publish how the service is in this scene; to be called once a second."""
+        if self.role is not Role.IDLE:
+            self._status_publisher.publish()
+
+    def close(self, fault: str = "") -> None:
+        """Leave the scene. fault: why the service failed; "": it stops in order."""
+        self._status_publisher.set_state("failed" if fault else "stopping", fault)
+        for part in (self.worker, self._listener, self._request, self._lookup, self._session):
+            if part is not None:
+                part.close()
+
+    def _take_from_services(self, now_s: float) -> None:
+        self._session.poll()
+        if self._listener is not None:
+            for message in self._listener.messages(now_s, self.vocabulary, every=self._warm or self.role is Role.OWNER):
+                if message is None:
+                    self.ownership.sign_of_life(now_s)
+                elif message.fusion == self._service.own:
+                    self._require_only_process(message)
+                elif self.ownership.published(message.fusion, message.epoch or 0, now_s) and self.worker is not None:
+                    self.worker.follow(message)
+        if self._services.alive is not self._alive:
+            # After their last messages, so that these do not bring back an owner that has gone.
+            self._alive = self._services.alive
+            self.ownership.set_alive(map(service_of, self._alive), now_s)
+
+    def _require_only_process(self, message: JudgementMessage) -> None:
+        """Raises LabanmeshError in one of two processes with the same id; both find the same one."""
+        if message.session in (None, self._service.session):
+            return
+        mine, other = (self.ownership.epoch, self._service.session), (message.epoch or 0, message.session)
+        if self.role is not Role.OWNER or mine < other:
+            raise SameIdError(self.scene.keys.fusion_alive(self._service.own))
+
+    def _follow_role(self) -> None:
+        role, owner = self.role, self.ownership.owner
+        if (role is Role.IDLE) != (self._listener is None):
+            self._set_listening(role is not Role.IDLE)
+        if role is Role.REQUESTING and self._request is None and owner is not None:
+            self._request = HandoverRequest(self.scene, self._service.link, self._service.own, owner)
+        fuses = role in (Role.OWNER, Role.REQUESTING) or (role is Role.STANDBY and self._warm)
+        if fuses and self.worker is None:
+            self._activate()
+        elif not fuses and self.worker is not None:
+            self.worker.close()
+            self.worker = None
+        if self.worker is not None:
+            if role is Role.OWNER and not self.worker.restored:
+                self._restore(self.worker)
+            self.worker.owns, self.worker.fuses = role is Role.OWNER, self._warm or role is Role.OWNER
+            self.worker.epoch = self.ownership.epoch
+        if role is not Role.REQUESTING and self._request is not None:
+            self._request.close()
+            self._request = None
+        self._report()
+
+    def _set_listening(self, listening: bool) -> None:
+        if listening:
+            self._listener = StandbyListener(self.scene, self._service.link)
+        elif self._listener is not None:
+            self._listener.close()
+            self._listener = None
+
+    def _activate(self) -> None:
+        if self.vocabulary is None:
+            if self._lookup is None:
+                self._lookup = VocabularyLookup(self.scene, self._service)
+            self.vocabulary = self._lookup.poll()
+            if self.vocabulary is None:
+                return
+            self._lookup.close()
+            self._lookup = None
+        engine = self._new_engine(self.vocabulary)
+        self.worker = SceneWorker(self.scene, self._service, engine, self.status, self._file, self._hand_over)
+
+    def _restore(self, active: SceneWorker) -> None:
+        """Continue from the newest state: handed over, published by the last owner, given away, or in the file."""
+        states = [
+            self._request.checkpoint() if self._request is not None else None,
+            self._listener.checkpoint() if self._listener is not None else None,
+            self._handed_over,
+            self._file.read(self.scene.scene) if self._file is not None else None,
+        ]
+        known = [state for state in states if state is not None]
+        active.restored = True
+        if known:
+            # The first of equally new ones: a handover says more than a judgement.
+            active.restore(max(known, key=lambda state: state.judgement.at_ns))
+
+    def _hand_over(self, requester: str) -> bytes | None:
+        if self.worker is None or not self.ownership.give_to(requester, self._service.ticks()):
+            return None
+        self._handed_over = self.worker.checkpoint()
+        log.info("%s: handed over to %s", self.scene.scene, requester)
+        return b"" if self._handed_over is None else self._handed_over.to_json().encode()
+
+    def _report(self) -> None:
+        if self.role is Role.IDLE:
+            self._reason = None
+            return
+        if self.role is Role.OWNER:
+            reason = ASKING if self.worker is None else ""
+        else:
+            owner = self.ownership.owner
+            reason = f"standing by for {owner}" if owner else "standing by"
+        if reason != self._reason:
+            first, self._reason = self._reason is None, reason
+            self._status_publisher.set_state("starting" if reason == ASKING else "running", reason)
+            if reason or not first:
+                log.info("%s: %s", self.scene.scene, reason or "publishing")
+
+    def _new_engine(self, vocabulary: Vocabulary) -> FusionEngine:
+        config = self.scene.fusion.model_copy(update={"id": self._service.own})
+        engine = FusionEngine(self.scene.scene, list(self.scene.roster), vocabulary, config)
+        engine.session = self._service.session
+        return engine
+
+
+class VocabularyLookup:
+    """Asks the observers of a scene for their vocabulary, again and again; the first usable answer counts."""
+
+    def __init__(self, scene: Scene, service: Service) -> None:
+        self._scene, self._ticks = scene, service.ticks
+        self._session = service.link.sub_session(polled=True)
+        self._payloads: list[bytes] = []
+        self._asked_s = float("-inf")
+        log.info("%s names no vocabulary: %s", scene.scene, ASKING)
+
+    def poll(self) -> Vocabulary | None:
+        """The vocabulary, once an observer has answered; asks when it is due."""
+        self._session.poll()
+        payloads, self._payloads = self._payloads, []
+        for payload in payloads:
+            try:
+                vocabulary = decode(VocabularyMessage, payload).vocabulary
+                require_fits(self._scene, vocabulary)
+                return vocabulary
+            except LabanmeshError as error:
+                log.warning("a vocabulary that cannot be used: %s", error)
+        if self._ticks() - self._asked_s >= VOCABULARY_TIMEOUT_S:
+            self._asked_s = self._ticks()
+            self._session.request(
+                self._scene.keys.vocabulary, lambda _, payload: self._payloads.append(payload), VOCABULARY_TIMEOUT_S
+            )
+        return None
+
+    def close(self) -> None:
+        """Ask no more."""
+        self._session.close()
+
+
+class SameIdError(LabanmeshError):
+    """Another fusion service of the same id is alive in the scene."""
+
+    def __init__(self, key: str) -> None:
+        super().__init__(
+            f"{key}: a fusion service of this id is alive already; stop it, or give this one an id of its own: "
+            '[fusion] standby = ["second"] in the scene file, and labanmesh fuse SCENE --id second'
+        )
