@@ -15,7 +15,7 @@ from types import TracebackType
 from typing import Literal, Self, TypeVar, get_args
 
 from mcap.exceptions import EndOfFile, McapError, RecordLengthLimitExceeded
-from mcap.records import Attachment, Channel, Header, McapRecord, Message, Metadata
+from mcap.records import Attachment, Channel, Chunk, Header, McapRecord, Message, Metadata
 from mcap.stream_reader import StreamReader
 from mcap.well_known import MessageEncoding
 from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
@@ -170,9 +170,16 @@ class CaptureFile:
     def _found(self) -> Iterator[McapRecord]:
         with _opened(self.path) as stream:
             # No record is longer than the file: a length that was cut off is not taken for the truth.
-            records = StreamReader(stream, record_size_limit=self._size).records
+            # Chunks are not decompressed: a small file could hold gigabytes in one.
+            records = StreamReader(stream, emit_chunks=True, record_size_limit=self._size).records
             try:
-                yield from records
+                for record in records:
+                    if isinstance(record, Chunk):
+                        raise LabanmeshError(
+                            f"{self.path}: holds chunks, which captures do not have; "
+                            "replay a file that `labanmesh capture` has written"
+                        )
+                    yield record
             except (EndOfFile, RecordLengthLimitExceeded):
                 return
             except (McapError, ValueError, struct.error) as error:

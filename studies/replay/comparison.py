@@ -1,73 +1,89 @@
-"""Recorded verdicts beside those judged again, as rows, text and JSON. Pure."""
+"""Recorded verdicts beside those judged again, as rows, text and JSON. Pure.
+
+A movement is one row: all messages with one verdict id (decided, ended). Verdicts with different ids, as a changed
+engine gives them, share a row when their movements overlap in time.
+"""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any, Literal
 
+from common import SECOND_NS
 from common.messages import VerdictMessage
-from studies.replay.from_judgements import Change
+from common.text import plural
+from studies.replay.from_judgements import Gap, ReplayChange
 
 Source = Literal["judgements", "posteriors"]
 Likeness = Literal["bit for bit", "same label", "another label", "not judged", "not recorded"]
+NONE = "-"
 
 
 @dataclass(frozen=True, slots=True)
-class Saying:
-    """One verdict, and as which bytes it was or would be said."""
+class VerdictRecord:
+    """A verdict and its bytes on the wire."""
 
     verdict: VerdictMessage
     payload: bytes
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
-    """One movement: what was recorded of it and what is said of it now, in the order of saying; one may be empty.
+class VerdictComparison:
+    """The messages about one movement, as recorded and as judged again, in order; one may be empty.
 
-    `partly`: something happened meanwhile that is not in the capture, so that the two need not agree.
+    `partly`: part of the movement is in a gap of the capture, so the two need not agree.
     """
 
-    recorded: tuple[Saying, ...]
-    anew: tuple[Saying, ...]
+    recorded: tuple[VerdictRecord, ...]
+    replayed: tuple[VerdictRecord, ...]
     partly: bool = False
 
     @property
-    def said(self) -> VerdictMessage | None:
-        """The last word that was recorded."""
+    def last_recorded(self) -> VerdictMessage | None:
+        """The last recorded message."""
         return self.recorded[-1].verdict if self.recorded else None
 
     @property
-    def judged(self) -> VerdictMessage | None:
-        """The last word now."""
-        return self.anew[-1].verdict if self.anew else None
+    def last_replayed(self) -> VerdictMessage | None:
+        """The last message of the replay."""
+        return self.replayed[-1].verdict if self.replayed else None
 
     @property
     def began_ns(self) -> int:
-        """When the movement began, as recorded if it was."""
-        return (self.recorded or self.anew)[0].verdict.began_ns
+        """The begin of the movement, the recorded one if there is one."""
+        return (self.recorded or self.replayed)[0].verdict.began_ns
 
     @property
     def likeness(self) -> Likeness:
-        """How far the two agree: on every bit of all that was said, on the label, or not."""
-        if self.said is None:
+        """Whether the two agree in every bit, in the label, or not."""
+        recorded, replayed = self.last_recorded, self.last_replayed
+        if recorded is None:
             return "not recorded"
-        if self.judged is None:
+        if replayed is None:
             return "not judged"
-        if [saying.payload for saying in self.recorded] == [saying.payload for saying in self.anew]:
+        if [record.payload for record in self.recorded] == [record.payload for record in self.replayed]:
             return "bit for bit"
-        return "same label" if self.said.label == self.judged.label else "another label"
+        return "same label" if recorded.label == replayed.label else "another label"
+
+    @property
+    def stands(self) -> bool:
+        """Whether both have a verdict with the same label."""
+        recorded, replayed = self.last_recorded, self.last_replayed
+        return recorded is not None and replayed is not None and recorded.label == replayed.label
+
+    @property
+    def comparable(self) -> bool:
+        """Whether the row counts: not partly in a gap, or equal all the same."""
+        return not self.partly or self.likeness == "bit for bit"
 
 
 @dataclass(frozen=True, slots=True)
-class Replayed:
-    """A capture judged anew.
-
-    `judgements` were recorded, of which `same` came out bit for bit; `missing` were made and not heard.
-    """
+class ReplayResult:
+    """A capture judged again: `same` of its `judgements` are equal bit for bit; `missing` were not captured."""
 
     source: Source
-    change: Change
-    rows: Sequence[Row]
+    change: ReplayChange
+    rows: Sequence[VerdictComparison]
     records: int
     seconds: float
     began_ns: int
@@ -77,7 +93,7 @@ class Replayed:
 
     @property
     def faithful(self) -> bool:
-        """Whether nothing came out otherwise than it may: with a change anything may, and so may what began before."""
+        """Whether the replay agrees with the recording wherever it should: not with a change, not in a gap."""
         if self.change.any:
             return True
         enough = {"bit for bit"} if self.source == "judgements" else {"bit for bit", "same label"}
@@ -85,149 +101,141 @@ class Replayed:
         return not recorded or all(row.likeness in enough for row in self.rows if not row.partly)
 
 
-def rows_of(recorded: Iterable[Saying], anew: Iterable[Saying], unsure: Sequence[tuple[int, int]]) -> list[Row]:
-    """One row for each movement, by time; those that go on in one of the `unsure` spans are known in part only."""
+def compare_verdicts(
+    recorded: Iterable[VerdictRecord], replayed: Iterable[VerdictRecord], gaps: Sequence[Gap]
+) -> list[VerdictComparison]:
+    """One row per movement, by time; rows that overlap a gap are `partly`."""
     rows = [
-        Row(tuple(was), tuple(now), _partly(was or now, unsure)) for was, now in _paired(_by_id(recorded), _by_id(anew))
+        VerdictComparison(tuple(was), tuple(now), _in_gap(was or now, gaps))
+        for was, now in _paired(_by_id(recorded), _by_id(replayed))
     ]
     return sorted(rows, key=lambda row: row.began_ns)
 
 
-def _partly(said: Sequence[Saying], unsure: Sequence[tuple[int, int]]) -> bool:
-    began_ns, until_ns = said[0].verdict.began_ns, said[-1].verdict.at_ns
-    return any(began_ns <= last_ns and first_ns <= until_ns for first_ns, last_ns in unsure)
+def _in_gap(records: Sequence[VerdictRecord], gaps: Sequence[Gap]) -> bool:
+    began_ns, until_ns = records[0].verdict.began_ns, records[-1].verdict.at_ns
+    return any(began_ns <= gap.last_ns and gap.first_ns <= until_ns for gap in gaps)
 
 
-def _by_id(sayings: Iterable[Saying]) -> dict[str, list[Saying]]:
-    """What was said of each movement; a copy that came twice is one saying."""
-    movements: dict[str, list[Saying]] = {}
-    for saying in sayings:
-        said = movements.setdefault(saying.verdict.id, [])
-        if saying not in said:
-            said.append(saying)
+def _by_id(records: Iterable[VerdictRecord]) -> dict[str, list[VerdictRecord]]:
+    """The messages about each movement, without duplicates."""
+    movements: dict[str, list[VerdictRecord]] = {}
+    for record in records:
+        own = movements.setdefault(record.verdict.id, [])
+        if record not in own:
+            own.append(record)
     return movements
 
 
 def _paired(
-    recorded: Mapping[str, list[Saying]], anew: Mapping[str, list[Saying]]
-) -> Iterator[tuple[list[Saying], list[Saying]]]:
-    """Movements of both, by their ids, else by overlap in time, else alone."""
-    yield from ((recorded[name], anew[name]) for name in recorded if name in anew)
-    later = sorted((said for name, said in anew.items() if name not in recorded), key=_span)
-    for said in sorted((said for name, said in recorded.items() if name not in anew), key=_span):
-        began_ns, ended_ns = _span(said)
-        while later and _span(later[0])[1] <= began_ns:
+    recorded: Mapping[str, list[VerdictRecord]], replayed: Mapping[str, list[VerdictRecord]]
+) -> Iterator[tuple[list[VerdictRecord], list[VerdictRecord]]]:
+    """Movements of both, paired by id, else by overlap in time, else alone."""
+    yield from ((recorded[name], replayed[name]) for name in recorded if name in replayed)
+    later = sorted((own for name, own in replayed.items() if name not in recorded), key=_span_ns)
+    for own in sorted((own for name, own in recorded.items() if name not in replayed), key=_span_ns):
+        began_ns, ended_ns = _span_ns(own)
+        while later and _span_ns(later[0])[1] <= began_ns:
             yield [], later.pop(0)
-        yield said, later.pop(0) if later and _span(later[0])[0] < ended_ns else []
-    yield from (([], said) for said in later)
+        yield own, later.pop(0) if later and _span_ns(later[0])[0] < ended_ns else []
+    yield from (([], own) for own in later)
 
 
-def _span(said: Sequence[Saying]) -> tuple[int, int]:
-    last = said[-1].verdict
+def _span_ns(records: Sequence[VerdictRecord]) -> tuple[int, int]:
+    last = records[-1].verdict
     return last.began_ns, last.at_ns if last.ended_ns is None else last.ended_ns
 
 
-NONE = "-"
+def as_text(result: ReplayResult, name: str, complete: bool) -> str:
+    """The capture's title, the table of verdicts, and the counts."""
+    change = _change_text(result.change)
+    head = ["began", "lasted", "recorded", "agreed", change or "judged again", "agreed", "stands" if change else "same"]
+    cells = [_cells(row, result) for row in result.rows]
+    table = _aligned([head, *cells]) if cells else "no verdicts, neither recorded nor judged again"
+    return "\n".join([_title(result, name, complete), "", table, "", *_counts(result)])
 
 
-def as_text(found: Replayed, name: str, complete: bool) -> str:
-    """The table of verdicts, with what the capture is above it and the sum of it below."""
-    what = _worded(found.change)
-    head = ["began", "lasted", "recorded", "agreed", what or "judged anew", "agreed", "stands" if what else "same"]
-    cells = [_cells(row, found) for row in found.rows]
-    table = _aligned([head, *cells]) if cells else "no verdict in it, neither recorded nor judged anew"
-    return "\n".join([_title(found, name, complete), "", table, "", *_sum(found)])
-
-
-def as_json(found: Replayed, name: str, complete: bool) -> dict[str, Any]:
-    """The same for programs; times in ns since 1970, labels null where nothing was said."""
-    change = found.change
+def as_json(result: ReplayResult, name: str, complete: bool) -> dict[str, Any]:
+    """The same for programs; times in ns since 1970, null where there is no verdict."""
+    change = result.change
     return {
         "version": 1,
         "capture": name,
         "complete": complete,
-        "from": found.source,
+        "from": result.source,
         "change": {
             "without": list(change.without), "rule": change.rule, "quorum": change.quorum,
             "threshold": change.threshold,
         },
-        "judgements": {"recorded": found.judgements, "same": found.same, "missing": found.missing},
-        "verdicts": [_row_as_json(row) for row in found.rows],
-        "faithful": found.faithful,
+        "judgements": {"recorded": result.judgements, "same": result.same, "missing": result.missing},
+        "verdicts": [_row_as_json(row) for row in result.rows],
+        "faithful": result.faithful,
     }  # fmt: skip
 
 
-def _row_as_json(row: Row) -> dict[str, Any]:
-    said = {"recorded": _verdict_as_json(row.said), "anew": _verdict_as_json(row.judged)}
-    return {"began_ns": row.began_ns, "likeness": row.likeness, "stands": _stands(row), "partly": row.partly, **said}
+def _row_as_json(row: VerdictComparison) -> dict[str, Any]:
+    verdicts = {"recorded": _verdict_as_json(row.last_recorded), "anew": _verdict_as_json(row.last_replayed)}
+    return {
+        "began_ns": row.began_ns, "likeness": row.likeness, "stands": row.stands, "partly": row.partly, **verdicts
+    }  # fmt: skip
 
 
 def _verdict_as_json(verdict: VerdictMessage | None) -> dict[str, Any] | None:
     if verdict is None:
         return None
     fields = ("id", "label", "began_ns", "decided_ns", "ended_ns", "certainty_bits")
-    agreement = {"agreement": verdict.agreement.model_dump()}
-    return {name: getattr(verdict, name) for name in fields} | agreement
+    return {name: getattr(verdict, name) for name in fields} | {"agreement": verdict.agreement.model_dump()}
 
 
-def _title(found: Replayed, name: str, complete: bool) -> str:
-    began = datetime.fromtimestamp(found.began_ns / 1e9, tz=UTC)
-    cut = "" if complete else "; it was cut off, what was heard until then is there"
-    missing = f", {found.missing} more were not heard" if found.missing else ""
+def _title(result: ReplayResult, name: str, complete: bool) -> str:
+    began = datetime.fromtimestamp(result.began_ns / SECOND_NS, tz=UTC)
+    cut = "" if complete else "; the capture was cut off"
+    missing = f", {result.missing} more not captured" if result.missing else ""
     return (
-        f"{name}: {found.seconds:.1f} s from {began:%Y-%m-%d %H:%M:%S} UTC, {found.records} messages, "
-        f"{found.judgements} judgements{missing}{cut}\njudged anew from its {found.source}"
+        f"{name}: {result.seconds:.1f} s from {began:%Y-%m-%d %H:%M:%S} UTC, {plural(result.records, 'message')}, "
+        f"{plural(result.judgements, 'judgement')}{missing}{cut}\njudged again from its {result.source}"
     )
 
 
-def _cells(row: Row, found: Replayed) -> list[str]:
-    last = row.said or row.judged
-    lasted = "" if last is None or last.ended_ns is None else f"{(last.ended_ns - last.began_ns) / 1e9:.1f}s"
-    compared = ("yes" if _stands(row) else "no") if found.change.any else row.likeness
-    began = f"{(row.began_ns - found.began_ns) / 1e9:.1f}s"
-    known = f"{compared}; not all of it is in the capture" if _in_part(row) else compared
-    return [began, lasted, _label(row.said), _agreed(row.said), _label(row.judged), _agreed(row.judged), known]
+def _cells(row: VerdictComparison, result: ReplayResult) -> list[str]:
+    recorded, replayed = row.last_recorded, row.last_replayed
+    last = recorded or replayed
+    lasted = "" if last is None or last.ended_ns is None else f"{(last.ended_ns - last.began_ns) / SECOND_NS:.1f}s"
+    compared = ("yes" if row.stands else "no") if result.change.any else row.likeness
+    began = f"{(row.began_ns - result.began_ns) / SECOND_NS:.1f}s"
+    known = compared if row.comparable else f"{compared}; partly captured"
+    return [began, lasted, _label(recorded), _agreed(recorded), _label(replayed), _agreed(replayed), known]
 
 
-def _sum(found: Replayed) -> list[str]:
-    recorded = [row for row in found.rows if row.recorded and not _in_part(row)]
-    parts = sum(map(_in_part, found.rows))
-    rest = f"; {parts} more not all of which is in the capture" if parts else ""
-    if found.change.any:
-        stand = sum(map(_stands, recorded))
-        new = sum(not row.recorded and not row.partly for row in found.rows)
-        more = f"; {new} that were not said before" if new else ""
-        return [f"{_worded(found.change)}: {stand} of {len(recorded)} verdicts stand{more}{rest}"]
-    if found.source == "posteriors":
+def _counts(result: ReplayResult) -> list[str]:
+    recorded = [row for row in result.rows if row.recorded and row.comparable]
+    parts = sum(not row.comparable for row in result.rows)
+    rest = f"; {parts} more partly captured" if parts else ""
+    total = plural(len(recorded), "verdict")
+    if result.change.any:
+        stand = sum(row.stands for row in recorded)
+        new = sum(not row.recorded and not row.partly for row in result.rows)
+        return [f"{_change_text(result.change)}: {stand} of {total} stand{f'; {new} new' if new else ''}{rest}"]
+    if result.source == "posteriors":
         same = sum(row.likeness in ("bit for bit", "same label") for row in recorded)
-        judged = sum(row.judged is not None for row in found.rows)
+        replayed = sum(row.last_replayed is not None for row in result.rows)
         compared = f"; {same} of {len(recorded)} recorded ones the same{rest}" if recorded else ""
-        return [f"{judged} verdicts{compared}"]
+        return [f"{plural(replayed, 'verdict')}{compared}"]
     same = sum(row.likeness == "bit for bit" for row in recorded)
-    steps = f"{found.same} of {found.judgements} judgements"
-    lines = [f"{same} of {len(recorded)} verdicts the same bit for bit, {steps}{rest}"]
-    if not found.faithful:
+    lines = [f"{same} of {total} the same bit for bit, {result.same} of {result.judgements} judgements{rest}"]
+    if not result.faithful:
         lines.append(
-            "they differ: another version of labanmesh or numpy, another processor, a capture of a replay at another "
-            "speed, or settings from the environment of the fusion service, which the capture does not know"
+            "reasons for a difference: another version of labanmesh or numpy, another processor, a capture of a replay "
+            "at another speed, or environment variables of the fusion service, which are not in the capture"
         )
     return lines
 
 
-def _in_part(row: Row) -> bool:
-    """Known in part, and it shows: one that is the same all the same needs no excuse."""
-    return row.partly and row.likeness != "bit for bit"
-
-
-def _stands(row: Row) -> bool:
-    return row.said is not None and row.judged is not None and row.said.label == row.judged.label
-
-
-def _worded(change: Change) -> str:
+def _change_text(change: ReplayChange) -> str:
     """`without shelf, rule log`; empty for no change."""
-    said = [f"without {observer}" for observer in change.without]
+    without = [f"without {observer}" for observer in change.without]
     values = (("rule", change.rule), ("quorum", change.quorum), ("threshold", change.threshold))
-    return ", ".join([*said, *(f"{name} {value}" for name, value in values if value is not None)])
+    return ", ".join([*without, *(f"{name} {value}" for name, value in values if value is not None)])
 
 
 def _label(verdict: VerdictMessage | None) -> str:
@@ -239,12 +247,10 @@ def _agreed(verdict: VerdictMessage | None) -> str:
 
 
 def _aligned(rows: Sequence[Sequence[str]]) -> str:
-    """Columns as wide as their widest cell; the first two, numbers, to the right."""
+    """Columns as wide as their widest cell; the first two, numbers, aligned to the right."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    lines = ["  ".join(_padded(n, cell, widths[n]) for n, cell in enumerate(row)) for row in rows]
-    ruled = [lines[0].rstrip(), "-" * sum(widths, 2 * (len(widths) - 1)), *(line.rstrip() for line in lines[1:])]
-    return "\n".join(ruled)
-
-
-def _padded(column: int, cell: str, width: int) -> str:
-    return cell.rjust(width) if column < 2 else cell.ljust(width)
+    lines = [
+        "  ".join(cell.rjust(widths[n]) if n < 2 else cell.ljust(widths[n]) for n, cell in enumerate(row)).rstrip()
+        for row in rows
+    ]
+    return "\n".join([lines[0], "-" * sum(widths, 2 * (len(widths) - 1)), *lines[1:]])

@@ -1,9 +1,9 @@
-"""Judging a capture anew from its judgements, step by step. Pure.
+"""Judges a capture again from its recorded judgements, step by step. Pure.
 
-1. A recorded judgement holds every vote as it was pooled: the referee rules on those again, at that time. So a
-   replay is exact, whatever the network did between the observers and the referee.
-2. A fusion service that takes over goes on from what the last one said, as it did then; one that was started anew
-   does so without what the judge before had held in mind.
+1. A recorded judgement contains every vote as it was pooled, and the engine fuses these votes again at the recorded
+   time. The replay is therefore exact, whatever the network did between observers and fusion.
+2. A fusion service that takes over continues from the last published judgement, as it did live. A service that was
+   restarted continues too, but without the internal state of its predecessor.
 """
 
 from collections.abc import Collection, Iterable, Mapping
@@ -15,17 +15,21 @@ import numpy as np
 from common.errors import BadInput, LabanmeshError
 from common.messages import JudgementMessage, OngoingMovement, VerdictMessage, Vote
 from common.probability import Floats, uniform
+from common.text import plural
 from common.vocabulary import Vocabulary
-from fusion.engine.engine import EngineOutput, FusionEngine
-from fusion.engine.roster import AgedPosterior
+from studies.fusion_engine import AgedPosterior, EngineOutput, FusionEngine
 
 if TYPE_CHECKING:
     from common.config import FusionConfig, Scene
 
+NOBODY_LEFT = "--without: no observer would be left; leave out fewer"
+Labels = Mapping[str, tuple[str, ...]]
+"""The movements of each vocabulary, by its hash."""
+
 
 @dataclass(frozen=True, slots=True)
-class Change:
-    """What is to be otherwise than it was: observers left out, another rule, quorum or threshold; None as it was."""
+class ReplayChange:
+    """What differs from the recorded run: observers left out, another rule, quorum or threshold; None: as recorded."""
 
     without: tuple[str, ...] = ()
     rule: str | None = None
@@ -34,147 +38,162 @@ class Change:
 
     @property
     def any(self) -> bool:
-        """Whether anything is."""
-        return self != Change()
+        """Whether anything differs."""
+        return self != ReplayChange()
 
     def remaining(self, observers: Iterable[str]) -> tuple[str, ...]:
-        """Those of `observers` who are not left out, in their order."""
+        """The observers that are not left out, in their order."""
         return tuple(observer for observer in observers if observer not in self.without)
 
-    def conduct(self, fusion: "FusionConfig", observers: int) -> "FusionConfig":
-        """How the referee then judges; the quorum is at most the number of those who remain."""
+    def config(self, fusion: "FusionConfig", observers: int) -> "FusionConfig":
+        """The changed settings; the quorum is at most the number of remaining observers."""
         quorum = min(self.quorum or fusion.quorum, observers)
         rule, threshold = self.rule or fusion.rule, self.threshold or fusion.threshold
         return fusion.model_copy(update={"quorum": quorum, "rule": rule, "threshold": threshold})
 
     def check(self, roster: Iterable[str]) -> None:
-        """Raises BadInput for an observer who is not of the scene, and when nobody or too few would remain."""
+        """Raises BadInput for an observer that is not in the scene, and when too few observers remain."""
         known = tuple(roster)
         for observer in self.without:
             if observer not in known:
                 raise BadInput(f"--without {observer}: not in the scene; known: {', '.join(known)}")
         left = len(self.remaining(known))
         if not left:
-            raise BadInput("--without: nobody would remain to judge; leave at least one observer in")
+            raise BadInput(NOBODY_LEFT)
         if self.quorum is not None and self.quorum > left:
-            raise BadInput(f"--quorum {self.quorum}: {left} observers judge, so many can never agree; 1 to {left}")
+            raise BadInput(f"--quorum {self.quorum}: only {plural(left, 'observer')}; choose 1 to {left}")
 
 
-class FromJudgements:
-    """The recorded judgements, each ruled on again.
+@dataclass(frozen=True, slots=True)
+class Gap:
+    """Time, in ns since 1970, in which something happened that the capture does not contain."""
 
-    `unsure`: spans of time, first and last ns, in which something happened that is not in the file: before a capture
-    that began in the middle, around judgements that it did not hear (`missing` many), where another service took over.
-    A movement that was under way then goes on as it is recorded, for what the judge had in mind is not.
+    first_ns: int
+    last_ns: int
+
+
+class JudgementReplay:
+    """Fuses the recorded judgements again, one after the other.
+
+    `gaps`: before a capture that began in the middle, around judgements that it missed (`missing` many), and where
+    another service took over. A movement that was under way then continues as recorded, because the internal state of
+    the verdict detector is not in the capture.
     """
 
-    def __init__(self, scene: "Scene", labels: Mapping[str, tuple[str, ...]], change: Change) -> None:
+    def __init__(self, scene: "Scene", labels: Labels, change: ReplayChange) -> None:
         self._scene, self._labels, self._change = scene, labels, change
-        self._referee: FusionEngine | None = None
+        self._engine: FusionEngine | None = None
         self._last: JudgementMessage | None = None
         self._verdict: VerdictMessage | None = None
         self._restarted = False
-        self.unsure: list[tuple[int, int]] = []
+        self.gaps: list[Gap] = []
         self.missing = 0
 
-    def remember(self, verdict: VerdictMessage) -> None:
-        """A recorded verdict: on its grounds a movement that is under way may end."""
+    def set_verdict(self, verdict: VerdictMessage) -> None:
+        """Take note of a recorded verdict: a movement under way may end with its votes."""
         self._verdict = verdict
 
-    def gone(self, fusion: str) -> None:
-        """A fusion service was seen to go; if it speaks again it was started anew."""
+    def set_gone(self, fusion: str) -> None:
+        """Take note that a fusion service ended; if it publishes again, it was restarted."""
         self._restarted |= self._last is not None and self._last.fusion == fusion
 
-    def rule_on(self, judgement: JudgementMessage) -> EngineOutput | None:
-        """The judgement anew; None for the first of a capture that began in the middle of things."""
+    def fuse(self, judgement: JudgementMessage) -> EngineOutput | None:
+        """Fuse one recorded judgement again; None for the first one of a capture that began in the middle."""
         last, self._last = self._last, judgement
-        begins, faithful = judgement.seq == 1, not self._change.any
-        if self._referee is None or last is None or self._is_new(judgement, last):
-            self._referee = self._referee_for(judgement)
-            goes_on = not begins
+        faithful = not self._change.any
+        if self._engine is None or last is None or self._is_new(judgement, last):
+            self._engine = self._engine_for(judgement)
+            continues = judgement.seq != 1
         else:
-            goes_on = judgement.seq != last.seq + 1 or judgement.fusion != last.fusion
-        if goes_on:
-            self.unsure.append((last.at_ns if last else 0, judgement.at_ns))
-        if last is None and goes_on and faithful:
-            self._continue(self._referee, judgement, judgement.seq)
+            continues = judgement.seq != last.seq + 1 or judgement.fusion != last.fusion
+        if continues:
+            self.gaps.append(Gap(last.at_ns if last else 0, judgement.at_ns))
+        if last is None and continues and faithful:
+            self._continue(self._engine, judgement, judgement.seq)
             return None
         if last is not None:
             self.missing += max(judgement.seq - last.seq - 1, 0)
-            if goes_on and faithful:
-                self._continue(self._referee, last, judgement.seq - 1)
-        ruling = self._ruling(self._referee, judgement)
-        if faithful and self._is_only_recorded(judgement.movement, ruling.judgement.movement):
-            self._continue(self._referee, judgement, judgement.seq)
-        return ruling
+            if continues and faithful:
+                self._continue(self._engine, last, judgement.seq - 1)
+        output = self._output(self._engine, judgement)
+        if faithful and self._is_only_recorded(judgement.movement, output.judgement.movement):
+            self._continue(self._engine, judgement, judgement.seq)
+        return output
 
-    def _is_only_recorded(self, recorded: OngoingMovement | None, judged: OngoingMovement | None) -> bool:
-        """Whether a movement goes on otherwise than it was recorded, and can, because not all of it is in the file."""
-        began_ns = [movement.began_ns for movement in (recorded, judged) if movement is not None]
-        return recorded != judged and bool(self.unsure) and min(began_ns) <= self.unsure[-1][1]
+    def _is_only_recorded(self, recorded: OngoingMovement | None, replayed: OngoingMovement | None) -> bool:
+        """Whether the movement differs from the recorded one because part of it is in a gap."""
+        began_ns = [movement.began_ns for movement in (recorded, replayed) if movement is not None]
+        return recorded != replayed and bool(self.gaps) and min(began_ns) <= self.gaps[-1].last_ns
 
     def _is_new(self, judgement: JudgementMessage, last: JudgementMessage) -> bool:
-        """Whether another referee judges than before; who stood by had the same in mind (rule 2)."""
+        """Whether another engine is needed; a standby that takes over has the same state (rule 2)."""
         restarted, self._restarted = self._restarted, False
-        if _terms(judgement) != _terms(last):
+        if _engine_settings(judgement) != _engine_settings(last):
             return True
         again = judgement.seq == 1 or (restarted and judgement.fusion == last.fusion)
         return again and not self._change.any
 
-    def _referee_for(self, judgement: JudgementMessage) -> FusionEngine:
+    def _engine_for(self, judgement: JudgementMessage) -> FusionEngine:
         reference = judgement.vocabulary
         vocabulary = Vocabulary(labels_of(reference.hash, self._labels), reference.name)
         observers = self._change.remaining(judgement.votes)
         if not observers:
-            raise BadInput("--without: nobody would remain to judge; leave at least one observer in")
-        # The rule as it was said to be: the environment may have overridden the scene file.
-        said = self._scene.fusion.model_copy(update={"rule": judgement.rule})
-        return FusionEngine(judgement.scene, list(observers), vocabulary, self._change.conduct(said, len(observers)))
+            raise BadInput(NOBODY_LEFT)
+        # The rule of the judgement: the environment may have overridden the scene file.
+        config = self._scene.fusion.model_copy(update={"rule": judgement.rule})
+        return FusionEngine(judgement.scene, list(observers), vocabulary, self._change.config(config, len(observers)))
 
-    def _continue(self, referee: FusionEngine, judgement: JudgementMessage, seq: int) -> None:
-        under_way, decided = judgement.movement, self._verdict
-        if under_way is not None and decided is not None and decided.id == under_way.id:
-            referee.continue_from(decided)
-        referee.continue_from(judgement.model_copy(update={"seq": seq}))
+    def _continue(self, engine: FusionEngine, judgement: JudgementMessage, seq: int) -> None:
+        ongoing, decided = judgement.movement, self._verdict
+        if ongoing is not None and decided is not None and decided.id == ongoing.id:
+            engine.continue_from(decided)
+        engine.continue_from(judgement.model_copy(update={"seq": seq}))
 
-    def _ruling(self, referee: FusionEngine, judgement: JudgementMessage) -> EngineOutput:
-        prior = uniform(referee.vocabulary.size)
+    def _output(self, engine: FusionEngine, judgement: JudgementMessage) -> EngineOutput:
+        prior = uniform(engine.vocabulary.size)
         remaining = self._change.remaining(judgement.votes)
-        heard = [_opinion(o, judgement.votes[o], prior, remaining) for o in remaining]
-        ruling = referee.output_for(heard, judgement.at_ns)
-        named = {"fusion": judgement.fusion}
-        verdicts = [verdict.model_copy(update=named) for verdict in ruling.verdicts]
-        return EngineOutput(ruling.judgement.model_copy(update=named), verdicts)
+        posteriors = [_posterior(o, judgement.votes[o], prior, remaining) for o in remaining]
+        output = engine.output_for(posteriors, judgement.at_ns)
+        sender = {"fusion": judgement.fusion}
+        verdicts = [verdict.model_copy(update=sender) for verdict in output.verdicts]
+        return EngineOutput(output.judgement.model_copy(update=sender), verdicts)
 
 
-def _opinion(observer: str, vote: Vote, prior: Floats, remaining: Collection[str]) -> AgedPosterior:
-    """The judge as he was pooled, among those who remain: one who said nothing was the prior."""
+def _posterior(observer: str, vote: Vote, prior: Floats, remaining: Collection[str]) -> AgedPosterior:
+    """The vote as it was pooled, among the remaining observers; the prior for an observer without a posterior."""
     p = prior if vote.p is None else np.array(vote.p)
     if p.shape != prior.shape or not np.isfinite(p).all():
         raise LabanmeshError(
-            f"a judgement cannot be judged anew: the vote of {observer} is no belief over its vocabulary"
+            f"cannot judge a judgement again: the vote of {observer} is no distribution over its vocabulary"
         )
-    rest = 1.0 if vote.rest is None else vote.rest
-    facets = {name: np.array(said) for name, said in (vote.facets or {}).items()}
     surprise = None if vote.facing is None else np.array(vote.facing.surprise)
     if surprise is not None and len(surprise) != len(prior):
-        raise LabanmeshError(f"a judgement cannot be judged anew: the facing of {observer} is of another vocabulary")
-    reliability = 1.0 if vote.reliability is None else vote.reliability
-    correlations = {other: share for other, share in (vote.doubles or {}).items() if other in remaining}
-    said_last = (vote.unlearned, surprise, facets, reliability, correlations)
-    return AgedPosterior(observer, p, rest, vote.age_s, vote.state, vote.skew_s, *said_last)
+        raise LabanmeshError(f"cannot judge a judgement again: the facing of {observer} has another vocabulary")
+    return AgedPosterior(
+        observer,
+        p,
+        1.0 if vote.rest is None else vote.rest,
+        vote.age_s,
+        vote.state,
+        vote.skew_s,
+        vote.unlearned,
+        surprise,
+        {name: np.array(facet) for name, facet in (vote.facets or {}).items()},
+        1.0 if vote.reliability is None else vote.reliability,
+        {other: share for other, share in (vote.doubles or {}).items() if other in remaining},
+    )
 
 
-def _terms(judgement: JudgementMessage) -> tuple[object, ...]:
-    """What cannot change without another referee."""
+def _engine_settings(judgement: JudgementMessage) -> tuple[object, ...]:
+    """The settings that only another engine can have."""
     return judgement.rule, judgement.vocabulary, tuple(judgement.votes)
 
 
-def labels_of(digest: str, labels: Mapping[str, tuple[str, ...]]) -> tuple[str, ...]:
-    """The movements of the vocabulary with that hash; raises LabanmeshError that says why they are not known."""
+def labels_of(digest: str, labels: Labels) -> tuple[str, ...]:
+    """The movements of the vocabulary with that hash; raises LabanmeshError when they are not in the capture."""
     if digest not in labels:
         raise LabanmeshError(
-            f"the names of the movements (vocabulary {digest}) are not in the capture: nobody who knew them answered "
-            "while it was made; name them as `vocabulary` in the scene file and capture again"
+            f"the names of the movements (vocabulary {digest}) are not in the capture: no process answered the request "
+            "for them; set `vocabulary` in the scene file and capture again"
         )
     return labels[digest]

@@ -1,9 +1,15 @@
-"""Judges a capture again offline and compares each verdict with the recorded one. Pure."""
+"""Judges a capture again offline, from its judgements or its posteriors, and compares the verdicts. Pure.
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+From posteriors, each group of arrivals is one step, with `step_hz` steps per second in between, as in the fusion
+service. The exact times at which a service steps are not recorded, so it and the replay may decide a few milliseconds
+apart; the replay itself always gives the same result.
+"""
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, TypeVar
 
+from common import SECOND_NS
 from common.capture_file import APPEARED, GONE, CaptureRecord
 from common.clock_skew import ClockReading
 from common.errors import LabanmeshError
@@ -18,232 +24,218 @@ from common.messages import (
 )
 from common.vocabulary import Vocabulary
 from common.wire import BadMessage, decode, encode
-from fusion.engine.engine import EngineOutput, FusionEngine
-from studies.replay.comparison import Replayed, Saying, Source, rows_of
-from studies.replay.from_judgements import Change, FromJudgements, labels_of
+from studies.fusion_engine import EngineOutput, FusionEngine
+from studies.replay.comparison import ReplayResult, Source, VerdictRecord, compare_verdicts
+from studies.replay.from_judgements import Gap, JudgementReplay, Labels, ReplayChange, labels_of
 
 if TYPE_CHECKING:
     from common.capture_file import CaptureFile
     from common.config import Scene
-    from common.keys import SceneKeys
 
 Progress = Callable[[str, int, int], None]
 EVERY = 500
+GROUP_NS = 2_000_000
+"""Arrivals within this time are one group: about as long as one step of the fusion service."""
+DELAY_LIMIT_NS = 500_000_000
+"""A status dated further from its arrival than this comes from a wrong clock."""
 M = TypeVar("M", bound=Message)
 
 
-def judge_anew(
-    capture: "CaptureFile", change: Change, source: Source | None = None, progress: Progress = lambda *_: None
-) -> Replayed:
-    """Judge `capture` anew; source None: from its judgements if it has any, else from its posteriors.
+def judge_again(
+    capture: "CaptureFile", change: ReplayChange, source: Source | None = None, progress: Progress = lambda *_: None
+) -> ReplayResult:
+    """Judge `capture` again; source None: from its judgements if it has any, else from its posteriors.
 
-    Raises BadInput for a change that cannot be, LabanmeshError for a capture that holds nothing to judge.
+    Raises BadInput for an impossible change, LabanmeshError for a capture without anything to judge.
     """
     change.check(capture.scene.roster)
-    first = _look(capture)
-    chosen = source or ("judgements" if first.judgements else "posteriors")
-    if not (first.judgements if chosen == "judgements" else first.posteriors):
-        raise LabanmeshError(f"{capture.path}: no {chosen} in it, so that there is nothing to judge anew")
-    anew = _again(capture, first, change, progress) if chosen == "judgements" else _afresh(capture, first, change)
-    # The last verdicts may be of a judgement that the capture did not live to hear.
-    heard = len(first.verdicts) - (first.after_all if chosen == "judgements" else 0)
-    rows = rows_of(first.verdicts[:heard], anew.verdicts, anew.unsure)
-    return Replayed(
+    summary = _summarise(capture)
+    chosen = source or ("judgements" if summary.judgements else "posteriors")
+    if not (summary.judgements if chosen == "judgements" else summary.posteriors):
+        raise LabanmeshError(f"{capture.path}: contains no {chosen}, so there is nothing to judge again")
+    if chosen == "judgements":
+        replayed = _from_judgements(capture, summary, change, progress)
+        # The judgements of the last verdicts may be missing at the end of the capture.
+        recorded = summary.verdicts[: len(summary.verdicts) - summary.after_last]
+    else:
+        outputs = replay_posteriors(capture.records(), capture.scene, summary.labels, change)
+        replayed = _Replayed(list(_verdict_records(outputs)), gaps=[Gap(0, summary.began_ns)])
+        recorded = summary.verdicts
+    return ReplayResult(
         source=chosen,
         change=change,
-        rows=rows,
-        records=first.records,
-        seconds=(first.ended_ns - first.began_ns) / 1e9,
-        began_ns=first.began_ns,
-        judgements=first.judgements,
-        same=anew.same,
-        missing=anew.missing,
+        rows=compare_verdicts(recorded, replayed.verdicts, replayed.gaps),
+        records=summary.records,
+        seconds=(summary.ended_ns - summary.began_ns) / SECOND_NS,
+        began_ns=summary.began_ns,
+        judgements=summary.judgements,
+        same=replayed.same,
+        missing=replayed.missing,
     )
 
 
 @dataclass(slots=True)
-class _Look:
-    """What there is in a capture; `after_all`: so many of the verdicts came after the last judgement."""
+class _CaptureSummary:
+    """The contents of a capture; `after_last`: verdicts that follow the last judgement."""
 
-    labels: dict[str, tuple[str, ...]]
-    verdicts: list[Saying]
+    labels: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    verdicts: list[VerdictRecord] = field(default_factory=list)
     records: int = 0
     judgements: int = 0
     posteriors: int = 0
-    after_all: int = 0
+    after_last: int = 0
     began_ns: int = 0
     ended_ns: int = 0
 
 
 @dataclass(frozen=True, slots=True)
-class _Anew:
-    verdicts: list[Saying]
+class _Replayed:
+    verdicts: list[VerdictRecord]
     same: int = 0
     missing: int = 0
-    unsure: Sequence[tuple[int, int]] = ()
+    gaps: Sequence[Gap] = ()
 
 
-def _look(capture: "CaptureFile") -> _Look:
-    keys, found = capture.scene.keys, _Look({}, [])
+def _summarise(capture: "CaptureFile") -> _CaptureSummary:
+    keys, summary = capture.scene.keys, _CaptureSummary()
     for record in capture.records():
-        found.records += 1
-        found.began_ns = found.began_ns or record.arrived_ns
-        found.ended_ns = max(found.ended_ns, record.arrived_ns)
-        if record.key == keys.vocabulary and (told := _readable(VocabularyMessage, record)):
-            found.labels |= _usable(told)
+        summary.records += 1
+        summary.began_ns = summary.began_ns or record.arrived_ns
+        summary.ended_ns = max(summary.ended_ns, record.arrived_ns)
+        if record.key == keys.vocabulary and (message := _decoded(VocabularyMessage, record)):
+            summary.labels |= _labels(message)
         elif record.kind == "put":
             if record.key == keys.judgement:
-                found.judgements, found.after_all = found.judgements + 1, 0
-            found.posteriors += record.key.endswith("/posterior")
-            if record.key == keys.verdict and (verdict := _readable(VerdictMessage, record)):
-                found.verdicts.append(Saying(verdict, record.payload))
-                found.after_all += 1
-    named = capture.scene.named_vocabulary
-    return found if named is None else _with(found, named)
+                summary.judgements, summary.after_last = summary.judgements + 1, 0
+            summary.posteriors += record.key.endswith("/posterior")
+            if record.key == keys.verdict and (verdict := _decoded(VerdictMessage, record)):
+                summary.verdicts.append(VerdictRecord(verdict, record.payload))
+                summary.after_last += 1
+    vocabulary = capture.scene.named_vocabulary
+    if vocabulary is not None:
+        summary.labels.setdefault(vocabulary.digest, vocabulary.labels)
+    return summary
 
 
-def _with(found: _Look, named: Vocabulary) -> _Look:
-    found.labels.setdefault(named.digest, named.labels)
-    return found
-
-
-def _again(capture: "CaptureFile", first: _Look, change: Change, progress: Progress) -> _Anew:
-    """From the judgements: each is ruled on again and compared."""
-    keys, same, number, said = capture.scene.keys, 0, 0, list[Saying]()
-    court = FromJudgements(capture.scene, first.labels, change)
+def _from_judgements(
+    capture: "CaptureFile", summary: _CaptureSummary, change: ReplayChange, progress: Progress
+) -> _Replayed:
+    keys, same, number, verdicts = capture.scene.keys, 0, 0, list[VerdictRecord]()
+    replay = JudgementReplay(capture.scene, summary.labels, change)
     for record in capture.records():
         if record.key == keys.judgement and record.kind == "put":
-            judgement = _readable(JudgementMessage, record)
-            ruling = None if judgement is None else court.rule_on(judgement)
-            if ruling is not None:
-                same += encode(ruling.judgement) == record.payload
-                said += _sayings([ruling])
+            judgement = _decoded(JudgementMessage, record)
+            output = None if judgement is None else replay.fuse(judgement)
+            if output is not None:
+                same += encode(output.judgement) == record.payload
+                verdicts += _verdict_records([output])
             number += 1
             if number % EVERY == 0:
-                progress("judging anew", number, first.judgements)
-        elif record.key == keys.verdict and (verdict := _readable(VerdictMessage, record)):
-            court.remember(verdict)
-        elif _is_gone(record, keys):
-            court.gone(observer_of(record.key))
-    return _Anew(said, same, court.missing, court.unsure)
+                progress("judging again", number, summary.judgements)
+        elif record.key == keys.verdict and (verdict := _decoded(VerdictMessage, record)):
+            replay.set_verdict(verdict)
+        elif record.kind == "token" and record.payload == GONE and record.key.startswith(f"{keys.root}/fusion/"):
+            replay.set_gone(observer_of(record.key))
+    return _Replayed(verdicts, same, replay.missing, replay.gaps)
 
 
-def _afresh(capture: "CaptureFile", first: _Look, change: Change) -> _Anew:
-    rulings = from_posteriors(capture.records(), capture.scene, first.labels, change)
-    return _Anew(list(_sayings(rulings)), unsure=[(0, first.began_ns)])
+def _verdict_records(outputs: Iterable[EngineOutput]) -> Iterator[VerdictRecord]:
+    for output in outputs:
+        for verdict in output.verdicts:
+            yield VerdictRecord(verdict, encode(verdict))
 
 
-def _sayings(rulings: Iterable[EngineOutput]) -> Iterator[Saying]:
-    for ruling in rulings:
-        for verdict in ruling.verdicts:
-            yield Saying(verdict, encode(verdict))
-
-
-def _is_gone(record: CaptureRecord, keys: "SceneKeys") -> bool:
-    return record.kind == "token" and record.payload == GONE and record.key.startswith(f"{keys.root}/fusion/")
-
-
-def _usable(told: VocabularyMessage) -> dict[str, tuple[str, ...]]:
+def _labels(message: VocabularyMessage) -> dict[str, tuple[str, ...]]:
     try:
-        vocabulary = Vocabulary(tuple(told.labels), told.name)
+        vocabulary = Vocabulary(tuple(message.labels), message.name)
     except LabanmeshError:
         return {}
     return {vocabulary.digest: vocabulary.labels}
 
 
-def _readable(kind: type[M], record: CaptureRecord) -> M | None:
+def _decoded(kind: type[M], record: CaptureRecord) -> M | None:
     try:
         return decode(kind, record.payload)
     except BadMessage:
         return None
 
 
-SECOND_NS = 1_000_000_000
-LOT_NS = 2_000_000
-"""What arrives within this time is one lot: about as long as the referee takes for a step."""
-UNDER_WAY_NS = 500_000_000
-"""A status that is dated further from its arrival than this was said by a clock that is wrong."""
-
-
-def from_posteriors(
-    records: Iterable[CaptureRecord], scene: "Scene", labels: Mapping[str, tuple[str, ...]], change: Change
+def replay_posteriors(
+    records: Iterable[CaptureRecord], scene: "Scene", labels: Labels, change: ReplayChange
 ) -> Iterator[EngineOutput]:
-    """The captured posteriors as the referee would judge them that hears them when the capture did."""
-    vocabulary = scene.named_vocabulary or Vocabulary(_only(labels), scene.vocabulary_name)
+    """The outputs of an engine that receives the captured posteriors when the capture did."""
+    vocabulary = scene.named_vocabulary
+    if vocabulary is None:
+        vocabulary = Vocabulary(labels_of(next(iter(labels), "unknown"), labels), scene.vocabulary_name)
     observers = change.remaining(scene.roster)
-    conduct = change.conduct(scene.fusion, len(observers))
-    referee = FusionEngine(scene.scene, list(observers), vocabulary, conduct)
-    ear = _Ear(scene.keys, referee)
-    # Longer silence than this changes nothing any more.
-    quiet_ns = round((conduct.drop_s + 2 * conduct.hold_s + 1) * SECOND_NS)
-    for lot, now_ns in _lots(records, ear.concerns, round(SECOND_NS / conduct.step_hz), quiet_ns):
-        for record in lot:
-            ear.hear(record, now_ns)
-        yield referee.step(now_ns)
+    config = change.config(scene.fusion, len(observers))
+    engine = FusionEngine(scene.scene, list(observers), vocabulary, config)
+    ingest = _CaptureIngest(scene.keys, engine)
+    # After a longer silence nothing changes any more.
+    quiet_ns = round((config.drop_s + 2 * config.hold_s + 1) * SECOND_NS)
+    for group, now_ns in _groups(records, ingest.is_relevant, round(SECOND_NS / config.step_hz), quiet_ns):
+        for record in group:
+            ingest.add(record, now_ns)
+        yield engine.step(now_ns)
 
 
-class _Ear:
-    """From captured bytes to the referee, as the fusion service does it."""
+class _CaptureIngest:
+    """From captured bytes to the engine, as in the fusion service."""
 
-    def __init__(self, keys: SceneKeys, referee: FusionEngine) -> None:
-        self._keys, self._referee = keys, referee
+    def __init__(self, keys: SceneKeys, engine: FusionEngine) -> None:
+        self._keys, self._engine = keys, engine
         self._alive: frozenset[str] = frozenset()
 
-    def concerns(self, record: CaptureRecord) -> bool:
-        """Whether this is something that an observer said, or he himself."""
-        below = f"{self._keys.root}/observer/"
-        return (
-            record.kind != "answer" and record.key.startswith(below) and record.key.count("/") == below.count("/") + 1
-        )
+    def is_relevant(self, record: CaptureRecord) -> bool:
+        """Whether the record is a message or the liveliness token of an observer."""
+        prefix = f"{self._keys.root}/observer/"
+        same_depth = record.key.count("/") == prefix.count("/") + 1
+        return record.kind != "answer" and record.key.startswith(prefix) and same_depth
 
-    def hear(self, record: CaptureRecord, now_ns: int) -> None:
-        """One record; a bad one is counted and dropped."""
-        observer, what = observer_of(record.key), record.key.rsplit("/", 1)[-1]
+    def add(self, record: CaptureRecord, now_ns: int) -> None:
+        """Give one record to the engine; a message that cannot be decoded is counted and dropped."""
+        observer, suffix = observer_of(record.key), record.key.rsplit("/", 1)[-1]
         try:
             if record.kind == "token":
                 ids = frozenset({observer})
                 self._alive = self._alive | ids if record.payload == APPEARED else self._alive - ids
-                self._referee.set_present(self._alive)
-            elif what == "posterior":
-                self._hear_posterior(observer, decode(PosteriorMessage, record.payload), now_ns)
-            elif what == "status":
+                self._engine.set_present(self._alive)
+            elif suffix == "posterior":
+                self._add_posterior(observer, decode(PosteriorMessage, record.payload), now_ns)
+            elif suffix == "status":
                 self._read_clock(observer, decode(StatusMessage, record.payload), record.arrived_ns)
         except BadMessage as error:
-            self._referee.reject(observer, error.reason)
+            self._engine.reject(observer, error.reason)
 
-    def _hear_posterior(self, observer: str, message: PosteriorMessage, now_ns: int) -> None:
+    def _add_posterior(self, observer: str, message: PosteriorMessage, now_ns: int) -> None:
         if message.is_of(self._keys.scene, observer):
-            self._referee.receive(observer, message, now_ns)
+            self._engine.receive(observer, message, now_ns)
         else:
-            self._referee.reject(observer, "wrong_key")
+            self._engine.reject(observer, "wrong_key")
 
     def _read_clock(self, observer: str, status: StatusMessage, arrived_ns: int) -> None:
-        # Nobody was asked: how long a status was under way is not known, so only a plainly wrong clock is one.
-        if status.at_ns is not None and abs(status.at_ns - arrived_ns) > UNDER_WAY_NS:
-            self._referee.record_clock(observer, ClockReading(arrived_ns, status.at_ns, arrived_ns))
+        # The status was not requested, so its travel time is unknown: only a clearly wrong clock is corrected.
+        if status.at_ns is not None and abs(status.at_ns - arrived_ns) > DELAY_LIMIT_NS:
+            self._engine.record_clock(observer, ClockReading(arrived_ns, status.at_ns, arrived_ns))
 
 
-def _lots(
-    records: Iterable[CaptureRecord], concerns: Callable[[CaptureRecord], bool], step_ns: int, quiet_ns: int
+def _groups(
+    records: Iterable[CaptureRecord], is_relevant: Callable[[CaptureRecord], bool], step_ns: int, quiet_ns: int
 ) -> Iterator[tuple[list[CaptureRecord], int]]:
-    """What is heard in each step, and when that is (rule 3)."""
-    lot: list[CaptureRecord] = []
+    """The records of each step, and the time of the step."""
+    group: list[CaptureRecord] = []
     last_ns: int | None = None
     for record in records:
         now_ns = record.arrived_ns
-        if lot and not 0 <= now_ns - lot[0].arrived_ns <= LOT_NS:
-            last_ns = lot[-1].arrived_ns
-            yield lot, last_ns
-            lot = []
-        if not lot and last_ns is not None:
+        if group and not 0 <= now_ns - group[0].arrived_ns <= GROUP_NS:
+            last_ns = group[-1].arrived_ns
+            yield group, last_ns
+            group = []
+        if not group and last_ns is not None:
             for idle_ns in range(last_ns + step_ns, min(now_ns, last_ns + quiet_ns), step_ns):
                 last_ns = idle_ns
                 yield [], idle_ns
-        if concerns(record):
-            lot.append(record)
-    if lot:
-        yield lot, lot[-1].arrived_ns
-
-
-def _only(labels: Mapping[str, tuple[str, ...]]) -> tuple[str, ...]:
-    return labels_of(next(iter(labels), "unknown"), labels)
+        if is_relevant(record):
+            group.append(record)
+    if group:
+        yield group, group[-1].arrived_ns

@@ -94,7 +94,7 @@ def test_a_replay_is_the_same_bit_for_bit_and_so_is_what_a_killed_capture_heard(
     heard = payloads(killed, keys.verdict)
     assert heard == payloads(whole, keys.verdict)[: len(heard)]
     assert labanmesh.main(["replay", str(killed)]) == 0
-    assert "it was cut off" in (told := capsys.readouterr().out) and "bit for bit" in told
+    assert "the capture was cut off" in (told := capsys.readouterr().out) and "bit for bit" in told
     assert labanmesh.main(["replay", str(whole), "--from", "posteriors"]) == 0
 
 

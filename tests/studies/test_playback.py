@@ -24,7 +24,7 @@ from common.messages import (
 from common.vocabulary import Vocabulary
 from common.wire import decode, encode, encode_vocabulary
 from studies.replay import playback
-from studies.replay.playback import Manner, MovedTimes, play
+from studies.replay.playback import PlaybackOptions, TimeShift, play
 
 SOON_S = 10.0
 SECOND = 1_000_000_000
@@ -61,7 +61,7 @@ def put(key, message, arrived_ns):
 
 
 def moving(speed=1.0, scene="dojo"):
-    return MovedTimes(THEN, THEN + 10 * SECOND, NOW, speed, scene, "run")
+    return TimeShift(THEN, THEN + 10 * SECOND, NOW, speed, scene, "run")
 
 
 @given(
@@ -178,7 +178,7 @@ def test_a_referee_hears_the_posteriors_of_who_is_alive_and_learns_the_vocabular
             assert alive.wait_for(0, SOON_S), "he goes when he went"
 
     began_s = time.monotonic()
-    said = play(kept(*WHOLE), onto(referee.locator), Manner(posteriors_only=True), stop, watch)
+    said = play(kept(*WHOLE), onto(referee.locator), PlaybackOptions(posteriors_only=True), stop, watch)
     assert time.monotonic() - began_s >= 0.3
     assert said == 2 and seen[-1] == (7, 7)
     assert asked == [{VOCABULARY: WHOLE[0].payload}]
@@ -204,7 +204,7 @@ def test_everything_is_said_where_the_referee_is_missing_also_to_who_comes_late(
             if done == 6:
                 told.update(hub.ask("other/dojo/**", SOON_S))
 
-        manner = Manner(speed=0, as_recorded=True)
+        manner = PlaybackOptions(speed=0, as_recorded=True)
         assert play(kept(*WHOLE), scene, manner, threading.Event(), late) == 4
         heard = [(arrival.key, arrival.payload) for arrival in taken(inbox, 4)]
     assert heard == [("other" + r.key.removeprefix("laban"), r.payload) for r in WHOLE if r.kind == "put"]
@@ -215,21 +215,21 @@ def test_it_ends_when_it_is_told_to(kept, referee):
     referee.inbox(f"{ROOT}/**")
     stop = threading.Event()
     slow = (WHOLE[2], put(POSTERIOR, posterior(3), THEN + 3600 * SECOND))
-    said = play(kept(*slow), onto(referee.locator), Manner(posteriors_only=True), stop, lambda *_: stop.set())
+    said = play(kept(*slow), onto(referee.locator), PlaybackOptions(posteriors_only=True), stop, lambda *_: stop.set())
     assert said == 1
 
 
 def test_what_cannot_be_played_is_refused(kept, referee, monkeypatch):
-    monkeypatch.setattr(playback, "LISTENER_S", 0.1)
+    monkeypatch.setattr(playback, "FUSION_TIMEOUT_S", 0.1)
     stop = threading.Event()
-    with pytest.raises(LabanmeshError, match="nobody there listens to posteriors; start `labanmesh fuse`"):
-        play(kept(*WHOLE), onto(referee.locator), Manner(posteriors_only=True), stop)
+    with pytest.raises(LabanmeshError, match="no subscriber to posteriors there; start `labanmesh fuse`"):
+        play(kept(*WHOLE), onto(referee.locator), PlaybackOptions(posteriors_only=True), stop)
     with pytest.raises(LabanmeshError, match="already in use"):
-        play(kept(*WHOLE), onto(referee.locator), Manner(), stop)
-    with pytest.raises(BadInput, match="--as-recorded: the messages say scene 'dojo'"):
-        play(kept(*WHOLE), onto(referee.locator, "other"), Manner(as_recorded=True), stop)
-    with pytest.raises(LabanmeshError, match="nothing was heard in it"):
-        play(kept(), onto(referee.locator), Manner(), stop)
+        play(kept(*WHOLE), onto(referee.locator), PlaybackOptions(), stop)
+    with pytest.raises(BadInput, match="--as-recorded: the messages are of scene 'dojo'"):
+        play(kept(*WHOLE), onto(referee.locator, "other"), PlaybackOptions(as_recorded=True), stop)
+    with pytest.raises(LabanmeshError, match="contains no messages"):
+        play(kept(), onto(referee.locator), PlaybackOptions(), stop)
 
 
 def test_the_verb_plays_or_judges_never_both(kept, tmp_path, capsys):
