@@ -85,6 +85,10 @@ def _rules(scenes: Sequence["Scene"], certificate: IssuedCertificate) -> Iterato
                 yield from _observer(keys, observer, _tracks(scene, observer))
         for fusion in fusions:
             yield from _fusion(keys, fusion)
+        if fusions:
+            # A service of several scenes watches the liveliness of all of them with one subscription.
+            everywhere = SceneKeys("x", keys.prefix).fusion_alive().replace("/x/", "/*/", 1)
+            yield _rule("ingress", ["declare_liveliness_subscriber", "liveliness_query"], [everywhere])
         if fusions or roles.is_hub_in(scene.scene):
             yield from _reads(keys)
         if not fusions and roles.is_hub_in(scene.scene):

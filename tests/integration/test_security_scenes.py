@@ -1,0 +1,167 @@
+"""Two secured scenes at one router, in processes: two fusion services share them, and one takes over from the other."""
+
+import os
+import socket
+import subprocess
+import sys
+import threading
+import time
+from contextlib import ExitStack, contextmanager
+
+import pytest
+
+from common.config import read_scene
+from common.errors import LabanmeshError
+from common.link import Link
+from common.messages import JudgementMessage, PosteriorMessage, VocabularyReference
+from common.vocabulary import Vocabulary
+from common.wire import decode, encode
+from labanmesh import main
+
+SCENES, SERVICES = ("dojo", "garden"), ("north", "south")
+SOON_S = 40.0
+NAMES = Vocabulary(("bowing", "lunging"))
+SCENE = """
+scene = "{name}"
+vocabulary = ["bowing", "lunging"]
+mesh = {{mode = "router", endpoint = "tls/127.0.0.1:{port}", credentials = "secure/router.1"}}
+[observers.cam1]
+source = "m.npz"
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Two scene files, their authority, and a certificate for each process, all made by the command line."""
+    folder = tmp_path_factory.mktemp("scenes")
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    for name in SCENES:
+        (folder / f"{name}.toml").write_text(SCENE.format(name=name, port=port))
+    for words in (
+        ["init"],
+        ["add", "router"],
+        ["add", "hub"],
+        ["add", "tablet", "--hub-of", "garden"],
+        *(["add", service, "--fusion", service] for service in SERVICES),
+        *(["add", scene, "--observer", f"{scene}/cam1"] for scene in SCENES),
+    ):
+        assert main(["secure", words[0], str(folder), *words[1:]]) == 0
+    return folder
+
+
+@contextmanager
+def labanmesh(folder, certificate, *words):
+    """A process of ours with one of the certificates; it is killed at the end of the block."""
+    environment = {**os.environ, "LABANMESH_MESH_CREDENTIALS": str(folder / "secure" / certificate)}
+    command = [sys.executable, "-P", "-m", "labanmesh", *map(str, words)]
+    with subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
+def read(folder, scene, certificate):
+    environment = {"LABANMESH_MESH_CREDENTIALS": str(folder / "secure" / certificate)}
+    return read_scene(folder / f"{scene}.toml", environment)
+
+
+@pytest.fixture(scope="module")
+def mesh(folder):
+    """The router, both observers, and what a hub hears: scene and service of each judgement with a counted vote."""
+    with ExitStack() as stack:
+        router = stack.enter_context(labanmesh(folder, "router.1", "router", "--scene", folder))
+        assert "listening on tls/" in router.stderr.readline()
+        quiet = threading.Event()
+        for name in SCENES:
+            scene = read(folder, name, f"{name}.1")
+            link = stack.enter_context(Link.open(scene.mesh, "observer", process_id="cam1", scene=name))
+            thread = threading.Thread(target=publish, args=(link, scene, quiet))
+            thread.start()
+            stack.callback(thread.join)
+        stack.callback(quiet.set)
+        hub = stack.enter_context(Link.open(read(folder, "dojo", "hub.1").mesh, "hub"))
+        yield hub.inbox("laban/dojo/judgement", "laban/garden/judgement", limit=100_000)
+
+
+def publish(link, scene, quiet):
+    """An observer: its token, and 20 posteriors a second."""
+    link.announce(scene.keys.observer_alive("cam1"))
+    publisher = link.publisher(scene.keys.posterior("cam1"))
+    reference, seq = VocabularyReference(name=NAMES.name, hash=NAMES.digest), 0
+    while not quiet.wait(0.05):
+        now_ns, seq = time.time_ns(), seq + 1
+        publisher.put(encode(PosteriorMessage(scene=scene.scene, observer="cam1", seq=seq, session="s", p=[0.1, 0.9],
+                                              captured_ns=now_ns, sent_ns=now_ns, vocabulary=reference,
+                                              frames=seq)))  # fmt: skip
+
+
+def wait_for_services(judgements, expected):
+    """Wait until each scene is judged by exactly one of the `expected` services, with the observer's vote counted."""
+    end_s = time.monotonic() + SOON_S
+    recent = {}
+    while time.monotonic() < end_s:
+        judgements.take(0.0)
+        came = judgements.take(0.5) + judgements.take(0.5)
+        recent = {name: set() for name in SCENES}
+        for arrival in came:
+            judgement = decode(JudgementMessage, arrival.payload)
+            if judgement.votes["cam1"].state == "counted":
+                recent[judgement.scene].add(judgement.fusion)
+        if all(len(services) == 1 and services <= set(expected) for services in recent.values()):
+            return recent
+    raise AssertionError(f"judged by {recent}, not each by one of {expected}")
+
+
+def test_a_second_service_shares_the_scenes_and_takes_over_when_the_first_is_killed(folder, mesh):
+    with (
+        labanmesh(folder, "north.1", "fuse", folder, "--id", "north") as north,
+        labanmesh(folder, "south.1", "fuse", folder, "--id", "south"),
+    ):
+        wait_for_services(mesh, SERVICES)
+        scene = read(folder, "garden", "hub.1")
+        with Link.open(scene.mesh, "hub") as hub:
+            presence = hub.presence(scene.keys.fusion_alive())
+            assert presence.wait_for(2, SOON_S)
+            assert hub.ask(scene.keys.judgement, SOON_S).keys() == {scene.keys.judgement}
+            for service in SERVICES:
+                assert hub.ask(scene.keys.fusion_handover(service), 0.3) == {}
+        before = wait_for_services(mesh, SERVICES)
+        north.kill()
+        assert wait_for_services(mesh, ["south"]) and before
+
+
+def test_a_fusion_service_may_ask_another_one_to_hand_over(folder, mesh):
+    """The control: the same query as above, with another certificate, is answered."""
+    scene = read(folder, "garden", "north.1")
+    with Link.open(scene.mesh, "fusion", process_id="north") as north:
+        north.answer(scene.keys.fusion_handover("north"), lambda: b"state")
+        with Link.open(read(folder, "garden", "south.1").mesh, "fusion", process_id="south") as south:
+            assert south.ask(scene.keys.fusion_handover("north"), SOON_S) == {
+                scene.keys.fusion_handover("north"): b"state"
+            }
+        with Link.open(read(folder, "garden", "hub.1").mesh, "hub") as hub:
+            assert hub.ask(scene.keys.fusion_handover("north"), 0.3) == {}
+
+
+def test_a_hub_of_one_scene_hears_nothing_of_the_other(folder, mesh):
+    garden = read(folder, "garden", "tablet.1")
+    with Link.open(garden.mesh, "hub", scene="garden") as tablet:
+        heard = tablet.inbox("laban/garden/observer/*/posterior")
+        strange = tablet.inbox("laban/dojo/**")
+        assert {arrival.key for arrival in heard.take(SOON_S)} == {garden.keys.posterior("cam1")}
+        assert strange.take(0.2) == []
+
+
+@pytest.mark.parametrize(
+    ("certificate", "role", "line"),
+    [
+        ("garden.1", "observer", "certificate garden.1 is for observer garden/cam1, not for observer dojo/cam1"),
+        ("tablet.1", "hub", "certificate tablet.1 is for hub garden, not for hub dojo"),
+    ],
+)
+def test_a_process_of_another_scene_ends_with_one_line(folder, certificate, role, line):
+    mesh = read(folder, "dojo", certificate).mesh
+    with pytest.raises(LabanmeshError, match=line):
+        Link.open(mesh, role, process_id="cam1" if role == "observer" else "", scene="dojo")
