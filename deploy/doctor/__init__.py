@@ -1,4 +1,4 @@
 """`labanmesh doctor`: what is wrong with this machine, scene file, cameras, network, security and mesh; what to do.
 
-Each look_*.py gathers facts; the module beside it, pure, says what they mean.
+Most modules first collect facts, then check them; the checks are pure and begin with `check_`.
 """

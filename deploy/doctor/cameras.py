@@ -1,14 +1,35 @@
-"""What is to be said of cameras: are they there, may this user read them, does a look at them show anything. Pure."""
+"""Cameras: which there are, whether this user may read them, and what a test picture shows.
 
+No camera is opened but for `--cameras`, and then in a process of its own. The checks at the end are pure.
+"""
+
+import grp
+import os
+import subprocess
+import sys
+import tempfile
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Final, Literal
+from urllib.parse import urlsplit
 
-from deploy.doctor.finding import Finding, Mark, ok, told, warning
+from common.config import Scene
+from deploy.doctor.findings import Finding, Mark, from_fault, ok, warning
+from deploy.doctor.network import connect_to
+from deploy.doctor.settings import masked
 
 GROUP: Final = "cameras"
-Access = Literal["readable", "forbidden", "absent", "unknown"]
-ALL_WELL = "nothing to do"
+CameraAccess = Literal["readable", "forbidden", "absent", "unknown"]
+DEVICES = Path("/dev")
+NAMES = Path("/sys/class/video4linux")
+PORTS = {"rtsp": 554, "rtsps": 322, "http": 80, "https": 443}
+TEST_S = 20.0
+"""`labanmesh look` itself gives a camera 10 s, and then names the cause."""
+TEST_FRAMES = 10
+ADVICE, ALL_WELL, OWN_ERROR = "-> ", "nothing to do", "labanmesh: "
+"""How lines of `labanmesh look` begin, and what its advice says when there is none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -17,98 +38,182 @@ class Webcam:
 
     place: str
     name: str = ""
-    access: Access = "readable"
+    access: CameraAccess = "readable"
     group: str = "video"
+
+    def __str__(self) -> str:
+        return f"{self.place} ({self.name})" if self.name else self.place
+
+    @property
+    def permission(self) -> str:
+        """The command that lets this user read it."""
+        return f"sudo usermod -aG {self.group} $USER, then log in again"
 
 
 @dataclass(frozen=True, slots=True)
-class Address:
-    """A camera in the network. shown: without secrets. fault: why host:port cannot be reached; "" where it can."""
+class NetworkCamera:
+    """A camera in the network. url: without secrets. fault: why host:port cannot be reached; "" where it can."""
 
-    shown: str
+    url: str
     fault: str = ""
     took_s: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
-class Looked:
-    """What `labanmesh look` said: its advice, or its error."""
+class CameraTest:
+    """The outcome of `labanmesh look`: its advice, or its error."""
 
     advice: Sequence[str] = ()
     fault: str = ""
 
 
 @dataclass(frozen=True, slots=True)
-class Eye:
-    """One observer's camera, and how a look at it went, if one was asked for."""
+class ObserverCamera:
+    """One observer's camera, and its test, if one was asked for."""
 
     observer: str
-    camera: Webcam | Address
-    looked: Looked | None = None
+    camera: Webcam | NetworkCamera
+    test: CameraTest | None = None
 
 
-def findings(eyes: Sequence[Eye], present: Sequence[Webcam], *, certain: bool) -> list[Finding]:
-    """All that is to be said of the cameras of these observers. present: all webcams of this machine.
+def webcams(devices: Path = DEVICES, names: Path = NAMES) -> list[Webcam]:
+    """The cameras of this machine in the order of their numbers; a device's second node, for metadata, left out."""
+    places = sorted(devices.glob("video[0-9]*"), key=lambda place: (len(place.name), place.name))
+    return [_webcam(place, names) for place in places if _read(names / place.name / "index") in ("", "0")]
 
-    certain: these observers run on this machine; else what is missing may be meant for another one.
+
+def observer_cameras(scene: Scene, observers: Sequence[str], *, test: bool) -> list[ObserverCamera]:
+    """The cameras of those of the observers that have one, in the scene's order; `test`: take pictures with them."""
+    cameras = [ObserverCamera(name, camera) for name in observers for camera in _cameras(scene, name)]
+    if not test or not cameras:
+        return cameras
+    with ThreadPoolExecutor(len(cameras)) as pool:
+        tests = [pool.submit(_test, scene, each) if _may_work(each) else None for each in cameras]
+        pairs = zip(cameras, tests, strict=True)
+        return [replace(each, test=running.result() if running else None) for each, running in pairs]
+
+
+def _may_work(each: ObserverCamera) -> bool:
+    """Whether a test is worth its time: a camera that is known to be away is not waited for."""
+    camera = each.camera
+    return not camera.fault if isinstance(camera, NetworkCamera) else camera.access in ("readable", "unknown")
+
+
+def _cameras(scene: Scene, observer: str) -> Iterator[Webcam | NetworkCamera]:
+    source = scene.observer(observer).source
+    if source.isdecimal():
+        yield _webcam(DEVICES / f"video{source}", NAMES)
+    elif source.startswith(("/dev/video", "/dev/v4l/")):
+        yield _webcam(Path(source), NAMES)
+    elif source.partition("://")[0].lower() in PORTS:
+        yield _network_camera(source)
+
+
+def _webcam(place: Path, names: Path) -> Webcam:
+    if not sys.platform.startswith("linux"):
+        return Webcam(str(place), access="unknown")
+    access: CameraAccess = "absent"
+    if place.exists():
+        access = "readable" if os.access(place, os.R_OK | os.W_OK) else "forbidden"
+    return Webcam(str(place), _read(names / place.name / "name"), access, _group(place))
+
+
+def _group(place: Path) -> str:
+    try:
+        name = grp.getgrgid(place.stat().st_gid).gr_name
+    except (OSError, KeyError):
+        return "video"
+    return name if name != "root" else "video"
+
+
+def _network_camera(source: str) -> NetworkCamera:
+    try:
+        parts = urlsplit(source)
+        host, port = parts.hostname or "", parts.port or PORTS[parts.scheme.lower()]
+    except ValueError:
+        return NetworkCamera(masked(source), "not an address; SCHEME://HOST:PORT/PATH is expected")
+    attempt = connect_to(host, port)
+    return NetworkCamera(masked(source), attempt.fault, attempt.took_s or 0.0)
+
+
+def _test(scene: Scene, each: ObserverCamera) -> CameraTest:
+    """Runs `labanmesh look` on an observer's camera, with the scene file's settings."""
+    section = scene.observer(each.observer)
+    tracker = "camshift" if section.tracker == "auto" else section.tracker
+    with tempfile.TemporaryDirectory() as folder:
+        options = ["--tracker", tracker, "-o", f"{folder}/look.png", "--frames", str(TEST_FRAMES)]
+        skin = ["--skin", str(scene.place(section.skin))] if section.skin else []
+        command = [sys.executable, "-P", "-m", "labanmesh", "look", section.source, *options, *skin]
+        try:
+            done = subprocess.run(  # noqa: S603 - the command line is ours
+                command, stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=TEST_S, check=False
+            )
+        except subprocess.TimeoutExpired:
+            return CameraTest(fault=f"no picture within {TEST_S:g} s")
+    advice = [line.removeprefix(ADVICE) for line in done.stdout.splitlines() if line.startswith(ADVICE)]
+    last = done.stderr.strip().rpartition("\n")[2].removeprefix(OWN_ERROR)
+    return CameraTest(advice, (last or f"look ended with status {done.returncode}") if done.returncode else "")
+
+
+def _read(place: Path) -> str:
+    try:
+        return place.read_text(encoding="utf-8", errors="replace").strip()
+    except OSError:
+        return ""
+
+
+def check_cameras(cameras: Sequence[ObserverCamera], present: Sequence[Webcam], *, certain: bool) -> list[Finding]:
+    """The findings on the cameras of observers. present: all webcams of this machine.
+
+    certain: these observers run on this machine; else a missing camera may belong to another one, and is a warning.
     """
     mark: Mark = "error" if certain else "warning"
-    used = {eye.camera.place for eye in eyes if isinstance(eye.camera, Webcam)}
+    used = {each.camera.place for each in cameras if isinstance(each.camera, Webcam)}
     spare = [webcam for webcam in present if webcam.place not in used]
-    found = [finding for eye in eyes for finding in _eye(eye, mark, present)]
-    return [*found, *_looks(eyes), *_spare(spare)]
+    presence = [_presence(each, mark, present) for each in cameras]
+    return [*presence, *_tests(cameras), *map(_spare, spare)]
 
 
-def _eye(eye: Eye, mark: Mark, present: Sequence[Webcam]) -> Iterator[Finding]:
-    camera = eye.camera
-    if isinstance(camera, Address):
-        if camera.fault:
-            what = f"{eye.observer}: {camera.shown}: {camera.fault}"
-            yield Finding(GROUP, mark, what, "see that it is on, in this network, and the address right")
-        else:
-            yield ok(GROUP, f"{eye.observer}: {camera.shown} can be reached, {camera.took_s * 1000:.0f} ms")
-    elif camera.access == "readable":
-        yield ok(GROUP, f"{eye.observer}: {_named(camera)} is there and may be read")
-    elif camera.access == "forbidden":
-        to_do = f"sudo usermod -aG {camera.group} $USER, then log in again"
-        yield Finding(GROUP, mark, f"{eye.observer}: {camera.place} may not be read by this user", to_do)
-    elif camera.access == "absent":
-        there = ", ".join(webcam.place for webcam in present) or "none"
-        to_do = f"plug it in, or correct source; webcams here: {there}"
-        yield Finding(GROUP, mark, f"{eye.observer}: {camera.place} is not there", to_do)
-    else:
-        to_do = f"labanmesh look {camera.place}"
-        yield warning(GROUP, f"{eye.observer}: webcams cannot be listed on this system", to_do)
+def no_webcam() -> Finding:
+    """The finding where neither a scene nor this machine has a camera."""
+    return warning(GROUP, "no webcam on this machine", "plug one in, or name an address or a recording as source")
 
 
-def _looks(eyes: Sequence[Eye]) -> Iterator[Finding]:
-    for eye in eyes:
-        if eye.looked is None:
+def _presence(each: ObserverCamera, mark: Mark, present: Sequence[Webcam]) -> Finding:
+    camera, name = each.camera, each.observer
+    if isinstance(camera, NetworkCamera):
+        if not camera.fault:
+            return ok(GROUP, f"{name}: {camera.url} can be reached, {camera.took_s * 1000:.0f} ms")
+        to_do = "switch it on, connect it to this network, or correct its address"
+        return Finding(GROUP, mark, f"{name}: {camera.url}: {camera.fault}", to_do)
+    if camera.access == "readable":
+        return ok(GROUP, f"{name}: {camera} is there and may be read")
+    if camera.access == "forbidden":
+        return Finding(GROUP, mark, f"{name}: {camera.place} may not be read by this user", camera.permission)
+    if camera.access == "absent":
+        others = ", ".join(webcam.place for webcam in present) or "none"
+        to_do = f"plug it in, or correct source; webcams here: {others}"
+        return Finding(GROUP, mark, f"{name}: {camera.place} is not there", to_do)
+    return warning(GROUP, f"{name}: webcams cannot be listed on this system", f"labanmesh look {camera.place}")
+
+
+def _tests(cameras: Sequence[ObserverCamera]) -> Iterator[Finding]:
+    for each in cameras:
+        if each.test is None:
             continue
-        if eye.looked.fault:
-            way_out = "end what else uses this camera (the observer itself?), then look again"
-            yield told(GROUP, "error", f"{eye.observer}: {eye.looked.fault}", way_out)
-        for advice in eye.looked.advice:
+        if each.test.fault:
+            way_out = "end other programs that use this camera (the observer itself?), then try again"
+            yield from_fault(GROUP, "error", f"{each.observer}: {each.test.fault}", way_out)
+        for advice in each.test.advice:
             if advice.startswith(ALL_WELL):
-                yield ok(GROUP, f"{eye.observer}: looked at: {advice}")
+                yield ok(GROUP, f"{each.observer}: test picture: {advice}")
             else:
                 what, _, to_do = advice.partition(": ")
-                yield warning(GROUP, f"{eye.observer}: looked at: {what}", to_do or "labanmesh look shows the picture")
+                to_do = to_do or "labanmesh look shows the picture"
+                yield warning(GROUP, f"{each.observer}: test picture: {what}", to_do)
 
 
-def _spare(spare: Sequence[Webcam]) -> Iterator[Finding]:
-    for webcam in spare:
-        if webcam.access == "forbidden":
-            to_do = f"sudo usermod -aG {webcam.group} $USER, then log in again"
-            yield warning(GROUP, f"{_named(webcam)} is there, and may not be read by this user", to_do)
-        else:
-            yield ok(GROUP, f"{_named(webcam)} is there, and no observer of this machine uses it")
-
-
-def _named(webcam: Webcam) -> str:
-    return f"{webcam.place} ({webcam.name})" if webcam.name else webcam.place
-
-
-def nothing_to_see() -> Finding:
-    """Where neither a scene nor this machine has a camera."""
-    return warning(GROUP, "no webcam on this machine", "plug one in, or name an address or a recording as source")
+def _spare(webcam: Webcam) -> Finding:
+    if webcam.access == "forbidden":
+        return warning(GROUP, f"{webcam} is there, and may not be read by this user", webcam.permission)
+    return ok(GROUP, f"{webcam} is there, and no observer of this machine uses it")

@@ -1,8 +1,11 @@
-"""The verb `labanmesh doctor`: looks at everything at once, says what is wrong and what to do."""
+"""The verb `labanmesh doctor`: checks everything at once, and says what is wrong and what to do."""
 
 import os
 import sys
-from collections.abc import Iterator, Sequence
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated
@@ -12,115 +15,163 @@ import typer
 from common.config import Scene
 from common.errors import BadInput
 from common.text import split_list
-from deploy.doctor import cameras, look_cameras, look_machine, look_mesh, look_scene, machine, mesh, network, scene_file
-from deploy.doctor.finding import Finding, Mark, worst
-from deploy.doctor.look_network import look_at_network
-from deploy.doctor.look_security import look_at_security
-from deploy.doctor.looking import Look, all_at_once
-from deploy.doctor.origin import Setting
-from deploy.doctor.report import as_json, page
-from deploy.doctor.security import findings as security_findings
+from deploy.doctor.cameras import TEST_S, check_cameras, no_webcam, observer_cameras, webcams
+from deploy.doctor.findings import Finding, Group, Mark, as_json, page, warning, worst
+from deploy.doctor.machine import MachineNeeds, check_machine, machine_needs
+from deploy.doctor.machine_facts import installed_version, machine_facts
+from deploy.doctor.mesh import ExpectedMesh, check_mesh, listen, nobody, unheard
+from deploy.doctor.network import check_network, is_free, network_facts
+from deploy.doctor.scene_file import MissingSceneFile, check_scene, read_existing_scene, scene_facts, unreadable
+from deploy.doctor.security import check_security, security_facts
+from deploy.doctor.settings import EffectiveSetting
 
 MACHINE_S, SCENE_S, NETWORK_S = 5.0, 11.0, 6.0
-"""How long looks may take, on a machine that is busy too; that at the network on top of the time it listens."""
-NOBODY = "none"
+"""How long checks may take, also on a busy machine; that of the network on top of the time that it listens."""
+NO_OBSERVER = "none"
 COLOURS: dict[Mark, str] = {"ok": "green", "warning": "yellow", "error": "red"}
 
 
 def doctor(
-    scene: Annotated[Path | None, typer.Argument(help="The scene file; without it only this machine is seen.")] = None,
+    scene: Annotated[
+        Path | None, typer.Argument(help="The scene file; without it the doctor checks this machine alone.")
+    ] = None,
     json: Annotated[bool, typer.Option("--json", help="The findings as JSON.")] = False,
     for_s: Annotated[
-        float, typer.Option("--for", metavar="SECONDS", min=0.5, max=3600, help="So long the mesh is listened to.")
+        float, typer.Option("--for", metavar="SECONDS", min=0.5, max=3600, help="How long to listen to the mesh.")
     ] = 2.0,
-    verbose: Annotated[bool, typer.Option("--verbose", help="Also what counts of the scene, and where from.")] = False,
-    look: Annotated[bool, typer.Option("--cameras", help="Also open the cameras: up to 20 s.")] = False,
+    verbose: Annotated[
+        bool, typer.Option("--verbose", help="Also the settings in force, and where each came from.")
+    ] = False,
+    test_cameras: Annotated[bool, typer.Option("--cameras", help="Also open the cameras: up to 20 s.")] = False,
     observers: Annotated[
         str, typer.Option(metavar="IDS", help="Which observers run on this machine; none: no one. Default: all.")
     ] = "",
 ) -> int:
     """What is wrong with this machine, the scene file, cameras, network, security and mesh, and what to do.
 
-    Exit status: 0 all well or warnings only, 1 something is wrong, 2 the command line is.
+    Exit status: 0 all well or warnings only, 1 there are errors, 2 the command line is wrong.
 
     Example: labanmesh doctor scene.toml
 
     Example: labanmesh doctor scene.toml --json | jq '.findings[] | select(.mark == "error")'
     """
-    named = None if not observers else () if observers == NOBODY else split_list("--observers", observers)
-    settings: list[Setting] = []
+    here = None if not observers else () if observers == NO_OBSERVER else split_list("--observers", observers)
+    settings: list[EffectiveSetting] = []
     if scene is None:
-        findings = all_at_once([_look_at_machine(None, ()), Look("cameras", MACHINE_S, _webcams)])
+        findings = run_checks([_machine_check(None, ()), Check("cameras", MACHINE_S, _webcam_findings)])
     else:
-        findings = _with_scene(scene, named, for_s, settings, look=look)
+        findings = _with_scene(scene, here, for_s, settings, test_cameras=test_cameras)
     shown = settings if verbose else ()
     if json:
-        typer.echo(as_json(findings, look_machine.installed("labanmesh"), shown))
+        typer.echo(as_json(findings, installed_version("labanmesh"), shown))
     else:
-        _tell(findings, shown)
+        _print_page(findings, shown)
     return int(worst(findings) == "error")
 
 
+@dataclass(frozen=True, slots=True)
+class Check:
+    """One check that gives findings. group: where it is reported that it broke or hung. limit_s: its time limit."""
+
+    group: Group
+    limit_s: float
+    run: Callable[[], Sequence[Finding]]
+
+
+def run_checks(checks: Sequence[Check]) -> list[Finding]:
+    """The findings of all checks, in their order. They run at once, each in a thread.
+
+    A check that breaks or hangs is a finding itself: the doctor always answers.
+    """
+    began_s = time.monotonic()
+    running = [_RunningCheck(check) for check in checks]
+    return [finding for each in running for finding in each.findings(began_s)]
+
+
+class _RunningCheck:
+    """A check that runs. Its thread is a daemon: one that hangs does not keep the process."""
+
+    def __init__(self, check: Check) -> None:
+        self._check = check
+        self._findings: Sequence[Finding] | None = None
+        self._thread = threading.Thread(target=self._run, daemon=True, name=f"check {check.group}")
+        self._thread.start()
+
+    def _run(self) -> None:
+        try:
+            self._findings = self._check.run()
+        except Exception as error:  # noqa: BLE001 - whatever it is, the other checks have findings
+            what = f"the check failed: {type(error).__name__}: {error}"
+            self._findings = [warning(self._check.group, what, "this is a bug in labanmesh: please report it")]
+
+    def findings(self, began_s: float) -> Sequence[Finding]:
+        limit_s = self._check.limit_s
+        self._thread.join(max(0.0, began_s + limit_s - time.monotonic()))
+        if self._findings is None:
+            what = f"the check took longer than {limit_s:g} s"
+            return [warning(self._check.group, what, "try again; is this machine very busy?")]
+        return self._findings
+
+
 def _with_scene(
-    path: Path, named: Sequence[str] | None, for_s: float, settings: list[Setting], *, look: bool
+    path: Path, here: Sequence[str] | None, for_s: float, settings: list[EffectiveSetting], *, test_cameras: bool
 ) -> list[Finding]:
     try:
-        scene = look_scene.readable_scene(path)
-    except look_scene.NoScene:
+        scene = read_existing_scene(path)
+    except MissingSceneFile:
         raise
     except BadInput as error:
-        return [*all_at_once([_look_at_machine(None, ())]), scene_file.unreadable(str(error))]
-    here = scene.roster if named is None else named
-    for name in here:
+        return [*run_checks([_machine_check(None, ())]), unreadable(str(error))]
+    observers = scene.roster if here is None else here
+    for name in observers:
         scene.observer(name)
-    certain = named is not None or scene.mesh.mode != "router"
+    certain = here is not None or scene.mesh.mode != "router"
 
-    def look_at_scene() -> list[Finding]:
-        facts = look_scene.look_at_scene(path, scene, named)
+    def scene_findings() -> list[Finding]:
+        facts = scene_facts(path, scene, here)
         settings.extend(facts.settings)
-        return scene_file.findings(facts)
+        return check_scene(facts)
 
-    def look_at_cameras() -> list[Finding]:
-        eyes = look_cameras.eyes(scene, here, look=look)
-        return cameras.findings(eyes, look_cameras.webcams(), certain=certain)
+    def camera_findings() -> list[Finding]:
+        return check_cameras(observer_cameras(scene, observers, test=test_cameras), webcams(), certain=certain)
 
-    return all_at_once([
-        _look_at_machine(scene, here, certain=certain),
-        Look("the scene file", SCENE_S, look_at_scene),
-        Look("cameras", MACHINE_S + (look_cameras.LOOK_S if look else 0), look_at_cameras),
-        Look("network", NETWORK_S + for_s, lambda: list(_meet(path, scene, for_s))),
+    return run_checks([
+        _machine_check(scene, observers, certain=certain),
+        Check("the scene file", SCENE_S, scene_findings),
+        Check("cameras", MACHINE_S + (TEST_S if test_cameras else 0), camera_findings),
+        Check("network", NETWORK_S + for_s, lambda: list(_mesh_findings(path, scene, for_s))),
     ])  # fmt: skip
 
 
-def _look_at_machine(scene: Scene | None, here: Sequence[str], *, certain: bool = True) -> Look:
+def _machine_check(scene: Scene | None, observers: Sequence[str], *, certain: bool = True) -> Check:
     def run() -> list[Finding]:
-        needs = machine.needs(scene, here) if scene else machine.Needs()
-        return machine.findings(look_machine.look_at_machine(Path()), needs, certain=certain)
+        needs = machine_needs(scene, observers) if scene else MachineNeeds()
+        return check_machine(machine_facts(Path()), needs, certain=certain)
 
-    return Look("this machine", MACHINE_S, run)
-
-
-def _webcams() -> list[Finding]:
-    return cameras.findings([], look_cameras.webcams(), certain=True) or [cameras.nothing_to_see()]
+    return Check("this machine", MACHINE_S, run)
 
 
-def _meet(path: Path, scene: Scene, for_s: float) -> Iterator[Finding]:
-    """Network, security and mesh: one after the other, each needs what the one before saw."""
+def _webcam_findings() -> list[Finding]:
+    return check_cameras([], webcams(), certain=True) or [no_webcam()]
+
+
+def _mesh_findings(path: Path, scene: Scene, for_s: float) -> Iterator[Finding]:
+    """Network, security and mesh one after the other: each needs the facts of the one before."""
     if scene.mesh.mode == "process":
         return
-    overheard = look_mesh.listen(scene, look_at_network(scene.mesh), for_s)
-    yield from network.findings(overheard.network)
-    yield from security_findings(look_at_security(overheard.network), datetime.now(UTC))
-    expected = mesh.Expected(scene, look_machine.installed("labanmesh"), str(path), overheard.partly)
-    if overheard.heard is not None:
-        yield from mesh.findings(expected, overheard.heard)
-    elif network.is_free(overheard.network):
-        yield mesh.nobody(expected)
+    facts = listen(scene, network_facts(scene.mesh), for_s)
+    yield from check_network(facts.network)
+    yield from check_security(security_facts(facts.network), datetime.now(UTC))
+    expected = ExpectedMesh(scene, installed_version("labanmesh"), str(path), facts.partly)
+    if facts.traffic is not None:
+        yield from check_mesh(expected, facts.traffic)
+    elif is_free(facts.network):
+        yield nobody(expected)
     else:
-        yield mesh.unheard(overheard.network.mesh.endpoint)
+        yield unheard(facts.network.mesh.endpoint)
 
 
-def _tell(findings: Sequence[Finding], settings: Sequence[Setting]) -> None:
+def _print_page(findings: Sequence[Finding], settings: Sequence[EffectiveSetting]) -> None:
     coloured = sys.stdout.isatty() and "NO_COLOR" not in os.environ
     for line, mark in page(findings, settings):
         styled = coloured and (mark is not None or not line.startswith(" "))

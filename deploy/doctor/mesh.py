@@ -1,185 +1,267 @@
-"""What is to be said of the mesh: who is there, who is missing, whose clock, vocabulary or version is another. Pure."""
+"""The mesh: listens to it for a few seconds, and finds out who is there, who is missing, and who differs.
 
+The checks at the end are pure.
+"""
+
+import json
+import threading
+import time
 from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from dataclasses import dataclass, replace
+from typing import Final
 
-from common.text import nearest
-from deploy.doctor.finding import Finding, Mark, error, ok, warning
-from deploy.doctor.heard import Heard, Said, judged_hash
-from deploy.doctor.members import member, seconds, strange_speech
-
-if TYPE_CHECKING:
-    from common.config import Scene
+from common.config import MeshConfig, Scene
+from common.errors import LabanmeshError
+from common.keys import observer_of
+from common.link import Link
+from common.text import nearest, plural
+from deploy.doctor.findings import Finding, Mark, error, ok, warning
+from deploy.doctor.network import NetworkFacts
+from deploy.doctor.security import listener_for
+from deploy.doctor.traffic import (
+    MeshTraffic,
+    ProcessTraffic,
+    check_process,
+    judged_hash,
+    rejected,
+    relative_clock,
+)
 
 GROUP: Final = "the mesh"
+OPEN_S = 2.0
+"""How long a router may take to admit this process."""
+ANSWER_S = 1.0
+"""How long the process at the endpoint may take to answer as Zenoh does: on one machine it takes 12 ms."""
+QUERY_S = 0.4
+NOBODY_S = 1.0
+"""After so long without any sign of life the doctor stops listening."""
+TAKE_S = 0.1
+RETRY_S = 0.01
+PEERS = "@/*/*"
+"""Every Zenoh process answers here with whom it is connected."""
 SKEW_S = 0.5
-"""A clock that is off by more than this is told; fusion takes it out of the ages of opinions."""
-NAMED = 6
+"""A clock that is off by more than this is reported; fusion corrects the ages of posteriors for it."""
+STRANGERS = 6
 """So many strangers are named in one line."""
+SYNCHRONISE = "timedatectl set-ntp true, or chrony"
 
 
 @dataclass(frozen=True, slots=True)
-class Expected:
-    """What a mesh should hold. version: of the labanmesh that asks. path: of the scene file, for what to type.
+class MeshFacts:
+    """The network with what Zenoh answered, and the traffic; None where nothing could be heard.
 
-    partly: this machine's certificate lets it hear no more than how the fusion services are.
+    partly: this machine's certificate lets it hear of the fusion services alone.
     """
 
-    scene: "Scene"
+    network: NetworkFacts
+    traffic: MeshTraffic | None = None
+    partly: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class ExpectedMesh:
+    """What a mesh should hold. version: of this labanmesh. path: of the scene file, for commands to type."""
+
+    scene: Scene
     version: str
     path: str
     partly: bool = False
 
     @property
-    def fusions(self) -> tuple[str, ...]:
-        """The fusion services that the scene names."""
-        return self.scene.services
+    def shareable(self) -> bool:
+        """Whether fusion services that stand in no scene file may share this scene with others."""
+        fusion = self.scene.fusion
+        return bool(self.digest) and not (fusion.standby or fusion.memory)
 
     @property
     def digest(self) -> str:
         """The vocabulary's hash, where the scene names one."""
-        named = self.scene.named_vocabulary
-        return named.digest if named else ""
+        vocabulary = self.scene.named_vocabulary
+        return vocabulary.digest if vocabulary else ""
 
 
-def findings(expected: Expected, heard: Heard) -> list[Finding]:
-    """All that is to be said of a mesh that was listened to."""
-    if heard.silent:
+def listen(scene: Scene, network: NetworkFacts, for_s: float) -> MeshFacts:
+    """Join the scene's mesh as a listener for `for_s` seconds; shorter where nobody is there."""
+    reachable = network.connection is None or network.connection.took_s is not None
+    if network.mesh.mode == "process" or not reachable:
+        return MeshFacts(network)
+    began_s, listener, mesh = time.monotonic(), listener_for(scene), _to_connect(scene.mesh)
+    try:
+        process_id = listener.process_id
+        link = Link.open(mesh, listener.role, timeout_s=OPEN_S, process_id=process_id, scene=scene.scene)
+        if not _is_connected(link):
+            # A session that has met nobody takes seconds to close; do not wait for that.
+            threading.Thread(target=link.close, daemon=True, name="close").start()
+            return MeshFacts(network)
+        with link:
+            network = replace(network, zenoh_s=time.monotonic() - began_s)
+            return MeshFacts(network, _traffic(scene, link, for_s), listener.role == "observer")
+    except LabanmeshError as error:
+        return MeshFacts(replace(network, fault=str(error)))
+
+
+def _to_connect(mesh: MeshConfig) -> MeshConfig:
+    """Every interface is listened on, not connected to."""
+    return mesh.at(mesh.endpoint.replace("/0.0.0.0:", "/127.0.0.1:").replace("/[::]:", "/[::1]:"))
+
+
+def _is_connected(link: Link) -> bool:
+    """Whether a Zenoh process is at the other end, by ANSWER_S: a peer's link opens before it has met anybody."""
+    end_s = time.monotonic() + ANSWER_S
+    while time.monotonic() < end_s:
+        answers = [json.loads(payload) for payload in link.ask(PEERS, ANSWER_S).values()]
+        if any(answer.get("sessions") for answer in answers):
+            return True
+        time.sleep(RETRY_S)
+    return False
+
+
+def _traffic(scene: Scene, link: Link, for_s: float) -> MeshTraffic:
+    keys, began_s = scene.keys, time.monotonic()
+    traffic = MeshTraffic(keys)
+    observers, fusions = link.presence(keys.observer_alive()), link.presence(keys.fusion_alive())
+    inbox = link.inbox(keys.posterior(), keys.judgement, keys.observer_status(), keys.fusion_status())
+    for key, payload in link.ask(f"{keys.root}/**", min(QUERY_S, for_s)).items():
+        traffic.record(key, payload, time.time_ns(), queried=True)
+    while (passed_s := time.monotonic() - began_s) < for_s:
+        for arrival in inbox.take(min(TAKE_S, for_s - passed_s)):
+            traffic.record(arrival.key, arrival.payload, arrival.arrived_ns)
+        traffic.alive_observers = frozenset(map(observer_of, observers.alive))
+        traffic.alive_fusions = frozenset(map(observer_of, fusions.alive))
+        if traffic.silent and passed_s > NOBODY_S:
+            break
+    traffic.listened_s = time.monotonic() - began_s
+    return traffic
+
+
+def check_mesh(expected: ExpectedMesh, traffic: MeshTraffic) -> list[Finding]:
+    """The findings on a mesh that was listened to."""
+    if traffic.silent:
         return [nobody(expected)]
     if expected.partly:
-        what = "this machine's certificate is an observer's: it hears of the fusion services, and of nobody else"
+        what = "this machine's certificate is an observer's: the doctor hears of the fusion services alone"
         to_do = (
             "run doctor on the fusion machine, or with a certificate for a hub: labanmesh secure add SCENE NAME --hub"
         )
-        return [*_fusions(expected, heard), warning(GROUP, what, to_do)]
-    return [*_fusions(expected, heard), *_judging(expected, heard), *_observers(expected, heard)]
+        return [*_fusions(expected, traffic), warning(GROUP, what, to_do)]
+    return [*_fusions(expected, traffic), *_judgements(expected, traffic), *_observers(expected, traffic)]
 
 
-def nobody(expected: Expected) -> Finding:
-    """Where all could be heard and nobody is there."""
-    what = f"nobody of scene {expected.scene.scene} is on the mesh"
+def nobody(expected: ExpectedMesh) -> Finding:
+    """The finding on a mesh that could be heard, and is empty."""
+    what = f"no process of scene {expected.scene.scene} is on the mesh"
     return warning(GROUP, what, f"labanmesh up {expected.path}, or fuse and observe each on its machine")
 
 
 def unheard(endpoint: str) -> Finding:
-    """Where the mesh could not be listened to."""
-    return warning(GROUP, f"not listened to, at {endpoint}", "put right what is said of network and security first")
+    """The finding on a mesh that could not be listened to."""
+    return warning(GROUP, f"not listened to, at {endpoint}", "correct the findings on network and security first")
 
 
-def _fusions(expected: Expected, heard: Heard) -> Iterator[Finding]:
-    present = list(dict.fromkeys([*sorted(heard.alive_fusions), *heard.fusions]))
+def _fusions(expected: ExpectedMesh, traffic: MeshTraffic) -> Iterator[Finding]:
+    services = expected.scene.services
+    present = list(dict.fromkeys([*sorted(traffic.alive_fusions), *traffic.fusions]))
     for name in present:
-        said = heard.fusions.get(name, Said())
-        if name not in expected.fusions:
-            what = f"fusion service {name} is on the mesh and not in this scene file"
-            yield error(
-                GROUP, what, f"stop it, or name it: fusion.standby = [{name!r}]; every machine needs the same file"
-            )
-        alive = name in heard.alive_fusions or expected.partly
-        yield from member(f"fusion service {name}", said, expected.version, alive)
-        if said.skew_s is not None and abs(said.skew_s) > SKEW_S:
-            what = f"this machine's clock is {seconds(-said.skew_s)} that of fusion service {name}"
-            yield warning(GROUP, what, "synchronise both clocks (NTP): timedatectl set-ntp true, or chrony")
-    for name in expected.fusions:
-        if name not in present and present:
+        process, service = traffic.fusions.get(name, ProcessTraffic()), f"fusion service {name}"
+        if name not in services and expected.shareable:
+            yield ok(GROUP, f"{service} is not in this scene file: it shares this scene with other services")
+        elif name not in services:
+            what = f"{service} is on the mesh and not in this scene file"
+            to_do = f"stop it, or name it: fusion.standby = [{name!r}]; every machine needs the same file"
+            yield error(GROUP, what, to_do)
+        alive = name in traffic.alive_fusions or expected.partly
+        yield from check_process(service, process, expected.version, alive)
+        if process.skew_s is not None and abs(process.skew_s) > SKEW_S:
+            what = f"this machine's clock is {relative_clock(-process.skew_s)} that of {service}"
+            yield warning(GROUP, what, f"synchronise both clocks (NTP): {SYNCHRONISE}")
+    for name in services:
+        if name not in present and present and not expected.shareable:
             what = f"fusion service {name} is missing"
             yield warning(GROUP, what, f"labanmesh fuse {expected.path} --id {name}")
     if not present:
-        hint = "" if expected.digest else "; it waits until an observer says the vocabulary"
-        yield error(GROUP, "no fusion service is alive: nobody judges", f"labanmesh fuse {expected.path}{hint}")
+        hint = "" if expected.digest else "; it waits until an observer publishes the vocabulary"
+        what = "no fusion service is alive: there are no judgements"
+        yield error(GROUP, what, f"labanmesh fuse {expected.path}{hint}")
 
 
-def _judging(expected: Expected, heard: Heard) -> Iterator[Finding]:
-    judging = {name: said for name, said in heard.fusions.items() if said.judgements}
+def _judgements(expected: ExpectedMesh, traffic: MeshTraffic) -> Iterator[Finding]:
+    judging = {name: process for name, process in traffic.fusions.items() if process.judgements}
     if len(judging) > 1:
         what = f"{len(judging)} fusion services judge at once: {', '.join(judging)}"
-        yield error(
-            GROUP, what, "stop all but one, or let the others stand by: fusion.standby in the scene file of all"
-        )
-    for name, said in judging.items():
-        if said.turns > 1:
-            yield error(
-                GROUP,
-                f"two processes judge as fusion service {name}",
-                "stop one, or give it an id of its own: fuse --id",
-            )
+        to_do = "stop all but one, or let the others stand by: fusion.standby in the scene file of all"
+        yield error(GROUP, what, to_do)
+    for name, process in judging.items():
+        if process.turns > 1:
+            what = f"two processes judge as fusion service {name}"
+            yield error(GROUP, what, "stop one, or give it an id of its own: fuse --id")
     if judging:
-        many, rate = sum(said.judgements for said in judging.values()), heard.listened_s
-        yield ok(GROUP, f"{many} judgements in {rate:.1f} s by {', '.join(judging)}")
-    elif heard.alive_fusions and heard.listened_s > 0:
-        speaking = any(said.posteriors for said in heard.observers.values())
-        what = f"no judgement within {heard.listened_s:.1f} s"
-        if speaking:
-            yield error(GROUP, f"{what}, though observers speak", "see fusion's log; start it again")
+        many, listened_s = sum(process.judgements for process in judging.values()), traffic.listened_s
+        yield ok(GROUP, f"{plural(many, 'judgement')} in {listened_s:.1f} s by {', '.join(judging)}")
+    elif traffic.alive_fusions and traffic.listened_s > 0 and not traffic.bad_judgements:
+        what = f"no judgement within {traffic.listened_s:.1f} s"
+        if any(process.posteriors for process in traffic.observers.values()):
+            yield error(GROUP, f"{what}, though observers publish posteriors", "see fusion's log; start it again")
         else:
-            yield warning(GROUP, f"{what}: no observer speaks", "see what is said of the observers")
-    for reason, count in sorted(heard.unnamed.items()):
-        what, to_do = strange_speech(reason, count)
-        yield error(GROUP, f"judgements: {what}", to_do)
+            yield warning(GROUP, f"{what}: no observer publishes posteriors", "see the findings on the observers")
+    for reason, count in sorted(traffic.bad_judgements.items()):
+        yield rejected("judgements", reason, count)
 
 
-def _observers(expected: Expected, heard: Heard) -> Iterator[Finding]:
+def _observers(expected: ExpectedMesh, traffic: MeshTraffic) -> Iterator[Finding]:
     scene = expected.scene
-    present = set(heard.alive_observers) | set(heard.observers)
-    missing = [name for name in scene.roster if name not in present]
-    digest = expected.digest or judged_hash(heard.fusions)
+    present = set(traffic.alive_observers) | set(traffic.observers)
+    digest = expected.digest or judged_hash(traffic.fusions)
     for name in scene.roster:
         if name in present:
-            said = heard.observers.get(name, Said())
-            yield from member(name, said, expected.version, name in heard.alive_observers)
-            yield from _vocabulary(name, said, digest)
-            yield from _two_of(name, said)
-            yield from _account(name, said, heard)
-    yield from _missing(expected, missing)
+            process = traffic.observers.get(name, ProcessTraffic())
+            yield from check_process(name, process, expected.version, name in traffic.alive_observers)
+            yield from _vocabulary(name, process, digest)
+            if process.turns > 1:
+                to_do = "stop one of them, or give it an id of its own in the scene file"
+                yield error(GROUP, f"two processes publish as {name}", to_do)
+            yield from _statistics(name, process, traffic)
+    yield from _missing(expected, [name for name in scene.roster if name not in present])
     yield from _strangers(expected, sorted(present - set(scene.roster)))
 
 
-def _missing(expected: Expected, missing: list[str]) -> Iterator[Finding]:
-    left, quorum = len(expected.scene.roster) - len(missing), expected.scene.fusion.quorum
+def _missing(expected: ExpectedMesh, missing: list[str]) -> Iterator[Finding]:
+    total, quorum = len(expected.scene.roster), expected.scene.fusion.quorum
+    left = total - len(missing)
     mark: Mark = "warning" if left >= quorum else "error"
     for name in missing:
         what = f"{name} is missing"
         if mark == "error":
-            what += f": {left} of {len(expected.scene.roster)} are there, a verdict needs {quorum}"
+            what += f": {left} of {plural(total, 'observer')} present, a verdict needs {quorum}"
         yield Finding(GROUP, mark, what, f"labanmesh observe {expected.path} {name}, on its machine; see its log")
 
 
-def _vocabulary(name: str, said: Said, digest: str) -> Iterator[Finding]:
-    foreign = sorted(said.hashes - {digest})
+def _vocabulary(name: str, process: ProcessTraffic, digest: str) -> Iterator[Finding]:
+    foreign = sorted(process.hashes - {digest})
     if digest and foreign:
-        what = f"{name} speaks another vocabulary ({', '.join(foreign)}) than the scene ({digest}): it does not count"
+        what = f"{name} has another vocabulary ({', '.join(foreign)}) than the scene ({digest}): it does not count"
         yield error(GROUP, what, "learn its model again from the movements of the others: labanmesh learn")
 
 
-def _two_of(name: str, said: Said) -> Iterator[Finding]:
-    if said.turns > 1:
-        what = f"two processes speak as {name}"
-        yield error(GROUP, what, "stop one of them, or give it an id of its own in the scene file")
-
-
-def _account(name: str, said: Said, heard: Heard) -> Iterator[Finding]:
-    """What fusion has noticed of an observer: its clock, and what could not be used."""
-    accounts = [
-        account
-        for fusion in heard.fusions.values()
-        if fusion.status and fusion.judgements and (account := (fusion.status.observers or {}).get(name))
-    ]
-    for account in accounts[:1]:
-        if account.skew_s is not None and abs(account.skew_s) > SKEW_S:
-            what = f"{name}: its clock is {seconds(account.skew_s)} that of fusion"
-            yield warning(GROUP, what, "synchronise it (NTP): timedatectl set-ntp true, or chrony, on its machine")
-        told = {"foreign_vocabulary"} if said.hashes else set()
-        for reason, count in sorted(account.rejected.items()):
-            if count and reason not in told | set(said.bad):
-                what, to_do = strange_speech(reason, count)
-                yield warning(GROUP, f"{name}: {what}", to_do)
-
-
-def _strangers(expected: Expected, strangers: list[str]) -> Iterator[Finding]:
-    if not strangers:
+def _statistics(name: str, process: ProcessTraffic, traffic: MeshTraffic) -> Iterator[Finding]:
+    """The fusion service's statistics of an observer: its clock, and rejected messages."""
+    for fusion in traffic.fusions.values():
+        statistics = (fusion.status.observers or {}).get(name) if fusion.status and fusion.judgements else None
+        if statistics is None:
+            continue
+        if statistics.skew_s is not None and abs(statistics.skew_s) > SKEW_S:
+            what = f"{name}: its clock is {relative_clock(statistics.skew_s)} that of fusion"
+            yield warning(GROUP, what, f"synchronise it (NTP): {SYNCHRONISE}, on its machine")
+        known = {*process.bad, *({"foreign_vocabulary"} if process.hashes else ())}
+        for reason, count in sorted(statistics.rejected.items()):
+            if count and reason not in known:
+                yield replace(rejected(name, reason, count), mark="warning")
         return
-    named = ", ".join(strangers[:NAMED]) + (f" and {len(strangers) - NAMED} more" if len(strangers) > NAMED else "")
-    near = nearest(strangers[0], expected.scene.roster)
-    to_do = f"name it under [observers.ID] in every machine's scene file, or stop it; {near}"
-    yield warning(GROUP, f"on the mesh and not in the scene: {named}; what they say does not count", to_do)
+
+
+def _strangers(expected: ExpectedMesh, strangers: list[str]) -> Iterator[Finding]:
+    if strangers:
+        more = f" and {len(strangers) - STRANGERS} more" if len(strangers) > STRANGERS else ""
+        names = ", ".join(strangers[:STRANGERS]) + more
+        near = nearest(strangers[0], expected.scene.roster)
+        to_do = f"name it under [observers.ID] in every machine's scene file, or stop it; {near}"
+        yield warning(GROUP, f"on the mesh and not in the scene: {names}; their posteriors do not count", to_do)

@@ -1,41 +1,59 @@
-"""What is to be said of the place where the processes meet: `mesh.endpoint`. Pure.
+"""The place where the processes meet, `mesh.endpoint`: name, port, time to reach it, and who listens there.
 
-In mode machine the fusion process listens there, in mode router a router.
+In mode machine the fusion process listens there, in mode router a router. No attempt takes longer than CONNECT_S. The
+checks at the end are pure.
 """
 
+import os
+import queue
 import re
+import socket
+import threading
+import time
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from pathlib import Path
+from typing import Final
 
-from deploy.doctor.finding import Finding, error, ok, warning
-
-if TYPE_CHECKING:
-    from common.config import MeshConfig
+from common.config import MeshConfig
+from deploy.doctor.findings import Finding, error, ok, warning
 
 GROUP: Final = "network"
-EVERY_INTERFACE = ("0.0.0.0", "::", "*")  # noqa: S104 - what is warned of
+CONNECT_S = 1.5
+"""A name server and a connection in one house take milliseconds; one that takes longer is as good as away."""
+EVERY_INTERFACE = ("0.0.0.0", "::", "*")  # noqa: S104 - warned of, never listened on
 LOOPBACK = re.compile(r"(127(\.\d+){3}|::1|localhost)\Z")
 SECURE = ("tls", "quic")
 NO_TCP = ("udp", "quic", "unixsock-stream")
 """Protocols whose port cannot be tried by a TCP connection."""
 ENDPOINT = re.compile(r"(?P<protocol>[\w-]+)/(?P<host>\[[^]]*\]|[^:]*):(?P<port>\d+)")
+LISTENING = "0A"
+"""A socket's state in /proc/net/tcp."""
 
 
 @dataclass(frozen=True, slots=True)
-class Meeting:
-    """A meeting point in pieces; host and port are "" and 0 for a socket in the file system."""
+class EndpointParts:
+    """`tcp/host:7447` in pieces; host and port are "" and 0 for a socket in the file system."""
 
     protocol: str
     host: str
     port: int
 
+    @classmethod
+    def of(cls, endpoint: str) -> "EndpointParts":
+        """The pieces of an endpoint."""
+        match = ENDPOINT.match(endpoint)
+        if match is None:
+            return cls(endpoint.partition("/")[0], "", 0)
+        return cls(match["protocol"], match["host"].strip("[]"), int(match["port"]))
+
 
 @dataclass(frozen=True, slots=True)
-class Reached:
-    """One attempt at host:port. addresses: what the name means. took_s: to a TCP connection; None where none came.
+class Connection:
+    """One attempt at host:port. addresses: of the name. took_s: to a TCP connection; None where none came about.
 
-    refused: the machine is there and nobody listens. fault: why it failed, in words; "" where it did not.
+    refused: the machine answers and nothing listens. fault: why it failed, in words; "" where it did not.
     """
 
     addresses: tuple[str, ...] = ()
@@ -45,88 +63,190 @@ class Reached:
 
 
 @dataclass(frozen=True, slots=True)
-class Network:
-    """What was seen of a meeting point. reached: None where TCP cannot try it (udp, quic, a socket file).
+class NetworkFacts:
+    """The facts of a meeting point. connection: None where TCP cannot try it (udp, quic, a socket file).
 
     local: the host is this machine. unusable: why a process here could not listen on it; "" where it could.
-    zenoh: seconds until a Zenoh process answered there; None where none did. fault: what Zenoh said instead.
+    listener: the process of this machine that listens there, in words; "" where that is not known.
+    zenoh_s: seconds until a Zenoh process answered there; None where none did. fault: Zenoh's complaint.
     """
 
-    mesh: "MeshConfig"
-    reached: Reached | None
+    mesh: MeshConfig
+    connection: Connection | None
     local: bool
     unusable: str = ""
-    zenoh: float | None = None
+    listener: str = ""
+    zenoh_s: float | None = None
     fault: str = ""
 
 
-def meeting(endpoint: str) -> Meeting:
-    """`tcp/host:7447` in pieces."""
-    found = ENDPOINT.match(endpoint)
-    if found is None:
-        return Meeting(endpoint.partition("/")[0], "", 0)
-    return Meeting(found["protocol"], found["host"].strip("[]"), int(found["port"]))
+def network_facts(mesh: MeshConfig) -> NetworkFacts:
+    """All but what Zenoh itself finds."""
+    parts = EndpointParts.of(mesh.endpoint)
+    if not parts.host:
+        return _socket_file(mesh)
+    local, unusable = try_to_listen(parts)
+    listener = listener_on(parts.port) if local else ""
+    if parts.protocol in NO_TCP:
+        addresses, fault = _resolve(_reachable(parts.host))
+        connection = Connection(addresses, fault=fault) if fault else None
+        return NetworkFacts(mesh, connection, local, unusable, listener)
+    return NetworkFacts(mesh, connect_to(_reachable(parts.host), parts.port), local, unusable, listener)
 
 
-def findings(network: Network) -> list[Finding]:
-    """All that is to be said of it."""
-    return [*_exposure(network.mesh), *_reached(network)]
+def connect_to(host: str, port: int, limit_s: float = CONNECT_S) -> Connection:
+    """One TCP connection to host:port, closed at once."""
+    addresses, fault = _resolve(host, limit_s)
+    if fault:
+        return Connection(fault=fault)
+    began_s = time.monotonic()
+    try:
+        with socket.create_connection((addresses[0], port), timeout=limit_s):
+            return Connection(addresses, time.monotonic() - began_s)
+    except ConnectionRefusedError:
+        return Connection(addresses, refused=True, fault="nothing listens there")
+    except TimeoutError:
+        return Connection(addresses, fault=f"no answer within {limit_s:g} s")
+    except OSError as error:
+        return Connection(addresses, fault=(error.strerror or str(error)).lower())
 
 
-def is_free(network: Network) -> bool:
-    """Whether nobody listens yet where, on one machine, the fusion process will."""
-    silent = network.reached is None or network.reached.refused
-    return network.zenoh is None and network.mesh.mode == "machine" and silent and network.local
+def try_to_listen(parts: EndpointParts) -> tuple[bool, str]:
+    """Whether the host is this machine, and why a process of this user could not listen on the port now."""
+    addresses, fault = _resolve(parts.host.replace("*", "0.0.0.0"))  # noqa: S104 - for a moment, and no connection taken
+    if fault:
+        return False, ""
+    family = socket.AF_INET6 if ":" in addresses[0] else socket.AF_INET
+    kind = socket.SOCK_DGRAM if parts.protocol in ("udp", "quic") else socket.SOCK_STREAM
+    try:
+        _bind(family, kind, addresses[0], 0)
+    except OSError:
+        return False, ""
+    try:
+        _bind(family, kind, addresses[0], parts.port)
+    except OSError as error:
+        return True, (error.strerror or str(error)).lower()
+    return True, ""
 
 
-def _exposure(mesh: "MeshConfig") -> Iterator[Finding]:
-    place = meeting(mesh.endpoint)
-    if place.protocol in SECURE or not place.host or LOOPBACK.match(place.host):
+def listener_on(port: int) -> str:
+    """The process of this machine that listens on a TCP port, `PID 123 (python server.py)`; "" where it is not known.
+
+    Linux alone tells, and of other users' processes only root learns.
+    """
+    sockets = {f"socket:[{inode}]" for inode in _listening_inodes(port)}
+    for process in Path("/proc").glob("[0-9]*") if sockets else ():
+        with suppress(OSError):
+            if any(os.readlink(entry) in sockets for entry in (process / "fd").iterdir()):  # noqa: PTH115 - no path
+                words = (process / "cmdline").read_bytes().decode(errors="replace").split("\0")
+                return f"PID {process.name} ({' '.join(words).strip()})"
+    return ""
+
+
+def _listening_inodes(port: int) -> Iterator[str]:
+    for table in ("tcp", "tcp6"):
+        with suppress(OSError):
+            for line in Path(f"/proc/net/{table}").read_text(encoding="ascii").splitlines()[1:]:
+                _, local, _, state, *_, inode = line.split()[:10]
+                if state == LISTENING and int(local.rpartition(":")[2], 16) == port:
+                    yield inode
+
+
+def _resolve(host: str, limit_s: float = CONNECT_S) -> tuple[tuple[str, ...], str]:
+    """The addresses of a name, or why there are none; the system's resolver may take minutes, this does not."""
+    answers: queue.SimpleQueue[tuple[tuple[str, ...], str]] = queue.SimpleQueue()
+
+    def ask() -> None:
+        try:
+            entries = socket.getaddrinfo(host, None, type=socket.SOCK_STREAM)
+            answers.put((tuple(dict.fromkeys(str(entry[4][0]) for entry in entries)), ""))
+        except (OSError, UnicodeError):
+            answers.put(((), f"the name {host} is not known"))
+
+    threading.Thread(target=ask, daemon=True, name="resolve").start()
+    try:
+        return answers.get(timeout=limit_s)
+    except queue.Empty:
+        return (), f"the name server did not answer for {host} within {limit_s:g} s"
+
+
+def _reachable(host: str) -> str:
+    """Where to reach a process that listens on `host`: every interface is listened on, not connected to."""
+    if host in EVERY_INTERFACE:
+        return "::1" if host == "::" else "127.0.0.1"
+    return host
+
+
+def _bind(family: socket.AddressFamily, kind: socket.SocketKind, address: str, port: int) -> None:
+    with socket.socket(family, kind) as attempt:
+        # As Zenoh does: a port whose last connections are still closing is free.
+        attempt.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        attempt.bind((address, port))
+
+
+def _socket_file(mesh: MeshConfig) -> NetworkFacts:
+    folder = Path(mesh.endpoint.partition("/")[2]).parent
+    unusable = "" if os.access(folder, os.W_OK) else f"the folder {folder} is not writable"
+    return NetworkFacts(mesh, None, local=True, unusable=unusable)
+
+
+def check_network(facts: NetworkFacts) -> list[Finding]:
+    """The findings on a meeting point."""
+    return [*_exposure(facts.mesh), _reachability(facts)]
+
+
+def is_free(facts: NetworkFacts) -> bool:
+    """Whether nothing listens yet where, on one machine, the fusion process will."""
+    silent = facts.connection is None or facts.connection.refused
+    return facts.zenoh_s is None and facts.mesh.mode == "machine" and silent and facts.local
+
+
+def _exposure(mesh: MeshConfig) -> Iterator[Finding]:
+    parts = EndpointParts.of(mesh.endpoint)
+    if parts.protocol in SECURE or not parts.host or LOOPBACK.match(parts.host):
         return
-    where = "on every interface of this machine" if place.host in EVERY_INTERFACE else "in the network"
-    what = f"{mesh.endpoint}: open {where} without encryption; who is in it may listen and speak for any observer"
-    yield warning(GROUP, what, "labanmesh secure init, or keep to a network that you trust")
+    where = "on every interface of this machine" if parts.host in EVERY_INTERFACE else "in the network"
+    what = f"{mesh.endpoint}: open {where} without encryption: anybody there can listen and publish for any observer"
+    yield warning(GROUP, what, "labanmesh secure init, or use a network that you trust")
 
 
-def _reached(network: Network) -> Iterator[Finding]:
-    endpoint, reached = network.mesh.endpoint, network.reached
-    if network.zenoh is not None:
-        who = "a Zenoh router" if network.mesh.mode == "router" else "Zenoh"
-        took_s = network.zenoh if reached is None or reached.took_s is None else reached.took_s
-        yield ok(GROUP, f"{endpoint}: {who} answers, {took_s * 1000:.1f} ms")
-    elif reached is not None and reached.took_s is not None:
-        yield _taken(network)
-    elif reached is not None and reached.fault and not reached.refused:
+def _reachability(facts: NetworkFacts) -> Finding:
+    endpoint, connection = facts.mesh.endpoint, facts.connection
+    if facts.zenoh_s is not None:
+        peer = "a Zenoh router" if facts.mesh.mode == "router" else "Zenoh"
+        took_s = facts.zenoh_s if connection is None or connection.took_s is None else connection.took_s
+        return ok(GROUP, f"{endpoint}: {peer} answers, {took_s * 1000:.1f} ms")
+    if connection is not None and connection.took_s is not None:
+        return _taken(facts)
+    if connection is not None and connection.fault and not connection.refused:
         to_do = "correct mesh.endpoint, or the network: cable, WLAN, firewall, name server"
-        yield error(GROUP, f"{endpoint}: {reached.fault}", to_do)
-    elif network.mesh.mode == "router":
-        yield _no_router(network)
-    else:
-        yield _free(network)
+        return error(GROUP, f"{endpoint}: {connection.fault}", to_do)
+    return _no_router(facts) if facts.mesh.mode == "router" else _free(facts)
 
 
-def _taken(network: Network) -> Finding:
-    """Somebody listens, and does not speak Zenoh as we do."""
-    endpoint = network.mesh.endpoint
-    if meeting(endpoint).protocol in SECURE:
-        return ok(GROUP, f"{endpoint}: can be reached; whether it lets us in is a matter of security")
-    what = f"{endpoint}: taken by something that does not answer as Zenoh does, or hangs"
+def _taken(facts: NetworkFacts) -> Finding:
+    """A process listens there, and does not answer as Zenoh does."""
+    endpoint = facts.mesh.endpoint
+    if EndpointParts.of(endpoint).protocol in SECURE:
+        return ok(GROUP, f"{endpoint}: can be reached; see security for whether it admits this machine")
+    listener = facts.listener or "a program"
+    what = f"{endpoint}: taken by {listener} that does not answer as Zenoh does, or hangs"
     return error(GROUP, what, "stop that program, or choose another port in the scene file")
 
 
-def _no_router(network: Network) -> Finding:
-    place = meeting(network.mesh.endpoint)
-    on = "this machine" if network.local else place.host or "its machine"
-    start = f"labanmesh router {place.protocol}/0.0.0.0:{place.port}" if place.port else "labanmesh router"
-    return error(GROUP, f"{network.mesh.endpoint}: no router answers there", f"start it on {on}: {start}")
+def _no_router(facts: NetworkFacts) -> Finding:
+    parts = EndpointParts.of(facts.mesh.endpoint)
+    machine = "this machine" if facts.local else parts.host or "its machine"
+    command = f"labanmesh router {parts.protocol}/0.0.0.0:{parts.port}" if parts.port else "labanmesh router"
+    return error(GROUP, f"{facts.mesh.endpoint}: no router answers there", f"start it on {machine}: {command}")
 
 
-def _free(network: Network) -> Finding:
-    endpoint = network.mesh.endpoint
-    if not network.local:
-        what = f'{endpoint}: no address of this machine, and in mode "machine" the fusion process listens there'
+def _free(facts: NetworkFacts) -> Finding:
+    endpoint = facts.mesh.endpoint
+    if not facts.local:
+        what = f'{endpoint}: not an address of this machine, and in mode "machine" the fusion process listens there'
         return error(GROUP, what, 'on several machines: mode = "router" under [mesh]; on one: tcp/127.0.0.1:7447')
-    if network.unusable:
-        what = f"{endpoint}: this user cannot listen there: {network.unusable}"
+    if facts.unusable:
+        what = f"{endpoint}: this user cannot listen there: {facts.unusable}"
         return error(GROUP, what, "choose another port in the scene file, above 1023")
     return ok(GROUP, f"{endpoint}: free; the fusion process will listen there")

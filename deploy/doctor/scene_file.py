@@ -1,28 +1,40 @@
-"""What a scene file's facts mean: does it hang together with the files that it names. Pure.
+"""A scene file and the files that it names: can they be read, do they fit each other. The checks are pure.
 
-In a scene over a router observers may run elsewhere: unless somebody says which run here, what one of them lacks is a
+In a scene over a router observers may run elsewhere: unless the user says which run here, a fault of one of them is a
 warning and no error.
 """
 
+import json
+import os
+import subprocess
+import sys
+import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Final
+from pathlib import Path
+from typing import Final
 
+from common.config import Scene, read_scene
+from common.errors import BadInput
+from common.text import plural
 from common.vocabulary import Vocabulary
-from deploy.doctor.finding import Finding, Mark, error, ok, told, warning
-from deploy.doctor.origin import DEFAULT, FILE, Setting
-
-if TYPE_CHECKING:
-    from common.config import Scene
+from deploy.doctor.findings import Finding, Mark, error, from_fault, ok, warning
+from deploy.doctor.settings import DEFAULT, FILE, EffectiveSetting, settings_in_force
 
 GROUP: Final = "the scene file"
+PREFLIGHT_S = 10.0
+"""Four observers take 1 to 2 s on two free cores, and several times that on a busy or a small machine."""
 WAY_OUT = "correct the scene file; docs/reference/scene.md has every key"
 ELSEWHERE = "if it runs on another machine, name this one's: --observers ID,ID (or none)"
 
 
+class MissingSceneFile(BadInput):
+    """The scene file on the command line is not there: bad input, and no finding."""
+
+
 @dataclass(frozen=True, slots=True)
-class Examined:
-    """One observer, as the observer room found it: `observer/runtime/preflight.py`."""
+class PreflightReport:
+    """One observer's report: `observer/runtime/preflight.py`. Packages that it lacks are findings on the machine."""
 
     observer: str
     source: str
@@ -36,40 +48,79 @@ class Examined:
 
 @dataclass(frozen=True, slots=True)
 class SceneFacts:
-    """A scene file that could be read. path: its name. here: the observers of this machine; certain: somebody said so.
+    """A scene file that could be read. path: its name. here: the observers of this machine; certain: the user said so.
 
-    trouble: why observers were not examined; "" where all were.
+    trouble: why observers have no report; "" where all have one.
     """
 
     path: str
-    scene: "Scene"
-    settings: Sequence[Setting]
+    scene: Scene
+    settings: Sequence[EffectiveSetting]
     here: Sequence[str]
     certain: bool
-    examined: Mapping[str, Examined] = field(default_factory=dict)
+    reports: Mapping[str, PreflightReport] = field(default_factory=dict)
     trouble: str = ""
 
 
-def findings(facts: SceneFacts) -> list[Finding]:
-    """All that is to be said of a scene file."""
+def read_existing_scene(path: Path) -> Scene:
+    """Same as `read_scene`; raises MissingSceneFile where there is no such file."""
+    if not path.exists():
+        raise MissingSceneFile(f"{path}: no such file; name a scene file, or make one: labanmesh init {path}")
+    return read_scene(path)
+
+
+def scene_facts(path: Path, scene: Scene, here: Sequence[str] | None) -> SceneFacts:
+    """The facts of a scene that was read from `path`; here: this machine's observers, None where nobody said."""
+    observers = scene.roster if here is None else tuple(here)
+    table = tomllib.loads(path.read_text(encoding="utf-8"))
+    reports, trouble = _preflight(path, observers)
+    certain = here is not None or scene.mesh.mode != "router"
+    settings = settings_in_force(scene, table, os.environ)
+    return SceneFacts(str(path), scene, settings, observers, certain, reports, trouble)
+
+
+def _preflight(path: Path, observers: Sequence[str]) -> tuple[dict[str, PreflightReport], str]:
+    """The reports that came in time, by observer, and why some did not. A process of its own may import the room."""
+    if not observers:
+        return {}, ""
+    command = [sys.executable, "-P", "-m", "observer.runtime.preflight", str(path), *observers]
+    try:
+        done = subprocess.run(  # noqa: S603 - the command line is ours
+            command, stdin=subprocess.DEVNULL, capture_output=True, timeout=PREFLIGHT_S, check=False
+        )
+    except subprocess.TimeoutExpired as late:
+        return _reports(late.stdout or b""), f"it took longer than {PREFLIGHT_S:g} s"
+    except OSError as error:
+        return {}, f"no process could be started: {error.strerror}"
+    last = done.stderr.decode(errors="replace").strip().rpartition("\n")[2]
+    return _reports(done.stdout), last if done.returncode else ""
+
+
+def _reports(lines: bytes) -> dict[str, PreflightReport]:
+    whole = [line for line in lines.splitlines(keepends=True) if line.endswith(b"\n")]
+    return {report.observer: report for report in (PreflightReport(**json.loads(line)) for line in whole)}
+
+
+def check_scene(facts: SceneFacts) -> list[Finding]:
+    """The findings on a scene file."""
     return [*_whole(facts), *_overridden(facts.settings), *_observers(facts), *_vocabularies(facts)]
 
 
 def unreadable(fault: str) -> Finding:
-    """What is said of a file that is no scene file, in the one line of the error."""
-    return told(GROUP, "error", fault, WAY_OUT)
+    """The finding on a file that is no scene file, from the one line of the error."""
+    return from_fault(GROUP, "error", fault, WAY_OUT)
 
 
 def _whole(facts: SceneFacts) -> Iterator[Finding]:
     scene = facts.scene
-    many = f"{len(scene.roster)} observer{'s' * (len(scene.roster) != 1)}"
-    yield ok(GROUP, f"{facts.path}: scene {scene.scene}, {many} ({', '.join(scene.roster)}), mesh {scene.mesh.mode}")
+    observers = f"{plural(len(scene.roster), 'observer')} ({', '.join(scene.roster)})"
+    yield ok(GROUP, f"{facts.path}: scene {scene.scene}, {observers}, mesh {scene.mesh.mode}")
     if scene.mesh.mode == "process":
-        what = 'mesh.mode = "process": several processes cannot meet so; it is for tests'
+        what = 'mesh.mode = "process": several processes cannot meet in this mode; it is for tests'
         yield error(GROUP, what, 'choose mode = "machine" or "router" under [mesh]')
 
 
-def _overridden(settings: Sequence[Setting]) -> Iterator[Finding]:
+def _overridden(settings: Sequence[EffectiveSetting]) -> Iterator[Finding]:
     for setting in settings:
         if setting.origin not in (DEFAULT, FILE):
             yield ok(GROUP, f"{setting.key} = {setting.value}, by the environment variable {setting.origin}")
@@ -78,35 +129,36 @@ def _overridden(settings: Sequence[Setting]) -> Iterator[Finding]:
 def _observers(facts: SceneFacts) -> Iterator[Finding]:
     mark: Mark = "error" if facts.certain else "warning"
     for observer in facts.here:
-        found = facts.examined.get(observer)
-        if found is None:
-            why = facts.trouble or "it took too long"
-            yield warning(GROUP, f"{observer}: not examined: {why}", f"labanmesh observe {facts.path} {observer}")
+        report = facts.reports.get(observer)
+        if report is None:
+            reason = facts.trouble or "it took too long"
+            yield warning(GROUP, f"{observer}: not examined: {reason}", f"labanmesh observe {facts.path} {observer}")
             continue
-        for fault in found.faults:
-            yield told(GROUP, mark, f"{observer}: {fault}", WAY_OUT)
-        for doubt in found.doubts:
-            yield told(GROUP, "warning", f"{observer}: {doubt}", WAY_OUT)
-        if not found.faults and not found.lacks:
-            rate = f" at {found.rate_hz:g} Hz" if found.rate_hz else ""
-            yield ok(GROUP, f"{observer}: {found.source}, model of {len(found.labels)} movements{rate}")
-    if not facts.certain and any(found.faults or found.lacks for found in facts.examined.values()):
+        for fault in report.faults:
+            yield from_fault(GROUP, mark, f"{observer}: {fault}", WAY_OUT)
+        for doubt in report.doubts:
+            yield from_fault(GROUP, "warning", f"{observer}: {doubt}", WAY_OUT)
+        if not report.faults and not report.lacks:
+            rate = f" at {report.rate_hz:g} Hz" if report.rate_hz else ""
+            model = f"model of {plural(len(report.labels), 'movement')}{rate}"
+            yield ok(GROUP, f"{observer}: {report.source}, {model}")
+    if not facts.certain and any(report.faults or report.lacks for report in facts.reports.values()):
         yield warning(GROUP, "observers lack something here, and may be meant for other machines", ELSEWHERE)
 
 
 def _vocabularies(facts: SceneFacts) -> Iterator[Finding]:
-    """Whether the models speak of the same movements; each against the scene's own is the examination's affair."""
-    speaking: dict[tuple[str, ...], list[str]] = {}
-    for name, found in facts.examined.items():
-        if found.labels:
-            speaking.setdefault(tuple(found.labels), []).append(name)
-    if facts.scene.named_vocabulary is not None or not speaking:
+    """Whether the models name the same movements; the preflight compares each with a vocabulary of the scene's own."""
+    observers_by_labels: dict[tuple[str, ...], list[str]] = {}
+    for name, report in facts.reports.items():
+        if report.labels:
+            observers_by_labels.setdefault(tuple(report.labels), []).append(name)
+    if facts.scene.named_vocabulary is not None or not observers_by_labels:
         return
-    if len(speaking) == 1:
-        (labels,) = speaking
+    if len(observers_by_labels) == 1:
+        (labels,) = observers_by_labels
         yield ok(GROUP, f"vocabulary of the models: {', '.join(labels)} ({Vocabulary(labels).digest})")
         return
-    (most, _), *others = sorted(speaking.items(), key=lambda pair: -len(pair[1]))
+    (most, (first, *_)), *others = sorted(observers_by_labels.items(), key=lambda pair: -len(pair[1]))
     for labels, names in others:
-        what = f"{', '.join(names)}: learned for [{', '.join(labels)}], {speaking[most][0]} for [{', '.join(most)}]"
+        what = f"{', '.join(names)}: learned for [{', '.join(labels)}], {first} for [{', '.join(most)}]"
         yield error(GROUP, what, "learn all models from the same movements: labanmesh learn")

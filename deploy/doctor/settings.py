@@ -1,4 +1,4 @@
-"""Which values of a scene count, and where each came from: the file, the environment, or a default. Pure."""
+"""The settings of a scene that are in force, and where each came from: the file, the environment, a default. Pure."""
 
 import json
 import re
@@ -11,46 +11,42 @@ from common.config_input import PREFIX, Place
 if TYPE_CHECKING:
     from common.config import Scene
 
-ADDRESS = re.compile(r"([A-Za-z][\w+.-]*)://(.*)", re.DOTALL)
+URL = re.compile(r"([A-Za-z][\w+.-]*)://(.*)", re.DOTALL)
 HOST = re.compile(r"(\[[0-9a-fA-F:.]+\]|[\w.-]+)(:\d+)?\Z")
 DEFAULT, FILE = "default", "file"
 
 
 @dataclass(frozen=True, slots=True)
-class Setting:
-    """One key that counts. value: as the file would have it. origin: "default", "file", or the variable's name."""
+class EffectiveSetting:
+    """One key. value: as the file would have it. origin: "default", "file", or the environment variable's name."""
 
     key: str
     value: str
     origin: str
 
 
-def settings(scene: "Scene", table: Mapping[str, Any], environment: Mapping[str, str]) -> list[Setting]:
+def settings_in_force(
+    scene: "Scene", table: Mapping[str, Any], environment: Mapping[str, str]
+) -> list[EffectiveSetting]:
     """Every key of `scene`, which was read from `table`, the file as TOML has it, and the environment.
 
-    Of virtual cameras only what somebody set: most scenes have none.
+    Of virtual cameras only the keys that somebody set: most scenes have none.
     """
-    found = []
+    settings = []
     for place, value in _leaves(scene.model_dump()):
-        variable = variable_of(place)
-        origin = variable if variable in environment else FILE if _stands(table, place) else DEFAULT
-        if origin == DEFAULT and "virtual" in place:
-            continue
-        found.append(Setting(".".join(place), _written(value), origin))
-    return found
-
-
-def variable_of(place: Place) -> str:
-    """The environment variable that overrides the key at `place`."""
-    return PREFIX + "_".join(place).upper().replace("-", "_")
+        variable = PREFIX + "_".join(place).upper().replace("-", "_")
+        origin = variable if variable in environment else FILE if _is_set(table, place) else DEFAULT
+        if origin != DEFAULT or "virtual" not in place:
+            settings.append(EffectiveSetting(".".join(place), _as_written(value), origin))
+    return settings
 
 
 def masked(text: str) -> str:
-    """A value as it may be shown: of an address no more than scheme, host and port; all else may be a secret."""
-    address = ADDRESS.fullmatch(text)
-    if address is None:
+    """A value as it may be shown: of a URL only scheme, host and port; the rest may hold a secret."""
+    url = URL.fullmatch(text)
+    if url is None:
         return text
-    scheme, rest = address.groups()
+    scheme, rest = url.groups()
     authority = re.split(r"[/?#]", rest, maxsplit=1)[0]
     host, behind = authority.rpartition("@")[2], rest[len(authority) :]
     if "@" in behind or not HOST.match(host):
@@ -66,7 +62,7 @@ def _leaves(table: Mapping[str, Any], place: Place = ()) -> Iterator[tuple[Place
             yield (*place, name), value
 
 
-def _stands(table: object, place: Place) -> bool:
+def _is_set(table: object, place: Place) -> bool:
     for part in place:
         if not isinstance(table, Mapping) or part not in table:
             return False
@@ -74,7 +70,7 @@ def _stands(table: object, place: Place) -> bool:
     return True
 
 
-def _written(value: object) -> str:
+def _as_written(value: object) -> str:
     if value is None:
         return "not set"
     return json.dumps(masked(value) if isinstance(value, str) else value, ensure_ascii=False)
