@@ -31,7 +31,7 @@ class Verb:
 
 VERBS = {
     "demo": Verb("studies.demo", "demo", "the whole system on this machine, on what the package carries"),
-    "init": Verb("deploy.init.commands", "init", "a commented scene file for the cameras of this machine"),
+    "init": Verb("deploy.init", "init", "a commented scene file for the cameras of this machine"),
     "up": Verb("deploy.commands", "up", "all processes that a scene file names, supervised"),
     "observe": Verb("observer.commands", "observe", "one observer: its view becomes a judge on the mesh"),
     "fuse": Verb("fusion.commands", "fuse", "the referee: weighs the observers, publishes judgements and verdicts"),

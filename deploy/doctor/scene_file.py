@@ -18,6 +18,7 @@ from common.config import Scene, read_scene
 from common.errors import BadInput
 from common.text import plural
 from common.vocabulary import Vocabulary
+from common.wire import SIZE_LIMIT, largest_judgement, require_fits
 from deploy.doctor.findings import Finding, Mark, error, from_fault, ok, warning
 from deploy.doctor.settings import DEFAULT, FILE, EffectiveSetting, settings_in_force
 
@@ -25,6 +26,8 @@ GROUP: Final = "the scene file"
 PREFLIGHT_S = 10.0
 """Four observers take 1 to 2 s on two free cores, and several times that on a busy or a small machine."""
 WAY_OUT = "correct the scene file; docs/reference/scene.md has every key"
+NEARLY_FULL = 0.75
+"""Of a message's size: from here on one more observer or movement may be too much."""
 ELSEWHERE = "if it runs on another machine, name this one's: --observers ID,ID (or none)"
 
 
@@ -103,7 +106,8 @@ def _reports(lines: bytes) -> dict[str, PreflightReport]:
 
 def check_scene(facts: SceneFacts) -> list[Finding]:
     """The findings on a scene file."""
-    return [*_whole(facts), *_overridden(facts.settings), *_observers(facts), *_vocabularies(facts)]
+    checks = (_whole(facts), _overridden(facts.settings), _observers(facts), _vocabularies(facts), _message_size(facts))
+    return [finding for findings in checks for finding in findings]
 
 
 def unreadable(fault: str) -> Finding:
@@ -148,10 +152,7 @@ def _observers(facts: SceneFacts) -> Iterator[Finding]:
 
 def _vocabularies(facts: SceneFacts) -> Iterator[Finding]:
     """Whether the models name the same movements; the preflight compares each with a vocabulary of the scene's own."""
-    observers_by_labels: dict[tuple[str, ...], list[str]] = {}
-    for name, report in facts.reports.items():
-        if report.labels:
-            observers_by_labels.setdefault(tuple(report.labels), []).append(name)
+    observers_by_labels = _observers_by_labels(facts)
     if facts.scene.named_vocabulary is not None or not observers_by_labels:
         return
     if len(observers_by_labels) == 1:
@@ -162,3 +163,31 @@ def _vocabularies(facts: SceneFacts) -> Iterator[Finding]:
     for labels, names in others:
         what = f"{', '.join(names)}: learned for [{', '.join(labels)}], {first} for [{', '.join(most)}]"
         yield error(GROUP, what, "learn all models from the same movements: labanmesh learn")
+
+
+def _observers_by_labels(facts: SceneFacts) -> dict[tuple[str, ...], list[str]]:
+    observers_by_labels: dict[tuple[str, ...], list[str]] = {}
+    for name, report in facts.reports.items():
+        if report.labels:
+            observers_by_labels.setdefault(tuple(report.labels), []).append(name)
+    return observers_by_labels
+
+
+def _message_size(facts: SceneFacts) -> Iterator[Finding]:
+    """Whether the scene's judgements fit into a message, without the detail that is left out of long ones."""
+    scene = facts.scene
+    labels = max(_observers_by_labels(facts), key=len, default=None)
+    vocabulary = scene.named_vocabulary or (Vocabulary(labels) if labels else None)
+    if vocabulary is None:
+        return
+    try:
+        require_fits(scene, vocabulary)
+    except BadInput as fault:
+        yield from_fault(GROUP, "error", str(fault), WAY_OUT)
+        return
+    size = largest_judgement(scene.scene, scene.roster, vocabulary, scene.fusion.rule)
+    what = f"judgements take up to {size / 1024:.1f} KiB, a message holds {SIZE_LIMIT // 1024}"
+    if size < NEARLY_FULL * SIZE_LIMIT:
+        yield ok(GROUP, what)
+    else:
+        yield warning(GROUP, what, "before you add observers or movements, shorten names or make several scenes")

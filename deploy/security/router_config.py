@@ -78,6 +78,10 @@ def access_rules(scenes: Sequence["Scene"], register: Register) -> dict[str, Any
 def _rules(scenes: Sequence["Scene"], certificate: IssuedCertificate) -> Iterator[Rule]:
     """The rules for one certificate. A router's needs none: the rules do not bind the router itself."""
     roles = certificate.roles
+    if any("/" not in fusion for fusion in roles.fusions):
+        # A service of all scenes watches the liveliness of the others with one subscription.
+        everywhere = [f"{scenes[0].mesh.prefix}/*/fusion/*/alive"]
+        yield _rule("ingress", ["declare_liveliness_subscriber", "liveliness_query"], everywhere)
     for scene in scenes:
         keys, fusions = scene.keys, roles.fusions_in(scene.scene)
         for observer in roles.observers_in(scene.scene):
@@ -85,10 +89,6 @@ def _rules(scenes: Sequence["Scene"], certificate: IssuedCertificate) -> Iterato
                 yield from _observer(keys, observer, _tracks(scene, observer))
         for fusion in fusions:
             yield from _fusion(keys, fusion)
-        if fusions:
-            # A service of several scenes watches the liveliness of all of them with one subscription.
-            everywhere = SceneKeys("x", keys.prefix).fusion_alive().replace("/x/", "/*/", 1)
-            yield _rule("ingress", ["declare_liveliness_subscriber", "liveliness_query"], [everywhere])
         if fusions or roles.is_hub_in(scene.scene):
             yield from _reads(keys)
         if not fusions and roles.is_hub_in(scene.scene):

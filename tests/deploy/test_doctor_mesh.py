@@ -20,11 +20,10 @@ from common.messages import (
 )
 from common.vocabulary import Vocabulary
 from common.wire import encode
-from deploy.doctor.finding import worst
-from deploy.doctor.heard import STRANGERS_LIMIT, Heard
-from deploy.doctor.look_mesh import listen
-from deploy.doctor.look_network import look_at_network
-from deploy.doctor.mesh import Expected, findings
+from deploy.doctor.findings import worst
+from deploy.doctor.mesh import ExpectedMesh, check_mesh, listen
+from deploy.doctor.network import network_facts
+from deploy.doctor.traffic import PROCESSES_LIMIT, MeshTraffic
 
 NAMES, OTHERS = Vocabulary(("bowing", "lunging")), Vocabulary(("bowing", "jumping"))
 SECOND, NOON = 1_000_000_000, 1_700_000_000_000_000_000
@@ -36,7 +35,7 @@ SCENE = Scene(
     fusion=FusionConfig(quorum=2, standby=("spare",)),
 )
 KEYS = SCENE.keys
-EXPECTED = Expected(SCENE, HERE, "s.toml")
+EXPECTED = ExpectedMesh(SCENE, HERE, "s.toml")
 
 
 def reference(vocabulary=NAMES):
@@ -88,10 +87,10 @@ def good():
     return said
 
 
-def heard(said, observers=("cam1", "cam2", "cam3"), fusions=("fusion", "spare"), now_ns=NOON):
-    result = Heard(KEYS, listened_s=2.0)
+def traffic_of(said, observers=("cam1", "cam2", "cam3"), fusions=("fusion", "spare"), now_ns=NOON):
+    result = MeshTraffic(KEYS, listened_s=2.0)
     for key, payload in [message for messages in said.values() for message in messages]:
-        result.hear(key, payload, now_ns)
+        result.record(key, payload, now_ns)
     result.alive_observers, result.alive_fusions = frozenset(observers), frozenset(fusions)
     return result
 
@@ -102,7 +101,7 @@ def mark_of(found, words):
 
 
 def test_a_good_mesh_is_good():
-    found = findings(EXPECTED, heard(good()))
+    found = check_mesh(EXPECTED, traffic_of(good()))
     assert worst(found) == "ok", found
     assert mark_of(found, ["3 judgements in 2.0 s by fusion"]) == "ok"
     assert mark_of(found, ["cam1: running, 15 Hz, newest frame 0.0 s old"]) == "ok"
@@ -125,21 +124,21 @@ CAM2, FUSION = KEYS.observer_status("cam2"), KEYS.fusion_status("fusion")
             {CAM2: [(CAM2, b"\x81\xa1v\x09")]},
             {},
             "error",
-            ["cam2: 1 message not used: wrong version", "same labanmesh"],
+            ["cam2: 1 message rejected: wrong version", "same labanmesh"],
         ),
-        ({CAM2: []}, {}, "warning", ["cam2: alive, and does not say how it is"]),
-        ({}, {"observers": ("cam1", "cam3")}, "warning", ["cam2: running; its last word, it is not alive"]),
+        ({CAM2: []}, {}, "warning", ["cam2: alive, and publishes no status"]),
+        ({}, {"observers": ("cam1", "cam3")}, "warning", ["cam2: running; this is its last status, it is not alive"]),
         (
             {"x": [posterior("cam2", vocabulary=OTHERS)]},
             {},
             "error",
-            ["cam2 speaks another vocabulary", "labanmesh learn"],
+            ["cam2 has another vocabulary", "labanmesh learn"],
         ),
         (
             {"x": [posterior("cam2", 9, "t"), posterior("cam2", 10, "s"), posterior("cam2", 11, "t")]},
             {},
             "error",
-            ["two processes speak as cam2"],
+            ["two processes publish as cam2"],
         ),
         (
             {"x": [status("cam9")]},
@@ -163,7 +162,7 @@ CAM2, FUSION = KEYS.observer_status("cam2"), KEYS.fusion_status("fusion")
             {FUSION: [status("fusion", **account(cam2={"rejected": {"repeated": 4}}))]},
             {},
             "warning",
-            ["cam2: 4 messages not used: repeated"],
+            ["cam2: 4 messages rejected: repeated"],
         ),
         (
             {FUSION: [status("fusion", at_ns=NOON + 9 * SECOND)]},
@@ -184,66 +183,68 @@ CAM2, FUSION = KEYS.observer_status("cam2"), KEYS.fusion_status("fusion")
             "error",
             ["two processes judge as fusion service fusion"],
         ),
-        ({"judgements": []}, {}, "error", ["no judgement within 2.0 s, though observers speak"]),
-        ({"judgements": [], "posteriors": []}, {}, "warning", ["no judgement within 2.0 s: no observer speaks"]),
-        ({"x": [(KEYS.judgement, b"\xc1")]}, {}, "error", ["judgements: 1 message not used: not msgpack"]),
+        ({"judgements": []}, {}, "error", ["no judgement within 2.0 s, though observers publish"]),
+        ({"judgements": [], "posteriors": []}, {}, "warning", ["no judgement within 2.0 s: no observer publishes"]),
+        ({"x": [(KEYS.judgement, b"\xc1")]}, {}, "error", ["judgements: 1 message rejected: not msgpack"]),
         ({"spare": []}, {"fusions": ("fusion",)}, "warning", ["spare is missing", "labanmesh fuse s.toml --id spare"]),
     ],
 )
 def test_what_is_wrong_is_said(instead, who, mark, words):
-    assert mark_of(findings(EXPECTED, heard({**good(), **instead}, **who)), words) == mark
+    assert mark_of(check_mesh(EXPECTED, traffic_of({**good(), **instead}, **who)), words) == mark
 
 
 @pytest.mark.parametrize(("missing", "mark"), [(("cam2",), "warning"), (("cam2", "cam3"), "error")])
 def test_who_is_missing_matters_when_too_few_are_left_to_agree(missing, mark):
     left = tuple(name for name in SCENE.roster if name not in missing)
     said = {"judgements": [judgement()], FUSION: [status("fusion")], **{name: [status(name)] for name in left}}
-    found = findings(EXPECTED, heard(said, left, ("fusion", "spare")))
+    found = check_mesh(EXPECTED, traffic_of(said, left, ("fusion", "spare")))
     assert mark_of(found, ["cam2 is missing", "labanmesh observe s.toml cam2"]) == mark
 
 
 def test_nobody_and_no_judge():
-    (nobody,) = findings(EXPECTED, heard({}, (), ()))
+    (nobody,) = check_mesh(EXPECTED, traffic_of({}, (), ()))
     assert nobody.mark == "warning" and "labanmesh up s.toml" in nobody.to_do
-    found = findings(EXPECTED, heard({name: [status(name)] for name in SCENE.roster}, fusions=()))
+    found = check_mesh(EXPECTED, traffic_of({name: [status(name)] for name in SCENE.roster}, fusions=()))
     assert mark_of(found, ["no fusion service is alive", "labanmesh fuse s.toml"]) == "error"
 
 
 def test_a_certificate_of_an_observer_hears_little_and_misses_nobody():
-    found = findings(Expected(SCENE, HERE, "s.toml", partly=True), heard({FUSION: [status("fusion")]}, (), ()))
+    found = check_mesh(
+        ExpectedMesh(SCENE, HERE, "s.toml", partly=True), traffic_of({FUSION: [status("fusion")]}, (), ())
+    )
     assert mark_of(found, ["certificate is an observer's", "--hub"]) == "warning"
     assert not any("cam1" in each.what for each in found) and mark_of(found, ["fusion: running"]) == "ok"
 
 
 def test_the_age_of_a_frame_is_by_the_speakers_own_clock():
     an_hour_ahead = status("cam2", at_ns=NOON + 3600 * SECOND, frame_ns=NOON + 3599 * SECOND)
-    assert heard({"x": [an_hour_ahead]}).observers["cam2"].frame_age_s == 1.0
+    assert traffic_of({"x": [an_hour_ahead]}).observers["cam2"].frame_age_s == 1.0
 
 
 def test_of_a_clock_the_message_that_was_quickest_here_counts():
     said = [status("cam2", at_ns=NOON - late * SECOND) for late in (3, 1, 2)]
-    assert heard({"x": said}).observers["cam2"].skew_s == -1.0
+    assert traffic_of({"x": said}).observers["cam2"].skew_s == -1.0
 
 
 def test_an_old_judgement_that_is_told_on_asking_is_no_judgement():
-    result = Heard(KEYS)
-    result.hear(*judgement(), NOON, asked=True)
+    result = MeshTraffic(KEYS)
+    result.record(*judgement(), NOON, queried=True)
     assert not result.fusions
-    result.hear(*judgement(), NOON)
+    result.record(*judgement(), NOON)
     assert result.fusions["fusion"].judgements == 1
 
 
 def test_every_complaint_has_a_way_out():
     rejected = dict.fromkeys(("repeated", "wrong_length", "never_heard_of"), 1)
     said = {**good(), FUSION: [status("fusion", **account(cam1={"skew_s": 9.0, "rejected": rejected}))]}
-    found = findings(EXPECTED, heard(said, (), ()))
+    found = check_mesh(EXPECTED, traffic_of(said, (), ()))
     assert all(bool(each.to_do) == (each.mark != "ok") for each in found)
     assert Counter(each.group for each in found) == {"the mesh": len(found)}
 
 
 @given(st.lists(st.tuples(st.text("ab/*é", max_size=9), st.binary(max_size=40)), max_size=20), st.booleans())
 def test_whatever_comes_is_heard_without_a_word(messages, asked):
-    result = Heard(KEYS)
+    result = MeshTraffic(KEYS)
     for end, payload in messages:
         for key in (
             end,
@@ -252,14 +253,14 @@ def test_whatever_comes_is_heard_without_a_word(messages, asked):
             KEYS.judgement,
             KEYS.fusion_status("f"),
         ):
-            result.hear(key, payload, NOON, asked=asked)
-    findings(EXPECTED, result)
+            result.record(key, payload, NOON, queried=asked)
+    check_mesh(EXPECTED, result)
 
 
 def test_invented_names_do_not_fill_the_page():
-    result = heard({"x": [status(f"x{number}") for number in range(STRANGERS_LIMIT + 10)]})
-    assert len(result.observers) == STRANGERS_LIMIT
-    (stranger,) = [each for each in findings(EXPECTED, result) if "not in the scene" in each.what]
+    result = traffic_of({"x": [status(f"x{number}") for number in range(PROCESSES_LIMIT + 10)]})
+    assert len(result.observers) == PROCESSES_LIMIT
+    (stranger,) = [each for each in check_mesh(EXPECTED, result) if "not in the scene" in each.what]
     assert "58 more" in stranger.what
 
 
@@ -292,14 +293,14 @@ def test_a_real_mesh_is_heard(meeting):
     saying = threading.Thread(target=say, args=(meeting, messages, stop, alive))
     saying.start()
     try:
-        overheard = listen(scene, look_at_network(scene.mesh), 0.6)
+        facts = listen(scene, network_facts(scene.mesh), 0.6)
     finally:
         stop.set()
         saying.join()
-    assert overheard.network.zenoh is not None and overheard.heard is not None
-    found = findings(Expected(scene, HERE, "s.toml"), overheard.heard)
+    assert facts.network.zenoh_s is not None and facts.traffic is not None
+    found = check_mesh(ExpectedMesh(scene, HERE, "s.toml"), facts.traffic)
     assert mark_of(found, ["cam1: labanmesh 0.0.9"]) == "warning"
-    assert mark_of(found, ["cam2 speaks another vocabulary"]) == "error"
+    assert mark_of(found, ["cam2 has another vocabulary"]) == "error"
     assert mark_of(found, ["cam3 is missing"]) == "warning"
     assert mark_of(found, ["judgements in 0.6 s by fusion"]) == "ok"
     assert mark_of(found, ["fusion service fusion: running"]) == "ok"
@@ -308,13 +309,13 @@ def test_a_real_mesh_is_heard(meeting):
 def test_an_empty_mesh_is_not_listened_to_for_long(meeting):
     scene = SCENE.model_copy(update={"mesh": MeshConfig(endpoint=meeting.locator)})
     began_s = time.monotonic()
-    overheard = listen(scene, look_at_network(scene.mesh), 60.0)
-    assert overheard.heard is not None and overheard.heard.silent
+    facts = listen(scene, network_facts(scene.mesh), 60.0)
+    assert facts.traffic is not None and facts.traffic.silent
     assert time.monotonic() - began_s < 10
 
 
 def test_a_router_is_met_as_a_client():
     with Link.open(MeshConfig(mode="router"), "router", listen=["tcp/127.0.0.1:0"]) as router:
         scene = SCENE.model_copy(update={"mesh": MeshConfig(mode="router", endpoint=router.locator)})
-        overheard = listen(scene, look_at_network(scene.mesh), 0.5)
-    assert overheard.network.zenoh is not None and overheard.heard is not None and overheard.heard.silent
+        facts = listen(scene, network_facts(scene.mesh), 0.5)
+    assert facts.network.zenoh_s is not None and facts.traffic is not None and facts.traffic.silent

@@ -1,4 +1,4 @@
-"""Doctor before a secured router with real certificates: who may listen does, who may not is told why."""
+"""The doctor at a secured router with real certificates: it listens where it may, and reports why it may not."""
 
 from datetime import UTC, datetime, timedelta
 
@@ -6,11 +6,10 @@ import pytest
 
 from common.config import read_scene
 from common.link import Link
-from deploy.doctor import network, security
-from deploy.doctor.finding import worst
-from deploy.doctor.look_mesh import listen
-from deploy.doctor.look_network import look_at_network
-from deploy.doctor.look_security import as_whom, look_at_security
+from deploy.doctor.findings import worst
+from deploy.doctor.mesh import listen
+from deploy.doctor.network import check_network, network_facts
+from deploy.doctor.security import Listener, check_security, listener_for, security_facts
 from deploy.security.authority import issue
 from deploy.security.issuing import create_authority
 from deploy.security.register import Roles
@@ -58,7 +57,7 @@ def router(place, authority):
 
 @pytest.fixture
 def seen_by(place, router, monkeypatch):
-    """The scene as a machine with one of the folders of credentials has it, and what doctor finds there."""
+    """What the doctor finds on a machine with one of the folders of credentials."""
     monkeypatch.setattr("common.link.ADMISSION_TIMEOUT_S", 1.0)
 
     def see(who, endpoint=router):
@@ -67,35 +66,34 @@ def seen_by(place, router, monkeypatch):
             text = text[: text.index("credentials")]
         (place / "mine.toml").write_text(text)
         scene = read_scene(place / "mine.toml", {})
-        overheard = listen(scene, look_at_network(scene.mesh), 0.5)
-        said = security.findings(look_at_security(overheard.network), now())
-        return overheard, network.findings(overheard.network), said
+        facts = listen(scene, network_facts(scene.mesh), 0.5)
+        return facts, check_network(facts.network), check_security(security_facts(facts.network), now())
 
     return see
 
 
 @pytest.mark.parametrize(("who", "partly"), [("desk", False), ("judge", False), ("cam1", True)])
-def test_who_may_listen_does(seen_by, who, partly):
-    overheard, reached, said = seen_by(who)
-    assert overheard.heard is not None and overheard.partly is partly
-    assert worst([*reached, *said]) == "ok", [*reached, *said]
-    assert f"certificate {who}.1 for " in said[0].what
+def test_a_certificate_that_may_listen_is_used(seen_by, who, partly):
+    facts, network, security = seen_by(who)
+    assert facts.traffic is not None and facts.partly is partly
+    assert worst([*network, *security]) == "ok", [*network, *security]
+    assert f"certificate {who}.1 for " in security[0].what
 
 
-def test_who_is_revoked_is_told_so(seen_by):
-    overheard, _, said = seen_by("gone")
-    (fault,) = [finding for finding in said if finding.mark == "error"]
-    assert overheard.heard is None and "revoked" in fault.what and fault.to_do
+def test_a_revoked_certificate_is_reported(seen_by):
+    facts, _, security = seen_by("gone")
+    (fault,) = [finding for finding in security if finding.mark == "error"]
+    assert facts.traffic is None and "revoked" in fault.what and fault.to_do
 
 
-def test_who_comes_in_plain_text_is_told_so(seen_by, router):
-    overheard, _, said = seen_by("desk", router.replace("tls/", "tcp/"))
-    (fault,) = [finding for finding in said if finding.mark == "error"]
-    assert overheard.heard is None and "TLS" in fault.what and fault.to_do
+def test_plain_text_at_a_secured_router_is_reported(seen_by, router):
+    facts, _, security = seen_by("desk", router.replace("tls/", "tcp/"))
+    (fault,) = [finding for finding in security if finding.mark == "error"]
+    assert facts.traffic is None and "TLS" in fault.what and fault.to_do
 
 
 @pytest.mark.parametrize(("days", "mark", "words"), [(-1, "error", "expired"), (9, "warning", "more days")])
-def test_expiry_is_told(place, authority, seen_by, days, mark, words):
+def test_expiry_is_reported(place, authority, seen_by, days, mark, words):
     pair = issue(authority.pair, "desk.1", (), now() - timedelta(days=2), roles=("hub",), days=days + 2).pair
     folder = place / "secure" / f"days{days}.1"
     folder.mkdir()
@@ -106,22 +104,22 @@ def test_expiry_is_told(place, authority, seen_by, days, mark, words):
     ):
         (folder / name).write_bytes(content)
         (folder / name).chmod(0o600)
-    _, _, said = seen_by(f"days{days}")
-    (finding,) = [finding for finding in said if finding.mark != "ok"]
+    _, _, security = seen_by(f"days{days}")
+    (finding,) = [finding for finding in security if finding.mark != "ok"]
     assert finding.mark == mark and words in finding.what and "labanmesh secure renew SCENE desk" in finding.to_do
 
 
-def test_a_key_that_others_can_read_is_told(place, authority, seen_by):
+def test_a_key_that_others_can_read_is_reported(place, authority, seen_by):
     key = place / "secure" / "desk.1" / "key.pem"
     key.chmod(0o644)
     try:
-        _, _, said = seen_by("desk")
+        _, _, security = seen_by("desk")
     finally:
         key.chmod(0o600)
-    (fault,) = [finding for finding in said if finding.mark == "error"]
+    (fault,) = [finding for finding in security if finding.mark == "error"]
     assert "others can read it" in fault.what and fault.to_do == f"chmod 600 {key}"
 
 
 def test_without_certificates_anybody_listens_as_a_hub(place):
     (place / "open.toml").write_text('scene = "dojo"\n[observers.cam1]\nsource = "m.npz"\n')
-    assert as_whom(read_scene(place / "open.toml", {}).mesh) == ("hub", "")
+    assert listener_for(read_scene(place / "open.toml", {})) == Listener("hub")

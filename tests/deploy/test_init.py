@@ -7,10 +7,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from common.config import read_scene
-from common.errors import BadInput
+from common.errors import BadInput, LabanmeshError
+from deploy import init as init_module
 from deploy.doctor.cameras import Webcam
-from deploy.init import commands
-from deploy.init.scene_text import scene_text
+from deploy.init import init, scene_text
 
 WEBCAMS = [Webcam(f"/dev/video{2 * number}", f"Camera {number}") for number in range(6)]
 
@@ -49,29 +49,29 @@ def test_a_cameras_name_cannot_break_the_file(tmp_path_factory, name):
     assert read_scene(place, {}).roster == ("cam1",)
 
 
-def test_it_writes_once(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(commands, "webcams", lambda: WEBCAMS[:2])
-    commands.init(tmp_path / "My Dojo.toml")
-    said = capsys.readouterr().out
-    assert "/dev/video2: Camera 1" in said and "labanmesh doctor '" in said
+def test_it_writes_a_file_once(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(init_module, "webcams", lambda: WEBCAMS[:2])
+    init(tmp_path / "My Dojo.toml")
+    output = capsys.readouterr().out
+    assert "/dev/video2: Camera 1" in output and "labanmesh doctor '" in output
     scene = read_scene(tmp_path / "My Dojo.toml", {})
     assert scene.scene == "my-dojo" and scene.roster == ("cam1", "cam2")
     before = (tmp_path / "My Dojo.toml").read_bytes()
-    with pytest.raises(BadInput, match="is there already, and is not overwritten"):
-        commands.init(tmp_path / "My Dojo.toml")
+    with pytest.raises(BadInput, match="exists already and is not overwritten"):
+        init(tmp_path / "My Dojo.toml")
     assert (tmp_path / "My Dojo.toml").read_bytes() == before
 
 
-def test_where_it_cannot_write_it_says_so(tmp_path, monkeypatch):
-    monkeypatch.setattr(commands, "webcams", list)
-    with pytest.raises(BadInput, match="cannot be written: no such file or directory"):
-        commands.init(tmp_path / "no" / "scene.toml")
+def test_a_file_that_cannot_be_written_is_one_line(tmp_path, monkeypatch):
+    monkeypatch.setattr(init_module, "webcams", list)
+    with pytest.raises(LabanmeshError, match=r"^cannot write .*: no such file or directory\. Name another file"):
+        init(tmp_path / "no" / "scene.toml")
     with pytest.raises(BadInput, match="cannot be printed"):
-        commands.init(tmp_path / "a\nb.toml")
+        init(tmp_path / "a\nb.toml")
 
 
 @pytest.mark.parametrize(("file", "scene"), [("scene.toml", "home"), ("Küche.toml", "k-che"), ("---.toml", "home")])
-def test_a_scene_is_called_as_its_file_where_that_is_a_name(tmp_path, monkeypatch, file, scene):
-    monkeypatch.setattr(commands, "webcams", list)
-    commands.init(tmp_path / file)
+def test_the_scenes_name_is_the_files_where_that_is_legal(tmp_path, monkeypatch, file, scene):
+    monkeypatch.setattr(init_module, "webcams", list)
+    init(tmp_path / file)
     assert read_scene(tmp_path / file, {}).scene == scene

@@ -1,1 +1,0 @@
-"""`labanmesh init`: a commented scene file for the cameras of this machine."""
