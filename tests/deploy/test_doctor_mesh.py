@@ -1,4 +1,4 @@
-"""What doctor hears of a mesh and makes of it: from made-up messages, and from real Zenoh peers that say them."""
+"""The doctor's findings on a mesh: from made-up messages, and from real Zenoh peers that publish them."""
 
 import threading
 import time
@@ -19,7 +19,7 @@ from common.messages import (
     VocabularyReference,
 )
 from common.vocabulary import Vocabulary
-from common.wire import encode
+from common.wire import SIZE_LIMIT, encode
 from deploy.doctor.findings import worst
 from deploy.doctor.mesh import ExpectedMesh, check_mesh, listen
 from deploy.doctor.network import network_facts
@@ -43,69 +43,59 @@ def reference(vocabulary=NAMES):
 
 
 def posterior(observer, seq=0, session="s", vocabulary=NAMES):
-    return KEYS.posterior(observer), encode(
-        PosteriorMessage(
-            scene="dojo",
-            observer=observer,
-            seq=seq,
-            session=session,
-            captured_ns=1,
-            sent_ns=2,
-            vocabulary=reference(vocabulary),
-            p=[0.5, 0.5],
-            frames=1,
-        )
-    )
+    message = PosteriorMessage(scene="dojo", observer=observer, seq=seq, session=session, captured_ns=1, sent_ns=2,
+                               vocabulary=reference(vocabulary), p=[0.5, 0.5], frames=1)  # fmt: skip
+    return KEYS.posterior(observer), encode(message)
 
 
 def judgement(fusion="fusion", seq=0):
-    said = JudgementMessage(
+    message = JudgementMessage(
         scene="dojo", fusion=fusion, seq=seq, at_ns=NOON, vocabulary=reference(), p=[0.5, 0.5], label="bowing",
         certainty_bits=1.0, rule="log", votes={}, agreement=Agreement(k=0, n=0),
     )  # fmt: skip
-    return KEYS.judgement, encode(said)
+    return KEYS.judgement, encode(message)
 
 
 def status(who, state="running", at_ns=NOON, frame_ns=NOON, version=HERE, **more):
     key = KEYS.fusion_status(who) if who in ("fusion", "spare", "wild") else KEYS.observer_status(who)
-    said = StatusMessage(
+    message = StatusMessage(
         scene="dojo", id=who, state=state, rate_hz=15.0, last_frame_ns=frame_ns, version=version, at_ns=at_ns, **more
     )
-    return key, encode(said)
+    return key, encode(message)
 
 
-def account(**observers):
-    return {"observers": {name: ObserverStatistics(**said) for name, said in observers.items()}}
+def statistics(**observers):
+    return {"observers": {name: ObserverStatistics(**fields) for name, fields in observers.items()}}
 
 
 def good():
     """Three observers, a fusion service that judges and one that stands by."""
-    said = {key: [(key, payload)] for key, payload in map(status, ("cam1", "cam2", "cam3", "fusion"))}
-    said["spare"] = [status("spare", reason="standing by for fusion", frame_ns=NOON - 60 * SECOND)]
-    said["judgements"] = [judgement(seq=seq) for seq in range(3)]
-    said["posteriors"] = [posterior(name, seq) for name in SCENE.roster for seq in range(3)]
-    return said
+    messages = {key: [(key, payload)] for key, payload in map(status, ("cam1", "cam2", "cam3", "fusion"))}
+    messages["spare"] = [status("spare", reason="standing by for fusion", frame_ns=NOON - 60 * SECOND)]
+    messages["judgements"] = [judgement(seq=seq) for seq in range(3)]
+    messages["posteriors"] = [posterior(name, seq) for name in SCENE.roster for seq in range(3)]
+    return messages
 
 
-def traffic_of(said, observers=("cam1", "cam2", "cam3"), fusions=("fusion", "spare"), now_ns=NOON):
+def traffic_of(messages, observers=("cam1", "cam2", "cam3"), fusions=("fusion", "spare"), now_ns=NOON):
     result = MeshTraffic(KEYS, listened_s=2.0)
-    for key, payload in [message for messages in said.values() for message in messages]:
+    for key, payload in [each for group in messages.values() for each in group]:
         result.record(key, payload, now_ns)
     result.alive_observers, result.alive_fusions = frozenset(observers), frozenset(fusions)
     return result
 
 
-def mark_of(found, words):
-    (one,) = [each for each in found if all(word in f"{each.what} -> {each.to_do}" for word in words)]
+def mark_of(findings, words):
+    (one,) = [each for each in findings if all(word in f"{each.what} -> {each.to_do}" for word in words)]
     return one.mark
 
 
 def test_a_good_mesh_is_good():
-    found = check_mesh(EXPECTED, traffic_of(good()))
-    assert worst(found) == "ok", found
-    assert mark_of(found, ["3 judgements in 2.0 s by fusion"]) == "ok"
-    assert mark_of(found, ["cam1: running, 15 Hz, newest frame 0.0 s old"]) == "ok"
-    assert mark_of(found, ["spare: running: standing by for fusion"]) == "ok"
+    findings = check_mesh(EXPECTED, traffic_of(good()))
+    assert worst(findings) == "ok", findings
+    assert mark_of(findings, ["3 judgements in 2.0 s by fusion"]) == "ok"
+    assert mark_of(findings, ["cam1: running, 15 Hz, newest frame 0.0 s old"]) == "ok"
+    assert mark_of(findings, ["spare: running: standing by for fusion"]) == "ok"
 
 
 CAM2, FUSION = KEYS.observer_status("cam2"), KEYS.fusion_status("fusion")
@@ -120,113 +110,80 @@ CAM2, FUSION = KEYS.observer_status("cam2"), KEYS.fusion_status("fusion")
         ({CAM2: [status("cam2", "starting")]}, {}, "warning", ["cam2: starting", "in a moment"]),
         ({CAM2: [status("cam2", frame_ns=NOON - 7 * SECOND)]}, {}, "warning", ["cam2: running", "frame is 7 s old"]),
         ({CAM2: [status("cam2", version="0.0.9")]}, {}, "warning", ["cam2: labanmesh 0.0.9, here it is 0.1.0"]),
-        (
-            {CAM2: [(CAM2, b"\x81\xa1v\x09")]},
-            {},
-            "error",
-            ["cam2: 1 message rejected: wrong version", "same labanmesh"],
-        ),
+        ({CAM2: [(CAM2, b"\x81\xa1v\x09")]}, {}, "error",
+         ["cam2: 1 message rejected: wrong version", "same labanmesh"]),
         ({CAM2: []}, {}, "warning", ["cam2: alive, and publishes no status"]),
         ({}, {"observers": ("cam1", "cam3")}, "warning", ["cam2: running; this is its last status, it is not alive"]),
-        (
-            {"x": [posterior("cam2", vocabulary=OTHERS)]},
-            {},
-            "error",
-            ["cam2 has another vocabulary", "labanmesh learn"],
-        ),
-        (
-            {"x": [posterior("cam2", 9, "t"), posterior("cam2", 10, "s"), posterior("cam2", 11, "t")]},
-            {},
-            "error",
-            ["two processes publish as cam2"],
-        ),
-        (
-            {"x": [status("cam9")]},
-            {"observers": ("cam1", "cam2", "cam3", "cam9")},
-            "warning",
-            ["not in the scene: cam9"],
-        ),
-        (
-            {FUSION: [status("fusion", **account(cam2={"skew_s": 3600.0}))]},
-            {},
-            "warning",
-            ["cam2: its clock is 3600 s ahead of that of fusion", "NTP"],
-        ),
-        (
-            {FUSION: [status("fusion", **account(cam2={"skew_s": -0.7}))]},
-            {},
-            "warning",
-            ["cam2: its clock is 0.7 s behind"],
-        ),
-        (
-            {FUSION: [status("fusion", **account(cam2={"rejected": {"repeated": 4}}))]},
-            {},
-            "warning",
-            ["cam2: 4 messages rejected: repeated"],
-        ),
-        (
-            {FUSION: [status("fusion", at_ns=NOON + 9 * SECOND)]},
-            {},
-            "warning",
-            ["this machine's clock is 9.0 s behind that of fusion service fusion"],
-        ),
-        (
-            {"wild": [status("wild")]},
-            {"fusions": ("fusion", "spare", "wild")},
-            "error",
-            ["wild", "not in this scene file"],
-        ),
+        ({"x": [posterior("cam2", vocabulary=OTHERS)]}, {}, "error",
+         ["cam2 has another vocabulary", "labanmesh learn"]),
+        ({"x": [posterior("cam2", 9, "t"), posterior("cam2", 10, "s"), posterior("cam2", 11, "t")]}, {}, "error",
+         ["two processes publish as cam2"]),
+        ({"x": [status("cam9")]}, {"observers": ("cam1", "cam2", "cam3", "cam9")}, "warning",
+         ["not in the scene: cam9"]),
+        ({FUSION: [status("fusion", **statistics(cam2={"skew_s": 3600.0}))]}, {}, "warning",
+         ["cam2: its clock is 3600 s ahead of that of fusion", "NTP"]),
+        ({FUSION: [status("fusion", **statistics(cam2={"skew_s": -0.7}))]}, {}, "warning",
+         ["cam2: its clock is 0.7 s behind"]),
+        ({FUSION: [status("fusion", **statistics(cam2={"rejected": {"repeated": 4}}))]}, {}, "warning",
+         ["cam2: 4 messages rejected: repeated"]),
+        ({FUSION: [status("fusion", at_ns=NOON + 9 * SECOND)]}, {}, "warning",
+         ["this machine's clock is 9.0 s behind that of fusion service fusion"]),
+        ({"wild": [status("wild")]}, {"fusions": ("fusion", "spare", "wild")}, "error",
+         ["wild", "not in this scene file"]),
         ({"x": [judgement("spare")]}, {}, "error", ["2 fusion services judge at once: fusion, spare"]),
-        (
-            {"x": [judgement(seq=seq) for seq in (9, 3, 10, 4)]},
-            {},
-            "error",
-            ["two processes judge as fusion service fusion"],
-        ),
+        ({"x": [judgement(seq=seq) for seq in (9, 3, 10, 4)]}, {}, "error",
+         ["two processes judge as fusion service fusion"]),
         ({"judgements": []}, {}, "error", ["no judgement within 2.0 s, though observers publish"]),
         ({"judgements": [], "posteriors": []}, {}, "warning", ["no judgement within 2.0 s: no observer publishes"]),
         ({"x": [(KEYS.judgement, b"\xc1")]}, {}, "error", ["judgements: 1 message rejected: not msgpack"]),
         ({"spare": []}, {"fusions": ("fusion",)}, "warning", ["spare is missing", "labanmesh fuse s.toml --id spare"]),
     ],
-)
-def test_what_is_wrong_is_said(instead, who, mark, words):
+)  # fmt: skip
+def test_a_fault_is_reported(instead, who, mark, words):
     assert mark_of(check_mesh(EXPECTED, traffic_of({**good(), **instead}, **who)), words) == mark
 
 
 @pytest.mark.parametrize(("missing", "mark"), [(("cam2",), "warning"), (("cam2", "cam3"), "error")])
-def test_who_is_missing_matters_when_too_few_are_left_to_agree(missing, mark):
+def test_a_missing_observer_matters_when_too_few_are_left_to_agree(missing, mark):
     left = tuple(name for name in SCENE.roster if name not in missing)
-    said = {"judgements": [judgement()], FUSION: [status("fusion")], **{name: [status(name)] for name in left}}
-    found = check_mesh(EXPECTED, traffic_of(said, left, ("fusion", "spare")))
-    assert mark_of(found, ["cam2 is missing", "labanmesh observe s.toml cam2"]) == mark
+    messages = {"judgements": [judgement()], FUSION: [status("fusion")], **{name: [status(name)] for name in left}}
+    findings = check_mesh(EXPECTED, traffic_of(messages, left, ("fusion", "spare")))
+    assert mark_of(findings, ["cam2 is missing", "labanmesh observe s.toml cam2"]) == mark
 
 
-def test_nobody_and_no_judge():
+def test_an_empty_mesh_and_one_without_fusion():
     (nobody,) = check_mesh(EXPECTED, traffic_of({}, (), ()))
     assert nobody.mark == "warning" and "labanmesh up s.toml" in nobody.to_do
-    found = check_mesh(EXPECTED, traffic_of({name: [status(name)] for name in SCENE.roster}, fusions=()))
-    assert mark_of(found, ["no fusion service is alive", "labanmesh fuse s.toml"]) == "error"
+    findings = check_mesh(EXPECTED, traffic_of({name: [status(name)] for name in SCENE.roster}, fusions=()))
+    assert mark_of(findings, ["no fusion service is alive", "labanmesh fuse s.toml"]) == "error"
 
 
-def test_a_certificate_of_an_observer_hears_little_and_misses_nobody():
-    found = check_mesh(
+def test_with_an_observers_certificate_the_doctor_reports_fusion_alone():
+    findings = check_mesh(
         ExpectedMesh(SCENE, HERE, "s.toml", partly=True), traffic_of({FUSION: [status("fusion")]}, (), ())
     )
-    assert mark_of(found, ["certificate is an observer's", "--hub"]) == "warning"
-    assert not any("cam1" in each.what for each in found) and mark_of(found, ["fusion: running"]) == "ok"
+    assert mark_of(findings, ["certificate is an observer's", "--hub"]) == "warning"
+    assert not any("cam1" in each.what for each in findings) and mark_of(findings, ["fusion: running"]) == "ok"
 
 
-def test_the_age_of_a_frame_is_by_the_speakers_own_clock():
+def test_services_that_share_scenes_stand_in_no_scene_file():
+    shared = SCENE.model_copy(update={"fusion": FusionConfig(quorum=2)})
+    messages = {**good(), FUSION: [], "spare": [], "wild": [status("wild")], "judgements": [judgement("wild")]}
+    findings = check_mesh(ExpectedMesh(shared, HERE, "s.toml"), traffic_of(messages, fusions=("wild",)))
+    assert worst(findings) == "ok" and mark_of(findings, ["wild is not in this scene file", "shares"]) == "ok", findings
+
+
+def test_the_age_of_a_frame_is_by_the_senders_own_clock():
     an_hour_ahead = status("cam2", at_ns=NOON + 3600 * SECOND, frame_ns=NOON + 3599 * SECOND)
     assert traffic_of({"x": [an_hour_ahead]}).observers["cam2"].frame_age_s == 1.0
 
 
-def test_of_a_clock_the_message_that_was_quickest_here_counts():
-    said = [status("cam2", at_ns=NOON - late * SECOND) for late in (3, 1, 2)]
-    assert traffic_of({"x": said}).observers["cam2"].skew_s == -1.0
+def test_a_clock_is_measured_by_the_quickest_message():
+    messages = [status("cam2", at_ns=NOON - late * SECOND) for late in (3, 1, 2)]
+    assert traffic_of({"x": messages}).observers["cam2"].skew_s == -1.0
 
 
-def test_an_old_judgement_that_is_told_on_asking_is_no_judgement():
+def test_a_judgement_that_answers_a_query_may_be_old_and_does_not_count():
     result = MeshTraffic(KEYS)
     result.record(*judgement(), NOON, queried=True)
     assert not result.fusions
@@ -236,14 +193,14 @@ def test_an_old_judgement_that_is_told_on_asking_is_no_judgement():
 
 def test_every_complaint_has_a_way_out():
     rejected = dict.fromkeys(("repeated", "wrong_length", "never_heard_of"), 1)
-    said = {**good(), FUSION: [status("fusion", **account(cam1={"skew_s": 9.0, "rejected": rejected}))]}
-    found = check_mesh(EXPECTED, traffic_of(said, (), ()))
-    assert all(bool(each.to_do) == (each.mark != "ok") for each in found)
-    assert Counter(each.group for each in found) == {"the mesh": len(found)}
+    messages = {**good(), FUSION: [status("fusion", **statistics(cam1={"skew_s": 9.0, "rejected": rejected}))]}
+    findings = check_mesh(EXPECTED, traffic_of(messages, (), ()))
+    assert all(bool(each.to_do) == (each.mark != "ok") for each in findings)
+    assert Counter(each.group for each in findings) == {"the mesh": len(findings)}
 
 
 @given(st.lists(st.tuples(st.text("ab/*é", max_size=9), st.binary(max_size=40)), max_size=20), st.booleans())
-def test_whatever_comes_is_heard_without_a_word(messages, asked):
+def test_any_bytes_under_any_key_are_recorded(messages, asked):
     result = MeshTraffic(KEYS)
     for end, payload in messages:
         for key in (
@@ -287,6 +244,7 @@ def test_a_real_mesh_is_heard(meeting):
     messages = [
         status("cam1", at_ns=now_ns, frame_ns=now_ns, version="0.0.9"), status("cam2", at_ns=now_ns, frame_ns=now_ns),
         status("fusion", at_ns=now_ns, frame_ns=now_ns), judgement(), posterior("cam2", vocabulary=OTHERS),
+        (KEYS.judgement, bytes(SIZE_LIMIT + 1)),
     ]  # fmt: skip
     alive = [KEYS.observer_alive("cam1"), KEYS.observer_alive("cam2"), KEYS.fusion_alive("fusion")]
     stop = threading.Event()
@@ -298,12 +256,13 @@ def test_a_real_mesh_is_heard(meeting):
         stop.set()
         saying.join()
     assert facts.network.zenoh_s is not None and facts.traffic is not None
-    found = check_mesh(ExpectedMesh(scene, HERE, "s.toml"), facts.traffic)
-    assert mark_of(found, ["cam1: labanmesh 0.0.9"]) == "warning"
-    assert mark_of(found, ["cam2 has another vocabulary"]) == "error"
-    assert mark_of(found, ["cam3 is missing"]) == "warning"
-    assert mark_of(found, ["judgements in 0.6 s by fusion"]) == "ok"
-    assert mark_of(found, ["fusion service fusion: running"]) == "ok"
+    findings = check_mesh(ExpectedMesh(scene, HERE, "s.toml"), facts.traffic)
+    assert mark_of(findings, ["cam1: labanmesh 0.0.9"]) == "warning"
+    assert mark_of(findings, ["cam2 has another vocabulary"]) == "error"
+    assert mark_of(findings, ["cam3 is missing"]) == "warning"
+    assert mark_of(findings, ["judgements in 0.6 s by fusion"]) == "ok"
+    assert mark_of(findings, ["judgements: ", "rejected: too large", "fewer observers"]) == "error"
+    assert mark_of(findings, ["fusion service fusion: running"]) == "ok"
 
 
 def test_an_empty_mesh_is_not_listened_to_for_long(meeting):
