@@ -152,11 +152,11 @@ class JudgementReplay:
     def _output(self, engine: FusionEngine, judgement: JudgementMessage) -> EngineOutput:
         prior = uniform(engine.vocabulary.size)
         remaining = self._change.remaining(judgement.votes)
-        heard = [_opinion(o, judgement.votes[o], prior, remaining) for o in remaining]
-        ruling = referee.output_for(heard, judgement.at_ns)
-        named = {"fusion": judgement.fusion, "epoch": judgement.epoch, "session": judgement.session}
-        verdicts = [verdict.model_copy(update=named) for verdict in ruling.verdicts]
-        return EngineOutput(ruling.judgement.model_copy(update=named), verdicts)
+        posteriors = [_posterior(o, judgement.votes[o], prior, remaining) for o in remaining]
+        output = engine.output_for(posteriors, judgement.at_ns)
+        sender = {"fusion": judgement.fusion, "epoch": judgement.epoch, "session": judgement.session}
+        verdicts = [verdict.model_copy(update=sender) for verdict in output.verdicts]
+        return EngineOutput(output.judgement.model_copy(update=sender), verdicts)
 
 
 def _posterior(observer: str, vote: Vote, prior: Floats, remaining: Collection[str]) -> AgedPosterior:
