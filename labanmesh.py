@@ -1,62 +1,67 @@
-"""The front door: the command line, which imports a room only when its verb is called."""
+"""The command line: it imports the package of a verb only when the verb is called, so that `--help` is fast."""
 
 import importlib
+import importlib.util
 import os
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from common.errors import LabanmeshError
-
 if TYPE_CHECKING:
     import typer
 
+    from common.errors import BadInput
+
 __version__ = "0.1.0"
+PACKAGES = ("common", "observer", "fusion", "hub", "studies", "deploy")
+"""Our top-level packages, which lie beside this file."""
 
 
 @dataclass(frozen=True, slots=True)
 class Verb:
-    """Where a verb lives and what it is for."""
+    """The function behind a verb, and its purpose in one line."""
 
     module: str
     function: str
     purpose: str
 
     def load(self) -> Callable[..., object]:
-        """Import the room of this verb, and nothing else."""
-        loaded: Callable[..., object] = getattr(importlib.import_module(self.module), self.function)
-        return loaded
+        """Import the function's module."""
+        function: Callable[..., object] = getattr(importlib.import_module(self.module), self.function)
+        return function
 
 
 VERBS = {
-    "demo": Verb("studies.demo", "demo", "the whole system on this machine, on what the package carries"),
-    "init": Verb("deploy.init", "init", "a commented scene file for the cameras of this machine"),
-    "up": Verb("deploy.commands", "up", "all processes that a scene file names, supervised"),
-    "observe": Verb("observer.commands", "observe", "one observer: its view becomes a judge on the mesh"),
-    "fuse": Verb("fusion.commands", "fuse", "the referee: weighs the observers, publishes judgements and verdicts"),
-    "doctor": Verb("deploy.doctor.commands", "doctor", "what is wrong here and on the mesh, and what to do"),
-    "healthcheck": Verb("hub.healthcheck", "healthcheck", "whether a process does its work: for containers"),
-    "secure": Verb("deploy.security.commands", "secure", "certificates and access rules for named machines"),
-    "router": Verb("deploy.commands", "router", "a Zenoh router for a mesh of several machines"),
-    "watch": Verb("hub.watch", "watch", "live view of beliefs, weights and verdicts in the terminal"),
-    "capture": Verb("hub.capture", "capture", "all that is said in a scene -> a capture file"),
-    "replay": Verb("studies.replay.commands", "replay", "a capture judged anew, or played back onto a mesh"),
-    "hub": Verb("hub.mqtt.commands", "hub", "what homes get from a scene: Home Assistant through an MQTT broker"),
-    "dashboard": Verb("hub.dashboard.commands", "dashboard", "the same as watch, as a page in the browser"),
-    "import": Verb("observer.commands", "import_recordings", "recordings of others -> motion archive"),
+    "demo": Verb("studies.demo", "demo", "run the whole system on this machine with the data in the package"),
+    "init": Verb("deploy.init", "init", "write a commented scene file for the cameras of this machine"),
+    "up": Verb("deploy.commands", "up", "start and supervise all processes of a scene file"),
+    "observe": Verb("observer.commands", "observe", "run one observer: it publishes its posterior over the movements"),
+    "fuse": Verb("fusion.commands", "fuse", "run the fusion service: it pools posteriors and publishes verdicts"),
+    "doctor": Verb(
+        "deploy.doctor.commands", "doctor", "find what is wrong with this machine, the scene file and the mesh"
+    ),
+    "healthcheck": Verb("hub.healthcheck", "healthcheck", "check that a process is alive and ready, for containers"),
+    "secure": Verb("deploy.security.commands", "secure", "issue certificates and access rules for machines"),
+    "router": Verb("deploy.commands", "router", "run a Zenoh router for a mesh of several machines"),
+    "watch": Verb("hub.watch", "watch", "show posteriors, weights and verdicts live in the terminal"),
+    "capture": Verb("hub.capture", "capture", "write all messages of a scene into a capture file"),
+    "replay": Verb("studies.replay.commands", "replay", "fuse a capture again, or play it back onto a mesh"),
+    "hub": Verb("hub.mqtt.commands", "hub", "connect scenes to Home Assistant through an MQTT broker"),
+    "dashboard": Verb("hub.dashboard.commands", "dashboard", "show a scene live in the browser"),
+    "import": Verb("observer.commands", "import_recordings", "convert recordings in other formats to a motion archive"),
     "calibrate": Verb(
-        "observer.calibration.commands", "calibrate", "boards, known points, others' files -> camera files"
+        "observer.calibration.commands", "calibrate", "make camera files from boards, known points or other formats"
     ),
-    "look": Verb("observer.preview.commands", "look", "one look at a source: what a tracker makes out in it"),
-    "record": Verb("observer.recording.commands", "record", "several calibrated cameras -> motion archive"),
-    "learn": Verb("observer.learning.commands", "learn", "motion archive -> one observer's model for its view"),
-    "forget": Verb(
-        "observer.learning.commands", "forget", "a model without some of its movements, nothing learned again"
+    "look": Verb("observer.preview.commands", "look", "show what a tracker finds in a source"),
+    "record": Verb("observer.recording.commands", "record", "record a motion archive with several calibrated cameras"),
+    "learn": Verb(
+        "observer.learning.commands", "learn", "learn one observer's model for its view from a motion archive"
     ),
-    "paper": Verb("studies.commands", "paper", "the paper's three experiments, beside the paper's tables"),
-    "evaluate": Verb("studies.commands", "evaluate", "accuracy, confusion, earliness and calibration on an archive"),
-    "effort": Verb("studies.effort", "effort", "Effort told apart in actions that taught nothing of it"),
+    "forget": Verb("observer.learning.commands", "forget", "remove movements from a model without learning again"),
+    "paper": Verb("studies.commands", "paper", "repeat the paper's three experiments beside the paper's tables"),
+    "evaluate": Verb("studies.commands", "evaluate", "measure accuracy, earliness and calibration on a motion archive"),
+    "effort": Verb("studies.effort", "effort", "evaluate Effort on actions that were not used to learn it"),
 }
 
 EXTRAS = {
@@ -67,14 +72,20 @@ EXTRAS = {
     "aiomqtt": "mqtt",
     **dict.fromkeys(("starlette", "uvicorn", "sse_starlette"), "dashboard"),
 }
-"""What a plain install has not, and the extra that brings it."""
+"""Libraries that a plain install lacks, and the extra that installs them."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run one verb; returns the exit status: 0, 1 at run time, 2 for bad input, 130 on Ctrl-C."""
+    """Run one verb; returns the exit status: 0, 1 for a failure at run time, 2 for bad input, 130 for Ctrl-C."""
+    shadow = shadowed()
+    if shadow:
+        print(f"labanmesh: {shadow}", file=sys.stderr)
+        return 2
+    from common.errors import LabanmeshError
+
     try:
-        status = _answer(list(sys.argv[1:] if arguments is None else arguments))
-        # Here and not at the interpreter's exit, where a reader who has left could not be forgiven any more.
+        status = _dispatch(list(sys.argv[1:] if arguments is None else arguments))
+        # Flushed here, because a closed pipe could no longer be handled at the interpreter's exit.
         sys.stdout.flush()
         return status
     except LabanmeshError as error:
@@ -83,12 +94,28 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         return 130
     except BrokenPipeError:
-        # Whoever read our output has seen enough; silence the interpreter's own complaint at exit.
+        # The reader of our output has closed it. /dev/null keeps the interpreter from complaining at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
 
 
-def _answer(words: Sequence[str]) -> int:
+def shadowed() -> str:
+    """One line if another folder or module hides one of our packages, as in `python -m labanmesh`; "" if none does."""
+    home = os.path.dirname(os.path.realpath(__file__))  # noqa: PTH120 - importing pathlib would slow down --help
+    for name in PACKAGES:
+        spec = importlib.util.find_spec(name)
+        if spec is None:
+            continue
+        place = os.path.realpath(next(iter(spec.submodule_search_locations or ()), spec.origin or ""))
+        if os.path.dirname(place) != home or not spec.submodule_search_locations:  # noqa: PTH120
+            return (
+                f"{place} hides the package {name!r} of labanmesh; run the command `labanmesh` or "
+                "`python -P -m labanmesh`, or rename it, or remove its folder from PYTHONPATH"
+            )
+    return ""
+
+
+def _dispatch(words: Sequence[str]) -> int:
     if not words or words[0] in ("--help", "-h", "help"):
         print(overview())
         return 0
@@ -103,19 +130,21 @@ def _answer(words: Sequence[str]) -> int:
         package = (error.name or "").partition(".")[0]
         if package not in EXTRAS:
             raise
+        from common.errors import LabanmeshError
+
         way_out = f"pip install 'labanmesh[{EXTRAS[package]}]'"
         raise LabanmeshError(f"{words[0]}: {package} is not installed on this machine; {way_out}") from None
 
 
 def overview() -> str:
-    """The text of `labanmesh --help`, made from the table of verbs without importing any room."""
+    """The text of `labanmesh --help`, made without importing any package."""
     width = max(map(len, VERBS))
     lines = [f"  {name:<{width}}  {verb.purpose}" for name, verb in VERBS.items()]
     head = "labanmesh: several cameras judge one person's movement, over Eclipse Zenoh\n\nusage: labanmesh VERB ...\n"
     return "\n".join([head, *lines, "", "labanmesh VERB --help explains a verb and shows an example."])
 
 
-def _unknown(verb: str) -> LabanmeshError:
+def _unknown(verb: str) -> "BadInput":
     from common.errors import BadInput
     from common.text import nearest
 
@@ -123,7 +152,7 @@ def _unknown(verb: str) -> LabanmeshError:
 
 
 def app_of(verb: str) -> "typer.Typer":
-    """The command line of a verb: of its one function, or of its sub-verbs where the room made one itself."""
+    """The command line of a verb: its function, or the Typer application of a verb with sub-verbs."""
     import typer
 
     loaded = VERBS[verb].load()
@@ -146,7 +175,7 @@ def _run(verb: str, words: Sequence[str]) -> int:
         status = typer.main.get_command(app_of(verb)).main(words, f"labanmesh {verb}", standalone_mode=False)
     except TyperException as error:
         text = " ".join(error.format_message().split()) if hasattr(error, "format_message") else str(error)
-        # Typer names the parameter and the rule; the value stands in what was typed.
+        # Typer names the parameter and the rule; the value is in what was typed.
         typed = shlex.join([verb, *words]) if isinstance(error, typer.BadParameter) else verb
         raise BadInput(f"{typed}: {text.rstrip('.')}; see labanmesh {verb} --help") from None
     except typer.Abort:
