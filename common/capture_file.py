@@ -1,8 +1,8 @@
 """Capture files: the messages of a mesh with their arrival times, in the MCAP container (docs/guide/replay.md).
 
-1. Append-only and without chunks: whatever the moment at which the writer is killed, all that was flushed is readable.
-2. A channel is a key and the way it was heard: put, answered to a query, or a liveliness token coming and going.
-3. The scene is in the file, as its text for people and as it counted (defaults, environment) for a replay.
+1. Append-only and without chunks: everything that was flushed is readable whenever the writer is killed.
+2. A channel is a key and the way in which its messages arrived: put, answer to a query, or liveliness token.
+3. The file contains the scene: as its text for people, and with defaults and environment applied for a replay.
 """
 
 import io
@@ -22,30 +22,28 @@ from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
 from pydantic import ValidationError
 
 from common.config import Scene
-from common.errors import BadInput, LabanmeshError
+from common.errors import BadInput, LabanmeshError, reason_of
+from common.text import plural
 
 SUFFIX = ".mcap"
 PROFILE = "labanmesh"
 FORMAT = "1"
-"""Version of what is in the file beside the messages; the messages carry their own."""
+"""Version of what the file has beside the messages; each message carries its own."""
 TEXT_NAME = "scene.toml"
 CHANNELS_LIMIT = 10_000
-"""So many keys are told apart; a peer that invents keys cannot fill the table, which MCAP ends at 65535."""
-T = TypeVar("T")
-
-
+"""Keys in one file: a peer that invents keys cannot fill the table of channels, which MCAP limits to 65535."""
 APPEARED, GONE = b"\xc3", b"\xc2"
-"""A token's payload: true and false in MessagePack."""
-
+"""Payload of a token: true and false in MessagePack."""
 CaptureKind = Literal["put", "answer", "token"]
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True)
 class CaptureRecord:
-    """One thing that was heard: under which key, how, its bytes, and when it arrived (ns since 1970).
+    """One message of a capture: how it arrived, its key, its bytes, and its arrival time (ns since 1970).
 
-    `token`: a process came or went, the payload is CAME or WENT. `answer`: somebody was asked for his last word; its
-    arrival is that of the answer, it may have been said long before.
+    `token`: a process appeared or has gone; the payload is APPEARED or GONE. `answer`: the answer to a query, which may
+    have been published long before it arrived.
     """
 
     kind: CaptureKind
@@ -57,67 +55,66 @@ class CaptureRecord:
 class CaptureWriter:
     """Appends records to a new file; a context manager, at whose end the file gets its index.
 
-    Raises BadInput for a name without `.mcap` and for a file that exists, LabanmeshError when the disk refuses; what
-    was written before stays readable.
+    Raises BadInput for a name without `.mcap` and for a file that exists, LabanmeshError if the disk refuses to write;
+    what was written before stays readable.
     """
 
     def __init__(self, path: Path, scene: Scene, text: str, began_ns: int) -> None:
         self.path = path
         self.messages = 0
         self.left_out = 0
-        self._stream = _created(path)
+        self._stream = _create(path)
         self._channels: dict[tuple[CaptureKind, str], int] = {}
         self._writer = Writer(self._stream, compression=CompressionType.NONE, use_chunking=False)
-        self._refusable(lambda: self._begin(scene, text, began_ns))
+        self._try(lambda: self._begin(scene, text, began_ns))
 
     @property
     def size(self) -> int:
-        """Bytes so far, those included that are not flushed yet."""
+        """Bytes so far, including those that are not flushed yet."""
         return self._stream.tell()
 
     def write(self, record: CaptureRecord) -> None:
-        """Append one record; counted in `left_out` instead when its key is one too many."""
+        """Append one record; if its key is over CHANNELS_LIMIT it is counted in `left_out` instead."""
         channel = self._channel(record)
         if channel is None:
             self.left_out += 1
             return
         at_ns, number = record.arrived_ns, self.messages & 0xFFFFFFFF
-        self._refusable(lambda: self._writer.add_message(channel, at_ns, record.payload, at_ns, number))
+        self._try(lambda: self._writer.add_message(channel, at_ns, record.payload, at_ns, number))
         self.messages += 1
 
     def flush(self) -> None:
-        """Hand all that was written to the operating system: from then on a kill of this process loses none of it."""
-        self._refusable(self._stream.flush)
+        """Pass everything to the operating system, so that a kill of this process loses nothing."""
+        self._try(self._stream.flush)
 
     def close(self) -> None:
-        """End the file with its index; a second call does nothing."""
+        """Write the index and close the file; a second call does nothing."""
         if not self._stream.closed:
-            self._refusable(self._writer.finish)
-            self._refusable(self._stream.close)
+            self._try(self._writer.finish)
+            self._try(self._stream.close)
 
     def _begin(self, scene: Scene, text: str, began_ns: int) -> None:
         self._writer.start(PROFILE, "labanmesh")
-        told = {"format": FORMAT, "scene": scene.model_dump_json()}
-        self._writer.add_metadata(PROFILE, told)
+        self._writer.add_metadata(PROFILE, {"format": FORMAT, "scene": scene.model_dump_json()})
         self._writer.add_attachment(began_ns, began_ns, TEXT_NAME, "application/toml", text.encode())
         self._stream.flush()
 
     def _channel(self, record: CaptureRecord) -> int | None:
         name = record.kind, record.key
         if name not in self._channels and len(self._channels) < CHANNELS_LIMIT:
-            told: dict[str, str] = {"kind": record.kind}
-            self._channels[name] = self._writer.register_channel(record.key, MessageEncoding.MessagePack, 0, told)
+            kind: dict[str, str] = {"kind": record.kind}
+            self._channels[name] = self._writer.register_channel(record.key, MessageEncoding.MessagePack, 0, kind)
         return self._channels.get(name)
 
-    def _refusable(self, step: Callable[[], T]) -> T:
+    def _try(self, step: Callable[[], T]) -> T:
         try:
             return step()
         except OSError as error:
-            # Not the buffered stream: its own close would try to write again what the disk has just refused.
+            # The raw stream, because the buffered one would try to write again what the disk has just refused.
             self._stream.raw.close()
             raise LabanmeshError(
-                f"{self.path}: {_why(error)} after {self.messages} messages; what was written stays readable; "
-                "make room and capture into another file"
+                f"cannot write {self.path}: {reason_of(error)}, after {plural(self.messages, 'message')} that stay "
+                "readable; make room, or name a file on another disk with -o"
             ) from None
 
     def __enter__(self) -> Self:
@@ -130,14 +127,15 @@ class CaptureWriter:
 
 
 class CaptureFile:
-    """A capture to be read, as often as wanted; raises BadInput, one line, for a file that is none.
+    """Reads a capture, any number of times; raises BadInput, one line, for a file that is not a capture.
 
-    `scene`: as it counted where it was captured; `text`: its file. `complete`: whether it was ended, not killed.
+    `scene`: with defaults and environment applied; `text`: its file. `complete`: the writer has ended it and was not
+    killed.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        with _opened(path) as stream:
+        with _open(path) as stream:
             self._size = stream.seek(0, io.SEEK_END)
             if self._size == 0:
                 raise BadInput(f"{path}: empty; nothing was captured into it")
@@ -148,36 +146,35 @@ class CaptureFile:
         self.text = head[2].data.decode(errors="replace") if isinstance(head[2], Attachment) else ""
 
     def records(self) -> Iterator[CaptureRecord]:
-        """All that was heard, in the order of arrival; of a file that was cut off, all that is whole.
+        """All records in the order of arrival; of a truncated file, the complete ones.
 
-        Raises LabanmeshError where the file is damaged other than by being cut off.
+        Raises LabanmeshError where the file is damaged in another way.
         """
         channels: dict[int, tuple[CaptureKind, str]] = {}
-        for found in self._found():
-            if isinstance(found, Channel):
-                channels[found.id] = self._kind(found), found.topic
-            elif isinstance(found, Message):
-                if found.channel_id not in channels:
-                    raise LabanmeshError(f"{self.path}: damaged: a message of no known channel")
-                kind, key = channels[found.channel_id]
-                yield CaptureRecord(kind, key, found.data, found.log_time)
+        for entry in self._entries():
+            if isinstance(entry, Channel):
+                channels[entry.id] = self._kind(entry), entry.topic
+            elif isinstance(entry, Message):
+                if entry.channel_id not in channels:
+                    raise LabanmeshError(f"{self.path}: damaged: a message without a channel; capture again")
+                kind, key = channels[entry.channel_id]
+                yield CaptureRecord(kind, key, entry.data, entry.log_time)
 
     @cached_property
     def began_ns(self) -> int:
-        """When the first record arrived; 0 in a capture that heard nothing."""
+        """When the first record arrived; 0 in a capture without records."""
         return next((record.arrived_ns for record in self.records()), 0)
 
-    def _found(self) -> Iterator[McapRecord]:
-        with _opened(self.path) as stream:
-            # No record is longer than the file: a length that was cut off is not taken for the truth.
-            # Chunks are not decompressed: a small file could hold gigabytes in one.
+    def _entries(self) -> Iterator[McapRecord]:
+        with _open(self.path) as stream:
+            # No record is longer than the file, so a damaged length reserves no memory. Chunks are not decompressed: a
+            # small file could hold gigabytes in one.
             records = StreamReader(stream, emit_chunks=True, record_size_limit=self._size).records
             try:
                 for record in records:
                     if isinstance(record, Chunk):
                         raise LabanmeshError(
-                            f"{self.path}: holds chunks, which captures do not have; "
-                            "replay a file that `labanmesh capture` has written"
+                            f"{self.path}: has chunks, unlike a capture; name a file written by `labanmesh capture`"
                         )
                     yield record
             except (EndOfFile, RecordLengthLimitExceeded):
@@ -186,31 +183,31 @@ class CaptureFile:
                 raise LabanmeshError(f"{self.path}: damaged at byte {stream.tell()}: {error}") from None
 
     def _head(self) -> tuple[Header, Metadata, McapRecord | None]:
-        with _opened(self.path) as stream:
+        with _open(self.path) as stream:
             if stream.peek(len(MCAP0_MAGIC))[: len(MCAP0_MAGIC)] != MCAP0_MAGIC:
                 raise BadInput(f"{self.path}: not a capture; name a file that `labanmesh capture` has written")
-        found = self._found()
+        entries = self._entries()
         try:
-            header, about, text = next(found, None), next(found, None), next(found, None)
+            header, about, text = next(entries, None), next(entries, None), next(entries, None)
         except LabanmeshError as error:
             raise BadInput(str(error)) from None
         if isinstance(header, Header) and header.profile != PROFILE:
             raise BadInput(
-                f"{self.path}: an MCAP file of profile {header.profile!r}; a capture of ours is of {PROFILE!r}"
+                f"{self.path}: an MCAP file with profile {header.profile!r}; name one written by `labanmesh capture`"
             )
         if not isinstance(header, Header) or not isinstance(about, Metadata):
             raise BadInput(f"{self.path}: cut off before the first message; capture again")
         return header, about, text
 
     def _read_scene(self, head: tuple[Header, Metadata, McapRecord | None]) -> Scene:
-        told = head[1].metadata
-        if told.get("format") != FORMAT:
+        about = head[1].metadata
+        if about.get("format") != FORMAT:
             raise BadInput(
-                f"{self.path}: capture format {told.get('format')!r}, this version reads {FORMAT!r}; "
+                f"{self.path}: capture format {about.get('format')!r}, this version reads {FORMAT!r}; "
                 "read it with the version of labanmesh that wrote it, or a newer one"
             )
         try:
-            return Scene.model_validate_json(told.get("scene", ""))
+            return Scene.model_validate_json(about.get("scene", ""))
         except (ValidationError, BadInput) as error:
             raise BadInput(f"{self.path}: its scene cannot be used here: {str(error).splitlines()[0]}") from None
 
@@ -218,11 +215,11 @@ class CaptureFile:
         for kind in get_args(CaptureKind):
             if channel.metadata.get("kind") == kind:
                 return kind  # type: ignore[no-any-return]
-        raise LabanmeshError(f"{self.path}: damaged: channel {channel.topic!r} is of no known kind")
+        raise LabanmeshError(f"{self.path}: damaged: channel {channel.topic!r} has an unknown kind; capture again")
 
 
-class _Whole(io.BufferedReader):
-    """A file that ends rather than give less than it was asked for: what was cut off is not taken for a message."""
+class _Stream(io.BufferedReader):
+    """A file that raises EndOfFile instead of returning fewer bytes than requested, as at a truncated message."""
 
     def __init__(self, raw: io.FileIO) -> None:
         super().__init__(raw)
@@ -230,32 +227,28 @@ class _Whole(io.BufferedReader):
         self.seek(0)
 
     def read(self, size: int | None = -1, /) -> bytes:
-        # A length that is damaged may be any number: nothing is reserved for more than there is.
+        # A damaged length can be any number: no memory is reserved for more than the file has.
         if size is not None and size > self._size:
             raise EndOfFile
-        found = super().read(size)
-        if size is not None and len(found) < size:
+        data = super().read(size)
+        if size is not None and len(data) < size:
             raise EndOfFile
-        return found
+        return data
 
 
-def _created(path: Path) -> io.BufferedWriter:
+def _create(path: Path) -> io.BufferedWriter:
     if path.suffix != SUFFIX:
-        raise BadInput(f"{path}: a capture is an MCAP file, its name ends in {SUFFIX}")
+        raise BadInput(f"{path}: a capture is an MCAP file; choose a name that ends in {SUFFIX}")
     try:
         return path.open("xb")
     except FileExistsError:
-        raise BadInput(f"{path}: is there already, and captures are not overwritten; name another file") from None
+        raise BadInput(f"{path}: exists, and captures are not overwritten; choose another name with -o") from None
     except OSError as error:
-        raise LabanmeshError(f"{path}: {_why(error)}; name a file that can be written") from None
+        raise LabanmeshError(f"cannot write {path}: {reason_of(error)}; choose another path with -o") from None
 
 
-def _opened(path: Path) -> _Whole:
+def _open(path: Path) -> _Stream:
     try:
-        return _Whole(io.FileIO(path))
+        return _Stream(io.FileIO(path))
     except OSError as error:
-        raise BadInput(f"{path}: {_why(error)}; name a file that `labanmesh capture` has written") from None
-
-
-def _why(error: OSError) -> str:
-    return (error.strerror or str(error)).lower()
+        raise BadInput(f"cannot read {path}: {reason_of(error)}; name a file written by `labanmesh capture`") from None

@@ -1,4 +1,4 @@
-"""This machine's credentials: ca.pem, certificate.pem and key.pem in one folder, and whether they can be used."""
+"""This machine's credentials: ca.pem, certificate.pem and key.pem in one folder, and checks of them."""
 
 import os
 import stat
@@ -11,7 +11,7 @@ from cryptography.exceptions import InvalidSignature
 from cryptography.hazmat.primitives import serialization
 from cryptography.x509.oid import NameOID
 
-from common.errors import BadInput
+from common.errors import BadInput, reason_of
 from common.zenoh_settings import AUTHORITY_FILE, CERTIFICATE_FILE, KEY_FILE, ROLE_URI
 
 OPTION = {"observer": "--observer {}", "fusion": "--fusion {}", "hub": "--hub", "router": "--router"}
@@ -20,7 +20,7 @@ OTHERS = stat.S_IRWXG | stat.S_IRWXO
 
 @dataclass(frozen=True, slots=True)
 class MeshFault:
-    """Something that is wrong: one line what, one line what to do."""
+    """Why this machine cannot join the mesh, and what to do: one line each."""
 
     what: str
     remedy: str
@@ -31,7 +31,7 @@ class MeshFault:
 
 @dataclass(frozen=True, slots=True)
 class Certificate:
-    """What a certificate says of its holder.
+    """The content of a certificate that labanmesh uses.
 
     roles: `observer:cam1`, `fusion:fusion`, `hub`, `router`; for one scene of several `observer:home/cam1`, `hub:home`.
     """
@@ -60,17 +60,17 @@ def _permits(word: str, role: str, process_id: str, scene: str) -> bool:
 
 
 def read_certificate(path: Path) -> Certificate:
-    """The first certificate in the PEM file at `path`; raises BadInput, one line, when there is none."""
-    return _described(_loaded(path))
+    """The first certificate in the PEM file at `path`; raises BadInput, one line, if there is none."""
+    return _describe(_load(path))
 
 
 def own_certificate(folder: Path) -> Certificate:
-    """The certificate in a folder of credentials, for who shows its expiry; raises BadInput."""
+    """The certificate in a folder of credentials; raises BadInput."""
     return read_certificate(folder / CERTIFICATE_FILE)
 
 
 def check_credentials(folder: Path, now: datetime) -> MeshFault | None:
-    """Why the credentials in `folder` cannot be used at `now`, found without the network; None: they can."""
+    """Why the credentials in `folder` cannot be used at `now`, without using the network; None if they can."""
     copy = "copy the folder here that `labanmesh secure add` made for this machine"
     if not folder.is_dir():
         return MeshFault(f"mesh.credentials = '{folder}': no such folder", copy)
@@ -84,13 +84,13 @@ def check_credentials(folder: Path, now: datetime) -> MeshFault | None:
     if os.name == "posix" and mode & OTHERS:
         return MeshFault(f"{key}: others can read it (mode {mode:04o})", f"chmod 600 {key}")
     try:
-        return _mismatch(authority, certificate, key) or _out_of_time(certificate, now)
+        return _mismatch(authority, certificate, key) or _validity_fault(certificate, now)
     except BadInput as error:
         return MeshFault(str(error), copy)
 
 
 def require_credentials(folder: Path, role: str, process_id: str, now: datetime, scene: str = "") -> None:
-    """Raises BadInput, one line, when the credentials cannot be used, or not for this role, id and scene."""
+    """Raises BadInput, one line, if the credentials cannot be used, or not for this role, id and scene."""
     fault = check_credentials(folder, now) or role_fault(folder, role, process_id, scene)
     if fault is not None:
         raise BadInput(str(fault))
@@ -99,7 +99,7 @@ def require_credentials(folder: Path, role: str, process_id: str, now: datetime,
 def role_fault(folder: Path, role: str, process_id: str = "", scene: str = "") -> MeshFault | None:
     """Why this machine's certificate is not for a role (under an id, in a scene); None if it is. Raises BadInput."""
     ours = own_certificate(folder)
-    # A fusion service that stands by is one all the same.
+    # A standby fusion service is a fusion service, too.
     role = "fusion" if role == "standby" else role
     if ours.is_for(role, process_id, scene):
         return None
@@ -114,7 +114,7 @@ def role_fault(folder: Path, role: str, process_id: str = "", scene: str = "") -
 
 
 def admission_fault(folder: Path, endpoint: str) -> MeshFault:
-    """What it means when TLS is fine and the router still answers nothing."""
+    """The fault if TLS works and the router does not answer."""
     name = own_certificate(folder).common_name
     return MeshFault(
         f"mesh.endpoint = {endpoint!r}: the router's access rules do not know certificate {name}: revoked, superseded, "
@@ -125,8 +125,8 @@ def admission_fault(folder: Path, endpoint: str) -> MeshFault:
 
 
 def _mismatch(authority: Path, certificate: Path, key: Path) -> MeshFault | None:
-    """Whether the three files belong to each other."""
-    ours, signer = _loaded(certificate), _loaded(authority)
+    """The fault if the three files do not belong together."""
+    ours, signer = _load(certificate), _load(authority)
     copy = "copy all three files from the folder that `labanmesh secure add` made for this machine"
     try:
         private = serialization.load_pem_private_key(key.read_bytes(), None)
@@ -141,7 +141,7 @@ def _mismatch(authority: Path, certificate: Path, key: Path) -> MeshFault | None
     return None
 
 
-def _out_of_time(path: Path, now: datetime) -> MeshFault | None:
+def _validity_fault(path: Path, now: datetime) -> MeshFault | None:
     ours = read_certificate(path)
     name = ours.common_name.rpartition(".")[0] or ours.common_name
     if now > ours.expires:
@@ -153,22 +153,22 @@ def _out_of_time(path: Path, now: datetime) -> MeshFault | None:
     return None
 
 
-def _loaded(path: Path) -> x509.Certificate:
+def _load(path: Path) -> x509.Certificate:
     try:
         return x509.load_pem_x509_certificate(path.read_bytes())
     except ValueError:
         raise BadInput(f"{path}: no certificate in PEM form") from None
     except OSError as error:
-        raise BadInput(f"{path}: {(error.strerror or str(error)).lower()}") from None
+        raise BadInput(f"{path}: {reason_of(error)}") from None
 
 
-def _described(certificate: x509.Certificate) -> Certificate:
+def _describe(certificate: x509.Certificate) -> Certificate:
     names = certificate.subject.get_attributes_for_oid(NameOID.COMMON_NAME)
     common_name = str(names[0].value) if names else ""
     try:
         other = certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
-        said = other.get_values_for_type(x509.UniformResourceIdentifier)
+        uris = other.get_values_for_type(x509.UniformResourceIdentifier)
     except x509.ExtensionNotFound:
-        said = []
-    roles = tuple(uri.removeprefix(ROLE_URI) for uri in said if uri.startswith(ROLE_URI))
+        uris = []
+    roles = tuple(uri.removeprefix(ROLE_URI) for uri in uris if uri.startswith(ROLE_URI))
     return Certificate(common_name, certificate.not_valid_before_utc, certificate.not_valid_after_utc, roles)

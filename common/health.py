@@ -1,8 +1,10 @@
-"""Whether a process is alive and ready, as /healthz and /readyz answer. Pure: time is passed in.
+"""Health of a process, and the small HTTP server for /metrics, /healthz and /readyz.
 
-1. Alive: its loop has taken a step lately. Who is not alive hangs, and only a new process helps.
-2. Ready: it does now what it is there for: frames come, the scene is judged, the broker is connected. Who is not ready
-   says why, and may become ready by itself.
+1. Alive: the loop has taken a step recently. A process that is not alive hangs, and must be restarted.
+2. Ready: the process does its work: frames arrive, the scene is judged, the broker is connected. A process that is not
+   ready reports why, and can become ready by itself.
+3. The server has threads of its own. The loop never waits for it; an address that cannot be used is one warning in the
+   log, and the process goes on without the server.
 """
 
 import json
@@ -16,31 +18,43 @@ from dataclasses import dataclass
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from socketserver import TCPServer
-from typing import Protocol, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 from common.address import Address
+from common.errors import reason_of
 from common.messages import ProcessRole
 
+if TYPE_CHECKING:
+    from common.metrics import Metrics
+
+LISTEN = "metrics.listen"
 STEPS: dict[ProcessRole, str] = {"observer": "frame", "fusion": "step", "hub": "look"}
-"""What a step of the loop is called, by role."""
+"""The word for a step of the loop, by role."""
 STALLED_S = 30.0
-"""A loop without a step for so long hangs; the container files and systemd's watchdog of fusion wait as long."""
+"""A loop without a step for this long hangs; the container files and systemd's watchdog wait as long."""
 FRESH_S = 2.0
-"""A process without a step for so long is not ready; the status message says degraded after as long."""
+"""A process without a step for this long is not ready; its status message says degraded after the same time."""
+REQUEST_TIMEOUT_S = 5.0
+"""How long a client may take to send its request."""
+SHUTDOWN_POLL_S = 0.1
+"""The server ends within this time."""
+
+log = logging.getLogger("labanmesh.common")
+M = TypeVar("M", bound="Metrics")
 
 
 @dataclass(frozen=True, slots=True)
 class HealthResult:
-    """Yes or no, and in words why; "" when all is well and there is nothing to add."""
+    """Yes or no, and the reason; "" if all is well and there is nothing to add."""
 
     ok: bool
     reason: str
 
 
 class ProcessHealth:
-    """Written by a process's loop, read by the thread that answers. now_s: seconds, never set back.
+    """Written by a process's loop, read by the server's threads. now_s: seconds of a monotonic clock.
 
-    fresh_s: how long ready lasts without a step. note: what the process says of itself, e.g. its status' reason.
+    fresh_s: how long a process is ready without a step. note: text that the process adds, e.g. its status's reason.
     """
 
     def __init__(
@@ -56,25 +70,25 @@ class ProcessHealth:
         self._fresh_s, self._note = fresh_s, note
         self._began_s = now_s
         self._stepped_s: float | None = None
-        self._hindrance = ""
+        self._obstacle = ""
 
     def record_step(self, now_s: float) -> None:
         """The loop has taken a step: a frame, a judgement, a look into the inbox."""
         self._stepped_s = now_s
 
     def set_obstacle(self, reason: str) -> None:
-        """What keeps it from its work although its loop goes on; "" when nothing does any more."""
-        self._hindrance = reason
+        """Set what prevents the process from its work although its loop goes on; "" if nothing does."""
+        self._obstacle = reason
 
     def alive(self, now_s: float) -> HealthResult:
-        """Whether the loop goes on; a process that has just begun has time until its first step."""
+        """Whether the loop goes on; a process that has just started has time until its first step."""
         quiet_s = now_s - (self._began_s if self._stepped_s is None else self._stepped_s)
         return HealthResult(quiet_s < STALLED_S, self._quiet(quiet_s) if quiet_s >= STALLED_S else "")
 
     def ready(self, now_s: float) -> HealthResult:
-        """Whether it does its work now."""
-        if self._hindrance:
-            return HealthResult(False, self._hindrance)
+        """Whether the process does its work now."""
+        if self._obstacle:
+            return HealthResult(False, self._obstacle)
         note = self._note()
         if self._stepped_s is None:
             return HealthResult(False, note or f"no {STEPS[self.role]} yet")
@@ -86,41 +100,22 @@ class ProcessHealth:
         return f"no {STEPS[self.role]} for {quiet_s:.0f} s"
 
 
-LISTEN = "metrics.listen"
-PATIENCE_S = 5.0
-"""How long a client may take to say what it wants."""
-WAKE_S = 0.1
-"""How long the server takes to end, at most."""
-
-log = logging.getLogger("labanmesh.common")
-
-
-class Exposing(Protocol):
-    """What knows the text of /metrics."""
-
-    def exposition(self, accept: str) -> tuple[bytes, str]:
-        """Text and content type, by the client's Accept header."""
-
-
-M = TypeVar("M", bound=Exposing)
-
-
 @contextmanager
-def serve_health(listen: str, vitals: ProcessHealth, make: Callable[[], M]) -> Iterator[M | None]:
-    """Answer at `listen` (HOST:PORT) while the context lasts; gives what `make` made, None where nobody listens.
+def serve_health(listen: str, health: ProcessHealth, make: Callable[[], M]) -> Iterator[M | None]:
+    """Serve at `listen` (HOST:PORT) in a context; gives the metrics that `make` returns, or None without a server.
 
-    Raises BadInput when `listen` is no HOST:PORT; "" is nowhere.
+    Raises BadInput if `listen` is not HOST:PORT; "" means no server.
     """
     if not listen:
         yield None
         return
     metrics = make()
-    server = _bound(Address.parse(listen, LISTEN), vitals, metrics)
+    server = _bind(Address.parse(listen, LISTEN), health, metrics)
     if server is None:
         yield None
         return
     with server:
-        thread = threading.Thread(target=server.serve_forever, args=(WAKE_S,), name="health", daemon=True)
+        thread = threading.Thread(target=server.serve_forever, args=(SHUTDOWN_POLL_S,), name="health", daemon=True)
         thread.start()
         log.info("metrics and health at http://%s", Address(server.address.host, server.server_address[1]))
         try:
@@ -130,13 +125,13 @@ def serve_health(listen: str, vitals: ProcessHealth, make: Callable[[], M]) -> I
             thread.join()
 
 
-def _bound(address: Address, vitals: ProcessHealth, metrics: Exposing) -> "_Server | None":
+def _bind(address: Address, health: ProcessHealth, metrics: "Metrics") -> "_Server | None":
     try:
-        return _Server(address, vitals, metrics)
+        return _Server(address, health, metrics)
     except OSError as error:
         log.warning(
-            "%s = '%s': %s; going on without metrics; LABANMESH_METRICS_LISTEN=HOST:PORT is for one process alone",
-            *(LISTEN, address, (error.strerror or str(error)).lower()),
+            "%s = '%s': %s; going on without metrics; set LABANMESH_METRICS_LISTEN=HOST:PORT for one process alone",
+            *(LISTEN, address, reason_of(error)),
         )
         return None
 
@@ -145,48 +140,48 @@ class _Server(ThreadingHTTPServer):
     daemon_threads = True
     block_on_close = False
 
-    def __init__(self, address: Address, vitals: ProcessHealth, metrics: Exposing) -> None:
-        self.address, self.vitals, self.metrics = address, vitals, metrics
+    def __init__(self, address: Address, health: ProcessHealth, metrics: "Metrics") -> None:
+        self.address, self.health, self.metrics = address, health, metrics
         if ":" in address.host:
             self.address_family = socket.AF_INET6
         super().__init__((address.host, address.port), _Handler)
 
     def server_bind(self) -> None:
-        """Without asking the network's name service what this machine is called, which may take seconds."""
+        """Bind without a query to the name service for this machine's name, which may take seconds."""
         TCPServer.server_bind(self)
 
     def handle_error(self, request: object, client_address: object) -> None:
-        """A client that went away in the middle is no news."""
-        log.debug("%s = '%s': a client went away", LISTEN, self.address, exc_info=True)
+        """Log a client that closed its connection early at debug level."""
+        log.debug("%s = '%s': a client closed its connection", LISTEN, self.address, exc_info=True)
 
 
 class _Handler(BaseHTTPRequestHandler):
     server: _Server
-    timeout = PATIENCE_S
+    timeout = REQUEST_TIMEOUT_S
     protocol_version = "HTTP/1.0"
 
     def do_GET(self) -> None:
-        """One question, one answer."""
-        vitals, path = self.server.vitals, self.path.partition("?")[0]
+        """Answer one request."""
+        health, path = self.server.health, self.path.partition("?")[0]
         if path == "/metrics":
             self._send(HTTPStatus.OK, *self.server.metrics.exposition(self.headers.get("Accept", "")))
         elif path == "/healthz":
-            self._tell(vitals.alive(time.monotonic()))
+            self._send_result(health.alive(time.monotonic()))
         elif path == "/readyz":
-            self._tell(vitals.ready(time.monotonic()))
+            self._send_result(health.ready(time.monotonic()))
         else:
             self._send(HTTPStatus.NOT_FOUND, b"/metrics, /healthz, /readyz\n", "text/plain; charset=utf-8")
 
     def do_HEAD(self) -> None:
-        """The same without the text."""
+        """Same as GET, without the body."""
         self.do_GET()
 
-    def _tell(self, answer: HealthResult) -> None:
-        vitals = self.server.vitals
-        said = {"ok": answer.ok, "reason": answer.reason, "scene": vitals.scene, "role": vitals.role,
-                "process": vitals.process}  # fmt: skip
-        status = HTTPStatus.OK if answer.ok else HTTPStatus.SERVICE_UNAVAILABLE
-        self._send(status, json.dumps(said).encode() + b"\n", "application/json")
+    def _send_result(self, result: HealthResult) -> None:
+        health = self.server.health
+        body = {"ok": result.ok, "reason": result.reason, "scene": health.scene, "role": health.role}
+        status = HTTPStatus.OK if result.ok else HTTPStatus.SERVICE_UNAVAILABLE
+        text = json.dumps({**body, "process": health.process}).encode() + b"\n"
+        self._send(status, text, "application/json")
 
     def _send(self, status: HTTPStatus, text: bytes, kind: str) -> None:
         self.send_response(status)
@@ -197,8 +192,8 @@ class _Handler(BaseHTTPRequestHandler):
             self.wfile.write(text)
 
     def log_message(self, format: str, *args: object) -> None:  # noqa: A002 - the base class calls it so
-        """A scrape every few seconds is no news."""
+        """Log nothing: there is a request every few seconds."""
 
     def version_string(self) -> str:
-        """No server's name and version for strangers."""
+        """Do not tell strangers the server's name and version."""
         return "labanmesh"

@@ -1,4 +1,4 @@
-"""How a process begins and ends: logging to stderr, SIGTERM and Ctrl-C as a clean stop."""
+"""Start and end of a process: log lines on stderr as text or JSON, SIGTERM and Ctrl-C as a clean stop."""
 
 import json
 import logging
@@ -10,16 +10,22 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from types import FrameType
-from typing import Literal
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from common.messages import ProcessRole
 
 SUPERVISOR = "LABANMESH_SUPERVISOR"
-SUPERVISOR_LOOK_S = 0.5
+SUPERVISOR_CHECK_S = 0.5
+FORMATS = ("text", "json")
+FIELDS = ("verdict", "label", "agree", "heard", "ended")
+"""Optional fields of a JSON line: log.info(..., extra={"verdict": ...})."""
 
 
 def log_to_stderr() -> None:
-    """One line a record on stderr, level from LABANMESH_LOG (default info); the loggers are labanmesh.<room>.
+    """Log one line per record to stderr; the loggers are labanmesh.<package>.
 
-    LABANMESH_LOG_FORMAT is `text` (the default) or `json`.
+    LABANMESH_LOG is the level (default info), LABANMESH_LOG_FORMAT is `text` (default) or `json`.
     """
     level = os.environ.get("LABANMESH_LOG", "info").upper()
     form = os.environ.get("LABANMESH_LOG_FORMAT", "text").lower()
@@ -35,20 +41,20 @@ def log_to_stderr() -> None:
 
 @contextmanager
 def stop_on_signals() -> Iterator[threading.Event]:
-    """An event that SIGTERM or Ctrl-C sets; after Ctrl-C leaving the context raises KeyboardInterrupt (status 130).
+    """An event that SIGTERM or Ctrl-C sets; after Ctrl-C the end of the context raises KeyboardInterrupt (status 130).
 
-    A second signal of either kind acts at once, as it would have without us. Only for the main thread. A process that
-    `labanmesh up` started (LABANMESH_SUPERVISOR is its number) stops also when that one is gone, killed perhaps.
+    A second signal acts at once, with its handler from before. Only for the main thread. A process that `labanmesh up`
+    started (LABANMESH_SUPERVISOR is its process number) also stops when that process is gone, for example killed.
     """
-    stop, came = threading.Event(), []
+    stop, received = threading.Event(), []
     supervisor = os.environ.get(SUPERVISOR, "")
     if supervisor == str(os.getppid()):
-        threading.Thread(target=_outlive, args=(int(supervisor), stop), daemon=True, name="supervisor").start()
+        threading.Thread(target=_watch_supervisor, args=(int(supervisor), stop), daemon=True, name="supervisor").start()
 
     def on_signal(number: int, frame: FrameType | None) -> None:
-        came.append(number)
+        received.append(number)
         _restore(before)
-        # Not stop.set() here: it takes the event's lock, which the main thread may hold while it is interrupted.
+        # In a thread, because stop.set() takes a lock that the interrupted main thread may hold.
         threading.Thread(target=stop.set).start()
 
     before = {number: signal.signal(number, on_signal) for number in (signal.SIGTERM, signal.SIGINT)}
@@ -56,14 +62,14 @@ def stop_on_signals() -> Iterator[threading.Event]:
         yield stop
     finally:
         _restore(before)
-    if signal.SIGINT in came:
+    if signal.SIGINT in received:
         raise KeyboardInterrupt
 
 
-def _outlive(supervisor: int, stop: threading.Event) -> None:
-    while not stop.wait(SUPERVISOR_LOOK_S):
+def _watch_supervisor(supervisor: int, stop: threading.Event) -> None:
+    while not stop.wait(SUPERVISOR_CHECK_S):
         if os.getppid() != supervisor:
-            logging.getLogger("labanmesh").warning("the process that started this one is gone: ending")
+            logging.getLogger("labanmesh").warning("the process that started this one is gone; ending")
             stop.set()
 
 
@@ -72,51 +78,44 @@ def _restore(handlers: dict[signal.Signals, "signal._HANDLER"]) -> None:
         signal.signal(number, handler)
 
 
-FORMATS = ("text", "json")
-FIELDS = ("verdict", "label", "agree", "heard", "ended")
-"""What a record may carry besides its words: log.info(..., extra={"verdict": ...}); left out where it is not said."""
-
-
 class JsonLines(logging.Formatter):
-    """A record as one line of JSON: at (UTC), level, logger, message, who speaks, and what else the record carries."""
+    """A record as one line of JSON: at (UTC), level, logger, message, the process, and the record's optional fields."""
 
     def __init__(self) -> None:
         super().__init__()
-        self.speaker: dict[str, str] = {}
+        self.identity: dict[str, str] = {}
 
     def format(self, record: logging.LogRecord) -> str:
-        """The line; whatever a stranger may have said in it, it stays one line."""
-        said = {
+        """One line, whatever text the record has."""
+        fields = {
             "at": datetime.fromtimestamp(record.created, UTC).isoformat(timespec="milliseconds"),
             "level": record.levelname.lower(),
             "logger": record.name,
             "message": record.getMessage(),
-            **self.speaker,
+            **self.identity,
             **{name: getattr(record, name) for name in FIELDS if hasattr(record, name)},
         }
         if record.exc_info:
-            said["exception"] = self.formatException(record.exc_info)
-        return json.dumps(said, ensure_ascii=False, default=str)
+            fields["exception"] = self.formatException(record.exc_info)
+        return json.dumps(fields, ensure_ascii=False, default=str)
 
 
 def formatter(kind: str) -> logging.Formatter:
-    """The form of that kind; text for all others."""
-    return (
-        JsonLines()
-        if kind == "json"
-        else logging.Formatter("%(asctime)s %(levelname)s %(name)s: %(message)s", "%H:%M:%S")
-    )
+    """The formatter for `json`; for any other kind that for text."""
+    if kind == "json":
+        return JsonLines()
+    return logging.Formatter("%(asctime)s %(levelname)s %(name)s: %(message)s", "%H:%M:%S")
 
 
-def set_log_identity(scene: str, role: Literal["observer", "fusion", "hub"], process: str) -> None:
-    """From now on each line of JSON of this process says who it is: its scene, and under its role its id."""
+def set_log_identity(scene: str, role: "ProcessRole", process: str) -> None:
+    """Add the scene, and the process's id under its role, to every JSON line of this process from now on."""
     for handler in logging.root.handlers:
         if isinstance(handler.formatter, JsonLines):
-            handler.formatter.speaker = {"scene": scene, role: process}
+            handler.formatter.identity = {"scene": scene, role: process}
 
 
 def as_json_line(process: str, line: str) -> str:
-    """A line of some process as a line of JSON: as it is if it is one, else as the words of that process."""
+    """A line of output of `process` as a line of JSON; a line that is a JSON object stays as it is."""
     try:
         if isinstance(json.loads(line), dict):
             return line

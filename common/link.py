@@ -1,9 +1,10 @@
-"""The link to the mesh: opening and closing a session; with branch.py the only files that know Zenoh.
+"""The link to the mesh: opening and closing a Zenoh session. Only this file and subsession.py import Zenoh.
 
-1. Bytes in, bytes out, and what is declared: branch.py.
-2. To close a link whose cable was pulled would block one of Zenoh's receiving threads for 10 s, and with it everybody
-   else's: so no socket lingers (lingering.py).
-3. How a session is set is in zenoh_settings.py, why a secured one cannot be opened in tls.py.
+1. A link sends and receives bytes; subsession.py declares publishers, inboxes and queries.
+2. Zenoh closes a dead link on a thread that also receives from others (zenoh #2718). With SO_LINGER, the close of a
+   link whose cable was pulled would block them all for 10 s, and Zenoh has no setting for it. So this file switches
+   SO_LINGER off on this process's TCP sockets (Linux only, where a process can list its own descriptors).
+3. zenoh_settings.py makes the settings of a session, tls.py finds out why a secured one cannot be opened.
 """
 
 import json
@@ -31,24 +32,27 @@ from common.zenoh_settings import ADMITTED, MeshRole, reason, settings
 __all__ = ["Arrival", "Inbox", "Link", "MeshRole", "Presence", "Publisher"]
 
 ROUTER_TIMEOUT_S = 5.0
-"""How long a client looks for its router before it says so; a supervisor then starts it again."""
+"""How long a client looks for its router before it fails; a supervisor then restarts it."""
 CLOSE_TIMEOUT_S = 3.0
-"""A session that cannot close (a callback of ours that never returns) is left to the end of the process."""
+"""A session that cannot close (a callback of ours never returns) is left to the end of the process."""
 ADMISSION_TIMEOUT_S = 3.0
-"""A router answers in a millisecond whom it admits, and does not answer others: so long it may be busy."""
+"""A router answers an admitted client in a millisecond, and others never; this leaves time for a busy router."""
+LINGER_CHECK_S = 0.5
+"""A quarter of the lease, so that every socket is found before its link can be given up."""
+LINGER_OFF = struct.pack("ii", 0, 0)
 
 log = logging.getLogger("labanmesh.common")
 
 
 class Link(SubSession):
-    """One process's session on the mesh, a context manager; `close` ends all that was made with it."""
+    """One process's session on the mesh, a context manager; `close` ends everything declared with it."""
 
     def __init__(self, session: zenoh.Session, endpoint: str, whatami: str) -> None:
         super().__init__(session)
         self._endpoint = endpoint
         self._whatami = whatami
         self._closing = threading.Lock()
-        keep_ending()
+        _keep_linger_off()
 
     @classmethod
     def open(
@@ -61,7 +65,7 @@ class Link(SubSession):
         process_id: str = "",
         scene: str = "",
     ) -> "Link":
-        """A session for `role` in `mesh`; with `listen` it is itself where the others meet.
+        """Open a session for `role` in `mesh`; with `listen` the others connect to this session.
 
         process_id, scene: the id of the observer or fusion service, and its scene; a certificate of this machine must
         be for them.
@@ -69,24 +73,24 @@ class Link(SubSession):
         """
         if mesh.credentials:
             _require_credentials(mesh, role, process_id, scene)
-        chosen = settings(mesh, role, listen, timeout_s)
-        where = (listen or [mesh.endpoint])[0]
+        values = settings(mesh, role, listen, timeout_s)
+        endpoint, mode = (listen or [mesh.endpoint])[0], str(values["mode"])
         try:
-            session = _session(zenoh.Config(), chosen)
+            session = _session(zenoh.Config(), values)
         except zenoh.ZError as error:
-            raise LabanmeshError(_why(mesh, str(error), where)) from None
-        log.debug("link open as %s, %s", chosen["mode"], where)
-        link = cls(session, where, str(chosen["mode"]))
-        if mesh.credentials and chosen["mode"] == "client" and not link.admitted(ADMISSION_TIMEOUT_S):
+            raise LabanmeshError(_explain(mesh, str(error), endpoint)) from None
+        log.debug("link open as %s, %s", mode, endpoint)
+        link = cls(session, endpoint, mode)
+        if mesh.credentials and mode == "client" and not link.admitted(ADMISSION_TIMEOUT_S):
             link.close()
-            raise LabanmeshError(_not_admitted(mesh))
+            raise LabanmeshError(_explain_rejection(mesh))
         return link
 
     @classmethod
     def router(cls, text: str, where: str) -> "Link":
-        """A router as the Zenoh configuration in `text` (JSON5) says; raises LabanmeshError that names `where` it is.
+        """Open a router with the Zenoh configuration in `text` (JSON5); raises LabanmeshError that names `where` it is.
 
-        Its admin space is switched on, read-only, whatever `text` says: it tells where the router listens.
+        Its admin space is always switched on, read-only: it tells where the router listens.
         """
         cls.check_router(text, where)
         try:
@@ -96,29 +100,29 @@ class Link(SubSession):
 
     @staticmethod
     def check_router(text: str, where: str) -> None:
-        """Raises BadInput, one line that names `where` it is, when `text` is no Zenoh configuration in JSON5."""
+        """Raises BadInput, one line that names `where` it is, unless `text` is a Zenoh configuration in JSON5."""
         try:
             zenoh.Config.from_json5(text)
         except zenoh.ZError as error:
-            said = " ".join(str(error).split(" at /")[0].split())[:200]
-            raise BadInput(f"{where}: no Zenoh router configuration: {said}; see docs/design/security.md") from None
+            fault = " ".join(str(error).split(" at /")[0].split())[:200]
+            raise BadInput(f"{where}: no Zenoh router configuration: {fault}; see docs/design/security.md") from None
 
     def admitted(self, timeout_s: float) -> bool:
-        """Whether a router under access rules answers this process: its certificate counts there."""
+        """Whether a router with access rules answers this process, because its certificate is in the rules."""
         return bool(self.ask(ADMITTED, timeout_s))
 
     @property
     def locator(self) -> str:
-        """Where this link listens, with the port it really got; raises LabanmeshError for one that does not listen."""
+        """The endpoint on which this link listens, with its real port; raises LabanmeshError if it does not listen."""
         for reply in self._session.get(f"@/{self._session.zid()}/{self._whatami}", timeout=2.0):
             if reply.ok is not None:
                 locators = json.loads(reply.ok.payload.to_string())["locators"]
                 if locators:
                     return str(locators[0])
-        raise LabanmeshError(f"mesh.endpoint = {self._endpoint!r}: this process does not listen, it is only a client")
+        raise LabanmeshError(f"mesh.endpoint = {self._endpoint!r}: this process does not listen; it is only a client")
 
     def close(self) -> None:
-        """End the session and wake whoever waits on an inbox; a second call does nothing; never hangs."""
+        """End the session and wake the threads that wait on an inbox. A second call does nothing. Never blocks."""
         with self._closing:
             if self._closed.is_set():
                 return
@@ -138,61 +142,56 @@ def _session(config: zenoh.Config, values: Mapping[str, Any]) -> zenoh.Session:
     return zenoh.open(config)
 
 
-# The modules about certificates are heavy and imported only where there are some, or to explain a failure.
+# The modules about certificates are slow to import, and needed only with certificates or to explain a failure.
 def _require_credentials(mesh: MeshConfig, role: MeshRole, process_id: str, scene: str) -> None:
     from common.credentials import require_credentials
 
     require_credentials(Path(mesh.credentials), role, process_id, datetime.now(UTC), scene)
 
 
-def _not_admitted(mesh: MeshConfig) -> str:
+def _explain_rejection(mesh: MeshConfig) -> str:
     from common.credentials import admission_fault
 
     return str(admission_fault(Path(mesh.credentials), mesh.endpoint))
 
 
-def _why(mesh: MeshConfig, fault: str, where: str) -> str:
-    """Zenoh's fault in one line; TLS faults are all one to it, so the endpoint is looked at without it."""
+def _explain(mesh: MeshConfig, message: str, endpoint: str) -> str:
+    """Zenoh's error message in one line. Its message is the same for all TLS failures, so the endpoint is probed."""
     from common.tls import endpoint_fault
 
-    finding = endpoint_fault(mesh, datetime.now(UTC)) if "Unable to connect" in fault else None
-    return reason(fault, f"mesh.endpoint = {where!r}") if finding is None else str(finding)
-
-
-LOOK_S = 0.5
-"""A quarter of the lease: a link is known before it can be given up."""
-OFF = struct.pack("ii", 0, 0)
+    fault = endpoint_fault(mesh, datetime.now(UTC)) if "Unable to connect" in message else None
+    return reason(message, f"mesh.endpoint = {endpoint!r}") if fault is None else str(fault)
 
 
 def end_lingering() -> int:
-    """Switch it off on all TCP sockets that this process has now; returns on how many it was on."""
-    found = 0
+    """Switch SO_LINGER off on all TCP sockets that this process has now; returns the number of sockets changed."""
+    changed = 0
     with suppress(OSError):
         for entry in Path("/proc/self/fd").iterdir():
             with suppress(OSError, ValueError):
                 if str(entry.readlink()).startswith("socket:"):
-                    found += _end_on(int(entry.name))
-    return found
+                    changed += _switch_off_linger(int(entry.name))
+    return changed
 
 
-def _end_on(descriptor: int) -> bool:
-    # A copy, so that ours may be closed: options are the socket's, not the descriptor's.
-    with socket.socket(fileno=os.dup(descriptor)) as held:
-        if held.type != socket.SOCK_STREAM or held.family not in (socket.AF_INET, socket.AF_INET6):
+def _switch_off_linger(descriptor: int) -> bool:
+    # A duplicate, which can be closed: options belong to the socket and not to the descriptor.
+    with socket.socket(fileno=os.dup(descriptor)) as duplicate:
+        if duplicate.type != socket.SOCK_STREAM or duplicate.family not in (socket.AF_INET, socket.AF_INET6):
             return False
-        if held.getsockopt(socket.SOL_SOCKET, socket.SO_LINGER, 8)[:4] == OFF[:4]:
+        if duplicate.getsockopt(socket.SOL_SOCKET, socket.SO_LINGER, 8)[:4] == LINGER_OFF[:4]:
             return False
-        held.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, OFF)
+        duplicate.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, LINGER_OFF)
         return True
 
 
 @cache
-def keep_ending() -> None:
-    """From now on look every half second, in one thread for the whole process however often this is called."""
+def _keep_linger_off() -> None:
+    """Start the thread that checks twice a second; one per process, however often this is called."""
     threading.Thread(target=_repeat, daemon=True, name="lingering").start()
 
 
 def _repeat() -> None:
     while True:
         end_lingering()
-        time.sleep(LOOK_S)
+        time.sleep(LINGER_CHECK_S)

@@ -55,13 +55,13 @@ ProcessRole = Literal["observer", "fusion", "hub"]
 ProcessState = Literal["starting", "running", "degraded", "stopping", "failed"]
 
 
-class Part(BaseModel):
+class MessagePart(BaseModel):
     """A part of a message, or a whole one. Immutable; unknown fields are ignored."""
 
     model_config = ConfigDict(frozen=True, extra="ignore")
 
 
-class Message(Part):
+class Message(MessagePart):
     """What all messages share: the schema version."""
 
     VERSIONS: ClassVar[tuple[int, ...]] = (SCHEMA_VERSION,)
@@ -69,7 +69,7 @@ class Message(Part):
     v: Literal[1] = SCHEMA_VERSION
 
 
-class VocabularyHash(Part):
+class VocabularyHash(MessagePart):
     """The vocabulary of a probability vector: the hash identifies it; the name is for people and optional."""
 
     name: str = ""
@@ -82,7 +82,7 @@ class VocabularyReference(VocabularyHash):
     name: str
 
 
-class Facing(Part):
+class Facing(MessagePart):
     """The direction that the person faces in the room's frame, given each movement: P(facing | movement).
 
     surprise: (M, K) integers from 0 to 255, -8 ln P(facing k | movement m) rounded (`common.probability` converts).
@@ -142,7 +142,7 @@ class PosteriorMessage(Message):
         return (self.scene or scene, self.observer or observer) == (scene, observer)
 
 
-class Vote(Part):
+class Vote(MessagePart):
     """One observer's entry in a judgement; its fields are null while the observer has sent nothing usable.
 
     `label` is also null while no movement stands out from the prior, and while `unlearned` is more probable. `weight`
@@ -166,14 +166,14 @@ class Vote(Part):
     doubles: dict[str, Probability] | None = None
 
 
-class Agreement(Part):
+class Agreement(MessagePart):
     """How many of the observers that are counted or stale vote for the fused label: k of n."""
 
     k: Count
     n: Count
 
 
-class OngoingMovement(Part):
+class OngoingMovement(MessagePart):
     """The movement in progress: the id of its verdict, its beginning, and the decision so far."""
 
     id: str
@@ -214,7 +214,7 @@ class JudgementMessage(Message):
     session: str | None = None
 
 
-class Contribution(Part):
+class Contribution(MessagePart):
     """One observer's contribution to a verdict.
 
     `nats`: the log odds of the label against the best alternative, minus those without this observer; negative if it
@@ -240,7 +240,7 @@ class VerdictMessage(JudgementMessage):
     contributions: dict[str, Contribution] | None = None
 
 
-class ObserverStatistics(Part):
+class ObserverStatistics(MessagePart):
     """A fusion service's statistics of one observer: its clock skew, and rejected messages counted by reason."""
 
     skew_s: FiniteFloat | None = None

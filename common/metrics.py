@@ -1,9 +1,9 @@
-"""What every process counts for Prometheus, and the text in which it is asked for. Names: docs/reference/metrics.md.
+"""Metrics that every process exports to Prometheus, in its text format. Names: docs/reference/metrics.md.
 
-1. A name is labanmesh_, what is counted, its unit (seconds, bits, ratio); what only grows ends in _total.
-2. Labels are the scene, the process, the scene's own observers and words of a fixed set: what strangers invent is
-   counted together, under OTHERS.
-3. What is known anyway (the last judgement, the status) is read when it is asked for, not written at every step.
+1. A name is labanmesh_, the quantity, and its unit (seconds, bits, ratio); the name of a counter ends in _total.
+2. Labels are the scene, the process, the scene's own observers, and words of a fixed set: names that strangers invent
+   are counted together, under OTHERS.
+3. Values that exist anyway (the last judgement, the status) are read on request, not written at every step.
 """
 
 from collections.abc import Callable, Iterable, Mapping
@@ -23,24 +23,25 @@ from prometheus_client.exposition import choose_encoder
 from prometheus_client.metrics_core import CounterMetricFamily, GaugeMetricFamily
 from prometheus_client.registry import Collector
 
+from common import SECOND_NS
 from common.messages import ProcessRole, ProcessState, StatusMessage
 
 STEP_BUCKETS = (0.0005, 0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0)
 """Seconds: a step of fusion takes a millisecond, of an observer with a pose model a tenth of a second."""
 AGE_BUCKETS = (0.005, 0.01, 0.025, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0)
-"""Seconds; fusion.fresh_s and fusion.drop_s are bounds by default."""
+"""Seconds; the defaults of fusion.fresh_s and fusion.drop_s are among them."""
 OTHERS = "(others)"
-"""Stands for all who are not of the scene; ids hold no brackets."""
+"""Stands for all processes that are not in the scene; ids have no brackets."""
 
-# When a counter began: a series more for each, of which nothing here makes use.
+# The time of a counter's creation would be one more series each, which nothing uses.
 disable_created_metrics()  # type: ignore[no-untyped-call]
 Rows = Iterable[tuple[tuple[str, ...], float | None]]
 
 
 class Metrics(Collector):
-    """One process's registry: who it is, its memory and CPU, its state, and what a subclass adds by `collect_own`.
+    """One process's registry: its identity, memory, CPU and state, and what a subclass adds by `collect_own`.
 
-    names: the labels that everything carries, e.g. scene and observer. status: how the process is now.
+    names: the labels of every series, e.g. scene and observer. status: returns the present status.
     """
 
     def __init__(
@@ -54,21 +55,23 @@ class Metrics(Collector):
         self.registry.register(self)
 
     def exposition(self, accept: str) -> tuple[bytes, str]:
-        """All of it as text in the form that the Accept header prefers, and that form's content type."""
+        """All metrics as text in the format that the Accept header prefers, and the content type."""
         encode, kind = choose_encoder(accept)
         return encode(self.registry), kind
 
     def counter(self, name: str, meaning: str) -> Counter:
-        """What only grows; `_total` is put behind its name."""
+        """A counter; `_total` is appended to its name."""
         return Counter(f"labanmesh_{name}", meaning, [*self._names], registry=self.registry).labels(**self._names)
 
     def histogram(self, name: str, meaning: str, buckets: Iterable[float]) -> Histogram:
-        """How often a value was at most each of the buckets."""
-        made = Histogram(f"labanmesh_{name}", meaning, [*self._names], buckets=tuple(buckets), registry=self.registry)
-        return made.labels(**self._names)
+        """A histogram with these upper bounds of the buckets."""
+        histogram = Histogram(
+            f"labanmesh_{name}", meaning, [*self._names], buckets=tuple(buckets), registry=self.registry
+        )
+        return histogram.labels(**self._names)
 
     def gauge(self, name: str, meaning: str, rows: Rows, *labels: str) -> GaugeMetricFamily:
-        """What goes up and down, one row for each value of `labels`; what is None is left out."""
+        """A gauge with one row per value of `labels`; rows of None are left out."""
         family = GaugeMetricFamily(f"labanmesh_{name}", meaning, labels=[*self._names, *labels])
         for values, number in rows:
             if number is not None:
@@ -76,7 +79,7 @@ class Metrics(Collector):
         return family
 
     def total(self, name: str, meaning: str, rows: Rows, *labels: str) -> CounterMetricFamily:
-        """What only grows, and is counted elsewhere."""
+        """A counter whose values are counted elsewhere."""
         family = CounterMetricFamily(f"labanmesh_{name}", meaning, labels=[*self._names, *labels])
         for values, number in rows:
             if number is not None:
@@ -84,7 +87,7 @@ class Metrics(Collector):
         return family
 
     def collect(self) -> Iterable[Metric]:
-        """What is read when it is asked for; called by the registry."""
+        """The values that are read on request; called by the registry."""
         status = self._status() if self._status is not None else None
         if status is not None:
             states = [((state,), float(status.state == state)) for state in get_args(ProcessState)]
@@ -94,10 +97,10 @@ class Metrics(Collector):
         yield from self.collect_own(status)
 
     def collect_own(self, status: StatusMessage | None) -> Iterable[Metric]:
-        """What a subclass adds; status: as it is now."""
+        """What a subclass adds; status: the present one."""
         return ()
 
 
 def seconds(time_ns: int | None) -> float | None:
-    """A time in ns as Prometheus has it, in seconds."""
-    return None if time_ns is None else time_ns / 1e9
+    """A time in ns as Prometheus expects it, in seconds."""
+    return None if time_ns is None else time_ns / SECOND_NS

@@ -1,8 +1,8 @@
-"""Telling whoever supervises this process how it is: systemd by its socket, a container's health check by a file.
+"""Notifications to a process's supervisor: to systemd by its socket, to a container's health check by a file.
 
-1. Where nobody asked, nothing happens: systemd sets NOTIFY_SOCKET, a container sets LABANMESH_HEARTBEAT.
-2. It never raises and hardly ever waits: a process does its work whether or not its supervisor listens.
-3. `alive` is called where work was done, never from a timer of its own: a process that hangs must fall silent.
+1. Without a supervisor nothing happens: systemd sets NOTIFY_SOCKET, a container sets LABANMESH_HEARTBEAT.
+2. A notification never raises and hardly ever waits: a process works whether or not its supervisor listens.
+3. `alive` is called where work was done, and never by a timer: a process that hangs must become silent.
 """
 
 import contextlib
@@ -15,21 +15,23 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
+from common.errors import reason_of
+
 SOCKET = "NOTIFY_SOCKET"
 HEARTBEAT = "LABANMESH_HEARTBEAT"
 ALIVE_EVERY_S = 0.5
-"""Signs of life come with each frame; twice a second is enough for whoever waits for half a minute."""
-PATIENCE_S = 1.0
-"""How long a word that comes only once, as `ready` does, may wait for room in the supervisor's queue."""
+"""Work is reported with each frame; twice a second is enough for a timeout of half a minute."""
+SEND_TIMEOUT_S = 1.0
+"""How long a notification that is sent once, as `ready` is, may wait for room in the supervisor's queue."""
 
 log = logging.getLogger("labanmesh.common")
 
 
 class Notifier:
-    """Speaks systemd's notification protocol, and touches the heartbeat file; a context manager: ready, stopping.
+    """Sends systemd's notifications and touches the heartbeat file; a context manager: ready, stopping.
 
-    address: a path, or "@name" for an abstract socket; "": nobody asked. heartbeat: a file, None: nobody asked.
-    ticks: seconds, never set back. Safe to use from several threads.
+    address: a path, or "@name" for an abstract socket; "" for none. heartbeat: a file, None for none. ticks: seconds of
+    a monotonic clock. Safe to use from several threads.
     """
 
     def __init__(
@@ -41,24 +43,24 @@ class Notifier:
 
     @classmethod
     def from_environment(cls, environment: Mapping[str, str] | None = None) -> "Notifier":
-        """The one that `environment` (default: the process's) asks for."""
-        asked = os.environ if environment is None else environment
-        heartbeat = asked.get(HEARTBEAT, "")
-        return cls(asked.get(SOCKET, ""), Path(heartbeat) if heartbeat else None)
+        """The notifier that `environment` (default: the process's) requests."""
+        variables = os.environ if environment is None else environment
+        heartbeat = variables.get(HEARTBEAT, "")
+        return cls(variables.get(SOCKET, ""), Path(heartbeat) if heartbeat else None)
 
     def ready(self, text: str = "") -> None:
-        """The process does its work from now on; what depends on it may start. text: as for `status`."""
-        self._send("READY=1" + (f"\nSTATUS={_line(text)}" if text else ""), PATIENCE_S)
+        """The process does its work from now on, and dependent services may start. text: as for `status`."""
+        self._send("READY=1" + (f"\nSTATUS={_line(text)}" if text else ""), SEND_TIMEOUT_S)
         self._touch()
 
     def status(self, text: str) -> None:
-        """One line for people, as `systemctl status` shows it; said when it is another than the last."""
+        """One line for people, shown by `systemctl status`; sent if it has changed."""
         if text != self._text:
             self._text = text
-            self._send(f"STATUS={_line(text)}", PATIENCE_S)
+            self._send(f"STATUS={_line(text)}", SEND_TIMEOUT_S)
 
     def alive(self) -> None:
-        """A piece of work was done; told at most twice a second. Without it the supervisor starts the process anew."""
+        """Work was done; sent at most twice a second. Without it the supervisor restarts the process."""
         now_s = self._ticks()
         if now_s - self._alive_s >= ALIVE_EVERY_S:
             self._alive_s = now_s
@@ -66,8 +68,8 @@ class Notifier:
             self._touch()
 
     def stopping(self) -> None:
-        """The process ends in order; silence from now on is no fault."""
-        self._send("STOPPING=1", PATIENCE_S)
+        """The process ends as intended; silence from now on is not a fault."""
+        self._send("STOPPING=1", SEND_TIMEOUT_S)
         if self._heartbeat is not None:
             with contextlib.suppress(OSError):
                 self._heartbeat.unlink(missing_ok=True)
@@ -81,17 +83,17 @@ class Notifier:
     ) -> None:
         self.stopping()
 
-    def _send(self, text: str, patience_s: float) -> None:
+    def _send(self, text: str, timeout_s: float) -> None:
         if not self._address:
             return
         name = "\0" + self._address[1:] if self._address.startswith("@") else self._address
         try:
-            # Opened for each word: nothing is shared between threads, and nothing is kept over months.
-            with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as mouth:
-                mouth.settimeout(patience_s)
-                mouth.sendto(text.encode(), name)
+            # A socket per notification: threads share nothing, and a restarted supervisor needs no special case.
+            with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as connection:
+                connection.settimeout(timeout_s)
+                connection.sendto(text.encode(), name)
         except OSError as error:
-            log.debug("%s = %s: %s was not heard: %s", SOCKET, self._address, text.partition("\n")[0], error)
+            log.debug("%s = %s: %s was not delivered: %s", SOCKET, self._address, text.partition("\n")[0], error)
 
     def _touch(self) -> None:
         if self._heartbeat is None:
@@ -99,7 +101,10 @@ class Notifier:
         try:
             self._heartbeat.touch()
         except OSError as error:
-            log.warning("%s = %s: %s; the health check will fail", HEARTBEAT, self._heartbeat, error.strerror)
+            log.warning(
+                "cannot write %s = %s: %s; the health check will fail. Choose a folder that this process can write to",
+                *(HEARTBEAT, self._heartbeat, reason_of(error)),
+            )
             self._heartbeat = None
 
 

@@ -1,4 +1,4 @@
-"""Progress of long work: a bar on a terminal, a plain line now and then elsewhere; always on stderr."""
+"""Progress of long tasks on stderr: a bar on a terminal, a few plain lines elsewhere."""
 
 import sys
 from types import TracebackType
@@ -8,28 +8,29 @@ if TYPE_CHECKING:
     from rich.progress import Progress
 
 LINES = 4
-"""So many plain lines a task at most, where nobody watches a bar grow."""
+"""Plain lines per task, at most."""
 
 
 class ProgressBar:
-    """A context manager; called with what is done, how much of it, and how much there is."""
+    """A context manager; call it with the task, the steps done and the total."""
 
     def __init__(self) -> None:
         self._rich: Progress | None = None
-        self._said: dict[str, int] = {}
+        self._state: dict[str, int] = {}
+        """Per task its number on the terminal, or its last quarter that was printed."""
 
     def __call__(self, what: str, done: int, total: int) -> None:
         """Show that `done` of `total` steps of `what` are done."""
         if self._rich is not None:
-            if what not in self._said:
-                self._said[what] = self._rich.add_task(what, total=total)
-            self._rich.update(self._rich.task_ids[self._said[what]], completed=done, total=total)
+            if what not in self._state:
+                self._state[what] = self._rich.add_task(what, total=total)
+            self._rich.update(self._rich.task_ids[self._state[what]], completed=done, total=total)
             return
         quarter = done * LINES // max(total, 1)
-        # Not only when it grows: the same task may begin again.
-        if quarter not in (0, self._said.get(what, 0)):
+        # Also if it shrinks: the same task may start again.
+        if quarter not in (0, self._state.get(what, 0)):
             print(f"{what}: {done} of {total}", file=sys.stderr, flush=True)
-        self._said[what] = quarter
+        self._state[what] = quarter
 
     def __enter__(self) -> Self:
         if sys.stderr.isatty():

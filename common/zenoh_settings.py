@@ -1,10 +1,10 @@
-"""Zenoh's settings for one process, and its faults in words. Pure: from the scene's [mesh] section to a dict.
+"""Zenoh's settings for one process, and its error messages in one line. Pure: from the [mesh] section to a dict.
 
-1. Listening addresses and multicast are always set: Zenoh's own defaults are every interface, and on.
-2. On one machine all are peers, the fusion process is where they meet, and gossip connects each to each. Over a
-   router all are clients, because peers would go round its access rules.
-3. Who connects tries for ever, so that the order of starting does not matter; only a router's clients give up, since
-   Zenoh opens no client without its router.
+1. Listening addresses and multicast are always set, because Zenoh's defaults are every interface, and on.
+2. On one machine all processes are peers: they connect to the fusion process, and gossip connects them to each other.
+   Over a router all are clients, because links between peers would bypass its access rules.
+3. A process retries its connection for ever, so that the order of starting does not matter. Only the client of a router
+   gives up, because Zenoh opens no client session without its router.
 4. With credentials both sides show a certificate of the scene's own authority, and the router's must name its host.
 """
 
@@ -17,27 +17,27 @@ if TYPE_CHECKING:
 MeshRole = Literal["fusion", "standby", "observer", "hub", "router"]
 LOOPBACK = "tcp/127.0.0.1:0"
 RETRY = {"period_init_ms": 50, "period_max_ms": 200, "period_increase_factor": 2}
-"""Fast retry: a router or peer that comes back is found again in 0.1 s instead of Zenoh's 2 s."""
+"""Fast retry: a router or peer that comes back is found in 0.1 s instead of Zenoh's 2 s."""
 LEASE_MS = 2000
-"""A process that went silent without closing (stopped, cable pulled) is gone for the others after this long."""
+"""Peers give up the link of a process that is silent for this long (stopped, cable pulled)."""
 MAX_MESSAGE_BYTES = 1 << 20
 """Zenoh drops a longer message while it receives its fragments. Its own limit of 1 GiB lets one put fill a router."""
 AUTHORITY_FILE, CERTIFICATE_FILE, KEY_FILE = "ca.pem", "certificate.pem", "key.pem"
-"""What lies in the folder of credentials."""
+"""Files in the folder of credentials."""
 ROLE_URI = "labanmesh:"
-"""A certificate carries its holder's roles as alternative names, `labanmesh:observer:cam1`, for people and doctors.
+"""A certificate names its holder's roles as alternative names, `labanmesh:observer:cam1`, for people and for doctor.
 
-What a router lets it do is not in the certificate but in the router's access rules.
+Its rights are not in the certificate but in the router's access rules.
 """
 ADMITTED = "@/*/router"
-"""What a router answers of itself; under its access rules only to those whose certificate counts."""
+"""A router answers this query about itself; with access rules, only to certificates that are in them."""
 TLS = "transport/link/tls"
 
 
-def settings(mesh: "MeshConfig", role: MeshRole, listen: Sequence[str] | None, patience_s: float) -> dict[str, Any]:
-    """Path -> value for a process with `role`; a client looks for its router for `patience_s`.
+def settings(mesh: "MeshConfig", role: MeshRole, listen: Sequence[str] | None, timeout_s: float) -> dict[str, Any]:
+    """Path -> value for a process with `role`; a client looks for its router for `timeout_s`.
 
-    With `listen` it is itself where the others meet.
+    With `listen` the process listens and the others connect to it.
     """
     common = {
         "scouting/multicast/enabled": False,
@@ -57,10 +57,10 @@ def settings(mesh: "MeshConfig", role: MeshRole, listen: Sequence[str] | None, p
         return {**common, "mode": mode, "listen/endpoints": list(listen or [mesh.endpoint]), "connect/endpoints": []}
     connect = {"connect/endpoints": [mesh.endpoint], "connect/retry": RETRY}
     if mesh.mode == "router":
-        patience = {"connect/timeout_ms": round(patience_s * 1000), "connect/exit_on_failure": True}
-        return {**common, **connect, **patience, "mode": "client", "listen/endpoints": []}
-    patience = {"connect/timeout_ms": -1, "connect/exit_on_failure": False}
-    return {**common, **connect, **patience, "mode": "peer", "listen/endpoints": [LOOPBACK]}
+        retrying = {"connect/timeout_ms": round(timeout_s * 1000), "connect/exit_on_failure": True}
+        return {**common, **connect, **retrying, "mode": "client", "listen/endpoints": []}
+    retrying = {"connect/timeout_ms": -1, "connect/exit_on_failure": False}
+    return {**common, **connect, **retrying, "mode": "peer", "listen/endpoints": [LOOPBACK]}
 
 
 def tls_settings(folder: str) -> dict[str, Any]:
@@ -91,11 +91,11 @@ def nested(flat: Mapping[str, Any]) -> dict[str, Any]:
     return tree
 
 
-def reason(fault: str, named: str) -> str:
-    """Zenoh's fault in one line that says what to do; `named` is where the endpoint was said."""
-    if "in use" in fault:
-        return f"{named}: already in use; stop what listens there or choose another port in the scene file"
-    if "Unable to connect" in fault:
-        return f"{named}: no router answers there; start it with `labanmesh router` or correct the address"
-    short = " ".join(fault.split(" at /")[0].split())[:200]
-    return f"{named}: cannot be used: {short}; an endpoint is PROTOCOL/HOST:PORT, e.g. tcp/127.0.0.1:7447"
+def reason(message: str, setting: str) -> str:
+    """Zenoh's error message in one line with the way out; `setting` names the endpoint."""
+    if "in use" in message:
+        return f"{setting}: already in use; stop what listens there or choose another port in the scene file"
+    if "Unable to connect" in message:
+        return f"{setting}: no router answers there; start it with `labanmesh router` or correct the address"
+    short = " ".join(message.split(" at /")[0].split())[:200]
+    return f"{setting}: cannot be used: {short}; an endpoint is PROTOCOL/HOST:PORT, e.g. tcp/127.0.0.1:7447"

@@ -118,7 +118,7 @@ def test_others_can_read_it(tmp_path):
 def test_an_existing_file_is_not_touched(tmp_path):
     path = tmp_path / "a.mcap"
     path.write_text("mine")
-    with pytest.raises(BadInput, match="is there already"):
+    with pytest.raises(BadInput, match="exists, and captures are not overwritten"):
         CaptureWriter(path, SCENE, TEXT, 5)
     assert path.read_text() == "mine"
 
@@ -126,7 +126,9 @@ def test_an_existing_file_is_not_touched(tmp_path):
 def test_refusals_to_write_name_file_and_way_out(tmp_path):
     with pytest.raises(BadInput, match=r"a\.bag: .*ends in \.mcap"):
         CaptureWriter(tmp_path / "a.bag", SCENE, TEXT, 5)
-    with pytest.raises(LabanmeshError, match="no such file or directory; name a file") as refused:
+    with pytest.raises(
+        LabanmeshError, match=r"cannot write .*no such file or directory; choose another path"
+    ) as refused:
         CaptureWriter(tmp_path / "nowhere" / "a.mcap", SCENE, TEXT, 5)
     assert refused.value.exit_status == 1
 
@@ -176,11 +178,11 @@ def test_a_full_disk_is_one_line_and_what_was_written_stays(tmp_path):
     done = subprocess.run(
         [sys.executable, "-W", "error", "-c", script, path], cwd=ROOT, capture_output=True, text=True, timeout=30
     )
-    assert done.stdout.startswith(f"LabanmeshError {path}: file too large after ")
-    assert "what was written stays readable" in done.stdout and done.stdout.count("\n") == 1
+    assert done.stdout.startswith(f"LabanmeshError cannot write {path}: file too large, after ")
+    assert "messages that stay readable; make room" in done.stdout and done.stdout.count("\n") == 1
     assert done.stderr == ""
-    kept = list(CaptureFile(path).records())
-    assert len(kept) >= 15 and all(len(record.payload) == 1000 for record in kept)
+    records = list(CaptureFile(path).records())
+    assert len(records) >= 15 and all(len(record.payload) == 1000 for record in records)
 
 
 def test_invented_keys_do_not_fill_the_table(tmp_path):

@@ -99,7 +99,7 @@ def record(message, *arguments, **more):
 
 def test_a_line_of_json_says_who_and_which_verdict():
     lines = JsonLines()
-    lines.speaker = {"scene": "dojo", "fusion": "first"}
+    lines.identity = {"scene": "dojo", "fusion": "first"}
     said = json.loads(
         lines.format(record("verdict %s\n", "v1", verdict="v1", label="ok", agree=2, heard=3, ended=True))
     )

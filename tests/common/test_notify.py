@@ -82,7 +82,7 @@ def test_it_is_ready_within_and_stopping_after(address):
 def test_signs_of_life_come_at_most_twice_a_second(pauses):
     clock, said = Clock(), []
     notifier = Notifier("unused", ticks=clock)
-    notifier._send = lambda text, patience_s: said.append((clock.now_s, text))
+    notifier._send = lambda text, timeout_s: said.append((clock.now_s, text))
     for pause_s in pauses:
         notifier.alive()
         clock.now_s += pause_s
