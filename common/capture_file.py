@@ -174,7 +174,8 @@ class CaptureFile:
                 for record in records:
                     if isinstance(record, Chunk):
                         raise LabanmeshError(
-                            f"{self.path}: has chunks, unlike a capture; name a file written by `labanmesh capture`"
+                            f"{self.path}: holds chunks, which captures do not have; "
+                            "name a file written by `labanmesh capture`"
                         )
                     yield record
             except (EndOfFile, RecordLengthLimitExceeded):

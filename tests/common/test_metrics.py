@@ -169,7 +169,7 @@ def status():
 def every_metric():
     """All that observer, fusion and hub can say, as Prometheus reads it, by role."""
     observer = ObserverMetrics("dojo", "cam1", status)
-    observer.frame(0.1, 0.01, said=True)
+    observer.record_frame(0.1, 0.01, sent=True)
     worker = SimpleNamespace(
         scene=SimpleNamespace(scene="dojo"),
         vocabulary=Vocabulary(("ok", "bye")),
