@@ -137,7 +137,8 @@ def _write_annotated(
     path: Path, camera: "CameraDetections", source: Path, every: int, result: "BoardCalibration"
 ) -> None:
     """Write the camera's worst picture, which shows best what is wrong."""
-    from observer.calibration.pictures import annotated, pictures, write_picture
+    from observer.calibration.pictures import annotated, pictures
+    from observer.camera.files import write_picture
 
     errors = result.errors_px[camera.name]
     worst = max(camera.boards, key=lambda board: errors[board.number])

@@ -9,9 +9,10 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from common.errors import BadInput, LabanmeshError
+from common.errors import BadInput
 from common.text import plural
 from observer.calibration.calibrated import CalibratedCamera, rotation
+from observer.file_output import write_file
 from observer.geometry.lens import DISTORTION_SIZES, DISTORTION_SIZES_TEXT
 from observer.geometry.projection import Floats
 
@@ -50,14 +51,7 @@ def read_opencv(path: Path) -> list[CalibratedCamera]:
 def write_opencv(path: Path, cameras: list[CalibratedCamera]) -> None:
     """Write one table per camera, atomically; raises LabanmeshError when the file cannot be written."""
     text = "\n".join(_toml(number, camera) for number, camera in enumerate(cameras, 1))
-    partial = path.with_name(f"{path.name}.part")
-    try:
-        partial.write_text(text, encoding="utf-8")
-        partial.replace(path)
-    except OSError as error:
-        raise LabanmeshError(f"{path}: cannot be written: {error.strerror}") from None
-    finally:
-        partial.unlink(missing_ok=True)
+    write_file(path, text.encode())
 
 
 def _opencv_camera(where: str, name: str, table: dict[str, Any], file: str) -> CalibratedCamera:

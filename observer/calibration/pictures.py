@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from common.errors import BadInput, LabanmeshError
+from common.errors import BadInput
 from observer.camera.capture import silence_opencv
 from observer.geometry.projection import Floats
 
@@ -34,14 +34,6 @@ def pictures(source: Path, every: int = 1) -> Iterator[tuple[int, str, Picture]]
 def is_video(source: Path) -> bool:
     """Whether the source is a video, whose pictures follow each other closely."""
     return not source.is_dir() and source.suffix.lower() not in PICTURES
-
-
-def write_picture(path: Path, picture: Picture) -> None:
-    """Write in the format of the suffix; raises LabanmeshError when the file cannot be written."""
-    try:
-        path.write_bytes(cv2.imencode(path.suffix, picture)[1].tobytes())
-    except OSError as error:
-        raise LabanmeshError(f"{path}: cannot be written: {error.strerror}") from None
 
 
 def _picture(path: Path) -> Picture:

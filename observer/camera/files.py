@@ -1,4 +1,4 @@
-"""Recorded pictures: video files and folders of pictures, checked at opening and played in real time or faster."""
+"""Pictures in files: video files and folders of pictures, checked at opening and played in real time or faster."""
 
 import logging
 import math
@@ -18,6 +18,7 @@ from common import SECOND_NS
 from common.errors import BadInput
 from observer.camera.base import Clock, Picture, Size, size_of
 from observer.camera.capture import silence_opencv
+from observer.file_output import WAY_OUT, write_file
 from observer.motion.playback import wait_until
 from observer.tracks import Frame
 
@@ -112,6 +113,11 @@ def read_picture(file: Path) -> Picture:
     if picture is None:
         raise BadInput(f"{file}: not a readable picture: damaged, or not the format of its name")
     return cast("Picture", picture)
+
+
+def write_picture(path: Path, picture: Picture, way_out: str = WAY_OUT) -> None:
+    """Write in the format of the suffix, atomically; raises LabanmeshError when the file cannot be written."""
+    write_file(path, cv2.imencode(path.suffix, picture)[1].tobytes(), way_out)
 
 
 def require_size(file: Path, picture: Picture, size_px: Size, like: str = "its first picture") -> None:

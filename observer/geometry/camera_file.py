@@ -9,8 +9,9 @@ from typing import Annotated
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, PositiveInt, ValidationError
 
-from common.errors import BadInput, LabanmeshError
+from common.errors import BadInput
 from common.text import plural
+from observer.file_output import write_file
 from observer.geometry.lens import DISTORTION_SIZES, DISTORTION_SIZES_TEXT, LensDistortion, check_intrinsic_matrix
 from observer.geometry.projection import Floats, oriented
 
@@ -50,14 +51,7 @@ def write_camera(path: Path, camera: CameraModel) -> None:
     """Write the file atomically; raises BadInput for an invalid camera, LabanmeshError when it cannot be written."""
     text = _toml(camera)
     _checked(path, tomllib.loads(text))
-    partial = path.with_name(f"{path.name}.part")
-    try:
-        partial.write_text(text, encoding="utf-8")
-        partial.replace(path)
-    except OSError as error:
-        raise LabanmeshError(f"{path}: cannot be written: {error.strerror}") from None
-    finally:
-        partial.unlink(missing_ok=True)
+    write_file(path, text.encode())
 
 
 Row = Annotated[list[FiniteFloat], Field(min_length=4, max_length=4)]

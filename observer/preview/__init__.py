@@ -1,1 +1,1 @@
-"""Seeing what an observer sees: painted pictures of marks, motion and belief, in a window or in files."""
+"""Previews: painted pictures of tracks, motion and posterior, in a window or in files."""

@@ -1,4 +1,4 @@
-"""The verb `look`: what a tracker makes out in a source, in one picture and a few lines."""
+"""The command `look`: what a tracker finds in a source, as one picture and a few lines."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -12,21 +12,21 @@ if TYPE_CHECKING:
     from observer.preview.looking import LookReport
     from observer.tracks import FrameSource, Tracker
 
-ENDINGS = (".png", ".jpg", ".jpeg")
+SUFFIXES = (".png", ".jpg", ".jpeg")
 
 
 def look(
     source: Annotated[str, typer.Argument(help="Webcam (0), address, video, folder of pictures, or motion archive.")],
     tracker: Annotated[str, typer.Option(help="camshift or mediapipe.")] = "camshift",
     output: Annotated[Path, typer.Option("-o", "--output", help="The picture to write.")] = Path("look.png"),
-    frames: Annotated[int, typer.Option(min=1, help="Look at so many pictures; the newest is written.")] = 30,
+    frames: Annotated[int, typer.Option(min=1, help="Number of pictures to track; the newest is written.")] = 30,
     skin: Annotated[str, typer.Option(help="A histogram saved by --save-skin.")] = "",
     face: Annotated[str, typer.Option(help="X,Y,WIDTH,HEIGHT of the face in the first picture, px.")] = "",
     save_skin: Annotated[Path | None, typer.Option(help="Save the skin colour, for other cameras (.npz).")] = None,
-    view: Annotated[str, typer.Option(help="Where a motion archive is filmed from: door, yaw:DEG, ...")] = "door",
+    view: Annotated[str, typer.Option(help="The view of a motion archive: door, yaw:DEG, ...")] = "door",
     recording: Annotated[int, typer.Option(min=0, help="Which recording of a motion archive.")] = 0,
 ) -> None:  # fmt: skip
-    """One look at a source: a picture with all that the tracker makes out in it, and what to do where that is little.
+    """Check a source: write a picture with everything that the tracker finds, and print how to improve it.
 
     Example: labanmesh look 0
 
@@ -35,38 +35,41 @@ def look(
     Example: labanmesh look motion.npz --view yaw:45 --save-skin skin.npz
     """
     from observer.camera.base import kind_of, without_secrets
-    from observer.preview.film import write_picture
+    from observer.camera.files import write_picture
     from observer.preview.looking import LastReport, look_at
 
-    if output.suffix.lower() not in ENDINGS:
-        raise BadInput(f"--output {output}: a name that ends in {', '.join(ENDINGS)} is expected")
-    for place in (output, save_skin):
-        _require_folder(place)
-    trouble = LastReport()
-    opened = _source(source, view, recording, trouble)
-    eyes = _tracker(tracker, skin, _box(face))
+    if output.suffix.lower() not in SUFFIXES:
+        raise BadInput(f"--output {output}: a name that ends in {', '.join(SUFFIXES)} is expected")
+    for path in (output, save_skin):
+        _require_folder(path)
+    last_report = LastReport()
+    opened = _source(source, view, recording, last_report)
+    built = _tracker(tracker, skin, _box(face))
     name = Path(source).name if kind_of(source) == "path" else without_secrets(source)
-    looked = look_at(opened, eyes, frames, name, tracker, trouble)
-    write_picture(output, looked.painted, output.with_name(f".{output.stem}.part{output.suffix}"))
-    _tell(looked.account, output)
+    result = look_at(opened, built, frames, name, tracker, last_report)
+    write_picture(output, result.painted)
+    _print(result.report, output)
     if save_skin is not None:
-        _save_skin(eyes, save_skin)
+        _save_skin(built, save_skin)
 
 
-def _tell(account: "LookReport", output: Path) -> None:
-    from observer.preview.looking import advice, lines
+def _print(report: "LookReport", output: Path) -> None:
+    from observer.preview.looking import advice, report_lines
 
-    for line in lines(account):
+    for line in report_lines(report):
         typer.echo(line)
-    typer.echo(f"{output}: the newest picture, with what {account.tracker} makes out in it")
-    for line in advice(account):
+    typer.echo(f"{output}: the newest picture, with the tracks of {report.tracker}")
+    for line in advice(report):
         typer.echo(f"-> {line}")
 
 
 def _source(text: str, view: str, recording: int, report: "Report") -> "FrameSource":
     if not text.endswith(".npz"):
+        from observer.camera.capture import require_device
         from observer.camera.opening import open_pictures
 
+        # `observe` waits for a webcam that is plugged in later; a check of the camera does not.
+        require_device(text)
         return open_pictures(text, Path(), report=report, speed=0.0)
     from observer.geometry.views import parse_view
     from observer.motion.archive_file import read_archive
@@ -102,20 +105,18 @@ def _box(text: str) -> tuple[int, int, int, int] | None:
     return numbers[0], numbers[1], numbers[2], numbers[3]
 
 
-def _require_folder(place: Path | None) -> None:
-    """Before anything costly: a look that cannot be written is none."""
-    if place is not None and (not place.parent.is_dir() or place.is_dir()):
-        raise BadInput(f"{place}: cannot be written: a file in a folder that is there is expected")
+def _require_folder(path: Path | None) -> None:
+    """Check an output path before the expensive work."""
+    if path is not None and (not path.parent.is_dir() or path.is_dir()):
+        reason = "it is a folder" if path.is_dir() else "its folder does not exist"
+        raise BadInput(f"cannot write {path}: {reason}. Name a file in an existing folder")
 
 
-def _save_skin(eyes: "Tracker", place: Path) -> None:
-    skin = getattr(eyes, "skin", None)
+def _save_skin(tracker: "Tracker", path: Path) -> None:
+    skin = getattr(tracker, "skin", None)
     if skin is None:
         raise LabanmeshError(
-            f"{place}: not written: no skin was learned; let camshift see a face longer (--frames), or mark it (--face)"
+            f"{path}: not written: no skin was learned; let camshift see a face longer (--frames), or mark it (--face)"
         )
-    try:
-        skin.save(place)
-    except OSError as error:
-        raise LabanmeshError(f"{place}: cannot be written: {error.strerror}") from None
-    typer.echo(f'{place}: the skin colour; skin = "{place}" in the scene file for cameras that see no face')
+    skin.save(path)
+    typer.echo(f'{path}: the skin colour; set skin = "{path}" in the scene file for cameras that see no face')

@@ -1,4 +1,4 @@
-"""Layout, text and marks of the painted picture."""
+"""Layout, text and marks of a painted picture of 1280x720."""
 
 import math
 import unicodedata
@@ -12,13 +12,13 @@ from observer.preview.sight import Picture, PreviewFrame
 from observer.tracks import Floats, State
 
 SIZE = (1280, 720)
-"""Width and height of every painted picture, px, so that a video of them may be one."""
+"""Width and height of every painted picture, px; a video needs a constant size."""
 STRIP = 116
 """Height of the strip of Vector Symbols, px."""
 PANEL = (320, 560)
 """Least and greatest width of the panel beside the picture, px."""
 CANVAS = (640, 480)
-"""Width and height of the picture that stands in for recorded motion, px."""
+"""Width and height of the empty sheet for recorded motion, px."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,13 +31,13 @@ class PixelBox:
     height: int
 
     def cut(self, canvas: Picture) -> Picture:
-        """That part of the canvas; what is drawn on it is drawn on the canvas, and never beyond the box."""
+        """A view of this part of the canvas; drawing on it is clipped to the box."""
         return canvas[self.y : self.y + self.height, self.x : self.x + self.width]
 
 
 @dataclass(frozen=True, slots=True)
 class PaintingLayout:
-    """picture: the source's picture, in its own proportions. panel: right of it. strip: below both."""
+    """picture: the source's picture with its aspect ratio. panel: right of it. strip: below both."""
 
     picture: PixelBox
     panel: PixelBox
@@ -45,7 +45,7 @@ class PaintingLayout:
 
     @classmethod
     def of(cls, width_px: int, height_px: int) -> Self:
-        """For a source of that size, which is 1 px or more each way."""
+        """The layout for a source of that size, at least 1 px each way."""
         room, height = SIZE[0] - PANEL[0], SIZE[1] - STRIP
         scale = min(room / width_px, height / height_px)
         wide, high = (max(1, round(n * scale)) for n in (width_px, height_px))
@@ -60,20 +60,20 @@ class PaintingLayout:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Placement:
-    """Source to box: scale times a place, plus shift (2,) px."""
+    """Maps positions of the source to the box: scale times position plus shift (2,) px."""
 
     scale: float
     shift: Floats
 
     @classmethod
     def of_picture(cls, width_px: int, box: PixelBox) -> Self:
-        """A picture so wide, resized into the box; places are middles of pixels."""
+        """For a picture of that width, resized into the box; positions are pixel centres."""
         scale = box.width / width_px
         return cls(scale, np.full(2, 0.5 * scale - 0.5))
 
     @classmethod
     def of_motion(cls, extent: Floats | None, box: PixelBox) -> Self:
-        """(2, 2) corners of all motion so far, in any unit, into the middle of the box."""
+        """For the (2, 2) corners of all motion so far, in any unit, centred in the box."""
         if extent is None:
             return cls(1.0, np.zeros(2))
         size = np.array([box.width, box.height], dtype=np.float64)
@@ -81,9 +81,9 @@ class Placement:
         scale = float((size / sides).min())
         return cls(scale, size / 2 - scale * extent.mean(axis=0))
 
-    def px(self, places: Floats) -> Floats:
-        """(..., 2) places of the source -> (..., 2) px in the box; NaN stays NaN."""
-        return places * self.scale + self.shift
+    def px(self, positions: Floats) -> Floats:
+        """(..., 2) positions of the source -> (..., 2) px in the box; NaN stays NaN."""
+        return positions * self.scale + self.shift
 
 
 Colour = tuple[int, int, int]
@@ -91,7 +91,7 @@ Colour = tuple[int, int, int]
 
 FONT, BOLD = cv2.FONT_HERSHEY_SIMPLEX, cv2.FONT_HERSHEY_DUPLEX
 SMALL, PLAIN, LARGE = 0.42, 0.5, 0.75
-"""Sizes of letters; PLAIN has capitals of about 11 px."""
+"""Font scales; PLAIN has capitals of about 11 px."""
 
 
 def write(
@@ -105,9 +105,9 @@ def write(
     bold: bool = False,
     outlined: bool = False,
 ) -> None:
-    """Text from `at` (left end of the base line, px), cut off with two dots where it is wider than `width_px`.
+    """Draw text at `at` (left end of the base line, px), truncated with two dots to `width_px`.
 
-    outlined: a black edge, for letters on a picture.
+    outlined: with a black edge, for text on a picture.
     """
     text = fitting(text, size, width_px) if width_px is not None else plain(text)
     if outlined:
@@ -116,7 +116,7 @@ def write(
 
 
 def plain(text: str) -> str:
-    """The text in ASCII: accents go, what has no letter becomes a question mark, ends of lines become blanks."""
+    """The text in ASCII: accents removed, other characters as question marks, line ends as blanks."""
     bare = "".join(c for c in unicodedata.normalize("NFKD", text) if not unicodedata.combining(c))
     return "".join(c if " " <= c <= "~" else "?" for c in " ".join(bare.split()))
 
@@ -127,7 +127,7 @@ def width_of(text: str, size: float = PLAIN) -> int:
 
 
 def fitting(text: str, size: float, width_px: int) -> str:
-    """The text in ASCII, cut off with two dots where it is wider than that; "" where not even those fit."""
+    """The text in ASCII, truncated with two dots to `width_px`; "" when nothing fits."""
     text = plain(text)
     if width_of(text, size) <= width_px:
         return text
@@ -139,15 +139,15 @@ def fitting(text: str, size: float, width_px: int) -> str:
 
 
 def wrapped(text: str, size: float, width_px: int, lines: int) -> list[str]:
-    """The text in at most so many lines of that width; the last is cut off by `write` where it is too long."""
-    words, found = plain(text).split(), [""]
+    """The text in at most `lines` lines of that width; the last may be too long, and `write` truncates it."""
+    words, result = plain(text).split(), [""]
     for word in words:
-        longer = f"{found[-1]} {word}".strip()
-        if len(found) == lines or not found[-1] or width_of(longer, size) <= width_px:
-            found[-1] = longer
+        longer = f"{result[-1]} {word}".strip()
+        if len(result) == lines or not result[-1] or width_of(longer, size) <= width_px:
+            result[-1] = longer
         else:
-            found.append(word)
-    return found
+            result.append(word)
+    return result
 
 
 COLOURS: dict[State, Colour] = {
@@ -155,30 +155,30 @@ COLOURS: dict[State, Colour] = {
     State.UNSURE: (66, 228, 240),
     State.MISSING: (0, 94, 213),
 }
-"""Sky blue, yellow, vermilion of Okabe and Ito's palette: told apart by who is colour-blind, and also in grey."""
+"""Sky blue, yellow and vermilion of the palette of Okabe and Ito, distinguishable with colour blindness and in grey."""
 
 RADIUS = 14
-"""Of a ring, px."""
+"""Radius of a ring, px."""
 DASHES = 8
-"""Of an unsure part's ring."""
+"""Number of dashes of an unsure part's ring."""
 BLACK: Colour = (0, 0, 0)
 
 
-def draw_marks(canvas: Picture, placement: Placement, sight: PreviewFrame) -> None:
-    """Trails first, then a mark with its name for each part that is seen or guessed at."""
-    _draw_trails(canvas, placement.px(sight.trail))
-    centres, states = placement.px(sight.tracks.centres), sight.tracks.states
-    guesses = None if sight.tracks.guesses is None else placement.px(sight.tracks.guesses)
-    for row, (part, state) in enumerate(zip(sight.body_parts, states, strict=True)):
-        place = centres[row] if state is State.SEEN or guesses is None else guesses[row]
-        at = _on(canvas, place)
+def draw_marks(canvas: Picture, placement: Placement, shown: PreviewFrame) -> None:
+    """Draw the trails, then a mark with its name for each part that is seen or guessed."""
+    _draw_trails(canvas, placement.px(shown.trail))
+    centres, states = placement.px(shown.tracks.centres), shown.tracks.states
+    guesses = None if shown.tracks.guesses is None else placement.px(shown.tracks.guesses)
+    for row, (part, state) in enumerate(zip(shown.body_parts, states, strict=True)):
+        position = centres[row] if state is State.SEEN or guesses is None else guesses[row]
+        at = _pixel(canvas, position)
         if at is not None:
             draw_mark(canvas, at, state)
             _name(canvas, at, part)
 
 
 def draw_mark(canvas: Picture, at: tuple[int, int], state: State, radius: int = RADIUS) -> None:
-    """Seen: a ring with a filled middle; unsure: a dashed, empty ring; missing: a cross. Colours as COLOURS."""
+    """Draw a ring with a filled middle (seen), a dashed, empty ring (unsure) or a cross (missing)."""
     colour = COLOURS[state]
     if state is State.SEEN:
         for inked, width in ((BLACK, 5), (colour, 2)):
@@ -199,31 +199,31 @@ def draw_mark(canvas: Picture, at: tuple[int, int], state: State, radius: int = 
 
 
 def _draw_trails(canvas: Picture, trail: Floats) -> None:
-    """Thin where it is old, so that it shows which way the part went."""
-    # All of the black edge first, or each piece would cut the one before it.
+    """Draw the trails, thinner where they are older to show the direction."""
+    # The whole black edge first, otherwise each piece would cover its predecessor.
     for inked, edge in ((BLACK, 2), (COLOURS[State.SEEN], 0)):
         for row in range(trail.shape[1]):
             for i in range(1, len(trail)):
-                begin, end = _on(canvas, trail[i - 1, row]), _on(canvas, trail[i, row])
+                begin, end = _pixel(canvas, trail[i - 1, row]), _pixel(canvas, trail[i, row])
                 if begin is not None and end is not None:
                     width = 1 + math.floor(3 * i / len(trail)) + edge
                     cv2.line(canvas, begin, end, inked, width, cv2.LINE_AA)
 
 
 def _name(canvas: Picture, at: tuple[int, int], part: str) -> None:
-    """Beside the mark, on the side on which a person's hands do not meet; always inside the picture."""
+    """Write the name beside the mark, on the outer side of a hand, always inside the picture."""
     text = part.replace("_", " ")
-    wide, away = width_of(text, SMALL), RADIUS + 6
-    left = {"right_hand": at[0] - away - wide, "head": at[0] - wide // 2}.get(part, at[0] + away)
-    base = at[1] - away if part == "head" else at[1] + 4
+    wide, gap = width_of(text, SMALL), RADIUS + 6
+    left = {"right_hand": at[0] - gap - wide, "head": at[0] - wide // 2}.get(part, at[0] + gap)
+    base = at[1] - gap if part == "head" else at[1] + 4
     height, width = canvas.shape[:2]
-    place = (max(min(left, width - wide - 3), 3), min(max(base, 12), height - 4))
-    write(canvas, text, place, (255, 255, 255), SMALL, outlined=True)
+    start = (max(min(left, width - wide - 3), 3), min(max(base, 12), height - 4))
+    write(canvas, text, start, (255, 255, 255), SMALL, outlined=True)
 
 
-def _on(canvas: Picture, place: Floats) -> tuple[int, int] | None:
-    """The pixel, or None for what is not known or not on the canvas."""
+def _pixel(canvas: Picture, position: Floats) -> tuple[int, int] | None:
+    """The pixel, or None for an unknown position and one outside the canvas."""
     height, width = canvas.shape[:2]
-    if not (np.isfinite(place).all() and -1 < place[0] < width and -1 < place[1] < height):
+    if not (np.isfinite(position).all() and -1 < position[0] < width and -1 < position[1] < height):
         return None
-    return round(float(place[0])), round(float(place[1]))
+    return round(float(position[0])), round(float(position[1]))

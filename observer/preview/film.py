@@ -1,4 +1,4 @@
-"""Where painted pictures go: a film, single pictures, or a window. Each says in one line when it cannot."""
+"""Outputs of painted pictures: a film, single pictures or a window."""
 
 import logging
 import os
@@ -11,7 +11,9 @@ import cv2
 
 from common import SECOND_NS
 from common.errors import BadInput, LabanmeshError
+from common.text import plural
 from observer.camera.capture import silence_opencv
+from observer.camera.files import write_picture
 from observer.preview.drawing import SIZE
 from observer.preview.sight import Picture
 
@@ -19,42 +21,43 @@ log = logging.getLogger("labanmesh.observer")
 
 CODECS = {".mp4": "mp4v", ".avi": "MJPG"}
 STILLS = (".png", ".jpg", ".jpeg")
+CHOOSE = "Choose another path"
 PAUSE_S = 2.0
-"""A film shows a longer silence of the camera as one of so many seconds."""
+"""Longest pause in a film; a longer silence of the camera is cut to it."""
 
 
 class Outlet(Protocol):
-    """Takes painted pictures; used by one thread at a time."""
+    """Receives painted pictures; used by one thread at a time."""
 
     def draw(self, picture: Picture, shown_ns: int) -> None:
-        """One picture of `layout.SIZE`, shown at that time. LabanmeshError when nothing more can be taken."""
+        """Draw one picture of `drawing.SIZE` at that time; raises LabanmeshError when no more pictures can be shown."""
 
     def close(self) -> None:
-        """What was drawn is whole now."""
+        """Complete the output."""
 
 
 class Film:
-    """A video file, whole or not there: it grows under another name until it is closed.
+    """A video file, written under a temporary name until it is closed, so that it is complete or absent.
 
-    rate_hz: pictures a second of film. keep_all: one picture of film for each that is drawn; else the film keeps the
-    time at which they were shown, whatever was left out. Raises BadInput when it cannot be written.
+    rate_hz: frame rate of the film. keep_all: one film frame per picture; otherwise the film keeps real time and
+    repeats or drops pictures. Raises BadInput when the file cannot be written.
     """
 
     def __init__(self, path: Path, rate_hz: float, keep_all: bool) -> None:
         self._path, self._rate_hz, self._keep_all = path, rate_hz, keep_all
-        self._growing = path.with_name(f"{path.stem}.part{path.suffix}")
+        self._partial = path.with_name(f"{path.stem}.part{path.suffix}")
         silence_opencv()
-        _claim(self._growing, path)
+        _check_writable(self._partial, path)
         codec = cv2.VideoWriter.fourcc(*CODECS[path.suffix.lower()])
-        self._writer = cv2.VideoWriter(str(self._growing.absolute()), cv2.CAP_FFMPEG, codec, rate_hz, SIZE)
+        self._writer = cv2.VideoWriter(str(self._partial.absolute()), cv2.CAP_FFMPEG, codec, rate_hz, SIZE)
         if not self._writer.isOpened():
-            self._growing.unlink(missing_ok=True)
-            raise BadInput(f"{path}: this OpenCV cannot write it at {rate_hz:g} Hz; try a name that ends in .avi")
+            self._partial.unlink(missing_ok=True)
+            raise BadInput(f"{path}: this OpenCV cannot write it at {rate_hz:g} Hz; use a name that ends in .avi")
         self._begin_ns: int | None = None
         self._written = 0
 
     def draw(self, picture: Picture, shown_ns: int) -> None:
-        """So often as the film needs it: once, or none or several times when it keeps the time."""
+        """Write the picture once, or as often as real time requires."""
         for _ in range(1 if self._keep_all else self._due(shown_ns)):
             self._writer.write(picture)
             self._written += 1
@@ -62,27 +65,27 @@ class Film:
     def _due(self, shown_ns: int) -> int:
         if self._begin_ns is None:
             self._begin_ns = shown_ns
-        missing = round((shown_ns - self._begin_ns) / SECOND_NS * self._rate_hz) + 1 - self._written
-        too_many = missing - max(1, round(PAUSE_S * self._rate_hz))
-        if too_many > 0:
-            self._begin_ns += round(too_many / self._rate_hz * SECOND_NS)
-        return max(0, missing - max(0, too_many))
+        due = round((shown_ns - self._begin_ns) / SECOND_NS * self._rate_hz) + 1 - self._written
+        excess = due - max(1, round(PAUSE_S * self._rate_hz))
+        if excess > 0:
+            self._begin_ns += round(excess / self._rate_hz * SECOND_NS)
+        return max(0, due - max(0, excess))
 
     def close(self) -> None:
-        """The file gets its name; one without pictures is not kept."""
+        """Give the file its name; a film without pictures is removed."""
         self._writer.release()
         if not self._written:
-            self._growing.unlink(missing_ok=True)
-            log.warning("%s: not written: nothing was seen", self._path)
+            self._partial.unlink(missing_ok=True)
+            log.warning("%s: not written: no picture was shown", self._path)
             return
-        self._growing.replace(self._path)
-        log.info("%s: %d pictures", self._path, self._written)
+        self._partial.replace(self._path)
+        log.info("%s: %s", self._path, plural(self._written, "picture"))
 
 
 class Stills:
-    """Single pictures. path: a folder (000000.png, ...), a name with %d or %06d, or a plain name for the newest alone.
+    """Single pictures. path: a folder (000000.png, ...), a name with %d or %06d, or a plain name for only the newest.
 
-    Raises BadInput when that place cannot be written.
+    Raises BadInput when they cannot be written.
     """
 
     def __init__(self, path: Path) -> None:
@@ -94,83 +97,70 @@ class Stills:
             if self._numbered:
                 str(path.name) % 0
         except OSError as error:
-            raise BadInput(f"{path}: cannot be written: {error.strerror}") from None
+            raise BadInput(f"cannot write {path}: {error.strerror}. {CHOOSE}") from None
         except (TypeError, ValueError):
-            raise BadInput(f"{path.name}: one number is expected in the name, such as frame-%06d.png") from None
+            raise BadInput(f"{path.name}: one number is expected in the name, e.g. frame-%06d.png") from None
         self._path, self._count = path, 0
-        growing = self._growing
-        _claim(growing, path)
-        growing.unlink()
-
-    @property
-    def _growing(self) -> Path:
-        return self._path.with_name(f".{os.getpid()}.part{self._path.suffix}")
+        partial = path.with_name(f".{os.getpid()}.part{path.suffix}")
+        _check_writable(partial, path)
+        partial.unlink()
 
     def draw(self, picture: Picture, shown_ns: int) -> None:
-        """One file; nobody ever reads half of it."""
+        """Write one file, atomically."""
         path = self._path.with_name(self._path.name % self._count) if self._numbered else self._path
-        write_picture(path, picture, self._growing)
+        write_picture(path, picture, CHOOSE)
         self._count += 1
 
     def close(self) -> None:
-        """All files are whole already."""
-        log.info("%s: %d pictures", self._path, self._count)
+        """Log the number of files; each is complete already."""
+        log.info("%s: %s", self._path, plural(self._count, "picture"))
 
 
 class Window:
-    """A window on this machine's display; `why_no_window` says whether there can be one."""
+    """A window on this machine's display; `why_no_window` tells whether one can be opened."""
 
     def __init__(self, title: str) -> None:
         self._title, self._open = title, False
 
     def draw(self, picture: Picture, shown_ns: int) -> None:
-        """The picture in place of the last. LabanmeshError when the person has closed the window or pressed q."""
+        """Show the picture; raises LabanmeshError when the window was closed or q was pressed."""
         try:
             if not self._open:
                 cv2.namedWindow(self._title, cv2.WINDOW_NORMAL)
                 cv2.resizeWindow(self._title, *SIZE)
             elif cv2.getWindowProperty(self._title, cv2.WND_PROP_VISIBLE) < 1:
                 self._open = False
-                raise LabanmeshError("the preview's window was closed; the observer goes on")
+                raise LabanmeshError("the preview window was closed; the observer continues")
             self._open = True
             cv2.imshow(self._title, picture)
             if cv2.waitKey(1) & 0xFF == ord("q"):
-                raise LabanmeshError("the preview was ended by q; the observer goes on")
+                raise LabanmeshError("the preview was ended with q; the observer continues")
         except cv2.error as error:
-            raise LabanmeshError(f"the preview's window: {error.err}") from None
+            raise LabanmeshError(f"the preview window failed: {error.err}") from None
 
     def close(self) -> None:
-        """The window goes."""
+        """Close the window."""
         if self._open:
             cv2.destroyWindow(self._title)
 
 
 def why_no_window(environment: Mapping[str, str] = os.environ, platform: str = sys.platform) -> str:
-    """The reason in words why OpenCV can open no window here; "" when it can."""
+    """Why OpenCV cannot open a window here; "" when it can."""
     if "GUI:NONE" in "".join(cv2.getBuildInformation().split()):
         return "this OpenCV was built without windows (opencv-python-headless)"
     if platform == "darwin":
-        return "on a Mac only a program's first thread may have windows"
+        return "on macOS only the main thread can open windows"
     if platform == "linux" and not (environment.get("DISPLAY") or environment.get("WAYLAND_DISPLAY")):
         return "there is no display (DISPLAY and WAYLAND_DISPLAY are not set)"
     return ""
 
 
-def write_picture(path: Path, picture: Picture, growing: Path) -> None:
-    """Writes by the name's ending, under the name `growing` first; LabanmeshError when the disk does not take it."""
+def _check_writable(partial: Path, path: Path) -> None:
+    """Raise BadInput unless `partial` can be created and then renamed to `path`."""
     try:
-        growing.write_bytes(cv2.imencode(path.suffix, picture)[1].tobytes())
-        growing.replace(path)
+        partial.open("wb").close()
     except OSError as error:
-        raise LabanmeshError(f"{path}: cannot be written: {error.strerror}") from None
-
-
-def _claim(growing: Path, path: Path) -> None:
-    """BadInput unless a file of that name can be made and then take the name `path`."""
-    try:
-        growing.open("wb").close()
-    except OSError as error:
-        raise BadInput(f"{path}: cannot be written: {error.strerror}") from None
+        raise BadInput(f"cannot write {path}: {error.strerror}. {CHOOSE}") from None
     if path.is_dir():
-        growing.unlink()
-        raise BadInput(f"{path}: is a folder; give a name for the file in it")
+        partial.unlink()
+        raise BadInput(f"cannot write {path}: it is a folder. Name a file in it")

@@ -37,34 +37,34 @@ REST: Colour = (130, 130, 130)
 
 EDGE = 14
 MOVEMENTS = 8
-"""So many movements are shown at most."""
+"""Most movements shown."""
 ROW, LINE = 22, 19
 """Heights of a bar and of a line of text, px."""
-COMPLAINT = 3
-"""Lines kept free for what is wrong, so that nothing below jumps."""
+COMPLAINT_LINES = 3
+"""Lines reserved for the complaint, so that the rest keeps its position."""
 INSET = (150, 320)
-"""Greatest height of the inset, px, beside a belief and without one."""
+"""Greatest height of the inset, px, with a posterior and without."""
 
 
-def draw_panel(canvas: Picture, sight: PreviewFrame) -> None:
-    """Everything, from the top to the bottom."""
+def draw_panel(canvas: Picture, shown: PreviewFrame) -> None:
+    """Draw title, legend, complaint, posterior and back-projection, from top to bottom."""
     canvas[:] = GROUND
     width = canvas.shape[1] - 2 * EDGE
-    write(canvas, sight.title, (EDGE, 30), BRIGHT, LARGE, width_px=width)
-    age = "" if sight.age_s is None else f", {1000 * sight.age_s:.0f} ms old"
-    write(canvas, f"frame {sight.frame}{age}", (EDGE, 52), DIM, SMALL, width_px=width)
-    y = _draw_legend(canvas, sight, 78)
-    for number, line in enumerate(wrapped(sight.complaint, PLAIN, width, COMPLAINT)):
+    write(canvas, shown.title, (EDGE, 30), BRIGHT, LARGE, width_px=width)
+    age = "" if shown.age_s is None else f", {1000 * shown.age_s:.0f} ms old"
+    write(canvas, f"frame {shown.frame}{age}", (EDGE, 52), DIM, SMALL, width_px=width)
+    y = _draw_legend(canvas, shown, 78)
+    for number, line in enumerate(wrapped(shown.complaint, PLAIN, width, COMPLAINT_LINES)):
         write(canvas, line, (EDGE, y + 6 + number * LINE), COLOURS[State.UNSURE], PLAIN, width_px=width)
-    y += 6 + COMPLAINT * LINE
-    if sight.belief is not None:
-        y = draw_belief(canvas, sight.belief, y)
-    if sight.back_projection is not None:
-        draw_inset(canvas, sight.back_projection, y, INSET[sight.belief is None])
+    y += 6 + COMPLAINT_LINES * LINE
+    if shown.posterior is not None:
+        y = draw_posterior(canvas, shown.posterior, y)
+    if shown.back_projection is not None:
+        draw_inset(canvas, shown.back_projection, y, INSET[shown.posterior is None])
 
 
-def _draw_legend(canvas: Picture, sight: PreviewFrame, y: int) -> int:
-    for part, state in zip(sight.body_parts, sight.tracks.states, strict=True):
+def _draw_legend(canvas: Picture, shown: PreviewFrame, y: int) -> int:
+    for part, state in zip(shown.body_parts, shown.tracks.states, strict=True):
         draw_mark(canvas, (EDGE + 9, y), state, 8)
         name = part.replace("_", " ")
         write(canvas, name, (EDGE + 30, y + 5), BRIGHT, PLAIN, width_px=110)
@@ -73,20 +73,20 @@ def _draw_legend(canvas: Picture, sight: PreviewFrame, y: int) -> int:
     return y
 
 
-def draw_belief(canvas: Picture, belief: ShownPosterior, y: int) -> int:
-    """A bar for each movement, as long as it is probable, and one for rest; gives the place below, px."""
+def draw_posterior(canvas: Picture, posterior: ShownPosterior, y: int) -> int:
+    """Draw a bar per movement, as long as it is probable, and one for rest; returns the y below, px."""
     width = canvas.shape[1] - 2 * EDGE
-    write(canvas, f"belief: entropy {belief.entropy_bits:.2f} bit", (EDGE, y + 6), BRIGHT, PLAIN, width_px=width)
+    write(canvas, f"posterior, entropy {posterior.entropy_bits:.2f} bit", (EDGE, y + 6), BRIGHT, PLAIN, width_px=width)
     y += 14
-    for index in belief.shown(MOVEMENTS):
-        won = index == belief.winner
-        _draw_bar(canvas, y, belief.labels[index], float(belief.p[index]), WINNER if won else BAR, won)
+    for index in posterior.most_probable(MOVEMENTS):
+        won = index == posterior.winner
+        _draw_bar(canvas, y, posterior.labels[index], float(posterior.p[index]), WINNER if won else BAR, won)
         y += ROW
-    left_out = len(belief.labels) - MOVEMENTS
-    if left_out > 0:
-        write(canvas, f"and {left_out} less probable", (EDGE, y + 14), DIM, SMALL, width_px=width)
+    others = len(posterior.labels) - MOVEMENTS
+    if others > 0:
+        write(canvas, f"and {others} less probable", (EDGE, y + 14), DIM, SMALL, width_px=width)
         y += LINE
-    _draw_bar(canvas, y + 5, "(at rest)", belief.rest, REST, False)
+    _draw_bar(canvas, y + 5, "(at rest)", posterior.rest, REST, False)
     return y + ROW + 10
 
 
@@ -97,19 +97,19 @@ def _draw_bar(canvas: Picture, y: int, label: str, share: float, colour: Colour,
     write(canvas, label, (EDGE, y + 16), WINNER if won else DIM, size, width_px=room, bold=won)
     left, right = bar_ends(canvas.shape[1])
     cv2.rectangle(canvas, (left, y + 4), (right - 1, y + ROW - 5), TRACK, -1)
-    long = round(min(max(share, 0.0), 1.0) * (right - left))
-    if long:
-        cv2.rectangle(canvas, (left, y + 4), (left + long - 1, y + ROW - 5), colour, -1)
+    length = round(min(max(share, 0.0), 1.0) * (right - left))
+    if length:
+        cv2.rectangle(canvas, (left, y + 4), (left + length - 1, y + ROW - 5), colour, -1)
     write(canvas, number, (canvas.shape[1] - 8 - width_of(number, SMALL), y + 16), BRIGHT if won else DIM, SMALL)
 
 
 def bar_ends(width_px: int) -> tuple[int, int]:
-    """From where, and up to where, a bar reaches on a panel so wide when it stands for nothing and for certainty."""
+    """Left and right end of a full bar on a panel of that width, px."""
     return width_px * 2 // 5, width_px - 58
 
 
 def draw_inset(canvas: Picture, back: Picture, y: int, most: int) -> None:
-    """(H, W) uint8 at the bottom, as large as the room below `y` allows: white where skin colour is."""
+    """Draw the back-projection (H, W) uint8 at the bottom, in the room below `y`; white is skin colour."""
     height, width = canvas.shape[:2]
     room_height, room_width = min(most, height - y - 34), width - 2 * EDGE
     scale = min(room_width / back.shape[1], room_height / back.shape[0])
@@ -132,17 +132,17 @@ NAMES = 112
 """Width of the column with the names, px."""
 
 
-def draw_strip(canvas: Picture, sight: PreviewFrame) -> None:
-    """An arrow for each motion (up is up in the picture), a dot for stillness, a gap where a part was not seen."""
+def draw_strip(canvas: Picture, shown: PreviewFrame) -> None:
+    """Draw an arrow for each motion (up is up in the picture), a dot for stillness, a gap for a part not seen."""
     height, width = canvas.shape[:2]
     canvas[:] = STRIP_GROUND
-    row_height = (height - 16) / len(sight.body_parts)
+    row_height = (height - 16) / len(shown.body_parts)
     step = (width - NAMES - 12) / SYMBOLS
     write(canvas, "motion, newest right; dot: still, gap: not seen", (NAMES, height - 4), STILL_DOT, SMALL)
-    for row, part in enumerate(sight.body_parts):
+    for row, part in enumerate(shown.body_parts):
         middle = 4 + round((row + 0.5) * row_height)
         write(canvas, part.replace("_", " "), (12, middle + 5), NAME, PLAIN, width_px=NAMES - 18)
-        for back, symbol in enumerate(reversed(sight.symbols[-SYMBOLS:, row].tolist())):
+        for back, symbol in enumerate(reversed(shown.symbols[-SYMBOLS:, row].tolist())):
             right = width - 12 - round(back * step)
             if symbol != VectorSymbol.NOT_SEEN:
                 cv2.line(canvas, (right - round(step), middle), (right, middle), STRIP_LINE, 1)
@@ -150,7 +150,7 @@ def draw_strip(canvas: Picture, sight: PreviewFrame) -> None:
 
 
 def draw_symbol(canvas: Picture, at: tuple[int, int], symbol: VectorSymbol, half: float) -> None:
-    """One symbol about `at`; `half` is half an arrow's length, px. NOT_SEEN leaves a gap."""
+    """Draw one symbol about `at`; `half`: half the length of an arrow, px. NOT_SEEN leaves a gap."""
     if symbol is VectorSymbol.O:
         cv2.circle(canvas, at, 2, STILL_DOT, -1, cv2.LINE_AA)
     elif symbol is not VectorSymbol.NOT_SEEN:
@@ -161,39 +161,39 @@ def draw_symbol(canvas: Picture, at: tuple[int, int], symbol: VectorSymbol, half
 
 
 EMPTY = 14
-"""Grey level about the picture."""
-LETTERS = (150, 150, 150)
-FLOOR, GRID = 46, 58
-"""Grey levels of the canvas that stands in for a picture."""
+"""Grey level around the picture."""
+CAPTION = (150, 150, 150)
+SHEET, GRID = 46, 58
+"""Grey levels of the empty sheet for recorded motion."""
 
 
-def paint(picture: Picture | None, sight: PreviewFrame) -> Picture:
-    """(H, W, 3) BGR, or None for recorded motion without pictures -> (720, 1280, 3) BGR; the picture is not changed.
+def paint(picture: Picture | None, shown: PreviewFrame) -> Picture:
+    """(H, W, 3) BGR, or None for recorded motion -> (720, 1280, 3) BGR; the picture is not changed.
 
-    Raises BadInput for what is no such picture.
+    Raises BadInput for another shape or type.
     """
     layout = PaintingLayout.of(*CANVAS) if picture is None else PaintingLayout.of(*_size(picture))
     canvas = np.full((SIZE[1], SIZE[0], 3), EMPTY, np.uint8)
-    place = layout.picture.cut(canvas)
+    area = layout.picture.cut(canvas)
     if picture is None:
-        place[:] = canvas_for(layout.picture)
-        placement = Placement.of_motion(sight.extent, layout.picture)
+        area[:] = empty_sheet(layout.picture)
+        placement = Placement.of_motion(shown.extent, layout.picture)
     else:
-        place[:] = _resized(picture, layout.picture)
+        area[:] = _resized(picture, layout.picture)
         placement = Placement.of_picture(picture.shape[1], layout.picture)
-    draw_marks(place, placement, sight)
-    draw_panel(layout.panel.cut(canvas), sight)
-    draw_strip(layout.strip.cut(canvas), sight)
+    draw_marks(area, placement, shown)
+    draw_panel(layout.panel.cut(canvas), shown)
+    draw_strip(layout.strip.cut(canvas), shown)
     return canvas
 
 
-def canvas_for(box: PixelBox) -> Picture:
-    """What is painted where there is no picture: a dark sheet with squares, (height, width, 3) of the box."""
-    sheet = np.full((box.height, box.width, 3), FLOOR, np.uint8)
+def empty_sheet(box: PixelBox) -> Picture:
+    """A dark sheet with a grid, (height, width, 3) of the box, for motion without a picture."""
+    sheet = np.full((box.height, box.width, 3), SHEET, np.uint8)
     side = max(box.height // 12, 1)
     sheet[::side] = GRID
     sheet[:, ::side] = GRID
-    write(sheet, "recorded motion, no picture", (12, box.height - 12), LETTERS, SMALL, width_px=box.width - 24)
+    write(sheet, "recorded motion, no picture", (12, box.height - 12), CAPTION, SMALL, width_px=box.width - 24)
     return sheet
 
 
@@ -206,5 +206,5 @@ def _size(picture: Picture) -> tuple[int, int]:
 
 
 def _resized(picture: Picture, box: PixelBox) -> Picture:
-    way = cv2.INTER_AREA if box.width < picture.shape[1] else cv2.INTER_LINEAR
-    return np.asarray(cv2.resize(picture, (box.width, box.height), interpolation=way), dtype=np.uint8)
+    method = cv2.INTER_AREA if box.width < picture.shape[1] else cv2.INTER_LINEAR
+    return np.asarray(cv2.resize(picture, (box.width, box.height), interpolation=method), dtype=np.uint8)

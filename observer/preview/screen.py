@@ -1,16 +1,17 @@
-"""Shows an observer's frames while it works: drawing runs in its own thread and never slows the observer."""
+"""Shows an observer's frames while it works: a thread paints them and never slows the observer."""
 
 import logging
 import queue
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, Protocol, Self
+from typing import TYPE_CHECKING, Any, Self
 
 from numpy.typing import NDArray
 
+from common import SECOND_NS
 from common.errors import BadInput, LabanmeshError
 from common.vocabulary import Vocabulary
 from observer.preview.film import CODECS, STILLS, Film, Outlet, Stills, Window, why_no_window
@@ -18,73 +19,78 @@ from observer.preview.painting import paint
 from observer.preview.sight import Picture, PreviewFrame, PreviewHistory, ShownPosterior
 from observer.runtime.pipeline import Posterior
 from observer.runtime.service import ObserverLike
-from observer.tracks import Frame, Tracker, Tracks
+from observer.tracks import Frame, Tracker
+
+if TYPE_CHECKING:
+    from observer.runtime.scene_inputs import PreparedTracker
 
 log = logging.getLogger("labanmesh.observer")
 
-INSTEAD = Path("labanmesh-preview.mp4")
-"""What is written where a window was wanted and there can be none."""
-WAITING = 8
-"""So many pictures may wait to be painted where all are kept; then the observer waits too."""
-LOOK_S = 0.2
-"""So often who waits for the painter looks whether it still works."""
+FALLBACK = Path("labanmesh-preview.mp4")
+"""Written instead of a window where no window can be opened."""
+QUEUE_SIZE = 8
+"""Pictures that may wait for painting when all are kept; then the observer waits."""
+CHECK_S = 0.2
+"""Interval at which a waiting observer checks that the painting thread still works."""
 KNOWN = "window, FILE.mp4, FILE.avi, FILE.png (the newest), FILE-%06d.png, a folder"
+INSET_PX = 320
+"""The back-projection is computed for about this many pixels per row, since it is shown small."""
 
 Clock = Callable[[], int]
-Show = tuple[int, Picture | None, PreviewFrame]
+Item = tuple[int, Picture | None, PreviewFrame]
 
 
 def open_preview(
     target: str, rate_hz: float, *, keep_all: bool = False, title: str = "labanmesh", folder: Path | None = None
 ) -> "PreviewThread":
-    """Where `target` says: `window`, FILE.mp4, FILE.avi, FILE.png, a name with %d, or a folder of pictures.
+    """Open `target`: `window`, FILE.mp4, FILE.avi, FILE.png, a name with %d, or a folder of pictures.
 
-    rate_hz: of a film. keep_all: every picture is painted, even if the observer must wait for that, which suits
-    recordings played as fast as possible; else older ones give way to the newest. Relative names are below `folder`.
+    rate_hz: of a film. keep_all: paint every picture even if the observer must wait, for recordings played as fast as
+    possible; otherwise a newer picture replaces a waiting one. Relative names are below `folder`.
 
-    Where there can be no window, says so and writes INSTEAD. Raises BadInput for an unknown target and for what
-    cannot be written.
+    Where no window can be opened, logs the reason and writes FALLBACK. Raises BadInput for an unknown target and for a
+    file that cannot be written.
     """
-    place = (folder or Path()) / target
+    path = (folder or Path()) / target
     if target == "window":
         reason = why_no_window()
         if not reason:
             return PreviewThread(Window(title), keep_all=False)
-        place = (folder or Path()) / INSTEAD
-        log.warning("no window: %s; the preview goes to %s", reason, place)
-    return PreviewThread(_outlet(target, place, rate_hz, keep_all), keep_all)
+        path = (folder or Path()) / FALLBACK
+        log.warning("cannot open a window: %s; the preview is written to %s", reason, path)
+    return PreviewThread(_outlet(target, path, rate_hz, keep_all), keep_all)
 
 
-def _outlet(target: str, place: Path, rate_hz: float, keep_all: bool) -> Outlet:
-    ending = place.suffix.lower()
-    if ending in CODECS:
-        return Film(place, rate_hz, keep_all)
-    if ending in STILLS or (target.strip() and (place.is_dir() or not ending)):
-        return Stills(place)
+def _outlet(target: str, path: Path, rate_hz: float, keep_all: bool) -> Outlet:
+    suffix = path.suffix.lower()
+    if suffix in CODECS:
+        return Film(path, rate_hz, keep_all)
+    if suffix in STILLS or (target.strip() and (path.is_dir() or not suffix)):
+        return Stills(path)
     raise BadInput(f"--preview {target!r}: unknown kind; known: {KNOWN}")
 
 
 class PreviewThread:
-    """A context manager; what it could not show is logged once, and never stops the observer."""
+    """A context manager that paints frames in a thread. Errors are logged once and never stop the observer."""
 
     def __init__(self, outlet: Outlet, keep_all: bool, clock: Clock = time.monotonic_ns) -> None:
         self._outlet, self._keep_all, self._clock = outlet, keep_all, clock
-        self._waiting: queue.Queue[Show | None] = queue.Queue(WAITING if keep_all else 1)
+        self._queue: queue.Queue[Item | None] = queue.Queue(QUEUE_SIZE if keep_all else 1)
         self._thread = threading.Thread(target=self._work, name="preview", daemon=True)
         self._thread.start()
 
-    def show(self, picture: Picture | None, sight: PreviewFrame) -> None:
-        """Paint this soon; both must not be changed any more. Waits only where all pictures are kept."""
+    def show(self, picture: Picture | None, frame: PreviewFrame) -> None:
+        """Queue a frame; neither argument may be changed afterwards. Waits only when all pictures are kept."""
         if self._keep_all:
-            self._put((self._clock(), picture, sight))
+            self._put((self._clock(), picture, frame))
             return
         with suppress(queue.Empty):
-            self._waiting.get_nowait()
-        # There is room: nobody else puts anything.
-        self._waiting.put_nowait((self._clock(), picture, sight))
+            self._queue.get_nowait()
+        # There is room, since only this thread puts anything.
+        self._queue.put_nowait((self._clock(), picture, frame))
 
     def close(self) -> None:
-        """What waits is painted, and what was painted is whole. A second time does nothing."""
+        """Paint all waiting frames and complete the file. A second call does nothing."""
         self._put(None)
         self._thread.join()
 
@@ -94,85 +100,65 @@ class PreviewThread:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def _put(self, item: Show | None) -> None:
+    def _put(self, item: Item | None) -> None:
         while self._thread.is_alive():
             try:
-                self._waiting.put(item, timeout=LOOK_S)
+                self._queue.put(item, timeout=CHECK_S)
             except queue.Full:
                 continue
             return
 
     def _work(self) -> None:
-        """The thread: until None comes, or nothing more can be shown, which is said once."""
+        """The thread: paint until None comes or nothing more can be shown."""
         try:
             try:
-                while (item := self._waiting.get()) is not None:
-                    shown_ns, picture, sight = item
-                    self._outlet.draw(paint(picture, sight), shown_ns)
+                while (item := self._queue.get()) is not None:
+                    shown_ns, picture, frame = item
+                    self._outlet.draw(paint(picture, frame), shown_ns)
             finally:
                 self._outlet.close()
         except (LabanmeshError, OSError) as error:
             log.warning("preview: %s", error)
 
 
-INSET_PX = 320
-"""The back-projection is computed from every so-many-th pixel, about so many a row: it is shown small."""
-
-
-class Finder(Protocol):
-    """What is asked of `observer.runtime.scene_inputs.PreparedTracker`."""
-
-    @property
-    def body_parts(self) -> Sequence[str]:
-        """Names of the rows of `picture_tracks`."""
-
-    @property
-    def picture_tracks(self) -> Tracks | None:
-        """The newest tracks, in px of the picture."""
-
-    @property
-    def tracker(self) -> Tracker:
-        """The tracker itself; its `skin`, if it has one, is shown."""
-
-
 class PreviewingObserver:
-    """An `observer.runtime.service.ObserverLike` that shows each step of another one.
+    """An `ObserverLike` that performs each step of another observer and shows it.
 
-    finder: the tracker that the observer steps. The first frame decides whether there are pictures or motion alone.
+    tracker: the one that the observer steps. The first frame decides whether there are pictures or motion alone.
     """
 
     def __init__(
         self,
         observer: ObserverLike,
-        finder: Finder,
+        tracker: "PreparedTracker",
         preview: PreviewThread,
-        recent: PreviewHistory,
+        history: PreviewHistory,
         clock: Callable[[], int] = time.time_ns,
     ) -> None:
-        self._observer, self._finder, self._preview = observer, finder, preview
-        self._recent, self._clock = recent, clock
+        self._observer, self._tracker, self._preview = observer, tracker, preview
+        self._history, self._clock = history, clock
         self.vocabulary: Vocabulary = observer.vocabulary
 
     @property
     def complaint(self) -> str:
-        """As the observer says."""
+        """The complaint of the observer."""
         return self._observer.complaint
 
     def step(self, frame: Frame) -> Posterior | None:
-        """One frame, as the observer does it; then it is shown, or given up for a newer one."""
-        opinion = self._observer.step(frame)
-        tracks = self._finder.picture_tracks
+        """Let the observer process one frame, then show it unless a newer one replaces it."""
+        posterior = self._observer.step(frame)
+        tracks = self._tracker.picture_tracks
         if tracks is not None:
             picture = picture_in(frame.content)
-            sight = self._recent.see(
+            shown = self._history.add(
                 tracks,
-                belief=None if opinion is None else ShownPosterior(self.vocabulary.labels, opinion.p, opinion.rest),
-                back_projection=None if picture is None else back_projection(self._finder.tracker, picture),
-                age_s=(self._clock() - frame.captured_ns) / 1e9,
+                posterior=posterior and ShownPosterior(self.vocabulary.labels, posterior.p, posterior.rest),
+                back_projection=None if picture is None else back_projection(self._tracker.tracker, picture),
+                age_s=(self._clock() - frame.captured_ns) / SECOND_NS,
                 complaint=self.complaint,
             )
-            self._preview.show(picture, sight)
-        return opinion
+            self._preview.show(picture, shown)
+        return posterior
 
 
 def picture_in(content: NDArray[Any]) -> Picture | None:
@@ -181,7 +167,7 @@ def picture_in(content: NDArray[Any]) -> Picture | None:
 
 
 def back_projection(tracker: Tracker, picture: Picture) -> Picture | None:
-    """Where the tracker's skin colour is in the picture, made small; None where it knows none."""
+    """The back-projection of the tracker's skin colour, reduced; None for a tracker without one."""
     skin = getattr(tracker, "skin", None)
     if skin is None:
         return None

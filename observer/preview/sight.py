@@ -1,4 +1,4 @@
-"""What an observer sees and believes at one frame, gathered for people to look at. Pure."""
+"""What an observer sees and computes at one frame, collected for display; pure."""
 
 from collections import deque
 from collections.abc import Sequence
@@ -12,16 +12,16 @@ from observer.features.space import SpaceReader, Symbols
 from observer.tracks import Floats, Tracks
 
 Picture = NDArray[np.uint8]
-"""(H, W, 3) blue, green, red, 0 to 255, or (H, W) grey."""
+"""(H, W, 3) in the order blue, green, red, 0 to 255, or (H, W) grey."""
 
 SYMBOLS = 40
-"""So many frames of Vector Symbols are shown."""
+"""Number of frames whose Vector Symbols are shown."""
 TRAIL = 12
-"""So many frames of each part's way are shown."""
-ROOM = 0.5
-"""Room left about what was seen of recorded motion, as a share of the person's reach."""
+"""Number of frames in the trail of each part."""
+MARGIN = 0.5
+"""Margin about recorded motion, as a share of the person's extent."""
 OVER_S, STILL = 0.2, 0.12
-"""Arrows show the motion of so many seconds; less than this share of the person's size is still: about 0.3 m/s."""
+"""Arrows show the motion over this time; less than this share of the person's size counts as still: about 0.3 m/s."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,29 +34,29 @@ class ShownPosterior:
 
     @property
     def entropy_bits(self) -> float:
-        """0 (certain) to log2 M (knows nothing)."""
+        """Entropy of p, 0 to log2 M bits."""
         return float(entropy_bits(self.p))
 
     @property
     def winner(self) -> int | None:
-        """Index of the most probable movement; None while none is more probable than all others."""
+        """Index of the most probable movement; None for a tie."""
         best = int(np.argmax(self.p))
         return best if int((self.p == self.p[best]).sum()) == 1 else None
 
-    def shown(self, most: int) -> list[int]:
-        """Indexes of the `most` most probable movements, in the order of the vocabulary so that bars stay in place."""
-        best = np.argsort(-self.p, kind="stable")[:most]
+    def most_probable(self, count: int) -> list[int]:
+        """Indices of the `count` most probable movements, in the order of the vocabulary."""
+        best = np.argsort(-self.p, kind="stable")[:count]
         return sorted(int(i) for i in best)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PreviewFrame:
-    """One frame as a person should see it; P body parts, T frames back, newest last.
+    """One frame to be painted; P body parts, T frames of history, newest last.
 
-    tracks: in px of the picture, or in any unit where there is none. trail: (T, P, 2) centres, NaN where not seen.
-    symbols: (T, P) of `VectorSymbol`. extent: (2, 2) corners that hold all motion so far, None before
-    any was seen; only used without a picture. back_projection: (H, W) uint8, where skin colour is. frame: its number
-    from 0. age_s: seconds since capture. complaint: what is wrong, in words; "" when nothing is.
+    tracks: in px of the picture, or in any unit without one. trail: (T, P, 2) centres, NaN where not seen. symbols:
+    (T, P) of `observer.features.space.VectorSymbol`. extent: (2, 2) corners of all motion so far, None before any was
+    seen; used only without a picture. back_projection: (H, W) uint8 of skin colour. frame: its number from 0. age_s:
+    seconds since capture. complaint: what is wrong, in words; "" when nothing is.
     """
 
     tracks: Tracks
@@ -65,7 +65,7 @@ class PreviewFrame:
     symbols: Symbols
     extent: Floats | None = None
     back_projection: Picture | None = None
-    belief: ShownPosterior | None = None
+    posterior: ShownPosterior | None = None
     title: str = ""
     frame: int = 0
     age_s: float | None = None
@@ -73,10 +73,9 @@ class PreviewFrame:
 
 
 class PreviewHistory:
-    """Remembers the last frames, and makes of each new one a Sight.
+    """Remembers the last frames, and makes a PreviewFrame of each new one.
 
-    rate_hz: of the frames. `see` raises BadInput, as `SpaceReader` does, for parts without a head or a
-    hand.
+    rate_hz: of the frames. `add` raises BadInput, as `SpaceReader` does, for body parts without a head or a hand.
     """
 
     def __init__(self, body_parts: Sequence[str], rate_hz: float, title: str = "") -> None:
@@ -85,19 +84,19 @@ class PreviewHistory:
         self._symbols: deque[Symbols] = deque(maxlen=SYMBOLS)
         self._trail: deque[Floats] = deque(maxlen=TRAIL)
         self._extent: Floats | None = None
-        self._reach = 0.0
+        self._person_size = 0.0
         self._frames = 0
 
-    def see(
+    def add(
         self,
         tracks: Tracks,
         *,
-        belief: ShownPosterior | None = None,
+        posterior: ShownPosterior | None = None,
         back_projection: Picture | None = None,
         age_s: float | None = None,
         complaint: str = "",
     ) -> PreviewFrame:
-        """The next frame; other arguments as in `PreviewFrame`."""
+        """Add the next frame; arguments as in `PreviewFrame`."""
         self._symbols.append(self._reader.update(tracks))
         self._trail.append(tracks.centres)
         self._widen(tracks.centres)
@@ -109,7 +108,7 @@ class PreviewHistory:
             np.array(self._symbols),
             self._extent,
             back_projection,
-            belief,
+            posterior,
             self._title,
             self._frames - 1,
             age_s,
@@ -117,13 +116,14 @@ class PreviewHistory:
         )
 
     def _widen(self, centres: Floats) -> None:
-        """The extent only grows, or the canvas would breathe with the motion."""
-        seen = centres[np.isfinite(centres).all(axis=1)]
-        if not len(seen):
+        """Grow the extent; it never shrinks, so that the scale of the picture stays steady."""
+        finite = centres[np.isfinite(centres).all(axis=1)]
+        if not len(finite):
             return
-        apart = float(np.linalg.norm(seen[:, None] - seen[None], axis=-1).max())
-        self._reach = max(self._reach, apart)
-        corners = np.array([seen.min(axis=0) - ROOM * self._reach, seen.max(axis=0) + ROOM * self._reach])
+        size = float(np.linalg.norm(finite[:, None] - finite[None], axis=-1).max())
+        self._person_size = max(self._person_size, size)
+        margin = MARGIN * self._person_size
+        corners = np.array([finite.min(axis=0) - margin, finite.max(axis=0) + margin])
         if self._extent is not None:
             corners = np.array([np.minimum(corners[0], self._extent[0]), np.maximum(corners[1], self._extent[1])])
         self._extent = corners

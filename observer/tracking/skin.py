@@ -1,5 +1,6 @@
 """Skin colour of the person in front of the camera: a histogram of hue and saturation, and its back-projection."""
 
+import io
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -9,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.errors import BadInput
+from observer.file_output import write_file
 from observer.tracks import Floats
 
 Picture = NDArray[Any]
@@ -133,9 +135,10 @@ class SkinHistogram:
         return cv2.multiply(back, cv2.LUT(cv2.extractChannel(hsv, 2), self.weights), scale=1 / 255)
 
     def save(self, path: Path) -> None:
-        """Write to an .npz file."""
-        with path.open("wb") as file:
-            np.savez(file, skin=self.skin, rest=self.rest, value=self.value)
+        """Write an .npz file; raises LabanmeshError when it cannot be written."""
+        buffer = io.BytesIO()
+        np.savez(buffer, skin=self.skin, rest=self.rest, value=self.value)
+        write_file(path, buffer.getvalue(), "Choose another path with --save-skin")
 
     @classmethod
     def load(cls, path: Path) -> "SkinHistogram":

@@ -80,6 +80,7 @@ IMPURE = {
     "observer.runtime.preflight": "a process of its own: opens files",
     "observer.motion.playback": "plays recordings by the clock",
     "observer.runtime.scene_inputs": "opens files, cameras and the standard input",
+    "observer.file_output": "files",
     "observer.foreign.sources": "a stream, a thread, the mesh",
     **{f"observer.calibration.{name}": "OpenCV" for name in ("bundle", "detection", "extrinsics", "intrinsics")},
     "observer.calibration.board": "reads board files",

@@ -1,5 +1,7 @@
 """The camera file: round trip, and one line for each invalid file."""
 
+import os
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -96,7 +98,7 @@ def test_a_failed_write_keeps_the_old_file(tmp_path):
         with pytest.raises(BadInput):
             write_camera(path, bad)
     assert read_camera(path).name == "good"
-    with pytest.raises(LabanmeshError, match="cannot be written"):
+    with pytest.raises(LabanmeshError, match=r"cannot write .*no such file or directory. Choose another path with -o"):
         write_camera(tmp_path / "nowhere" / "cam.toml", CameraModel("good", MATRIX))
 
 
@@ -138,3 +140,15 @@ def test_an_invalid_lens_is_rejected_with_one_line(tmp_path, old, new, message):
     with pytest.raises(BadInput, match=message) as caught:
         read_camera(tmp_path / "c.toml")
     assert "c.toml" in str(caught.value) and "\n" not in str(caught.value)
+
+
+def test_a_pipe_is_written_to_and_not_replaced(tmp_path):
+    path = tmp_path / "pipe"
+    os.mkfifo(path)
+    reader = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
+    try:
+        write_camera(path, CameraModel("cam", MATRIX))
+        assert os.read(reader, 100).startswith(b'name = "cam"')
+    finally:
+        os.close(reader)
+    assert path.is_fifo() and [p.name for p in tmp_path.iterdir()] == ["pipe"]

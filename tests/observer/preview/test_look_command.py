@@ -1,7 +1,9 @@
-"""`labanmesh look` as a person meets it: what it prints and writes, and says to bad input."""
+"""`labanmesh look`: output, files and errors."""
 
 import re
+import sys
 import threading
+import time
 from dataclasses import replace
 
 import cv2
@@ -18,7 +20,7 @@ from observer.motion.archive_file import write_archive
 from observer.preview import commands, looking
 from observer.preview.commands import look
 from observer.preview.drawing import SIZE
-from observer.preview.looking import LookReport, advice, lines
+from observer.preview.looking import LookReport, advice, report_lines
 from observer.tracking.head import have_cascade
 from observer.tracking.skin import SkinHistogram
 from observer.tracks import BODY_PARTS, State
@@ -28,7 +30,7 @@ cascade = pytest.mark.skipif(not have_cascade(), reason="this OpenCV has no face
 
 @pytest.fixture
 def run(tmp_path, monkeypatch, capsys):
-    """Calls `look` in a folder of its own; gives what it printed."""
+    """Runs `look` in an empty folder and returns its output."""
     monkeypatch.chdir(tmp_path)
     app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
     app.command("look")(look)
@@ -43,7 +45,7 @@ def run(tmp_path, monkeypatch, capsys):
 
 @pytest.fixture
 def waving(tmp_path):
-    """motion.npz: somebody stands, then waves the right hand."""
+    """motion.npz: a person stands, then waves the right hand."""
     positions = np.tile(np.array([[-0.3, 0.8, -0.1], [0.3, 0.8, -0.1], [0.0, 1.6, 0.0]], np.float32), (24, 1, 1))
     t = np.arange(24)
     positions[:, 1] = np.stack([0.5 + 0.15 * np.sin(t), 1.0 + 0.05 * t.clip(max=10), np.full(24, -0.2)], axis=1)
@@ -54,9 +56,9 @@ def waving(tmp_path):
 
 @cascade
 def test_a_rendered_performer_is_seen_and_the_skin_is_saved(run, waving, tmp_path):
-    said = run("motion.npz", "-o", "look.png", "--save-skin", "skin.npz")
-    assert "motion.npz: 640x480 px, 15 Hz as recorded, 24 pictures seen" in said
-    assert "head        seen" in said and "right hand  seen" in said and "skin " in said
+    output = run("motion.npz", "-o", "look.png", "--save-skin", "skin.npz")
+    assert "motion.npz: 640x480 px, 15 Hz as recorded, 24 pictures read" in output
+    assert "head        seen" in output and "right hand  seen" in output and "skin " in output
     (written,) = PictureFolder.open(tmp_path / "look.png").pictures()
     assert (written.shape[1], written.shape[0]) == SIZE
     assert SkinHistogram.load(tmp_path / "skin.npz").skin.sum() == pytest.approx(1.0)
@@ -64,11 +66,11 @@ def test_a_rendered_performer_is_seen_and_the_skin_is_saved(run, waving, tmp_pat
 
 
 @cascade
-def test_who_turns_the_back_is_told_what_to_do_and_teaches_no_skin(run, waving, tmp_path):
+def test_a_person_seen_from_behind_gives_advice_and_no_skin(run, waving, tmp_path):
     with pytest.raises(LabanmeshError, match="no skin was learned") as caught:
         run("motion.npz", "--view", "yaw:180", "--save-skin", "skin.npz")
     assert "\n" not in str(caught.value) and (tmp_path / "look.png").exists()
-    assert "no face followed: face the camera" in run("motion.npz", "--view", "yaw:180", "--frames", 5)
+    assert "no face tracked: face the camera" in run("motion.npz", "--view", "yaw:180", "--frames", 5)
 
 
 def test_a_marked_face_is_enough(run, waving):
@@ -77,7 +79,7 @@ def test_a_marked_face_is_enough(run, waving):
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("arguments", "message"),
     [
         ("gone.mp4", "gone.mp4: no such file"),
         ("gone.npz", "gone.npz"),
@@ -88,16 +90,16 @@ def test_a_marked_face_is_enough(run, waving):
         ("motion.npz --face 1,2,3", "X,Y,WIDTH,HEIGHT"),
         ("motion.npz --face 1,2,3,0", "X,Y,WIDTH,HEIGHT"),
         ("motion.npz --skin motion.npz", "a skin histogram"),
-        ("motion.npz -o none/look.png", "none/look.png: cannot be written"),
+        ("motion.npz -o none/look.png", "cannot write none/look.png: its folder does not exist"),
         ("motion.npz -o look.gif", "a name that ends in .png"),
-        ("motion.npz --save-skin none/skin.npz", "none/skin.npz: cannot be written"),
+        ("motion.npz --save-skin none/skin.npz", "cannot write none/skin.npz"),
         ("ftp://host/stream", "unknown kind of address"),
     ],
 )
-def test_bad_input_is_one_line_and_nothing_is_written(run, waving, tmp_path, words, said):
+def test_bad_input_is_rejected_with_one_line_before_writing(run, waving, tmp_path, arguments, message):
     with pytest.raises(BadInput) as caught:
-        run(*words.split())
-    assert said in str(caught.value) and "\n" not in str(caught.value)
+        run(*arguments.split())
+    assert message in str(caught.value) and "\n" not in str(caught.value)
     assert [p.name for p in tmp_path.iterdir()] == ["motion.npz"]
 
 
@@ -115,16 +117,16 @@ class Webcam:
         pass
 
 
-def test_of_a_live_camera_the_rate_is_measured(run, monkeypatch):
+def test_the_rate_of_a_live_camera_is_measured(run, monkeypatch):
     monkeypatch.setattr(commands, "_source", lambda *_: LiveCamera("camera 0", Webcam))
-    said = run("0", "--frames", 5)
-    assert "0: 64x48 px" in said and "Hz measured, 5 pictures seen" in said
-    # Stamped 50 ms apart, and those that came while nobody looked are left out.
-    assert 0 < float(re.search(r"px, (\S+) Hz", said)[1]) <= 20
+    output = run("0", "--frames", 5)
+    assert "0: 64x48 px" in output and "Hz measured, 5 pictures read" in output
+    # Stamped 50 ms apart; pictures that arrived while the tracker was busy are dropped.
+    assert 0 < float(re.search(r"px, (\S+) Hz", output)[1]) <= 20
 
 
-def test_a_camera_that_gives_nothing_is_one_line_with_its_reason(run, monkeypatch, tmp_path):
-    monkeypatch.setattr(looking, "PATIENCE_S", 0.3)
+def test_a_camera_without_pictures_is_one_line_with_its_reason(run, monkeypatch, tmp_path):
+    monkeypatch.setattr(looking, "TIMEOUT_S", 0.3)
 
     def refuse():
         raise CameraFault("cannot be opened")
@@ -134,6 +136,16 @@ def test_a_camera_that_gives_nothing_is_one_line_with_its_reason(run, monkeypatc
         run("0", "--frames", 1)
     assert not list(tmp_path.iterdir())
     assert not [t for t in threading.enumerate() if t.name == "camera camera 0"]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux shows a webcam as a file")
+@pytest.mark.parametrize("source", ["93", "/dev/video93"])
+def test_a_missing_webcam_is_reported_at_once(run, tmp_path, source):
+    began_s = time.monotonic()
+    with pytest.raises(BadInput, match=f"camera {source}: there is no /dev/video93. Plug a camera in"):
+        run(source)
+    assert time.monotonic() - began_s < 2
+    assert not list(tmp_path.iterdir())
 
 
 FINE = LookReport(
@@ -148,38 +160,45 @@ def changed(**fields):
 
 
 @pytest.mark.parametrize(
-    ("account", "said"),
+    ("report", "line"),
     [
         (FINE, "nothing to do"),
         (changed(brightness=20.0), "too dark"),
         (changed(brightness=240.0), "too bright"),
-        (changed(seen=BLIND), "no face followed"),
+        (changed(seen_share=BLIND), "no face tracked"),
         (changed(face_px=12), "a face of 12 px is small"),
-        (changed(skin=0.4), "much has the colour of skin"),
-        (changed(seen={**BLIND, "head": 1.0}), "left hand and right hand not seen"),
-        (changed(seen=BLIND, tracker="mediapipe", skin=None), "nobody seen"),
-        (changed(complaint="the colours of this room are those of skin"), "camshift says: the colours"),
+        (changed(skin=0.4), "much of the picture has the colour of skin"),
+        (changed(seen_share={**BLIND, "head": 1.0}), "left hand and right hand not seen"),
+        (changed(seen_share=BLIND, tracker="mediapipe", skin=None), "nobody seen"),
+        (changed(complaint="the colours of this room are those of skin"), "camshift reports: the colours"),
     ],
 )
-def test_what_is_found_becomes_one_advice(account, said):
-    (only,) = advice(account)
-    assert said in only
+def test_each_problem_has_one_advice(report, line):
+    (only,) = advice(report)
+    assert line in only
 
 
-def test_the_account_names_everything_it_measured():
-    text = "\n".join(lines(FINE))
-    for found in ("door.mp4", "640x480", "30 Hz as recorded", "120 of 255", "in 8 of 10 pictures, 60 px wide", "2.0 %"):
-        assert found in text
+def test_the_report_contains_every_measurement():
+    text = "\n".join(report_lines(FINE))
+    for text_part in (
+        "door.mp4",
+        "640x480",
+        "30 Hz as recorded",
+        "120 of 255",
+        "in 8 of 10 pictures, 60 px wide",
+        "2.0 %",
+    ):
+        assert text_part in text
     assert text.count("seen in 90 %") == 3
-    without = "\n".join(lines(changed(faces_sought=0, skin=None)))
+    without = "\n".join(report_lines(changed(faces_searched=0, skin=None)))
     assert "face" not in without and "skin" not in without
 
 
 @cascade
 @pytest.mark.slow
-def test_a_man_who_waves_is_seen(run, data, tmp_path):
-    said = run(data / "wave_webcam" / "wave.mp4", "--frames", 40)
-    assert "wave.mp4: 420x420 px, 10 Hz as recorded, 40 pictures seen" in said
-    assert "right hand  seen" in said and "head        seen" in said
+def test_a_recorded_person_who_waves_is_seen(run, data, tmp_path):
+    output = run(data / "wave_webcam" / "wave.mp4", "--frames", 40)
+    assert "wave.mp4: 420x420 px, 10 Hz as recorded, 40 pictures read" in output
+    assert "right hand  seen" in output and "head        seen" in output
     marked = cv2.imread(str(tmp_path / "look.png"))
     assert marked.shape == (SIZE[1], SIZE[0], 3)

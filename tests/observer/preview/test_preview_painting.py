@@ -22,7 +22,7 @@ from observer.preview.drawing import (
     width_of,
     wrapped,
 )
-from observer.preview.painting import ARROW, BAR, REST, STILL_DOT, WINNER, bar_ends, draw_belief, draw_symbol, paint
+from observer.preview.painting import ARROW, BAR, REST, STILL_DOT, WINNER, bar_ends, draw_posterior, draw_symbol, paint
 from observer.preview.sight import PreviewHistory, ShownPosterior
 from observer.tracks import BODY_PARTS, State, Tracks
 
@@ -33,7 +33,7 @@ GREY = np.full((480, 640, 3), 90, np.uint8)
 
 
 def sight_of(centres=STANDING, guesses=None, **more):
-    return PreviewHistory(BODY_PARTS, 5.0, "door").see(Tracks(centres, guesses), **more)
+    return PreviewHistory(BODY_PARTS, 5.0, "door").add(Tracks(centres, guesses), **more)
 
 
 def pixels(picture, colour):
@@ -82,7 +82,7 @@ def test_the_way_of_a_part_is_drawn_and_not_through_where_it_was_not_seen():
         recent = PreviewHistory(BODY_PARTS, 5.0)
         for u in (300.0, 330.0, 360.0, 390.0, 420.0):
             hidden = between == "hidden" and u == 360.0
-            sight = recent.see(Tracks(STANDING - [[420.0 - u if not hidden else np.nan, 0.0], [0, 0], [0, 0]]))
+            sight = recent.add(Tracks(STANDING - [[420.0 - u if not hidden else np.nan, 0.0], [0, 0], [0, 0]]))
         ways[between] = pixels(around(paint(GREY, sight), middle, box, 4), COLOURS[State.SEEN])
     assert ways["seen"] > 3 and ways["hidden"] == 0
 
@@ -110,7 +110,7 @@ def belief_of(p, rest=0.0, labels=None):
 
 def bar_lengths(belief, width=480):
     canvas = np.zeros((400, width, 3), np.uint8)
-    draw_belief(canvas, belief, 0)
+    draw_posterior(canvas, belief, 0)
     left, right = bar_ends(width)
     rows = [
         row
@@ -132,8 +132,8 @@ def test_bars_are_as_long_as_movements_are_probable(p):
 
 def test_the_winner_has_its_own_colour_and_a_tie_none():
     won, tied = np.zeros((2, 400, 480, 3), np.uint8)
-    draw_belief(won, belief_of([0.2, 0.7, 0.1]), 0)
-    draw_belief(tied, belief_of([0.4, 0.4, 0.2]), 0)
+    draw_posterior(won, belief_of([0.2, 0.7, 0.1]), 0)
+    draw_posterior(tied, belief_of([0.4, 0.4, 0.2]), 0)
     assert pixels(won, WINNER) > 1000 and not pixels(tied, WINNER)
 
 
@@ -157,8 +157,8 @@ def test_stillness_is_a_dot_and_what_was_not_seen_is_a_gap():
 
 def test_motion_is_in_the_strip_newest_at_the_right():
     recent = PreviewHistory(BODY_PARTS, 5.0)
-    recent.see(Tracks(STANDING))
-    sight = recent.see(Tracks(STANDING + LEFT_GOES_RIGHT))
+    recent.add(Tracks(STANDING))
+    sight = recent.add(Tracks(STANDING + LEFT_GOES_RIGHT))
     strip = PaintingLayout.of(640, 480).strip.cut(paint(GREY, sight))
     _, u = np.nonzero((strip == ARROW).all(axis=2))
     assert len(u) and u.min() > SIZE[0] - 50
@@ -187,7 +187,7 @@ def test_any_number_of_movements_and_any_words_fit(count, label):
     belief = belief_of(np.full(count, 1 / count), 1.0, (label,) * count)
     words = "nothing is seen: " * 40
     for picture in (None, GREY, np.zeros((90, 160, 3), np.uint8)):
-        sight = replace(sight_of(belief=belief, complaint=words, age_s=12.3), title="Gürtel \u4e2d\n" * 30)
+        sight = replace(sight_of(posterior=belief, complaint=words, age_s=12.3), title="Gürtel \u4e2d\n" * 30)
         assert paint(picture, sight).shape == (SIZE[1], SIZE[0], 3)
 
 

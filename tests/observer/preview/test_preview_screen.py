@@ -1,4 +1,4 @@
-"""Where previews go: films that are whole or not there, single pictures, windows; and who waits for whom."""
+"""Outputs of previews: films, single pictures and windows; and the thread that paints them."""
 
 import logging
 import threading
@@ -13,15 +13,15 @@ from observer.camera.files import PictureFolder, Video
 from observer.preview import film, screen
 from observer.preview.drawing import SIZE
 from observer.preview.film import Film, Stills, Window, why_no_window
-from observer.preview.screen import INSTEAD, WAITING, PreviewingObserver, PreviewThread, open_preview
+from observer.preview.screen import FALLBACK, QUEUE_SIZE, PreviewingObserver, PreviewThread, open_preview
 from observer.preview.sight import PreviewHistory
 from observer.runtime.pipeline import Posterior
 from observer.tracks import BODY_PARTS, Frame, Tracks
 
 SOON_S = 20.0
 STANDING = np.array([[42.0, 30.0], [18.0, 30.0], [32.0, 9.0]])
-RECENT = PreviewHistory(BODY_PARTS, 5.0)
-SIGHT = RECENT.see(Tracks(STANDING))
+HISTORY = PreviewHistory(BODY_PARTS, 5.0)
+SHOWN = HISTORY.add(Tracks(STANDING))
 
 
 def picture(number):
@@ -55,7 +55,7 @@ class Shelf:
 def test_a_film_has_as_many_pictures_as_were_shown(tmp_path, name):
     with open_preview(name, 10.0, keep_all=True, folder=tmp_path) as preview:
         for number in range(12):
-            preview.show(picture(number), SIGHT)
+            preview.show(picture(number), SHOWN)
         assert not (tmp_path / name).exists()
     assert [p.name for p in tmp_path.iterdir()] == [name]
     video = Video.open(tmp_path / name)
@@ -64,16 +64,16 @@ def test_a_film_has_as_many_pictures_as_were_shown(tmp_path, name):
     assert np.abs(np.diff([float(np.median(p[250:350, 20:100])) for p in read]) - 10).max() < 6
 
 
-def test_a_film_of_nothing_is_not_there(tmp_path, caplog):
+def test_a_film_without_pictures_is_removed(tmp_path, caplog):
     with caplog.at_level(logging.WARNING), open_preview("a.mp4", 10.0, folder=tmp_path):
         pass
-    assert not list(tmp_path.iterdir()) and "nothing was seen" in caplog.text
+    assert not list(tmp_path.iterdir()) and "no picture was shown" in caplog.text
 
 
 def test_an_earlier_film_stays_until_the_new_one_is_whole(tmp_path):
     (tmp_path / "a.mp4").write_bytes(b"earlier")
     with open_preview("a.mp4", 10.0, keep_all=True, folder=tmp_path) as preview:
-        preview.show(picture(1), SIGHT)
+        preview.show(picture(1), SHOWN)
         assert (tmp_path / "a.mp4").read_bytes() == b"earlier"
     assert len(list(Video.open(tmp_path / "a.mp4").pictures())) == 1
 
@@ -101,24 +101,24 @@ def test_a_film_keeps_time_whatever_was_left_out(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("target", "said"),
+    ("target", "message"),
     [
-        ("none/a.mp4", "none/a.mp4: cannot be written"),
-        ("none/a.png", "a.png: cannot be written"),
+        ("none/a.mp4", "none/a.mp4: No such file"),
+        ("none/a.png", "a.png: No such file"),
         ("a.mkv", "known: window, FILE.mp4"),
         ("", "known: window, FILE.mp4"),
-        ("file/pictures", "cannot be written"),
+        ("file/pictures", "cannot write"),
         ("a-%s-%d.png", "one number is expected"),
         ("a-%q.png", "one number is expected"),
         ("folder.mp4", "is a folder"),
     ],
 )
-def test_what_cannot_be_written_is_one_line_and_leaves_nothing(tmp_path, target, said):
+def test_an_unwritable_target_is_rejected_and_leaves_no_file(tmp_path, target, message):
     (tmp_path / "file").write_text("")
     (tmp_path / "folder.mp4").mkdir()
     with pytest.raises(BadInput) as caught:
         open_preview(target, 10.0, folder=tmp_path)
-    assert said in str(caught.value) and "\n" not in str(caught.value)
+    assert message in str(caught.value) and "\n" not in str(caught.value)
     assert sorted(p.name for p in tmp_path.iterdir()) == ["file", "folder.mp4"]
 
 
@@ -133,7 +133,7 @@ def test_what_cannot_be_written_is_one_line_and_leaves_nothing(tmp_path, target,
 def test_single_pictures_are_files_of_their_own(tmp_path, target, names):
     with open_preview(target, 10.0, keep_all=True, folder=tmp_path) as preview:
         for number in range(3):
-            preview.show(picture(number + 1), SIGHT)
+            preview.show(picture(number + 1), SHOWN)
     files = sorted(p for p in tmp_path.rglob("*") if p.is_file())
     assert [str(p.relative_to(tmp_path)) for p in files] == names
     newest = list(PictureFolder.open(files[-1]).pictures())[-1]
@@ -143,10 +143,10 @@ def test_single_pictures_are_files_of_their_own(tmp_path, target, names):
 def test_the_newest_takes_the_place_of_what_nobody_has_painted_yet():
     shelf = Shelf()
     preview = PreviewThread(shelf, keep_all=False)
-    preview.show(picture(1), SIGHT)
+    preview.show(picture(1), SHOWN)
     assert shelf.entered.wait(SOON_S)
     for number in range(2, 20):
-        preview.show(picture(number), SIGHT)
+        preview.show(picture(number), SHOWN)
     shelf.let.set()
     preview.close()
     assert shelf.drawn == [1, 19] and shelf.closed
@@ -155,16 +155,16 @@ def test_the_newest_takes_the_place_of_what_nobody_has_painted_yet():
 def test_where_all_are_kept_the_observer_waits():
     shelf, shown = Shelf(), threading.Semaphore(0)
     preview = PreviewThread(shelf, keep_all=True)
-    count = WAITING + 6
+    count = QUEUE_SIZE + 6
 
     def observe():
         for number in range(count):
-            preview.show(picture(number), SIGHT)
+            preview.show(picture(number), SHOWN)
             shown.release()
 
     observing = threading.Thread(target=observe)
     observing.start()
-    for _ in range(WAITING + 1):  # one is being drawn, the others wait
+    for _ in range(QUEUE_SIZE + 1):  # one is being drawn, the others wait
         assert shown.acquire(timeout=SOON_S)
     assert not shown.acquire(timeout=0.05)
     shelf.let.set()
@@ -180,67 +180,67 @@ def test_what_cannot_be_shown_is_said_once_and_stops_nobody(caplog, keep_all, tr
     shelf.let.set()
     preview = PreviewThread(shelf, keep_all)
     with caplog.at_level(logging.WARNING):
-        for number in range(WAITING + 20):
-            preview.show(picture(number), SIGHT)
+        for number in range(QUEUE_SIZE + 20):
+            preview.show(picture(number), SHOWN)
         preview.close()
         preview.close()
     assert shelf.closed and caplog.text.count("preview: ") == 1
 
 
 @pytest.mark.parametrize(
-    ("environment", "platform", "built", "said"),
+    ("environment", "platform", "built", "message"),
     [
         ({}, "linux", "QT5", "there is no display"),
         ({"DISPLAY": ":0"}, "linux", "QT5", ""),
         ({"WAYLAND_DISPLAY": "wayland-0"}, "linux", "QT5", ""),
         ({"DISPLAY": ":0"}, "linux", "NONE", "without windows"),
         ({}, "win32", "WIN32UI", ""),
-        ({}, "darwin", "COCOA", "first thread"),
+        ({}, "darwin", "COCOA", "main thread"),
     ],
 )
-def test_why_there_is_no_window(monkeypatch, environment, platform, built, said):
+def test_reasons_for_no_window(monkeypatch, environment, platform, built, message):
     monkeypatch.setattr(cv2, "getBuildInformation", lambda: f"\n  GUI:                 {built}\n")
     reason = why_no_window(environment, platform)
-    assert said in reason and bool(said) == bool(reason)
+    assert message in reason and bool(message) == bool(reason)
 
 
 def test_without_a_window_a_film_is_written_and_said(monkeypatch, tmp_path, caplog):
     monkeypatch.setattr(screen, "why_no_window", lambda: "there is no display")
     with caplog.at_level(logging.WARNING), open_preview("window", 10.0, folder=tmp_path) as preview:
-        preview.show(picture(1), SIGHT)
-    assert Video.open(tmp_path / INSTEAD).size_px == SIZE
-    assert "no window: there is no display" in caplog.text and str(INSTEAD) in caplog.text
+        preview.show(picture(1), SHOWN)
+    assert Video.open(tmp_path / FALLBACK).size_px == SIZE
+    assert "cannot open a window: there is no display" in caplog.text and str(FALLBACK) in caplog.text
 
 
 def windows(monkeypatch, visible, key):
-    said = []
+    message = []
     monkeypatch.setattr(screen, "why_no_window", lambda: "")
     for name in ("namedWindow", "resizeWindow", "imshow", "destroyWindow"):
-        monkeypatch.setattr(film.cv2, name, lambda *words, name=name: said.append(name))
+        monkeypatch.setattr(film.cv2, name, lambda *words, name=name: message.append(name))
     monkeypatch.setattr(film.cv2, "getWindowProperty", lambda *_: visible)
     monkeypatch.setattr(film.cv2, "waitKey", lambda _: key)
-    return said
+    return message
 
 
 def test_a_window_opens_once_and_goes_at_the_end(monkeypatch):
-    said = windows(monkeypatch, 1.0, -1)
+    message = windows(monkeypatch, 1.0, -1)
     window = Window("door")
     for _ in range(3):
         window.draw(picture(1), 0)
     window.close()
-    assert said == ["namedWindow", "resizeWindow", "imshow", "imshow", "imshow", "destroyWindow"]
+    assert message == ["namedWindow", "resizeWindow", "imshow", "imshow", "imshow", "destroyWindow"]
 
 
 @pytest.mark.parametrize(("visible", "key"), [(0.0, -1), (1.0, ord("q"))])
-def test_a_window_that_a_person_closes_stops_the_preview_alone(monkeypatch, caplog, visible, key):
+def test_closing_the_window_ends_only_the_preview(monkeypatch, caplog, visible, key):
     windows(monkeypatch, visible, key)
     with caplog.at_level(logging.WARNING), open_preview("window", 10.0) as preview:
         while preview._thread.is_alive():
-            preview.show(picture(1), SIGHT)
-    assert "the observer goes on" in caplog.text
+            preview.show(picture(1), SHOWN)
+    assert "the observer continues" in caplog.text
 
 
-class Judge:
+class FakeObserver:
     """An observer and its tracker in one."""
 
     vocabulary, complaint = Vocabulary(("ok", "shake")), "too dark"
@@ -266,19 +266,19 @@ class Remembering:
 
 
 @pytest.mark.parametrize("content", [picture(3), np.zeros((3, 3))])
-def test_an_observer_that_is_looked_at_does_as_without(content):
-    seen, judge = Remembering(), Judge()
-    looked_at = PreviewingObserver(
-        judge, judge, seen, PreviewHistory(BODY_PARTS, 5.0, "door"), clock=lambda: 2_500_000_000
+def test_a_previewed_observer_behaves_as_without(content):
+    seen, observer = Remembering(), FakeObserver()
+    previewed = PreviewingObserver(
+        observer, observer, seen, PreviewHistory(BODY_PARTS, 5.0, "door"), clock=lambda: 2_500_000_000
     )
-    opinion = looked_at.step(Frame(2_000_000_000, content))
-    assert opinion.p.tolist() == [0.7, 0.3] and looked_at.vocabulary is judge.vocabulary
+    posterior = previewed.step(Frame(2_000_000_000, content))
+    assert posterior.p.tolist() == [0.7, 0.3] and previewed.vocabulary is observer.vocabulary
     ((shown, sight),) = seen.shown
     assert shown is (content if content.ndim == 3 else None)
-    assert sight.age_s == 0.5 and sight.complaint == "too dark" and sight.belief.winner == 0
+    assert sight.age_s == 0.5 and sight.complaint == "too dark" and sight.posterior.winner == 0
 
 
-def test_stills_refuse_a_folder_that_is_a_file(tmp_path):
+def test_stills_reject_a_folder_that_is_a_file(tmp_path):
     (tmp_path / "a").write_text("")
-    with pytest.raises(BadInput, match="a: cannot be written"):
+    with pytest.raises(BadInput, match=r"cannot write .*a: "):
         Stills(tmp_path / "a")

@@ -21,7 +21,7 @@ shares = arrays(np.float64, st.integers(2, 40), elements=st.floats(0.0, 1.0))
 
 def seen_after(*centres):
     recent = PreviewHistory(BODY_PARTS, 5.0, "door")
-    return [recent.see(Tracks(np.array(c, dtype=np.float64))) for c in centres][-1]
+    return [recent.add(Tracks(np.array(c, dtype=np.float64))) for c in centres][-1]
 
 
 def test_a_hand_that_goes_right_is_an_arrow_right_and_frames_are_counted():
@@ -39,7 +39,7 @@ def test_only_the_last_frames_are_remembered():
 def test_the_room_only_grows_and_holds_all_that_was_seen():
     recent, before = PreviewHistory(BODY_PARTS, 5.0), None
     for shift in (0.0, 40.0, -300.0, math.nan, 10.0):
-        sight = recent.see(Tracks(STANDING + shift))
+        sight = recent.add(Tracks(STANDING + shift))
         low, high = sight.extent
         if math.isfinite(shift):
             assert (low <= STANDING + shift).all() and (STANDING + shift <= high).all()
@@ -50,13 +50,13 @@ def test_the_room_only_grows_and_holds_all_that_was_seen():
 
 def test_parts_without_a_head_are_refused():
     with pytest.raises(BadInput, match="head"):
-        PreviewHistory(("left_hand",), 5.0).see(Tracks(np.zeros((1, 2))))
+        PreviewHistory(("left_hand",), 5.0).add(Tracks(np.zeros((1, 2))))
 
 
 @given(shares, st.integers(1, 8))
 def test_the_most_probable_movements_are_shown_in_the_order_of_the_vocabulary(p, most):
     belief = ShownPosterior(tuple(map(str, range(len(p)))), p, 0.0)
-    shown = belief.shown(most)
+    shown = belief.most_probable(most)
     assert shown == sorted(set(shown)) and len(shown) == min(most, len(p))
     left_out = np.delete(p, shown)
     assert not len(left_out) or left_out.max() <= p[shown].min()
