@@ -150,9 +150,10 @@ class PreviewingObserver:
         tracks = self._tracker.picture_tracks
         if tracks is not None:
             picture = picture_in(frame.content)
+            labels = self.vocabulary.labels
             shown = self._history.add(
                 tracks,
-                posterior=posterior and ShownPosterior(self.vocabulary.labels, posterior.p, posterior.rest),
+                posterior=None if posterior is None else ShownPosterior(labels, posterior.p, posterior.rest),
                 back_projection=None if picture is None else back_projection(self._tracker.tracker, picture),
                 age_s=(self._clock() - frame.captured_ns) / SECOND_NS,
                 complaint=self.complaint,

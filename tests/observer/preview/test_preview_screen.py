@@ -244,7 +244,7 @@ class FakeObserver:
     """An observer and its tracker in one."""
 
     vocabulary, complaint = Vocabulary(("ok", "shake")), "too dark"
-    body_parts, found = BODY_PARTS, None
+    body_parts, picture_tracks = BODY_PARTS, None
 
     @property
     def tracker(self):
