@@ -74,8 +74,7 @@ def observe(
 def _facet_reader(scene: "Scene", observer: str, header: "Header", inputs: "ObserverInputs") -> "FacetReader":
     """Reads Shape, and Effort if the scene names a model of it."""
     from observer.effort.effort_file import read_effort, require_rate
-    from observer.effort.reader import FacetReader
-    from observer.effort.shape import depth_in
+    from observer.effort.reader import FacetReader, depth_in
 
     name, effort = scene.observer(observer).effort, None
     if name:

@@ -15,8 +15,8 @@ from common.errors import BadInput
 from common.facets import EFFORT
 from common.probability import uniform
 from common.progress import ProgressBar
-from observer.effort.learning import learn_trials, trials_in
-from observer.effort.model import FACTORS, EffortModel, Trial
+from observer.effort.learning import effort_examples, learn_trials
+from observer.effort.model import FACTORS, EffortExample, EffortModel
 from observer.geometry.views import View, parse_view, split_views
 from observer.motion.archive import MotionArchive
 from observer.motion.archive_file import read_archive
@@ -116,14 +116,14 @@ def judge_poles(
     names = tuple(view.name for view in views)
     if len(set(names)) < len(names):
         raise BadInput(f"--views {','.join(names)}: every view needs its own name")
-    whole = {view.name: trials_in(archive, view) for view in views}
+    whole = {view.name: effort_examples(archive, view) for view in views}
     first = whole[names[0]]
     models = _models(whole, rate_hz)
     results = {}
     for done, fraction in enumerate(fractions, 1):
         p: Floats = np.empty((len(first), len(views) + 1, len(FACTORS), 2))
         for v, view in enumerate(views):
-            for n, trial in enumerate(trials_in(archive, view, fraction)):
+            for n, trial in enumerate(effort_examples(archive, view, fraction)):
                 p[n, v] = _poles(models[view.name, trial.action], trial)
         for n, q in np.ndindex(len(first), len(FACTORS)):
             p[n, -1, q] = pool(p[n, :-1, q], uniform(2)).p
@@ -133,7 +133,7 @@ def judge_poles(
     return results
 
 
-def _models(whole: Mapping[str, Sequence[Trial]], rate_hz: float) -> dict[tuple[str, str], EffortModel]:
+def _models(whole: Mapping[str, Sequence[EffortExample]], rate_hz: float) -> dict[tuple[str, str], EffortModel]:
     """For each view and action the model learned from the other actions."""
     actions = sorted({trial.action for trials in whole.values() for trial in trials})
     if len(actions) < 2:
@@ -145,7 +145,7 @@ def _models(whole: Mapping[str, Sequence[Trial]], rate_hz: float) -> dict[tuple[
     }
 
 
-def _poles(model: EffortModel, trial: Trial) -> Floats:
+def _poles(model: EffortModel, trial: EffortExample) -> Floats:
     """(4, 2) in the order of FACTORS."""
     facets = model.posterior(trial.features)
     return np.array([facets[f"effort_{factor}"] for factor in FACTORS])

@@ -18,7 +18,7 @@ WAY_OUT = "make one with labanmesh learn ... --effort"
 
 
 def write_effort(path: Path, model: EffortModel) -> None:
-    """Write whole or not at all; raises BadInput when the folder cannot be written."""
+    """Write the model, completely or not at all; raises BadInput or LabanmeshError as `write_arrays` does."""
     header = {
         "format": FORMAT,
         "kind": "effort",
@@ -41,7 +41,7 @@ def write_effort(path: Path, model: EffortModel) -> None:
 
 
 def read_effort(path: Path) -> EffortModel:
-    """Read an Effort model; raises BadInput with one line for anything that is not one."""
+    """Read an Effort model; raises BadInput, one line with the reason, for anything else."""
     try:
         arrays = read_arrays(path)
     except FileNotFoundError:
@@ -90,7 +90,7 @@ def _checked(model: EffortModel) -> EffortModel:
 
 
 def require_rate(path: Path, model: EffortModel, rate_hz: float) -> None:
-    """Raise BadInput when the model was learned at another rate than the movement model's, which sets the pace."""
+    """Raise BadInput if the model was learned at another rate than the movement model."""
     if abs(model.rate_hz - rate_hz) > 0.01 * rate_hz:
         raise BadInput(
             f"{path}: learned at {model.rate_hz:g} Hz, the movement model at {rate_hz:g} Hz: "

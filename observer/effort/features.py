@@ -1,7 +1,7 @@
-"""What one image plane shows of Effort: named features of a movement's course so far (docs/design/effort.md). Pure.
+"""Features of Effort in one image plane, computed from the course of a movement so far (docs/design/effort.md). Pure.
 
-Hands and head only. Logarithms of what is a ratio, so that nobody's tempo or size is the unit. `active` is the hand
-that moves more, `other` the other one.
+Hands and head only. Ratios are logarithmic, so that no person's tempo or size is the unit. The active hand is the one
+that moves more.
 """
 
 import math
@@ -23,40 +23,40 @@ WANDER = ("head_turning", "head_quiet_speed", "head_while_hand_quiet", "head_at_
 NAMES = tuple(dict.fromkeys((*TEMPO, *LEAN, *OTHER_HAND, *WANDER)))
 
 LEAST = 1e-3
-"""Body sizes per s (s², s³): what counts as no motion; below it a logarithm would speak of rounding."""
+"""Body sizes per s (s², s³): counts as no motion; below it a logarithm would measure rounding."""
 LITTLE = 0.01
-"""The same for a ratio of two motions, of which either may be nothing."""
+"""The same for a ratio of two motions, either of which may be zero."""
 NEAR = 0.02
-"""A lean of this share of a body size is one; smaller ones count linearly, greater ones by their logarithm."""
+"""Share of a body size: smaller leans count linearly, larger ones by their logarithm."""
 BEND_S, BEND_LONG_S = 8 / 30, 0.5
-"""Path against net displacement is taken over this time: within one stroke, and within two."""
+"""Path and net displacement are compared over this time: within one stroke, and within two."""
 QUIET = 0.25
-"""The quantile of a motion that is its quiet part."""
+"""Quantile of a motion that stands for its quiet part."""
 FEWEST_FRAMES = 3
-"""Derivatives in fewer instants than this say nothing of how somebody moves."""
+"""With derivatives at fewer instants there are no features."""
 
 
 def features(course: Course) -> Floats:
     """The features of NAMES, in their order; NaN where a part was not seen enough. All NaN without head and hands."""
-    found: dict[str, float] = {}
+    values: dict[str, float] = {}
     moves, places = course.moves, course.places
     if len(moves) >= FEWEST_FRAMES and np.isfinite(course.size):
         left, right, head = (course.body_parts.index(part) for part in ("left_hand", "right_hand", "head"))
         lengths = np.sqrt((moves**2).sum(axis=-1))
         mean = {hand: _mean(lengths[:, 0, hand]) for hand in (left, right)}
-        # A hand that is never seen is not the active one; with both unseen nothing is.
+        # A hand that is never seen is not the active one.
         active, other = (left, right) if np.nan_to_num(mean[left]) > np.nan_to_num(mean[right]) else (right, left)
-        found |= _tempo_and_wander(moves[:, :, head], lengths[:, :, active], lengths[:, :, head])
-        found["bending"] = _bending(places[:, active] - places[:, head], round(BEND_S * course.rate_hz))
-        found["bending_other"] = _bending(places[:, other] - places[:, head], round(BEND_LONG_S * course.rate_hz))
-        found["head_at_last"] = _at_last(places[:, head, 0], course.rate_hz)
-        found |= _lean(places[:, head])
-        found |= _other_hand(places[:, other] - places[:, head], mean[other], mean[active])
-    return np.array([found.get(name, np.nan) for name in NAMES])
+        values |= _tempo_and_wander(moves[:, :, head], lengths[:, :, active], lengths[:, :, head])
+        values["bending"] = _bending(places[:, active] - places[:, head], round(BEND_S * course.rate_hz))
+        values["bending_other"] = _bending(places[:, other] - places[:, head], round(BEND_LONG_S * course.rate_hz))
+        values["head_at_last"] = _at_last(places[:, head, 0], course.rate_hz)
+        values |= _lean(places[:, head])
+        values |= _other_hand(places[:, other] - places[:, head], mean[other], mean[active])
+    return np.array([values.get(name, np.nan) for name in NAMES])
 
 
 def _tempo_and_wander(head: Floats, hand_lengths: Floats, head_lengths: Floats) -> Mapping[str, float]:
-    """How the active hand moves, and how the head goes its own ways: turning, or moving while all is quiet.
+    """How the active hand moves, and how the head moves on its own: turning, or moving while the hand is quiet.
 
     head: (T, 3, 2) velocity, acceleration, jerk; lengths: (T, 3) theirs, of the hand and of the head.
     """
@@ -81,25 +81,25 @@ def _at_last(right: Floats, rate_hz: float) -> float:
 
 
 def _lean(head: Floats) -> Mapping[str, float]:
-    """Where the head goes from where it was: to the image's right (lean) and up (rise)."""
-    seen = head[_whole(head)]
-    if len(seen) < FEWEST_FRAMES:
+    """Displacement of the head since the beginning: to the image's right (lean) and up (rise)."""
+    places = head[_whole(head)]
+    if len(places) < FEWEST_FRAMES:
         return {}
-    moved = seen - seen[0]
+    moved = places - places[0]
     across = _quantiles(np.repeat(moved, 3, axis=1), 2 * (0.05, 0.5, 0.95))
-    found = dict(
+    values = dict(
         zip((f"{way}_{size}" for way in ("lean", "rise") for size in ("least", "median", "most")), across, strict=True)
     )
-    found["lean_last"] = float(moved[-1, 0])
+    values["lean_last"] = float(moved[-1, 0])
     for k, name in enumerate(("first", "second", "third", "fourth")):
         begin = len(moved) * k // 4
         lean = float(moved[begin : max(len(moved) * (k + 1) // 4, begin + 1), 0].mean())
-        found[f"lean_{name}_quarter"] = float(np.sign(lean) * np.log1p(abs(lean) / NEAR))
-    return found
+        values[f"lean_{name}_quarter"] = float(np.sign(lean) * np.log1p(abs(lean) / NEAR))
+    return values
 
 
 def _other_hand(against: Floats, other: float, active: float) -> Mapping[str, float]:
-    """Where the other hand is held, from the head on, and how much it takes part in the motion."""
+    """Place of the other hand relative to the head, and its share in the motion."""
     return {
         "other_right": _mean(against[:, 0]),
         "other_up": _mean(against[:, 1]),
@@ -108,7 +108,7 @@ def _other_hand(against: Floats, other: float, active: float) -> Mapping[str, fl
 
 
 def _bending(way: Floats, frames: int) -> float:
-    """ln of path over net displacement, both summed over all stretches of so many frames; of the whole, if shorter."""
+    """ln of path over net displacement, summed over all windows of so many frames, or over the whole if shorter."""
     way = way[_whole(way)]
     frames = min(frames, len(way) - 1)
     if frames < 1:
@@ -123,15 +123,15 @@ def _whole(rows: Floats) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
 
 
 def _quantiles(columns: Floats, at: Sequence[float]) -> list[float]:
-    """(T, C) and C quantiles -> that of each column over what is seen of it, linear between two instants."""
-    # NaN is sorted to the end.
+    """(T, C) and C quantiles -> that quantile of each column without NaN, linear between two instants."""
+    # np.sort puts NaN at the end.
     ordered, count = np.sort(columns, axis=0), np.isfinite(columns).sum(axis=0)
     place = np.array(at) * np.maximum(count - 1, 0)
     below = place.astype(int)
     above, every, share = np.minimum(below + 1, np.maximum(count - 1, 0)), np.arange(columns.shape[1]), place - below
     mixed = ordered[below, every] * (1 - share) + ordered[above, every] * share
-    found: list[float] = np.where(count >= FEWEST_FRAMES, mixed, np.nan).tolist()
-    return found
+    quantiles: list[float] = np.where(count >= FEWEST_FRAMES, mixed, np.nan).tolist()
+    return quantiles
 
 
 def _mean(values: Floats) -> float:

@@ -7,8 +7,8 @@ Each labelled trial is an example, as in the model `phase`; a pole is the mixtur
     t_ν(F; m, S) proportional to (1 + (F-m)' S^-1 (F-m) / ν)^-(ν+d)/2          Student's t in d features
     S_q = W + k B     W: how trials of the same Effort differ between actions, B: how actions differ, shrunk
 
-The factors colour each other (a free and sudden movement is not the sum of both), which a mixture of examples keeps and
-one Gaussian a pole loses. B makes what depends on the action count little: actions that nobody showed are judged too.
+The factors interact (a free and sudden movement is not the sum of both); a mixture of examples represents that, one
+Gaussian per pole does not. B reduces the weight of features that depend on the action, because new actions occur too.
 """
 
 from collections.abc import Mapping, Sequence
@@ -22,28 +22,28 @@ from observer.effort.features import LEAN, NAMES, OTHER_HAND, RISE, TEMPO, WANDE
 from observer.tracks import Floats
 
 FACTORS = ("space", "weight", "time", "flow")
-"""The order of the levels of a trial; the facet is called effort_ and this."""
+"""In the order of the levels of a trial; the facet is named effort_ and the factor."""
 EVIDENCE: Mapping[str, tuple[str, ...]] = {
     "space": (*LEAN, *OTHER_HAND, *WANDER),
     "weight": RISE,
     "time": TEMPO,
     "flow": (*LEAN, *OTHER_HAND, *WANDER),
 }
-"""Which features speak of which factor."""
+"""The features that are evidence of each factor."""
 NU = 3.0
-"""Degrees of freedom of Student's t: one odd feature does not decide."""
+"""Degrees of freedom of Student's t, so that one outlier does not decide."""
 SHRINK = 0.3
-"""How much of the covariances between features is not believed: there are fewer trials than they have entries."""
+"""Shrinkage of the covariances between features: there are fewer trials than covariances."""
 UNKNOWN_ACTION = 2.0
-"""k: how far an action that nobody showed may be from those that were, in variances between those."""
+"""k: distance of an unknown action from the known ones, in variances between these."""
 RIDGE = 0.01
-"""Variance that every feature has beside, in its own variances: two trials are never the same."""
+"""Additional variance of every feature, in its own variances: two trials are never the same."""
 ROUNDING = 1e-12
-"""No example is impossible."""
+"""Added to each likelihood, so that no example is impossible."""
 
 
 @dataclass(frozen=True, slots=True)
-class Trial:
+class EffortExample:
     """One labelled movement. features: (D,) those of NAMES. levels: -1, 0 or 1 for each of FACTORS."""
 
     features: Floats
@@ -55,7 +55,7 @@ class Trial:
 class EffortModel:
     """Examples (N, D) with levels (N, 4), and for each factor the spread S_q (d, d) of its evidence and a temperature.
 
-    Features are in the examples' own means and deviations, (D,) each. temper: (4,) what log odds are multiplied with.
+    Features are standardised by the examples' means and deviations, (D,) each. temper: (4,) factors of the log odds.
     """
 
     view: str
@@ -68,32 +68,32 @@ class EffortModel:
     spreads: Mapping[str, Floats]
     temper: Floats
     provenance: Mapping[str, str] = field(default_factory=dict)
-    _kept: dict[tuple[str, bytes], "Witnesses"] = field(default_factory=dict, init=False, repr=False)
+    _cache: dict[tuple[str, bytes], "PoleExamples"] = field(default_factory=dict, init=False, repr=False)
 
     def posterior(self, features: Floats) -> dict[str, Floats]:
-        """(D,) -> for each facet effort_* the probabilities (2,) of its poles; halves where nothing is seen."""
+        """(D,) -> for each facet effort_* the probabilities (2,) of its poles; equal if no feature is known."""
         z = (features - self.mean) / self.deviation
-        found = {}
+        posteriors = {}
         for q, factor in enumerate(FACTORS):
             odds = self.temper[q] * log_odds(self, z, factor)
-            found[f"effort_{factor}"] = np.array([1.0, np.exp(-odds)])[::-1] / (1.0 + np.exp(-odds))
-        return {facet: found[facet] for facet in EFFORT}
+            posteriors[f"effort_{factor}"] = np.array([1.0, np.exp(-odds)])[::-1] / (1.0 + np.exp(-odds))
+        return {facet: posteriors[facet] for facet in EFFORT}
 
-    def witnesses(self, factor: str, seen: NDArray[np.bool_]) -> "Witnesses":
-        """The examples as far as their features are `seen`: what is missing is left out, as in any marginal."""
-        key = (factor, seen.tobytes())
-        if key not in self._kept:
-            q, columns = FACTORS.index(factor), COLUMNS[factor][seen]
+    def pole_examples(self, factor: str, known: NDArray[np.bool_]) -> "PoleExamples":
+        """The examples' `known` features of a factor: missing ones are marginalised."""
+        key = (factor, known.tobytes())
+        if key not in self._cache:
+            q, columns = FACTORS.index(factor), COLUMNS[factor][known]
             poles = [np.flatnonzero(self.levels[:, q] == level) for level in (-1, 1)]
-            inverse = np.linalg.inv(self.spreads[factor][np.ix_(seen, seen)])
+            inverse = np.linalg.inv(self.spreads[factor][np.ix_(known, known)])
             both = np.concatenate(poles)
-            self._kept[key] = Witnesses(self.examples[np.ix_(both, columns)], len(poles[0]), np.asarray(inverse))
-        return self._kept[key]
+            self._cache[key] = PoleExamples(self.examples[np.ix_(both, columns)], len(poles[0]), np.asarray(inverse))
+        return self._cache[key]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Witnesses:
-    """Examples (K, d) of both poles of one factor, those of -1 first, and the inverse of their spread."""
+class PoleExamples:
+    """Examples (K, d) of both poles of one factor, the `low` ones of -1 first, and the inverse of their spread."""
 
     examples: Floats
     low: int
@@ -106,18 +106,18 @@ COLUMNS: Mapping[str, NDArray[np.int64]] = {
 
 
 def log_odds(model: EffortModel, z: Floats, factor: str) -> float:
-    """ln P(F | +1) - ln P(F | -1) of one factor before its temperature; z (D,) standardised, NaN where not seen.
+    """ln P(F | +1) - ln P(F | -1) of one factor before its temperature; z (D,) standardised, NaN if unknown.
 
-    0 when nothing is seen, or when the trials show one pole only.
+    0 if no feature is known, or if the trials show one pole only.
     """
     evidence = z[COLUMNS[factor]]
-    seen = np.isfinite(evidence)
-    among = model.witnesses(factor, seen)
-    if not seen.any() or among.low in (0, len(among.examples)):
+    known = np.isfinite(evidence)
+    among = model.pole_examples(factor, known)
+    if not known.any() or among.low in (0, len(among.examples)):
         return 0.0
-    apart = evidence[seen] - among.examples
-    squares = ((apart @ among.inverse) * apart).sum(axis=1)
-    logs = -0.5 * (NU + len(evidence[seen])) * np.log1p(squares / NU)
+    difference = evidence[known] - among.examples
+    squares = ((difference @ among.inverse) * difference).sum(axis=1)
+    logs = -0.5 * (NU + len(evidence[known])) * np.log1p(squares / NU)
     mass = np.exp(logs - logs.max()) + ROUNDING
     return float(np.log(mass[among.low :].mean()) - np.log(mass[: among.low].mean()))
 
@@ -135,7 +135,7 @@ def spread(z: Floats, levels: NDArray[np.int64], actions: Sequence[str]) -> Floa
 
 
 def _among_alike(z: Floats, levels: NDArray[np.int64]) -> Floats:
-    """How trials of the same four levels differ; without any such pair, how all of them do."""
+    """Covariance of trials of the same four levels; without any such pair, of all trials."""
     groups: dict[bytes, list[int]] = {}
     for n, row in enumerate(levels):
         groups.setdefault(row.tobytes(), []).append(n)

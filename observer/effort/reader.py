@@ -1,49 +1,72 @@
-"""Facets of the movement that goes on: Effort from its begin until now, Shape of its last half second. Pure.
+"""Reads the facets of the current movement: Effort since its beginning, Shape of its last half second. Pure.
 
-The movement watch tells rest; a movement begins where rest ends, and Effort begins anew with it.
+The movement model's watch gives the probability of rest; a movement begins where rest ends, and Effort starts anew.
+
+Shape is Laban's spreading or enclosing, rising or sinking, advancing or retreating. Three points suffice and nothing is
+learned: the rate r of a length over the last half second is measured with a noise of NOISE, and a rate slower than SLOW
+is neither. With a flat prior on the true rate (docs/design/effort.md)
+
+    P(grows) = Φ((r - SLOW)/NOISE)    P(shrinks) = Φ((-r - SLOW)/NOISE)    P(neither) = the rest
 """
 
+import math
+from collections import deque
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from common.errors import BadInput
 from observer.effort.course import Course
 from observer.effort.features import features
+from observer.effort.formulas import advancing, rising, spreading
 from observer.effort.model import EffortModel
-from observer.effort.shape import ShapeReader
+from observer.features.space import BodySize
+from observer.geometry.projection import oriented
 from observer.tracks import BODY_PARTS, Floats, Tracks
 
 AT_REST, MOVING = 0.8, 0.5
-"""Rest above the first ends a movement, below the second begins one; between them all stays as it is."""
+"""Rest above the first ends a movement, below the second begins one; in between nothing changes."""
 BEFORE_S = 0.2
-"""A watch is sure of a movement only when it has begun: this much of the time before belongs to it."""
-JUDGED_HZ = 5.0
-"""So often Effort is judged: its features are of whole seconds, and a fifth of the frames costs a fifth."""
-SEEN_S = 0.4
-"""Less of a movement says nothing of its Effort."""
+"""This much of the time before a detected beginning belongs to the movement."""
+EFFORT_HZ = 5.0
+"""Rate at which Effort is updated: its features are of whole seconds, and a fifth of the frames costs a fifth."""
+SHORTEST_S = 0.4
+"""A shorter part of a movement tells nothing about its Effort."""
+WINDOW_S = 0.5
+"""Window of the rates of Shape: about one stroke."""
+SLOW = 0.3
+"""Body sizes per second: a slower change is neither; a hand that is lowered in two seconds is faster."""
+NOISE = 0.15
+"""Body sizes per second: apparent rate of a still hand with a jittering tracker."""
+SHAPE_HZ = 10.0
+"""Rate at which Shape is updated."""
+FEWEST_INSTANTS = 4
+"""Instants that a rate needs."""
+LEAST_DEPTH = 0.5
+"""A view shows advancing if at least half of a step forward appears as one aside: from 30° of yaw on."""
 
 
 class EffortReader:
-    """P(E_q | the movement so far) for each Effort factor; nothing at rest.
+    """Reads P(E_q | the movement so far) for each Effort factor; nothing at rest.
 
-    body_parts: names of the P parts in the tracks; rate_hz: theirs. Raises BadInput when hands or head are missing.
+    body_parts: names of the P parts in the tracks; rate_hz: theirs. Raises BadInput if hands or head are missing.
     """
 
     def __init__(self, model: EffortModel, body_parts: Sequence[str], rate_hz: float) -> None:
         missing = [part for part in BODY_PARTS if part not in body_parts]
         if missing:
-            raise BadInput(f"Effort: needs {missing[0]}, the movement model reads {', '.join(body_parts)}")
+            raise BadInput(f"Effort: needs {missing[0]}; the movement model reads only {', '.join(body_parts)}")
         self._model, self._rate_hz = model, rate_hz
         self._rows = [list(body_parts).index(part) for part in BODY_PARTS]
         self._course = Course(BODY_PARTS, rate_hz)
         self._before = max(round(BEFORE_S * rate_hz), 1)
-        self._every = max(round(rate_hz / JUDGED_HZ), 1)
+        self._every = max(round(rate_hz / EFFORT_HZ), 1)
         self._resting, self._since = True, 0
         self._facets: Mapping[str, Floats] = {}
 
     def update(self, tracks: Tracks, rest: float) -> Mapping[str, Floats]:
-        """One frame, and the probability of rest in it -> facets effort_* so far, (2,) each; {}: nothing to say."""
+        """One frame, and the probability of rest in it -> facets effort_* so far, (2,) each; {} if unknown."""
         self._course.add(tracks.centres[self._rows])
         if self._resting and rest < MOVING:
             self._resting, self._since = False, 0
@@ -52,17 +75,77 @@ class EffortReader:
             self._resting, self._facets = True, {}
         if not self._resting:
             self._since += 1
-            if self._since >= SEEN_S * self._rate_hz and self._since % self._every == 0:
-                self._facets = self._judged()
+            if self._since >= SHORTEST_S * self._rate_hz and self._since % self._every == 0:
+                self._facets = self._posterior()
         return self._facets
 
-    def _judged(self) -> Mapping[str, Floats]:
-        found = features(self._course)
-        return self._model.posterior(found) if np.isfinite(found).any() else self._facets
+    def _posterior(self) -> Mapping[str, Floats]:
+        values = features(self._course)
+        return self._model.posterior(values) if np.isfinite(values).any() else self._facets
+
+
+class ShapeReader:
+    """Reads Shape from the stream of tracks. body_parts: names of the P parts; depth: see `depth_in`."""
+
+    def __init__(self, body_parts: Sequence[str], rate_hz: float, depth: float = 0.0) -> None:
+        names = list(body_parts)
+        self._rows = [names.index(part) if part in names else None for part in BODY_PARTS]
+        self._names, self._rate_hz, self._depth = tuple(names), rate_hz, depth
+        self._size = BodySize()
+        self._window: deque[Floats] = deque(maxlen=max(round(WINDOW_S * rate_hz), FEWEST_INSTANTS))
+        self._every, self._count = max(round(rate_hz / SHAPE_HZ), 1), 0
+        self._facets: dict[str, Floats] = {}
+
+    def update(self, centres: Floats) -> dict[str, Floats]:
+        """(P, 2) image coordinates, v down -> the facets shape_* that are known now, (3,) each.
+
+        Missing: spreading while a hand or the head is not seen, the others without any hand or the head, and advancing
+        if the view does not show depth.
+        """
+        size = self._size.update(centres, self._names) if None not in self._rows else math.nan
+        points = np.array([centres[row] if row is not None else (np.nan, np.nan) for row in self._rows])
+        self._window.append(points * (1.0, -1.0))
+        self._count += 1
+        if math.isfinite(size) and self._count % self._every == 0:
+            self._facets = self._posterior(np.array(self._window) / size)
+        return self._facets
+
+    def _posterior(self, points: Floats) -> dict[str, Floats]:
+        """(T, 3, 2) in body sizes, right and up."""
+        known: NDArray[np.bool_] = np.logical_and.reduce(np.isfinite(points), axis=2)
+        facets: dict[str, Floats] = {}
+        if known.all(axis=1).sum() >= FEWEST_INSTANTS:
+            facets["shape_horizontal"] = three_ways(spreading(points, self._rate_hz))
+        if (known[:, :2].any(axis=1) & known[:, 2]).sum() >= FEWEST_INSTANTS:
+            facets["shape_vertical"] = three_ways(rising(points, self._rate_hz))
+            if abs(self._depth) >= LEAST_DEPTH:
+                facets["shape_sagittal"] = three_ways(advancing(points, self._rate_hz, back=0) / self._depth)
+        return facets
+
+
+def three_ways(rate: float) -> Floats:
+    """A rate in body sizes a second -> (3,) P(shrinks), P(neither), P(grows), in the order of the facets' values."""
+    shrinks, grows = _normal((-rate - SLOW) / NOISE), _normal((rate - SLOW) / NOISE)
+    return np.array([shrinks, max(1.0 - shrinks - grows, 0.0), grows])
+
+
+def depth_in(matrix: Floats) -> float:
+    """(3, 4) projective matrix -> cosine of the picture's right and the performer's back, -1 to 1; 0 for the Door.
+
+    The first row of the matrix's left part, without its share along the optical axis, the third row.
+    """
+    right, axis = oriented(matrix)[[0, 2], :3]
+    if axis.any():
+        right = right - axis * (right @ axis) / (axis @ axis)
+    return float(right[2] / np.linalg.norm(right))
+
+
+def _normal(x: float) -> float:
+    return 0.5 * math.erfc(-x / math.sqrt(2.0))
 
 
 class FacetReader:
-    """All facets that an observer can say: Shape always, Effort where there is a model of it."""
+    """Reads all facets of an observer: Shape always, Effort if there is a model of it."""
 
     def __init__(
         self, body_parts: Sequence[str], rate_hz: float, depth: float = 0.0, effort: EffortModel | None = None
@@ -72,6 +155,6 @@ class FacetReader:
         self.facets: Mapping[str, Floats] = {}
 
     def update(self, tracks: Tracks, rest: float) -> None:
-        """One frame at the rate given, and how probable rest is in it; leaves `facets`."""
+        """One frame, and the probability of rest in it; the result is left in `facets`."""
         effort = {} if self._effort is None else self._effort.update(tracks, rest)
         self.facets = {**effort, **self._shape.update(tracks.centres)}

@@ -35,7 +35,7 @@ class Editable(Protocol):
     def grown(self, header: Header, examples: Sequence[Example]) -> MovementModel:
         """The same model for a vocabulary with more movements at its end; the examples show only these."""
 
-    def shrunk(self, header: Header, kept: Sequence[int]) -> MovementModel:
+    def shrunk(self, header: Header, remaining: Sequence[int]) -> MovementModel:
         """The same model for a vocabulary of only these movements, in their order."""
 
 

@@ -91,9 +91,9 @@ class SymbolTable:
         table = type(self).learn(header, examples).log_table[self.header.vocabulary.size :]
         return type(self)(header, np.concatenate([self.log_table, table]), self.mean_frames)
 
-    def shrunk(self, header: Header, kept: Sequence[int]) -> Self:
+    def shrunk(self, header: Header, remaining: Sequence[int]) -> Self:
         """The same model for a vocabulary of only these movements, in their order."""
-        return type(self)(header, self.log_table[list(kept)], self.mean_frames)
+        return type(self)(header, self.log_table[list(remaining)], self.mean_frames)
 
     @classmethod
     def from_arrays(cls, header: Header, arrays: Arrays) -> Self:

@@ -157,11 +157,11 @@ class Phase:
             np.concatenate([self._facing_of, facing_of]),
         )
 
-    def shrunk(self, header: Header, kept: Sequence[int]) -> Self:
+    def shrunk(self, header: Header, remaining: Sequence[int]) -> Self:
         """The same model for a vocabulary of only these movements, in their order."""
         # New index of each movement; the background keeps its own.
         return self._renumbered(
-            header, {m: n for n, m in enumerate(kept)} | {-1 - b: -1 - b for b in range(self._background_size)}
+            header, {m: n for n, m in enumerate(remaining)} | {-1 - b: -1 - b for b in range(self._background_size)}
         )
 
     def without_background(self, gone: int) -> Self:

@@ -1,1 +1,1 @@
-"""Recorded human motion: the archive format, and the importers of other people's formats."""
+"""Recorded human motion: the archive format, its transforms and playback, and importers of other formats."""

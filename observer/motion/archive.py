@@ -1,4 +1,4 @@
-"""The motion archive: recordings of people as 3-D positions of body parts, and the rules that they keep; pure."""
+"""The motion archive: recordings of people as 3-D positions of body parts, and its rules. Pure."""
 
 import math
 import re
@@ -27,7 +27,7 @@ class Recording:
     """One recording of one person.
 
     positions: (F, P, 3) float32 metres; x to the performer's right, y up, z to the performer's back; NaN where
-    not seen. label: the movement, or "" when there are several, which `spans` then name.
+    not seen. label: the movement, or "" for several movements, which `spans` then name.
     """
 
     positions: NDArray[np.float32]

@@ -1,4 +1,4 @@
-"""Motion archives on disk: reads and writes the .npz file of the contract, and says what is wrong with a broken one."""
+"""Reads and writes motion archives: .npz files without pickles, checked by the rules of the contract."""
 
 import zipfile
 from pathlib import Path
@@ -23,14 +23,14 @@ _DTYPES = {
     "span_start": "int64",
     "span_end": "int64",
 }
-"""Arrays that are not named here hold text."""
+"""All other arrays contain text."""
 
 
 def read_archive(path: Path) -> MotionArchive:
     """The motion archive in the .npz file at `path`; nothing in it is ever unpickled.
 
-    Raises BadInput, one line with the file, the array, recording or frame and what was expected, for a file
-    that is missing, empty, truncated, of another format, or that breaks a rule of the contract.
+    Raises BadInput, one line with the file, the array, recording or frame and what is expected, for a file that is
+    missing, empty, truncated, of another format, or that breaks a rule of the contract.
     """
     arrays = _load(path)
     for name in arrays:
@@ -67,12 +67,12 @@ def write_archive(path: Path, archive: MotionArchive) -> None:
 
 
 def _load(path: Path) -> Arrays:
-    """All arrays that the contract names, the span arrays only when they are there."""
+    """All arrays that the contract names; the span arrays are optional."""
     _check_is_zip(path)
     arrays: Arrays = {}
     name = "the list of arrays"
     try:
-        # Opened here: numpy leaves a broken zip open behind it.
+        # Opened here: numpy leaves a broken zip open.
         with path.open("rb") as content, np.load(content, allow_pickle=False) as file:
             for name in _names(path, set(file.files)):
                 arrays[name] = file[name]
@@ -80,7 +80,7 @@ def _load(path: Path) -> Arrays:
                     raise ValueError("not an array")
     except BadInput:
         raise
-    # What zipfile, zlib and numpy raise over broken bytes has no common base, and every such defect is the file's.
+    # The errors of zipfile, zlib and numpy for broken files have no common base class.
     except Exception as error:
         reason = " ".join(str(error).split()) or type(error).__name__
         raise BadInput(f"{path}: {name} cannot be read ({reason}); an array without pickles is expected") from error
@@ -117,7 +117,7 @@ def _check_dtype(path: Path, name: str, array: NDArray[Any]) -> None:
 
 
 def _check_shapes(path: Path, arrays: Arrays) -> None:
-    """Every array beside its shape in the contract, and the lengths beside the frames."""
+    """Check the shape of every array, and the lengths against the number of frames."""
     count = arrays["lengths"].size
     expected: dict[str, tuple[int, ...]] = {"lengths": (count,), "body_parts": (arrays["body_parts"].size,)}
     expected |= dict.fromkeys(("labels", "subjects", "trials"), (count,))
@@ -132,7 +132,7 @@ def _check_shapes(path: Path, arrays: Arrays) -> None:
             raise BadInput(
                 f"{path}: {name} has shape {arrays[name].shape}: {shape} is expected beside the other arrays"
             )
-    # One by one first: sums of absurd lengths would overflow.
+    # One by one first: the sum of absurd lengths would overflow.
     for number, length in enumerate(arrays["lengths"]):
         if not 0 < length <= frames:
             raise BadInput(f"{path}: lengths, recording {number}: {length} frames; 1 to {frames} are expected")
@@ -142,7 +142,7 @@ def _check_shapes(path: Path, arrays: Arrays) -> None:
 
 
 def _spans(path: Path, arrays: Arrays) -> tuple[tuple[Span, ...], ...]:
-    """For each recording its spans, by their start: the file may hold them in any order."""
+    """The spans of each recording by their start; the file may contain them in any order."""
     count = arrays["lengths"].size
     spans: list[list[Span]] = [[] for _ in range(count)]
     rows = zip(*(arrays[name] for name in _SPANS), strict=True) if "span_label" in arrays else ()

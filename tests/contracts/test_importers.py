@@ -83,8 +83,8 @@ def test_recorded_people_keep_the_axes(kind, data):
 
 
 @pytest.mark.parametrize(("kind", "near"), [("bhv", "bvh"), ("msr_action3d", "msr-action3d"), ("CSV", "csv")])
-def test_an_unknown_kind_names_the_nearest_and_all(kind, near, tmp_path):
-    with pytest.raises(BadInput, match=f"kind '{kind}': unknown; did you mean {near}\\? known: {', '.join(IMPORTERS)}"):
+def test_an_unknown_kind_names_the_nearest(kind, near, tmp_path):
+    with pytest.raises(BadInput, match=f"kind '{kind}': unknown; did you mean {near}\\?"):
         import_recordings(kind, tmp_path)
 
 

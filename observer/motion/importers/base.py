@@ -1,4 +1,4 @@
-"""What every importer is, and the reading of text files that they share."""
+"""The protocol of importers, and functions that they share to read text files."""
 
 import math
 import re
@@ -14,47 +14,47 @@ from common.errors import BadInput
 from observer.motion.archive import MotionArchive
 
 Progress = Callable[[int, int], None]
-"""Called with how many files or recordings are done, and how many there are."""
+"""Called with the number of files or recordings done, and their total."""
 
 LARGEST = 1e12
-"""No metre, degree or second in a recording comes near; what is larger would overflow float32 further on."""
+"""Larger than any metre, degree or second in a recording; larger numbers would overflow float32 later."""
 
 
 @dataclass(frozen=True, slots=True)
 class ImportResult:
-    """An archive, and lines for the person: what was left out, assumed or converted."""
+    """An archive, and lines for people about what was left out, assumed or converted."""
 
     archive: MotionArchive
     notes: tuple[str, ...] = ()
 
 
 class Importer(Protocol):
-    """Reads one kind of other people's recordings; the body parts are always `observer.tracks.BODY_PARTS`.
+    """Reads recordings of one kind; the body parts are always `observer.tracks.BODY_PARTS`.
 
-    Raises BadInput, one line with the file, the place in it and what was expected.
+    Raises BadInput, one line with the file, the place in it and what is expected.
     """
 
     def __call__(self, path: Path, progress: Progress | None = None) -> ImportResult:
-        """Everything of this kind at `path`, a file or a folder, in one archive."""
+        """All recordings of this kind at `path`, a file or a folder, in one archive."""
 
 
 def files_at(path: Path, pattern: str, what: str) -> tuple[Path, ...]:
     """`path` itself when it is a file, else its files that match `pattern`, else those one folder below; sorted.
 
-    what: the files' description for the error when there is none.
+    what: description of the files, for the error if there are none.
     """
     if path.is_file():
         return (path,)
     if not path.is_dir():
         raise BadInput(f"{path}: no such file or folder; {what} expected")
-    found = sorted(path.glob(pattern)) or sorted(path.glob(f"*/{pattern}"))
-    if not found:
+    files = sorted(path.glob(pattern)) or sorted(path.glob(f"*/{pattern}"))
+    if not files:
         raise BadInput(f"{path}: nothing to import here; {what} expected")
-    return tuple(found)
+    return tuple(files)
 
 
 def read_text(path: Path) -> str:
-    """The whole text of a file, whatever its line ends; a byte order mark is skipped."""
+    """The whole text of a file, with any line endings; a byte order mark is skipped."""
     try:
         text = path.read_text(encoding="utf-8-sig")
     except OSError as error:
@@ -69,7 +69,7 @@ def read_text(path: Path) -> str:
 def number_rows(path: Path, lines: Sequence[str], columns: int, first_line: int = 1) -> NDArray[np.float64]:
     """(len(lines), columns) finite numbers; first_line: the number in the file of the first of `lines`."""
     try:
-        # Fast where all is well; the search for the defect is slow.
+        # Fast for valid files; the search for the defect below is slow.
         table = np.array([line.split() for line in lines], dtype=np.float64)
         if table.shape == (len(lines), columns) and (np.abs(table) <= LARGEST).all():
             return table
@@ -103,7 +103,7 @@ def rate_from(step: float) -> float:
 
 
 def shown(text: str) -> str:
-    """`text` for an error message: on one line and short, as a broken file may hold anything of any length."""
+    """`text` for an error message, short and on one line, because a broken file may contain anything."""
     return repr(re.sub(r"(?s)(.{40}).+", r"\1...", text))
 
 

@@ -1,8 +1,8 @@
-"""Imports BVH motion capture: three body parts by their joints' names, in the archive's axes and in metres.
+"""Imports BVH motion capture: three body parts by the names of their joints, in the archive's axes and in metres.
 
-A BVH file states neither units nor axes nor who faces where. The archive's axes come from the body itself: up is
-where the head is above the hips, right is from the left hip (or shoulder) to the right one in the first frame, the
-back is what completes them. Units come from the size of the skeleton.
+A BVH file states neither units nor axes nor the direction in which the performer faces. The archive's axes come from
+the body: up is from the hips to the head, right is from the left hip (or shoulder) to the right one in the first frame,
+and the back completes them. Units come from the size of the skeleton.
 """
 
 import re
@@ -29,21 +29,21 @@ _SIDED = {
     "foot": ("{side}foot", "{side}ankle", "{s}foot", "{s}ankle", "foot{side}", "foot{s}"),
     "toe": ("{side}toebase", "{side}toe", "{side}toes", "{s}toe", "{s}toes", "toe{s}", "toes{s}", "toebase{s}"),
 }  # fmt: skip
-"""Names that joints have in files of different makers, in lower case, letters and digits only; the best first."""
+"""Names of joints in files of different makers, in lower case, letters and digits only; the best first."""
 
 _MIRRORED = 0.5
-"""Cosine from which feet point backwards so clearly that left and right are exchanged: a mirrored file."""
+"""Cosine from which the feet point backwards so clearly that left and right are exchanged: a mirrored file."""
 _UNITS = ((10.0, 1.0, "metres"), (1000.0, 0.01, "centimetres"), (np.inf, 0.001, "millimetres"))
 """A skeleton up to this many units tall: metres in one unit, and its name."""
 _PLAUSIBLE = (0.5, 3.0)
-"""Metres, from head to foot: outside, the note warns that the unit is a guess."""
+"""Metres from head to foot; outside this range the note warns that the unit is a guess."""
 
 
 def import_files(path: Path, progress: Progress | None = None) -> ImportResult:
     """The .bvh file `path`, or those in this folder (or just below it), one recording each.
 
     waving_0_1_-1_1.bvh gives label "waving" and trial "0_1_-1_1"; any other name gives the label alone, with
-    trial "1". The subject is "1". Raises BadInput for a broken file, or when a joint is not found by its name.
+    trial "1". The subject is "1". Raises BadInput for a broken file, or if no joint has an expected name.
     """
     files = files_at(path, "*.[bB][vV][hH]", ".bvh files")
     recordings = []
@@ -67,12 +67,14 @@ def _named(file: Path) -> tuple[str, str]:
     effort = _EFFORT_NAME.fullmatch(file.stem)
     label, trial = clean_label(effort[1] if effort else file.stem), effort[2] if effort else "1"
     if not label:
-        raise BadInput(f"{file}: its name is to name the movement; letters or digits are expected, such as waving.bvh")
+        raise BadInput(
+            f"{file}: its name must contain the movement; letters or digits are expected, such as waving.bvh"
+        )
     return label, trial
 
 
 def _positions(motion: BvhMotion, file: Path) -> tuple[Floats, tuple[str, ...]]:
-    """(F, 3, 3) body parts in metres and the archive's axes, and what was assumed to get there."""
+    """(F, 3, 3) body parts in metres and the archive's axes, and the assumptions made."""
     joints = motion.joints
     parts = [_required(joints, _sided("hand", "left"), "the left hand", file),
              _required(joints, _sided("hand", "right"), "the right hand", file),
@@ -80,13 +82,13 @@ def _positions(motion: BvhMotion, file: Path) -> tuple[Floats, tuple[str, ...]]:
     places = joint_positions(motion)
     axes, notes = _axes(joints, places, parts[2], file)
     scale, unit = _unit(places[0])
-    # The performer starts above the origin; how high he is stays as recorded.
+    # The performer starts above the origin; the height stays as recorded.
     origin = places[0, 0] - np.dot(places[0, 0], axes[1]) * axes[1]
     return (places[:, parts] - origin) @ axes.T * scale, (unit, *notes)
 
 
 def _axes(joints: tuple[Joint, ...], places: Floats, head: int, file: Path) -> tuple[Floats, tuple[str, ...]]:
-    """Rows: the archive's x, y, z in the file's axes, orthonormal; and what is unusual about them."""
+    """Rows: the archive's x, y, z in the file's axes, orthonormal; and notes on unusual axes."""
     left, right = _pair(joints, file)
     hips = (places[:, left] + places[:, right]) / 2
     above = (places[:, head] - hips).mean(axis=0)
@@ -96,7 +98,7 @@ def _axes(joints: tuple[Joint, ...], places: Floats, head: int, file: Path) -> t
     across = places[0, right] - places[0, left]
     across = across - np.dot(across, up) * up
     if np.linalg.norm(across) < 1e-9:
-        raise BadInput(f"{file}: frame 0: one hip is above the other; a performer who stands is expected")
+        raise BadInput(f"{file}: frame 0: one hip is above the other; a standing performer is expected")
     across /= np.linalg.norm(across)
     back = np.cross(across, up)
     notes = [f"took {'+' if up[axis] > 0 else '-'}{'xyz'[axis]} as up"] if up[1] != 1.0 else []
@@ -107,10 +109,10 @@ def _axes(joints: tuple[Joint, ...], places: Floats, head: int, file: Path) -> t
 
 
 def _toes_point(joints: tuple[Joint, ...], places: Floats, direction: Floats) -> float:
-    """The cosine between the feet, from ankle to toe, and `direction`, both together; 0 without toes."""
+    """Cosine between the sum of both feet, from ankle to toe, and `direction`; 0 without toes."""
     feet = np.zeros(3)
     for side in ("left", "right"):
-        foot, toe = _found(joints, _sided("foot", side)), _found(joints, _sided("toe", side))
+        foot, toe = _joint_named(joints, _sided("foot", side)), _joint_named(joints, _sided("toe", side))
         if foot is not None and toe is not None:
             feet += places[toe] - places[foot]
     length = float(np.linalg.norm(feet))
@@ -120,16 +122,16 @@ def _toes_point(joints: tuple[Joint, ...], places: Floats, direction: Floats) ->
 def _pair(joints: tuple[Joint, ...], file: Path) -> tuple[int, int]:
     """Left and right hip, or shoulder."""
     for name in ("hip", "shoulder"):
-        left, right = _found(joints, _sided(name, "left")), _found(joints, _sided(name, "right"))
+        left, right = _joint_named(joints, _sided(name, "left")), _joint_named(joints, _sided(name, "right"))
         if left is not None and right is not None:
             return left, right
     raise BadInput(f"{file}: no pair of hips or shoulders, such as LeftUpLeg and RightUpLeg; {_known(joints)}")
 
 
 def _unit(places: Floats) -> tuple[float, str]:
-    """Metres in one unit, judged from one frame (J, 3), and the line that says so.
+    """Metres in one unit, estimated from one frame (J, 3), and the note that says so.
 
-    The widest extent counts, so that arms stretched out or a person lying down change little.
+    The largest extent counts, so that stretched arms or a lying person change little.
     """
     size = float(np.ptp(places, axis=0).max())
     metres, name = next((metres, name) for most, metres, name in _UNITS if size <= most)
@@ -142,8 +144,8 @@ def _sided(joint: str, side: str) -> tuple[str, ...]:
     return tuple(name.format(side=side, s=side[0]) for name in _SIDED[joint])
 
 
-def _found(joints: tuple[Joint, ...], names: tuple[str, ...]) -> int | None:
-    """The joint with the best of `names`: alone, else behind a prefix such as "Bip01 " or "mixamorig:"."""
+def _joint_named(joints: tuple[Joint, ...], names: tuple[str, ...]) -> int | None:
+    """Index of the joint with the best of `names`: exact, else after a prefix such as "Bip01 " or "mixamorig:"."""
     plain = [re.sub(r"[^a-z0-9]", "", joint.name.lower()) for joint in joints]
     for name in names:
         if name in plain:
@@ -156,10 +158,10 @@ def _found(joints: tuple[Joint, ...], names: tuple[str, ...]) -> int | None:
 
 
 def _required(joints: tuple[Joint, ...], names: tuple[str, ...], what: str, file: Path) -> int:
-    found = _found(joints, names)
-    if found is None:
+    joint = _joint_named(joints, names)
+    if joint is None:
         raise BadInput(f"{file}: no joint for {what}: {', '.join(names[:3])} or the like is expected; {_known(joints)}")
-    return found
+    return joint
 
 
 def _known(joints: tuple[Joint, ...]) -> str:

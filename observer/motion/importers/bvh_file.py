@@ -1,4 +1,4 @@
-"""Reads BVH motion capture (Biovision hierarchy): the skeleton, its channels, and their values."""
+"""Reads BVH motion capture (Biovision hierarchy), and computes where every joint is in each frame."""
 
 import re
 from collections.abc import Iterator
@@ -72,7 +72,7 @@ def _hierarchy(path: Path, text: str) -> tuple[Joint, ...]:
 
 
 def _block_entry(path: Path, words: Words, joints: list[Joint], open_joints: list[int]) -> None:
-    """One entry between the braces of the innermost open joint; closes it or opens another when the entry says so."""
+    """One entry between the braces of the innermost open joint, which may close it or open another."""
     number, word = _next(path, words)
     joint = joints[open_joints[-1]]
     match word.lower():
@@ -91,7 +91,7 @@ def _block_entry(path: Path, words: Words, joints: list[Joint], open_joints: lis
 
 
 def _name(path: Path, words: Words) -> str:
-    """The words up to the opening brace: some makers put spaces into names."""
+    """The words up to the opening brace: some files have spaces in names."""
     name = [_next(path, words)]
     while name[-1][1] != "{":
         name.append(_next(path, words))
@@ -115,10 +115,10 @@ def _channels(path: Path, words: Words) -> tuple[str, ...]:
 
 
 def _next(path: Path, words: Words) -> tuple[int, str]:
-    found = next(words, None)
-    if found is None:
+    word = next(words, None)
+    if word is None:
         raise BadInput(f"{path}: the hierarchy ends before its braces are closed; a whole BVH file is expected")
-    return found
+    return word
 
 
 def _expect(path: Path, words: Words, wanted: str) -> None:
@@ -133,7 +133,7 @@ def _number(path: Path, words: Words) -> float:
 
 
 def _motion(path: Path, text: str, start: int, columns: int) -> tuple[Floats, float]:
-    """The values (F, columns) and the frame time, from `start` on, just behind the word MOTION."""
+    """The values (F, columns) and the frame time; `start`: the position after the word MOTION."""
     first_line = text.count("\n", 0, start) + 2
     lines = text[start:].rstrip().split("\n")[1:]
     place = f"{path}: line {first_line}"
@@ -143,15 +143,17 @@ def _motion(path: Path, text: str, start: int, columns: int) -> tuple[Floats, fl
     frames = whole_number(head[1], f"{place}: Frames")
     seconds = finite_number(head[2], f"{path}: line {first_line + 1}: Frame Time")
     if frames < 1 or seconds <= 0:
-        raise BadInput(f"{place}: {frames} frames, {seconds} s apart: one or more, a positive time apart, are expected")
+        raise BadInput(
+            f"{place}: {frames} frames, {seconds} s apart: at least one frame and a positive time are expected"
+        )
     rows = lines[2:]
     if len(rows) != frames:
-        raise BadInput(f"{path}: {len(rows)} frames are there; {frames} are expected, as line {first_line} says")
+        raise BadInput(f"{path}: {len(rows)} frames; {frames} are expected, as line {first_line} says")
     return number_rows(path, rows, columns, first_line + 2), seconds
 
 
 def joint_positions(motion: BvhMotion) -> Floats:
-    """(F, J, 3) forward kinematics: where each joint is, in the file's units and axes.
+    """(F, J, 3) place of each joint by forward kinematics, in the file's units and axes.
 
     With the parent's rotation R_p and position t_p, a joint is at t = t_p + R_p o and turns by R = R_p A_1 A_2 A_3,
     A_i the rotations about its channels' axes in the order that the file lists them. o is the offset; position
@@ -175,7 +177,7 @@ def joint_positions(motion: BvhMotion) -> Floats:
 
 
 def _local(joint: Joint, values: Floats) -> tuple[Floats, Floats]:
-    """(F, 3) place and (F, 3, 3) rotation of a joint seen from its parent."""
+    """(F, 3) place and (F, 3, 3) rotation of a joint relative to its parent."""
     place = np.tile(joint.offset, (len(values), 1))
     turn = np.tile(np.eye(3), (len(values), 1, 1))
     for channel, column in zip(joint.channels, values.T, strict=True):

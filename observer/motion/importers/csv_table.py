@@ -1,4 +1,4 @@
-"""Imports plain tables: .csv files with one row a frame, for whoever can write a table and no other format.
+"""Imports plain tables: .csv files with one row per frame, for programs that write no other format.
 
 The first line is exactly
 

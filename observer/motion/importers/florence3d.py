@@ -16,7 +16,7 @@ from observer.motion.importers.base import LARGEST, ImportResult, Progress
 from observer.tracks import BODY_PARTS
 
 RATE_HZ = 10.0
-"""The data state none; about 10 frames a second were recorded."""
+"""Not stated in the data; about 10 frames per second were recorded."""
 
 _DATA, _NAMES = "skeletal_data.mat", "action_names.mat"
 _SUBJECTS, _JOINTS = 10, 15
@@ -48,7 +48,7 @@ def import_folder(path: Path, progress: Progress | None = None) -> ImportResult:
         recordings.append(recording)
         if progress:
             progress(number, len(clips))
-    note = f"took {RATE_HZ:.0f} Hz as the sampling rate: the data state none"
+    note = f"took {RATE_HZ:.0f} Hz as the sampling rate, which is not stated in the data"
     return ImportResult(MotionArchive(BODY_PARTS, tuple(recordings)), (note,))
 
 
@@ -69,14 +69,14 @@ def _variable(file: Path, name: str) -> NDArray[np.object_]:
     if not file.is_file():
         raise BadInput(f"{file}: no such file; {_DATA} and {_NAMES} are expected in this folder")
     try:
-        found = loadmat(str(file), simplify_cells=True)
-    # What scipy raises over broken bytes has no common base, and every such defect is the file's.
+        variables = loadmat(str(file), simplify_cells=True)
+    # scipy's errors for broken files have no common base class.
     except Exception as error:
         reason = " ".join(str(error).split()) or type(error).__name__
         raise BadInput(f"{file}: cannot be read ({reason}); a MATLAB 5 file is expected") from error
-    if name not in found:
+    if name not in variables:
         raise BadInput(f"{file}: variable {name} is missing; Florence 3D Actions is expected")
-    return np.asarray(found[name], dtype=object).ravel()
+    return np.asarray(variables[name], dtype=object).ravel()
 
 
 def _field(clip: object, name: str, place: str) -> object:

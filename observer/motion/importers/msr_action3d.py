@@ -1,7 +1,7 @@
 """Imports MSR Action3D: a folder of aAA_sSS_eEE_skeleton3D.txt files, 20 joints a frame, 15 frames a second.
 
 Source: Li, Zhang, Liu, Action recognition based on a bag of 3D points, CVPR workshops 2010. The joints are in metres,
-x to the performer's right, y up, z away from the camera that he faces: the archive's own axes.
+x to the performer's right, y up, z away from the camera, which the performer faces: the archive's own axes.
 """
 
 import re
@@ -41,7 +41,7 @@ LABELS = (
 
 RATE_HZ = 15.0
 MOST_EMPTY = 0.3
-"""Share of empty (all-zero) frames above which a sequence is left out: 553 of the 567 stay."""
+"""Sequences with a larger share of empty (all-zero) frames are left out: 553 of the 567 remain."""
 
 _SUFFIX = "_skeleton3D.txt"
 _NAME = re.compile(r"a(\d\d)_s(\d\d)_e(\d\d)" + re.escape(_SUFFIX))
@@ -60,10 +60,10 @@ def import_folder(path: Path, progress: Progress | None = None) -> ImportResult:
     files = files_at(path, f"*{_SUFFIX}", _WHAT)
     recordings: list[Recording] = []
     notes: list[str] = []
-    seen: dict[str, Path] = {}
+    paths: dict[str, Path] = {}
     for number, file in enumerate(files, 1):
-        if seen.setdefault(file.name, file) != file:
-            raise BadInput(f"{file}: the same sequence as {seen[file.name]}; each is expected once")
+        if paths.setdefault(file.name, file) != file:
+            raise BadInput(f"{file}: the same sequence as {paths[file.name]}; each is expected once")
         name = _named(file)
         positions, empty = _positions(file)
         if empty > MOST_EMPTY:
@@ -105,7 +105,7 @@ def _positions(file: Path) -> tuple[NDArray[np.float32], float]:
             f"{file}: line {len(rows)}: ends within frame {len(rows) // _JOINTS}; {_JOINTS} lines a frame are expected"
         )
     joints = rows.reshape(-1, _JOINTS, 4)[:, :, :3]
-    # The recorder wrote zeros for every joint where it had lost the person.
+    # The recorder wrote zeros for all joints while it had lost the person.
     empty = (joints == 0).all(axis=(1, 2))
     positions = joints[:, _PARTS].astype(np.float32)
     positions[empty] = np.nan

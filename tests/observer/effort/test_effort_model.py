@@ -11,7 +11,7 @@ from common.facets import EFFORT, check_facets
 from observer.effort.effort_file import read_effort, require_rate, write_effort
 from observer.effort.features import NAMES
 from observer.effort.learning import learn_trials, levels_of
-from observer.effort.model import COLUMNS, FACTORS, NU, RIDGE, UNKNOWN_ACTION, Trial, log_odds, spread
+from observer.effort.model import COLUMNS, FACTORS, NU, RIDGE, UNKNOWN_ACTION, EffortExample, log_odds, spread
 
 ACTIONS = ("push", "lift", "turn")
 
@@ -27,7 +27,7 @@ def made(noise=0.3, seed=0, actions=ACTIONS):
             features[NAMES.index("lean_last")] += 5 * number
             for factor, level in zip(FACTORS, levels, strict=True):
                 features[NAMES.index(shown[factor])] += level
-            trials.append(Trial(features, levels, action))
+            trials.append(EffortExample(features, levels, action))
     return trials
 
 

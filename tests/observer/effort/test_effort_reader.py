@@ -8,9 +8,8 @@ from common.facets import FACETS, check_facets
 from observer.effort.course import Course, course_of
 from observer.effort.features import NAMES, features
 from observer.effort.learning import learn_trials
-from observer.effort.model import Trial
-from observer.effort.reader import BEFORE_S, SEEN_S, EffortReader, FacetReader
-from observer.effort.shape import ShapeReader, depth_in, three_ways
+from observer.effort.model import EffortExample
+from observer.effort.reader import BEFORE_S, SHORTEST_S, EffortReader, FacetReader, ShapeReader, depth_in, three_ways
 from observer.geometry.views import parse_view
 from observer.tracks import BODY_PARTS, Tracks
 
@@ -30,7 +29,9 @@ def wave(frames=90, quick=1.0, seed=None):
 def model():
     """Sudden is quick and sustained is slow; of the other factors nothing is known."""
     trials = [
-        Trial(features(course_of(wave(120, quick, seed), BODY_PARTS, RATE)), (level, level, level, level), action)
+        EffortExample(
+            features(course_of(wave(120, quick, seed), BODY_PARTS, RATE)), (level, level, level, level), action
+        )
         for action, seed in (("one", 1), ("two", 2))
         for quick, level in ((0.6, -1), (0.8, -1), (2.0, 1), (2.4, 1))
     ]
@@ -85,7 +86,7 @@ def test_effort_is_said_while_the_movement_goes_on_and_not_at_rest():
     assert fed(reader, wave(60), 0.95)[-1] == {}
     said = fed(reader, wave(90, 2.2, seed=6), 0.1)
     first = next(n for n, facets in enumerate(said) if facets)
-    assert SEEN_S * RATE - 1 <= first <= SEEN_S * RATE + 8
+    assert SHORTEST_S * RATE - 1 <= first <= SHORTEST_S * RATE + 8
     assert said[-1]["effort_time"][1] > 0.8
     check_facets(said[-1])
     assert fed(reader, wave(1), 0.6)[-1] == said[-1]

@@ -194,7 +194,7 @@ def test_windows_line_ends_and_other_cases(tmp_path):
         ("MOTION", "", "no MOTION section"),
         ("Frames: 3", "Frames: three", "line 17: Frames: 'three'"),
         ("Frames: 3", "Frames: 0", "line 17: 0 frames"),
-        ("Frames: 3", "Frames: 4", "3 frames are there; 4 are expected, as line 17 says"),
+        ("Frames: 3", "Frames: 4", "3 frames; 4 are expected, as line 17 says"),
         ("Frames: 3\n", "", "line 17: 'Frames: N'"),
         ("Frame Time: 0.04", "Frame Time: 0", "positive time"),
         ("Frame Time: 0.04", "Frame Time: nan", "line 18: Frame Time: 'nan'"),
@@ -220,5 +220,5 @@ def test_a_body_without_sides_or_a_name_without_letters(tmp_path):
     with pytest.raises(BadInput, match="no joint for the head"):
         imported(tmp_path, body_text(rename=lambda name: name.replace("Head", "Hat")))
     (tmp_path / "Walk Home.bvh").unlink()
-    with pytest.raises(BadInput, match="its name is to name the movement"):
+    with pytest.raises(BadInput, match="its name must contain the movement"):
         imported(tmp_path, body_text(), "---.bvh")
