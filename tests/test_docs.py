@@ -1,4 +1,4 @@
-"""The documents against the code: what they name exists, what they show runs, and what they list is complete."""
+"""The documents agree with the code: names exist, commands and examples run, lists are complete."""
 
 import ast
 import json
@@ -39,29 +39,33 @@ from observer.tracks import BODY_PARTS, Frame
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
+REFERENCE = DOCS / "reference"
+DESIGN = DOCS / "design"
 PAGES = sorted([ROOT / "README.md", ROOT / "CHANGELOG.md", *DOCS.rglob("*.md")])
 MESSAGES = {
     kind: getattr(messages, f"{kind.capitalize()}Message")
     for kind in ("posterior", "judgement", "verdict", "status", "vocabulary")
 }
-REWRITE = "the last block of docs/reference/wire.md is the command that writes them anew"
-
+REWRITE = "the last block of docs/reference/wire.md is the command that rewrites it"
 SHELL = {".", "cd", "mkdir"}
-"""Ordinary commands that a block of shell may hold."""
+"""Shell commands that a block may contain besides ours."""
+FOLDERS = ("common", "observer", "fusion", "hub", "studies", "deploy", "examples", "benchmarks", "tests")
+MODULES = [ROOT / "labanmesh.py", *chain(*((ROOT / folder).rglob("*.py") for folder in FOLDERS))]
 
 pages = pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+messages_of_the_mesh = pytest.mark.parametrize("kind", MESSAGES)
 
 
 def prose(page):
-    return re.sub(r"```.*?```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
+    return re.sub(r"```.*?```", "", page.read_text("utf-8"), flags=re.DOTALL)
 
 
 def blocks(page, language):
-    return re.findall(rf"```{language}\n(.*?)```", page.read_text(encoding="utf-8"), flags=re.DOTALL)
+    return re.findall(rf"```{language}\n(.*?)```", page.read_text("utf-8"), flags=re.DOTALL)
 
 
 def section(page, heading):
-    """What stands under a heading, down to the next one of that level."""
+    """The text below a heading of the second level, up to the next one."""
     return re.search(rf"^## {heading}\n(.*?)(?=^## |\Z)", page.read_text("utf-8"), re.DOTALL | re.MULTILINE)[1]
 
 
@@ -70,36 +74,48 @@ def table_rows(text):
     return [[cell.strip("| ") for cell in row] for row in rows if not set("".join(row)) <= set("-| ")]
 
 
-def slugs(page):
+def anchors(page):
     headings = re.findall(r"^#+ (.*)$", prose(page), re.MULTILINE)
     return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
 
 
 @pages
-def test_links_lead_somewhere(page):
+def test_links_lead_to_files_and_headings(page):
     for target in re.findall(r"\]\(([^)\s]+)\)", prose(page)):
         if target.startswith("https://"):
             continue
         file, _, anchor = target.partition("#")
-        place = (page.parent / file) if file else page
-        assert place.exists(), f"{page.name}: {target}"
-        assert not anchor or anchor in slugs(place), f"{page.name}: {target}"
+        linked = (page.parent / file) if file else page
+        assert linked.exists(), f"{page.name}: {target}"
+        assert not anchor or anchor in anchors(linked), f"{page.name}: {target}"
 
 
 @pages
-def test_no_machine_is_named(page):
+def test_no_path_of_one_machine_is_named(page):
     assert not re.search(r"(?<![\w.])/(work|tmp|home|opt)\b|\.\./shared", page.read_text("utf-8"))
+
+
+@pytest.mark.parametrize("folder", ["guide", "reference", "design", "results"])
+def test_the_index_of_a_folder_links_every_page(folder):
+    index = (DOCS / folder / "README.md").read_text("utf-8")
+    listed = set(re.findall(r"\]\(([\w-]+\.md)\)", index))
+    assert listed == {page.name for page in (DOCS / folder).glob("*.md")} - {"README.md"}
+
+
+def test_the_glossary_explains_each_term_once():
+    terms = [row[0] for row in table_rows((DOCS / "glossary.md").read_text("utf-8")) if row[0] != "term"]
+    assert len(terms) > 50 and sorted({*terms}) == sorted(terms)
 
 
 @cache
 def names_in(file):
     """Functions, classes and constants of a module, and `Class.member`."""
-    found = set()
+    names = set()
     for node in ast.parse(file.read_text("utf-8")).body:
-        found |= names_of(node)
+        names |= names_of(node)
         if isinstance(node, ast.ClassDef):
-            found |= {f"{node.name}.{name}" for inner in node.body for name in names_of(inner)}
-    return found
+            names |= {f"{node.name}.{name}" for inner in node.body for name in names_of(inner)}
+    return names
 
 
 def names_of(node):
@@ -110,21 +126,28 @@ def names_of(node):
 
 
 @pages
-def test_code_that_is_named_exists(page):
-    for path, name in re.findall(r"`([\w/]+\.py)(?::([\w.]+))?`", page.read_text("utf-8")):
-        assert (ROOT / path).is_file(), f"{page.name}: {path}"
+def test_files_and_names_of_code_exist(page):
+    text = page.read_text("utf-8")
+    for path, name in re.findall(rf"`((?:{'|'.join(FOLDERS)})/[\w./-]*|labanmesh\.py)(?::([\w.]+))?`", text):
+        assert (ROOT / path).exists(), f"{page.name}: {path}"
         assert not name or name in names_in(ROOT / path), f"{page.name}: {path}:{name}"
 
 
-def test_every_room_is_in_the_tree_of_the_readme():
+@pages
+def test_classes_exist(page):
+    classes = set(re.findall(r"`([A-Z][a-z]+(?:[A-Z][a-z]+)+)(?:\.\w+)?`", prose(page)))
+    assert page.name == "CHANGELOG.md" or classes <= set(chain(*(names_in(file) for file in MODULES)))
+
+
+def test_every_package_is_in_the_tree_of_the_readme():
     packages = {path.parent.name + "/" for path in ROOT.glob("*/__init__.py")}
-    named = {row[0].strip("`") for row in table_rows(section(ROOT / "README.md", "The tree"))}
-    assert packages <= named
-    assert all((ROOT / name).exists() for name in named - {"folder"})
+    listed = {row[0].strip("`") for row in table_rows(section(ROOT / "README.md", "The tree"))}
+    assert packages <= listed
+    assert all((ROOT / name).exists() for name in listed - {"folder"})
 
 
 def command_lines(page):
-    """Commands of shell blocks, and of text blocks after a prompt, with the continuation and comments taken away."""
+    """Words of the commands in shell blocks, and in text blocks after a prompt, without comments and variables."""
     prompts = [line[2:] for text in blocks(page, "text") for line in text.splitlines() if line.startswith("$ ")]
     for line in chain(prompts, *(text.replace("\\\n", " ").splitlines() for text in blocks(page, "sh"))):
         words = [w for w in shlex.split(line, comments=True) if not re.match(r"[A-Z_]+=", w)]
@@ -137,15 +160,19 @@ def command_of(verb):
     return typer.main.get_command(app_of(verb))
 
 
-def told_apart(words):
-    """The command that the words begin with, a sub-verb's own if there is one, and the words after it."""
+def subcommand(words):
+    """The command or sub-command that the words begin with, and the words after it."""
     command = command_of(words[0])
     inner = getattr(command, "commands", {}).get(words[1]) if len(words) > 1 else None
     return (inner, words[2:]) if inner else (command, words[1:])
 
 
+def options_of(command):
+    return {option for p in command.params for option in (*p.opts, *p.secondary_opts) if option[:1] == "-"}
+
+
 @pages
-def test_commands_in_blocks_are_understood(page):
+def test_commands_in_blocks_are_valid(page):
     makefile = (ROOT / "Makefile").read_text("utf-8")
     for words in command_lines(page):
         if words[0] in SHELL or words[:2] == ["python", "make_motion.py"]:
@@ -156,50 +183,47 @@ def test_commands_in_blocks_are_understood(page):
             assert (ROOT / words[2].replace(".", "/") / "__main__.py").exists(), words
         else:
             assert words[0] == "labanmesh", words
-            command, rest = told_apart(words[1:])
+            command, rest = subcommand(words[1:])
             command.make_context(words[1], rest)
 
 
 @pages
 def test_commands_in_the_text_have_known_verbs_and_options(page):
-    for line in re.findall(r"`labanmesh ([^`]+)`", prose(page)):
+    for line in re.findall(r"`labanmesh\s([^`]+)`", prose(page)):
         words = line.split()
         if words[0] in ("VERB", "--help"):
             continue
         assert words[0] in VERBS, f"{page.name}: labanmesh {line}"
-        parameters = told_apart(words)[0].params
-        known = {option for p in parameters for option in (*p.opts, *p.secondary_opts)} | {"--help"}
         options = {word for word in words if word.startswith("--")}
-        assert options <= known, f"{page.name}: labanmesh {line}"
+        assert options <= options_of(subcommand(words)[0]) | {"--help"}, f"{page.name}: labanmesh {line}"
 
 
 @pytest.mark.parametrize("verb", VERBS)
-def test_commands_lists_every_verb_and_option(verb):
-    page = (DOCS / "reference" / "commands.md").read_text("utf-8")
+def test_the_reference_lists_every_command_and_option(verb):
+    page = (REFERENCE / "commands.md").read_text("utf-8")
     assert re.search(rf"^\| `{verb}[` ]", page, re.MULTILINE)
+    rows = [row for row in table_rows(page) if {verb, "all", "both"} & set(re.split(r"[, ]+", row[1]))]
+    listed = set(re.findall(r"`(-[\w-]+)`", " ".join(row[0] for row in rows)))
     command = command_of(verb)
     for inner in getattr(command, "commands", {verb: command}).values():
-        options = {option for p in inner.params for option in (*p.opts, *p.secondary_opts) if option[:1] == "-"}
-        rows = [row for row in table_rows(page) if {verb, "all", "both"} & set(re.split(r"[, ]+", row[1]))]
-        listed = set(re.findall(r"`(-[\w-]+)`", " ".join(row[0] for row in rows)))
-        assert options - {"--help"} <= listed, verb
+        assert options_of(inner) - {"--help"} <= listed
 
 
-@pytest.mark.parametrize("kind", MESSAGES)
-def test_schemas_are_those_of_the_models(kind):
-    written = json.loads((DOCS / "reference" / "schema" / f"{kind}.json").read_text("utf-8"))
-    assert written == MESSAGES[kind].model_json_schema(), f"docs/reference/schema/{kind}.json is out of date; {REWRITE}"
+@messages_of_the_mesh
+def test_the_schemas_are_those_of_the_models(kind):
+    schema = json.loads((REFERENCE / "schema" / f"{kind}.json").read_text("utf-8"))
+    assert schema == MESSAGES[kind].model_json_schema(), f"docs/reference/schema/{kind}.json is out of date; {REWRITE}"
 
 
-def fields_in(text, head="field"):
+def fields_in(text):
     rows = table_rows(text)
-    start = next(n for n, row in enumerate(rows) if row[0] == head)
+    start = next(n for n, row in enumerate(rows) if row[0] == "field")
     return {row[0].strip("`") for row in rows[start + 1 :] if row[0].startswith("`")}
 
 
-@pytest.mark.parametrize("kind", MESSAGES)
-def test_wire_tells_every_field(kind):
-    text = section(DOCS / "reference" / "wire.md", kind)
+@messages_of_the_mesh
+def test_the_reference_lists_every_field(kind):
+    text = section(REFERENCE / "wire.md", kind)
     own = set(MESSAGES[kind].model_fields)
     if kind == "verdict":
         own -= set(messages.JudgementMessage.model_fields)
@@ -209,18 +233,21 @@ def test_wire_tells_every_field(kind):
     assert fields_in(text) == own
 
 
-@pytest.mark.parametrize("kind", MESSAGES)
+@messages_of_the_mesh
 def test_examples_of_messages_are_messages(kind):
-    (example,) = re.findall(r"```json\n(.*?)```", section(DOCS / "reference" / "wire.md", kind), re.DOTALL)
-    said = json.loads(example)
-    assert set(said) <= set(MESSAGES[kind].model_fields)
-    message = decode(MESSAGES[kind], msgpack.packb(said))
+    (example,) = re.findall(r"```json\n(.*?)```", section(REFERENCE / "wire.md", kind), re.DOTALL)
+    fields = json.loads(example)
+    assert set(fields) <= set(MESSAGES[kind].model_fields)
+    message = decode(MESSAGES[kind], msgpack.packb(fields))
     if kind == "vocabulary":
         assert Vocabulary(tuple(message.labels)).digest == message.hash
 
 
-DEPENDS_ON_THE_REST = {"observers.ID.model": "ID.model", "fusion.quorum": "half of the observers"}
-DEFAULTS_IN_WORDS = {"vocabulary": "the models' own"} | DEPENDS_ON_THE_REST
+DEFAULTS_IN_WORDS = {
+    "observers.ID.model": "ID.model",
+    "fusion.quorum": "half of the observers",
+    "vocabulary": "the models' own",
+}
 
 
 def keys_of(model, prefix=""):
@@ -240,45 +267,49 @@ SECTIONS = {
 }
 
 
-def test_scene_tells_every_key_with_its_default():
+def test_the_reference_lists_every_key_with_its_default():
     expected = keys_of(Scene)
     for name, model in SECTIONS.items():
         expected |= keys_of(model, f"{name}.") if model else {}
     expected = {key: default for key, default in expected.items() if key not in SECTIONS}
-    told = {row[0].strip("`"): row[1] for row in table_rows(section(DOCS / "reference" / "scene.md", "Every key"))[1:]}
-    assert told.keys() == expected.keys()
+    listed = {row[0].strip("`"): row[1] for row in table_rows(section(REFERENCE / "scene.md", "Every key"))[1:]}
+    assert listed.keys() == expected.keys()
     for key, default in expected.items():
         plain = "none" if default is PydanticUndefined else f"`{json.dumps(default)}`"
-        assert told[key].strip("`") == DEFAULTS_IN_WORDS.get(key, plain).strip("`"), key
+        assert listed[key].strip("`") == DEFAULTS_IN_WORDS.get(key, plain).strip("`"), key
 
 
 @pytest.mark.parametrize(
-    "page", ["README.md", "docs/reference/scene.md", "docs/reference/wire.md", "docs/guide/operate.md"]
+    "page",
+    [
+        "README.md",
+        *(f"docs/{name}.md" for name in ("reference/scene", "reference/wire", "guide/operate", "guide/tutorial")),
+    ],
 )
-def test_scene_files_in_the_documents_are_read(page, tmp_path):
-    whole = [text for text in blocks(ROOT / page, "toml") if "scene = " in text]
-    assert whole
-    for text in whole:
+def test_the_scene_files_of_the_documents_are_valid(page, tmp_path):
+    complete = [text for text in blocks(ROOT / page, "toml") if "scene = " in text]
+    assert complete
+    for text in complete:
         (tmp_path / "scene.toml").write_text(text, encoding="utf-8")
         read_scene(tmp_path / "scene.toml", {})
 
 
 def executed(text):
     names = {"__name__": "documented"}
-    exec(compile(text, "docs", "exec"), names)  # noqa: S102 - our own documents
+    exec(compile(text, "docs", "exec"), names)  # noqa: S102 - the text is ours
     return names
 
 
-def test_the_archive_in_motion_is_written_and_read(tmp_path, monkeypatch, capsys):
+def test_the_archive_example_is_written_and_read(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    (code,) = blocks(DOCS / "reference" / "motion.md", "python")
+    (code,) = blocks(REFERENCE / "motion.md", "python")
     executed(code)
     assert capsys.readouterr().out == "1 recording\n"
     assert read_archive(Path("mine.npz")).recordings[0].label == "stand"
 
 
-def test_the_table_in_motion_is_imported(tmp_path):
-    (table,) = blocks(DOCS / "reference" / "motion.md", "csv")
+def test_the_csv_example_is_imported(tmp_path):
+    (table,) = blocks(REFERENCE / "motion.md", "csv")
     (tmp_path / "a.csv").write_text(table, encoding="utf-8")
     (recording,) = csv_table.import_files(tmp_path / "a.csv").archive.recordings
     assert recording.label == "wave" and recording.rate_hz == pytest.approx(30, rel=1e-3)
@@ -286,11 +317,11 @@ def test_the_table_in_motion_is_imported(tmp_path):
 
 
 def extension(name):
-    (code,) = [text for text in blocks(DOCS / "design" / "extend.md", "python") if name in text]
+    (code,) = [text for text in blocks(DESIGN / "extend.md", "python") if name in text]
     return executed(code)
 
 
-def test_the_model_in_extend_tells_movements_apart(monkeypatch):
+def test_the_example_of_a_model_recognises_movements(monkeypatch):
     from observer.geometry.views import parse_view
     from observer.learning.learn import learn_view
     from observer.model import registry
@@ -310,7 +341,7 @@ def test_the_model_in_extend_tells_movements_apart(monkeypatch):
     assert opinions[-1].p[0] > 0.8
 
 
-def test_the_other_examples_in_extend_do_what_they_say(tmp_path):
+def test_the_other_examples_of_extensions_work(tmp_path):
     pooled = extension("quadratic_mean")["RULE"].pool(np.array([[0.6, 0.4], [0.6, 0.4]]), np.full(2, 0.5))
     assert pooled.p == pytest.approx([0.6, 0.4])
     np.save(tmp_path / "wave-anna-1.npy", np.zeros((4, 3, 3)))
@@ -326,10 +357,10 @@ def test_the_other_examples_in_extend_do_what_they_say(tmp_path):
     assert "print_verdicts" in extension("print_verdicts")
 
 
-def test_dependencies_tells_every_dependency_and_its_bounds():
+def test_every_dependency_is_listed_with_its_bounds():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
     extras = project["optional-dependencies"]
-    text = (DOCS / "design" / "dependencies.md").read_text("utf-8")
+    text = (DESIGN / "dependencies.md").read_text("utf-8")
     ours = [line for name in ("observer", "report", "capture", "mqtt", "dashboard") for line in extras[name]]
     for requirement in [*project["dependencies"], *ours]:
         name, bounds = re.match(r"([\w-]+)(.*)", requirement.replace(",", ", ")).groups()
