@@ -91,24 +91,16 @@ class Scene(Section):
         """The ids of all fusion services of this scene; on a mesh of one machine the first one listens."""
         return (self.fusion.id, *self.fusion.standby)
 
-    def for_service(self, service: str) -> "Scene":
-        """The scene as one of its fusion services sees it; raises BadInput that lists the known ones."""
-        if service not in self.services:
+    def require_service(self, service: str, *, shared: bool = False) -> None:
+        """Raises BadInput when the scene names its fusion services and `service` is not one of them.
+
+        shared: a scene that names no standby services is one of several that any service may serve.
+        """
+        if service not in self.services and (self.fusion.standby or not shared):
             raise BadInput(
-                f"fusion service {service!r}: not in the scene; known: {', '.join(self.services)}; "
+                f"fusion service {service!r}: not in the scene {self.scene!r}; known: {', '.join(self.services)}; "
                 f'add it to [fusion] standby = ["{service}"]'
             )
-        others = tuple(name for name in self.services if name != service)
-        return self._with_fusion(id=service, standby=others)
-
-    def for_shared_service(self, service: str) -> "Scene":
-        """The scene as one of the processes that share many scenes sees it; raises BadInput for an illegal id."""
-        return self._with_fusion(id=identifier(service, "fusion.id"))
-
-    def _with_fusion(self, **changes: object) -> "Scene":
-        scene = self.model_copy(update={"fusion": self.fusion.model_copy(update=changes)})
-        scene._folder = self._folder
-        return scene
 
     @property
     def named_vocabulary(self) -> Vocabulary | None:

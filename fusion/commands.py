@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from common.config import Scene, read_scene
+from common.config import read_scene
 from common.errors import BadInput
 from common.keys import identifier
 from common.lifecycle import log_to_stderr, stop_on_signals
@@ -49,7 +49,7 @@ def fuse(
     for scene in configs:
         get_rule(scene.fusion.rule, len(scene.roster))
         require_fits(scene)
-        require_service(scene, own, shared=shared)
+        scene.require_service(own, shared=shared)
     # On one machine the first service is where all meet; the others connect to it as observers do.
     role: MeshRole = "fusion" if own == first else "standby"
     with stop_on_signals() as stop, Link.open(configs[0].mesh, role, process_id=own) as link:
@@ -66,12 +66,3 @@ def scene_files(paths: Sequence[Path]) -> Iterator[Path]:
         if not inside:
             raise BadInput(f"{path}: no scene file in this folder; scene files end in .toml")
         yield from inside
-
-
-def require_service(scene: Scene, own: str, *, shared: bool) -> None:
-    """Raises BadInput when the scene names its services and `own` is not one of them."""
-    if own not in scene.services and (scene.fusion.standby or not shared):
-        raise BadInput(
-            f"fusion service {own!r}: not in the scene {scene.scene!r}; known: {', '.join(scene.services)}; "
-            f'add it to [fusion] standby = ["{own}"]'
-        )

@@ -83,6 +83,11 @@ class SceneMember:
         self._follow_role()
         return self.worker
 
+    @property
+    def at_rest(self) -> bool:
+        """Whether no movement is in progress, as far as this service knows."""
+        return self.worker is None or self.worker.at_rest
+
     def publish_status(self) -> None:
         """Publish how the service is in this scene; to be called once a second."""
         if self.role is not Role.IDLE:

@@ -56,6 +56,11 @@ class VerdictPublisher:
             self._file.write(checkpoint)
         return payload
 
+    @property
+    def at_rest(self) -> bool:
+        """Whether the last judgement was of no movement."""
+        return self._last_judgement is None or self._last_judgement.movement is None
+
     def checkpoint(self) -> Checkpoint | None:
         """What another service needs to continue; None before the first judgement."""
         if self._last_judgement is None:

@@ -100,6 +100,11 @@ class SceneWorker:
         self.fuses = self.owns = self.restored = False
         self.epoch = 0
 
+    @property
+    def at_rest(self) -> bool:
+        """Whether no movement is in progress."""
+        return self._publisher.at_rest
+
     def poll_requests(self) -> None:
         """Answer a handover request, if one has come."""
         self._requests.poll()

@@ -12,10 +12,12 @@ import secrets
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import suppress
 from itertools import islice
 
+from common import SECOND_NS
 from common.config import Scene
-from common.errors import BadInput
+from common.errors import BadInput, LabanmeshError
 from common.inbox import Arrival, Presence
 from common.keys import scene_of
 from common.link import Link
@@ -40,6 +42,8 @@ SAME_ID_TIMEOUT_S = 3.0
 ASK_CLOCKS_S = 60.0
 """Asking a thousand observers every second would cost as much as receiving their posteriors."""
 STATUS_EVERY_S = 1.0
+MOST_DRIFT_NS = 20_000_000
+"""A wall clock that differs by more was set; less is how exactly clocks are compared over a network."""
 
 
 def serve(
@@ -47,14 +51,15 @@ def serve(
     own: str,
     link: Link,
     stop: threading.Event,
-    clock: Callable[[], int] = time.time_ns,
+    clock: Callable[[], int] | None = None,
     *,
     shared: bool = False,
 ) -> None:
     """Take part in the fusion of `scenes` as the service `own` until `stop` is set.
 
     shared: scenes that name no standby services are shared with all other services of these scenes. clock: Unix epoch
-    in ns. Raises BadInput for scenes that one process cannot serve, LabanmeshError when another process has this id.
+    in ns; None: a SteadyClock. Raises BadInput for scenes that one process cannot serve, LabanmeshError when another
+    process has this id.
     """
     require_compatible(scenes)
     supervisor = Notifier.from_environment()
@@ -89,7 +94,7 @@ class FusionServer:
         scenes: Sequence[Scene],
         own: str,
         link: Link,
-        clock: Callable[[], int],
+        clock: Callable[[], int] | None,
         *,
         shared: bool,
         supervisor: Notifier,
@@ -100,13 +105,14 @@ class FusionServer:
         """polled: whether posteriors wait until a scene is due; None: as its number of scenes asks for."""
         self._polled = len(scenes) > FEW_SCENES if polled is None else polled
         self._ticks, self._polling_pause_s = ticks, pause_s
+        self._steady = SteadyClock()
         keys = () if self._polled else tuple(scene.keys.posterior() for scene in scenes)
         self._inbox = link.inbox(*keys)
         service = Service(
             own=own,
             session=secrets.token_hex(8),
             link=link,
-            clock=clock,
+            clock=clock or self._steady,
             ticks=ticks,
             shared=shared,
             polled=self._polled,
@@ -141,13 +147,17 @@ class FusionServer:
             self._status_s = begun_s
             for member in self.members:
                 member.publish_status()
+            if all(member.at_rest for member in self.members):
+                self._steady.follow()
         owned = sum(member.role is Role.OWNER for member in self.members)
         return ServerStep(results, owned, received, read, self.dropped, self._ticks() - begun_s)
 
     def close(self, fault: str = "") -> None:
         """Leave all scenes. fault: why the service failed; "": it stops in order."""
         for member in self.members:
-            member.close(fault)
+            # The link may have been closed before.
+            with suppress(LabanmeshError):
+                member.close(fault)
 
     def _pause_s(self) -> float:
         return self._polling_pause_s if self._polled else max(0.0, min(self._due_s) - self._ticks())
@@ -165,6 +175,31 @@ class FusionServer:
             else:
                 self._due_s[n] = self._ticks() + period_s
             yield member, own
+
+
+class SteadyClock:
+    """Unix epoch in ns that does not jump when the wall clock is set: the wall clock at one time, and ticks since.
+
+    A jump within a movement would change its id, its hold times and the ages of posteriors. `follow` takes over a wall
+    clock that was set; to be called while no movement is in progress.
+    """
+
+    def __init__(
+        self, wall_ns: Callable[[], int] = time.time_ns, ticks_ns: Callable[[], int] = time.monotonic_ns
+    ) -> None:
+        self._wall_ns, self._ticks_ns = wall_ns, ticks_ns
+        self._offset_ns = wall_ns() - ticks_ns()
+
+    def __call__(self) -> int:
+        """The time now."""
+        return self._offset_ns + self._ticks_ns()
+
+    def follow(self) -> None:
+        """Take over the wall clock if it differs by more than MOST_DRIFT_NS."""
+        offset_ns = self._wall_ns() - self._ticks_ns()
+        if abs(offset_ns - self._offset_ns) > MOST_DRIFT_NS:
+            log.info("the clock of this machine was set by %+.3f s", (offset_ns - self._offset_ns) / SECOND_NS)
+            self._offset_ns = offset_ns
 
 
 def require_compatible(scenes: Sequence[Scene]) -> None:

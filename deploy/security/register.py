@@ -276,7 +276,7 @@ def _fusion(scenes: Sequence["Scene"], name: str) -> str:
     if slash:
         _scene(scenes, scene_name)
     if len(scenes) == 1:
-        scenes[0].for_service(fusion)
+        scenes[0].require_service(fusion)
         return fusion
     identifier(fusion, "--fusion")
     return name

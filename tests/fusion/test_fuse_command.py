@@ -4,8 +4,8 @@ import pytest
 
 from common.config import read_scene
 from common.errors import BadInput
-from fusion.commands import require_service, scene_files
-from fusion.server import require_compatible
+from fusion.commands import scene_files
+from fusion.server import SteadyClock, require_compatible
 
 SCENE = 'scene = "{name}"\n{more}\n[observers.cam1]\nsource = "m.npz"\n'
 
@@ -53,9 +53,23 @@ def test_a_service_is_one_that_the_scene_names_or_any_where_scenes_are_shared(tm
         a=SCENE.format(name="a", more=""),
         b=SCENE.format(name="b", more="") + '[fusion]\nstandby = ["second"]\n',
     )
-    require_service(plain, "fusion", shared=False)
-    require_service(plain, "north", shared=True)
-    require_service(standby, "second", shared=True)
+    plain.require_service("fusion")
+    plain.require_service("north", shared=True)
+    standby.require_service("second", shared=True)
     for scene, shared in ((plain, False), (standby, True)):
         with pytest.raises(BadInput, match=r"fusion service 'north': not in the scene .*; known: fusion.*standby"):
-            require_service(scene, "north", shared=shared)
+            scene.require_service("north", shared=shared)
+
+
+def test_the_services_clock_does_not_jump_within_a_movement_and_follows_at_rest():
+    wall, ticks = [1_000_000_000_000], [5]
+    clock = SteadyClock(lambda: wall[0], lambda: ticks[0])
+    assert clock() == wall[0]
+    wall[0] -= 500_000_000
+    ticks[0] += 7
+    assert clock() == 1_000_000_000_007
+    clock.follow()
+    assert clock() == wall[0]
+    wall[0] += 1_000_000
+    clock.follow()
+    assert clock() == wall[0] - 1_000_000, "a difference as small as the measurement is not followed"

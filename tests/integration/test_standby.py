@@ -3,6 +3,7 @@
 import json
 import threading
 import time
+from functools import partial
 
 import pytest
 import zenoh
@@ -14,7 +15,7 @@ from common.status import ProcessStatus, StatusPublisher
 from common.vocabulary import Vocabulary
 from common.wire import decode, encode
 from fusion.membership import SameIdError
-from fusion.server import serve
+from fusion.server import SteadyClock, serve
 
 SOON_S = 10.0
 HOUR_NS = 3600 * 1_000_000_000
@@ -59,7 +60,7 @@ class Hall:
         self.links.append(Link.open(self.mesh, role))
         return self.links[-1]
 
-    def begin(self, service):
+    def begin(self, service, own="", steady=False):
         """Start one more fusion service."""
         link, stop = self.peer("standby"), threading.Event()
         self.clocks[service] = ticking = threading.Event()
@@ -71,7 +72,7 @@ class Hall:
 
         def body():
             try:
-                serve([self.scene], service, link, stop, clock)
+                serve([self.scene], own or service, link, stop, None if steady else clock)
             except Exception as error:  # noqa: BLE001 - asserted when the hall closes
                 self.faults.append(error)
 
@@ -251,3 +252,39 @@ def test_a_lone_service_continues_after_a_restart(hall, tmp_path):
     hall.belief = REST
     ended = until(hall.verdicts, VerdictMessage, lambda v: True)
     assert [(v.id, v.ended_ns is not None) for v in ended] == [(decided.id, True)]
+
+
+def test_a_clock_that_is_set_back_within_a_movement_changes_no_verdict(hall, monkeypatch):
+    jump_ns = 0
+    real = time.time_ns
+    steady = partial(SteadyClock, lambda: real() + jump_ns)
+    monkeypatch.setattr("fusion.server.SteadyClock", steady)
+    hall.begin("a", steady=True)
+    hall.talk()
+    until(hall.judgements, JudgementMessage, lambda j: j.votes["cam1"].state == "counted")
+    hall.belief = BOWING
+    decided = until(hall.verdicts, VerdictMessage, lambda v: True)[-1]
+    jump_ns = -HOUR_NS
+    until(hall.judgements, JudgementMessage, lambda j: j.seq > decided.seq + 20)
+    hall.belief = REST
+    ended = until(hall.verdicts, VerdictMessage, lambda v: True)
+    assert [(v.id, v.ended_ns is not None) for v in ended] == [(decided.id, True)]
+    until(hall.judgements, JudgementMessage, lambda j: j.at_ns < real() - HOUR_NS / 2)
+
+
+def test_of_two_processes_with_one_id_that_start_together_one_ends(hall, monkeypatch):
+    monkeypatch.setattr("fusion.server._id_is_free", lambda *_: True)
+    fusion = hall.scene.fusion.model_copy(update={"standby": ()})
+    hall.scene = hall.scene.model_copy(update={"fusion": fusion})
+    hall.begin("a")
+    hall.begin("a2", own="a")
+    end_s = time.monotonic() + SOON_S
+    while not hall.faults:
+        assert time.monotonic() < end_s, "both publish"
+        hall.judgements.take(0.1)
+    (fault,) = hall.faults
+    assert isinstance(fault, SameIdError)
+    hall.faults.clear()
+    survivor = until(hall.judgements, JudgementMessage, lambda j: j.seq > 10)[-1].session
+    said = until(hall.judgements, JudgementMessage, lambda j: j.seq > 40)
+    assert {j.session for j in said} == {survivor}
