@@ -1,16 +1,24 @@
-"""Keys: the contract's, to the letter, and names that are safe in Zenoh, MQTT and Home Assistant."""
+"""Names: keys, identifiers, vocabularies and addresses, and the text helpers."""
+
+import hashlib
 
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
+from common.address import Address
 from common.errors import BadInput
-from common.keys import SceneKeys, identifier, observer_of
+from common.keys import SceneKeys, identifier, observer_of, scene_of
+from common.text import named_numbers, one_of, plural, split_list
+from common.vocabulary import Vocabulary
 
 IDS = st.text("abcdefghijklmnopqrstuvwxyz0123456789_-", min_size=1, max_size=64)
+LABELS = st.lists(
+    st.text("abcxyz019_", min_size=1, max_size=64).filter(lambda s: s != "abstain"), min_size=2, max_size=9, unique=True
+)
 
 
-def test_the_contract():
+def test_the_keys_of_the_contract():
     keys = SceneKeys("dojo")
     assert keys.posterior("cam1") == "laban/dojo/observer/cam1/posterior"
     assert keys.observer_status("cam1") == "laban/dojo/observer/cam1/status"
@@ -20,23 +28,19 @@ def test_the_contract():
     assert (keys.judgement, keys.verdict) == ("laban/dojo/judgement", "laban/dojo/verdict")
     assert keys.vocabulary == "laban/dojo/vocabulary"
     assert keys.posterior() == "laban/dojo/observer/*/posterior"
-
-
-def test_the_prefix_may_be_a_path():
     assert SceneKeys("dojo", "home/laban").judgement == "home/laban/dojo/judgement"
 
 
 @given(IDS, IDS, IDS)
-def test_an_observer_is_found_again_in_each_of_its_keys(prefix, scene, observer):
+def test_a_key_gives_back_its_scene_and_process(prefix, scene, process):
     keys = SceneKeys(scene, prefix)
-    for key in (keys.posterior(observer), keys.observer_status(observer), keys.observer_alive(observer)):
-        assert observer_of(key) == observer
+    for key in (keys.posterior, keys.observer_status, keys.observer_alive, keys.fusion_status, keys.fusion_alive):
+        assert (scene_of(key(process)), observer_of(key(process))) == (scene, process)
 
 
 @given(st.text(max_size=70))
-def test_an_identifier_is_legal_or_refused_by_name(text):
-    legal = 1 <= len(text) <= 64 and all(c in "abcdefghijklmnopqrstuvwxyz0123456789_-" for c in text)
-    if legal:
+def test_an_identifier_is_legal_or_rejected_by_name(text):
+    if 1 <= len(text) <= 64 and all(c in "abcdefghijklmnopqrstuvwxyz0123456789_-" for c in text):
         assert identifier(text, "scene") == text
     else:
         with pytest.raises(BadInput, match=r"^scene = ") as caught:
@@ -45,9 +49,91 @@ def test_an_identifier_is_legal_or_refused_by_name(text):
 
 
 @pytest.mark.parametrize("bad", ["", "Dojo", "do jo", "a/b", "*", "dojo\n", "x" * 65, "größe"])
-def test_no_scene_or_prefix_that_is_no_key(bad):
+def test_an_illegal_scene_or_prefix_is_rejected(bad):
     with pytest.raises(BadInput, match=r"^scene = "):
         SceneKeys(bad)
     if bad != "a/b":
         with pytest.raises(BadInput, match=r"^mesh.prefix = "):
             SceneKeys("dojo", f"laban/{bad}")
+
+
+def test_the_digest_of_a_vocabulary_is_the_documented_one():
+    assert Vocabulary(("bow", "lunge")).digest == hashlib.sha256(b"bow\nlunge\n").hexdigest()[:16]
+    assert Vocabulary(("bow", "lunge"), "other").digest == Vocabulary(("bow", "lunge")).digest
+    assert Vocabulary(("ab", "c")).digest != Vocabulary(("a", "bc")).digest
+
+
+@given(LABELS, st.randoms())
+def test_every_label_and_the_order_count(labels, random):
+    vocabulary = Vocabulary(tuple(labels))
+    assert [vocabulary.index(label) for label in labels] == list(range(vocabulary.size))
+    shuffled = labels.copy()
+    random.shuffle(shuffled)
+    assume(shuffled != labels)
+    assert Vocabulary(tuple(shuffled)).digest != vocabulary.digest
+
+
+@pytest.mark.parametrize(
+    ("labels", "rule"),
+    [
+        ((), "at least two"),
+        (("bow",), "at least two"),
+        (("bow", "lunge", "bow"), "'bow' occurs twice"),
+        (("bow", "Lunge"), "'Lunge': use 1 to 64"),
+        (("bow", ""), "'': use 1 to 64"),
+        (("bow", "x" * 65), "use 1 to 64"),
+        (("bow", "lunge\n"), "lower case letters"),
+        (("bow", "größe"), "lower case letters"),
+        (("bow", "abstain"), "'abstain': reserved"),
+    ],
+)
+def test_bad_labels_are_rejected_in_one_line(labels, rule):
+    with pytest.raises(BadInput, match=rule) as caught:
+        Vocabulary(labels)
+    assert "\n" not in str(caught.value)
+
+
+def test_an_unknown_label_lists_the_known_ones():
+    with pytest.raises(BadInput, match="'punch': not in the vocabulary; known: bow, lunge"):
+        Vocabulary(("bow", "lunge")).index("punch")
+
+
+@pytest.mark.parametrize(
+    ("text", "host", "port"),
+    [("127.0.0.1:9464", "127.0.0.1", 9464), ("[::1]:0", "::1", 0), ("attic:65535", "attic", 65535)],
+)
+def test_an_address_survives_the_round_trip(text, host, port):
+    address = Address.parse(text, "metrics.listen")
+    assert (address.host, address.port, str(address)) == (host, port, text)
+
+
+@pytest.mark.parametrize(
+    "text", ["9464", ":9464", "host:", "host:65536", "::1:9464", "a b:1", "host:1/x", "http://h:1"]
+)
+def test_a_bad_address_is_one_line(text):
+    with pytest.raises(BadInput, match=r"^metrics\.listen = .*: must be HOST:PORT with a port up to 65535, e\.g\. "):
+        Address.parse(text, "metrics.listen")
+
+
+@pytest.mark.parametrize(
+    ("text", "reachable"), [("0.0.0.0:1", "127.0.0.1:1"), ("[::]:1", "[::1]:1"), ("attic:1", "attic:1")]
+)
+def test_a_process_on_every_interface_is_reached_on_this_machine(text, reachable):
+    assert str(Address.parse(text, "").reachable) == reachable
+
+
+def test_text_helpers():
+    assert [plural(n, "recording") for n in (0, 1, 2)] == ["0 recordings", "1 recording", "2 recordings"]
+    assert [plural(n, "person", "people") for n in (1, 2)] == ["1 person", "2 people"]
+    assert split_list("--labels", "a, b") == ("a", "b") and split_list("--labels", "") == ()
+    assert named_numbers("-p", ["a=1", " b = 2.5"]) == {"a": 1.0, "b": 2.5}
+    assert one_of("--rule", "log", ["log", "linear"]) == "log"
+    for call in (
+        lambda: split_list("--labels", "a,,b"),
+        lambda: named_numbers("-p", ["a"]),
+        lambda: named_numbers("-p", ["=1"]),
+        lambda: named_numbers("-p", ["a=b"]),
+        lambda: one_of("--rule", "lg", ["log"]),
+    ):
+        with pytest.raises(BadInput, match=r"^--?\w+ '.*': "):
+            call()

@@ -1,4 +1,4 @@
-"""Metrics: addresses, health, JSON log lines, and names, all of which docs/reference/metrics.md lists."""
+"""Metrics of every process, which docs/reference/metrics.md lists, and JSON log lines."""
 
 import json
 import logging
@@ -10,9 +10,8 @@ from types import SimpleNamespace
 import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
-from common.address import Address
+from common import SECOND_NS
 from common.errors import BadInput
-from common.health import FRESH_S, STALLED_S, ProcessHealth
 from common.lifecycle import JsonLines, as_json_line, formatter, log_to_stderr, set_log_identity
 from common.messages import (
     Agreement,
@@ -35,30 +34,17 @@ from hub.scene_state import SceneState
 from observer.runtime.metrics import ObserverMetrics
 
 ROOT = Path(__file__).parents[2]
-SECOND = 1_000_000_000
-
-
-@pytest.mark.parametrize(
-    ("text", "host", "port"),
-    [("127.0.0.1:9464", "127.0.0.1", 9464), ("[::1]:0", "::1", 0), ("attic:65535", "attic", 65535)],
-)
-def test_addresses_are_read_and_written(text, host, port):
-    address = Address.parse(text, "metrics.listen")
-    assert (address.host, address.port, str(address)) == (host, port, text)
-
-
-@pytest.mark.parametrize(
-    "text", ["9464", ":9464", "host:", "host:65536", "::1:9464", "a b:1", "host:1/x", "http://h:1"]
-)
-def test_what_is_no_address_is_told_in_one_line(text):
-    with pytest.raises(BadInput, match=r"^metrics\.listen = .*: must be HOST:PORT with a port up to 65535, e\.g\. "):
-        Address.parse(text, "metrics.listen")
+SECOND = SECOND_NS
+LABELS = {
+    *("scene", "observer", "fusion", "hub", "role", "version", "state", "label", "reason", "kind", "le"),
+    *("implementation", "major", "minor", "patchlevel", "generation"),
+}
 
 
 def test_each_job_has_the_next_port():
     jobs = [Job("[fuse]", ["fuse"]), Job("cam1", ["observe"], environment={"A": "b"}), Job("cam2", ["observe"])]
-    given = [job.environment.get("LABANMESH_METRICS_LISTEN") for job in with_ports(jobs, "0.0.0.0:9464")]
-    assert given == ["0.0.0.0:9464", "0.0.0.0:9465", "0.0.0.0:9466"]
+    listen = [job.environment.get("LABANMESH_METRICS_LISTEN") for job in with_ports(jobs, "0.0.0.0:9464")]
+    assert listen == ["0.0.0.0:9464", "0.0.0.0:9465", "0.0.0.0:9466"]
     assert with_ports(jobs, "0.0.0.0:9464")[1].environment["A"] == "b"
     assert with_ports(jobs, "") == jobs
     with pytest.raises(BadInput, match="choose a lower port"):
@@ -66,45 +52,20 @@ def test_each_job_has_the_next_port():
     assert {job.environment["LABANMESH_METRICS_LISTEN"] for job in with_ports(jobs, "[::1]:0")} == {"[::1]:0"}
 
 
-def test_every_interface_is_reached_on_this_machine():
-    assert str(Address.parse("0.0.0.0:1", "").reachable) == "127.0.0.1:1"
-    assert str(Address.parse("[::]:1", "").reachable) == "[::1]:1"
-    assert str(Address.parse("attic:1", "").reachable) == "attic:1"
-
-
-def test_alive_and_ready_by_the_steps_of_the_loop():
-    said = []
-    vitals = ProcessHealth("dojo", "observer", "cam1", 100.0, note=lambda: said[-1] if said else "")
-    assert vitals.alive(101).ok and not vitals.ready(101).ok and vitals.ready(101).reason == "no frame yet"
-    assert vitals.alive(100 + STALLED_S).reason == f"no frame for {STALLED_S:.0f} s"
-    vitals.record_step(110)
-    assert vitals.ready(110 + FRESH_S - 0.1).ok and vitals.ready(111).reason == ""
-    assert not vitals.ready(110 + FRESH_S).ok and vitals.alive(110 + FRESH_S).ok
-    assert not vitals.alive(110 + STALLED_S).ok
-    said.append("camera 0: no picture any more")
-    assert vitals.ready(120).reason == "camera 0: no picture any more"
-    vitals.record_step(120)
-    assert vitals.ready(121).ok and vitals.ready(121).reason == "camera 0: no picture any more"
-    vitals.set_obstacle("the broker: refused")
-    assert vitals.ready(121) != vitals.alive(121) and vitals.ready(121).reason == "the broker: refused"
-    vitals.set_obstacle("")
-    assert vitals.ready(121).ok
-
-
 def record(message, *arguments, **more):
-    made = logging.LogRecord("labanmesh.fusion", logging.INFO, __file__, 1, message, arguments, None)
-    made.__dict__.update(more)
-    return made
+    record = logging.LogRecord("labanmesh.fusion", logging.INFO, __file__, 1, message, arguments, None)
+    record.__dict__.update(more)
+    return record
 
 
-def test_a_line_of_json_says_who_and_which_verdict():
+def test_a_json_line_names_process_and_verdict():
     lines = JsonLines()
     lines.identity = {"scene": "dojo", "fusion": "first"}
-    said = json.loads(
+    fields = json.loads(
         lines.format(record("verdict %s\n", "v1", verdict="v1", label="ok", agree=2, heard=3, ended=True))
     )
-    assert re.match(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{3}\+00:00$", said.pop("at"))
-    assert said == {
+    assert re.match(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{3}\+00:00$", fields.pop("at"))
+    assert fields == {
         "level": "info", "logger": "labanmesh.fusion", "message": "verdict v1\n", "scene": "dojo", "fusion": "first",
         "verdict": "v1", "label": "ok", "agree": 2, "heard": 3, "ended": True,
     }  # fmt: skip
@@ -117,7 +78,7 @@ def test_a_line_of_json_says_who_and_which_verdict():
     assert json.loads(lines.format(failed))["exception"].endswith("ValueError: wrong")
 
 
-def test_the_form_is_chosen_by_the_environment(monkeypatch, capsys):
+def test_the_environment_selects_the_log_format(monkeypatch, capsys):
     root = logging.getLogger()
     before, level = root.handlers[:], root.level
     try:
@@ -141,33 +102,33 @@ def test_the_form_is_chosen_by_the_environment(monkeypatch, capsys):
         root.setLevel(level)
 
 
-def test_a_line_of_a_process_becomes_json_unless_it_is():
+def test_a_line_of_output_becomes_json_unless_it_is():
     own = formatter("json").format(record("hello"))
     assert as_json_line("cam1", own) == own
     assert json.loads(as_json_line("cam1", "Traceback: {")) == {"process": "cam1", "message": "Traceback: {"}
     assert json.loads(as_json_line("cam1", "3")) == {"process": "cam1", "message": "3"}
 
 
-def spoken(judgement_of=JudgementMessage, **more):
+def judgement(kind=JudgementMessage, **more):
     vote = Vote(label="ok", entropy=0.5, weight=1.0, age_s=0.1, state="counted", skew_s=0.01)
-    return judgement_of(
+    return kind(
         scene="dojo", fusion="fusion", seq=1, at_ns=1, vocabulary=VocabularyReference(name="n", hash="h"), p=[0.9, 0.1],
         label="ok", certainty_bits=0.5, rule="log", votes={"cam1": vote}, agreement=Agreement(k=1, n=1), **more,
     )  # fmt: skip
 
 
 def status():
-    accounts = {
+    observers = {
         "cam1": ObserverStatistics(skew_s=0.01, rejected={"malformed": 2}),
         "x1": ObserverStatistics(rejected={"malformed": 3}),
     }
     return StatusMessage(
-        scene="dojo", id="fusion", state="running", last_frame_ns=SECOND, skew_s=0.01, version="1", observers=accounts
+        scene="dojo", id="fusion", state="running", last_frame_ns=SECOND, skew_s=0.01, version="1", observers=observers
     )
 
 
 def every_metric():
-    """All that observer, fusion and hub can say, as Prometheus reads it, by role."""
+    """Every metric of observer, fusion and hub as Prometheus parses it, by role."""
     observer = ObserverMetrics("dojo", "cam1", status)
     observer.record_frame(0.1, 0.01, sent=True)
     worker = SimpleNamespace(
@@ -176,56 +137,41 @@ def every_metric():
         status=SimpleNamespace(status=lambda now_ns: status()),
     )
     fusion, shared = FusionMetrics("fusion", worker), FusionMetrics("north", None)
-    verdict = spoken(VerdictMessage, id="v", began_ns=0, decided_ns=SECOND, ended_ns=2 * SECOND)
-    result = StepResult(EngineOutput(spoken(), [verdict]), [verdict])
+    verdict = judgement(VerdictMessage, id="v", began_ns=0, decided_ns=SECOND, ended_ns=2 * SECOND)
+    result = StepResult(EngineOutput(judgement(), [verdict]), [verdict])
     for metrics in (fusion, shared):
         metrics.record(ServerStep([result], 1, 1, 1, 4, 0.01))
     hub = HubMetrics("mqtt")
-    hub.record(SceneState("dojo").fold(spoken(), SECOND), spoken())
+    hub.record(SceneState("dojo").fold(judgement(), SECOND), judgement())
     hub.record_connection(True)
     roles = {"observer": observer, "fusion": fusion, "fusion of many scenes": shared, "hub": hub}
     return {role: list(text_string_to_metric_families(m.exposition("")[0].decode())) for role, m in roles.items()}
 
 
-def test_docs_tell_every_metric_of_every_role():
+def test_the_docs_list_every_metric_of_every_role():
     rows = re.findall(
         r"^\| `(labanmesh_\w+)` \| (\w+) \| ([\w, ]+) \|", (ROOT / "docs/reference/metrics.md").read_text(), re.M
     )
-    told = {(role, name, kind) for name, kind, roles in rows for role in roles.split(", ")}
-    said = {
+    documented = {(role, name, kind) for name, kind, roles in rows for role in roles.split(", ")}
+    exported = {
         (role, family.name + ("_total" if family.type == "counter" else ""), family.type)
         for role, families in every_metric().items()
         for family in families
         if family.name.startswith("labanmesh_") and not family.name.endswith("_created")
     }
-    assert told == said
+    assert documented == exported
 
 
-def test_labels_are_of_the_scene_and_fixed_sets():
+def test_labels_are_from_the_scene_and_fixed_sets():
     for families in every_metric().values():
         for family in families:
             for sample in family.samples:
                 assert family.name.startswith(("labanmesh_", "process_", "python_"))
-                assert set(sample.labels) <= {
-                    *(
-                        "scene",
-                        "observer",
-                        "fusion",
-                        "hub",
-                        "role",
-                        "version",
-                        "state",
-                        "label",
-                        "reason",
-                        "kind",
-                        "le",
-                    ),
-                    *("implementation", "major", "minor", "patchlevel", "generation"),
-                }
+                assert set(sample.labels) <= LABELS
                 assert sample.labels.get("observer", "cam1") in ("cam1", "(others)")
 
 
-def test_the_values_are_those_that_were_said():
+def test_values_are_those_that_were_recorded():
     values = {
         (s.name, s.labels.get("observer"), s.labels.get("label") or s.labels.get("reason")): s.value
         for family in every_metric()["fusion"]

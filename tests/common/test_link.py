@@ -1,0 +1,50 @@
+"""Inbox, presence, and sockets of this process that would delay a close."""
+
+import socket
+import struct
+import sys
+import threading
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from common.inbox import Inbox, Presence
+from common.link import end_lingering
+
+
+@given(st.integers(1, 8), st.integers(0, 30))
+def test_a_full_inbox_drops_the_oldest_and_counts_them(limit, count):
+    inbox = Inbox(limit)
+    for i in range(count):
+        inbox.put("k", bytes([i]))
+    assert [(arrival.key, arrival.payload[0]) for arrival in inbox.take(0)] == [("k", i) for i in range(count)][-limit:]
+    assert inbox.dropped == max(0, count - limit) and inbox.take(0.001) == []
+
+
+def test_wake_ends_a_wait():
+    inbox, taken = Inbox(), threading.Event()
+    waiting = threading.Thread(target=lambda: (inbox.take(60), taken.set()))
+    waiting.start()
+    inbox.wake()
+    assert taken.wait(5)
+    waiting.join(5)
+
+
+def test_presence_waits_for_tokens_that_appear_and_go():
+    presence = Presence()
+    presence.note("a", alive=True)
+    presence.note("a", alive=True)
+    assert presence.wait_for(1, 0) and presence.alive == {"a"} and not presence.wait_for(2, 0.001)
+    presence.note("a", alive=False)
+    presence.note("unknown", alive=False)
+    assert presence.wait_for(0, 0)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="a process can list its own descriptors only on Linux")
+def test_linger_is_switched_off_on_tcp_sockets_only():
+    with socket.socket() as tcp, socket.socket(type=socket.SOCK_DGRAM) as udp, socket.socket() as other:
+        tcp.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 10))
+        assert end_lingering() == 1
+        assert tcp.getsockopt(socket.SOL_SOCKET, socket.SO_LINGER, 8)[:4] == bytes(4)
+        assert end_lingering() == 0 and all(each.fileno() >= 0 for each in (tcp, udp, other))
