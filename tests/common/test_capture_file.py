@@ -1,4 +1,4 @@
-"""Capture files: what was written is read, whatever the moment at which the writer was killed."""
+"""Capture files: what was flushed is readable, whenever the writer is killed."""
 
 import subprocess
 import sys
@@ -34,7 +34,7 @@ ONE = st.builds(
 )
 
 
-def written(path, records=RECORDS, scene=SCENE):
+def write(path, records=RECORDS, scene=SCENE):
     with CaptureWriter(path, scene, TEXT, 5) as writer:
         for record in records:
             writer.write(record)
@@ -43,35 +43,33 @@ def written(path, records=RECORDS, scene=SCENE):
 
 @settings(max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
 @given(records=st.lists(ONE, max_size=20))
-def test_what_was_written_is_read_again(tmp_path, records):
+def test_records_survive_the_round_trip(tmp_path, records):
     path = tmp_path / "a.mcap"
     path.unlink(missing_ok=True)
-    found = CaptureFile(written(path, records))
-    assert list(found.records()) == records == list(found.records())
-    assert found.complete
-    assert found.text == TEXT
-    assert found.scene.model_dump() == SCENE.model_dump()
+    capture = CaptureFile(write(path, records))
+    assert list(capture.records()) == records == list(capture.records())
+    assert capture.complete and capture.text == TEXT
+    assert capture.scene.model_dump() == SCENE.model_dump()
 
 
-def test_cut_off_anywhere_all_that_is_whole_is_read(tmp_path):
-    whole = written(tmp_path / "whole.mcap").read_bytes()
+def test_a_file_truncated_anywhere_gives_its_complete_records(tmp_path):
+    whole = write(tmp_path / "whole.mcap").read_bytes()
     cut, counts = tmp_path / "cut.mcap", set()
     for size in range(len(whole)):
         cut.write_bytes(whole[:size])
         try:
-            found = CaptureFile(cut)
+            capture = CaptureFile(cut)
         except BadInput as error:
             assert str(error).count("\n") == 0 and "cut.mcap" in str(error)
             counts.add(-1)
             continue
-        records = list(found.records())
-        assert records == RECORDS[: len(records)]
-        assert not found.complete
+        records = list(capture.records())
+        assert records == RECORDS[: len(records)] and not capture.complete
         counts.add(len(records))
     assert counts == {-1, *range(len(RECORDS) + 1)}
 
 
-def test_what_was_flushed_is_there_without_an_end(tmp_path):
+def test_flushed_records_are_readable_before_the_end(tmp_path):
     writer = CaptureWriter(tmp_path / "a.mcap", SCENE, TEXT, 5)
     assert list(CaptureFile(writer.path).records()) == []
     for count, record in enumerate(RECORDS, 1):
@@ -88,7 +86,7 @@ def test_what_was_flushed_is_there_without_an_end(tmp_path):
 def test_a_damaged_file_is_one_line(tmp_path, place, value):
     path = tmp_path / "a.mcap"
     path.unlink(missing_ok=True)
-    damaged = bytearray(written(path).read_bytes())
+    damaged = bytearray(write(path).read_bytes())
     damaged[int(place * len(damaged))] = value
     path.write_bytes(damaged)
     try:
@@ -97,8 +95,8 @@ def test_a_damaged_file_is_one_line(tmp_path, place, value):
         assert str(error).count("\n") == 0 and str(path) in str(error)
 
 
-def test_a_length_that_is_damaged_reserves_nothing(tmp_path):
-    path = written(tmp_path / "a.mcap")
+def test_a_damaged_length_reserves_no_memory(tmp_path):
+    path = write(tmp_path / "a.mcap")
     damaged = bytearray(path.read_bytes())
     place = damaged.index(TEXT.encode())
     damaged[place - 8 : place] = (2**62).to_bytes(8, "little")
@@ -106,8 +104,8 @@ def test_a_length_that_is_damaged_reserves_nothing(tmp_path):
     assert list(CaptureFile(path).records()) == []
 
 
-def test_others_can_read_it(tmp_path):
-    with written(tmp_path / "a.mcap").open("rb") as stream:
+def test_any_mcap_reader_can_read_a_capture(tmp_path):
+    with write(tmp_path / "a.mcap").open("rb") as stream:
         reader = make_reader(stream)
         topics = [channel.topic for _, channel, _ in reader.iter_messages(log_time_order=False)]
         assert topics == [record.key for record in RECORDS]
@@ -115,7 +113,7 @@ def test_others_can_read_it(tmp_path):
         assert [each.data.decode() for each in reader.iter_attachments()] == [TEXT]
 
 
-def test_an_existing_file_is_not_touched(tmp_path):
+def test_an_existing_file_is_not_overwritten(tmp_path):
     path = tmp_path / "a.mcap"
     path.write_text("mine")
     with pytest.raises(BadInput, match="exists, and captures are not overwritten"):
@@ -123,42 +121,42 @@ def test_an_existing_file_is_not_touched(tmp_path):
     assert path.read_text() == "mine"
 
 
-def test_refusals_to_write_name_file_and_way_out(tmp_path):
+def test_errors_of_writing_name_the_file_and_the_way_out(tmp_path):
     with pytest.raises(BadInput, match=r"a\.bag: .*ends in \.mcap"):
         CaptureWriter(tmp_path / "a.bag", SCENE, TEXT, 5)
     with pytest.raises(
         LabanmeshError, match=r"cannot write .*no such file or directory; choose another path"
-    ) as refused:
+    ) as caught:
         CaptureWriter(tmp_path / "nowhere" / "a.mcap", SCENE, TEXT, 5)
-    assert refused.value.exit_status == 1
+    assert caught.value.exit_status == 1
 
 
-def test_refusals_to_read_say_why(tmp_path, monkeypatch):
-    def refused(name, content=None):
+def test_errors_of_reading_name_the_reason(tmp_path, monkeypatch):
+    def fault(name, content=None):
         if content is not None:
             (tmp_path / name).write_bytes(content)
         with pytest.raises(BadInput) as error:
             CaptureFile(tmp_path / name)
         return str(error.value)
 
-    assert "no such file" in refused("none.mcap")
-    assert "is a directory" in refused(".")
-    assert "empty; nothing was captured" in refused("empty.mcap", b"")
-    assert "not a capture; name a file" in refused("picture.mcap", b"\x89PNG\r\n\x1a\n" + bytes(100))
-    whole = written(tmp_path / "whole.mcap").read_bytes()
-    assert "cut off before the first message" in refused("cut.mcap", whole[:40])
+    assert "no such file" in fault("none.mcap")
+    assert "is a directory" in fault(".")
+    assert "empty; nothing was captured" in fault("empty.mcap", b"")
+    assert "not a capture; name a file" in fault("picture.mcap", b"\x89PNG\r\n\x1a\n" + bytes(100))
+    whole = write(tmp_path / "whole.mcap").read_bytes()
+    assert "cut off before the first message" in fault("cut.mcap", whole[:40])
     with (tmp_path / "robot.mcap").open("wb") as stream:
         writer = Writer(stream, compression=CompressionType.NONE)
         writer.start("ros2")
         writer.finish()
-    assert "profile 'ros2'" in refused("robot.mcap")
+    assert "profile 'ros2'" in fault("robot.mcap")
     monkeypatch.setattr(capture_file, "FORMAT", "2")
-    written(tmp_path / "later.mcap")
+    write(tmp_path / "later.mcap")
     monkeypatch.undo()
-    assert "capture format '2', this version reads '1'" in refused("later.mcap")
+    assert "capture format '2', this version reads '1'" in fault("later.mcap")
 
 
-def test_a_full_disk_is_one_line_and_what_was_written_stays(tmp_path):
+def test_a_full_disk_is_one_line_and_keeps_what_was_written(tmp_path):
     script = (
         "import resource, sys\n"
         "from pathlib import Path\n"
@@ -185,7 +183,7 @@ def test_a_full_disk_is_one_line_and_what_was_written_stays(tmp_path):
     assert len(records) >= 15 and all(len(record.payload) == 1000 for record in records)
 
 
-def test_invented_keys_do_not_fill_the_table(tmp_path):
+def test_invented_keys_do_not_fill_the_table_of_channels(tmp_path):
     with CaptureWriter(tmp_path / "a.mcap", SCENE, TEXT, 5) as writer:
         for number in range(CHANNELS_LIMIT + 3):
             writer.write(CaptureRecord("put", f"laban/dojo/{number}", b"", 1))

@@ -1,4 +1,4 @@
-"""How far a clock is ahead: against clocks of known skew, over a network that delays as it likes."""
+"""Clock skew against clocks of known skew, over a network with random delays."""
 
 import pytest
 from hypothesis import given
@@ -20,17 +20,17 @@ def ask(at_ns, skew_ns, there_ns, back_ns):
     st.integers(-(10**13), 10**13),
     st.lists(st.tuples(st.integers(0, 10**9), st.integers(0, 10**9)), min_size=1, max_size=20),
 )
-def test_the_truth_lies_within_the_doubt_of_the_quickest_answer(skew_ns, ways):
+def test_the_true_skew_is_within_the_doubt_of_the_fastest_answer(skew_ns, delays):
     skew = ClockSkew()
-    for second, (there_ns, back_ns) in enumerate(ways):
+    for second, (there_ns, back_ns) in enumerate(delays):
         skew.note(ask(second * SECOND_NS, skew_ns, there_ns, back_ns))
-    assert skew.best.doubt_ns == min((there + back) // 2 for there, back in ways[-8:])
-    # Seconds as a float tell nanoseconds apart only up to some days.
+    assert skew.best.doubt_ns == min((there + back) // 2 for there, back in delays[-8:])
+    # Seconds as a float resolve nanoseconds only up to some days.
     rounding_ns = 1 + abs(skew_ns) * 2**-50
     assert abs(skew.skew_s * SECOND_NS - skew_ns) <= skew.best.doubt_ns + rounding_ns
 
 
-def test_nothing_is_known_before_the_first_answer():
+def test_the_skew_is_unknown_before_the_first_answer():
     assert ClockSkew().skew_s is None and ClockSkew().best is None
 
 
@@ -43,18 +43,18 @@ def test_a_clock_that_was_set_is_believed_as_it_is_now(jump_s):
     assert skew.skew_s == pytest.approx(jump_s, abs=0.02)
 
 
-def test_a_clock_that_stands_still_falls_behind_second_by_second():
+def test_a_clock_that_stands_still_falls_behind():
     skew = ClockSkew()
     for second in range(10):
         skew.note(ClockReading(second * SECOND_NS, 0, second * SECOND_NS + MS))
         assert skew.skew_s == pytest.approx(-second, abs=0.001)
 
 
-def test_a_clock_that_drifts_no_more_than_quartz_does_is_the_same_clock():
+def test_a_clock_that_drifts_like_quartz_is_not_taken_for_one_that_was_set():
     skew = ClockSkew()
     for second in range(8):
         skew.note(ask(second * SECOND_NS, round(second * DRIFT / 2 * SECOND_NS), MS if second else 10_000, MS))
-    assert skew.best.asked_ns == 0  # the quickest is still trusted
+    assert skew.best.asked_ns == 0  # the fastest answer still counts
 
 
 def test_the_process_is_the_one_in_the_key_and_a_field_that_claims_another_is_rejected():

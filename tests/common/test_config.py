@@ -1,4 +1,4 @@
-"""The scene file: defaults, faults as one line, environment."""
+"""The scene file: defaults, errors as one line, environment."""
 
 import os
 
@@ -25,17 +25,17 @@ def scene(tmp_path):
 
 @pytest.fixture
 def fault(scene):
-    def told(text, **environment):
+    def line(text, **environment):
         with pytest.raises(BadInput) as caught:
             scene(text, **environment)
-        line = str(caught.value)
-        assert "\n" not in line and "pydantic" not in line
-        return line
+        message = str(caught.value)
+        assert "\n" not in message and "pydantic" not in message
+        return message
 
-    return told
+    return line
 
 
-def test_everything_has_a_default_but_the_name_and_the_sources(scene):
+def test_only_the_name_and_the_sources_have_no_default(scene):
     read = scene(LEAST)
     assert read.scene == "dojo" and read.roster == ("cam1",) and read.named_vocabulary is None
     assert (read.mesh.mode, read.mesh.endpoint, read.mesh.prefix) == ("machine", "tcp/127.0.0.1:7447", "laban")
@@ -47,7 +47,7 @@ def test_everything_has_a_default_but_the_name_and_the_sources(scene):
     assert (fusion.hold_s, fusion.fresh_s, fusion.fade_s, fusion.drop_s, fusion.step_hz) == (0.2, 0.2, 0.5, 2.0, 10)
 
 
-def test_everything_can_be_said(scene):
+def test_every_key_can_be_set(scene):
     read = scene(
         'scene = "dojo"\nvocabulary = ["lunging", "bowing"]\nvocabulary_name = "karate"\n'
         '[mesh]\nmode = "router"\nendpoint = "tls/judge.example:7447"\nprefix = "home/laban"\n'
@@ -62,19 +62,19 @@ def test_everything_can_be_said(scene):
 
 
 @pytest.mark.parametrize(("observers", "quorum"), [(1, 1), (2, 1), (3, 2), (4, 2)])
-def test_the_quorum_is_half(scene, observers, quorum):
+def test_the_default_quorum_is_half_of_the_observers(scene, observers, quorum):
     text = 'scene = "d"\n' + "".join(f'[observers.c{i}]\nsource = "m.npz"\n' for i in range(observers))
     assert scene(text).fusion.quorum == quorum
 
 
-def test_files_are_found_from_the_scene_file(scene, tmp_path, monkeypatch):
+def test_file_names_start_from_the_folder_of_the_scene_file(scene, tmp_path, monkeypatch):
     assert scene(LEAST).place("motion.npz") == tmp_path / "motion.npz"
     monkeypatch.chdir(tmp_path)
     assert read_scene((tmp_path / "scene.toml").relative_to(tmp_path), {}).place("m") == tmp_path / "m"
     assert scene(LEAST).place(str(tmp_path.parent / "m")) == tmp_path.parent / "m"
 
 
-def test_a_scene_is_never_changed(scene):
+def test_a_scene_is_immutable(scene):
     with pytest.raises(ValidationError):
         scene(LEAST).fusion.rule = "log"
 
@@ -120,15 +120,15 @@ def test_each_fault_is_one_line_with_file_key_value_and_rule(fault, tmp_path, te
     assert fault(text).startswith(f"{tmp_path / 'scene.toml'}: {line}")
 
 
-def test_more_faults_are_counted(fault):
+def test_further_faults_are_counted(fault):
     assert fault(LEAST + "speed = -1\nloop = 3\nsped = 1").endswith("(2 more)")
 
 
-def test_a_long_value_is_cut(fault):
+def test_a_long_value_is_shortened(fault):
     assert len(fault(LEAST + f'[mesh]\nendpoint = "{"x" * 5000}"')) < 500
 
 
-def test_files_that_are_none(tmp_path):
+def test_a_file_that_cannot_be_read_is_one_line(tmp_path):
     with pytest.raises(BadInput, match=r"nothing\.toml: no such file or directory"):
         read_scene(tmp_path / "nothing.toml", {})
     with pytest.raises(BadInput, match="is a directory"):
@@ -138,7 +138,7 @@ def test_files_that_are_none(tmp_path):
         read_scene(tmp_path / "latin.toml", {})
 
 
-def test_an_unknown_observer_lists_the_known(scene):
+def test_an_unknown_observer_lists_the_known_ones(scene):
     with pytest.raises(BadInput, match="observer 'cam9': not in the scene; known: cam1, cam2, cam3"):
         scene(THREE).observer("cam9")
 

@@ -1,4 +1,4 @@
-"""What a supervisor hears: systemd's protocol on a real datagram socket, and a heartbeat file."""
+"""Notifications to a supervisor: systemd's protocol on a real datagram socket, and a heartbeat file."""
 
 import os
 import socket
@@ -20,21 +20,21 @@ SOON_S = 5.0
 def supervisor(address):
     """A socket as systemd opens it."""
     name = "\0" + address[1:] if address.startswith("@") else address
-    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as ear:
-        ear.bind(name)
-        ear.settimeout(SOON_S)
-        yield ear
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as receiver:
+        receiver.bind(name)
+        receiver.settimeout(SOON_S)
+        yield receiver
 
 
-def heard(ear):
-    """What has come so far; a datagram is there when `sendto` has returned."""
-    ear.setblocking(False)
-    words = []
+def received(receiver):
+    """The notifications so far; a datagram has arrived when `sendto` returns."""
+    receiver.setblocking(False)
+    notifications = []
     try:
         while True:
-            words.append(ear.recv(4096).decode())
+            notifications.append(receiver.recv(4096).decode())
     except BlockingIOError:
-        return words
+        return notifications
 
 
 class Clock:
@@ -50,56 +50,56 @@ def address(tmp_path):
     return str(tmp_path / "notify")
 
 
-def test_the_words_are_systemds(address):
-    with supervisor(address) as ear:
+def test_the_notifications_are_systemds(address):
+    with supervisor(address) as receiver:
         notifier = Notifier.from_environment({"NOTIFY_SOCKET": address})
         notifier.ready("judging dojo")
         notifier.status("running")
         notifier.alive()
         notifier.stopping()
-        assert heard(ear) == ["READY=1\nSTATUS=judging dojo", "STATUS=running", "WATCHDOG=1", "STOPPING=1"]
+        assert received(receiver) == ["READY=1\nSTATUS=judging dojo", "STATUS=running", "WATCHDOG=1", "STOPPING=1"]
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="abstract sockets are Linux's")
 def test_an_abstract_socket_is_found():
     address = f"@labanmesh-test-{os.getpid()}"
-    with supervisor(address) as ear:
+    with supervisor(address) as receiver:
         Notifier(address).ready()
-        assert ear.recv(100) == b"READY=1"
+        assert receiver.recv(100) == b"READY=1"
 
 
-def test_it_is_ready_within_and_stopping_after(address):
-    with supervisor(address) as ear, pytest.raises(KeyError), Notifier(address):
-        assert heard(ear) == ["READY=1"]
+def test_a_notifier_is_ready_in_its_context_and_stopping_after(address):
+    with supervisor(address) as receiver, pytest.raises(KeyError), Notifier(address):
+        assert received(receiver) == ["READY=1"]
         raise KeyError
-    with supervisor(address + "2") as ear:
+    with supervisor(address + "2") as receiver:
         with Notifier(address + "2"):
             pass
-        assert heard(ear) == ["READY=1", "STOPPING=1"]
+        assert received(receiver) == ["READY=1", "STOPPING=1"]
 
 
 @given(st.lists(st.floats(0, 0.4), max_size=50))
-def test_signs_of_life_come_at_most_twice_a_second(pauses):
-    clock, said = Clock(), []
+def test_alive_is_sent_at_most_twice_a_second(pauses):
+    clock, sent = Clock(), []
     notifier = Notifier("unused", ticks=clock)
-    notifier._send = lambda text, timeout_s: said.append((clock.now_s, text))
+    notifier._send = lambda text, timeout_s: sent.append((clock.now_s, text))
     for pause_s in pauses:
         notifier.alive()
         clock.now_s += pause_s
-    times = [at_s for at_s, _ in said]
+    times = [at_s for at_s, _ in sent]
     assert all(later - earlier >= ALIVE_EVERY_S for earlier, later in pairwise(times))
-    # And often enough: work that goes on is never silent for longer than the limit and one pause.
+    # And often enough: ongoing work is never silent for longer than the limit and one pause.
     ends = [*times, clock.now_s] if times else []
     assert all(later - earlier < ALIVE_EVERY_S + 0.4 + 1e-9 for earlier, later in pairwise(ends))
 
 
-def test_a_status_is_one_line_and_said_once(address):
-    with supervisor(address) as ear:
+def test_a_status_is_one_line_and_sent_when_it_changes(address):
+    with supervisor(address) as receiver:
         notifier = Notifier(address)
         notifier.status("degraded: no\nREADY=1 picture")
         notifier.status("degraded: no\nREADY=1 picture")
         notifier.status("running")
-        assert heard(ear) == ["STATUS=degraded: no READY=1 picture", "STATUS=running"]
+        assert received(receiver) == ["STATUS=degraded: no READY=1 picture", "STATUS=running"]
 
 
 def test_without_a_supervisor_nothing_happens(tmp_path, monkeypatch):
@@ -112,7 +112,7 @@ def test_without_a_supervisor_nothing_happens(tmp_path, monkeypatch):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_full_queue_does_not_stop_the_work(address):
+def test_a_full_queue_does_not_block_the_work(address):
     with supervisor(address):
         clock = Clock()
         notifier = Notifier(address, ticks=clock)
@@ -128,7 +128,7 @@ def test_a_full_queue_does_not_stop_the_work(address):
         assert not working.is_alive()
 
 
-def test_the_heartbeat_file_is_young_while_work_is_done(tmp_path):
+def test_the_heartbeat_file_is_touched_while_work_is_done(tmp_path):
     file, clock = tmp_path / "alive", Clock()
     notifier = Notifier(heartbeat=file, ticks=clock)
     assert not file.exists()
@@ -148,9 +148,9 @@ def test_the_heartbeat_file_is_young_while_work_is_done(tmp_path):
     assert not file.exists()
 
 
-def test_a_heartbeat_that_cannot_be_written_is_told_once(tmp_path, caplog):
+def test_a_heartbeat_that_cannot_be_written_is_logged_once(tmp_path, caplog):
     notifier = Notifier.from_environment({"LABANMESH_HEARTBEAT": str(tmp_path / "nowhere" / "alive")})
     notifier.ready()
     notifier.alive()
     assert [r.levelname for r in caplog.records] == ["WARNING"]
-    assert "LABANMESH_HEARTBEAT" in caplog.text and "the health check will fail" in caplog.text
+    assert "cannot write LABANMESH_HEARTBEAT" in caplog.text and "Choose a folder" in caplog.text
