@@ -31,7 +31,7 @@ from common.config import (
 )
 from common.vocabulary import Vocabulary
 from common.wire import decode
-from labanmesh import VERBS, app_of
+from labanmesh import VERBS, app_of, main
 from observer.motion.archive import MotionArchive, Recording
 from observer.motion.archive_file import read_archive
 from observer.motion.importers import csv_table
@@ -292,6 +292,13 @@ def test_the_scene_files_of_the_documents_are_valid(page, tmp_path):
     for text in complete:
         (tmp_path / "scene.toml").write_text(text, encoding="utf-8")
         read_scene(tmp_path / "scene.toml", {})
+
+
+def test_the_scene_file_of_init_begins_as_shown(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(["init", "dojo.toml"]) == 0
+    (shown,) = blocks(DOCS / "guide" / "doctor.md", "toml")
+    assert shown in Path("dojo.toml").read_text("utf-8")
 
 
 def executed(text):
