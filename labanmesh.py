@@ -1,5 +1,6 @@
 """The command line: it imports the package of a verb only when the verb is called, so that `--help` is fast."""
 
+import errno
 import importlib
 import importlib.util
 import os
@@ -73,6 +74,7 @@ EXTRAS = {
     **dict.fromkeys(("starlette", "uvicorn", "sse_starlette"), "dashboard"),
 }
 """Libraries that a plain install lacks, and the extra that installs them."""
+WRITE_ERRORS = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO})
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -81,7 +83,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if shadow:
         print(f"labanmesh: {shadow}", file=sys.stderr)
         return 2
-    from common.errors import LabanmeshError
+    from common.errors import LabanmeshError, reason_of
 
     try:
         status = _dispatch(list(sys.argv[1:] if arguments is None else arguments))
@@ -94,9 +96,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         return 130
     except BrokenPipeError:
-        # The reader of our output has closed it. /dev/null keeps the interpreter from complaining at exit.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        # The reader of our output has closed it.
+        _discard_output()
         return 0
+    except OSError as error:
+        if error.filename is not None or error.errno not in WRITE_ERRORS:
+            raise
+        _discard_output()
+        print(f"labanmesh: cannot write the output: {reason_of(error)}. Make room, or redirect it elsewhere", file=sys.stderr)
+        return 1
+
+
+def _discard_output() -> None:
+    """Send buffered output to /dev/null, which keeps the interpreter from complaining at exit."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def shadowed() -> str:
@@ -130,7 +143,7 @@ def _dispatch(words: Sequence[str]) -> int:
         package = (error.name or "").partition(".")[0]
         if package not in EXTRAS:
             raise
-        from common.errors import LabanmeshError
+        from common.errors import LabanmeshError, reason_of
 
         way_out = f"pip install 'labanmesh[{EXTRAS[package]}]'"
         raise LabanmeshError(f"{words[0]}: {package} is not installed on this machine; {way_out}") from None

@@ -28,6 +28,7 @@ REORDERED_NS = SECOND_NS
 """A judgement that is older than the newest by less than this is a late copy; if it is older still, a clock was set."""
 
 SenderRole = Literal["observer", "fusion"]
+Verdicts = tuple[VerdictMessage, ...]
 SceneMessage = JudgementMessage | StatusMessage | VocabularyMessage
 
 
@@ -73,7 +74,8 @@ class SceneState:
 
     roster: the observers in the scene file; each is shown from the start. verdicts: newest first, at most
     VERDICTS_LIMIT. received_ns: when `judgement` arrived, by this machine's clock, so that ages do not depend on
-    synchronised clocks. rejected: how many messages were rejected.
+    synchronised clocks. rejected, dropped: how many messages were rejected, and lost to
+    a full queue.
     """
 
     scene: str
@@ -86,10 +88,11 @@ class SceneState:
     observer_status: Mapping[str, StatusMessage] = field(default_factory=dict)
     fusion_status: Mapping[str, StatusMessage] = field(default_factory=dict)
     rejected: int = 0
+    dropped: int = 0
 
-    def at(self, now_ns: int) -> "SceneState":
-        """The same knowledge at a later time: only ages change."""
-        return replace(self, now_ns=now_ns)
+    def at(self, now_ns: int, dropped: int | None = None) -> "SceneState":
+        """The same knowledge at a later time: only ages change. dropped: messages lost to a full queue so far."""
+        return replace(self, now_ns=now_ns, dropped=self.dropped if dropped is None else dropped)
 
     def fold(self, message: SceneMessage, received_ns: int, role: SenderRole = "observer") -> "SceneState":
         """The state after `message`; `role` is the sender's, for a status message.
@@ -100,7 +103,7 @@ class SceneState:
             case VerdictMessage() if message in self.verdicts:
                 return self
             case VerdictMessage():
-                return replace(self, verdicts=_with_verdict(self.verdicts, message))
+                return replace(self, verdicts=with_verdict(self.verdicts, message, VERDICTS_LIMIT))
             case JudgementMessage():
                 late = self.judgement is not None and _is_copy(message, self.judgement)
                 return self if late else replace(self, judgement=message, received_ns=received_ns)
@@ -230,13 +233,12 @@ def _is_copy(message: JudgementMessage, newest: JudgementMessage) -> bool:
     return message.fusion == newest.fusion and 0 <= newest.at_ns - message.at_ns < REORDERED_NS
 
 
-def _with_verdict(verdicts: tuple[VerdictMessage, ...], verdict: VerdictMessage) -> tuple[VerdictMessage, ...]:
-    """Newest arrival first; an update of a known verdict replaces it in place unless it is older.
+def with_verdict(log: Verdicts, verdict: VerdictMessage, limit: int) -> Verdicts:
+    """The `limit` newest arrivals, newest first; an update of a known verdict replaces it in place unless it is older.
 
     The order is that of arrival: after a fusion machine's clock is set back, its new verdicts still show.
     """
-    for place, known in enumerate(verdicts):
+    for place, known in enumerate(log):
         if known.id == verdict.id:
-            older = verdict.at_ns < known.at_ns
-            return verdicts if older else (*verdicts[:place], verdict, *verdicts[place + 1 :])
-    return (verdict, *verdicts)[:VERDICTS_LIMIT]
+            return log if verdict.at_ns < known.at_ns else (*log[:place], verdict, *log[place + 1 :])
+    return (verdict, *log)[:limit]

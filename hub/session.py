@@ -31,34 +31,53 @@ QUERY_AGAIN_S = 2.0
 
 @dataclass(frozen=True, slots=True)
 class SceneUpdate:
-    """The scene after `message`; None when time has passed, or the message was a copy or was rejected."""
+    """The scene after `message`; None when time has passed, or the message was a copy or was rejected.
+
+    answered: it answers the query at the start, and may be long past.
+    """
 
     state: SceneState
     message: SceneMessage | None = None
+    answered: bool = False
 
 
 def listen(
-    scene: "Scene", link: "Link", go_on: Callable[[], bool], clock: Callable[[], int] = time.time_ns
+    scene: "Scene",
+    link: "Link",
+    go_on: Callable[[], bool],
+    clock: Callable[[], int] = time.time_ns,
+    newest_only: bool = False,
 ) -> Iterator[SceneUpdate]:
     """Updates of `scene` while `go_on()`: one for each message and one after each look into the inbox.
 
     The last values are queried first, so that a late joiner knows them at once. Rejected messages are counted in the
-    state. `clock` is this machine's time in ns since the epoch.
+    state. `clock` is this machine's time in ns since the epoch. newest_only: of all judgements since the last look only
+    the newest is decoded, for hubs that pass on a few a second.
     """
     keys = scene.keys
     state = SceneState(scene.scene, scene.roster, clock())
-    inbox = link.inbox(keys.judgement, keys.verdict, keys.observer_status(), keys.fusion_status(), keys.vocabulary)
-    for key, payload in link.ask_each(f"{keys.root}/**", QUERY_S):
-        update = _ingest(state, keys, key, payload, clock(), answered=True)
-        state = update.state
-        yield update
+    events = (keys.verdict, keys.observer_status(), keys.fusion_status(), keys.vocabulary)
+    inbox = link.inbox(*events, *([] if newest_only else [keys.judgement]))
+    newest = link.inbox(keys.judgement, limit=1) if newest_only else None
+    answers = link.ask_each(f"{keys.root}/**", QUERY_S)
+    arrivals = inbox.take(0.0)
+    # A verdict that was published between the opening of the inbox and the query is new.
+    new = {(arrival.key, arrival.payload) for arrival in arrivals}
+    for key, payload in answers:
+        if (key, payload) not in new:
+            update = _ingest(state, keys, key, payload, clock(), answered=True)
+            state = update.state
+            yield update
     queried_ns = clock()
     while go_on():
-        for arrival in inbox.take(TAKE_S):
+        arrivals += inbox.take(0.0 if arrivals else TAKE_S)
+        # A verdict precedes the judgement that shows it.
+        for arrival in (*arrivals, *(newest.take(0.0) if newest else ())):
             update = _ingest(state, keys, arrival.key, arrival.payload, arrival.arrived_ns)
             state = update.state
             yield update
-        state = state.at(clock())
+        arrivals = []
+        state = state.at(clock(), inbox.dropped)
         if state.missing_vocabulary and state.now_ns - queried_ns > QUERY_AGAIN_S * SECOND_NS:
             queried_ns = state.now_ns
             for key, payload in link.ask_each(keys.vocabulary, QUERY_S):
@@ -82,15 +101,15 @@ def decode_for_hub(keys: SceneKeys, key: str, payload: bytes) -> SceneMessage | 
 def _ingest(
     state: SceneState, keys: SceneKeys, key: str, payload: bytes, now_ns: int, answered: bool = False
 ) -> SceneUpdate:
-    """Fold in one payload; a judgement that was `answered` to our query may be old: it dates from when it was made."""
+    """Fold in one payload; a judgement that answers a query dates from when it was made."""
     state = state.at(now_ns)
     try:
         message = decode_for_hub(keys, key, payload)
     except BadMessage:
-        return SceneUpdate(state.reject())
+        return SceneUpdate(state.reject(), answered=answered)
     if message is None:
-        return SceneUpdate(state)
+        return SceneUpdate(state, answered=answered)
     received_ns = min(now_ns, message.at_ns) if answered and isinstance(message, JudgementMessage) else now_ns
     role: SenderRole = "fusion" if key.startswith(f"{keys.root}/fusion/") else "observer"
     folded = state.fold(message, received_ns, role)
-    return SceneUpdate(folded, None if folded is state else message)
+    return SceneUpdate(folded, None if folded is state else message, answered)

@@ -2,9 +2,7 @@
 
 import json
 import math
-import signal
 import sys
-import threading
 import time
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -18,6 +16,7 @@ from rich.live import Live
 
 from common import SECOND_NS
 from common.config import read_scene
+from common.lifecycle import stop_on_signals
 from common.link import Link
 from common.messages import JudgementMessage, VerdictMessage
 from common.notify import Notifier
@@ -57,8 +56,8 @@ def watch(
     config = read_scene(scene)
     end_s = math.inf if for_s is None else time.monotonic() + for_s
     console, notice = Console(), StartNotice(config, scene)
-    with _termination() as terminated, Link.open(config.mesh, "hub", scene=config.scene) as link:
-        updates = _supervised(listen(config, link, lambda: not terminated.is_set() and time.monotonic() < end_s))
+    with stop_on_signals() as stop, Link.open(config.mesh, "hub", scene=config.scene) as link:
+        updates = _supervised(listen(config, link, lambda: not stop.is_set() and time.monotonic() < end_s))
         if as_json:
             show_json(notice.to_stderr(updates), config.hub.certainty)
         elif console.is_terminal:
@@ -185,14 +184,3 @@ def _supervised(updates: Iterator[SceneUpdate]) -> Iterator[SceneUpdate]:
             if update.message is not None:
                 supervisor.alive()
             yield update
-
-
-@contextmanager
-def _termination() -> Iterator[threading.Event]:
-    """An event that SIGTERM sets, so that the terminal is restored before the process ends."""
-    terminated = threading.Event()
-    before = signal.signal(signal.SIGTERM, lambda *_: terminated.set())
-    try:
-        yield terminated
-    finally:
-        signal.signal(signal.SIGTERM, before)

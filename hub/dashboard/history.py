@@ -18,7 +18,7 @@ from common.keys import observer_of
 from common.messages import JudgementMessage, VerdictMessage, VocabularyMessage
 from common.wire import BadMessage
 from hub.anticipation import probability
-from hub.scene_state import SceneMessage, SceneState, is_waiting
+from hub.scene_state import SceneMessage, SceneState, is_waiting, with_verdict
 from hub.session import decode_for_hub
 
 if TYPE_CHECKING:
@@ -76,7 +76,7 @@ class SceneHistory:
         """The history after `message` led to `state`; None: only time has passed."""
         match message:
             case VerdictMessage():
-                return replace(self, state=state, verdicts=_logged(self.verdicts, message))
+                return replace(self, state=state, verdicts=with_verdict(self.verdicts, message, LOG_LIMIT))
             case JudgementMessage() if not is_waiting(message):
                 return replace(self, state=state, minute=_extended(self.minute, minute_point(message)))
             case _:
@@ -101,14 +101,6 @@ def _extended(minute: tuple[MinutePoint, ...], newest: MinutePoint) -> tuple[Min
         return minute
     oldest_ns = newest.at_ns - MINUTE_NS
     return (*(point for point in minute if oldest_ns <= point.at_ns < newest.at_ns), newest)
-
-
-def _logged(log: tuple[VerdictMessage, ...], verdict: VerdictMessage) -> tuple[VerdictMessage, ...]:
-    """Newest arrival first; an update replaces its verdict in place unless it is older."""
-    for place, known in enumerate(log):
-        if known.id == verdict.id:
-            return log if verdict.at_ns < known.at_ns else (*log[:place], verdict, *log[place + 1 :])
-    return (verdict, *log)[:LOG_LIMIT]
 
 
 @dataclass(frozen=True, slots=True)

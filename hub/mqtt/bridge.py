@@ -99,7 +99,7 @@ class SceneBridge:
         wanted = {topic: RetainedState(payload) for topic, payload in self._entities(state).items()}
         wanted |= retained_states(self.topics, snapshot, self._observers, self.movements, self._facets)
         if self._verdict_events.last is not None:
-            wanted[self.topics.last_verdict] = RetainedState(last_verdict_state(self._verdict_events.last))
+            wanted[self.topics.of("last_verdict")] = RetainedState(last_verdict_state(self._verdict_events.last))
         due = [topic for topic, retained in wanted.items() if self._is_due(topic, retained, now_s)]
         self._published |= {topic: (wanted[topic], now_s) for topic in due}
         return [Publication(topic, wanted[topic].payload) for topic in due]

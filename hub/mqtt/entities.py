@@ -9,7 +9,7 @@ import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 from common.errors import BadInput
 from common.facets import EFFORT, SHAPE
@@ -26,6 +26,7 @@ PERCENT = {"unit_of_measurement": "%", "state_class": "measurement"}
 SECONDS = {"unit_of_measurement": "s", "state_class": "measurement", "device_class": "duration"}
 HERTZ = {"unit_of_measurement": "Hz", "state_class": "measurement", "device_class": "frequency"}
 FACING: Final = "facing"
+SceneTopic = Literal["availability", "state", "votes", "facets", "verdict", "ended", "early", "last_verdict"]
 FACET_ICONS: Mapping[str, str] = {
     "effort_time": "mdi:timer-outline",
     "effort_weight": "mdi:weight",
@@ -67,45 +68,9 @@ class Topics:
         """The topic below which everything of the scene lies."""
         return f"{self.topics}/{self.scene}"
 
-    @property
-    def availability(self) -> str:
-        """`online` while the scene is judged."""
-        return f"{self.root}/availability"
-
-    @property
-    def state(self) -> str:
-        """JSON: the movement in progress."""
-        return f"{self.root}/state"
-
-    @property
-    def votes(self) -> str:
-        """JSON: the vote of each observer."""
-        return f"{self.root}/votes"
-
-    @property
-    def facets(self) -> str:
-        """JSON: how the movement is done."""
-        return f"{self.root}/facets"
-
-    @property
-    def verdict(self) -> str:
-        """JSON, an event: a movement was decided."""
-        return f"{self.root}/verdict"
-
-    @property
-    def ended(self) -> str:
-        """JSON, an event: a movement has ended."""
-        return f"{self.root}/ended"
-
-    @property
-    def early(self) -> str:
-        """JSON, an event: a movement is named before it is decided, or what became of that."""
-        return f"{self.root}/early"
-
-    @property
-    def last_verdict(self) -> str:
-        """JSON: the newest verdict, from which a restarted hub continues."""
-        return f"{self.root}/last_verdict"
+    def of(self, name: SceneTopic) -> str:
+        """One of the scene's topics."""
+        return f"{self.root}/{name}"
 
     def movement(self, label: str) -> str:
         """`ON` from the decision to the end of this movement."""
@@ -181,34 +146,36 @@ def discovery(
 def _events(topics: Topics, labels: Sequence[str], area: str, early: bool) -> Iterator[Entity]:
     device = _device(topics, topics.scene, "scene", area)
     events = [
-        ("VERDICT", "Verdict", topics.verdict, "mdi:gavel"),
-        ("ENDED", "Movement ended", topics.ended, "mdi:flag-checkered"),
-        *([("EARLY", "Early word", topics.early, "mdi:crystal-ball")] if early else []),
+        ("VERDICT", "Verdict", topics.of("verdict"), "mdi:gavel"),
+        ("ENDED", "Movement ended", topics.of("ended"), "mdi:flag-checkered"),
+        *([("EARLY", "Early word", topics.of("early"), "mdi:crystal-ball")] if early else []),
     ]
     for what, name, topic, icon in events if labels else ():
         settings = {"state_topic": topic, "icon": icon, "event_types": [*labels, ABSTAIN]}
-        yield Entity("event", what, name, settings, (topics.bridge, topics.availability), device=device)
+        yield Entity("event", what, name, settings, (topics.bridge, topics.of("availability")), device=device)
 
 
 def _scene(topics: Topics, movements: Sequence[str], area: str, facets: frozenset[str]) -> Iterator[Entity]:
     device = _device(topics, topics.scene, "scene", area)
-    available = (topics.bridge, topics.availability)
+    available = (topics.bridge, topics.of("availability"))
 
     def entity(component: str, what: str, name: str, settings: dict[str, Any], label: str = "") -> Entity:
         return Entity(component, what, name, settings, available, label=label, device=device)
 
-    movement = {"json_attributes_topic": topics.votes, "icon": "mdi:karate"}
-    yield entity("sensor", "MOVEMENT", "Movement", _word(topics.state, "movement") | movement)
-    yield entity("sensor", "CONFIDENCE", "Confidence", _value(topics.state, "confidence") | PERCENT)
-    yield entity("sensor", "ENTROPY", "Entropy", _value(topics.state, "entropy") | BITS)
-    last = {"json_attributes_topic": topics.last_verdict, "icon": "mdi:history"}
-    yield entity("sensor", "LAST_VERDICT", "Last verdict", _word(topics.last_verdict, "label") | last)
+    movement = {"json_attributes_topic": topics.of("votes"), "icon": "mdi:karate"}
+    yield entity("sensor", "MOVEMENT", "Movement", _word(topics.of("state"), "movement") | movement)
+    yield entity("sensor", "CONFIDENCE", "Confidence", _value(topics.of("state"), "confidence") | PERCENT)
+    yield entity("sensor", "ENTROPY", "Entropy", _value(topics.of("state"), "entropy") | BITS)
+    last = {"json_attributes_topic": topics.of("last_verdict"), "icon": "mdi:history"}
+    yield entity("sensor", "LAST_VERDICT", "Last verdict", _word(topics.of("last_verdict"), "label") | last)
     for facet in (*EFFORT, *SHAPE):
         if facet in facets:
-            yield entity("sensor", facet.upper(), facet.replace("_", " ").capitalize(), _facet(topics.facets, facet))
+            yield entity(
+                "sensor", facet.upper(), facet.replace("_", " ").capitalize(), _facet(topics.of("facets"), facet)
+            )
     if FACING in facets:
         compass = {"unit_of_measurement": "°", "icon": "mdi:compass"}
-        yield entity("sensor", FACING.upper(), "Facing", _value(topics.facets, FACING) | compass)
+        yield entity("sensor", FACING.upper(), "Facing", _value(topics.of("facets"), FACING) | compass)
     for label in movements:
         settings = {"state_topic": topics.movement(label), "expire_after": EXPIRE_S, "icon": "mdi:human-handsup"}
         yield entity("binary_sensor", "DOES", label.replace("_", " ").capitalize(), settings, label)

@@ -67,9 +67,9 @@ class VerdictEvents:
     def _events(self, verdict: VerdictMessage, before: _Published | None) -> Iterator[Publication]:
         if before is None or before.label != verdict.label:
             stage = "decided" if before is None else "revised"
-            yield _event(self._topics.verdict, verdict_event(verdict, stage))
+            yield _event(self._topics.of("verdict"), verdict_event(verdict, stage))
         if verdict.ended_ns is not None and not (before and before.ended):
-            yield _event(self._topics.ended, verdict_event(verdict, "ended"))
+            yield _event(self._topics.of("ended"), verdict_event(verdict, "ended"))
 
 
 def verdict_event(verdict: VerdictMessage, stage: str) -> dict[str, Any]:
@@ -93,7 +93,7 @@ def early_event(topics: Topics, word: EarlyWord) -> Publication:
         "began": moment(word.began_ns),
         "said": moment(word.at_ns),
     }
-    return _event(topics.early, fields)
+    return _event(topics.of("early"), fields)
 
 
 def last_verdict_state(verdict: VerdictMessage) -> str:

@@ -129,7 +129,7 @@ class MqttHub:
         self._connected_once, self._fault = True, ""
 
     async def _recall(self, client: Client) -> None:
-        bridges = {served.bridge.topics.last_verdict: served.bridge for served in self._served}
+        bridges = {served.bridge.topics.of("last_verdict"): served.bridge for served in self._served}
         for topic in (*bridges, self._broker.bridge):
             await client.subscribe(topic)
         # Retained messages arrive before the echo of this one, which is not marked as retained.
@@ -224,7 +224,7 @@ class MqttHub:
     def log_losses(self) -> None:
         """Log what was left out, if anything was."""
         for served in self._served:
-            scene, left_out, dropped = served.bridge.topics.scene, served.bridge.left_out, served.listener.dropped
+            scene, left_out, dropped = served.bridge.topics.scene, served.bridge.left_out, served.listener.state.dropped
             if left_out:
                 log.warning("%s: %s found no broker in time", scene, plural(left_out, "event"))
             if dropped:

@@ -80,12 +80,12 @@ def retained_states(
             states |= dict(_observer(topics, snapshot, observer))
     judgement = snapshot.state.judgement
     if facets and judgement is not None:
-        states[topics.facets] = RetainedState(_json(_facets_state(judgement, facets)), None, FAST_S)
+        states[topics.of("facets")] = RetainedState(_json(_facets_state(judgement, facets)), None, FAST_S)
     return states
 
 
 def _scene(topics: Topics, snapshot: SceneSnapshot, movements: Sequence[str]) -> Iterator[tuple[str, RetainedState]]:
-    yield topics.availability, RetainedState(ONLINE if snapshot.judged else OFFLINE)
+    yield topics.of("availability"), RetainedState(ONLINE if snapshot.judged else OFFLINE)
     judgement = snapshot.state.judgement
     decided = judgement.movement.label if judgement and judgement.movement else None
     for label in movements:
@@ -93,8 +93,8 @@ def _scene(topics: Topics, snapshot: SceneSnapshot, movements: Sequence[str]) ->
         yield topics.movement(label), RetainedState("ON" if on else "OFF", repeat_s=REPEAT_S)
     if judgement is not None:
         now = _now(judgement)
-        yield topics.state, RetainedState(_json(now), now["movement"], FAST_S)
-        yield topics.votes, RetainedState(_json(votes(judgement)), now["movement"], SLOW_S)
+        yield topics.of("state"), RetainedState(_json(now), now["movement"], FAST_S)
+        yield topics.of("votes"), RetainedState(_json(votes(judgement)), now["movement"], SLOW_S)
 
 
 def _now(judgement: JudgementMessage) -> dict[str, Any]:

@@ -48,7 +48,6 @@ def test_a_verdict_that_is_said_while_we_ask_is_news(scene, said):
     assert [(each.verdict.id, each.answered) for each in ear.verdicts] == [("v1", True), ("v2", False)]
     assert ear.state.judgement.seq == 8
     assert sum(each.message is not None for each in heard) == 3, "of the judgements the newest alone is read"
-    assert ear.dropped == 0
 
 
 def test_what_ends_the_listening_before_its_time_is_raised(scene):

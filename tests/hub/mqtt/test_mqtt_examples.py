@@ -48,7 +48,7 @@ def test_the_node_red_flow_hangs_together_and_listens_to_our_topic():
         assert all(target in nodes for wire in node.get("wires", []) for target in wire), node
         assert node.get("broker", "labanmesh-broker") in nodes or node["type"] == "mqtt-broker"
     (source,) = [node for node in FLOW if node["type"] == "mqtt in"]
-    assert source["topic"] == Topics("+", "").verdict and source["datatype"] == "json"
+    assert source["topic"] == Topics("+", "").of("verdict") and source["datatype"] == "json"
 
 
 def test_the_node_red_flow_asks_for_fields_that_events_have(said):
@@ -61,20 +61,23 @@ def test_the_document_tells_every_topic_and_every_field_of_an_event(said):
     text = (ROOT / "docs" / "guide" / "home.md").read_text("utf-8")
     names = Topics("SCENE", "labanmesh/SCENE/bridge")
     topics = [
-        names.verdict,
-        names.ended,
-        names.early,
-        names.facets,
-        names.last_verdict,
-        names.state,
-        names.votes,
-        names.availability,
+        names.of("verdict"),
+        names.of("ended"),
+        names.of("early"),
+        names.of("facets"),
+        names.of("last_verdict"),
+        names.of("state"),
+        names.of("votes"),
+        names.of("availability"),
         names.bridge,
     ]
     for topic in (*topics, names.movement("LABEL"), *(names.observer("ID", what) for what in ("health", "state"))):
         assert f"`{topic}`" in text, topic
     word = EarlyWord("early", "v1", "ok", "ok", 0.9, said.NOON, said.NOON)
     early = early_event(names, word).payload
-    for topic, event in ((names.verdict, verdict_event(said.verdict(1), "decided")), (names.early, json.loads(early))):
+    for topic, event in (
+        (names.of("verdict"), verdict_event(said.verdict(1), "decided")),
+        (names.of("early"), json.loads(early)),
+    ):
         (row,) = re.findall(rf"^\| `{topic}` .*$", text, re.MULTILINE)
         assert set(re.findall(r"`(\w+)`", row)) == set(event)

@@ -110,20 +110,20 @@ def test_nothing_changed_nothing_said_but_what_expires(bridge, said):
     assert REPEAT_S * 2 < EXPIRE_S
     bridge.forget()
     again = [each.topic for each in bridge.due_states(state, frozenset(), REPEAT_S + 1)]
-    assert again[0].endswith("/config") and TOPICS.state in again
-    assert again.index(TOPICS.availability) > max(i for i, topic in enumerate(again) if topic.endswith("/config"))
+    assert again[0].endswith("/config") and TOPICS.of("state") in again
+    assert again.index(TOPICS.of("availability")) > max(i for i, topic in enumerate(again) if topic.endswith("/config"))
 
 
 def test_a_belief_that_wavers_is_paced_and_a_movement_is_not(bridge, said):
     bridge.due_states(at(said, going_on(said)), frozenset(), 0.0)
     wavering = at(said, going_on(said, p=(0.1, 0.1, 0.1, 0.7)))
-    assert TOPICS.state not in payloads(bridge.due_states(wavering, frozenset(), FAST_S / 2))
-    assert TOPICS.votes not in payloads(bridge.due_states(wavering, frozenset(), SLOW_S / 2))
-    assert TOPICS.state in payloads(
+    assert TOPICS.of("state") not in payloads(bridge.due_states(wavering, frozenset(), FAST_S / 2))
+    assert TOPICS.of("votes") not in payloads(bridge.due_states(wavering, frozenset(), SLOW_S / 2))
+    assert TOPICS.of("state") in payloads(
         bridge.due_states(at(said, going_on(said, p=(0.2, 0.1, 0.1, 0.6))), frozenset(), SLOW_S)
     )
     ended = payloads(bridge.due_states(at(said, said.judgement()), frozenset(), SLOW_S + 0.01))
-    assert json.loads(ended[TOPICS.state])["movement"] == "rest" and ended[TOPICS.movement("nthrow")] == "OFF"
+    assert json.loads(ended[TOPICS.of("state")])["movement"] == "rest" and ended[TOPICS.movement("nthrow")] == "OFF"
 
 
 def test_each_verdict_is_an_event_once_and_its_end_another(bridge, said):
@@ -137,7 +137,7 @@ def test_each_verdict_is_an_event_once_and_its_end_another(bridge, said):
         bridge.receive(verdict, 0.0)
     look = payloads(bridge.due_states(state, frozenset(), 0.0))
     assert taken(bridge, 0.0) == [("verdict", "nthrow", "decided"), ("ended", "nthrow", "ended")]
-    assert json.loads(look[TOPICS.last_verdict])["label"] == "nthrow"
+    assert json.loads(look[TOPICS.of("last_verdict")])["label"] == "nthrow"
 
 
 def test_another_label_at_the_end_is_told_as_revised(bridge, said):
@@ -165,7 +165,7 @@ def test_an_event_waits_for_the_broker_but_not_for_ever(bridge, said):
 def test_what_was_said_before_is_no_event(bridge, said):
     bridge.receive(said.verdict(1), 0.0, answered=True)
     look = payloads(bridge.due_states(at(said), frozenset(), 0.0))
-    assert taken(bridge, 0.0) == [] and "nthrow" in look[TOPICS.last_verdict]
+    assert taken(bridge, 0.0) == [] and "nthrow" in look[TOPICS.of("last_verdict")]
     bridge.receive(said.verdict(1, ended_ns=said.NOON), 1.0)
     bridge.due_states(at(said), frozenset(), 1.0)
     assert taken(bridge, 1.0) == [("ended", "nthrow", "ended")]
@@ -193,21 +193,21 @@ def test_how_it_is_done_is_announced_once_somebody_says_it_and_stays(bridge, sai
         return {topic for topic in publications if "EFFORT" in topic or "SHAPE" in topic or "FACING" in topic}
 
     silent = payloads(bridge.due_states(at(said, said.judgement()), frozenset(), 0.0))
-    assert not facets(silent) and TOPICS.facets not in silent
+    assert not facets(silent) and TOPICS.of("facets") not in silent
     speaks = going_on(said).model_copy(update={"facets": HOW, "facing_deg": 359.8})
     known = payloads(bridge.due_states(at(said, speaks), frozenset(), 1.0))
     sensors = ("EFFORT_TIME", "EFFORT_FLOW", "SHAPE_VERTICAL", "FACING")
     assert facets(known) == {f"homeassistant/sensor/labanmesh_room_{what}/config" for what in sensors}
-    state = json.loads(known[TOPICS.facets])
+    state = json.loads(known[TOPICS.of("facets")])
     assert state["effort_time"] == {"pole": "sudden", "probability": 80} and state["facing"] == 0
     assert state["shape_vertical"]["pole"] == "neither" and set(state) == {*HOW, "facing"} - {"mood"}
     config = json.loads(known["homeassistant/sensor/labanmesh_room_EFFORT_TIME/config"])
     assert config["name"] == "Effort time"
     assert config["value_template"] == "{{ value_json.effort_time.pole or 'unknown' }}"
-    assert config["state_topic"] == config["json_attributes_topic"] == TOPICS.facets
+    assert config["state_topic"] == config["json_attributes_topic"] == TOPICS.of("facets")
     after = payloads(bridge.due_states(at(said, said.judgement()), frozenset(), 2.0))
     assert not facets(after), "not announced again, and not taken away"
-    assert json.loads(after[TOPICS.facets])["effort_time"] == {"pole": None, "probability": None}
+    assert json.loads(after[TOPICS.of("facets")])["effort_time"] == {"pole": None, "probability": None}
 
 
 def test_a_verdict_tells_how_it_was_done_and_what_each_judge_gave(bridge, said):
@@ -240,7 +240,7 @@ def test_an_early_word_is_an_event_and_so_is_its_end(said):
     config = payloads(bridge.due_states(at(said, doubted), frozenset(), 0.0))
     assert bridge.next_event(0.0) is None
     bridge.due_states(at(said, undecided), frozenset(), 0.0)
-    assert json.loads(config["homeassistant/event/labanmesh_room_EARLY/config"])["state_topic"] == TOPICS.early
+    assert json.loads(config["homeassistant/event/labanmesh_room_EARLY/config"])["state_topic"] == TOPICS.of("early")
     event = json.loads(bridge.next_event(0.0).payload)
     assert (event["event_type"], event["stage"], event["id"], event["confidence"]) == ("nthrow", "early", "v1", 60)
     assert taken(bridge, 0.0) == [("early", "nthrow", "early")]
@@ -300,5 +300,5 @@ def test_without_a_referee_the_scene_is_offline_and_nothing_goes_on(bridge, said
     state = at(said, going_on(said))
     bridge.due_states(state, frozenset(), 0.0)
     gone = payloads(bridge.due_states(state.at(said.NOON + 2 * said.SECOND), frozenset(), 2.0))
-    assert gone[TOPICS.availability] == "offline" and gone[TOPICS.movement("nthrow")] == "OFF"
+    assert gone[TOPICS.of("availability")] == "offline" and gone[TOPICS.movement("nthrow")] == "OFF"
     assert json.loads(gone[TOPICS.observer("cam2", "state")])["weight"] is None
