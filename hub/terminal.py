@@ -61,7 +61,7 @@ def render(
         return _compact(state, width, height, early, notice)
     labels, log_lines = _fitting(rows, height)
     corners = [_corners(observers[i : i + columns], columns, labels, state) for i in range(0, len(observers), columns)]
-    manner = manner_table(state.judgement, width) if log_lines >= MANNER_LINES else None
+    manner = manner_table(None if state.waiting else state.judgement, width) if log_lines >= MANNER_LINES else None
     log_lines -= MANNER_LINES if manner is not None else 0
     log = [] if log_lines < 1 else [_log(state.verdicts[:log_lines])]
     below = [] if manner is None else [manner]

@@ -78,7 +78,7 @@ def state_data(history: "SceneHistory") -> Json:
         "agreement": None if judgement is None else [judgement.agreement.k, judgement.agreement.n],
         "moving": judgement is not None and judgement.movement is not None,
         "fused": _ranked(state.fused[:FUSED_SHOWN]),
-        **_manner(judgement),
+        **_manner(None if state.waiting else judgement),
         "observers": [_observer(each, each.name in history.gone, shown) for each in observers],
         "standby": [_text(name) for name in state.standing_by],
         "rejected": state.rejected,
@@ -219,9 +219,10 @@ def _majority(verdict: VerdictMessage, heard: Mapping[str, Vote], quorum: int | 
 
 
 def _weights(verdict: VerdictMessage, heard: Mapping[str, Vote]) -> Iterator[str]:
-    if len(heard) > 1:
-        name = max(heard, key=lambda each: heard[each].weight)
-        yield f"{name} weighed most, {heard[name].weight:.0%}, by the rule {verdict.rule}: the surer, the heavier."
+    names = sorted(heard, key=lambda name: -heard[name].weight)
+    if len(names) > 1 and heard[names[0]].weight > heard[names[1]].weight:
+        weight = f"{heard[names[0]].weight:.0%}"
+        yield f"{names[0]} weighed most, {weight}, by the rule {verdict.rule}."
 
 
 def _abstention(verdict: VerdictMessage) -> Iterator[str]:

@@ -96,6 +96,14 @@ def said(house, event):
     return house.home.states()[event]["attributes"].get("event_type")
 
 
+def test_without_observers_the_movement_is_unknown(house):
+    house.room.silent = frozenset(house.room.observers)
+    for entity in ("sensor.room_movement", "sensor.room_confidence", "sensor.room_entropy"):
+        house.home.wait_for_state(entity, "unknown")
+    house.room.silent = frozenset()
+    house.home.wait_for_state("sensor.room_movement", "rest")
+
+
 def test_devices_hang_together(house):
     devices = house.home.devices()
     scene, observer = devices["room"], devices["room cam1"]

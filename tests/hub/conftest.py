@@ -1,13 +1,17 @@
-"""Messages of a small scene, as a fusion service would say them."""
+"""Messages of a small scene as a fusion service publishes them, and a link that the test fills."""
 
 import math
 from types import SimpleNamespace
 
 import pytest
 
+from common import SECOND_NS
+from common.config import read_scene
+from common.inbox import Inbox, Presence
 from common.messages import (
     Agreement,
     JudgementMessage,
+    OngoingMovement,
     StatusMessage,
     VerdictMessage,
     VocabularyMessage,
@@ -16,27 +20,39 @@ from common.messages import (
 )
 from common.vocabulary import Vocabulary
 
-SECOND = 1_000_000_000
-NOON = 1_700_000_000 * SECOND
+NOON = 1_700_000_000 * SECOND_NS
 VOCABULARY = Vocabulary(("byebye", "maestro", "ok", "nthrow"))
 REFERENCE = VocabularyReference(name="movements", hash=VOCABULARY.digest)
 
 
-def vote(label="nthrow", p=(0.1, 0.1, 0.1, 0.7), weight=0.5, state="counted", age_s=0.05):
-    entropy = -sum(x * math.log2(x) for x in p if x > 0) if all(map(math.isfinite, p)) else None
-    return Vote(label=label, entropy=entropy, weight=weight, age_s=age_s, state=state, p=list(p))
+def vote(label="nthrow", p=(0.1, 0.1, 0.1, 0.7), weight=0.5, state="counted", age_s=0.05, **more):
+    entropy = -sum(x * math.log2(x) for x in p if x > 0)
+    return Vote(label=label, entropy=entropy, weight=weight, age_s=age_s, state=state, p=list(p), **more)
 
 
-def judgement(seq=1, at_ns=NOON, label="nthrow", p=(0.1, 0.1, 0.2, 0.6), votes=None, fusion="fuse1", **more):
+def judgement(seq=1, at_ns=NOON, label="nthrow", p=(0.1, 0.1, 0.2, 0.6), votes=None, **more):
+    """A judgement; a verdict if it has an id. Its agreement is counted as fusion counts it."""
     votes = {"cam1": vote("ok", (0.1, 0.1, 0.5, 0.3)), "cam2": vote()} if votes is None else votes
-    k = sum(each.label == label for each in votes.values())
-    return (VerdictMessage if more else JudgementMessage)(
-        scene="room", fusion=fusion, seq=seq, at_ns=at_ns, vocabulary=REFERENCE, p=list(p), label=label,
-        certainty_bits=1.57, rule="inverse_entropy", votes=votes, agreement=Agreement(k=k, n=len(votes)), **more,
-    )  # fmt: skip
+    heard = [each.label == label for each in votes.values() if each.state in ("counted", "stale")]
+    facts = {"scene": "room", "fusion": "fuse1", "seq": seq, "at_ns": at_ns, "vocabulary": REFERENCE, "p": list(p),
+             "label": label, "certainty_bits": 1.57, "rule": "inverse_entropy", "votes": votes,
+             "agreement": Agreement(k=sum(heard), n=len(heard))}  # fmt: skip
+    return (VerdictMessage if "id" in more else JudgementMessage)(**facts, **more)
 
 
-def verdict(number=1, ended_ns=None, at_ns=NOON, began_ns=NOON - SECOND, **more):
+def moving(seq=1, number=1, decided=None, at_ns=NOON, **more):
+    """A judgement during the movement `v<number>`, which is `decided` to be that label or undecided."""
+    movement = OngoingMovement(id=f"v{number}", began_ns=NOON, label=decided, decided_ns=decided and NOON)
+    return judgement(seq, at_ns, movement=movement, **more)
+
+
+def waiting(seq=1, at_ns=NOON, label="", **more):
+    """A judgement to which no observer contributes."""
+    silent = Vote(label=None, entropy=None, weight=0.0, age_s=None, state="silent")
+    return judgement(seq, at_ns, label, (0.25,) * 4, {"cam1": silent, "cam2": silent}, **more)
+
+
+def verdict(number=1, ended_ns=None, at_ns=NOON, began_ns=NOON - SECOND_NS, **more):
     return judgement(at_ns=at_ns, id=f"v{number}", began_ns=began_ns, decided_ns=NOON, ended_ns=ended_ns, **more)
 
 
@@ -44,13 +60,54 @@ def vocabulary():
     return VocabularyMessage(scene="room", name="movements", hash=VOCABULARY.digest, labels=list(VOCABULARY.labels))
 
 
-def status(who="cam1", state="running", reason="", rate_hz=30.0):
-    return StatusMessage(scene="room", id=who, state=state, reason=reason, rate_hz=rate_hz)
+def status(process="cam1", state="running", reason="", rate_hz=30.0, **more):
+    return StatusMessage(scene="room", id=process, state=state, reason=reason, rate_hz=rate_hz, **more)
 
 
 @pytest.fixture(scope="session")
-def said():
-    """Makers of messages: vote, judgement, verdict, vocabulary, status; and the times NOON and SECOND in ns."""
-    return SimpleNamespace(
-        vote=vote, judgement=judgement, verdict=verdict, vocabulary=vocabulary, status=status, NOON=NOON, SECOND=SECOND
-    )
+def make():
+    """Makers of messages, and the times NOON and SECOND in ns."""
+    makers = (vote, judgement, moving, waiting, verdict, vocabulary, status)
+    return SimpleNamespace(**{maker.__name__: maker for maker in makers}, NOON=NOON, SECOND=SECOND_NS)
+
+
+@pytest.fixture
+def scene(tmp_path):
+    """A scene with two observers."""
+    file = tmp_path / "scene.toml"
+    file.write_text('scene = "room"\n[observers.cam1]\nsource = "a.npz"\n[observers.cam2]\nsource = "a.npz"\n')
+    return read_scene(file, {})
+
+
+class FakeLink:
+    """A link whose inboxes the test fills by `put`. answers: (key, payload) pairs that answer queries.
+
+    meanwhile: what arrives in the inboxes while a query waits.
+    """
+
+    def __init__(self, answers=(), meanwhile=()):
+        self.answers, self.meanwhile = answers, list(meanwhile)
+        self.boxes, self.queries = {}, []
+
+    def inbox(self, *keys, limit=4096):
+        self.boxes |= dict.fromkeys(keys, Inbox(limit))
+        return self.boxes[keys[0]]
+
+    def put(self, key, payload):
+        box = self.boxes.get(key) or self.boxes[key.replace("/cam1/", "/*/").replace("/cam2/", "/*/")]
+        box.put(key, payload)
+
+    def presence(self, key):
+        return Presence()
+
+    def ask_each(self, key, timeout_s):
+        self.queries.append(key)
+        for arrived in self.meanwhile:
+            self.put(*arrived)
+        self.meanwhile = []
+        return [pair for pair in self.answers if key.endswith("**") or pair[0] == key]
+
+
+@pytest.fixture(scope="session")
+def fake_link():
+    return FakeLink

@@ -14,38 +14,28 @@ from hub import capture as capturing
 from hub.capture import CaptureProgress, CaptureSummary, SceneCapture, record
 
 SOON_S = 10.0
-JUDGEMENT, VERDICT = "laban/room/judgement", "laban/room/verdict"
+JUDGEMENT, VERDICT, ANYTHING = "laban/room/judgement", "laban/room/verdict", "laban/room/observer/x/anything"
 VOCABULARY, ALIVE = "laban/room/vocabulary", "laban/room/observer/cam1/alive"
 
 
 @pytest.fixture
-def meeting():
-    """The link of a fusion service, where all meet."""
+def fusion():
+    """The link of a fusion service, where all processes meet."""
     with Link.open(MeshConfig(), "fusion", listen=["tcp/127.0.0.1:0"]) as link:
         yield link
 
 
 @pytest.fixture
-def scene_file(tmp_path, meeting):
+def scene_file(tmp_path, fusion):
     file = tmp_path / "scene.toml"
-    file.write_text(
-        f'scene = "room"\n[mesh]\nendpoint = "{meeting.locator}"\n[observers.cam1]\nsource = "a.npz"\n# mine\n'
-    )
+    text = f'scene = "room"\n[mesh]\nendpoint = "{fusion.locator}"\n[observers.cam1]\nsource = "a.npz"\n# mine\n'
+    file.write_text(text)
     return file
 
 
-@pytest.fixture
-def capturer(scene_file, tmp_path):
-    """A capture that goes on lap by lap; `until(condition on the records so far)` and the file's name."""
-    scene = read_scene(scene_file, {})
-    with (
-        Link.open(scene.mesh, "hub") as link,
-        CaptureWriter(tmp_path / "a.mcap", scene, scene_file.read_text(), 5) as writer,
-    ):
-        yield Laps(SceneCapture(scene, link, writer, time.time_ns), writer)
+class Steps:
+    """A capture that goes on step by step, until a condition on its records holds."""
 
-
-class Laps:
     def __init__(self, capture, writer):
         self.capture, self.writer = capture, writer
 
@@ -53,125 +43,133 @@ class Laps:
         deadline_s = time.monotonic() + SOON_S
         while True:
             self.capture.step()
-            found = list(CaptureFile(self.writer.path).records())
-            if condition(found):
-                return found
-            assert time.monotonic() < deadline_s, found
+            records = list(CaptureFile(self.writer.path).records())
+            if condition(records):
+                return records
+            assert time.monotonic() < deadline_s, records
+
+
+@pytest.fixture
+def steps(scene_file, tmp_path):
+    scene = read_scene(scene_file, {})
+    with (
+        Link.open(scene.mesh, "hub") as link,
+        CaptureWriter(tmp_path / "a.mcap", scene, scene_file.read_text(), 5) as writer,
+    ):
+        yield Steps(SceneCapture(scene, link, writer, time.time_ns), writer)
 
 
 def of(records, kind, key):
-    return [record.payload for record in records if (record.kind, record.key) == (kind, key)]
+    return [each.payload for each in records if (each.kind, each.key) == (kind, key)]
 
 
-def test_everything_below_the_scene_is_written_with_its_time(meeting, capturer):
+def test_everything_below_the_scene_is_written_with_its_time(fusion, steps):
     began_ns = time.time_ns()
-    mouth, other = meeting.publisher(JUDGEMENT), meeting.publisher("laban/room/observer/x/anything")
-    assert mouth.wait_for_subscriber(SOON_S) and other.wait_for_subscriber(SOON_S)
-    meeting.publisher("laban/elsewhere/judgement").put(b"not ours")
+    judgements, other = fusion.publisher(JUDGEMENT), fusion.publisher(ANYTHING)
+    assert judgements.wait_for_subscriber(SOON_S) and other.wait_for_subscriber(SOON_S)
+    fusion.publisher("laban/elsewhere/judgement").put(b"not ours")
     payloads = [bytes([number]) for number in range(20)]
     for payload in payloads:
-        mouth.put(payload)
+        judgements.put(payload)
     other.put(b"not MessagePack")
-    found = capturer.until(lambda records: of(records, "put", "laban/room/observer/x/anything"))
-    assert of(found, "put", JUDGEMENT) == payloads
-    assert len([record for record in found if record.kind == "put"]) == len(payloads) + 1
-    times = [record.arrived_ns for record in found if record.kind == "put"]
+    records = steps.until(lambda records: of(records, "put", ANYTHING))
+    assert of(records, "put", JUDGEMENT) == payloads
+    times = [each.arrived_ns for each in records if each.kind == "put"]
+    assert len(times) == len(payloads) + 1
     assert times == sorted(times) and began_ns <= times[0] <= times[-1] <= time.time_ns()
-    assert capturer.capture.summary.kinds == {"judgement": 20, "anything": 1}
+    assert steps.capture.summary.kinds == {"judgement": 20, "anything": 1}
 
 
-def test_who_comes_and_goes_is_written_in_order_with_its_last_words(meeting, capturer, scene_file):
+def test_an_observer_that_comes_and_goes_is_written_in_order(steps, scene_file):
+    posterior = "laban/room/observer/cam1/posterior"
     with Link.open(read_scene(scene_file, {}).mesh, "observer") as observer:
-        mouth = observer.publisher("laban/room/observer/cam1/posterior")
+        publisher = observer.publisher(posterior)
         observer.announce(ALIVE)
-        capturer.until(lambda records: of(records, "token", ALIVE) == [APPEARED])
-        assert mouth.wait_for_subscriber(SOON_S)
-        mouth.put(b"last words")
-        capturer.until(lambda records: of(records, "put", "laban/room/observer/cam1/posterior"))
-    found = capturer.until(lambda records: GONE in of(records, "token", ALIVE))
-    assert [record.payload for record in found if record.kind != "answer"] == [APPEARED, b"last words", GONE]
+        steps.until(lambda records: of(records, "token", ALIVE) == [APPEARED])
+        assert publisher.wait_for_subscriber(SOON_S)
+        publisher.put(b"the last message")
+        steps.until(lambda records: of(records, "put", posterior))
+    records = steps.until(lambda records: GONE in of(records, "token", ALIVE))
+    assert [each.payload for each in records if each.kind != "answer"] == [APPEARED, b"the last message", GONE]
 
 
-def test_last_values_are_asked_for_at_the_beginning(meeting, scene_file, tmp_path, said):
-    verdicts = [encode(said.verdict(number)) for number in (1, 2)]
-    meeting.answer(VERDICT, lambda: verdicts)
-    meeting.answer(VOCABULARY, lambda: encode(said.vocabulary()))
-    scene, laps = read_scene(scene_file, {}), iter((True, True))
-    with (
-        Link.open(scene.mesh, "hub") as link,
-        CaptureWriter(tmp_path / "a.mcap", scene, "", 5) as writer,
-    ):
-        account = record(scene, link, writer, lambda: next(laps, False))
-    found = CaptureFile(tmp_path / "a.mcap")
-    assert of(found.records(), "answer", VERDICT) == verdicts
-    assert of(found.records(), "answer", VOCABULARY) == [encode(said.vocabulary())]
-    assert account.messages == 3 and "3 messages" in str(account) and found.complete
+def test_last_values_are_queried_at_the_start(fusion, scene_file, tmp_path, make):
+    verdicts = [encode(make.verdict(number)) for number in (1, 2)]
+    fusion.answer(VERDICT, lambda: verdicts)
+    fusion.answer(VOCABULARY, lambda: encode(make.vocabulary()))
+    scene, go_on = read_scene(scene_file, {}), iter((True, True))
+    with Link.open(scene.mesh, "hub") as link, CaptureWriter(tmp_path / "a.mcap", scene, "", 5) as writer:
+        summary = record(scene, link, writer, lambda: next(go_on, False))
+    file = CaptureFile(tmp_path / "a.mcap")
+    assert of(file.records(), "answer", VERDICT) == verdicts
+    assert of(file.records(), "answer", VOCABULARY) == [encode(make.vocabulary())]
+    assert summary.messages == 3 and file.complete
 
 
-def test_a_vocabulary_that_comes_later_is_asked_for_again(meeting, capturer, said, monkeypatch):
+def test_a_missing_vocabulary_is_queried_again(fusion, steps, make, monkeypatch):
     monkeypatch.setattr(capturing, "QUERY_AGAIN_NS", 1)
-    meeting.announce("laban/room/fusion/fusion/alive")
-    capturer.until(lambda records: of(records, "token", "laban/room/fusion/fusion/alive"))
-    asked = threading.Event()
+    fusion.announce("laban/room/fusion/fusion/alive")
+    steps.until(lambda records: of(records, "token", "laban/room/fusion/fusion/alive"))
+    queried = threading.Event()
 
     def late():
-        asked.set()
-        return encode(said.vocabulary())
+        queried.set()
+        return encode(make.vocabulary())
 
-    meeting.answer(VOCABULARY, late)
-    found = capturer.until(lambda records: of(records, "answer", VOCABULARY))
-    assert of(found, "answer", VOCABULARY) == [encode(said.vocabulary())]
-    asked.clear()
+    fusion.answer(VOCABULARY, late)
+    records = steps.until(lambda records: of(records, "answer", VOCABULARY))
+    assert of(records, "answer", VOCABULARY) == [encode(make.vocabulary())]
+    queried.clear()
     for _ in range(3):
-        capturer.capture.step()
-    assert not asked.is_set(), "it is known: nobody needs to be asked again"
-    meeting.announce("laban/room/fusion/second/alive")
-    found = capturer.until(lambda records: of(records, "token", "laban/room/fusion/second/alive") and asked.is_set())
-    assert of(found, "answer", VOCABULARY) == [encode(said.vocabulary())], "the same answer twice is one"
+        steps.capture.step()
+    assert not queried.is_set(), "it is known"
+    fusion.announce("laban/room/fusion/second/alive")
+    alive = "laban/room/fusion/second/alive"
+    records = steps.until(lambda records: of(records, "token", alive) and queried.is_set())
+    assert of(records, "answer", VOCABULARY) == [encode(make.vocabulary())], "the same answer is written once"
 
 
-def test_progress_is_a_line_now_and_then(monkeypatch, capsys):
+def test_progress_is_a_line_every_ten_seconds(monkeypatch, capsys):
     now_s = [100.0]
     monkeypatch.setattr(capturing.time, "monotonic", lambda: now_s[0])
-    with CaptureProgress("a.mcap") as tell:
+    with CaptureProgress("a.mcap") as progress:
         for second in range(25):
             now_s[0] = 100.0 + second
-            tell(CaptureSummary(second, 2_500_000, second, {"judgement": second}, 0))
-    said = capsys.readouterr().err.splitlines()
-    assert said == [f"a.mcap: {n} messages, 2.5 MB in {n} s ({n} judgement)" for n in (10, 20)]
+            progress(CaptureSummary(second, 2_500_000, second, {"judgement": second}, 0))
+    lines = capsys.readouterr().err.splitlines()
+    assert lines == [f"a.mcap: {n} messages, 2.5 MB in {n} s ({n} judgement)" for n in (10, 20)]
 
 
-def test_what_came_too_fast_is_told():
-    account = CaptureSummary(5, 100, 1.0, {}, 7)
-    assert str(account) == "5 messages, 0.0 MB in 1 s; 7 messages lost to a full queue"
+def test_a_summary_counts_in_words():
+    assert str(CaptureSummary(5, 100, 1.0, {}, 7)) == "5 messages, 0.0 MB in 1 s; 7 messages lost to a full queue"
+    assert str(CaptureSummary(1, 100, 1.0, {}, 1)) == "1 message, 0.0 MB in 1 s; 1 message lost to a full queue"
 
 
-def verb(words, capsys):
+def capture(words, capsys):
     status = labanmesh.main(["capture", *map(str, words)])
-    heard = capsys.readouterr()
-    return status, heard.out, heard.err
+    output = capsys.readouterr()
+    return status, output.out, output.err
 
 
-def test_the_verb_writes_a_file_that_carries_the_scene(scene_file, tmp_path, capsys):
-    status, out, _ = verb([scene_file, "-o", tmp_path / "b.mcap", "--for", "0"], capsys)
-    assert status == 0
-    assert out.splitlines()[0].startswith(f"{tmp_path / 'b.mcap'}: 0 messages")
-    assert "received nothing at tcp/127.0.0.1:" in out
-    found = CaptureFile(tmp_path / "b.mcap")
-    assert found.text == scene_file.read_text() and found.scene.roster == ("cam1",)
+def test_the_verb_writes_a_file_that_holds_the_scene(scene_file, tmp_path, capsys):
+    status, out, _ = capture([scene_file, "-o", tmp_path / "b.mcap", "--for", "0"], capsys)
+    assert status == 0 and out.splitlines()[0].startswith(f"{tmp_path / 'b.mcap'}: 0 messages")
+    assert "received nothing at tcp/127.0.0.1:" in out and f"labanmesh up {scene_file}" in out
+    file = CaptureFile(tmp_path / "b.mcap")
+    assert file.text == scene_file.read_text() and file.scene.roster == ("cam1",)
 
 
 def test_refusals_are_one_line(scene_file, tmp_path, capsys):
     (tmp_path / "old.mcap").write_text("old")
-    for words, expected, why in (
-        ([scene_file, "-o", tmp_path / "old.mcap"], 2, "captures are not overwritten"),
-        ([scene_file, "-o", tmp_path / "a.bag"], 2, "ends in .mcap"),
+    for words, expected, reason in (
+        ([scene_file, "-o", tmp_path / "old.mcap"], 2, "old.mcap"),
+        ([scene_file, "-o", tmp_path / "a.bag"], 2, ".mcap"),
         ([scene_file, "-o", tmp_path / "nowhere" / "a.mcap"], 1, "no such file or directory"),
-        ([tmp_path / "no.toml", "-o", tmp_path / "c.mcap"], 2, "name a scene file"),
+        ([tmp_path / "no.toml", "-o", tmp_path / "c.mcap"], 2, "no.toml"),
         ([scene_file], 2, "--output"),
     ):
-        status, out, err = verb(words, capsys)
+        status, out, err = capture(words, capsys)
         assert (status, err.count("\n"), out) == (expected, 1, ""), err
-        assert why in err
+        assert reason in err
     assert (tmp_path / "old.mcap").read_text() == "old"
     assert not (tmp_path / "c.mcap").exists()

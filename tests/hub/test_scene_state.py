@@ -1,11 +1,12 @@
-"""What is heard of a scene, folded into what is shown."""
+"""SceneState: messages of a scene folded into what all views show."""
 
 import math
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hub.scene_state import VERDICTS_LIMIT, SceneState
+from hub.scene_state import VERDICTS_LIMIT, SceneState, is_waiting
 
 
 def folded(state, *messages, at):
@@ -14,81 +15,101 @@ def folded(state, *messages, at):
     return state
 
 
-def test_judges_carry_label_belief_entropy_weight_age_and_state(said):
-    votes = {"cam1": said.vote("ok", (0.1, 0.1, 0.5, 0.3), 0.25, age_s=0.1), "cam2": said.vote(weight=0.75)}
-    state = folded(SceneState("room"), said.vocabulary(), said.judgement(votes=votes), at=said.NOON)
-    cam1, cam2 = state.at(said.NOON + said.SECOND).observers
-    assert [(belief.label, belief.p) for belief in cam1.ranked[:2]] == [("ok", 0.5), ("nthrow", 0.3)]
+def test_an_observer_has_its_label_posterior_entropy_weight_age_and_state(make):
+    votes = {"cam1": make.vote("ok", (0.1, 0.1, 0.5, 0.3), 0.25, age_s=0.1), "cam2": make.vote(weight=0.75)}
+    state = folded(SceneState("room"), make.vocabulary(), make.judgement(votes=votes), at=make.NOON)
+    cam1, cam2 = state.at(make.NOON + make.SECOND).observers
+    assert [(ranked.label, ranked.p) for ranked in cam1.ranked[:2]] == [("ok", 0.5), ("nthrow", 0.3)]
     assert (cam1.label, cam1.weight, cam1.state, cam1.agrees) == ("ok", 0.25, "counted", False)
     assert math.isclose(cam1.age_s, 1.1) and math.isclose(cam1.entropy, 1.6855, abs_tol=1e-3)
     assert cam2.agrees and state.fused[0].label == "nthrow"
 
 
-def test_a_named_observer_has_a_corner_before_it_spoke(said):
-    state = folded(SceneState("room", ("cam9", "cam2")), said.judgement(), at=said.NOON)
-    assert [(judge.name, judge.state) for judge in state.observers] == [
-        ("cam9", "silent"), ("cam2", "counted"), ("cam1", "counted"),
-    ]  # fmt: skip
+def test_observers_of_the_scene_file_come_first_and_show_before_they_are_heard(make):
+    state = folded(SceneState("room", ("cam9", "cam2")), make.judgement(), at=make.NOON)
+    observers = [(observer.name, observer.state) for observer in state.observers]
+    assert observers == [("cam9", "silent"), ("cam2", "counted"), ("cam1", "counted")]
 
 
-def test_the_same_verdict_said_again_replaces_what_was_said(said):
-    first, other, ended = said.verdict(1), said.verdict(2), said.verdict(1, ended_ns=said.NOON, at_ns=said.NOON + 1)
-    state = folded(SceneState("room"), first, other, ended, at=said.NOON)
+STATES = st.sampled_from(["counted", "stale", "late", "silent", "foreign", "invalid"])
+
+
+@given(st.lists(st.tuples(STATES, st.sampled_from(["ok", "nthrow", None])), max_size=6))
+def test_the_observers_that_agree_are_the_k_of_the_agreement(make, votes):
+    votes = {f"cam{i}": make.vote(label, state=state) for i, (state, label) in enumerate(votes)}
+    judgement = make.judgement(votes=votes)
+    observers = SceneState("room").fold(judgement, make.NOON).observers
+    assert sum(observer.agrees for observer in observers) == judgement.agreement.k
+    assert sum(observer.is_heard for observer in observers) == judgement.agreement.n
+
+
+@pytest.mark.parametrize("label", ["", "byebye"])
+def test_without_a_heard_vote_the_scene_waits_for_observers(make, label):
+    state = SceneState("room").fold(make.waiting(label=label), make.NOON)
+    assert state.waiting and state.fused == () and not any(observer.agrees for observer in state.observers)
+    assert not is_waiting(make.judgement(votes={"cam1": make.vote(state="stale")}))
+
+
+def test_an_update_of_a_verdict_replaces_it(make):
+    first, other, ended = make.verdict(1), make.verdict(2), make.verdict(1, ended_ns=make.NOON, at_ns=make.NOON + 1)
+    state = folded(SceneState("room"), first, other, ended, at=make.NOON)
     assert [verdict.id for verdict in state.verdicts] == ["v2", "v1"]
-    assert state.verdicts[1].ended_ns == said.NOON
-    assert folded(state, first, at=said.NOON).verdicts == state.verdicts, "an older word must not reopen a movement"
+    assert state.verdicts[1].ended_ns == make.NOON
+    assert folded(state, first, at=make.NOON).verdicts == state.verdicts, "an older message does not reopen it"
 
 
-def test_a_fusion_whose_clock_was_set_back_is_still_shown(said):
-    hour = 3600 * said.SECOND
-    before = (said.verdict(1, began_ns=said.NOON + hour), said.judgement(9, said.NOON + hour))
-    after = (said.verdict(2), said.judgement(10, said.NOON))
-    state = folded(SceneState("room"), *before, *after, at=said.NOON)
+def test_messages_of_a_fusion_machine_whose_clock_was_set_back_are_shown(make):
+    hour = 3600 * make.SECOND
+    before = (make.verdict(1, began_ns=make.NOON + hour), make.judgement(9, make.NOON + hour))
+    after = (make.verdict(2), make.judgement(10, make.NOON))
+    state = folded(SceneState("room"), *before, *after, at=make.NOON)
     assert state.verdict.id == "v2" and state.judgement.seq == 10
 
 
-def test_copies_change_nothing(said):
-    state = folded(SceneState("room"), said.judgement(5), said.verdict(1), at=said.NOON)
-    assert state.fold(said.judgement(5), said.NOON) is state
-    assert state.fold(said.judgement(4, said.NOON - said.SECOND // 10), said.NOON) is state
-    assert state.fold(said.verdict(1), said.NOON) is state
+def test_copies_change_nothing(make):
+    state = folded(SceneState("room"), make.judgement(5), make.verdict(1), at=make.NOON)
+    assert state.fold(make.judgement(5), make.NOON) is state
+    assert state.fold(make.judgement(4, make.NOON - make.SECOND // 10), make.NOON) is state
+    assert state.fold(make.verdict(1), make.NOON) is state
 
 
-def test_labels_of_another_vocabulary_are_not_used(said):
-    foreign = said.vocabulary().model_copy(update={"hash": "0" * 16})
-    state = folded(SceneState("room"), foreign, said.judgement(), at=said.NOON)
-    assert state.labels == () and state.missing_vocabulary.hash == said.vocabulary().hash
-    assert [belief.label for belief in state.fused] == ["nthrow", "movement 3", "movement 1", "movement 2"]
+def test_labels_of_another_vocabulary_are_not_used(make):
+    foreign = make.vocabulary().model_copy(update={"hash": "0" * 16})
+    state = folded(SceneState("room"), foreign, make.judgement(), at=make.NOON)
+    assert state.labels == () and state.missing_vocabulary.hash == make.vocabulary().hash
+    assert [ranked.label for ranked in state.fused] == ["nthrow", "movement 3", "movement 1", "movement 2"]
 
 
-def test_statuses_of_an_observer_and_a_fusion_with_one_name_are_kept_apart(said):
-    state = SceneState("room").fold(said.status("a"), 0, "observer").fold(said.status("a", "failed"), 0, "fusion")
+def test_statuses_of_an_observer_and_a_fusion_service_with_one_id_are_kept_apart(make):
+    state = SceneState("room").fold(make.status("a"), 0, "observer").fold(make.status("a", "failed"), 0, "fusion")
     assert state.observers[0].status.state == "running" and state.fusion_status["a"].state == "failed"
 
 
-def test_silence_is_counted_from_hearing_not_from_foreign_clocks(said):
+def test_silence_is_measured_by_this_machines_clock(make):
     state = SceneState("room")
     assert state.silence_s == math.inf
-    state = state.fold(said.judgement(at_ns=said.NOON + 3600 * said.SECOND), said.NOON)
-    assert state.at(said.NOON + 3 * said.SECOND).silence_s == 3
+    state = state.fold(make.judgement(at_ns=make.NOON + 3600 * make.SECOND), make.NOON)
+    assert state.at(make.NOON + 3 * make.SECOND).silence_s == 3
 
 
 @given(st.lists(st.tuples(st.integers(0, 14), st.booleans(), st.integers(0, 5)), max_size=60))
-def test_verdicts_are_few_and_each_stands_once(said, spoken):
+def test_verdicts_are_limited_and_each_appears_once(make, steps):
     state = SceneState("room")
-    for number, has_ended, later in spoken:
-        at_ns = said.NOON + later
-        state = state.fold(said.verdict(number, said.NOON if has_ended else None, at_ns), at_ns)
+    for number, has_ended, later in steps:
+        at_ns = make.NOON + later
+        state = state.fold(make.verdict(number, make.NOON if has_ended else None, at_ns), at_ns)
     ids = [verdict.id for verdict in state.verdicts]
-    assert len(ids) == len(set(ids)) == min(VERDICTS_LIMIT, len(ids))
-    assert not spoken or ids
+    assert len(ids) == len(set(ids)) <= VERDICTS_LIMIT and bool(ids) == bool(steps)
 
 
-@given(st.lists(st.floats(0, 1), max_size=6), st.lists(st.floats(0, 1), max_size=6), st.floats(0, 1) | st.none())
-def test_answers_are_ranked_by_whole_percents(said, p, judged, unlearned):
-    votes = {"cam1": said.vote().model_copy(update={"p": p, "unlearned": unlearned})}
-    judgement = said.judgement(votes=votes).model_copy(update={"p": judged, "unlearned": unlearned})
-    state = folded(SceneState("room"), said.vocabulary(), judgement, at=0)
+PROBABILITIES = st.lists(st.floats(0, 1), max_size=6)
+
+
+@given(PROBABILITIES, PROBABILITIES, st.floats(0, 1) | st.none())
+def test_answers_are_ranked_by_whole_percents(make, p, fused, unlearned):
+    votes = {"cam1": make.vote(unlearned=unlearned).model_copy(update={"p": p})}
+    judgement = make.judgement(votes=votes, p=fused, unlearned=unlearned)
+    state = folded(SceneState("room"), make.vocabulary(), judgement, at=0)
     for ranked in (state.fused, state.observers[0].ranked):
         shares = [round(each.p, 2) for each in ranked]
         assert all(0 <= share <= 1 for share in shares) and shares == sorted(shares, reverse=True)

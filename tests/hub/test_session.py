@@ -1,96 +1,87 @@
-"""Listening: late joiners know at once, strangers' nonsense is counted, what is missing is asked for again."""
+"""Listening: late joiners know the last values, unusable messages are rejected, a vocabulary is queried again."""
 
 from itertools import count
-from pathlib import Path
 
 import pytest
 
-from common.config import read_scene
-from common.inbox import Inbox
 from common.wire import encode
 from hub.session import listen
 
 ROOT = "laban/room"
 
 
-class FakeLink:
-    """A link whose inbox the test fills, and whose last values it sets."""
-
-    def __init__(self, last=None):
-        self.box, self.last, self.asked = Inbox(), last or {}, []
-
-    def inbox(self, *keys):
-        self.keys = keys
-        return self.box
-
-    def ask(self, key, timeout_s):
-        self.asked.append(key)
-        return self.last
-
-    def ask_each(self, key, timeout_s):
-        return list(self.ask(key, timeout_s).items())
-
-
 def looks(number):
-    """Go on for so many looks into the inbox."""
+    """Go on for this many looks into the inbox."""
     left = iter(range(number))
     return lambda: next(left, None) is not None
 
 
-@pytest.fixture
-def scene(tmp_path: Path):
-    file = tmp_path / "scene.toml"
-    file.write_text('scene = "room"\n[observers.cam1]\nsource = "a.npz"\n[observers.cam2]\nsource = "a.npz"\n')
-    return read_scene(file)
+def pairs(**messages):
+    return [(f"{ROOT}/{key.replace('__', '/')}", encode(message)) for key, message in messages.items()]
 
 
-def test_a_late_joiner_knows_at_once(scene, said):
-    last = {f"{ROOT}/judgement": said.judgement(), f"{ROOT}/vocabulary": said.vocabulary()}
-    link = FakeLink({key: encode(message) for key, message in last.items()})
-    late_ns = said.NOON + 60 * said.SECOND
-    *_, end = listen(scene, link, looks(0), lambda: late_ns)
-    assert end.state.labels == tuple(said.vocabulary().labels)
-    assert end.state.silence_s == 60, "a last value is as old as it says, not as fresh as the answer"
+def last(updates):
+    *_, update = updates
+    return update.state
 
 
-def test_what_is_said_is_heard_in_order_and_once(scene, said):
-    link = FakeLink()
-    messages = [said.judgement(1), said.verdict(1), said.judgement(1), said.judgement(2, said.NOON + 1)]
-    for message in messages:
-        kind = "verdict" if hasattr(message, "id") else "judgement"
-        link.box.put(f"{ROOT}/{kind}", encode(message))
-    heard = [each.message for each in listen(scene, link, looks(1)) if each.message]
-    assert heard == [messages[0], messages[1], messages[3]]
-    assert f"{ROOT}/judgement" in link.keys and f"{ROOT}/observer/*/status" in link.keys
+def test_a_late_joiner_knows_the_last_values(scene, make, fake_link):
+    link = fake_link(pairs(judgement=make.judgement(), vocabulary=make.vocabulary()))
+    *answered, end = listen(scene, link, looks(1), lambda: make.NOON + 60 * make.SECOND)
+    assert end.state.labels == tuple(make.vocabulary().labels)
+    assert end.state.silence_s == 60, "a last value dates from when it was published"
+    assert [update.answered for update in (*answered, end)] == [True, True, False]
 
 
-def test_nonsense_is_counted_and_dropped(scene, said):
-    link = FakeLink()
-    link.box.put(f"{ROOT}/judgement", b"nonsense")
-    link.box.put(f"{ROOT}/new_kind", b"whatever")
-    link.box.put(f"{ROOT}/judgement", encode(said.judgement()))
-    *_, end = listen(scene, link, looks(1))
-    assert end.state.rejected == 1 and end.state.judgement == said.judgement()
+def test_messages_arrive_in_order_and_once(scene, make, fake_link):
+    messages = [make.judgement(1), make.verdict(1), make.judgement(1), make.judgement(2, make.NOON + 1)]
+    arrivals = [(f"{ROOT}/{'verdict' if hasattr(each, 'id') else 'judgement'}", encode(each)) for each in messages]
+    received = [each.message for each in listen(scene, fake_link((), arrivals), looks(1)) if each.message]
+    assert received == [messages[0], messages[1], messages[3]]
 
 
-def test_whose_status_it_is_stands_in_the_key(scene, said):
-    link = FakeLink()
-    link.box.put(f"{ROOT}/observer/cam1/status", encode(said.status("cam1")))
-    link.box.put(f"{ROOT}/fusion/main/status", encode(said.status("main")))
-    *_, end = listen(scene, link, looks(1))
-    assert [judge.name for judge in end.state.observers] == ["cam1", "cam2"] and "main" in end.state.fusion_status
+def test_a_verdict_published_during_the_query_is_new_and_of_many_judgements_only_the_newest_is_decoded(
+    scene, make, fake_link
+):
+    old, new = (pairs(verdict=make.verdict(number))[0] for number in (1, 2))
+    judgements = [pairs(judgement=make.judgement(seq, make.NOON + seq))[0] for seq in range(1, 9)]
+    updates = list(listen(scene, fake_link([old, new], [new, *judgements]), looks(1), newest_only=True))
+    received = [(update.message.id, update.answered) for update in updates if hasattr(update.message, "id")]
+    assert received == [("v1", True), ("v2", False)]
+    assert updates[-1].state.judgement.seq == 8 and sum(update.message is not None for update in updates) == 3
 
 
-def test_a_missing_vocabulary_is_asked_for_until_it_is_told(scene, said):
-    link, seconds = FakeLink(), count(said.NOON, said.SECOND)
-    link.box.put(f"{ROOT}/judgement", encode(said.judgement()))
+def test_the_key_says_whose_status_it_is(scene, make, fake_link):
+    arrivals = pairs(observer__cam1__status=make.status("cam1"), fusion__x__status=make.status("x"))
+    link = fake_link((), arrivals[:1])
+    state = last(listen(scene, link, looks(1)))
+    assert [each.status is not None for each in state.observers] == [True, False] and not state.fusion_status
+    state = last(listen(scene, fake_link(arrivals), looks(0)))
+    assert "x" in state.fusion_status and state.observers[0].status
+
+
+@pytest.mark.parametrize("key", ["observer/cam1/status", "judgement", "verdict", "vocabulary"])
+def test_a_message_that_names_another_sender_than_its_key_is_rejected(scene, make, fake_link, key):
+    other = {
+        "observer/cam1/status": make.status("cam2", "failed"),
+        "judgement": make.judgement().model_copy(update={"scene": "kitchen"}),
+        "verdict": make.verdict().model_copy(update={"scene": "kitchen"}),
+        "vocabulary": make.vocabulary().model_copy(update={"hash": "0" * 16}),
+    }[key]
+    state = last(listen(scene, fake_link([(f"{ROOT}/{key}", encode(other))]), looks(0)))
+    assert state.rejected == 1 and state.is_empty and state.vocabulary is None
+
+
+def test_unusable_messages_are_counted_and_other_keys_are_ignored(scene, make, fake_link):
+    answers = [(f"{ROOT}/judgement", b"nonsense"), *((f"{ROOT}/{key}", b"x") for key in ("new", "status", "a/b/c/d"))]
+    state = last(listen(scene, fake_link([*answers, *pairs(judgement=make.judgement())]), looks(0)))
+    assert state.rejected == 1 and state.judgement == make.judgement()
+
+
+def test_an_unknown_vocabulary_is_queried_until_it_is_answered(scene, make, fake_link):
+    link, seconds = fake_link((), pairs(judgement=make.judgement())), count(make.NOON, make.SECOND)
     states = listen(scene, link, looks(8), lambda: next(seconds))
-    while f"{ROOT}/vocabulary" not in link.asked:
-        link.box.wake()
+    while f"{ROOT}/vocabulary" not in link.queries:
         next(states)
-    link.last = {f"{ROOT}/vocabulary": encode(said.vocabulary())}
-    link.box.wake()
-    end = None
-    for end in states:  # noqa: B007 - what the last one says is looked at
-        link.box.wake()
-    assert end.state.labels and link.asked.count(f"{ROOT}/vocabulary") <= 3
+    link.answers = pairs(vocabulary=make.vocabulary())
+    assert last(states).labels and link.queries.count(f"{ROOT}/vocabulary") <= 3

@@ -16,13 +16,13 @@ SCRIPT = ROOT / "examples" / "mqtt.sh"
 FLOW = json.loads((ROOT / "examples" / "node-red-flow.json").read_text("utf-8"))
 
 
-def test_the_shell_example_says_each_verdict(broker, said):
+def test_the_shell_example_says_each_verdict(broker, make):
     if not (shutil.which("mosquitto_sub") and shutil.which("jq")):
         pytest.skip("mosquitto_sub or jq is not installed: tests/hub/mqtt/install_mosquitto.sh")
     verdicts = [
-        verdict_event(said.verdict(1), "decided"),
-        verdict_event(said.verdict(1, label="ok"), "revised"),
-        verdict_event(said.verdict(2, label="abstain"), "decided"),
+        verdict_event(make.verdict(1), "decided"),
+        verdict_event(make.verdict(1, label="ok"), "revised"),
+        verdict_event(make.verdict(2, label="abstain"), "decided"),
     ]
     command = [SCRIPT, "127.0.0.1", str(broker.port)]
     # Its own group, for mosquitto_sub would outlive the shell.
@@ -51,13 +51,13 @@ def test_the_node_red_flow_hangs_together_and_listens_to_our_topic():
     assert source["topic"] == Topics("+", "").of("verdict") and source["datatype"] == "json"
 
 
-def test_the_node_red_flow_asks_for_fields_that_events_have(said):
-    event = verdict_event(said.verdict(1), "decided")
+def test_the_node_red_flow_asks_for_fields_that_events_have(make):
+    event = verdict_event(make.verdict(1), "decided")
     asked = {node["property"].partition(".")[2] for node in FLOW if node["type"] == "switch"}
     assert asked <= set(event)
 
 
-def test_the_document_tells_every_topic_and_every_field_of_an_event(said):
+def test_the_document_tells_every_topic_and_every_field_of_an_event(make):
     text = (ROOT / "docs" / "guide" / "home.md").read_text("utf-8")
     names = Topics("SCENE", "labanmesh/SCENE/bridge")
     topics = [
@@ -73,10 +73,10 @@ def test_the_document_tells_every_topic_and_every_field_of_an_event(said):
     ]
     for topic in (*topics, names.movement("LABEL"), *(names.observer("ID", what) for what in ("health", "state"))):
         assert f"`{topic}`" in text, topic
-    word = EarlyWord("early", "v1", "ok", "ok", 0.9, said.NOON, said.NOON)
+    word = EarlyWord("early", "v1", "ok", "ok", 0.9, make.NOON, make.NOON)
     early = early_event(names, word).payload
     for topic, event in (
-        (names.of("verdict"), verdict_event(said.verdict(1), "decided")),
+        (names.of("verdict"), verdict_event(make.verdict(1), "decided")),
         (names.of("early"), json.loads(early)),
     ):
         (row,) = re.findall(rf"^\| `{topic}` .*$", text, re.MULTILINE)

@@ -1,13 +1,12 @@
-"""What is said to a broker, without one: topics, discovery, pace, events, and what is not said."""
+"""What a bridge publishes, without a broker: topics, discovery, pace and events."""
 
 import json
 import re
-from dataclasses import replace
 
 import pytest
 
 from common.errors import BadInput
-from common.messages import Contribution, OngoingMovement
+from common.messages import Contribution
 from hub.mqtt.bridge import WAITING_LIMIT, SceneBridge
 from hub.mqtt.entities import EXPIRE_S, Topics, bridge_topic, checked_prefix, discovery
 from hub.mqtt.events import EVENT_S, recalled_ns, verdict_event
@@ -16,289 +15,271 @@ from hub.scene_state import SceneState
 
 TOPICS = Topics("room", bridge_topic("labanmesh", "room"))
 OBSERVERS = ("cam1", "cam2")
-IDS = re.compile(r"[a-zA-Z0-9_-]+\Z")
+HOW = {"effort_time": [0.2, 0.8], "shape_vertical": [0.1, 0.7, 0.2], "effort_flow": [0.4, 0.6], "mood": [1.0]}
+
+
+class Driver:
+    """A bridge, and what it publishes in one scene."""
+
+    def __init__(self, make, recalled=True, movements=("nthrow",), **more):
+        self.make, self.bridge = make, SceneBridge(TOPICS, OBSERVERS, movements, **more)
+        if recalled:
+            self.bridge.recall(None)
+
+    def state(self, judgement=None, **more):
+        """The state in which `judgement` has just arrived."""
+        arrived = {} if judgement is None else {"judgement": judgement, "received_ns": self.make.NOON}
+        return SceneState(
+            "room", OBSERVERS, self.make.NOON, **{"vocabulary": self.make.vocabulary(), **arrived, **more}
+        )
+
+    def due(self, now_s, judgement=None, tokens=(), **more):
+        """The due payload of each topic."""
+        return self.due_in(now_s, self.state(judgement, **more), tokens)
+
+    def due_in(self, now_s, state, tokens=()):
+        return {each.topic: each.payload for each in self.bridge.due_states(state, frozenset(tokens), now_s)}
+
+    def events(self, now_s=0.0):
+        """The due events, confirmed as a broker does it: (topic, label, stage)."""
+        events = []
+        while (event := self.bridge.next_event(now_s)) is not None:
+            assert not event.retain
+            fields = json.loads(event.payload)
+            events.append((event.topic.rpartition("/")[2], fields["event_type"], fields["stage"]))
+            self.bridge.confirm_event()
+        return events
 
 
 @pytest.fixture
-def bridge():
-    """A bridge that is connected, and knows of no earlier one."""
-    made = SceneBridge(TOPICS, OBSERVERS, ("nthrow",))
-    made.recall(None)
-    return made
+def driver(make):
+    """A bridge that is connected and has no predecessor."""
+    return Driver(make)
 
 
-def at(said, judgement=None, **more):
-    """The state in which `judgement` was heard just now."""
-    heard = {} if judgement is None else {"judgement": judgement, "received_ns": said.NOON}
-    return SceneState("room", OBSERVERS, said.NOON, vocabulary=said.vocabulary(), **heard, **more)
+def sensor(what):
+    return f"homeassistant/sensor/labanmesh_room_{what}/config"
 
 
-def payloads(publications):
-    return {each.topic: each.payload for each in publications}
-
-
-def taken(bridge, now_s):
-    """All events that are due, as a broker takes them: (topic, label, stage)."""
-    found = []
-    while (event := bridge.next_event(now_s)) is not None:
-        assert not event.retain
-        said = json.loads(event.payload)
-        found.append((event.topic.rpartition("/")[2], said["event_type"], said["stage"]))
-        bridge.confirm_event()
-    return found
-
-
-def going_on(said, label="nthrow", **more):
-    movement = OngoingMovement(id="v1", began_ns=said.NOON, label=label, decided_ns=said.NOON)
-    return said.judgement(**more).model_copy(update={"movement": movement})
-
-
-def test_ids_are_legal_and_no_two_scenes_or_observers_share_one():
+def test_ids_are_legal_and_unique():
     ids = set()
     scenes = {"a": ("b_c", "b-c", "b"), "a_b": ("c", "observer"), "a-b": ("c",), "a_observer_b": ("c",)}
     for scene, observers in scenes.items():
         topics = discovery(Topics(scene, "x"), observers, ("wave", "b"), ("wave", "b"), "")
         for topic, payload in topics.items():
             head, _, unique_id, tail = topic.split("/")
-            assert (head, tail) == ("homeassistant", "config") and IDS.match(unique_id)
-            assert json.loads(payload)["unique_id"] == unique_id
-            assert unique_id not in ids
+            assert (head, tail) == ("homeassistant", "config") and re.fullmatch(r"[a-zA-Z0-9_-]+", unique_id)
+            assert json.loads(payload)["unique_id"] == unique_id and unique_id not in ids
             ids.add(unique_id)
 
 
-def test_discovery_hangs_observers_under_their_scene_and_needs_bridge_and_judge():
-    said = {t: json.loads(p) for t, p in discovery(TOPICS, OBSERVERS, ("ok",), (), "Dojo").items()}
-    assert len(said) == 6 + 10 * len(OBSERVERS)
-    age = said["homeassistant/sensor/labanmesh_room_OBSERVER_cam1_AGE/config"]
-    assert (
-        age["device"]["via_device"]
-        == said["homeassistant/event/labanmesh_room_VERDICT/config"]["device"]["identifiers"][0]
-    )
+def test_observers_hang_below_their_scene_and_need_the_hub_and_themselves():
+    configs = {t: json.loads(p) for t, p in discovery(TOPICS, OBSERVERS, ("ok",), (), "Dojo").items()}
+    assert len(configs) == 6 + 10 * len(OBSERVERS)
+    age, verdict = configs[sensor("OBSERVER_cam1_AGE")], configs["homeassistant/event/labanmesh_room_VERDICT/config"]
+    assert age["device"]["via_device"] == verdict["device"]["identifiers"][0]
     assert age["availability_mode"] == "all" and age["entity_category"] == "diagnostic"
-    assert [a["topic"] for a in age["availability"]] == [
-        "labanmesh/room/bridge",
-        TOPICS.observer("cam1", "availability"),
-    ]
-    connected = said["homeassistant/binary_sensor/labanmesh_room_OBSERVER_cam1_CONNECTED/config"]
-    assert [a["topic"] for a in connected["availability"]] == ["labanmesh/room/bridge"]
-    assert {each["device"]["suggested_area"] for each in said.values()} == {"Dojo"}
+    available = [TOPICS.bridge, TOPICS.observer("cam1", "availability")]
+    assert [each["topic"] for each in age["availability"]] == available
+    connected = configs["homeassistant/binary_sensor/labanmesh_room_OBSERVER_cam1_CONNECTED/config"]
+    assert [each["topic"] for each in connected["availability"]] == [TOPICS.bridge]
+    assert {each["device"]["suggested_area"] for each in configs.values()} == {"Dojo"}
 
 
-def test_verdicts_are_discovered_when_the_movements_are_known(bridge, said):
+def test_words_that_may_be_null_are_unknown_in_home_assistant():
+    configs = {t: json.loads(p) for t, p in discovery(TOPICS, OBSERVERS, ("ok",), (), "").items()}
+    for what, field in (("MOVEMENT", "movement"), ("OBSERVER_cam1_OPINION", "opinion"), ("LAST_VERDICT", "label")):
+        assert configs[sensor(what)]["value_template"] == "{{ value_json." + field + " or 'unknown' }}"
+
+
+def test_verdicts_are_discovered_when_the_movements_are_known(driver, make):
     config = "homeassistant/event/labanmesh_room_VERDICT/config"
-    assert config not in payloads(bridge.due_states(replace(at(said), vocabulary=None), frozenset(), 0.0))
-    known = payloads(bridge.due_states(at(said, said.judgement()), frozenset(), 1.0))
-    assert json.loads(known[config])["event_types"] == [*said.vocabulary().labels, "abstain"]
-    # Forgotten for a moment, as while a new vocabulary is asked for: nothing is taken away.
-    assert config not in payloads(bridge.due_states(replace(at(said), vocabulary=None), frozenset(), 2.0))
+    assert config not in driver.due(0.0, vocabulary=None)
+    known = driver.due(1.0, make.judgement())
+    assert json.loads(known[config])["event_types"] == [*make.vocabulary().labels, "abstain"]
+    assert config not in driver.due(2.0, vocabulary=None), "an unknown vocabulary takes nothing away"
 
 
-@pytest.mark.parametrize(
-    "value", ["", "home#assistant", "home/+", "/home", "home/", "ho me", "höme", "$SYS", "a//b", "a\n"]
-)
-def test_a_prefix_with_odd_characters_is_one_clear_line(value):
+@pytest.mark.parametrize("value", ["", "home#assistant", "home/+", "/home", "home/", "ho me", "höme", "$SYS", "a//b"])
+def test_an_illegal_prefix_is_one_clear_line(value):
     with pytest.raises(BadInput) as caught:
         checked_prefix(value, "hub.mqtt.discovery")
     assert repr(value) in str(caught.value) and "'homeassistant'" in str(caught.value)
 
 
-def test_nothing_changed_nothing_said_but_what_expires(bridge, said):
-    state = at(said, going_on(said))
-    assert payloads(bridge.due_states(state, frozenset(), 0.0))[TOPICS.movement("nthrow")] == "ON"
-    assert bridge.due_states(state, frozenset(), 1.0) == []
-    assert payloads(bridge.due_states(state, frozenset(), REPEAT_S)) == {TOPICS.movement("nthrow"): "ON"}
-    assert REPEAT_S * 2 < EXPIRE_S
-    bridge.forget()
-    again = [each.topic for each in bridge.due_states(state, frozenset(), REPEAT_S + 1)]
+def test_without_a_change_only_what_expires_is_repeated(driver, make):
+    moving = make.moving(decided="nthrow")
+    assert driver.due(0.0, moving)[TOPICS.movement("nthrow")] == "ON"
+    assert driver.due(1.0, moving) == {}
+    assert driver.due(REPEAT_S, moving) == {TOPICS.movement("nthrow"): "ON"} and REPEAT_S * 2 < EXPIRE_S
+    driver.bridge.forget()
+    again = list(driver.due(REPEAT_S + 1, moving))
     assert again[0].endswith("/config") and TOPICS.of("state") in again
-    assert again.index(TOPICS.of("availability")) > max(i for i, topic in enumerate(again) if topic.endswith("/config"))
+    last_config = max(i for i, topic in enumerate(again) if topic.endswith("/config"))
+    assert again.index(TOPICS.of("availability")) > last_config
 
 
-def test_a_belief_that_wavers_is_paced_and_a_movement_is_not(bridge, said):
-    bridge.due_states(at(said, going_on(said)), frozenset(), 0.0)
-    wavering = at(said, going_on(said, p=(0.1, 0.1, 0.1, 0.7)))
-    assert TOPICS.of("state") not in payloads(bridge.due_states(wavering, frozenset(), FAST_S / 2))
-    assert TOPICS.of("votes") not in payloads(bridge.due_states(wavering, frozenset(), SLOW_S / 2))
-    assert TOPICS.of("state") in payloads(
-        bridge.due_states(at(said, going_on(said, p=(0.2, 0.1, 0.1, 0.6))), frozenset(), SLOW_S)
-    )
-    ended = payloads(bridge.due_states(at(said, said.judgement()), frozenset(), SLOW_S + 0.01))
+def test_probabilities_are_paced_and_a_movement_is_not(driver, make):
+    driver.due(0.0, make.moving(decided="nthrow"))
+    other = make.moving(decided="nthrow", p=(0.1, 0.1, 0.1, 0.7))
+    assert TOPICS.of("state") not in driver.due(FAST_S / 2, other)
+    assert TOPICS.of("votes") not in driver.due(SLOW_S / 2, other)
+    assert TOPICS.of("state") in driver.due(SLOW_S, make.moving(decided="nthrow", p=(0.2, 0.1, 0.1, 0.6)))
+    ended = driver.due(SLOW_S + 0.01, make.judgement())
     assert json.loads(ended[TOPICS.of("state")])["movement"] == "rest" and ended[TOPICS.movement("nthrow")] == "OFF"
 
 
-def test_each_verdict_is_an_event_once_and_its_end_another(bridge, said):
-    state = at(said, said.judgement())
-    for verdict in (
-        said.verdict(1),
-        said.verdict(1),
-        said.verdict(1, ended_ns=said.NOON),
-        said.verdict(1, ended_ns=said.NOON),
-    ):
-        bridge.receive(verdict, 0.0)
-    look = payloads(bridge.due_states(state, frozenset(), 0.0))
-    assert taken(bridge, 0.0) == [("verdict", "nthrow", "decided"), ("ended", "nthrow", "ended")]
-    assert json.loads(look[TOPICS.of("last_verdict")])["label"] == "nthrow"
+@pytest.mark.parametrize("label", ["", "byebye"])
+def test_without_observers_the_state_is_null(driver, make, label):
+    due = driver.due(0.0, make.waiting(label=label))
+    fields = ("movement", "label", "confidence", "entropy", "unlearned")
+    assert json.loads(due[TOPICS.of("state")]) == dict.fromkeys(fields)
+    assert due[TOPICS.of("availability")] == "online" and due[TOPICS.movement("nthrow")] == "OFF"
 
 
-def test_another_label_at_the_end_is_told_as_revised(bridge, said):
-    bridge.receive(said.verdict(1), 0.0)
-    bridge.receive(said.verdict(1, ended_ns=said.NOON, label="ok"), 0.0)
-    bridge.receive(said.verdict(2, ended_ns=said.NOON, label="abstain"), 0.0)
-    bridge.due_states(at(said), frozenset(), 0.0)
-    assert taken(bridge, 0.0) == [
+def test_each_verdict_is_one_event_and_its_end_another(driver, make):
+    ended = make.verdict(1, ended_ns=make.NOON)
+    for verdict in (make.verdict(1), make.verdict(1), ended, ended):
+        driver.bridge.receive(verdict, 0.0)
+    due = driver.due(0.0, make.judgement())
+    assert driver.events() == [("verdict", "nthrow", "decided"), ("ended", "nthrow", "ended")]
+    assert json.loads(due[TOPICS.of("last_verdict")])["label"] == "nthrow"
+
+
+def test_another_label_at_the_end_is_revised(driver, make):
+    driver.bridge.receive(make.verdict(1), 0.0)
+    driver.bridge.receive(make.verdict(1, ended_ns=make.NOON, label="ok"), 0.0)
+    driver.bridge.receive(make.verdict(2, ended_ns=make.NOON, label="abstain"), 0.0)
+    driver.due(0.0)
+    assert driver.events() == [
         ("verdict", "nthrow", "decided"), ("verdict", "ok", "revised"), ("ended", "ok", "ended"),
         ("verdict", "abstain", "decided"), ("ended", "abstain", "ended"),
     ]  # fmt: skip
 
 
-def test_an_event_waits_for_the_broker_but_not_for_ever(bridge, said):
-    bridge.receive(said.verdict(1), 0.0)
-    bridge.due_states(at(said), frozenset(), 0.0)
-    assert bridge.next_event(1.0) == bridge.next_event(EVENT_S) is not None, "it was not taken"
+def test_an_event_waits_for_the_broker_but_not_for_ever(driver, make):
+    bridge = driver.bridge
+    bridge.receive(make.verdict(1), 0.0)
+    driver.due(0.0)
+    assert bridge.next_event(1.0) == bridge.next_event(EVENT_S) is not None, "it was not confirmed"
     assert bridge.next_event(EVENT_S + 0.1) is None and bridge.left_out == 1
     for number in range(2, WAITING_LIMIT + 4):
-        bridge.receive(said.verdict(number), 50.0)
-    bridge.due_states(at(said), frozenset(), 50.0)
-    assert len(taken(bridge, 50.0)) == WAITING_LIMIT and bridge.left_out == 3
+        bridge.receive(make.verdict(number), 50.0)
+    driver.due(50.0)
+    assert len(driver.events(50.0)) == WAITING_LIMIT and bridge.left_out == 3
 
 
-def test_what_was_said_before_is_no_event(bridge, said):
-    bridge.receive(said.verdict(1), 0.0, answered=True)
-    look = payloads(bridge.due_states(at(said), frozenset(), 0.0))
-    assert taken(bridge, 0.0) == [] and "nthrow" in look[TOPICS.of("last_verdict")]
-    bridge.receive(said.verdict(1, ended_ns=said.NOON), 1.0)
-    bridge.due_states(at(said), frozenset(), 1.0)
-    assert taken(bridge, 1.0) == [("ended", "nthrow", "ended")]
+def test_a_verdict_from_before_is_no_event(driver, make):
+    driver.bridge.receive(make.verdict(1), 0.0, answered=True)
+    assert "nthrow" in driver.due(0.0)[TOPICS.of("last_verdict")] and driver.events() == []
+    driver.bridge.receive(make.verdict(1, ended_ns=make.NOON), 1.0)
+    driver.due(1.0)
+    assert driver.events(1.0) == [("ended", "nthrow", "ended")]
 
 
-def test_what_was_said_while_the_hub_was_away_is_said_once_if_it_is_fresh(said):
-    second = said.SECOND
-    stale, known, missed = (said.verdict(n, at_ns=said.NOON + s * second) for n, s in ((1, -60), (2, -5), (3, -1)))
-    for left, expected in ((known.at_ns, ["missed"]), (stale.at_ns - second, ["known", "missed"]), (None, [])):
-        bridge = SceneBridge(TOPICS, OBSERVERS, ())
+def test_a_verdict_from_while_the_hub_was_away_is_an_event_if_it_is_fresh(make):
+    stale, known, missed = (make.verdict(n, at_ns=make.NOON + s * make.SECOND) for n, s in ((1, -60), (2, -5), (3, -1)))
+    for said_ns, count in ((known.at_ns, 1), (stale.at_ns - make.SECOND, 2), (None, 0)):
+        driver = Driver(make, recalled=False)
         for verdict in (stale, known, missed):
-            bridge.receive(verdict, 0.0, answered=True)
-        bridge.due_states(at(said, said.judgement()), frozenset(), 0.0)
-        assert taken(bridge, 0.0) == [], "nothing before it is known what was said"
-        bridge.recall(left)
-        bridge.due_states(at(said, said.judgement()), frozenset(), 0.1)
-        assert len(taken(bridge, 0.1)) == len(expected)
+            driver.bridge.receive(verdict, 0.0, answered=True)
+        driver.due(0.0, make.judgement())
+        assert driver.events() == [], "nothing before it is known what was published"
+        driver.bridge.recall(said_ns)
+        driver.due(0.1, make.judgement())
+        assert len(driver.events(0.1)) == count
 
 
-HOW = {"effort_time": [0.2, 0.8], "shape_vertical": [0.1, 0.7, 0.2], "effort_flow": [0.4, 0.6], "mood": [1.0]}
+def test_facets_are_announced_once_an_observer_reports_them_and_stay(driver, make):
+    def announced(topics):
+        return {topic for topic in topics if any(kind in topic for kind in ("EFFORT", "SHAPE", "FACING"))}
 
-
-def test_how_it_is_done_is_announced_once_somebody_says_it_and_stays(bridge, said):
-    def facets(publications):
-        return {topic for topic in publications if "EFFORT" in topic or "SHAPE" in topic or "FACING" in topic}
-
-    silent = payloads(bridge.due_states(at(said, said.judgement()), frozenset(), 0.0))
-    assert not facets(silent) and TOPICS.of("facets") not in silent
-    speaks = going_on(said).model_copy(update={"facets": HOW, "facing_deg": 359.8})
-    known = payloads(bridge.due_states(at(said, speaks), frozenset(), 1.0))
-    sensors = ("EFFORT_TIME", "EFFORT_FLOW", "SHAPE_VERTICAL", "FACING")
-    assert facets(known) == {f"homeassistant/sensor/labanmesh_room_{what}/config" for what in sensors}
+    before = driver.due(0.0, make.judgement())
+    assert not announced(before) and TOPICS.of("facets") not in before
+    known = driver.due(1.0, make.moving(facets=HOW, facing_deg=359.8))
+    assert announced(known) == set(map(sensor, ("EFFORT_TIME", "EFFORT_FLOW", "SHAPE_VERTICAL", "FACING")))
     state = json.loads(known[TOPICS.of("facets")])
     assert state["effort_time"] == {"pole": "sudden", "probability": 80} and state["facing"] == 0
     assert state["shape_vertical"]["pole"] == "neither" and set(state) == {*HOW, "facing"} - {"mood"}
-    config = json.loads(known["homeassistant/sensor/labanmesh_room_EFFORT_TIME/config"])
+    config = json.loads(known[sensor("EFFORT_TIME")])
     assert config["name"] == "Effort time"
     assert config["value_template"] == "{{ value_json.effort_time.pole or 'unknown' }}"
     assert config["state_topic"] == config["json_attributes_topic"] == TOPICS.of("facets")
-    after = payloads(bridge.due_states(at(said, said.judgement()), frozenset(), 2.0))
-    assert not facets(after), "not announced again, and not taken away"
+    after = driver.due(2.0, make.judgement())
+    assert not announced(after), "neither announced again nor taken away"
     assert json.loads(after[TOPICS.of("facets")])["effort_time"] == {"pole": None, "probability": None}
 
 
-def test_a_verdict_tells_how_it_was_done_and_what_each_judge_gave(bridge, said):
+def test_a_verdict_event_has_facets_and_contributions(make):
     gave = {"cam1": Contribution(nats=0.614, stands=True), "cam2": Contribution(nats=float("inf"), stands=False)}
-    verdict = said.verdict(1, contributions=gave)
-    verdict = verdict.model_copy(update={"facets": HOW, "facing_deg": 45.0, "unlearned": 0.5, "p": [0, 0, 0, 1.0]})
-    event = verdict_event(verdict, "ended")
+    how = {"facets": HOW, "facing_deg": 45.0, "unlearned": 0.5, "p": [0, 0, 0, 1.0]}
+    event = verdict_event(make.verdict(1, contributions=gave, **how), "ended")
     assert event["contributions"] == {"cam1": {"nats": 0.61, "stands": True}, "cam2": {"nats": None, "stands": False}}
     assert (event["facing"], event["unlearned"], event["confidence"]) == (45, 50, 50)
     assert event["facets"]["effort_time"] == {"pole": "sudden", "probability": 80}
-    silent = verdict_event(said.verdict(1), "decided")
-    assert [silent[each] for each in ("facets", "facing", "contributions", "unlearned")] == [None] * 4
+    unknown = verdict_event(make.verdict(1), "decided")
+    assert [unknown[each] for each in ("facets", "facing", "contributions", "unlearned")] == [None] * 4
 
 
-def test_an_observers_reliability_is_a_diagnosis(bridge, said):
-    votes = {"cam1": said.vote().model_copy(update={"reliability": 0.456}), "cam2": said.vote()}
-    due = payloads(bridge.due_states(at(said, said.judgement(votes=votes)), frozenset(), 0.0))
-    assert json.loads(due[TOPICS.observer("cam1", "state")])["reliability"] == 0.46
-    assert json.loads(due[TOPICS.observer("cam2", "state")])["reliability"] is None
-    config = json.loads(due["homeassistant/sensor/labanmesh_room_OBSERVER_cam1_RELIABILITY/config"])
-    assert config["entity_category"] == "diagnostic"
+def test_an_observers_reliability_is_a_diagnosis(driver, make):
+    votes = {"cam1": make.vote(reliability=0.456), "cam2": make.vote()}
+    due = driver.due(0.0, make.judgement(votes=votes))
+    values = [json.loads(due[TOPICS.observer(name, "state")])["reliability"] for name in OBSERVERS]
+    assert values == [0.46, None]
+    assert json.loads(due[sensor("OBSERVER_cam1_RELIABILITY")])["entity_category"] == "diagnostic"
 
 
-def test_an_early_word_is_an_event_and_so_is_its_end(said):
-    bridge = SceneBridge(TOPICS, OBSERVERS, (), certainty=0.55)
-    bridge.recall(None)
-    undecided = going_on(said, None)
-    undecided = undecided.model_copy(update={"movement": OngoingMovement(id="v1", began_ns=said.NOON)})
-    doubted = undecided.model_copy(update={"p": [0.1, 0.2, 0.2, 0.5]})
-    config = payloads(bridge.due_states(at(said, doubted), frozenset(), 0.0))
-    assert bridge.next_event(0.0) is None
-    bridge.due_states(at(said, undecided), frozenset(), 0.0)
-    assert json.loads(config["homeassistant/event/labanmesh_room_EARLY/config"])["state_topic"] == TOPICS.of("early")
-    event = json.loads(bridge.next_event(0.0).payload)
-    assert (event["event_type"], event["stage"], event["id"], event["confidence"]) == ("nthrow", "early", "v1", 60)
-    assert taken(bridge, 0.0) == [("early", "nthrow", "early")]
-    bridge.receive(said.verdict(1, ended_ns=said.NOON, label="ok"), 1.0)
-    bridge.due_states(at(said, said.judgement()), frozenset(), 1.0)
-    assert taken(bridge, 1.0) == [("early", "ok", "corrected"), ("verdict", "ok", "decided"), ("ended", "ok", "ended")]
-    second = undecided.model_copy(update={"movement": OngoingMovement(id="v2", began_ns=said.NOON)})
-    bridge.due_states(at(said, second.model_copy(update={"p": doubted.p})), frozenset(), 1.9)
-    bridge.due_states(at(said, second), frozenset(), 2.0)
+def test_an_early_word_is_an_event_and_so_is_its_end(make):
+    driver, unsure = Driver(make, movements=(), certainty=0.55), (0.1, 0.2, 0.2, 0.5)
+    config = driver.due(0.0, make.moving(p=unsure))["homeassistant/event/labanmesh_room_EARLY/config"]
+    assert json.loads(config)["state_topic"] == TOPICS.of("early") and driver.bridge.next_event(0.0) is None
+    driver.due(0.0, make.moving())
+    event = json.loads(driver.bridge.next_event(0.0).payload)
+    assert (event["id"], event["confidence"]) == ("v1", 60)
+    assert driver.events() == [("early", "nthrow", "early")]
+    driver.bridge.receive(make.verdict(1, ended_ns=make.NOON, label="ok"), 1.0)
+    driver.due(1.0, make.judgement())
+    ends = [("early", "ok", "corrected"), ("verdict", "ok", "decided"), ("ended", "ok", "ended")]
+    assert driver.events(1.0) == ends
+    driver.due(1.9, make.moving(number=2, p=unsure))
+    driver.due(2.0, make.moving(number=2))
     for now_s in (3.0, 4.0):
-        bridge.due_states(at(said, said.judgement()), frozenset(), now_s)
-    assert taken(bridge, 4.0) == [("early", "nthrow", "early"), ("early", "abstain", "withdrawn")]
+        driver.due(now_s, make.judgement())
+    assert driver.events(4.0) == [("early", "nthrow", "early"), ("early", "abstain", "withdrawn")]
 
 
-def test_without_a_certainty_nothing_is_early(bridge, said):
-    sure = said.judgement(p=(0.0, 0.0, 0.0, 1.0))
-    sure = sure.model_copy(update={"movement": OngoingMovement(id="v1", began_ns=said.NOON)})
-    due = payloads(bridge.due_states(at(said, sure), frozenset(), 0.0))
-    assert not any("EARLY" in topic for topic in due) and bridge.next_event(0.0) is None
+def test_without_a_certainty_nothing_is_early(driver, make):
+    due = driver.due(0.0, make.moving(p=(0.0, 0.0, 0.0, 1.0)))
+    assert not any("EARLY" in topic for topic in due) and driver.bridge.next_event(0.0) is None
 
 
 @pytest.mark.parametrize("payload", [b"", b"x", b"[]", b'{"said_ns": "1"}', b"\xff", b"null"])
-def test_a_memory_that_is_not_ours_is_none(payload):
+def test_a_last_verdict_that_is_not_ours_is_ignored(payload):
     assert recalled_ns(payload) is None
 
 
-def test_a_judge_is_there_while_frames_or_words_come(said):
-    status = {"cam1": said.status("cam1")}
-    silent = {"cam1": said.vote(None, state="silent", age_s=None), "cam2": said.vote(age_s=0.1)}
-    bridge = SceneBridge(TOPICS, OBSERVERS, ())
-    state = at(said, said.judgement(votes=silent), observer_status=status)
-    there = payloads(bridge.due_states(state, frozenset({"cam1"}), 0.0))
-    assert (there[TOPICS.observer("cam1", "availability")], there[TOPICS.observer("cam1", "connected")]) == (
-        "online",
-        "ON",
-    )
-    assert there[TOPICS.observer("cam2", "availability")] == "online", "its frames come; it need not say how it is"
-    gone = payloads(bridge.due_states(state, frozenset({"cam1"}), PRESENT_S + 0.1))
-    assert (gone[TOPICS.observer("cam1", "availability")], gone[TOPICS.observer("cam1", "connected")]) == (
-        "offline",
-        "OFF",
-    )
-    back = payloads(
-        bridge.due_states(replace(state, observer_status={"cam1": said.status("cam1")}), frozenset({"cam1"}), 2.0)
-    )
-    assert back[TOPICS.observer("cam1", "availability")] == "online"
-    assert payloads(bridge.due_states(state, frozenset(), 2.1))[TOPICS.observer("cam1", "connected")] == "OFF", (
-        "its token went"
-    )
-    failed = replace(state, observer_status={"cam1": said.status("cam1", "failed")})
-    assert TOPICS.observer("cam1", "connected") not in payloads(bridge.due_states(failed, frozenset({"cam1"}), 2.2)), (
-        "still off"
-    )
+def test_an_observer_is_present_while_frames_or_statuses_arrive(driver, make):
+    votes = {"cam1": make.vote(None, state="silent", age_s=None), "cam2": make.vote(age_s=0.1)}
+
+    def seen(now_s, tokens=("cam1",), **statuses):
+        state = driver.state(make.judgement(votes=votes), observer_status=statuses)
+        due = driver.due_in(now_s, state, tokens)
+        return [due.get(TOPICS.observer("cam1", what)) for what in ("availability", "connected")]
+
+    status = make.status("cam1")
+    assert seen(0.0, cam1=status) == ["online", "ON"]
+    assert seen(PRESENT_S + 0.1, cam1=status) == ["offline", "OFF"]
+    assert seen(2.0, cam1=make.status("cam1")) == ["online", "ON"]
+    assert seen(2.1, (), cam1=make.status("cam1")) == ["offline", "OFF"], "its token is gone"
+    assert seen(2.2, cam1=make.status("cam1", "failed")) == [None, None], "still off"
+    driver.bridge.forget()
+    due = driver.due(3.0, make.judgement(votes=votes))
+    assert due[TOPICS.observer("cam2", "availability")] == "online", "its frames arrive; it needs no status"
 
 
-def test_without_a_referee_the_scene_is_offline_and_nothing_goes_on(bridge, said):
-    state = at(said, going_on(said))
-    bridge.due_states(state, frozenset(), 0.0)
-    gone = payloads(bridge.due_states(state.at(said.NOON + 2 * said.SECOND), frozenset(), 2.0))
+def test_without_fusion_the_scene_is_offline_and_no_movement_is_on(driver, make):
+    state = driver.state(make.moving(decided="nthrow"))
+    driver.due_in(0.0, state)
+    gone = driver.due_in(2.0, state.at(make.NOON + 2 * make.SECOND))
     assert gone[TOPICS.of("availability")] == "offline" and gone[TOPICS.movement("nthrow")] == "OFF"
     assert json.loads(gone[TOPICS.observer("cam2", "state")])["weight"] is None

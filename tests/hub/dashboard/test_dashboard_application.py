@@ -1,0 +1,194 @@
+"""The dashboard's web server: who may read, its headers, and a real mesh over real HTTP."""
+
+import asyncio
+import json
+import re
+import subprocess
+import sys
+from contextlib import contextmanager
+from pathlib import Path
+
+import httpx
+import pytest
+
+from common.address import Address
+from common.config import MeshConfig
+from common.errors import BadInput, LabanmeshError
+from common.link import Link
+from common.wire import encode
+from hub.dashboard.application import COOKIE, AccessControl, application, checked_token, is_loopback
+from hub.dashboard.commands import dashboard
+from hub.dashboard.serving import bound_socket
+
+ROOT = Path(__file__).parents[3]
+TOKEN = "a-word-of-sixteen-and-more"  # noqa: S105 - a test
+SOON_S = 20.0
+
+
+@pytest.mark.parametrize(
+    ("address", "own"),
+    [("127.0.0.1:8420", True), ("127.8.0.1:1", True), ("localhost:1", True), ("[::1]:80", True), ("[::]:80", False),
+     ("0.0.0.0:8420", False), ("dojo.local:8420", False), ("192.168.1.5:80", False), ("localhost.evil:1", False)],
+)  # fmt: skip
+def test_loopback_is_what_only_this_machine_reaches(address, own):
+    assert is_loopback(Address.parse(address, "listen")) == own
+
+
+@pytest.mark.parametrize("text", ["", "short", "two words that are long enough", "ümlaut" * 5, "x" * 15])
+def test_an_invalid_token_is_refused_and_not_revealed(text):
+    with pytest.raises(BadInput, match="at least 16") as refused:
+        checked_token(text, "hub.dashboard.token_file = t")
+    assert not text or text not in str(refused.value)
+
+
+def test_the_cookie_is_not_the_token_and_each_token_has_its_own():
+    access, other = AccessControl(checked_token(f" {TOKEN}\n", "file")), AccessControl(f"{TOKEN}2")
+    assert TOKEN not in access.cookie and access.cookie != other.cookie == AccessControl(f"{TOKEN}2").cookie
+    assert access.admits(access.cookie, "") and access.admits("", f"Bearer {TOKEN}")
+    for cookie, authorization in (("", ""), (TOKEN, ""), ("", TOKEN), ("", f"Bearer {TOKEN}x"), ("ü", "Bearer ü")):
+        assert not access.admits(cookie, authorization)
+
+
+def test_without_a_token_only_this_machines_names_are_answered():
+    access = AccessControl(None)
+    assert access.admits("", "") and all(map(access.answers_to, ("localhost", "127.0.0.1:8420", "[::1]:8420")))
+    assert not any(map(access.answers_to, ("evil.example:8420", "", "127.0.0.1.evil.example", "[::2]:1")))
+    assert AccessControl(TOKEN).answers_to("dojo.local:8420")
+
+
+async def one_event(head):
+    yield b"event: state\ndata: %d\n\n" % head.at_s
+
+
+def ask(*requests, access=None, full=False, host="127.0.0.1"):
+    """The answers to (method, path, more) of one application."""
+
+    async def main():
+        app = application(access or AccessControl(None), one_event, lambda: full)
+        transport = httpx.ASGITransport(app)
+        async with httpx.AsyncClient(transport=transport, base_url=f"http://{host}") as client:
+            return [await client.request(method, path, **more) for method, path, more in requests]
+
+    return asyncio.run(main())
+
+
+def test_the_page_loads_nothing_from_elsewhere():
+    for answer in ask(("GET", "/", {}), ("GET", "/page.js", {}), ("GET", "/style.css", {}), ("GET", "/icon.svg", {})):
+        assert answer.status_code == 200
+        policy = answer.headers["content-security-policy"]
+        assert "default-src 'none'" in policy and "unsafe" not in policy and "*" not in policy
+        assert answer.headers["x-content-type-options"] == "nosniff"
+        assert not re.search(r"(src|href|url\()\W*https?:", answer.text)
+        assert "innerHTML" not in answer.text and "style=" not in answer.text
+    missing, written = ask(("GET", "/etc/passwd", {}), ("POST", "/events", {}))
+    assert (missing.status_code, written.status_code) == (404, 405)
+
+
+def test_a_foreign_name_for_this_machine_and_too_many_browsers_are_refused():
+    for host in ("evil.example", "127.0.0.1.evil.example:8420"):
+        assert ask(("GET", "/events", {}), host=host)[0].status_code == 421
+    assert ask(("GET", "/events", {}), full=True)[0].status_code == 503
+
+
+def test_the_token_admits():
+    access = AccessControl(TOKEN)
+    form, events, wrong, right, long = ask(
+        ("GET", "/", {}),
+        ("GET", "/events", {}),
+        ("POST", "/enter", {"data": {"token": "wrong"}}),
+        ("POST", "/enter", {"data": {"token": TOKEN}}),
+        ("POST", "/enter", {"content": b"x" * 10_000}),
+        access=access, host="dojo.local",
+    )  # fmt: skip
+    assert form.status_code == 401 and "<form" in form.text and "judge" not in form.text
+    assert events.status_code == 401 and wrong.status_code == 401 and "That is not the token." in wrong.text
+    cookie = right.headers["set-cookie"]
+    assert right.status_code == 303 and "HttpOnly" in cookie and "SameSite=strict" in cookie and TOKEN not in cookie
+    assert COOKIE not in wrong.cookies and long.status_code == 413
+    page, bearer = ask(
+        ("GET", "/", {"headers": {"cookie": f"{COOKIE}={access.cookie}"}}),
+        ("GET", "/events?at=7", {"headers": {"authorization": f"Bearer {TOKEN}"}}),
+        access=access, host="dojo.local",
+    )  # fmt: skip
+    assert "tatami" in page.text and "data: 7" in bearer.text
+
+
+@pytest.mark.parametrize(
+    "query", ["at=x", "at=nan", "at=-5", "at=", "at=1e308", "speed=inf", "speed=65", "speed=-1", f"at={'9' * 5000}"]
+)
+def test_an_absurd_playhead_is_400_and_one_line(query):
+    answer, default = ask(("GET", f"/events?{query}", {}), ("GET", "/events", {}))
+    assert answer.status_code == 400 and answer.text.count("\n") == 1 and len(answer.text) < 120
+    assert f"{query.partition('=')[0]} = " in answer.text and "must be a number from 0 to" in answer.text
+    assert "data: 0" in default.text
+
+
+@pytest.fixture
+def scene_file(tmp_path):
+    def write(text=""):
+        (tmp_path / "scene.toml").write_text(f'scene = "room"\n[observers.cam1]\nsource = "a.npz"\n{text}')
+        return tmp_path / "scene.toml"
+
+    return write
+
+
+def refusal(error, *words, **more):
+    with pytest.raises(error) as refused:
+        dashboard(*words, **more)
+    assert "\n" not in str(refused.value)
+    return str(refused.value)
+
+
+def test_bad_input_is_one_line(scene_file, tmp_path):
+    assert "either a scene file or a capture" in refusal(BadInput)
+    assert "other machines can reach that" in refusal(BadInput, scene_file(), listen="[::]:0")
+    assert "HOST:PORT" in refusal(BadInput, scene_file('[hub.dashboard]\nlisten = "8420"\n'))
+    file = scene_file('[hub.dashboard]\ntoken_file = "token"\n')
+    assert "openssl rand" in refusal(BadInput, file)
+    (tmp_path / "token").write_text("short")
+    assert "at least 16" in refusal(BadInput, file) and "short" not in refusal(BadInput, file)
+    assert "labanmesh capture" in refusal(BadInput, capture=tmp_path / "nothing.mcap")
+
+
+def test_a_port_in_use_is_one_line(scene_file):
+    with bound_socket(Address("127.0.0.1", 0)) as port:
+        where = f"127.0.0.1:{port.getsockname()[1]}"
+        message = refusal(LabanmeshError, scene_file(), listen=where)
+    assert where in message and "in use" in message and "--listen" in message
+
+
+@contextmanager
+def running(scene):
+    """A dashboard process and its address; SIGTERM must end it cleanly."""
+    command = [sys.executable, "-P", "-m", "labanmesh", "dashboard", str(scene)]
+    with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        try:
+            yield re.match(r"(http://\S+/) shows scene room", process.stdout.readline())[1]
+        finally:
+            process.terminate()
+            _, err = process.communicate(timeout=SOON_S)
+        assert (process.returncode, err) == (0, "")
+
+
+def events(lines):
+    kind = ""
+    for line in lines:
+        if line.startswith("event: "):
+            kind = line[7:]
+        elif line.startswith("data: "):
+            yield kind, json.loads(line[6:])
+
+
+def test_a_verdict_on_the_mesh_reaches_a_browser(scene_file, make):
+    with Link.open(MeshConfig(), "fusion", listen=["tcp/127.0.0.1:0"]) as fusion:
+        fusion.answer("laban/room/vocabulary", lambda: encode(make.vocabulary()))
+        text = f'[mesh]\nendpoint = "{fusion.locator}"\n[hub.dashboard]\nlisten = "127.0.0.1:0"\n'
+        publisher = fusion.publisher("laban/room/verdict")
+        with running(scene_file(text)) as url, httpx.stream("GET", f"{url}events", timeout=SOON_S) as answer:
+            received = events(answer.iter_lines())
+            kind, whole = next(received)
+            assert kind == "snapshot" and whole["scene"] == "room" and not whole["verdicts"]
+            assert publisher.wait_for_subscriber(SOON_S)
+            publisher.put(encode(make.verdict(1)))
+            verdict = next(fields for kind, fields in received if kind == "verdict")
+            assert verdict["label"] == "nthrow" and verdict["why"]

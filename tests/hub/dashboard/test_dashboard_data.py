@@ -1,0 +1,169 @@
+"""What the page gets as JSON: the history of a scene, and the reasons for a verdict."""
+
+import json
+
+import pytest
+
+from common.messages import Contribution
+from hub.dashboard.history import LOG_LIMIT, SceneHistory
+from hub.dashboard.page_data import CROWD, PageSetup, reasons, snapshot_data, state_data, verdict_data
+from hub.dashboard.placement import floor_positions
+from hub.scene_state import SceneState
+
+SETUP = PageSetup("room", floor_positions({"cam1": "door", "cam2": "wheel"}, {"cam1": 0.0, "cam2": 90.0}), quorum=1)
+
+
+@pytest.fixture
+def after(make):
+    """The history after messages that arrived at their own time, or at `now_ns`."""
+
+    def after_messages(*messages, now_ns=None, observers=("cam1", "cam2")):
+        history = SceneHistory(SceneState("room", observers, make.NOON).fold(make.vocabulary(), make.NOON))
+        for message in messages:
+            at_ns = now_ns or message.at_ns
+            history = history.update(history.state.at(at_ns).fold(message, at_ns), message)
+        return history
+
+    return after_messages
+
+
+def test_a_snapshot_has_all_that_a_browser_needs(make, after):
+    history = after(make.judgement(), make.verdict(1))
+    whole = json.loads(json.dumps(snapshot_data(SETUP, history), allow_nan=False))
+    assert whole["positions"]["cam2"] == {"azimuth": 90.0, "known": True, "view": "wheel"}
+    assert [observer["name"] for observer in whole["state"]["observers"]] == ["cam1", "cam2"]
+    assert whole["state"]["fused"][0] == ["nthrow", 0.6] and len(whole["minute"]) == 1
+    assert whole["verdicts"][0]["label"] == "nthrow" and whole["verdicts"][0]["votes"][0]["stance"] == "held ok"
+
+
+def test_long_text_is_cut(make, after):
+    long = make.judgement(votes={"cam1": make.vote("x" * 1000)}, label="y" * 1000)
+    text = json.dumps(snapshot_data(SETUP, after(long, make.verdict(1, label="z" * 5000))), ensure_ascii=False)
+    assert "xxx…" in text and not any(letter * 500 in text for letter in "xyz")
+
+
+def test_the_observers_that_agree_are_the_k_of_the_agreement(make, after):
+    votes = {"cam1": make.vote(state="stale"), "cam2": make.vote(), "cam3": make.vote("ok"), "cam4": make.vote(None),
+             "cam5": make.vote(state="late")}  # fmt: skip
+    state = state_data(after(make.judgement(votes=votes)))
+    assert state["agreement"] == [2, 4]
+    assert [observer["agrees"] for observer in state["observers"]] == [True, True, False, False, False]
+    assert sum(observer["heard"] for observer in state["observers"]) == 4
+    text = " ".join(reasons(make.verdict(votes=votes), 3))
+    assert "2 of 4 judges held nthrow: cam1 and cam2." in text
+
+
+@pytest.mark.parametrize("label", ["", "byebye"])
+def test_without_observers_the_page_names_no_movement(make, after, label):
+    history = after(make.judgement(), make.waiting(2, make.NOON + make.SECOND, label))
+    state = state_data(history)
+    assert state["waiting"] and state["judged"] and state["label"] is None and state["fused"] == []
+    assert len(history.minute) == 1, "the strip has a gap"
+    assert not state_data(after(make.judgement()))["waiting"] and not state_data(after())["judged"]
+
+
+def test_the_log_is_bounded_and_an_update_replaces_its_verdict(make, after):
+    many = [make.verdict(i, at_ns=make.NOON + i) for i in range(LOG_LIMIT + 20)]
+    verdicts = after(*many).verdicts
+    assert len(verdicts) == LOG_LIMIT and verdicts[0].id == f"v{LOG_LIMIT + 19}"
+    first, ended = make.verdict(1), make.verdict(1, ended_ns=make.NOON, at_ns=make.NOON + 9)
+    history = after(first, make.verdict(2, at_ns=make.NOON + 5), ended, first)
+    assert [(each.id, each.ended_ns) for each in history.verdicts] == [("v2", None), ("v1", make.NOON)]
+
+
+def test_the_minute_is_thin_and_a_minute_long(make, after):
+    judgements = [make.judgement(i, make.NOON + i * make.SECOND // 10) for i in range(900)]
+    minute = after(*judgements).minute
+    assert 295 <= len(minute) <= 302 and minute[-1].at_ns - minute[0].at_ns <= 60 * make.SECOND
+    back = after(*judgements, make.judgement(901, make.NOON + 40 * make.SECOND)).minute
+    assert back[-1].at_ns == max(each.at_ns for each in back), "after a clock was set back no later points are left"
+
+
+def test_an_observer_whose_token_went_is_gone(make, after):
+    history = after(make.judgement()).with_presence({"cam1", "cam2"}).with_presence({"cam1"})
+    assert [observer["gone"] for observer in state_data(history)["observers"]] == [False, True]
+    assert history.with_presence({"cam1"}) is history
+
+
+def test_a_crowd_is_short(make, after):
+    votes = {f"cam{i}": make.vote() for i in range(CROWD + 1)}
+    observers = state_data(after(make.judgement(votes=votes), observers=()))["observers"]
+    assert len(observers) == CROWD + 1 and all(len(observer["ranked"]) == 1 for observer in observers)
+
+
+def test_times_are_those_of_the_fusion_machine(make, after):
+    history = after(make.judgement(), now_ns=make.NOON + 3600 * make.SECOND)
+    assert state_data(history)["now"] == make.NOON // 10**6
+
+
+def test_something_else_is_an_answer_among_the_others(make, after):
+    other = {"unlearned": 0.5}
+    judgement = make.judgement(votes={"cam1": make.vote(**other)}, **other)
+    whole = snapshot_data(SETUP, after(judgement, make.verdict(1, **other)))
+    fused = [["something else", 0.5], ["nthrow", 0.3]]
+    assert whole["state"]["fused"][:2] == fused == whole["verdicts"][0]["fused"][:2]
+    assert whole["state"]["observers"][0]["ranked"][:2] == [["something else", 0.5], ["nthrow", 0.35]]
+    assert whole["minute"][0][2] == 0.5, "the probability of the likeliest answer"
+
+
+def test_facets_and_facing_are_null_where_they_are_unknown(make, after):
+    how = {"facets": {"effort_time": [0.2, 0.8], "effort_flow": [1.0], "mood": [1.0]}, "facing_deg": -45.0}
+    state = state_data(after(make.judgement(**how)))
+    assert state["facets"] == [["effort_time", "sustained", "sudden", 0.6, "sudden", 0.8]]
+    assert state["facing"] == [315, "45° right"]
+    unknown = state_data(after(make.judgement()))
+    assert (unknown["facets"], unknown["facing"]) == ([], None)
+
+
+def test_a_verdict_in_an_unknown_vocabulary_has_no_probabilities(make):
+    assert verdict_data(make.verdict(1), SceneHistory(SceneState("room")), None)["fused"] == []
+
+
+@pytest.fixture
+def why(make):
+    """The reasons of a verdict with these fields, as one text."""
+    return lambda quorum=2, **fields: " ".join(reasons(make.verdict(1, **fields), quorum))
+
+
+def test_the_reasons_say_whose_vote_was_needed(make, why):
+    votes = {"a": make.vote(weight=0.6), "b": make.vote(weight=0.3), "c": make.vote("ok", weight=0.1)}
+    assert "2 of 3 judges held nthrow: a and b. Each of them was needed" in why(2, votes=votes)
+    assert "c held ok." in why(2, votes=votes) and "a weighed most, 60%" in why(2, votes=votes)
+    assert "no single judge" in why(1, votes=votes) and "needed" not in why(None, votes=votes)
+    assert "1 of 1 judge held nthrow: a. That judge was needed" in why(1, votes={"a": make.vote()})
+    assert "0 of 1 judge held nthrow alone; together they did." in why(1, votes={"a": make.vote("ok")})
+
+
+def test_the_reasons_say_who_was_late_stale_or_silent(make, why):
+    votes = {
+        "a": make.vote(),
+        "b": make.vote(state="stale", age_s=0.7),
+        "c": make.vote(state="late", age_s=3.0),
+        "d": make.vote(None, state="silent", age_s=None),
+        "e": make.vote(None),
+    }
+    text = why(1, votes=votes)
+    assert "b was stale (700 ms old)" in text and "c was late (3.0 s behind)" in text and "d was silent" in text
+    assert "e believed no more of one movement than of another" in text
+    silent = {f"cam{i}": make.vote(state="silent") for i in range(50)}
+    assert "50 judges did not count in full" in why(1, votes=silent)
+
+
+def test_the_reasons_say_without_whom_the_answer_changes(make, after):
+    contributions = {"cam1": Contribution(nats=-0.25, stands=True), "cam2": Contribution(nats=1.456, stands=False)}
+    verdict = make.verdict(1, contributions=contributions)
+    votes = verdict_data(verdict, after(), 1)["votes"]
+    assert [(each["gave"], each["stands"]) for each in votes] == [(-0.25, True), (1.46, False)]
+    assert "Without cam2 another answer would have been the likeliest." in reasons(verdict, 1)
+    both = {name: Contribution(nats=0.5, stands=True) for name in contributions}
+    same = "Without any one of them the likeliest answer would have been the same."
+    assert same in reasons(make.verdict(1, contributions=both), 1)
+    assert verdict_data(make.verdict(1), after(), 1)["votes"][0]["gave"] is None
+
+
+def test_the_reasons_of_an_abstention(make, why):
+    ended = {"label": "abstain", "ended_ns": make.NOON}
+    text = why(votes={"a": make.vote(None)}, unlearned=0.9, **ended)
+    assert "none of those they know (90%)" in text and "did not agree" not in text and "a held no movement" in text
+    text = why(votes={"a": make.vote(), "b": make.vote("ok")}, **ended)
+    assert "did not agree" in text and "a held nthrow and b held ok" in text

@@ -1,0 +1,173 @@
+"""`labanmesh watch`: plain lines, lines of JSON, the picture on a terminal, and the verb over a real link."""
+
+import io
+import json
+import os
+import pty
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+
+import labanmesh
+from common.config import MeshConfig
+from common.link import Link
+from common.wire import decode, encode
+from hub.scene_state import SceneState
+from hub.session import SceneUpdate
+from hub.watch import BEGIN_FRAME, END_FRAME, show_json, show_lines, show_live
+
+SIZES = ((80, 24), (120, 40), (50, 12), (200, 60), (30, 8), (80, 24))
+SOON_S = 20.0
+
+
+def updates(make, *messages, step_s=0.1):
+    state = SceneState("room").fold(make.vocabulary(), make.NOON)
+    for place, message in enumerate(messages):
+        now_ns = make.NOON + int(place * step_s * make.SECOND)
+        state = state.at(now_ns).fold(message, now_ns) if message else state.at(now_ns)
+        yield SceneUpdate(state, message)
+
+
+def test_a_verdict_is_one_line_however_often_it_is_published(make, capsys):
+    ended = make.verdict(1, ended_ns=make.NOON, at_ns=make.NOON + 1)
+    show_lines(updates(make, make.verdict(1), ended, make.verdict(2)))
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) == 2 and all("verdict  nthrow  1 of 2 agree  1.57 bits  cam1: ok" in line for line in lines)
+
+
+def test_a_judgement_is_a_line_each_second_and_none_while_fusion_is_silent(make, capsys):
+    judgements = [make.judgement(i, make.NOON + i * make.SECOND // 10) for i in range(25)]
+    show_lines(updates(make, *judgements, *[None] * 50))
+    lines = [line for line in capsys.readouterr().out.splitlines() if "judgement" in line]
+    assert 3 <= len(lines) <= 4 and "cam2: nthrow 0.50" in lines[0]
+
+
+def test_json_has_the_fields_of_the_wire_and_can_be_read_back(make, capsys):
+    messages = [make.judgement(), make.status(), None, make.verdict()]
+    show_json(updates(make, *messages))
+    first, second = map(json.loads, capsys.readouterr().out.splitlines())
+    assert (first.pop("kind"), second.pop("kind")) == ("judgement", "verdict")
+    assert type(messages[0]).model_validate(first) == messages[0] == decode(type(messages[0]), encode(messages[0]))
+    assert second["ended_ns"] is None and second["id"] == "v1"
+
+
+def test_an_early_word_and_its_end_are_a_line_each(make, capsys):
+    ended = make.verdict(1, ended_ns=make.NOON, label="ok")
+    uncertain, first, second = make.moving(0, p=[0.25] * 4), make.moving(1, at_ns=make.NOON + 1), make.moving(2)
+    show_lines(updates(make, uncertain, first, second, ended), 0.5)
+    lines = [line.partition("  ")[2] for line in capsys.readouterr().out.splitlines()]
+    early = [line for line in lines if line[:8] not in ("judgemen", "verdict ")]
+    assert early == ["early  nthrow 60%", "corrected  ok, not nthrow"]
+    show_json(updates(make, uncertain, first, ended), 0.5)
+    kinds = [(each["kind"], each["label"]) for each in map(json.loads, capsys.readouterr().out.splitlines())]
+    assert kinds[1:] == [("early", "nthrow"), ("judgement", "nthrow"), ("corrected", "ok"), ("verdict", "ok")]
+    show_lines(updates(make, first, ended))
+    assert "early" not in capsys.readouterr().out
+
+
+def test_a_line_shows_how_the_movement_is_done(make, capsys):
+    show_lines(updates(make, make.moving(facets={"effort_time": [0.1, 0.9]}, facing_deg=45.0, unlearned=0.25)))
+    assert "something else 25%  sudden 90%, facing 45° left" in capsys.readouterr().out
+
+
+def test_the_picture_leaves_the_verdicts_behind_and_the_screen_as_it_was(make):
+    file = io.StringIO()
+    console = Console(file=file, force_terminal=True, width=80, height=24, legacy_windows=False)
+    show_live(updates(make, make.judgement(), make.verdict(1)), console)
+    opened, closed = "\x1b[?1049h", "\x1b[?1049l"
+    picture, after = file.getvalue().split(closed)
+    assert opened in picture and "cam1" in picture and "verdict  nthrow" in after
+
+
+def test_every_picture_has_the_size_of_its_moment_and_appears_as_a_whole(make):
+    console = Console(file=io.StringIO(), force_terminal=True, legacy_windows=False, color_system=None)
+    *_, update = updates(make, make.judgement(), make.verdict(1))
+
+    def resized():
+        for step, size in enumerate(SIZES):
+            console.size = size
+            yield SceneUpdate(update.state.at(make.NOON + step * make.SECOND))
+
+    show_live(resized(), console)
+    written = console.file.getvalue()
+    frames = re.findall(re.escape(BEGIN_FRAME) + "(.*?)" + re.escape(END_FRAME), written, re.DOTALL)
+    assert len(frames) == len(SIZES) and "cam1" not in re.sub(r"(?s)\x1b\[\?2026h.*?\x1b\[\?2026l.*", "", written)
+    for (width, height), frame in zip(SIZES, frames, strict=True):
+        lines = re.sub(r"\x1b\[[\d;?]*[A-Za-z]", "", frame).split("\n")
+        assert "\x1b[2J" not in frame, "a cleared screen flickers"
+        assert len(lines) == height and {len(line) for line in lines} == {width}, (width, height)
+
+
+@pytest.fixture
+def scene_file(tmp_path):
+    def write(endpoint):
+        file = tmp_path / "scene.toml"
+        file.write_text(f'scene = "room"\n[mesh]\nendpoint = "{endpoint}"\n[observers.cam1]\nsource = "a.npz"\n')
+        return str(file)
+
+    return write
+
+
+def test_a_late_joiner_reads_the_last_judgement(scene_file, make, capsys):
+    with Link.open(MeshConfig(), "fusion", listen=["tcp/127.0.0.1:0"]) as link:
+        link.answer("laban/room/judgement", lambda: encode(make.judgement()))
+        file = scene_file(link.locator)
+        assert labanmesh.main(["watch", file, "--json", "--for", "0"]) == 0
+        assert json.loads(capsys.readouterr().out)["label"] == "nthrow"
+        assert labanmesh.main(["watch", file, "--for", "0"]) == 0
+        assert "\x1b" not in capsys.readouterr().out, "not a terminal: plain lines"
+
+
+@pytest.mark.parametrize("options", [[], ["--json"]])
+def test_when_nothing_is_received_one_line_names_scene_address_and_command(scene_file, capsys, options):
+    file = scene_file("tcp/127.0.0.1:9")
+    assert labanmesh.main(["watch", file, "--for", "2", *options]) == 0
+    output = capsys.readouterr()
+    line = f"received nothing from scene room at tcp/127.0.0.1:9. Start the scene with: labanmesh up {file}\n"
+    assert (output.out, output.err) == ("", line)
+
+
+def test_observers_without_fusion_are_one_line(scene_file, make, capsys):
+    with Link.open(MeshConfig(), "fusion", listen=["tcp/127.0.0.1:0"]) as link:
+        link.answer("laban/room/observer/cam1/status", lambda: encode(make.status()))
+        file = scene_file(link.locator)
+        assert labanmesh.main(["watch", file, "--for", "2"]) == 0
+        line = f"received no judgement from scene room at {link.locator}. Start fusion with: labanmesh fuse {file}\n"
+    assert capsys.readouterr().err == line
+
+
+def test_on_a_terminal_the_notice_is_in_the_picture(scene_file):
+    ours, theirs = pty.openpty()
+    command = [sys.executable, "-P", "-m", "labanmesh", "watch", scene_file("tcp/127.0.0.1:9"), "--for", "2"]
+    with subprocess.Popen(command, stdin=theirs, stdout=theirs, stderr=theirs) as process:
+        os.close(theirs)
+        written = b""
+        # Reading from a terminal that its last process has closed is an error on Linux.
+        while True:
+            try:
+                piece = os.read(ours, 65_536)
+            except OSError:
+                break
+            written += piece
+        assert process.wait(SOON_S) == 0
+    os.close(ours)
+    assert b"received nothing from scene room" in written
+
+
+def test_output_that_cannot_be_written_is_one_line(scene_file, make):
+    with Link.open(MeshConfig(), "fusion", listen=["tcp/127.0.0.1:0"]) as link, Path("/dev/full").open("w") as full:
+        link.answer("laban/room/judgement", lambda: encode(make.judgement()))
+        command = [sys.executable, "-P", "-m", "labanmesh", "watch", scene_file(link.locator), "--json"]
+        result = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, timeout=SOON_S, check=False)
+    assert (result.returncode, result.stderr.count("\n")) == (1, 1), result.stderr
+    assert "cannot write the output: no space left on device. Make room, or redirect it elsewhere" in result.stderr
+
+
+@pytest.mark.parametrize("words", [["nowhere.toml"], [], ["x.toml", "--for", "-1"]])
+def test_bad_input_is_one_line_and_status_2(words, capsys):
+    assert labanmesh.main(["watch", *words]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
