@@ -103,7 +103,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if error.filename is not None or error.errno not in WRITE_ERRORS:
             raise
         _discard_output()
-        print(f"labanmesh: cannot write the output: {reason_of(error)}. Make room, or redirect it elsewhere", file=sys.stderr)
+        print(
+            f"labanmesh: cannot write the output: {reason_of(error)}. Make room, or redirect it elsewhere",
+            file=sys.stderr,
+        )
         return 1
 
 
@@ -143,7 +146,7 @@ def _dispatch(words: Sequence[str]) -> int:
         package = (error.name or "").partition(".")[0]
         if package not in EXTRAS:
             raise
-        from common.errors import LabanmeshError, reason_of
+        from common.errors import LabanmeshError
 
         way_out = f"pip install 'labanmesh[{EXTRAS[package]}]'"
         raise LabanmeshError(f"{words[0]}: {package} is not installed on this machine; {way_out}") from None

@@ -5,8 +5,8 @@ import sys
 
 LAMP = {"byebye": "off", "maestro": "on"}
 for line in sys.stdin:
-    said = json.loads(line)
-    if said["kind"] == "early" and said["label"] in LAMP:
-        print("lamp", LAMP[said["label"]], flush=True)
-    elif said["kind"] in ("corrected", "withdrawn") and said["early"] in LAMP:
-        print("lamp as before: it was not", said["early"], flush=True)
+    word = json.loads(line)
+    if word["kind"] == "early" and word["label"] in LAMP:
+        print("lamp", LAMP[word["label"]], flush=True)
+    elif word["kind"] in ("corrected", "withdrawn") and word["early"] in LAMP:
+        print("lamp as before: it was not", word["early"], flush=True)

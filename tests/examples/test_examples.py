@@ -1,4 +1,4 @@
-"""The examples as processes of their own, between a real referee and each other, and without labanmesh in them."""
+"""The examples as processes, with a real fusion service and each other, and without labanmesh in them."""
 
 import ast
 import json
@@ -18,7 +18,7 @@ from common.wire import encode
 from fusion.server import serve
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
-PROGRAMS = ("subscriber.py", "robot.py", "judge.py")
+PROGRAMS = ("subscriber.py", "robot.py", "observer.py")
 SOON_S = 30.0
 SCENE = """
 scene = "dojo"
@@ -29,41 +29,41 @@ endpoint = "tcp/127.0.0.1:0"
 [fusion]
 hold_s = 0.4
 [observers.ear]
-source = "brings its own ears"
+source = "brings its own sensor"
 """
 
 
-class Judged:
-    """A referee on the mesh, and one link of the test's own."""
+class Stage:
+    """A fusion service on the mesh, and an observer played by the test."""
 
-    def __init__(self, scene, meeting):
-        self.keys, self.meeting = scene.keys, meeting
-        self.link = Link.open(MeshConfig(mode="process", endpoint=meeting.locator), "observer")
-        self.mouth = self.link.publisher(scene.keys.posterior("ear"))
+    def __init__(self, scene, fusion):
+        self.keys, self.fusion = scene.keys, fusion
+        self.link = Link.open(MeshConfig(mode="process", endpoint=fusion.locator), "observer")
+        self.publisher = self.link.publisher(scene.keys.posterior("ear"))
         self.vocabulary = VocabularyReference(name="n", hash=scene.named_vocabulary.digest)
         self.seq = 0
 
-    def say(self, p, rest=0.02):
-        """One opinion of the scene's judge, as of now."""
+    def publish(self, p, rest=0.02):
+        """One posterior of the scene's observer, as of now."""
         self.seq += 1
         now_ns = time.time_ns()
-        said = PosteriorMessage(
+        message = PosteriorMessage(
             scene="dojo", observer="ear", seq=self.seq, session="s", captured_ns=now_ns, sent_ns=now_ns,
             vocabulary=self.vocabulary, p=[1 - p, p], frames=self.seq, rest=rest,
         )  # fmt: skip
-        self.mouth.put(encode(said))
+        self.publisher.put(encode(message))
 
 
 @pytest.fixture
-def judged(tmp_path):
+def stage(tmp_path):
     (tmp_path / "scene.toml").write_text(SCENE)
     scene, stop = read_scene(tmp_path / "scene.toml", {}), threading.Event()
-    with Link.open(scene.mesh, "fusion") as meeting:
-        judging = threading.Thread(target=serve, args=([scene], scene.fusion.id, meeting, stop))
+    with Link.open(scene.mesh, "fusion") as fusion:
+        judging = threading.Thread(target=serve, args=([scene], scene.fusion.id, fusion, stop))
         judging.start()
-        stage = Judged(scene, meeting)
-        yield stage
-        stage.link.close()
+        played = Stage(scene, fusion)
+        yield played
+        played.link.close()
         stop.set()
         judging.join()
 
@@ -85,7 +85,7 @@ class Running:
                 self._changed.notify_all()
 
     def wait_for(self, count, meanwhile=lambda: None):
-        """So many lines; `meanwhile` is done again and again."""
+        """The first `count` lines; calls `meanwhile` until they are there."""
         deadline_s = time.monotonic() + SOON_S
         with self._changed:
             while not self._changed.wait_for(lambda: len(self.lines) >= count, 0.03):
@@ -114,65 +114,65 @@ def started():
         each.close()
 
 
-def hum(judge, level):
-    def say():
-        judge.process.stdin.write(f"{level}\n")
-        judge.process.stdin.flush()
+def hum(observer, level):
+    def write():
+        observer.process.stdin.write(f"{level}\n")
+        observer.process.stdin.flush()
 
-    return say
+    return write
 
 
-def test_a_subscriber_hears_what_a_judge_of_ones_own_brought_about(judged, started):
-    subscriber = started("subscriber.py", judged.meeting.locator)
-    assert judged.meeting.publisher(judged.keys.verdict).wait_for_subscriber(SOON_S)
-    judge = started("judge.py", judged.meeting.locator)
-    assert subscriber.wait_for(1, hum(judge, -20)) == ["dojo byebye 1 of 1 agree decided"]
-    assert subscriber.wait_for(2, hum(judge, -60))[1] == "dojo byebye 1 of 1 agree ended"
-    assert subscriber.wait_for(4, lambda: hum(judge, -3 if len(subscriber.lines) < 3 else -60)())[2:] == [
+def test_a_subscriber_prints_the_verdicts_on_an_observer_of_your_own(stage, started):
+    subscriber = started("subscriber.py", stage.fusion.locator)
+    assert stage.fusion.publisher(stage.keys.verdict).wait_for_subscriber(SOON_S)
+    observer = started("observer.py", stage.fusion.locator)
+    assert subscriber.wait_for(1, hum(observer, -20)) == ["dojo byebye 1 of 1 agree decided"]
+    assert subscriber.wait_for(2, hum(observer, -60))[1] == "dojo byebye 1 of 1 agree ended"
+    assert subscriber.wait_for(4, lambda: hum(observer, -3 if len(subscriber.lines) < 3 else -60)())[2:] == [
         "dojo lunging 1 of 1 agree decided", "dojo lunging 1 of 1 agree ended",
     ]  # fmt: skip
 
 
-def test_a_robot_acts_before_the_verdict_and_takes_it_back_when_it_was_wrong(judged, started):
-    robot = started("robot.py", judged.meeting.locator, 0.9)
-    assert judged.meeting.publisher(judged.keys.judgement).wait_for_subscriber(SOON_S)
-    verdicts = judged.link.inbox(judged.keys.verdict)
-    (early,) = robot.wait_for(1, lambda: judged.say(0.99))
+def test_a_robot_acts_before_the_verdict_and_takes_a_wrong_action_back(stage, started):
+    robot = started("robot.py", stage.fusion.locator, 0.9)
+    assert stage.fusion.publisher(stage.keys.judgement).wait_for_subscriber(SOON_S)
+    verdicts = stage.link.inbox(stage.keys.verdict)
+    (early,) = robot.wait_for(1, lambda: stage.publish(0.99))
     assert early.startswith("wave back (byebye 9") and early.endswith(" s after it began)")
-    assert not verdicts.take(0), "it acted before anything was decided"
-    # The judge changes its mind before it has held the first for long enough.
-    assert robot.wait_for(3, lambda: judged.say(0.005))[1:] == [
+    assert not verdicts.take(0), "it acted before the decision"
+    # The observer changes its mind before the first label has held for long enough.
+    assert robot.wait_for(3, lambda: stage.publish(0.005))[1:] == [
         "stop: wave back (it was lunging, not byebye)",
         "step aside (lunging by verdict)",
     ]
-    rest = iter(range(10_000))
     verdicts.take(0)
+    deadline_s = time.monotonic() + SOON_S
     while not verdicts.take(0.03):
-        assert next(rest) < SOON_S / 0.03
-        judged.say(0.5, rest=0.98)
-    assert len(robot.lines) == 3, "the end of the movement says the same again: nothing to do"
+        assert time.monotonic() < deadline_s
+        stage.publish(0.5, rest=0.98)
+    assert len(robot.lines) == 3, "the end of the movement has the same label"
 
 
 def test_a_robot_forgets_movements_that_have_ended():
     robot = runpy.run_path(str(EXAMPLES / "robot.py"))["Robot"](0.9)
-    said = {"id": "v1", "label": "abstain", "ended_ns": 5, "movement": {"id": "v1", "began_ns": 0}, "at_ns": 1}
-    robot.heard_judgement({**said, "label": "byebye", "p": [0.05, 0.95]})
+    message = {"id": "v1", "label": "abstain", "ended_ns": 5, "movement": {"id": "v1", "began_ns": 0}, "at_ns": 1}
+    robot.handle_judgement({**message, "label": "byebye", "p": [0.05, 0.95]})
     assert robot.acting == {"v1": "byebye"}
-    robot.heard_verdict(said)
+    robot.handle_verdict(message)
     assert robot.acting == {}
-    robot.heard_judgement({**said, "label": "byebye", "p": [0.2, 0.8]})
+    robot.handle_judgement({**message, "label": "byebye", "p": [0.2, 0.8]})
     assert robot.acting == {}, "below its threshold"
 
 
 @pytest.mark.parametrize("name", PROGRAMS)
-def test_nothing_of_ours_is_needed(name):
+def test_they_need_nothing_of_labanmesh(name):
     tree = ast.parse((EXAMPLES / name).read_text())
     imported = {a.name for n in ast.walk(tree) if isinstance(n, ast.Import) for a in n.names}
     imported |= {n.module.partition(".")[0] for n in ast.walk(tree) if isinstance(n, ast.ImportFrom)}
     assert imported - set(sys.stdlib_module_names) == {"zenoh", "msgpack"}
 
 
-@pytest.mark.parametrize(("name", "most"), [("subscriber.py", 15), ("judge.py", 20)])
+@pytest.mark.parametrize(("name", "most"), [("subscriber.py", 15), ("observer.py", 20)])
 def test_they_are_as_short_as_they_say(name, most):
     """Lines without the docstring, blank ones, comments and imports."""
     text = (EXAMPLES / name).read_text()
@@ -180,8 +180,8 @@ def test_they_are_as_short_as_they_say(name, most):
     assert len([line for line in lines if line.strip() and not line.lstrip().startswith(("#", "import "))]) <= most
 
 
-def test_the_early_one_acts_early_and_takes_it_back():
-    words = [
+def test_the_lamp_acts_early_and_takes_it_back():
+    lines = [
         {"kind": "judgement", "label": "byebye"},
         {"kind": "early", "label": "byebye", "early": "byebye"},
         {"kind": "corrected", "label": "ok", "early": "byebye"},
@@ -189,12 +189,12 @@ def test_the_early_one_acts_early_and_takes_it_back():
         {"kind": "confirmed", "label": "maestro", "early": "maestro"},
         {"kind": "early", "label": "ok", "early": "ok"},
     ]
-    said = subprocess.run(
+    result = subprocess.run(
         [sys.executable, EXAMPLES / "early.py"],
-        input="".join(f"{json.dumps(each)}\n" for each in words),
+        input="".join(f"{json.dumps(each)}\n" for each in lines),
         capture_output=True,
         text=True,
         timeout=SOON_S,
         check=True,
     )
-    assert said.stdout.splitlines() == ["lamp off", "lamp as before: it was not byebye", "lamp on"]
+    assert result.stdout.splitlines() == ["lamp off", "lamp as before: it was not byebye", "lamp on"]

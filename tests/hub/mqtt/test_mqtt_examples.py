@@ -35,8 +35,8 @@ def test_the_shell_example_says_each_verdict(broker, make):
             broker.wait_for_subscriber("labanmesh/+/verdict")
             for verdict in verdicts:
                 listener.say("labanmesh/room/verdict", json.dumps(verdict))
-            assert next(heard) == "nthrow, 60 % sure, 1 of 2 judges"
-            assert next(heard) == "something was done, and the judges could not agree what"
+            assert next(heard) == "nthrow, 60 % sure, 1 of 2 observers"
+            assert next(heard) == "there was a movement, and the observers did not agree which"
         finally:
             subprocess.run(["kill", "--", f"-{script.pid}"], check=True, timeout=SOON_S)
 
