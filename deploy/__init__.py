@@ -1,1 +1,1 @@
-"""How the mesh gets onto machines: the launcher that supervises all processes of one machine."""
+"""How the mesh runs on machines: launcher, doctor, certificates and access rules, files for systemd and containers."""

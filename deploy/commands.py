@@ -4,8 +4,8 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
@@ -15,76 +15,130 @@ from common.address import Address
 from common.config import MeshConfig, Scene, read_scene
 from common.errors import BadInput, LabanmeshError
 from common.lifecycle import log_to_stderr, stop_on_signals
+from deploy.doctor.network import EndpointParts, listener_on, try_to_listen
 from deploy.launcher import Job, Launcher
-from deploy.supervision import Patience
+from deploy.supervision import RestartPolicy
 
 START_TOGETHER_S = 2.0
-"""Recordings begin this long after the launcher, when all observers are up: so that they see the same at once."""
+"""Recordings begin this long after the launcher, when all observers run: they all see the same moment."""
 EACH_OBSERVER_S = 0.2
 HUBS = {"mqtt": ("hub", "mqtt"), "dashboard": ("dashboard",)}
-FAILURES_WHEN_IT_SHALL_END = 5
-"""A scene that shall end by itself does not try a failing observer for ever."""
+FAILURES_WITH_AN_END = 5
+"""A scene that ends by itself gives up a failing observer after so many failures in a row."""
+PORT_TIMEOUT_S = 3.0
+"""Processes of a scene whose `up` was killed end by themselves, and free their ports, within this time."""
+PORT_RETRY_S = 0.1
 
 
 def up(
     scene: Annotated[Path, typer.Argument(help="The scene file (TOML).")],
     for_s: Annotated[
-        float | None, typer.Option("--for", metavar="SECONDS", min=0, help="End by itself after so long.")
+        float | None, typer.Option("--for", metavar="SECONDS", min=0, help="End by itself after this time.")
     ] = None,
     exit_when_done: Annotated[
         bool, typer.Option("--exit-when-done", help="End when all recordings have been played.")
     ] = False,
 ) -> int:
-    """All processes that a scene file names, on this machine: the referee and each observer, supervised.
+    """Run all processes that a scene file names on this machine: fusion, each observer, hubs; supervised.
 
-    Who fails is started again, ever later; one log on stderr names who says what. SIGTERM or Ctrl-C ends all.
+    A process that fails is started again, ever later. The log on stderr has all their lines, each with the process's
+    name. SIGTERM or Ctrl-C ends all.
 
     Example: labanmesh up scene.toml
 
     Example: labanmesh up scene.toml --exit-when-done
     """
-    named = read_scene(scene)
-    if named.mesh.mode == "process":
-        raise BadInput(f"{scene}: mesh.mode = 'process': several processes cannot meet so; choose machine or router")
-    for name in _fed_by_hand(named):
-        own = f"TRACKER | labanmesh observe {scene} {name}"
-        print(f"{name}: reads tracks from its standard input, start it by hand: {own}", file=sys.stderr)
-    start_ns = time.time_ns() + round((START_TOGETHER_S + EACH_OBSERVER_S * len(named.roster)) * 1e9)
-    with stop_on_signals() as stop, tempfile.TemporaryDirectory(prefix="labanmesh-") as kept:
+    config = read_scene(scene)
+    if config.mesh.mode == "process":
+        raise BadInput(f"{scene}: mesh.mode = 'process': several processes cannot meet; choose machine or router")
+    for name in _fed_by_hand(config):
+        command = f"TRACKER | labanmesh observe {scene} {name}"
+        print(f"{name}: reads tracks from its standard input, start it by hand: {command}", file=sys.stderr)
+    started = jobs(scene, config)
+    require_free_ports(config, len(started))
+    start_ns = time.time_ns() + round((START_TOGETHER_S + EACH_OBSERVER_S * len(config.roster)) * 1e9)
+    with stop_on_signals() as stop, tempfile.TemporaryDirectory(prefix="labanmesh-") as folder:
         launcher = Launcher(
-            with_ports(jobs(scene, named), named.metrics.listen),
-            environment={"LABANMESH_PLAYBACK_START_NS": str(start_ns), **_memory(named, Path(kept))},
-            patience=Patience(failures=FAILURES_WHEN_IT_SHALL_END if exit_when_done else None),
+            with_ports(started, config.metrics.listen),
+            environment={"LABANMESH_PLAYBACK_START_NS": str(start_ns), **_memory(config, Path(folder))},
+            policy=RestartPolicy(failures=FAILURES_WITH_AN_END if exit_when_done else None),
         )
         timer = threading.Timer(for_s or 0, stop.set)
         timer.daemon = True
         if for_s is not None:
             timer.start()
-        status = launcher.run(stop, exit_when_done=exit_when_done, linger_s=named.fusion.drop_s)
+        status = launcher.run(stop, exit_when_done=exit_when_done, linger_s=config.fusion.drop_s)
         timer.cancel()
     if status:
-        raise LabanmeshError(f"{scene}: not all processes could do their work; the log above says why")
+        raise LabanmeshError(f"{scene}: not all processes could do their work; the log above names the causes")
     return 0
 
 
+@dataclass(frozen=True, slots=True)
+class ScenePort:
+    """A port on which a process of the scene listens. key: of the scene file. address: as it stands there."""
+
+    key: str
+    address: str
+    parts: EndpointParts
+
+    def fault(self) -> str:
+        """Why no process of this user can listen there now, one line with the way out; "" where one can."""
+        local, unusable = try_to_listen(self.parts)
+        setting = f"{self.key} = {self.address!r}"
+        if not local:
+            return f"{setting}: not an address of this machine; write 127.0.0.1, or 0.0.0.0 for every interface"
+        if not unusable:
+            return ""
+        listener = listener_on(self.parts.port)
+        cause = f"taken by {listener}" if listener else f"cannot be listened on: {unusable}"
+        return f"{setting}: port {self.parts.port} is {cause}; stop that program, or choose another port"
+
+
+def require_free_ports(scene: Scene, processes: int) -> None:
+    """Raises LabanmeshError, one line with the way out, when a port of the scene is still taken after PORT_TIMEOUT_S.
+
+    processes: how many the scene has on this machine; with [metrics] each needs a port.
+    """
+    end_s = time.monotonic() + PORT_TIMEOUT_S
+    while faults := [fault for port in _ports(scene, processes) if (fault := port.fault())]:
+        if time.monotonic() > end_s:
+            raise LabanmeshError(faults[0])
+        time.sleep(PORT_RETRY_S)
+
+
+def _ports(scene: Scene, processes: int) -> Iterator[ScenePort]:
+    endpoint = EndpointParts.of(scene.mesh.endpoint)
+    if scene.mesh.mode == "machine" and endpoint.host:
+        yield ScenePort("mesh.endpoint", scene.mesh.endpoint, endpoint)
+    if scene.metrics.listen:
+        first = Address.parse(scene.metrics.listen, "metrics.listen")
+        for address in map(first.after, range(processes)):
+            yield ScenePort("metrics.listen", str(address), EndpointParts("tcp", address.host, address.port))
+    if "dashboard" in scene.hub.start:
+        address = Address.parse(scene.hub.dashboard.listen, "hub.dashboard.listen")
+        yield ScenePort("hub.dashboard.listen", str(address), EndpointParts("tcp", address.host, address.port))
+
+
 def _memory(scene: Scene, folder: Path) -> dict[str, str]:
-    """A lone referee that is started again goes on with its movement; of several, another one does."""
+    """A single fusion service that is restarted continues its movement; of several, another one does."""
     if scene.fusion.memory or scene.fusion.standby:
         return {}
     return {"LABANMESH_FUSION_MEMORY": str(folder / "movement.json")}
 
 
 def jobs(path: Path, scene: Scene) -> list[Job]:
-    """The processes of a scene: its fusion services, each observer that needs nobody at its standard input, its hubs.
+    """The processes of a scene: its fusion services, the observers that do not read their standard input, its hubs.
 
-    A router, if the mesh has one, is run apart.
+    A router, if the mesh has one, is started apart.
     """
     python = [sys.executable, "-P", "-m", "labanmesh"]
-    others = scene.fusion.standby
     fuse = [Job("[fuse]", [*python, "fuse", str(path)], lasting=True)]
-    fuse += [Job(f"[fuse {name}]", [*python, "fuse", str(path), "--id", name], lasting=True) for name in others]
-    started = [name for name in scene.roster if name not in _fed_by_hand(scene)]
-    observe = [Job(name, [*python, "observe", str(path), name]) for name in started]
+    fuse += [
+        Job(f"[fuse {name}]", [*python, "fuse", str(path), "--id", name], lasting=True) for name in scene.fusion.standby
+    ]
+    by_hand = _fed_by_hand(scene)
+    observe = [Job(name, [*python, "observe", str(path), name]) for name in scene.roster if name not in by_hand]
     hubs = [Job(f"[{name}]", [*python, *HUBS[name], str(path)], lasting=True) for name in scene.hub.start]
     return [*fuse, *observe, *hubs]
 

@@ -1,9 +1,9 @@
 """When a process that ended is started again, and when not. Pure: time is passed in, in seconds.
 
-1. Status 0 is an end, not a failure: the process has finished (fusion and the like never do; that is a failure).
-2. Status 2 is bad input: its own line says what, and starting it again would only say it again.
-3. Any other end is a failure: it is started again, after 0.5 s and then ever later, up to 30 s.
-4. Who has run for a minute has recovered: the next pause is short again.
+1. Status 0 is an end, not a failure: the process has finished. For a lasting process such as fusion it is a failure.
+2. Status 2 is bad input: the process has printed the fault, and another start would only repeat it.
+3. Any other end is a failure: the process is started again, after 0.5 s and then ever later, up to 30 s.
+4. A process that has run for a minute has recovered: the next pause is short again.
 """
 
 from dataclasses import dataclass, field
@@ -12,8 +12,8 @@ from enum import Enum
 BAD_INPUT = 2
 
 
-class Outcome(Enum):
-    """What becomes of a process that ended."""
+class Decision(Enum):
+    """What happens to a process that ended."""
 
     FINISHED = "finished"
     RESTART = "restart"
@@ -21,10 +21,10 @@ class Outcome(Enum):
 
 
 @dataclass(frozen=True, slots=True)
-class Patience:
+class RestartPolicy:
     """first_s, longest_s: the shortest and longest pause; recovered_s: a run this long forgives earlier failures.
 
-    failures: so many in a row are too many; None: never.
+    failures: how many in a row are too many; None: never.
     """
 
     first_s: float = 0.5
@@ -34,26 +34,26 @@ class Patience:
 
 
 @dataclass(slots=True)
-class Career:
+class RunHistory:
     """One process's successive runs. lasting: it is not meant to end by itself."""
 
     lasting: bool
-    patience: Patience = field(default_factory=Patience)
+    policy: RestartPolicy = field(default_factory=RestartPolicy)
     failures: int = 0
 
-    def ended(self, status: int, ran_s: float) -> Outcome:
+    def decide(self, status: int, ran_s: float) -> Decision:
         """What to do after a run that ended with `status` (negative: by that signal) after `ran_s`."""
         if status == 0 and not self.lasting:
-            return Outcome.FINISHED
+            return Decision.FINISHED
         if status == BAD_INPUT:
-            return Outcome.GIVEN_UP
-        self.failures = 1 if ran_s >= self.patience.recovered_s else self.failures + 1
-        limit = self.patience.failures
-        return Outcome.GIVEN_UP if limit is not None and self.failures >= limit else Outcome.RESTART
+            return Decision.GIVEN_UP
+        self.failures = 1 if ran_s >= self.policy.recovered_s else self.failures + 1
+        limit = self.policy.failures
+        return Decision.GIVEN_UP if limit is not None and self.failures >= limit else Decision.RESTART
 
     @property
     def pause_s(self) -> float:
         """How long to wait before the next start: doubles with each failure in a row."""
         # 2**16 pauses are past any longest_s; the cap keeps the power small.
-        doubled: float = self.patience.first_s * 2 ** min(self.failures - 1, 16)
-        return min(doubled, self.patience.longest_s)
+        doubled: float = self.policy.first_s * 2 ** min(self.failures - 1, 16)
+        return min(doubled, self.policy.longest_s)

@@ -4,49 +4,49 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from deploy.supervision import Career, Outcome, Patience
+from deploy.supervision import Decision, RestartPolicy, RunHistory
 
 
 @pytest.mark.parametrize(
-    ("lasting", "status", "outcome"),
+    ("lasting", "status", "decision"),
     [
-        (False, 0, Outcome.FINISHED),
-        (True, 0, Outcome.RESTART),
-        (False, 1, Outcome.RESTART),
-        (True, 1, Outcome.RESTART),
-        (False, -9, Outcome.RESTART),
-        (False, 2, Outcome.GIVEN_UP),
-        (True, 2, Outcome.GIVEN_UP),
+        (False, 0, Decision.FINISHED),
+        (True, 0, Decision.RESTART),
+        (False, 1, Decision.RESTART),
+        (True, 1, Decision.RESTART),
+        (False, -9, Decision.RESTART),
+        (False, 2, Decision.GIVEN_UP),
+        (True, 2, Decision.GIVEN_UP),
     ],
 )
-def test_what_becomes_of_an_end(lasting, status, outcome):
-    assert Career(lasting).ended(status, 1.0) is outcome
+def test_what_becomes_of_an_end(lasting, status, decision):
+    assert RunHistory(lasting).decide(status, 1.0) is decision
 
 
 def test_pauses_double_up_to_the_longest():
-    career, pauses = Career(False), []
+    history, pauses = RunHistory(False), []
     for _ in range(9):
-        career.ended(1, 0.1)
-        pauses.append(career.pause_s)
+        history.decide(1, 0.1)
+        pauses.append(history.pause_s)
     assert pauses == [0.5, 1, 2, 4, 8, 16, 30, 30, 30]
 
 
 def test_a_long_run_forgives():
-    career = Career(False)
+    history = RunHistory(False)
     for _ in range(5):
-        career.ended(1, 0.1)
-    career.ended(1, 60.0)
-    assert career.pause_s == 0.5
+        history.decide(1, 0.1)
+    history.decide(1, 60.0)
+    assert history.pause_s == 0.5
 
 
 def test_too_many_failures_in_a_row_are_given_up():
-    career = Career(False, Patience(failures=3))
-    assert [career.ended(1, 0.1) for _ in range(3)] == [Outcome.RESTART, Outcome.RESTART, Outcome.GIVEN_UP]
+    history = RunHistory(False, RestartPolicy(failures=3))
+    assert [history.decide(1, 0.1) for _ in range(3)] == [Decision.RESTART, Decision.RESTART, Decision.GIVEN_UP]
 
 
 @given(st.lists(st.tuples(st.integers(1, 255).filter(lambda s: s != 2), st.floats(0, 1e6)), min_size=1, max_size=200))
 def test_a_pause_is_never_shorter_than_the_first_nor_longer_than_the_longest(runs):
-    career = Career(True)
+    history = RunHistory(True)
     for status, ran_s in runs:
-        assert career.ended(status, ran_s) is Outcome.RESTART
-        assert 0.5 <= career.pause_s <= 30
+        assert history.decide(status, ran_s) is Decision.RESTART
+        assert 0.5 <= history.pause_s <= 30

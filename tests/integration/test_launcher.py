@@ -3,7 +3,7 @@
 import io
 import os
 import signal
-import subprocess
+import socket
 import sys
 import threading
 from pathlib import Path
@@ -11,12 +11,12 @@ from pathlib import Path
 import pytest
 
 from common.config import read_scene
-from common.errors import BadInput
-from deploy.commands import jobs, up
+from common.errors import BadInput, LabanmeshError
+from deploy.commands import jobs, require_free_ports, up
 from deploy.launcher import Job, Launcher
-from deploy.supervision import Patience
+from deploy.supervision import RestartPolicy
 
-QUICK = Patience(first_s=0.01, longest_s=0.02)
+QUICK = RestartPolicy(first_s=0.01, longest_s=0.02)
 LASTING = "import time; print('ready', flush=True); time.sleep(600)"
 
 
@@ -55,9 +55,9 @@ def launched():
     """Run a launcher in a thread; yields it with its log, its stop event and, in the end, its status."""
     threads, stops = [], []
 
-    def run(*jobs, patience=QUICK, **arguments):
+    def run(*jobs, policy=QUICK, **arguments):
         stream, stop, status = Stream(), threading.Event(), []
-        launcher = Launcher(jobs, patience=patience, stream=stream)
+        launcher = Launcher(jobs, policy=policy, stream=stream)
         thread = threading.Thread(target=lambda: status.append(launcher.run(stop, **arguments)))
         thread.start()
         threads.append(thread)
@@ -77,7 +77,7 @@ def launched():
         thread.join(10)
 
 
-def test_each_line_names_who_said_it(launched):
+def test_each_line_has_the_name_of_its_process(launched):
     stream, _, ended = launched(
         python("cam1", "import sys; print('out'); print('err', file=sys.stderr)"),
         python("longer", "print('x')"),
@@ -89,7 +89,7 @@ def test_each_line_names_who_said_it(launched):
     assert any(line.startswith("[up]   | cam1 finished (status 0)") for line in lines)
 
 
-def test_who_fails_is_started_again_until_it_works(launched, tmp_path):
+def test_a_failing_process_is_started_again_until_it_works(launched, tmp_path):
     text = (
         f"import pathlib, sys; p = pathlib.Path({str(tmp_path / 'n')!r}); n = len(p.read_text()) if p.exists() else 0"
     )
@@ -109,14 +109,14 @@ def test_bad_input_is_not_tried_again_and_the_others_go_on(launched):
     assert "good | done" in stream.getvalue()
 
 
-def test_a_failing_worker_is_given_up_on_when_it_shall_end(launched):
+def test_a_failing_worker_is_given_up_in_a_scene_with_an_end(launched):
     stream, _, ended = launched(
-        python("cam1", "raise SystemExit(1)"), patience=Patience(0.01, 0.02, failures=3), exit_when_done=True
+        python("cam1", "raise SystemExit(1)"), policy=RestartPolicy(0.01, 0.02, failures=3), exit_when_done=True
     )
     assert ended() == 1 and "cam1 given up (status 1)" in stream.getvalue()
 
 
-def test_without_a_referee_nothing_goes_on(launched):
+def test_without_fusion_nothing_goes_on(launched):
     _, _, ended = launched(python("fuse", "raise SystemExit(2)", lasting=True), python("cam1", LASTING))
     assert ended() == 1
 
@@ -129,7 +129,7 @@ def test_finished_workers_leave_the_rest_running_until_stopped(launched):
     assert ended() == 0
 
 
-def test_when_all_are_done_the_lasting_linger_and_are_stopped(launched):
+def test_when_all_are_done_lasting_processes_linger_and_are_stopped(launched):
     text = "import signal, sys, threading; e = threading.Event(); signal.signal(15, lambda *_: e.set()); "
     text += "print('ready', flush=True); e.wait(600); print('clean', flush=True)"
     stream, _, ended = launched(
@@ -139,8 +139,8 @@ def test_when_all_are_done_the_lasting_linger_and_are_stopped(launched):
     assert "fuse | clean" in stream.getvalue()
 
 
-def test_all_are_ended_when_stopped_even_those_who_do_not_listen(launched, monkeypatch):
-    monkeypatch.setattr("deploy.launcher.TERM_PATIENCE_S", 0.3)
+def test_all_processes_are_ended_even_those_that_ignore_sigterm(launched, monkeypatch):
+    monkeypatch.setattr("deploy.launcher.TERM_TIMEOUT_S", 0.3)
     deaf = "import os, signal, time; signal.signal(15, signal.SIG_IGN); print('pid', os.getpid(), flush=True); "
     stream, stop, ended = launched(python("deaf", deaf + "time.sleep(600)"), python("cam1", LASTING))
     stream.wait_for("deaf | pid ")
@@ -175,34 +175,51 @@ def test_the_processes_of_a_scene(tmp_path):
     ]
 
 
-def test_processes_cannot_meet_inside_one(tmp_path):
-    path = tmp_path / "scene.toml"
-    path.write_text('scene = "d"\n[mesh]\nmode = "process"\n[observers.cam1]\nsource = "a.npz"\n')
-    with pytest.raises(BadInput, match=r"mesh\.mode = 'process': several processes cannot meet so"):
-        up(path)
+def write_scene(folder, mesh, more=""):
+    (folder / "scene.toml").write_text(f'scene = "d"\n[mesh]\n{mesh}\n[observers.cam1]\nsource = "a.npz"\n{more}')
+    return folder / "scene.toml"
 
 
-ROOT = Path(__file__).parents[2]
+def test_processes_cannot_meet_in_mode_process(tmp_path):
+    with pytest.raises(BadInput, match=r"mesh\.mode = 'process': several processes cannot meet"):
+        up(write_scene(tmp_path, 'mode = "process"'))
 
 
-def test_the_router_verb_listens_says_where_and_ends_cleanly():
-    command = [sys.executable, "-P", "-m", "labanmesh", "router", "tcp/127.0.0.1:0"]
-    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, cwd=ROOT) as process:
-        line = process.stderr.readline()
-        assert line.startswith("labanmesh router: listening on tcp/127.0.0.1:") and not line.endswith(":0\n")
-        process.send_signal(signal.SIGTERM)
-        assert process.wait(10) == 0
+@pytest.mark.parametrize(
+    ("mesh", "more", "key"),
+    [
+        ('endpoint = "tcp/127.0.0.1:{port}"', "", "mesh.endpoint = 'tcp/127.0.0.1:{port}'"),
+        ('mode = "router"', '[metrics]\nlisten = "127.0.0.1:{before}"', "metrics.listen = '127.0.0.1:{port}'"),
+        ('mode = "router"', '[hub]\nstart = ["dashboard"]\n[hub.dashboard]\nlisten = "127.0.0.1:{port}"',
+         "hub.dashboard.listen = '127.0.0.1:{port}'"),
+    ],
+)  # fmt: skip
+def test_a_port_that_is_taken_ends_it_with_one_line(tmp_path, monkeypatch, mesh, more, key):
+    monkeypatch.setattr("deploy.commands.PORT_TIMEOUT_S", 0.2)
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        # Each process has a port for its metrics: the second one's is taken.
+        path = write_scene(tmp_path, mesh.format(port=port), more.format(port=port, before=port - 1))
+        with pytest.raises(LabanmeshError) as caught:
+            up(path)
+    line, by = str(caught.value), f"PID {os.getpid()} (" if Path("/proc/net/tcp").exists() else "taken"
+    assert caught.value.exit_status == 1 and "\n" not in line
+    assert line.startswith(key.format(port=port)) and f"port {port} is taken by {by}" in line
+    assert line.endswith("stop that program, or choose another port")
 
 
-@pytest.mark.parametrize("verb", ["up", "fuse", "router"])
-def test_help_has_an_example(verb):
-    command = [sys.executable, "-P", "-m", "labanmesh", verb, "--help"]
-    done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, timeout=20)
-    assert done.returncode == 0 and f"Example: labanmesh {verb}" in done.stdout
+def test_a_port_that_becomes_free_is_waited_for(tmp_path):
+    """A killed launcher's processes end by themselves a moment later."""
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        scene = read_scene(write_scene(tmp_path, f'endpoint = "tcp/127.0.0.1:{taken.getsockname()[1]}"'), {})
+        timer = threading.Timer(0.2, taken.close)
+        timer.start()
+        require_free_ports(scene, 2)
+        timer.join()
 
 
-def test_a_missing_scene_file_is_status_2(tmp_path):
-    for verb in ("up", "fuse"):
-        command = [sys.executable, "-P", "-m", "labanmesh", verb, str(tmp_path / "none.toml")]
-        done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, timeout=20)
-        assert done.returncode == 2 and done.stderr.count("\n") == 1 and "no such file" in done.stderr
+def test_an_endpoint_of_another_machine_is_one_line(tmp_path, monkeypatch):
+    monkeypatch.setattr("deploy.commands.PORT_TIMEOUT_S", 0.0)
+    # TEST-NET-1 belongs to nobody.
+    with pytest.raises(LabanmeshError, match="not an address of this machine; write"):
+        up(write_scene(tmp_path, 'endpoint = "tcp/192.0.2.1:7447"'))
