@@ -4,103 +4,46 @@ import threading
 import time
 
 import pytest
+from mesh_stage import LOOPBACK, NAMED, NAMES, SOON_S, collect, posterior
 
-from common.config import MeshConfig, read_scene
-from common.link import Link
-from common.messages import (
-    JudgementMessage,
-    PosteriorMessage,
-    StatusMessage,
-    VerdictMessage,
-    VocabularyMessage,
-    VocabularyReference,
-)
-from common.vocabulary import Vocabulary
-from common.wire import decode, encode, encode_vocabulary
+from common.config import read_scene
+from common.messages import JudgementMessage, StatusMessage, VerdictMessage, VocabularyMessage
+from common.wire import decode, encode_vocabulary
 from fusion.server import serve
-
-SOON_S = 10.0
-NAMES = Vocabulary(("bowing", "lunging"), "karate")
-REFERENCE = VocabularyReference(name=NAMES.name, hash=NAMES.digest)
-NAMED = 'vocabulary = ["bowing", "lunging"]\nvocabulary_name = "karate"\n'
 
 
 @pytest.fixture
 def read(tmp_path):
-    def written(scene="dojo", vocabulary=NAMED, more=""):
-        text = f'scene = "{scene}"\n{vocabulary}[mesh]\nmode = "process"\nendpoint = "tcp/127.0.0.1:0"\n'
+    def written(scene="dojo", vocabulary=NAMED):
+        text = f'scene = "{scene}"\n{vocabulary}{LOOPBACK}'
         text += "".join(f'[observers.cam{i}]\nsource = "m.npz"\n' for i in (1, 2))
-        (tmp_path / f"{scene}.toml").write_text(f"{text}[fusion]\nstep_hz = 50\nhold_s = 0.1\nquorum = 1\n{more}")
+        (tmp_path / f"{scene}.toml").write_text(f"{text}[fusion]\nstep_hz = 50\nhold_s = 0.1\nquorum = 1\n")
         return read_scene(tmp_path / f"{scene}.toml", {})
 
     return written
 
 
 @pytest.fixture
-def meeting(read):
-    with Link.open(read().mesh, "fusion") as link:
-        yield link
+def scene(read):
+    return read()
 
 
 @pytest.fixture
-def peer(meeting):
-    mesh = MeshConfig(mode="process", endpoint=meeting.locator)
-    links = []
-
-    def another(role="hub"):
-        links.append(Link.open(mesh, role))
-        return links[-1]
-
-    yield another
-    for link in links:
-        link.close()
+def peer(mesh):
+    return mesh.peer
 
 
 @pytest.fixture
-def running(meeting):
-    """Run a service in a thread; its failure is the test's."""
-    stops, threads, faults = [], [], []
+def running(mesh):
+    """Run a fusion service of the scenes until the test ends."""
 
     def run(*scenes):
-        stop = threading.Event()
+        def body(stop):
+            serve(scenes, "fusion", mesh.meeting, stop, shared=len(scenes) > 1)
 
-        def body():
-            try:
-                serve(scenes, "fusion", meeting, stop, shared=len(scenes) > 1)
-            except Exception as error:  # noqa: BLE001 - asserted below
-                faults.append(error)
+        return mesh.run(body)
 
-        threads.append(threading.Thread(target=body))
-        stops.append(stop)
-        threads[-1].start()
-        return stop, threads[-1]
-
-    yield run
-    for stop in stops:
-        stop.set()
-    for thread in threads:
-        thread.join(SOON_S)
-        assert not thread.is_alive()
-    assert faults == []
-
-
-def posterior(observer="cam1", seq=0, scene="dojo", **fields):
-    now_ns = time.time_ns()
-    values = {
-        "scene": scene, "observer": observer, "seq": seq, "session": "s", "captured_ns": now_ns, "sent_ns": now_ns,
-        "vocabulary": REFERENCE, "p": [0.98, 0.02], "rest": 0.05, "frames": 1,
-    }  # fmt: skip
-    return encode(PosteriorMessage(**{**values, **fields}))
-
-
-def collect(inbox, kind, enough):
-    """Messages of `kind` until `enough(messages)` holds."""
-    messages = []
-    while not enough(messages):
-        arrivals = inbox.take(SOON_S)
-        assert arrivals, f"only {len(messages)} came: {messages[-3:]}"
-        messages += [decode(kind, arrival.payload) for arrival in arrivals]
-    return messages
+    return run
 
 
 def move(publisher, **fields):
@@ -123,8 +66,7 @@ def move(publisher, **fields):
     return stop
 
 
-def test_posteriors_become_judgements_and_verdicts_and_late_joiners_get_the_last(read, peer, running):
-    scene = read()
+def test_posteriors_become_judgements_and_verdicts_and_late_joiners_get_the_last(scene, peer, running):
     keys, hub = scene.keys, peer()
     judgements, verdicts = hub.inbox(keys.judgement), hub.inbox(keys.verdict)
     running(scene)
@@ -158,8 +100,7 @@ def test_a_listeners_query_for_everything_changes_nothing(read, peer, running, c
     assert {j.epoch for j in collect(judgements, JudgementMessage, lambda said: len(said) > 5)} == {1}
 
 
-def test_bad_messages_are_counted_and_the_loop_goes_on(read, peer, running, caplog):
-    scene = read()
+def test_bad_messages_are_counted_and_the_loop_goes_on(scene, peer, running, caplog):
     hub, publisher = peer(), peer("observer").publisher(scene.keys.posterior("cam1"))
     statuses, judgements = hub.inbox(scene.keys.fusion_status()), hub.inbox(scene.keys.judgement)
     running(scene)
@@ -178,8 +119,7 @@ def test_bad_messages_are_counted_and_the_loop_goes_on(read, peer, running, capl
     assert len(lines) == 1
 
 
-def test_it_knows_which_observers_are_alive(read, peer, running):
-    scene = read()
+def test_it_knows_which_observers_are_alive(scene, peer, running):
     judgements, one = peer().inbox(scene.keys.judgement), peer("observer")
     one.announce(scene.keys.observer_alive("cam1"))
     publisher = one.publisher(scene.keys.posterior("cam1"))
@@ -193,8 +133,8 @@ def test_it_knows_which_observers_are_alive(read, peer, running):
     assert time.monotonic() - begun_s < 1.5, "its token disappeared; nobody waited for drop_s"
 
 
-def test_it_is_alive_and_says_when_it_stops(read, meeting, peer, running):
-    scene, hub = read(), peer()
+def test_it_is_alive_and_says_when_it_stops(scene, peer, running):
+    hub = peer()
     presence, statuses = hub.presence(scene.keys.fusion_alive()), hub.inbox(scene.keys.fusion_status())
     stop, thread = running(scene)
     assert presence.wait_for(1, SOON_S)

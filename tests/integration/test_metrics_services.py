@@ -7,19 +7,17 @@ import threading
 import time
 import urllib.error
 import urllib.request
-from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, field
+from contextlib import ExitStack
 from itertools import count
 
-import numpy as np
 import pytest
+from mesh_stage import NAMED, SOON_S, FakePipeline, believed, running
 from prometheus_client.openmetrics.parser import text_string_to_metric_families as openmetrics
 from prometheus_client.parser import text_string_to_metric_families as plain
 
 from common.config import MeshConfig, read_scene
 from common.errors import BadInput, LabanmeshError
 from common.link import Link
-from common.vocabulary import Vocabulary
 from fusion.server import serve as serve_fusion
 from hub import healthcheck as hub_healthcheck
 from hub.healthcheck import healthcheck
@@ -28,35 +26,14 @@ from hub.session import listen
 from observer.runtime.service import serve as serve_observer
 from observer.tracks import Frame
 
-SOON_S = 20.0
-NAMES = Vocabulary(("bowing", "lunging"), "karate")
 OBSERVERS = ("cam1", "cam2")
-
-
-@dataclass
-class Opinion:
-    p: np.ndarray = field(default_factory=lambda: np.array([0.999, 0.001]))
-    rest: float = 0.0
-    frames: int = 1
-    visible: dict = field(default_factory=dict)
-    unlearned: float | None = None
-    facing: np.ndarray | None = None
-    facets: dict = field(default_factory=dict)
-
-
-class FakeObserver:
-    vocabulary = NAMES
-    complaint = ""
-
-    def step(self, frame):
-        return frame.content
 
 
 class FakeCamera:
     """Gives the newest content 50 times a second until it is told to stop; `frozen` gives nothing."""
 
     def __init__(self):
-        self.content, self.frozen = Opinion(), False
+        self.content, self.frozen = believed((0.999, 0.001), 0.0), False
 
     def frames(self, stop):
         while not stop.wait(0.02):
@@ -147,31 +124,10 @@ def scene(tmp_path):
     return written
 
 
-@contextmanager
-def running(serve, *arguments):
-    """A service in a thread; its failure is the test's."""
-    stop, faults = threading.Event(), []
-
-    def body():
-        try:
-            serve(*arguments, stop)
-        except Exception as error:  # noqa: BLE001 - told to the test below
-            faults.append(error)
-
-    thread = threading.Thread(target=body)
-    thread.start()
-    try:
-        yield
-    finally:
-        stop.set()
-        thread.join(SOON_S)
-    assert not thread.is_alive() and faults == []
-
-
 @pytest.fixture
 def stage(scene, ports):
     """A referee and two observers; gives where they answer, the cameras, and a further link."""
-    read = scene(f'vocabulary = {list(NAMES.labels)}\nvocabulary_name = "{NAMES.name}"\n')
+    read = scene(NAMED)
     with ExitStack() as opened:
         meeting = opened.enter_context(Link.open(read.mesh, "fusion"))
         mesh = MeshConfig(mode="process", endpoint=meeting.locator)
@@ -180,7 +136,7 @@ def stage(scene, ports):
         for name in OBSERVERS:
             link = opened.enter_context(Link.open(mesh, "observer"))
             cameras[name] = FakeCamera()
-            opened.enter_context(running(serve_observer, read, name, FakeObserver(), cameras[name], link))
+            opened.enter_context(running(serve_observer, read, name, FakePipeline(), cameras[name], link))
             at[name] = ports()
         hub = opened.enter_context(Link.open(mesh, "hub"))
         yield at, cameras, hub, read
@@ -191,10 +147,11 @@ def test_what_observers_and_the_referee_tell(stage, log):
     until(lambda: metrics(at["fusion"]).get(("labanmesh_votes", "state=counted")) == 2)
     until(lambda: any(hasattr(record, "verdict") for record in list(log)))
     for camera in cameras.values():
-        camera.content = Opinion(rest=1.0)
-    heard = until(lambda: (m := metrics(at["fusion"]))["labanmesh_verdicts_total", "label=bowing"] and m)
+        camera.content = believed(rest=1.0)
+    decided = ("labanmesh_verdicts_total", "label=bowing")
+    heard = until(lambda: (m := metrics(at["fusion"]))[decided] and m[("labanmesh_agreeing_observers",)] == 2 and m)
     assert heard["labanmesh_verdicts_total", "label=lunging"] == 0
-    assert heard[("labanmesh_leading",)] == 1 and heard[("labanmesh_agreeing_observers",)] == 2
+    assert heard[("labanmesh_leading",)] == 1
     weights = [heard["labanmesh_observer_weight_ratio", f"observer={name}"] for name in OBSERVERS]
     assert sum(weights) == pytest.approx(1) and weights[0] == pytest.approx(weights[1])
     assert 0 <= heard["labanmesh_observer_entropy_bits", "observer=cam1"] < 0.1

@@ -6,17 +6,15 @@ import subprocess
 import sys
 import threading
 from contextlib import nullcontext
-from dataclasses import dataclass, field
 from pathlib import Path
 
-import numpy as np
 import pytest
+from mesh_stage import FakePipeline, believed
 
 from common.config import MeshConfig, read_scene
 from common.errors import BadInput
 from common.link import Link
 from common.messages import StatusMessage
-from common.vocabulary import Vocabulary
 from common.wire import encode
 from fusion.server import serve as serve_fusion
 from observer.runtime.service import serve as serve_observer
@@ -66,25 +64,10 @@ def scene_file(folder, endpoint, extra=""):
     return path
 
 
-@dataclass
-class Opinion:
-    p: np.ndarray = field(default_factory=lambda: np.array([0.5, 0.5]))
-    rest: float = 0.5
-    frames: int = 1
-    visible: dict = field(default_factory=dict)
-    unlearned: float | None = None
-    facing: np.ndarray | None = None
-    facets: dict = field(default_factory=dict)
-
-
-class FakeObserver:
-    vocabulary = Vocabulary(("bowing", "lunging"))
-    complaint = ""
-
-    def step(self, frame):
-        if frame.content == "broken":
-            raise BadInput("camera file of 1999")
-        return Opinion()
+def step(frame):
+    if frame.content == "broken":
+        raise BadInput("camera file of 1999")
+    return believed()
 
 
 class OneByOne:
@@ -116,7 +99,7 @@ def observing(tmp_path, supervisor):
 
         def body():
             with pytest.raises(BadInput) if source.shall_break else nullcontext():
-                serve_observer(scene, "cam1", FakeObserver(), source, meeting, stop)
+                serve_observer(scene, "cam1", FakePipeline(step), source, meeting, stop)
 
         source.shall_break = False
         thread = threading.Thread(target=body)

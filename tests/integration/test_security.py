@@ -6,20 +6,17 @@ import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
-from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
-import numpy as np
 import pytest
 import zenoh
+from mesh_stage import FakePipeline, believed, first
 
 from common.config import MeshConfig, read_scene
 from common.errors import LabanmeshError
 from common.link import Link
 from common.messages import JudgementMessage, StatusMessage
-from common.vocabulary import Vocabulary
-from common.wire import decode
 from common.zenoh_settings import ADMITTED, settings
 from deploy.security.authority import issue
 from deploy.security.issuing import create_authority
@@ -34,7 +31,6 @@ PATIENCE_S = 1.0
 PAGE = Path(__file__).parents[2] / "docs" / "design" / "security.md"
 REWRITE = "LABANMESH_REWRITE=1 pytest tests/integration/test_security.py writes it anew"
 HEAD = "| who tries | refused by | what is said there |\n|---|---|---|\n"
-NAMES = Vocabulary(("bowing", "lunging"), "karate")
 SCENE = """
 scene = "dojo"
 vocabulary = ["bowing", "lunging"]
@@ -306,24 +302,6 @@ def test_an_observer_cannot_answer_for_another_nor_listen_in(scene, mesh):
         assert overheard.take(0.0) == []
 
 
-@dataclass
-class Opinion:
-    p: np.ndarray
-    rest: float = 0.1
-    frames: int = 1
-    visible: dict = field(default_factory=lambda: {"head": True})
-    unlearned: float | None = None
-    facing: np.ndarray | None = None
-    facets: dict = field(default_factory=dict)
-
-
-class FakeObserver:
-    vocabulary, complaint = NAMES, ""
-
-    def step(self, frame):
-        return Opinion(np.array([0.1, 0.9]))
-
-
 class FakeSource:
     """A frame each 20 ms until it is stopped."""
 
@@ -332,6 +310,10 @@ class FakeSource:
     def frames(self, stop):
         while not stop.wait(0.02):
             yield Frame(time.time_ns(), None)
+
+
+def sure(frame):
+    return believed((0.1, 0.9), 0.1, {"head": True})
 
 
 @contextmanager
@@ -349,7 +331,14 @@ def services(scene, mesh):
     threads = [threading.Thread(target=run, args=(serve_fusion, [scene], scene.fusion.id, links[0]))]
     for name, certificate in (("cam1", "cam1.2"), ("cam2", "cam2.1")):
         links.append(Link.open(mesh(certificate), "observer", process_id=name))
-        arguments = (serve_observer, scene, name, FakeObserver(), FakeSource(), links[-1])
+        arguments = (
+            serve_observer,
+            scene,
+            name,
+            FakePipeline(sure),
+            FakeSource(),
+            links[-1],
+        )
         threads.append(threading.Thread(target=run, args=arguments))
     for thread in threads:
         thread.start()
@@ -364,24 +353,13 @@ def services(scene, mesh):
     assert faults == []
 
 
-def taken(inbox, kind, enough):
-    """The first message of `kind` for which `enough` holds."""
-    deadline = time.monotonic() + SOON_S
-    while time.monotonic() < deadline:
-        for arrival in inbox.take(0.2):
-            message = decode(kind, arrival.payload)
-            if enough(message):
-                return message
-    raise AssertionError(f"no such {kind.__name__} came")
-
-
 def test_all_that_is_legitimate_works_under_default_deny(scene, mesh):
     keys = scene.keys
     with Link.open(mesh("hub.1"), "hub") as hub:
         judgements, statuses = hub.inbox(keys.judgement), hub.inbox(keys.observer_status("cam1"))
         presence = hub.presence(f"{keys.root}/**")
         with services(scene, mesh):
-            said = taken(judgements, JudgementMessage, lambda j: all(v.state == "counted" for v in j.votes.values()))
+            said = first(judgements, JudgementMessage, lambda j: all(v.state == "counted" for v in j.votes.values()))
             assert set(said.votes) == {"cam1", "cam2"} and said.label == "lunging"
             assert presence.wait_for(3, SOON_S)
             assert presence.alive == {
@@ -389,12 +367,12 @@ def test_all_that_is_legitimate_works_under_default_deny(scene, mesh):
                 keys.observer_alive("cam1"),
                 keys.observer_alive("cam2"),
             }
-            taken(statuses, StatusMessage, lambda s: s.skew_s is not None)  # an observer asks fusion for its clock
+            first(statuses, StatusMessage, lambda s: s.skew_s is not None)  # an observer asks fusion for its clock
             told = hub.ask(f"{keys.root}/**", SOON_S)
             late = {keys.judgement, keys.vocabulary, keys.fusion_status("fusion")}
             assert told.keys() >= {*late, keys.observer_status("cam1"), keys.observer_status("cam2")}
             fusions = hub.inbox(keys.fusion_status())
-            taken(fusions, StatusMessage, lambda s: s.observers and s.observers["cam2"].skew_s is not None)
+            first(fusions, StatusMessage, lambda s: s.observers and s.observers["cam2"].skew_s is not None)
         assert presence.wait_for(0, SOON_S)
 
 

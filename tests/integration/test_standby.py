@@ -7,28 +7,24 @@ from functools import partial
 
 import pytest
 import zenoh
+from mesh_stage import LOOPBACK, NAMED, SOON_S, posterior
 
 from common.config import MeshConfig, read_scene
 from common.link import Link
-from common.messages import JudgementMessage, PosteriorMessage, StatusMessage, VerdictMessage, VocabularyReference
+from common.messages import JudgementMessage, StatusMessage, VerdictMessage
 from common.status import ProcessStatus, StatusPublisher
-from common.vocabulary import Vocabulary
-from common.wire import decode, encode
+from common.wire import decode
 from fusion.membership import SameIdError
 from fusion.server import SteadyClock, serve
 
-SOON_S = 10.0
 HOUR_NS = 3600 * 1_000_000_000
-NAMES = Vocabulary(("bowing", "lunging"), "karate")
-REFERENCE = VocabularyReference(name=NAMES.name, hash=NAMES.digest)
 REST, BOWING = ([0.5, 0.5], 0.95), ([0.98, 0.02], 0.05)
 
 
 @pytest.fixture
 def scene(tmp_path):
     text = (
-        'scene = "dojo"\nvocabulary = ["bowing", "lunging"]\nvocabulary_name = "karate"\n'
-        '[mesh]\nmode = "process"\nendpoint = "tcp/127.0.0.1:0"\n[observers.cam1]\nsource = "m.npz"\n'
+        f'scene = "dojo"\n{NAMED}{LOOPBACK}[observers.cam1]\nsource = "m.npz"\n'
         '[fusion]\nid = "a"\nstandby = ["b"]\nhold_s = 0.1\ntakeover_s = 0.3\n'
     )
     (tmp_path / "s.toml").write_text(text)
@@ -99,10 +95,9 @@ class Hall:
             while not self.quiet.wait(0.02):
                 p, rest = self.belief
                 now_ns = time.time_ns() + self.skew_ns
-                said = PosteriorMessage(scene="dojo", observer="cam1", seq=self.seq, session="s", captured_ns=now_ns,
-                                        sent_ns=now_ns, vocabulary=REFERENCE, p=p, rest=rest, frames=1)  # fmt: skip
+                payload = posterior(seq=self.seq, captured_ns=now_ns, sent_ns=now_ns, p=p, rest=rest)
                 self.seq += 1
-                self.mouth.put(encode(said))
+                self.mouth.put(payload)
 
         self.talking = threading.Thread(target=body)
         self.talking.start()

@@ -1,0 +1,18 @@
+"""Fixtures of tests with real Zenoh peers; what they are made of is in mesh_stage.py."""
+
+import sys
+from pathlib import Path
+
+import pytest
+
+sys.path.append(str(Path(__file__).parent))
+
+import mesh_stage
+
+
+@pytest.fixture
+def mesh(scene):
+    """The mesh of the test's own `scene`, with one link where the others meet."""
+    opened = mesh_stage.Mesh(scene)
+    yield opened
+    opened.close()

@@ -1,0 +1,104 @@
+"""What tests with real Zenoh peers share: links, services in threads, observers that need no camera, waiting."""
+
+import threading
+import time
+from contextlib import ExitStack, contextmanager
+
+import numpy as np
+
+from common.config import MeshConfig
+from common.link import Link
+from common.messages import PosteriorMessage, VocabularyReference
+from common.vocabulary import Vocabulary
+from common.wire import decode, encode
+from observer.runtime.pipeline import Posterior
+
+SOON_S = 10.0
+NAMES = Vocabulary(("bowing", "lunging"), "karate")
+NAMED = 'vocabulary = ["bowing", "lunging"]\nvocabulary_name = "karate"\n'
+REFERENCE = VocabularyReference(name=NAMES.name, hash=NAMES.digest)
+LOOPBACK = '[mesh]\nmode = "process"\nendpoint = "tcp/127.0.0.1:0"\n'
+
+
+def believed(p=(0.5, 0.5), rest=0.5, visible=None):
+    """What a pipeline returns after a frame."""
+    return Posterior(np.array(p, dtype=float), rest, 1, {} if visible is None else visible)
+
+
+class FakePipeline:
+    """Returns `answer(frame)` after each frame; by default what the frame holds."""
+
+    vocabulary, complaint = NAMES, ""
+
+    def __init__(self, answer=lambda frame: frame.content):
+        self.step = answer
+
+
+@contextmanager
+def running(serve, *arguments):
+    """Run a service in a thread; yields its stop event and its thread. Its failure is the test's."""
+    stop, faults = threading.Event(), []
+
+    def body():
+        try:
+            serve(*arguments, stop)
+        except Exception as error:  # noqa: BLE001 - asserted below
+            faults.append(error)
+
+    thread = threading.Thread(target=body)
+    thread.start()
+    try:
+        yield stop, thread
+    finally:
+        stop.set()
+        thread.join(SOON_S)
+    assert not thread.is_alive() and faults == []
+
+
+class Mesh:
+    """Peers that meet at the link `meeting`; all close together."""
+
+    def __init__(self, scene):
+        self._opened = ExitStack()
+        self.meeting = self._opened.enter_context(Link.open(scene.mesh, "fusion"))
+        self.config = MeshConfig(mode="process", endpoint=self.meeting.locator)
+
+    def peer(self, role="hub"):
+        return self._opened.enter_context(Link.open(self.config, role))
+
+    def run(self, serve, *arguments):
+        """Run a service until the test ends, or until the stop event that is returned is set."""
+        return self._opened.enter_context(running(serve, *arguments))
+
+    def close(self):
+        self._opened.close()
+
+
+def posterior(observer="cam1", seq=0, scene="dojo", **fields):
+    """A posterior of a movement in progress as bytes."""
+    now_ns = time.time_ns()
+    values = {
+        "scene": scene, "observer": observer, "seq": seq, "session": "s", "captured_ns": now_ns, "sent_ns": now_ns,
+        "vocabulary": REFERENCE, "p": [0.98, 0.02], "rest": 0.05, "frames": 1,
+    }  # fmt: skip
+    return encode(PosteriorMessage(**{**values, **fields}))
+
+
+def collect(inbox, kind, enough=bool):
+    """Messages of `kind` until `enough(messages)` holds."""
+    messages, end_s = [], time.monotonic() + SOON_S
+    while not enough(messages):
+        assert time.monotonic() < end_s, f"not among {len(messages)} messages: {messages[-3:]}"
+        messages += [decode(kind, arrival.payload) for arrival in inbox.take(0.1)]
+    return messages
+
+
+def first(inbox, kind, fits=lambda message: True):
+    """The first message of `kind` that `fits`, with the ones before it dropped."""
+    end_s = time.monotonic() + SOON_S
+    while time.monotonic() < end_s:
+        for arrival in inbox.take(0.1):
+            message = decode(kind, arrival.payload)
+            if fits(message):
+                return message
+    raise AssertionError(f"no such {kind.__name__} came")
