@@ -147,7 +147,7 @@ def test_what_observers_and_the_referee_tell(stage, log):
     until(lambda: metrics(at["fusion"]).get(("labanmesh_votes", "state=counted")) == 2)
     until(lambda: any(hasattr(record, "verdict") for record in list(log)))
     for camera in cameras.values():
-        camera.content = believed(rest=1.0)
+        camera.content = believed((0.999, 0.001), 1.0)
     decided = ("labanmesh_verdicts_total", "label=bowing")
     heard = until(lambda: (m := metrics(at["fusion"]))[decided] and m[("labanmesh_agreeing_observers",)] == 2 and m)
     assert heard["labanmesh_verdicts_total", "label=lunging"] == 0
