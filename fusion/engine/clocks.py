@@ -1,11 +1,11 @@
-"""The observers' clocks: when a posterior's frame was captured by our own clock. Pure: time is passed in.
+"""The observers' clocks: when the newest frame of a posterior was captured, by our own clock. Pure: time is passed in.
 
-1. What an observer dates is moved by its measured skew, unless that is within what the measurement can tell.
-2. Nothing was sent after it arrived: what is still dated later than now was sent at the earliest when it came, so it
-   is as old as the observer's own two stamps are apart. So an hour fast does not look fresh for ever.
-3. Two messages were not sent at the same time: where the second is dated no later, that clock stands still or was
-   set back, and rule 2's way is taken until it was asked again.
-4. What an observer dates later than its own sending contradicts itself: it is taken as captured when it was sent.
+1. An observer's stamps are corrected by its measured skew, unless the skew is within the measurement's uncertainty.
+2. No message is sent after it arrives. One that is still dated later than now counts as sent on arrival, so that the
+   age of its frame is the difference of its own two stamps. A clock an hour ahead does not look fresh for ever.
+3. Two messages are not sent at the same time. If the second is not dated later than the first, that clock stands still
+   or was set back, and rule 2 applies until the clock is read again.
+4. A capture time after the sending time contradicts itself: the frame counts as captured when the message was sent.
 """
 
 from dataclasses import dataclass, field
@@ -13,60 +13,61 @@ from dataclasses import dataclass, field
 from common.clock_skew import ClockReading, ClockSkew
 from common.messages import PosteriorMessage
 
-UNNOTICED_NS = 5_000_000
-"""A skew this small is not corrected: it is less than a frame, and measuring it is no more exact over a network."""
+IGNORED_SKEW_NS = 5_000_000
+"""A skew up to this is not corrected: it is less than a frame, and measurements over a network are no more exact."""
 
 
 @dataclass(slots=True)
-class _Clock:
+class _ObserverClock:
+    """session, seq, sent_ns: of the last message that was used. doubtful: rule 3 applies."""
+
     skew: ClockSkew = field(default_factory=ClockSkew)
     session: str = ""
     seq: int = -1
     sent_ns: int = 0
     doubtful: bool = False
 
+    def is_doubtful_after(self, message: PosteriorMessage) -> bool:
+        """Rule 3. Copies, late messages and new sessions say nothing about the clock."""
+        follows = message.session == self.session and message.seq > self.seq
+        return self.doubtful or (follows and message.sent_ns <= self.sent_ns)
+
 
 class Clocks:
-    """The clocks of the observers of one scene; of others nothing is kept."""
+    """The clocks of one scene's observers. Other observers are ignored."""
 
     def __init__(self, observers: list[str]) -> None:
-        self._clocks = {observer: _Clock() for observer in observers}
+        self._clocks = {observer: _ObserverClock() for observer in observers}
 
-    def read(self, observer: str, reading: ClockReading) -> None:
-        """An observer was asked for the time."""
+    def record_reading(self, observer: str, reading: ClockReading) -> None:
+        """Take a reading of an observer's clock."""
         if observer in self._clocks:
             self._clocks[observer].skew.note(reading)
             self._clocks[observer].doubtful = False
 
     def skew_s(self, observer: str) -> float | None:
-        """Seconds by which an observer's clock is ahead of ours; None while it was never asked."""
+        """Seconds by which an observer's clock is ahead of ours; None before the first reading."""
         return self._clocks[observer].skew.skew_s if observer in self._clocks else None
 
     def captured_ns(self, observer: str, message: PosteriorMessage, now_ns: int) -> int:
-        """When the newest frame in `message`, which came at `now_ns`, was captured by our clock."""
+        """When the newest frame in `message`, which arrived at `now_ns`, was captured by our clock."""
         if observer not in self._clocks:
             return message.captured_ns
         clock = self._clocks[observer]
-        at_once_ns = now_ns - max(0, message.sent_ns - message.captured_ns)
-        if _doubtful(clock, message):
-            return at_once_ns
+        sent_now_ns = now_ns - max(0, message.sent_ns - message.captured_ns)
+        if clock.is_doubtful_after(message):
+            return sent_now_ns
         captured_ns = min(message.captured_ns, message.sent_ns) - _correction_ns(clock.skew.best)
-        return min(captured_ns, at_once_ns)
+        return min(captured_ns, sent_now_ns)
 
-    def heard(self, observer: str, message: PosteriorMessage) -> None:
-        """A message was used: the next one's stamps are compared with its own."""
+    def record_message(self, observer: str, message: PosteriorMessage) -> None:
+        """Remember the stamps of a message that was used, to compare the next one's with."""
         clock = self._clocks[observer]
-        clock.doubtful = _doubtful(clock, message)
+        clock.doubtful = clock.is_doubtful_after(message)
         clock.session, clock.seq, clock.sent_ns = message.session, message.seq, message.sent_ns
 
 
-def _doubtful(clock: _Clock, message: PosteriorMessage) -> bool:
-    """Rule 3; copies and stragglers say nothing of the clock, and a new session no more than that it was doubted."""
-    follows = message.session == clock.session and message.seq > clock.seq
-    return clock.doubtful or (follows and message.sent_ns <= clock.sent_ns)
-
-
 def _correction_ns(reading: ClockReading | None) -> int:
-    if reading is None or abs(reading.skew_ns) <= max(reading.doubt_ns, UNNOTICED_NS):
+    if reading is None or abs(reading.skew_ns) <= max(reading.doubt_ns, IGNORED_SKEW_NS):
         return 0
     return reading.skew_ns

@@ -1,50 +1,64 @@
-"""The roster: who judges, what each last said, and how old that is. Pure: time is passed in.
+"""The roster: the newest posterior of each observer of a scene, faded to its age. Pure: time is passed in.
 
-1. An observer's posterior is cumulative, so only its newest by capture time is kept; two are never multiplied.
-   Capture times are by our own clock, as far as the observer's is known (clocks.py).
-2. A restarted observer begins a new session and is heard at once; stragglers of its old session are not. They come
-   within seconds: who alone goes on to speak for longer than `drop_s` is heard again, so that no single message,
-   forged or mad, can silence a judge for good.
-3. An opinion older than `fresh_s` fades towards the prior, p <- (p/prior)^exp(-(age-fresh_s)/fade_s) prior. Whether
-   the person rests is believed as it was said until `drop_s`: silence is no sign of rest, and a line that was broken
-   for a second must not cut a movement in two.
-4. Past `drop_s`, or before anything was said, a judge is the prior: it takes part and says nothing. Who speaks of what
-   is already that old is late; who does not speak is silent; whose last word could not be used is foreign or invalid.
-5. A judge whose process is seen to go is silent at once, until it speaks again; what it said of rest stays, as in 3.
-6. What cannot be used is counted by reason, and changes no opinion: a judge who counts goes on to count.
-7. A judge who has seen no body part for longer than `fresh_s` fades too, by `blind_s`, however newly he says so: what
-   he believes is of then. A Karate judge covers his eyes: mienai, "I could not see". His next sight brings it back.
-8. When a clock was set back, what is dated past `drop_s` in the future counts no more, nor stands in anybody's way.
+1. A posterior is cumulative, so only the newest by capture time is kept; two are never multiplied. Capture times are
+   by the fusion machine's clock, as far as the observer's clock is known (clocks.py).
+2. A restarted observer begins a new session, which counts at once; late messages of its past sessions do not. These
+   come within seconds. If only a past session is received for more than `drop_s`, it counts again, so that no single
+   faulty or forged message silences an observer for good.
+3. A posterior older than `fresh_s` fades towards the prior: p <- (p/prior)^exp(-(age-fresh_s)/fade_s) prior. The
+   probability of rest stays as published until `drop_s`, so that an outage of a second does not split a movement.
+4. Past `drop_s`, or before the first message, an observer contributes the prior, which is neutral. Its state is then
+   `late` if it still publishes but with data that old, `foreign` or `invalid` if its last message was unusable, and
+   `silent` otherwise.
+5. An observer whose process disappears is silent at once, until its next message. Its rest stays, as in rule 3.
+6. Unusable messages are counted by reason and change no posterior.
+7. An observer that has seen no body part for longer than `fresh_s` fades too, with time constant `blind_s`, however new
+   its messages are, because its posterior is from before. This is the Karate judge's mienai, "I could not see". The
+   next visible body part restores it.
+8. After a clock was set back, a posterior dated more than `drop_s` in the future neither counts nor blocks newer ones.
 """
 
 import math
 from collections import Counter, deque
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from common import SECOND_NS
 from common.config_sections import FusionConfig
 from common.messages import PosteriorMessage, VoteState
-from common.probability import Surprise, decode_facing, encode_facing, entropy_bits, normalise, temper, uniform
+from common.probability import Floats, Surprise, decode_facing, encode_facing, entropy_bits, normalise, temper, uniform
 from common.vocabulary import Vocabulary
 
-Floats = NDArray[np.float64]
-SECOND_NS = 1_000_000_000
-HEARD = ("counted", "stale")
-"""States of a judge that is heard: the others say nothing."""
+USED = ("counted", "stale")
+"""States of an observer whose posterior is pooled; in the others it contributes the prior."""
 SESSIONS_KEPT = 64
-"""So many sessions of one observer are remembered: stragglers come within seconds of a restart, not after so many."""
+"""Past sessions remembered per observer."""
+TIMING_REASONS = ("repeated", "out_of_order", "past_session")
+"""Reasons for which a correct message is not used."""
+
+
+@dataclass(frozen=True, slots=True)
+class ObserverRecord:
+    """What is known of an observer beside its messages; fields as in AgedPosterior."""
+
+    skew_s: float | None = None
+    reliability: float = 1.0
+    correlations: Mapping[str, float] = field(default_factory=dict)
+
+
+NO_RECORD = ObserverRecord()
 
 
 @dataclass(frozen=True, slots=True)
 class AgedPosterior:
-    """One judge as the rule hears it: p (M,) faded to its age, rest the chance that the person is at rest.
+    """One observer's posterior as it is pooled: p (M,), and `rest`, the probability that the person is at rest.
 
-    skew_s: how far its clock is ahead of ours, as far as that was asked; age_s has it taken out. unlearned: how likely
-    it is none of the movements; surprise (M, K): which way the person faces given the movement; facets by name: None or
-    left out where it does not say it, all faded like p. reliability, correlations: what was learned of it (lessons.py).
+    age_s: since the capture, corrected by skew_s, how far the observer's clock is ahead; None before the first message.
+    unlearned: probability that it is none of the movements. surprise (M, K): encoded P(facing | movement). facets by
+    name. These are None or absent if the observer does not publish them, and fade like p. reliability, correlations
+    with other observers: learned from verdicts (reliability.py).
     """
 
     observer: str
@@ -60,182 +74,184 @@ class AgedPosterior:
     correlations: Mapping[str, float] = field(default_factory=dict)
 
 
-@dataclass(frozen=True, slots=True)
-class ObserverRecord:
-    """What is known of a judge beside what it says: skew_s, reliability and correlations as in AgedPosterior."""
-
-    skew_s: float | None = None
-    reliability: float = 1.0
-    correlations: Mapping[str, float] = field(default_factory=dict)
-
-
-NO_RECORD = ObserverRecord()
-
-
 @dataclass(slots=True)
-class _Seat:
+class _ObserverState:
+    """p: of the newest message, over the scene's prior. visible_ns: when a body part was last seen.
+
+    fault: the state that the last unusable message calls for. gone: the process disappeared after its last message.
+    """
+
     past_sessions: deque[str] = field(default_factory=lambda: deque(maxlen=SESSIONS_KEPT))
     message: PosteriorMessage | None = None
     p: Floats = field(default_factory=lambda: np.empty(0))
     captured_ns: int = 0
-    heard_ns: int = 0
-    seen_ns: int = 0
+    received_ns: int = 0
+    visible_ns: int = 0
     gone: bool = False
-    trouble: VoteState | None = None
+    fault: VoteState | None = None
     rejected: Counter[str] = field(default_factory=Counter)
 
 
 class Roster:
-    """The judges of one scene and their newest opinions."""
+    """The observers of one scene with their newest posteriors."""
 
     def __init__(self, observers: list[str], vocabulary: Vocabulary, config: FusionConfig) -> None:
         self.vocabulary = vocabulary
         self.prior = uniform(vocabulary.size)
         self._config = config
-        self._seats = {observer: _Seat() for observer in observers}
-        self._alive: frozenset[str] = frozenset()
+        self._drop_ns = config.drop_s * SECOND_NS
+        self._states = {observer: _ObserverState() for observer in observers}
+        self._present: frozenset[str] = frozenset()
 
     @property
     def rejected(self) -> dict[str, Counter[str]]:
-        """Per observer, how many of its messages could not be used, by reason."""
-        return {observer: seat.rejected for observer, seat in self._seats.items()}
+        """Per observer, how many of its messages were not used, by reason."""
+        return {observer: state.rejected for observer, state in self._states.items()}
 
-    def receive(
-        self, observer: str, message: PosteriorMessage, now_ns: int, captured_ns: int | None = None
-    ) -> str | None:
-        """Take one posterior; returns why it was not used, or None.
-
-        captured_ns: when its newest frame was captured by our clock; left out: as the observer dates it.
-        """
-        seat = self._seats.get(observer)
-        if seat is None:
+    def receive(self, observer: str, message: PosteriorMessage, now_ns: int, captured_ns: int) -> str | None:
+        """Take one posterior, captured at `captured_ns` by our clock; returns why it was not used, or None."""
+        state = self._states.get(observer)
+        if state is None:
             return "unknown_observer"
-        captured_ns = message.captured_ns if captured_ns is None else captured_ns
-        reason = self._refuse(seat, message, captured_ns, now_ns)
-        if reason is None:
-            begins = seat.message is None or message.session != seat.message.session
-            if seat.message is not None and begins:
-                seat.past_sessions.append(seat.message.session)
-            if message.session in seat.past_sessions:
-                seat.past_sessions.remove(message.session)
-            if begins or _sees(message):
-                seat.seen_ns = captured_ns
-            seat.message, seat.captured_ns, seat.heard_ns = message, captured_ns, now_ns
-            # Here once, not at each of the steps in which it is judged.
-            seat.p = self._with_our_prior(message)
-            seat.gone, seat.trouble = False, None
-        else:
-            self._count(seat, reason)
-        return reason
+        reason = self._rejection(state, message, captured_ns, now_ns)
+        if reason is not None:
+            _count(state, reason)
+            return reason
+        new_session = state.message is None or message.session != state.message.session
+        if state.message is not None and new_session:
+            state.past_sessions.append(state.message.session)
+        if message.session in state.past_sessions:
+            state.past_sessions.remove(message.session)
+        if new_session or _sees_person(message):
+            state.visible_ns = captured_ns
+        state.message, state.captured_ns, state.received_ns = message, captured_ns, now_ns
+        # Computed once per message instead of once per step.
+        state.p = self._over_our_prior(message)
+        state.gone, state.fault = False, None
+        return None
 
     def reject(self, observer: str, reason: str) -> None:
-        """Count a message that could not even be read."""
-        if observer in self._seats:
-            self._count(self._seats[observer], reason)
+        """Count a message that could not be read."""
+        if observer in self._states:
+            _count(self._states[observer], reason)
 
-    def present(self, alive: frozenset[str]) -> None:
-        """Who is alive on the mesh now. A judge that never announced itself is heard all the same."""
-        for observer in (self._alive - alive) & self._seats.keys():
-            # The message stays, so that a copy of it does not bring its judge back.
-            self._seats[observer].gone, self._seats[observer].trouble = True, None
-        self._alive = alive
+    def set_present(self, observers: frozenset[str]) -> None:
+        """Record which observers are present on the mesh. One that was never announced still counts."""
+        for observer in (self._present - observers) & self._states.keys():
+            # The message stays, so that a copy of it does not bring its observer back.
+            self._states[observer].gone, self._states[observer].fault = True, None
+        self._present = observers
 
-    def opinions(
-        self, now_ns: int, known: Callable[[str], ObserverRecord] = lambda _: NO_RECORD
-    ) -> list[AgedPosterior]:
-        """Every judge of the roster in order, faded to its age at `now_ns`, with what is known of it."""
-        return [self._opinion(observer, seat, now_ns, known(observer)) for observer, seat in self._seats.items()]
+    def posteriors(self, now_ns: int, records: Mapping[str, ObserverRecord] | None = None) -> list[AgedPosterior]:
+        """The posterior of every observer, in the order of the roster, faded to its age at `now_ns`."""
+        known = records or {}
+        return [self._aged(name, state, now_ns, known.get(name, NO_RECORD)) for name, state in self._states.items()]
 
-    def _refuse(self, seat: _Seat, message: PosteriorMessage, captured_ns: int, now_ns: int) -> str | None:
+    def _rejection(self, state: _ObserverState, message: PosteriorMessage, captured_ns: int, now_ns: int) -> str | None:
         if message.vocabulary.hash != self.vocabulary.digest:
             return "foreign_vocabulary"
         if len(message.p) != self.vocabulary.size:
             return "wrong_length"
-        if captured_ns > now_ns + self._config.drop_s * SECOND_NS:
+        if captured_ns > now_ns + self._drop_ns:
             return "from_the_future"
-        last, drop_s = seat.message, self._config.drop_s
-        if abs(_age_s(seat.heard_ns, now_ns)) > drop_s or _age_s(seat.captured_ns, now_ns) < -drop_s:
+        if abs(now_ns - state.received_ns) > self._drop_ns or state.captured_ns - now_ns > self._drop_ns:
             return None
-        if message.session in seat.past_sessions:
+        if message.session in state.past_sessions:
             return "past_session"
+        last = state.message
         if last is not None and message.session == last.session:
             if message.seq == last.seq:
                 return "repeated"
-            if message.seq < last.seq or captured_ns <= seat.captured_ns:
+            if message.seq < last.seq or captured_ns <= state.captured_ns:
                 return "out_of_order"
         return None
 
-    def _count(self, seat: _Seat, reason: str) -> None:
-        seat.rejected[reason] += 1
-        # A late copy says nothing against the judge; a message that is wrong in itself does.
-        if reason not in ("repeated", "out_of_order", "past_session"):
-            seat.trouble = "foreign" if reason == "foreign_vocabulary" else "invalid"
-
-    def _opinion(self, observer: str, seat: _Seat, now_ns: int, known: ObserverRecord) -> AgedPosterior:
-        message, config = seat.message, self._config
-        skew_s, trust = known.skew_s, (known.reliability, known.correlations)
+    def _aged(self, observer: str, state: _ObserverState, now_ns: int, record: ObserverRecord) -> AgedPosterior:
+        message, config = state.message, self._config
         if message is None:
-            return AgedPosterior(
-                observer, self.prior, 1.0, None, seat.trouble or "silent", skew_s, None, None, {}, *trust
-            )
-        age_s = _age_s(seat.captured_ns, now_ns)
-        unseen_s = (seat.captured_ns - seat.seen_ns) / SECOND_NS
+            return self._unused(observer, state.fault or "silent", None, 1.0, record)
+        age_s = _seconds(now_ns - state.captured_ns)
+        blind_s = _seconds(state.captured_ns - state.visible_ns)
         faded = max(age_s - config.fresh_s, 0.0) / config.fade_s
-        sees = math.exp(-max(unseen_s - config.fresh_s, 0.0) / config.blind_s)
-        keeps = math.exp(-faded) * sees
-        p = seat.p
-        active = sees * (1.0 - (_ignorance(p) if message.rest is None else message.rest))
-        state: VoteState
-        if seat.gone or abs(age_s) > config.drop_s:
-            speaks = not seat.gone and abs(now_ns - seat.heard_ns) <= config.drop_s * SECOND_NS
-            late = speaks and _age_s(seat.captured_ns, seat.heard_ns) > config.drop_s
-            rest = 1.0 - active if seat.gone and abs(age_s) <= config.drop_s else 1.0
-            state = seat.trouble or ("late" if late else "silent")
-            return AgedPosterior(observer, self.prior, rest, age_s, state, skew_s, None, None, {}, *trust)
-        surprise = None if message.facing is None else _faded_surprise(np.array(message.facing.surprise), keeps)
-        facets = {name: _faded_facet(said, keeps) for name, said in (message.facets or {}).items()}
-        unlearned = message.unlearned
-        if keeps < 1.0:
-            unlearned = None if unlearned is None else self._faded_answer(p, unlearned, keeps)
-            p = temper(p, self.prior, keeps)
-        state = "counted" if keeps == 1.0 else "stale"
-        return AgedPosterior(observer, p, 1.0 - active, age_s, state, skew_s, unlearned, surprise, facets, *trust)
+        sight = math.exp(-max(blind_s - config.fresh_s, 0.0) / config.blind_s)
+        exponent = math.exp(-faded) * sight
+        rest = 1.0 - sight * (1.0 - (_relative_entropy(state.p) if message.rest is None else message.rest))
+        if state.gone or abs(age_s) > config.drop_s:
+            return self._unused(observer, self._unused_state(state, now_ns), age_s, rest, record)
+        p, unlearned = state.p, message.unlearned
+        if exponent < 1.0:
+            unlearned = None if unlearned is None else self._faded_unlearned(p, unlearned, exponent)
+            p = temper(p, self.prior, exponent)
+        return AgedPosterior(
+            observer,
+            p,
+            rest,
+            age_s,
+            "counted" if exponent == 1.0 else "stale",
+            record.skew_s,
+            unlearned,
+            None if message.facing is None else _faded_surprise(np.array(message.facing.surprise), exponent),
+            {name: _faded_facet(facet, exponent) for name, facet in (message.facets or {}).items()},
+            record.reliability,
+            record.correlations,
+        )
 
-    def _faded_answer(self, p: Floats, unlearned: float, keeps: float) -> float:
-        """How likely "something else" is when the belief over all answers has faded."""
-        size = self.vocabulary.size + 1
-        return float(temper(np.append(p * (1.0 - unlearned), unlearned), uniform(size), keeps)[-1])
+    def _unused(
+        self, observer: str, vote_state: VoteState, age_s: float | None, rest: float, record: ObserverRecord
+    ) -> AgedPosterior:
+        """The prior (rule 4); rest is believed until `drop_s`."""
+        rest = rest if age_s is not None and abs(age_s) <= self._config.drop_s else 1.0
+        return AgedPosterior(
+            observer, self.prior, rest, age_s, vote_state, record.skew_s, None, None, {}, record.reliability,
+            record.correlations,
+        )  # fmt: skip
 
-    def _with_our_prior(self, message: PosteriorMessage) -> Floats:
-        # It sums to nearly 1: that was checked where it came in.
-        said = np.array(message.p)
-        p: Floats = said / np.add.reduce(said)
+    def _unused_state(self, state: _ObserverState, now_ns: int) -> VoteState:
+        publishes = not state.gone and abs(now_ns - state.received_ns) <= self._drop_ns
+        late = publishes and state.received_ns - state.captured_ns > self._drop_ns
+        return state.fault or ("late" if late else "silent")
+
+    def _faded_unlearned(self, p: Floats, unlearned: float, exponent: float) -> float:
+        """`unlearned` after the posterior over all answers has faded."""
+        answers = np.append(p * (1.0 - unlearned), unlearned)
+        return float(temper(answers, uniform(len(answers)), exponent)[-1])
+
+    def _over_our_prior(self, message: PosteriorMessage) -> Floats:
+        # Its sum was checked on arrival to be nearly 1.
+        raw = np.array(message.p)
+        p: Floats = raw / np.add.reduce(raw)
         if message.prior is None:
             return p
-        # Bayes: what the frames said is p over the judge's own prior; the scene's prior takes its place.
-        own = np.maximum(np.array(message.prior), 1e-12)
-        return normalise(p / own * self.prior)
+        # Bayes: the likelihood of the frames is p over the observer's own prior; our prior replaces that.
+        own_prior = np.maximum(np.array(message.prior), 1e-12)
+        return normalise(p / own_prior * self.prior)
 
 
-def _sees(message: PosteriorMessage) -> bool:
-    """Whether some body part is seen; who does not say (an audio classifier) is not blind."""
+def _count(state: _ObserverState, reason: str) -> None:
+    state.rejected[reason] += 1
+    if reason not in TIMING_REASONS:
+        state.fault = "foreign" if reason == "foreign_vocabulary" else "invalid"
+
+
+def _sees_person(message: PosteriorMessage) -> bool:
+    """Whether some body part is visible; an observer that does not say it (an audio classifier) is not blind."""
     return not message.visible or any(message.visible.values())
 
 
-def _age_s(captured_ns: int, now_ns: int) -> float:
-    return (now_ns - captured_ns) / SECOND_NS
+def _seconds(duration_ns: int) -> float:
+    return duration_ns / SECOND_NS
 
 
-def _ignorance(p: Floats) -> float:
-    """A judge that does not say whether the person rests: as near to rest as its belief is to knowing nothing."""
+def _relative_entropy(p: Floats) -> float:
+    """Entropy over its maximum: the rest of an observer that does not publish rest."""
     return float(entropy_bits(p)) / math.log2(len(p))
 
 
-def _faded_surprise(surprise: Surprise, keeps: float) -> Surprise:
-    """P(facing | movement)^keeps as surprise again, so that a vote can say it as it was pooled."""
-    return surprise if keeps == 1.0 else encode_facing(normalise(decode_facing(surprise) ** keeps))
+def _faded_surprise(surprise: Surprise, exponent: float) -> Surprise:
+    """P(facing | movement)^exponent, encoded again so that the vote carries it as it was pooled."""
+    return surprise if exponent == 1.0 else encode_facing(normalise(decode_facing(surprise) ** exponent))
 
 
-def _faded_facet(said: list[float], keeps: float) -> Floats:
-    p = normalise(np.array(said))
-    return p if keeps == 1.0 or len(p) < 2 else temper(p, uniform(len(p)), keeps)
+def _faded_facet(facet: list[float], exponent: float) -> Floats:
+    p = normalise(np.array(facet))
+    return p if exponent == 1.0 or len(p) < 2 else temper(p, uniform(len(p)), exponent)

@@ -1,11 +1,15 @@
-"""Fusion rules: N observers' posteriors -> one pooled posterior, each rule by its name.
+"""Fusion rules: the posteriors of N observers -> one pooled posterior. Each rule has a name in RULES. Pure.
 
-Shapes: p (N, M) posteriors, one row an observer, each row summing to 1; prior (M,), positive; out: weights (N,) and
-pooled p (M,). All rules ignore the order of observers, and follow any reordering of labels. To add one: write it,
-and put it into RULES; tests/contracts/test_rules.py then holds it to that.
+Shapes: p (N, M) posteriors, one row per observer, each summing to 1; prior (M,), positive; result: pooled p (M,) and
+weights (N,). No rule depends on the order of observers, and every rule follows a reordering of labels. To add a rule,
+write it and put it into RULES; tests/contracts/test_rules.py then checks these properties.
 
-The rules here do it in two steps, so that beliefs over movement and something else (which way the person faces) can be
-pooled with the weights that the movements alone have: `weigh` p -> strengths, `mix` of cells (N, M, K) by these.
+The rules here have two steps, so that joint posteriors over movement and a second variable (which way the person faces)
+are pooled with the weights of the movements alone: `weigh` turns p into strengths, `mix` pools cells (N, M, K) by them.
+
+Weights by certainty: the paper says "weighted by certainty" and gives no formula (section V.B). Inverse entropy is this
+project's reading, after Misra, Bourlard and Tyagi, "New entropy based combination rules in HMM/ANN multi-stream ASR",
+ICASSP 2003, who also give the two thresholds.
 """
 
 from collections.abc import Callable
@@ -13,41 +17,38 @@ from dataclasses import dataclass
 from difflib import get_close_matches
 
 import numpy as np
-from numpy.typing import NDArray
 
 from common.errors import BadInput
-from common.probability import entropy_bits, softmax
-from fusion.engine import weights as weigh
-from fusion.engine.strengths import ObserverTrust, Strengths, strengths
-
-Floats = NDArray[np.float64]
+from common.probability import Floats, entropy_bits, softmax
+from fusion.engine.strengths import ENTROPY_FLOOR_BITS, SMALLEST, ObserverTrust, Strengths, strengths
 
 ROBUSTNESS = 0.05
-"""epsilon of (1-eps) p + eps prior in robust_product and median: how often a judge may be plainly wrong."""
-SMALLEST = 1e-300
-"""Stands for 0 inside a logarithm: one judge's zero stays an all but absolute veto, and two of them no NaN."""
+"""eps of (1-eps) p + eps prior in robust_product and median: how often an observer may be plainly wrong."""
+UNSURE_BITS = 10_000.0
+"""The entropy that Misra et al. give to a stream beyond the threshold, so that it hardly counts."""
 
 
 @dataclass(frozen=True, slots=True)
 class RuleResult:
-    """p (M,) the pooled posterior; weights (N,), summing to 1, as used or, where a rule has none, equal."""
+    """p (M,) the pooled posterior; weights (N,), summing to 1: as used, or equal where a rule has none."""
 
     p: Floats
     weights: Floats
 
 
 Weigh = Callable[[Floats, Floats, ObserverTrust], Strengths]
-"""p (N, M), prior (M,), standing -> strengths."""
+"""p (N, M), prior (M,), trust -> strengths."""
 Mix = Callable[[Floats, Floats, Strengths], Floats]
-"""cells (N, M, K) that sum to 1 for each judge, prior (M,), strengths -> (M, K)."""
+"""cells (N, M, K), summing to 1 per observer, prior (M,), strengths -> (M, K)."""
 
 
 @dataclass(frozen=True, slots=True)
 class Rule:
-    """A named way to pool; `most_observers` is a limit of the method, None for any number.
+    """A named way to pool p (N, M) with prior (M,).
 
-    weigh, mix: the same in two steps, for beliefs over more than movements; None where it cannot be so taken apart.
-    many: whether these take leading axes, so that many scenes are pooled at once.
+    most_observers: limit of the method; None for any number. weigh, mix: the two steps, for posteriors over more than
+    movements; None if the rule cannot be split. batched: whether both take leading axes, so that many scenes are pooled
+    at once.
     """
 
     name: str
@@ -55,92 +56,73 @@ class Rule:
     most_observers: int | None = None
     weigh: Weigh | None = None
     mix: Mix | None = None
-    many: bool = False
+    batched: bool = False
 
 
-def in_two_steps(
-    name: str, weighing: Weigh, mixing: Mix, most_observers: int | None = None, many: bool = False
-) -> Rule:
+def two_step_rule(name: str, weigh: Weigh, mix: Mix, most_observers: int | None = None, batched: bool = False) -> Rule:
     """The rule that weighs and then mixes."""
 
     def pool(p: Floats, prior: Floats) -> RuleResult:
-        found = weighing(p, prior, ObserverTrust.unknown(len(p)))
-        return RuleResult(mixing(p[:, :, None], prior, found)[:, 0], found.shares)
+        weighed = weigh(p, prior, ObserverTrust.unknown(len(p)))
+        return RuleResult(mix(p[:, :, None], prior, weighed)[:, 0], weighed.shares)
 
-    return Rule(name, pool, most_observers, weighing, mixing, many)
+    return Rule(name, pool, most_observers, weigh, mix, batched)
 
 
-def by_entropy(weighing: Callable[[Floats], Floats]) -> Weigh:
+# Weights
+
+
+def inverse_entropy(entropies: Floats, floor_bits: float = ENTROPY_FLOOR_BITS) -> Floats:
+    """(N,) bits -> (N,) weights w_i = (1/H_i) / sum_j (1/H_j), with H_i not below `floor_bits`."""
+    inverse = 1.0 / np.maximum(entropies, floor_bits)
+    weights: Floats = inverse / inverse.sum()
+    return weights
+
+
+def inverse_entropy_static_threshold(entropies: Floats, threshold_bits: float = 1.0) -> Floats:
+    """IEST: as inverse_entropy, but an observer with H_i > `threshold_bits` hardly counts."""
+    return inverse_entropy(np.where(entropies > threshold_bits, UNSURE_BITS, entropies))
+
+
+def inverse_entropy_average_threshold(entropies: Floats) -> Floats:
+    """IEAT: as inverse_entropy, but an observer less certain than the average hardly counts."""
+    # Equal entropies differ from their own mean by a rounding error, which must not silence anybody.
+    beyond = entropies > entropies.mean() * (1 + 1e-12)
+    return inverse_entropy(np.where(beyond, UNSURE_BITS, entropies))
+
+
+def minimum_entropy(entropies: Floats) -> Floats:
+    """The most certain observer counts alone; equally certain ones share."""
+    most_certain = entropies <= entropies.min() + 1e-12
+    weights: Floats = most_certain / most_certain.sum()
+    return weights
+
+
+def equal_weights(values: Floats) -> Floats:
+    """(N,) anything -> (N,) the same weight for every observer."""
+    return np.full(len(values), 1.0 / len(values))
+
+
+def by_entropy(weights_of: Callable[[Floats], Floats]) -> Weigh:
     """Weights from the entropies alone."""
 
-    def found(p: Floats, prior: Floats, standing: ObserverTrust) -> Strengths:
-        weights = weighing(entropy_bits(p))
+    def weigh(p: Floats, prior: Floats, trust: ObserverTrust) -> Strengths:
+        weights = weights_of(entropy_bits(p))
         return Strengths(weights, np.zeros(len(p)), weights)
 
-    return found
+    return weigh
 
 
-def alike_strong(exponent: Callable[[int], float], epsilon: float = 0.0) -> Weigh:
-    """The same `exponent` of the number of judges for everybody."""
+def same_exponent(exponent: Callable[[int], float], epsilon: float = 0.0) -> Weigh:
+    """The same exponent for every observer, a function of their number."""
 
-    def found(p: Floats, prior: Floats, standing: ObserverTrust) -> Strengths:
-        return Strengths(np.full(len(p), exponent(len(p))), np.full(len(p), epsilon), weigh.equal(p[:, 0]))
+    def weigh(p: Floats, prior: Floats, trust: ObserverTrust) -> Strengths:
+        return Strengths(np.full(len(p), exponent(len(p))), np.full(len(p), epsilon), equal_weights(p[:, 0]))
 
-    return found
-
-
-def linear_mix(cells: Floats, prior: Floats, found: Strengths) -> Floats:
-    """P = sum_i w_i p_i, the weights from the entropies; lies between the smallest and the largest p_i."""
-    mixed: Floats = np.tensordot(found.exponents, cells, 1)
-    whole: Floats = mixed / mixed.sum()
-    return whole
+    return weigh
 
 
-def log_mix(cells: Floats, prior: Floats, found: Strengths) -> Floats:
-    """P proportional to prior prod_i (p~_i/prior)^w_i, p~ = (1-eps) p + eps prior.
-
-    - Weights 1/N, eps 0: the log pool, idempotent, and externally Bayesian because the weights sum to 1.
-    - Weights 1, eps 0: Bayes' rule for independent observers that share the prior; with eps the same without vetoes.
-    - The default's: certainty weighs, and no judge counts more than double, nor with greater odds than eps allows.
-    """
-    if cells.shape[-1] == 1:
-        evidence = _of_movements(cells[..., 0], prior, found.epsilon)
-        logs = np.log(prior) + (found.exponents[..., None, :] @ evidence)[..., 0, :]
-        return softmax(logs)[..., None]
-    evidence = np.tensordot(found.exponents, _evidence(cells, prior, found.epsilon), 1)
-    return softmax((np.log(prior)[:, None] + evidence).reshape(-1)).reshape(evidence.shape)
-
-
-def _of_movements(p: Floats, prior: Floats, epsilon: Floats) -> Floats:
-    """(..., N, M) ln(p~/prior)."""
-    mixed = (1 - epsilon)[..., None] * (p / prior) + epsilon[..., None]
-    return _logs(mixed)
-
-
-def _evidence(cells: Floats, prior: Floats, epsilon: Floats) -> Floats:
-    """(N, M, K) log of p~ over the prior, p~ mixed in the movement and, within each movement, in the rest.
-
-    So what a judge can do to the movement is bounded by eps as it is without K.
-    """
-    of_movement, size = cells.sum(axis=2), cells.shape[2]
-    inside = np.where(of_movement[:, :, None] > 0, cells / np.maximum(of_movement, SMALLEST)[:, :, None], 1.0 / size)
-    share = (1 - epsilon)[:, None, None] * inside * size + epsilon[:, None, None]
-    whole: Floats = _of_movements(of_movement, prior, epsilon)[:, :, None] + _logs(share)
-    return whole
-
-
-def median_mix(cells: Floats, prior: Floats, found: Strengths) -> Floats:
-    """The median over observers of the log odds ln(p/(1-p)) of each movement, normalised."""
-    flat = prior[None, :, None] / cells.shape[2]
-    epsilon = found.epsilon[:, None, None]
-    safe = (1 - epsilon) * cells + epsilon * flat
-    log_odds = np.median(np.log(safe) - np.log1p(-safe), axis=0)
-    mass = 1.0 / (1.0 + np.exp(-log_odds))
-    whole: Floats = mass / mass.sum()
-    return whole
-
-
-def chernoff(p: Floats, prior: Floats, standing: ObserverTrust) -> Strengths:
+def chernoff(p: Floats, prior: Floats, trust: ObserverTrust) -> Strengths:
     """P proportional to p_1^a p_2^(1-a), a in [0, 1] minimising sum p_1^a p_2^(1-a): safe for unknown dependence.
 
     Hurley, "An information theoretic justification for covariance intersection", FUSION 2002. Two observers.
@@ -149,8 +131,8 @@ def chernoff(p: Floats, prior: Floats, standing: ObserverTrust) -> Strengths:
     if len(p) == 1:
         return Strengths(np.ones(1), np.zeros(1), np.ones(1))
     if len(p) > 2:
-        raise BadInput(f"fusion.rule = 'chernoff': for at most two observers, here are {len(p)}; try 'log'")
-    logs = _logs(p)
+        raise BadInput(f"fusion.rule = 'chernoff': takes at most 2 observers, here are {len(p)}; try 'log'")
+    logs = _safe_log(p)
 
     def overlap(a: float) -> float:
         return float(np.exp(a * logs[0] + (1 - a) * logs[1]).sum())
@@ -166,7 +148,62 @@ def chernoff(p: Floats, prior: Floats, standing: ObserverTrust) -> Strengths:
     return Strengths(weights, np.zeros(2), weights)
 
 
-def _logs(p: Floats) -> Floats:
+# Mixes
+
+
+def linear_mix(cells: Floats, prior: Floats, weighed: Strengths) -> Floats:
+    """P = sum_i w_i p_i; lies between the smallest and the largest p_i."""
+    mixed: Floats = np.tensordot(weighed.exponents, cells, 1)
+    pooled: Floats = mixed / mixed.sum()
+    return pooled
+
+
+def log_mix(cells: Floats, prior: Floats, weighed: Strengths) -> Floats:
+    """P proportional to prior prod_i (p~_i/prior)^w_i, p~ = (1-eps) p + eps prior.
+
+    - w = 1/N, eps = 0: the log pool, idempotent, and externally Bayesian because the weights sum to 1.
+    - w = 1, eps = 0: Bayes' rule for independent observers that share the prior. With eps > 0 the same without vetoes.
+    - The default rule's strengths: certainty weighs; no observer counts more than twice, nor with greater odds than eps
+      allows.
+    """
+    if cells.shape[-1] == 1:
+        evidence = _movement_evidence(cells[..., 0], prior, weighed.epsilon)
+        logs = np.log(prior) + (weighed.exponents[..., None, :] @ evidence)[..., 0, :]
+        return softmax(logs)[..., None]
+    evidence = np.tensordot(weighed.exponents, _joint_evidence(cells, prior, weighed.epsilon), 1)
+    return softmax((np.log(prior)[:, None] + evidence).reshape(-1)).reshape(evidence.shape)
+
+
+def _movement_evidence(p: Floats, prior: Floats, epsilon: Floats) -> Floats:
+    """(..., N, M) ln(p~/prior)."""
+    return _safe_log((1 - epsilon)[..., None] * (p / prior) + epsilon[..., None])
+
+
+def _joint_evidence(cells: Floats, prior: Floats, epsilon: Floats) -> Floats:
+    """(N, M, K) log of p~ over the prior.
+
+    eps is mixed into the movements and, within each movement, into the second variable. It therefore bounds what one
+    observer can do to the movement as it does without K.
+    """
+    p, size = cells.sum(axis=2), cells.shape[2]
+    inside = np.where(p[:, :, None] > 0, cells / np.maximum(p, SMALLEST)[:, :, None], 1.0 / size)
+    robust = (1 - epsilon)[:, None, None] * inside * size + epsilon[:, None, None]
+    evidence: Floats = _movement_evidence(p, prior, epsilon)[:, :, None] + _safe_log(robust)
+    return evidence
+
+
+def median_mix(cells: Floats, prior: Floats, weighed: Strengths) -> Floats:
+    """The median over observers of the log odds ln(p/(1-p)) of each movement, normalised."""
+    flat = prior[None, :, None] / cells.shape[2]
+    epsilon = weighed.epsilon[:, None, None]
+    robust = (1 - epsilon) * cells + epsilon * flat
+    log_odds = np.median(np.log(robust) - np.log1p(-robust), axis=0)
+    mass = 1.0 / (1.0 + np.exp(-log_odds))
+    pooled: Floats = mass / mass.sum()
+    return pooled
+
+
+def _safe_log(p: Floats) -> Floats:
     logs: Floats = np.log(np.maximum(p, SMALLEST))
     return logs
 
@@ -174,24 +211,24 @@ def _logs(p: Floats) -> Floats:
 RULES = {
     rule.name: rule
     for rule in (
-        in_two_steps("robust_inverse_entropy", strengths, log_mix, many=True),
-        in_two_steps("inverse_entropy", by_entropy(weigh.inverse_entropy), linear_mix),
-        in_two_steps("iest", by_entropy(weigh.inverse_entropy_static_threshold), linear_mix),
-        in_two_steps("ieat", by_entropy(weigh.inverse_entropy_average_threshold), linear_mix),
-        in_two_steps("min_entropy", by_entropy(weigh.minimum_entropy), linear_mix),
-        in_two_steps("linear", by_entropy(weigh.equal), linear_mix),
-        in_two_steps("log", alike_strong(lambda n: 1 / n), log_mix),
-        in_two_steps("product", alike_strong(lambda n: 1.0), log_mix),
-        in_two_steps("robust_product", alike_strong(lambda n: 1.0, ROBUSTNESS), log_mix),
-        in_two_steps("median", alike_strong(lambda n: 1 / n, ROBUSTNESS), median_mix),
-        in_two_steps("chernoff", chernoff, log_mix, most_observers=2),
+        two_step_rule("robust_inverse_entropy", strengths, log_mix, batched=True),
+        two_step_rule("inverse_entropy", by_entropy(inverse_entropy), linear_mix),
+        two_step_rule("iest", by_entropy(inverse_entropy_static_threshold), linear_mix),
+        two_step_rule("ieat", by_entropy(inverse_entropy_average_threshold), linear_mix),
+        two_step_rule("min_entropy", by_entropy(minimum_entropy), linear_mix),
+        two_step_rule("linear", by_entropy(equal_weights), linear_mix),
+        two_step_rule("log", same_exponent(lambda n: 1 / n), log_mix),
+        two_step_rule("product", same_exponent(lambda n: 1.0), log_mix),
+        two_step_rule("robust_product", same_exponent(lambda n: 1.0, ROBUSTNESS), log_mix),
+        two_step_rule("median", same_exponent(lambda n: 1 / n, ROBUSTNESS), median_mix),
+        two_step_rule("chernoff", chernoff, log_mix, most_observers=2),
     )
 }
 DEFAULT_RULE = "robust_inverse_entropy"
 
 
 def get_rule(name: str, observers: int | None = None) -> Rule:
-    """The rule of that name; raises BadInput for an unknown one, or one that cannot hear so many observers."""
+    """The rule of that name; raises BadInput for an unknown rule, or one that does not take so many observers."""
     if name not in RULES:
         near = get_close_matches(name, RULES, 1)
         hint = f"; did you mean {near[0]!r}?" if near else ""
@@ -199,5 +236,5 @@ def get_rule(name: str, observers: int | None = None) -> Rule:
     rule = RULES[name]
     if observers is not None and rule.most_observers is not None and observers > rule.most_observers:
         most = rule.most_observers
-        raise BadInput(f"fusion.rule = {name!r}: hears at most {most} observers, here are {observers}; try 'log'")
+        raise BadInput(f"fusion.rule = {name!r}: takes at most {most} observers, here are {observers}; try 'log'")
     return rule

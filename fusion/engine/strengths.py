@@ -1,22 +1,24 @@
-"""With what strength each judge's evidence counts in the default rule. Pure; N judges, M movements.
+"""How strongly the default rule weighs each observer's evidence. Pure.
 
-All arrays may have leading axes, written ...: as many scenes as they say are weighed at once, each for itself.
+N observers, M movements. Arrays may have leading axes, written `...`: one scene per entry, each weighed by itself.
 
-w_i = c_i s_i r_i t_i / d_i . W^(gamma-1), applied to the evidence ln(p~_i/prior), p~ = (1-eps_i) p + eps_i prior, where
+Observer i adds w_i ln(p~_i/prior) to the pooled log posterior, with p~_i = (1 - eps_i) p_i + eps_i prior and
+w_i = c_i s_i r_i t_i / d_i . W^(gamma-1):
 
-1. c: certainty, the inverse entropy of p~ over its mean of those who take part, at most CAP.
-2. s: nobody is much surer than all the others: what he says (his divergence from the prior, in bits) counts up to
-   SURER times what the next surest says. He sees the same movement at the same time.
-3. r = min(1, o)^2 with o = sum_m q(m) p_i(m)/prior(m), q what the others together say: the likelihood of his words if
-   they are right, against that of words at random (Bayes' factor). It lowers who is contradicted, raises nobody.
-4. eps: how likely he is to be plainly wrong; o says it anew: eps_i = eps / (eps + (1-eps) o).
-5. t: trust that was learned (lessons.py), at most 1.
-6. d = 1 + sum_j rho_ij: who says the very same as another, or was learned to see with the same eyes, shares one voice,
-   unless both are certain.
-7. W = sum_i w_i before the last factor, if that is more than 1: what several see of one person is not independent.
+1. c: certainty. The inverse entropy of p~_i, divided by its mean over the participating observers, at most CAP.
+2. s: limit on being surer than the others. The divergence of p_i from the prior, in bits, counts up to SURER times
+   that of the next surest observer, because all of them see the same movement at the same time.
+3. r = min(1, o)^2: agreement with the others. o = sum_m q(m) p_i(m)/prior(m), where q is what the others together
+   believe, is the Bayes factor of p_i against a random posterior. It lowers a contradicted observer and raises none.
+4. eps: the probability that the observer is plainly wrong, updated by o: eps_i = eps / (eps + (1-eps) o).
+5. t: learned reliability (reliability.py), at most 1.
+6. d = 1 + sum_j rho_ij: correlated observers share one voice. rho comes from similar posteriors, unless both are
+   certain, or from earlier verdicts (reliability.py).
+7. W = sum_i w_i before this factor, if above 1: several views of one person are not independent.
 
-Rules 2 to 4 need three who take part, as two can only doubt each other; eps grows with their number for the same
-reason. Who knows nothing takes no part: all of it passes smoothly from one number to the next.
+Rules 2 to 4 need three participating observers, because two can only doubt each other; eps grows with their number for
+the same reason. An observer whose posterior is the prior does not participate. All of this changes smoothly with the
+number of participants. The constants are fitted to recorded people, one person left out at a time.
 """
 
 from collections.abc import Sequence
@@ -26,56 +28,57 @@ from functools import cache
 import numpy as np
 
 from common.probability import Floats
-from fusion.engine.weights import ENTROPY_FLOOR_BITS
 
-TAKES_PART_BITS = 0.05
-"""Who differs from the prior by this much takes part whole; by less, in proportion."""
+PARTICIPATION_BITS = 0.05
+"""An observer participates fully from this divergence from the prior, below it in proportion."""
 ROBUSTNESS = (0.01, 0.05, 0.2)
-"""eps for one, two, and three or more who take part: how often a judge may be plainly wrong; in between linear."""
-DOUBT = 0.2
-"""eps of the others in rule 3: of what they say against a judge."""
+"""eps for one, two, and three or more participants, linear in between."""
+OTHERS_EPSILON = 0.2
+"""eps of the others in rule 3."""
 ROUNDS = 2
-"""Who is contradicted contradicts less: so often the r are computed anew."""
+"""How often r is recomputed: a contradicted observer also contradicts less."""
 CAP = 2.0
 SURER = 1.2
 GAMMA = 0.5
-"""Fitted, like eps, with people left out one at a time, so that four views are as sure as they are right."""
-SAME = 0.05
-"""Beliefs that differ by this share of what they say are much the same: rho falls to 1/e."""
-UNSURE = 0.03
-"""Two whose mean belief leaves less than this to other labels are certain."""
+"""With this, four views together are right as often as they claim."""
+SIMILARITY_SCALE = 0.05
+"""Log distance at which rho of two posteriors falls to 1/e."""
+UNCERTAIN_MASS = 0.03
+"""Two observers are certain if their mean posterior leaves less than this to all labels but one."""
 LOG_FLOOR = 0.01
+ENTROPY_FLOOR_BITS = 0.01
+"""A one-hot posterior has entropy 0 and would weigh infinitely; no observer counts as surer than this."""
 SMALLEST = 1e-300
+"""Stands for 0 in a logarithm and a divisor: a zero stays an almost absolute veto, and two of them give no NaN."""
 
 
 @dataclass(frozen=True, slots=True)
 class ObserverTrust:
-    """What is known of N observers: trust (..., N), 0 to 1; correlations (..., N, N), symmetric."""
+    """What earlier verdicts say of N observers: trust (..., N), 0 to 1; correlations (..., N, N), 0 to 1, symmetric."""
 
     trust: Floats
     correlations: Floats
 
     @staticmethod
     def unknown(size: int) -> "ObserverTrust":
-        """Nothing was learned: everybody is trusted and sees with his own eyes."""
+        """Full trust and no correlation, for `size` observers."""
         return ObserverTrust(np.ones(size), np.zeros((size, size)))
 
     @staticmethod
-    def together(scenes: Sequence["ObserverTrust"]) -> "ObserverTrust":
-        """Those of several scenes with as many judges each, along a new first axis."""
+    def stack(scenes: Sequence["ObserverTrust"]) -> "ObserverTrust":
+        """Several scenes with as many observers each, along a new first axis."""
         return ObserverTrust(np.array([s.trust for s in scenes]), np.array([s.correlations for s in scenes]))
 
-    def of(self, places: Sequence[int]) -> "ObserverTrust":
-        """That of some judges of one scene."""
+    def subset(self, places: Sequence[int]) -> "ObserverTrust":
+        """The observers at these places, of one scene."""
         return ObserverTrust(self.trust[list(places)], self.correlations[np.ix_(places, places)])
 
 
 @dataclass(frozen=True, slots=True)
 class Strengths:
-    """How each judge counts, all (..., N).
+    """How each observer counts, all (..., N).
 
-    exponents: of his evidence. epsilon: how far his belief is mixed with the prior before. shares: his part in the
-    whole, summing to 1: in the default rule that in all that is said.
+    exponents: w, of its evidence. epsilon: the prior's part in p~. shares: its part in the result, summing to 1.
     """
 
     exponents: Floats
@@ -83,100 +86,102 @@ class Strengths:
     shares: Floats
 
 
-def strengths(p: Floats, prior: Floats, standing: ObserverTrust) -> Strengths:
-    """(..., N, M) beliefs, (M,) prior -> how each counts."""
+def strengths(p: Floats, prior: Floats, observers: ObserverTrust) -> Strengths:
+    """(..., N, M) posteriors, (M,) prior -> how each observer counts in the default rule."""
     ratio = p / prior
-    said_bits = np.maximum(_along(p * np.log2(np.maximum(ratio, SMALLEST))), 0.0)
-    part = np.minimum(said_bits / TAKES_PART_BITS, 1.0)
-    number = _along(part)
-    # How far what two do applies, and what three do: from 0 with one less to 1.
-    confirmed = np.minimum(np.maximum(number - 1.0, 0.0), 1.0)[..., None]
-    checked = np.minimum(np.maximum(number - 2.0, 0.0), 1.0)[..., None]
-    one, two, three = ROBUSTNESS
-    usual = one + (two - one) * confirmed + (three - two) * checked
-    w = _certainty(p, prior, part, usual) * standing.trust * _not_much_surer(said_bits) ** checked
-    rho = np.maximum(similarity(ratio) * _unsure(p), standing.correlations) * part[..., None, :]
-    # Who is alone has no double.
+    divergence_bits = np.maximum(_sum_last(p * np.log2(np.maximum(ratio, SMALLEST))), 0.0)
+    part = np.minimum(divergence_bits / PARTICIPATION_BITS, 1.0)
+    number = _sum_last(part)
+    # How far the rules for two and for three participants apply, 0 to 1.
+    two = np.minimum(np.maximum(number - 1.0, 0.0), 1.0)[..., None]
+    three = np.minimum(np.maximum(number - 2.0, 0.0), 1.0)[..., None]
+    eps_one, eps_two, eps_three = ROBUSTNESS
+    base_epsilon = eps_one + (eps_two - eps_one) * two + (eps_three - eps_two) * three
+    w = _certainty(p, prior, part, base_epsilon) * observers.trust * _surer_limit(divergence_bits) ** three
+    rho = np.maximum(similarity(ratio) * _uncertainty(p), observers.correlations) * part[..., None, :]
+    # A single observer has no correlated peer.
     rho *= (number > 1.0)[..., None, None]
-    borne_out = _borne_out(ratio, prior, w, rho)
-    kept = np.minimum(borne_out, 1.0) ** (2.0 * checked)
-    epsilon = usual / (usual + (1.0 - usual) * borne_out**checked)
-    w = w * kept / (1.0 + _along(rho * kept[..., None, :]))
-    evidence = w * said_bits
-    told = _along(evidence)[..., None]
+    bayes_factor = _bayes_factor(ratio, prior, w, rho)
+    agreement = np.minimum(bayes_factor, 1.0) ** (2.0 * three)
+    epsilon = base_epsilon / (base_epsilon + (1.0 - base_epsilon) * bayes_factor**three)
+    w = w * agreement / (1.0 + _sum_last(rho * agreement[..., None, :]))
+    evidence = w * divergence_bits
+    total = _sum_last(evidence)[..., None]
     return Strengths(
-        exponents=w * np.maximum(_along(w * part), 1.0)[..., None] ** (GAMMA - 1.0),
+        exponents=w * np.maximum(_sum_last(w * part), 1.0)[..., None] ** (GAMMA - 1.0),
         epsilon=epsilon,
-        shares=np.where(told > 0, evidence / np.maximum(told, SMALLEST), 1.0 / p.shape[-2]),
+        shares=np.where(total > 0, evidence / np.maximum(total, SMALLEST), 1.0 / p.shape[-2]),
     )
 
 
 def _certainty(p: Floats, prior: Floats, part: Floats, epsilon: Floats) -> Floats:
-    safe = (1.0 - epsilon[..., None]) * p + epsilon[..., None] * prior
-    inverse = 1.0 / np.maximum(-_along(safe * np.log2(safe)), ENTROPY_FLOOR_BITS)
-    usual = _along(part * inverse)[..., None]
-    over_usual = inverse * _along(part)[..., None] / np.maximum(usual, SMALLEST)
-    return np.where(usual > 0, np.minimum(over_usual, CAP), 1.0)
+    """c of rule 1."""
+    robust = (1.0 - epsilon[..., None]) * p + epsilon[..., None] * prior
+    inverse = 1.0 / np.maximum(-_sum_last(robust * np.log2(robust)), ENTROPY_FLOOR_BITS)
+    weighted = _sum_last(part * inverse)[..., None]
+    relative = inverse * _sum_last(part)[..., None] / np.maximum(weighted, SMALLEST)
+    return np.where(weighted > 0, np.minimum(relative, CAP), 1.0)
 
 
-def _not_much_surer(said_bits: Floats) -> Floats:
-    if said_bits.shape[-1] < 2:
-        return np.ones_like(said_bits)
-    most_two = np.sort(said_bits, axis=-1)[..., -2:]
-    others = np.where(said_bits >= most_two[..., 1:], most_two[..., :1], most_two[..., 1:])
-    most: Floats = np.minimum(SURER * others / np.maximum(said_bits, SMALLEST), 1.0)
-    return most
+def _surer_limit(divergence_bits: Floats) -> Floats:
+    """s of rule 2."""
+    if divergence_bits.shape[-1] < 2:
+        return np.ones_like(divergence_bits)
+    top_two = np.sort(divergence_bits, axis=-1)[..., -2:]
+    next_surest = np.where(divergence_bits >= top_two[..., 1:], top_two[..., :1], top_two[..., 1:])
+    limit: Floats = np.minimum(SURER * next_surest / np.maximum(divergence_bits, SMALLEST), 1.0)
+    return limit
 
 
-def _borne_out(ratio: Floats, prior: Floats, w: Floats, rho: Floats) -> Floats:
-    """o of rule 3 for each judge, ROUNDS times: (..., N)."""
-    evidence = np.log((1.0 - DOUBT) * ratio + DOUBT)
+def _bayes_factor(ratio: Floats, prior: Floats, w: Floats, rho: Floats) -> Floats:
+    """o of rule 3, after ROUNDS rounds: (..., N)."""
+    evidence = np.log((1.0 - OTHERS_EPSILON) * ratio + OTHERS_EPSILON)
     log_prior = np.log(prior)
-    others = _others(w.shape[-1])
-    kept, borne_out = np.ones_like(w), np.ones_like(w)
+    others = _off_diagonal(w.shape[-1])
+    agreement, bayes_factor = np.ones_like(w), np.ones_like(w)
     for _ in range(ROUNDS):
-        # Row i: how the others count when i is not there, who may be the double of one of them.
-        doubled = others @ np.swapaxes(rho * kept[..., None, :], -1, -2)
-        logs = log_prior + (others * (w * kept)[..., None, :] / (1.0 + doubled)) @ evidence
+        # Row i: how much each of the others counts without observer i, which may be correlated with one of them.
+        correlated = others @ np.swapaxes(rho * agreement[..., None, :], -1, -2)
+        logs = log_prior + (others * (w * agreement)[..., None, :] / (1.0 + correlated)) @ evidence
         q = np.exp(logs - np.maximum.reduce(logs, axis=-1)[..., None])
-        borne_out = _along(q * ratio) / _along(q)
-        kept = np.minimum(borne_out, 1.0) ** 2
-    return borne_out
+        bayes_factor = _sum_last(q * ratio) / _sum_last(q)
+        agreement = np.minimum(bayes_factor, 1.0) ** 2
+    return bayes_factor
 
 
-def _unsure(p: Floats) -> Floats:
-    """(..., N, N): 0 for two who are certain of the same, which says nothing of whose eyes they see with; else 1."""
-    both = np.maximum.reduce((p[..., :, None, :] + p[..., None, :, :]) / 2, axis=-1)
-    unsure: Floats = np.minimum((1.0 - both) / UNSURE, 1.0)
-    return unsure
+def _uncertainty(p: Floats) -> Floats:
+    """(..., N, N): falls from 1 to 0 for two that are certain of the same, because that does not show correlation."""
+    mean_top = np.maximum.reduce((p[..., :, None, :] + p[..., None, :, :]) / 2, axis=-1)
+    uncertainty: Floats = np.minimum((1.0 - mean_top) / UNCERTAIN_MASS, 1.0)
+    return uncertainty
 
 
 def similarity(ratio: Floats) -> Floats:
-    """(..., N, M) beliefs over the prior -> (..., N, N): 1 for the very same, near 0 for who see for themselves."""
-    result: Floats = np.exp(log_distance(ratio) / -SAME) * _others(ratio.shape[-2])
+    """(..., N, M) posteriors over the prior -> (..., N, N): 1 for equal ones, near 0 for independent ones."""
+    result: Floats = np.exp(log_distance(ratio) / -SIMILARITY_SCALE) * _off_diagonal(ratio.shape[-2])
     return result
 
 
 def log_distance(ratio: Floats) -> Floats:
-    """(..., N, M) beliefs over the prior -> (..., N, N) mean distance of their logs, over how large these are.
+    """(..., N, M) posteriors over the prior -> (..., N, N) mean distance of their logs, over the logs' mean size.
 
-    0 for the same.
+    0 for equal posteriors, 1 for two that are both the prior.
     """
-    said = np.log((1.0 - LOG_FLOOR) * ratio + LOG_FLOOR)
-    much = _along(np.abs(said))
-    both = (much[..., :, None] + much[..., None, :]) / 2
-    distance = _along(np.abs(said[..., :, None, :] - said[..., None, :, :]))
-    # Two who know nothing are no correlations of each other.
-    return np.where(both > 1e-9, distance / np.maximum(both, 1e-9), 1.0)
+    logs = np.log((1.0 - LOG_FLOOR) * ratio + LOG_FLOOR)
+    sizes = _sum_last(np.abs(logs))
+    mean_size = (sizes[..., :, None] + sizes[..., None, :]) / 2
+    distance = _sum_last(np.abs(logs[..., :, None, :] - logs[..., None, :, :]))
+    # Two observers that know nothing are not correlated.
+    return np.where(mean_size > 1e-9, distance / np.maximum(mean_size, 1e-9), 1.0)
 
 
 @cache
-def _others(size: int) -> Floats:
-    """(N, N): 1 for everybody but oneself."""
+def _off_diagonal(size: int) -> Floats:
+    """(N, N): 0 on the diagonal, 1 elsewhere."""
     return 1.0 - np.eye(size)
 
 
-def _along(values: Floats) -> Floats:
+def _sum_last(values: Floats) -> Floats:
     """The sum along the last axis, in half the time of `sum`."""
     total: Floats = np.add.reduce(values, axis=-1)
     return total

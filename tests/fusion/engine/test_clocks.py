@@ -1,0 +1,110 @@
+"""The observers' clocks: a test for each rule, and an observer with any clock is as old as it really is."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from common import SECOND_NS
+from common.clock_skew import ClockReading
+from common.messages import PosteriorMessage, VocabularyReference
+from fusion.engine.clocks import IGNORED_SKEW_NS, Clocks
+
+MS = 1_000_000
+NOW = 100_000 * SECOND_NS
+HOUR = 3600 * SECOND_NS
+VOCABULARY = VocabularyReference(name="m", hash="h")
+
+
+def message(captured_ns, sent_ns, seq=0):
+    return PosteriorMessage(scene="dojo", observer="cam", seq=seq, session="a", captured_ns=captured_ns,
+                            sent_ns=sent_ns, vocabulary=VOCABULARY, p=[0.5, 0.5], frames=1)  # fmt: skip
+
+
+def use(clocks, posterior, now_ns):
+    """What the engine does with a message that it uses."""
+    captured_ns = clocks.captured_ns("cam", posterior, now_ns)
+    clocks.record_message("cam", posterior)
+    return captured_ns
+
+
+def reading(skew_ns, now_ns=NOW, way_ns=MS):
+    return ClockReading(now_ns - 2 * way_ns, now_ns - way_ns + skew_ns, now_ns)
+
+
+def clocks_with(*readings):
+    clocks = Clocks(["cam"])
+    for one in readings:
+        clocks.record_reading("cam", one)
+    return clocks
+
+
+@pytest.mark.parametrize(("skew_ns", "way_ns"), [(IGNORED_SKEW_NS - 1, MS), (-80 * MS, 100 * MS)])
+def test_rule_1_a_skew_within_the_uncertainty_is_not_corrected(skew_ns, way_ns):
+    clocks = clocks_with(reading(skew_ns, way_ns=way_ns))
+    assert clocks.captured_ns("cam", message(NOW - 200 * MS, NOW - 180 * MS), NOW) == NOW - 200 * MS
+
+
+@pytest.mark.parametrize("skew_ns", [HOUR, -HOUR, 300 * MS, -300 * MS])
+@pytest.mark.parametrize("delay_ns", [50 * MS, 5 * SECOND_NS])
+def test_rule_1_a_measured_skew_is_corrected_and_a_network_delay_is_age(skew_ns, delay_ns):
+    clocks, captured_ns = clocks_with(reading(skew_ns)), NOW - delay_ns
+    corrected_ns = clocks.captured_ns("cam", message(captured_ns + skew_ns, captured_ns + 10 * MS + skew_ns), NOW)
+    assert corrected_ns == pytest.approx(captured_ns, abs=MS)
+    assert clocks.skew_s("cam") == pytest.approx(skew_ns / SECOND_NS, abs=1e-3)
+
+
+def test_rule_2_an_unread_clock_that_is_ahead_makes_nothing_fresh_for_ever():
+    assert Clocks(["cam"]).captured_ns("cam", message(NOW + HOUR - 30 * MS, NOW + HOUR), NOW) == NOW - 30 * MS
+
+
+def test_rule_3_with_a_clock_that_stands_still_the_arrival_counts():
+    clocks = Clocks(["cam"])
+    for seq in range(5):
+        now_ns = NOW + seq * 33 * MS
+        assert use(clocks, message(NOW - 40 * MS, NOW, seq), now_ns) == now_ns - 40 * MS
+
+
+def test_rule_3_a_clock_set_back_is_doubted_until_it_is_read_again():
+    clocks = clocks_with(reading(0))
+    use(clocks, message(NOW - 10 * MS, NOW, 0), NOW)
+    for seq in (1, 2, 3):
+        now_ns = NOW + seq * 33 * MS
+        assert use(clocks, message(now_ns - HOUR - 10 * MS, now_ns - HOUR, seq), now_ns) == now_ns - 10 * MS
+    clocks.record_reading("cam", reading(-HOUR, now_ns))
+    now_ns += 33 * MS
+    captured_ns = clocks.captured_ns("cam", message(now_ns - HOUR - 30 * MS, now_ns - HOUR - 20 * MS, 4), now_ns)
+    assert captured_ns == pytest.approx(now_ns - 30 * MS, abs=MS)
+
+
+def test_rule_3_copies_late_and_unused_messages_say_nothing_about_a_clock():
+    clocks = Clocks(["cam"])
+    for seq in (0, 1):
+        use(clocks, message(NOW + seq * MS - 10 * MS, NOW + seq * MS, seq), NOW + 5 * MS)
+    for unused in (message(NOW, NOW, 1), message(NOW, NOW, 0), message(NOW, NOW + HOUR, 7), message(0, 0, 8)):
+        clocks.captured_ns("cam", unused, NOW + 5 * MS)
+    assert clocks.captured_ns("cam", message(NOW - 8 * MS, NOW + 2 * MS, 2), NOW + 5 * MS) == NOW - 8 * MS
+
+
+def test_rule_4_a_frame_captured_after_it_was_sent_was_captured_then():
+    assert Clocks(["cam"]).captured_ns("cam", message(NOW + HOUR, NOW - 10 * MS), NOW) == NOW - 10 * MS
+
+
+def test_unknown_observers_are_ignored():
+    clocks = Clocks(["cam"])
+    clocks.record_reading("zz", reading(HOUR))
+    assert clocks.skew_s("zz") is None and clocks.captured_ns("zz", message(5, 6), NOW) == 5
+
+
+@given(
+    skew_ns=st.integers(-2 * HOUR, 2 * HOUR),
+    latency_ns=st.integers(0, 500 * MS),
+    way_ns=st.integers(0, 50 * MS),
+    back_ns=st.integers(0, 50 * MS),
+)
+def test_the_age_is_right_to_within_the_uncertainty_whatever_the_clock_shows(skew_ns, latency_ns, way_ns, back_ns):
+    clocks = clocks_with(ClockReading(NOW, NOW + way_ns + skew_ns, NOW + way_ns + back_ns))
+    sent_ns = NOW + SECOND_NS
+    posterior = message(sent_ns - latency_ns + skew_ns, sent_ns + skew_ns)
+    doubt_ns = max((way_ns + back_ns) // 2, IGNORED_SKEW_NS)
+    error_ns = clocks.captured_ns("cam", posterior, sent_ns + way_ns) - (sent_ns - latency_ns)
+    assert abs(error_ns) <= doubt_ns + abs(way_ns - back_ns) + 1

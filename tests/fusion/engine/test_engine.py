@@ -1,0 +1,344 @@
+"""The fusion engine: messages of four observers in, judgements and verdicts out."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
+
+from common import SECOND_NS
+from common.config_sections import FusionConfig
+from common.errors import BadInput
+from common.messages import JudgementMessage, VerdictMessage, VocabularyReference
+from common.probability import entropy_bits
+from common.vocabulary import ABSTAIN
+from fusion.engine.rules import RULES
+
+LABELS = ("bow", "lunge", "punch")
+VIEWS = ("door", "wheel", "table", "back")
+STEP_NS = SECOND_NS // 10
+UNIFORM = (1 / 3, 1 / 3, 1 / 3)
+MOVING, REST = 0.05, 0.95
+FOUR_OBSERVER_RULES = sorted(set(RULES) - {"chernoff"})
+
+
+def sure(label, p=0.9):
+    return tuple(p if name == label else (1 - p) / 2 for name in LABELS)
+
+
+def all_views(p, *but):
+    return {name: p for name in VIEWS if name not in but}
+
+
+def labels(driver):
+    return [verdict.label for verdict in driver.verdicts]
+
+
+def test_the_story_of_one_bow(driver):
+    scene = driver()
+    judgement = scene.step({}, 0)
+    assert judgement.p == pytest.approx(UNIFORM) and judgement.certainty_bits == pytest.approx(np.log2(3))
+    assert {v.state for v in judgement.votes.values()} == {"silent"} and judgement.agreement.n == 0
+
+    scene.step(all_views(UNIFORM), REST, 5)
+    scene.step(all_views(UNIFORM), 0.1, 3)
+    assert scene.verdicts == []
+    began_ns = scene.now_ns - 2 * STEP_NS
+
+    judgement = scene.step({**all_views(sure("bow", 0.96)), "table": sure("punch", 0.5)}, MOVING, 4)
+    (verdict,) = scene.verdicts
+    assert (verdict.label, verdict.began_ns, verdict.decided_ns) == ("bow", began_ns, scene.now_ns)
+    assert verdict.ended_ns is None
+    own = {"id", "began_ns", "decided_ns", "ended_ns", "movement", "contributions"}
+    assert verdict.model_dump(exclude=own) == judgement.model_dump(exclude={"movement"})
+    assert judgement.movement.model_dump() == verdict.model_dump(include={"id", "began_ns", "label", "decided_ns"})
+    assert (judgement.agreement.k, judgement.agreement.n) == (3, 4)
+    table, door = judgement.votes["table"], judgement.votes["door"]
+    assert (table.label, table.state, door.label) == ("punch", "counted", "bow")
+    assert sum(v.weight for v in judgement.votes.values()) == pytest.approx(1)
+    assert door.entropy == pytest.approx(float(entropy_bits(np.array(sure("bow", 0.96)))))
+    assert door.p == list(sure("bow", 0.96))
+
+    scene.step(all_views(UNIFORM), 0.9, 10)
+    decided, ended = scene.verdicts
+    assert ended.ended_ns == decided.decided_ns + STEP_NS
+    assert ended.at_ns == ended.ended_ns + 3 * STEP_NS and ended.seq == decided.seq + 4
+    for name in ("p", "certainty_bits", "votes", "agreement", "rule", "label", "decided_ns", "began_ns", "id"):
+        assert getattr(ended, name) == getattr(decided, name), name
+
+
+def test_a_verdict_revised_at_its_end_carries_the_votes_of_the_revision(driver):
+    scene = driver()
+    scene.step(all_views(sure("bow")), MOVING, 6)
+    scene.step(all_views(sure("punch")), MOVING, 6)
+    scene.step(all_views(sure("punch", 0.95)), 0.9)
+    revised_ns = scene.now_ns
+    scene.step(all_views(UNIFORM), 0.9, 6)
+    decided, ended = scene.verdicts
+    assert (decided.label, ended.label, ended.id) == ("bow", "punch", decided.id)
+    assert ended.decided_ns == ended.ended_ns == revised_ns
+    assert {v.label for v in ended.votes.values()} == {"punch"} and ended.votes["door"].p == list(sure("punch", 0.95))
+
+
+def test_every_movement_has_an_id_of_its_own(driver):
+    scene = driver()
+    for label in ("bow", "punch", "bow"):
+        scene.step(all_views(sure(label)), MOVING, 6)
+        scene.step(all_views(UNIFORM), 0.9, 6)
+    assert labels(scene) == ["bow", "bow", "punch", "punch", "bow", "bow"]
+    assert len({v.id for v in scene.verdicts}) == 3
+
+
+def test_an_observer_that_knows_nothing_agrees_with_nobody(driver):
+    views = {"door": sure("bow"), "wheel": UNIFORM, "table": (0.335, 0.33, 0.335), "back": sure("bow")}
+    judgement = driver(rule="min_entropy").step(views, 0)
+    assert [judgement.votes[name].label for name in VIEWS] == ["bow", None, None, "bow"]
+    assert judgement.votes["wheel"].state == "counted" and judgement.votes["wheel"].p is not None
+    assert (judgement.label, judgement.agreement.k, judgement.agreement.n) == ("bow", 2, 4)
+
+
+def test_observers_that_cannot_agree_abstain(driver):
+    scene, split = driver(), {**all_views(sure("bow")), "table": sure("punch"), "back": sure("punch")}
+    scene.step(split, MOVING, 8)
+    scene.step(split, 0.9)
+    scene.step(all_views(UNIFORM), 0.9, 8)
+    (verdict,) = scene.verdicts
+    assert verdict.label == ABSTAIN and verdict.ended_ns is not None and verdict.agreement.k == 2
+    assert [verdict.votes[name].label for name in VIEWS] == ["bow", "bow", "punch", "punch"]
+
+
+@pytest.mark.parametrize("rule", FOUR_OBSERVER_RULES)
+def test_without_a_vote_no_movement_is_named_and_none_is_decided(driver, rule):
+    scene = driver(rule=rule, quorum=1, threshold=0.2, hold_s=0.0, drop_s=0.5)
+    assert scene.step({}, 0, 3).label == ""
+    scene.publish("door", sure("bow"), MOVING)
+    assert scene.fuse().label == "bow"
+    judgement = scene.step({}, 0, 10)
+    assert (judgement.label, judgement.agreement.k, judgement.agreement.n) == ("", 0, 0)
+    assert judgement.p == pytest.approx(UNIFORM) and {v.label for v in judgement.votes.values()} == {None}
+    assert set(labels(scene)) <= {"bow"}
+
+
+def test_an_observer_whose_process_disappears_is_silent_at_once_and_the_others_continue(driver):
+    scene = driver()
+    scene.engine.set_present(frozenset(VIEWS))
+    scene.step(all_views(sure("bow")), MOVING, 2)
+    scene.engine.set_present(frozenset(VIEWS) - {"back"})
+    judgement = scene.step(all_views(sure("bow"), "back"), MOVING, 4)
+    back = judgement.votes["back"]
+    assert (back.state, back.label, back.p, back.entropy) == ("silent", None, None, None)
+    assert (judgement.agreement.k, judgement.agreement.n) == (3, 3) and labels(scene) == ["bow"]
+
+
+def test_all_states_of_a_vote_side_by_side(driver):
+    scene = driver(["counted", "stale", "late", "silent", "foreign", "invalid"], quorum=1)
+    scene.publish("counted", sure("bow"), 0.1)
+    scene.publish("stale", sure("bow"), 0.1, captured_ns=scene.now_ns - SECOND_NS)
+    scene.publish("late", sure("bow"), 0.1, captured_ns=scene.now_ns - 3 * SECOND_NS)
+    assert scene.publish("foreign", sure("bow"), 0.1, vocabulary=VocabularyReference(name="k", hash="x"))
+    scene.engine.reject("invalid", "malformed")
+    votes = scene.fuse().votes
+    assert {name: vote.state for name, vote in votes.items()} == {name: name for name in votes}
+    assert {name for name, vote in votes.items() if vote.label} == {"counted", "stale"}
+    assert scene.engine.rejected["foreign"] == {"foreign_vocabulary": 1}
+    assert scene.engine.rejected["invalid"] == {"malformed": 1}
+
+
+@pytest.mark.parametrize("rule", FOUR_OBSERVER_RULES)
+def test_silent_observers_do_not_vote_for_rest(driver, rule):
+    scene = driver(rule=rule, quorum=2, threshold=0.5)
+    scene.step(all_views(sure("bow", 0.98), "table", "back"), 0.02, 6)
+    scene.step(all_views(UNIFORM, "table", "back"), REST, 6)
+    assert labels(scene) == ["bow", "bow"]
+
+
+def test_an_observer_that_is_sure_and_wrong_does_not_hold_a_movement_open(driver):
+    scene = driver(["door", "wheel", "stuck"], quorum=2)
+    for label in ("bow", "punch"):
+        for p, rest in ((sure(label, 0.99), MOVING), (sure(label, 0.5), REST)):
+            for _ in range(8):
+                scene.tick()
+                for name, own, own_rest in (
+                    ("stuck", sure("lunge", 0.97), 0.01),
+                    ("door", p, rest),
+                    ("wheel", p, rest),
+                ):
+                    scene.publish(name, own, own_rest)
+                scene.fuse()
+    assert [(v.label, v.ended_ns is not None) for v in scene.verdicts] == [
+        ("bow", False), ("bow", True), ("punch", False), ("punch", True)
+    ]  # fmt: skip
+
+
+def test_a_camera_that_stops_does_not_end_a_movement_and_all_of_them_do(driver):
+    scene = driver(quorum=2)
+    scene.step(all_views(sure("bow")), MOVING, 4)
+    judgement = scene.step(all_views(sure("bow"), "door"), MOVING, 15)
+    assert judgement.votes["door"].state == "stale" and [v.ended_ns for v in scene.verdicts] == [None]
+    judgement = scene.step({}, 0, 30)
+    assert {v.state for v in judgement.votes.values()} == {"silent"} and judgement.p == pytest.approx(UNIFORM)
+    assert [v.ended_ns is None for v in scene.verdicts] == [True, False] and scene.verdicts[1].agreement.k == 4
+
+
+def test_50_ms_between_cameras_change_nothing(driver):
+    def verdicts(skew_ns):
+        scene = driver()
+        for rest in [MOVING] * 8 + [REST] * 8:
+            scene.tick()
+            for n, name in enumerate(VIEWS):
+                scene.publish(name, sure("bow"), rest, captured_ns=scene.now_ns + skew_ns * (n - 1))
+            scene.fuse()
+        return [(v.label, v.began_ns, v.decided_ns, v.ended_ns, v.p) for v in scene.verdicts]
+
+    assert verdicts(0) == verdicts(50_000_000) and len(verdicts(0)) == 2
+
+
+@pytest.mark.parametrize(("rule", "error"), [("logpol", "logpol"), ("chernoff", "at most 2 observers, here are 4")])
+def test_an_unknown_rule_and_one_for_fewer_observers_are_rejected(driver, rule, error):
+    with pytest.raises(BadInput, match=error):
+        driver(rule=rule)
+
+
+@pytest.mark.parametrize("temperature", [1e-320, 1e-4, 1e4, 1e300, math.inf, math.nan, 0, -1])
+def test_a_temperature_out_of_range_is_rejected(temperature):
+    with pytest.raises(ValueError, match="temperature"):
+        FusionConfig(temperature=temperature)
+
+
+# What verdicts say beside the label
+
+
+def test_every_verdict_says_what_each_observer_contributed(driver):
+    scene = driver(quorum=2)
+    views = {"door": sure("bow", 0.97), "wheel": sure("bow", 0.95), "table": (0.4, 0.35, 0.25)}
+    scene.step({**views, "back": sure("punch", 0.6)}, MOVING, 8)
+    scene.step(all_views(UNIFORM), 0.9, 8)
+    decided, ended = scene.verdicts
+    assert decided.contributions == ended.contributions and set(decided.contributions) == set(VIEWS)
+    assert decided.contributions["door"].nats > 0 > decided.contributions["back"].nats
+    assert all(contribution.stands for contribution in decided.contributions.values())
+
+
+def test_an_unlearned_movement_is_an_abstention_that_says_why(driver):
+    scene = driver()
+    judgement = scene.step(all_views(sure("bow", 0.98)), MOVING, 8, unlearned=0.9)
+    assert judgement.unlearned > 0.8 and judgement.movement is not None and judgement.movement.label is None
+    assert sum(judgement.p) == pytest.approx(1) and {v.label for v in judgement.votes.values()} == {None}
+    scene.step(all_views(UNIFORM), REST, 8)
+    (verdict,) = scene.verdicts
+    assert (verdict.label, verdict.id) == (ABSTAIN, judgement.movement.id) and verdict.ended_ns is not None
+
+
+@pytest.mark.parametrize(("unlearned", "decided"), [(0.0, ["bow"]), (0.3, [])])
+def test_the_threshold_is_among_all_answers(driver, unlearned, decided):
+    scene = driver(rule="linear")
+    scene.step(all_views(sure("bow")), MOVING, 8, unlearned=unlearned)
+    assert labels(scene) == decided
+
+
+def test_a_verdict_is_revoked_when_at_rest_it_was_something_else(driver):
+    scene = driver()
+    for unlearned, rest, times in ((0.0, MOVING, 6), (0.97, MOVING, 4), (0.97, REST, 6)):
+        scene.step(all_views(sure("bow", 0.98)), rest, times, unlearned=unlearned)
+    assert labels(scene) == ["bow", ABSTAIN]
+    assert len({v.id for v in scene.verdicts}) == 1 and scene.verdicts[1].unlearned > 0.9
+
+
+def test_facing_and_facets_are_pooled_and_published(driver):
+    scene, table = driver(), [[0, 20, 40, 20]] * 3
+    for name in VIEWS[:2]:
+        scene.publish(name, sure("bow"), MOVING, facing={"surprise": table}, facets={"effort_time": [0.1, 0.9]})
+    scene.publish("table", sure("bow"), MOVING, facets={"effort_time": [0.3, 0.7], "own": [1.0]})
+    judgement = scene.fuse()
+    assert set(judgement.facets) == {"facing", "effort_time"} and np.argmax(judgement.facets["facing"]) == 0
+    assert (judgement.facing_deg + 1) % 360 == pytest.approx(1, abs=0.5)
+    assert judgement.facets["effort_time"][1] > 0.6
+    assert judgement.votes["door"].facing.surprise == table and judgement.votes["table"].facing is None
+
+
+def test_reliability_falls_with_each_wrong_verdict_and_a_standby_learns_it_too(driver):
+    scene, standby = driver(quorum=2), driver(quorum=2)
+    for label in ("bow", "punch") * 4:
+        views = {**all_views(sure(label, 0.97)), "back": sure("lunge", 0.97), "wheel": sure(label)}
+        scene.step(views, MOVING, 6)
+        judgement = scene.step(all_views(UNIFORM), REST, 6)
+    assert judgement.votes["back"].reliability < 0.5 and judgement.votes["door"].reliability == 1.0
+    for verdict in scene.verdicts:
+        standby.engine.continue_from(verdict)
+    assert standby.engine.reliability == scene.engine.reliability
+
+
+def test_epoch_and_session_of_the_service_are_in_every_message(driver):
+    scene = driver(quorum=1)
+    judgement = scene.step(all_views(UNIFORM), 0.9)
+    assert (judgement.epoch, judgement.session) == (None, None)
+    scene.engine.epoch, scene.engine.session = 3, "s1"
+    scene.step(all_views(sure("bow")), MOVING, 6)
+    scene.engine.epoch, scene.engine.session = 4, "s2"
+    judgement = scene.step(all_views(sure("bow")), REST, 6)
+    assert (judgement.epoch, judgement.session) == (4, "s2")
+    assert [(v.epoch, v.session) for v in scene.verdicts] == [(3, "s1"), (4, "s2")]
+
+
+# Any posteriors
+
+
+def softmax(logits):
+    p = np.exp(np.array(logits) - max(logits))
+    return tuple((p / p.sum()).tolist())
+
+
+POSTERIORS = st.one_of(
+    st.lists(st.floats(-800, 800), min_size=3, max_size=3).map(softmax),
+    st.sampled_from([UNIFORM, sure("bow"), sure("punch"), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)]),
+)
+FACINGS = st.lists(st.lists(st.integers(0, 255), min_size=4, max_size=4), min_size=3, max_size=3)
+FIELDS = st.fixed_dictionaries(
+    {},
+    optional={
+        "unlearned": st.floats(0, 1),
+        "facing": FACINGS.map(lambda table: {"surprise": table}),
+        "facets": st.floats(0, 1).map(lambda p: {"effort_time": [p, 1 - p]}),
+        "prior": POSTERIORS,
+    },
+)
+STEPS = st.lists(
+    st.tuples(st.dictionaries(st.sampled_from(VIEWS), POSTERIORS), st.floats(0, 1) | st.none(), FIELDS), max_size=12
+)
+
+
+def numbers(value):
+    """Every float in a message."""
+    if isinstance(value, float):
+        yield value
+    elif isinstance(value, dict | list):
+        for part in value.values() if isinstance(value, dict) else value:
+            yield from numbers(part)
+
+
+@given(STEPS, st.sampled_from(FOUR_OBSERVER_RULES), st.sampled_from([1e-3, 0.5, 1.0, 1.7, 1e3]))
+@example([({"door": (1.0, 0.0, 0.0), "wheel": (0.0, 1.0, 0.0)}, 0.0, {"unlearned": 1.0})] * 3, "product", 1e-3)
+def test_any_posteriors_give_messages_that_their_classes_accept(driver, steps, rule, temperature):
+    scene = driver(rule=rule, temperature=temperature, quorum=1, hold_s=0.1)
+    for n, (views, rest, fields) in enumerate(steps, 1):
+        judgement = scene.step(views, rest, **fields)
+        assert judgement.seq == n and sum(judgement.p) == pytest.approx(1)
+        used = [v for v in judgement.votes.values() if v.p is not None]
+        assert len(used) == judgement.agreement.n <= 4
+        assert sum(v.label == judgement.label for v in used) == judgement.agreement.k
+        assert judgement.label == (LABELS[int(np.argmax(judgement.p))] if used else "")
+        content = judgement.model_dump()
+        assert JudgementMessage.model_validate(json.loads(json.dumps(content, allow_nan=False))) == judgement
+        facing_deg = content.pop("facing_deg")
+        assert facing_deg is None or 0 <= facing_deg < 360
+        for vote in content["votes"].values():
+            assert vote["age_s"] is None or vote.pop("age_s") >= 0
+        bits = [content.pop("certainty_bits"), *(v.pop("entropy") or 0.0 for v in content["votes"].values())]
+        assert all(0 <= value <= math.log2(3) for value in bits)
+        assert all(0 <= value <= 1 for value in numbers(content))
+    for verdict in scene.verdicts:
+        assert isinstance(verdict, VerdictMessage) and verdict.label in (*LABELS, ABSTAIN)
+        assert verdict.id == f"dojo-{verdict.began_ns // 1_000_000}"
+        json.dumps(verdict.model_dump(), allow_nan=False)

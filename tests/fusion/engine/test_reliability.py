@@ -1,0 +1,106 @@
+"""Reliability: a sure and wrong observer loses it and regains it by agreeing; correlated observers are found."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from common.vocabulary import ABSTAIN, Vocabulary
+from fusion.engine.reliability import MIN_RELIABILITY, Reliability, learn_from_verdict
+
+VOCABULARY = Vocabulary(("bow", "lunge", "punch", "kick"))
+
+
+def sure(label, p=0.9):
+    return [p if name == label else (1 - p) / 3 for name in VOCABULARY.labels]
+
+
+def verdict(posteriors, label="bow", number=0, ended_ns=1):
+    votes = {name: SimpleNamespace(p=None if p is None else list(p)) for name, p in posteriors.items()}
+    return SimpleNamespace(id=f"v{number}", label=label, ended_ns=ended_ns, votes=votes)
+
+
+def after(times, posteriors, start=None, label="bow"):
+    reliability = start or Reliability()
+    for n in range(times):
+        final = verdict(posteriors, label, f"{label}{n}{id(posteriors)}")
+        reliability = learn_from_verdict(reliability, final, VOCABULARY)
+    return reliability
+
+
+RIGHT = {"a": sure("bow"), "b": sure("bow", 0.8), "c": sure("bow", 0.7)}
+ONE_WRONG = {**RIGHT, "d": sure("kick", 0.95)}
+
+
+def test_only_a_sure_and_wrong_observer_loses_reliability_and_it_recovers_by_agreeing():
+    wrong = after(20, ONE_WRONG)
+    assert wrong.reliability("d") < 0.2 and wrong.reliability("nobody") == 1.0
+    assert [wrong.reliability(name) for name in "abc"] == [1.0] * 3
+    assert after(30, {**RIGHT, "d": sure("bow", 0.95)}, wrong).reliability("d") > 0.7
+
+
+def test_a_wrong_majority_does_not_silence_for_ever():
+    reliability = after(500, {"a": sure("kick"), "b": sure("kick"), "right": sure("bow")}, label="kick")
+    assert reliability.reliability("right") >= MIN_RELIABILITY
+
+
+def test_an_honestly_unsure_observer_loses_nothing():
+    rng, reliability = np.random.default_rng(3), Reliability()
+    for n in range(300):
+        label = "bow" if rng.random() < 0.6 else "kick"
+        final = verdict({**RIGHT, "d": sure(label, 0.6)}, number=n)
+        reliability = learn_from_verdict(reliability, final, VOCABULARY)
+    assert reliability.reliability("d") > 0.6
+
+
+def test_of_two_votes_nobody_knows_which_is_right():
+    reliability = after(20, {"a": sure("bow"), "b": sure("kick")})
+    assert reliability.reliability("a") == reliability.reliability("b") == 1.0
+
+
+@pytest.mark.parametrize(
+    "useless",
+    [verdict(ONE_WRONG, ABSTAIN), verdict(ONE_WRONG, ended_ns=None), verdict(ONE_WRONG, "bow", "same")],
+    ids=["abstention", "not ended", "repeated"],
+)
+def test_some_verdicts_teach_nothing(useless):
+    before = Reliability(verdict="vsame")
+    assert learn_from_verdict(before, useless, VOCABULARY) == before
+
+
+def test_correlated_observers_are_found_and_independent_ones_are_not():
+    rng, reliability = np.random.default_rng(0), Reliability()
+    for n in range(20):
+        label = VOCABULARY.labels[n % 4]
+        one, other = rng.dirichlet(np.where(np.array(VOCABULARY.labels) == label, 6, 2), 2)
+        twin = one * np.exp(rng.normal(0, 0.02, 4))
+        posteriors = {"left": one, "twin": twin / twin.sum(), "far": other}
+        reliability = learn_from_verdict(reliability, verdict(posteriors, label, n), VOCABULARY)
+    assert reliability.correlations("left")["twin"] == reliability.correlations("twin")["left"] > 0.5
+    assert reliability.correlations("far").get("left", 0) < 0.1 and "far" not in reliability.correlations("left")
+
+
+def test_being_certain_of_the_same_is_no_correlation():
+    assert after(30, {name: sure("bow", 1.0) for name in "abc"}).correlations("a") == {}
+
+
+def test_an_observer_that_left_is_forgotten():
+    remaining = {name: p for name, p in RIGHT.items() if name != "c"}
+    reliability = after(300, remaining, after(20, RIGHT))
+    assert set(reliability.right) <= {"a", "b"} and set(reliability.times) <= {"a b"}
+
+
+POSTERIORS = st.dictionaries(st.sampled_from("abcd"), st.sampled_from([None, (1, 0, 0, 0), (0.25,) * 4, sure("kick")]))
+
+
+@given(st.lists(st.tuples(st.sampled_from(VOCABULARY.labels), POSTERIORS), max_size=30))
+def test_after_any_verdicts_reliability_and_correlations_are_in_range_and_symmetric(verdicts):
+    reliability = Reliability()
+    for n, (label, posteriors) in enumerate(verdicts):
+        reliability = learn_from_verdict(reliability, verdict(posteriors, label, n), VOCABULARY)
+        for name in "abcd":
+            assert MIN_RELIABILITY <= reliability.reliability(name) <= 1
+            for other, rho in reliability.correlations(name).items():
+                assert other != name and 0 < rho <= 1 and reliability.correlations(other)[name] == rho

@@ -1,0 +1,333 @@
+"""The roster: a test for each rule, the fading against its formula, and what hostile messages cannot do."""
+
+import copy
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from common import SECOND_NS
+from common.config_sections import FusionConfig
+from common.messages import PosteriorMessage, VocabularyReference
+from common.vocabulary import Vocabulary
+from fusion.engine.roster import SESSIONS_KEPT, Roster
+
+VOCABULARY = Vocabulary(("bow", "lunge", "punch"))
+OTHER_VOCABULARY = Vocabulary(("bow", "punch", "lunge"))
+CONFIG = FusionConfig(fresh_s=0.2, fade_s=0.5, blind_s=0.15, drop_s=2.0)
+NOW = 100_000 * SECOND_NS
+P, OTHER_P = (0.7, 0.2, 0.1), (0.1, 0.1, 0.8)
+PRIOR = pytest.approx([1 / 3] * 3)
+
+
+def message(captured_ns=NOW, p=P, seq=0, session="a", vocabulary=VOCABULARY, **fields):
+    fields = {"rest": 0.1, "sent_ns": captured_ns, **fields}
+    reference = VocabularyReference(name="m", hash=vocabulary.digest)
+    return PosteriorMessage(scene="dojo", observer="cam1", seq=seq, session=session, captured_ns=captured_ns,
+                            vocabulary=reference, p=list(p), frames=seq + 1, **fields)  # fmt: skip
+
+
+class Cam1:
+    """A roster of which the first observer is used; its clock is ours."""
+
+    def __init__(self, *messages, now_ns=NOW, observers=("cam1", "cam2"), config=CONFIG):
+        self.roster = Roster(list(observers), VOCABULARY, config)
+        for posterior in messages:
+            self.receive(posterior, now_ns)
+
+    def receive(self, posterior, now_ns=NOW, observer="cam1"):
+        return self.roster.receive(observer, posterior, now_ns, posterior.captured_ns)
+
+    def at(self, now_ns=NOW):
+        return self.roster.posteriors(now_ns)[0]
+
+    def state(self, now_ns=NOW):
+        return self.at(now_ns).state
+
+
+def after(seconds):
+    return NOW + round(seconds * SECOND_NS)
+
+
+def tempered(p, exponent):
+    mass = np.array(p) ** exponent
+    return mass / mass.sum()
+
+
+def test_a_fresh_posterior_counts_as_published():
+    posterior = Cam1(message()).at(after(0.2))
+    assert posterior.observer == "cam1" and posterior.p == pytest.approx(P)
+    assert (posterior.rest, posterior.age_s, posterior.state) == (pytest.approx(0.1), pytest.approx(0.2), "counted")
+
+
+def test_observers_keep_the_order_of_the_roster():
+    cam = Cam1(observers=["c", "a", "b"])
+    cam.receive(message(), observer="b")
+    states = [(posterior.observer, posterior.state) for posterior in cam.roster.posteriors(NOW)]
+    assert states == [("c", "silent"), ("a", "silent"), ("b", "counted")]
+
+
+def test_rule_1_only_the_newest_by_capture_time_counts():
+    cam = Cam1(message(NOW - 2, seq=1), message(NOW, seq=3, p=OTHER_P))
+    assert cam.receive(message(NOW - 1, seq=2)) == "out_of_order"
+    assert cam.receive(message(NOW, seq=3, p=OTHER_P)) == "repeated"
+    assert cam.receive(message(NOW, seq=4)) == "out_of_order"  # nothing newer was seen
+    assert cam.at().p == pytest.approx(OTHER_P) and cam.state() == "counted"
+
+
+@pytest.mark.parametrize(("old", "new"), [("a", "b"), ("b", "")])
+def test_rule_2_a_new_session_counts_at_once_even_if_its_clock_is_behind(old, new):
+    cam = Cam1(message(seq=90, session=old))
+    assert cam.receive(message(NOW - SECOND_NS, session=new, p=OTHER_P)) is None
+    assert cam.at().p.argmax() == 2
+    assert cam.receive(message(NOW + 1, seq=91, session=old)) == "past_session"
+    assert cam.receive(message(NOW + 1, seq=1, session=new)) is None
+
+
+def test_rule_2_endless_restarts_cost_no_memory():
+    cam = Cam1()
+    for n in range(3 * SESSIONS_KEPT):
+        assert cam.receive(message(NOW + n, session=str(n)), NOW + n) is None
+    assert cam.receive(message(NOW + SECOND_NS, session=str(n - 1)), NOW + SECOND_NS) == "past_session"
+    assert len(cam.roster._states["cam1"].past_sessions) == SESSIONS_KEPT
+
+
+@pytest.mark.parametrize("faulty", [message(seq=2**62), message(NOW + 1, session="forged", seq=0)])
+def test_rule_2_one_faulty_or_forged_message_silences_nobody_for_good(faulty):
+    cam = Cam1(message(NOW - 1, seq=1), faulty)
+    reasons = [cam.receive(message(after(s / 10), seq=2 + s), after(s / 10)) for s in range(1, 30)]
+    assert reasons[0] in ("out_of_order", "past_session") and reasons[-1] is None
+    assert reasons.count(None) >= 8 and cam.state(after(2.9)) == "counted"
+
+
+@given(
+    st.lists(st.floats(0.001, 1), min_size=3, max_size=3).map(lambda m: [x / sum(m) for x in m]),
+    st.floats(0.21, 2.0),
+    st.floats(0, 1),
+)
+def test_rule_3_an_old_posterior_fades_by_the_formula_and_rest_does_not(p, age_s, rest):
+    age_s = round(age_s, 6)
+    posterior = Cam1(message(p=p, rest=rest)).at(after(age_s))
+    assert posterior.state == "stale" and posterior.rest == pytest.approx(rest)
+    assert posterior.p == pytest.approx(tempered(p, math.exp(-(age_s - 0.2) / 0.5)), rel=1e-6)
+
+
+@given(st.floats(0, 2), st.floats(0, 2))
+def test_rule_3_older_is_never_more_certain(one, other):
+    young, old = (Cam1(message()).at(after(age_s)) for age_s in sorted((one, other)))
+    assert old.p.max() <= young.p.max() + 1e-12 and old.rest >= young.rest - 1e-12
+
+
+def test_rule_3_even_a_certainty_fades_without_a_nan():
+    certain = message(p=(1, 0, 0))
+    assert Cam1(certain).at(after(1.9)).p.tolist() == [
+        1,
+        0,
+        0,
+    ]  # an exclusion stays until it is dropped
+    quick = Cam1(certain, config=FusionConfig(fresh_s=0.0, fade_s=1e-4, blind_s=0.15, drop_s=2.0))
+    assert quick.at(after(1.9)).p == PRIOR
+
+
+def test_rules_3_and_7_all_fields_fade_together():
+    fields = {
+        "unlearned": 0.7,
+        "facing": {"surprise": [[0, 40], [16, 2], [8, 5]]},
+        "facets": {"effort_time": [0.1, 0.9]},
+    }
+    cam = Cam1(message(**fields))
+    fresh, faded, dropped = cam.at(), cam.at(after(0.7)), cam.at(after(2.5))
+    assert fresh.unlearned == 0.7 and fresh.surprise.tolist() == fields["facing"]["surprise"]
+    assert fresh.facets["effort_time"] == pytest.approx([0.1, 0.9])
+    exponent = math.exp(-1)
+    assert faded.unlearned == pytest.approx(tempered(np.append(np.array(P) * 0.3, 0.7), exponent)[-1])
+    assert faded.p == pytest.approx(tempered(P, exponent))
+    expected = tempered(np.exp(-np.array([0, 40]) / 8), exponent)
+    assert np.exp(-faded.surprise[0] / 8) == pytest.approx(expected, abs=0.06)
+    assert 0.5 < faded.facets["effort_time"][1] < 0.9
+    assert (dropped.unlearned, dropped.surprise, dict(dropped.facets)) == (None, None, {})
+
+
+def test_rule_4_before_the_first_message_and_past_the_drop_it_is_the_prior_and_silent():
+    for posterior, age_s in ((Cam1().at(), None), (Cam1(message()).at(after(2.01)), pytest.approx(2.01))):
+        assert posterior.p == PRIOR
+        assert (posterior.rest, posterior.age_s, posterior.state) == (1.0, age_s, "silent")
+
+
+@pytest.mark.parametrize("sent_s", [0.0, 2.5], ids=["late on the way or by its clock", "slow observer"])
+def test_rule_4_an_observer_that_publishes_old_data_is_late_and_silent_when_it_stops(sent_s):
+    cam = Cam1(message(after(-3), sent_ns=after(-3 + sent_s)))
+    assert cam.at().p == PRIOR
+    assert [cam.state(after(s)) for s in (0, 1.9, 2.1)] == ["late", "late", "silent"]
+    assert Cam1(message(after(-0.1))).state(after(1.95)) == "silent"  # in time, then stopped: never late
+
+
+def test_rule_5_an_observer_that_disappears_is_silent_at_once_until_its_next_message():
+    cam = Cam1(message())
+    cam.roster.set_present(frozenset({"cam1", "cam2"}))
+    assert cam.state() == "counted"
+    cam.roster.set_present(frozenset({"cam2"}))
+    assert cam.state() == "silent" and cam.at().p == PRIOR
+    # The network may have failed: its rest stays for as long as it would have.
+    assert cam.at().rest == pytest.approx(0.1) and cam.at(after(2.1)).rest == 1
+    assert cam.receive(message()) == "repeated" and cam.state() == "silent"
+    assert cam.receive(message(NOW + 1, seq=1), NOW + 1) is None and cam.state() == "counted"
+
+
+@pytest.mark.parametrize(
+    ("captured_ns", "present", "reason", "state"),
+    [
+        (after(-3), {"cam1"}, None, "silent"),
+        (NOW, {"cam1"}, "malformed", "silent"),
+        (NOW, {"cam2"}, None, "counted"),
+        (NOW, {"stranger"}, None, "counted"),
+    ],
+    ids=["was late", "was invalid", "never announced", "a stranger goes"],
+)
+def test_rule_5_only_the_observer_itself_becomes_silent(captured_ns, present, reason, state):
+    cam = Cam1(message(captured_ns))
+    cam.roster.set_present(frozenset(present))
+    if reason:
+        cam.roster.reject("cam1", reason)
+    cam.roster.set_present(frozenset())
+    assert cam.state() == state
+
+
+@pytest.mark.parametrize(
+    ("bad", "reason", "state"),
+    [
+        (message(vocabulary=OTHER_VOCABULARY), "foreign_vocabulary", "foreign"),
+        (message(p=(0.5, 0.5)), "wrong_length", "invalid"),
+        (message(after(2.1)), "from_the_future", "invalid"),
+    ],
+)
+def test_rule_6_unusable_messages_are_counted_and_give_the_state(bad, reason, state):
+    cam = Cam1()
+    assert cam.receive(bad) == reason
+    assert cam.roster.rejected == {"cam1": {reason: 1}, "cam2": {}}
+    assert (cam.state(), cam.at().age_s) == (state, None)
+
+
+def test_rule_6_an_unusable_message_shows_when_the_last_good_one_is_dropped():
+    cam = Cam1(message())
+    cam.receive(message(NOW + 1, seq=1, vocabulary=OTHER_VOCABULARY))
+    cam.roster.reject("cam1", "malformed")
+    assert [cam.state(after(s)) for s in (0, 1, 2.1)] == ["counted", "stale", "invalid"]
+    cam.receive(message(NOW + 1, seq=1))
+    assert cam.state(after(2.1)) == "silent"
+
+
+def test_rule_6_late_messages_and_copies_say_nothing_against_an_observer():
+    cam = Cam1(message(session="old"), message(seq=1))
+    for unused in (message(session="old", seq=2), message(seq=1), message(NOW - 1, seq=0)):
+        assert cam.receive(unused) in ("past_session", "repeated", "out_of_order")
+        assert cam.state(after(2.1)) == "silent"
+
+
+def test_rule_6_an_unknown_observer_is_rejected():
+    cam = Cam1()
+    assert cam.receive(message(), observer="cam9") == "unknown_observer"
+    cam.roster.reject("cam9", "malformed")
+    assert list(cam.roster.rejected) == ["cam1", "cam2"]
+
+
+def test_rule_7_an_observer_that_sees_nothing_fades_by_the_formula_and_is_restored_by_sight():
+    sees, blind = ({"visible": {"head": head, "left_hand": False}} for head in (True, False))
+    cam = Cam1(message(**sees))
+    for seq in range(1, 11):
+        cam.receive(message(after(seq / 10), seq=seq, **blind), after(seq / 10))
+        posterior = cam.at(after(seq / 10))
+        assert posterior.p == pytest.approx(tempered(P, math.exp(-max(seq / 10 - 0.2, 0) / 0.15)))
+        assert posterior.state == ("counted" if seq <= 2 else "stale")
+    cam.receive(message(after(1.1), seq=11, **sees), after(1.1))
+    assert cam.at(after(1.1)).p == pytest.approx(P) and cam.state(after(1.1)) == "counted"
+    unsaid = Cam1(message(seq=0), message(after(1), seq=1), now_ns=after(1))
+    assert unsaid.at(after(1)).p == pytest.approx(P)  # an observer that does not publish `visible` is not blind
+
+
+def test_rule_8_a_clock_set_back_blocks_nobody_and_leaves_no_posterior_for_ever():
+    cam, before = Cam1(message(seq=5)), after(-3600)
+    assert cam.state(before) == "silent"
+    assert cam.receive(message(before, seq=6), before) is None and cam.state(before) == "counted"
+    ahead = Cam1(message(after(1.9)))
+    assert ahead.state() == "counted" and ahead.at().age_s == pytest.approx(-1.9)
+
+
+# Foreign observers
+
+
+@pytest.mark.parametrize(
+    ("own_prior", "likelihood"), [([0.6, 0.3, 0.1], [0.2, 0.5, 0.9]), ([0.98, 0.01, 0.01], [1, 1, 1])]
+)
+def test_another_prior_is_replaced_by_ours(own_prior, likelihood):
+    p = tempered(np.array(own_prior) * likelihood, 1)
+    posterior = Cam1(message(p=p, prior=own_prior, rest=None)).at()
+    assert posterior.p == pytest.approx(tempered(likelihood, 1))
+    assert posterior.rest == pytest.approx(1) or len(set(likelihood)) > 1  # knowing nothing is rest
+
+
+@pytest.mark.parametrize("fields", [{"p": (0.5, 0.5, 0), "prior": [0.5, 0, 0.5]}, {"p": (0.7, 0.2, 0.1004)}])
+def test_zeros_in_a_prior_and_a_sum_that_is_not_quite_1_give_a_distribution(fields):
+    assert Cam1(message(**fields)).at().p.sum() == pytest.approx(1, abs=1e-12)
+
+
+@pytest.mark.parametrize(("p", "rest"), [((1, 0, 0), 0), ((1 / 3, 1 / 3, 1 / 3), 1), ((0.5, 0.5, 0), 0.6309)])
+def test_without_rest_it_is_the_relative_entropy(p, rest):
+    assert Cam1(message(p=p, rest=None)).at().rest == pytest.approx(rest, abs=1e-3)
+
+
+# Any messages
+
+MESSAGES = st.builds(
+    message,
+    captured_ns=st.integers(-5, 5).map(after),
+    seq=st.integers(0, 3),
+    session=st.sampled_from(["", "a", "b"]),
+    vocabulary=st.sampled_from([VOCABULARY, VOCABULARY, VOCABULARY, OTHER_VOCABULARY]),
+    p=st.sampled_from([P, (1, 0, 0), (0.5, 0.5), (1 / 3, 1 / 3, 1 / 3)]),
+    rest=st.sampled_from([None, 0, 1]),
+)
+EVENTS = st.one_of(
+    st.tuples(st.just("receive"), st.sampled_from(["cam1", "cam2", "cam9"]), MESSAGES),
+    st.tuples(st.just("reject"), st.sampled_from(["cam1", "cam9"]), st.just("malformed")),
+    st.tuples(st.just("present"), st.just(""), st.frozensets(st.sampled_from(["cam1", "cam2", "cam9"]))),
+    st.tuples(st.just("time"), st.just(""), st.integers(-4, 4)),
+)
+
+
+def values(cam, now_ns):
+    return [(o.observer, o.p.tolist(), o.rest, o.age_s) for o in cam.roster.posteriors(now_ns)]
+
+
+@given(st.lists(EVENTS, max_size=25))
+def test_any_events_raise_nothing_and_rejected_messages_change_no_posterior(events):
+    cam, now_ns, rejected = Cam1(), NOW, 0
+    for kind, observer, value in events:
+        before, states = values(cam, now_ns), [o.state for o in cam.roster.posteriors(now_ns)]
+        if kind == "time":
+            now_ns += value * SECOND_NS
+        elif kind == "present":
+            cam.roster.set_present(value)
+        elif kind == "reject" or cam.receive(value, now_ns, observer) is not None:
+            if kind == "reject":
+                cam.roster.reject(observer, value)
+            rejected += observer != "cam9"
+            assert values(cam, now_ns) == before
+            new_states = [o.state for o in cam.roster.posteriors(now_ns)]
+            assert all(old == new for old, new in zip(states, new_states, strict=True) if old in ("counted", "stale"))
+        else:
+            posterior = next(o for o in cam.roster.posteriors(now_ns) if o.observer == observer)
+            assert posterior.age_s == (now_ns - value.captured_ns) / SECOND_NS
+        for posterior in cam.roster.posteriors(now_ns):
+            assert posterior.p.shape == (3,) and posterior.p.sum() == pytest.approx(1) and (posterior.p >= 0).all()
+            assert 0 <= posterior.rest <= 1
+    assert sum(count.total() for count in cam.roster.rejected.values()) == rejected
+
+
+@given(st.lists(MESSAGES, max_size=12), st.integers(0, 4))
+def test_only_the_last_message_that_was_used_counts(messages, later_s):
+    cam = Cam1(observers=["cam1"])
+    used = [posterior for posterior in messages if cam.receive(copy.deepcopy(posterior)) is None]
+    assert values(cam, after(later_s)) == values(Cam1(*used[-1:], observers=["cam1"]), after(later_s))

@@ -1,0 +1,100 @@
+"""Two engines in step: wherever the leading one stops, the other publishes the rest under the same ids."""
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+UNIFORM = (1 / 3, 1 / 3, 1 / 3)
+BOW, LUNGE, PUNCH = (0.94, 0.03, 0.03), (0.03, 0.94, 0.03), (0.03, 0.03, 0.94)
+STORY = [
+    *[(UNIFORM, 0.95)] * 5,
+    *[(UNIFORM, 0.1)] * 2, *[(BOW, 0.05)] * 8, *[(BOW, 0.9)] * 6,
+    *[(UNIFORM, 0.95)] * 3,
+    *[(PUNCH, 0.05)] * 6, *[(LUNGE, 0.05)] * 6, *[(LUNGE, 0.9)] * 6,
+    *[(UNIFORM, 0.05)] * 8, *[(UNIFORM, 0.9)] * 8,
+]  # fmt: skip
+"""A single observer's p and rest, step by step: a bow, a punch that becomes a lunge, and an unknown movement."""
+LABELS = [("bow", False), ("bow", True), ("punch", False), ("lunge", True), ("abstain", True)]
+"""Its verdicts: the label, and whether the movement had ended."""
+
+
+class Service:
+    """One of two services that receive the same posteriors."""
+
+    def __init__(self, driver, name, delay_ns=0):
+        self.scene = driver(["cam"], id=name, quorum=1)
+        self.scene.now_ns += delay_ns
+
+    def step(self, n):
+        """Step `n` of the story: the verdicts, and the judgement."""
+        p, rest = STORY[n]
+        before = len(self.scene.verdicts)
+        judgement = self.scene.step({"cam": p}, rest)
+        return self.scene.verdicts[before:], judgement
+
+    def follow(self, verdicts, judgement=None):
+        for message in (*verdicts, *([] if judgement is None else [judgement])):
+            self.scene.engine.continue_from(message)
+
+
+def labels(verdicts):
+    return [(verdict.label, verdict.ended_ns is not None) for verdict in verdicts]
+
+
+@pytest.fixture(scope="module")
+def alone(driver):
+    """The verdicts of a service that leads all the time."""
+    service = Service(driver, "a")
+    return [verdict for n in range(len(STORY)) for verdict in service.step(n)[0]]
+
+
+@pytest.mark.parametrize("verdict_arrived", [True, False])
+@pytest.mark.parametrize("last_step", range(len(STORY) + 1))
+def test_wherever_the_leader_stops_each_verdict_is_published_once_and_under_its_id(
+    driver, alone, last_step, verdict_arrived
+):
+    """The leader's last message is a verdict without the judgement after it, or it sends nothing in that step."""
+    leader, standby, published = Service(driver, "a"), Service(driver, "b", 3_000_000), []
+    for n in range(len(STORY)):
+        # The standby steps a moment later, as two machines never step together.
+        sent = leader.step(n) if n <= last_step else None
+        own, _ = standby.step(n)
+        if sent is None or (n == last_step and not verdict_arrived):
+            published += own
+        else:
+            published += sent[0]
+            standby.follow(sent[0], None if n == last_step else sent[1])
+    assert labels(published) == labels(alone) == LABELS
+    ids = dict.fromkeys(verdict.id for verdict in published)
+    new_ids = ids.keys() - {verdict.id for verdict in alone}
+    assert len(ids) == 3
+    assert all(int(verdict_id.split("-")[1]) >= 1000_000 + last_step * 100 for verdict_id in new_ids), "an id changed"
+
+
+def test_the_end_is_published_on_the_leaders_evidence(driver):
+    leader, standby, published = Service(driver, "a"), Service(driver, "b"), []
+    for n in range(21):
+        verdicts, judgement = leader.step(n)
+        own, _ = standby.step(n)
+        if published:
+            published += own
+        else:
+            standby.follow(verdicts, judgement)
+            published += verdicts
+    decided, ended = published
+    assert (decided.fusion, ended.fusion, decided.ended_ns) == ("a", "b", None) and ended.ended_ns is not None
+    for name in ("p", "votes", "agreement", "label", "decided_ns", "began_ns", "id"):
+        assert getattr(ended, name) == getattr(decided, name), name
+    assert ended.seq > decided.seq
+
+
+@settings(deadline=None)  # a whole story each time
+@given(st.lists(st.sampled_from(range(len(STORY))), max_size=6, unique=True))
+def test_the_lead_may_change_at_any_time(driver, alone, changes):
+    services, leading, published = [Service(driver, "a"), Service(driver, "b")], 0, []
+    for n in range(len(STORY)):
+        leading ^= n in changes
+        outputs = [service.step(n) for service in services]
+        published += outputs[leading][0]
+        services[1 - leading].follow(*outputs[leading])
+    assert [(v.id, v.label, v.ended_ns) for v in published] == [(v.id, v.label, v.ended_ns) for v in alone]

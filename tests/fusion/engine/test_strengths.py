@@ -1,0 +1,120 @@
+"""The default rule: what certainty, contradiction, correlation and trust do, and what no single observer can do."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from common.probability import normalise, uniform
+from fusion.engine.rules import RULES
+from fusion.engine.strengths import CAP, ROBUSTNESS, ObserverTrust, similarity, strengths
+
+RULE = RULES["robust_inverse_entropy"]
+
+
+def pool(p, prior=None):
+    p = np.asarray(p, dtype=float)
+    return RULE.pool(p, uniform(p.shape[1]) if prior is None else np.asarray(prior)).p
+
+
+def weighed(p, trust=None):
+    p = np.asarray(p, dtype=float)
+    return strengths(p, uniform(p.shape[1]), trust or ObserverTrust.unknown(len(p)))
+
+
+def posteriors(observers, least=0.0):
+    masses = st.integers(2, 5).flatmap(lambda m: arrays(np.float64, (observers, m), elements=st.floats(least, 1)))
+    return masses.map(lambda a: normalise(a + (a.sum(1, keepdims=True) == 0)))
+
+
+HONEST = np.array([[0.7, 0.1, 0.1, 0.1], [0.6, 0.2, 0.05, 0.15], [0.55, 0.1, 0.2, 0.15]])
+
+
+def test_two_observers_by_the_formula():
+    p, prior = np.array([[0.7, 0.2, 0.1], [0.3, 0.4, 0.3]]), np.array([0.5, 0.25, 0.25])
+    part = np.minimum((p * np.log2(p / prior)).sum(1) / 0.05, 1)
+    eps = np.interp(part.sum(), (1, 2), ROBUSTNESS[:2])
+    robust = (1 - eps) * p + eps * prior
+    inverse = 1 / -(robust * np.log2(robust)).sum(1)
+    w = np.minimum(inverse / (part @ inverse / part.sum()), CAP)
+    logs = np.log(0.99 * p / prior + 0.01)
+    rho = np.exp(-np.abs(logs[0] - logs[1]).mean() / np.abs(logs).mean(1).mean() / 0.05)
+    rho *= min((1 - p.mean(axis=0).max()) / 0.03, 1)
+    w = w / (1 + rho * part[::-1])
+    w = w / np.sqrt(max(w @ part, 1))
+    mass = prior * np.prod((robust / prior) ** w[:, None], axis=0)
+    assert pool(p, prior) == pytest.approx(mass / mass.sum())
+
+
+@given(posteriors(1, 0.01))
+def test_a_single_posterior_stays_as_it_is(p):
+    assert pool(p) == pytest.approx(p[0], abs=0.011)
+
+
+@given(posteriors(3), st.integers(1, 4), st.integers(0, 2), st.floats(1e-9, 1e-4))
+def test_any_number_at_the_prior_is_neutral_and_one_near_it_nearly(p, many, label, step):
+    m = p.shape[1]
+    assert pool(np.vstack([p, np.tile(uniform(m), (many, 1))])) == pytest.approx(pool(p), abs=1e-9)
+    nearly = (1 - step) * uniform(m) + step * np.eye(m)[label % m]
+    assert pool(np.vstack([p, nearly])) == pytest.approx(pool(np.vstack([p, uniform(m)])), abs=5e-3)
+
+
+@given(posteriors(3, 0.01))
+def test_identical_posteriors_have_the_same_exponent_and_none_is_similar_to_itself(p):
+    exponents = weighed(np.vstack([p[:2], p[:1]])).exponents
+    assert exponents[0] == pytest.approx(exponents[2])
+    assert similarity(p / uniform(p.shape[1])).diagonal() == pytest.approx(0)
+
+
+def test_identical_observers_share_one_voice():
+    door, wheel, table = [0.8, 0.1, 0.05, 0.05], [0.1, 0.7, 0.1, 0.1], [0.4, 0.3, 0.2, 0.1]
+    one, two = weighed([door, wheel, table]).exponents, weighed([door, door, wheel, table]).exponents
+    assert two[0] + two[1] < 1.35 * one[0]
+
+
+def test_observers_that_were_learned_to_be_correlated_share_one_voice():
+    p = np.array([[0.8, 0.1, 0.05, 0.05], [0.6, 0.25, 0.1, 0.05], [0.5, 0.1, 0.3, 0.1]])
+    correlations = np.zeros((3, 3))
+    correlations[0, 1] = correlations[1, 0] = 1.0
+    known = weighed(p, ObserverTrust(np.ones(3), correlations))
+    assert known.exponents[:2].sum() < 0.8 * weighed(p).exponents[:2].sum()
+    assert known.shares[:2].sum() < weighed(p).shares[:2].sum()
+
+
+def test_one_that_contradicts_three_counts_less():
+    wrong = np.array([0.01, 0.01, 0.97, 0.01])
+    assert pool(np.vstack([HONEST, wrong])).argmax() == 0
+    assert weighed(np.vstack([HONEST, wrong])).shares[3] < 0.1
+    assert weighed(np.vstack([HONEST, HONEST[0] * 0.9 + 0.025])).shares[3] > 0.15
+
+
+def test_one_that_is_much_surer_than_all_others_does_not_count_more_for_it():
+    vague = np.array([[0.4, 0.3, 0.15, 0.15], [0.38, 0.3, 0.2, 0.12], [0.42, 0.22, 0.2, 0.16]])
+    exponents = weighed(np.vstack([vague, [0.01, 0.97, 0.01, 0.01]])).exponents
+    assert exponents[3] < 0.3 * exponents[:3].min()
+    assert weighed([[0.9, 0.05, 0.05], [0.5, 0.3, 0.2]]).shares[0] > 0.6  # the surer of two does
+
+
+def test_less_trust_is_a_smaller_share():
+    p = np.array([[0.1, 0.8, 0.1], [0.6, 0.2, 0.2], [0.3, 0.4, 0.3]])
+    shares = [weighed(p, ObserverTrust(np.array([t, 1.0, 1.0]), np.zeros((3, 3)))).shares[0] for t in (1.0, 0.5, 0.1)]
+    assert shares[0] > shares[1] > shares[2] > 0
+
+
+@given(posteriors(4))
+def test_no_single_observer_moves_the_log_odds_beyond_the_bound(p):
+    m, result = p.shape[1], weighed(p)
+    evidence = np.log((1 - result.epsilon)[:, None] * p * m + result.epsilon[:, None])
+    least = ROBUSTNESS[2] / (ROBUSTNESS[2] + (1 - ROBUSTNESS[2]) * m)
+    eps = min(ROBUSTNESS[0], least)
+    bound = CAP * np.log((1 - eps + eps / m) / (eps / m))
+    assert np.ptp(result.exponents[:, None] * evidence, axis=1).max() <= bound + 1e-9
+    assert (result.exponents <= CAP + 1e-9).all() and (result.exponents >= 0).all()
+
+
+@given(posteriors(4), st.lists(st.floats(0.1, 1), min_size=4, max_size=4), st.floats(0, 1))
+def test_with_any_trust_all_is_in_range(p, trust, rho):
+    result = weighed(p, ObserverTrust(np.array(trust), np.full((4, 4), rho) * (1 - np.eye(4))))
+    assert np.isfinite(result.exponents).all() and result.shares.sum() == pytest.approx(1)
+    assert ((result.epsilon > 0) & (result.epsilon < 1)).all()

@@ -1,0 +1,226 @@
+"""The verdict detector: a test for each rule on a scripted movement, then properties for any beliefs at any times."""
+
+from collections import Counter
+from itertools import chain, pairwise
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from common.config_sections import FusionConfig
+from common.vocabulary import ABSTAIN
+from fusion.engine.verdict_detector import PooledState, VerdictDetector
+
+STEP_NS = 100_000_000
+CONFIG = FusionConfig(threshold=0.8, quorum=2, hold_s=0.3)
+"""The hold is three steps."""
+NO_HOLD = FusionConfig(threshold=0.8, quorum=2, hold_s=0.0)
+
+
+def rest(steps, label="bow", p=0.5, agreeing=0):
+    return [(label, p, agreeing, 0.9)] * steps
+
+
+def moving(steps, label="bow", p=0.5, agreeing=2):
+    return [(label, p, agreeing, 0.1)] * steps
+
+
+def sure(steps, label="bow", agreeing=2):
+    return moving(steps, label, 0.9, agreeing)
+
+
+def sure_at_rest(steps, label="bow", agreeing=2):
+    return rest(steps, label, 0.9, agreeing)
+
+
+def decisions(*parts, config=CONFIG):
+    """Step of the decision -> (label, began, decided, ended), in steps."""
+    detector, result = VerdictDetector(config), {}
+    for step, (label, p, agreeing, rest_p) in enumerate(chain(*parts)):
+        decision = detector.update(PooledState(step * STEP_NS, label, p, agreeing, rest_p))
+        if decision is not None:
+            times = (decision.began_ns, decision.decided_ns, decision.ended_ns)
+            result[step] = (decision.label, *(None if t is None else t // STEP_NS for t in times))
+    return result
+
+
+TWO_LABELS_IN_TURN = [*rest(1), *[*sure_at_rest(1), *sure_at_rest(1, "lunge")] * 9]
+
+
+CASES = {
+    "published when decided and when ended": (
+        (rest(5), moving(2), sure(10), rest(10)),
+        {10: ("bow", 5, 10, None), 20: ("bow", 5, 10, 17)},
+    ),
+    "1: certainty at rest is no movement": ((sure_at_rest(30),), {}),
+    "1: as likely at rest as not is no movement": (([("bow", 0.9, 4, 0.5)] * 30,), {}),
+    "1: motion of one step is no movement": ((rest(5), moving(1), rest(20)), {}),
+    "1: motion of two steps is no movement": ((rest(5), moving(2), rest(20)), {}),
+    "1: a flicker of rest does not repeat the last movement": (
+        (sure(10), sure_at_rest(10), sure(1), sure_at_rest(10), sure(2), sure_at_rest(10)),
+        {3: ("bow", 0, 3, None), 13: ("bow", 0, 3, 10)},
+    ),
+    "2: a break restarts the hold": ((sure(3), moving(1), sure(3), moving(1), sure(4)), {11: ("bow", 0, 11, None)}),
+    "2: another label restarts the hold": (
+        (sure(3), sure(3, "lunge"), sure(3), sure(4, "lunge")),
+        {12: ("lunge", 0, 12, None)},
+    ),
+    "2: below the quorum nothing is decided": ((sure(20, agreeing=1),), {}),
+    "2: the quorum must be met throughout": ((sure(3), sure(1, agreeing=1), sure(4)), {7: ("bow", 0, 7, None)}),
+    "2: the threshold is met when it is reached": ((moving(4, p=0.8),), {3: ("bow", 0, 3, None)}),
+    "2: just below the threshold": ((moving(20, p=0.7999),), {}),
+    "2: decided at once on coming to rest": (
+        (moving(4), sure_at_rest(9)),
+        {4: ("bow", 0, 4, None), 7: ("bow", 0, 4, 4)},
+    ),
+    "3: a short rest is part of the movement": (
+        (sure(6), rest(2), sure(6), rest(9)),
+        {3: ("bow", 0, 3, None), 17: ("bow", 0, 3, 14)},
+    ),
+    "3: the label held on coming to rest replaces the decision": (
+        (sure(5), sure(5, "lunge"), sure_at_rest(5, "lunge")),
+        {3: ("bow", 0, 3, None), 13: ("lunge", 0, 10, 10)},
+    ),
+    "3: a change of mind in between is not published": (
+        (sure(5), sure(5, "lunge"), sure(5), sure_at_rest(5)),
+        {3: ("bow", 0, 3, None), 18: ("bow", 0, 3, 15)},
+    ),
+    "3: a label held too briefly on coming to rest is not published": (
+        (sure(5), sure(2, "lunge"), sure_at_rest(5, "lunge")),
+        {3: ("bow", 0, 3, None), 10: ("bow", 0, 3, 7)},
+    ),
+    "3: a label held only at rest, by an observer that is stuck, does not win": (
+        (sure(10), sure_at_rest(9, "lunge")),
+        {3: ("bow", 0, 3, None), 13: ("bow", 0, 3, 10)},
+    ),
+    "3: a rest that is interrupted revises nothing": (
+        (sure(5), sure(5, "lunge"), sure_at_rest(1, "lunge"), sure(5), sure_at_rest(5)),
+        {3: ("bow", 0, 3, None), 19: ("bow", 0, 3, 16)},
+    ),
+    "4: undecided is an abstention": ((rest(2), moving(9), rest(9)), {14: (ABSTAIN, 2, 14, 11)}),
+    "4: without a quorum is an abstention": ((sure(9, agreeing=1), rest(9)), {12: (ABSTAIN, 0, 12, 9)}),
+    "4: a quorum met in time is waited for": (
+        (sure(6, agreeing=1), sure_at_rest(2, agreeing=1), sure_at_rest(9)),
+        {11: ("bow", 0, 11, 6)},
+    ),
+    "4: labels in turn are not waited for for ever": ((moving(6), TWO_LABELS_IN_TURN), {12: (ABSTAIN, 0, 12, 6)}),
+    "4: a late label is not waited for for ever": ((moving(6), rest(4), sure_at_rest(9)), {9: (ABSTAIN, 0, 9, 6)}),
+}
+
+
+@pytest.mark.parametrize(("parts", "expected"), CASES.values(), ids=CASES)
+def test_rules_1_to_4(parts, expected):
+    assert decisions(*parts) == expected
+
+
+def test_rule_2_without_a_hold_it_is_decided_at_once():
+    assert decisions(rest(1), sure(3), rest(3), config=NO_HOLD) == {1: ("bow", 1, 1, None), 4: ("bow", 1, 1, 4)}
+
+
+@pytest.mark.parametrize(("unlearned", "label"), [(0.7, "bow"), (0.9, ABSTAIN)])
+def test_rule_3_something_else_on_coming_to_rest_revokes_the_verdict(unlearned, label):
+    detector = VerdictDetector(CONFIG)
+    states = [PooledState(n * STEP_NS, "bow", 0.9, 2, 0.1) for n in range(6)]
+    states += [PooledState(n * STEP_NS, "bow", 0.05, 2, 0.9, unlearned) for n in range(6, 10)]
+    first, last = [decision for state in states if (decision := detector.update(state))]
+    assert (first.label, last.label, last.ended_ns) == ("bow", label, 6 * STEP_NS)
+    assert first.began_ns == last.began_ns == 0
+
+
+def test_rule_5_after_a_clock_was_set_back_detection_starts_afresh():
+    detector = VerdictDetector(CONFIG)
+    for step in (100, 101, 102, 103):
+        detector.update(PooledState(step * STEP_NS, "bow", 0.9, 2, 0.1))
+    assert detector.movement.decision is not None and detector.evidence_times == {103 * STEP_NS}
+    results = [detector.update(PooledState(step * STEP_NS, "bow", 0.9, 2, 0.1)) for step in range(4)]
+    assert results[:3] == [None] * 3 and results[3].began_ns == 0
+
+
+def test_two_movements_with_a_rest_between_are_two():
+    result = decisions(sure(6), sure_at_rest(3), sure_at_rest(3, "lunge"), sure(6, "lunge"), rest(4))
+    assert [label for label, *_ in result.values()] == ["bow", "bow", "lunge", "lunge"]
+    assert len({began for _, began, *_ in result.values()}) == 2
+
+
+def test_evidence_is_needed_until_the_end_and_no_longer():
+    detector, needed = VerdictDetector(CONFIG), []
+    for step, (label, p, agreeing, rest_p) in enumerate(sure(6) + sure(6, "lunge") + sure_at_rest(6, "lunge")):
+        detector.update(PooledState(step * STEP_NS, label, p, agreeing, rest_p))
+        needed.append({t // STEP_NS for t in detector.evidence_times})
+    assert needed == [set()] * 3 + [{3}] * 9 + [{3, 12}] * 3 + [set()] * 3
+
+
+# Any beliefs at any times
+
+STEPS = st.lists(
+    st.tuples(
+        st.sampled_from(["bow", "lunge"]),
+        st.sampled_from([0.3, 0.9, 0.9]),
+        st.sampled_from([0, 2, 2]),
+        st.sampled_from([0.0, 0.2, 0.5, 1.0]),
+        st.integers(0, 400),
+        st.integers(1, 6),
+    ),
+    max_size=60,
+)
+CONFIGS = st.builds(
+    FusionConfig, threshold=st.just(0.8), quorum=st.integers(1, 3), hold_s=st.sampled_from([0.0, 0.1, 0.3, 1.0])
+)
+
+
+def states(steps, start_ns=0):
+    at_ns = start_ns
+    for n, (label, p, agreeing, rest_p, wait_ms, times) in enumerate(steps):
+        for _ in range(times):
+            at_ns += wait_ms * 1_000_000
+            yield n, PooledState(at_ns, label, p, agreeing, rest_p)
+
+
+@given(STEPS, CONFIGS)
+def test_at_most_one_decision_per_movement_and_its_times_are_in_order(steps, config):
+    detector, history, published = VerdictDetector(config), [], []
+    hold_ns = config.hold_s * 1e9
+    for _, state in states(steps):
+        history.append(state)
+        decision = detector.update(state)
+        if decision is not None:
+            published.append((state.at_ns, decision, tuple(history)))
+    assert all(n <= 2 for n in Counter(d.began_ns for _, d, _ in published).values())
+    for at_ns, d, until_then in published:
+        assert d.began_ns <= d.decided_ns <= at_ns and d.label in ("bow", "lunge", ABSTAIN)
+        if d.ended_ns is None:
+            assert d.decided_ns == at_ns and d.label != ABSTAIN
+        else:
+            assert d.began_ns <= d.ended_ns <= at_ns and d.ended_ns - d.began_ns >= hold_ns
+            assert at_ns - d.ended_ns >= hold_ns
+            assert all(state.rest >= 0.5 for state in until_then if d.ended_ns < state.at_ns)
+        if d.label != ABSTAIN:
+            at_rest = any(state.at_ns == d.decided_ns and state.rest >= 0.5 for state in until_then)
+            # On coming to rest a label is decided at once; it need not have been held for long.
+            since_ns = d.decided_ns - (0 if at_rest else hold_ns)
+            held = [state for state in until_then if since_ns < state.at_ns < d.decided_ns]
+            assert all(s.label == d.label and s.p >= config.threshold and s.agreeing >= config.quorum for s in held)
+    begun = [d.began_ns for _, d, _ in published if d.ended_ns is None]
+    spans = sorted((d.began_ns, d.ended_ns) for _, d, _ in published if d.ended_ns is not None)
+    ended = [began_ns for began_ns, _ in spans]
+    assert len(set(ended)) == len(ended) and set(begun[:-1]) <= set(ended)
+    assert all(one[1] <= other[0] for one, other in pairwise(spans))
+
+
+@given(STEPS)
+def test_times_that_jump_back_and_forth_raise_nothing(steps):
+    detector, at_ns, last_ns = VerdictDetector(CONFIG), 10**12, 0
+    for n, state in states(steps):
+        at_ns, last_ns = at_ns + (state.at_ns - last_ns) * (-1 if n % 7 == 6 else 1), state.at_ns
+        decision = detector.update(PooledState(at_ns, state.label, state.p, state.agreeing, state.rest))
+        assert decision is None or decision.began_ns <= (decision.ended_ns or at_ns)
+
+
+@given(STEPS, st.integers(0, 10**18))
+def test_only_differences_of_time_count(steps, shift_ns):
+    def decided(start_ns):
+        detector = VerdictDetector(CONFIG)
+        results = [d for _, state in states(steps, start_ns) if (d := detector.update(state))]
+        return [(d.label, *(t and t - start_ns for t in (d.began_ns, d.decided_ns, d.ended_ns))) for d in results]
+
+    assert decided(10**9) == decided(10**9 + shift_ns)
