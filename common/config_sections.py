@@ -136,7 +136,7 @@ class FusionConfig(Section):
     id: str = "fusion"
     rule: str = "robust_inverse_entropy"
     quorum: Annotated[int, Field(ge=1)] = 1
-    temperature: PositiveFloat = 1.0
+    temperature: Annotated[float, Field(ge=1e-3, le=1e3)] = 1.0
     threshold: Annotated[float, Field(gt=0, le=1)] = 0.8
     hold_s: Annotated[float, Field(ge=0)] = 0.2
     fresh_s: Annotated[float, Field(ge=0)] = 0.2

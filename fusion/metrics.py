@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, get_args
 from common.messages import JudgementMessage, StatusMessage, VoteState
 from common.metrics import AGE_BUCKETS, OTHERS, STEP_BUCKETS, Metrics
 from common.vocabulary import ABSTAIN
-from fusion.engine.roster import HEARD
+from fusion.engine.roster import POOLED_STATES
 
 if TYPE_CHECKING:
     from prometheus_client import Metric
@@ -80,7 +80,7 @@ class FusionMetrics(Metrics):
         rows = [((state,), float(states[state])) for state in get_args(VoteState)]
         yield self.gauge("votes", "Observers in each state.", rows, "state")
         votes = judgement.votes.items()
-        heard = [((name,), float(vote.state in HEARD)) for name, vote in votes]
+        heard = [((name,), float(vote.state in POOLED_STATES)) for name, vote in votes]
         yield self.gauge("observer_heard", "1 while the observer's posterior counts, even if stale.", heard, "observer")
         entropies = [((name,), vote.entropy) for name, vote in votes]
         yield self.gauge("observer_entropy_bits", "Of the observer's posterior as pooled.", entropies, "observer")

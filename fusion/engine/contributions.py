@@ -8,7 +8,7 @@ import numpy as np
 from common.messages import Contribution
 from common.probability import Floats
 from fusion.engine.pooling import PoolingCase, pool_many, pool_posteriors
-from fusion.engine.roster import USED
+from fusion.engine.roster import POOLED_STATES
 
 SMALLEST = 1e-12
 """Least probability in the log odds, so that a veto leaves them finite."""
@@ -22,7 +22,7 @@ def contributions(case: PoolingCase, label: int | None) -> dict[str, Contributio
     pooled = pool_posteriors(case).answers
     answer = int(pooled.argmax()) if label is None else label
     log_odds = _log_odds(pooled, answer)
-    used = [n for n, posterior in enumerate(case.posteriors) if posterior.state in USED]
+    used = [n for n, posterior in enumerate(case.posteriors) if posterior.state in POOLED_STATES]
     if len(case.posteriors) > 1:
         others = pool_many([replace(case, posteriors=[*case.posteriors[:n], *case.posteriors[n + 1 :]]) for n in used])
         pools = [pool.answers for pool in others]

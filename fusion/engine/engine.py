@@ -13,7 +13,7 @@ from fusion.engine.contributions import contributions
 from fusion.engine.messages import JudgementBuilder, Stamp, build_verdict
 from fusion.engine.pooling import PooledPosterior, PoolingCase, pool_facets, pool_posteriors
 from fusion.engine.reliability import Reliability, learn_from_verdict
-from fusion.engine.roster import USED, AgedPosterior, ObserverRecord, Roster
+from fusion.engine.roster import POOLED_STATES, AgedPosterior, ObserverRecord, Roster
 from fusion.engine.rules import get_rule
 from fusion.engine.verdict_detector import Decision, MovementProgress, PooledState, VerdictDetector
 
@@ -215,7 +215,7 @@ def _pooled_rest(posteriors: Sequence[AgedPosterior]) -> float:
     sure and wrong must not hold a movement open. If all have gone, the rest of those that went lately holds a little
     longer, because the network may have failed; long silence of all is rest.
     """
-    for state in USED:
+    for state in POOLED_STATES:
         rests = [posterior.rest for posterior in posteriors if posterior.state == state]
         if rests:
             return sum(rests) / len(rests)

@@ -21,7 +21,7 @@ from common.messages import (
 from common.probability import Floats, entropy_bits
 from common.vocabulary import Vocabulary
 from fusion.engine.pooling import FACING, PooledPosterior, facing_deg
-from fusion.engine.roster import USED, AgedPosterior
+from fusion.engine.roster import POOLED_STATES, AgedPosterior
 from fusion.engine.verdict_detector import Decision
 
 LABEL_MARGIN = 0.01
@@ -67,7 +67,7 @@ class JudgementBuilder:
             posterior.observer: _vote(posterior, entropy, weight, label, cells <= FACING_CELLS_LIMIT)
             for posterior, entropy, weight, label in zip(*columns, strict=True)
         }
-        labels = [vote.label for vote in votes.values() if vote.state in USED]
+        labels = [vote.label for vote in votes.values() if vote.state in POOLED_STATES]
         likeliest = int(pooled.p.argmax())
         # Without a vote the pooled posterior is the prior, and its first label would mean nothing.
         fused = self._vocabulary.labels[likeliest] if labels else ""
@@ -116,7 +116,7 @@ class JudgementBuilder:
 
 
 def _vote(posterior: AgedPosterior, entropy: float, weight: float, label: str | None, with_facing: bool) -> Vote:
-    is_used, surprise = posterior.state in USED, posterior.surprise if with_facing else None
+    is_used, surprise = posterior.state in POOLED_STATES, posterior.surprise if with_facing else None
     return Vote(
         label=label if is_used else None,
         entropy=entropy if is_used else None,

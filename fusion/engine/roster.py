@@ -31,7 +31,7 @@ from common.messages import PosteriorMessage, VoteState
 from common.probability import Floats, Surprise, decode_facing, encode_facing, entropy_bits, normalise, temper, uniform
 from common.vocabulary import Vocabulary
 
-USED = ("counted", "stale")
+POOLED_STATES = ("counted", "stale")
 """States of an observer whose posterior is pooled; in the others it contributes the prior."""
 SESSIONS_KEPT = 64
 """Past sessions remembered per observer."""
