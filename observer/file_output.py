@@ -3,15 +3,16 @@
 import os
 from pathlib import Path
 
-from common.errors import LabanmeshError
+from common.errors import BadInput, LabanmeshError
 
 WAY_OUT = "Choose another path with -o"
 
 
-def write_file(path: Path, content: bytes, way_out: str = WAY_OUT) -> None:
+def write_file(path: Path, content: bytes | memoryview, way_out: str = WAY_OUT) -> None:
     """Write `content` to `path`; an existing regular file is replaced only when the new one is complete.
 
-    way_out: the last sentence of an error. Raises LabanmeshError when the file cannot be written.
+    way_out: the last sentence of an error. Raises BadInput if the path cannot be written to (no such folder, a folder,
+    permission denied), LabanmeshError if writing fails, e.g. because the disk is full.
     """
     try:
         if path.exists() and not path.is_file() and not path.is_dir():
@@ -20,10 +21,12 @@ def write_file(path: Path, content: bytes, way_out: str = WAY_OUT) -> None:
             _replace(path.resolve(), content)
     except OSError as error:
         reason = str(error.strerror or error)
-        raise LabanmeshError(f"cannot write {path}: {reason[:1].lower()}{reason[1:]}. {way_out}") from None
+        wrong_path = isinstance(error, FileNotFoundError | IsADirectoryError | NotADirectoryError | PermissionError)
+        kind = BadInput if wrong_path else LabanmeshError
+        raise kind(f"cannot write {path}: {reason[:1].lower()}{reason[1:]}. {way_out}") from error
 
 
-def _replace(target: Path, content: bytes) -> None:
+def _replace(target: Path, content: bytes | memoryview) -> None:
     # In the same folder: replacing is atomic only within one file system.
     unfinished = target.with_name(f".{target.name}.{os.getpid()}.part")
     try:

@@ -105,14 +105,14 @@ def test_the_error_of_a_model_that_cannot_be_written_names_a_way_out(capsys, arc
     learn = ["learn", archive, "--view", "door", "-o"]
     status, _, err = run(capsys, *learn, tmp_path / "none" / "a.model")
     assert status == 2 and err.count("\n") == 1
-    assert f"cannot write {tmp_path}/none/a.model: folder {tmp_path}/none does not exist" in err
+    assert f"cannot write {tmp_path}/none/a.model: no such file or directory. Choose another path with -o" in err
     status, _, err = run(capsys, *learn, tmp_path)
-    assert status == 2 and f"cannot write {tmp_path}: it is a folder. Name a file with -o" in err
+    assert status == 2 and f"cannot write {tmp_path}: is a directory. Choose another path with -o" in err
 
     def denied(*_):
         raise PermissionError(13, "Permission denied")
 
-    monkeypatch.setattr("observer.array_file._replace_file", denied)
+    monkeypatch.setattr("observer.file_output._replace", denied)
     status, _, err = run(capsys, *learn, tmp_path / "a.model")
     assert status == 2
     assert err == f"labanmesh: cannot write {tmp_path}/a.model: permission denied. Choose another path with -o\n"

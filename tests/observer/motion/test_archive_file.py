@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from common.errors import BadInput, LabanmeshError
-from observer.motion import archive_file
 from observer.motion.archive import MotionArchive, Recording, Span, check_archive, clean_label, is_label
 from observer.motion.archive_file import read_archive, write_archive
 
@@ -259,11 +258,10 @@ def test_an_interrupted_write_leaves_the_old_file_and_nothing_else(interruption,
     write_archive(path, small())
     before = path.read_bytes()
 
-    def half(file, **arrays):
-        file.write(b"half")
+    def interrupt(_):
         raise interruption
 
-    monkeypatch.setattr(archive_file.np, "savez", half)
+    monkeypatch.setattr("observer.file_output.os.fsync", interrupt)
     expected = LabanmeshError if isinstance(interruption, OSError) else interruption
     with pytest.raises(expected):
         write_archive(path, small(label="other"))
@@ -272,9 +270,9 @@ def test_an_interrupted_write_leaves_the_old_file_and_nothing_else(interruption,
 
 
 def test_a_place_that_cannot_be_written(tmp_path):
-    with pytest.raises(BadInput, match="does not exist"):
+    with pytest.raises(BadInput, match="cannot write .*nowhere/motion.npz: no such file or directory. Choose another path"):
         write_archive(tmp_path / "nowhere" / "motion.npz", small())
-    with pytest.raises(BadInput, match="is a folder"):
+    with pytest.raises(BadInput, match="is a directory"):
         write_archive(tmp_path, small())
     (tmp_path / "link.npz").symlink_to(tmp_path / "target.npz")
     write_archive(tmp_path / "link.npz", small())
