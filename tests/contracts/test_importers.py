@@ -1,4 +1,4 @@
-"""What every importer must keep: any kind put into the registry is held to this."""
+"""The contract of importers, checked for every kind in the registry."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ FILES = (
     "wave.c3d",
     "wave.trc",
 )
-"""Names that one importer or another reads."""
+"""Names that some importer reads."""
 
 FOLDERS = {
     "msr-action3d": "msr_action3d",
@@ -62,13 +62,13 @@ def test_a_broken_file_is_named(kind, contents, tmp_path):
 
 
 @pytest.mark.parametrize("kind", IMPORTERS)
-def test_any_file_given_as_the_path_is_refused_in_one_line(kind, tmp_path):
+def test_any_other_file_is_rejected_in_one_line(kind, tmp_path):
     (tmp_path / "notes.txt").write_text("nothing that moves\n")
     assert str(tmp_path / "notes.txt") in refused(kind, tmp_path / "notes.txt")
 
 
 @pytest.mark.parametrize("kind", IMPORTERS)
-def test_recorded_people_keep_the_axes(kind, data):
+def test_recorded_people_have_the_axes_of_the_archive(kind, data):
     if kind not in FOLDERS:
         pytest.skip(f"no recordings of kind {kind} among the data")
     steps = []

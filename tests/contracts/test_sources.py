@@ -1,4 +1,4 @@
-"""What every source of frames must keep, however it is played."""
+"""The contract of frame sources, checked for each one."""
 
 import io
 import json
@@ -62,14 +62,14 @@ def source(request, tmp_path):
     return SOURCES[request.param](tmp_path)
 
 
-def test_all_frames_come_in_their_order(source):
+def test_all_frames_come_in_order(source):
     frames = list(source.frames(threading.Event()))
     assert len(frames) == FRAMES and source.rate_hz > 0
     assert all(a.captured_ns <= b.captured_ns for a, b in pairwise(frames))
     assert all(a.at_ns < b.at_ns for a, b in pairwise(frames))
 
 
-def test_it_ends_when_told_to_stop(source):
+def test_it_ends_soon_after_stop(source):
     stop = threading.Event()
     frames = source.frames(stop)
     assert len(list(islice(frames, 2))) == 2
@@ -77,7 +77,7 @@ def test_it_ends_when_told_to_stop(source):
     assert len(list(frames)) <= 1
 
 
-def test_pictures_are_pictures_and_the_rest_are_rows(source):
+def test_content_is_a_picture_or_rows(source):
     for frame in source.frames(threading.Event()):
         if frame.content.ndim == 3:
             assert frame.content.dtype == np.uint8 and frame.content.shape[2] == 3

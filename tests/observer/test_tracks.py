@@ -1,4 +1,4 @@
-"""What is seen, unsure and missing, by what a tracker gives."""
+"""The states of parts in tracks."""
 
 import numpy as np
 
@@ -7,7 +7,7 @@ from observer.tracks import State, Tracks
 NOWHERE = [np.nan, np.nan]
 
 
-def test_a_centre_is_seen_a_guess_alone_unsure_and_neither_missing():
+def test_states_of_parts():
     tracks = Tracks(np.array([[1.0, 2.0], NOWHERE, NOWHERE]), np.array([NOWHERE, [3.0, 4.0], NOWHERE]))
     assert tracks.states == (State.SEEN, State.UNSURE, State.MISSING)
     assert tracks.visible.tolist() == [True, False, False]

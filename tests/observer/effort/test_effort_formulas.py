@@ -1,4 +1,4 @@
-"""The laws of Effort and Shape: what a formula must do however the tracks look."""
+"""Properties of the formulas of Effort and Shape."""
 
 import math
 
@@ -39,14 +39,14 @@ def test_space_is_one_on_a_straight_line_at_any_speed(length, frames):
     assert space(straight, SHARES) == pytest.approx(1)
 
 
-def test_a_way_there_and_back_has_no_direct_one():
+def test_space_is_infinite_for_a_closed_path():
     there = np.linspace(0, 1, 10)[:, None, None] * np.ones((1, 3, 2))
     assert space(np.concatenate([there, there[::-1]]), SHARES) == math.inf
     assert space(np.concatenate([there, there[::-1][:5]]), SHARES) == pytest.approx((1 + 4 / 9) / (5 / 9), rel=0.01)
 
 
 @pytest.mark.parametrize("tempo", [0.6, 1.7, 3.0])
-def test_retiming_by_c_is_weight_and_time_by_its_square_flow_by_its_cube_and_space_not_at_all(tempo):
+def test_retiming_scales_weight_and_time_by_the_square_flow_by_the_cube_and_space_not_at_all(tempo):
     slow, fast = waved(1.0), waved(tempo)
     assert weight(fast, RATE, SHARES) / weight(slow, RATE, SHARES) == pytest.approx(tempo**2, rel=0.05)
     assert time(fast, RATE, SHARES) / time(slow, RATE, SHARES) == pytest.approx(tempo**2, rel=0.05)
@@ -55,14 +55,14 @@ def test_retiming_by_c_is_weight_and_time_by_its_square_flow_by_its_cube_and_spa
 
 
 @pytest.mark.parametrize("rate_hz", [30.0, 120.0])
-def test_the_frame_rate_is_not_the_tempo(rate_hz):
+def test_the_frame_rate_does_not_change_the_values(rate_hz):
     for formula in (weight, time, flow):
         assert formula(waved(1.0, rate_hz=rate_hz), rate_hz, SHARES) == pytest.approx(
             formula(waved(1.0), RATE, SHARES), rel=0.05
         )
 
 
-def test_lengths_are_in_body_sizes_weight_by_their_square():
+def test_values_scale_with_length_and_weight_with_its_square():
     tracks = waved(1.0)
     assert weight(2 * tracks, RATE, SHARES) == pytest.approx(4 * weight(tracks, RATE, SHARES))
     assert time(2 * tracks, RATE, SHARES) == pytest.approx(2 * time(tracks, RATE, SHARES))
@@ -80,14 +80,14 @@ def test_still_is_zero():
         assert shape(still, RATE) == pytest.approx(0, abs=1e-9)
 
 
-def test_seen_from_a_side_all_is_a_lower_bound():
+def test_a_projection_gives_lower_bounds():
     whole = waved(1.0)
     flat = whole[:, :, :2]
     for formula in (weight, time, flow):
         assert formula(flat, RATE, SHARES) <= formula(whole, RATE, SHARES)
 
 
-def test_a_part_that_is_never_seen_does_not_count_and_a_gap_is_no_motion():
+def test_unseen_parts_have_no_share_and_gaps_are_no_motion():
     tracks = waved(1.0)
     gone = tracks.copy()
     gone[:, 1] = np.nan

@@ -1,4 +1,4 @@
-"""Effort's evidence, learning and file, on features that are made by hand."""
+"""Effort models: evidence, learning and file, with features made by hand."""
 
 import itertools
 from dataclasses import replace
@@ -35,7 +35,7 @@ def judged(model, trial):
     return [int(model.posterior(trial.features)[f"effort_{factor}"][1] > 0.5) * 2 - 1 for factor in FACTORS]
 
 
-def test_poles_are_told_in_an_action_that_nobody_showed():
+def test_poles_are_recognised_in_an_unknown_action():
     trials = made()
     right = [
         np.mean([a == b for a, b in zip(judged(model, t), t.levels, strict=True)])
@@ -72,7 +72,7 @@ def test_the_mixture_is_the_formula():
     assert log_odds(model, z, "time") == pytest.approx(np.log(likelihood(1) / likelihood(-1)), rel=1e-6)
 
 
-def test_what_is_not_seen_says_nothing():
+def test_unknown_features_are_no_evidence():
     model = learn_trials(made(), "door", 30)
     blind = model.posterior(np.full(len(NAMES), np.nan))
     assert all(p.tolist() == [0.5, 0.5] for p in blind.values())
@@ -87,12 +87,12 @@ def test_what_is_not_seen_says_nothing():
     assert model.posterior(one)["effort_time"][1] > 0.5
 
 
-def test_trials_at_one_pole_alone_teach_nothing_of_the_other():
+def test_trials_at_one_pole_only_give_even_odds():
     model = learn_trials([t for t in made() if t.levels[2] == 1], "door", 30)
     assert model.posterior(made()[0].features)["effort_time"].tolist() == [0.5, 0.5]
 
 
-def test_what_depends_on_the_action_counts_little():
+def test_features_that_depend_on_the_action_count_little():
     rng = np.random.default_rng(2)
     levels = np.array(list(itertools.product((-1, 1), repeat=4)) * 3)
     actions = [action for action in ACTIONS for _ in range(16)]
@@ -103,7 +103,7 @@ def test_what_depends_on_the_action_counts_little():
     np.testing.assert_allclose(found[1, 1], 0.01 + RIDGE, rtol=0.4)
 
 
-def test_evidence_that_does_not_carry_over_to_other_actions_is_cooled():
+def test_evidence_that_does_not_generalise_gets_a_low_temperature():
     honest = learn_trials(made(), "door", 30)
     # In every action another pole is shown by the same evidence: what one teaches is wrong in the others.
     rng = np.random.default_rng(3)
@@ -113,7 +113,7 @@ def test_evidence_that_does_not_carry_over_to_other_actions_is_cooled():
     assert np.mean([p.max() for t in made(seed=5) for p in misled.posterior(t.features).values()]) < 0.8
 
 
-def test_a_model_comes_back_from_its_file(tmp_path):
+def test_an_effort_model_is_read_as_it_was_written(tmp_path):
     model = replace(learn_trials(made(), "door", 30), provenance={"archive": "x.npz"})
     write_effort(tmp_path / "cam.effort", model)
     again = read_effort(tmp_path / "cam.effort")
@@ -145,7 +145,7 @@ def saved(path, **changed):
         ({"levels": np.zeros((3, 4), np.int8)}, "examples"),
     ],
 )
-def test_a_file_that_is_none_is_refused_in_one_line(tmp_path, changed, said):
+def test_an_invalid_effort_file_is_rejected_in_one_line(tmp_path, changed, said):
     path = tmp_path / "cam.effort"
     saved(path, **changed)
     with pytest.raises(BadInput, match=said) as refused:
@@ -153,7 +153,7 @@ def test_a_file_that_is_none_is_refused_in_one_line(tmp_path, changed, said):
     assert "\n" not in str(refused.value) and str(path) in str(refused.value)
 
 
-def test_files_that_are_not_there_or_no_archives_are_refused(tmp_path):
+def test_missing_files_and_other_formats_are_rejected(tmp_path):
     with pytest.raises(BadInput, match="no such Effort model; make one with labanmesh learn"):
         read_effort(tmp_path / "none.effort")
     (tmp_path / "text.effort").write_text("hello")
@@ -163,7 +163,7 @@ def test_files_that_are_not_there_or_no_archives_are_refused(tmp_path):
         write_effort(tmp_path / "nowhere" / "cam.effort", learn_trials(made(), "door", 30))
 
 
-def test_a_model_of_another_rate_than_the_movements_is_refused(tmp_path):
+def test_an_effort_model_of_another_rate_is_rejected(tmp_path):
     model = learn_trials(made(), "door", 30)
     require_rate(tmp_path / "cam.effort", model, 30.0)
     with pytest.raises(BadInput, match=r"learned at 30 Hz, the movement model at 15 Hz: .* --effort --rate 15"):
@@ -174,5 +174,5 @@ def test_a_model_of_another_rate_than_the_movements_is_refused(tmp_path):
     ("trial", "levels"),
     [("-1_0_1_1", (-1, 0, 1, 1)), ("0_0_0_0.7", (0, 0, 0, 0)), ("1", None), ("2_0_0_0", None), ("1_1_1", None)],
 )
-def test_a_trials_name_says_its_levels(trial, levels):
+def test_the_levels_are_read_from_the_name_of_a_trial(trial, levels):
     assert levels_of(trial) == levels

@@ -1,4 +1,4 @@
-"""Facets while the movement goes on: what is said when, from which view, and what a hidden part takes away."""
+"""Facets during a movement: when they are known, from which view, and with hidden parts."""
 
 import numpy as np
 import pytest
@@ -42,7 +42,7 @@ def fed(reader, frames, rest):
     return [reader.update(Tracks(frame), rest) for frame in frames]
 
 
-def test_every_feature_is_known_of_a_whole_wave_and_none_of_its_first_frames():
+def test_all_features_of_a_whole_wave_are_known_and_none_of_its_first_frames():
     assert np.isfinite(features(course_of(wave(), BODY_PARTS, RATE))).all()
     assert len(features(course_of(wave(), BODY_PARTS, RATE))) == len(NAMES)
     assert np.isnan(features(course_of(wave(5), BODY_PARTS, RATE))).all()
@@ -50,19 +50,19 @@ def test_every_feature_is_known_of_a_whole_wave_and_none_of_its_first_frames():
 
 
 @pytest.mark.parametrize("size", [0.01, 7.0])
-def test_features_know_no_unit_and_no_place(size):
+def test_features_do_not_depend_on_unit_and_place(size):
     there = wave() * size + (300.0, -40.0)
     mine, theirs = (features(course_of(tracks, BODY_PARTS, RATE)) for tracks in (wave(), there))
     np.testing.assert_allclose(theirs, mine, rtol=1e-6, atol=1e-6)
 
 
-def test_the_left_hand_is_no_worse_than_the_right():
+def test_left_and_right_hand_give_the_same_features():
     swapped = wave()[:, [1, 0, 2]]
     mine, theirs = (features(course_of(tracks, BODY_PARTS, RATE)) for tracks in (wave(), swapped))
     np.testing.assert_allclose(theirs, mine)
 
 
-def test_a_hidden_hand_takes_only_its_own_features():
+def test_a_hidden_hand_hides_only_its_own_features():
     gone = wave()
     gone[:, 0] = np.nan
     found = dict(zip(NAMES, features(course_of(gone, BODY_PARTS, RATE)), strict=True))
@@ -72,7 +72,7 @@ def test_a_hidden_hand_takes_only_its_own_features():
     assert np.sign(found["lean_last"]) == np.sign(whole["lean_last"])
 
 
-def test_a_movement_without_end_costs_no_more():
+def test_an_endless_movement_needs_no_more_memory():
     course = course_of(np.tile(wave(), (30, 1, 1)), BODY_PARTS, RATE)
     assert len(course) <= 20 * RATE
     newest = course.places[-1]
@@ -81,7 +81,7 @@ def test_a_movement_without_end_costs_no_more():
     np.testing.assert_allclose(course.moves * course.size, moves.moves * moves.size, atol=1e-6)
 
 
-def test_effort_is_said_while_the_movement_goes_on_and_not_at_rest():
+def test_effort_is_read_during_a_movement_and_not_at_rest():
     reader = EffortReader(model(), BODY_PARTS, RATE)
     assert fed(reader, wave(60), 0.95)[-1] == {}
     said = fed(reader, wave(90, 2.2, seed=6), 0.1)
@@ -93,7 +93,7 @@ def test_effort_is_said_while_the_movement_goes_on_and_not_at_rest():
     assert fed(reader, wave(1), 0.95)[-1] == {}
 
 
-def test_a_new_movement_is_judged_by_itself():
+def test_a_new_movement_starts_from_nothing():
     reader = EffortReader(model(), BODY_PARTS, RATE)
     fed(reader, wave(120, 2.2), 0.1)
     fed(reader, wave(30, 0.0), 0.95)
@@ -106,7 +106,7 @@ def test_a_new_movement_is_judged_by_itself():
         np.testing.assert_allclose(anew[facet], p, atol=0.05)
 
 
-def test_what_was_shortly_before_belongs_to_the_movement():
+def test_the_last_frames_of_rest_belong_to_the_movement():
     reader = EffortReader(model(), BODY_PARTS, RATE)
     fed(reader, wave(60), 0.95)
     fed(reader, wave(1), 0.1)
@@ -137,7 +137,7 @@ def hands(left, right, frames=30):
         ((0, 0), (0, 0), "shape_horizontal", "neither"),
     ],
 )
-def test_shape_is_named_as_laban_does(left, right, facet, value):
+def test_shape_has_labans_names(left, right, facet, value):
     reader = ShapeReader(BODY_PARTS, RATE)
     said = [reader.update(frame) for frame in hands(left, right)][-1]
     check_facets(said)
@@ -148,7 +148,7 @@ def test_shape_is_named_as_laban_does(left, right, facet, value):
 @pytest.mark.parametrize(
     ("view", "sees"), [("door", False), ("yaw:20", False), ("yaw:45", True), ("wheel", True), ("yaw:270", True)]
 )
-def test_advancing_is_said_only_where_depth_is_seen_and_alike_from_both_sides(view, sees):
+def test_advancing_is_read_only_where_depth_is_visible(view, sees):
     seen = parse_view(view)
     reader = ShapeReader(BODY_PARTS, RATE, depth_in(seen.matrix))
     forward = np.tile(np.array([[-0.3, 1.0, -0.2], [0.3, 1.0, -0.2], [0.0, 1.6, 0.0]]), (30, 1, 1))
@@ -160,14 +160,14 @@ def test_advancing_is_said_only_where_depth_is_seen_and_alike_from_both_sides(vi
         assert FACETS["shape_sagittal"][said["shape_sagittal"].argmax()] == "advancing"
 
 
-def test_the_three_ways_of_a_rate_are_a_distribution_and_mirror_each_other():
+def test_three_ways_is_a_distribution_and_symmetric():
     for rate in (-50.0, -1.0, -0.2, 0.0, 0.2, 1.0, 50.0):
         p = three_ways(rate)
         assert p.sum() == pytest.approx(1) and (p >= 0).all()
         np.testing.assert_allclose(p[::-1], three_ways(-rate), atol=1e-12)
 
 
-def test_a_hidden_hand_leaves_rising_and_a_hidden_head_nothing():
+def test_shape_with_hidden_parts():
     one, none = hands((0, -90), (0, -90)), hands((0, -90), (0, -90))
     one[:, 0] = np.nan
     none[:, 2] = np.nan
@@ -177,7 +177,7 @@ def test_a_hidden_hand_leaves_rising_and_a_hidden_head_nothing():
     assert [reader.update(frame) for frame in none][-1] == {}
 
 
-def test_all_facets_come_together():
+def test_the_facet_reader_gives_effort_and_shape():
     reader = FacetReader(BODY_PARTS, RATE, depth=1.0, effort=model())
     for frame in wave(60):
         reader.update(Tracks(frame), 0.1)

@@ -1,4 +1,4 @@
-"""Facets on their way out: from tracks through the observer into the posterior message."""
+"""Facets from tracks through the observer into the posterior message."""
 
 import numpy as np
 
@@ -45,7 +45,7 @@ def model():
     return Phase.learn(header, [Example([Tracks(t) for t in rising(way=w)], m) for m, w in enumerate((1.0, -0.5))])
 
 
-def test_shape_is_said_on_the_mesh_with_the_posterior():
+def test_shape_is_published_with_the_posterior():
     learned, publisher = model(), Kept()
     observer = Observer(Given(), learned, facets=FacetReader(BODY_PARTS, RATE))
     speaker = PosteriorPublisher(learned.header.vocabulary, publisher)
@@ -57,7 +57,7 @@ def test_shape_is_said_on_the_mesh_with_the_posterior():
     assert SHAPE["shape_vertical"][int(np.argmax(said[-1].facets["shape_vertical"]))] == "rising"
 
 
-def test_an_observer_that_reads_no_facets_says_none():
+def test_an_observer_without_a_facet_reader_publishes_no_facets():
     learned, publisher = model(), Kept()
     speaker = PosteriorPublisher(learned.header.vocabulary, publisher)
     speaker.publish(Observer(Given(), learned).step(Frame(0, rising()[0])), 0, 0)

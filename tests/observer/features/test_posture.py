@@ -1,4 +1,4 @@
-"""Posture: by hand, against an oracle that reads whole recordings, and the laws of sight."""
+"""Posture: by hand, against an oracle that reads whole recordings, and properties."""
 
 import math
 
@@ -82,12 +82,12 @@ def test_against_the_oracle(centres, missing, rate_hz):
 
 
 @given(CENTRES, st.integers(-1000, 1000), st.sampled_from([0.25, 8.0]))
-def test_where_and_how_large_the_person_is_means_nothing(centres, shift, scale):
+def test_place_and_size_of_the_person_do_not_matter(centres, shift, scale):
     np.testing.assert_allclose(read((centres + shift) * scale), read(centres), atol=1e-9)
 
 
 @given(CENTRES, st.integers(1, 9))
-def test_the_stream_knows_nothing_of_what_comes(centres, count):
+def test_later_frames_do_not_change_earlier_results(centres, count):
     np.testing.assert_array_equal(read(centres[:count]), read(centres)[:count])
 
 
@@ -100,7 +100,7 @@ def test_speed_is_per_fifteenth_of_a_second_at_any_rate():
         assert read(hand(rate_hz), rate_hz)[-1, 4] == pytest.approx(1 / 15)
 
 
-def test_who_walks_is_followed_slowly_and_who_bends_is_not():
+def test_the_origin_follows_a_walking_person_slowly():
     still, aside = [[0, 100], [45, 0], [0, 0]], [[30, 100], [75, 0], [30, 0]]
     features = read([still] + [aside] * 1000)
     head_right = features[:, 2 * FEATURES_PER_PART]
@@ -110,18 +110,18 @@ def test_who_walks_is_followed_slowly_and_who_bends_is_not():
     assert head_right[-1] < 0.01
 
 
-def test_a_lost_head_leaves_the_hands_where_they_were_told_from():
+def test_without_a_head_positions_keep_the_last_origin():
     centres = [[[0, 100], [45, 0], [0, 0]], [[0, 80], [45, 0], GONE]]
     features = of_parts(read(centres))
     assert features[1, 0, 1] == pytest.approx(-80 / 45) and np.isnan(features[1, 2]).all()
 
 
-def test_nothing_is_known_before_the_size_is():
+def test_nothing_is_known_before_the_size():
     assert np.isnan(read([[GONE, GONE, [0, 0]], [[0, 5], [3, 3], GONE]])).all()
     assert np.isnan(read([[[7, 7]] * 3] * 2)).all()
 
 
-def test_a_tracker_may_use_its_array_again():
+def test_a_tracker_may_reuse_its_array():
     reader, centres = PostureReader(BODY_PARTS, RATE, FAST), np.array([[0.0, 100], [45, 0], [0, 0]])
     reader.update(Tracks(centres))
     centres[0] -= (0, 18)
@@ -129,7 +129,7 @@ def test_a_tracker_may_use_its_array_again():
     assert centres[0].tolist() == [0, 82]
 
 
-def test_parts_go_by_their_names():
+def test_parts_are_found_by_name():
     order = ("head", "right_hand", "left_hand")
     centres = np.array([[[0, 100], [45, 0], [0, 0]], [[0, 82], [45, 0], [0, 0]]], dtype=float)
     mixed, plain = read(centres[:, [2, 1, 0]], body_parts=order), read(centres)
@@ -137,7 +137,7 @@ def test_parts_go_by_their_names():
     np.testing.assert_array_equal(mixed[:, -HANDS_FEATURES:], plain[:, -HANDS_FEATURES:])
 
 
-def test_the_hands_tell_how_far_apart_they_are_even_while_the_head_is_lost():
+def test_the_distance_of_the_hands_is_known_without_the_head():
     centres = [[[0, 100], [100, 0], [0, 0]], [[30, 55], [75, 10], GONE], [GONE, [75, 10], [0, 0]]]
     features = read(centres)[:, -HANDS_FEATURES:]
     # From the right hand to the left one, up positive: its evidence has the exponent WEIGHT, so its length the root.
@@ -145,12 +145,12 @@ def test_the_hands_tell_how_far_apart_they_are_even_while_the_head_is_lost():
     assert np.isnan(features[2]).all()
 
 
-def test_without_two_hands_nothing_is_known_of_how_far_apart_they_are():
+def test_the_distance_of_the_hands_needs_two_hands():
     features = read(np.array([[[100, 0], [0, 0]]] * 2, dtype=float), body_parts=("right_hand", "head"))
     assert np.isnan(features[:, -HANDS_FEATURES:]).all() and np.isfinite(of_parts(features)[1]).all()
 
 
-def test_whatever_is_seen_is_seen_as_a_group():
+def test_groups_are_seen_as_a_whole():
     groups = groups_of(3)
     rng = np.random.default_rng(0)
     centres = rng.normal(size=(40, 3, 2))
@@ -183,7 +183,7 @@ def test_slow_motion_has_little_direction():
     assert slow.tolist() == [FAST, 0, SLOW] and slower[0] == pytest.approx(FAST / 10) and none.tolist() == [0, 0, 0]
 
 
-def test_at_rest_is_the_same_place_without_motion():
+def test_without_motion_keeps_the_places():
     features = read(np.random.default_rng(0).normal(size=(6, 3, 2)))
     resting = without_motion(features)
     assert resting.shape == features.shape
@@ -194,6 +194,6 @@ def test_at_rest_is_the_same_place_without_motion():
     np.testing.assert_array_equal(without_motion(features.astype(np.float32)[3]), resting[3].astype(np.float32))
 
 
-def test_who_stands_still_reads_like_at_rest():
+def test_a_still_person_reads_like_without_motion():
     still = read([[[0, 100], [45, 0], [0, 0]]] * 3)
     np.testing.assert_array_equal(without_motion(still)[2], still[2])

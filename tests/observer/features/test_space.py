@@ -1,4 +1,4 @@
-"""Vector Symbols: oracle by angles, then the laws of the ring, then the stream of tracks."""
+"""Vector Symbols: against an oracle by angles, properties, and the stream of tracks."""
 
 import math
 
@@ -50,7 +50,7 @@ def test_against_an_oracle_that_compares_angles(angle_deg, length):
 
 
 @given(st.floats(-1e9, 1e9), st.floats(-1e9, 1e9), st.floats(0, 1e3), st.floats(0, 1e3))
-def test_every_displacement_has_one_of_the_nine(du, dv, size, threshold):
+def test_every_displacement_has_a_symbol(du, dv, size, threshold):
     symbol = vector_symbols(np.array([du, dv]), size, threshold)
     assert 0 <= symbol <= 8
     length = math.hypot(du, dv)
@@ -58,13 +58,13 @@ def test_every_displacement_has_one_of_the_nine(du, dv, size, threshold):
     assert (symbol == VectorSymbol.O) == (length < size * threshold or length == 0)
 
 
-def test_still_stays_still_without_a_threshold():
+def test_no_motion_is_still_without_a_threshold():
     assert vector_symbols(np.zeros((3, 2)), 1.0, 0.0).tolist() == [0, 0, 0]
     assert vector_symbols(np.array([[-0.0, 0.0], [0.0, -0.0]]), 1.0, 0.0).tolist() == [0, 0]
 
 
 @given(ANGLE, st.floats(0.01, 1))
-def test_turning_the_image_by_45_degrees_goes_one_on_in_the_ring(angle_deg, length):
+def test_turning_the_image_by_45_degrees_gives_the_next_symbol(angle_deg, length):
     assume(away_from_edges(angle_deg))
     before, after = vector_symbols(np.stack([vector(angle_deg, length), vector(angle_deg + 45, length)]), 1.0, 0.1)
     assume(abs(length - 0.1) > 1e-9)
@@ -79,7 +79,7 @@ def test_a_mirror_swaps_right_and_left(angle_deg, length):
     assert VectorSymbol(int(mirrored)).name == MIRROR[VectorSymbol(int(there)).name]
 
 
-def test_an_unknown_size_says_nothing():
+def test_nothing_is_seen_with_an_unknown_size():
     assert (vector_symbols(np.ones((3, 2)), math.nan, 0.1) == VectorSymbol.NOT_SEEN).all()
 
 
@@ -99,7 +99,7 @@ def test_body_size_is_a_share_of_the_largest_distance_so_far():
     assert size.update(np.array([[1, 0], [0, 1], [0, 0]]), BODY_PARTS) == pytest.approx(0.45 * 10)
 
 
-def test_body_size_goes_by_names():
+def test_body_size_finds_parts_by_name():
     names = ("hip", "head", "right_hand")
     assert BodySize(1.0).update(np.array([[90, 90], [0, 0], [3, 4]]), names) == 5
     for useless in (("left_hand", "right_hand"), ("head", "hip")):
@@ -128,7 +128,7 @@ def test_a_stream_by_hand():
     ]
 
 
-def test_a_tracker_may_use_its_array_again():
+def test_a_tracker_may_reuse_its_array():
     reader, centres = SpaceReader(BODY_PARTS, 0.1), np.array([[0.0, 100], [10, 100], [0, 0]])
     reader.update(Tracks(centres))
     centres -= (0, 50)
@@ -136,17 +136,17 @@ def test_a_tracker_may_use_its_array_again():
 
 
 @given(CENTRES, st.integers(-1000, 1000), st.sampled_from([0.25, 2.0, 1024.0]))
-def test_where_and_how_large_the_person_is_means_nothing(centres, shift, scale):
+def test_place_and_size_of_the_person_do_not_matter(centres, shift, scale):
     np.testing.assert_array_equal(read((centres + shift) * scale), read(centres))
 
 
 @given(CENTRES, st.integers(1, 11))
-def test_the_stream_knows_nothing_of_what_comes(centres, count):
+def test_later_frames_do_not_change_earlier_results(centres, count):
     np.testing.assert_array_equal(read(centres[:count]), read(centres)[:count])
 
 
 @given(CENTRES, arrays(np.bool_, (12, 3)))
-def test_not_seen_is_where_a_part_was_missing_now_or_then(centres, missing):
+def test_not_seen_is_a_part_missing_in_either_frame(centres, missing):
     centres[0] = [[0, 100], [10, 100], [0, 0]]
     missing[0] = False  # the size is known from the first frame
     centres[missing] = np.nan
@@ -157,7 +157,7 @@ def test_not_seen_is_where_a_part_was_missing_now_or_then(centres, missing):
 
 
 @given(CENTRES, st.integers(1, 5))
-def test_motion_over_several_frames_is_that_between_frames_so_far_apart(centres, over):
+def test_motion_over_several_frames(centres, over):
     apart = SpaceReader(BODY_PARTS, 0.1, over)
     symbols = [apart.update(Tracks(c)) for c in centres]
     assert all((s == VectorSymbol.NOT_SEEN).all() for s in symbols[:over])

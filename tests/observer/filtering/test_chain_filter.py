@@ -1,4 +1,4 @@
-"""The chain filter against the phase filter and against a table of all transitions, and its laws."""
+"""The chain filter against the phase filter and a table of all transitions, and its properties."""
 
 import numpy as np
 import pytest
@@ -53,7 +53,7 @@ def phase_filter(cell_of, known):
 
 @some
 @given(seed=SEEDS, known=st.booleans(), blind=st.sets(st.integers(0, 11)))
-def test_believes_what_the_phase_filter_believes_of_each_movement_at_each_facing(seed, known, blind):
+def test_equals_the_phase_filter_of_each_movement_at_each_facing(seed, known, blind):
     rng = np.random.default_rng(seed)
     ours, oracle, first = chain_filter(known), phase_filter(CELL_OF, known), known
     for n in range(12):
@@ -73,7 +73,7 @@ def test_believes_what_the_phase_filter_believes_of_each_movement_at_each_facing
 
 @some
 @given(seed=SEEDS, known=st.booleans())
-def test_with_one_facing_it_is_the_phase_filter_of_the_movements(seed, known):
+def test_with_one_facing_it_equals_the_phase_filter(seed, known):
     rng = np.random.default_rng(seed)
     movement_of = CELL_OF // FACINGS
     ours = ChainFilter(movement_of, MOVEMENTS, 1, PHASES, DYNAMICS, known, negligible=0.0)
@@ -113,7 +113,7 @@ def transitions():
 
 @some
 @given(SEEDS)
-def test_what_each_movement_foresaw_is_the_predictive_density_of_the_frame(seed):
+def test_the_predictive_log_likelihood_is_the_density_of_the_frame(seed):
     rng = np.random.default_rng(seed)
     table, movement = transitions()
     mass, ours = np.eye(len(table))[0], chain_filter(known=False)
@@ -131,7 +131,7 @@ def test_what_each_movement_foresaw_is_the_predictive_density_of_the_frame(seed)
 
 @some
 @given(SEEDS)
-def test_while_somebody_moves_what_he_did_before_is_no_answer(seed):
+def test_the_previous_movement_is_no_answer_during_a_movement(seed):
     rng = np.random.default_rng(seed)
     table, movement = transitions()
     cells = np.bincount(CELL_OF).size
@@ -153,7 +153,7 @@ def test_while_somebody_moves_what_he_did_before_is_no_answer(seed):
 
 @some
 @given(seed=SEEDS, seen=st.integers(0, 12), known=st.booleans(), negligible=st.sampled_from([0.0, 1e-8, 1e-3]))
-def test_with_nothing_seen_nobody_is_surer_of_movement_or_facing(seed, seen, known, negligible):
+def test_blind_frames_never_lower_the_entropy_of_movement_or_facing(seed, seen, known, negligible):
     rng = np.random.default_rng(seed)
     belief = chain_filter(known, negligible)
     for _ in range(seen):
@@ -169,7 +169,7 @@ def test_with_nothing_seen_nobody_is_surer_of_movement_or_facing(seed, seen, kno
 
 @some
 @given(seed=SEEDS, known=st.booleans(), negligible=st.sampled_from([0.0, 1e-8]), strength=st.sampled_from([5.0, 500.0]))
-def test_whatever_is_seen_the_belief_is_a_distribution(seed, known, negligible, strength):
+def test_the_posterior_is_always_a_distribution(seed, known, negligible, strength):
     rng = np.random.default_rng(seed)
     belief = chain_filter(known, negligible)
     for _ in range(30):
@@ -181,7 +181,7 @@ def test_whatever_is_seen_the_belief_is_a_distribution(seed, known, negligible, 
 
 @some
 @given(seed=SEEDS, constant=st.floats(-800, 800))
-def test_a_constant_added_to_all_evidence_is_foreseen_and_changes_no_belief(seed, constant):
+def test_a_constant_added_to_all_evidence_changes_only_the_predictive_likelihood(seed, constant):
     rng = np.random.default_rng(seed)
     plain, shifted = chain_filter(known=True), chain_filter(known=True)
     for _ in range(6):
@@ -192,7 +192,7 @@ def test_a_constant_added_to_all_evidence_is_foreseen_and_changes_no_belief(seed
     assert shifted.predictive_log_likelihood == pytest.approx(plain.predictive_log_likelihood + constant, abs=1e-3)
 
 
-def test_before_anything_was_seen_all_is_equally_likely():
+def test_the_prior_is_uniform():
     for known in (True, False):
         assert chain_filter(known).posterior == pytest.approx(np.full((3, 2), 1 / 6))
         assert chain_filter(known).rest == (0.0 if known else 1.0)
@@ -212,7 +212,7 @@ class Asked:
 
 
 @pytest.mark.parametrize("known", [True, False])
-def test_what_is_left_out_decides_nothing_and_spares_most_of_the_work(known):
+def test_skipping_negligible_mass_changes_little_and_saves_most_of_the_work(known):
     labels, door = ("ok", "shake", "lunging"), parse_view("door")
     archive = perform(("1", "2"), labels, trials=2, seed=3)
     model = learn_view(archive, door, Vocabulary(labels), parameters={"facings": 4.0}, calibrate=False)

@@ -1,4 +1,4 @@
-"""The phase filter against a brute-force sum over all paths, and its laws."""
+"""The phase filter against a brute-force sum over all paths, and its properties."""
 
 import itertools
 

@@ -71,21 +71,21 @@ def test_the_posterior_is_that_of_the_phase_filter_with_one_more_movement(model,
     one, other = blend_pairs(of_own, arrays["facing_of"])
     chains = np.concatenate([own, (own[one] + own[other]) / 2])
     answer_of = np.concatenate([np.where(of_own < 0, 2, of_own), np.full(len(one), 2)])
-    share, given = 15.0 / model.header.rate_hz, model.header.parameters
-    begin, forget = (1 - (1 - given[name]) ** share for name in ("begin", "forget"))
+    share, parameters = 15.0 / model.header.rate_hz, model.header.parameters
+    begin, forget = (1 - (1 - parameters[name]) ** share for name in ("begin", "forget"))
     dynamics = Dynamics(shares[None], np.ones(1), np.ones((1, 1)), np.array(ENTRY), begin, forget)
     oracle = PhaseFilter(answer_of, chains.shape[1], np.full(3, 1 / 3), dynamics, onset_known=True)
-    reader = PostureReader(BODY_PARTS, model.header.rate_hz, given["fast"], given["apart"])
+    reader = PostureReader(BODY_PARTS, model.header.rate_hz, parameters["fast"], parameters["apart"])
     (shown,) = of(people, "3", ("byebye",)).recordings
-    seen = iter(view_tracks(DOOR, shown, BODY_PARTS, BODY_PARTS))
+    frames = iter(view_tracks(DOOR, shown, BODY_PARTS, BODY_PARTS))
     for n, watch in enumerate(watched(model, shown)):
         if n == 12:
             break
-        features = reader.update(next(seen))
-        said = np.exp(-share * given["sharpness"] * squared(features, chains))
-        log = np.log(said + np.exp(-share * given["outlier"]) * said[:, : 4 + 4 * n].max())
+        features = reader.update(next(frames))
+        likelihood = np.exp(-share * parameters["sharpness"] * squared(features, chains))
+        log = np.log(likelihood + np.exp(-share * parameters["outlier"]) * likelihood[:, : 4 + 4 * n].max())
         first, last = (
-            np.exp(-share * given["sharpness"] * squared(features, without_motion(chains[:, k]))) for k in (0, -1)
+            np.exp(-share * parameters["sharpness"] * squared(features, without_motion(chains[:, k]))) for k in (0, -1)
         )
         rest = (first.mean() + last.mean()) / 2
         after = [max(last[answer_of == a].mean(), rest) for a in range(3)]
@@ -128,9 +128,9 @@ def test_without_a_background_nothing_changes(people, tmp_path):
 
 
 def test_blends_are_something_else_at_every_facing(people):
-    learned, given = of(people, "12", WORDS.labels), {"facings": 3.0}
+    learned, parameters = of(people, "12", WORDS.labels), {"facings": 3.0}
     model = learn_view(
-        learned, DOOR, WORDS, parameters=given, calibrate=False, background=MotionArchive(learned.body_parts, ())
+        learned, DOOR, WORDS, parameters=parameters, calibrate=False, background=MotionArchive(learned.body_parts, ())
     )
     assert model.header.background == () and model.answers == 3
     (shown,) = of(people, "3", ("lunging",)).recordings
@@ -167,8 +167,8 @@ def test_editing_keeps_the_background_except_for_promoted_movements(model, peopl
     back = remove_movements(grown.model, ("lunging",))
     assert back.header.background == ("byebye",) and back.answers == 3
     np.testing.assert_array_equal(back.arrays()["chains"], model.without_background(1).arrays()["chains"])
-    kept = remove_movements(grown.model, ("ok",))
-    assert kept.arrays()["movement_of"].min() == -1 and kept.header.vocabulary.labels == ("shake", "lunging")
+    smaller = remove_movements(grown.model, ("ok",))
+    assert smaller.arrays()["movement_of"].min() == -1 and smaller.header.vocabulary.labels == ("shake", "lunging")
 
 
 def test_a_background_example_is_evaluated_by_a_model_without_its_movement(monkeypatch, model, people):
@@ -179,13 +179,13 @@ def test_a_background_example_is_evaluated_by_a_model_without_its_movement(monke
             learned.append(set(self.arrays()["movement_of"].tolist()))
             return super().watch(onset)
 
-    def looking(model, example):
+    def spy(model, example):
         shown.append(example.movement)
         return evaluate_example(model, example)
 
     from observer.learning.cross_validation import evaluate_example
 
-    monkeypatch.setattr("observer.learning.cross_validation.evaluate_example", looking)
+    monkeypatch.setattr("observer.learning.cross_validation.evaluate_example", spy)
     recordings = of(people, "12", WORDS.labels).recordings
     seen_from = ExampleView(DOOR, WORDS, BODY_PARTS)
     examples = seen_from.examples(recordings, BODY_PARTS)
@@ -233,8 +233,8 @@ def archives(people, tmp_path):
 
 def run(capsys, *words):
     status = labanmesh.main([str(word) for word in words])
-    said = capsys.readouterr()
-    return status, said.out, said.err
+    printed = capsys.readouterr()
+    return status, printed.out, printed.err
 
 
 def test_learn_and_add_on_the_command_line(capsys, archives):

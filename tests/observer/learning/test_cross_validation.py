@@ -1,4 +1,4 @@
-"""Trying a model on who it has not learned from: who is left out, and who is judged by whom."""
+"""Cross-validation: which examples are left out, and which model evaluates them."""
 
 from collections import Counter
 
@@ -11,13 +11,13 @@ from observer.model.base import Example, Header
 from observer.model.posterior_calibration import CAUTIOUS
 
 LABELS = ("bow", "lunge")
-TOLD: list[tuple[frozenset[tuple[str, str, int]], tuple[str, str, int]]] = []
-"""Who was learned from, and who was judged: (subject, trial, movement)."""
+EVALUATIONS: list[tuple[frozenset[tuple[str, str, int]], tuple[str, str, int]]] = []
+"""What was learned and what was evaluated: (subject, trial, movement)."""
 HEADERS: list[Header] = []
 
 
 class Spy:
-    """A model whose examples are shown as tracks that name themselves."""
+    """A model whose examples are shown_examples as tracks that name themselves."""
 
     kind = "spy"
     DEFAULTS = {"facings": 1.0}  # noqa: RUF012 - as a model has it
@@ -50,12 +50,12 @@ class SpyWatch:
         self._learned = model.learned
 
     def update(self, tracks):
-        TOLD.append((self._learned, tracks))
+        EVALUATIONS.append((self._learned, tracks))
 
 
 @pytest.fixture(autouse=True)
-def forgotten():
-    TOLD.clear()
+def clear():
+    EVALUATIONS.clear()
     HEADERS.clear()
 
 
@@ -71,72 +71,80 @@ def examples(subjects, trials=("1", "2"), facings=1):
     return [example(s, t, m, k) for k in range(facings) for s in subjects for t in trials for m in range(len(LABELS))]
 
 
-def test_nobody_is_judged_by_a_model_that_learned_from_him():
-    shown = examples("abcd")
-    estimate_calibration(Spy, header(), shown)
-    assert Counter(judged for _, judged in TOLD) == Counter((e.subject, e.trial, e.movement) for e in shown)
-    for learned, (subject, _, _) in TOLD:
+def test_each_person_is_evaluated_by_a_model_of_the_others():
+    shown_examples = examples("abcd")
+    estimate_calibration(Spy, header(), shown_examples)
+    assert Counter(evaluated for _, evaluated in EVALUATIONS) == Counter(
+        (e.subject, e.trial, e.movement) for e in shown_examples
+    )
+    for learned, (subject, _, _) in EVALUATIONS:
         assert {s for s, _, _ in learned} == set("abcd") - {subject}
 
 
-def test_of_one_person_alone_one_recording_of_each_movement_is_left_out_in_turn():
-    shown = examples("a", trials=("1", "2", "3"))
-    estimate_calibration(Spy, header(), shown)
-    assert len(TOLD) == len(shown)
-    for learned, judged in TOLD:
-        assert judged not in learned and len(learned) == 4
+def test_with_one_person_recordings_are_left_out_in_turn():
+    shown_examples = examples("a", trials=("1", "2", "3"))
+    estimate_calibration(Spy, header(), shown_examples)
+    assert len(EVALUATIONS) == len(shown_examples)
+    for learned, evaluated in EVALUATIONS:
+        assert evaluated not in learned and len(learned) == 4
         assert {m for _, _, m in learned} == {0, 1}
 
 
-def test_where_one_person_alone_shows_a_movement_recordings_are_left_out_in_turn():
-    shown = [*examples("ab", trials=("1", "2")), example("a", "3", 1), example("b", "3", 1)]
-    shown = [e for e in shown if e.movement == 1 or e.subject == "a"]
-    assert {e.subject for e in shown if e.movement == 0} == {"a"}
-    estimate_calibration(Spy, header(), shown)
-    assert len(TOLD) == len(shown)
-    assert all(judged not in learned and {m for _, _, m in learned} == {0, 1} for learned, judged in TOLD)
+def test_with_one_person_for_a_movement_recordings_are_left_out_in_turn():
+    shown_examples = [*examples("ab", trials=("1", "2")), example("a", "3", 1), example("b", "3", 1)]
+    shown_examples = [e for e in shown_examples if e.movement == 1 or e.subject == "a"]
+    assert {e.subject for e in shown_examples if e.movement == 0} == {"a"}
+    estimate_calibration(Spy, header(), shown_examples)
+    assert len(EVALUATIONS) == len(shown_examples)
+    assert all(evaluated not in learned and {m for _, _, m in learned} == {0, 1} for learned, evaluated in EVALUATIONS)
 
 
-def test_the_only_recording_of_a_movement_is_always_learned_from_and_never_judged():
-    shown = [example("a", "1", 0), *(example("a", str(t), 1) for t in range(3))]
-    estimate_calibration(Spy, header(), shown)
-    assert [judged for _, judged in TOLD] == [("a", str(t), 1) for t in range(3)]
-    assert all(("a", "1", 0) in learned and judged not in learned for learned, judged in TOLD)
+def test_the_only_recording_of_a_movement_is_always_learned_and_never_evaluated():
+    shown_examples = [example("a", "1", 0), *(example("a", str(t), 1) for t in range(3))]
+    estimate_calibration(Spy, header(), shown_examples)
+    assert [evaluated for _, evaluated in EVALUATIONS] == [("a", str(t), 1) for t in range(3)]
+    assert all(("a", "1", 0) in learned and evaluated not in learned for learned, evaluated in EVALUATIONS)
 
 
-@pytest.mark.parametrize("shown", [examples("a", trials=("1",)), examples("ab"), examples("a", trials=("1", "2"))])
-def test_who_can_hardly_be_tried_is_believed_less(shown):
-    assert estimate_calibration(Spy, header(), shown) == CAUTIOUS
+@pytest.mark.parametrize(
+    "shown_examples", [examples("a", trials=("1",)), examples("ab"), examples("a", trials=("1", "2"))]
+)
+def test_with_few_examples_the_calibration_is_cautious(shown_examples):
+    assert estimate_calibration(Spy, header(), shown_examples) == CAUTIOUS
 
 
-def test_with_enough_of_them_it_is_fitted():
+def test_with_enough_examples_it_is_fitted():
     assert estimate_calibration(Spy, header(), examples("abcde")) != CAUTIOUS
 
 
-def test_what_was_found_of_one_person_alone_makes_nobody_surer_than_that():
-    shown = examples("a", trials=[str(n) for n in range(20)])
-    found = estimate_calibration(Spy, header(), shown)
-    assert found.temperature >= CAUTIOUS.temperature and found.doubt >= CAUTIOUS.doubt and not found.foreseen
+def test_with_one_person_the_fit_is_at_least_cautious():
+    shown_examples = examples("a", trials=[str(n) for n in range(20)])
+    calibration = estimate_calibration(Spy, header(), shown_examples)
+    assert (
+        calibration.temperature >= CAUTIOUS.temperature
+        and calibration.doubt >= CAUTIOUS.doubt
+        and not calibration.foreseen
+    )
 
 
-def test_of_very_many_only_some_are_judged_though_all_are_left_out():
-    shown = examples([str(n) for n in range(10)], trials=[str(n) for n in range(30)])
-    estimate_calibration(Spy, header(), shown)
-    assert MOST_EVALUATED / 2 <= len(TOLD) <= MOST_EVALUATED * 1.5
-    assert {movement for _, (_, _, movement) in TOLD} == {0, 1}
-    assert all(subject not in {s for s, _, _ in learned} for learned, (subject, _, _) in TOLD)
+def test_of_many_examples_only_a_share_is_evaluated():
+    shown_examples = examples([str(n) for n in range(10)], trials=[str(n) for n in range(30)])
+    estimate_calibration(Spy, header(), shown_examples)
+    assert MOST_EVALUATED / 2 <= len(EVALUATIONS) <= MOST_EVALUATED * 1.5
+    assert {movement for _, (_, _, movement) in EVALUATIONS} == {0, 1}
+    assert all(subject not in {s for s, _, _ in learned} for learned, (subject, _, _) in EVALUATIONS)
 
 
-def test_facing_one_way_is_enough():
+def test_only_one_facing_is_evaluated():
     estimate_calibration(Spy, header(4.0), examples("abc", facings=4))
-    assert len(TOLD) == 12 and all(h.parameters["facings"] == 1.0 for h in HEADERS)
+    assert len(EVALUATIONS) == 12 and all(h.parameters["facings"] == 1.0 for h in HEADERS)
 
 
-def test_the_believable_model_is_the_same_but_for_its_certainty():
-    shown = examples("abcde", facings=4)
-    model = Spy.learn(header(4.0), shown)
-    told = with_calibration(Spy, model, shown)
-    assert told.learned == model.learned and told.header.parameters == {"facings": 4.0}
-    assert told.header.calibration == estimate_calibration(Spy, header(4.0), shown) != CAUTIOUS
-    # The spy holds all for equally likely, and takes the first.
-    assert told.header.provenance == {"tried": "20", "right": "10"}
+def test_calibration_leaves_the_model_unchanged():
+    shown_examples = examples("abcde", facings=4)
+    model = Spy.learn(header(4.0), shown_examples)
+    calibrated = with_calibration(Spy, model, shown_examples)
+    assert calibrated.learned == model.learned and calibrated.header.parameters == {"facings": 4.0}
+    assert calibrated.header.calibration == estimate_calibration(Spy, header(4.0), shown_examples) != CAUTIOUS
+    # The spy's posterior is uniform, and argmax takes the first.
+    assert calibrated.header.provenance == {"tried": "20", "right": "10"}

@@ -34,7 +34,7 @@ def people():
 
 
 def some(archive, subjects, labels, trials=3):
-    """What the first of these people's recordings hold."""
+    """The first recordings of these people with these labels."""
     chosen, counts = [], {}
     for r in archive.recordings:
         counts[r.subject, r.label] = counts.get((r.subject, r.label), 0) + 1
@@ -49,8 +49,8 @@ def model(request, people):
 
 
 @pytest.fixture(scope="module")
-def turning(people):
-    """Learned at several facings, and what it foresaw of its movements is known."""
+def with_facings(people):
+    """A model of several facings, with predictive statistics."""
     learned = learn_view(
         some(people, ("1", "2"), OLD), DOOR, Vocabulary(OLD), parameters={"facings": 4.0}, calibrate=False
     )
@@ -59,8 +59,8 @@ def turning(people):
 
 
 def _sure(header):
-    certainty = PosteriorCalibration(1.5, 0.03, ((-2.0, 0.5), (-3.0, 0.7)), 2.0, 1.0)
-    return replace(header, calibration=certainty)
+    calibration = PosteriorCalibration(1.5, 0.03, ((-2.0, 0.5), (-3.0, 0.7)), 2.0, 1.0)
+    return replace(header, calibration=calibration)
 
 
 def recognised(model, recording):
@@ -81,7 +81,7 @@ def test_three_recordings_of_one_person_are_a_usable_model(people):
     assert "tried on 9 left-out examples: right" in text and "other people" in text
 
 
-def test_one_person_alone_is_never_believed_more_than_a_model_that_could_not_be_tried():
+def test_at_least_cautious():
     assert at_least_cautious(PosteriorCalibration(0.5, 0.002, ((-1.0, 0.1),), 2.0, 1.0)) == CAUTIOUS
     unsure = at_least_cautious(PosteriorCalibration(4.0, 0.2))
     assert (unsure.temperature, unsure.doubt) == (4.0, 0.2)
@@ -89,13 +89,15 @@ def test_one_person_alone_is_never_believed_more_than_a_model_that_could_not_be_
 
 def test_many_recordings_of_one_person_are_still_one_person(people):
     many = some(perform(("1",), OLD, trials=10, seed=2), ("1",), OLD, trials=10)
-    certainty = learn_view(many, DOOR, Vocabulary(OLD), kind="frame-table").header.calibration
+    calibration = learn_view(many, DOOR, Vocabulary(OLD), kind="frame-table").header.calibration
     assert (
-        certainty.temperature >= CAUTIOUS.temperature and certainty.doubt >= CAUTIOUS.doubt and not certainty.foreseen
+        calibration.temperature >= CAUTIOUS.temperature
+        and calibration.doubt >= CAUTIOUS.doubt
+        and not calibration.foreseen
     )
 
 
-def test_who_is_left_out(people):
+def test_folds(people):
     vocabulary, parts = Vocabulary(OLD), people.body_parts
 
     def of(archive):
@@ -113,7 +115,7 @@ def same(one, other):
     return all((np.asarray(other.arrays()[name]) == values).all() for name, values in one.arrays().items())
 
 
-def test_adding_and_taking_out_again_leaves_everything_as_it_was(model, people):
+def test_adding_and_removing_movements_restores_the_model(model, people):
     grown = add_movements(model, some(people, ("3",), NEW), DOOR)
     assert grown.labels == NEW and grown.examples == 6 and len(grown.results) == 6
     assert grown.model.header.vocabulary.labels == (*OLD, *NEW)
@@ -123,7 +125,7 @@ def test_adding_and_taking_out_again_leaves_everything_as_it_was(model, people):
     assert back.header.vocabulary == model.header.vocabulary
 
 
-def test_an_added_movement_is_recognised_and_so_are_the_old_ones(people):
+def test_added_and_old_movements_are_recognised(people):
     model = learn_view(some(people, ("1", "2"), OLD), DOOR, Vocabulary(OLD))
     grown = add_movements(model, some(people, ("1", "2"), (NEW[0],)), DOOR).model
     shown = some(people, ("3",), (*OLD, NEW[0]), trials=1).recordings
@@ -135,7 +137,7 @@ def test_an_added_movement_is_recognised_and_so_are_the_old_ones(people):
 
 
 @pytest.mark.parametrize("kind", ["phase-symbols", "frame-table"])
-def test_a_table_grows_to_what_it_would_be_had_all_been_learned_at_once(people, kind):
+def test_a_grown_table_equals_one_learned_at_once(people, kind):
     both = some(people, ("1", "2"), (*OLD, NEW[0]))
     whole = learn_view(both, DOOR, Vocabulary((*OLD, NEW[0])), kind=kind, calibrate=False)
     old = learn_view(some(people, ("1", "2"), OLD), DOOR, Vocabulary(OLD), kind=kind, calibrate=False)
@@ -145,7 +147,7 @@ def test_a_table_grows_to_what_it_would_be_had_all_been_learned_at_once(people, 
     assert (kept.arrays()["log_table"] == whole.arrays()["log_table"][1:]).all()
 
 
-def test_the_file_of_a_grown_model_says_what_was_added(model, people, tmp_path):
+def test_the_file_of_an_edited_model_names_what_was_added(model, people, tmp_path):
     grown = add_movements(model, some(people, ("3",), NEW), DOOR, labels=("byebye",), source="own.npz").model
     write_model(tmp_path / "grown.model", grown)
     again = read_model(tmp_path / "grown.model")
@@ -153,42 +155,42 @@ def test_the_file_of_a_grown_model_says_what_was_added(model, people, tmp_path):
     assert again.header.vocabulary.labels == (*OLD, "byebye")
 
 
-def test_all_facings_are_learned_of_an_added_movement_and_how_it_is_foreseen(turning, people):
-    grown = add_movements(turning, some(people, ("1", "2"), (NEW[0],), trials=2), DOOR).model
+def test_an_added_movement_has_all_facings_and_its_predictive_statistics(with_facings, people):
+    grown = add_movements(with_facings, some(people, ("1", "2"), (NEW[0],), trials=2), DOOR).model
     arrays = grown.arrays()
     assert sorted(arrays["facing_of"][arrays["movement_of"] == 2].tolist()) == sorted([0, 1, 2, 3] * 4)
-    certainty = grown.header.calibration
-    assert (certainty.temperature, certainty.doubt) == (1.5, 0.03)
-    assert certainty.foreseen[:2] == turning.header.calibration.foreseen and len(certainty.foreseen) == 3
-    assert certainty.foreseen[2][1] >= 0.6, "no narrower than is usual among the others"
-    assert remove_movements(grown, ("ok",)).header.calibration.foreseen == certainty.foreseen[1:]
+    calibration = grown.header.calibration
+    assert (calibration.temperature, calibration.doubt) == (1.5, 0.03)
+    assert calibration.foreseen[:2] == with_facings.header.calibration.foreseen and len(calibration.foreseen) == 3
+    assert calibration.foreseen[2][1] >= 0.6, "no narrower than is usual among the others"
+    assert remove_movements(grown, ("ok",)).header.calibration.foreseen == calibration.foreseen[1:]
 
 
-def test_who_judges_an_added_movements_example_has_not_learned_it(turning, people, monkeypatch):
+def test_added_examples_are_evaluated_by_models_without_them(with_facings, people, monkeypatch):
     chains = []
 
-    def looking(model, example):
+    def spy(model, example):
         chains.append(int((model.arrays()["movement_of"] == 2).sum()))
         return evaluate_example(model, example)
 
-    monkeypatch.setattr("observer.learning.editing.evaluate_example", looking)
-    add_movements(turning, some(people, ("1", "2"), (NEW[0],), trials=2), DOOR)
+    monkeypatch.setattr("observer.learning.editing.evaluate_example", spy)
+    add_movements(with_facings, some(people, ("1", "2"), (NEW[0],), trials=2), DOOR)
     # The other person's two recordings, from four facings.
     assert chains == [8] * 4
     chains.clear()
-    add_movements(turning, some(people, ("3",), (NEW[0],)), DOOR)
+    add_movements(with_facings, some(people, ("3",), (NEW[0],)), DOOR)
     assert chains == [8] * 3
 
 
-def test_of_one_person_alone_an_added_movement_is_not_expected_to_be_foreseen_better_than_the_others(turning, people):
-    once = add_movements(turning, some(people, ("3",), (NEW[0],), trials=1), DOOR)
-    assert once.results == () and once.model.header.calibration.foreseen[2] == pytest.approx((-2.5, 0.6))
-    thrice = add_movements(turning, some(people, ("3",), (NEW[0],)), DOOR)
-    assert len(thrice.results) == 3 and thrice.model.header.calibration.foreseen[2][0] <= -2.5
+def test_with_one_person_an_added_movement_is_foreseen_no_better_than_the_others(with_facings, people):
+    single = add_movements(with_facings, some(people, ("3",), (NEW[0],), trials=1), DOOR)
+    assert single.results == () and single.model.header.calibration.foreseen[2] == pytest.approx((-2.5, 0.6))
+    several = add_movements(with_facings, some(people, ("3",), (NEW[0],)), DOOR)
+    assert len(several.results) == 3 and several.model.header.calibration.foreseen[2][0] <= -2.5
 
 
 @pytest.mark.parametrize(
-    ("given", "said"),
+    ("options", "error"),
     [
         ({"view": parse_view("wheel")}, "--view wheel: the model is for door"),
         ({"kind": "frame-table"}, "--model frame-table: the model is of the kind phase"),
@@ -198,33 +200,33 @@ def test_of_one_person_alone_an_added_movement_is_not_expected_to_be_foreseen_be
         ({"labels": ("jump",)}, "--labels jump: no recording shows this movement"),
     ],
 )
-def test_what_does_not_fit_the_model_is_refused(turning, people, given, said):
-    with pytest.raises(BadInput, match=r"\A[^\n]*\Z") as refused:
-        add_movements(turning, some(people, ("3",), (*OLD, *NEW)), **{"view": DOOR, **given})
-    assert said in str(refused.value)
+def test_what_does_not_fit_the_model_is_rejected(with_facings, people, options, error):
+    with pytest.raises(BadInput, match=r"\A[^\n]*\Z") as rejected:
+        add_movements(with_facings, some(people, ("3",), (*OLD, *NEW)), **{"view": DOOR, **options})
+    assert error in str(rejected.value)
 
 
-def test_other_recordings_than_the_models_are_refused(turning, people):
+def test_recordings_of_another_rate_or_without_parts_are_rejected(with_facings, people):
     fast = MotionArchive(people.body_parts, tuple(replace(r, rate_hz=60.0) for r in people.recordings))
     with pytest.raises(BadInput, match=r"recordings at 60 Hz: the model is for .* add --rate"):
-        add_movements(turning, fast, DOOR)
+        add_movements(with_facings, fast, DOOR)
     handless = MotionArchive(
         people.body_parts[:2], tuple(replace(r, positions=r.positions[:, :2]) for r in people.recordings)
     )
     with pytest.raises(BadInput, match="'head': the model needs it"):
-        add_movements(turning, handless, DOOR)
+        add_movements(with_facings, handless, DOOR)
     with pytest.raises(BadInput, match="there is nothing to add"):
-        add_movements(turning, some(people, ("3",), OLD), DOOR)
+        add_movements(with_facings, some(people, ("3",), OLD), DOOR)
 
 
-def test_two_movements_stay_at_least(turning):
+def test_at_least_two_movements_remain(with_facings):
     with pytest.raises(BadInput, match="ok would stay, and at least two are needed"):
-        remove_movements(turning, ("shake",))
+        remove_movements(with_facings, ("shake",))
     with pytest.raises(BadInput, match="'shaek': not in the vocabulary"):
-        remove_movements(turning, ("shaek",))
+        remove_movements(with_facings, ("shaek",))
 
 
-def test_bins_borrow_from_their_neighbours_what_they_lack():
+def test_bins_borrow_counts_from_their_neighbours():
     symbols = np.array([[0], [0], [1], [1], [2], [2]])
     paper = np.exp(learn_table([(symbols, 0)], 1, 3, 0.1))
     borrowed = np.exp(learn_table([(symbols, 0)], 1, 3, 0.1, neighbours=2.0))
@@ -237,11 +239,11 @@ def test_bins_borrow_from_their_neighbours_what_they_lack():
 
 def run(capsys, *words):
     status = labanmesh.main([str(word) for word in words])
-    said = capsys.readouterr()
-    return status, said.out, said.err
+    printed = capsys.readouterr()
+    return status, printed.out, printed.err
 
 
-def test_as_a_person_types_it(capsys, people, tmp_path):
+def test_add_and_forget_on_the_command_line(capsys, people, tmp_path):
     for name, labels, trials in (("own", OLD, 3), ("more", NEW, 2)):
         write_archive(tmp_path / f"{name}.npz", some(people, ("1",), labels, trials))
     file = tmp_path / "door.model"

@@ -1,4 +1,4 @@
-"""The paper's model against a brute-force joint table (2), and the phase filter that must contain it."""
+"""The paper's model against a brute-force joint table (2), and against the phase filter, which contains it."""
 
 import itertools
 
@@ -25,13 +25,13 @@ def test_counting_by_hand_with_dirichlet_smoothing():
     assert table.sum(-1) == pytest.approx(np.ones((1, 2, 1)))
 
 
-def test_what_was_never_seen_in_training_is_uniform():
+def test_symbols_without_counts_are_uniform():
     table = np.exp(learn_table([(np.full((4, 1), -1, dtype=np.int8), 0)], 1, 2, 0.1))
     assert table == pytest.approx(np.full((1, 2, 1, SYMBOLS), 1 / SYMBOLS))
 
 
 @given(frames=st.integers(1, 60), bins=st.integers(1, 40))
-def test_the_clock_lays_a_movement_over_all_its_bins(frames, bins):
+def test_the_clock_passes_through_all_bins(frames, bins):
     i = bin_indices(frames, bins)
     assert i[0] == 0 and (np.diff(i) >= 0).all() and i[-1] <= bins - 1
     if frames >= bins:
@@ -83,7 +83,7 @@ def test_a_part_not_seen_is_factor_one():
     assert log_evidence(table, np.array([-1, -1], dtype=np.int8)) == pytest.approx(np.zeros((3, 1)))
 
 
-def test_certain_zeros_do_not_end_the_belief():
+def test_impossible_symbols_leave_a_distribution():
     clock = FrameClock(2, 1, 1)
     clock.condition(np.array([0.0, -np.inf]))
     assert clock.p == pytest.approx([1, 0])

@@ -1,4 +1,4 @@
-"""The phase model judges alike whatever the frame rate: its constants are of fifteenths of a second."""
+"""The phase model's posteriors do not depend on the frame rate: its constants are per 1/15 s."""
 
 import numpy as np
 import pytest
@@ -20,7 +20,7 @@ DOOR, NAMES = parse_view("door"), Vocabulary(("raise", "wave"))
 
 
 @given(st.floats(0.05, 4.0))
-def test_in_so_much_time_so_many_phases_go_by(share):
+def test_the_mean_number_of_phases_is_proportional_to_time(share):
     steps = step_probabilities(share)
     assert steps.sum() == pytest.approx(1) and (steps >= 0).all()
     assert steps @ np.arange(len(steps)) == pytest.approx(share * np.dot(STEPS, range(len(STEPS))))
@@ -49,6 +49,6 @@ def surety(rate_hz, label):
 
 
 @pytest.mark.parametrize("label", NAMES.labels)
-def test_thirty_frames_a_second_make_nobody_twice_as_sure(label):
+def test_twice_the_frame_rate_gives_the_same_posterior(label):
     odds = [np.log(p / (1 - p)) for p in (surety(15.0, label), surety(30.0, label))]
     assert odds[1] == pytest.approx(odds[0], abs=max(0.5, 0.4 * abs(odds[0])))

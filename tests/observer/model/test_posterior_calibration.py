@@ -1,4 +1,4 @@
-"""How far a belief can be believed: the formula by hand, its laws, and that fitting finds what was put in."""
+"""Posterior calibration: the formula by hand, its properties, and the fit of simulated results."""
 
 import numpy as np
 import pytest
@@ -35,14 +35,14 @@ def test_by_hand():
 
 @some
 @given(shape=SHAPES, seed=st.integers(0, 999))
-def test_a_model_that_was_not_tried_is_believed_as_it_is(shape, seed):
+def test_no_calibration_changes_nothing(shape, seed):
     believed = belief(shape, seed)
     np.testing.assert_array_equal(PosteriorCalibration().apply(believed), believed)
 
 
 @some
 @given(shape=SHAPES, seed=st.integers(0, 999), temperature=TEMPERATURES, doubt=DOUBTS)
-def test_the_likeliest_stays_the_likeliest_and_all_sums_to_one(shape, seed, temperature, doubt):
+def test_the_order_stays_and_the_sum_is_one(shape, seed, temperature, doubt):
     before = belief(shape, seed)
     after = PosteriorCalibration(temperature, doubt).apply(before)
     assert after.shape == before.shape and after.sum() == pytest.approx(1)
@@ -52,7 +52,7 @@ def test_the_likeliest_stays_the_likeliest_and_all_sums_to_one(shape, seed, temp
 
 @some
 @given(seed=st.integers(0, 999), temperature=TEMPERATURES, doubt=DOUBTS)
-def test_of_one_facing_it_is_the_same_as_of_none(seed, temperature, doubt):
+def test_one_facing_is_the_same_as_none(seed, temperature, doubt):
     p = belief((6,), seed)
     certainty = PosteriorCalibration(temperature, doubt)
     assert certainty.apply(p[:, None])[:, 0] == pytest.approx(certainty.apply(p))
@@ -64,7 +64,7 @@ LEAST, MOST = (1 / (1 + 3 * np.exp(-hint)) for hint in (-MAX_EVIDENCE, MAX_EVIDE
 
 
 @pytest.mark.parametrize("m", range(3))
-def test_where_both_are_equally_likely_unlearned_is_at_its_prior(m):
+def test_with_even_odds_unlearned_has_its_prior(m):
     p, (mean, spread) = np.eye(3)[m], STATS[m]
     foreseen = np.full(3, 7.0)
     foreseen[m] = mean - 2.0 * spread
@@ -73,7 +73,7 @@ def test_where_both_are_equally_likely_unlearned_is_at_its_prior(m):
 
 @some
 @given(seed=st.integers(0, 999), worse=st.floats(0.01, 3.0))
-def test_the_worse_it_was_foreseen_the_likelier_it_is_none_of_them(seed, worse):
+def test_unlearned_grows_as_the_likelihood_falls(seed, worse):
     rng = np.random.default_rng(seed)
     p, foreseen = rng.dirichlet(np.ones(3)), rng.uniform(-3, 0, 3)
     before, after = KNOWING.unlearned(p, foreseen), KNOWING.unlearned(p, foreseen - worse)
@@ -81,13 +81,13 @@ def test_the_worse_it_was_foreseen_the_likelier_it_is_none_of_them(seed, worse):
     assert before < after or before in (pytest.approx(LEAST), pytest.approx(MOST))
 
 
-def test_however_badly_it_was_foreseen_one_judge_gives_no_more_than_a_hint():
+def test_the_evidence_for_unlearned_is_bounded():
     p = np.array([0.9, 0.05, 0.05])
     assert KNOWING.unlearned(p, np.full(3, 1e9)) == pytest.approx(LEAST)
     assert KNOWING.unlearned(p, np.full(3, -1e9)) == pytest.approx(MOST)
 
 
-def test_who_cannot_tell_says_nothing():
+def test_without_statistics_unlearned_is_unknown():
     p = np.full(3, 1 / 3)
     assert KNOWING.unlearned(p, None) is None
     assert PosteriorCalibration(2.0, 0.1).unlearned(p, np.zeros(3)) is None
@@ -106,18 +106,18 @@ def judged(rng, sure, count=1500, movements=6, blunders=0.0):
 
 
 @pytest.mark.parametrize("sure", [1.0, 2.0, 4.0])
-def test_fitting_finds_how_much_too_sure_somebody_was(sure):
+def test_the_fit_finds_the_temperature(sure):
     found = fit_calibration(judged(np.random.default_rng(0), sure), 6)
     assert found.temperature == pytest.approx(sure, rel=0.12) and found.doubt <= 0.01
     assert found.foreseen == ()
 
 
-def test_fitting_finds_how_often_anything_is_true():
+def test_the_fit_finds_the_doubt():
     found = fit_calibration(judged(np.random.default_rng(1), 1.0, blunders=0.1), 6)
     assert found.temperature == pytest.approx(1.0, rel=0.2) and 0.05 <= found.doubt <= 0.2
 
 
-def test_who_could_hardly_be_tried_is_believed_less():
+def test_a_fit_of_few_examples_is_cautious():
     few = judged(np.random.default_rng(0), 1.0, FEWEST_EXAMPLES)
     found = fit_calibration(few[:-1], 6)
     assert (
@@ -141,7 +141,7 @@ def foreseeing(rng, apart, count=200):
 
 @settings(max_examples=10, deadline=None)
 @given(st.integers(0, 20))
-def test_what_is_foreseen_of_own_examples_is_learned_and_what_is_worse_is_something_else(seed):
+def test_the_fit_learns_statistics_and_odds_of_unlearned(seed):
     found = fit_calibration(foreseeing(np.random.default_rng(seed), apart=6.0), 2)
     assert np.array(found.foreseen) == pytest.approx(np.array([(-1.0, 0.3), (-2.0, 0.3)]), abs=0.08)
     assert 1.5 < found.unlike < 4.5 and found.slope > 0
@@ -150,7 +150,7 @@ def test_what_is_foreseen_of_own_examples_is_learned_and_what_is_worse_is_someth
         assert like < 1 / 3 < unlike
 
 
-def test_a_movement_with_one_example_is_told_by_the_others():
+def test_a_movement_with_one_example_gets_the_statistics_of_the_others():
     examples = foreseeing(np.random.default_rng(0), 6.0, count=30)
     alone = HeldOutResult(2, np.full((1, 3), 1 / 3), np.array([-3.0, -3.0, -1.2]))
     widened = [

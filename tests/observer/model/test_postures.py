@@ -1,4 +1,4 @@
-"""Distances to many postures at once against plain sums, and how little one blunder may say."""
+"""Distances to many postures against plain sums, and bounds on their evidence."""
 
 import numpy as np
 import pytest
@@ -31,7 +31,7 @@ def features_of(seed, missing):
 
 @some
 @given(seed=SEEDS, missing=MISSING, phases=st.integers(1, PHASES))
-def test_squared_distances_are_those_over_what_is_seen(seed, missing, phases):
+def test_squared_distances_of_the_known_features(seed, missing, phases):
     postures, features = drawn(seed), features_of(seed, missing)
     distances = Postures(postures).squared_distances(features, phases)
     plain = np.nansum((postures.astype(np.float64) - features[:, None]) ** 2, axis=1)[:phases]
@@ -41,7 +41,7 @@ def test_squared_distances_are_those_over_what_is_seen(seed, missing, phases):
 
 @some
 @given(seed=SEEDS, missing=MISSING, live=st.sets(st.integers(0, CHAINS - 1), min_size=1))
-def test_those_of_some_chains_are_the_same_as_among_all(seed, missing, live):
+def test_distances_of_selected_chains(seed, missing, live):
     whole, features, some = Postures(drawn(seed)), features_of(seed, missing), np.array(sorted(live))
     found = whole.select(some).squared_distances(features, PHASES)
     np.testing.assert_allclose(found, whole.squared_distances(features, PHASES)[:, some], atol=1e-4)
@@ -61,7 +61,7 @@ def evidence(features, postures, outlier=5.0, sharpness=1.0):
 
 @some
 @given(seed=SEEDS, missing=MISSING, outlier=st.floats(1.0, 20.0), sharpness=st.floats(0.1, 2.0))
-def test_likelihoods_are_gaussian_beside_the_nearest_with_a_floor(seed, missing, outlier, sharpness):
+def test_likelihoods_are_gaussian_with_a_floor(seed, missing, outlier, sharpness):
     postures, features = drawn(seed), features_of(seed, missing)
     likelihood, log_scale = evidence(features, postures, outlier, sharpness).chains(None, PHASES)
     plain = -sharpness * np.nansum((postures.astype(np.float64) - features[:, None]) ** 2, axis=1)
@@ -71,7 +71,7 @@ def test_likelihoods_are_gaussian_beside_the_nearest_with_a_floor(seed, missing,
 
 @some
 @given(seed=SEEDS, far=st.floats(5.0, 1e4), outlier=st.floats(1.0, 10.0))
-def test_one_blunder_says_at_most_outlier_nats_between_any_two_postures(seed, far, outlier):
+def test_the_evidence_between_two_postures_is_bounded(seed, far, outlier):
     features = features_of(seed, set())
     features[0] += far
     likelihood, _ = evidence(features, drawn(seed), outlier).chains(None, PHASES)
@@ -81,7 +81,7 @@ def test_one_blunder_says_at_most_outlier_nats_between_any_two_postures(seed, fa
 
 @some
 @given(seed=SEEDS, missing=MISSING)
-def test_rest_is_the_mean_of_first_and_last_of_one_facing_and_after_a_movement_of_its_own_at_least_that(seed, missing):
+def test_the_likelihoods_of_rest_and_of_rest_after_each_movement(seed, missing):
     # Near enough that the floor plays no part.
     features = features_of(seed, missing) / 3
     told = evidence(features, drawn(seed), sharpness=0.3)
@@ -92,7 +92,7 @@ def test_rest_is_the_mean_of_first_and_last_of_one_facing_and_after_a_movement_o
     np.testing.assert_allclose(told.after, np.log(np.maximum(own, rest)), atol=1e-3)
 
 
-def test_rest_too_is_never_ruled_out():
+def test_rest_is_never_impossible():
     features = np.full(SIZE, 1e3)
     told = evidence(features, drawn(0))
     assert told.rest == pytest.approx(FLOOR, abs=1e-3) and np.allclose(told.after, FLOOR, atol=1e-3)

@@ -1,4 +1,4 @@
-"""Motion archives survive the disk, and every defect of a file gives one line that names it."""
+"""Motion archives are read as they were written; each defect of a file is named in one line."""
 
 import itertools
 import re
@@ -65,7 +65,7 @@ def small(**changes):
     return MotionArchive(PARTS, (Recording(**({"subject": "1", "trial": "1"} | fields)),))
 
 
-def test_reads_what_the_contract_describes(tmp_path):
+def test_reads_the_file_of_the_contract(tmp_path):
     archive = read_archive(saved(tmp_path))
     first, second = archive.recordings
     assert archive.body_parts == PARTS
@@ -77,7 +77,7 @@ def test_reads_what_the_contract_describes(tmp_path):
     assert second.spans == (Span(0, 1, "wave"), Span(1, 2, "bend"))
 
 
-def test_writes_what_the_contract_describes(tmp_path):
+def test_writes_the_file_of_the_contract(tmp_path):
     archive = read_archive(saved(tmp_path))
     write_archive(tmp_path / "again.npz", archive)
     with np.load(tmp_path / "again.npz", allow_pickle=False) as file:
@@ -119,7 +119,7 @@ def recordings(draw):
 
 @settings(max_examples=50)
 @given(few=st.lists(recordings(), min_size=1, max_size=4))
-def test_what_is_written_is_read_again(few, tmp_path_factory):
+def test_a_written_archive_is_read_unchanged(few, tmp_path_factory):
     path = tmp_path_factory.mktemp("archive") / "motion.npz"
     archive = MotionArchive(("left_hand", "head"), tuple(few))
     write_archive(path, archive)
@@ -187,7 +187,7 @@ def test_a_broken_rule_is_named(changes, words, tmp_path):
     assert re.search(words, refused(saved(tmp_path, **changes)))
 
 
-def test_a_file_that_is_no_archive(tmp_path):
+def test_files_of_other_formats(tmp_path):
     path = tmp_path / "motion.npz"
     assert "cannot be read" in refused(path)
     path.write_bytes(b"")
@@ -207,7 +207,7 @@ def test_a_truncated_file(tmp_path):
         assert "truncated" in refused(path) or length < 4
 
 
-def test_a_damaged_file_is_read_whole_or_refused_in_one_line(tmp_path):
+def test_a_damaged_file_is_read_completely_or_rejected_in_one_line(tmp_path):
     whole = saved(tmp_path).read_bytes()
     path = tmp_path / "damaged.npz"
     draw = np.random.default_rng(1)
@@ -221,7 +221,7 @@ def test_a_damaged_file_is_read_whole_or_refused_in_one_line(tmp_path):
             assert str(error).startswith(f"{path}: ") and "\n" not in str(error)
 
 
-def test_members_that_are_no_arrays(tmp_path):
+def test_members_that_are_not_arrays(tmp_path):
     import zipfile
 
     path = tmp_path / "odd.npz"
@@ -244,7 +244,7 @@ def test_members_that_are_no_arrays(tmp_path):
         (small(spans=(Span(2, 3, "b"), Span(0, 1, "a"))), "in order"),
     ],
 )
-def test_nothing_wrong_is_written(archive, words, tmp_path):
+def test_an_invalid_archive_is_not_written(archive, words, tmp_path):
     with pytest.raises(BadInput, match=words):
         write_archive(tmp_path / "motion.npz", archive)
     with pytest.raises(BadInput, match=words):
@@ -253,7 +253,7 @@ def test_nothing_wrong_is_written(archive, words, tmp_path):
 
 
 @pytest.mark.parametrize("interruption", [KeyboardInterrupt, OSError(28, "No space left on device"), ValueError])
-def test_an_interrupted_write_leaves_the_old_file_and_nothing_else(interruption, tmp_path, monkeypatch):
+def test_an_interrupted_write_leaves_only_the_old_file(interruption, tmp_path, monkeypatch):
     path = tmp_path / "motion.npz"
     write_archive(path, small())
     before = path.read_bytes()
@@ -269,7 +269,7 @@ def test_an_interrupted_write_leaves_the_old_file_and_nothing_else(interruption,
     assert [entry.name for entry in tmp_path.iterdir()] == ["motion.npz"]
 
 
-def test_a_place_that_cannot_be_written(tmp_path):
+def test_a_path_that_cannot_be_written(tmp_path):
     with pytest.raises(BadInput, match=r"nowhere/motion\.npz: no such file or directory\. Choose another path"):
         write_archive(tmp_path / "nowhere" / "motion.npz", small())
     with pytest.raises(BadInput, match="is a directory"):

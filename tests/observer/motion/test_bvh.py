@@ -1,4 +1,4 @@
-"""BVH: forward kinematics against positions worked out by hand, then the archive's axes, units and names."""
+"""BVH: forward kinematics by hand, and the archive's axes, units and names."""
 
 import numpy as np
 import pytest
@@ -109,7 +109,7 @@ def test_rotations_agree_with_scipy_in_every_order(order, turns):
         np.testing.assert_allclose(place, expected, atol=1e-9)
 
 
-def test_position_channels_of_a_joint_stand_for_its_offset():
+def test_position_channels_replace_the_offset_of_a_joint():
     joints = (Joint("a", -1, np.ones(3), ()), Joint("b", 0, np.array([1.0, 2, 3]), ("zposition",)))
     places = joint_positions(BvhMotion(joints, np.array([[7.0]]), 0.1))
     np.testing.assert_array_equal(places[0], [[1, 1, 1], [2, 3, 8]])
@@ -117,7 +117,7 @@ def test_position_channels_of_a_joint_stand_for_its_offset():
 
 @settings(max_examples=20)
 @given(yaw=st.floats(0, 360), up=st.sampled_from(["y", "z", "-y"]))
-def test_whichever_way_the_file_looks_the_performer_faces_minus_z(yaw, up, tmp_path_factory):
+def test_the_performer_faces_minus_z_whatever_the_axes_of_the_file(yaw, up, tmp_path_factory):
     about_up = Rotation.from_euler("y", yaw, degrees=True)
     lift = {"y": Rotation.identity(), "z": Rotation.from_euler("x", 90, degrees=True),
             "-y": Rotation.from_euler("x", 180, degrees=True)}[up]  # fmt: skip
@@ -128,20 +128,20 @@ def test_whichever_way_the_file_looks_the_performer_faces_minus_z(yaw, up, tmp_p
     assert not any("mirrored" in note for note in notes)
 
 
-def test_a_mirrored_file_is_turned_right_again(tmp_path):
+def test_a_mirrored_file_is_corrected(tmp_path):
     recording, notes = imported(tmp_path, body_text(np.diag([1.0, 1.0, -1.0])))
     np.testing.assert_allclose(recording.positions[0], TRUTH, atol=1e-5)
     assert any("mirrored" in note for note in notes)
 
 
 @pytest.mark.parametrize(("scale", "unit"), [(1.0, "metres"), (100.0, "centimetres"), (1000.0, "millimetres")])
-def test_units_from_the_size(scale, unit, tmp_path):
+def test_the_unit_comes_from_the_size(scale, unit, tmp_path):
     recording, notes = imported(tmp_path, body_text(scale=scale))
     np.testing.assert_allclose(recording.positions[0], TRUTH, atol=1e-5)
     assert notes == (f"BVH states no unit: took {unit} (1 of 1 files)",)
 
 
-def test_an_odd_size_is_told(tmp_path):
+def test_an_implausible_size_is_noted(tmp_path):
     assert "7.2 m tall" in imported(tmp_path, body_text(scale=4.5))[1][0]
 
 
@@ -155,12 +155,12 @@ NAMES = {
 
 
 @pytest.mark.parametrize("maker", NAMES)
-def test_joints_by_the_names_of_many_makers(maker, tmp_path):
+def test_joint_names_of_several_programs(maker, tmp_path):
     recording, _ = imported(tmp_path, body_text(rename=NAMES[maker]))
     np.testing.assert_allclose(recording.positions[0], TRUTH, atol=1e-5)
 
 
-def test_names_and_rate(tmp_path):
+def test_label_trial_and_rate(tmp_path):
     recording, _ = imported(tmp_path, body_text())
     assert (recording.label, recording.subject, recording.trial, recording.rate_hz) == ("walk_home", "1", "1", 30.0)
     (tmp_path / "Walk Home.bvh").unlink()
@@ -170,7 +170,7 @@ def test_names_and_rate(tmp_path):
     assert imported(tmp_path, body_text(), "walk_1_2_3_4.bvh")[0].label == "walk_1_2_3_4"
 
 
-def test_windows_line_ends_and_other_cases(tmp_path):
+def test_windows_line_endings_and_other_letter_case(tmp_path):
     text = body_text().replace("\n", "\r\n").replace("OFFSET", "offset").replace("Frame Time:", "FRAME TIME :")
     np.testing.assert_allclose(imported(tmp_path, text)[0].positions[0], TRUTH, atol=1e-5)
 
@@ -214,7 +214,7 @@ def test_a_defect_is_named_with_its_line(old, new, words, tmp_path):
     assert str(caught.value).startswith(f"{path}: ") and "\n" not in str(caught.value)
 
 
-def test_a_body_without_sides_or_a_name_without_letters(tmp_path):
+def test_missing_joints_and_a_file_name_without_letters(tmp_path):
     with pytest.raises(BadInput, match="no pair of hips or shoulders"):
         imported(tmp_path, body_text(rename=lambda name: name.replace("UpLeg", "Thing")))
     with pytest.raises(BadInput, match="no joint for the head"):

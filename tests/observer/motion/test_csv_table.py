@@ -1,4 +1,4 @@
-"""Plain tables: one good one by hand, and every defect with its line."""
+"""CSV tables: a valid one by hand, and each defect with its line."""
 
 import numpy as np
 import pytest
@@ -39,7 +39,7 @@ def test_the_header_is_the_documented_one():
     ],
     ids=["plain", "spreadsheet", "quoted", "spaced"],
 )
-def test_a_table(change, tmp_path):
+def test_a_valid_table(change, tmp_path):
     result = import_files(table(tmp_path, change(GOOD)))
     first, second = result.archive.recordings
     assert (first.subject, first.trial, first.label, first.rate_hz) == ("anna", "1", "wave", 20.0)
@@ -92,13 +92,13 @@ def test_a_defect_is_named_with_its_line(old, new, words, tmp_path):
     assert str(caught.value).startswith(f"{path}: ") and "\n" not in str(caught.value)
 
 
-def test_rows_of_one_recording_that_stand_apart(tmp_path):
+def test_rows_of_one_recording_must_be_consecutive(tmp_path):
     rows = GOOD.splitlines(keepends=True)
     with pytest.raises(BadInput, match=r"line 7: subject 'anna', trial '1', label 'wave' began on line 2"):
         import_files(table(tmp_path, GOOD + "".join(rows[1:4])))
 
 
-def test_a_recording_in_which_nothing_is_seen(tmp_path):
+def test_a_recording_without_any_visible_part(tmp_path):
     unseen = "".join(f"bert,1,bow,{i},{i / 10},,,,,,,,,\n" for i in range(3))
     with pytest.raises(BadInput, match=r"lines 7 to 9: .*no body part is seen"):
         import_files(table(tmp_path, GOOD + unseen))

@@ -1,4 +1,4 @@
-"""Recorded motion: each frame when it is due, whole, never ahead of time."""
+"""Playback of recorded motion: each frame when it is due, none dropped."""
 
 import threading
 
@@ -39,7 +39,7 @@ def played(watch, *recordings, **arguments):
     return RecordedMotion(PARTS, recordings, clock=watch, **arguments).frames(watch)
 
 
-def test_frames_are_captured_at_the_rate_from_now_and_waited_for():
+def test_frames_are_played_at_their_rate():
     watch = Watch()
     frames = list(played(watch, recording(4)))
     assert [(frame.captured_ns - watch.began_ns) / SECOND_NS for frame in frames] == pytest.approx([0, 0.1, 0.2, 0.3])
@@ -54,7 +54,7 @@ def test_twice_the_speed_is_half_the_time():
     assert (frames[-1].captured_ns - watch.began_ns) / SECOND_NS == pytest.approx(0.1)
 
 
-def test_speed_0_waits_for_nothing_and_stamps_the_time_of_playing():
+def test_speed_0_does_not_wait_and_stamps_the_time_of_playback():
     watch = Watch()
     for i, frame in enumerate(played(watch, recording(3), recording(2), speed=0.0)):
         assert frame.captured_ns == watch.began_ns + 7 * i
@@ -75,7 +75,7 @@ def test_a_common_start_is_waited_for():
     assert watch.waits == [2.0] and first.captured_ns == watch.began_ns + 2 * SECOND_NS
 
 
-def test_a_slow_observer_gets_every_frame_late_and_none_early():
+def test_a_slow_observer_gets_every_frame():
     watch = Watch()
     captured = []
     for frame in played(watch, recording(5)):
@@ -85,7 +85,7 @@ def test_a_slow_observer_gets_every_frame_late_and_none_early():
     assert captured == [i * SECOND_NS // 10 for i in range(5)] and watch.waits == []
 
 
-def test_a_loop_goes_on_in_time():
+def test_a_loop_continues_in_time():
     watch = Watch()
     frames = played(watch, recording(2), loop=True)
     captured = [next(frames).captured_ns - watch.began_ns for _ in range(5)]

@@ -1,4 +1,4 @@
-"""The importers on the recordings of real people, and on small broken copies of their formats."""
+"""Importers with recordings of real people, and with small invalid files."""
 
 import builtins
 
@@ -95,7 +95,7 @@ def test_effort_bvh(data):
         assert np.min(recording.positions[:, RIGHT, 2] - recording.positions[:, HEAD, 2]) < -0.3
 
 
-def test_no_arm_of_effort_bvh_grows_longer_than_it_is(data):
+def test_arms_of_effort_bvh_keep_their_length(data):
     for file in sorted((data / "effort_bvh").glob("*_0_*.bvh"))[:10]:
         motion = read_bvh(file)
         index = {joint.name: number for number, joint in enumerate(motion.joints)}
@@ -137,14 +137,14 @@ def test_joints_and_empty_frames_of_msr_action3d(tmp_path):
         ("a01_s01_e01", sequence(5, range(5)), "nothing remains"),
     ],
 )
-def test_a_broken_file_of_msr_action3d(name, text, words, tmp_path):
+def test_an_invalid_file_of_msr_action3d(name, text, words, tmp_path):
     (tmp_path / f"{name}_skeleton3D.txt").write_text(text)
     with pytest.raises(BadInput, match=words) as caught:
         import_recordings("msr-action3d", tmp_path)
     assert str(tmp_path) in str(caught.value) and "\n" not in str(caught.value)
 
 
-def test_a_sequence_that_is_there_twice(tmp_path):
+def test_a_sequence_in_two_folders(tmp_path):
     for folder in ("one", "two"):
         (tmp_path / folder).mkdir()
         (tmp_path / folder / "a01_s01_e01_skeleton3D.txt").write_text(sequence())
@@ -190,7 +190,7 @@ def test_axes_and_trials_of_florence3d(tmp_path):
         ({"original_skeletal_data": "text"}, "clip 2: "),
     ],
 )
-def test_a_broken_clip_of_florence3d(changes, words, tmp_path):
+def test_an_invalid_clip_of_florence3d(changes, words, tmp_path):
     with pytest.raises(BadInput, match=words) as caught:
         import_recordings("florence3d", florence(tmp_path, clip(), clip(**changes)))
     assert str(tmp_path) in str(caught.value) and "\n" not in str(caught.value)
@@ -219,7 +219,7 @@ def florence_names(tmp_path):
     return tmp_path
 
 
-def test_without_scipy_the_way_out_is_named(tmp_path, monkeypatch):
+def test_without_scipy_the_error_names_the_extra(tmp_path, monkeypatch):
     florence(tmp_path, clip())
     real = builtins.__import__
 

@@ -1,4 +1,4 @@
-"""Resampling and retiming: against recordings worked out by hand, then properties."""
+"""Resampling and retiming: by hand, and properties."""
 
 import itertools
 
@@ -24,28 +24,28 @@ def x(recording):
     return recording.positions[:, 0, 0].tolist()
 
 
-def test_twice_the_rate_puts_frames_between():
+def test_twice_the_rate_interpolates_frames():
     doubled = resample(line(4), 20.0)
     assert x(doubled) == [0, 0.5, 1, 1.5, 2, 2.5, 3]
     assert (doubled.rate_hz, doubled.label, doubled.subject, doubled.trial) == (20.0, "walk", "3", "2")
     assert doubled.positions.dtype == np.float32
 
 
-def test_a_lower_rate_keeps_the_first_frame_and_what_falls_inside():
+def test_a_lower_rate_keeps_the_first_frame():
     assert x(resample(line(5), 5.0)) == [0, 2, 4]
     assert x(resample(line(6), 5.0)) == [0, 2, 4]
     assert x(resample(line(5), 4.0)) == [0, 2.5]
     assert x(resample(line(5), 0.1)) == [0]
 
 
-def test_unseen_frames_reach_as_far_as_their_neighbours_and_no_further():
+def test_unseen_frames_affect_only_their_neighbours():
     doubled = x(resample(line(5, unseen=[2]), 20.0))
     np.testing.assert_array_equal(doubled, [0, 0.5, 1, np.nan, np.nan, np.nan, 3, 3.5, 4])
     assert resample(line(5, unseen=[2]), 20.0).positions[:, 1].max() == 0
 
 
 @pytest.mark.parametrize("factor", range(2, 60))
-def test_rounding_never_lets_an_unseen_neighbour_reach_a_frame(factor):
+def test_rounding_never_hides_a_seen_frame(factor):
     finer = resample(line(12, rate_hz=0.7, unseen=range(1, 12, 2)), 0.7 * factor)
     assert len(finer.positions) == 11 * factor + 1
     assert np.isfinite(finer.positions[:: 2 * factor, 0]).all()
@@ -69,7 +69,7 @@ def test_two_frames_always_remain(frames):
     assert x(retime(line(frames), 1000.0)) == [0, frames - 1]
 
 
-def test_spans_follow():
+def test_spans_are_resampled_too():
     spans = (Span(0, 4, "a"), Span(4, 9, "b"), Span(10, 12, "c"))
     assert retime(line(12, spans=spans), 2.0).spans == (Span(0, 2, "a"), Span(2, 5, "b"), Span(5, 6, "c"))
     assert resample(line(12, spans=spans), 20.0).spans == (Span(0, 8, "a"), Span(8, 18, "b"), Span(20, 23, "c"))
@@ -79,7 +79,7 @@ def test_a_span_between_two_new_frames_is_dropped():
     assert retime(line(12, spans=(Span(0, 1, "a"), Span(1, 2, "b"))), 4.0).spans == (Span(0, 1, "a"),)
 
 
-def test_the_argument_is_left_as_it_was():
+def test_the_argument_is_not_changed():
     recording = line(5, unseen=[2])
     before = recording.positions.copy()
     resample(recording, 7.0)
@@ -109,7 +109,7 @@ def test_straight_motion_stays_straight_at_any_rate(frames, old, new):
 
 
 @given(tempo=st.floats(0.3, 3.0), gap=gaps, edges=st.lists(st.integers(0, 12), unique=True))
-def test_what_comes_out_is_a_valid_recording_with_nothing_seen_anew(tempo, gap, edges):
+def test_retiming_gives_a_valid_recording_and_reveals_nothing(tempo, gap, edges):
     ordered = sorted(edges)
     spans = [Span(a, b, "s") for a, b in itertools.pairwise(ordered)]
     result = retime(line(12, spans=spans, unseen=gap), tempo)

@@ -1,4 +1,4 @@
-"""What an observer would meet before its first frame is found without a camera, and without OpenCV too."""
+"""The preflight check of an observer needs neither a camera nor OpenCV."""
 
 import json
 import subprocess
@@ -38,7 +38,7 @@ def examined(place):
     return look
 
 
-def test_a_good_one(examined):
+def test_a_valid_observer_has_no_findings(examined):
     found = examined('source = "motion.npz"')
     assert (found.faults, found.doubts, found.lacks) == ([], [], [])
     assert (found.labels, found.reads) == (["lunging", "byebye"], "positions") and found.rate_hz
@@ -59,12 +59,12 @@ def test_a_good_one(examined):
         ('source = "motion.npz"\nmirrored = true', "only pictures can be mirrored"),
     ],
 )
-def test_a_fault_is_said_in_the_words_of_observe(examined, section, words):
+def test_a_fault_has_the_error_of_observe(examined, section, words):
     (fault,) = examined(section).faults
     assert words in fault
 
 
-def test_a_model_for_others_movements_or_another_view(examined):
+def test_a_model_for_another_vocabulary_or_view(examined):
     (fault,) = examined('source = "motion.npz"', 'vocabulary = ["bowing", "lunging"]\n').faults
     assert "learned for the vocabulary" in fault
     (doubt,) = examined('source = "motion.npz"\nview = "wheel"').doubts
@@ -88,7 +88,7 @@ def test_mediapipe_is_not_started(examined, monkeypatch):
     assert "gone.mp4: no such file" in fault
 
 
-def test_a_plain_install_says_what_it_lacks(place):
+def test_a_plain_install_names_the_missing_packages(place):
     """A machine without OpenCV and scipy; it judges recorded motion all the same."""
     (place / "plain.toml").write_text(
         'scene = "dojo"\n[observers.eye]\nsource = "0"\nmodel = "good.model"\n'

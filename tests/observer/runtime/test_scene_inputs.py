@@ -1,4 +1,4 @@
-"""From a scene file's section to frames and a tracker: what is chosen, and what cannot be."""
+"""Source and tracker of an observer's section of the scene file."""
 
 import threading
 
@@ -47,7 +47,7 @@ def test_recorded_motion_can_be_sampled_at_another_rate(opened):
     assert opened("rate_hz = 30").source.rate_hz == 30
 
 
-def test_a_tracker_of_pictures_films_recorded_motion(opened):
+def test_a_picture_tracker_gets_a_virtual_camera(opened):
     room = '[observers.cam1.virtual]\nbackground = "cluttered"'
     eyes = opened(f'tracker = "camshift"\nspeed = 0\nsize_px = [320, 240]\n{room}')
     assert isinstance(eyes.source, VirtualCamera) and isinstance(eyes.tracker.tracker, CamshiftTracker)
@@ -57,7 +57,7 @@ def test_a_tracker_of_pictures_films_recorded_motion(opened):
     assert eyes.tracker.update(frames[0]).centres.shape == (3, 2)
 
 
-def test_an_occluder_stands_there_in_its_seconds(opened):
+def test_an_occluder_is_there_only_in_its_seconds(opened):
     rows = "[[0, 0, 1, 1, 0.1, 0.2]]"
     eyes = opened(f'tracker = "camshift"\nspeed = 0\n[observers.cam1.virtual]\nnoise = 0\noccluders = {rows}')
     before, hidden = (frame.content for frame in eyes.source.frames(threading.Event()))
@@ -72,7 +72,7 @@ def test_mirrored_pictures_are_turned_back(opened):
 
 
 @pytest.mark.parametrize(("source", "kind"), [("-", PipedTracks), ("zenoh:tracks/cam1", MeshTracks)])
-def test_tracks_of_others(opened, source, kind):
+def test_tracks_of_other_programs(opened, source, kind):
     eyes = opened(source=source)
     assert isinstance(eyes.source, kind) and eyes.tracker.body_parts == BODY_PARTS
 
@@ -97,7 +97,7 @@ def test_tracks_of_others(opened, source, kind):
         ('skin = "gone.npz"\ntracker = "camshift"', "m.npz", {}, r"gone\.npz"),
     ],
 )
-def test_what_cannot_be_opened_is_one_line(opened, extra, source, environment, line):
+def test_invalid_inputs_are_rejected_in_one_line(opened, extra, source, environment, line):
     with pytest.raises(BadInput, match=line) as caught:
         opened(extra, source, environment)
     assert "\n" not in str(caught.value)

@@ -1,4 +1,4 @@
-"""What `labanmesh observe` loads before it speaks: nothing heavy that it does not use, so that it starts soon."""
+"""`labanmesh observe` imports no heavy package that it does not use, so that it starts quickly."""
 
 import subprocess
 import sys
@@ -44,7 +44,7 @@ def place(tmp_path_factory):
 
 
 @pytest.mark.parametrize(("tracker", "with_pictures"), [("projected", False), ("camshift", True)])
-def test_observing_loads_what_it_needs_and_no_more(place, tracker, with_pictures):
+def test_observe_loads_only_the_packages_it_needs(place, tracker, with_pictures):
     scene = 'scene = "dojo"\n[mesh]\nmode = "process"\nendpoint = "tcp/127.0.0.1:0"\n[observers.cam1]\n'
     scene += f'source = "short.npz"\nspeed = 0\ntracker = "{tracker}"\nsize_px = [160, 120]\n'
     (place / f"{tracker}.toml").write_text(scene)
