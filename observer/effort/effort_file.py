@@ -1,7 +1,9 @@
 """The Effort model's file: a .npz without pickles, beside the movement model's (docs/design/effort.md)."""
 
 import json
+import math
 import zipfile
+import zlib
 from pathlib import Path
 from typing import Any
 
@@ -46,8 +48,9 @@ def read_effort(path: Path) -> EffortModel:
         arrays = read_arrays(path)
     except FileNotFoundError:
         raise BadInput(f"{path}: no such Effort model; {WAY_OUT}") from None
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
-        raise BadInput(f"{path}: not an Effort model ({error}); {WAY_OUT}") from None
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile, zlib.error, NotImplementedError, MemoryError) as error:
+        reason = " ".join(str(error).split())
+        raise BadInput(f"{path}: not an Effort model ({reason}); {WAY_OUT}") from None
     try:
         header = json.loads(str(arrays["header"]))
         if header["kind"] != "effort":
@@ -68,8 +71,9 @@ def read_effort(path: Path) -> EffortModel:
                 provenance={name: str(value) for name, value in header["provenance"].items()},
             )
         )
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise BadInput(f"{path}: damaged Effort model ({type(error).__name__}: {error}); {WAY_OUT}") from None
+    except (KeyError, TypeError, ValueError, AttributeError, RecursionError) as error:
+        reason = " ".join(f"{type(error).__name__}: {error}".split())
+        raise BadInput(f"{path}: damaged Effort model ({reason}); {WAY_OUT}") from None
 
 
 def _evidence(header: object) -> str:
@@ -78,6 +82,8 @@ def _evidence(header: object) -> str:
 
 
 def _checked(model: EffortModel) -> EffortModel:
+    if not 0 < model.rate_hz < math.inf:
+        raise ValueError(f"rate_hz is {model.rate_hz:g}, a positive, finite rate is expected")
     n, d = len(model.levels), len(NAMES)
     shapes: dict[str, tuple[NDArray[Any], tuple[int, ...]]] = {"mean": (model.mean, (d,))}
     shapes |= {"deviation": (model.deviation, (d,)), "examples": (model.examples, (n, d))}

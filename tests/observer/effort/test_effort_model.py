@@ -31,14 +31,14 @@ def made(noise=0.3, seed=0, actions=ACTIONS):
     return trials
 
 
-def judged(model, trial):
+def recognised(model, trial):
     return [int(model.posterior(trial.features)[f"effort_{factor}"][1] > 0.5) * 2 - 1 for factor in FACTORS]
 
 
 def test_poles_are_recognised_in_an_unknown_action():
     trials = made()
     right = [
-        np.mean([a == b for a, b in zip(judged(model, t), t.levels, strict=True)])
+        np.mean([a == b for a, b in zip(recognised(model, t), t.levels, strict=True)])
         for left_out in ACTIONS
         for model in [learn_trials([t for t in trials if t.action != left_out], "door", 30)]
         for t in trials
@@ -98,9 +98,9 @@ def test_features_that_depend_on_the_action_count_little():
     actions = [action for action in ACTIONS for _ in range(16)]
     z = rng.normal(0, 0.1, (48, 2))
     z[:, 0] += np.repeat([-1.0, 0.0, 1.0], 16)
-    found = spread(z, levels, actions)
-    np.testing.assert_allclose(found[0, 0], UNKNOWN_ACTION * 1.0 + 0.01 + RIDGE, rtol=0.15)
-    np.testing.assert_allclose(found[1, 1], 0.01 + RIDGE, rtol=0.4)
+    covariance = spread(z, levels, actions)
+    np.testing.assert_allclose(covariance[0, 0], UNKNOWN_ACTION * 1.0 + 0.01 + RIDGE, rtol=0.15)
+    np.testing.assert_allclose(covariance[1, 1], 0.01 + RIDGE, rtol=0.4)
 
 
 def test_evidence_that_does_not_generalise_gets_a_low_temperature():
@@ -135,22 +135,23 @@ def saved(path, **changed):
 
 
 @pytest.mark.parametrize(
-    ("changed", "said"),
+    ("changed", "error"),
     [
         ({"header": np.array('{"kind": "phase"}')}, "kind 'phase'"),
         ({"header": np.array('{"kind": "effort", "format": 9}')}, "another version"),
         ({"header": np.array("[]")}, "damaged"),
+        ({"header": np.array("[" * 100_000)}, "damaged"),
         ({"examples": None}, "damaged"),
         ({"temper": np.array([1.0, np.nan, 1.0, 1.0])}, "temper"),
         ({"levels": np.zeros((3, 4), np.int8)}, "examples"),
     ],
 )
-def test_an_invalid_effort_file_is_rejected_in_one_line(tmp_path, changed, said):
+def test_an_invalid_effort_file_is_rejected_in_one_line(tmp_path, changed, error):
     path = tmp_path / "cam.effort"
     saved(path, **changed)
-    with pytest.raises(BadInput, match=said) as refused:
+    with pytest.raises(BadInput, match=error) as rejected:
         read_effort(path)
-    assert "\n" not in str(refused.value) and str(path) in str(refused.value)
+    assert "\n" not in str(rejected.value) and str(path) in str(rejected.value)
 
 
 def test_missing_files_and_other_formats_are_rejected(tmp_path):

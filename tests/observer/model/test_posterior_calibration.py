@@ -21,12 +21,12 @@ DOUBTS = st.floats(0.0, 0.3)
 some = settings(max_examples=30, deadline=None)
 
 
-def belief(shape, seed, sharpness=0.3):
+def random_posterior(shape, seed, sharpness=0.3):
     return np.random.default_rng(seed).dirichlet(np.full(int(np.prod(shape)), sharpness)).reshape(shape)
 
 
 def test_by_hand():
-    # sqrt of 0.64 and 0.04 is 0.8 and 0.2, and a tenth of all is spread over the two.
+    # The square roots of 0.64 and 0.04 are 0.8 and 0.2, and a tenth is spread evenly.
     assert PosteriorCalibration(2.0, 0.1).apply(np.array([16 / 17, 1 / 17])) == pytest.approx(
         [0.9 * 0.8 + 0.05, 0.9 * 0.2 + 0.05]
     )
@@ -36,14 +36,14 @@ def test_by_hand():
 @some
 @given(shape=SHAPES, seed=st.integers(0, 999))
 def test_no_calibration_changes_nothing(shape, seed):
-    believed = belief(shape, seed)
-    np.testing.assert_array_equal(PosteriorCalibration().apply(believed), believed)
+    posterior = random_posterior(shape, seed)
+    np.testing.assert_array_equal(PosteriorCalibration().apply(posterior), posterior)
 
 
 @some
 @given(shape=SHAPES, seed=st.integers(0, 999), temperature=TEMPERATURES, doubt=DOUBTS)
 def test_the_order_stays_and_the_sum_is_one(shape, seed, temperature, doubt):
-    before = belief(shape, seed)
+    before = random_posterior(shape, seed)
     after = PosteriorCalibration(temperature, doubt).apply(before)
     assert after.shape == before.shape and after.sum() == pytest.approx(1)
     assert (after >= doubt / after.size - 1e-12).all()
@@ -53,9 +53,9 @@ def test_the_order_stays_and_the_sum_is_one(shape, seed, temperature, doubt):
 @some
 @given(seed=st.integers(0, 999), temperature=TEMPERATURES, doubt=DOUBTS)
 def test_one_facing_is_the_same_as_none(seed, temperature, doubt):
-    p = belief((6,), seed)
-    certainty = PosteriorCalibration(temperature, doubt)
-    assert certainty.apply(p[:, None])[:, 0] == pytest.approx(certainty.apply(p))
+    p = random_posterior((6,), seed)
+    calibration = PosteriorCalibration(temperature, doubt)
+    assert calibration.apply(p[:, None])[:, 0] == pytest.approx(calibration.apply(p))
 
 
 STATS = ((-1.0, 0.5), (-2.0, 1.0), (-1.5, 0.25))
@@ -93,65 +93,65 @@ def test_without_statistics_unlearned_is_unknown():
     assert PosteriorCalibration(2.0, 0.1).unlearned(p, np.zeros(3)) is None
 
 
-def judged(rng, sure, count=1500, movements=6, blunders=0.0):
-    """Who knows how sure he may be says his belief to the power of `sure`; now and then anything is true."""
-    said = []
+def results(rng, overconfidence, count=1500, movements=6, errors=0.0):
+    """Results of a model that reports the right posterior to a power; `errors`: share of random truths."""
+    outcome = []
     for _ in range(count):
         right = rng.dirichlet(np.full(movements, 0.5))
         truth = int(rng.choice(movements, p=right))
-        if rng.random() < blunders:
+        if rng.random() < errors:
             truth = int(rng.integers(movements))
-        said.append(HeldOutResult(truth, softmax(sure * np.log(np.maximum(right, 1e-300)))[None], None))
-    return said
+        outcome.append(HeldOutResult(truth, softmax(overconfidence * np.log(np.maximum(right, 1e-300)))[None], None))
+    return outcome
 
 
-@pytest.mark.parametrize("sure", [1.0, 2.0, 4.0])
-def test_the_fit_finds_the_temperature(sure):
-    found = fit_calibration(judged(np.random.default_rng(0), sure), 6)
-    assert found.temperature == pytest.approx(sure, rel=0.12) and found.doubt <= 0.01
-    assert found.foreseen == ()
+@pytest.mark.parametrize("overconfidence", [1.0, 2.0, 4.0])
+def test_the_fit_finds_the_temperature(overconfidence):
+    fitted = fit_calibration(results(np.random.default_rng(0), overconfidence), 6)
+    assert fitted.temperature == pytest.approx(overconfidence, rel=0.12) and fitted.doubt <= 0.01
+    assert fitted.foreseen == ()
 
 
 def test_the_fit_finds_the_doubt():
-    found = fit_calibration(judged(np.random.default_rng(1), 1.0, blunders=0.1), 6)
-    assert found.temperature == pytest.approx(1.0, rel=0.2) and 0.05 <= found.doubt <= 0.2
+    fitted = fit_calibration(results(np.random.default_rng(1), 1.0, errors=0.1), 6)
+    assert fitted.temperature == pytest.approx(1.0, rel=0.2) and 0.05 <= fitted.doubt <= 0.2
 
 
 def test_a_fit_of_few_examples_is_cautious():
-    few = judged(np.random.default_rng(0), 1.0, FEWEST_EXAMPLES)
-    found = fit_calibration(few[:-1], 6)
+    few = results(np.random.default_rng(0), 1.0, FEWEST_EXAMPLES)
+    fitted = fit_calibration(few[:-1], 6)
     assert (
-        found.temperature >= CAUTIOUS.temperature
-        and found.doubt >= CAUTIOUS.doubt
+        fitted.temperature >= CAUTIOUS.temperature
+        and fitted.doubt >= CAUTIOUS.doubt
         and fit_calibration([], 6) == CAUTIOUS
     )
     assert fit_calibration(few, 6).doubt < CAUTIOUS.doubt
 
 
-def foreseeing(rng, apart, count=200):
-    """Own examples are foreseen at -1 and -2, spread 0.3; by the other movement `apart` spreads worse than its own."""
-    said = []
+def results_with_foreseen(rng, spreads_apart, count=200):
+    """Results with mean -1 and -2 and spread 0.3; the other movement lies `spreads_apart` spreads lower."""
+    outcome = []
     for n in range(count):
         truth, means = n % 2, np.array([-1.0, -2.0])
         foreseen = rng.normal(means, 0.3)
-        foreseen[1 - truth] -= apart * 0.3
-        said.append(HeldOutResult(truth, np.array([[0.9, 0.1], [0.1, 0.9]])[[truth]], foreseen))
-    return said
+        foreseen[1 - truth] -= spreads_apart * 0.3
+        outcome.append(HeldOutResult(truth, np.array([[0.9, 0.1], [0.1, 0.9]])[[truth]], foreseen))
+    return outcome
 
 
 @settings(max_examples=10, deadline=None)
 @given(st.integers(0, 20))
 def test_the_fit_learns_statistics_and_odds_of_unlearned(seed):
-    found = fit_calibration(foreseeing(np.random.default_rng(seed), apart=6.0), 2)
-    assert np.array(found.foreseen) == pytest.approx(np.array([(-1.0, 0.3), (-2.0, 0.3)]), abs=0.08)
-    assert 1.5 < found.unlike < 4.5 and found.slope > 0
+    fitted = fit_calibration(results_with_foreseen(np.random.default_rng(seed), spreads_apart=6.0), 2)
+    assert np.array(fitted.foreseen) == pytest.approx(np.array([(-1.0, 0.3), (-2.0, 0.3)]), abs=0.08)
+    assert 1.5 < fitted.unlike < 4.5 and fitted.slope > 0
     for m, mean in enumerate((-1.0, -2.0)):
-        like, unlike = (found.unlearned(np.eye(2)[m], np.full(2, mean - below)) for below in (0.0, 1.8))
+        like, unlike = (fitted.unlearned(np.eye(2)[m], np.full(2, mean - below)) for below in (0.0, 1.8))
         assert like < 1 / 3 < unlike
 
 
 def test_a_movement_with_one_example_gets_the_statistics_of_the_others():
-    examples = foreseeing(np.random.default_rng(0), 6.0, count=30)
+    examples = results_with_foreseen(np.random.default_rng(0), 6.0, count=30)
     alone = HeldOutResult(2, np.full((1, 3), 1 / 3), np.array([-3.0, -3.0, -1.2]))
     widened = [
         HeldOutResult(t.truth, np.append(t.posteriors, [[0.0]], axis=1), np.append(t.foreseen, -9.0)) for t in examples

@@ -16,8 +16,8 @@ from observer.tracks import BODY_PARTS, Frame, Tracks
 RATE = 30.0
 
 
-class Given:
-    """A tracker that is handed its tracks."""
+class PassThrough:
+    """A tracker whose frames are tracks."""
 
     body_parts = BODY_PARTS
 
@@ -25,7 +25,7 @@ class Given:
         return Tracks(frame.content)
 
 
-class Kept:
+class Payloads:
     def __init__(self):
         self.payloads = []
 
@@ -46,19 +46,19 @@ def model():
 
 
 def test_shape_is_published_with_the_posterior():
-    learned, publisher = model(), Kept()
-    observer = Observer(Given(), learned, facets=FacetReader(BODY_PARTS, RATE))
-    speaker = PosteriorPublisher(learned.header.vocabulary, publisher)
+    learned, publisher = model(), Payloads()
+    observer = Observer(PassThrough(), learned, facets=FacetReader(BODY_PARTS, RATE))
+    posteriors = PosteriorPublisher(learned.header.vocabulary, publisher)
     for n, centres in enumerate(rising()):
-        speaker.publish(observer.step(Frame(n * 33_000_000, centres)), n, n)
-    said = [decode(PosteriorMessage, payload) for payload in publisher.payloads]
-    assert said[0].facets is None
-    assert set(said[-1].facets) == {"shape_horizontal", "shape_vertical"}
-    assert SHAPE["shape_vertical"][int(np.argmax(said[-1].facets["shape_vertical"]))] == "rising"
+        posteriors.publish(observer.step(Frame(n * 33_000_000, centres)), n, n)
+    messages = [decode(PosteriorMessage, payload) for payload in publisher.payloads]
+    assert messages[0].facets is None
+    assert set(messages[-1].facets) == {"shape_horizontal", "shape_vertical"}
+    assert SHAPE["shape_vertical"][int(np.argmax(messages[-1].facets["shape_vertical"]))] == "rising"
 
 
 def test_an_observer_without_a_facet_reader_publishes_no_facets():
-    learned, publisher = model(), Kept()
-    speaker = PosteriorPublisher(learned.header.vocabulary, publisher)
-    speaker.publish(Observer(Given(), learned).step(Frame(0, rising()[0])), 0, 0)
+    learned, publisher = model(), Payloads()
+    posteriors = PosteriorPublisher(learned.header.vocabulary, publisher)
+    posteriors.publish(Observer(PassThrough(), learned).step(Frame(0, rising()[0])), 0, 0)
     assert decode(PosteriorMessage, publisher.payloads[0]).facets is None
