@@ -148,7 +148,9 @@ def _validity_fault(path: Path, now: datetime) -> MeshFault | None:
         what = f"{path}: this machine's certificate {ours.common_name} expired on {ours.expires:%Y-%m-%d}"
         return MeshFault(what, f"labanmesh secure renew SCENE {name}, and copy the new folder here")
     if now < ours.begins:
-        what = f"{path}: this machine's certificate {ours.common_name} begins only on {ours.begins:%Y-%m-%d %H:%M} UTC"
+        what = (
+            f"{path}: this machine's certificate {ours.common_name} is valid only from {ours.begins:%Y-%m-%d %H:%M} UTC"
+        )
         return MeshFault(what, f"set this machine's clock, which says {now:%Y-%m-%d %H:%M} UTC")
     return None
 

@@ -8,7 +8,7 @@ import re
 from collections.abc import Mapping, Sequence
 
 SUM_TOLERANCE = 1e-3
-"""A facet may miss a sum of 1 by this much, as a posterior may."""
+"""A distribution may miss a sum of 1 by this much: more than float32 arithmetic of a foreign observer loses."""
 FACETS_LIMIT = 32
 """Facets in one posterior; more are rejected, so that an observer cannot grow every judgement."""
 VALUES_LIMIT = 72

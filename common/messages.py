@@ -13,12 +13,10 @@ from typing import Annotated, ClassVar, Final, Literal
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat, model_validator
 
 from common.errors import BadInput
-from common.facets import check_facets
+from common.facets import SUM_TOLERANCE, check_facets
 from common.vocabulary import Vocabulary
 
 SCHEMA_VERSION: Final = 1
-SUM_TOLERANCE = 1e-3
-"""A distribution may miss a sum of 1 by this much: more than float32 arithmetic of a foreign observer loses."""
 ROUND_OFF = 1e-6
 """A probability or entropy may be outside its range by this much: more than a softmax in float32 loses."""
 LAST_INTEGER = 2**63 - 1

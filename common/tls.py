@@ -61,10 +61,8 @@ def _connection_fault(endpoint: str, error: OSError) -> MeshFault:
     if isinstance(error, socket.gaierror):
         return MeshFault(f"{setting}: this name is not known here", "correct it, or write the address as a number")
     if isinstance(error, TimeoutError):
-        return MeshFault(
-            f"{setting}: no answer", "correct the address; is the machine on, does a firewall let us through?"
-        )
-    return MeshFault(f"{setting}: cannot be reached: {reason_of(error)}", "is this machine on the network?")
+        return MeshFault(f"{setting}: no answer", "correct the address, start that machine, or open its firewall")
+    return MeshFault(f"{setting}: cannot be reached: {reason_of(error)}", "connect this machine to the network")
 
 
 def _plain_fault(endpoint: str, plain: socket.socket, timeout_s: float) -> MeshFault | None:
@@ -79,7 +77,7 @@ def _plain_fault(endpoint: str, plain: socket.socket, timeout_s: float) -> MeshF
             return None
     except OSError:
         return None
-    return MeshFault(f"mesh.endpoint = {endpoint!r}: the router there speaks TLS alone, and this is plain tcp", (
+    return MeshFault(f"mesh.endpoint = {endpoint!r}: the router there accepts TLS only, and this is plain tcp", (
         'write tls/HOST:PORT and mesh.credentials in the scene file, see `labanmesh secure --help`'
     ))  # fmt: skip
 
@@ -115,7 +113,7 @@ def _is_alert(error: OSError) -> bool:
 def _no_tls(setting: str) -> MeshFault:
     return MeshFault(
         f"{setting}: what listens there speaks no TLS",
-        "start the router secured (`labanmesh router --scene SCENE`), or is it another program's port?",
+        "start the router secured (`labanmesh router --scene SCENE`), or correct the port if another program has it",
     )
 
 
@@ -123,7 +121,7 @@ def _router_fault(setting: str, host: str, folder: Path, error: ssl.SSLCertVerif
     """What is wrong with the router's certificate."""
     if error.verify_code == EXPIRED:
         return MeshFault(f"{setting}: the router's certificate has expired", (
-            "renew it with `labanmesh secure renew`, copy it to the router; or is this machine's clock wrong?"
+            "renew it with `labanmesh secure renew` and copy it to the router, or set this machine's clock"
         ))  # fmt: skip
     if error.verify_code == NOT_YET:
         return MeshFault(f"{setting}: the router's certificate is not valid yet", "set this machine's clock")
@@ -136,7 +134,7 @@ def _router_fault(setting: str, host: str, folder: Path, error: ssl.SSLCertVerif
             "make one with `labanmesh secure add SCENE NAME --router`"
         ))  # fmt: skip
     return MeshFault(f"{setting}: the router's certificate is from a foreign authority, not the one in {folder}", (
-        "both must come from one `labanmesh secure init`; or somebody else answers at that address"
+        "take both from one `labanmesh secure init`, or correct the address, where another router answers"
     ))  # fmt: skip
 
 
@@ -149,7 +147,7 @@ def _own_fault(setting: str, folder: Path, error: OSError) -> MeshFault:
         return MeshFault(f"{setting}: the router says that certificate {name} has expired", "set both machines' clocks")
     if "unknown ca" in alert:
         return MeshFault(f"{setting}: the router does not know the authority that signed {name}", (
-            "both must come from one `labanmesh secure init`"
+            "take both from one `labanmesh secure init`"
         ))  # fmt: skip
     return MeshFault(f"{setting}: the router refused certificate {name} ({alert})", (
         "make new credentials for this machine with `labanmesh secure add`"

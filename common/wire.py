@@ -94,10 +94,10 @@ def encode_vocabulary(scene: str, vocabulary: Vocabulary) -> bytes:
     return encode(_vocabulary_message(scene, vocabulary))
 
 
-def decode(kind: type[M], payload: bytes, size_limit: int = SIZE_LIMIT) -> M:
+def decode(kind: type[M], payload: bytes) -> M:
     """The checked message of type `kind`; raises BadMessage, and nothing else, for any other bytes."""
-    if len(payload) > size_limit:
-        raise BadMessage("too_large", f"more than {size_limit} bytes")
+    if len(payload) > SIZE_LIMIT:
+        raise BadMessage("too_large", f"more than {SIZE_LIMIT} bytes")
     fields = _unpack(payload)
     version = fields.get("v")
     if type(version) is not int or version not in kind.VERSIONS:

@@ -163,7 +163,7 @@ def test_the_roles_of_a_machine(scenes, name, requested, roles):
         ("attic", Roles(), "no process has this name (sofa, shelf, both, judge, second, hub, router)"),
         ("both", Roles(), "an observer and a fusion service have this name"),
         ("attic", Roles(observers=("door",)), "observer 'door': not in the scene; known: sofa"),
-        ("attic", Roles(fusions=("third",)), "fusion service 'third': not in the scene; known: judge"),
+        ("attic", Roles(fusions=("third",)), "fusion service 'third': not in the scene 'dojo'; known: judge"),
         ("attic", Roles(hub_of=("kitchen",)), "scene 'kitchen': none of the scenes; known: dojo"),
         ("Attic", Roles(hub=True), "a-z"),
         ("a" * 60, Roles(hub=True), "at most 56"),
@@ -364,7 +364,7 @@ def test_credentials_that_do_not_fit_are_one_line(authority, tmp_path, spoil, li
     assert line in str(fault) and "\n" not in str(fault) and fault.remedy
 
 
-@pytest.mark.parametrize(("days", "line"), [(-1, "begins only on"), (400, "expired on 2028-01-31")])
+@pytest.mark.parametrize(("days", "line"), [(-1, "is valid only from"), (400, "expired on 2028-01-31")])
 def test_the_clock_counts(authority, tmp_path, days, line):
     authority.add("sofa", SOFA, (), NOW)
     assert line in str(check_credentials(tmp_path / "secure" / "sofa.1", NOW + timedelta(days=days)))

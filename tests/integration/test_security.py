@@ -220,7 +220,7 @@ def test_the_cause_is_named_for_each(table):
         "a certificate of a foreign authority": "foreign authority",
         "the same, with our authority's ca.pem beside it": "not signed by the authority",
         "no certificate": "needs mesh.credentials",
-        "a plain-text client": "TLS alone",
+        "a plain-text client": "accepts TLS only",
         "an expired certificate": "expired",
         "a certificate that is not in the register": "do not know certificate attic.1",
         "a revoked machine": "do not know certificate garden.1: revoked",
@@ -395,7 +395,7 @@ def test_a_process_that_would_not_be_heard_ends_with_one_line(mesh, certificate,
 
 def test_a_service_without_credentials_learns_why(mesh):
     for endpoint in (mesh("hub.1").endpoint, mesh("hub.1").endpoint.replace("tls/", "tcp/")):
-        with pytest.raises(LabanmeshError, match=r"needs mesh.credentials|speaks TLS alone") as caught:
+        with pytest.raises(LabanmeshError, match=r"needs mesh.credentials|accepts TLS only") as caught:
             Link.open(MeshConfig(mode="router", endpoint=endpoint), "hub", timeout_s=PATIENCE_S)
         assert "\n" not in str(caught.value)
 

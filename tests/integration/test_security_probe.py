@@ -125,7 +125,7 @@ def test_plain_meets_plain_and_plain_meets_tls(folder):
     with Link.open(MeshConfig(mode="router"), "router", listen=["tcp/127.0.0.1:0"]) as plain:
         assert looked(plain.locator, "", timeout_s=0.2) is None
     with router(folder("router", ROUTER)) as endpoint:
-        assert "speaks TLS alone" in endpoint_fault(MeshConfig(endpoint=endpoint.replace("tls/", "tcp/")), NOW).what
+        assert "accepts TLS only" in endpoint_fault(MeshConfig(endpoint=endpoint.replace("tls/", "tcp/")), NOW).what
         assert "needs mesh.credentials" in endpoint_fault(MeshConfig(endpoint=endpoint), NOW).what
 
 
