@@ -1,4 +1,4 @@
-"""What the tests of the mediapipe tracker share: recorded clips with their truth, tracked once, and a model file."""
+"""Fixtures of the mediapipe tracker's tests: recorded clips with their truth, tracked once, and a model file."""
 
 import csv
 import gc
@@ -19,7 +19,7 @@ from observer.tracks import Frame
 
 NAMED_BY = "LABANMESH_POSE_MODEL"
 CAMERA = np.array([[-580.0, 0.0, 319.0, 0.0], [0.0, -580.0, 240.0, 0.0], [0.0, 0.0, 1.0, 0.0]])
-"""The clips' camera after their pictures, which are mirrored (u = 320 + 580 x/z), were turned back: u' = 639 - u."""
+"""The camera of the unmirrored clips: the originals have u = 320 + 580 x/z, and u' = 639 - u."""
 
 
 def pictures(file, every=1):
@@ -33,9 +33,9 @@ def pictures(file, every=1):
     assert number, f"{file} has no pictures"
 
 
-def follow(found_by, shown, rate_hz):
+def follow(tracker, pictures, rate_hz):
     """Tracks of a sequence of pictures."""
-    return [found_by.update(Frame(round(n * 1e9 / rate_hz), picture)) for n, picture in enumerate(shown)]
+    return [tracker.update(Frame(round(n * 1e9 / rate_hz), picture)) for n, picture in enumerate(pictures)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +66,7 @@ def unmirrored(file):
 
 @pytest.fixture(scope="session")
 def florence(data, pose_model):
-    """The 16 clips with their joints as truth, each tracked from its first picture by a tracker of its own."""
+    """The 16 clips with their joints as truth, each tracked by a new tracker."""
     from scipy.io import loadmat
 
     archive = import_folder(data / "florence3d").archive
@@ -91,7 +91,7 @@ def florence(data, pose_model):
 
 @pytest.fixture(scope="session")
 def pose_model():
-    """What `MediapipeTracker` is told: None where mediapipe carries a model, else the file in LABANMESH_POSE_MODEL."""
+    """The model path of `MediapipeTracker`: None where mediapipe carries a model, else LABANMESH_POSE_MODEL."""
     mediapipe = pytest.importorskip("mediapipe")
     if hasattr(mediapipe, "solutions"):
         return None

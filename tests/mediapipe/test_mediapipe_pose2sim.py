@@ -1,4 +1,4 @@
-"""Four calibrated cameras around one person: wrists found in each, triangulated, against the reference track."""
+"""Four calibrated cameras around one person: wrists tracked in each, triangulated, against the reference."""
 
 import numpy as np
 import pytest
@@ -47,10 +47,10 @@ def test_wrists_triangulated_from_four_videos_are_those_of_the_reference(data, p
     assert seen.shape[1:] == (*truth.shape[:2], 2)
     plain = np.array([camera.undistorted(pixels) for camera, pixels in zip(cameras, seen, strict=True)])
     matrices = [camera.matrix for camera in cameras]
-    found = [[triangulate(matrices, plain[:, f, hand], GATE_PX) for hand in (0, 1)] for f in range(len(truth))]
-    off = np.linalg.norm(np.array([[point.point for point in row] for row in found]) - truth, axis=2)
+    points = [[triangulate(matrices, plain[:, f, hand], GATE_PX) for hand in (0, 1)] for f in range(len(truth))]
+    off = np.linalg.norm(np.array([[point.point for point in row] for row in points]) - truth, axis=2)
     off = np.where(np.isnan(off), np.inf, off)
-    used = np.mean([point.used.sum() for row in found for point in row])
+    used = np.mean([point.used.sum() for row in points for point in row])
     left, right = np.median(off, axis=0)
     print(
         f"\nmedian {np.median(off) * 100:.1f} cm (left {left * 100:.1f}, right {right * 100:.1f}), 95 %"

@@ -1,4 +1,4 @@
-"""The tracker with its real model, by both ways in: who is seen, who is not, and that it keeps quiet."""
+"""The tracker with its real model, from the wheel and from a .task file."""
 
 import os
 import subprocess
@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from common.errors import BadInput
-from observer.tracking.mediapipe_pose import PATIENCE_S, MediapipeTracker
+from observer.tracking.mediapipe_pose import NOBODY_S, MediapipeTracker
 from observer.tracks import BODY_PARTS, Frame, State
 
 mediapipe = pytest.importorskip("mediapipe")
@@ -30,13 +30,13 @@ def follow(tracker, shown):
 
 @pytest.fixture
 def stand(data):
-    """A man who stands before shelves, 20 pictures."""
+    """20 pictures of a person who stands in front of shelves."""
     return video(data / "wave_webcam/stand.mp4", 20)
 
 
 @pytest.fixture(params=["wheel", "task"])
 def tracker(request):
-    """By the model in the wheel, and by a .task file through the tasks that newer versions have."""
+    """With the model in the wheel, and with a .task file as newer versions need."""
     path = None if request.param == "wheel" else str(request.getfixturevalue("task_file"))
     if path is None and not hasattr(mediapipe, "solutions"):
         pytest.skip(f"mediapipe {mediapipe.__version__} carries no model")
@@ -45,16 +45,16 @@ def tracker(request):
     with_model.close()
 
 
-def test_nobody_is_in_an_empty_or_a_drawn_picture(tracker):
+def test_nobody_is_found_in_empty_and_drawn_pictures(tracker):
     drawn = EMPTY.copy()
     drawn[50:120, 180:240], drawn[200:240, 60:90], drawn[200:240, 330:360] = [(110, 150, 210)] * 3
     noise = np.random.default_rng(0).integers(0, 255, EMPTY.shape, dtype=np.uint8)
-    tracks = follow(tracker, [EMPTY, drawn, noise] * int(PATIENCE_S * RATE_HZ))
+    tracks = follow(tracker, [EMPTY, drawn, noise] * int(NOBODY_S * RATE_HZ))
     assert {t.states for t in tracks} == {MISSING}
     assert "nobody" in tracker.complaint
 
 
-def test_a_person_is_seen_with_his_own_left_at_the_right_of_the_picture(tracker, stand):
+def test_the_persons_left_hand_is_on_the_right_of_the_picture(tracker, stand):
     tracks = follow(tracker, stand)
     assert tracks[-1].states == SEEN
     left, right, head = tracks[-1].centres
@@ -65,7 +65,7 @@ def test_a_person_is_seen_with_his_own_left_at_the_right_of_the_picture(tracker,
     assert not tracker.complaint
 
 
-def test_who_leaves_is_missing_and_who_returns_is_seen(tracker, stand):
+def test_a_person_who_leaves_is_missing_until_they_return(tracker, stand):
     tracks = follow(tracker, [*stand[:5], *[EMPTY] * 5, *stand[5:15]])
     assert [t.states for t in tracks[5:10]] == [MISSING] * 5
     assert tracks[4].states == SEEN == tracks[-1].states
@@ -90,7 +90,7 @@ def test_hands_below_the_edge_of_the_picture_are_missing(tracker, stand):
     assert last.states[2] is State.SEEN
 
 
-def test_two_runs_say_the_same(data, pose_model):
+def test_two_runs_are_equal(data, pose_model):
     shown = video(data / "wave_webcam/wave.mp4", 40)
     runs = [follow(MediapipeTracker(pose_model), shown) for _ in range(2)]
     for first, second in zip(*runs, strict=True):
@@ -98,24 +98,24 @@ def test_two_runs_say_the_same(data, pose_model):
     assert np.isfinite([t.centres for t in runs[0]]).mean() > 0.9
 
 
-def test_both_ways_in_find_the_same(data, task_file):
+def test_wheel_and_task_file_agree(data, task_file):
     if not hasattr(mediapipe, "solutions"):
-        pytest.skip(f"mediapipe {mediapipe.__version__} has one way in")
+        pytest.skip(f"mediapipe {mediapipe.__version__} has only one of them")
     shown = video(data / "wave_webcam/wave.mp4", 60)
-    ways = [np.array([t.centres for t in follow(MediapipeTracker(path), shown)]) for path in (None, str(task_file))]
-    apart = np.linalg.norm(ways[0] - ways[1], axis=2)
-    assert np.nanmedian(apart) < 4  # px, of some 145 from head to hips; smoothing knows the time only in the one
-    assert np.isfinite(apart).mean() > 0.9
+    centres = [np.array([t.centres for t in follow(MediapipeTracker(path), shown)]) for path in (None, str(task_file))]
+    distance = np.linalg.norm(centres[0] - centres[1], axis=2)
+    assert np.nanmedian(distance) < 4  # px, of some 145 from head to hips; only one of them smooths with real times
+    assert np.isfinite(distance).mean() > 0.9
 
 
-def test_pictures_may_change_their_size(tracker, stand, pose_model):
+def test_the_size_of_the_pictures_may_change(tracker, stand, pose_model):
     halves = [np.ascontiguousarray(picture[::2, ::2]) for picture in stand[10:]]
     changed = follow(tracker, [*stand[:10], *halves])
     whole = follow(MediapipeTracker(pose_model), stand)
     np.testing.assert_allclose(changed[-1].centres * 2, whole[-1].centres, atol=10)
 
 
-def test_a_file_that_is_no_model_is_refused_in_a_line(tmp_path):
+def test_a_file_without_a_model_is_rejected_with_one_line(tmp_path):
     file = tmp_path / "pose.task"
     for content in (b"", b"no model", bytes(1000)):
         file.write_bytes(content)
@@ -125,7 +125,7 @@ def test_a_file_that_is_no_model_is_refused_in_a_line(tmp_path):
 
 
 @pytest.mark.parametrize("way", ["wheel", "task"])
-def test_it_keeps_quiet_from_start_to_end_though_nobody_closes_it(way, request):
+def test_nothing_is_written_to_stderr_even_without_close(way, request):
     path = None if way == "wheel" else str(request.getfixturevalue("task_file"))
     if path is None and not hasattr(mediapipe, "solutions"):
         pytest.skip(f"mediapipe {mediapipe.__version__} carries no model")
@@ -139,7 +139,7 @@ def test_it_keeps_quiet_from_start_to_end_though_nobody_closes_it(way, request):
     assert done.stderr == ""
 
 
-def test_errors_still_reach_the_terminal_after_it_started(pose_model, capfd):
+def test_stderr_works_again_after_start(pose_model, capfd):
     MediapipeTracker(pose_model).close()
-    os.write(2, b"heard")
-    assert capfd.readouterr().err == "heard"
+    os.write(2, b"message")
+    assert capfd.readouterr().err == "message"

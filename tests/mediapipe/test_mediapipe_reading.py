@@ -1,4 +1,4 @@
-"""The tracker without its model: what landmarks become, and what a person is told. Runs without mediapipe too."""
+"""The tracker without its model: reading of landmarks, and errors. Runs without mediapipe."""
 
 import importlib
 import sys
@@ -14,7 +14,7 @@ from common.errors import BadInput, LabanmeshError
 from observer.tracking import mediapipe_pose
 from observer.tracking.mediapipe_pose import (
     LANDMARKS,
-    PATIENCE_S,
+    NOBODY_S,
     SEEN,
     UNSURE,
     MediapipeTracker,
@@ -29,7 +29,7 @@ PARTS = {"left_hand": [15, 17, 19], "right_hand": [16, 18, 20], "head": [7, 8]}
 
 
 def person(visibility=1.0):
-    """Everything at the middle of the picture, but for the parts that we read."""
+    """All landmarks at the middle of the picture, except those that are read."""
     landmarks = np.full((LANDMARKS, 3), 0.5)
     landmarks[:, 2] = visibility
     landmarks[[15, 17, 19], :2] = (0.70, 0.50), (0.80, 0.60), (0.75, 0.70)
@@ -81,51 +81,51 @@ def test_what_is_said_to_be_seen_or_guessed_lies_in_the_picture_and_never_both(l
     assert not (np.isfinite(tracks.centres) & np.isfinite(tracks.guesses)).any()
 
 
-class Model:
-    """Stands in for the pose model: says what it is told to, and keeps what it was asked."""
+class FakeModel:
+    """A pose model that returns `result` and records its arguments."""
 
-    def __init__(self, found):
-        self.found, self.asked, self.closed = found, [], 0
+    def __init__(self, result):
+        self.result, self.calls, self.closed = result, [], 0
 
     def landmarks(self, rgb, ms):
-        self.asked.append((rgb, ms))
-        return self.found
+        self.calls.append((rgb, ms))
+        return self.result
 
     def close(self):
         self.closed += 1
 
 
-def tracker_with(monkeypatch, found):
-    model = Model(found)
+def tracker_with(monkeypatch, result):
+    model = FakeModel(result)
     monkeypatch.setattr(mediapipe_pose, "open_pose", lambda path: model)
     return MediapipeTracker(), model
 
 
-def test_the_model_gets_red_first_and_a_clock_that_always_goes_on(monkeypatch):
+def test_the_model_gets_rgb_and_increasing_times(monkeypatch):
     tracker, model = tracker_with(monkeypatch, person())
     red = PICTURE.copy()
     red[..., 2] = 200
     for at_ns in (10**18, 10**18, 10**18 + 40_000_000, 10**18 - 10**9, 10**18 + 80_000_000):
         tracker.update(Frame(at_ns, red))
-    assert [ms for _, ms in model.asked] == [1, 2, 41, 42, 81]
-    assert (model.asked[0][0] == (200, 0, 0)).all()
-    assert model.asked[0][0].flags["C_CONTIGUOUS"]
+    assert [ms for _, ms in model.calls] == [1, 2, 41, 42, 81]
+    assert (model.calls[0][0] == (200, 0, 0)).all()
+    assert model.calls[0][0].flags["C_CONTIGUOUS"]
 
 
-def test_centres_are_in_pixels_of_the_picture_given(monkeypatch):
+def test_centres_are_in_pixels_of_the_picture(monkeypatch):
     tracker, _ = tracker_with(monkeypatch, person())
     np.testing.assert_allclose(tracker.update(Frame(0, PICTURE)).centres, [(48, 28.8), (16, 28.8), (32, 7.2)])
 
 
-def test_it_says_so_when_it_makes_out_nobody_for_a_while_and_stops_when_somebody_comes(monkeypatch):
+def test_a_complaint_when_nobody_is_found_for_a_while(monkeypatch):
     tracker, model = tracker_with(monkeypatch, None)
     assert tracker.update(Frame(0, PICTURE)).states == (State.MISSING,) * 3
     assert not tracker.complaint
-    tracker.update(Frame(round(PATIENCE_S * 1e9) + 10**8, PICTURE))
+    tracker.update(Frame(round(NOBODY_S * 1e9) + 10**8, PICTURE))
     assert "nobody" in tracker.complaint
     assert "camshift" in tracker.complaint
-    model.found = person()
-    tracker.update(Frame(round(PATIENCE_S * 1e9) + 2 * 10**8, PICTURE))
+    model.result = person()
+    tracker.update(Frame(round(NOBODY_S * 1e9) + 2 * 10**8, PICTURE))
     assert not tracker.complaint
 
 
@@ -197,18 +197,18 @@ def fake_tasks(fault):
 
 
 @pytest.mark.parametrize(
-    ("fault", "kind", "said"),
+    ("fault", "kind", "message"),
     [
         (RuntimeError("Unable to open zip archive."), BadInput, "Unable to open zip archive; a pose landmarker .task"),
         (FileNotFoundError("no\nmetadata"), BadInput, "no metadata"),
         (OSError("libEGL.so.1: cannot open"), LabanmeshError, "libEGL.so.1"),
     ],
 )
-def test_what_mediapipe_tasks_raises_becomes_a_line(monkeypatch, tmp_path, fault, kind, said):
+def test_what_mediapipe_tasks_raises_becomes_a_line(monkeypatch, tmp_path, fault, kind, message):
     monkeypatch.setattr(importlib, "import_module", lambda name: fake_tasks(fault))
     file = tmp_path / "some.task"
     file.write_bytes(b"x")
-    with pytest.raises(kind, match=said) as refused:
+    with pytest.raises(kind, match=message) as refused:
         TaskPose(str(file))
     assert type(refused.value) is kind
     assert "\n" not in str(refused.value)
