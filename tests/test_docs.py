@@ -294,6 +294,23 @@ def test_the_scene_files_of_the_documents_are_valid(page, tmp_path):
         read_scene(tmp_path / "scene.toml", {})
 
 
+@pytest.mark.parametrize(
+    "symptom",
+    [
+        "already in use",
+        "alive already",
+        "make judgements of up to",
+        "no router answers there",
+        "do not know certificate",
+        "waiting for fusion",
+        "waiting for observers",
+    ],
+)
+def test_troubleshooting_quotes_what_a_process_prints(symptom):
+    assert symptom in (DOCS / "guide" / "troubleshooting.md").read_text("utf-8")
+    assert any(symptom in file.read_text("utf-8") for file in MODULES if "tests" not in file.parts)
+
+
 def test_the_scene_file_of_init_begins_as_shown(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     assert main(["init", "dojo.toml"]) == 0
