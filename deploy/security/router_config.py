@@ -78,10 +78,6 @@ def access_rules(scenes: Sequence["Scene"], register: Register) -> dict[str, Any
 def _rules(scenes: Sequence["Scene"], certificate: IssuedCertificate) -> Iterator[Rule]:
     """The rules for one certificate. A router's needs none: the rules do not bind the router itself."""
     roles = certificate.roles
-    if any("/" not in fusion for fusion in roles.fusions):
-        # A service of all scenes watches the liveliness of the others with one subscription.
-        everywhere = [f"{scenes[0].mesh.prefix}/*/fusion/*/alive"]
-        yield _rule("ingress", ["declare_liveliness_subscriber", "liveliness_query"], everywhere)
     for scene in scenes:
         keys, fusions = scene.keys, roles.fusions_in(scene.scene)
         for observer in roles.observers_in(scene.scene):
