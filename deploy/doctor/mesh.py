@@ -70,8 +70,7 @@ class ExpectedMesh:
     @property
     def shareable(self) -> bool:
         """Whether fusion services that stand in no scene file may share this scene with others."""
-        fusion = self.scene.fusion
-        return bool(self.digest) and not (fusion.standby or fusion.memory)
+        return not self.scene.fusion.standby
 
     @property
     def digest(self) -> str:
