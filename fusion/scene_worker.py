@@ -1,5 +1,6 @@
 """One scene that is fused in this process: posteriors in, judgements and verdicts out."""
 
+import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -15,8 +16,11 @@ from common.wire import encode_vocabulary
 from fusion.checkpoint import FORGET_S, Checkpoint, CheckpointFile
 from fusion.engine.engine import EngineOutput, FusionEngine
 from fusion.engine.pooling import PooledPosterior, PoolingCase
+from fusion.engine.roster import HEARD
 from fusion.ingest import PosteriorIngest, newest
 from fusion.publisher import VerdictPublisher
+
+log = logging.getLogger("labanmesh.fusion")
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,6 +101,7 @@ class SceneWorker:
         vocabulary = encode_vocabulary(scene.scene, engine.vocabulary)
         self._session.answer(scene.keys.vocabulary, lambda: vocabulary)
         self._withheld: list[VerdictMessage] = []
+        self._waiting: bool | None = None
         self.fuses = self.owns = self.restored = False
         self.epoch = 0
 
@@ -143,7 +148,17 @@ class SceneWorker:
             return StepResult(output)
         published, self._withheld = self._withheld, []
         self._publisher.publish(published, output.judgement)
+        self._log_waiting(output.judgement)
         return StepResult(output, published)
+
+    def _log_waiting(self, judgement: JudgementMessage) -> None:
+        waiting = judgement.agreement.n == 0
+        if waiting != self._waiting:
+            self._waiting = waiting
+            counted = [name for name, vote in judgement.votes.items() if vote.state in HEARD]
+            log.info(
+                "%s: %s", self._scene.scene, "waiting for observers" if waiting else f"fusing {', '.join(counted)}"
+            )
 
     def follow(self, message: JudgementMessage) -> None:
         """Continue where the owner is: what it has not published, this engine decides again."""

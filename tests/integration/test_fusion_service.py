@@ -66,13 +66,15 @@ def move(publisher, **fields):
     return stop
 
 
-def test_posteriors_become_judgements_and_verdicts_and_late_joiners_get_the_last(scene, peer, running):
+def test_posteriors_become_judgements_and_verdicts_and_late_joiners_get_the_last(scene, peer, running, caplog):
+    caplog.set_level("INFO", "labanmesh.fusion")
     keys, hub = scene.keys, peer()
     judgements, verdicts = hub.inbox(keys.judgement), hub.inbox(keys.verdict)
     running(scene)
     # It judges even when nothing comes.
     waiting = collect(judgements, JudgementMessage, lambda said: len(said) >= 3)[-1]
     assert (waiting.label, waiting.agreement.n, waiting.epoch) == ("", 0, 1)
+    assert "dojo: waiting for observers" in caplog.text
     publisher = peer("observer").publisher(keys.posterior("cam1"))
     assert publisher.wait_for_subscriber(SOON_S)
     end = move(publisher)
