@@ -215,7 +215,6 @@ class VocabularyLookup:
         self._session = service.link.sub_session(polled=True)
         self._payloads: list[bytes] = []
         self._asked_s = float("-inf")
-        log.info("%s names no vocabulary: %s", scene.scene, ASKING)
 
     def poll(self) -> Vocabulary | None:
         """The vocabulary, once an observer has answered; asks when it is due."""

@@ -11,8 +11,9 @@ from mesh_stage import LOOPBACK, NAMED, SOON_S, posterior
 
 from common.config import MeshConfig, read_scene
 from common.link import Link
-from common.messages import JudgementMessage, StatusMessage, VerdictMessage
+from common.messages import JudgementMessage, StatusMessage, VerdictMessage, VocabularyReference
 from common.status import ProcessStatus, StatusPublisher
+from common.vocabulary import Vocabulary
 from common.wire import decode
 from fusion.membership import SameIdError
 from fusion.server import SteadyClock, serve
@@ -283,3 +284,30 @@ def test_of_two_processes_with_one_id_that_start_together_one_ends(hall, monkeyp
     survivor = until(hall.judgements, JudgementMessage, lambda j: j.seq > 10)[-1].session
     said = until(hall.judgements, JudgementMessage, lambda j: j.seq > 40)
     assert {j.session for j in said} == {survivor}
+
+
+def test_judgements_of_many_observers_fit_and_the_standby_service_stands_by(hall, tmp_path):
+    """40 observers of 200 movements: with each vote's p a judgement would have 75 kB, and nobody could read it."""
+    vocabulary = Vocabulary(tuple(f"movement_{n}" for n in range(200)), "many")
+    observers = {f"cam{n}": hall.scene.observer("cam1") for n in range(40)}
+    changes = {"observers": observers, "vocabulary": vocabulary.labels, "vocabulary_name": vocabulary.name}
+    hall.scene = hall.scene.model_copy(update=changes)
+    fields = {
+        "vocabulary": VocabularyReference(name=vocabulary.name, hash=vocabulary.digest),
+        "p": [0.801, *[0.001] * 199],
+    }
+    hall.begin("a")
+    until(hall.judgements, JudgementMessage, lambda j: j.fusion == "a")
+    hall.begin("b")
+    statuses = hall.hub.inbox(hall.keys.fusion_status("b"))
+    publishers = {name: hall.camera.publisher(hall.keys.posterior(name)) for name in observers}
+    for seq in range(20):
+        for name, publisher in publishers.items():
+            publisher.put(posterior(name, seq, **fields))
+        hall.quiet.wait(0.05)
+    judgements = until(hall.judgements, JudgementMessage, lambda j: j.agreement.n > 30)
+    assert all(vote.p is None for vote in judgements[-1].votes.values()) and judgements[-1].label == "movement_0"
+    until(statuses, StatusMessage, lambda s: s.reason == "standing by for a")
+    assert {j.fusion for j in until(hall.judgements, JudgementMessage, lambda j: j.seq > judgements[-1].seq + 10)} == {
+        "a"
+    }
