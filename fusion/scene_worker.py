@@ -16,7 +16,7 @@ from common.wire import encode_vocabulary
 from fusion.checkpoint import FORGET_S, Checkpoint, CheckpointFile
 from fusion.engine.engine import EngineOutput, FusionEngine
 from fusion.engine.pooling import PooledPosterior, PoolingCase
-from fusion.engine.roster import HEARD
+from fusion.engine.roster import POOLED_STATES
 from fusion.ingest import PosteriorIngest, newest
 from fusion.publisher import VerdictPublisher
 
@@ -155,7 +155,7 @@ class SceneWorker:
         waiting = judgement.agreement.n == 0
         if waiting != self._waiting:
             self._waiting = waiting
-            counted = [name for name, vote in judgement.votes.items() if vote.state in HEARD]
+            counted = [name for name, vote in judgement.votes.items() if vote.state in POOLED_STATES]
             log.info(
                 "%s: %s", self._scene.scene, "waiting for observers" if waiting else f"fusing {', '.join(counted)}"
             )
