@@ -15,7 +15,7 @@ from fusion.engine.pooling import PooledPosterior, PoolingCase, pool_facets, poo
 from fusion.engine.reliability import Reliability, learn_from_verdict
 from fusion.engine.roster import POOLED_STATES, AgedPosterior, ObserverRecord, Roster
 from fusion.engine.rules import get_rule
-from fusion.engine.verdict_detector import Decision, MovementProgress, PooledState, VerdictDetector
+from fusion.engine.verdict_detector import MovementDecision, MovementProgress, PooledState, VerdictDetector
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,15 +32,6 @@ class _Evidence:
 
     judgement: JudgementMessage
     posteriors: Sequence[AgedPosterior] = ()
-
-
-@dataclass(frozen=True, slots=True)
-class _ContributionCache:
-    """The contributions to a label at one time. A verdict is published twice, and they take long to compute."""
-
-    at_ns: int
-    label: str
-    contributions: Mapping[str, Contribution]
 
 
 class FusionEngine:
@@ -62,7 +53,6 @@ class FusionEngine:
         self._detector = VerdictDetector(config)
         self._builder = JudgementBuilder(scene, vocabulary, self._roster.prior, self._rule.name)
         self._evidence: Mapping[int, _Evidence] = {}
-        self._contribution_cache: _ContributionCache | None = None
         self._seq = 0
         self.reliability = Reliability()
 
@@ -141,12 +131,13 @@ class FusionEngine:
         facets = pool_facets(self._rule, posteriors)
         judgement = self._builder.judgement(ballot, pooled, facets, self._ongoing_movement(), self._stamp(now_ns))
         evidence = {**self._evidence, now_ns: _Evidence(judgement, posteriors)}
+        verdicts = [] if decision is None else [self._verdict(now_ns, decision, evidence)]
+        for verdict in verdicts:
+            self.reliability = learn_from_verdict(self.reliability, verdict, self.vocabulary)
+            # It carries the contributions, which take long to compute, to its second publication.
+            evidence[verdict.decided_ns] = _Evidence(verdict)
         self._keep_evidence(evidence)
-        if decision is None:
-            return EngineOutput(judgement, [])
-        verdict = self._verdict(now_ns, decision, evidence)
-        self.reliability = learn_from_verdict(self.reliability, verdict, self.vocabulary)
-        return EngineOutput(judgement, [verdict])
+        return EngineOutput(judgement, verdicts)
 
     def continue_from(self, judgement: JudgementMessage) -> None:
         """Continue from another service's message: its number and movement; from a verdict also its evidence."""
@@ -180,7 +171,7 @@ class FusionEngine:
         movement_id = self._verdict_id(movement.began_ns)
         return OngoingMovement(id=movement_id, began_ns=movement.began_ns, label=label, decided_ns=decided_ns)
 
-    def _verdict(self, now_ns: int, decision: Decision, evidence: Mapping[int, _Evidence]) -> VerdictMessage:
+    def _verdict(self, now_ns: int, decision: MovementDecision, evidence: Mapping[int, _Evidence]) -> VerdictMessage:
         """The verdict on its evidence: the votes that decided it, also when its end is published.
 
         The votes of an abstention are those at the end of the movement; after it, the posteriors fade.
@@ -192,20 +183,16 @@ class FusionEngine:
         return build_verdict(basis.judgement, end.judgement, decision, contributed, verdict_id, self._stamp(now_ns))
 
     def _contributions(self, evidence: _Evidence, label: str) -> Mapping[str, Contribution] | None:
-        judgement, cache = evidence.judgement, self._contribution_cache
-        if isinstance(judgement, VerdictMessage):
-            return judgement.contributions
-        if cache is None or (cache.at_ns, cache.label) != (judgement.at_ns, label):
-            index = None if label == ABSTAIN else self.vocabulary.index(label)
-            computed = contributions(self._case(evidence.posteriors), index)
-            self._contribution_cache = cache = _ContributionCache(judgement.at_ns, label, computed)
-        return cache.contributions
+        if isinstance(evidence.judgement, VerdictMessage):
+            return evidence.judgement.contributions
+        index = None if label == ABSTAIN else self.vocabulary.index(label)
+        return contributions(self._case(evidence.posteriors), index)
 
 
 def _progress(message: OngoingMovement | VerdictMessage) -> MovementProgress:
     if message.label is None or message.decided_ns is None:
         return MovementProgress(message.began_ns)
-    return MovementProgress(message.began_ns, Decision(message.label, message.began_ns, message.decided_ns))
+    return MovementProgress(message.began_ns, MovementDecision(message.label, message.began_ns, message.decided_ns))
 
 
 def _pooled_rest(posteriors: Sequence[AgedPosterior]) -> float:

@@ -22,7 +22,7 @@ from common.probability import Floats, entropy_bits
 from common.vocabulary import Vocabulary
 from fusion.engine.pooling import FACING, PooledPosterior, facing_deg
 from fusion.engine.roster import POOLED_STATES, AgedPosterior
-from fusion.engine.verdict_detector import Decision
+from fusion.engine.verdict_detector import MovementDecision
 
 LABEL_MARGIN = 0.01
 """A posterior that differs from the prior by no more than this holds no label."""
@@ -138,7 +138,7 @@ def _vote(posterior: AgedPosterior, entropy: float, weight: float, label: str | 
 def build_verdict(
     evidence: JudgementMessage,
     end: JudgementMessage,
-    decision: Decision,
+    decision: MovementDecision,
     contributions: Mapping[str, Contribution] | None,
     verdict_id: str,
     stamp: Stamp,

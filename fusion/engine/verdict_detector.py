@@ -38,7 +38,7 @@ class PooledState:
 
 
 @dataclass(frozen=True, slots=True)
-class Decision:
+class MovementDecision:
     """What was done: label or ABSTAIN, begin and time of decision; the end when it is known."""
 
     label: str
@@ -52,7 +52,7 @@ class MovementProgress:
     """A movement that has not ended: when it began, and the decision, if there is one."""
 
     began_ns: int
-    decision: Decision | None = None
+    decision: MovementDecision | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +70,7 @@ class VerdictDetector:
         self._config = config
         self._hold_ns = config.hold_s * SECOND_NS
         self._last_ns = 0
-        self._revision: Decision | None = None
+        self._revision: MovementDecision | None = None
         self._candidate: _Candidate | None = None
         self._rest_since_ns: int | None = None
         self.movement: MovementProgress | None = None
@@ -95,7 +95,7 @@ class VerdictDetector:
             self._revision = None
         self.movement = movement
 
-    def update(self, state: PooledState) -> Decision | None:
+    def update(self, state: PooledState) -> MovementDecision | None:
         """Take one step; returns a decision when it is made, and again when the movement has ended."""
         if state.at_ns < self._last_ns:
             self._finish()
@@ -111,7 +111,7 @@ class VerdictDetector:
         if self._rest_since_ns is not None and at_ns - self._rest_since_ns >= self._rest_needed_ns(movement, label):
             return self._end(movement, label, at_ns, self._rest_since_ns)
         if movement.decision is None and label is not None and self._is_long_enough(movement, at_ns):
-            decision = Decision(label, movement.began_ns, at_ns)
+            decision = MovementDecision(label, movement.began_ns, at_ns)
             self.movement = MovementProgress(movement.began_ns, decision)
             return decision
         return None
@@ -153,9 +153,9 @@ class VerdictDetector:
         moved_until_ns = at_ns if self._rest_since_ns is None else self._rest_since_ns
         return moved_until_ns - movement.began_ns >= self._hold_ns
 
-    def _end(self, movement: MovementProgress, label: str | None, at_ns: int, ended_ns: int) -> Decision | None:
+    def _end(self, movement: MovementProgress, label: str | None, at_ns: int, ended_ns: int) -> MovementDecision | None:
         decision = self._revision or movement.decision
         if decision is None and self._is_long_enough(movement, at_ns):
-            decision = Decision(label or ABSTAIN, movement.began_ns, at_ns)
+            decision = MovementDecision(label or ABSTAIN, movement.began_ns, at_ns)
         self._finish()
         return None if decision is None else replace(decision, ended_ns=ended_ns)

@@ -114,12 +114,6 @@ def test_rule_3_an_old_posterior_fades_by_the_formula_and_rest_does_not(p, age_s
     assert posterior.p == pytest.approx(tempered(p, math.exp(-(age_s - 0.2) / 0.5)), rel=1e-6)
 
 
-@given(st.floats(0, 2), st.floats(0, 2))
-def test_rule_3_older_is_never_more_certain(one, other):
-    young, old = (Cam1(message()).at(after(age_s)) for age_s in sorted((one, other)))
-    assert old.p.max() <= young.p.max() + 1e-12 and old.rest >= young.rest - 1e-12
-
-
 def test_rule_3_even_a_certainty_fades_without_a_nan():
     certain = message(p=(1, 0, 0))
     assert Cam1(certain).at(after(1.9)).p.tolist() == [
