@@ -1,1 +1,1 @@
-"""Recording: what several calibrated cameras see becomes motion in space, to learn from."""
+"""Recording: tracks of several calibrated cameras become motion in space, to learn from."""

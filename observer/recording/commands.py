@@ -1,4 +1,4 @@
-"""The verb `record`: several calibrated cameras see somebody, and a motion archive has one recording more."""
+"""The command `record`: several calibrated cameras add one recording to a motion archive."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from common.progress import ProgressBar
+from common.text import plural
 
 if TYPE_CHECKING:
     from observer.motion.archive import Recording
@@ -14,20 +15,28 @@ if TYPE_CHECKING:
 
 
 def record(
-    scene: Annotated[Path, typer.Argument(help="The scene file; its observers with a camera file as view take part.")],
-    output: Annotated[Path, typer.Option("-o", "--output", help="The motion archive (.npz); one that is there grows.")],
+    scene: Annotated[
+        Path, typer.Argument(help="The scene file; its observers with a camera file as view are recorded.")
+    ],
+    output: Annotated[
+        Path, typer.Option("-o", "--output", help="The motion archive (.npz); an existing one is extended.")
+    ],
     label: Annotated[str, typer.Option(help="The movement: lower case letters, digits, underscores.")],
-    subject: Annotated[str, typer.Option(help="Who performs it.")],
-    trial: Annotated[int | None, typer.Option(min=0, help="Which time; the next one that is free.")] = None,
-    seconds: Annotated[float | None, typer.Option(min=0.1, help="How long; else until sources end or Ctrl-C.")] = None,
-    observers: Annotated[str, typer.Option(help="Only these of the scene, by commas.")] = "",
-    rate: Annotated[float, typer.Option(min=1, max=1000, help="Instants a second.")] = 30.0,
-    gate: Annotated[float, typer.Option(min=0.1, help="A camera further off than so many px is outvoted.")] = 20.0,
+    subject: Annotated[str, typer.Option(help="The performer.")],
+    trial: Annotated[int | None, typer.Option(min=0, help="Number of the trial; by default the next free one.")] = None,
+    seconds: Annotated[
+        float | None, typer.Option(min=0.1, help="Duration; by default until the sources end or Ctrl-C.")
+    ] = None,
+    observers: Annotated[str, typer.Option(help="Only these observers, separated by commas.")] = "",
+    rate: Annotated[float, typer.Option(min=1, max=1000, help="Rate of the recording, Hz.")] = 30.0,
+    gate: Annotated[
+        float, typer.Option(min=0.1, help="Largest reprojection error of a camera that counts, px.")
+    ] = 20.0,
     up: Annotated[str, typer.Option(help="The axis of the calibration that points up: x, -x, y, -y, z or -z.")] = "y",
     front: Annotated[str, typer.Option(help="The axis along which the performer faces.")] = "-z",
-    trim: Annotated[bool, typer.Option("--trim", help="Cut off what is before and after the hands move.")] = False,
+    trim: Annotated[bool, typer.Option("--trim", help="Cut off the rest before and after the movement.")] = False,
 ) -> None:
-    """Several calibrated cameras watch one movement; its positions in space are added to a motion archive.
+    """Record one movement with several calibrated cameras, and add its positions in space to a motion archive.
 
     Example: labanmesh record scene.toml -o mine.npz --label wave --subject anna --seconds 5
     """
@@ -53,31 +62,34 @@ def _record(
     output: Path,
     name: "Recording",
     seconds: float | None,
-    choices: "RecordingOptions",
+    options: "RecordingOptions",
 ) -> None:
     from common.config import read_scene
     from common.lifecycle import stop_on_signals
     from observer.motion.archive_file import read_archive, write_archive
-    from observer.recording.capture import open_watchers, watch
-    from observer.recording.recorded import appended, completed, recorded
+    from observer.recording.capture import open_cameras, read_cameras
+    from observer.recording.recorded import appended, build_recording, with_trial
     from observer.tracks import BODY_PARTS
 
     before = read_archive(output) if output.exists() else None
-    named = completed(name, before, BODY_PARTS, str(output))
-    # What was seen until Ctrl-C is kept: it is how a recording without --seconds ends.
+    name = with_trial(name, before, BODY_PARTS, str(output))
+    # Ctrl-C is how a recording without --seconds ends, so what was recorded until then is kept.
     with stop_on_signals() as stop, ProgressBar() as bar:
-        watchers = open_watchers(read_scene(scene), observers, stop)
+        cameras = open_cameras(read_scene(scene), observers, stop)
         until = "until their sources end, or Ctrl-C" if seconds is None else f"for {seconds:g} s"
-        who = ", ".join(one.name for one in watchers)
-        typer.echo(f"{who} watch {named.label} by {named.subject}, trial {named.trial}, {until}")
-        sighted = watch(watchers, stop, seconds, lambda done: _tell(bar, done, seconds))
-        made, lines = recorded(sighted, BODY_PARTS, named, choices, lambda done, all_: bar("placing", done, all_))
-        whole = appended(before, BODY_PARTS, made)
-        write_archive(output, whole)
+        names = ", ".join(camera.name for camera in cameras)
+        typer.echo(f"recording {name.label} by {name.subject}, trial {name.trial}, with {names}, {until}")
+        tracks = read_cameras(cameras, stop, seconds, lambda done: _show_progress(bar, done, seconds))
+        recording, lines = build_recording(
+            tracks, BODY_PARTS, name, options, lambda done, total: bar("triangulating", done, total)
+        )
+        archive = appended(before, BODY_PARTS, recording)
+        write_archive(output, archive)
     typer.echo("\n".join(lines))
-    typer.echo(f"{output}: {len(made.positions) / made.rate_hz:.1f} s more, {len(whole.recordings)} recordings in all")
+    seconds_added = len(recording.positions) / recording.rate_hz
+    typer.echo(f"{output}: added {seconds_added:.1f} s, now {plural(len(archive.recordings), 'recording')}")
 
 
-def _tell(bar: ProgressBar, done_s: float, seconds: float | None) -> None:
+def _show_progress(bar: ProgressBar, done_s: float, seconds: float | None) -> None:
     if seconds is not None:
-        bar("watching", round(10 * min(done_s, seconds)), round(10 * seconds))
+        bar("recording", round(10 * min(done_s, seconds)), round(10 * seconds))

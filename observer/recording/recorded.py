@@ -1,4 +1,4 @@
-"""One new recording of a motion archive: its name, its positions and a quality report; pure."""
+"""One new recording of a motion archive: its name, its positions and a report of their quality; pure."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -13,86 +13,53 @@ from observer.recording.reconstruction import (
     UP,
     CameraTracks,
     Reconstruction,
-    closed,
-    instants,
+    common_instants,
+    fill_gaps,
     moving_span,
     reconstruct,
-    sampled,
+    remove_spikes,
+    resample_tracks,
     to_performer_axes,
-    without_spikes,
 )
 from observer.tracks import Floats
 
+Progress = Callable[[int, int], None]
+OUTLIER_SHARE = 0.1
+"""A camera that is an outlier more often than this gets a line of its own."""
 
-def completed(name: Recording, archive: MotionArchive | None, body_parts: tuple[str, ...], place: str) -> Recording:
-    """`name`, still without positions, with a trial: its own, or the next free number. Asked before anybody performs.
 
-    Raises BadInput, naming `place`, for an archive of other body parts, of another rate, or that has this trial, and
-    for a label or a subject that is none.
+def with_trial(name: Recording, archive: MotionArchive | None, body_parts: tuple[str, ...], path: str) -> Recording:
+    """`name`, still without positions, with its own trial or the next free number. Called before the performance.
+
+    Raises BadInput, naming `path`, for an archive of other body parts or another rate, for a trial that it already
+    has, and for an invalid label or subject.
     """
     if not name.label or not is_label(name.label):
         raise BadInput(f"--label {name.label!r}: {LABEL_RULE}, and not empty")
     if not name.subject.strip() or not name.subject.isprintable():
-        raise BadInput(f"--subject {name.subject!r}: who performs, in printable characters")
+        raise BadInput(f"--subject {name.subject!r}: the performer's name in printable characters is expected")
     if archive is None:
         return replace(name, trial=name.trial or "1")
     if archive.body_parts != body_parts:
         theirs, ours = ", ".join(archive.body_parts), ", ".join(body_parts)
-        raise BadInput(f"{place}: holds {theirs}, this records {ours}; name another file")
+        raise BadInput(f"{path}: contains {theirs}, but this records {ours}; choose another file with -o")
     other = next((r.rate_hz for r in archive.recordings if r.rate_hz != name.rate_hz), None)
     if other is not None:
-        raise BadInput(f"{place}: at {other:g} Hz; give --rate {other:g}, or name another file")
-    there = [r.trial for r in archive.recordings if (r.label, r.subject) == (name.label, name.subject)]
-    if name.trial in there:
-        raise BadInput(f"{place}: has trial {name.trial} of {name.label} by {name.subject}; leave out --trial")
-    return replace(name, trial=name.trial or str(max((int(t) for t in there if t.isdecimal()), default=0) + 1))
+        raise BadInput(f"{path}: has a rate of {other:g} Hz; use --rate {other:g}, or another file with -o")
+    trials = [r.trial for r in archive.recordings if (r.label, r.subject) == (name.label, name.subject)]
+    if name.trial in trials:
+        raise BadInput(f"{path}: has trial {name.trial} of {name.label} by {name.subject}; omit --trial")
+    return replace(name, trial=name.trial or str(max((int(t) for t in trials if t.isdecimal()), default=0) + 1))
 
 
 def appended(archive: MotionArchive | None, body_parts: tuple[str, ...], recording: Recording) -> MotionArchive:
-    """The archive with one recording more, or a new one with this alone."""
+    """The archive with one more recording, or a new archive with only this one."""
     return MotionArchive(body_parts, (*(archive.recordings if archive else ()), recording))
-
-
-OUTVOTED = 0.1
-"""A camera that contradicts the others more often than this is worth a line of its own."""
-
-
-def summary(names: Sequence[str], body_parts: Sequence[str], reconstruct: Reconstruction, final: Floats) -> list[str]:
-    """One line for all, one more for each camera that had little say; final: (K, P, 3) the positions, mended."""
-    whole = np.logical_and.reduce(np.isfinite(final), axis=-1)
-    seen = ", ".join(f"{part} {share:.0%}" for part, share in zip(body_parts, whole.mean(axis=0), strict=True))
-    errors = reconstruct.errors_px[reconstruct.used]
-    exactness = f"median reprojection error {np.median(errors):.1f} px" if len(errors) else "no position found"
-    head = f"all parts in {whole.all(axis=1).mean():.0%} of {len(final)} instants ({seen}); {exactness}"
-    return [head, *filter(None, (_camera(n, name, reconstruct) for n, name in enumerate(names)))]
-
-
-def rejected(reconstruct: Reconstruction) -> Floats:
-    """(N,) of what each camera saw and others placed, the share in which it was outvoted; NaN where there is none."""
-    found = np.isfinite(reconstruct.positions).all(axis=-1, keepdims=True)
-    judged = reconstruct.seen & found
-    outvoted = (judged & ~reconstruct.used).sum(axis=(0, 1))
-    total = judged.sum(axis=(0, 1))
-    return np.where(total > 0, outvoted / np.maximum(total, 1), np.nan)
-
-
-def _camera(n: int, name: str, reconstruct: Reconstruction) -> str:
-    if not reconstruct.seen[..., n].any():
-        return f"{name}: saw no part at all; labanmesh look shows what its tracker finds"
-    share = rejected(reconstruct)[n]
-    if np.isnan(share):
-        return f"{name}: agrees with no other camera; look at its calibration"
-    if share > OUTVOTED:
-        return f"{name}: rejected in {share:.0%} of what it saw; look at its calibration and at what its tracker finds"
-    return ""
-
-
-Progress = Callable[[int, int], None]
 
 
 @dataclass(frozen=True, slots=True)
 class RecordingOptions:
-    """gate_px: a camera further off is outvoted. up, front: axes of the room. trim: whether idle ends are cut off."""
+    """gate_px: largest reprojection error of an inlier. up, front: axes of the room. trim: cut off the idle ends."""
 
     gate_px: float = GATE_PX
     up: str = UP
@@ -100,28 +67,58 @@ class RecordingOptions:
     trim: bool = False
 
 
-def recorded(
-    sighted: Sequence[CameraTracks],
+def build_recording(
+    tracks: Sequence[CameraTracks],
     body_parts: Sequence[str],
     name: Recording,
-    choices: RecordingOptions,
+    options: RecordingOptions,
     progress: Progress = lambda *_: None,
 ) -> tuple[Recording, list[str]]:
-    """`name` with the positions that the cameras agree on, at its own rate; and lines that say how good they are.
+    """`name` with triangulated positions at its own rate, and lines about their quality.
 
-    Raises BadInput when there is no common time, or no part at any instant, with those lines.
+    Raises BadInput when the cameras have no common time, and, with those lines, when no position was found.
     """
-    at_ns = instants(sighted, name.rate_hz)
-    known = [one for one in sighted if len(one.at_ns)]
-    centres = np.stack([sampled(one, at_ns) for one in known], axis=2)
-    found = reconstruct([one.matrix for one in known], centres, choices.gate_px, progress)
-    positions = closed(without_spikes(found.positions, name.rate_hz), name.rate_hz)
-    positions = to_performer_axes(positions, choices.up, choices.front)
-    lines = summary([one.name for one in known], body_parts, found, positions)
-    lines += [f"{one.name}: delivered no picture" for one in sighted if not len(one.at_ns)]
+    at_ns = common_instants(tracks, name.rate_hz)
+    cameras = [camera for camera in tracks if len(camera.at_ns)]
+    centres = np.stack([resample_tracks(camera, at_ns) for camera in cameras], axis=2)
+    result = reconstruct([camera.matrix for camera in cameras], centres, options.gate_px, progress)
+    positions = fill_gaps(remove_spikes(result.positions, name.rate_hz), name.rate_hz)
+    positions = to_performer_axes(positions, options.up, options.front)
+    lines = quality_lines([camera.name for camera in cameras], body_parts, result, positions)
+    lines += [f"{camera.name}: delivered no picture" for camera in tracks if not len(camera.at_ns)]
     if not np.isfinite(positions).any():
         raise BadInput(f"nothing was recorded: {'; '.join(lines)}")
-    if choices.trim:
+    if options.trim:
         hands = [row for row, part in enumerate(body_parts) if part.endswith("hand")]
         positions = positions[slice(*moving_span(positions, hands, name.rate_hz))]
     return replace(name, positions=positions.astype(np.float32)), lines
+
+
+def quality_lines(names: Sequence[str], body_parts: Sequence[str], result: Reconstruction, final: Floats) -> list[str]:
+    """One line for all cameras, and one for each camera with a problem; final: (K, P, 3) the repaired positions."""
+    known = np.logical_and.reduce(np.isfinite(final), axis=-1)
+    shares = ", ".join(f"{part} {share:.0%}" for part, share in zip(body_parts, known.mean(axis=0), strict=True))
+    errors = result.errors_px[result.inliers]
+    error = f"median reprojection error {np.median(errors):.1f} px" if len(errors) else "no position found"
+    head = f"all parts in {known.all(axis=1).mean():.0%} of {len(final)} instants ({shares}); {error}"
+    return [head, *filter(None, (_camera_line(n, name, result) for n, name in enumerate(names)))]
+
+
+def outlier_shares(result: Reconstruction) -> Floats:
+    """(N,) for each camera, the share of its observations of known positions that are outliers; NaN for none."""
+    known = np.isfinite(result.positions).all(axis=-1, keepdims=True)
+    observed = result.observed & known
+    outliers = (observed & ~result.inliers).sum(axis=(0, 1))
+    total = observed.sum(axis=(0, 1))
+    return np.where(total > 0, outliers / np.maximum(total, 1), np.nan)
+
+
+def _camera_line(n: int, name: str, result: Reconstruction) -> str:
+    if not result.observed[..., n].any():
+        return f"{name}: saw no part; labanmesh look shows what its tracker finds"
+    share = outlier_shares(result)[n]
+    if np.isnan(share):
+        return f"{name}: agrees with no other camera; check its calibration"
+    if share > OUTLIER_SHARE:
+        return f"{name}: rejected in {share:.0%} of what it saw; check its calibration and its tracker"
+    return ""

@@ -1,4 +1,4 @@
-"""`labanmesh record` as a person meets it; and what several cameras make of recorded people."""
+"""`labanmesh record`: positions from several cameras, output and errors."""
 
 import math
 import threading
@@ -21,9 +21,9 @@ from observer.motion.archive import MotionArchive, Recording
 from observer.motion.archive_file import read_archive, write_archive
 from observer.motion.importers import import_recordings
 from observer.motion.projected import view_tracks
-from observer.recording.capture import RecordingCamera, watch
+from observer.recording.capture import RecordingCamera, read_cameras
 from observer.recording.commands import record
-from observer.recording.recorded import RecordingOptions, recorded
+from observer.recording.recorded import RecordingOptions, build_recording
 from observer.tracks import BODY_PARTS, Frame, Tracks
 
 CAMERAS = [pinhole_matrix(math.radians(yaw), 0.15, 3.0, 700, (640, 360), (0, 0.9, 0)) for yaw in (-50, 0, 45)]
@@ -40,7 +40,7 @@ def waving(seconds=2.0, rate_hz=30.0):
     return rest
 
 
-class Given:
+class CentresTracker:
     """A tracker for frames that hold centres."""
 
     body_parts = BODY_PARTS
@@ -49,73 +49,75 @@ class Given:
         return Tracks(frame.content)
 
 
-def watchers(positions, rate_hz, matrices, spoil=lambda camera, centres: centres, late_ns=0, motion=True):
-    """Cameras that see the positions exactly, then spoilt."""
+def cameras_of(positions, rate_hz, matrices, spoil=lambda camera, centres: centres, late_ns=0, motion=True):
+    """Cameras with exact centres, changed by `spoil`."""
     result = []
     for n, H in enumerate(matrices):
         centres = spoil(n, project(H, positions))
         at = [round(i * SECOND_NS / rate_hz) + n * late_ns for i in range(len(positions))]
         frames = [Frame(t, c, t if motion else None) for t, c in zip(at, centres, strict=True)]
-        result.append(RecordingCamera(f"cam{n}", iter(frames), Given(), H))
+        result.append(RecordingCamera(f"cam{n}", iter(frames), CentresTracker(), H))
     return result
 
 
-def seen_by(*args, **options):
-    return watch(watchers(*args, **options), threading.Event())
+def tracks_of(*args, **options):
+    return read_cameras(cameras_of(*args, **options), threading.Event())
 
 
-def test_what_is_seen_exactly_is_found_exactly():
-    made, lines = recorded(seen_by(waving(), 30, CAMERAS), BODY_PARTS, name(), RecordingOptions())
+def test_exact_tracks_give_exact_positions():
+    made, lines = build_recording(tracks_of(waving(), 30, CAMERAS), BODY_PARTS, name(), RecordingOptions())
     np.testing.assert_allclose(made.positions, waving(), atol=1e-4)
     assert len(lines) == 1 and "all parts in 100%" in lines[0] and "0.0 px" in lines[0]
 
 
-def test_cameras_that_look_at_other_moments_and_other_rates_agree_on_the_common_clock():
-    fast = seen_by(waving(2, 60), 60, CAMERAS[:2], late_ns=7_000_000)
-    slow = seen_by(waving(2, 25), 25, CAMERAS[2:])
-    made, _ = recorded([*fast, *slow], BODY_PARTS, name(20.0), RecordingOptions())
+def test_cameras_of_different_rates_and_phases_are_resampled():
+    fast = tracks_of(waving(2, 60), 60, CAMERAS[:2], late_ns=7_000_000)
+    slow = tracks_of(waving(2, 25), 25, CAMERAS[2:])
+    made, _ = build_recording([*fast, *slow], BODY_PARTS, name(20.0), RecordingOptions())
     expected = waving(2, 20)[: len(made.positions)]
-    # The clock begins 7 ms late: a hand at 2.4 m/s is then 17 mm further, and a straight line cuts 12 mm off its curve.
+    # The clock starts 7 ms late, in which a hand at 2.4 m/s moves 17 mm; interpolation cuts 12 mm off its curve.
     assert np.nanmax(np.linalg.norm(made.positions - expected, axis=-1)) < 0.03
     assert np.isfinite(made.positions).all()
 
 
-def test_a_camera_that_is_wrong_is_outvoted_and_named():
+def test_a_wrong_camera_is_outvoted_and_named():
     def spoil(camera, centres):
         return centres + ([90, -60] if camera == 1 else 0)
 
     cameras = [*CAMERAS, pinhole_matrix(math.radians(100), 0.1, 3.0, 700, (640, 360), (0, 0.9, 0))]
-    made, lines = recorded(seen_by(waving(), 30, cameras, spoil), BODY_PARTS, name(), RecordingOptions())
+    made, lines = build_recording(tracks_of(waving(), 30, cameras, spoil), BODY_PARTS, name(), RecordingOptions())
     np.testing.assert_allclose(made.positions, waving(), atol=1e-3)
-    assert lines[1] == ("cam1: rejected in 100% of what it saw; look at its calibration and at what its tracker finds")
+    assert lines[1] == ("cam1: rejected in 100% of what it saw; check its calibration and its tracker")
     assert len(lines) == 2
 
 
-def test_what_one_camera_alone_sees_is_not_known_unless_for_a_moment():
+def test_parts_seen_by_one_camera_are_unknown_except_in_short_gaps():
     def spoil(camera, centres):
         if camera:
             centres[20:23, 0] = centres[30:45, 1] = np.nan
         return centres
 
-    made, lines = recorded(seen_by(waving(), 30, CAMERAS, spoil), BODY_PARTS, name(), RecordingOptions())
+    made, lines = build_recording(tracks_of(waving(), 30, CAMERAS, spoil), BODY_PARTS, name(), RecordingOptions())
     unknown = np.isnan(made.positions).any(axis=-1)
     assert unknown[:, 1].sum() == 15 and not unknown[:, [0, 2]].any()
     assert "right_hand 75%" in lines[0]
 
 
-def test_a_hand_that_is_taken_for_another_for_a_moment_is_put_back():
+def test_a_momentary_tracking_error_is_repaired():
     wrong = waving()
     wrong[25, 0] += [0.5, 0.4, 0.0]
-    made, _ = recorded(seen_by(wrong, 30, CAMERAS), BODY_PARTS, name(), RecordingOptions())
+    made, _ = build_recording(tracks_of(wrong, 30, CAMERAS), BODY_PARTS, name(), RecordingOptions())
     np.testing.assert_allclose(made.positions[:, 0], waving()[:, 0], atol=1e-4)
 
 
-def test_idle_ends_are_cut_on_request_and_the_room_is_turned():
+def test_idle_ends_are_trimmed_and_the_room_is_rotated():
     still = np.tile(waving()[:1], (60, 1, 1))
     positions = np.concatenate([still, waving(), still])
     room = positions[..., [2, 0, 1]] * [-1, -1, 1]  # x forward, y left, z up
     matrices = [H @ np.array([[0, -1, 0, 0], [0, 0, 1, 0], [-1, 0, 0, 0], [0, 0, 0, 1.0]]) for H in CAMERAS]
-    made, _ = recorded(seen_by(room, 30, matrices), BODY_PARTS, name(), RecordingOptions(up="z", front="x", trim=True))
+    made, _ = build_recording(
+        tracks_of(room, 30, matrices), BODY_PARTS, name(), RecordingOptions(up="z", front="x", trim=True)
+    )
     assert 60 < len(made.positions) < 90
     count = len(made.positions)
     off = [np.abs(made.positions - positions[n : n + count]).max() for n in range(len(positions) - count)]
@@ -123,21 +125,21 @@ def test_idle_ends_are_cut_on_request_and_the_room_is_turned():
     assert 45 < int(np.argmin(off)) <= 56
 
 
-def test_enough_is_enough_for_each_and_a_live_camera_that_delivers_nothing_is_not_waited_for():
+def test_the_time_limit_does_not_wait_for_a_silent_live_camera():
     stop = threading.Event()
-    live = watchers(waving(5), 30, CAMERAS[:2], motion=False)
+    live = cameras_of(waving(5), 30, CAMERAS[:2], motion=False)
     nothing = (Frame(0, np.zeros((3, 2))) for _ in range(1) if not stop.wait(20))
-    hanging = RecordingCamera("cam9", nothing, Given(), CAMERAS[0])
-    seen = watch([*live, hanging], stop, seconds=1.0)
+    hanging = RecordingCamera("cam9", nothing, CentresTracker(), CAMERAS[0])
+    seen = read_cameras([*live, hanging], stop, seconds=1.0)
     assert stop.is_set()
     assert 29 <= len(seen[0].at_ns) <= 31 or 29 <= len(seen[1].at_ns) <= 31
     assert len(seen[2].at_ns) == 0
     with pytest.raises(BadInput, match="nothing was recorded"):
-        blind = seen_by(waving(), 30, CAMERAS, lambda n, c: c * np.nan)
-        recorded(blind, BODY_PARTS, name(), RecordingOptions())
+        blind = tracks_of(waving(), 30, CAMERAS, lambda n, c: c * np.nan)
+        build_recording(blind, BODY_PARTS, name(), RecordingOptions())
 
 
-def test_one_that_fails_stops_all_and_is_heard():
+def test_a_failing_camera_stops_all_and_raises():
     stop = threading.Event()
 
     def endless():
@@ -148,13 +150,13 @@ def test_one_that_fails_stops_all_and_is_heard():
 
     def broken():
         yield Frame(0, np.zeros((3, 2)))
-        raise BadInput("cam1: zero bytes")
+        raise BadInput("cam1: the file is empty")
 
-    with pytest.raises(BadInput, match="zero bytes"):
-        watch(
+    with pytest.raises(BadInput, match="the file is empty"):
+        read_cameras(
             [
-                RecordingCamera("cam0", endless(), Given(), CAMERAS[0]),
-                RecordingCamera("cam1", broken(), Given(), CAMERAS[0]),
+                RecordingCamera("cam0", endless(), CentresTracker(), CAMERAS[0]),
+                RecordingCamera("cam1", broken(), CentresTracker(), CAMERAS[0]),
             ],
             stop,
         )
@@ -180,7 +182,7 @@ def dojo(tmp_path):
         write_camera(
             tmp_path / f"cam{n}.toml", CameraModel(f"cam{n}", H, (1280, 720), lens=LensDistortion(K, np.zeros(5)))
         )
-        # Recording neither waits nor begins again, whatever the scene says for `observe`.
+        # Recording ignores speed and loop, which are for `observe`.
         lines += [
             f"[observers.cam{n}]",
             'source = "motion.npz"',
@@ -193,7 +195,7 @@ def dojo(tmp_path):
     return tmp_path
 
 
-def test_a_scene_becomes_an_archive_that_grows(run, dojo, capsys):
+def test_each_recording_extends_the_archive(run, dojo, capsys):
     run("scene.toml", "-o", "mine.npz", "--label", "wave", "--subject", "anna")
     run(
         "scene.toml",
@@ -208,9 +210,12 @@ def test_a_scene_becomes_an_archive_that_grows(run, dojo, capsys):
         "--observers",
         "cam0,cam2",
     )
-    said = capsys.readouterr().out
-    assert "cam0, cam1, cam2 watch wave by anna, trial 1" in said and "cam0, cam2 watch wave by anna, trial 2" in said
-    assert "all parts in 100% of 60 instants" in said and "2 recordings in all" in said
+    output = capsys.readouterr().out
+    assert (
+        "recording wave by anna, trial 1, with cam0, cam1, cam2" in output
+        and "recording wave by anna, trial 2, with cam0, cam2" in output
+    )
+    assert "all parts in 100% of 60 instants" in output and "now 2 recordings" in output
     first, second = read_archive(dojo / "mine.npz").recordings
     np.testing.assert_allclose(first.positions, waving(), atol=1e-4)
     assert (first.trial, second.trial, first.rate_hz) == ("1", "2", 30.0)
@@ -218,28 +223,28 @@ def test_a_scene_becomes_an_archive_that_grows(run, dojo, capsys):
 
 
 @pytest.mark.parametrize(
-    ("words", "says"),
+    ("arguments", "message"),
     [
         ("--label Wave --subject a", "--label 'Wave'"),
         ("--label wave --subject a --observers door", "observers.door.view = 'door'"),
-        ("--label wave --subject a --observers cam1", "1 observer with a camera file"),
+        ("--label wave --subject a --observers cam1", "1 observer with a camera file as view (cam1)"),
         ("--label wave --subject a --observers cam7", "known: cam0"),
         ("--label wave --subject a --up z --front z", "--front 'z'"),
         ("--label wave --subject a --rate 25", "--rate 30"),
         ("--label wave --subject anna --trial 1", "has trial 1"),
     ],
 )
-def test_bad_input_is_one_line_and_the_archive_stays(run, dojo, words, says):
+def test_bad_input_is_rejected_with_one_line_and_the_archive_stays(run, dojo, arguments, message):
     whole = Recording(waving().astype(np.float32), 30.0, "wave", "anna", "1")
     write_archive(dojo / "mine.npz", MotionArchive(BODY_PARTS, (whole,)))
     before = (dojo / "mine.npz").read_bytes()
     with pytest.raises(BadInput) as caught:
-        run("scene.toml", "-o", "mine.npz", *words.split())
-    assert says in str(caught.value) and "\n" not in str(caught.value)
+        run("scene.toml", "-o", "mine.npz", *arguments.split())
+    assert message in str(caught.value) and "\n" not in str(caught.value)
     assert (dojo / "mine.npz").read_bytes() == before
 
 
-def test_the_recorded_person_of_pose2sim_with_noise_and_a_camera_that_points_anywhere(data):
+def test_a_recorded_person_with_noise_and_a_random_camera(data):
     home = data / "pose2sim_single/reference_3d"
     cameras = read_opencv(home / "Pose2Sim_cameras.toml")
     lines = (home / "Pose2Sim_markers.trc").read_text().splitlines()
@@ -256,16 +261,15 @@ def test_the_recorded_person_of_pose2sim_with_noise_and_a_camera_that_points_any
             drawn = rng.uniform((0, 0), camera.image_size_px, drawn.shape)
         at = [round(i * SECOND_NS / 60) for i in range(len(truth))]
         frames = [Frame(t, camera.lens.undistorted(c), t) for t, c in zip(at, drawn, strict=True)]
-        sources.append(RecordingCamera(camera.name, iter(frames), Given(), camera.matrix))
-    made, said = recorded(watch(sources, threading.Event()), BODY_PARTS, name(60.0), RecordingOptions())
+        sources.append(RecordingCamera(camera.name, iter(frames), CentresTracker(), camera.matrix))
+    made, output = build_recording(read_cameras(sources, threading.Event()), BODY_PARTS, name(60.0), RecordingOptions())
     off = np.linalg.norm(made.positions - truth, axis=-1)
-    print(f"median {np.nanmedian(off) * 1000:.1f} mm, seen {np.isfinite(off).mean():.1%}; {said}")
-    assert np.nanmedian(off) < 0.01  # 3 cm are asked for
+    assert np.nanmedian(off) < 0.01
     assert np.isfinite(off).mean() > 0.98
-    assert any(line.startswith(f"{cameras[2].name}: rejected") for line in said)
+    assert any(line.startswith(f"{cameras[2].name}: rejected") for line in output)
 
 
-def test_a_model_learned_from_what_three_cameras_recorded_judges_as_one_from_the_originals(data):
+def test_a_model_learned_from_recorded_positions_is_as_good_as_from_the_originals(data):
     whole = import_recordings("msr-action3d", data / "msr_action3d").archive
     labels = ("high_arm_wave", "hand_clap", "forward_kick", "draw_circle")
     few = [r for r in whole.recordings if r.label in labels and r.subject in "123678" and r.trial == "1"]
@@ -274,17 +278,15 @@ def test_a_model_learned_from_what_three_cameras_recorded_judges_as_one_from_the
     matrices = [pinhole_matrix(math.radians(yaw), 0.1, 3.5, 700, (640, 360), (0, 0, 2.6)) for yaw in (-40, 0, 45)]
     again = []
     for one in few:
-        noisy = seen_by(one.positions.astype(float), 15, matrices, lambda n, c: c + rng.normal(0, 1, c.shape))
-        made, _ = recorded(noisy, BODY_PARTS, name(15.0, one.label, one.subject, one.trial), RecordingOptions())
+        noisy = tracks_of(one.positions.astype(float), 15, matrices, lambda n, c: c + rng.normal(0, 1, c.shape))
+        made, _ = build_recording(noisy, BODY_PARTS, name(15.0, one.label, one.subject, one.trial), RecordingOptions())
         again.append(made)
     off = [
         np.linalg.norm(made.positions - one.positions[: len(made.positions)], axis=-1)
         for made, one in zip(again, few, strict=True)
     ]
-    print(f"median {np.nanmedian(np.concatenate(off)) * 1000:.1f} mm over {len(few)} recordings")
     assert np.nanmedian(np.concatenate(off)) < 0.01
     right = [judged_right(few, source, labels) for source in (few, again)]
-    print(f"right of {sum(r.subject in '678' for r in few)}: learned from originals {right[0]}, recorded {right[1]}")
     assert abs(right[0] - right[1]) <= 2
     assert right[1] > 0.7 * sum(r.subject in "678" for r in few)
 
@@ -296,7 +298,7 @@ def judged_right(originals, learned_from, labels):
     model = learn_view(MotionArchive(BODY_PARTS, train), view, Vocabulary(labels))
     right = 0
     for one in (r for r in originals if r.subject in "678"):
-        observer = model.watch(Onset(known=True, length=len(one.positions)))
+        observer = model.read_cameras(Onset(known=True, length=len(one.positions)))
         for tracks in view_tracks(view, one, BODY_PARTS, BODY_PARTS):
             observer.update(tracks)
         right += labels[int(observer.p.argmax())] == one.label

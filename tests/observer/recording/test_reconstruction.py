@@ -1,0 +1,163 @@
+"""Resampling, spikes, gaps, trimming and axes of recorded positions."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from common.errors import BadInput
+from observer.recording.reconstruction import (
+    AXES,
+    SAME_S,
+    CameraTracks,
+    common_instants,
+    fill_gaps,
+    moving_span,
+    performer_axes,
+    remove_spikes,
+    resample_tracks,
+    to_performer_axes,
+)
+
+MATRIX = np.eye(3, 4)
+EPOCH_NS = 1_764_000_000_123_456_789
+
+
+def tracks(times_s, centres=None, begin_ns=0, name="cam"):
+    at = begin_ns + np.round(np.array(times_s) * 1e9).astype(np.int64)
+    centres = np.zeros((len(at), 1, 2)) if centres is None else np.array(centres, dtype=float).reshape(len(at), 1, 2)
+    return CameraTracks(name, MATRIX, at, centres)
+
+
+@given(
+    st.floats(-50, 50),
+    st.floats(-900, 900),
+    st.lists(st.floats(0.01, 0.19), min_size=2, max_size=30),
+    st.floats(5, 120),
+    st.sampled_from([0, EPOCH_NS]),
+)
+def test_a_straight_line_is_exact_at_any_rate_and_epoch(at, speed, steps, rate_hz, begin_ns):
+    times = np.concatenate([[0], np.cumsum(steps)])
+    camera = tracks(times, np.column_stack([at + speed * times, -speed * times]), begin_ns)
+    wanted = common_instants([camera, camera], rate_hz)
+    centres_at = resample_tracks(camera, wanted)[:, 0]
+    seconds = (wanted - begin_ns) / 1e9
+    # An instant within SAME_S of an observation takes its value; the hand moves this far in that time.
+    tolerance = abs(speed) * SAME_S + 1e-6
+    np.testing.assert_allclose(centres_at, np.column_stack([at + speed * seconds, -speed * seconds]), atol=tolerance)
+    assert len(wanted) == int(times[-1] * rate_hz + 1e-6) + 1
+
+
+def test_long_gaps_stay_unknown():
+    times = np.arange(20) / 20
+    positions = np.column_stack([times, times])
+    positions[[4, 5]] = np.nan  # 0.15 s between 3 and 6
+    positions[9:14] = np.nan  # 0.3 s between 8 and 14
+    centres_at = resample_tracks(tracks(times, positions), np.round(np.arange(39) / 40 * 1e9).astype(np.int64))[:, 0, 0]
+    unknown = np.flatnonzero(np.isnan(centres_at))
+    np.testing.assert_array_equal(unknown, np.arange(17, 28))
+    known = np.isfinite(centres_at)
+    np.testing.assert_allclose(centres_at[known], (np.arange(39) / 40)[known], atol=1e-9)
+
+
+def test_nothing_is_extrapolated():
+    camera = tracks([0.3, 0.4, 0.5], [[1, 1], [2, 2], [3, 3]])
+    centres_at = resample_tracks(camera, np.round(np.arange(0, 10) * 1e8).astype(np.int64))[:, 0, 0]
+    np.testing.assert_allclose(centres_at[[3, 4, 5]], [1, 2, 3])
+    assert np.isnan(np.delete(centres_at, [3, 4, 5])).all()
+    assert np.isnan(resample_tracks(tracks([0.1], [[np.nan, 1]]), np.array([0, 10**8]))).all()
+
+
+def test_the_common_time_has_at_least_two_cameras():
+    cameras = [tracks([0, 10]), tracks([2, 7]), tracks([3, 5])]
+    at = common_instants(cameras, 10)
+    assert at[0] == 2_000_000_000 and at[-1] == 7_000_000_000
+    assert np.unique(np.diff(at)).tolist() == [100_000_000]
+
+
+def test_cameras_without_common_time_are_rejected():
+    with pytest.raises(BadInput, match="do not mix them"):
+        common_instants([tracks([0, 5]), tracks([0, 5], begin_ns=EPOCH_NS)], 30)
+    with pytest.raises(BadInput, match="no pictures from door"):
+        common_instants([tracks([0, 5]), tracks([], name="door")], 30)
+
+
+def swing(rate_hz, seconds=2.0, hertz=1.5, reach=0.4):
+    """A hand that swings about as fast as people wave: 3.8 m/s."""
+    t = np.arange(round(seconds * rate_hz)) / rate_hz
+    x = reach * np.sin(2 * np.pi * hertz * t)
+    return np.stack([x, 1 + 0 * x, 0 * x], axis=-1)[:, None]
+
+
+@pytest.mark.parametrize("rate_hz", [10, 15, 30, 60])
+def test_a_waving_hand_has_no_spikes(rate_hz):
+    np.testing.assert_array_equal(remove_spikes(swing(rate_hz), rate_hz), swing(rate_hz))
+
+
+@pytest.mark.parametrize("length", [1, 2])
+def test_a_swapped_hand_is_a_spike(length):
+    positions = swing(30)
+    wrong = slice(20, 20 + length)
+    positions[wrong] += [0.5, 0, 0.4]
+    repaired = remove_spikes(positions, 30)
+    assert np.isnan(repaired[wrong]).all()
+    assert np.isfinite(np.delete(repaired, np.r_[wrong], axis=0)).all()
+
+
+def test_an_isolated_position_is_kept():
+    positions = np.full((20, 1, 3), np.nan)
+    positions[7] = 1.0
+    np.testing.assert_array_equal(remove_spikes(positions, 30), positions)
+
+
+@given(st.lists(st.booleans(), min_size=1, max_size=40), st.floats(10, 60))
+def test_only_short_gaps_are_filled(known, rate_hz):
+    line = np.arange(len(known))[:, None, None] * np.array([0.01, -0.02, 0.005])
+    repaired = fill_gaps(np.where(np.array(known)[:, None, None], line, np.nan), rate_hz)
+    for n, was_known in enumerate(known):
+        before = next((k for k in range(n, -1, -1) if known[k]), None)
+        after = next((k for k in range(n, len(known)) if known[k]), None)
+        bridged = None not in (before, after) and (after - before) / rate_hz <= 0.15 + 1e-9
+        assert np.isfinite(repaired[n]).all() == (was_known or bridged)
+        if was_known or bridged:
+            np.testing.assert_allclose(repaired[n], line[n], atol=1e-12)
+
+
+def test_idle_ends_are_cut_except_for_a_margin():
+    rng = np.random.default_rng(0)
+    hand = np.concatenate([np.tile(swing(30)[:1], (60, 1, 1)), swing(30), np.tile(swing(30)[-1:], (45, 1, 1))])
+    still = np.tile([[[0.1, 1.7, 0.0]]], (len(hand), 1, 1))
+    positions = np.concatenate([hand, still], axis=1) + rng.normal(0, 0.008, (len(hand), 2, 3))
+    begin, end = moving_span(positions, [0], 30)
+    assert 60 - 12 <= begin <= 60 - 4
+    assert 120 + 4 <= end <= 120 + 12
+    assert moving_span(positions, [1], 30) == (0, len(positions))
+    assert moving_span(positions[:3], [0], 30) == (0, 3)
+
+
+def test_the_default_axes_are_the_performers():
+    np.testing.assert_array_equal(performer_axes("y", "-z"), np.eye(3))
+
+
+def test_a_room_with_z_up():
+    # The performer faces along x, right is -y: x forward, y left, z up.
+    np.testing.assert_array_equal(to_performer_axes(np.array([1.0, 2.0, 3.0]), "z", "x"), [-2, 3, -1])
+
+
+@pytest.mark.parametrize("up", AXES)
+@pytest.mark.parametrize("front", AXES)
+def test_the_axes_form_a_rotation(up, front):
+    if up[-1] == front[-1]:
+        with pytest.raises(BadInput, match="--front"):
+            performer_axes(up, front)
+        return
+    R = performer_axes(up, front)
+    np.testing.assert_array_equal(R @ R.T, np.eye(3))
+    assert np.linalg.det(R) == pytest.approx(1)
+    np.testing.assert_array_equal(R @ AXES[up], [0, 1, 0])
+    np.testing.assert_array_equal(R @ AXES[front], [0, 0, -1])
+
+
+def test_an_unknown_axis_is_rejected():
+    with pytest.raises(BadInput, match="--up 'w'"):
+        performer_axes("w", "-z")
