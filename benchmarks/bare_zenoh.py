@@ -1,8 +1,8 @@
-"""The floor of the mesh: a session of bare Zenoh, nothing of ours in between; bytes put, and bytes echoed."""
+"""The floor of the mesh benchmarks: sessions of bare Zenoh that put, echo and drain messages."""
 
 import json
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 
 import msgpack
@@ -10,41 +10,42 @@ import zenoh
 
 PUT, BACK = "bench/bare/put", "bench/bare/back"
 LOOPBACK = "tcp/127.0.0.1:0"
-SOON_S = 10.0
+TIMEOUT_S = 10.0
 SILENT_S = 0.5
 
 
+def open_bare(settings: Mapping[str, object]) -> zenoh.Session:
+    """A session without multicast, with the settings of `zenoh.Config`."""
+    config = zenoh.Config()
+    for key, value in {"scouting/multicast/enabled": False, **settings}.items():
+        config.insert_json5(key, json.dumps(value))
+    return zenoh.open(config)
+
+
 @contextmanager
-def bare_peer(connect: str | None = None) -> Iterator["Bare"]:
-    """A peer on this machine, set as `common.link` sets its own, that listens and, if told, connects to another."""
+def bare_peer(connect: str | None = None) -> Iterator["BarePeer"]:
+    """A peer on this machine with the settings of `common.link`, which listens and optionally connects."""
     settings = {
         "mode": "peer",
-        "scouting/multicast/enabled": False,
         "scouting/delay": 0,
         "adminspace/enabled": True,
         "listen/endpoints": [LOOPBACK],
         "connect/endpoints": [connect] if connect else [],
     }
-    config = zenoh.Config()
-    for key, value in settings.items():
-        config.insert_json5(key, json.dumps(value))
-    with zenoh.open(config) as session:
-        yield Bare(session)
+    with open_bare(settings) as session:
+        yield BarePeer(session)
 
 
-def drained(listen: str, key: str, seconds: float, publishers: int, tell: Callable[[float], None]) -> None:
-    """Tell how many messages a second a loop takes out of a FIFO channel in batches and unpacks, once all have spoken.
+def drain(listen: str, key: str, seconds: float, publishers: int, report: Callable[[float], None]) -> None:
+    """Report how many messages per second a loop takes from a FIFO channel and unpacks, once all publishers arrived.
 
-    Goes on draining until they are silent: a session whose channel is full does not close.
+    Continues until they are silent, because a session with a full channel does not close.
     """
-    config = zenoh.Config()
-    for name, value in {"mode": "peer", "scouting/multicast/enabled": False, "listen/endpoints": [listen]}.items():
-        config.insert_json5(name, json.dumps(value))
-    with zenoh.open(config) as session:
+    with open_bare({"mode": "peer", "listen/endpoints": [listen]}) as session:
         channel = session.declare_subscriber(key, zenoh.handlers.FifoChannel(100_000))
-        heard: set[str] = set()
-        while len(heard) < publishers:
-            heard.add(str(channel.recv().key_expr))
+        keys: set[str] = set()
+        while len(keys) < publishers:
+            keys.add(str(channel.recv().key_expr))
         count, begun_s = 0, time.monotonic()
         while time.monotonic() - begun_s < seconds:
             while (sample := channel.try_recv()) is not None:
@@ -53,52 +54,52 @@ def drained(listen: str, key: str, seconds: float, publishers: int, tell: Callab
                 if not count % 1024 and time.monotonic() - begun_s >= seconds:
                     break
             time.sleep(0.001)
-        tell(count / (time.monotonic() - begun_s))
-        heard_s = time.monotonic()
-        while time.monotonic() - heard_s < SILENT_S:
+        report(count / (time.monotonic() - begun_s))
+        last_s = time.monotonic()
+        while time.monotonic() - last_s < SILENT_S:
             while channel.try_recv() is not None:
-                heard_s = time.monotonic()
+                last_s = time.monotonic()
             time.sleep(0.001)
 
 
-class Bare:
-    """What a bare session does here. arrived: payload -> when it came in (Unix epoch, ns)."""
+class BarePeer:
+    """A bare session. arrived: payload -> arrival time (Unix epoch, ns)."""
 
     def __init__(self, session: zenoh.Session) -> None:
         self.arrived: dict[bytes, int] = {}
         self._session = session
-        self._kept: list[object] = []
+        self._subscribers: list[object] = []
 
     @property
     def locator(self) -> str:
         """Where it listens."""
-        for reply in self._session.get(f"@/{self._session.zid()}/peer", timeout=SOON_S):
+        for reply in self._session.get(f"@/{self._session.zid()}/peer", timeout=TIMEOUT_S):
             if reply.ok is not None:
                 return str(json.loads(reply.ok.payload.to_string())["locators"][0])
-        raise AssertionError("a bare Zenoh peer does not say where it listens")
+        raise AssertionError("a bare Zenoh peer does not report where it listens")
 
     def publisher(self, key: str) -> zenoh.Publisher:
-        """Bare Zenoh's own publisher."""
+        """A publisher of bare Zenoh."""
         return self._session.declare_publisher(key)
 
     def fifo(self, key: str) -> zenoh.Subscriber[zenoh.handlers.Handler[zenoh.Sample]]:
-        """Bare Zenoh's own bounded queue of what comes under `key`."""
+        """A subscriber with bare Zenoh's own bounded queue."""
         return self._session.declare_subscriber(key)
 
     def note(self, key: str) -> None:
-        """Note in `arrived` what comes under `key`."""
+        """Record the messages under `key` in `arrived`."""
         self._subscribe(key, None)
 
     def echo(self, key: str, back: str) -> None:
-        """Note what comes under `key`, and put the same bytes under `back` from within the callback."""
+        """Record the messages under `key` and put the same bytes under `back` from within the callback."""
         self._subscribe(key, self.publisher(back))
 
     def _subscribe(self, key: str, echo: zenoh.Publisher | None) -> None:
-        def came(sample: zenoh.Sample) -> None:
+        def receive(sample: zenoh.Sample) -> None:
             arrived_ns = time.time_ns()
             payload = sample.payload.to_bytes()
             if echo is not None:
                 echo.put(payload)
             self.arrived[payload] = arrived_ns
 
-        self._kept.append(self._session.declare_subscriber(key, came))
+        self._subscribers.append(self._session.declare_subscriber(key, receive))

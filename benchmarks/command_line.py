@@ -19,11 +19,12 @@ def run_command(function: Callable[..., int | None], name: str, arguments: Seque
     app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
     app.command()(function)
     words = sys.argv[1:] if arguments is None else arguments
+    program = "python -m benchmarks" if name == "bench" else f"python -m benchmarks.{name}"
     try:
-        status = typer.main.get_command(app).main(words, f"python -m benchmarks.{name}", standalone_mode=False)
+        status = typer.main.get_command(app).main(words, program, standalone_mode=False)
     except TyperException as error:
         text = " ".join(error.format_message().split()) if hasattr(error, "format_message") else str(error)
-        print(f"{name}: {text.rstrip('.')}; see python -m benchmarks.{name} --help", file=sys.stderr)
+        print(f"{name}: {text.rstrip('.')}; see {program} --help", file=sys.stderr)
         return 2
     except LabanmeshError as error:
         print(f"{name}: {error}", file=sys.stderr)

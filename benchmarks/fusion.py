@@ -1,55 +1,64 @@
-"""What fusion costs: one step, each fusion rule, and posteriors a second from sixteen publishers."""
+"""What fusion costs: one step, each fusion rule, and posteriors per second from sixteen publishers.
+
+Floors:
+- a step from bytes to bytes, as in the service (decode, receive four posteriors, fuse, encode): the four posteriors
+  unpacked by bare msgpack, their weighted sum with fixed weights in numpy, and the sum packed.
+- a step from messages to judgement: four lists made an array, and the weighted sum.
+- a rule: the plain mean over observers of the same array.
+- posteriors per second: bare Zenoh into a FIFO channel that one loop drains and unpacks. Of a flood, `labanmesh fuse`
+  decodes only the newest posterior of each observer, so both its counts are shown: received, and decoded.
+"""
 
 import multiprocessing
 import os
 import re
-import subprocess
 import sys
 import tempfile
 import time
 import urllib.request
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from multiprocessing.synchronize import Event
 from pathlib import Path
 from statistics import median
+from subprocess import Popen
 from typing import TypeVar
 
 import msgpack
 import numpy as np
 
-from benchmarks.bare_zenoh import SOON_S, drained
+from benchmarks.bare_zenoh import TIMEOUT_S, drain
 from benchmarks.crowd.crowd import NAMES as CROWD_NAMES
-from benchmarks.crowd.crowd import Saying, belief
-from benchmarks.crowd.trial import free_port
-from benchmarks.posteriors import NAMES, beliefs, message, scene_of
-from benchmarks.timing import BATCH_S, ROUNDS, Row, compare, row
+from benchmarks.crowd.crowd import PosteriorTemplate
+from benchmarks.crowd.trial import free_port, stop_process
+from benchmarks.posteriors import NAMES, engine_of, message, random_posteriors, scene_of
+from benchmarks.timing import BATCH_S, ROUNDS, BenchmarkRow, compare, row
 from common.config import MeshConfig
 from common.errors import LabanmeshError
 from common.link import Link
 from common.messages import JudgementMessage, PosteriorMessage
 from common.probability import uniform
 from common.wire import decode, encode
-from fusion.engine.engine import FusionEngine
 from fusion.engine.rules import RULES
+from studies.fusion_engine import FusionEngine
 
 OBSERVERS = 4
 STEPS = 200
-"""Different steps, before a new referee hears them all again: no referee takes a posterior twice."""
+"""Different steps before a new engine receives them all again: an engine takes no posterior twice."""
+START_NS = 1_700_000_000_000_000_000
 FRAME_NS = 16_666_667
 AGE_NS = 5_000_000
-"""How old the posteriors are when they are judged."""
-
-Step = tuple[int, Sequence[PosteriorMessage]]
+"""Age of the posteriors when they are fused."""
 T = TypeVar("T")
 
 
-def step_rows(rounds: int = ROUNDS, batch_s: float = BATCH_S) -> Iterator[Row]:
-    """Two rows of the whole step, and one a rule."""
+def step_rows(rounds: int = ROUNDS, batch_s: float = BATCH_S) -> Iterator[BenchmarkRow]:
+    """Two rows of the whole step, and one per rule."""
     steps = _steps()
-    payloads = [(now_ns, [encode(said) for said in heard]) for now_ns, heard in steps]
-    packed, lists = payloads[0][1], [said.p for said in steps[0][1]]
+    payloads = [(now_ns, [encode(one) for one in messages]) for now_ns, messages in steps]
+    packed, lists = payloads[0][1], [one.p for one in steps[0][1]]
     weights = np.full(OBSERVERS, 1 / OBSERVERS)
 
     def bare_bytes() -> bytes:
@@ -57,57 +66,54 @@ def step_rows(rounds: int = ROUNDS, batch_s: float = BATCH_S) -> Iterator[Row]:
         summed: bytes = msgpack.packb((weights @ p).tolist())
         return summed
 
-    whole = _again(payloads, lambda referee, now_ns, heard: encode(_judged(referee, now_ns, _read(heard))))
+    whole = _repeated(payloads, lambda engine, now_ns, own: encode(_judgement(engine, now_ns, _decoded(own))))
     yield compare(f"fusion step, {OBSERVERS} observers, bytes to bytes", whole, bare_bytes, rounds, batch_s)
-    inner = _again(steps, _judged)
     name = f"fusion step, {OBSERVERS} observers, messages to judgement"
-    yield compare(name, inner, lambda: weights @ np.array(lists), rounds, batch_s)
+    yield compare(name, _repeated(steps, _judgement), lambda: weights @ np.array(lists), rounds, batch_s)
     for rule in RULES:
         yield pool_row(rule, rounds, batch_s)
 
 
-def pool_row(name: str, rounds: int = ROUNDS, batch_s: float = BATCH_S) -> Row:
+def pool_row(name: str, rounds: int = ROUNDS, batch_s: float = BATCH_S) -> BenchmarkRow:
     """`pool` of one rule against the plain mean."""
     rule, prior = RULES[name], uniform(NAMES.size)
-    p = beliefs(min(OBSERVERS, rule.most_observers or OBSERVERS))
+    p = random_posteriors(min(OBSERVERS, rule.most_observers or OBSERVERS))
     label = f"pool, {len(p)} observers, {name}"
     return compare(label, lambda: rule.pool(p, prior), lambda: p.mean(axis=0), rounds, batch_s)
 
 
-def _steps() -> list[Step]:
-    p = beliefs(STEPS * OBSERVERS).reshape(STEPS, OBSERVERS, NAMES.size)
-    start_ns = 1_700_000_000 * 1_000_000_000
-    steps: list[Step] = []
-    for seq in range(STEPS):
-        captured_ns = start_ns + seq * FRAME_NS
-        heard = [message(f"cam{n + 1}", seq, captured_ns, p[seq, n]) for n in range(OBSERVERS)]
-        steps.append((captured_ns + AGE_NS, heard))
-    return steps
+def _steps() -> list[tuple[int, Sequence[PosteriorMessage]]]:
+    p = random_posteriors(STEPS * OBSERVERS).reshape(STEPS, OBSERVERS, NAMES.size)
+    times_ns = [START_NS + seq * FRAME_NS for seq in range(STEPS)]
+    return [
+        (at_ns + AGE_NS, [message(f"cam{n + 1}", seq, at_ns, p[seq, n]) for n in range(OBSERVERS)])
+        for seq, at_ns in enumerate(times_ns)
+    ]
 
 
-def _read(payloads: Sequence[bytes]) -> list[PosteriorMessage]:
+def _decoded(payloads: Sequence[bytes]) -> list[PosteriorMessage]:
     return [decode(PosteriorMessage, payload) for payload in payloads]
 
 
-def _judged(referee: FusionEngine, now_ns: int, heard: Sequence[PosteriorMessage]) -> JudgementMessage:
-    for said in heard:
-        if referee.receive(said.observer or "", said, now_ns) is not None:
-            raise AssertionError("a posterior of the benchmark was refused: it measures nothing")
-    return referee.step(now_ns).judgement
+def _judgement(engine: FusionEngine, now_ns: int, messages: Sequence[PosteriorMessage]) -> JudgementMessage:
+    for one in messages:
+        if engine.receive(one.observer or "", one, now_ns) is not None:
+            raise AssertionError("a posterior of the benchmark was rejected: it measures nothing")
+    return engine.step(now_ns).judgement
 
 
-def _again(steps: Sequence[tuple[int, T]], work: Callable[[FusionEngine, int, T], object]) -> Callable[[], object]:
-    """`work` on one step a call, in order and over and over, each time round with a new referee."""
+def _repeated(steps: Sequence[tuple[int, T]], work: Callable[[FusionEngine, int, T], object]) -> Callable[[], object]:
+    """`work` on one step per call, in order and over and over, each time with a new engine."""
     scene = scene_of(OBSERVERS)
     queue: list[tuple[int, T]] = []
-    referee = FusionEngine(scene.scene, list(scene.roster), NAMES, scene.fusion)
+    engine = engine_of(scene)
 
     def once() -> object:
-        nonlocal referee
+        nonlocal engine
         if not queue:
             queue.extend(reversed(steps))
-            referee = FusionEngine(scene.scene, list(scene.roster), NAMES, scene.fusion)
-        return work(referee, *queue.pop())
+            engine = engine_of(scene)
+        return work(engine, *queue.pop())
 
     return once
 
@@ -118,22 +124,27 @@ FLOOD_ROUNDS = 3
 SCENE = "bench"
 
 
-def flood_rows(rounds: int = FLOOD_ROUNDS, flood_s: float = FLOOD_S) -> Iterator[Row]:
-    """Arrived, and read, against the floor."""
-    bare, arrived, read = [], [], []
+@dataclass(frozen=True, slots=True)
+class FloodCounts:
+    """Posteriors that arrived at `labanmesh fuse`, and that it decoded."""
+
+    received: float
+    decoded: float
+
+
+def flood_rows(rounds: int = FLOOD_ROUNDS, flood_s: float = FLOOD_S) -> Iterator[BenchmarkRow]:
+    """Received and decoded per second, against the floor; here a greater ratio is better."""
+    bare, ours = [], []
     for _ in range(rounds):
-        bare.append(floor(flood_s))
-        taken, used = ours(flood_s)
-        arrived.append(taken)
-        read.append(used)
+        bare.append(_bare_rate(flood_s))
+        ours.append(_fuse_rate(flood_s))
     name = f"posteriors a second from {PUBLISHERS} publishers"
-    # Ratio as everywhere ours / floor: here more is better.
-    yield row(f"{name}, taken", median(arrived), median(bare), "/s", rounds)
-    yield row(f"{name}, of these read", median(read), median(bare), "/s", rounds)
+    yield row(f"{name}, taken", median(rate.received for rate in ours), median(bare), "/s", rounds)
+    yield row(f"{name}, of these read", median(rate.decoded for rate in ours), median(bare), "/s", rounds)
 
 
-def floor(flood_s: float) -> float:
-    """Messages a second of the bare loop."""
+def _bare_rate(flood_s: float) -> float:
+    """Messages per second of the bare loop."""
     port = free_port()
     spawn = multiprocessing.get_context("spawn")
     here, there = spawn.Pipe()
@@ -141,67 +152,64 @@ def floor(flood_s: float) -> float:
     receiver.start()
     try:
         with flooding(port):
-            if not here.poll(SOON_S + flood_s):
-                raise LabanmeshError("the bare receiver of the benchmark heard nothing; is loopback TCP allowed here?")
+            if not here.poll(TIMEOUT_S + flood_s):
+                raise LabanmeshError("the bare receiver of the benchmark got no messages; is loopback TCP allowed?")
             count: float = here.recv()
             return count
     finally:
-        receiver.join(SOON_S)
+        receiver.join(TIMEOUT_S)
 
 
-def ours(flood_s: float) -> tuple[float, float]:
-    """Posteriors a second that arrived at `labanmesh fuse`, and that it read."""
+def _fuse_rate(flood_s: float) -> FloodCounts:
+    """Posteriors per second at `labanmesh fuse`."""
     port, metrics = free_port(), free_port()
     with tempfile.TemporaryDirectory() as folder, ExitStack() as stack:
         path = Path(folder) / "scene.toml"
         path.write_text(_scene(port, metrics))
         command = [str(Path(sys.executable).with_name("labanmesh")), "fuse", str(path)]
-        quiet = {**os.environ, "LABANMESH_LOG": "error"}
-        fusion = subprocess.Popen(command, env=quiet)  # noqa: S603 - our own command
-        stack.callback(_end, fusion)
+        fusion = Popen(command, env={**os.environ, "LABANMESH_LOG": "error"})  # noqa: S603 - our own command
+        stack.callback(stop_process, fusion)
         with flooding(port):
-            begin, begun_s = _first_count(metrics), time.monotonic()
+            begin, begun_s = _first_counts(metrics), time.monotonic()
             time.sleep(flood_s)
-            end, took_s = _counted(metrics), time.monotonic() - begun_s
-        return (end[0] - begin[0]) / took_s, (end[1] - begin[1]) / took_s
+            end, took_s = _counts(metrics), time.monotonic() - begun_s
+        return FloodCounts((end.received - begin.received) / took_s, (end.decoded - begin.decoded) / took_s)
 
 
 @contextmanager
 def flooding(port: int) -> Iterator[None]:
-    """PUBLISHERS processes that put as fast as they can, all heard when the context begins."""
+    """PUBLISHERS processes that put as fast as they can; all have a subscriber when the context begins."""
     spawn = multiprocessing.get_context("spawn")
     stop, ready = spawn.Event(), spawn.Semaphore(0)
-    crowd = [spawn.Process(target=_flood, args=(n, port, ready, stop), daemon=True) for n in range(PUBLISHERS)]
-    for publisher in crowd:
+    publishers = [spawn.Process(target=_flood, args=(n, port, ready, stop), daemon=True) for n in range(PUBLISHERS)]
+    for publisher in publishers:
         publisher.start()
     try:
-        for _ in crowd:
+        for _ in publishers:
             if not ready.acquire(timeout=60):
-                raise LabanmeshError("the publishers of the benchmark were not heard within a minute")
+                raise LabanmeshError("the publishers of the benchmark found no subscriber within a minute")
         yield
     finally:
         stop.set()
-        for publisher in crowd:
-            publisher.join(SOON_S)
+        for publisher in publishers:
+            publisher.join(TIMEOUT_S)
 
 
 def _flood(number: int, port: int, ready: "multiprocessing.synchronize.Semaphore", stop: Event) -> None:
-    mesh = MeshConfig(endpoint=f"tcp/127.0.0.1:{port}")
-    observer = f"cam{number}"
-    saying = Saying(SCENE, observer, *belief(CROWD_NAMES.labels[number % CROWD_NAMES.size], number % 4))
-    with Link.open(mesh, "observer") as link:
-        voice = link.publisher(f"laban/{SCENE}/observer/{observer}/posterior")
-        voice.wait_for_subscriber(60)
+    template = PosteriorTemplate(SCENE, number, CROWD_NAMES.labels[number % CROWD_NAMES.size])
+    with Link.open(MeshConfig(endpoint=f"tcp/127.0.0.1:{port}"), "observer") as link:
+        publisher = link.publisher(f"laban/{SCENE}/observer/cam{number}/posterior")
+        publisher.wait_for_subscriber(60)
         ready.release()
         seq, parent = 0, os.getppid()
         while not stop.is_set() and os.getppid() == parent:
             for _ in range(256):
                 seq += 1
-                voice.put(saying.at(seq, time.time_ns()))
+                publisher.put(template.at(seq, time.time_ns()))
 
 
 def _drain(port: int, flood_s: float, pipe: Connection) -> None:
-    drained(f"tcp/127.0.0.1:{port}", f"laban/{SCENE}/**", flood_s, PUBLISHERS, pipe.send)
+    drain(f"tcp/127.0.0.1:{port}", f"laban/{SCENE}/**", flood_s, PUBLISHERS, pipe.send)
 
 
 def _scene(port: int, metrics: int) -> str:
@@ -213,33 +221,24 @@ def _scene(port: int, metrics: int) -> str:
     )
 
 
-def _first_count(port: int) -> tuple[float, float]:
+def _first_counts(port: int) -> FloodCounts:
     """The service listens to the mesh a moment before it answers over HTTP."""
-    end_s = time.monotonic() + SOON_S
+    end_s = time.monotonic() + TIMEOUT_S
     while True:
         try:
-            return _counted(port)
+            return _counts(port)
         except OSError:
             if time.monotonic() > end_s:
                 raise LabanmeshError(f"labanmesh fuse does not answer on port {port}") from None
             time.sleep(0.05)
 
 
-def _counted(port: int) -> tuple[float, float]:
+def _counts(port: int) -> FloodCounts:
     with urllib.request.urlopen(f"http://127.0.0.1:{port}/metrics", timeout=60) as answer:
         text = answer.read().decode()
-    found = [
-        re.search(rf"^labanmesh_{name}_total\S* (\S+)", text, re.M)
-        for name in ("posteriors_received", "posteriors_read")
-    ]
-    arrived, read = (float(match[1]) if match else 0.0 for match in found)
-    return arrived, read
 
+    def total(name: str) -> float:
+        match = re.search(rf"^labanmesh_{name}_total\S* (\S+)", text, re.M)
+        return float(match[1]) if match else 0.0
 
-def _end(process: "subprocess.Popen[bytes]") -> None:
-    process.terminate()
-    try:
-        process.wait(SOON_S)
-    except subprocess.TimeoutExpired:
-        process.kill()
-        process.wait()
+    return FloodCounts(total("posteriors_received"), total("posteriors_read"))

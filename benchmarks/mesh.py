@@ -1,12 +1,11 @@
 """From a posterior put to the judgement received, between two processes on real Zenoh, beside bare Zenoh.
 
-One process says what one or four cameras see, 60 times a second each, and hears judgements; in the other runs the
-fusion service with its referee. By turns with each frame the same bytes are put by bare Zenoh. Floors:
-- echo: a bare subscriber in the other process puts the same bytes back: the two hops that a judgement takes.
-- one way: they arrive there; the two processes share a clock.
-A posterior is judged by the first judgement that weighs it, or a newer one of the same observer; the cameras of a frame
-speak one after the other.
-Received is when the bytes are in the inbox: `arrived_ns` there, the callback's first line in bare Zenoh.
+One process publishes the posteriors of one or four cameras at 60 Hz each and receives judgements; the other runs the
+fusion service. With each frame, alternately, bare Zenoh puts the same bytes. Floors:
+- echo: a bare subscriber in the other process puts the same bytes back: the two hops of a judgement.
+- one way: the arrival in the other process; the two processes share a clock.
+A posterior counts as judged by the first judgement that contains it or a newer one of the same observer. Messages are
+received when their bytes are in the inbox: `arrived_ns`, and the first line of the callback in bare Zenoh.
 """
 
 import multiprocessing
@@ -17,73 +16,80 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
-from benchmarks.bare_zenoh import BACK, LOOPBACK, PUT, SOON_S, Bare, bare_peer
-from benchmarks.posteriors import beliefs, message, scene_of
-from benchmarks.timing import Row, row
+from benchmarks.bare_zenoh import BACK, LOOPBACK, PUT, TIMEOUT_S, BarePeer, bare_peer
+from benchmarks.posteriors import message, random_posteriors, scene_of
+from benchmarks.timing import BenchmarkRow, row
+from common import SECOND_NS
 from common.config import MeshConfig, Scene
 from common.errors import LabanmeshError
 from common.inbox import Arrival
 from common.link import Link
 from common.messages import JudgementMessage
+from common.text import plural
 from common.wire import decode, encode
 
 RATE_HZ = 60.0
 FRAMES = 480
 WARM_UP = 30
-"""Frames that are not counted: routes, threads and caches of both sides settle."""
+"""Frames that do not count, while routes, threads and caches settle."""
 T = TypeVar("T")
-Said = tuple[str, int]
-"""Which observer, and when its frame was captured (ns): what a judgement tells of the posteriors in it."""
+
+
+class Captured(NamedTuple):
+    """Identifies a posterior: its observer, and when its frame was captured."""
+
+    observer: str
+    captured_ns: int
 
 
 @dataclass(slots=True)
-class Log:
+class PutLog:
     """When each posterior was put, on the mesh and bare (Unix epoch, ns), and its bytes."""
 
-    ours: dict[Said, int] = field(default_factory=dict)
-    bare: dict[Said, int] = field(default_factory=dict)
-    payloads: dict[Said, bytes] = field(default_factory=dict)
+    ours: dict[Captured, int] = field(default_factory=dict)
+    bare: dict[Captured, int] = field(default_factory=dict)
+    payloads: dict[Captured, bytes] = field(default_factory=dict)
 
 
-def rows(frames: int = FRAMES) -> Iterator[Row]:
-    """Median and 99th percentile for one observer and for four, against the echo and against one bare put."""
+def rows(frames: int = FRAMES) -> Iterator[BenchmarkRow]:
+    """Median and 99th percentile for one observer and for four, against both floors."""
     for observers in (1, 4):
-        yield from measure(observers, frames)
+        yield from _measured(observers, frames)
 
 
-def measure(observers: int, frames: int = FRAMES) -> list[Row]:
-    """Two processes, started for this measurement and ended with it; raises LabanmeshError when they do not meet."""
+def _measured(observers: int, frames: int) -> list[BenchmarkRow]:
+    """Start and end two processes; raises LabanmeshError when they do not connect."""
     # Spawn: a child forked from a process with a Zenoh session hangs when it closes.
     spawn = multiprocessing.get_context("spawn")
     here, there = spawn.Pipe()
-    other = spawn.Process(target=referee_process, args=(observers, there), daemon=True)
+    other = spawn.Process(target=_fusion_process, args=(observers, there), daemon=True)
     other.start()
     there.close()
     try:
-        meeting_point, bare_meeting_point = _received(here, tuple)
-        scene = scene_of(observers, meeting_point)
-        with Link.open(scene.mesh, "observer") as link, bare_peer(bare_meeting_point) as bare:
-            log, arrivals = _speak(scene, link, bare, frames)
+        endpoint, bare_endpoint = _received(here, tuple)
+        scene = scene_of(observers, endpoint)
+        with Link.open(scene.mesh, "observer") as link, bare_peer(bare_endpoint) as bare:
+            log, arrivals = _publish(scene, link, bare, frames)
             here.send("stop")
             one_way = _received(here, dict)
             return _rows(log, first_judged(log.ours, arrivals), bare.arrived, one_way, observers)
     finally:
         here.close()
-        other.join(SOON_S)
+        other.join(TIMEOUT_S)
 
 
-def referee_process(observers: int, pipe: Connection) -> None:
-    """The other process: fusion service and bare echo, until the pipe says stop or breaks; then what came when."""
+def _fusion_process(observers: int, pipe: Connection) -> None:
+    """Fusion service and bare echo, until the pipe sends stop or breaks; then sends the arrival times."""
     from fusion.server import serve
 
     scene, stop = scene_of(observers), threading.Event()
 
     def wait_for_end() -> None:
-        # The end of the pipe is the end of the benchmark, however it came about.
+        # A broken pipe ends the benchmark, whatever the reason.
         with suppress(EOFError, OSError):
             pipe.recv()
         stop.set()
@@ -93,77 +99,77 @@ def referee_process(observers: int, pipe: Connection) -> None:
         pipe.send((link.locator, bare.locator))
         threading.Thread(target=wait_for_end, daemon=True).start()
         serve([scene], scene.fusion.id, link, stop)
-        # Nobody listens when the other side gave up; it has said why.
+        # The other side may have given up, and has reported why.
         with suppress(OSError):
             pipe.send(bare.arrived)
 
 
-def first_judged(put: Iterable[Said], arrivals: Iterable[Arrival]) -> dict[Said, int]:
-    """When the first judgement arrived that weighs each posterior or a newer one; both in the order of time."""
+def first_judged(put: Iterable[Captured], arrivals: Iterable[Arrival]) -> dict[Captured, int]:
+    """When the first judgement arrived that contains each posterior or a newer one; both in the order of time."""
     waiting: dict[str, deque[int]] = {}
     for observer, captured_ns in put:
         waiting.setdefault(observer, deque()).append(captured_ns)
-    first: dict[Said, int] = {}
+    first: dict[Captured, int] = {}
     for arrival in arrivals:
         judgement = decode(JudgementMessage, arrival.payload)
         for observer, vote in judgement.votes.items():
-            # A judgement does not name what it weighs; its votes tell their age to the nanosecond.
-            weighed_ns = -1 if vote.age_s is None else judgement.at_ns - round(vote.age_s * 1e9)
+            # A judgement does not identify its posteriors, but the ages of its votes are exact to the nanosecond.
+            newest_ns = -1 if vote.age_s is None else judgement.at_ns - round(vote.age_s * SECOND_NS)
             queue = waiting.get(observer, deque())
-            while queue and queue[0] <= weighed_ns:
-                first[observer, queue.popleft()] = arrival.arrived_ns
+            while queue and queue[0] <= newest_ns:
+                first[Captured(observer, queue.popleft())] = arrival.arrived_ns
     return first
 
 
-def _speak(scene: Scene, link: Link, bare: Bare, frames: int) -> tuple[Log, list[Arrival]]:
-    """Frames at RATE_HZ, each put on the mesh and bare, half an interval apart; and all judgements that came."""
+def _publish(scene: Scene, link: Link, bare: BarePeer, frames: int) -> tuple[PutLog, list[Arrival]]:
+    """Put frames at RATE_HZ on the mesh and, half an interval later, bare; returns all judgements as well."""
     inbox = link.inbox(scene.keys.judgement, limit=1_000_000)
-    voices = {observer: link.publisher(scene.keys.posterior(observer)) for observer in scene.roster}
+    publishers = {observer: link.publisher(scene.keys.posterior(observer)) for observer in scene.roster}
     bare.note(BACK)
-    bare_voice = bare.publisher(PUT)
-    if not all(voice.wait_for_subscriber(SOON_S) for voice in voices.values()) or not inbox.take(SOON_S):
-        raise LabanmeshError("observer and fusion did not meet on the mesh; is loopback TCP allowed here?")
-    log, discarded = Log(), Log()
+    bare_publisher = bare.publisher(PUT)
+    if not all(own.wait_for_subscriber(TIMEOUT_S) for own in publishers.values()) or not inbox.take(TIMEOUT_S):
+        raise LabanmeshError("observer and fusion did not connect; is loopback TCP allowed here?")
+    log, discarded = PutLog(), PutLog()
     due = time.monotonic()
     for seq in range(WARM_UP + frames):
-        kept = log if seq >= WARM_UP else discarded
+        current = log if seq >= WARM_UP else discarded
         frame = _frame(scene.roster, seq)
-        kept.payloads.update(frame)
-        for said, payload in frame.items():
-            kept.ours[said] = time.time_ns()
-            voices[said[0]].put(payload)
+        current.payloads.update(frame)
+        for captured, payload in frame.items():
+            current.ours[captured] = time.time_ns()
+            publishers[captured.observer].put(payload)
         due = _wait(due + 0.5 / RATE_HZ)
-        for said, payload in frame.items():
-            kept.bare[said] = time.time_ns()
-            bare_voice.put(payload)
+        for captured, payload in frame.items():
+            current.bare[captured] = time.time_ns()
+            bare_publisher.put(payload)
         due = _wait(due + 0.5 / RATE_HZ)
-    # The last judgement and echo have had half an interval; give a busy machine a little more.
+    # The last judgement and echo had half an interval; a busy machine needs a little more.
     _wait(due + 0.5)
     return log, inbox.take(0.0)
 
 
-def _frame(observers: Sequence[str], seq: int) -> dict[Said, bytes]:
-    """What all observers say of the frame captured now."""
-    captured_ns, p = time.time_ns(), beliefs(len(observers), seed=seq)
-    said = zip(observers, p, strict=True)
-    return {(observer, captured_ns): encode(message(observer, seq, captured_ns, belief)) for observer, belief in said}
+def _frame(observers: Sequence[str], seq: int) -> dict[Captured, bytes]:
+    """The posteriors of all observers about a frame captured now."""
+    captured_ns, posteriors = time.time_ns(), random_posteriors(len(observers), seed=seq)
+    return {
+        Captured(observer, captured_ns): encode(message(observer, seq, captured_ns, p))
+        for observer, p in zip(observers, posteriors, strict=True)
+    }
 
 
 def _rows(
-    log: Log, judged: dict[Said, int], echoed: dict[bytes, int], one_way: dict[bytes, int], observers: int
-) -> list[Row]:
-    """Those posteriors count that all three ways brought through; on a quiet machine that is all of them."""
-    whole = [
-        said for said, payload in log.payloads.items() if said in judged and payload in echoed and payload in one_way
-    ]
+    log: PutLog, judged: dict[Captured, int], echoed: dict[bytes, int], one_way: dict[bytes, int], observers: int
+) -> list[BenchmarkRow]:
+    """Counts the posteriors that arrived by all three ways; on a quiet machine that is all of them."""
+    whole = [own for own, payload in log.payloads.items() if own in judged and payload in echoed and payload in one_way]
     if len(whole) < 0.9 * len(log.payloads):
         raise LabanmeshError(f"{len(log.payloads) - len(whole)} of {len(log.payloads)} posteriors never came back")
-    ours = [judged[said] - log.ours[said] for said in whole]
+    ours = [judged[own] - log.ours[own] for own in whole]
     floors = {
-        "echo": [echoed[log.payloads[said]] - log.bare[said] for said in whole],
-        "one way": [one_way[log.payloads[said]] - log.bare[said] for said in whole],
+        "echo": [echoed[log.payloads[own]] - log.bare[own] for own in whole],
+        "one way": [one_way[log.payloads[own]] - log.bare[own] for own in whole],
     }
-    who = "1 observer" if observers == 1 else f"{observers} observers"
+    who = plural(observers, "observer")
     return [
         row(f"put to judgement, {who}, {word}, floor: {name}", _ms(ours, q), _ms(floor, q), "ms", len(whole))
         for name, floor in floors.items()
@@ -172,13 +178,13 @@ def _rows(
 
 
 def _received(pipe: Connection, kind: type[T]) -> T:
-    """What the other process says next."""
-    said: object = None
+    """The next object from the other process."""
+    received: object = None
     with suppress(EOFError, OSError):
-        said = pipe.recv() if pipe.poll(SOON_S) else None
-    if not isinstance(said, kind):
-        raise LabanmeshError("the fusion process of the benchmark ended early; what it wrote above says why")
-    return said
+        received = pipe.recv() if pipe.poll(TIMEOUT_S) else None
+    if not isinstance(received, kind):
+        raise LabanmeshError("the fusion process of the benchmark ended early; its output above says why")
+    return received
 
 
 def _ms(times_ns: Sequence[int], percentile: float) -> float:

@@ -1,10 +1,10 @@
-"""What one observer costs as a process of its own: share of a core, memory, time to its first word, bytes a second.
+"""What one observer process costs: share of a core, memory, time to its first posterior, bytes per second.
 
-`labanmesh observe` watches a film of a recorded person, 1280x720 at 30 frames a second, in real time, with a model of
-all movements, and speaks to a listener here. Floors:
-- share of a core: the film read, and the plain OpenCV calls on whole pictures (tracking.py), as often a second.
+`labanmesh observe` watches a film of a recorded person, 1280x720 at 30 frames per second, in real time, with a model of
+all movements, and publishes to a subscriber here. Floors:
+- share of a core: reading the film, and the plain OpenCV calls on whole pictures (observer_steps.py), as often.
 - memory, first posterior: a bare interpreter that has loaded the same libraries and read a picture of the film.
-- bytes: the numbers of a posterior, single precision, without names, ids and types.
+- bytes: the numbers of a posterior in single precision, without names, ids and types.
 """
 
 import os
@@ -22,9 +22,10 @@ from statistics import median
 import cv2
 import numpy as np
 
-from benchmarks.bare_zenoh import LOOPBACK, SOON_S
+from benchmarks.bare_zenoh import LOOPBACK, TIMEOUT_S
+from benchmarks.crowd.trial import cpu_seconds
 from benchmarks.observer_steps import FACINGS, RATE_HZ, halves, learned, plain_calls, recorded
-from benchmarks.timing import Row, row
+from benchmarks.timing import BenchmarkRow, row
 from common.config import MeshConfig
 from common.errors import LabanmeshError
 from common.inbox import Inbox
@@ -52,28 +53,36 @@ WATCH_S = 10.0
 STARTS = 7
 STREAM_RECORDINGS = 8
 NOW_NS = 1_800_000_000_000_000_000
-"""As many bytes as a time of our days takes."""
+"""A present-day time: its size on the wire counts."""
 BARE = (
     "import time, sys, numpy, msgpack, zenoh, pydantic, typer, cv2; cv2.VideoCapture(sys.argv[1]).read();"
     "print(time.process_time(), [line.split()[1] for line in open('/proc/self/status') if line.startswith('VmRSS')][0])"
 )
 UNLEARNED = 0.05
-"""What a model that was tried on people would say of it."""
+"""P(none of the movements), as from a calibrated model."""
 FIXED = 8 + 8 + 4
-"""Bytes of the two times and the number of a posterior."""
-PER_SECOND = os.sysconf("SC_CLK_TCK")
+"""Bytes of the two times and the sequence number of a posterior."""
 
 
 @dataclass(frozen=True, slots=True)
-class Cost:
+class ProcessCost:
     """share: of one core, all threads; memory_mb: resident at the end."""
 
     share: float
     memory_mb: float
 
 
-def rows(data: Path | None, watch_s: float = WATCH_S, starts: int = STARTS) -> Iterator[Row]:
-    """Two rows for a model without facings and two with, one for the start, and the bytes."""
+@dataclass(frozen=True, slots=True)
+class StartCost:
+    """Seconds, and processor seconds, from the start of a process; memory_mb: where measured."""
+
+    seconds: float
+    cpu_s: float
+    memory_mb: float = 0.0
+
+
+def rows(data: Path | None, watch_s: float = WATCH_S, starts: int = STARTS) -> Iterator[BenchmarkRow]:
+    """Two rows for each of two models, two for the start, and the bytes."""
     train, test = halves(recorded(data))
     person = test.recordings[0].subject
     own = [r for r in test.recordings if r.subject == person][:STREAM_RECORDINGS]
@@ -82,35 +91,36 @@ def rows(data: Path | None, watch_s: float = WATCH_S, starts: int = STARTS) -> I
     with tempfile.TemporaryDirectory() as place:
         film = Path(place) / "person.avi"
         pictures = filmed(MotionArchive(test.body_parts, (stream,)), film)
-        *bare, bare_mb = _bare(film, starts)
+        bare = _bare_start(film, starts)
         for name, model in models.items():
             cost = _watched(Path(place), film, model, watch_s)
             who = f"an observer, 1280x720 at 30 Hz{name}"
             yield row(f"{who}, share of a core", 100 * cost.share, 100 * _plain_share(film, pictures), "%", 1)
-            yield row(f"{who}, memory", cost.memory_mb, bare_mb, "MB", 1)
-        begins = [_first_posterior(Path(place), film) for _ in range(starts)]
-        for what, figures, floor_s in zip(("", ", processor time"), zip(*begins, strict=True), bare, strict=True):
-            yield row(f"start to first posterior{what}", median(figures), floor_s, "s", starts)
+            yield row(f"{who}, memory", cost.memory_mb, bare.memory_mb, "MB", 1)
+        ours = [_start(Path(place), film) for _ in range(starts)]
+        name = "start to first posterior"
+        yield row(name, median(start.seconds for start in ours), bare.seconds, "s", starts)
+        yield row(f"{name}, processor time", median(start.cpu_s for start in ours), bare.cpu_s, "s", starts)
     yield from byte_rows(MotionArchive(test.body_parts, (stream,)), models)
 
 
 def filmed(archive: MotionArchive, film: Path, seconds: float = FILM_S) -> list[Frame]:
-    """A virtual camera's film of the first recording, before shelves and with noise; its last pictures."""
+    """Write a virtual camera's noisy, cluttered film of the first recording; returns its last pictures."""
     motion = RecordedMotion(archive.body_parts, archive.recordings, speed=0, clock=lambda: 0)
     camera = VirtualCamera(motion, parse_view("door"), SIZE, Scenery(background="cluttered", noise=3.0))
     writer = cv2.VideoWriter(str(film), cv2.VideoWriter.fourcc(*"MJPG"), RATE_HZ, SIZE)
-    kept: list[Frame] = []
+    last: list[Frame] = []
     for number, frame in enumerate(camera.frames(threading.Event())):
         if number >= seconds * RATE_HZ:
             break
         writer.write(frame.content)
-        kept = [*kept[-29:], frame]
+        last = [*last[-29:], frame]
     writer.release()
-    return kept
+    return last
 
 
 def _plain_share(film: Path, pictures: list[Frame]) -> float:
-    """Processor time of reading and of the plain calls, per second of film."""
+    """Processor time of reading and of the plain calls per second of film."""
     cv2.setNumThreads(1)
     capture, frames = cv2.VideoCapture(str(film)), 0
     begun_s = time.process_time()
@@ -124,22 +134,22 @@ def _plain_share(film: Path, pictures: list[Frame]) -> float:
     return (read_s + (time.process_time() - begun_s) / max(frames, 1)) * RATE_HZ
 
 
-def _bare(film: Path, starts: int) -> tuple[float, float, float]:
-    """Seconds, processor seconds and megabytes of an interpreter with the libraries alone."""
-    times, spent, sizes = [], [], []
+def _bare_start(film: Path, starts: int) -> StartCost:
+    """Medians of an interpreter with the libraries alone."""
+    costs = []
     for _ in range(starts):
         begun_s = time.monotonic()
-        said = subprocess.run([sys.executable, "-c", BARE, str(film)], capture_output=True, text=True, check=True)  # noqa: S603
-        times.append(time.monotonic() - begun_s)
-        used_s, size_kb = said.stdout.split()
-        spent.append(float(used_s))
-        sizes.append(int(size_kb) / 1024)
-    return median(times), median(spent), median(sizes)
+        process = subprocess.run([sys.executable, "-c", BARE, str(film)], capture_output=True, text=True, check=True)  # noqa: S603
+        seconds = time.monotonic() - begun_s
+        cpu_s, size_kb = process.stdout.split()
+        costs.append(StartCost(seconds, float(cpu_s), int(size_kb) / 1024))
+    seconds, spent_s = median(cost.seconds for cost in costs), median(cost.cpu_s for cost in costs)
+    return StartCost(seconds, spent_s, median(cost.memory_mb for cost in costs))
 
 
 @contextmanager
 def _observing(place: Path, film: Path) -> Iterator[tuple[int, Inbox]]:
-    """A real observer that watches the film for ever: its process id, and what it says."""
+    """A real observer that watches the film in a loop: its process id, and the inbox of its posteriors."""
     with Link.open(MeshConfig(), "fusion", listen=[LOOPBACK]) as link:
         scene = place / "scene.toml"
         mesh = f'scene = "bench"\n[mesh]\nendpoint = "{link.locator}"\n'
@@ -151,36 +161,31 @@ def _observing(place: Path, film: Path) -> Iterator[tuple[int, Inbox]]:
             yield process.pid, inbox
         finally:
             process.terminate()
-            process.wait(SOON_S)
+            process.wait(TIMEOUT_S)
 
 
-def _watched(place: Path, film: Path, model: MovementModel, watch_s: float) -> Cost:
+def _watched(place: Path, film: Path, model: MovementModel, watch_s: float) -> ProcessCost:
     write_model(place / "bench.model", model)
     with _observing(place, film) as (process, inbox):
         _await_first(inbox)
         time.sleep(SETTLE_S if watch_s == WATCH_S else 0.0)
-        begun_s, spent_s = time.monotonic(), _spent_s(process)
+        begun_s, spent_s = time.monotonic(), cpu_seconds(process)
         time.sleep(watch_s)
-        share = (_spent_s(process) - spent_s) / (time.monotonic() - begun_s)
-        return Cost(share, _resident_mb(process))
+        share = (cpu_seconds(process) - spent_s) / (time.monotonic() - begun_s)
+        return ProcessCost(share, _resident_mb(process))
 
 
-def _first_posterior(place: Path, film: Path) -> tuple[float, float]:
-    """Seconds, and processor seconds, from the start of the process."""
+def _start(place: Path, film: Path) -> StartCost:
+    """Start a real observer until its first posterior."""
     begun_s = time.monotonic()
     with _observing(place, film) as (process, inbox):
         _await_first(inbox)
-        return time.monotonic() - begun_s, _spent_s(process)
+        return StartCost(time.monotonic() - begun_s, cpu_seconds(process))
 
 
 def _await_first(inbox: Inbox) -> None:
-    if not inbox.take(SOON_S):
-        raise LabanmeshError("labanmesh observe said nothing; what it wrote above says why")
-
-
-def _spent_s(process: int) -> float:
-    fields = Path(f"/proc/{process}/stat").read_text().rsplit(")", 1)[1].split()
-    return (int(fields[11]) + int(fields[12])) / PER_SECOND
+    if not inbox.take(TIMEOUT_S):
+        raise LabanmeshError("labanmesh observe published nothing; its output above says why")
 
 
 def _resident_mb(process: int) -> float:
@@ -188,8 +193,8 @@ def _resident_mb(process: int) -> float:
     return next(int(line.split()[1]) for line in status if line.startswith("VmRSS")) / 1024
 
 
-def byte_rows(archive: MotionArchive, models: dict[str, MovementModel]) -> Iterator[Row]:
-    """Bytes a second of a person's stream as one view sees it at 30 Hz, each frame said or only changes."""
+def byte_rows(archive: MotionArchive, models: dict[str, MovementModel]) -> Iterator[BenchmarkRow]:
+    """Bytes per second of a person's stream in one view at 30 Hz, sent for each frame or on change."""
     plain, turning = models.values()
     frames = list(frames_of(archive.recordings[0], NOW_NS))
     for name, model, facets, heartbeat_s in (
@@ -200,25 +205,25 @@ def byte_rows(archive: MotionArchive, models: dict[str, MovementModel]) -> Itera
         (f"each frame, {FACINGS} facings", turning, False, None),
         (f"on change, {FACINGS} facings", turning, False, 0.1),
     ):
-        told, floor = told_bytes(archive, frames, model, facets, heartbeat_s)
+        sent, floor = sent_bytes(archive, frames, model, facets, heartbeat_s)
         seconds = len(frames) / RATE_HZ
-        yield row(f"bytes a second, {name}", told / seconds, floor / seconds, "B", len(frames))
+        yield row(f"bytes a second, {name}", sent / seconds, floor / seconds, "B", len(frames))
 
 
-def told_bytes(
+def sent_bytes(
     archive: MotionArchive, frames: Sequence[Frame], model: MovementModel, facets: bool, heartbeat_s: float | None
 ) -> tuple[int, int]:
-    """What is said of the frames, and what its numbers would be alone if all were said."""
+    """The bytes sent for the frames, and the bytes of the numbers alone for every frame."""
     header = model.header
     reader = FacetReader(header.body_parts, header.rate_hz) if facets else None
     tracker = ProjectedTracker(parse_view("door"), archive.body_parts, header.body_parts)
     observer = Observer(tracker, model, None, Resampler(header.rate_hz), reader)
-    restraint = None if heartbeat_s is None else SendOnChange(heartbeat_s)
-    minutes, told, floor = PosteriorEncoder(header.vocabulary, "bench0"), 0, 0
+    send_on_change = None if heartbeat_s is None else SendOnChange(heartbeat_s)
+    encoder, sent, floor = PosteriorEncoder(header.vocabulary, "bench0"), 0, 0
     for frame in frames:
-        opinion = replace(observer.step(frame), unlearned=UNLEARNED)
-        if restraint is None or restraint.should_send(opinion, frame.captured_ns):
-            told += len(encode(minutes.encode(opinion, frame.captured_ns, frame.captured_ns + 1)))
-        facing = 0 if opinion.facing is None else opinion.facing.size
-        floor += 4 * (len(opinion.p) + 2 + sum(map(len, opinion.facets.values()))) + FIXED + facing
-    return told, floor
+        posterior = replace(observer.step(frame), unlearned=UNLEARNED)
+        if send_on_change is None or send_on_change.should_send(posterior, frame.captured_ns):
+            sent += len(encode(encoder.encode(posterior, frame.captured_ns, frame.captured_ns + 1)))
+        facing = 0 if posterior.facing is None else posterior.facing.size
+        floor += 4 * (len(posterior.p) + 2 + sum(map(len, posterior.facets.values()))) + FIXED + facing
+    return sent, floor

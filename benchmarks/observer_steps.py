@@ -1,4 +1,15 @@
-"""What one frame costs an observer: tracking hands and head in a picture, and updating the movement model."""
+"""What one frame costs an observer: tracking hands and head in a picture, and updating the movement model.
+
+Floors of tracking, on the same pictures with one OpenCV thread:
+- camshift: the plain calls on the whole picture: conversion to HSV, back-projection, and three CamShift calls.
+- mediapipe (where it is installed): a bare call of its model, with the conversion to RGB.
+Floors of a model update: the numpy operations that no implementation of the model can avoid, on arrays of the same
+shapes, written into existing memory:
+- phase: one float32 matrix-vector product over all chains x features, one exp, one multiplication of the state; with
+  facings there are that many times more chains. It can be undercut: chains without weight are skipped.
+- phase-symbols: a sum over body parts of the table, one exp, one multiplication of the state (speeds included).
+- frame-table: the sum over body parts of one bin of the table, added to the log posterior.
+"""
 
 import importlib.util
 import threading
@@ -10,7 +21,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from benchmarks.timing import BATCH_S, ROUNDS, Row, compare, row
+from benchmarks.timing import BATCH_S, ROUNDS, BenchmarkRow, compare, row
 from common.vocabulary import Vocabulary
 from observer.geometry.views import parse_view
 from observer.learning.learn import learn_view
@@ -32,14 +43,14 @@ from studies.performer import perform, perform_continuously
 SIZES = ((640, 480), (1280, 720))
 RATE_HZ = 30.0
 TRACKER_WARM_UP = 45
-"""So many pictures, at first, teach the tracker who stands there."""
+"""Pictures in which the tracker first finds the person."""
 PICTURES = 90
 Pictures = list[Frame]
 Work = Callable[[], object]
 
 
-def tracking_rows(rounds: int = ROUNDS, batch_s: float = BATCH_S) -> Iterator[Row]:
-    """Two rows a size, or one without mediapipe."""
+def tracking_rows(rounds: int = ROUNDS, batch_s: float = BATCH_S) -> Iterator[BenchmarkRow]:
+    """One row per size, two where mediapipe is installed."""
     cv2.setNumThreads(1)
     for size in SIZES:
         shot = pictures(size)
@@ -49,7 +60,7 @@ def tracking_rows(rounds: int = ROUNDS, batch_s: float = BATCH_S) -> Iterator[Ro
 
 
 def pictures(size: tuple[int, int]) -> Pictures:
-    """A virtual camera's pictures of the synthetic performer, cluttered and noisy: idle, then waving."""
+    """A virtual camera's pictures of the synthetic performer, cluttered and noisy: at rest, then waving."""
     stream = resample(perform_continuously("1", ("byebye",)), RATE_HZ)
     archive = MotionArchive(("left_hand", "right_hand", "head"), (stream,))
     motion = RecordedMotion(archive.body_parts, archive.recordings, speed=0)
@@ -58,14 +69,14 @@ def pictures(size: tuple[int, int]) -> Pictures:
     return [next(frames) for _ in range(min(TRACKER_WARM_UP + PICTURES, len(stream.positions)))]
 
 
-def camshift_row(shot: Pictures, size: tuple[int, int], rounds: int, batch_s: float) -> Row:
-    """Our tracker, all three parts, against the plain calls."""
+def camshift_row(shot: Pictures, size: tuple[int, int], rounds: int, batch_s: float) -> BenchmarkRow:
+    """Our tracker of three parts against the plain calls."""
     name = f"tracking, camshift, {size[0]}x{size[1]}"
     return compare(name, tracking(CamshiftTracker(), shot), plain_calls(shot), rounds, batch_s)
 
 
-def mediapipe_row(shot: Pictures, size: tuple[int, int], rounds: int, batch_s: float) -> Row:
-    """Our tracker around MediaPipe's model, against its bare call."""
+def mediapipe_row(shot: Pictures, size: tuple[int, int], rounds: int, batch_s: float) -> BenchmarkRow:
+    """Our tracker around MediaPipe's model against its bare call."""
     from mediapipe.python.solutions.pose import Pose  # type: ignore[import-not-found,unused-ignore]
 
     from observer.tracking.mediapipe_pose import MediapipeTracker
@@ -80,7 +91,7 @@ def mediapipe_row(shot: Pictures, size: tuple[int, int], rounds: int, batch_s: f
 
 
 def tracking(tracker: Tracker, shot: Pictures) -> Work:
-    """Updates of the tracker, the pictures forth and back, so that nothing jumps; warmed up."""
+    """Updates of the tracker on the pictures forwards and backwards, so that nothing jumps; warmed up."""
     period_ns, last = round(1e9 / RATE_HZ), len(shot) - 1
     numbers = count()
 
@@ -95,13 +106,13 @@ def tracking(tracker: Tracker, shot: Pictures) -> Work:
 
 
 def plain_calls(shot: Pictures) -> Work:
-    """What a first programme does with each picture: no prediction, no sizes, no names, and nothing is ever lost.
+    """The simplest tracker: no prediction, no sizes, no names, no loss of a part.
 
-    Its histogram and its three first windows are where our tracker found the parts in the last picture.
+    Histogram and first windows are where our tracker finds the parts in the last picture.
     """
-    found, last = located(shot), shot[-1].content
+    centres, last = last_centres(shot), shot[-1].content
     side = last.shape[0] // 12
-    windows = [(int(u) - side // 2, int(v) - side // 2, side, side) for u, v in found]
+    windows = [(int(u) - side // 2, int(v) - side // 2, side, side) for u, v in centres]
     x, y, w, h = first = windows[2]
     hsv = cv2.cvtColor(last[y : y + h, x : x + w], cv2.COLOR_BGR2HSV)
     histogram = cv2.calcHist([hsv], [0, 1], None, [45, 32], [0, 180, 0, 256])
@@ -118,23 +129,23 @@ def plain_calls(shot: Pictures) -> Work:
     return step
 
 
-def located(shot: Pictures) -> Floats:
-    """(P, 2) px: where the parts were last seen, the picture's middle for one that never was."""
+def last_centres(shot: Pictures) -> Floats:
+    """(P, 2) px: where each part was last visible; the middle of the picture if it never was."""
     tracker = CamshiftTracker()
-    found = np.tile(np.array(shot[0].content.shape[1::-1]) / 2.0, (len(tracker.body_parts), 1))
+    result = np.tile(np.array(shot[0].content.shape[1::-1]) / 2.0, (len(tracker.body_parts), 1))
     for number, frame in enumerate(shot):
         centres = tracker.update(Frame(round(number * 1e9 / RATE_HZ), frame.content)).centres
-        found = np.where(np.isfinite(centres), centres, found)
-    return found
+        result = np.where(np.isfinite(centres), centres, result)
+    return result
 
 
 FACINGS = 12
 RECORDINGS = 20
-"""So many of the other half of the people are watched, one after the other, over and over."""
+"""Test recordings of the other half of the people, watched over and over."""
 
 
-def model_rows(data: Path | None, rounds: int = ROUNDS, batch_s: float = BATCH_S) -> Iterator[Row]:
-    """One row a model; data: the folder of recordings, None for the synthetic performer."""
+def model_rows(data: Path | None, rounds: int = ROUNDS, batch_s: float = BATCH_S) -> Iterator[BenchmarkRow]:
+    """One row per model; data: the folder of recordings, None for the synthetic performer."""
     train, test = halves(recorded(data))
     for kind in MODELS:
         yield measure(kind, learned(kind, train), test, rounds, batch_s)
@@ -144,7 +155,7 @@ def model_rows(data: Path | None, rounds: int = ROUNDS, batch_s: float = BATCH_S
 
 
 def learned(kind: str, train: MotionArchive, facings: int = 1) -> MovementModel:
-    """A model of all movements, seen from the Door."""
+    """A model of all movements in the Door view."""
     parameters = {"facings": float(facings)} if facings > 1 else {}
     vocabulary = Vocabulary(labels_of(train), "bench")
     return learn_view(train, parse_view("door"), vocabulary, kind=kind, parameters=parameters, calibrate=False)
@@ -152,18 +163,18 @@ def learned(kind: str, train: MotionArchive, facings: int = 1) -> MovementModel:
 
 def measure(
     name: str, model: MovementModel, test: MotionArchive, rounds: int = ROUNDS, batch_s: float = BATCH_S
-) -> Row:
+) -> BenchmarkRow:
     """`Observer.step` of one model against its floor."""
     tracker = ProjectedTracker(parse_view("door"), test.body_parts, test.body_parts)
     observer = Observer(tracker, model)
     frames = cycle([frame for recording in test.recordings for frame in frames_of(recording)])
-    told = f"model update, {name}, {model.header.vocabulary.size} movements"
+    label = f"model update, {name}, {model.header.vocabulary.size} movements"
     floor = FLOORS[model.header.kind](model.arrays())
-    return compare(told, lambda: observer.step(next(frames)), floor, rounds, batch_s)
+    return compare(label, lambda: observer.step(next(frames)), floor, rounds, batch_s)
 
 
-def memory(name: str, model: MovementModel) -> Row:
-    """Megabytes that a model takes once it is read and watches; the floor is that of its arrays alone."""
+def memory(name: str, model: MovementModel) -> BenchmarkRow:
+    """Megabytes of a model in use; the floor is that of its arrays alone."""
     arrays = {key: array.copy() for key, array in model.arrays().items()}
     tracemalloc.start()
     again = type(model).from_arrays(model.header, arrays)
@@ -180,7 +191,7 @@ def recorded(data: Path | None) -> MotionArchive:
 
 
 def halves(archive: MotionArchive) -> tuple[MotionArchive, MotionArchive]:
-    """Every other person to learn from; some recordings of the others to watch."""
+    """Every other person for training; some recordings of the others for test."""
     learned = sorted({r.subject for r in archive.recordings}, key=lambda s: (len(s), s))[::2]
     train = tuple(r for r in archive.recordings if r.subject in learned)
     others = tuple(r for r in archive.recordings if r.subject not in learned)

@@ -1,4 +1,4 @@
-"""Posteriors as four observers of twenty movements would say them: what the fusion and mesh benchmarks feed on."""
+"""Posteriors of four observers and twenty movements: the input of the fusion and mesh benchmarks."""
 
 import numpy as np
 
@@ -6,26 +6,32 @@ from common.config import MeshConfig, ObserverConfig, Scene
 from common.messages import PosteriorMessage, VocabularyReference
 from common.vocabulary import Vocabulary
 from observer.tracks import BODY_PARTS, Floats
+from studies.fusion_engine import FusionEngine
 
 NAMES = Vocabulary(tuple(f"movement_{n}" for n in range(20)), "bench")
 VISIBLE = dict.fromkeys(BODY_PARTS, True)
 
 
 def scene_of(observers: int, endpoint: str = MeshConfig().endpoint) -> Scene:
-    """A scene of cam1, cam2, ... who judge NAMES, with the default way of judging."""
+    """A scene with the observers cam1, cam2, ..., the vocabulary NAMES and default fusion."""
     sources = {f"cam{n}": ObserverConfig(source="bench") for n in range(1, observers + 1)}
     mesh = MeshConfig(endpoint=endpoint)
     return Scene(scene="bench", vocabulary=NAMES.labels, vocabulary_name=NAMES.name, mesh=mesh, observers=sources)
 
 
-def beliefs(count: int, seed: int = 0) -> Floats:
-    """(count, 20) posteriors from nearly certain to quite lost; the same ones in every run."""
+def engine_of(scene: Scene) -> FusionEngine:
+    """A new fusion engine of the scene."""
+    return FusionEngine(scene.scene, list(scene.roster), NAMES, scene.fusion)
+
+
+def random_posteriors(count: int, seed: int = 0) -> Floats:
+    """(count, 20) posteriors from nearly certain to undecided; the same in every run."""
     rng = np.random.default_rng(seed)
     return np.array([rng.dirichlet(np.full(NAMES.size, sharpness)) for sharpness in rng.choice([0.02, 0.2, 2], count)])
 
 
 def message(observer: str, seq: int, captured_ns: int, p: Floats) -> PosteriorMessage:
-    """A posterior over NAMES about a frame captured at `captured_ns` and said at once."""
+    """A posterior over NAMES about a frame captured and sent at `captured_ns`; round-off of p is clamped."""
     return PosteriorMessage(
         scene="bench",
         observer=observer,

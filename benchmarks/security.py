@@ -1,8 +1,8 @@
-"""What security costs: from a posterior put to the judgement received, at a plain router and a secured one by turns.
+"""What security costs: from a posterior put to the judgement received, through a plain and a secured router by turns.
 
-In another process run two routers, one plain, one with mutual TLS and the scene's access rules, and a fusion service
-with its referee at each. Here one observer speaks to either in turn, RATE_HZ times a second each, and a hub hears the
-judgements. All that differs are TLS and the rules.
+Another process runs two routers, one plain, one with mutual TLS and the scene's access rules, and a fusion service at
+each. Here one observer publishes to either in turn, at RATE_HZ each, and a hub receives the judgements. Only TLS and
+the rules differ.
 """
 
 import multiprocessing
@@ -17,10 +17,10 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.bare_zenoh import SOON_S
-from benchmarks.mesh import first_judged
-from benchmarks.posteriors import beliefs, message, scene_of
-from benchmarks.timing import Row, row
+from benchmarks.bare_zenoh import TIMEOUT_S
+from benchmarks.mesh import FRAMES, RATE_HZ, WARM_UP, Captured, first_judged
+from benchmarks.posteriors import message, random_posteriors, scene_of
+from benchmarks.timing import BenchmarkRow, row
 from common.config import MeshConfig, Scene
 from common.errors import LabanmeshError
 from common.inbox import Inbox
@@ -30,9 +30,6 @@ from deploy.security.issuing import create_authority, open_authority
 from deploy.security.register import Roles
 from deploy.security.router_config import router_config
 
-RATE_HZ = 60.0
-FRAMES = 480
-WARM_UP = 30
 OBSERVER, FUSION, HUB, ROUTER = "cam1", "fusion", "hub", "router"
 MACHINES = {
     ROUTER: Roles(router=True),
@@ -42,8 +39,8 @@ MACHINES = {
 }
 
 
-def rows(frames: int = FRAMES) -> Iterator[Row]:
-    """Median and 99th percentile, secured against plain; raises LabanmeshError when the processes do not meet."""
+def rows(frames: int = FRAMES) -> Iterator[BenchmarkRow]:
+    """Median and 99th percentile, secured against plain; raises LabanmeshError when the processes do not connect."""
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place) / "secure"
         _certify(folder)
@@ -74,24 +71,24 @@ def _measured(folder: Path, frames: int) -> tuple[list[int], list[int]]:
     # Spawn: a child forked from a process with a Zenoh session hangs when it closes.
     spawn = multiprocessing.get_context("spawn")
     here, there = spawn.Pipe()
-    other = spawn.Process(target=judging_process, args=(folder, there), daemon=True)
+    other = spawn.Process(target=_fusion_process, args=(folder, there), daemon=True)
     other.start()
     there.close()
     try:
-        endpoints = here.recv() if here.poll(SOON_S) else []
+        endpoints = here.recv() if here.poll(TIMEOUT_S) else []
         with ExitStack() as links:
-            ways = [_way(_mesh(endpoint, folder, ROUTER), folder, links) for endpoint in endpoints]
+            ways = [_connected(_mesh(endpoint, folder, ROUTER), folder, links) for endpoint in endpoints]
             if len(ways) != 2:
-                raise LabanmeshError("the fusion process of the benchmark did not start; what it wrote above says why")
-            plain, secured = _spoken(ways, frames)
+                raise LabanmeshError("the fusion process of the benchmark did not start; its output above says why")
+            plain, secured = _publish(ways, frames)
             return plain, secured
     finally:
         here.close()
-        other.join(SOON_S)
+        other.join(TIMEOUT_S)
 
 
-def judging_process(folder: Path, pipe: Connection) -> None:
-    """The other process: both routers, and a fusion service at each, until the pipe breaks."""
+def _fusion_process(folder: Path, pipe: Connection) -> None:
+    """Both routers and a fusion service at each, until the pipe breaks."""
     from fusion.server import serve
 
     stop = threading.Event()
@@ -108,44 +105,44 @@ def judging_process(folder: Path, pipe: Connection) -> None:
             threads.append(threading.Thread(target=serve, args=([scene], scene.fusion.id, link, stop), daemon=True))
             threads[-1].start()
         pipe.send(endpoints)
-        # The end of the pipe is the end of the benchmark, however it came about.
+        # A broken pipe ends the benchmark, whatever the reason.
         with suppress(EOFError, OSError):
             pipe.recv()
         stop.set()
         for thread in threads:
-            thread.join(SOON_S)
+            thread.join(TIMEOUT_S)
 
 
-def _way(mesh: MeshConfig, folder: Path, links: ExitStack) -> tuple[Publisher, Inbox]:
-    """An observer's voice and a hub's ear at one router."""
+def _connected(mesh: MeshConfig, folder: Path, links: ExitStack) -> tuple[Publisher, Inbox]:
+    """An observer's publisher and a hub's inbox at one router."""
     keys = _scene(mesh).keys
-    ear = links.enter_context(Link.open(_mesh(mesh.endpoint, folder, HUB), "hub"))
-    mouth = links.enter_context(Link.open(_mesh(mesh.endpoint, folder, OBSERVER), "observer", process_id=OBSERVER))
-    inbox, voice = ear.inbox(keys.judgement, limit=1_000_000), mouth.publisher(keys.posterior(OBSERVER))
-    if not voice.wait_for_subscriber(SOON_S) or not inbox.take(SOON_S):
-        raise LabanmeshError(f"{mesh.endpoint}: observer and fusion did not meet; is loopback TCP allowed here?")
-    return voice, inbox
+    hub = links.enter_context(Link.open(_mesh(mesh.endpoint, folder, HUB), "hub"))
+    observer = links.enter_context(Link.open(_mesh(mesh.endpoint, folder, OBSERVER), "observer", process_id=OBSERVER))
+    inbox, publisher = hub.inbox(keys.judgement, limit=1_000_000), observer.publisher(keys.posterior(OBSERVER))
+    if not publisher.wait_for_subscriber(TIMEOUT_S) or not inbox.take(TIMEOUT_S):
+        raise LabanmeshError(f"{mesh.endpoint}: observer and fusion did not connect; is loopback TCP allowed here?")
+    return publisher, inbox
 
 
-def _spoken(ways: list[tuple[Publisher, Inbox]], frames: int) -> list[list[int]]:
-    """Frames at RATE_HZ to each way, half an interval apart; how long each took to be judged."""
-    put: list[dict[tuple[str, int], int]] = [{} for _ in ways]
+def _publish(ways: list[tuple[Publisher, Inbox]], frames: int) -> list[list[int]]:
+    """Frames at RATE_HZ through each router, half an interval apart; how long each took to be judged."""
+    put: list[dict[Captured, int]] = [{} for _ in ways]
     due = time.monotonic()
     for seq in range(WARM_UP + frames):
-        for times, (voice, _) in zip(put, ways, strict=True):
-            captured_ns, (belief,) = time.time_ns(), beliefs(1, seed=seq)
-            payload = encode(message(OBSERVER, seq, captured_ns, belief))
+        for times, (publisher, _) in zip(put, ways, strict=True):
+            captured_ns, (p,) = time.time_ns(), random_posteriors(1, seed=seq)
+            payload = encode(message(OBSERVER, seq, captured_ns, p))
             if seq >= WARM_UP:
-                times[OBSERVER, captured_ns] = time.time_ns()
-            voice.put(payload)
+                times[Captured(OBSERVER, captured_ns)] = time.time_ns()
+            publisher.put(payload)
             due += 0.5 / RATE_HZ
             time.sleep(max(due - time.monotonic(), 0.0))
     time.sleep(0.5)  # the last judgements are on their way
-    return [_taken(times, inbox) for times, (_, inbox) in zip(put, ways, strict=True)]
+    return [_latencies(times, inbox) for times, (_, inbox) in zip(put, ways, strict=True)]
 
 
-def _taken(put: dict[tuple[str, int], int], inbox: Inbox) -> list[int]:
+def _latencies(put: dict[Captured, int], inbox: Inbox) -> list[int]:
     judged = first_judged(put, inbox.take(0.0))
     if len(judged) < 0.9 * len(put):
         raise LabanmeshError(f"{len(put) - len(judged)} of {len(put)} posteriors were never judged")
-    return [judged[said] - put[said] for said in judged]
+    return [judged[captured] - put[captured] for captured in judged]

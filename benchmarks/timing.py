@@ -1,4 +1,4 @@
-"""A figure and its floor: timed by turns, so that what disturbs the machine disturbs both."""
+"""Rows of `make bench`: a figure and its floor, timed by turns so that disturbances affect both."""
 
 import time
 from collections.abc import Callable
@@ -7,13 +7,13 @@ from statistics import median
 
 ROUNDS = 15
 BATCH_S = 0.01
-"""Time that one batch of calls takes at least: far above the clock's grain, far below the machine's moods."""
+"""Least duration of one batch of calls: far above the clock's resolution, short against disturbances."""
 WARM_UP_S = 0.02
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
-    """One figure: `ours` and `floor` in `unit`, ratio = ours / floor; n: how often ours was measured."""
+class BenchmarkRow:
+    """One figure: `ours` and `floor` in `unit`, ratio = ours / floor; n: how many times ours was measured."""
 
     name: str
     ours: float
@@ -23,9 +23,9 @@ class Row:
     n: int
 
 
-def row(name: str, ours: float, floor: float, unit: str, n: int) -> Row:
+def row(name: str, ours: float, floor: float, unit: str, n: int) -> BenchmarkRow:
     """A row with its ratio."""
-    return Row(name, ours, floor, ours / floor, unit, n)
+    return BenchmarkRow(name, ours, floor, ours / floor, unit, n)
 
 
 def compare(
@@ -34,8 +34,8 @@ def compare(
     floor: Callable[[], object],
     rounds: int = ROUNDS,
     batch_s: float = BATCH_S,
-) -> Row:
-    """Microseconds a call, the median over `rounds`; in each round both take turns, and turns who begins."""
+) -> BenchmarkRow:
+    """Microseconds per call, the median over `rounds`; the two alternate, and so does which goes first."""
     calls_ours, calls_floor = _calls_in(ours, batch_s), _calls_in(floor, batch_s)
     times_ours, times_floor = [], []
     for round_ in range(rounds):
@@ -48,7 +48,7 @@ def compare(
 
 
 def _calls_in(work: Callable[[], object], batch_s: float) -> int:
-    """How many calls fill a batch; the very first, which may import and allocate, does not count."""
+    """How many calls fill a batch; the first call, which may import and allocate, does not count."""
     work()
     started, calls = time.perf_counter(), 0
     while (spent := time.perf_counter() - started) < WARM_UP_S:
@@ -58,7 +58,7 @@ def _calls_in(work: Callable[[], object], batch_s: float) -> int:
 
 
 def _time(work: Callable[[], object], calls: int) -> float:
-    """Seconds a call."""
+    """Seconds per call."""
     started = time.perf_counter()
     for _ in range(calls):
         work()

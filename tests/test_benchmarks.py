@@ -1,21 +1,20 @@
 """The benchmarks: rows as the contract has them, small runs without a mesh, which judgement answers which put."""
 
 import json
-from dataclasses import asdict, fields
 
 import numpy as np
 import pytest
 
-from benchmarks.__main__ import as_json, table, told
-from benchmarks.fusion import pool_row
+from benchmarks.__main__ import as_json, table, with_progress
 from benchmarks.fusion import step_rows as fusion_rows
 from benchmarks.mesh import first_judged
-from benchmarks.observer import NOW_NS, told_bytes
+from benchmarks.observer import NOW_NS, sent_bytes
 from benchmarks.observer_steps import FLOORS, camshift_row, halves, learned, measure, memory, pictures, recorded
-from benchmarks.posteriors import NAMES, beliefs, message, scene_of
-from benchmarks.timing import Row, compare, row
+from benchmarks.posteriors import NAMES, message, random_posteriors, scene_of
+from benchmarks.timing import compare, row
 from common.inbox import Arrival
-from common.wire import encode
+from common.messages import PosteriorMessage
+from common.wire import decode, encode
 from fusion.engine.engine import FusionEngine
 from fusion.engine.rules import RULES
 from observer.model.registry import MODELS
@@ -23,28 +22,25 @@ from observer.motion.archive import MotionArchive
 from observer.motion.projected import frames_of
 from observer.motion.transforms import resample
 
-KEYS = ["name", "ours", "floor", "ratio", "unit", "n"]
 QUICK = {"rounds": 1, "batch_s": 0.0}
 AT_NS = 1_700_000_000_123_456_789
 
 
-def test_a_row_has_the_keys_of_the_contract():
-    assert [field.name for field in fields(Row)] == KEYS
-    assert asdict(row("a", 6.0, 4.0, "us", 5)) == {
-        "name": "a", "ours": 6.0, "floor": 4.0, "ratio": 1.5, "unit": "us", "n": 5
-    }  # fmt: skip
-
-
-def test_the_file_is_a_json_list_of_rows():
+def test_the_file_is_a_json_list_of_rows_with_the_keys_of_the_contract():
     rows = [row("a", 6.0, 4.0, "us", 5), row("b", 1.0, 0.5, "ms", 7)]
-    assert json.loads(as_json(rows)) == [asdict(one) for one in rows]
+    first, second = json.loads(as_json(rows))
+    assert first == {"name": "a", "ours": 6.0, "floor": 4.0, "ratio": 1.5, "unit": "us", "n": 5}
+    assert second["ratio"] == 2.0
 
 
 def test_the_table_shows_what_each_row_costs_over_its_floor(capsys):
-    said = table(told([row("a step", 6.0, 4.0, "us", 5), row("a put", 1.0, 0.25, "ms", 7)])).splitlines()
-    assert said[2].split() == ["a", "step", "6.0", "us", "4.0", "us", "1.50", "+2.0", "us", "5"]
-    assert said[3].split()[-3:] == ["+0.750", "ms", "7"]
-    assert capsys.readouterr().err.splitlines() == ["measured: a step", "measured: a put"]
+    lines = table(
+        with_progress("mesh", 1, 2, [row("a step", 6.0, 4.0, "us", 5), row("a put", 1.0, 0.25, "ms", 7)])
+    ).splitlines()
+    assert lines[2].split() == ["a", "step", "6.0", "us", "4.0", "us", "1.50", "+2.0", "us", "5"]
+    assert lines[3].split()[-3:] == ["+0.750", "ms", "7"]
+    progress = capsys.readouterr().err.splitlines()
+    assert progress[0] == "[1/2] mesh ..." and [text.split(" s  ")[1] for text in progress[1:]] == ["a step", "a put"]
 
 
 def test_ours_and_floor_take_turns_and_both_are_measured():
@@ -55,14 +51,10 @@ def test_ours_and_floor_take_turns_and_both_are_measured():
     assert measured.ratio == measured.ours / measured.floor > 0
 
 
-def test_one_rule_is_measured():
-    assert pool_row("log", **QUICK).name == "pool, 4 observers, log"
-    assert pool_row("chernoff", **QUICK).name == "pool, 2 observers, chernoff"
-
-
 def test_the_fusion_step_takes_every_posterior_and_each_rule_has_its_row():
     rows = list(fusion_rows(**QUICK))
     assert len(rows) == 2 + len(RULES)
+    assert {"pool, 4 observers, log", "pool, 2 observers, chernoff"} <= {one.name for one in rows}
     assert all(one.ours > 0 and one.floor > 0 and one.n > 0 for one in rows)
 
 
@@ -87,7 +79,7 @@ def test_tracking_is_measured_on_pictures_in_which_the_hands_are_found():
 def test_a_posterior_is_judged_by_the_first_judgement_that_weighs_it_or_a_newer_one():
     scene = scene_of(2)
     referee = FusionEngine(scene.scene, list(scene.roster), NAMES, scene.fusion)
-    p = beliefs(1)[0]
+    p = random_posteriors(1)[0]
 
     def judged_at(now_ns, *heard):
         for observer, seq, captured_ns in heard:
@@ -110,19 +102,22 @@ def test_a_posterior_is_judged_by_the_first_judgement_that_weighs_it_or_a_newer_
     }
 
 
-def test_the_posteriors_are_the_same_in_every_run():
-    assert np.array_equal(beliefs(3, seed=4), beliefs(3, seed=4))
-    assert np.allclose(beliefs(5).sum(axis=1), 1.0)
+def test_the_posteriors_are_the_same_in_every_run_and_their_round_off_is_no_error():
+    assert np.array_equal(random_posteriors(3, seed=4), random_posteriors(3, seed=4))
+    # As numpy rounds on some machines: `make bench` ended with an error there.
+    p = np.array([1.0000000000000002, -1e-17, *np.zeros(18)])
+    sent = decode(PosteriorMessage, encode(message("cam1", 0, AT_NS, p)))
+    assert sent.p[:2] == [1.0, 0.0]
 
 
-def test_an_observer_on_change_says_fewer_bytes_than_one_that_says_each_frame():
+def test_an_observer_that_sends_on_change_sends_fewer_bytes():
     whole, _ = halves(recorded(None))
     person = MotionArchive(whole.body_parts, (resample(whole.recordings[0], 30.0),))
     frames = list(frames_of(person.recordings[0], NOW_NS))
     model = learned("phase", whole)
-    each, floor = told_bytes(person, frames, model, False, None)
-    some, _ = told_bytes(person, frames, model, False, 0.1)
-    with_shape, _ = told_bytes(person, frames, model, True, None)
+    each, floor = sent_bytes(person, frames, model, False, None)
+    some, _ = sent_bytes(person, frames, model, False, 0.1)
+    with_shape, _ = sent_bytes(person, frames, model, True, None)
     assert floor < each < with_shape and 0.2 * each < some < 0.8 * each
     # Eight movements; a posterior of twenty is as much larger as twelve numbers in single precision.
     assert 12 * 5 + each / len(frames) <= 250

@@ -15,19 +15,19 @@ import msgpack
 import pytest
 
 from benchmarks.transports import commands, kinds
-from benchmarks.transports.kinds import KINDS, here
+from benchmarks.transports.actors import ReceivedJudgement
+from benchmarks.transports.kinds import KINDS, AvailableKinds, available
 from benchmarks.transports.stage import LADDER_HZ, flooded, judgement, names, paced, posteriors
 from benchmarks.transports.table import (
     BEGIN,
     END,
     ROWS,
     RUNS,
-    Figure,
+    FigureRange,
     as_markdown,
     in_ms,
     latencies,
     over_rounds,
-    rewritten,
 )
 from common.messages import JudgementMessage, PosteriorMessage
 from common.wire import decode
@@ -36,7 +36,7 @@ ROOT = Path(__file__).parents[1]
 SOON_S = 60.0
 LONG = "LABANMESH_TRANSPORTS" in os.environ
 long_only = pytest.mark.skipif(not LONG, reason="many processes: make test-transports runs it")
-NO_MARKS = "the table goes between two lines that are not there:"
+NO_MARKS = "the page has no place for the table: it needs the lines"
 page = f"before\n{BEGIN}\nold\n{END}\nafter\n"
 
 
@@ -48,74 +48,50 @@ def until(condition, what, seconds=SOON_S):
     return found
 
 
-# Figures
-
-
-def test_a_put_is_answered_by_the_first_judgement_that_names_it_or_a_later_one():
+def test_latency_is_the_time_to_the_first_judgement_with_a_message_or_a_later_one():
     put_ns = {"cam1": [100, 200, 300, 400], "cam2": [150, 250]}
-    heard = [(90, {"cam1": 0}), (110, {"cam1": 1, "cam9": 7}), (320, {"cam1": 3, "cam2": 1}), (330, {"cam1": 2})]
-    # cam1's fourth and cam2's second were never answered; a murmur, 0, and an older number say nothing new.
-    assert latencies(put_ns, heard) == [10, 120, 20, 170]
+    received = [(90, {"cam1": 0}), (110, {"cam1": 1, "cam9": 7}), (320, {"cam1": 3, "cam2": 1}), (330, {"cam1": 2})]
+    # cam1's fourth and cam2's second are in no judgement; a keep-alive, 0, and an older number are nothing new.
+    assert latencies(put_ns, [ReceivedJudgement(*one) for one in received]) == [10, 120, 20, 170]
 
 
-def test_a_time_is_told_in_milliseconds_as_median_and_p99():
+def test_times_in_ms_and_ranges_over_rounds():
     assert in_ms([1_000_000 * n for n in range(101)]) == (50.0, 99.0)
-
-
-def test_over_rounds_the_median_stands_with_the_lowest_and_the_highest():
     rounds = [{"a": 3.0}, {"a": 1.0, "b": 5.0}, {"a": 2.0}]
-    assert over_rounds(rounds) == {"a": Figure(2.0, 1.0, 3.0), "b": Figure(5.0, 5.0, 5.0)}
-
-
-# What is said
+    assert over_rounds(rounds) == {"a": FigureRange(2.0, 1.0, 3.0), "b": FigureRange(5.0, 5.0, 5.0)}
 
 
 def test_what_is_put_are_posteriors_and_a_judgement_of_the_wire():
-    said = [decode(PosteriorMessage, payload) for payload in posteriors("cam2", 3)]
-    assert [(one.observer, one.seq, len(one.p)) for one in said] == [("cam2", seq, 20) for seq in range(4)]
-    assert len({tuple(one.p) for one in said}) == 4
+    messages = [decode(PosteriorMessage, payload) for payload in posteriors("cam2", 3)]
+    assert [(one.observer, one.seq, len(one.p)) for one in messages] == [("cam2", seq, 20) for seq in range(4)]
+    assert len({tuple(one.p) for one in messages}) == 4
     assert set(decode(JudgementMessage, judgement(4)).votes) == set(names(4))
-    assert "heard" not in msgpack.unpackb(judgement(4)), "the benchmark adds this key; the wire must not have it"
-
-
-# The table
+    assert "newest" not in msgpack.unpackb(judgement(4)), "the benchmark adds this key; the wire must not have it"
 
 
 def figures(name):
     """Of `name`, as if measured: every figure of the table, but a broker's where there is none."""
     keys = [row.key for row in ROWS if KINDS[name].broker or "broker" not in row.key]
-    return {key: Figure(0.5, 0.25, 0.75) for key in keys}
+    return {key: FigureRange(0.5, 0.25, 0.75) for key in keys}
 
 
 def test_the_table_has_a_column_each_and_leaves_a_cell_empty_that_one_lacks():
-    said = as_markdown({name: figures(name) for name in ("ours", "mqtt")}, "facts.", ["NATS is left out: ..."])
-    lines = said.splitlines()
+    text = as_markdown({name: figures(name) for name in ("ours", "mqtt")}, "facts.", ["NATS is left out: ..."])
+    lines = text.splitlines()
     assert lines[0] == "facts." and "- NATS is left out: ..." in lines
     assert f"- MQTT: {KINDS['mqtt'].quality}" in lines
     assert "|  | ours | MQTT |" in lines
     assert lines[-len(ROWS)] == f"| {ROWS[0].words} | 0.50 (0.25 to 0.75) | 0.50 (0.25 to 0.75) |"
     (broker,) = [line for line in lines if "CPU of the broker" in line]
     assert broker.endswith("|  | 0.5 (0.2 to 0.8) |")
-
-
-def test_a_row_that_nobody_has_is_left_out():
     assert "CPU of the broker" not in as_markdown({"ours": figures("ours")}, "", [])
-
-
-def test_every_row_is_a_figure_of_a_run():
     assert {row.key.partition("/")[0] for row in ROWS} == {run.name for run in RUNS}
-
-
-def test_only_what_stands_between_the_marks_is_written_anew():
-    assert rewritten(page, "new") == f"before\n{BEGIN}\nnew\n{END}\nafter\n"
-    assert rewritten("no marks", "new") is None
-    assert rewritten(f"{END}\n{BEGIN}", "new") is None
 
 
 def test_a_transport_that_lacks_something_is_left_out_and_says_how_to_get_it(monkeypatch):
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name == "zmq" else object())
     monkeypatch.setattr(kinds, "program", lambda name: None if name == "nats-server" else name)
-    assert here(list(KINDS)) == (
+    assert available(list(KINDS)) == AvailableKinds(
         ["ours", "zenoh", "mqtt"],
         [
             "NATS is left out: nats-server is not installed; apt-get install nats-server",
@@ -125,24 +101,24 @@ def test_a_transport_that_lacks_something_is_left_out_and_says_how_to_get_it(mon
 
 
 @pytest.mark.parametrize(
-    ("given", "said"),
+    ("arguments", "error"),
     [
         (["--only", "ours,pigeon"], "--only 'pigeon': unknown; known: ours, zenoh, mqtt, nats, zeromq"),
-        (["--page", "absent.md"], "--page absent.md: cannot be read: No such file or directory"),
+        (["--page", "absent.md"], "cannot read absent.md: no such file or directory. Choose another page with --page"),
         (["--page", "bare.md"], f"--page bare.md: {NO_MARKS} {BEGIN} and {END}"),
     ],
 )  # fmt: skip
-def test_what_cannot_be_done_is_said_before_the_work(given, said, tmp_path, monkeypatch, capsys):
+def test_bad_arguments_are_rejected_before_the_work(arguments, error, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     Path("bare.md").write_text("nothing", encoding="utf-8")
-    monkeypatch.setattr(commands, "measured", lambda *_: pytest.fail("measured all the same"))
-    assert commands.main(given) == 2
-    assert capsys.readouterr().err == f"transports: {said}\n"
+    monkeypatch.setattr(commands, "measure", lambda *_: pytest.fail("measured all the same"))
+    assert commands.main(arguments) == 2
+    assert capsys.readouterr().err == f"transports: {error}\n"
 
 
 def test_the_table_goes_into_the_page_and_the_figures_into_the_file(tmp_path, monkeypatch, capsys):
     (tmp_path / "page.md").write_text(page, encoding="utf-8")
-    monkeypatch.setattr(commands, "measured", lambda found, *_: {name: figures(name) for name in found})
+    monkeypatch.setattr(commands, "measure", lambda chosen, *_: {name: figures(name) for name in chosen})
     given = ["--only", "ours", "--json", str(tmp_path / "made" / "a.json"), "--page", str(tmp_path / "page.md")]
     assert commands.main(given) == 0
     table = capsys.readouterr().out
@@ -155,21 +131,18 @@ def test_the_table_goes_into_the_page_and_the_figures_into_the_file(tmp_path, mo
 def test_all_take_turns_and_turns_who_begins(monkeypatch):
     done = []
     monkeypatch.setattr(commands, "_once", lambda name, *_: done.append(name) or iter([{"a/b": 1.0}]))
-    assert set(commands.measured(["ours", "mqtt", "nats"], 2, 1, 1.0)) == {"ours", "mqtt", "nats"}
+    assert set(commands.measure(["ours", "mqtt", "nats"], 2, 1, 1.0)) == {"ours", "mqtt", "nats"}
     assert done == ["ours", "mqtt", "nats", "mqtt", "nats", "ours"]
 
 
-# Real processes
-
-
-def available(name):
+def require(name):
     if KINDS[name].lacks:
         pytest.skip(KINDS[name].lacks)
 
 
 @pytest.mark.parametrize("name", ["ours", *(pytest.param(n, marks=long_only) for n in KINDS if n != "ours")])
 def test_every_posterior_at_60_hz_is_judged_over_each_transport(name):
-    available(name)
+    require(name)
     found = paced(name, 2, 1, 12)
     assert found["arrived"] == 1.0
     assert 0 < found["median_ms"] <= found["p99_ms"] < 5_000
@@ -182,7 +155,7 @@ def test_every_posterior_at_60_hz_is_judged_over_each_transport(name):
 @long_only
 @pytest.mark.parametrize("name", KINDS)
 def test_as_fast_as_they_can_over_each_transport(name, monkeypatch):
-    available(name)
+    require(name)
     monkeypatch.setattr("benchmarks.transports.stage.LADDER_HZ", (500.0,))
     found = flooded(name, 2, 0.5)
     assert found["whole_hz"] in (0.0, 500.0) and LADDER_HZ[0] > 500
@@ -208,7 +181,7 @@ def alive(mark):
 @pytest.mark.parametrize("name", ["ours", "nats"])
 @pytest.mark.parametrize("end", [signal.SIGINT, signal.SIGKILL])
 def test_all_processes_end_with_the_conductor(name, end, tmp_path):
-    available(name)
+    require(name)
     mark = f"LABANMESH_MARK={uuid.uuid4()}"
     environment = os.environ | dict([mark.split("=")])
     command = [sys.executable, "-m", "benchmarks.transports", "--only", name, "--json", str(tmp_path / "a.json")]
@@ -216,14 +189,14 @@ def test_all_processes_end_with_the_conductor(name, end, tmp_path):
         command, cwd=ROOT, env=environment, stderr=subprocess.PIPE, text=True, start_new_session=True
     ) as conductor:
         wanted = 7 + bool(KINDS[name].broker)
-        until(lambda: len(alive(mark)) >= wanted, "conductor, tracker, referee, listener and publishers")
+        until(lambda: len(alive(mark)) >= wanted, "conductor, tracker, fusion, listener and publishers")
         if end == signal.SIGINT:
             # As a terminal does it: to all at once.
             os.killpg(conductor.pid, end)
         else:
             conductor.kill()
-        _, said = conductor.communicate(timeout=SOON_S)
-    assert conductor.returncode == (130 if end == signal.SIGINT else -signal.SIGKILL), said
+        _, errors = conductor.communicate(timeout=SOON_S)
+    assert conductor.returncode == (130 if end == signal.SIGINT else -signal.SIGKILL), errors
     until(lambda: not alive(mark), lambda: alive(mark))
-    # Of a conductor that was killed nobody can tell the others to be quiet.
-    assert end == signal.SIGKILL or "Traceback" not in said
+    # A killed conductor cannot silence the others.
+    assert end == signal.SIGKILL or "Traceback" not in errors

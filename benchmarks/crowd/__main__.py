@@ -1,33 +1,33 @@
-"""`python -m benchmarks.crowd`: a thousand SIMULATED observers before real fusion processes, told every ten seconds."""
+"""`python -m benchmarks.crowd`: a thousand SIMULATED observers and real fusion processes, with progress."""
 
-import argparse
 import sys
 import tempfile
 from pathlib import Path
+from typing import Annotated
 
-from benchmarks.crowd.trial import Plan, run
-from common.errors import LabanmeshError
+import typer
+
+from benchmarks.command_line import run_command
+from benchmarks.crowd.trial import CrowdPlan, run_trial
 
 
-def main() -> int:
-    """Runs it and prints what came of it; exit status 1 when a verdict was lost or doubled."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.crowd", description=__doc__)
-    parser.add_argument("--scenes", type=int, default=250, help="each with four observers (default 250)")
-    parser.add_argument("--rate", type=float, default=30.0, help="posteriors a second of each observer (default 30)")
-    parser.add_argument("--minutes", type=float, default=10.0)
-    parser.add_argument("--processes", type=int, default=1, help="fusion processes that share the scenes (default 1)")
-    parser.add_argument("--kill", action="store_true", help="kill one in the middle, and start another later")
-    given = parser.parse_args()
-    plan = Plan(given.scenes, given.rate, given.minutes * 60, given.processes, given.kill)
-    try:
-        with tempfile.TemporaryDirectory() as folder:
-            outcome = run(plan, Path(folder), lambda line: print(line, file=sys.stderr, flush=True))
-    except LabanmeshError as error:
-        print(f"crowd: {error}", file=sys.stderr)
-        return error.exit_status
-    print(outcome.table())
-    return 0 if outcome.whole else 1
+def crowd(
+    scenes: Annotated[int, typer.Option(min=1, help="Scenes, with four observers each.")] = 250,
+    rate: Annotated[float, typer.Option(min=0.1, help="Posteriors per second of each observer.")] = 30.0,
+    minutes: Annotated[float, typer.Option(min=0.01, help="Duration after the warm-up.")] = 10.0,
+    processes: Annotated[int, typer.Option(min=1, max=15, help="Fusion processes that share the scenes.")] = 1,
+    kill: Annotated[bool, typer.Option("--kill", help="Kill one process halfway and start another later.")] = False,
+) -> int:
+    """Run the crowd and print its result; exit status 1 when a verdict was lost or published twice.
+
+    Example: python -m benchmarks.crowd --scenes 125 --minutes 0.4 --processes 2
+    """
+    plan = CrowdPlan(scenes, rate, minutes * 60, processes, kill)
+    with tempfile.TemporaryDirectory() as folder:
+        result = run_trial(plan, Path(folder), lambda line: print(line, file=sys.stderr, flush=True))
+    print(result.table())
+    return 0 if result.whole else 1
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(run_command(crowd, "crowd"))

@@ -1,15 +1,19 @@
-"""SIMULATED observers on a real mesh: they publish posteriors and receive judgements and verdicts."""
+"""SIMULATED observers on a real mesh: they publish posteriors and receive judgements and verdicts.
+
+In each scene a person rests and moves by turns: PERIOD_S from one movement to the next, of which MOVING_S are movement.
+The scenes are shifted against each other. The observers agree on the movement, each a little less certain than the one
+before. Nobody moves, but the messages are real.
+"""
 
 import time
 from collections import Counter
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from difflib import SequenceMatcher
 
 import msgpack
 import numpy as np
 
-from common.inbox import Inbox
+from common import SECOND_NS
 from common.keys import SceneKeys
 from common.link import Link, Publisher
 from common.messages import PosteriorMessage, VocabularyReference
@@ -17,83 +21,80 @@ from common.vocabulary import Vocabulary
 from common.wire import encode
 
 NAMES = Vocabulary(tuple(f"movement_{n}" for n in range(20)), "crowd")
-REFERENCE = VocabularyReference(name=NAMES.name, hash=NAMES.digest)
-JUDGES = 4
+OBSERVERS = 4
+"""In each scene."""
 PERIOD_S, MOVING_S = 4.0, 2.0
+SLOTS = 8
+"""Parts of a frame interval; a share of the observers publishes in each, because cameras are not synchronised."""
 SEQ, CAPTURED, SENT = 0x7E5E0001, 0x7E5E00020A0B0C0D, 0x7E5E00030A0B0C0D
-"""Places in the bytes where the numbers of each message are put in; no float of a belief has these bytes."""
+"""Placeholders in the bytes of a message for its number and times; no probability has these bytes."""
+
+
+def scene_name(number: int) -> str:
+    """The name of a scene of the crowd."""
+    return f"home{number:04d}"
 
 
 @dataclass(frozen=True, slots=True)
-class Movement:
-    """What is done in a scene: its number from the start, its label, and whether he moves now."""
+class SimulatedMovement:
+    """The movement of a scene: its number from the start, its label, and whether the person moves now."""
 
     number: int
     label: str
     moving: bool
 
 
-def movement(scene: int, scenes: int, elapsed_s: float) -> Movement:
-    """What is done in scene number `scene` of `scenes` at `elapsed_s`; he begins each period at rest."""
+def movement_at(scene: int, scenes: int, elapsed_s: float) -> SimulatedMovement:
+    """The movement in scene number `scene` of `scenes` at `elapsed_s`; each period begins with rest."""
     shifted = elapsed_s / PERIOD_S + scene / scenes
     number = int(shifted)
     moving = (shifted - number) * PERIOD_S >= PERIOD_S - MOVING_S
-    return Movement(number, NAMES.labels[(scene * 7 + number * 3) % NAMES.size], moving)
+    return SimulatedMovement(number, NAMES.labels[(scene * 7 + number * 3) % NAMES.size], moving)
 
 
-class Saying:
-    """A message of which only numbers and times change: made once, then filled in."""
+class PosteriorTemplate:
+    """An encoded posterior in which only number and times change. label: the movement, None for rest."""
 
-    def __init__(self, scene: str, observer: str, p: list[float], rest: float) -> None:
-        told = PosteriorMessage(
+    def __init__(self, scene: str, observer: int, label: str | None) -> None:
+        p = np.full(NAMES.size, 1.0)
+        if label is not None:
+            p[NAMES.index(label)] = 400.0 / (1 + observer)
+        message = PosteriorMessage(
             scene=scene,
-            observer=observer,
+            observer=f"cam{observer}",
             seq=SEQ,
             session="crowd",
             captured_ns=CAPTURED,
             sent_ns=SENT,
-            vocabulary=REFERENCE,
-            p=p,
-            rest=rest,
+            vocabulary=VocabularyReference(name=NAMES.name, hash=NAMES.digest),
+            p=(p / p.sum()).tolist(),
+            rest=0.95 if label is None else 0.03,
             frames=100,
             visible={"left_hand": True, "right_hand": True, "head": True},
         )
-        whole = encode(told)
-        places = [whole.index(number.to_bytes(size)) for number, size in ((SEQ, 4), (CAPTURED, 8), (SENT, 8))]
-        seq, captured, sent = places
+        whole = encode(message)
+        seq, captured, sent = (whole.index(n.to_bytes(size)) for n, size in ((SEQ, 4), (CAPTURED, 8), (SENT, 8)))
         self._parts = whole[:seq], whole[seq + 4 : captured], whole[captured + 8 : sent], whole[sent + 8 :]
 
     def at(self, seq: int, captured_ns: int) -> bytes:
-        """The message number `seq` of this session, captured and sent at that time."""
+        """Message number `seq`, captured and sent at that time."""
         time_bytes = captured_ns.to_bytes(8)
         one, two, three, four = self._parts
-        # As wide as its place: numbers below 2**16 would be shorter in MessagePack.
+        # As wide as its placeholder: MessagePack encodes numbers below 2**16 in fewer bytes.
         return one + (seq + 0x10000).to_bytes(4) + two + time_bytes + three + time_bytes + four
 
 
-def belief(label: str | None, judge: int) -> tuple[list[float], float]:
-    """(p, rest) of judge number `judge` when `label` is done; None: nothing yet."""
-    p = np.full(NAMES.size, 1.0)
-    if label is not None:
-        p[NAMES.index(label)] = 400.0 / (1 + judge)
-    return (p / p.sum()).tolist(), 0.95 if label is None else 0.03
-
-
-SLOTS = 8
-"""So many times per frame interval a share of the observers speaks: cameras are not in step."""
-
-
-def scene_name(number: int) -> str:
-    """Scenes of a crowd are numbered."""
-    return f"home{number:04d}"
+def templates(scene: str, label: str | None) -> list[PosteriorTemplate]:
+    """The messages of a scene's observers while `label` is performed, or at rest."""
+    return [PosteriorTemplate(scene, observer, label) for observer in range(OBSERVERS)]
 
 
 @dataclass(slots=True)
-class Account:
-    """What came of it. ages_s: of judgements when they came, since the newest frame that they rest on.
+class CrowdCounts:
+    """Counts of a run. ages_s: age of the newest frame in each judgement when it arrives.
 
-    done: by scene, the labels of the movements that are over; ended: those of the verdicts whose end was said; told:
-    how often that was, by the verdict's id. late_s: how far the crowd itself was behind at most.
+    done: by scene, the labels of the movements that are over; ended: those of the ended verdicts; endings: how often
+    each verdict id ended. late_s: the crowd's own greatest delay.
     """
 
     put: int = 0
@@ -101,23 +102,23 @@ class Account:
     ages_s: list[float] = field(default_factory=list)
     done: dict[str, list[str]] = field(default_factory=dict)
     ended: dict[str, list[str]] = field(default_factory=dict)
-    told: Counter[str] = field(default_factory=Counter)
+    endings: Counter[str] = field(default_factory=Counter)
     late_s: float = 0.0
 
     @property
     def movements(self) -> int:
-        """How many are over."""
+        """Movements that are over."""
         return sum(map(len, self.done.values()))
 
     @property
     def right(self) -> int:
-        """Verdicts with the label of the movement that is over, in order: each counts once."""
-        return sum(_in_order(done, self.ended.get(scene, [])) for scene, done in self.done.items())
+        """Verdicts with the label of a movement, in order, each counted once: the longest common subsequence."""
+        return sum(_common(done, self.ended.get(scene, [])) for scene, done in self.done.items())
 
     @property
     def doubled(self) -> int:
-        """Ends that were said more often than once."""
-        return sum(count - 1 for count in self.told.values())
+        """Endings published more than once."""
+        return sum(count - 1 for count in self.endings.values())
 
 
 class Crowd:
@@ -126,86 +127,76 @@ class Crowd:
     def __init__(self, link: Link, scenes: int, rate_hz: float) -> None:
         self._scenes, self._rate_hz = scenes, rate_hz
         keys = [SceneKeys(scene_name(n)) for n in range(scenes)]
-        self._voices: list[list[Publisher]] = [
-            [link.publisher(key.posterior(f"cam{judge}")) for judge in range(JUDGES)] for key in keys
-        ]
+        ids = [f"cam{observer}" for observer in range(OBSERVERS)]
+        self._publishers: list[list[Publisher]] = [[link.publisher(key.posterior(i)) for i in ids] for key in keys]
         for key in keys:
-            for judge in range(JUDGES):
-                link.announce(key.observer_alive(f"cam{judge}"))
-        self._sayings: list[tuple[Movement, list[Saying]] | None] = [None] * scenes
-        self._seq, self._still, self._spoken_s = 0, False, 0.0
-        # Polled: a thread that waits for its turn beside this busy one would take what comes for older than it is.
-        self._ears = link.sub_session(polled=True)
-        self._box: Inbox = self._ears.inbox("laban/*/judgement", limit=1_000_000)
-        self._verdicts: Inbox = self._ears.inbox("laban/*/verdict", limit=1_000_000)
-        self.account = Account()
+            for i in ids:
+                link.announce(key.observer_alive(i))
+        self._current: list[tuple[SimulatedMovement, list[PosteriorTemplate]] | None] = [None] * scenes
+        self._seq, self._settling, self._published_s = 0, False, 0.0
+        # Polled: a thread that competes with this busy one would make messages look older than they are.
+        self._session = link.sub_session(polled=True)
+        self._judgements = self._session.inbox("laban/*/judgement", limit=1_000_000)
+        self._verdicts = self._session.inbox("laban/*/verdict", limit=1_000_000)
+        self.counts = CrowdCounts()
 
     def ready(self, timeout_s: float) -> bool:
-        """Whether somebody listens to every observer."""
-        return all(voice.wait_for_subscriber(timeout_s) for voices in self._voices for voice in voices)
+        """Whether every observer has a subscriber."""
+        return all(own.wait_for_subscriber(timeout_s) for publishers in self._publishers for own in publishers)
 
-    def speak(self, seconds: float, each_second: Callable[[], None] = lambda: None) -> None:
-        """Play for so long."""
+    def publish(self, seconds: float) -> None:
+        """Publish and receive for that long."""
         slot_s = 1 / self._rate_hz / SLOTS
-        begun_s = due_s = told_s = time.monotonic()
+        begun_s = due_s = time.monotonic()
         end_s = due_s + seconds
         while due_s < end_s:
             self._seq += 1
             for slot in range(SLOTS):
                 now_s = time.monotonic()
                 for scene in range(slot, self._scenes, SLOTS):
-                    self._say(scene, self._spoken_s + now_s - begun_s)
-                self._listen()
+                    self._publish(scene, self._published_s + now_s - begun_s)
+                self._receive()
                 due_s += slot_s
                 left_s = due_s - time.monotonic()
-                self.account.late_s = max(self.account.late_s, -left_s)
+                self.counts.late_s = max(self.counts.late_s, -left_s)
                 if left_s > 0:
                     time.sleep(left_s)
-            if due_s - told_s >= 1:
-                told_s = due_s
-                each_second()
-        self._spoken_s += seconds
+        self._published_s += seconds
 
     def settle(self, seconds: float) -> None:
-        """Everybody comes to rest, until the last verdicts have come."""
-        self._still = True
-        self.speak(seconds)
+        """Let all movements end, and receive the last verdicts."""
+        self._settling = True
+        self.publish(seconds)
 
-    def _say(self, scene: int, elapsed_s: float) -> None:
-        now, before = movement(scene, self._scenes, elapsed_s), self._sayings[scene]
-        if self._still and (before is None or before[0] != now):
-            # Who moves moves on to his end; nobody begins.
+    def _publish(self, scene: int, elapsed_s: float) -> None:
+        now, current = movement_at(scene, self._scenes, elapsed_s), self._current[scene]
+        if self._settling and (current is None or current[0] != now):
+            # A movement that goes on ends; none begins.
             now = replace(now, moving=False)
-        if before is None or before[0] != now:
+        if current is None or current[0] != now:
             name = scene_name(scene)
-            if before is not None and before[0].moving:
-                self.account.done.setdefault(name, []).append(before[0].label)
-            self._sayings[scene] = before = now, _sayings(name, now)
-        for voice, saying in zip(self._voices[scene], before[1], strict=True):
-            voice.put(saying.at(self._seq, time.time_ns()))
-        self.account.put += JUDGES
+            if current is not None and current[0].moving:
+                self.counts.done.setdefault(name, []).append(current[0].label)
+            self._current[scene] = current = now, templates(name, now.label if now.moving else None)
+        for publisher, template in zip(self._publishers[scene], current[1], strict=True):
+            publisher.put(template.at(self._seq, time.time_ns()))
+        self.counts.put += OBSERVERS
 
-    def _listen(self) -> None:
-        self._ears.poll()
-        for arrival in self._box.take(0):
-            said = msgpack.unpackb(arrival.payload)
-            ages = [vote["age_s"] for vote in said["votes"].values() if vote["age_s"] is not None]
-            self.account.judgements += 1
+    def _receive(self) -> None:
+        self._session.poll()
+        for arrival in self._judgements.take(0):
+            judgement = msgpack.unpackb(arrival.payload)
+            ages = [vote["age_s"] for vote in judgement["votes"].values() if vote["age_s"] is not None]
+            self.counts.judgements += 1
             if ages:
-                self.account.ages_s.append((arrival.arrived_ns - said["at_ns"]) / 1e9 + min(ages))
+                self.counts.ages_s.append((arrival.arrived_ns - judgement["at_ns"]) / SECOND_NS + min(ages))
         for arrival in self._verdicts.take(0):
-            said = msgpack.unpackb(arrival.payload)
-            if said["ended_ns"] is not None:
-                self.account.told[said["id"]] += 1
-                self.account.ended.setdefault(said["scene"], []).append(said["label"])
+            verdict = msgpack.unpackb(arrival.payload)
+            if verdict["ended_ns"] is not None:
+                self.counts.endings[verdict["id"]] += 1
+                self.counts.ended.setdefault(verdict["scene"], []).append(verdict["label"])
 
 
-def _sayings(scene: str, now: Movement) -> list[Saying]:
-    told = [belief(now.label if now.moving else None, judge) for judge in range(JUDGES)]
-    return [Saying(scene, f"cam{judge}", p, rest) for judge, (p, rest) in enumerate(told)]
-
-
-def _in_order(done: list[str], ended: list[str]) -> int:
-    """How many of `done` come in `ended` in their order: the longest common subsequence."""
+def _common(done: list[str], ended: list[str]) -> int:
     matcher = SequenceMatcher(None, done, ended, autojunk=False)
     return sum(block.size for block in matcher.get_matching_blocks())

@@ -13,24 +13,28 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.crowd.crowd import JUDGES, MOVING_S, NAMES, Account, Crowd, scene_name
-from benchmarks.timing import Row, row
+from benchmarks.crowd.crowd import MOVING_S, NAMES, OBSERVERS, Crowd, CrowdCounts, scene_name
+from benchmarks.timing import BenchmarkRow, row
 from common.config import MeshConfig
 from common.errors import LabanmeshError
 from common.link import Link
+from common.text import plural
 
 WARM_UP_S = 8.0
 SETTLE_S = MOVING_S + 1.5
-"""How long everybody takes to come to rest at the end, and the last verdicts to come."""
-SOON_S = 60.0
+"""How long movements take to end, and the last verdicts to arrive."""
+START_TIMEOUT_S = 60.0
 TICKS_S = 1 / os.sysconf("SC_CLK_TCK")
 PAGE = os.sysconf("SC_PAGE_SIZE")
-IDS = tuple(f"referee{n}" for n in range(16))
+IDS = tuple(f"fusion{n}" for n in range(16))
+BENCH_SECONDS = 10.0
+FEW, MANY = 1, 250
+"""Scenes of the rows of `make bench`."""
 
 
 @dataclass(frozen=True, slots=True)
-class Plan:
-    """What to try, for how long after the warm-up. kill: kill one process in the middle, start another soon after."""
+class CrowdPlan:
+    """Scenes, rate of each observer, seconds after the warm-up. kill: kill one process halfway, start another later."""
 
     scenes: int
     rate_hz: float
@@ -41,8 +45,8 @@ class Plan:
 
 
 @dataclass(slots=True)
-class Process:
-    """One fusion process, and what /proc says of it."""
+class FusionProcess:
+    """One fusion process, and its costs as read from /proc."""
 
     name: str
     popen: subprocess.Popen[bytes]
@@ -54,53 +58,51 @@ class Process:
     @property
     def cpu_s(self) -> float:
         """User and system time of all its threads since its start."""
-        fields = Path(f"/proc/{self.popen.pid}/stat").read_text().rpartition(")")[2].split()
-        return (int(fields[11]) + int(fields[12])) * TICKS_S
+        return cpu_seconds(self.popen.pid)
 
     @property
     def resident(self) -> int:
-        """Bytes in memory now."""
+        """Resident memory in bytes."""
         return int(Path(f"/proc/{self.popen.pid}/statm").read_text().split()[1]) * PAGE
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
-    """What came of it. seconds: of the part that was measured."""
+class CrowdResult:
+    """The counts of a trial; put, seconds: of the measured part."""
 
-    plan: Plan
-    account: Account
+    plan: CrowdPlan
+    counts: CrowdCounts
     put: int
     seconds: float
-    processes: Sequence[Process] = field(default_factory=list)
+    processes: Sequence[FusionProcess] = field(default_factory=list)
 
     @property
     def whole(self) -> bool:
-        """Every movement has its one verdict."""
-        return self.account.right == self.account.movements and self.account.doubled == 0
+        """Whether every movement has its one verdict."""
+        return self.counts.right == self.counts.movements and self.counts.doubled == 0
 
     @property
     def cpu_per_posterior_us(self) -> float:
-        """Of all fusion processes together, judging and saying included."""
+        """Of all fusion processes together, judging and publishing included."""
         return sum(p.ended_cpu_s - p.begun_cpu_s for p in self.processes) / max(self.put, 1) * 1e6
 
     @property
     def age_p99_ms(self) -> float:
-        """Of judgements when they came, since the newest frame that they rest on."""
-        return float(np.percentile(self.account.ages_s or [0.0], 99)) * 1e3
+        """99th percentile of the age of the newest frame in a judgement when it arrives."""
+        return float(np.percentile(self.counts.ages_s or [0.0], 99)) * 1e3
 
     def table(self) -> str:
-        """For people."""
-        ages = np.array(self.account.ages_s or [0.0]) * 1e3
-        median, p99 = np.percentile(ages, 50), self.age_p99_ms
+        """The result for people."""
+        counts, ages = self.counts, np.array(self.counts.ages_s or [0.0]) * 1e3
+        scenes = plural(self.plan.scenes, "scene")
         lines = [
-            f"SIMULATED: {self.plan.scenes * JUDGES} observers of {self.plan.scenes} scenes, {self.plan.rate_hz:g} Hz",
-            f"posteriors     {self.put / self.seconds:,.0f} a second for {self.seconds:.0f} s",
-            f"judgements     {self.account.judgements / self.seconds:,.0f} a second; "
-            f"age when they come: median {median:.1f} ms, p99 {p99:.1f} ms, most {ages.max():.0f} ms",
-            f"movements      {self.account.movements}, of which {self.account.right} with their verdict; "
-            f"{self.account.doubled} said twice",
-            f"per posterior  {self.cpu_per_posterior_us:.1f} us of a core, judging and saying included",
-            f"the crowd      at most {self.account.late_s * 1e3:.0f} ms late itself",
+            f"SIMULATED: {self.plan.scenes * OBSERVERS} observers in {scenes}, {self.plan.rate_hz:g} Hz",
+            f"posteriors     {self.put / self.seconds:,.0f} per second for {self.seconds:.0f} s",
+            f"judgements     {counts.judgements / self.seconds:,.0f} per second; age on arrival: "
+            f"median {np.percentile(ages, 50):.1f} ms, p99 {self.age_p99_ms:.1f} ms, greatest {ages.max():.0f} ms",
+            f"movements      {counts.movements}, {counts.right} with their verdict, {counts.doubled} with two",
+            f"per posterior  {self.cpu_per_posterior_us:.1f} us of a core, judging and publishing included",
+            f"the crowd      at most {counts.late_s * 1e3:.0f} ms late itself",
         ]
         for process in self.processes:
             share = (process.ended_cpu_s - process.begun_cpu_s) / self.seconds
@@ -111,106 +113,107 @@ class Outcome:
         return "\n".join(lines)
 
 
-def run(plan: Plan, folder: Path, tell: Callable[[str], None]) -> Outcome:
-    """Play it; raises LabanmeshError when the processes do not meet."""
+def rows(seconds: float = BENCH_SECONDS) -> Iterator[BenchmarkRow]:
+    """Processor time per posterior and p99 age of judgements, with a thousand observers against four."""
+    few, many = (_bench_trial(scenes, seconds) for scenes in (FEW, MANY))
+    observers = f"{MANY * OBSERVERS} observers, floor: {FEW * OBSERVERS}"
+    yield row(f"one posterior, {observers}", many.cpu_per_posterior_us, few.cpu_per_posterior_us, "us", 1)
+    yield row(f"age of a judgement, p99, {observers}", many.age_p99_ms, few.age_p99_ms, "ms", 1)
+
+
+def _bench_trial(scenes: int, seconds: float) -> CrowdResult:
+    with tempfile.TemporaryDirectory() as folder:
+        return run_trial(CrowdPlan(scenes, 30.0, seconds), Path(folder), lambda line: None)
+
+
+def run_trial(plan: CrowdPlan, folder: Path, report: Callable[[str], None]) -> CrowdResult:
+    """Run a trial and report its progress; raises LabanmeshError when the processes do not connect."""
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     write_scenes(folder, plan.scenes, endpoint)
     with ExitStack() as stack:
         running = [stack.enter_context(started(folder, name)) for name in IDS[: plan.processes]]
         link = stack.enter_context(Link.open(MeshConfig(endpoint=endpoint), "observer"))
         crowd = Crowd(link, plan.scenes, plan.rate_hz)
-        if not crowd.ready(SOON_S):
-            raise LabanmeshError("the fusion processes did not listen to all observers within a minute")
-        tell(f"{plan.scenes * JUDGES} observers are heard")
-        crowd.speak(plan.warm_up_s)
+        if not crowd.ready(START_TIMEOUT_S):
+            raise LabanmeshError(f"not all observers found a fusion process within {START_TIMEOUT_S:g} s")
+        report(f"{plan.scenes * OBSERVERS} observers are connected")
+        crowd.publish(plan.warm_up_s)
         begun_s = time.monotonic()
-        # The first movements began while nobody judged yet.
-        crowd.account = Account()
+        # The first movements began before fusion was ready.
+        crowd.counts = CrowdCounts()
         for process in running:
             process.begun_cpu_s = process.cpu_s
         for part in range(10):
             if plan.kill and part == 5:
                 running[-1].popen.kill()
-                tell(f"killed {running.pop().name}")
+                report(f"killed {running.pop().name}")
             if plan.kill and part == 7:
                 running.append(stack.enter_context(started(folder, IDS[plan.processes])))
-                tell(f"started {running[-1].name}")
-            crowd.speak(plan.seconds / 10)
+                report(f"started {running[-1].name}")
+            crowd.publish(plan.seconds / 10)
             for process in running:
                 process.first_bytes = process.first_bytes or process.resident
-            tell(_line(crowd.account, running, begun_s))
+            report(_progress(crowd.counts, running, time.monotonic() - begun_s))
         for process in running:
             process.ended_cpu_s, process.last_bytes = process.cpu_s, process.resident
-        put, seconds = crowd.account.put, time.monotonic() - begun_s
-        judgements, late_s = crowd.account.judgements, crowd.account.late_s
+        put, seconds = crowd.counts.put, time.monotonic() - begun_s
+        judgements, late_s = crowd.counts.judgements, crowd.counts.late_s
         crowd.settle(SETTLE_S)
-        crowd.account.judgements, crowd.account.late_s = judgements, late_s
-        return Outcome(plan, crowd.account, put, seconds, running)
+        crowd.counts.judgements, crowd.counts.late_s = judgements, late_s
+        return CrowdResult(plan, crowd.counts, put, seconds, running)
+
+
+def _progress(counts: CrowdCounts, running: Sequence[FusionProcess], elapsed_s: float) -> str:
+    memory = ", ".join(f"{process.name} {process.resident / 1e6:.0f} MB" for process in running)
+    recent_ms = np.array(counts.ages_s[-20_000:] or [0.0]) * 1e3
+    return (
+        f"{elapsed_s:5.0f} s: {counts.put} posteriors, {counts.movements} movements, {counts.right} verdicts, "
+        f"age p99 {np.percentile(recent_ms, 99):.1f} ms; {memory}"
+    )
 
 
 def free_port() -> int:
-    """A port on this machine that nobody listens on now."""
+    """A TCP port that is free on this machine now."""
     with socket.socket() as opened:
         opened.bind(("127.0.0.1", 0))
         return int(opened.getsockname()[1])
 
 
+def cpu_seconds(pid: int | None) -> float:
+    """User and system time of a process, all threads."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) * TICKS_S
+
+
 def write_scenes(folder: Path, scenes: int, endpoint: str) -> None:
-    """A scene file for each."""
+    """Write one scene file per scene."""
     labels = ", ".join(f'"{label}"' for label in NAMES.labels)
-    judges = "".join(f'[observers.cam{judge}]\nsource = "simulated"\n' for judge in range(JUDGES))
+    observers = "".join(f'[observers.cam{n}]\nsource = "simulated"\n' for n in range(OBSERVERS))
     for number in range(scenes):
         name = scene_name(number)
         text = f'scene = "{name}"\nvocabulary = [{labels}]\nvocabulary_name = "{NAMES.name}"\n'
         mesh = f'[mesh]\nendpoint = "{endpoint}"\n[fusion]\nid = "{IDS[0]}"\n'
-        (folder / f"{name}.toml").write_text(text + mesh + judges)
+        (folder / f"{name}.toml").write_text(text + mesh + observers)
 
 
 @contextmanager
-def started(folder: Path, name: str) -> Iterator[Process]:
-    """A fusion process of all the scenes in the folder, ended with the context."""
+def started(folder: Path, name: str) -> Iterator[FusionProcess]:
+    """A fusion process of all scenes in the folder; it ends with the context."""
     command = [str(Path(sys.executable).with_name("labanmesh")), "fuse", str(folder), "--id", name]
-    environment = {
-        **os.environ,
-        "LABANMESH_LOG": os.environ.get("LABANMESH_LOG", "warning"),
-        "OMP_NUM_THREADS": "1",
-        "OPENBLAS_NUM_THREADS": "1",
-    }
+    defaults = {"LABANMESH_LOG": os.environ.get("LABANMESH_LOG", "warning")}
+    environment = {**os.environ, **defaults, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
     popen = subprocess.Popen(command, env=environment)  # noqa: S603 - our own command
     try:
-        yield Process(name, popen)
+        yield FusionProcess(name, popen)
     finally:
-        popen.terminate()
-        try:
-            popen.wait(10)
-        except subprocess.TimeoutExpired:
-            popen.kill()
-            popen.wait()
+        stop_process(popen)
 
 
-def _line(account: Account, running: Sequence[Process], begun_s: float) -> str:
-    told = ", ".join(f"{process.name} {process.resident / 1e6:.0f} MB" for process in running)
-    recent = np.array(account.ages_s[-20_000:] or [0.0]) * 1e3
-    return (
-        f"{time.monotonic() - begun_s:5.0f} s: {account.put} posteriors, {account.movements} movements, "
-        f"{account.right} verdicts, age p99 {np.percentile(recent, 99):.1f} ms; {told}"
-    )
-
-
-SECONDS = 10.0
-FEW, MANY = 1, 250
-"""Scenes, of four observers each."""
-
-
-def rows(seconds: float = SECONDS) -> Iterator[Row]:
-    """Processor time of the fusion process for each posterior, and how old judgements are at the 99th percentile."""
-    few, many = (_run(scenes, seconds) for scenes in (FEW, MANY))
-    observers = f"{many[2]} observers, floor: {few[2]}"
-    yield row(f"one posterior, {observers}", many[0], few[0], "us", 1)
-    yield row(f"age of a judgement, p99, {observers}", many[1], few[1], "ms", 1)
-
-
-def _run(scenes: int, seconds: float) -> tuple[float, float, int]:
-    with tempfile.TemporaryDirectory() as folder:
-        outcome = run(Plan(scenes, 30.0, seconds), Path(folder), lambda line: None)
-    return outcome.cpu_per_posterior_us, outcome.age_p99_ms, scenes * JUDGES
+def stop_process(process: subprocess.Popen[bytes], timeout_s: float = 10.0) -> None:
+    """Terminate a process, kill it after the timeout, and wait for its end."""
+    process.terminate()
+    try:
+        process.wait(timeout_s)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()

@@ -1,1 +1,1 @@
-"""The cost of growth: fusion processes simulated from measured costs, by factors of ten (docs/design/scale.md)."""
+"""What it costs to grow: fusion processes simulated from measured costs, and homes by factors of ten."""

@@ -1,64 +1,62 @@
-"""The verb `scale`: what it costs to grow, from what was measured here and what you assume."""
+"""`python -m benchmarks.scale`: what it costs to grow, from the measured costs and your assumptions."""
 
+import sys
 from dataclasses import fields, replace
 from importlib.resources import files
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
+from benchmarks.command_line import replace_table, run_command
+from benchmarks.scale.homes import Assumptions
+from benchmarks.scale.measured import Measured, parse_measured
+from benchmarks.scale.process import Load
+from benchmarks.scale.table import FACTORS, ScaleInputs, marks, tables
 from common.errors import BadInput
-
-if TYPE_CHECKING:
-    from benchmarks.scale.measured import Measured
+from studies.report import write_text
 
 MEASURED = "measured.json"
 
 
 def scale(
-    homes: Annotated[str, typer.Option(help="How many, by commas; by default 1 to 1,000,000.")] = "",
-    rate: Annotated[float, typer.Option(min=0.1, help="Posteriors a second of each observer in a home.")] = 30.0,
-    step_hz: Annotated[float, typer.Option(min=0.1, help="Judgements a second of each scene.")] = 10.0,
+    homes: Annotated[str, typer.Option(help="Numbers of homes separated by commas; default: 1 to 1,000,000.")] = "",
+    rate: Annotated[float, typer.Option(min=0.1, help="Posteriors per second of each observer in a home.")] = 30.0,
+    step_hz: Annotated[float, typer.Option(min=0.1, help="Judgements per second of each scene.")] = 10.0,
     assume: Annotated[
         list[str] | None,
-        typer.Option(metavar="NAME=NUMBER", help="Another price or habit, e.g. core_hour=0.03; repeat."),
+        typer.Option(metavar="NAME=NUMBER", help="Another price or habit, e.g. core_hour=0.03; may be repeated."),
     ] = None,
     measured: Annotated[
-        Path | None, typer.Option(help="What python -m benchmarks.scale.measure --write has written.")
+        Path | None, typer.Option(help="A file that python -m benchmarks.scale.measure --write has written.")
     ] = None,
-    page: Annotated[Path | None, typer.Option(help="A page in markdown whose tables are written anew.")] = None,
+    page: Annotated[Path | None, typer.Option(help="A markdown page whose tables are replaced.")] = None,
 ) -> None:
-    """Fusion processes simulated from measured costs; homes by factors of ten: processes, cores, bytes, money.
+    """Simulate fusion processes from measured costs; homes by factors of ten: processes, cores, bytes, money.
 
     Example: python -m benchmarks.scale
 
     Example: python -m benchmarks.scale --homes 40,400 --assume core_hour=0.03 --assume support_min=5
     """
-    from benchmarks.scale.homes import Assumed
-    from benchmarks.scale.process import Load
-    from benchmarks.scale.table import FACTORS, Question, tables
-
-    assumed = replace(Assumed(), **dict(_assumption(text) for text in assume or ()))
+    assumed = replace(Assumptions(), **dict(_assumption(text) for text in assume or ()))
     load = Load(rate_hz=rate, step_hz=step_hz)
-    made = tables(Question(_measured(measured), assumed, load, _counts(homes) or FACTORS))
+    made = tables(ScaleInputs(_measured(measured), assumed, load, _counts(homes) or FACTORS))
     if page:
-        write(page, made)
+        write_tables(page, made)
     else:
         print("\n\n".join(made.values()))
 
 
-def _measured(path: Path | None) -> "Measured":
-    from benchmarks.scale.measured import parsed
-
+def _measured(path: Path | None) -> Measured:
     place = path or files("benchmarks.scale") / MEASURED
     try:
-        return parsed(place.read_text(encoding="utf-8"))
+        return parse_measured(place.read_text(encoding="utf-8"))
     except OSError as error:
-        raise BadInput(f"{place}: cannot be read: {error.strerror}") from None
+        raise BadInput(f"cannot read {place}: {(error.strerror or str(error)).lower()}. Choose another file") from None
     except (ValueError, KeyError, TypeError) as error:
         raise BadInput(
-            f"{place}: not what was measured ({type(error).__name__}: {error}); python -m benchmarks.scale.measure "
-            "--write FILE writes it"
+            f"{place}: not a file of measurements ({type(error).__name__}: {error}); python -m benchmarks.scale.measure "
+            "--write FILE writes one"
         ) from None
 
 
@@ -68,41 +66,35 @@ def _counts(text: str) -> tuple[int, ...]:
     except ValueError:
         counts = (0,)
     if any(count < 1 for count in counts):
-        raise BadInput(f"--homes {text!r}: whole numbers above 0 by commas, as 1,10,100")
+        raise BadInput(f"--homes {text!r}: expected whole numbers above 0 separated by commas, as 1,10,100")
     return counts
 
 
 def _assumption(text: str) -> tuple[str, float]:
-    from benchmarks.scale.homes import Assumed
-
     name, _, number = text.partition("=")
-    known = [field.name for field in fields(Assumed)]
+    known = [field.name for field in fields(Assumptions)]
     try:
         value = float(number)
     except ValueError:
         value = -1.0
     if name not in known or not 0 <= value < float("inf"):
-        raise BadInput(f"--assume {text!r}: NAME=NUMBER, not below 0; names: {', '.join(known)}")
+        raise BadInput(f"--assume {text!r}: expected NAME=NUMBER, not below 0; names: {', '.join(known)}")
     if name == "cell" and value < 1:
-        raise BadInput(f"--assume {text!r}: a cell has one home at least")
+        raise BadInput(f"--assume {text!r}: a cell has at least 1 home")
     return name, value
 
 
-def write(page: Path, made: dict[str, str]) -> None:
-    """The page with these tables; raises BadInput, and leaves it as it was, when one has no place there."""
-    from benchmarks.scale.table import rewritten
-
+def write_tables(page: Path, made: dict[str, str]) -> None:
+    """Replace the tables of a page; raises BadInput, and leaves the page unchanged, when one has no place there."""
     try:
-        page.write_text(rewritten(page.read_text(encoding="utf-8"), made), encoding="utf-8")
-    except KeyError as missing:
-        raise BadInput(f"--page {page}: a table goes below a line that is not there: {missing.args[0]}") from None
+        text = page.read_text(encoding="utf-8")
     except OSError as error:
-        raise BadInput(f"--page {page}: cannot be read and written: {error.strerror}") from None
+        why = (error.strerror or str(error)).lower()
+        raise BadInput(f"cannot read {page}: {why}. Choose another page with --page") from None
+    for name, table in made.items():
+        text = replace_table(text, table, *marks(name))
+    write_text(page, text, "--page")
 
 
 if __name__ == "__main__":
-    import sys
-
-    from benchmarks.command_line import run_command
-
     sys.exit(run_command(scale, "scale"))

@@ -1,4 +1,9 @@
-"""Homes by factors of ten: processes, traffic over each link, costs; and fusion processes that share scenes. Pure."""
+"""Homes by factors of ten: processes, traffic over each link, costs; and fusion processes that share scenes. Pure.
+
+A region consists of independent cells. Each has routers and, where fusion runs in the region, fusion processes that
+share its homes; so only the number of cells grows. Scenes are shared by `fusion.ownership.rendezvous_rank`, the
+function that the processes themselves use.
+"""
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -8,17 +13,28 @@ from itertools import pairwise
 
 import numpy as np
 
-from benchmarks.scale.measured import Costs, Sizes
-from benchmarks.scale.process import Load, Stay, Trace, shared
+from benchmarks.scale.measured import Costs, MessageSizes
+from benchmarks.scale.process import Load, ProcessTrace, Stay, simulate_many
 from fusion.ownership import rendezvous_rank
 
 NOTICE_S = 0.02
-"""A killed process is gone for the others within so long: its sockets close."""
+"""The other processes notice a kill within this time, when its sockets close."""
+HOURS = 730.0
+"""Of a month."""
+DAY_S = 86_400.0
+FULL = 0.6
+"""Greatest planned share of a core; the rest is for the work of a failed process, and for bad moments."""
+AGE_MS = 100.0
+"""Greatest 99th percentile of the age of judgements."""
+SPARE = 1
+"""Fusion processes of a cell that may fail at once."""
+TRIED_S = 2.0
+ROUTERS = 2
 
 
 @dataclass(frozen=True, slots=True)
-class Change:
-    """A process dies at a time, or comes (`alive`)."""
+class MembershipChange:
+    """A fusion process starts (`alive`) or dies."""
 
     at_s: float
     service: str
@@ -26,10 +42,10 @@ class Change:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Region:
-    """What came of it: a trace for each process, and of each scene the longest time without a judgement."""
+class RegionTrace:
+    """A trace for each process; gap_s: the longest time without a judgement of each scene; moved: scenes that moved."""
 
-    traces: Mapping[str, Trace]
+    traces: Mapping[str, ProcessTrace]
     gap_s: np.ndarray
     moved: int
 
@@ -39,72 +55,67 @@ class Region:
         return tuple(sorted((trace.core_share for trace in self.traces.values()), reverse=True))
 
     def age_ms(self, percent: float) -> float:
-        """Of the judgements of all processes."""
+        """A percentile of the ages of all judgements."""
         return float(np.percentile(np.concatenate([trace.age_s for trace in self.traces.values()]), percent)) * 1e3
 
 
-def shares(scenes: Sequence[str], services: Iterable[str]) -> dict[str, int]:
-    """How many scenes each service judges."""
+@dataclass(frozen=True, slots=True)
+class Ownership:
+    """For each service the scenes that it owns and when; moved: how many times a scene changed its owner."""
+
+    stays: Mapping[str, Sequence[Stay]]
+    moved: int
+
+
+def scene_counts(scenes: Sequence[str], services: Iterable[str]) -> dict[str, int]:
+    """How many scenes each service owns."""
     count = dict.fromkeys(services, 0)
     for scene in scenes:
         count[rendezvous_rank(scene, count)[0]] += 1
     return count
 
 
-def play(
+def simulate_region(
     costs: Costs,
     load: Load,
     scenes: int,
     services: Sequence[str],
     seconds: float,
-    changes: Sequence[Change] = (),
+    changes: Sequence[MembershipChange] = (),
     seed: int = 0,
-) -> Region:
-    """Those of `services` that no change brings judge from the start; a scene that moves is taken at the next round."""
-    stays, moved = stays_of([f"home{n}" for n in range(scenes)], services, changes)
-    traces = {service: shared(costs, load, own, seconds, scenes, seed) for service, own in stays.items()}
-    said = [(s, t) for trace in traces.values() for s, t in zip(trace.scene, trace.said_s, strict=True)]
+) -> RegionTrace:
+    """Simulate all processes; services that a change starts are absent before it."""
+    ownership = ownership_of([f"home{n}" for n in range(scenes)], services, changes)
+    traces = {
+        service: simulate_many(costs, load, own, seconds, scenes, seed) for service, own in ownership.stays.items()
+    }
+    published = [(s, t) for trace in traces.values() for s, t in zip(trace.scene, trace.published_s, strict=True)]
     by_scene: dict[int, list[float]] = {}
-    for scene, said_s in sorted(said):
-        by_scene.setdefault(scene, []).append(said_s)
+    for scene, at_s in sorted(published):
+        by_scene.setdefault(scene, []).append(at_s)
     gaps = [max((b - a for a, b in pairwise(times)), default=seconds) for times in by_scene.values()]
-    return Region(traces, np.array(gaps), moved)
+    return RegionTrace(traces, np.array(gaps), ownership.moved)
 
 
-def stays_of(
-    scenes: Sequence[str], services: Sequence[str], changes: Sequence[Change]
-) -> tuple[dict[str, list[Stay]], int]:
-    """For each service its stays; and how many times a scene moved."""
+def ownership_of(scenes: Sequence[str], services: Sequence[str], changes: Sequence[MembershipChange]) -> Ownership:
+    """Which service owns which scene when, with these changes."""
     coming = {change.service for change in changes if change.alive}
     alive = set(services) - coming
     stays: dict[str, list[Stay]] = {service: [] for service in (*services, *sorted(coming - set(services)))}
-    holder = {n: (rendezvous_rank(scene, alive)[0], 0.0) for n, scene in enumerate(scenes)}
+    owner = {n: (rendezvous_rank(scene, alive)[0], 0.0) for n, scene in enumerate(scenes)}
     moved = 0
     for change in sorted(changes, key=lambda change: change.at_s):
         alive = alive | {change.service} if change.alive else alive - {change.service}
         for n, scene in enumerate(scenes):
-            before, begin_s = holder[n]
-            heaviest = rendezvous_rank(scene, alive)[0]
-            if heaviest != before:
+            before, begin_s = owner[n]
+            first = rendezvous_rank(scene, alive)[0]
+            if first != before:
                 moved += 1
                 stays[before].append(Stay(n, begin_s, change.at_s))
-                holder[n] = heaviest, change.at_s + (0.0 if change.alive else NOTICE_S)
-    for n, (last, begin_s) in holder.items():
+                owner[n] = first, change.at_s + (0.0 if change.alive else NOTICE_S)
+    for n, (last, begin_s) in owner.items():
         stays[last].append(Stay(n, begin_s))
-    return {service: sorted(own, key=lambda stay: stay.scene) for service, own in stays.items()}, moved
-
-
-HOURS = 730.0
-"""Of a month."""
-DAY_S = 86_400.0
-FULL = 0.6
-"""A process or router is given so much work of its core at most: the rest is for who dies, and for bad moments."""
-AGE_MS = 100.0
-"""A judgement is older than this one time in a hundred at most."""
-SPARE = 1
-"""So many fusion processes of a cell may be gone at once."""
-TRIED_S = 2.0
-ROUTERS = 2
+    return Ownership({service: sorted(own, key=lambda stay: stay.scene) for service, own in stays.items()}, moved)
 
 
 class Design(Enum):
@@ -115,14 +126,13 @@ class Design(Enum):
 
 
 @dataclass(frozen=True, slots=True)
-class Assumed:
-    """What nobody has measured: people's habits, how it is set up, and prices. Every one is an option of the verb.
+class Assumptions:
+    """Unmeasured values: habits, setup and prices. Each is an option of the command.
 
-    movements: judged in a home, a day. watched: share of the time in which somebody elsewhere looks at judgements.
-    said_hz: posteriors a second of an observer over a slow link. overhead: bytes of Zenoh, TLS, TCP and IP a message.
-    cell: homes that share routers and fusion processes. keep_days: verdicts are kept. core_hour, egress_gb,
-    storage_gb (a month), person_hour, kwh: prices, in dollars. support_min: of somebody's time, a home and year.
-    core_watts: what a busy core in the home draws.
+    movements: per home and day. watched: share of the time in which judgements are watched elsewhere.
+    said_hz: posteriors per second of an observer over a slow link. overhead: bytes of Zenoh, TLS, TCP and IP a message.
+    cell: homes that share routers and fusion processes. keep_days: for verdicts. core_hour, egress_gb, storage_gb (a
+    month), person_hour, kwh: prices in dollars. support_min: per home and year. core_watts: of a busy core at home.
     """
 
     movements: float = 500.0
@@ -142,7 +152,7 @@ class Assumed:
 
 @dataclass(frozen=True, slots=True)
 class Flow:
-    """What one home says under one key across one link."""
+    """The traffic of one home under one key over one link."""
 
     key: str
     link: str
@@ -153,8 +163,8 @@ class Flow:
 UP, DOWN, OUT = "home to region", "region to home", "region to who listens"
 
 
-def flows(design: Design, sizes: Sizes, assumed: Assumed, load: Load) -> Iterator[Flow]:
-    """Of one home, those that cross a link; what stays at home is not among them."""
+def flows(design: Design, sizes: MessageSizes, assumed: Assumptions, load: Load) -> Iterator[Flow]:
+    """The flows of one home that cross a link; local traffic is left out."""
 
     def flow(key: str, link: str, hz: float, size: int) -> Flow:
         return Flow(key, link, hz, hz * (size + assumed.overhead))
@@ -174,7 +184,7 @@ def flows(design: Design, sizes: Sizes, assumed: Assumed, load: Load) -> Iterato
 
 @dataclass(frozen=True, slots=True)
 class Bill:
-    """Dollars a home and month, without what the home's own machines draw."""
+    """Dollars per home and month, without the power of the home's own machines."""
 
     machines: float
     traffic: float
@@ -183,13 +193,13 @@ class Bill:
 
     @property
     def total(self) -> float:
-        """All of it."""
+        """The sum."""
         return self.machines + self.traffic + self.storage + self.people
 
 
 @dataclass(frozen=True, slots=True)
 class Scale:
-    """So many homes in one design. cores: busy ones in the region; messages_hz, bytes_hz: what comes in there."""
+    """A number of homes in one design. cores: busy ones in the region; messages_hz, bytes_hz: incoming there."""
 
     homes: int
     design: Design
@@ -204,7 +214,7 @@ class Scale:
 
 
 def full_process(costs: Costs, load: Load) -> int:
-    """How many homes one process judges with FULL of a core in its loop and AGE_MS kept: the simulation, by halving."""
+    """How many homes one process judges with FULL of a core in its loop and AGE_MS kept: simulation and bisection."""
     fits, too_many = 1, 2
     while _fits(costs, load, too_many):
         fits, too_many = too_many, too_many * 2
@@ -214,33 +224,35 @@ def full_process(costs: Costs, load: Load) -> int:
     return fits
 
 
-def trial(costs: Costs, load: Load, homes: int, seconds: float = TRIED_S) -> Trace:
-    """One process that judges so many homes."""
-    return shared(costs, load, [Stay(n) for n in range(homes)], seconds)
+def simulate_homes(costs: Costs, load: Load, homes: int, seconds: float = TRIED_S) -> ProcessTrace:
+    """One process with that many homes."""
+    return simulate_many(costs, load, [Stay(n) for n in range(homes)], seconds)
 
 
 def _fits(costs: Costs, load: Load, homes: int) -> bool:
-    trace = trial(costs, load, homes)
+    trace = simulate_homes(costs, load, homes)
     return trace.loop_share <= FULL and trace.age_ms(99) <= AGE_MS
 
 
 def processes(homes: int, full: int) -> int:
-    """Fusion processes of a cell: none of those that are left when SPARE have gone judges more than `full` homes."""
+    """Fusion processes of a cell such that none owns more than `full` homes after SPARE of them fail."""
     names = [f"home{n}" for n in range(homes)]
     count = max(math.ceil(homes / full), 1)
-    while max(shares(names, [f"north{n}" for n in range(count)]).values()) > full:
+    while max(scene_counts(names, [f"north{n}" for n in range(count)]).values()) > full:
         count += 1
     return count + SPARE
 
 
-def scaled(homes: int, design: Design, costs: Costs, sizes: Sizes, assumed: Assumed, load: Load, full: int) -> Scale:
-    """What so many homes come to."""
+def scaled(
+    homes: int, design: Design, costs: Costs, sizes: MessageSizes, assumed: Assumptions, load: Load, full: int
+) -> Scale:
+    """What that many homes need and cost."""
     cells = math.ceil(homes / assumed.cell)
     in_cell = math.ceil(homes / cells)
     lone = homes == 1 and design is Design.HOME
-    # One home that judges itself needs no region.
+    # A single home with its own fusion needs no region.
     crossing = [] if lone else list(flows(design, sizes, assumed, load))
-    come = [flow for flow in crossing if flow.link == UP]
+    incoming = [flow for flow in crossing if flow.link == UP]
     routed_hz = homes * sum(flow.messages_hz for flow in crossing)
     router_cores = routed_hz * costs.forward * 1e-6
     routers = 0 if lone else cells * max(ROUTERS, math.ceil(router_cores / cells / FULL))
@@ -248,27 +260,25 @@ def scaled(homes: int, design: Design, costs: Costs, sizes: Sizes, assumed: Assu
     if design is Design.REGION:
         each = processes(in_cell, full)
         fusion = cells * each
-        share = trial(costs, load, max(in_cell // each, 1)).core_share
-        cores += fusion * share
+        cores += fusion * simulate_homes(costs, load, max(in_cell // each, 1)).core_share
         memory_mb += fusion * sizes.process_mb + homes * sizes.scene_mb
-    paid = _paid(design, homes, fusion, routers, crossing, sizes, assumed)
-    come_hz, bytes_hz = (homes * sum(getattr(flow, name) for flow in come) for name in ("messages_hz", "bytes_hz"))
-    return Scale(homes, design, cells, fusion, routers, cores, memory_mb / 1e3, come_hz, bytes_hz, paid)
+    bill = _bill(homes, fusion + routers, crossing, sizes, assumed)
+    messages_hz = homes * sum(flow.messages_hz for flow in incoming)
+    bytes_hz = homes * sum(flow.bytes_hz for flow in incoming)
+    return Scale(homes, design, cells, fusion, routers, cores, memory_mb / 1e3, messages_hz, bytes_hz, bill)
 
 
-def _paid(
-    design: Design, homes: int, fusion: int, routers: int, crossing: list[Flow], sizes: Sizes, assumed: Assumed
-) -> Bill:
+def _bill(homes: int, machines: int, crossing: list[Flow], sizes: MessageSizes, assumed: Assumptions) -> Bill:
     out_hz = sum(flow.bytes_hz for flow in crossing if flow.link in (DOWN, OUT))
-    kept_gb = 2 * assumed.movements * assumed.keep_days * sizes.verdict / 1e9
+    stored_gb = 2 * assumed.movements * assumed.keep_days * sizes.verdict / 1e9
     return Bill(
-        machines=(fusion + routers) * assumed.core_hour * HOURS / homes,
+        machines=machines * assumed.core_hour * HOURS / homes,
         traffic=out_hz * HOURS * 3600 / 1e9 * assumed.egress_gb,
-        storage=kept_gb * assumed.storage_gb,
+        storage=stored_gb * assumed.storage_gb,
         people=assumed.support_min / 60 * assumed.person_hour / 12,
     )
 
 
-def drawn(share: float, assumed: Assumed) -> float:
-    """Dollars a month for what so many busy cores in the home draw."""
+def power_cost(share: float, assumed: Assumptions) -> float:
+    """Dollars per month for the power of that share of a busy core at home."""
     return share * assumed.core_watts / 1e3 * HOURS * assumed.kwh

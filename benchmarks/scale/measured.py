@@ -1,6 +1,6 @@
-"""What was measured, as measured.json holds it: costs of fusion, sizes, whole runs, liveliness tokens. Pure.
+"""The measurements in measured.json: costs of fusion, sizes, whole runs, liveliness tokens. Pure.
 
-`python -m benchmarks.scale.measure --write studies/scale/measured.json` makes all of it anew on the machine at hand.
+`python -m benchmarks.scale.measure --write benchmarks/scale/measured.json` measures all of it on this machine.
 """
 
 import json
@@ -10,21 +10,21 @@ from typing import Any, TypeVar
 
 T = TypeVar("T")
 WAKE_RANKS = (0.0, 0.5, 0.9, 0.99, 0.999, 1.0)
-"""Of how late a sleeper was woken these quantiles are kept."""
+"""Quantiles of the delay with which a sleeping process is woken."""
 
 
 @dataclass(frozen=True, slots=True)
 class Costs:
-    """Processor time of a fusion process, in microseconds; of its loop where nothing else is said.
+    """Processor time of a fusion process in microseconds, of its loop unless stated otherwise.
 
-    receive, burst: of Zenoh's threads, for each posterior that comes and each time that some come at once.
-    call: the same for a process of one scene, where each posterior is brought to the loop by a thread.
-    take: a posterior out of its ring. hear: a posterior decoded, checked and heard.
-    judge: a judgement, and what else belongs to a scene that is due. say: its encoding and putting.
-    cold: once for all that are judged together.
-    tell: a status. round: a scene that is not due, each round. turn: a round by itself. sit: a scene taken over.
-    forward: a message that a router passes on.
-    hop: from a put until it has arrived, on the loopback; time, and no processor's.
+    receive, burst: of Zenoh's threads, per posterior and per simultaneous arrival of several.
+    call: the same for a process of one scene, where a thread hands each posterior to the loop.
+    take: a posterior taken from its ring. hear: a posterior decoded, checked and added.
+    judge: a judgement, and everything else of a scene that is due. say: its encoding and put.
+    cold: once for all scenes that are judged together.
+    tell: a status. round: a scene that is not due, per round. turn: a round without scenes. sit: taking over a scene.
+    forward: a message that a router forwards.
+    hop: from a put to the arrival on the loopback; elapsed time, not processor time.
     """
 
     receive: float
@@ -44,8 +44,8 @@ class Costs:
 
 
 @dataclass(frozen=True, slots=True)
-class Sizes:
-    """Bytes of messages of four observers and twenty movements; of memory, in MB."""
+class MessageSizes:
+    """Bytes of messages with four observers and twenty movements; memory in MB."""
 
     posterior: int
     judgement: int
@@ -58,10 +58,10 @@ class Sizes:
 
 
 @dataclass(frozen=True, slots=True)
-class Run:
-    """A run of the crowd. wake_ms: how late sleepers were woken meanwhile, at WAKE_RANKS; load: on the machine.
+class CrowdRun:
+    """A run of the crowd. wake_ms: wake-up delays during it, at WAKE_RANKS; load: of the machine.
 
-    left: processors that all others, the crowd among them, left to the fusion process.
+    left: processors that all other processes, including the crowd, left to the fusion process.
     """
 
     scenes: int
@@ -84,8 +84,8 @@ class Run:
 
 
 @dataclass(frozen=True, slots=True)
-class Tokens:
-    """So many liveliness tokens were declared by one process: what another's session came to by knowing them."""
+class TokenCosts:
+    """One process declares that many liveliness tokens: what another session needs to know them all."""
 
     declared: int
     declare_s: float
@@ -96,28 +96,28 @@ class Tokens:
 
 @dataclass(frozen=True, slots=True)
 class Measured:
-    """All of it, where and when."""
+    """All measurements, with date and machine."""
 
     date: str
     machine: str
     costs: Costs
-    sizes: Sizes
-    runs: tuple[Run, ...]
-    tokens: tuple[Tokens, ...]
+    sizes: MessageSizes
+    runs: tuple[CrowdRun, ...]
+    tokens: tuple[TokenCosts, ...]
 
 
-def parsed(text: str) -> Measured:
-    """From the text of measured.json."""
-    told = json.loads(text)
+def parse_measured(text: str) -> Measured:
+    """Parse measured.json; raises ValueError, KeyError or TypeError for another text."""
+    values = json.loads(text)
     return Measured(
-        date=told["date"],
-        machine=told["machine"],
-        costs=_made(Costs, told["costs_us"]),
-        sizes=_made(Sizes, told["sizes"]),
-        runs=tuple(_made(Run, {**run, "wake_ms": tuple(run["wake_ms"])}) for run in told["runs"]),
-        tokens=tuple(_made(Tokens, tokens) for tokens in told["tokens"]),
+        date=values["date"],
+        machine=values["machine"],
+        costs=_made(Costs, values["costs_us"]),
+        sizes=_made(MessageSizes, values["sizes"]),
+        runs=tuple(_made(CrowdRun, {**run, "wake_ms": tuple(run["wake_ms"])}) for run in values["runs"]),
+        tokens=tuple(_made(TokenCosts, tokens) for tokens in values["tokens"]),
     )
 
 
-def _made(kind: type[T], told: Mapping[str, Any]) -> T:
-    return kind(**{field.name: told[field.name] for field in fields(kind)})  # type: ignore[arg-type]
+def _made(kind: type[T], values: Mapping[str, Any]) -> T:
+    return kind(**{field.name: values[field.name] for field in fields(kind)})  # type: ignore[arg-type]

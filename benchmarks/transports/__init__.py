@@ -1,1 +1,1 @@
-"""The same traffic over other transports: Zenoh as we use it and bare, MQTT, NATS, ZeroMQ (`make peers-transport`)."""
+"""The same traffic over several transports: our link, bare Zenoh, MQTT, NATS, ZeroMQ (`make peers-transport`)."""

@@ -1,4 +1,8 @@
-"""The processes of a run: publishers, fusion, listeners; the same loops over every transport."""
+"""The processes of a run: publishers, fusion, listeners; the same loops over every transport.
+
+Publishers put keep-alive messages with sequence number 0 before and after their order, so that all processes find each
+other and no queue blocks for ever. Times are time.monotonic_ns, one clock for all processes of a machine.
+"""
 
 import asyncio
 import contextlib
@@ -15,19 +19,21 @@ from typing import Any
 import msgpack
 
 from benchmarks.transports.kinds import KINDS, Put
-from benchmarks.transports.orders import Orders, Plan
+from benchmarks.transports.orders import OrderReader, PublishOrder
 
-MURMUR_S = 0.005
-MURMUR_AFTER_S = 0.05
+KEEP_ALIVE_S = 0.005
+KEEP_ALIVE_AFTER_S = 0.05
 BATCH = 64
-"""Messages between two looks at the clock, when they are put as fast as may be."""
+"""Messages between two looks at the clock when publishing as fast as possible."""
+BYTES_SENT = 200
+"""Offset of tcpi_bytes_sent, 64 bit, in struct tcp_info since Linux 4.19."""
 
 
 @dataclass(frozen=True, slots=True)
-class Part:
-    """Who is to do what. payloads: a publisher's murmur and then what it puts; for the referee the judgement's bytes.
+class ActorRole:
+    """The role of a process. payloads: a publisher's keep-alive and its messages; for fusion the judgement's bytes.
 
-    pause_s: the referee judges each lot, but not more often. processors: where it may run; None is everywhere.
+    pause_s: fusion judges each batch, but not more often. processors: where it may run; None is everywhere.
     """
 
     kind: str
@@ -44,15 +50,15 @@ class Part:
 
 @dataclass(frozen=True, slots=True)
 class Ready:
-    """Said when others can begin. began_ns: when the process began to load its transport."""
+    """Sent when others can begin. began_ns: when the process began to load its transport."""
 
     began_ns: int
     meeting_point: str = ""
 
 
 @dataclass(frozen=True, slots=True)
-class Spoken:
-    """What a publisher put: when each (if that is noted), how many, and the CPU time and bytes that took."""
+class PublisherReport:
+    """When each message was put (if timed), how many, and the processor time and bytes that took."""
 
     put_ns: list[int]
     count: int
@@ -61,124 +67,131 @@ class Spoken:
 
 
 @dataclass(frozen=True, slots=True)
-class Heard:
-    """What a listener heard: per judgement when, and the newest it names of each; when it first heard of each."""
+class ReceivedJudgement:
+    """When a judgement arrived, and the newest sequence number that it contains of each publisher."""
 
-    judgements: list[tuple[int, dict[str, int]]]
+    arrived_ns: int
+    newest: dict[str, int]
+
+
+@dataclass(frozen=True, slots=True)
+class ListenerReport:
+    """The judgements of a listener; first_ns: when each publisher first appeared in one."""
+
+    judgements: list[ReceivedJudgement]
     first_ns: dict[str, int]
 
 
-def act(part: Part, pipe: Connection) -> None:
+def act(role: ActorRole, pipe: Connection) -> None:
     """A whole process."""
-    orders, began_ns = Orders(pipe), time.monotonic_ns()
-    if part.processors is not None:
+    reader, began_ns = OrderReader(pipe), time.monotonic_ns()
+    if role.processors is not None:
         # Before the library is loaded: its threads inherit it.
-        os.sched_setaffinity(0, part.processors)
-    asyncio.run(ROLES[part.role](part, orders, began_ns))
+        os.sched_setaffinity(0, role.processors)
+    asyncio.run(ROLES[role.role](role, reader, began_ns))
 
 
-async def publish(part: Part, orders: Orders, began_ns: int) -> None:
-    """Murmur, put what the plan says, murmur until stopped."""
-    murmur, *payloads = part.payloads
-    async with KINDS[part.kind].load().publisher(part.place, part.name) as put:
-        orders.say(Ready(began_ns))
-        pause_s = MURMUR_S
-        while not orders.stopped.is_set():
-            await put(murmur)
+async def publish(role: ActorRole, reader: OrderReader, began_ns: int) -> None:
+    """Put keep-alives, execute orders, and put keep-alives again until stopped."""
+    keep_alive, *payloads = role.payloads
+    async with KINDS[role.kind].load().publisher(role.place, role.name) as put:
+        reader.reply(Ready(began_ns))
+        pause_s = KEEP_ALIVE_S
+        while not reader.stopped.is_set():
+            await put(keep_alive)
             await asyncio.sleep(pause_s)
-            if not orders.plans.empty():
-                orders.say(await _spoken(put, payloads, orders.plans.get()))
-                pause_s = MURMUR_AFTER_S
-    orders.say("ended")
+            if not reader.orders.empty():
+                reader.reply(await _execute(put, payloads, reader.orders.get()))
+                pause_s = KEEP_ALIVE_AFTER_S
+    reader.reply("ended")
 
 
-async def _spoken(put: Put, payloads: list[bytes], plan: Plan) -> Spoken:
-    await asyncio.sleep(max(plan.begin_s - time.monotonic(), 0.0))
-    sent_bytes, cpu_s = sent(), time.process_time()
-    put_ns, count = await (_paced(put, payloads, plan) if plan.rate_hz else _flat_out(put, payloads, plan))
-    # The last one has left, too, when it is told what was sent.
-    await asyncio.sleep(max(plan.begin_s + plan.seconds - time.monotonic(), 0.0))
-    return Spoken(put_ns, count, time.process_time() - cpu_s, sent() - sent_bytes)
-
-
-async def _paced(put: Put, payloads: list[bytes], plan: Plan) -> tuple[list[int], int]:
-    """What is due at the same time is put at once."""
+async def _execute(put: Put, payloads: list[bytes], order: PublishOrder) -> PublisherReport:
+    await asyncio.sleep(max(order.begin_s - time.monotonic(), 0.0))
+    before, cpu_s = sent_bytes(), time.process_time()
     put_ns: list[int] = []
-    count, total = 0, round(plan.seconds * plan.rate_hz)
-    each = max(round(plan.rate_hz * plan.tick_s), 1)
+    if order.rate_hz:
+        count = await _paced(put, payloads, order, put_ns)
+    else:
+        count = await _flat_out(put, payloads, order)
+    # The last message has left the socket when its bytes are counted.
+    await asyncio.sleep(max(order.begin_s + order.seconds - time.monotonic(), 0.0))
+    return PublisherReport(put_ns, count, time.process_time() - cpu_s, sent_bytes() - before)
+
+
+async def _paced(put: Put, payloads: list[bytes], order: PublishOrder, put_ns: list[int]) -> int:
+    """Put at order.rate_hz; messages that are due together are put together."""
+    count, total = 0, round(order.seconds * order.rate_hz)
+    each = max(round(order.rate_hz * order.tick_s), 1)
     while count < total:
-        await asyncio.sleep(max(plan.begin_s + count / plan.rate_hz - time.monotonic(), 0.0))
+        await asyncio.sleep(max(order.begin_s + count / order.rate_hz - time.monotonic(), 0.0))
         for number in range(count, min(count + each, total)):
-            if plan.noted:
+            if order.timed:
                 put_ns.append(time.monotonic_ns())
             await put(payloads[number % len(payloads)])
         count += each
-    return put_ns, total
+    return total
 
 
-async def _flat_out(put: Put, payloads: list[bytes], plan: Plan) -> tuple[list[int], int]:
-    count, end_s = 0, plan.begin_s + plan.seconds
+async def _flat_out(put: Put, payloads: list[bytes], order: PublishOrder) -> int:
+    count, end_s = 0, order.begin_s + order.seconds
     while time.monotonic() < end_s:
         for number in range(BATCH):
             await put(payloads[number % len(payloads)])
         count += BATCH
-        # Where asyncio does the writing it must have its turn.
+        # Transports that write in asyncio need their turn.
         await asyncio.sleep(0)
-    return [], count
+    return count
 
 
-async def judge(part: Part, orders: Orders, began_ns: int) -> None:
-    """Take lots, unpack each posterior, put a judgement that names the newest of each publisher."""
-    judgement: dict[str, Any] = msgpack.unpackb(part.payloads[0])
+async def fuse(role: ActorRole, reader: OrderReader, began_ns: int) -> None:
+    """Take batches, unpack each posterior, put a judgement with the newest number of each publisher."""
+    judgement: dict[str, Any] = msgpack.unpackb(role.payloads[0])
     due_s = 0.0
-    async with KINDS[part.kind].load().referee(part.place) as seat:
-        orders.say(Ready(began_ns, seat.meeting_point))
-        heard: dict[str, int] = {}
-        while not orders.stopped.is_set():
+    async with KINDS[role.kind].load().fusion(role.place) as end:
+        reader.reply(Ready(began_ns, end.meeting_point))
+        newest: dict[str, int] = {}
+        while not reader.stopped.is_set():
             taken = 0
-            for payload in await seat.take():
-                said = msgpack.unpackb(payload)
-                heard[said["observer"]] = said["seq"]
-                taken += said["seq"] > 0
-            orders.messages += taken
-            if not part.pause_s or time.monotonic() >= due_s:
-                due_s = time.monotonic() + part.pause_s
-                await seat.put(msgpack.packb(judgement | {"heard": heard}))
-                heard = {}
-    orders.say("ended")
+            for payload in await end.take():
+                posterior = msgpack.unpackb(payload)
+                newest[posterior["observer"]] = posterior["seq"]
+                taken += posterior["seq"] > 0
+            reader.messages += taken
+            if not role.pause_s or time.monotonic() >= due_s:
+                due_s = time.monotonic() + role.pause_s
+                await end.put(msgpack.packb(judgement | {"newest": newest}))
+                newest = {}
+    reader.reply("ended")
 
 
-async def listen(part: Part, orders: Orders, began_ns: int) -> None:
-    """Take judgements and note when each came; `messages` counts the publishers that were heard of."""
-    account = Heard([], {})
-    async with KINDS[part.kind].load().listener(part.place) as take:
-        orders.say(Ready(began_ns))
-        while not orders.stopped.is_set():
-            lot = await take()
+async def listen(role: ActorRole, reader: OrderReader, began_ns: int) -> None:
+    """Take judgements and record when each arrived; `messages` counts the publishers that appeared."""
+    report = ListenerReport([], {})
+    async with KINDS[role.kind].load().listener(role.place) as take:
+        reader.reply(Ready(began_ns))
+        while not reader.stopped.is_set():
+            batch = await take()
             now_ns = time.monotonic_ns()
-            for payload in lot:
-                newest: dict[str, int] = msgpack.unpackb(payload)["heard"]
-                for name in newest.keys() - account.first_ns.keys():
-                    account.first_ns[name] = now_ns
+            for payload in batch:
+                newest: dict[str, int] = msgpack.unpackb(payload)["newest"]
+                for name in newest.keys() - report.first_ns.keys():
+                    report.first_ns[name] = now_ns
                 if any(newest.values()):
-                    account.judgements.append((now_ns, newest))
-            orders.messages = len(account.first_ns)
-    orders.say(account)
+                    report.judgements.append(ReceivedJudgement(now_ns, newest))
+            reader.messages = len(report.first_ns)
+    reader.reply(report)
 
 
-ROLES: dict[str, Callable[[Part, Orders, int], Coroutine[Any, Any, None]]] = {
+ROLES: dict[str, Callable[[ActorRole, OrderReader, int], Coroutine[Any, Any, None]]] = {
     "publisher": publish,
-    "referee": judge,
+    "fusion": fuse,
     "listener": listen,
 }
 
 
-BYTES_SENT = 200
-"""Where struct tcp_info has tcpi_bytes_sent, 64 bit, since Linux 4.19."""
-
-
-def sent() -> int:
-    """Payload of all TCP connections that are open now, frames of the transport included, headers of TCP and IP not."""
+def sent_bytes() -> int:
+    """Payload that the open TCP connections of this process have sent, without TCP and IP headers. Linux only."""
     total = 0
     with contextlib.suppress(OSError):
         for entry in Path("/proc/self/fd").iterdir():
@@ -189,8 +202,8 @@ def sent() -> int:
 
 
 def _sent_by(descriptor: int) -> int:
-    with socket.socket(fileno=os.dup(descriptor)) as held:
-        if held.type != socket.SOCK_STREAM or held.family not in (socket.AF_INET, socket.AF_INET6):
+    with socket.socket(fileno=os.dup(descriptor)) as own:
+        if own.type != socket.SOCK_STREAM or own.family not in (socket.AF_INET, socket.AF_INET6):
             return 0
-        told: int = struct.unpack_from("Q", held.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, 256), BYTES_SENT)[0]
-        return told
+        count: int = struct.unpack_from("Q", own.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, 256), BYTES_SENT)[0]
+        return count

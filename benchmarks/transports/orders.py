@@ -1,4 +1,8 @@
-"""Orders and replies between the conductor and the processes of a run, and how a process ends."""
+"""Orders and replies between the conductor and the processes of a run, and the process that keeps a broker.
+
+1. Each process is spawned, ignores Ctrl-C, which the conductor handles, and ends when its pipe breaks.
+2. The conductor asks and waits for each reply with a timeout; no process waits for a fixed time.
+"""
 
 import contextlib
 import multiprocessing
@@ -21,60 +25,59 @@ from typing import Any, Self, TypeVar
 from benchmarks.transports.kinds import program
 from common.errors import LabanmeshError
 
-SOON_S = 30.0
-"""Long enough for seventeen interpreters to start on two busy cores."""
+TIMEOUT_S = 30.0
+"""Enough for seventeen interpreters to start on two busy cores."""
+POLL_S = 0.002
+NO_USER_CHANGE = "user root"
+"""Prevents mosquitto, when root starts it, from becoming another user; ignored otherwise."""
 T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True)
-class Plan:
-    """What a publisher is to put, from `begin_s` (time.monotonic) on: rate_hz a second, or, at 0, as fast as it can.
+class PublishOrder:
+    """What a publisher puts from `begin_s` (time.monotonic) on: rate_hz messages per second, 0 for as fast as possible.
 
-    noted: when each is put is told. tick_s: how often it puts what is due by then; 0 is each message at its time.
+    timed: report when each is put. tick_s: how often to put everything that is due; 0 puts each message at its time.
     """
 
     begin_s: float
     seconds: float
     rate_hz: float = 0.0
-    noted: bool = False
+    timed: bool = False
     tick_s: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
 class Tally:
-    """What a process has done so far: messages, when it says so, and what all its threads have cost."""
+    """The messages of a process so far, the time of the reply, and the processor time of all its threads."""
 
     messages: int
     at_s: float
     cpu_s: float
 
 
-class Orders:
-    """The process's side: a thread that reads orders, so that the loop need not look. `messages` is told by Tally."""
+class OrderReader:
+    """The process's side: a thread reads orders, so that the loop need not. `messages` is reported in the Tally."""
 
     def __init__(self, pipe: Connection) -> None:
         self.messages = 0
         self.stopped = threading.Event()
-        self.plans: SimpleQueue[Plan] = SimpleQueue()
+        self.orders: SimpleQueue[PublishOrder] = SimpleQueue()
         self._pipe = pipe
         threading.Thread(target=self._read, daemon=True, name="orders").start()
 
-    def say(self, account: object) -> None:
-        """Tell the conductor."""
-        self._pipe.send(account)
-
-    def tally(self) -> Tally:
-        """So far."""
-        return Tally(self.messages, time.monotonic(), time.process_time())
+    def reply(self, report: object) -> None:
+        """Send a report to the conductor."""
+        self._pipe.send(report)
 
     def _read(self) -> None:
         with contextlib.suppress(EOFError, OSError):
             while not self.stopped.is_set():
                 order = self._pipe.recv()
-                if isinstance(order, Plan):
-                    self.plans.put(order)
+                if isinstance(order, PublishOrder):
+                    self.orders.put(order)
                 elif order == "tally":
-                    self.say(self.tally())
+                    self.reply(Tally(self.messages, time.monotonic(), time.process_time()))
                 else:
                     self.stopped.set()
             return
@@ -82,19 +85,19 @@ class Orders:
 
 
 @contextlib.contextmanager
-def _deaf_to_interrupts() -> Iterator[None]:
-    """What is started within never hears Ctrl-C; for the conductor, who lets the others end, it waits until after."""
-    came: list[int] = []
-    # The first start would also start the tracker of resources, which unblocks what is blocked here.
+def _interrupts_blocked() -> Iterator[None]:
+    """Processes started within ignore Ctrl-C; the conductor receives it after the block, and ends the others."""
+    received: list[int] = []
+    # The first start would also start the resource tracker, which unblocks signals.
     resource_tracker.ensure_running()
-    handler = signal.signal(signal.SIGINT, lambda number, _: came.append(number))
+    handler = signal.signal(signal.SIGINT, lambda number, _: received.append(number))
     blocked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, blocked)
         signal.signal(signal.SIGINT, handler)
-        if came:
+        if received:
             signal.raise_signal(signal.SIGINT)
 
 
@@ -106,41 +109,41 @@ class Actor:
         spawn = multiprocessing.get_context("spawn")
         self._pipe, there = spawn.Pipe()
         self._process: Any = spawn.Process(target=work, args=(*arguments, there), daemon=True)
-        self.what = str(arguments[0])
+        self.name = str(arguments[0])
         self.started_ns = time.monotonic_ns()
         try:
-            with _deaf_to_interrupts():
+            with _interrupts_blocked():
                 self._process.start()
                 there.close()
         except KeyboardInterrupt:
-            # It may have been started all the same, and nobody else knows of it yet.
+            # The process may have started, and only this object knows of it.
             self._pipe.close()
             self._end()
             raise
 
-    def tell(self, order: object) -> None:
-        """An order that has no answer, or one that is waited for later."""
+    def send(self, order: object) -> None:
+        """Send an order without waiting for a reply."""
         with contextlib.suppress(OSError):
             self._pipe.send(order)
 
-    def said(self, kind: type[T], timeout_s: float = SOON_S) -> T:
-        """What it says next; raises LabanmeshError when it says nothing of that kind in time."""
-        account: object = None
+    def receive(self, kind: type[T], timeout_s: float = TIMEOUT_S) -> T:
+        """The next reply; raises LabanmeshError without one of that type in time."""
+        reply: object = None
         with contextlib.suppress(EOFError, OSError):
-            account = self._pipe.recv() if self._pipe.poll(timeout_s) else None
-        if not isinstance(account, kind):
-            raise LabanmeshError(f"{self.what} ended early or hangs; what it wrote above says why")
-        return account
+            reply = self._pipe.recv() if self._pipe.poll(timeout_s) else None
+        if not isinstance(reply, kind):
+            raise LabanmeshError(f"{self.name} ended early or hangs; its output above says why")
+        return reply
 
     def tally(self) -> Tally:
-        """What it has done so far."""
-        self.tell("tally")
-        return self.said(Tally)
+        """Its counts so far."""
+        self.send("tally")
+        return self.receive(Tally)
 
     def stop(self, kind: type[T]) -> T:
-        """Its last account."""
-        self.tell("stop")
-        return self.said(kind)
+        """Stop it and return its last report."""
+        self.send("stop")
+        return self.receive(kind)
 
     def __enter__(self) -> Self:
         return self
@@ -148,7 +151,7 @@ class Actor:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        # One that was stopped ends by itself; the broken pipe ends any other.
+        # A stopped process ends by itself; the broken pipe ends any other.
         if kind is not None:
             self._pipe.close()
         self._end()
@@ -157,32 +160,27 @@ class Actor:
     def _end(self) -> None:
         if self._process.pid is None:
             return
-        self._process.join(SOON_S)
+        self._process.join(TIMEOUT_S)
         if self._process.is_alive():
             self._process.kill()
             self._process.join()
 
 
-LOOK_S = 0.002
-STAYS_ROOT = "user root"
-"""mosquitto becomes another user when root starts it, and this line stops that; it is ignored otherwise."""
-
-
-def keep(broker: str, processors: frozenset[int] | None, pipe: Connection) -> None:
-    """Start `broker` on a free port, say `HOST:PORT`, tell its Tally when asked, end it at `stop` or a broken pipe."""
+def keep_broker(broker: str, processors: frozenset[int] | None, pipe: Connection) -> None:
+    """Start `broker` on a free port, send `HOST:PORT`, reply with its Tally, end it at `stop` or a broken pipe."""
     if processors is not None:
         os.sched_setaffinity(0, processors)
     port = _free_port()
     with tempfile.TemporaryDirectory() as place:
         running = subprocess.Popen(  # noqa: S603 - a program found by name, and words of ours
-            _command(broker, port, Path(place)),
+            _broker_command(broker, port, Path(place)),
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
             # Some brokers unblock Ctrl-C for themselves.
             start_new_session=True,
         )
         try:
-            _await(port, running)
+            _wait_for_port(port, running)
             with contextlib.suppress(EOFError, OSError):
                 pipe.send(f"127.0.0.1:{port}")
                 while pipe.recv() == "tally":
@@ -193,12 +191,12 @@ def keep(broker: str, processors: frozenset[int] | None, pipe: Connection) -> No
             running.wait()
 
 
-def _command(broker: str, port: int, place: Path) -> list[str]:
+def _broker_command(broker: str, port: int, place: Path) -> list[str]:
     path = program(broker) or broker
     if broker == "nats-server":
         return [path, "-a", "127.0.0.1", "-p", str(port)]
     configuration = place / "broker.conf"
-    lines = (f"listener {port} 127.0.0.1", "allow_anonymous true", "set_tcp_nodelay true", STAYS_ROOT)
+    lines = (f"listener {port} 127.0.0.1", "allow_anonymous true", "set_tcp_nodelay true", NO_USER_CHANGE)
     configuration.write_text("\n".join([*lines, "persistence false", "log_type error"]) + "\n")
     return [path, "-c", str(configuration)]
 
@@ -210,16 +208,16 @@ def _free_port() -> int:
         return port
 
 
-def _await(port: int, running: "subprocess.Popen[bytes]") -> None:
-    pause, deadline = threading.Event(), time.monotonic() + SOON_S
+def _wait_for_port(port: int, running: "subprocess.Popen[bytes]") -> None:
+    pause, deadline = threading.Event(), time.monotonic() + TIMEOUT_S
     while time.monotonic() < deadline and running.poll() is None:
         with contextlib.suppress(OSError), socket.create_connection(("127.0.0.1", port), 1.0):
             return
-        pause.wait(LOOK_S)
+        pause.wait(POLL_S)
     raise SystemExit(f"{running.args!r} does not listen on port {port}")
 
 
 def _cpu_s(pid: int) -> float:
-    """User and system time of a process, all threads."""
+    """User and system time of a process, all threads; read here, because this process must not import numpy."""
     fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")

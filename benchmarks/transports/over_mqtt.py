@@ -1,4 +1,4 @@
-"""MQTT at QoS 0 with paho: its network thread where messages are taken, direct writes where they are put."""
+"""MQTT at QoS 0 with paho: its network thread takes messages, direct writes put them."""
 
 import socket
 from collections.abc import AsyncIterator, Iterator
@@ -9,27 +9,27 @@ from typing import Any
 from paho.mqtt.client import Client, MQTTMessage
 from paho.mqtt.enums import CallbackAPIVersion
 
-from benchmarks.transports.kinds import EACH_POSTERIOR, JUDGEMENT, LOT, Put, Seat, Take, Transport, posterior
+from benchmarks.transports.kinds import BATCH, EACH_POSTERIOR, JUDGEMENT, FusionEnd, Put, Take, Transport, posterior_key
 
 
 @asynccontextmanager
-async def referee(broker: str) -> AsyncIterator[Seat]:
-    """Two clients: one whose thread takes, one that puts."""
-    with _hearing(broker, EACH_POSTERIOR.replace("*", "+")) as take, _speaking(broker, JUDGEMENT) as put:
-        yield Seat(take, put, broker)
+async def fusion(broker: str) -> AsyncIterator[FusionEnd]:
+    """Two clients: the thread of one takes, the other puts."""
+    with _subscribed(broker, EACH_POSTERIOR.replace("*", "+")) as take, _connected_put(broker, JUDGEMENT) as put:
+        yield FusionEnd(take, put, broker)
 
 
 @asynccontextmanager
 async def publisher(broker: str, name: str) -> AsyncIterator[Put]:
-    """A client without a thread: paho then writes to the socket at once."""
-    with _speaking(broker, posterior(name)) as put:
+    """A client without a thread, which writes to the socket at once."""
+    with _connected_put(broker, posterior_key(name)) as put:
         yield put
 
 
 @asynccontextmanager
 async def listener(broker: str) -> AsyncIterator[Take]:
     """A client with paho's thread."""
-    with _hearing(broker, JUDGEMENT) as take:
+    with _subscribed(broker, JUDGEMENT) as take:
         yield take
 
 
@@ -37,7 +37,7 @@ async def listener(broker: str) -> AsyncIterator[Take]:
 def _connected(broker: str) -> Iterator[Client]:
     host, _, port = broker.partition(":")
     client = Client(CallbackAPIVersion.VERSION2)
-    # Else Nagle's algorithm holds a small message back until the last one is acknowledged.
+    # Nagle's algorithm would delay a small message until the last one is acknowledged.
     client.on_socket_open = _no_delay
     client.connect(host, int(port))
     while not client.is_connected():
@@ -53,7 +53,7 @@ def _no_delay(client: Client, userdata: Any, sock: Any) -> None:  # noqa: ANN401
 
 
 @contextmanager
-def _speaking(broker: str, topic: str) -> Iterator[Put]:
+def _connected_put(broker: str, topic: str) -> Iterator[Put]:
     with _connected(broker) as client:
 
         async def put(payload: bytes) -> None:
@@ -66,18 +66,18 @@ def _speaking(broker: str, topic: str) -> Iterator[Put]:
 
 
 @contextmanager
-def _hearing(broker: str, topic: str) -> Iterator[Take]:
+def _subscribed(broker: str, topic: str) -> Iterator[Take]:
     queue: SimpleQueue[bytes] = SimpleQueue()
 
     def enqueue(client: Client, userdata: object, message: MQTTMessage) -> None:
         queue.put(bytes(message.payload))
 
     async def take() -> list[bytes]:
-        lot = [queue.get()]
+        batch = [queue.get()]
         with suppress(Empty):
-            while len(lot) < LOT:
-                lot.append(queue.get_nowait())
-        return lot
+            while len(batch) < BATCH:
+                batch.append(queue.get_nowait())
+        return batch
 
     with _connected(broker) as client:
         client.on_message = enqueue
@@ -89,4 +89,4 @@ def _hearing(broker: str, topic: str) -> Iterator[Take]:
             client.loop_stop()
 
 
-TRANSPORT = Transport(referee, publisher, listener)
+TRANSPORT = Transport(fusion, publisher, listener)

@@ -10,21 +10,21 @@ import nats
 from nats.aio.client import Client
 from nats.aio.msg import Msg
 
-from benchmarks.transports.kinds import EACH_POSTERIOR, JUDGEMENT, LOT, Put, Seat, Take, Transport, posterior
+from benchmarks.transports.kinds import BATCH, EACH_POSTERIOR, JUDGEMENT, FusionEnd, Put, Take, Transport, posterior_key
 
 
 @asynccontextmanager
-async def referee(server: str) -> AsyncIterator[Seat]:
+async def fusion(server: str) -> AsyncIterator[FusionEnd]:
     """One client that takes and puts."""
     async with _connected(server) as client:
-        yield Seat(await _take(client, EACH_POSTERIOR), _put(client, JUDGEMENT), server)
+        yield FusionEnd(await _take(client, EACH_POSTERIOR), _put(client, JUDGEMENT), server)
 
 
 @asynccontextmanager
 async def publisher(server: str, name: str) -> AsyncIterator[Put]:
     """A client that puts."""
     async with _connected(server) as client:
-        yield _put(client, posterior(name))
+        yield _put(client, posterior_key(name))
 
 
 @asynccontextmanager
@@ -61,17 +61,17 @@ async def _take(client: Client, key: str) -> Take:
         something.set()
 
     async def take() -> list[bytes]:
-        # A full queue must not keep nats-py from reading on.
+        # nats-py must continue to read even if the queue is full.
         await (asyncio.sleep(0) if waiting else something.wait())
         something.clear()
-        lot = list(islice(waiting, LOT))
-        for _ in lot:
+        batch = list(islice(waiting, BATCH))
+        for _ in batch:
             waiting.popleft()
-        return lot
+        return batch
 
     await client.subscribe(key.replace("/", "."), cb=enqueue)
     await client.flush()
     return take
 
 
-TRANSPORT = Transport(referee, publisher, listener)
+TRANSPORT = Transport(fusion, publisher, listener)

@@ -10,8 +10,8 @@ import pytest
 # The benchmarks are no part of what is installed.
 sys.path.append(str(Path(__file__).parents[2]))
 
-from benchmarks.crowd.crowd import JUDGES, NAMES, Crowd, scene_name
-from benchmarks.crowd.trial import Plan, run
+from benchmarks.crowd.crowd import NAMES, OBSERVERS, Crowd, scene_name
+from benchmarks.crowd.trial import CrowdPlan, run_trial
 from common.config import MeshConfig, ObserverConfig, Scene
 from common.link import Link
 from common.messages import JudgementMessage
@@ -38,7 +38,7 @@ class Region:
         self.talking = threading.Thread(target=self._talk)
 
     def scenes(self):
-        judges = {f"cam{n}": ObserverConfig(source="simulated") for n in range(JUDGES)}
+        judges = {f"cam{n}": ObserverConfig(source="simulated") for n in range(OBSERVERS)}
         for number in range(SCENES):
             scene = Scene(scene=scene_name(number), vocabulary=NAMES.labels, vocabulary_name=NAMES.name,
                           mesh=self.mesh, observers=judges)  # fmt: skip
@@ -68,7 +68,7 @@ class Region:
 
     def _talk(self):
         while not self.quiet.is_set():
-            self.crowd.speak(0.2)
+            self.crowd.publish(0.2)
 
     def who_judges(self, expected):
         """Wait until the newest judgement of each scene is by whom `expected` says, and all within half a second."""
@@ -121,7 +121,7 @@ def test_who_comes_and_who_dies_moves_only_its_share_and_no_movement_is_lost_or_
     region.quiet.set()
     region.talking.join(SOON_S)
     region.crowd.settle(4.0)
-    account = region.crowd.account
+    account = region.crowd.counts
     # The first of a scene may have gone on while nobody judged yet.
     assert account.movements - account.right <= SCENES
     assert account.doubled == 0
@@ -131,10 +131,10 @@ def test_who_comes_and_who_dies_moves_only_its_share_and_no_movement_is_lost_or_
 
 def test_real_processes_one_of_them_killed_another_started(tmp_path):
     told = []
-    plan = Plan(scenes=8, rate_hz=25.0, seconds=6.0, processes=2, kill=True, warm_up_s=3.0)
-    outcome = run(plan, tmp_path, told.append)
-    assert ["killed referee1" in told, "started referee2" in told] == [True, True]
-    account = outcome.account
+    plan = CrowdPlan(scenes=8, rate_hz=25.0, seconds=6.0, processes=2, kill=True, warm_up_s=3.0)
+    outcome = run_trial(plan, tmp_path, told.append)
+    assert ["killed fusion1" in told, "started fusion2" in told] == [True, True]
+    account = outcome.counts
     assert account.doubled == 0
     # Where the machine stopped everybody for long, the crowd's own gaps cut movements in two.
     assert outcome.whole or account.late_s > 0.2, (outcome.table(), account.done, account.ended)
