@@ -55,8 +55,8 @@ def _measured(path: Path | None) -> Measured:
         raise BadInput(f"cannot read {place}: {(error.strerror or str(error)).lower()}. Choose another file") from None
     except (ValueError, KeyError, TypeError) as error:
         raise BadInput(
-            f"{place}: not a file of measurements ({type(error).__name__}: {error}); python -m benchmarks.scale.measure "
-            "--write FILE writes one"
+            f"{place}: not a file of measurements ({type(error).__name__}: {error}); "
+            "python -m benchmarks.scale.measure --write FILE writes one"
         ) from None
 
 
