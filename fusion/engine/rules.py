@@ -30,7 +30,7 @@ UNSURE_BITS = 10_000.0
 
 @dataclass(frozen=True, slots=True)
 class RuleResult:
-    """p (M,) the pooled posterior; weights (N,), summing to 1: as used, or equal where a rule has none."""
+    """The pooled posterior p (M,), or (R, K) of a joint one, and the weights (N,), summing to 1; equal if a rule has none."""
 
     p: Floats
     weights: Floats
@@ -72,9 +72,9 @@ def two_step_rule(name: str, weigh: Weigh, mix: Mix, most_observers: int | None 
 # Weights
 
 
-def inverse_entropy(entropies: Floats, floor_bits: float = ENTROPY_FLOOR_BITS) -> Floats:
-    """(N,) bits -> (N,) weights w_i = (1/H_i) / sum_j (1/H_j), with H_i not below `floor_bits`."""
-    inverse = 1.0 / np.maximum(entropies, floor_bits)
+def inverse_entropy(entropies: Floats) -> Floats:
+    """(N,) bits -> (N,) weights w_i = (1/H_i) / sum_j (1/H_j), with H_i not below ENTROPY_FLOOR_BITS."""
+    inverse = 1.0 / np.maximum(entropies, ENTROPY_FLOOR_BITS)
     weights: Floats = inverse / inverse.sum()
     return weights
 
