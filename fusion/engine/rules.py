@@ -30,7 +30,7 @@ UNSURE_BITS = 10_000.0
 
 @dataclass(frozen=True, slots=True)
 class RuleResult:
-    """The pooled posterior p (M,), or (R, K) of a joint one, and the weights (N,), summing to 1; equal if a rule has none."""
+    """The pooled p (M,), or (R, K) of a joint posterior; weights (N,), summing to 1, equal if a rule has none."""
 
     p: Floats
     weights: Floats
