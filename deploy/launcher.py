@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from typing import IO
 
 from common.lifecycle import SUPERVISOR, as_json_line
-from deploy.supervision import Decision, RestartPolicy, RunHistory
+from deploy.supervision import RunDecision, RestartPolicy, RunHistory
 
 TERM_TIMEOUT_S = 5.0
 """How long a process may take to end after SIGTERM before it is killed."""
@@ -75,7 +75,7 @@ class Launcher:
         self._followers: dict[str, threading.Thread] = {}
         self._started_s: dict[str, float] = {}
         self._due_s: dict[str, float] = dict.fromkeys(self._jobs, 0.0)
-        self._over: dict[str, Decision] = {}
+        self._over: dict[str, RunDecision] = {}
         self._ended: queue.Queue[str] = queue.Queue()
 
     def run(self, stop: threading.Event, *, exit_when_done: bool = False, linger_s: float = 0.0) -> int:
@@ -95,7 +95,7 @@ class Launcher:
                 self._wait_for_end()
         finally:
             self._end_all()
-        return int(Decision.GIVEN_UP in self._over.values())
+        return int(RunDecision.GIVEN_UP in self._over.values())
 
     def _start_due(self, now_s: float) -> None:
         for name in [name for name, due_s in self._due_s.items() if due_s <= now_s]:
@@ -139,7 +139,7 @@ class Launcher:
         ran_s = time.monotonic() - self._started_s[name]
         history = self._histories[name]
         decision = history.decide(status, ran_s)
-        if decision is Decision.RESTART:
+        if decision is RunDecision.RESTART:
             self._due_s[name] = time.monotonic() + history.pause_s
             end = f"ended with status {status} after {ran_s:.1f} s"
             self._log.write(OWN_NAME, f"{name} {end}; again in {history.pause_s:g} s")
@@ -152,7 +152,7 @@ class Launcher:
 
     def _is_hopeless(self) -> bool:
         """Whether a lasting job, or every worker, was given up: then the scene cannot work any more."""
-        given_up = {name for name, decision in self._over.items() if decision is Decision.GIVEN_UP}
+        given_up = {name for name, decision in self._over.items() if decision is RunDecision.GIVEN_UP}
         workers = {name for name, job in self._jobs.items() if not job.lasting}
         return bool(given_up - workers) or (bool(workers) and workers <= given_up)
 

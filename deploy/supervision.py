@@ -12,7 +12,7 @@ from enum import Enum
 BAD_INPUT = 2
 
 
-class Decision(Enum):
+class RunDecision(Enum):
     """What happens to a process that ended."""
 
     FINISHED = "finished"
@@ -41,15 +41,15 @@ class RunHistory:
     policy: RestartPolicy = field(default_factory=RestartPolicy)
     failures: int = 0
 
-    def decide(self, status: int, ran_s: float) -> Decision:
+    def decide(self, status: int, ran_s: float) -> RunDecision:
         """What to do after a run that ended with `status` (negative: by that signal) after `ran_s`."""
         if status == 0 and not self.lasting:
-            return Decision.FINISHED
+            return RunDecision.FINISHED
         if status == BAD_INPUT:
-            return Decision.GIVEN_UP
+            return RunDecision.GIVEN_UP
         self.failures = 1 if ran_s >= self.policy.recovered_s else self.failures + 1
         limit = self.policy.failures
-        return Decision.GIVEN_UP if limit is not None and self.failures >= limit else Decision.RESTART
+        return RunDecision.GIVEN_UP if limit is not None and self.failures >= limit else RunDecision.RESTART
 
     @property
     def pause_s(self) -> float:

@@ -38,22 +38,6 @@ def test_every_expression_is_about_metrics_that_exist():
         assert set(names) <= {*told(), *OF_THE_CLIENT}, expression
 
 
-def test_every_metric_of_ours_is_shown_or_known_not_to_be():
-    shown = {name for expression in EXPRESSIONS for name in names_in(expression)}
-    assert set(told()) - shown == {
-        "labanmesh_posteriors_total",
-        "labanmesh_last_frame_timestamp_seconds",
-        "labanmesh_clock_skew_seconds",
-        "labanmesh_posteriors_received_total",
-        "labanmesh_posteriors_read_total",
-        "labanmesh_scenes_judged",
-        "labanmesh_fusion_round_seconds",
-        "labanmesh_movements_ended_total",
-        "labanmesh_observer_age_seconds",
-        "labanmesh_connections_total",
-    }
-
-
 def test_labels_in_legends_and_matchers_are_carried():
     labels = told()
     for panel in PANELS:

@@ -12,9 +12,6 @@ import zenoh
 from common.config import MeshConfig
 from common.link import Link
 from common.zenoh_settings import (
-    AUTHORITY_FILE,
-    CERTIFICATE_FILE,
-    KEY_FILE,
     LEASE_MS,
     MAX_MESSAGE_BYTES,
     nested,
@@ -101,14 +98,6 @@ def test_a_huge_message_does_not_fill_a_router_and_its_sender_can_go_on(text):
         router.stdin.close()
         assert router.wait(SOON_S) == 0
     assert peak_kb < huge / 1024
-
-
-def test_the_secured_router_names_the_files_that_secure_writes():
-    tls = json.loads(zenoh.Config.from_file(str(SECURED)).get_json("transport/link/tls"))
-    assert tls["root_ca_certificate"] == f"{CREDENTIALS}/{AUTHORITY_FILE}"
-    assert tls["listen_certificate"] == f"{CREDENTIALS}/{CERTIFICATE_FILE}"
-    assert tls["listen_private_key"] == f"{CREDENTIALS}/{KEY_FILE}"
-    assert tls["enable_mtls"] is True and tls["close_link_on_expiration"] is True
 
 
 def test_the_secured_router_opens_no_plain_text_port():

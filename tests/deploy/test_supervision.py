@@ -4,19 +4,19 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from deploy.supervision import Decision, RestartPolicy, RunHistory
+from deploy.supervision import RestartPolicy, RunDecision, RunHistory
 
 
 @pytest.mark.parametrize(
     ("lasting", "status", "decision"),
     [
-        (False, 0, Decision.FINISHED),
-        (True, 0, Decision.RESTART),
-        (False, 1, Decision.RESTART),
-        (True, 1, Decision.RESTART),
-        (False, -9, Decision.RESTART),
-        (False, 2, Decision.GIVEN_UP),
-        (True, 2, Decision.GIVEN_UP),
+        (False, 0, RunDecision.FINISHED),
+        (True, 0, RunDecision.RESTART),
+        (False, 1, RunDecision.RESTART),
+        (True, 1, RunDecision.RESTART),
+        (False, -9, RunDecision.RESTART),
+        (False, 2, RunDecision.GIVEN_UP),
+        (True, 2, RunDecision.GIVEN_UP),
     ],
 )
 def test_what_becomes_of_an_end(lasting, status, decision):
@@ -41,12 +41,16 @@ def test_a_long_run_forgives():
 
 def test_too_many_failures_in_a_row_are_given_up():
     history = RunHistory(False, RestartPolicy(failures=3))
-    assert [history.decide(1, 0.1) for _ in range(3)] == [Decision.RESTART, Decision.RESTART, Decision.GIVEN_UP]
+    assert [history.decide(1, 0.1) for _ in range(3)] == [
+        RunDecision.RESTART,
+        RunDecision.RESTART,
+        RunDecision.GIVEN_UP,
+    ]
 
 
 @given(st.lists(st.tuples(st.integers(1, 255).filter(lambda s: s != 2), st.floats(0, 1e6)), min_size=1, max_size=200))
 def test_a_pause_is_never_shorter_than_the_first_nor_longer_than_the_longest(runs):
     history = RunHistory(True)
     for status, ran_s in runs:
-        assert history.decide(status, ran_s) is Decision.RESTART
+        assert history.decide(status, ran_s) is RunDecision.RESTART
         assert 0.5 <= history.pause_s <= 30

@@ -93,31 +93,6 @@ def test_what_a_service_calls_is_understood(name):
     typer.main.get_command(app).make_context(verb, words)
 
 
-@services
-def test_a_service_is_watched_and_comes_back(name):
-    assert settings(name, "Type") == ["notify"]
-    assert settings(name, "Restart") == ["always"] and settings(name, "StartLimitIntervalSec") == ["0"]
-    assert 10 <= int(settings(name, "WatchdogSec")[0]) <= 60
-    # Bad input ends with status 2 (common.errors.BadInput): starting again does not heal it.
-    assert settings(name, "RestartPreventExitStatus") == ["2"]
-    assert settings(name, "PartOf") == settings(name, "WantedBy") == ["labanmesh.target"]
-
-
-def test_only_the_observer_has_devices():
-    for name in SERVICES:
-        observer = "observer" in name
-        assert settings(name, "SupplementaryGroups") == (["video"] if observer else [])
-        assert settings(name, "DeviceAllow") == (["char-video4linux rw"] if observer else [])
-        assert settings(name, "PrivateDevices") == ([] if observer else ["yes"])
-
-
-@services
-def test_the_environment_file_is_read_and_names_what_there_is(name):
-    assert settings(name, "EnvironmentFile") == ["-/etc/labanmesh/labanmesh.env"]
-    named = set(re.findall(r"^#?(LABANMESH_\w+)=", (UNITS / "labanmesh.env").read_text("utf-8"), re.MULTILINE))
-    assert named == {"LABANMESH_LOG", "LABANMESH_ROUTER"}
-
-
 def test_the_wheel_carries_what_the_page_copies_out_of_it():
     carried = tomllib.loads((UNITS.parents[1] / "pyproject.toml").read_text("utf-8"))["tool"]["setuptools"][
         "package-data"

@@ -9,9 +9,9 @@ import subprocess
 import sys
 import threading
 import time
-from contextlib import contextmanager
 
 import pytest
+from mesh_stage import running
 
 from common.config import read_scene
 from common.errors import LabanmeshError
@@ -58,9 +58,9 @@ def placed(scene, certificate):
 def test_from_nothing_to_credentials_for_each_machine(scene, secure):
     status, out, err = secure("init")
     assert (status, err) == (0, "")
-    told = [line.split()[2:] for line in out.splitlines() if "secure add" in line]
-    assert [words[-1] for words in told] == ["router", "fusion", "sofa", "shelf", "hub"]
-    for *_, machine in told:
+    steps = [line.split()[2:] for line in out.splitlines() if "secure add" in line]
+    assert [words[-1] for words in steps] == ["router", "fusion", "sofa", "shelf", "hub"]
+    for *_, machine in steps:
         status, out, err = secure("add", machine)
         assert (status, err) == (0, "") and f"certificate {machine}.1" in out
         assert f"scp -rp {scene.parent / 'secure' / machine}.1 {machine}:FOLDER/credentials" in out
@@ -71,7 +71,7 @@ def test_from_nothing_to_credentials_for_each_machine(scene, secure):
     assert json.loads(out)[0]["hosts"] == ["127.0.0.1", "localhost"]
 
 
-def test_a_scene_that_is_not_secured_yet_is_told_what_to_write(tmp_path, capsys):
+def test_for_a_scene_without_security_init_prints_what_to_write(tmp_path, capsys):
     path = tmp_path / "scene.toml"
     path.write_text(f'scene = "dojo"\n{OBSERVERS}')
     assert main(["secure", "init", str(path)]) == 0
@@ -81,7 +81,7 @@ def test_a_scene_that_is_not_secured_yet_is_told_what_to_write(tmp_path, capsys)
     assert "rules without certificates bind nobody" in capsys.readouterr().err
 
 
-def test_renewal_tells_the_next_step(secure):
+def test_renewal_prints_the_next_step(secure):
     secure("init")
     secure("add", "sofa")
     status, out, _ = secure("renew", "sofa")
@@ -112,25 +112,9 @@ def test_each_fault_is_one_line_and_status_2(secure, words, line):
     assert (status, out) == (2, "") and line in err and err.count("\n") == 1
 
 
-@contextmanager
-def running(rules):
-    """A router in a thread, looking for changes all the time; its failure is the test's."""
-    stop, faults = threading.Event(), []
-
-    def body():
-        try:
-            route(rules, stop, poll_s=0.02)
-        except LabanmeshError as error:
-            faults.append(error)
-
-    thread = threading.Thread(target=body)
-    thread.start()
-    try:
-        yield
-    finally:
-        stop.set()
-        thread.join(SOON_S)
-    assert not thread.is_alive() and faults == []
+def routing(rules):
+    """A router in a thread that looks for changes all the time."""
+    return running(lambda stop: route(rules, stop, poll_s=0.02))
 
 
 def admitted(mesh, role="observer"):
@@ -154,7 +138,7 @@ def test_a_running_router_takes_up_what_changes(scene, secure, monkeypatch, capl
     shutil.copytree(scene.parent / "secure" / "router.1", scene.parent / "credentials")
     mesh = read_scene(scene, {}).mesh
     sofa = mesh.model_copy(update={"credentials": placed(scene, "sofa.1")})
-    with running(rules_of_scenes([scene])):
+    with routing(rules_of_scenes([scene])):
         assert admitted(sofa)
         register = scene.parent / "secure" / "register.json"
         good = register.read_text()
@@ -189,7 +173,7 @@ def test_a_router_runs_on_the_file_that_secure_keeps(scene, secure):
     shutil.copytree(scene.parent / "secure" / "router.1", scene.parent / "credentials")
     mesh = read_scene(scene, {}).mesh
     hub = mesh.model_copy(update={"credentials": placed(scene, "hub.1")})
-    with running(rules_in_file(scene.parent / "secure" / "router.json5")):
+    with routing(rules_in_file(scene.parent / "secure" / "router.json5")):
         assert admitted(hub, "hub")
     status, out, _ = secure("rules", "--credentials", "/run/credentials", "--listen", "tls/0.0.0.0:9")
     assert status == 0 and '"/run/credentials/key.pem"' in out and "tls/0.0.0.0:9" in out and '"hub.1"' in out
