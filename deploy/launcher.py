@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from typing import IO
 
 from common.lifecycle import SUPERVISOR, as_json_line
-from deploy.supervision import RunDecision, RestartPolicy, RunHistory
+from deploy.supervision import RestartPolicy, RunDecision, RunHistory
 
 TERM_TIMEOUT_S = 5.0
 """How long a process may take to end after SIGTERM before it is killed."""
