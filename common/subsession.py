@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from types import TracebackType
-from typing import Any, Protocol, Self
+from typing import Any, Self
 
 import zenoh
 
@@ -26,11 +26,6 @@ RETRY_S = 0.05
 """Pause between two queries while nobody answers: declarations of a new peer may still be on their way."""
 RING = 256
 """Samples or queries in each ring of a polled sub-session."""
-
-
-class _Ring(Protocol):
-    def try_recv(self) -> object:
-        """The oldest entry; None if the ring is empty; raises ZError if nothing more will arrive."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -240,9 +235,9 @@ class SubSession:
 
 
 def _empty(polled: _Polled) -> None:
-    ring: _Ring = polled.ring
     # What arrives meanwhile waits for the next poll: a flood must not hold the loop.
     for _ in range(RING):
-        if (entry := ring.try_recv()) is None:
+        # None if the ring is empty; raises ZError if nothing more will arrive.
+        if (entry := polled.ring.try_recv()) is None:
             return
         polled.take_in(entry)

@@ -1,4 +1,4 @@
-"""Who may import whom, read from the source: the plan of the house, held."""
+"""Imports between packages and of libraries, checked in the source."""
 
 import ast
 import re
@@ -50,7 +50,7 @@ EXTRAS_OF = {
     "observer": ("observer",),
     "studies": ("observer", "report"),
 }
-"""Rooms that may need more than the plain install."""
+"""Packages that may need more than the plain install."""
 
 OUTSIDE_WORLD = {
     *("time", "socket", "threading", "subprocess", "os", "pathlib", "signal", "tempfile", "shutil", "zipfile", "sys"),
@@ -142,7 +142,7 @@ IMPURE = {
     "studies.report": "files",
     "studies.stream": "runs evaluate, which measures time",
 }
-"""Modules, by pattern, that touch sockets, clocks, disks, cameras or processes. All others are pure."""
+"""Modules, by pattern, that use sockets, clocks, disks, cameras or processes. All others are pure."""
 PURE_ALL_THE_SAME = {
     "observer.camera.base",
     "observer.preview.sight",
@@ -157,7 +157,7 @@ ALLOWED = {
 
 
 class Import(NamedTuple):
-    """One import: by which module, of what, in which line, and whether it happens when the module is imported."""
+    """One import: the module, what it imports, the line, and whether it runs when the module is imported."""
 
     by: str
     of: str
@@ -200,7 +200,7 @@ def imports_in(module, node, at_import=True, for_types=False):
             yield from imports_in(module, child, inside, types)
 
 
-IMPORTS = [found for name, tree in TREES.items() for found in imports_in(name, tree)]
+IMPORTS = [each for name, tree in TREES.items() for each in imports_in(name, tree)]
 
 
 def room_of(module):
@@ -211,48 +211,48 @@ def is_pure(module):
     return module in PURE_ALL_THE_SAME or not any(fnmatch(module, pattern) for pattern in IMPURE)
 
 
-def wrong(found):
-    """The findings as the failure's text."""
-    return "\n" + "\n".join(sorted(set(found)))
+def listed(faults):
+    """The faults as the text of a failure."""
+    return "\n" + "\n".join(sorted(set(faults)))
 
 
-def test_this_test_reads_the_house():
+def test_this_test_finds_the_imports():
     assert {room_of(name) for name in FILES} == {*ROOMS, "labanmesh"}
-    seen = {(i.by, i.of) for i in IMPORTS}
-    assert ("fusion.engine.engine", "fusion.engine.verdict_detector") in seen and ("common.link", "zenoh") in seen
+    pairs = {(i.by, i.of) for i in IMPORTS}
+    assert ("fusion.engine.engine", "fusion.engine.verdict_detector") in pairs and ("common.link", "zenoh") in pairs
     lazy = [i for i in IMPORTS if i.by == "fusion.commands" and i.of == "fusion.server"]
     assert lazy and not lazy[0].at_import
     assert any(i.for_types and i.of == "common.link" for i in IMPORTS if i.by == "hub.session")
 
 
-def test_rooms_enter_only_where_they_may():
-    found = [
+def test_packages_import_only_what_they_may():
+    faults = [
         f"{i.place} imports {i.of}: {room_of(i.by)} may import {', '.join(sorted(MAY_ENTER[room_of(i.by)]))}; "
         "move what both need to common, or let studies join them"
         for i in IMPORTS
         if i.top in (*ROOMS, "labanmesh") and i.top not in MAY_ENTER[room_of(i.by)]
     ]
-    assert not found, wrong(found)
+    assert not faults, listed(faults)
 
 
-def test_the_front_door_opens_a_room_only_for_its_verb():
-    found = [
+def test_the_command_line_imports_a_package_only_for_its_verb():
+    faults = [
         i.place
         for i in IMPORTS
         if i.by == "labanmesh" and i.top in ROOMS and i.of not in ("common.errors", "common.text")
     ]
-    assert not found, f"labanmesh.py imports rooms through VERBS alone, so that --help is quick: {wrong(found)}"
+    assert not faults, f"labanmesh.py imports packages only through VERBS, so that --help is fast: {listed(faults)}"
     assert {room_of(verb.module) for verb in VERBS.values()} <= set(ROOMS)
 
 
 @pytest.mark.parametrize(("library", "where"), ONLY_IN.items())
-def test_each_heavy_library_has_its_place(library, where):
-    found = [
-        f"{i.place}: {library} is imported in {where} only; go through it"
+def test_each_heavy_library_is_imported_in_one_place(library, where):
+    faults = [
+        f"{i.place}: {library} is imported in {where} only; use that module"
         for i in IMPORTS
         if i.top == library and not any(fnmatch(str(FILES[i.by].relative_to(HOUSE)), w) for w in where.split())
     ]
-    assert not found, wrong(found)
+    assert not faults, listed(faults)
 
 
 def declared():
@@ -262,55 +262,55 @@ def declared():
     return {extra: {re.match(r"[\w-]+", line)[0] for line in lines} for extra, lines in groups.items()}
 
 
-def test_nothing_is_imported_that_is_not_declared():
+def test_every_imported_library_is_declared():
     groups = declared()
-    found = []
+    faults = []
     for i in IMPORTS:
         if i.top in sys.stdlib_module_names or i.top in (*ROOMS, "labanmesh"):
             continue
         extras = ("", *EXTRAS_OF.get(room_of(i.by), ()))
         if PROVIDED_BY.get(i.top, i.top) not in set().union(*(groups[extra] for extra in extras)):
-            found.append(
+            faults.append(
                 f"{i.place} imports {i.top}: not among the dependencies that {room_of(i.by)} may need "
                 f"({' + '.join(extra or 'plain' for extra in extras)}); declare it in pyproject.toml or do without"
             )
-    assert not found, wrong(found)
+    assert not faults, listed(faults)
 
 
-def test_pure_modules_do_not_touch_the_outside_world():
-    found = [
-        f"{i.place} imports {i.of}, which touches the outside world: pass it in, move that part to a file of its own, "
-        "or, if this module is there for it, list it in IMPURE with its reason"
+def test_pure_modules_do_not_use_the_outside_world():
+    faults = [
+        f"{i.place} imports {i.of}, which uses the outside world: pass it in, move that part to a file of its own, "
+        "or, if this is the purpose of the module, list it in IMPURE with the reason"
         for i in IMPORTS
         if is_pure(i.by) and i.by != "labanmesh" and not i.for_types and (i.by, i.of) not in ALLOWED
         if i.top in OUTSIDE_WORLD or (i.of in FILES and not is_pure(i.of))
     ]
-    assert not found, wrong(found)
+    assert not faults, listed(faults)
 
 
-def test_pure_modules_open_no_files_and_draw_no_unseeded_numbers():
+def test_pure_modules_open_no_files_and_use_no_unseeded_random_numbers():
     forbidden = {"open", "print", "input", "read_text", "write_text", "read_bytes", "write_bytes", "urlopen"}
-    found = []
+    faults = []
     for name in filter(is_pure, FILES):
         for call in (n for n in ast.walk(TREES[name]) if isinstance(n, ast.Call)):
-            said = ast.unparse(call.func)
-            unseeded = said.endswith("default_rng") and not call.args
-            if name != "labanmesh" and (said.rpartition(".")[2] in forbidden or said.startswith("np.load") or unseeded):
-                found.append(f"{name} line {call.lineno}: {said}(...) in a pure module; pass in what it gives")
-    assert not found, wrong(found)
+            function = ast.unparse(call.func)
+            unseeded = function.endswith("default_rng") and not call.args
+            impure = function.rpartition(".")[2] in forbidden or function.startswith("np.load") or unseeded
+            if name != "labanmesh" and impure:
+                faults.append(f"{name} line {call.lineno}: {function}(...) in a pure module; pass in its result")
+    assert not faults, listed(faults)
 
 
 def test_the_exceptions_are_still_needed():
     used = {(i.by, i.of) for i in IMPORTS}
     unused = [f"{by} -> {of}" for by, of in ALLOWED if (by, of) not in used]
-    assert not unused, f"take these out of ALLOWED: {wrong(unused)}"
+    assert not unused, f"take these out of ALLOWED: {listed(unused)}"
 
 
 @pytest.mark.parametrize("name", FILES)
-def test_every_module_says_what_it_is_for(name):
-    said = ast.get_docstring(TREES[name])
-    assert said, f"{FILES[name].relative_to(HOUSE)}: its first line is a docstring that says what the file is for"
-    assert len(said.splitlines()[0]) > 10
+def test_every_module_has_a_docstring(name):
+    docstring = ast.get_docstring(TREES[name]) or ""
+    assert len(docstring.partition("\n")[0]) > 10, f"{FILES[name].relative_to(HOUSE)}: say what the file is for"
 
 
 def test_our_import_names_are_ours_alone():
@@ -322,24 +322,24 @@ def test_our_import_names_are_ours_alone():
         )
 
 
-def test_loggers_are_named_after_their_rooms():
+def test_loggers_are_named_after_their_packages():
     for name, tree in TREES.items():
         for call in (
             n for n in ast.walk(tree) if isinstance(n, ast.Call) and ast.unparse(n.func).endswith("getLogger")
         ):
-            said = call.args[0].value if call.args and isinstance(call.args[0], ast.Constant) else ast.unparse(call)
-            assert said in ("labanmesh", f"labanmesh.{room_of(name)}"), (
-                f"{name} line {call.lineno}: the logger is {said!r}; call it 'labanmesh.{room_of(name)}'"
+            logger = call.args[0].value if call.args and isinstance(call.args[0], ast.Constant) else ast.unparse(call)
+            assert logger in ("labanmesh", f"labanmesh.{room_of(name)}"), (
+                f"{name} line {call.lineno}: the logger is {logger!r}; call it 'labanmesh.{room_of(name)}'"
             )
 
 
-def test_no_module_is_past_its_size():
+def test_no_module_is_longer_than_300_lines():
     long = {name: len(path.read_text(encoding="utf-8").splitlines()) for name, path in FILES.items()}
-    found = [f"{name} has {lines} lines: split it along its ideas, 300 are the most" for name, lines in long.items()
+    faults = [f"{name} has {lines} lines: split it; 300 is the limit" for name, lines in long.items()
              if lines > 300]  # fmt: skip
-    assert not found, wrong(found)
+    assert not faults, listed(faults)
 
 
-def test_tests_are_no_package():
-    found = [str(p) for p in (HOUSE / "tests").rglob("__init__.py")]
-    assert not found, f"tests are imported by path (importlib mode): remove {found}"
+def test_tests_are_not_a_package():
+    faults = [str(p) for p in (HOUSE / "tests").rglob("__init__.py")]
+    assert not faults, f"tests are imported by path (importlib mode): remove {faults}"
