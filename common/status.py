@@ -16,6 +16,8 @@ from common.notify import Notifier
 from common.subsession import SubSession
 from common.wire import encode
 
+REASON_LIMIT = 200
+"""Characters of a reason: more would not help a person, and a status must fit into a message."""
 RATE_WINDOW_NS = 2 * SECOND_NS
 """Frames are counted over this time: short enough to show a stall, long enough for a steady rate."""
 
@@ -41,7 +43,7 @@ class ProcessStatus:
     def set_state(self, state: ProcessState, reason: str = "") -> None:
         """Set the state, with its reason in words."""
         with self._lock:
-            self._state, self._reason = state, reason
+            self._state, self._reason = state, reason[:REASON_LIMIT]
 
     def record_frame(self, frame_ns: int, now_ns: int) -> None:
         """Count one frame (for fusion: one posterior), captured at `frame_ns` and processed at `now_ns`."""
@@ -159,4 +161,4 @@ class StatusPublisher:
         if error is None:
             self.set_state("stopping")
         else:
-            self.set_state("failed", f"{type(error).__name__}: {error}"[:200])
+            self.set_state("failed", f"{type(error).__name__}: {error}")

@@ -63,7 +63,9 @@ class BadMessage(LabanmeshError):  # noqa: N818 - like BadInput: it names whose 
 
     def __init__(self, reason: Reason, detail: str) -> None:
         self.reason: Reason = reason
-        self.detail = " ".join(detail.split())[:DETAIL_LIMIT]
+        line = " ".join(detail.split())[:DETAIL_LIMIT]
+        # The names of fields are a peer's own, and could hold control sequences for a terminal.
+        self.detail = "".join(each if each.isprintable() else "?" for each in line)
         super().__init__(f"{reason}: {self.detail}")
 
 

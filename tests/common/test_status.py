@@ -4,7 +4,9 @@ import pytest
 
 from common import SECOND_NS
 from common.health import FRESH_S, STALLED_S, ProcessHealth
+from common.messages import StatusMessage
 from common.status import ProcessStatus
+from common.wire import decode, encode
 
 START_NS = 1_000 * SECOND_NS
 
@@ -40,9 +42,9 @@ def test_a_process_without_frames_is_degraded_and_recovers(status):
     assert (silent.state, silent.reason, silent.rate_hz) == ("degraded", "no frame for 5 s", 0)
     status.record_frame(START_NS, START_NS + 6 * SECOND_NS)
     assert status.status(START_NS + 6 * SECOND_NS).state == "running"
-    status.set_state("stopping", "told to")
+    status.set_state("stopping", "x" * 100_000)
     stopping = status.status(START_NS + 60 * SECOND_NS)
-    assert (stopping.state, stopping.reason) == ("stopping", "told to")
+    assert stopping.state == "stopping" and decode(StatusMessage, encode(stopping)).reason == "x" * 200
 
 
 def test_alive_and_ready_follow_the_steps_of_the_loop():
