@@ -228,18 +228,21 @@ def test_the_process_says_where_it_listens_and_ends_cleanly(scene, secure):
 def test_a_running_router_takes_up_a_scene_that_joins(scene, secure, monkeypatch, caplog):
     monkeypatch.setattr("common.link.ADMISSION_TIMEOUT_S", 0.5)
     folder = scene.parent
-    assert main(["secure", "init", str(folder)]) == main(["secure", "add", str(folder), "router"]) == 0
+    for words in (["init"], ["add", "router"], ["add", "hub"]):
+        assert main(["secure", words[0], str(folder), *words[1:]]) == 0
     shutil.copytree(folder / "secure" / "router.1", folder / "credentials")
+    hub = read_scene(scene, {}).mesh.model_copy(update={"credentials": placed(scene, "hub.1")})
     with routing(rules_of_scenes([folder])):
+        assert admitted(hub, "hub")
         (folder / "garden.toml").write_text(scene.read_text().replace("dojo", "garden"))
         until(lambda: "not of scene 'garden'; labanmesh secure init" in caplog.text)
         assert main(["secure", "init", str(folder)]) == 0
         assert main(["secure", "add", str(folder), "pi", "--observer", "garden/sofa"]) == 0
-        mesh = read_scene(scene, {}).mesh.model_copy(update={"credentials": placed(scene, "pi.1")})
+        pi = hub.model_copy(update={"credentials": placed(scene, "pi.1")})
 
         def is_admitted():
             try:
-                return admitted(mesh)
+                return admitted(pi)
             except LabanmeshError:
                 return False
 
