@@ -1,1 +1,1 @@
-"""The virtual camera: pictures of a performer of whom only hands and head were recorded."""
+"""The virtual camera: pictures of a performer whose hands and head alone were recorded."""

@@ -1,7 +1,7 @@
-"""A whole body inferred from hands and head: where hips, shoulders, elbows, knees and feet plausibly are; pure.
+"""A plausible body inferred from hands and head: hips, shoulders, elbows, knees and feet; pure.
 
-Axes are the archive's: x to the performer's right, y up, z to his back. He faces -z. Nothing here was recorded but the
-three parts; the rest only has to look like a person who holds them there.
+Axes are those of the archive: x to the performer's right, y up, z to the performer's back, who faces -z. Only the three
+parts were recorded; the rest just has to look like a person who holds them there.
 """
 
 import math
@@ -14,38 +14,40 @@ from observer.tracks import BODY_PARTS, Floats
 
 LEFT, RIGHT, HEAD = (BODY_PARTS.index(name) for name in ("left_hand", "right_hand", "head"))
 
-# Segments as parts of the height (Drillis and Contini 1966); hands end at the palm.
+# Segment lengths as shares of the height (Drillis and Contini 1966); hands end at the palm.
 LEG, TRUNK, NECK, HALF_SHOULDERS, HALF_HIPS = 0.530, 0.288, 0.118, 0.115, 0.052
 UPPER_ARM, FOREARM, THIGH, SHIN, ANKLE = 0.186, 0.200, 0.245, 0.246, 0.045
 HEAD_CENTRE = LEG + TRUNK + NECK
 
 USUAL_HEIGHT, SMALLEST, TALLEST = 1.72, 1.45, 1.95
-HANGING = 0.5  # how far a hanging hand is below the head, of the height: .47 by the segments, .54 in MSR Action3D
+HANGING = (
+    0.5  # distance of a hanging hand below the head, share of the height: .47 by the segments, .54 in MSR Action3D
+)
 LONGEST_STRIDE = 0.45
 MOST_TWIST_RAD = 0.6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Stature:
-    """How a performer stands: `head` (3,) the middle of the head when upright, and the height, in metres."""
+    """Position and height of a standing performer: `head` (3,) the middle of the upright head, in metres."""
 
     head: Floats
     height: float
 
     @property
     def floor(self) -> float:
-        """The floor's y."""
+        """y of the floor."""
         return float(self.head[1]) - HEAD_CENTRE * self.height
 
     @property
     def middle(self) -> Floats:
-        """(3,) the middle of the performer: what a camera is aimed at."""
+        """(3,) the middle of the performer, at which a camera is aimed."""
         return np.array([self.head[0], self.floor + 0.56 * self.height, self.head[2]])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Arm:
-    """Places (3,) in metres; `hand` is the palm's middle."""
+    """Positions (3,) in metres; `hand` is the middle of the palm."""
 
     shoulder: Floats
     elbow: Floats
@@ -59,10 +61,10 @@ class Arm:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BodyPose:
-    """Places in metres. head: None when not seen; arms: left, right, None with the hand; the rest is inferred.
+    """Positions in metres. head: None when not seen. arms: left and right, None when the hand is not seen.
 
-    spine: unit vector from the hips to the head; across: to the performer's right, along the shoulders.
-    shoulders, hips, knees, ankles: (2, 3) left then right.
+    spine: unit vector from the hips to the head. across: unit vector along the shoulders to the performer's right.
+    shoulders, hips, knees, ankles: (2, 3), left then right.
     """
 
     head: Floats | None
@@ -77,9 +79,9 @@ class BodyPose:
 
 
 def stature(positions: NDArray[np.floating], height: float | None = None) -> Stature:
-    """(F, P, 3) positions of one performer -> how he stands: head where it mostly is, as high as it mostly gets.
+    """(F, P, 3) positions of one performer -> the stature: median position of the head, at its 80 % quantile of height.
 
-    height: metres; None estimates it from the lowest hanging hand, 1.45 to 1.95 m, 1.72 m where no hand hangs.
+    height: metres; None estimates it from the lowest hanging hand, 1.45 to 1.95 m, or 1.72 m when no hand hangs.
     """
     places = np.asarray(positions, dtype=np.float64)
     heads = places[:, HEAD][np.isfinite(places[:, HEAD]).all(axis=1)]
@@ -95,49 +97,50 @@ def _height(places: Floats) -> float:
     below = (places[:, HEAD, None] - places[:, [LEFT, RIGHT]])[:, :, 1]
     below = below[np.isfinite(below)]
     furthest = float(np.quantile(below, 0.95)) if len(below) else 0.0
-    # Hands that never come down say nothing about how tall the person is.
+    # Hands that are never lowered do not reveal the height.
     return float(np.clip(furthest / HANGING, SMALLEST, TALLEST)) if furthest > 0.55 else USUAL_HEIGHT
 
 
 def pose(positions: Floats, standing: Stature) -> BodyPose | None:
-    """(P, 3) hands and head -> the body that holds them there; None when none of them is seen."""
-    seen: NDArray[np.bool_] = np.logical_and.reduce(np.isfinite(positions), axis=1)
-    if not seen.any():
+    """(P, 3) hands and head -> the body; None when none of them is seen."""
+    known: NDArray[np.bool_] = np.logical_and.reduce(np.isfinite(positions), axis=1)
+    if not known.any():
         return None
     tall = standing.height
-    head = positions[HEAD] if seen[HEAD] else standing.head
+    head = positions[HEAD] if known[HEAD] else standing.head
     hips = _hips(head, standing)
     spine = _unit(head - hips, np.array([0.0, 1.0, 0.0]))
     chest = head - NECK * tall * spine
-    across = _across(positions, chest, seen)
+    across = _across(positions, chest, known)
     sides = np.array([-1.0, 1.0])[:, None] * across
     shoulders = chest + HALF_SHOULDERS * tall * sides - 0.03 * tall * spine
-    arms = [_arm(shoulders[i], positions[i], float(2 * i - 1), tall) if seen[i] else None for i in (LEFT, RIGHT)]
+    arms = [_arm(shoulders[i], positions[i], float(2 * i - 1), tall) if known[i] else None for i in (LEFT, RIGHT)]
     both_hips = hips + HALF_HIPS * tall * sides
     knees, ankles = _legs(both_hips, hips, standing)
-    known_head = head if seen[HEAD] else None
-    return BodyPose(known_head, spine, across, chest, shoulders, (arms[0], arms[1]), both_hips, knees, ankles)
+    return BodyPose(
+        head if known[HEAD] else None, spine, across, chest, shoulders, (arms[0], arms[1]), both_hips, knees, ankles
+    )
 
 
 def _hips(head: Floats, standing: Stature) -> Floats:
-    """(3,) hips a trunk and neck from the head: as high and as near to where he stands as that allows.
+    """(3,) hips, a trunk and neck from the head, as high and as near to the standing position as possible.
 
-    Who holds the head low and away bends or lunges, who holds it low in place sinks into the knees.
+    A low head away from the standing position means bending or lunging, a low head in place means bent knees.
     """
     length, leg = (TRUNK + NECK) * standing.height, LEG * standing.height
-    away = (head - standing.head) * [1.0, 0.0, 1.0]
-    distance = float(np.linalg.norm(away))
+    offset = (head - standing.head) * [1.0, 0.0, 1.0]
+    distance = float(np.linalg.norm(offset))
     above = float(head[1]) - (standing.floor + leg)
     lean = min(math.sqrt(max(length**2 - above**2, 0.0)), distance, 0.98 * length)
-    hips = head - away * (lean / distance if distance > 1e-9 else 0.0)
+    hips = head - offset * (lean / distance if distance > 1e-9 else 0.0)
     rise = math.sqrt(length**2 - lean**2)
     hips[1] = np.clip(head[1] - rise, standing.floor + 0.3 * leg, standing.floor + 1.02 * leg)
     return hips
 
 
-def _across(positions: Floats, chest: Floats, seen: NDArray[np.bool_]) -> Floats:
-    """(3,) to the performer's right, turned with the hand that is ahead of the other."""
-    ahead = [float(chest[2] - positions[i, 2]) if seen[i] else 0.0 for i in (LEFT, RIGHT)]
+def _across(positions: Floats, chest: Floats, known: NDArray[np.bool_]) -> Floats:
+    """(3,) to the performer's right, twisted towards the hand that is farther forward."""
+    ahead = [float(chest[2] - positions[i, 2]) if known[i] else 0.0 for i in (LEFT, RIGHT)]
     twist = float(np.clip(0.7 * (ahead[1] - ahead[0]), -MOST_TWIST_RAD, MOST_TWIST_RAD))
     return np.array([math.cos(twist), 0.0, -math.sin(twist)])
 
@@ -148,11 +151,11 @@ def _arm(shoulder: Floats, hand: Floats, side: float, tall: float) -> Arm:
 
 
 def _legs(both_hips: Floats, hips: Floats, standing: Stature) -> tuple[Floats, Floats]:
-    """Knees and ankles (2, 3): the left foot stays behind, the right one steps, as far as the hips have gone."""
+    """Knees and ankles (2, 3): the left foot stays behind, the right one steps as far as the hips have moved."""
     tall = standing.height
-    gone = (hips - standing.head) * [1.0, 0.0, 1.0]
-    gone = gone * min(1.0, LONGEST_STRIDE / max(float(np.linalg.norm(gone)), 1e-9))
-    ankles = both_hips + 0.025 * tall * np.array([[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0]]) + np.stack([-gone, gone])
+    moved = (hips - standing.head) * [1.0, 0.0, 1.0]
+    moved = moved * min(1.0, LONGEST_STRIDE / max(float(np.linalg.norm(moved)), 1e-9))
+    ankles = both_hips + 0.025 * tall * np.array([[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0]]) + np.stack([-moved, moved])
     ankles[:, 1] = standing.floor + ANKLE * tall
     pole = np.array([0.0, 0.0, -1.0])
     knees = [_joint(both_hips[i], ankles[i], THIGH * tall, SHIN * tall, pole) for i in range(2)]
@@ -160,7 +163,7 @@ def _legs(both_hips: Floats, hips: Floats, standing: Stature) -> tuple[Floats, F
 
 
 def _joint(start: Floats, end: Floats, first: float, second: float, pole: Floats) -> Floats:
-    """(3,) the joint between two links, by the law of cosines, on the side of `pole`; on the line when out of reach."""
+    """(3,) the joint between two links by the law of cosines, on the side of `pole`; on the line when out of reach."""
     line = end - start
     distance = float(np.linalg.norm(line))
     aim = _unit(line, np.array([0.0, -1.0, 0.0]))
@@ -170,8 +173,8 @@ def _joint(start: Floats, end: Floats, first: float, second: float, pole: Floats
     distance = max(distance, abs(first - second) + 1e-6)
     along = (first**2 - second**2 + distance**2) / (2 * distance)
     aside = math.sqrt(max(first**2 - along**2, 0.0))
-    away = _unit(pole - (pole @ aim) * aim, np.array([0.0, 0.0, -1.0]))
-    joint: Floats = start + along * aim + aside * away
+    side = _unit(pole - (pole @ aim) * aim, np.array([0.0, 0.0, -1.0]))
+    joint: Floats = start + along * aim + aside * side
     return joint
 
 

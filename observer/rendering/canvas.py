@@ -13,11 +13,11 @@ from observer.rendering.body import HEAD
 from observer.rendering.figure import Appearance, ClothHull, Shape, SkinEllipsoid, complexion
 
 NEAREST = 0.05
-"""Metres before the camera: what is nearer cannot be drawn."""
+"""Least depth in metres of a point that can be drawn."""
 
 
 class PinholeCamera:
-    """A camera by its (3, 4) matrix, space in metres to picture in pixels."""
+    """A pinhole camera by its (3, 4) matrix from metres to pixels."""
 
     __slots__ = ("_H", "centre", "focal_px")
 
@@ -45,17 +45,17 @@ class PinholeCamera:
         centre: Floats = np.linalg.solve(H[:, :3], -H[:, 3]).astype(np.float64)
         return cls(H, centre, focal)
 
-    def see(self, points: Floats) -> tuple[Floats, Floats]:
-        """(K, 3) points -> (K, 2) pixels and (K,) depths in metres; pixels mean nothing where depth < NEAREST."""
+    def project(self, points: Floats) -> tuple[Floats, Floats]:
+        """(K, 3) points -> (K, 2) pixels and (K,) depths in metres; pixels are invalid where depth < NEAREST."""
         image = points @ self._H[:, :3].T + self._H[:, 3]
         depth = image[:, 2]
         return image[:, :2] / np.maximum(depth, NEAREST)[:, None], depth
 
     def unproject_about(self, centre: Floats) -> tuple[Floats, Floats, Floats]:
-        """At a point (3,): its pixel p (2,), the line of sight v (3,), and B (3, 2).
+        """At a point (3,): its pixel p (2,), the viewing direction v (3,), and B (3, 2).
 
-        centre + B (q - p) is seen at the pixel q, near p, and lies in the plane through the centre that is
-        perpendicular to v: the inverse of the projection's linear part.
+        centre + B (q - p) is projected to the pixel q near p, and lies in the plane through the centre perpendicular to
+        v: the inverse of the linearised projection.
         """
         image = self._H[:, :3] @ centre + self._H[:, 3]
         pixel = image[:2] / image[2]
@@ -65,23 +65,23 @@ class PinholeCamera:
         B = np.linalg.inv(np.vstack([jacobian, sight]))[:, :2]
         return pixel, sight, B
 
-    def conic(self, place: Floats, axes: Floats) -> tuple[Floats, Floats, Floats, Floats]:
-        """Pixel p (2,), WB (3, 2), Wv (3,) and Q (2, 2) of an ellipsoid at `place`, columns of `axes` its semi-axes.
+    def conic(self, centre: Floats, axes: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+        """Pixel p (2,), WB (3, 2), Wv (3,) and Q (2, 2) of an ellipsoid; the columns of `axes` are its semi-axes.
 
-        W is the inverse of `axes`, p, B and v as `unproject_about` gives them. The line of sight through the pixel
-        p + d meets the ellipsoid where d Q d <= 1, with Q = (WB)ᵀ(WB) - ggᵀ/|Wv|², g = (WB)ᵀ Wv.
+        W is the inverse of `axes`, p, B and v as `unproject_about` gives them. The ray through the pixel p + d
+        meets the ellipsoid where d Q d <= 1, with Q = (WB)ᵀ(WB) - ggᵀ/|Wv|², g = (WB)ᵀ Wv.
         """
-        pixel, sight, B = self.unproject_about(place)
+        pixel, sight, B = self.unproject_about(centre)
         W = np.linalg.inv(axes)
         WB, Wv = W @ B, W @ sight
         g = WB.T @ Wv
         return pixel, WB, Wv, WB.T @ WB - np.outer(g, g) / float(Wv @ Wv)
 
-    def outline_area(self, place: Floats, axes: Floats) -> float:
-        """Pixels inside the outline of that ellipsoid; 0 behind the camera."""
-        if self.see(place[None])[1][0] < NEAREST:
+    def outline_area(self, centre: Floats, axes: Floats) -> float:
+        """Area in px of the ellipsoid's outline; 0 behind the camera."""
+        if self.project(centre[None])[1][0] < NEAREST:
             return 0.0
-        return float(np.pi / np.sqrt(np.linalg.det(self.conic(place, axes)[3])))
+        return float(np.pi / np.sqrt(np.linalg.det(self.conic(centre, axes)[3])))
 
 
 Picture = NDArray[np.uint8]
@@ -90,13 +90,13 @@ Shade = NDArray[np.float32]
 SUBPIXEL_BITS = 4
 NOBODY = 255
 CLOSEST_SKIN = 0.2
-"""Metres: a part nearer than this fills the lens rather than being seen; it is not drawn."""
+"""Metres: a nearer part would fill the picture and is not drawn."""
 _CIRCLE = np.stack([np.cos(np.arange(16) * np.pi / 8), np.sin(np.arange(16) * np.pi / 8)], axis=1)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Canvas:
-    """A picture (H, W, 3) being drawn, and for each pixel the body part (H, W) that it shows, NOBODY for none."""
+    """A picture (H, W, 3) being drawn, and the body part (H, W) that each pixel shows, NOBODY for none."""
 
     picture: Picture
     owner: Picture
@@ -104,7 +104,7 @@ class Canvas:
 
 @dataclass(frozen=True, slots=True)
 class DrawingBounds:
-    """The part of a picture from (left, top) up to but without (right, bottom)."""
+    """The part of a picture from (left, top) to (right, bottom), exclusive."""
 
     left: int
     top: int
@@ -122,20 +122,20 @@ class DrawingBounds:
         return slice(self.top, self.bottom), slice(self.left, self.right)
 
 
-def draw(canvas: Canvas, lens: PinholeCamera, shapes: list[Shape], look: Appearance) -> None:
-    """Draw the shapes, the farthest from the camera first: what is nearer covers what is behind it."""
-    for shape in sorted(shapes, key=lambda s: -float(np.linalg.norm(s.place - lens.centre)) - s.bias):
+def draw(canvas: Canvas, camera: PinholeCamera, shapes: list[Shape], appearance: Appearance) -> None:
+    """Draw the shapes, the farthest from the camera first (painter's algorithm)."""
+    for shape in sorted(shapes, key=lambda s: -float(np.linalg.norm(s.centre - camera.centre)) - s.bias):
         if isinstance(shape, ClothHull):
-            _draw_cloth(canvas, lens, shape)
+            _draw_cloth(canvas, camera, shape)
         else:
-            _draw_skin(canvas, lens, shape, look)
+            _draw_skin(canvas, camera, shape, appearance)
 
 
-def _draw_cloth(canvas: Canvas, lens: PinholeCamera, cloth: ClothHull) -> None:
-    pixels, depth = lens.see(cloth.points)
+def _draw_cloth(canvas: Canvas, camera: PinholeCamera, cloth: ClothHull) -> None:
+    pixels, depth = camera.project(cloth.points)
     if depth.min() < NEAREST:
         return
-    radii = cloth.radii * lens.focal_px / depth
+    radii = cloth.radii * camera.focal_px / depth
     rims = (pixels[:, None] + radii[:, None, None] * _CIRCLE).reshape(-1, 2)
     box = _box(canvas, rims.min(axis=0), rims.max(axis=0))
     if box is None:
@@ -150,8 +150,8 @@ def _draw_cloth(canvas: Canvas, lens: PinholeCamera, cloth: ClothHull) -> None:
 
 
 def _roundness(mask: Picture, radius_px: float) -> NDArray[np.float32]:
-    """Brightness as of something round that is lit from above: dark at its rim, darker still at its lower one."""
-    # The rim of the patch is no rim of the shape, but cut off there: distances are to black pixels only.
+    """Brightness of a round shape lit from above: darker at the rim, darkest at the lower rim."""
+    # The border of the mask is where the picture ends, not the shape: distances are to black pixels only.
     inside = cv2.distanceTransform((mask > 127).astype(np.uint8), cv2.DIST_L2, 5)
     depth = np.minimum(inside / max(radius_px, 1.0), 1.0)
     slope = cv2.Sobel(depth, cv2.CV_32F, 0, 1, ksize=3, scale=radius_px / 8.0)
@@ -159,11 +159,11 @@ def _roundness(mask: Picture, radius_px: float) -> NDArray[np.float32]:
     return shade
 
 
-def _draw_skin(canvas: Canvas, lens: PinholeCamera, skin: SkinEllipsoid, look: Appearance) -> None:
+def _draw_skin(canvas: Canvas, camera: PinholeCamera, skin: SkinEllipsoid, appearance: Appearance) -> None:
     """Cast a ray through each pixel: on the unit ball of `PinholeCamera.conic` it is WBd + t Wv."""
-    if lens.see(skin.place[None])[1][0] < CLOSEST_SKIN:
+    if camera.project(skin.centre[None])[1][0] < CLOSEST_SKIN:
         return
-    pixel, WB, Wv, conic = lens.conic(skin.place, skin.axes)
+    pixel, WB, Wv, conic = camera.conic(skin.centre, skin.axes)
     a, cross = float(Wv @ Wv), WB.T @ Wv
     extent = np.linalg.inv(conic)
     reach = np.sqrt(np.diag(extent)) + 1.0
@@ -177,7 +177,7 @@ def _draw_skin(canvas: Canvas, lens: PinholeCamera, skin: SkinEllipsoid, look: A
     along = -(b + np.sqrt(np.maximum(1.0 - outward**2, 0.0) * a)) / a
     surface = [(WB[i, 0] * x + WB[i, 1] * y + Wv[i] * along).astype(np.float32) for i in range(3)]
     alpha = np.clip((1.0 - outward) * np.sqrt(np.linalg.eigvalsh(extent)[0]) + 0.5, 0.0, 1.0).astype(np.float32)
-    colours = complexion(surface, skin.axes, Wv, look, skin.part == HEAD)
+    colours = complexion(surface, skin.axes, Wv, appearance, skin.part == HEAD)
     _blend(canvas, box, alpha, colours, skin.part)
 
 
@@ -191,7 +191,7 @@ def _blend(
 
 
 def _box(canvas: Canvas, low: Floats, high: Floats) -> DrawingBounds | None:
-    """The pixels between two corners as far as they are in the picture; None where none is."""
+    """The pixels between two corners, clipped to the picture; None where there are none."""
     rows, columns = canvas.owner.shape
     left, top = (max(0, int(np.floor(value)) - 1) for value in np.clip(low, -1e6, 1e6))
     right, bottom = (

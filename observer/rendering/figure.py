@@ -20,9 +20,9 @@ SKIN_TONES: tuple[Bgr, ...] = (
     (65.0, 95.0, 145.0),
     (48.0, 70.0, 108.0),
 )
-"""From very light to very dark, one for each of Fitzpatrick's six types; a person's lies between two of them."""
+"""From very light to very dark, one per Fitzpatrick type; a person's tone is interpolated between two of them."""
 
-# Nothing that is worn has the hue of skin: a tracker that finds the shirt errs for reasons of its own.
+# No clothes have the hue of skin, so that errors of a tracker are not due to clothes.
 _HAIR: tuple[Bgr, ...] = ((24.0, 24.0, 28.0), (38.0, 42.0, 48.0), (120.0, 120.0, 118.0), (30.0, 32.0, 44.0))
 _SHIRTS: tuple[Bgr, ...] = (
     (130.0, 70.0, 30.0),
@@ -47,10 +47,10 @@ class Appearance:
 
 
 def appearance_of(seed: int) -> Appearance:
-    """The look that belongs to a seed, 0 or more."""
+    """The appearance for a seed, 0 or more."""
     rng = np.random.default_rng((seed, 1))
-    place = rng.uniform(0.0, len(SKIN_TONES) - 1.0)
-    tone = [float(np.interp(place, range(len(SKIN_TONES)), channel)) for channel in zip(*SKIN_TONES, strict=True)]
+    position = rng.uniform(0.0, len(SKIN_TONES) - 1.0)
+    tone = [float(np.interp(position, range(len(SKIN_TONES)), channel)) for channel in zip(*SKIN_TONES, strict=True)]
     hair, shirt, trousers = (colours[rng.integers(len(colours))] for colours in (_HAIR, _SHIRTS, _TROUSERS))
     return Appearance((tone[0], tone[1], tone[2]), hair, shirt, trousers)
 
@@ -59,18 +59,18 @@ Plane = NDArray[np.float32]
 
 HAIRLINE_AT = (-1.0, -0.35, 0.05, 0.3, 0.5)
 HAIRLINE = (0.60, 0.50, 0.05, -0.1, -0.75)
-"""Hair grows above these heights at these places front (-1) to back (1), all in semi-axes of the head."""
+"""Height of the hairline at positions from front (-1) to back (1), in semi-axes of the head."""
 
 
 def complexion(
-    surface: Sequence[Plane], axes: Floats, inward: Floats, look: Appearance, is_head: bool
+    surface: Sequence[Plane], axes: Floats, inward: Floats, appearance: Appearance, is_head: bool
 ) -> NDArray[np.float32]:
-    """(h, w, 3) colours at the points `surface` (x right, y up, z back, each (h, w), on the unit ball).
+    """(h, w, 3) colours at the points `surface` (x right, y up, z back, each (h, w), on the unit sphere).
 
-    axes (3, 3) turns that ball into metres; inward (3,) is the direction of looking, on the ball.
+    axes: (3, 3) maps that sphere to metres. inward: (3,) viewing direction in the sphere's coordinates.
     """
     shade = _light(surface, axes, inward)[..., None]
-    skin = np.array(look.skin, np.float32)
+    skin = np.array(appearance.skin, np.float32)
     if not is_head:
         return shade * skin
     x, y, z = surface
@@ -78,12 +78,12 @@ def complexion(
     ruddy = np.array([0.55, 0.6, 0.95], np.float32)
     colours = skin * (1.0 - face[0][..., None]) * (1.0 - face[1][..., None] * (1.0 - ruddy))
     hair = np.clip((y - _hairline(z)) / 0.08 + 0.5, 0.0, 1.0)[..., None]
-    mixed: NDArray[np.float32] = shade * (colours + hair * (np.array(look.hair, np.float32) - colours))
+    mixed: NDArray[np.float32] = shade * (colours + hair * (np.array(appearance.hair, np.float32) - colours))
     return mixed
 
 
 def _light(surface: Sequence[Plane], axes: Floats, inward: Floats) -> Plane:
-    """Soft light from above and from the camera's side: 0.56 to 1.08."""
+    """Soft light from above and from the camera: 0.56 to 1.08."""
     sight = axes @ inward
     sight = sight / np.linalg.norm(sight)
     # The normal of an ellipsoid at A n is A⁻ᵀ n: the gradient of |A⁻¹ x|².
@@ -100,7 +100,7 @@ def _hairline(z: Plane) -> Plane:
 
 
 def _features(x: Plane, y: Plane, z: Plane) -> tuple[Plane, Plane]:
-    """How dark (h, w), 0 to 1, and how red: sockets, eyes, brows, the nose's shadow; the mouth."""
+    """Darkness (h, w), 0 to 1, of sockets, eyes, brows and nose, and redness of the mouth."""
     front = np.clip(-3.0 * z, 0.0, 1.0)
     side = np.absolute(x).astype(np.float32)
     dark = 0.35 * _spot(side - 0.40, y - 0.10, 0.26, 0.15)
@@ -120,15 +120,15 @@ def _spot(x: NDArray[np.floating], y: NDArray[np.floating], half_width: float, h
 HEAD_SEMI_AXES = (0.078, 0.115, 0.096)
 """Metres: half the width, height and depth of the head."""
 HAND_SEMI_AXES = (0.045, 0.09, 0.045)
-"""Metres: half the width and length of the hand, which is as thick as wide: how the palm is turned is not known."""
+"""Metres: half the width and length of the hand, as thick as wide, since the orientation of the palm is unknown."""
 
 FARTHER, NEARER = 0.12, -0.06
-"""Metres added to a distance where two shapes meet and one belongs on top: sleeves over the trunk, that over legs."""
+"""Metres added to the distance of overlapping shapes for the drawing order: sleeves over trunk, trunk over legs."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ClothHull:
-    """The hull of balls: points (K, 3), radii (K,) metres. bias: metres added to its distance when ordering."""
+    """The hull of spheres: points (K, 3), radii (K,) metres. bias: metres added to its distance for the order."""
 
     points: Floats
     radii: Floats
@@ -136,18 +136,18 @@ class ClothHull:
     bias: float = 0.0
 
     @property
-    def place(self) -> Floats:
-        """(3,) its middle."""
+    def centre(self) -> Floats:
+        """(3,) mean of the points."""
         middle: Floats = self.points.mean(axis=0)
         return middle
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SkinEllipsoid:
-    """The ellipsoid of a body part: axes (3, 3), columns its semi-axes: performer's right, up or along, back."""
+    """The ellipsoid of a body part. axes: (3, 3), columns are its semi-axes: performer's right, up or along, back."""
 
     part: int
-    place: Floats
+    centre: Floats
     axes: Floats
     bias: float = 0.0
 
@@ -155,23 +155,23 @@ class SkinEllipsoid:
 Shape = ClothHull | SkinEllipsoid
 
 
-def shapes(pose: BodyPose, look: Appearance) -> list[Shape]:
-    """The figure's shapes in any order; those of a part that is not seen, and its sleeve, are left out."""
-    found: list[Shape] = [*_legs(pose, look), *_trunk(pose, look)]
+def shapes(pose: BodyPose, appearance: Appearance) -> list[Shape]:
+    """The shapes of the figure in any order, without parts that are not seen and their sleeves."""
+    result: list[Shape] = [*_legs(pose, appearance), *_trunk(pose, appearance)]
     for part, arm in ((LEFT, pose.arms[0]), (RIGHT, pose.arms[1])):
         if arm is not None:
-            found += _sleeve_and_hand(part, arm, pose.across, look)
+            result += _sleeve_and_hand(part, arm, pose.across, appearance)
     if pose.head is not None:
-        # The shoulders may turn; the face looks where the performer faces, along -z.
+        # The shoulders may twist; the face looks along -z.
         right = np.array([1.0, 0.0, 0.0])
         back = np.cross(right, pose.spine)
         up = np.cross(back, right)
         axes = np.column_stack([right, up / np.linalg.norm(up), back / np.linalg.norm(back)])
-        found.append(SkinEllipsoid(HEAD, pose.head, axes * HEAD_SEMI_AXES))
-    return found
+        result.append(SkinEllipsoid(HEAD, pose.head, axes * HEAD_SEMI_AXES))
+    return result
 
 
-def _trunk(pose: BodyPose, look: Appearance) -> Iterator[ClothHull]:
+def _trunk(pose: BodyPose, appearance: Appearance) -> Iterator[ClothHull]:
     across, spine, chest = pose.across, pose.spine, pose.chest
     hips = pose.hips.mean(axis=0)
     sides = np.array([-1.0, 1.0])[:, None] * across
@@ -183,16 +183,16 @@ def _trunk(pose: BodyPose, look: Appearance) -> Iterator[ClothHull]:
             hips + 0.055 * sides + 0.02 * spine,
         ]
     )
-    yield ClothHull(points, np.array([0.052, 0.052, 0.108, 0.108, 0.085, 0.1, 0.1]), look.shirt)
-    # A high collar: who seeks skin finds head and hands, nothing between.
-    yield ClothHull(np.stack([chest, chest + 0.085 * spine]), np.array([0.062, 0.054]), look.shirt, FARTHER)
+    yield ClothHull(points, np.array([0.052, 0.052, 0.108, 0.108, 0.085, 0.1, 0.1]), appearance.shirt)
+    # A high collar: only head and hands show skin.
+    yield ClothHull(np.stack([chest, chest + 0.085 * spine]), np.array([0.062, 0.054]), appearance.shirt, FARTHER)
 
 
-def _sleeve_and_hand(part: int, arm: Arm, across: Floats, look: Appearance) -> Iterator[Shape]:
+def _sleeve_and_hand(part: int, arm: Arm, across: Floats, appearance: Appearance) -> Iterator[Shape]:
     along = arm.along
     wrist = arm.hand - (HAND_SEMI_AXES[1] + 0.01) * along
-    yield ClothHull(np.stack([arm.shoulder, arm.elbow]), np.array([0.058, 0.045]), look.shirt, NEARER)
-    yield ClothHull(np.stack([arm.elbow, wrist]), np.array([0.045, 0.034]), look.shirt, NEARER)
+    yield ClothHull(np.stack([arm.shoulder, arm.elbow]), np.array([0.058, 0.045]), appearance.shirt, NEARER)
+    yield ClothHull(np.stack([arm.elbow, wrist]), np.array([0.045, 0.034]), appearance.shirt, NEARER)
     side = np.cross(along, across)
     if np.linalg.norm(side) < 1e-3:  # an arm straight out to the side
         side = np.cross(along, [0.0, 0.0, 1.0])
@@ -201,10 +201,10 @@ def _sleeve_and_hand(part: int, arm: Arm, across: Floats, look: Appearance) -> I
     yield SkinEllipsoid(part, arm.hand, axes * HAND_SEMI_AXES, NEARER)
 
 
-def _legs(pose: BodyPose, look: Appearance) -> Iterator[ClothHull]:
+def _legs(pose: BodyPose, appearance: Appearance) -> Iterator[ClothHull]:
     for hip, knee, ankle in zip(pose.hips, pose.knees, pose.ankles, strict=True):
-        yield ClothHull(np.stack([hip, knee]), np.array([0.09, 0.066]), look.trousers, FARTHER)
-        yield ClothHull(np.stack([knee, ankle]), np.array([0.066, 0.052]), look.trousers, FARTHER)
+        yield ClothHull(np.stack([hip, knee]), np.array([0.09, 0.066]), appearance.trousers, FARTHER)
+        yield ClothHull(np.stack([knee, ankle]), np.array([0.066, 0.052]), appearance.trousers, FARTHER)
         heel = ankle + np.array([0.0, -0.03, 0.03])
         toe = heel + np.array([0.0, -0.01, -0.19])
-        yield ClothHull(np.stack([heel, toe]), np.array([0.045, 0.035]), look.shoes, FARTHER)
+        yield ClothHull(np.stack([heel, toe]), np.array([0.045, 0.035]), appearance.shoes, FARTHER)

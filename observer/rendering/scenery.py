@@ -12,12 +12,12 @@ from observer.rendering.canvas import NOBODY, Canvas, Picture
 from observer.rendering.figure import Bgr
 
 BACKGROUNDS = ("plain", "cluttered", "skin_toned")
-"""A bare wall; shelves and boxes of many colours, none like skin; beige wall and wood, near the hue of skin."""
+"""A bare wall; shelves and boxes of many colours, none like skin; a beige wall and wood with hues near skin."""
 
 
 @dataclass(frozen=True, slots=True)
 class Occluder:
-    """A box before the performer, in frames first..end-1. left, top, width, height: shares of the picture, 0 to 1."""
+    """A box in front of the performer in frames first..end-1; left, top, width, height: shares of the picture."""
 
     left: float
     top: float
@@ -27,17 +27,17 @@ class Occluder:
     end: int = 2**62
 
     def covers(self, frame_number: int) -> bool:
-        """Whether the box is there in that frame."""
+        """Whether the box is present in that frame."""
         return self.first <= frame_number < self.end
 
 
 @dataclass(frozen=True, slots=True)
 class Scenery:
-    """Everything but the performer; by default a plain wall seen by a perfect camera in steady light.
+    """Everything except the performer; by default a plain wall, a perfect camera and steady light.
 
-    noise: standard deviation of every pixel and channel, grey levels, 0 to 64. slow_light: by which share the
-    brightness swings, once in `slow_frames`. sudden_light: by which share it may jump up or down, with a shift of
-    its colour, every `sudden_frames`. blur: which share of the time from frame to frame the shutter is open.
+    noise: standard deviation of each pixel and channel, grey levels, 0 to 64. slow_light: amplitude of a sinusoidal
+    change of brightness with a period of `slow_frames`, as a share. sudden_light: largest jump of brightness and
+    colour every `sudden_frames`, as a share. blur: share of the frame interval for which the shutter is open.
     Raises BadInput for an unknown background and for a number out of range (shares are 0 to 1).
     """
 
@@ -58,7 +58,7 @@ class Scenery:
             _check_range(name, getattr(self, name), 1.0)
         for name in ("slow_frames", "sudden_frames"):
             if getattr(self, name) < 1:
-                raise BadInput(f"{name} = {getattr(self, name)}: at least one frame is expected")
+                raise BadInput(f"{name} = {getattr(self, name)}: at least 1 frame is expected")
         for occluder in self.occluders:
             for name in ("left", "top", "width", "height"):
                 _check_range(f"occluder's {name}", getattr(occluder, name), 1.0)
@@ -69,12 +69,12 @@ def _check_range(name: str, value: float, most: float) -> None:
         raise BadInput(f"{name} = {value}: 0 to {most:g} is expected")
 
 
-_HORIZON = 0.8  # where the floor begins, of the picture's height
+_HORIZON = 0.8  # upper edge of the floor, share of the picture's height
 
 
 @lru_cache(maxsize=8)
 def background(kind: str, size_px: tuple[int, int], seed: int) -> Picture:
-    """(H, W, 3) the background of that kind (one of scenery.BACKGROUNDS), size (width, height) and seed; read-only."""
+    """(H, W, 3) a background: kind, one of BACKGROUNDS, size (width, height), seed of the layout; read-only."""
     rng = np.random.default_rng((seed, 2))
     width, height = size_px
     picture = {"plain": _plain, "cluttered": _cluttered, "skin_toned": _skin_toned}[kind](width, height, rng)
@@ -107,7 +107,7 @@ def _cluttered(width: int, height: int, rng: np.random.Generator) -> Picture:
 
 
 def _skin_toned(width: int, height: int, rng: np.random.Generator) -> Picture:
-    """A beige wall, a wooden cupboard and a wooden floor: hues of 8 to 18 of 180, as skin has."""
+    """A beige wall, a wooden cupboard and a wooden floor, with hues of 8 to 18 of 180 like skin."""
     picture = _wash(width, height, (150.0, 180.0, 208.0), 0.1)
     wide = int(rng.uniform(0.3, 0.45) * width)
     left = int(rng.uniform(0.05, 0.5) * width)
@@ -130,21 +130,21 @@ def _shelf(picture: Picture, left: int, top: int, wide: int, high: int, rng: np.
         x = left + 4
         while x < left + wide - 10:
             w, h = int(rng.uniform(0.03, 0.11) * wide) + 3, int(rng.uniform(0.55, 0.92) * board)
-            cv2.rectangle(picture, (x, y - h), (min(x + w, left + wide - 4), y), _bgr(_no_skin(rng)), -1)
+            cv2.rectangle(picture, (x, y - h), (min(x + w, left + wide - 4), y), _bgr(_non_skin_colour(rng)), -1)
             x += w + 1
         cv2.line(picture, (left, y), (left + wide, y), (120, 122, 124), 3)
 
 
 def _stripes(picture: Picture, left: int, wide: int, high: int, rng: np.random.Generator) -> None:
-    colours = [_bgr(_no_skin(rng)) for _ in range(3)]
+    colours = [_bgr(_non_skin_colour(rng)) for _ in range(3)]
     for k, x in enumerate(range(left, left + wide, max(wide // 14, 2))):
         cv2.rectangle(picture, (x, 0), (x + max(wide // 14, 2), high), colours[k % 3], -1)
 
 
 def _thing(picture: Picture, x: int, y: int, wide: int, high: int, rng: np.random.Generator) -> None:
-    """A box, perhaps with a checked or dotted front."""
-    cv2.rectangle(picture, (x, y), (x + wide, y + high), _bgr(_no_skin(rng)), -1)
-    pattern, other = rng.integers(3), _bgr(_no_skin(rng))
+    """A box, plain or with a checked or dotted front."""
+    cv2.rectangle(picture, (x, y), (x + wide, y + high), _bgr(_non_skin_colour(rng)), -1)
+    pattern, other = rng.integers(3), _bgr(_non_skin_colour(rng))
     step = max(min(wide, high) // 4, 4)
     for i in range(x + 2, x + wide - step, 2 * step):
         for j in range(y + 2, y + high - step, 2 * step):
@@ -155,8 +155,8 @@ def _thing(picture: Picture, x: int, y: int, wide: int, high: int, rng: np.rando
     cv2.rectangle(picture, (x, y), (x + wide, y + high), (40, 38, 36), 1)
 
 
-def _no_skin(rng: np.random.Generator) -> Bgr:
-    """A colour of any hue but skin's (about 0 to 25 and 165 to 180, in OpenCV's 180), or a grey."""
+def _non_skin_colour(rng: np.random.Generator) -> Bgr:
+    """A colour of any hue except skin's (about 0 to 25 and 165 to 180 of OpenCV's 180), or a grey."""
     hue, saturation = rng.integers(38, 150), rng.integers(0, 3) * rng.integers(30, 100)
     hsv = np.array([[[hue, saturation, rng.integers(50, 230)]]], np.uint8)
     blue, green, red = cv2.cvtColor(hsv, cv2.COLOR_HSV2BGR)[0, 0]
@@ -164,7 +164,7 @@ def _no_skin(rng: np.random.Generator) -> Bgr:
 
 
 def _wood(width: int, height: int, rng: np.random.Generator) -> Picture:
-    """(height, width, 3) wood with its grain upright."""
+    """(height, width, 3) wood with a vertical grain."""
     white = rng.normal(0.0, 1.0, (height, width)).astype(np.float32)
     grain = np.asarray(cv2.GaussianBlur(white, (0, 0), 1.2, sigmaY=40.0), dtype=np.float32)
     grain /= max(float(grain.std()), 1e-6)
@@ -173,22 +173,22 @@ def _wood(width: int, height: int, rng: np.random.Generator) -> Picture:
 
 
 def _wash(width: int, height: int, colour: Bgr, fall: float) -> Picture:
-    """One colour, by the share `fall` darker at the bottom."""
-    fading = np.linspace(1.0, 1.0 - fall, height, dtype=np.float32)[:, None, None] * np.array(colour, np.float32)
-    return np.broadcast_to(np.clip(fading, 0.0, 255.0).astype(np.uint8), (height, width, 3)).copy()
+    """One colour that darkens towards the bottom by the share `fall`."""
+    gradient = np.linspace(1.0, 1.0 - fall, height, dtype=np.float32)[:, None, None] * np.array(colour, np.float32)
+    return np.broadcast_to(np.clip(gradient, 0.0, 255.0).astype(np.uint8), (height, width, 3)).copy()
 
 
 def _bgr(colour: Bgr) -> tuple[int, int, int]:
     return int(colour[0]), int(colour[1]), int(colour[2])
 
 
-LIGHT, GRAIN = 3, 4  # the second number of each stream of chance, after the seed
+LIGHT, GRAIN = 3, 4  # keys of the random streams, after the seed
 BOX_COLOURS = ((92, 70, 48), (116, 92, 66))
-_TILE = 61  # pixels that the grain may be shifted by; larger than any pattern is remembered
+_TILE = 61  # largest shift of the grain in px, so that no pattern repeats visibly
 
 
 def occlude(canvas: Canvas, scenery: Scenery, frame_number: int) -> None:
-    """Put the boxes of that frame before all that is drawn: bluish, striped, the same whatever the seed."""
+    """Draw the occluders of that frame over everything: bluish stripes, independent of the seed."""
     rows, columns = canvas.owner.shape
     for box in scenery.occluders:
         if not box.covers(frame_number):
@@ -204,7 +204,7 @@ def occlude(canvas: Canvas, scenery: Scenery, frame_number: int) -> None:
 
 
 def gains(scenery: Scenery, seed: int, frame_number: int) -> tuple[float, float, float]:
-    """By what blue, green and red are multiplied in that frame; all 1 in steady light and before the first jump."""
+    """Factors of blue, green and red in that frame; all 1 in steady light and before the first jump."""
     swing = 1.0 + scenery.slow_light * math.sin(2 * math.pi * frame_number / scenery.slow_frames)
     jump = frame_number // scenery.sudden_frames
     if not (scenery.sudden_light and jump):
@@ -216,7 +216,7 @@ def gains(scenery: Scenery, seed: int, frame_number: int) -> tuple[float, float,
 
 
 def relight(picture: Picture, scenery: Scenery, seed: int, frame_number: int) -> Picture:
-    """The picture in that frame's light; bright parts burn out at 255."""
+    """The picture in the light of that frame, saturated at 255."""
     factors = gains(scenery, seed, frame_number)
     if factors == (1.0, 1.0, 1.0):
         return picture
@@ -225,7 +225,7 @@ def relight(picture: Picture, scenery: Scenery, seed: int, frame_number: int) ->
 
 
 def add_noise(picture: Picture, scenery: Scenery, seed: int, frame_number: int) -> Picture:
-    """The picture with that frame's noise: normal, independent in every pixel and channel, rounded."""
+    """The picture with the noise of that frame: Gaussian, independent for each pixel and channel, rounded."""
     if not scenery.noise:
         return picture
     rows, columns = picture.shape[:2]
@@ -239,7 +239,7 @@ def add_noise(picture: Picture, scenery: Scenery, seed: int, frame_number: int) 
 
 @lru_cache(maxsize=4)
 def _grain(size_px: tuple[int, int], noise: float, seed: int) -> tuple[Picture, Picture]:
-    """What is added and what is taken away, larger than a picture: drawing it anew would cost more than a picture."""
+    """Positive and negative parts of a noise field larger than the picture: a new field per frame would be too slow."""
     rng = np.random.default_rng((seed, GRAIN))
     grain = np.rint(rng.normal(0.0, noise, (size_px[1] + _TILE, size_px[0] + _TILE, 3)))
     above, below = (np.clip(part, 0, 255).astype(np.uint8) for part in (grain, -grain))

@@ -1,4 +1,4 @@
-"""A frame source that films recorded motion: the archive's performer, seen by a camera that does not exist."""
+"""A frame source that renders recorded motion as pictures of a virtual camera."""
 
 import itertools
 import threading
@@ -20,7 +20,7 @@ from observer.rendering.scenery import Scenery
 from observer.tracks import BODY_PARTS, Frame
 
 DISTANCE = 3.5
-"""Metres from the camera to the performer's middle."""
+"""Metres from the camera to the middle of the performer."""
 
 FOCAL = 1.35
 """Focal length in picture heights: from DISTANCE it shows 2.6 m, a person with raised hands."""
@@ -32,9 +32,9 @@ PERFECT = Scenery()
 def aimed_matrix(
     view: View, standing: Stature, size_px: tuple[int, int] = (640, 480), distance: float = DISTANCE
 ) -> Floats:
-    """(3, 4) pinhole camera that looks at the performer's middle from the direction of a named view (door, yaw:45).
+    """(3, 4) pinhole camera aimed at the middle of the performer from the direction of a view (door, yaw:45).
 
-    The matrix of a view that is a camera file comes back as it is: that camera stands where it stands.
+    The matrix of a camera file is returned unchanged.
     """
     if view.matrix[2, :3].any():
         return view.matrix
@@ -44,7 +44,7 @@ def aimed_matrix(
 
 
 def _direction(parallel: Floats) -> tuple[float, float]:
-    """Yaw and pitch of a parallel matrix: its rows are the picture's right and down (geometry.projection)."""
+    """Yaw and pitch of a parallel matrix, whose rows are the picture's right and down (see geometry.projection)."""
     right, down = parallel[0, :3], parallel[1, :3]
     yaw_rad = float(np.arctan2(-right[2], -right[0]))
     backward = down @ [np.sin(yaw_rad), 0.0, -np.cos(yaw_rad)]
@@ -53,10 +53,10 @@ def _direction(parallel: Floats) -> tuple[float, float]:
 
 @dataclass(frozen=True, slots=True)
 class VirtualCamera:
-    """Films what `motion` plays: the same frames at the same times, `Frame.content` a picture (H, W, 3) uint8 BGR.
+    """Renders the frames of `motion` at the same times; `Frame.content` is a picture (H, W, 3) uint8 BGR.
 
-    The camera stands in the direction of `view`, aimed anew at each recording's performer. seed: background, light
-    and noise; the performer's look follows from the subject's name, so that all cameras film the same person.
+    The camera stands in the direction of `view` and is aimed at the performer of each recording. seed: of background,
+    light and noise. The appearance follows from the subject's name, so that all cameras show the same person.
     """
 
     motion: RecordedMotion
@@ -72,11 +72,11 @@ class VirtualCamera:
 
     @property
     def body_parts(self) -> Sequence[str]:
-        """The parts that can be seen in the pictures."""
+        """The parts that the pictures show."""
         return BODY_PARTS
 
     def frames(self, stop: threading.Event) -> Iterator[Frame]:
-        """Each picture when it is due, or as soon after as it is drawn; ends soon after `stop` is set."""
+        """Each picture when it is due, or as soon as it is rendered; ends soon after `stop` is set."""
         order = _rows_of(self.motion.archive_parts)
         played = self.motion.frames(stop)
         number = itertools.count()
@@ -89,20 +89,22 @@ class VirtualCamera:
                 picture = renderer.picture(positions, next(number), before)
                 yield Frame(frame.captured_ns, picture, frame.motion_ns)
                 before = positions
-            if before is None:  # told to stop
+            if before is None:  # stopped
                 return
 
     def renderer(self, recording: Recording) -> Renderer:
-        """What draws that recording: for the pictures' truth, ask it with the same positions and frame numbers."""
+        """The renderer of a recording; it gives the ground truth for the same positions and frame numbers."""
         standing = stature(recording.positions[:, _rows_of(self.motion.archive_parts)])
         matrix = aimed_matrix(self.view, standing, self.size_px)
-        look = appearance_of(zlib.crc32(recording.subject.encode()))
-        return Renderer(matrix, self.size_px, self.scenery, self.seed, look, standing)
+        appearance = appearance_of(zlib.crc32(recording.subject.encode()))
+        return Renderer(matrix, self.size_px, self.scenery, self.seed, appearance, standing)
 
 
 def _rows_of(names: Sequence[str]) -> list[int]:
-    """Where the archive has the three parts. Raises BadInput where one is missing."""
+    """Rows of the three parts in the archive; raises BadInput when one is missing."""
     missing = [part for part in BODY_PARTS if part not in names]
     if missing:
-        raise BadInput(f"body_parts = {list(names)}: {missing[0]} is missing, without which no performer can be drawn")
+        raise BadInput(
+            f"body_parts = {list(names)}: {missing[0]} is missing, and the performer cannot be drawn without it"
+        )
     return [list(names).index(part) for part in BODY_PARTS]

@@ -24,8 +24,8 @@ def camera(yaw_deg=0.0, pitch_deg=0.0, size=SIZE):
     return pinhole_matrix(np.radians(yaw_deg), np.radians(pitch_deg), 3.5, 1.35 * size[1], centre, (0.0, 0.96, 0.0))
 
 
-def renderer(yaw_deg=0.0, pitch_deg=0.0, seed=0, look=None, **scenery):
-    return Renderer(camera(yaw_deg, pitch_deg), SIZE, Scenery(**scenery), seed, look, STANDING)
+def renderer(yaw_deg=0.0, pitch_deg=0.0, seed=0, appearance=None, **scenery):
+    return Renderer(camera(yaw_deg, pitch_deg), SIZE, Scenery(**scenery), seed, appearance, STANDING)
 
 
 def skin(picture):
@@ -130,14 +130,16 @@ def test_the_clothed_trunk_has_the_width_of_a_persons():
 
 @pytest.mark.parametrize("seed", range(8))
 def test_skin_is_of_a_human_tone_and_nothing_else_of_the_person_or_the_room_is(seed):
-    look = appearance_of(seed)
-    assert (np.min(SKIN_TONES, axis=0) <= look.skin).all() and (look.skin <= np.max(SKIN_TONES, axis=0)).all()
-    assert look.skin[0] < look.skin[1] < look.skin[2]
+    appearance = appearance_of(seed)
+    assert (np.min(SKIN_TONES, axis=0) <= appearance.skin).all() and (
+        appearance.skin <= np.max(SKIN_TONES, axis=0)
+    ).all()
+    assert appearance.skin[0] < appearance.skin[1] < appearance.skin[2]
     unseen = np.full((3, 3), np.nan)
     for background in ("plain", "cluttered"):
         assert not skin(renderer(seed=seed, background=background).picture(unseen, 0)).any()
     assert skin(renderer(seed=seed, background="skin_toned").picture(unseen, 0)).mean() > 0.5
-    turned = renderer(180.0, seed=seed, look=look).picture(with_([LEFT, RIGHT], np.nan), 0)
+    turned = renderer(180.0, seed=seed, appearance=appearance).picture(with_([LEFT, RIGHT], np.nan), 0)
     assert skin(turned).sum() < 200  # from behind a head of 960 pixels is hair down to the nape
 
 
@@ -171,8 +173,8 @@ def test_the_trunk_hides_the_far_hand_from_the_side():
 
 
 @pytest.mark.parametrize("part", [LEFT, RIGHT, HEAD])
-def test_a_part_not_seen_is_not_drawn(part):
-    eye = renderer(look=appearance_of(5))
+def test_an_unseen_part_is_not_drawn(part):
+    eye = renderer(appearance=appearance_of(5))
     positions = with_(part, np.nan)
     truth = eye.visible_truth(positions, 0)
     assert truth.shares[part] == 0 and np.isnan(truth.centres[part]).all()
@@ -181,7 +183,7 @@ def test_a_part_not_seen_is_not_drawn(part):
     assert np.linalg.norm(centres - project(camera(), APART)[part], axis=1).min() > 30
 
 
-def test_a_person_not_seen_at_all_leaves_the_background():
+def test_an_unseen_person_leaves_the_background():
     unseen = np.full((3, 3), np.nan)
     empty = renderer().picture(unseen, 0)
     assert (empty == renderer(90.0).picture(unseen, 0)).all()
@@ -189,7 +191,7 @@ def test_a_person_not_seen_at_all_leaves_the_background():
     assert not renderer().visible_truth(unseen, 0).visible().any()
 
 
-def test_what_is_outside_the_picture_or_behind_the_camera_is_not_seen():
+def test_parts_outside_the_picture_or_behind_the_camera_are_not_visible():
     eye = renderer()
     for place in ([2.5, 1.5, 0.0], [0.3, 1.0, -5.0], [0.0, 1.0, -3.49]):
         truth = eye.visible_truth(with_(RIGHT, place), 0)
@@ -202,7 +204,7 @@ def test_what_is_outside_the_picture_or_behind_the_camera_is_not_seen():
 # What spoils a picture
 
 
-def test_noise_has_its_deviation_and_is_another_in_each_frame():
+def test_noise_has_its_deviation_and_differs_between_frames():
     clean = renderer().picture(APART, 0).astype(int)
     noisy = [renderer(noise=6.0).picture(APART, frame).astype(int) for frame in (0, 1)]
     assert (noisy[0] - clean).std() == pytest.approx(6.0, rel=0.05)
@@ -211,7 +213,7 @@ def test_noise_has_its_deviation_and_is_another_in_each_frame():
     assert abs(across) < 0.1
 
 
-def test_slow_light_swings_once_in_its_time():
+def test_slow_light_has_its_period():
     eye = renderer(slow_light=0.2, slow_frames=100)
     base, bright, dark, again = (eye.picture(APART, frame).mean() for frame in (0, 25, 75, 100))
     assert bright / base == pytest.approx(1.2, abs=0.02)
@@ -219,7 +221,7 @@ def test_slow_light_swings_once_in_its_time():
     assert again == base
 
 
-def test_sudden_light_jumps_at_its_frames_and_nowhere_else():
+def test_sudden_light_jumps_at_its_frames_only():
     eye = renderer(sudden_light=0.4, sudden_frames=10)
     means = np.array([eye.picture(APART, frame).mean() for frame in range(31)])
     jumps = np.flatnonzero(np.abs(np.diff(means)) > 0) + 1
@@ -240,7 +242,7 @@ def test_an_occluder_covers_its_part_of_the_picture_in_its_frames():
     assert eye.visible_truth(APART, 6).visible()[LEFT]
 
 
-def test_blur_smears_what_moves_and_nothing_else():
+def test_blur_affects_moving_parts_only():
     before = with_(RIGHT, APART[RIGHT] - [0.0, 0.2, 0.0])
     blurred, sharp = renderer(blur=1.0), renderer()
     assert (blurred.picture(APART, 0, APART) == sharp.picture(APART, 0)).all()
@@ -260,7 +262,7 @@ def test_blur_smears_what_moves_and_nothing_else():
 # What cannot be
 
 
-def test_bad_arguments_are_one_line():
+def test_invalid_arguments_are_rejected_with_one_line():
     wrong = [
         lambda: Scenery(background="forest"),
         lambda: Scenery(noise=-1.0),

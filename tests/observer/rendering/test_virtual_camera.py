@@ -25,10 +25,10 @@ def msr(data):
     return import_recordings("msr-action3d", data / "msr_action3d").archive
 
 
-def recording(subject="1", frames=4, place=(0.0, 0.0, 0.0)):
+def recording(subject="1", frames=4, offset=(0.0, 0.0, 0.0)):
     rise = np.zeros((frames, 3, 3), np.float32)
     rise[:, 1, 1] = np.linspace(0.0, 0.6, frames)
-    return Recording(UPRIGHT + rise + np.array(place, np.float32), 15.0, "raise", subject, "1")
+    return Recording(UPRIGHT + rise + np.array(offset, np.float32), 15.0, "raise", subject, "1")
 
 
 def camera(*recordings, view="door", parts=BODY_PARTS, loop=False, **arguments):
@@ -50,18 +50,18 @@ def test_each_frame_of_motion_is_one_picture_stamped_when_it_was_due():
     assert (frames[0].content != frames[-1].content).any()
 
 
-def test_it_says_the_rate_and_the_parts():
+def test_rate_and_parts():
     assert camera().rate_hz == 15.0
     assert tuple(camera().body_parts) == BODY_PARTS
 
 
-def test_the_same_seed_is_the_same_film():
+def test_the_same_seed_gives_the_same_pictures():
     scenery = Scenery("cluttered", noise=4.0, sudden_light=0.3, sudden_frames=2, blur=0.5)
     first, second = (pictures(camera(scenery=scenery, seed=4)) for _ in range(2))
     assert all((a == b).all() for a, b in zip(first, second, strict=True))
 
 
-def test_the_renderer_of_a_recording_knows_the_truth_of_its_pictures():
+def test_the_renderer_of_a_recording_gives_the_ground_truth():
     source = camera()
     who = source.motion.recordings[0]
     renderer = source.renderer(who)
@@ -70,13 +70,13 @@ def test_the_renderer_of_a_recording_knows_the_truth_of_its_pictures():
         assert renderer.visible_truth(who.positions[number], number).visible().all()
 
 
-def test_a_performer_who_stands_elsewhere_is_filmed_the_same():
-    here, there = camera(), camera(recording(place=(0.5, -0.9, 2.5)))
+def test_the_performers_position_does_not_matter():
+    here, there = camera(), camera(recording(offset=(0.5, -0.9, 2.5)))
     differing = [(a.astype(int) != b).mean() for a, b in zip(pictures(here), pictures(there), strict=True)]
     assert max(differing) < 0.02  # the archive's numbers are rounded
 
 
-def test_two_subjects_look_different_and_one_the_same_for_every_camera():
+def test_the_appearance_depends_on_the_subject_only():
     two = pictures(camera(recording("1", 2), recording("2", 2)))
     assert (two[0] != two[2]).any()
     front, back = pictures(camera(seed=1))[0], pictures(camera(view="yaw:180", seed=2))[0]
@@ -84,7 +84,7 @@ def test_two_subjects_look_different_and_one_the_same_for_every_camera():
     np.testing.assert_allclose(shirt_front, shirt_back, atol=6)
 
 
-def test_it_goes_on_when_the_motion_loops_and_ends_when_told():
+def test_a_loop_continues_until_stopped():
     stop = threading.Event()
     film = camera(loop=True).frames(stop)
     assert len(list(itertools.islice(film, 10))) == 10
@@ -101,7 +101,7 @@ def test_parts_are_taken_by_their_names():
 
 
 @pytest.mark.parametrize("view", ["door", "wheel", "table", "yaw:45", "yaw:-120,pitch:30"])
-def test_the_camera_is_where_its_view_says_and_aims_at_the_middle(view):
+def test_the_camera_stands_in_the_direction_of_its_view_and_aims_at_the_middle(view):
     standing = stature(recording().positions)
     parallel = parse_view(view).matrix
     matrix = aimed_matrix(parse_view(view), standing, (640, 480))
@@ -113,7 +113,7 @@ def test_the_camera_is_where_its_view_says_and_aims_at_the_middle(view):
     np.testing.assert_allclose(seen, parallel[:2, :3] @ step * 1.35 * 480 / 3.5, atol=1e-3)
 
 
-def test_a_calibrated_camera_stays_where_it_is():
+def test_a_calibrated_camera_is_unchanged():
     matrix = pinhole_matrix(0.3, 0.1, 4.0, 700.0, (320.0, 240.0))
     assert aimed_matrix(View("calibrated", matrix), stature(recording().positions)) is matrix
 

@@ -27,7 +27,7 @@ def length(a, b):
     return float(np.linalg.norm(a - b))
 
 
-def test_who_stands_upright_has_the_hips_below_the_head_and_the_feet_on_the_floor():
+def test_an_upright_person_has_hips_below_the_head_and_feet_on_the_floor():
     body = pose(UPRIGHT, STANDING)
     np.testing.assert_allclose(body.hips.mean(axis=0), [0.3, 0.53 * TALL, 2.0], atol=1e-9)
     np.testing.assert_allclose(body.spine, [0.0, 1.0, 0.0], atol=1e-9)
@@ -37,12 +37,12 @@ def test_who_stands_upright_has_the_hips_below_the_head_and_the_feet_on_the_floo
 
 
 @given(st.lists(near, min_size=6, max_size=6), st.tuples(near, st.floats(-0.8, 0.05), near))
-def test_whatever_the_posture_hands_and_head_are_where_they_were_and_arms_bend_in_the_middle(hands, head):
+def test_hands_and_head_keep_their_positions_in_every_posture(hands, head):
     positions = UPRIGHT + np.array([hands[:3], hands[3:], head])
     body = pose(positions, STANDING)
     np.testing.assert_array_equal(body.head, positions[2])
-    for arm, place in zip(body.arms, positions[:2], strict=True):
-        np.testing.assert_array_equal(arm.hand, place)
+    for arm, position in zip(body.arms, positions[:2], strict=True):
+        np.testing.assert_array_equal(arm.hand, position)
         reach = length(arm.shoulder, arm.hand)
         if UPPER_ARM * TALL - FOREARM * TALL < reach < (UPPER_ARM + FOREARM) * TALL and reach > 0.03:
             assert length(arm.shoulder, arm.elbow) == pytest.approx(UPPER_ARM * TALL)
@@ -53,14 +53,14 @@ def test_whatever_the_posture_hands_and_head_are_where_they_were_and_arms_bend_i
     assert length(body.head, body.hips.mean(axis=0)) < 1.7 * (TRUNK + NECK) * TALL
 
 
-def test_who_bends_forward_keeps_the_hips_behind_the_head():
+def test_a_person_who_bends_forward_has_the_hips_behind_the_head():
     bent = UPRIGHT + np.array([[0.0, -0.1, -0.5], [0.0, -0.1, -0.5], [0.0, -0.4, -0.5]])
     body = pose(bent, STANDING)
     assert body.hips[:, 2].min() > bent[2, 2] + 0.3
     assert body.spine[2] < -0.5
 
 
-def test_a_hand_that_is_not_seen_has_no_arm_and_a_head_that_is_not_seen_is_none():
+def test_unseen_parts_are_none():
     body = pose(np.where([[True], [False], [True]], UPRIGHT, np.nan), STANDING)
     assert body.arms[0] is not None and body.arms[1] is None
     body = pose(np.where([[True], [True], [False]], UPRIGHT, np.nan), STANDING)
@@ -68,7 +68,7 @@ def test_a_hand_that_is_not_seen_has_no_arm_and_a_head_that_is_not_seen_is_none(
     assert pose(np.full((3, 3), np.nan), STANDING) is None
 
 
-def test_the_stature_is_that_of_the_upright_and_of_its_hanging_hands():
+def test_the_stature_follows_from_upright_head_and_hanging_hands():
     frames = np.stack([UPRIGHT] * 8 + [UPRIGHT - [0.0, 0.5, 0.2]] * 2)
     frames[0, 2] = np.nan
     standing = stature(frames)
@@ -79,7 +79,7 @@ def test_the_stature_is_that_of_the_upright_and_of_its_hanging_hands():
     assert standing.floor == pytest.approx(STANDING.head[1] - HEAD_CENTRE * 1.6)
 
 
-def test_hands_that_never_hang_leave_the_usual_height_and_no_head_leaves_a_guess():
+def test_the_default_height_without_hanging_hands_or_head():
     raised = UPRIGHT + np.array([[0.0, 0.6, 0.0], [0.0, 0.6, 0.0], [0.0, 0.0, 0.0]])
     assert stature(raised[None]).height == 1.72
     headless = raised.copy()

@@ -10,7 +10,7 @@ from observer.rendering.canvas import PinholeCamera
 
 
 @given(st.floats(-3.0, 3.0), st.floats(-1.4, 1.4), st.floats(0.5, 8.0), st.floats(200.0, 2000.0), st.floats(-3.0, 3.0))
-def test_it_finds_the_camera_that_the_matrix_was_made_of(yaw_rad, pitch_rad, distance, focal_px, factor):
+def test_the_matrix_determines_the_camera(yaw_rad, pitch_rad, distance, focal_px, factor):
     if abs(factor) < 0.01:
         return
     matrix = pinhole_matrix(yaw_rad, pitch_rad, distance, focal_px, (320.0, 240.0), (0.1, 1.0, 2.0))
@@ -19,12 +19,12 @@ def test_it_finds_the_camera_that_the_matrix_was_made_of(yaw_rad, pitch_rad, dis
     np.testing.assert_allclose(lens.centre, [0.1, 1.0, 2.0] - distance * sight, atol=1e-6)
     assert lens.focal_px == pytest.approx(focal_px)
     points = np.array([[0.1, 1.0, 2.0], [0.2, 1.1, 1.95]])
-    pixels, depth = lens.see(points)
+    pixels, depth = lens.project(points)
     assert depth[0] == pytest.approx(distance)
     np.testing.assert_allclose(pixels, project(matrix, points), atol=1e-6)
 
 
-def test_a_ball_in_the_middle_has_the_outline_of_a_circle():
+def test_the_outline_of_a_centred_sphere_is_a_circle():
     lens = PinholeCamera.of(pinhole_matrix(0.4, 0.2, 4.0, 600.0, (320.0, 240.0)))
     radius_px = 0.1 * 600.0 / 4.0
     pixel, _, _, Q = lens.conic(np.zeros(3), 0.1 * np.eye(3))
@@ -35,13 +35,13 @@ def test_a_ball_in_the_middle_has_the_outline_of_a_circle():
 
 
 @given(st.tuples(*[st.floats(-0.5, 0.5)] * 3), st.integers(0, 1000))
-def test_the_outline_holds_all_of_the_ellipsoid_and_touches_it(place, seed):
+def test_the_outline_is_the_tight_hull_of_the_ellipsoid(centre, seed):
     rng = np.random.default_rng(seed)
     matrix = pinhole_matrix(0.7, 0.3, 3.5, 650.0, (320.0, 240.0))
     axes = np.linalg.qr(rng.normal(size=(3, 3)))[0] * [0.045, 0.09, 0.045]
-    pixel, _, _, Q = PinholeCamera.of(matrix).conic(np.array(place), axes)
+    pixel, _, _, Q = PinholeCamera.of(matrix).conic(np.array(centre), axes)
     ball = rng.normal(size=(4000, 3))
-    surface = np.array(place) + (ball / np.linalg.norm(ball, axis=1, keepdims=True)) @ axes.T
+    surface = np.array(centre) + (ball / np.linalg.norm(ball, axis=1, keepdims=True)) @ axes.T
     off = project(matrix, surface) - pixel
     outward = np.sqrt(np.einsum("ki,ij,kj->k", off, Q, off))
     assert outward.max() == pytest.approx(1.0, abs=0.05)  # perspective within the ellipsoid is left out
