@@ -1,1 +1,1 @@
-"""One judge: camera -> tracks -> Vector Symbols -> belief -> posterior; and how it learns its perspective."""
+"""One observer: camera, tracks, features, filter, posterior; and how it learns a model for its view."""

@@ -35,7 +35,7 @@ def learn(
         str, typer.Option(help="The people to learn from, separated by commas (default: all of the archive).")
     ] = "",
     rate: Annotated[
-        float | None, typer.Option(min=1, help="The observer's frames per second (default: the archive's).")
+        float | None, typer.Option(min=1, max=1000, help="The observer's frames per second (default: the archive's).")
     ] = None,
     add_to: Annotated[
         Path | None, typer.Option(help="Add the movements to this model, whose own movements stay unchanged.")
@@ -211,7 +211,7 @@ def forget(
 def describe_evaluation(header: "Header") -> str:
     """How well the model did on examples that it had not learned, and its calibration."""
     tried, right = int(header.provenance.get("tried", "0")), int(header.provenance.get("right", "0"))
-    result = f"right {100 * right / tried:.0f} %" if tried else "so nothing is known of how good it is"
+    result = f"right {100 * right / tried:.0f} %" if tried else "its accuracy is unknown"
     return f"tried on {_left_out(tried)}: {result}, {_calibration(header)}"
 
 

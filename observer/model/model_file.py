@@ -23,7 +23,7 @@ from observer.model.posterior_calibration import PosteriorCalibration
 from observer.model.registry import MODELS
 
 FORMAT = 1
-HIGHEST_RATE_HZ = 1000.0
+HIGHEST_RATE_HZ = 1e5
 
 
 def write_model(path: Path, model: MovementModel) -> None:

@@ -204,7 +204,7 @@ class Phase:
         """(D,) features, NaN where not seen -> their likelihood for every chain, phase and rest."""
         parameters = self.header.parameters
         ends = (self._first, self._last, self._cell_of, (self.answers, self.facings))
-        # At twice the frame rate, two frames say what one said.
+        # At twice the frame rate, the evidence of one frame is spread over two.
         sharpness, outlier = parameters["sharpness"] * self._share, parameters["outlier"] * self._share
         return PostureEvidence(live_postures, ends, features, sharpness, outlier)
 

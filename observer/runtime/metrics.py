@@ -17,8 +17,8 @@ class ObserverMetrics(Metrics):
         super().__init__("observer", {"scene": scene, "observer": observer}, status)
         self._frames = self.counter("frames", "Frames worked on.")
         self._posteriors = self.counter("posteriors", "Posteriors published.")
-        self._age = self.histogram("frame_age_seconds", "From capturing a frame to having judged it.", AGE_BUCKETS)
-        self._step = self.histogram("observer_step_seconds", "Tracking and belief, for one frame.", STEP_BUCKETS)
+        self._age = self.histogram("frame_age_seconds", "From the capture of a frame to its posterior.", AGE_BUCKETS)
+        self._step = self.histogram("observer_step_seconds", "Tracking and filtering, for one frame.", STEP_BUCKETS)
 
     def record_frame(self, age_s: float, step_s: float, *, sent: bool) -> None:
         """One frame was processed; sent: whether a posterior was published."""
@@ -32,4 +32,4 @@ class ObserverMetrics(Metrics):
         newest = seconds(status.last_frame_ns) if status else None
         yield self.gauge("last_frame_timestamp_seconds", "When the newest frame was captured.", [((), newest)])
         skew_s = status.skew_s if status else None
-        yield self.gauge("clock_skew_seconds", "How far this clock is ahead of the referee's.", [((), skew_s)])
+        yield self.gauge("clock_skew_seconds", "How far this clock is ahead of the fusion service's.", [((), skew_s)])

@@ -24,7 +24,7 @@ from observer.tracks import Floats
 
 MAX_CHANGE = 0.01
 """Total variation distance. Half of the largest value that changed no label of a verdict on the training subjects
-1, 3, 5, 7, 9 of MSR Action3D, each judged by models of the others."""
+1, 3, 5, 7, 9 of MSR Action3D, each observed with models of the others."""
 
 
 class PosteriorEncoder:

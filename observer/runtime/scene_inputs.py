@@ -149,7 +149,7 @@ def _use_one_thread() -> None:
 
 
 def content_of(source: str) -> Content:
-    """What the frames of a source contain, judged by its name alone."""
+    """What the frames of a source contain, by its name alone."""
     if source == STANDARD_INPUT or source.startswith(MESH_KEY):
         return "tracks"
     return "positions" if Path(source).suffix == ".npz" else "pictures"
