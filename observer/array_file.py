@@ -21,7 +21,13 @@ def write_arrays(path: Path, arrays: Mapping[str, NDArray[Any]], *, compressed: 
 
 
 def read_arrays(path: Path) -> dict[str, NDArray[Any]]:
-    """All arrays of a file; raises OSError (FileNotFoundError), ValueError, EOFError or BadZipFile if it is invalid."""
-    # Opened here: numpy leaves a broken zip open.
-    with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
-        return {name: file[name] for name in file.files}
+    """All arrays of a file; raises FileNotFoundError, and ValueError with one line for a file that cannot be read."""
+    try:
+        # Opened here: numpy leaves a broken zip open.
+        with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
+            return {name: file[name] for name in file.files}
+    except FileNotFoundError:
+        raise
+    # The errors of zipfile, zlib, tokenize and numpy for broken files have no common base class.
+    except Exception as error:
+        raise ValueError(" ".join(str(error).split())[:200] or type(error).__name__) from error

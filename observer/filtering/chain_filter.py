@@ -134,7 +134,8 @@ class ChainFilter:
         new = np.zeros((width, old.shape[1]), np.float32)
         left = np.zeros(old.shape[1], np.float32)
         for k, share in enumerate(self._steps):
-            staying = min(len(old), width - k)
+            # At a low frame rate a step can be longer than the chain.
+            staying = max(min(len(old), width - k), 0)
             new[k : k + staying] += share * old[:staying]
             if staying < len(old):
                 left += share * old[staying:].sum(axis=0)

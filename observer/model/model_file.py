@@ -6,8 +6,6 @@ certainty); all other arrays are the model's own.
 
 import json
 import math
-import zipfile
-import zlib
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -38,14 +36,14 @@ def read_model(path: Path) -> MovementModel:
         arrays = read_arrays(path)
     except FileNotFoundError:
         raise BadInput(f"{path}: no such model file; make one with labanmesh learn") from None
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile, zlib.error, NotImplementedError, MemoryError) as error:
-        raise BadInput(f"{path}: not a model file ({_one_line(error)}); make one with labanmesh learn") from None
+    except ValueError as error:
+        raise BadInput(f"{path}: not a model file ({error}); make one with labanmesh learn") from None
     if "header" not in arrays:
         raise BadInput(f"{path}: not a model file: it has no 'header', as labanmesh learn writes it")
     try:
         return _model_from(path, arrays)
     except (KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError, RecursionError) as error:
-        detail = f"{type(error).__name__}: {_one_line(error)}"
+        detail = " ".join(f"{type(error).__name__}: {error}".split())[:200]
         raise BadInput(f"{path}: damaged model file ({detail}); learn it again") from None
 
 
@@ -64,10 +62,6 @@ def _model_from(path: Path, arrays: dict[str, NDArray[Any]]) -> MovementModel:
     except BadInput as error:
         raise BadInput(f"{path}: {error}; learn it again") from None
     return kind.from_arrays(header, arrays)
-
-
-def _one_line(error: BaseException) -> str:
-    return " ".join(str(error).split())[:200]
 
 
 def require_match(path: Path, model: MovementModel, vocabulary: Vocabulary | None, rate_hz: float | None) -> None:
