@@ -38,12 +38,12 @@ def learn_table(
     bin knows little; 0 is the paper's table. NOT_SEEN is not counted; a distribution without counts stays uniform.
     """
     parts = sequences[0][0].shape[1]
-    counts = np.full((movements, bins, parts, SYMBOLS), smoothing)
+    counts = np.full((movements, bins, parts, SYMBOLS), float(smoothing))
     for symbols, movement in sequences:
         frame, part = np.nonzero(symbols >= 0)
         np.add.at(counts[movement], (bin_indices(len(symbols), bins)[frame], part, symbols[frame, part]), 1.0)
     if neighbours:
-        beside = np.full(counts.shape, smoothing)
+        beside = np.full(counts.shape, float(smoothing))
         beside[:, 1:] += counts[:, :-1] - smoothing
         beside[:, :-1] += counts[:, 1:] - smoothing
         counts += neighbours * beside / beside.sum(axis=-1, keepdims=True)
