@@ -150,7 +150,7 @@ class FusionConfig(Section):
 
 
 def default_quorum(observers: int) -> int:
-    """Half of the observers: their weights count already, and a majority of two would be both."""
+    """Half of the observers, rounded up: pooling weighs them already, and a majority of two would need both."""
     return max((observers + 1) // 2, 1)
 
 

@@ -28,14 +28,14 @@ def log_to_stderr() -> None:
     LABANMESH_LOG is the level (default info), LABANMESH_LOG_FORMAT is `text` (default) or `json`.
     """
     level = os.environ.get("LABANMESH_LOG", "info").upper()
-    form = os.environ.get("LABANMESH_LOG_FORMAT", "text").lower()
-    known = level in logging.getLevelNamesMapping()
+    log_format = os.environ.get("LABANMESH_LOG_FORMAT", "text").lower()
+    level_known = level in logging.getLevelNamesMapping()
     handler = logging.StreamHandler(sys.stderr)
-    handler.setFormatter(formatter(form))
-    logging.basicConfig(handlers=[handler], level=level if known else logging.INFO)
-    if form not in FORMATS:
-        logging.getLogger("labanmesh").warning("LABANMESH_LOG_FORMAT = %r: unknown format; using text", form)
-    if not known:
+    handler.setFormatter(formatter(log_format))
+    logging.basicConfig(handlers=[handler], level=level if level_known else logging.INFO)
+    if log_format not in FORMATS:
+        logging.getLogger("labanmesh").warning("LABANMESH_LOG_FORMAT = %r: unknown format; using text", log_format)
+    if not level_known:
         logging.getLogger("labanmesh").warning("LABANMESH_LOG = %r: unknown level; using info", level)
 
 
