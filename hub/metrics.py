@@ -44,12 +44,12 @@ class HubMetrics(Metrics):
     def collect_own(self, status: StatusMessage | None) -> "Iterable[Metric]":
         """All metrics as of now; works on copies, because the loop goes on meanwhile."""
         messages = [(names, float(count)) for names, count in dict(self._messages).items()]
-        yield self.total("messages_heard", "Messages that were heard and understood.", messages, "scene", "kind")
+        yield self.total("messages_heard", "Messages received.", messages, "scene", "kind")
         states = dict(self._states)
         rejected = [((scene,), float(state.rejected)) for scene, state in states.items()]
-        yield self.total("messages_rejected", "Messages that could not be understood.", rejected, "scene")
+        yield self.total("messages_rejected", "Messages that could not be used.", rejected, "scene")
         newest = [((scene,), state.received_ns / SECOND_NS or None) for scene, state in states.items()]
-        yield self.gauge("last_judgement_timestamp_seconds", "When a judgement was last heard.", newest, "scene")
+        yield self.gauge("last_judgement_timestamp_seconds", "When a judgement last arrived, Unix time.", newest, "scene")
         if self._connected is not None:
             yield self.gauge("connected", "1 while the hub reaches its broker.", [((), float(self._connected))])
-            yield self.total("connections", "How often the broker was reached.", [((), float(self._connections))])
+            yield self.total("connections", "How often the hub connected to its broker.", [((), float(self._connections))])

@@ -122,7 +122,7 @@ class SceneState:
 
     @property
     def is_empty(self) -> bool:
-        """Whether no process of the scene has been heard."""
+        """Whether nothing has been received from any process of the scene."""
         return not (self.judgement or self.verdicts or self.observer_status or self.fusion_status)
 
     @property
@@ -168,7 +168,7 @@ class SceneState:
 
     @property
     def observers(self) -> tuple[ObserverState, ...]:
-        """Every observer of the scene file, then every other one that was heard."""
+        """Every observer of the scene file, then every other one with a vote or a status."""
         votes = {} if self.judgement is None else self.judgement.votes
         names = dict.fromkeys((*self.roster, *sorted(votes), *sorted(self.observer_status)))
         return tuple(self._observer(name, votes.get(name)) for name in names)

@@ -186,24 +186,24 @@ def reasons(verdict: VerdictMessage, quorum: int | None) -> Iterator[str]:
     Fusion says what would have been likeliest without a judge (`contributions`). Whether there would have been a
     verdict at all is not computed here: `labanmesh replay --without` judges again.
     """
-    heard = {name: vote for name, vote in verdict.votes.items() if is_heard(vote)}
-    yield from _abstention(verdict) if is_abstention(verdict) else _majority(verdict, heard, quorum)
-    others = [f"{name} held {vote.label}" for name, vote in heard.items() if vote.label not in (None, verdict.label)]
-    undecided = [name for name, vote in heard.items() if vote.label is None]
+    votes = {name: vote for name, vote in verdict.votes.items() if is_heard(vote)}
+    yield from _abstention(verdict) if is_abstention(verdict) else _majority(verdict, votes, quorum)
+    others = [f"{name} held {vote.label}" for name, vote in votes.items() if vote.label not in (None, verdict.label)]
+    undecided = [name for name, vote in votes.items() if vote.label is None]
     if others:
         yield f"{_listed(others)}."
     if undecided and verdict.unlearned is None:
         yield f"{_listed(undecided)} believed no more of one movement than of another."
     elif undecided:
         yield f"{_listed(undecided)} held no movement: none more than another, or something else."
-    yield from _weights(verdict, heard)
+    yield from _weights(verdict, votes)
     yield from _contributions(verdict)
     yield from _faults(verdict)
 
 
-def _majority(verdict: VerdictMessage, heard: Mapping[str, Vote], quorum: int | None) -> Iterator[str]:
+def _majority(verdict: VerdictMessage, votes: Mapping[str, Vote], quorum: int | None) -> Iterator[str]:
     k, n = verdict.agreement.k, verdict.agreement.n
-    agreeing = [name for name, vote in heard.items() if vote.label == verdict.label]
+    agreeing = [name for name, vote in votes.items() if vote.label == verdict.label]
     count = f"{k} of {plural(n, 'judge')} held {verdict.label}"
     if not k:
         yield f"{count} alone; together they did."
@@ -218,10 +218,10 @@ def _majority(verdict: VerdictMessage, heard: Mapping[str, Vote], quorum: int | 
         yield f"The scene asks for {quorum}: no single judge could have prevented it by holding something else."
 
 
-def _weights(verdict: VerdictMessage, heard: Mapping[str, Vote]) -> Iterator[str]:
-    names = sorted(heard, key=lambda name: -heard[name].weight)
-    if len(names) > 1 and heard[names[0]].weight > heard[names[1]].weight:
-        weight = f"{heard[names[0]].weight:.0%}"
+def _weights(verdict: VerdictMessage, votes: Mapping[str, Vote]) -> Iterator[str]:
+    names = sorted(votes, key=lambda name: -votes[name].weight)
+    if len(names) > 1 and votes[names[0]].weight > votes[names[1]].weight:
+        weight = f"{votes[names[0]].weight:.0%}"
         yield f"{names[0]} weighed most, {weight}, by the rule {verdict.rule}."
 
 

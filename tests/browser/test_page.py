@@ -1,4 +1,4 @@
-"""The page in a real browser: how soon it shows what was said and who went, and that everybody can use it."""
+"""The page in a real browser: how soon it shows verdicts and lost observers, and whether everybody can use it."""
 
 import signal
 import subprocess
@@ -7,8 +7,8 @@ import time
 
 import pytest
 
-# Resolves with the browser's time when the newest line of the log is that label.
-SEEN = """label => new Promise(done => {
+# Resolves with the browser's time when the newest line of the log has that label.
+SHOWN = """label => new Promise(done => {
   const look = () => {
     const newest = document.querySelector('#verdicts tr.said .label');
     if (newest && newest.textContent === label) { watcher.disconnect(); done(Date.now()); }
@@ -33,39 +33,38 @@ LIMIT_MS, GONE_S = 300, 2.0
 
 @pytest.fixture
 def observer():
-    """Starts a process that is alive as cam2."""
-    started = []
+    """Starts a process that has the liveliness token of cam2."""
+    processes = []
 
     def start(endpoint):
         command = [sys.executable, "-c", OBSERVER, endpoint]
-        started.append(subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True))
-        assert started[-1].stdout.readline() == "here\n"
-        return started[-1]
+        processes.append(subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True))
+        assert processes[-1].stdout.readline() == "here\n"
+        return processes[-1]
 
     yield start
-    for process in started:
+    for process in processes:
         process.kill()
         process.communicate()
 
 
-def test_a_verdict_is_on_the_page_within_300_ms(theatre, look):
-    referee, dashboard = theatre()
+def test_a_verdict_is_on_the_page_within_300_ms(play, look):
+    scene, dashboard = play()
     page = look(dashboard.url)
-    page.wait_for_selector(".observer")
     delays = []
     for label in ("byebye", "maestro", "ok", "nthrow", "byebye", "ok"):
-        page.evaluate(f"label => {{ window.seen = ({SEEN})(label); }}", label)
-        said_ms = referee.say(f"v{len(delays)}", label)
-        delays.append(page.evaluate("() => window.seen") - said_ms)
+        page.evaluate(f"label => {{ window.shown = ({SHOWN})(label); }}", label)
+        published_ms = scene.publish(len(delays), label)
+        delays.append(page.evaluate("() => window.shown") - published_ms)
         assert page.inner_text("#verdict") == label
     print("ms from publication to the page:", ", ".join(f"{each:.0f}" for each in sorted(delays)))
     assert max(delays) < LIMIT_MS
-    assert "Verdict: ok" in page.inner_text("#said"), "a screen reader is told"
+    assert "Verdict: ok" in page.inner_text("#said"), "a screen reader announces it"
 
 
-def test_who_is_killed_is_shown_within_two_seconds(theatre, look, observer):
-    referee, dashboard = theatre()
-    process = observer(referee.endpoint)
+def test_a_killed_observer_is_shown_within_two_seconds(play, look, observer):
+    scene, dashboard = play()
+    process = observer(scene.endpoint)
     page = look(dashboard.url)
     page.wait_for_function(SAYS, arg=["cam2", "agrees"])
     killed_s = time.monotonic()
@@ -75,43 +74,51 @@ def test_who_is_killed_is_shown_within_two_seconds(theatre, look, observer):
     print(f"s until the corner of a killed observer says so: {took_s:.2f}")
     assert took_s < GONE_S
     page.wait_for_selector("g.flag[data-stance=silent]", state="attached")
-    observer(referee.endpoint)
+    observer(scene.endpoint)
     page.wait_for_function(SAYS, arg=["cam2", "agrees"])
 
 
-def test_why_opens_by_the_keyboard_and_stays_open(theatre, look):
-    referee, dashboard = theatre()
+def test_without_observers_the_page_waits_for_them(play, look):
+    scene, dashboard = play()
     page = look(dashboard.url)
-    page.wait_for_selector(".observer")
-    referee.say("v1")
+    page.wait_for_selector("#fused li")
+    scene.silent = frozenset(scene.observers)
+    page.wait_for_selector("#link[data-kind=unobserved]")
+    assert page.inner_text("#link") == "waiting for observers" == page.inner_text("#phase")
+    assert page.locator("#fused li").count() == 0 and page.inner_text("#agreement") == "-"
+
+
+def test_why_opens_by_the_keyboard_and_stays_open(play, look):
+    scene, dashboard = play()
+    page = look(dashboard.url)
+    scene.publish(1)
     button = page.get_by_role("button", name="Why nthrow")
     button.focus()
     page.keyboard.press("Enter")
     reasons = page.locator("tr.why")
     assert "3 of 4 judges held nthrow" in reasons.inner_text() and "cam1 held ok" in reasons.inner_text()
-    referee.say("v1", ended=True)
+    scene.publish(1, ended=True)
     page.wait_for_selector("#referee[data-kind=ended]")
     assert reasons.is_visible() and button.get_attribute("aria-expanded") == "true"
     assert page.evaluate("document.activeElement.textContent") == "Why?", "the focus stays where it was"
 
 
 @pytest.mark.parametrize("width", [1280, 360])
-def test_how_it_is_done_and_what_each_judge_gave_are_shown(theatre, look, width):
-    referee, dashboard = theatre()
+def test_facets_and_contributions_are_shown(play, look, width):
+    scene, dashboard = play()
     page = look(dashboard.url, width=width)
-    page.wait_for_selector(".observer")
     assert not page.locator("#manner").is_visible() and not page.locator("#facing-fact").is_visible()
     facets = {"effort_time": [0.1, 0.9], "effort_flow": [0.8, 0.2], "shape_vertical": [0.1, 0.2, 0.7]}
-    referee.how = {"facets": facets, "facing_deg": 40.0, "unlearned": 0.6}
+    scene.how = {"facets": facets, "facing_deg": 40.0, "unlearned": 0.6}
     page.wait_for_selector("#effort li")
     bars = page.evaluate("() => [...document.querySelectorAll('.tug i')].map(bar => bar.getBoundingClientRect().width)")
     half = page.locator(".tug").first.bounding_box()["width"] / 2
-    # A bar is as long as the lean of its facet, and begins in the middle.
+    # A bar starts in the middle and is as long as the lean of its facet.
     assert bars == pytest.approx([0.8 * half, 0.6 * half, 0.6 * half], abs=1)
     assert page.locator(".pole.held").all_inner_texts() == ["sudden", "free", "rising"]
     assert page.inner_text("#facing") == "40° left" and page.get_attribute("#needle", "transform") == "rotate(-40)"
     assert page.inner_text("#fused li:first-child").split() == ["something", "else", "60%"]
-    referee.say("v1")
+    scene.publish(1)
     page.get_by_role("button", name="Why nthrow").click()
     reasons = page.locator("tr.why").inner_text()
     assert "Without cam1 another answer would have been the likeliest." in reasons and "sudden 90%" in reasons
@@ -119,25 +126,25 @@ def test_how_it_is_done_and_what_each_judge_gave_are_shown(theatre, look, width)
     assert gave == ["+0.50 nat", "−0.50 nat", "−1.50 nat", "−2.50 nat"]
     assert page.locator(".votes td.needed").all_inner_texts() == ["another"]
     assert not (faint := page.evaluate(FAINT)), faint
-    assert page.evaluate("document.documentElement.scrollWidth <= innerWidth"), "nothing to scroll sideways"
+    assert page.evaluate("document.documentElement.scrollWidth <= innerWidth"), "no sideways scrolling"
 
 
-def test_two_hundred_observers_are_a_list_that_can_be_read_on_a_phone(theatre, look):
+def test_two_hundred_observers_are_a_list_that_can_be_read_on_a_phone(play, look):
     names = tuple(f"camera-{i:03}" for i in range(200))
-    referee, dashboard = theatre(names)
-    referee.silent.update(names[4:9])
+    scene, dashboard = play(names)
+    scene.silent = frozenset(names[4:9])
     page = look(dashboard.url, width=360, height=780)
     page.wait_for_function("() => document.querySelectorAll('#list li').length === 200")
-    assert page.evaluate("document.documentElement.scrollWidth <= innerWidth"), "nothing to scroll sideways"
+    assert page.evaluate("document.documentElement.scrollWidth <= innerWidth"), "no sideways scrolling"
     size = page.locator("#list li").nth(7).bounding_box()
     assert size["height"] >= 24 and "camera-007" in page.locator("#list li").nth(7).inner_text()
     page.wait_for_function("() => document.querySelector('#count').textContent.includes('5 silent')")
     page.get_by_label("only those that do not agree").check()
-    assert page.locator("#list li:visible").count() == 50 + 3, "who holds another label, and who is silent"
+    assert page.locator("#list li:visible").count() == 50 + 3, "those with another label, and the silent ones"
 
 
-def test_it_says_that_it_is_disconnected_and_comes_back(theatre, look, show):
-    _, dashboard = theatre()
+def test_a_lost_connection_is_shown_and_comes_back(play, look):
+    _, dashboard = play()
     page = look(dashboard.url, quiet=False)
     page.wait_for_selector("#link[data-kind=live]")
     dashboard.process.send_signal(signal.SIGSTOP)
@@ -148,20 +155,18 @@ def test_it_says_that_it_is_disconnected_and_comes_back(theatre, look, show):
     page.wait_for_selector("#link[data-kind=live]")
 
 
-def test_a_strangers_words_are_text(theatre, look):
-    referee, dashboard = theatre()
+def test_words_of_a_peer_are_text(play, look):
+    scene, dashboard = play()
     page = look(dashboard.url)
-    page.wait_for_selector(".observer")
-    referee.say("v1", "<img src=x onerror=alert(1)>")
+    scene.publish(1, "<img src=x onerror=alert(1)>")
     page.wait_for_function("() => document.querySelector('#verdict').textContent.includes('<img')")
     assert page.locator("#verdict img").count() == 0 == page.locator("#verdicts img").count()
 
 
-def test_colours_can_be_chosen_and_text_has_contrast(theatre, look):
-    referee, dashboard = theatre()
+def test_colours_can_be_chosen_and_text_has_contrast(play, look):
+    scene, dashboard = play()
     page = look(dashboard.url, color_scheme="light")
-    page.wait_for_selector(".observer")
-    referee.say("v1")
+    scene.publish(1)
     page.wait_for_selector("#verdicts tr.said")
     backgrounds = set()
     for theme in ("light", "dark"):
@@ -184,20 +189,20 @@ FAINT = """() => {
     }
     return [255, 255, 255];
   };
-  const found = [];
+  const faint = [];
   for (const node of document.querySelectorAll('main *, header *')) {
     if (node.closest('svg') || node.closest('.unseen') || !node.offsetParent) continue;
     if (![...node.childNodes].some(c => c.nodeType === 3 && c.textContent.trim())) continue;
     const [a, b] = [light(parse(getComputedStyle(node).color).slice(0, 3)), light(behind(node))];
     const ratio = (Math.max(a, b) + .05) / (Math.min(a, b) + .05);
-    if (ratio < 4.5) found.push(`${node.className} ${node.textContent}: ${ratio.toFixed(2)}`);
+    if (ratio < 4.5) faint.push(`${node.className} ${node.textContent}: ${ratio.toFixed(2)}`);
   }
-  return found;
+  return faint;
 }"""
 
 
-def test_a_capture_is_played_paused_and_sought(chapter, show, look):
-    dashboard = show("--capture", chapter)
+def test_a_capture_is_played_paused_and_sought(capture, show, look):
+    dashboard = show("--capture", capture)
     page = look(dashboard.url)
     page.wait_for_selector("#link[data-kind=capture]")
     page.get_by_role("button", name="Pause").click()

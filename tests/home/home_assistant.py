@@ -1,4 +1,4 @@
-"""A Home Assistant with one integration, MQTT, and a way to ask it for its states."""
+"""A Home Assistant with one integration, MQTT, and its states over HTTP."""
 
 import json
 import subprocess
@@ -6,7 +6,8 @@ import urllib.error
 import urllib.request
 from pathlib import Path
 
-from mqtt_stage import SOON_S, free_port, until
+from mqtt_stage import free_port
+from played_scene import SOON_S, until
 
 UP_S = 300.0
 """Its first start installs what its integrations require."""
@@ -50,8 +51,8 @@ class HomeAssistant:
 
     def states(self):
         """Every entity of the scene by its id: state and attributes."""
-        found = self._ask("/api/states")
-        return {each["entity_id"]: each for each in found if not each["entity_id"].startswith(OWN)}
+        states = self._ask("/api/states")
+        return {each["entity_id"]: each for each in states if not each["entity_id"].startswith(OWN)}
 
     def attributes(self, entity):
         """One entity's attributes."""
@@ -94,9 +95,9 @@ class HomeAssistant:
         except OSError:
             return False
 
-    def _ask(self, path, said=None):
-        body = json.dumps(said).encode() if isinstance(said, dict) else said
-        kind = "application/json" if isinstance(said, dict) else "application/x-www-form-urlencoded"
+    def _ask(self, path, fields=None):
+        body = json.dumps(fields).encode() if isinstance(fields, dict) else fields
+        kind = "application/json" if isinstance(fields, dict) else "application/x-www-form-urlencoded"
         headers = {"Content-Type": kind} | ({"Authorization": f"Bearer {self._token}"} if self._token else {})
         request = urllib.request.Request(f"http://127.0.0.1:{self._port}{path}", body, headers)
         with urllib.request.urlopen(request, timeout=10.0) as answer:  # noqa: S310 - our own address

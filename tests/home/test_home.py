@@ -1,11 +1,11 @@
-"""A real Home Assistant: entities appear, a verdict is an event, states survive restarts, a dead observer is seen."""
+"""A real Home Assistant: entities, events, states over restarts, and a dead observer."""
 
 import signal
 import time
 from itertools import permutations
 
 import pytest
-from mqtt_stage import LABELS, until
+from played_scene import LABELS, until
 
 ORDERS = list(permutations(("home", "broker", "hub")))
 SCENE = {"event.room_verdict", "event.room_movement_ended", "sensor.room_movement", "sensor.room_confidence",
@@ -44,39 +44,41 @@ def unavailable(house):
 
 def test_a_verdict_arrives_as_an_event(house):
     began_s = time.monotonic()
-    house.room.say_verdict("nthrow", 1)
-    until(lambda: said(house, "event.room_verdict") == "nthrow", lambda: house.home.states()["event.room_verdict"])
+    house.room.publish_verdict("nthrow", 1)
+    until(
+        lambda: event_type(house, "event.room_verdict") == "nthrow", lambda: house.home.states()["event.room_verdict"]
+    )
     print(f"a verdict was an event of Home Assistant after {time.monotonic() - began_s:.2f} s")
     house.home.wait_for_state("binary_sensor.room_nthrow", "on")
     house.home.wait_for_state("sensor.room_movement", "nthrow")
     attributes = house.home.states()["event.room_verdict"]["attributes"]
     assert attributes["stage"] == "decided" and attributes["votes"]["cam1"]["label"] == "nthrow"
     assert house.home.states()["sensor.room_movement"]["attributes"]["votes"]["cam2"]["state"] == "counted"
-    house.room.say_verdict("nthrow", 1, ended=True)
+    house.room.publish_verdict("nthrow", 1, ended=True)
     house.home.wait_for_state("binary_sensor.room_nthrow", "off")
-    until(lambda: said(house, "event.room_movement_ended") == "nthrow", "the end")
+    until(lambda: event_type(house, "event.room_movement_ended") == "nthrow", "the end")
 
 
-def test_an_early_word_is_an_event_that_is_corrected_and_how_it_is_done_is_a_state(house):
-    def heard():
+def test_an_early_word_is_an_event_and_a_facet_is_a_state(house):
+    def early():
         attributes = house.home.states()["event.room_early_word"]["attributes"]
         return tuple(attributes.get(each) for each in ("event_type", "stage", "early", "id"))
 
     house.room.doubts = True
     house.home.wait_for_state("sensor.room_confidence", "40")
     house.room.begin(2)
-    until(lambda: heard() == ("byebye", "early", "byebye", "room-2"), heard)
-    house.room.say_verdict("ok", 2, ended=True)
-    until(lambda: heard() == ("ok", "corrected", "byebye", "room-2"), heard)
+    until(lambda: early() == ("byebye", "early", "byebye", "room-2"), early)
+    house.room.publish_verdict("ok", 2, ended=True)
+    until(lambda: early() == ("ok", "corrected", "byebye", "room-2"), early)
     again = "automation.lights_off_on_byebye_and_on_again_if_it_was_none"
     until(lambda: house.home.attributes(again)["last_triggered"], "the automation that acts early")
     states = house.home.states()
     assert (states["sensor.room_facing"]["state"], states["sensor.room_effort_time"]["state"]) == ("45", "sudden")
     assert states["sensor.room_effort_time"]["attributes"]["probability"] == 80
-    said_before, house.room.how = house.room.how, {}
+    how_before, house.room.how = house.room.how, {}
     house.home.wait_for_state("sensor.room_effort_time", "unknown")
     house.home.wait_for_state("sensor.room_facing", "unknown")
-    house.room.how, house.room.doubts = said_before, False
+    house.room.how, house.room.doubts = how_before, False
     house.home.wait_for_state("sensor.room_confidence", "90")
 
 
@@ -87,12 +89,12 @@ def test_the_automation_of_the_document_runs_for_its_movement_alone(house):
     until(lambda: set(house.home.states()) == ALL and not unavailable(house), lambda: house.home.states())
     for number, label in enumerate(("ok", "byebye"), start=5):
         assert ran() is None
-        house.room.say_verdict(label, number, ended=True)
-        until(lambda label=label: said(house, "event.room_verdict") == label, label)
+        house.room.publish_verdict(label, number, ended=True)
+        until(lambda label=label: event_type(house, "event.room_verdict") == label, label)
     until(ran, "the automation")
 
 
-def said(house, event):
+def event_type(house, event):
     return house.home.states()[event]["attributes"].get("event_type")
 
 
@@ -114,14 +116,14 @@ def test_devices_hang_together(house):
 def test_states_survive_a_restart_of_each(house, order):
     until(lambda: set(house.home.states()) == ALL and not unavailable(house), lambda: house.home.states())
     number = 10 + ORDERS.index(order)
-    house.room.say_verdict("maestro", number)
+    house.room.publish_verdict("maestro", number)
     house.home.wait_for_state("binary_sensor.room_maestro", "on")
-    until(lambda: said(house, "event.room_verdict") == "maestro", "the verdict")
+    until(lambda: event_type(house, "event.room_verdict") == "maestro", "the verdict")
     fired = house.home.state("event.room_verdict")
     for part in order:
         house.restart(part)
         until(lambda: as_before(house, fired), lambda part=part: f"after {part}: {house.home.states()}")
-    house.room.say_verdict("maestro", number, ended=True)
+    house.room.publish_verdict("maestro", number, ended=True)
     house.home.wait_for_state("binary_sensor.room_maestro", "off")
     assert house.home.state("event.room_verdict") == fired, "a restart is no verdict"
 
@@ -153,8 +155,8 @@ def test_a_dead_observer_is_unavailable_within_two_seconds(house, number):
     house.room.silent = frozenset()
 
 
-def test_a_scene_that_vanishes_is_unavailable_and_can_be_taken_out(house):
+def test_a_scene_without_fusion_is_unavailable_and_can_be_deleted(house):
     house.room.stop_judging()
     house.home.wait_for_state("sensor.room_movement", "unavailable", 3.0)
-    house.take_out()
+    house.delete_scene()
     until(lambda: not house.home.states(), lambda: house.home.states())

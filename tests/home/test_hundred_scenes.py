@@ -7,7 +7,8 @@ from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
-from mqtt_stage import LABELS, Broker, Hub, Listener, Room, mosquitto
+from mqtt_stage import Broker, Hub, Listener, mosquitto
+from played_scene import LABELS, PlayedScene, hub_section
 
 from common.config import MeshConfig
 from common.link import Link
@@ -19,8 +20,8 @@ GROWTH = 1.05
 
 
 def memory_mb(pid):
-    said = Path(f"/proc/{pid}/status").read_text("ascii").splitlines()
-    return next(int(line.split()[1]) for line in said if line.startswith("VmRSS")) / 1024
+    lines = Path(f"/proc/{pid}/status").read_text("ascii").splitlines()
+    return next(int(line.split()[1]) for line in lines if line.startswith("VmRSS")) / 1024
 
 
 def test_no_verdict_of_a_hundred_scenes_is_lost_and_memory_is_flat(tmp_path):
@@ -30,37 +31,38 @@ def test_no_verdict_of_a_hundred_scenes_is_lost_and_memory_is_flat(tmp_path):
     with ExitStack() as stack:
         broker = stack.enter_context(Broker(tmp_path / "broker"))
         link = stack.enter_context(Link.open(MeshConfig(), "fusion", listen=["tcp/127.0.0.1:0"]))
-        judges = ("cam1", "cam2", "cam3", "cam4")
-        rooms = [stack.enter_context(Room(f"scene{n:03}", judges, link, 0.2)) for n in range(SCENES)]
-        files = [room.scene_file(tmp_path / f"{room.name}.toml", broker.port, movements=LABELS) for room in rooms]
+        observers = ("cam1", "cam2", "cam3", "cam4")
+        section = hub_section(broker.port, movements=LABELS)
+        rooms = [stack.enter_context(PlayedScene(f"scene{n:03}", observers, link, 0.2)) for n in range(SCENES)]
+        files = [room.scene_file(tmp_path / f"{room.name}.toml", section) for room in rooms]
         listener = stack.enter_context(Listener(broker.port, "labanmesh/+/verdict", "labanmesh/+/ended", "+/+/state"))
         hub = Hub(*files).connected()
         stack.callback(hub.end)
         listener.wait_for(lambda: sum(topic.endswith("/state") for topic in listener.last) == SCENES)
-        said, memory = perform(rooms, seconds, lambda: memory_mb(hub.process.pid))
+        number, memory = perform(rooms, seconds, lambda: memory_mb(hub.process.pid))
         for kind in ("verdict", "ended"):
-            wanted = {(room.name, f"{room.name}-{number}") for room in rooms for number in range(said)}
-            listener.wait_for(lambda kind=kind, wanted=wanted: heard(listener, kind) >= len(wanted))
+            wanted = {(room.name, f"{room.name}-{n}") for room in rooms for n in range(number)}
+            listener.wait_for(lambda kind=kind, wanted=wanted: arrived(listener, kind) >= len(wanted))
             ids = [(r.name, event["id"]) for r in rooms for event in listener.events(f"labanmesh/{r.name}/{kind}")]
             assert len(ids) == len(wanted) and set(ids) == wanted
     settled = memory[len(memory) // 10 :]
     first, second = (max(half) for half in (settled[: len(settled) // 2], settled[len(settled) // 2 :]))
-    print(f"{said * SCENES} verdicts of {SCENES} scenes in {seconds:g} s; {first:.0f} MB, then {second:.0f} MB")
+    print(f"{number * SCENES} verdicts of {SCENES} scenes in {seconds:g} s; {first:.0f} MB, then {second:.0f} MB")
     assert second < first * GROWTH
 
 
 def perform(rooms, seconds, measure):
-    """Movements in all rooms at once, for so long: how many each, and what `measure` gave after each."""
+    """Movements in all rooms at once for this long: how many in each, and `measure()` after each."""
     pause, end_s, number, measured = threading.Event(), time.monotonic() + seconds, 0, []
     while time.monotonic() < end_s:
         for ended in (False, True):
             for room in rooms:
-                room.say_verdict(LABELS[number % len(LABELS)], number, ended=ended)
+                room.publish_verdict(LABELS[number % len(LABELS)], number, ended=ended)
             pause.wait(PAUSE_S)
         measured.append(measure())
         number += 1
     return number, measured
 
 
-def heard(listener, kind):
+def arrived(listener, kind):
     return sum(topic.endswith(f"/{kind}") for _, topic, *_ in listener.messages)

@@ -5,14 +5,15 @@ import os
 import subprocess
 
 import pytest
-from mqtt_stage import ROOT, Broker, Listener, free_port, mosquitto
+from mqtt_stage import Broker, Listener, free_port, mosquitto
+from played_scene import ROOT
 
 SECONDS = 60.0
 
 
 @pytest.fixture
 def flow(tmp_path):
-    """Node-RED runs the example with a broker of the test; gives a listener at that broker."""
+    """Node-RED runs the example with a broker of the test; yields a listener at that broker."""
     program = os.environ.get("LABANMESH_NODE_RED")
     if not program or not mosquitto():
         pytest.skip("LABANMESH_NODE_RED is not set, or there is no mosquitto: make test-home")
@@ -38,7 +39,7 @@ def test_movements_switch_the_lamp_and_doubts_do_not(flow):
         ("maestro", 80, "ON"),
         ("byebye", 99, "OFF"),
     ):
-        flow.say("labanmesh/dojo/verdict", json.dumps({"event_type": movement, "confidence": confidence}))
+        flow.publish("labanmesh/dojo/verdict", json.dumps({"event_type": movement, "confidence": confidence}))
         if expected:
             flow.wait_for_state("lamps/hall/set", expected)
     assert [payload for _, topic, payload, _ in flow.messages if topic == "lamps/hall/set"] == ["ON", "OFF"]

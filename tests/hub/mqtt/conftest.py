@@ -1,13 +1,14 @@
-"""A broker, a mesh on which somebody judges, and a listener at the broker."""
+"""A broker, a listener at it, and hubs for a played scene."""
 
 import sys
 from pathlib import Path
 
 import pytest
 
-sys.path.append(str(Path(__file__).parent))
+sys.path += [str(Path(__file__).parent), str(Path(__file__).parents[1])]
 
-from mqtt_stage import Broker, Hub, Listener, Room, mosquitto
+from mqtt_stage import Broker, Hub, Listener, mosquitto
+from played_scene import PlayedScene, hub_section
 
 
 @pytest.fixture
@@ -21,28 +22,27 @@ def broker(tmp_path):
 
 @pytest.fixture
 def room():
-    """A scene that is judged, on a mesh of its own."""
-    with Room() as judged:
-        yield judged
+    """A played scene on a mesh of its own."""
+    with PlayedScene() as scene:
+        yield scene
 
 
 @pytest.fixture
 def listener(broker):
-    """Who hears all that the broker has."""
-    with Listener(broker.port) as ear:
-        yield ear
+    """A client that receives everything from the broker."""
+    with Listener(broker.port) as client:
+        yield client
 
 
 @pytest.fixture
 def hub(broker, room, tmp_path):
-    """Starts `labanmesh hub mqtt` for the room; more lines go into [hub.mqtt]."""
-    started = []
+    """Starts `labanmesh hub mqtt` for the room; more keys go into [hub.mqtt]."""
+    hubs = []
 
-    def start(*words, **keys):
-        file = room.scene_file(tmp_path / f"{room.name}.toml", broker.port, **keys)
-        started.append(Hub(file, *words))
-        return started[-1]
+    def start(**keys):
+        hubs.append(Hub(room.scene_file(tmp_path / "room.toml", hub_section(broker.port, **keys))))
+        return hubs[-1]
 
     yield start
-    for each in started:
+    for each in hubs:
         each.end()

@@ -1,22 +1,24 @@
-"""The examples for MQTT do what they say, and the document names the topics that there are."""
+"""The examples for MQTT work, and docs/guide/home.md names every topic and field."""
 
 import json
 import re
 import shutil
 import subprocess
+from typing import get_args
 
 import pytest
-from mqtt_stage import ROOT, SOON_S, Listener
+from mqtt_stage import Listener
+from played_scene import ROOT, SOON_S
 
 from hub.anticipation import EarlyWord
-from hub.mqtt.entities import Topics
+from hub.mqtt.entities import SceneTopic, Topics
 from hub.mqtt.events import early_event, verdict_event
 
 SCRIPT = ROOT / "examples" / "mqtt.sh"
 FLOW = json.loads((ROOT / "examples" / "node-red-flow.json").read_text("utf-8"))
 
 
-def test_the_shell_example_says_each_verdict(broker, make):
+def test_the_shell_example_prints_each_verdict(broker, make):
     if not (shutil.which("mosquitto_sub") and shutil.which("jq")):
         pytest.skip("mosquitto_sub or jq is not installed: tests/hub/mqtt/install_mosquitto.sh")
     verdicts = [
@@ -25,23 +27,23 @@ def test_the_shell_example_says_each_verdict(broker, make):
         verdict_event(make.verdict(2, label="abstain"), "decided"),
     ]
     command = [SCRIPT, "127.0.0.1", str(broker.port)]
-    # Its own group, for mosquitto_sub would outlive the shell.
+    # A process group of its own, because mosquitto_sub would outlive the shell.
     with (
         subprocess.Popen(command, stdout=subprocess.PIPE, text=True, process_group=0) as script,
         Listener(broker.port, "$SYS/broker/log/#") as listener,
     ):
         try:
-            heard = (line.rstrip("\n") for line in script.stdout)
+            lines = (line.rstrip("\n") for line in script.stdout)
             broker.wait_for_subscriber("labanmesh/+/verdict")
             for verdict in verdicts:
-                listener.say("labanmesh/room/verdict", json.dumps(verdict))
-            assert next(heard) == "nthrow, 60 % sure, 1 of 2 observers"
-            assert next(heard) == "there was a movement, and the observers did not agree which"
+                listener.publish("labanmesh/room/verdict", json.dumps(verdict))
+            assert next(lines) == "nthrow, 60 % sure, 1 of 2 observers"
+            assert next(lines) == "there was a movement, and the observers did not agree which"
         finally:
             subprocess.run(["kill", "--", f"-{script.pid}"], check=True, timeout=SOON_S)
 
 
-def test_the_node_red_flow_hangs_together_and_listens_to_our_topic():
+def test_the_node_red_flow_is_connected_and_subscribes_to_our_topic():
     nodes = {node["id"]: node for node in FLOW}
     assert len(nodes) == len(FLOW)
     for node in FLOW:
@@ -51,33 +53,20 @@ def test_the_node_red_flow_hangs_together_and_listens_to_our_topic():
     assert source["topic"] == Topics("+", "").of("verdict") and source["datatype"] == "json"
 
 
-def test_the_node_red_flow_asks_for_fields_that_events_have(make):
+def test_the_node_red_flow_uses_fields_that_events_have(make):
     event = verdict_event(make.verdict(1), "decided")
-    asked = {node["property"].partition(".")[2] for node in FLOW if node["type"] == "switch"}
-    assert asked <= set(event)
+    used = {node["property"].partition(".")[2] for node in FLOW if node["type"] == "switch"}
+    assert used <= set(event)
 
 
-def test_the_document_tells_every_topic_and_every_field_of_an_event(make):
+def test_the_document_names_every_topic_and_every_field_of_an_event(make):
     text = (ROOT / "docs" / "guide" / "home.md").read_text("utf-8")
-    names = Topics("SCENE", "labanmesh/SCENE/bridge")
-    topics = [
-        names.of("verdict"),
-        names.of("ended"),
-        names.of("early"),
-        names.of("facets"),
-        names.of("last_verdict"),
-        names.of("state"),
-        names.of("votes"),
-        names.of("availability"),
-        names.bridge,
-    ]
-    for topic in (*topics, names.movement("LABEL"), *(names.observer("ID", what) for what in ("health", "state"))):
+    topics = Topics("SCENE", "labanmesh/SCENE/bridge")
+    own = [topics.bridge, topics.movement("LABEL"), topics.observer("ID", "health"), topics.observer("ID", "state")]
+    for topic in (*map(topics.of, get_args(SceneTopic)), *own):
         assert f"`{topic}`" in text, topic
     word = EarlyWord("early", "v1", "ok", "ok", 0.9, make.NOON, make.NOON)
-    early = early_event(names, word).payload
-    for topic, event in (
-        (names.of("verdict"), verdict_event(make.verdict(1), "decided")),
-        (names.of("early"), json.loads(early)),
-    ):
-        (row,) = re.findall(rf"^\| `{topic}` .*$", text, re.MULTILINE)
+    early = json.loads(early_event(topics, word).payload)
+    for name, event in (("verdict", verdict_event(make.verdict(1), "decided")), ("early", early)):
+        (row,) = re.findall(rf"^\| `{topics.of(name)}` .*$", text, re.MULTILINE)
         assert set(re.findall(r"`(\w+)`", row)) == set(event)

@@ -1,4 +1,4 @@
-"""`labanmesh hub mqtt` with a real broker: what stands there, what comes when, and what survives."""
+"""`labanmesh hub mqtt` with a real broker: what it publishes when, and what survives a restart."""
 
 import json
 import signal
@@ -11,12 +11,15 @@ from cryptography import x509
 from cryptography.hazmat.primitives import hashes
 from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat
-from mqtt_stage import LABELS, SOON_S, Broker, Hub, Listener, free_port
+from mqtt_stage import Broker, Hub, Listener, free_port
+from played_scene import LABELS, ROOT, SOON_S, hub_section
+
+from labanmesh import main
 
 T = "labanmesh/room"
 
 
-def test_a_scene_appears_is_judged_and_goes(room, hub, listener, broker):
+def test_a_scene_appears_is_judged_and_is_deleted(room, hub, listener, broker):
     room.doubts = True
     running = hub(movements=["nthrow"], area="Dojo", certainty=0.85).connected()
     listener.wait_for_state("labanmesh/room/bridge", "online")
@@ -30,12 +33,12 @@ def test_a_scene_appears_is_judged_and_goes(room, hub, listener, broker):
     room.begin(1)
     listener.wait_for(lambda: f"{T}/early" in listener.last)
     began_s = time.monotonic()
-    room.say_verdict("nthrow", 1)
+    room.publish_verdict("nthrow", 1)
     listener.wait_for(lambda: f"{T}/verdict" in listener.last)
-    (said_s,) = [at_s for at_s, topic, *_ in listener.messages if topic == f"{T}/verdict"]
-    assert said_s - began_s < 0.3
+    (arrived_s,) = [at_s for at_s, topic, *_ in listener.messages if topic == f"{T}/verdict"]
+    assert arrived_s - began_s < 0.3
     listener.wait_for_state(f"{T}/movement/nthrow", "ON")
-    room.say_verdict("nthrow", 1, ended=True)
+    room.publish_verdict("nthrow", 1, ended=True)
     listener.wait_for_state(f"{T}/movement/nthrow", "OFF")
     listener.wait_for(lambda: f"{T}/ended" in listener.last)
     early = [(event["id"], event["stage"], event["event_type"]) for event in listener.events(f"{T}/early")]
@@ -52,56 +55,56 @@ def test_a_scene_appears_is_judged_and_goes(room, hub, listener, broker):
     assert running.end() == 0, running.log
     listener.wait_for_state("labanmesh/room/bridge", "offline")
     taken = subprocess.run(
-        [*running.process.args, "--remove"], cwd=running.cwd, capture_output=True, text=True, timeout=SOON_S, check=True
+        [*running.process.args, "--remove"], cwd=ROOT, capture_output=True, text=True, timeout=SOON_S, check=True
     )
     assert "retained messages deleted from the broker" in taken.stdout
     with Listener(broker.port) as empty:
-        empty.say("mark", "")
+        empty.publish("mark", "")
         empty.wait_for(lambda: "mark" in empty.last)
         assert set(empty.last) == {"mark"}
 
 
-def test_a_killed_hub_is_offline_and_its_next_life_says_what_it_missed_once(room, hub, listener):
+def test_a_killed_hub_is_offline_and_the_next_publishes_what_it_missed_once(room, hub, listener):
     first = hub().connected()
-    room.heard_by_a_hub()
-    room.say_verdict("ok", 1, ended=True)
+    room.wait_for_hub()
+    room.publish_verdict("ok", 1, ended=True)
     listener.wait_for(lambda: f"{T}/ended" in listener.last)
     listener.wait_for(lambda: '"ended": "' in listener.last.get(f"{T}/last_verdict", ""))
     first.end(signal.SIGKILL)
     listener.wait_for_state("labanmesh/room/bridge", "offline")
-    room.say_verdict("maestro", 2)
+    room.publish_verdict("maestro", 2)
     hub().connected()
     listener.wait_for(lambda: len(listener.events(f"{T}/verdict")) == 2)
-    room.say_verdict("maestro", 2, ended=True)
+    room.publish_verdict("maestro", 2, ended=True)
     listener.wait_for(lambda: len(listener.events(f"{T}/ended")) == 2)
     assert [each["event_type"] for each in listener.events(f"{T}/verdict")] == ["ok", "maestro"]
 
 
 def test_a_broker_that_restarts_gets_everything_again_and_no_verdict_is_lost(room, hub, broker):
     running = hub().connected()
-    room.heard_by_a_hub()
+    room.wait_for_hub()
     broker.stop()
     running.wait_for("no MQTT broker")
-    room.say_verdict("byebye", 1)
+    room.publish_verdict("byebye", 1)
     broker.start()
     with Listener(broker.port) as listener:
         listener.wait_for(lambda: f"{T}/availability" in listener.last)
         listener.wait_for(lambda: "homeassistant/sensor/labanmesh_room_MOVEMENT/config" in listener.last)
-        # Who subscribes a moment later has missed the event; the sensor has not.
+        # A client that subscribes a moment later misses the event, but not the retained state.
         listener.wait_for(lambda: '"byebye"' in listener.last.get(f"{T}/last_verdict", ""))
     running.connected(2)
     assert running.log.count("no MQTT broker") == 1, running.log
 
 
-def test_home_assistants_birth_makes_the_hub_say_all_again(room, hub, listener):
+def test_when_home_assistant_starts_everything_is_published_again(room, hub, listener):
     hub().connected()
     config = "homeassistant/sensor/labanmesh_room_MOVEMENT/config"
     listener.wait_for(lambda: config in listener.last and f"{T}/state" in listener.last)
-    heard = len(listener.messages)
-    listener.say("homeassistant/status", "online")
+    before = len(listener.messages)
+    listener.publish("homeassistant/status", "online")
 
     def again():
-        topics = [topic for _, topic, *_ in listener.messages[heard:]]
+        topics = [topic for _, topic, *_ in listener.messages[before:]]
         return config in topics and f"{T}/state" in topics[topics.index(config) :]
 
     listener.wait_for(again)
@@ -109,7 +112,7 @@ def test_home_assistants_birth_makes_the_hub_say_all_again(room, hub, listener):
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
 def test_a_dead_observer_is_unavailable_within_two_seconds(room, hub, listener, number):
-    room.silent = frozenset({"cam1"})  # its pictures do not come; its process says that it runs
+    room.silent = frozenset({"cam1"})  # no frames arrive; its process publishes that it runs
     process = room.observer("cam1")
     hub().connected()
     available, connected = f"{T}/observer/cam1/availability", f"{T}/observer/cam1/connected"
@@ -124,7 +127,7 @@ def test_a_dead_observer_is_unavailable_within_two_seconds(room, hub, listener, 
 
 @pytest.fixture
 def guarded(tmp_path):
-    """A broker that knows anna and her password."""
+    """A broker with one user, anna."""
     place = tmp_path / "guarded"
     place.mkdir()
     passwords = place / "passwords"
@@ -135,8 +138,8 @@ def guarded(tmp_path):
 
 def test_a_password_from_a_file_and_a_wrong_one(broker, guarded, room, tmp_path):
     (tmp_path / "word").write_text("secret\n")
-    named = {"username": "anna", "password_file": "word"}
-    file = room.scene_file(tmp_path / "room.toml", guarded.port, **named)
+    keys = {"username": "anna", "password_file": "word"}
+    file = room.scene_file(tmp_path / "room.toml", hub_section(guarded.port, **keys))
     right = Hub(file).connected()
     assert right.end() == 0
     (tmp_path / "word").write_text("guess\n")
@@ -148,7 +151,7 @@ def test_a_password_from_a_file_and_a_wrong_one(broker, guarded, room, tmp_path)
 
 @pytest.fixture
 def encrypted(tmp_path):
-    """A broker with a certificate of an authority of its own; both are in its folder."""
+    """A broker with a certificate from its own authority; both are in its folder."""
     place = tmp_path / "encrypted"
     place.mkdir()
     authority, key = certified(place / "ca", "an authority")
@@ -161,7 +164,7 @@ def encrypted(tmp_path):
 
 
 def certified(path, name, authority=None, key=None):
-    """A certificate and its key, in files beside `path`, by itself or by `authority` with its `key`."""
+    """A certificate with its key in files beside `path`, signed by itself or by `authority` with its `key`."""
     own = ec.generate_private_key(ec.SECP256R1())
     subject = x509.Name([x509.NameAttribute(x509.NameOID.COMMON_NAME, name)])
     now = datetime.now(UTC)
@@ -180,23 +183,24 @@ def certified(path, name, authority=None, key=None):
 
 
 def test_tls_by_the_brokers_authority_and_not_without(broker, encrypted, room, tmp_path):
-    named = {"host": "localhost", "tls": True}
-    file = room.scene_file(tmp_path / "room.toml", encrypted.port, **named, ca_file="encrypted/ca.pem")
+    keys = {"host": "localhost", "tls": True}
+    section = hub_section(encrypted.port, **keys, ca_file="encrypted/ca.pem")
+    file = room.scene_file(tmp_path / "room.toml", section)
     assert Hub(file).connected().end() == 0
-    doubtful = Hub(room.scene_file(tmp_path / "room.toml", encrypted.port, **named))
+    doubtful = Hub(room.scene_file(tmp_path / "room.toml", hub_section(encrypted.port, **keys)))
     assert doubtful.process.wait(SOON_S) == 2
     doubtful.end()
     assert doubtful.log.count("\n") == 1 and "hub.mqtt.ca_file = ''" in doubtful.log, doubtful.log
 
 
-def test_a_broker_that_is_not_there_is_told_once_and_awaited(room, tmp_path, broker):
+def test_a_missing_broker_is_logged_once_and_awaited(room, tmp_path, broker):
     broker.stop()
-    running = Hub(room.scene_file(tmp_path / "room.toml", broker.port), level="debug")
+    running = Hub(room.scene_file(tmp_path / "room.toml", hub_section(broker.port)), level="debug")
     running.wait_for("no MQTT broker at 127.0.0.1").wait_for("the next try in", 2)
     broker.start()
     running.connected()
-    told = [line for line in running.log.splitlines() if "INFO" in line or "WARNING" in line]
-    assert running.end() == 0 and len(told) == 2, running.log
+    lines = [line for line in running.log.splitlines() if "INFO" in line or "WARNING" in line]
+    assert running.end() == 0 and len(lines) == 2, running.log
 
 
 @pytest.mark.parametrize(
@@ -214,19 +218,15 @@ def test_a_broker_that_is_not_there_is_told_once_and_awaited(room, tmp_path, bro
     ],
 )
 def test_bad_input_is_one_line(room, tmp_path, capsys, keys, words):
-    from labanmesh import main
-
-    file = room.scene_file(tmp_path / "room.toml", free_port(), **keys)
+    file = room.scene_file(tmp_path / "room.toml", hub_section(free_port(), **keys))
     file.write_text(f"vocabulary = {json.dumps(LABELS)}\n" + file.read_text())
     assert main(["hub", "mqtt", str(file)]) == 2
-    said = capsys.readouterr().err
-    assert said.count("\n") == 1 and words in said
+    error = capsys.readouterr().err
+    assert error.count("\n") == 1 and words in error
 
 
 def test_scenes_of_one_hub_have_one_broker_and_names_of_their_own(room, tmp_path, capsys):
-    from labanmesh import main
-
-    one, other = (room.scene_file(tmp_path / f"{port}.toml", port) for port in (1, 2))
+    one, other = (room.scene_file(tmp_path / f"{port}.toml", hub_section(port)) for port in (1, 2))
     for second, words in ((other, "start a hub for each broker"), (one, "two of the scene files have this name")):
         assert main(["hub", "mqtt", str(one), str(second)]) == 2
         assert words in capsys.readouterr().err
@@ -234,9 +234,7 @@ def test_scenes_of_one_hub_have_one_broker_and_names_of_their_own(room, tmp_path
     assert "no MQTT broker at 127.0.0.1:1: connection refused" in capsys.readouterr().err
 
 
-def test_a_running_hub_is_not_taken_out(room, hub, listener, tmp_path, capsys):
-    from labanmesh import main
-
+def test_a_scene_that_a_hub_serves_is_not_deleted(room, hub, listener, tmp_path, capsys):
     running = hub().connected()
     listener.wait_for(lambda: f"{T}/state" in listener.last)
     assert main(["hub", "mqtt", str(tmp_path / "room.toml"), "--remove"]) == 2

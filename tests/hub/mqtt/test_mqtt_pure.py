@@ -4,12 +4,14 @@ import json
 import re
 
 import pytest
+from played_scene import until
 
 from common.errors import BadInput
 from common.messages import Contribution
 from hub.mqtt.bridge import WAITING_LIMIT, SceneBridge
 from hub.mqtt.entities import EXPIRE_S, Topics, bridge_topic, checked_prefix, discovery
 from hub.mqtt.events import EVENT_S, recalled_ns, verdict_event
+from hub.mqtt.listener import SceneListener
 from hub.mqtt.states import FAST_S, PRESENT_S, REPEAT_S, SLOW_S
 from hub.scene_state import SceneState
 
@@ -283,3 +285,11 @@ def test_without_fusion_the_scene_is_offline_and_no_movement_is_on(driver, make)
     gone = driver.due_in(2.0, state.at(make.NOON + 2 * make.SECOND))
     assert gone[TOPICS.of("availability")] == "offline" and gone[TOPICS.movement("nthrow")] == "OFF"
     assert json.loads(gone[TOPICS.observer("cam2", "state")])["weight"] is None
+
+
+def test_a_fault_in_the_listening_thread_is_raised(scene, fake_link):
+    def fail(update):
+        raise ValueError("no")
+
+    with SceneListener(scene, fake_link(), fail) as listener, pytest.raises(ValueError, match="no"):
+        until(listener.check, "the fault")
