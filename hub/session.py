@@ -60,23 +60,22 @@ def listen(
     inbox = link.inbox(*events, *([] if newest_only else [keys.judgement]))
     newest = link.inbox(keys.judgement, limit=1) if newest_only else None
     answers = link.ask_each(f"{keys.root}/**", QUERY_S)
-    arrivals = inbox.take(0.0)
+    waiting = inbox.take(0.0)
     # A verdict that was published between the opening of the inbox and the query is new.
-    new = {(arrival.key, arrival.payload) for arrival in arrivals}
+    new = {(arrival.key, arrival.payload) for arrival in waiting}
     for key, payload in answers:
         if (key, payload) not in new:
             update = _ingest(state, keys, key, payload, clock(), answered=True)
             state = update.state
             yield update
     queried_ns = clock()
-    while go_on():
-        arrivals += inbox.take(0.0 if arrivals else TAKE_S)
+    while waiting or go_on():
+        arrivals, waiting = waiting or inbox.take(TAKE_S), []
         # A verdict precedes the judgement that shows it.
         for arrival in (*arrivals, *(newest.take(0.0) if newest else ())):
             update = _ingest(state, keys, arrival.key, arrival.payload, arrival.arrived_ns)
             state = update.state
             yield update
-        arrivals = []
         state = state.at(clock(), inbox.dropped)
         if state.missing_vocabulary and state.now_ns - queried_ns > QUERY_AGAIN_S * SECOND_NS:
             queried_ns = state.now_ns

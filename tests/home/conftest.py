@@ -7,8 +7,7 @@ from pathlib import Path
 
 import pytest
 
-hub_tests = Path(__file__).parents[1] / "hub"
-sys.path += [str(Path(__file__).parent), str(hub_tests), str(hub_tests / "mqtt")]
+sys.path += [str(Path(__file__).parents[1] / folder) for folder in ("home", "hub", "hub/mqtt")]
 
 from home_assistant import HomeAssistant
 from mqtt_stage import Broker, Hub, mosquitto
