@@ -49,7 +49,7 @@ class HubMetrics(Metrics):
         rejected = [((scene,), float(state.rejected)) for scene, state in states.items()]
         yield self.total("messages_rejected", "Messages that could not be used.", rejected, "scene")
         newest = [((scene,), state.received_ns / SECOND_NS or None) for scene, state in states.items()]
-        yield self.gauge("last_judgement_timestamp_seconds", "When a judgement last arrived, Unix time.", newest, "scene")
+        yield self.gauge("last_judgement_timestamp_seconds", "When a judgement last arrived.", newest, "scene")
         if self._connected is not None:
             yield self.gauge("connected", "1 while the hub reaches its broker.", [((), float(self._connected))])
-            yield self.total("connections", "How often the hub connected to its broker.", [((), float(self._connections))])
+            yield self.total("connections", "Connections to the broker.", [((), float(self._connections))])
