@@ -26,14 +26,14 @@ SCENE = "/etc/labanmesh/scene.toml"
 
 def tool(name):
     """A tool of the development environment, which need not be activated."""
-    found = shutil.which(name, path=f"{Path(sys.executable).parent}{os.pathsep}{os.environ.get('PATH', '')}")
-    if found is None:
+    path = shutil.which(name, path=f"{Path(sys.executable).parent}{os.pathsep}{os.environ.get('PATH', '')}")
+    if path is None:
         pytest.skip(f"{name} is not installed on this kind of machine")
-    return found
+    return path
 
 
 def composed(*files):
-    """What docker compose makes of the files: all that is wrong in them is an error of it."""
+    """The files as docker compose merges them; every fault in them is an error of docker compose."""
     command = [tool("docker-compose"), *(f"--file={file}" for file in files), "config", "--format", "json"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60, env={"PATH": "", "HOME": "/"})
     assert (done.returncode, done.stderr) == (0, "")
@@ -63,12 +63,12 @@ def understood(words):
     typer.main.get_command(app).make_context(verb, rest, resilient_parsing="--help" in rest)
 
 
-def test_hadolint_finds_nothing_wrong():
+def test_hadolint_has_no_complaint():
     done = subprocess.run([tool("hadolint"), "--no-color", CONTAINERFILE], capture_output=True, text=True, timeout=60)
     assert (done.returncode, done.stdout) == (0, "")
 
 
-def test_what_is_copied_into_the_image_exists_and_is_all_of_the_program():
+def test_the_image_gets_all_of_the_program():
     copied = {name for line in instructions("COPY") if "--from" not in line for name in line.split()[:-1]}
     assert all((ROOT / name).exists() for name in copied)
     packages = {path.parent.name for path in ROOT.glob("*/__init__.py")} - {"benchmarks"}
@@ -77,7 +77,7 @@ def test_what_is_copied_into_the_image_exists_and_is_all_of_the_program():
     assert set(re.findall(r"^!(\S+)$", kept, re.MULTILINE)) == copied
 
 
-def test_the_images_start_what_there_is():
+def test_the_images_start_existing_verbs():
     for line in instructions("CMD"):
         understood(json.loads(line))
     assert instructions("ENTRYPOINT") == ['["labanmesh"]']
@@ -95,13 +95,13 @@ def test_no_image_runs_as_root():
 
 
 @pytest.mark.parametrize("files", ["plain", "secured"])
-def test_every_service_starts_what_there_is(files, request):
+def test_every_service_starts_an_existing_verb(files, request):
     for service in request.getfixturevalue(files).values():
         if service.get("command"):
             understood(service["command"])
 
 
-def test_every_service_is_looked_after_and_enclosed(plain):
+def test_every_service_is_monitored_and_confined(plain):
     (health,) = instructions("HEALTHCHECK")
     test_of_the_image = ["CMD", *json.loads(re.search(r"CMD (.*)$", health)[1])]
     for service in plain.values():

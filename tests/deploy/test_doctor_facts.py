@@ -123,16 +123,16 @@ def test_cameras_of_a_scene(tmp_path, listener):
 
 
 def test_a_camera_that_is_there_is_looked_at_if_asked(tmp_path, monkeypatch):
-    """`labanmesh look` is another's; here: who is looked at, with what, and how its words are taken."""
+    """A stand-in for `labanmesh look`: which cameras are tested, with what, and how its output is read."""
     ran = []
 
     def run(command, **_):
         ran.append(command)
         status = int("1" in command)
-        said = (
+        output = (
             ("clip: 9x9\n-> too dark: more light\n", "", "") if not status else ("", "x\nlabanmesh: camera 1: busy\n")
         )
-        return subprocess.CompletedProcess(command, status, *said[:2])
+        return subprocess.CompletedProcess(command, status, *output[:2])
 
     (tmp_path / "video0").touch()
     (tmp_path / "video1").touch()

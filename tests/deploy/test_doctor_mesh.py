@@ -56,10 +56,10 @@ def judgement(fusion="fusion", seq=0):
     return KEYS.judgement, encode(message)
 
 
-def status(who, state="running", at_ns=NOON, frame_ns=NOON, version=HERE, **more):
-    key = KEYS.fusion_status(who) if who in ("fusion", "spare", "wild") else KEYS.observer_status(who)
+def status(name, state="running", at_ns=NOON, frame_ns=NOON, version=HERE, **more):
+    key = KEYS.fusion_status(name) if name in ("fusion", "spare", "wild") else KEYS.observer_status(name)
     message = StatusMessage(
-        scene="dojo", id=who, state=state, rate_hz=15.0, last_frame_ns=frame_ns, version=version, at_ns=at_ns, **more
+        scene="dojo", id=name, state=state, rate_hz=15.0, last_frame_ns=frame_ns, version=version, at_ns=at_ns, **more
     )
     return key, encode(message)
 
@@ -237,7 +237,7 @@ def say(link, messages, stop, alive):
             publishers[key].put(payload)
 
 
-def test_a_real_mesh_is_heard(meeting):
+def test_the_findings_on_a_real_mesh(meeting):
     """An observer of another version and an odd one, over Zenoh; nobody else."""
     scene = SCENE.model_copy(update={"mesh": MeshConfig(endpoint=meeting.locator)})
     now_ns = time.time_ns()

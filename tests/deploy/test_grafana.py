@@ -1,4 +1,4 @@
-"""The Grafana dashboard against what the processes tell: names, labels, and panels that lie where they belong."""
+"""The Grafana dashboard against the metrics of the processes: names, labels, and the places of panels."""
 
 import json
 import re
@@ -14,8 +14,8 @@ NAME = r"\b(?:labanmesh|process|python)_\w+"
 OF_THE_CLIENT = {"process_cpu_seconds_total", "process_resident_memory_bytes"}
 
 
-def told():
-    """Every metric with its labels; a test of its own compares the page with the processes."""
+def documented():
+    """Every metric with its labels, as the page has them; another test compares the page with the processes."""
     page = (ROOT / "docs" / "reference" / "metrics.md").read_text("utf-8")
     rows = re.findall(r"^\| `(labanmesh_\w+)` \| (\w+) \| ([\w, ]+) \| ([\w, ]*) ?\|", page, re.MULTILINE)
     return {
@@ -26,8 +26,8 @@ def told():
 
 def names_in(expression):
     """The metrics of an expression, without the words in its label matchers."""
-    found = re.findall(NAME, re.sub(r"\{[^}]*\}", "", expression))
-    return [next((name.removesuffix(end) for end in SUFFIXES if name.endswith(end)), name) for name in found]
+    names = re.findall(NAME, re.sub(r"\{[^}]*\}", "", expression))
+    return [next((name.removesuffix(end) for end in SUFFIXES if name.endswith(end)), name) for name in names]
 
 
 def test_every_expression_is_about_metrics_that_exist():
@@ -35,11 +35,11 @@ def test_every_expression_is_about_metrics_that_exist():
     for expression in EXPRESSIONS:
         names = names_in(expression)
         assert names, expression
-        assert set(names) <= {*told(), *OF_THE_CLIENT}, expression
+        assert set(names) <= {*documented(), *OF_THE_CLIENT}, expression
 
 
 def test_labels_in_legends_and_matchers_are_carried():
-    labels = told()
+    labels = documented()
     for panel in PANELS:
         for target in panel["targets"]:
             known = set().union({"le", "instance"}, *(labels.get(name, set()) for name in names_in(target["expr"])))
@@ -52,14 +52,14 @@ def test_labels_in_legends_and_matchers_are_carried():
             assert set(asked) <= known, (panel["title"], set(asked) - known)
 
 
-def test_counters_are_looked_at_as_rates_and_parentheses_close():
+def test_counters_are_shown_as_rates_and_parentheses_close():
     for expression in EXPRESSIONS:
         assert expression.count("(") == expression.count(")") and expression.count("{") == expression.count("}")
         for name in re.findall(r"\w+_total|\w+_bucket", expression):
             assert re.search(rf"(rate|increase)\({name}", expression), expression
 
 
-def test_panels_do_not_lie_on_each_other_and_each_has_a_name():
+def test_panels_do_not_overlap_and_each_has_a_name():
     assert len({panel["title"] for panel in PANELS}) == len(PANELS)
     assert len({panel["id"] for panel in DASHBOARD["panels"]}) == len(DASHBOARD["panels"])
     for one, other in combinations([panel["gridPos"] for panel in DASHBOARD["panels"]], 2):

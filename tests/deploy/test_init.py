@@ -1,4 +1,4 @@
-"""`labanmesh init`: what it writes is a scene file, its comments too, and nothing is ever overwritten."""
+"""`labanmesh init`: it writes a scene file, also with its comments as settings, and never overwrites one."""
 
 import re
 
@@ -17,7 +17,7 @@ WEBCAMS = [Webcam(f"/dev/video{2 * number}", f"Camera {number}") for number in r
 
 @pytest.mark.parametrize("many", range(7))
 @pytest.mark.parametrize("uncommented", [False, True])
-def test_what_is_written_is_a_scene_of_these_cameras(tmp_path, many, uncommented):
+def test_the_file_is_a_scene_of_these_cameras(tmp_path, many, uncommented):
     text = scene_text(WEBCAMS[:many], "scene.toml", "home")
     if uncommented:
         text = re.sub(r"^#(?=\w)", "", text, flags=re.MULTILINE)
@@ -30,7 +30,7 @@ def test_what_is_written_is_a_scene_of_these_cameras(tmp_path, many, uncommented
     assert scene.fusion.quorum == (len(scene.roster) + 1) // 2 and scene.scene == "home"
 
 
-def test_the_comments_say_what_to_do_next():
+def test_the_comments_name_the_next_steps():
     text = scene_text(WEBCAMS[:2], "dojo.toml", "dojo")
     for command in (
         "doctor dojo.toml", "look 0", "look 2", "learn motion.npz --view yaw:30 -o cam1.model", "record",

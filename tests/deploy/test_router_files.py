@@ -1,4 +1,4 @@
-"""The configurations for Zenoh's own router, read by Zenoh: a mesh meets over the plain one, nobody at the other."""
+"""The configurations for Zenoh's own router, read by Zenoh: a mesh meets at the plain one; the other admits nobody."""
 
 import json
 import re
@@ -37,7 +37,7 @@ def locator(session):
 
 
 @pytest.mark.parametrize("file", [PLAIN, SECURED], ids=lambda file: file.stem)
-def test_zenoh_reads_it_and_it_is_the_router_that_ours_is(file):
+def test_zenoh_reads_it_and_it_has_the_settings_of_ours(file):
     config = zenoh.Config.from_file(str(file))
     read = {
         key: json.loads(config.get_json(key))
@@ -49,7 +49,7 @@ def test_zenoh_reads_it_and_it_is_the_router_that_ours_is(file):
     assert read["adminspace"] == {"enabled": True, "permissions": {"read": True, "write": False}}
     (endpoint,) = read["listen/endpoints"]
     assert endpoint == ("tcp" if file is PLAIN else "tls") + "/0.0.0.0:7447"
-    # And it is one that a scene file may name.
+    # A scene file may name this endpoint.
     assert MeshConfig(mode="router", endpoint=endpoint).endpoint == endpoint
 
 
@@ -60,10 +60,10 @@ def test_a_mesh_meets_over_the_plain_router():
             inbox = hub.inbox("laban/dojo/**")
             observer.announce("laban/dojo/observer/sofa/alive")
             assert hub.presence("laban/dojo/observer/*/alive").wait_for(1, SOON_S)
-            mouth = observer.publisher("laban/dojo/observer/sofa/posterior")
-            assert mouth.wait_for_subscriber(SOON_S)
-            mouth.put(b"said")
-            assert inbox.take(SOON_S)[0].payload == b"said"
+            publisher = observer.publisher("laban/dojo/observer/sofa/posterior")
+            assert publisher.wait_for_subscriber(SOON_S)
+            publisher.put(b"posterior")
+            assert inbox.take(SOON_S)[0].payload == b"posterior"
 
 
 OURS = json.dumps(nested(settings(MeshConfig(), "router", ["tcp/127.0.0.1:0"], 0.0)))
@@ -90,7 +90,7 @@ def test_a_huge_message_does_not_fill_a_router_and_its_sender_can_go_on(text):
         with Link.open(mesh, "hub") as hub, Link.open(mesh, "observer") as observer:
             inbox, publisher = hub.inbox("a"), observer.publisher("a")
             assert publisher.wait_for_subscriber(SOON_S)
-            # Blocking, as somebody who wants to do harm would send it: by default Zenoh drops what is too much at once.
+            # An attacker would block until all is sent; by default Zenoh drops fragments when its queue is full.
             observer._session.put("a", bytes(huge), congestion_control=zenoh.CongestionControl.BLOCK)
             publisher.put(b"small")
             assert [arrival.payload for arrival in inbox.take(SOON_S)] == [b"small"]
@@ -106,7 +106,7 @@ def test_the_secured_router_opens_no_plain_text_port():
 
 
 def test_the_secured_routers_rules_admit_nobody(tmp_path):
-    # Its access rules on a plain-text link: even who gets past TLS is not heard.
+    # Its access rules on a plain-text link: even a client that gets past TLS is not heard.
     text = re.sub(r"protocols: .*", "", SECURED.read_text("utf-8"))
     file = tmp_path / "router.json5"
     file.write_text(text)

@@ -1,4 +1,4 @@
-"""The systemd units by systemd's own checks, and what they call by the command line that it would reach."""
+"""The systemd units: systemd's own checks, and their commands at our command line."""
 
 import re
 import shlex
@@ -43,17 +43,17 @@ def installed(tmp_path):
 def complaints(folder):
     names = [folder / name.replace("@.", "@sofa.") for name in FILES]
     done = subprocess.run(["systemd-analyze", "verify", *names], capture_output=True, text=True, timeout=60)
-    # verify reads the machine's own units too: what it says of those is not ours.
+    # verify reads the machine's own units too; complaints about those are not ours.
     return [line for line in (done.stdout + done.stderr).splitlines() if "labanmesh" in line]
 
 
 @with_systemd
-def test_systemd_finds_nothing_wrong(installed):
+def test_systemd_has_no_complaint(installed):
     assert complaints(installed) == []
 
 
 @with_systemd
-def test_systemd_would_find_something_wrong(installed):
+def test_systemd_complains_about_a_fault(installed):
     unit = installed / SERVICES[0]
     unit.write_text(unit.read_text().replace("WatchdogSec=60", "WatchdogSec=soon\nWatchdogs=1"))
     assert len([line for line in complaints(installed) if SERVICES[0] in line]) == 2
@@ -61,7 +61,7 @@ def test_systemd_would_find_something_wrong(installed):
 
 @with_systemd
 @services
-def test_systemd_calls_the_services_well_enclosed(name):
+def test_systemd_rates_the_services_as_confined(name):
     command = ["systemd-analyze", "security", "--offline=true", f"--threshold={NOT_BAD}", "--no-pager", UNITS / name]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60)
     if "--offline" in done.stderr:
@@ -82,10 +82,10 @@ def test_the_users_file_is_understood(tmp_path):
 
 
 @services
-def test_what_a_service_calls_is_understood(name):
+def test_the_command_of_a_service_is_parsed(name):
     (line,) = settings(name, "ExecStart")
     defaults = dict(re.findall(r"(\w+)=(\S+)", " ".join(settings(name, "Environment"))))
-    line = re.sub(r"\$(\w+)", lambda found: defaults[found[1]], line.replace("%i", "sofa"))
+    line = re.sub(r"\$(\w+)", lambda match: defaults[match[1]], line.replace("%i", "sofa"))
     program, verb, *words = shlex.split(line)
     assert program == EXECUTABLE
     app = typer.Typer(add_completion=False)
@@ -93,7 +93,7 @@ def test_what_a_service_calls_is_understood(name):
     typer.main.get_command(app).make_context(verb, words)
 
 
-def test_the_wheel_carries_what_the_page_copies_out_of_it():
+def test_the_wheel_has_the_files_that_the_page_copies():
     carried = tomllib.loads((UNITS.parents[1] / "pyproject.toml").read_text("utf-8"))["tool"]["setuptools"][
         "package-data"
     ]

@@ -79,7 +79,7 @@ def test_a_scene_is_played_judged_and_ends_by_itself(scene, labanmesh):
     assert "Traceback" not in done.stderr and "again in" not in done.stderr
     counted = [judgement for judgement in hub.judgements if judgement.agreement.n == len(VIEWS)]
     assert len(counted) > 10, done.stderr
-    # Which label is a matter of models and rules, tested there; here: one verdict a movement, said again when it ended.
+    # Models and rules have tests of their own; here: one verdict a movement, published again when it ends.
     labels = {verdict.id: verdict.label for verdict in hub.verdicts}
     assert len(labels) == len(PERFORMED) and set(labels.values()) <= {*PERFORMED, ABSTAIN}, f"{labels}\n{done.stderr}"
     assert set(labels.values()) & PERFORMED, f"{labels}\n{done.stderr}"

@@ -59,9 +59,9 @@ subprocess.Popen([sys.executable, "-c", sys.argv[1]], env=environment).wait()
 """
 
 
-def test_who_was_started_by_a_supervisor_that_is_killed_ends_too():
+def test_a_process_ends_when_its_supervisor_is_killed():
     with subprocess.Popen([sys.executable, "-c", STARTER, SERVICE], stdout=subprocess.PIPE, text=True) as supervisor:
         assert supervisor.stdout.readline() == "up\n"
         supervisor.kill()
-        # The service has the same stdout: it says that it ended cleanly, and then there is nobody left to say anything.
+        # The service shares this stdout: it reports its clean end, and then the pipe closes.
         assert supervisor.stdout.read() == "clean\n"

@@ -1,4 +1,4 @@
-"""What systemd hears of each service, on a real notification socket: ready, work done, how it is, stopping."""
+"""The notifications of each service to systemd, on a real socket: ready, work done, status, stopping."""
 
 import signal
 import socket
@@ -30,24 +30,24 @@ class Supervisor:
 
     def __init__(self, address):
         self.address, self.lines = address, []
-        self._ear = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
-        self._ear.bind(address)
-        self._ear.settimeout(SOON_S)
+        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        self._socket.bind(address)
+        self._socket.settimeout(SOON_S)
 
     def wait_for(self, wanted):
         """Read until a line that begins so; returns it."""
         while True:
             try:
-                come = self._ear.recv(4096).decode().splitlines()
+                lines = self._socket.recv(4096).decode().splitlines()
             except TimeoutError:
                 raise AssertionError(f"no {wanted} after {self.lines}") from None
-            self.lines += come
-            for line in come:
+            self.lines += lines
+            for line in lines:
                 if line.startswith(wanted):
                     return line
 
     def close(self):
-        self._ear.close()
+        self._socket.close()
 
 
 @pytest.fixture

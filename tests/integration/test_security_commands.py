@@ -49,7 +49,7 @@ def secure(scene, capsys):
 
 
 def placed(scene, certificate):
-    """What a person does with the folder that `add` made: copy it to its machine; here all machines are one."""
+    """The folder that `add` made, copied to its machine as a user would; here all machines are one."""
     target = scene.parent / f"on-{certificate}"
     shutil.copytree(scene.parent / "secure" / certificate, target)
     return str(target)
@@ -130,7 +130,7 @@ def until(condition):
 
 
 def test_a_running_router_takes_up_what_changes(scene, secure, monkeypatch, caplog):
-    """Added, refused when revoked, under new rules only when they can be used; open links end with the old rules."""
+    """New certificates, revocations, and rules that cannot be used; open links end with the old rules."""
     monkeypatch.setattr("common.link.ADMISSION_TIMEOUT_S", 0.5)
     secure("init")
     secure("add", "router")
@@ -158,7 +158,7 @@ def test_a_running_router_takes_up_what_changes(scene, secure, monkeypatch, capl
                     return False
 
             until(shelf_is_in)
-            assert early.admitted(SOON_S)  # it came back by itself
+            assert early.admitted(SOON_S)  # it reconnected by itself
             secure("revoke", "sofa")
             until(lambda: not early.admitted(0.2))
         with pytest.raises(LabanmeshError, match=r"do not know certificate sofa\.1: revoked"):
@@ -213,7 +213,7 @@ def test_a_router_that_cannot_start_is_one_line(capsys, words, line):
     assert line in err and err.count("\n") == 1
 
 
-def test_the_process_says_where_it_listens_and_ends_cleanly(scene, secure):
+def test_the_process_prints_where_it_listens_and_ends_cleanly(scene, secure):
     secure("init")
     secure("add", "router")
     shutil.copytree(scene.parent / "secure" / "router.1", scene.parent / "credentials")

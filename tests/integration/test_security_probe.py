@@ -1,4 +1,4 @@
-"""The look at an endpoint without Zenoh: each cause has its own words, and nothing wrong has none."""
+"""The look at an endpoint without Zenoh: each cause has its own message, and a usable endpoint none."""
 
 import json
 import socket
@@ -48,7 +48,7 @@ def router(credentials, protocol="tls"):
 
 @contextmanager
 def listener(answer):
-    """A TCP port where `answer(connection)` is done with whoever comes, who is then let go."""
+    """A TCP port that calls `answer(connection)` for the one client that connects, then closes."""
     with socket.create_server(("127.0.0.1", 0)) as server:
 
         def serve():
@@ -62,14 +62,14 @@ def listener(answer):
         thread.join()
 
 
-def looked(endpoint, credentials, **more):
+def fault_of(endpoint, credentials, **more):
     mesh = MeshConfig(mode="router", endpoint=endpoint, credentials=credentials)
     return endpoint_fault(mesh, more.pop("now", NOW), **more)
 
 
-def test_nothing_is_wrong(folder):
+def test_a_usable_endpoint_has_no_fault(folder):
     with router(folder("router", ROUTER)) as endpoint:
-        assert looked(endpoint, folder("cam1")) is None
+        assert fault_of(endpoint, folder("cam1")) is None
 
 
 @pytest.mark.parametrize(
@@ -81,54 +81,54 @@ def test_nothing_is_wrong(folder):
         ({"roles": CAMERA}, "is not accepted (unsuitable certificate purpose)", "--router"),
     ],
 )
-def test_what_is_wrong_with_the_routers_certificate(folder, theirs, cause, way_out):
+def test_faults_of_the_routers_certificate(folder, theirs, cause, way_out):
     name = f"router-{next(iter(theirs))}"
     with router(folder(name, **{"roles": ROUTER, **theirs})) as endpoint:
-        finding = looked(endpoint, folder("cam1"))
+        finding = fault_of(endpoint, folder("cam1"))
     assert cause in finding.what and way_out in finding.remedy and endpoint in finding.what
 
 
-def test_a_certificate_that_only_the_router_finds_expired(folder):
-    """A machine whose clock stands still: here all seems well."""
+def test_a_certificate_that_is_expired_for_the_router_alone(folder):
+    """A machine whose clock stands still: by its own clock the certificate is valid."""
     with router(folder("router", ROUTER)) as endpoint:
-        finding = looked(endpoint, folder("late", days=-1.0), now=NOW - timedelta(days=1, minutes=30))
+        finding = fault_of(endpoint, folder("late", days=-1.0), now=NOW - timedelta(days=1, minutes=30))
     assert "the router says that certificate late.1 has expired" in finding.what
 
 
 def test_a_router_that_trusts_another_authority(folder):
     with router(folder("router-trusts", ROUTER, trusts="theirs")) as endpoint:
-        finding = looked(endpoint, folder("cam1"))
+        finding = fault_of(endpoint, folder("cam1"))
     assert "the router does not know the authority that signed cam1.1" in finding.what
 
 
 def test_nobody_listens_and_no_such_name(folder):
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
-    assert "no router answers there" in looked(f"tls/127.0.0.1:{port}", folder("cam1")).what
-    assert "this name is not known here" in looked("tls/no-such-host.invalid:1", folder("cam1")).what
+    assert "no router answers there" in fault_of(f"tls/127.0.0.1:{port}", folder("cam1")).what
+    assert "this name is not known here" in fault_of("tls/no-such-host.invalid:1", folder("cam1")).what
 
 
-def test_who_listens_speaks_no_tls(folder):
+def test_a_listener_without_tls(folder):
     enough = threading.Event()
     with listener(lambda connection: None) as endpoint:
-        assert "speaks no TLS" in looked(endpoint, folder("cam1")).what
+        assert "speaks no TLS" in fault_of(endpoint, folder("cam1")).what
     with listener(lambda connection: connection.sendall(b"HTTP/1.1 400 Bad Request\r\n\r\n")) as endpoint:
-        assert "speaks no TLS" in looked(endpoint, folder("cam1")).what
+        assert "speaks no TLS" in fault_of(endpoint, folder("cam1")).what
     with listener(lambda connection: enough.wait()) as endpoint:
-        assert "speaks no TLS" in looked(endpoint, folder("cam1"), timeout_s=0.2).what
+        assert "speaks no TLS" in fault_of(endpoint, folder("cam1"), timeout_s=0.2).what
         enough.set()
     with Link.open(MeshConfig(mode="router"), "router", listen=["tcp/127.0.0.1:0"]) as plain:
-        assert "speaks no TLS" in looked(plain.locator.replace("tcp/", "tls/"), folder("cam1"), timeout_s=0.2).what
+        assert "speaks no TLS" in fault_of(plain.locator.replace("tcp/", "tls/"), folder("cam1"), timeout_s=0.2).what
 
 
 def test_plain_meets_plain_and_plain_meets_tls(folder):
     with Link.open(MeshConfig(mode="router"), "router", listen=["tcp/127.0.0.1:0"]) as plain:
-        assert looked(plain.locator, "", timeout_s=0.2) is None
+        assert fault_of(plain.locator, "", timeout_s=0.2) is None
     with router(folder("router", ROUTER)) as endpoint:
         assert "accepts TLS only" in endpoint_fault(MeshConfig(endpoint=endpoint.replace("tls/", "tcp/")), NOW).what
         assert "needs mesh.credentials" in endpoint_fault(MeshConfig(endpoint=endpoint), NOW).what
 
 
 @pytest.mark.parametrize("endpoint", ["quic/127.0.0.1:1", "unixsock-stream//nowhere"])
-def test_of_other_protocols_only_the_files_are_looked_at(folder, endpoint):
+def test_for_other_protocols_only_the_files_are_checked(folder, endpoint):
     assert endpoint_fault(MeshConfig(endpoint=endpoint), NOW) is None

@@ -147,13 +147,13 @@ def test_a_fusion_service_may_ask_another_one_to_hand_over(folder, mesh):
             assert hub.ask(scene.keys.fusion_handover("north"), 0.3) == {}
 
 
-def test_a_hub_of_one_scene_hears_nothing_of_the_other(folder, mesh):
+def test_a_hub_of_one_scene_receives_nothing_of_the_other(folder, mesh):
     garden = read(folder, "garden", "tablet.1")
     with Link.open(garden.mesh, "hub", scene="garden") as tablet:
-        heard = tablet.inbox("laban/garden/observer/*/posterior")
-        strange = tablet.inbox("laban/dojo/**")
-        assert {arrival.key for arrival in heard.take(SOON_S)} == {garden.keys.posterior("cam1")}
-        assert strange.take(0.2) == []
+        inbox = tablet.inbox("laban/garden/observer/*/posterior")
+        foreign = tablet.inbox("laban/dojo/**")
+        assert {arrival.key for arrival in inbox.take(SOON_S)} == {garden.keys.posterior("cam1")}
+        assert foreign.take(0.2) == []
 
 
 @pytest.mark.parametrize(
