@@ -60,7 +60,7 @@ class RegionTrace:
 
 
 @dataclass(frozen=True, slots=True)
-class Ownership:
+class SceneOwnership:
     """For each service the scenes that it owns and when; moved: how many times a scene changed its owner."""
 
     stays: Mapping[str, Sequence[Stay]]
@@ -97,7 +97,7 @@ def simulate_region(
     return RegionTrace(traces, np.array(gaps), ownership.moved)
 
 
-def ownership_of(scenes: Sequence[str], services: Sequence[str], changes: Sequence[MembershipChange]) -> Ownership:
+def ownership_of(scenes: Sequence[str], services: Sequence[str], changes: Sequence[MembershipChange]) -> SceneOwnership:
     """Which service owns which scene when, with these changes."""
     coming = {change.service for change in changes if change.alive}
     alive = set(services) - coming
@@ -115,7 +115,7 @@ def ownership_of(scenes: Sequence[str], services: Sequence[str], changes: Sequen
                 owner[n] = first, change.at_s + (0.0 if change.alive else NOTICE_S)
     for n, (last, begin_s) in owner.items():
         stays[last].append(Stay(n, begin_s))
-    return Ownership({service: sorted(own, key=lambda stay: stay.scene) for service, own in stays.items()}, moved)
+    return SceneOwnership({service: sorted(own, key=lambda stay: stay.scene) for service, own in stays.items()}, moved)
 
 
 class Design(Enum):

@@ -1,4 +1,4 @@
-"""Figures of a report: each function takes plain arrays and a path, draws, and returns the path."""
+"""Figures of reports: each function takes arrays and a path, draws, and returns the path."""
 
 from studies.figures.accuracy import (
     confusion_figure,

@@ -13,13 +13,13 @@ from studies.figures.style import COLOURS, GREY, INK, MARKERS, Axes, Figure, Flo
 RIGHT, WRONG = COLOURS[0], COLOURS[1]
 CELL_INCHES = 0.36
 PALEST = 0.12
-"""A single confusion in a row of many is still to be seen."""
+"""Keeps a single confusion in a row of many visible."""
 
 
 def confusion_figure(confusion: NDArray[np.int64], labels: Sequence[str], title: str, path: Path) -> Path:
-    """(M, M) counts, rows true, columns judged -> a picture at `path` (.png, .svg, .pdf), which is returned.
+    """(M, M) counts, rows true, columns judged -> a picture at `path` (.png, .svg, .pdf), returned.
 
-    Colour is the share of the row; the numbers are counts; a row without trials stays white.
+    Colour is the share of the row, numbers are counts; a row without trials is white.
     """
     size = len(labels)
     side = size * CELL_INCHES + 1.9
@@ -65,9 +65,9 @@ LABEL_GAP = 0.06
 def earliness_figure(
     fractions: Sequence[float], series: Mapping[str, Sequence[float]], path: Path, chance: float | None = None
 ) -> Path:
-    """Accuracies (0 to 1) of each series at `fractions` (0 to 1) of the movement; the last series is drawn thick.
+    """Accuracies (0 to 1) of each series at `fractions` (0 to 1) of the movement.
 
-    Put the fusion last. `chance` draws the accuracy of guessing. Returns `path`.
+    The last series is drawn thick: put fusion last. `chance` is the accuracy of guessing. Returns `path`.
     """
     figure = Figure(figsize=(5.6, 3.6), layout="constrained")
     axes = figure.add_subplot()
@@ -91,28 +91,27 @@ def earliness_figure(
     axes.set_ylim(0, 1.02)
     axes.grid(axis="y", color="#E5E5E5", linewidth=0.7)
     axes.set_axisbelow(True)
-    axes.set_xlabel("part of the movement seen")
-    axes.set_ylabel("right judgements")
+    axes.set_xlabel("share of the movement")
+    axes.set_ylabel("accuracy")
     plain(axes)
     axes.spines["bottom"].set_bounds(min(fractions), max(fractions))
     return save(figure, path)
 
 
-LABEL_GAP = 0.06
 Panel = tuple[Sequence[int], Mapping[str, Sequence[float]], Sequence[tuple[float, float]]]
 
 
 def learning_figure(panels: Mapping[str, Panel], path: Path) -> Path:
-    """One panel a title: numbers learned from, accuracies (0 to 1) of each series, and least and most of the last one.
+    """One panel per title: numbers learned from, accuracies (0 to 1) of each series, least and most of the last one.
 
-    Put the fusion last: it is drawn thick, and shaded from least to most. Returns `path`.
+    The last series is drawn thick and shaded from least to most: put fusion last. Returns `path`.
     """
     figure = Figure(figsize=(4.2 * len(panels), 3.4), layout="constrained")
     drawn = figure.subplots(1, len(panels), sharey=True, squeeze=False)[0]
     for axes, (title, panel) in zip(drawn, panels.items(), strict=True):
         _draw(axes, panel)
         axes.set_xlabel(title)
-    drawn[0].set_ylabel("right judgements at the end")
+    drawn[0].set_ylabel("accuracy at the end")
     return save(figure, path)
 
 
@@ -143,13 +142,13 @@ def _draw(axes: Axes, panel: Panel) -> None:
 
 CHANCE = 0.5
 HATCHES = ("", "//", "..", "xx", "\\\\", "++")
-"""Colour is never alone: bars differ in their hatching as well."""
+"""Bars differ in hatching as well as in colour."""
 
 
 def poles_figure(factors: Sequence[str], rates: Mapping[str, Sequence[float]], path: Path) -> Path:
-    """Bars: for each factor the share of right judgements, one bar a series (a view, or fused). Returns `path`.
+    """Bars: the accuracy for each factor, one bar per series (a view, or fused). Returns `path`.
 
-    rates: for each series one rate a factor, 0 to 1. The dotted line is chance: there are two poles.
+    rates: for each series one rate per factor, 0 to 1. The dotted line is chance, with two poles.
     """
     figure = Figure(figsize=(5.0, 3.2), layout="constrained")
     axes = figure.subplots()
@@ -162,7 +161,7 @@ def poles_figure(factors: Sequence[str], rates: Mapping[str, Sequence[float]], p
     axes.axhline(CHANCE, color=GREY, linestyle=":", linewidth=1.4)
     axes.set_xticks(range(len(factors)), factors, fontsize=9)
     axes.set_ylim(0, 1.08)
-    axes.set_ylabel("right", fontsize=9)
+    axes.set_ylabel("accuracy", fontsize=9)
     figure.legend(frameon=False, fontsize=9, loc="outside upper left", ncols=len(rates))
     plain(axes)
     return save(figure, path)
@@ -170,22 +169,22 @@ def poles_figure(factors: Sequence[str], rates: Mapping[str, Sequence[float]], p
 
 BINS = 15
 FEWEST = 5
-"""Bins with fewer judgements are drawn hollow and off the line: their height is mostly chance."""
+"""Bins with fewer judgements are hollow and off the line, because their height is mostly random."""
 
 
 def reliability_figure(
     series: Mapping[str, tuple[Floats, NDArray[np.bool_]]], ece: Mapping[str, float], path: Path, bins: int = BINS
 ) -> Path:
-    """Reliability diagram: for each series (confidence (N,) in 0..1, correct (N,)), above; how many, below.
+    """Reliability diagram: for each series (confidence (N,) in 0..1, correct (N,)) above; counts below.
 
-    `ece` is each series' expected calibration error, told in the legend. On the dotted line confidence is
-    what it claims to be; below it a judge is too sure. Returns `path`.
+    `ece` is each series' expected calibration error, shown in the legend. On the dotted line confidence equals
+    accuracy; below it an observer is too confident. Returns `path`.
     """
     figure = Figure(figsize=(4.4, 5.0), layout="constrained")
     upper, lower = figure.subplots(2, 1, sharex=True, gridspec_kw={"height_ratios": (3, 1)})
     upper.plot([0, 1], [0, 1], color=GREY, linestyle=":", linewidth=1.4)
-    upper.text(0.97, 0.05, "too sure", fontsize=8, color="#777777", ha="right")
-    upper.text(0.03, 0.93, "too shy", fontsize=8, color="#777777")
+    upper.text(0.97, 0.05, "overconfident", fontsize=8, color="#777777", ha="right")
+    upper.text(0.03, 0.93, "underconfident", fontsize=8, color="#777777")
     edges = np.linspace(0, 1, bins + 1)
     for place, (name, (confidence, correct)) in enumerate(series.items()):
         colour, marker = COLOURS[place % len(COLOURS)], MARKERS[place % len(MARKERS)]
@@ -194,7 +193,7 @@ def reliability_figure(
         lower.stairs(counts, edges, color=colour, linewidth=1.6)
     upper.set_xlim(-0.02, 1.02)
     upper.set_ylim(-0.02, 1.04)
-    upper.set_ylabel("right", fontsize=9)
+    upper.set_ylabel("accuracy", fontsize=9)
     lower.set_ylabel("judgements", fontsize=9)
     lower.set_xlabel("confidence", fontsize=9)
     figure.legend(frameon=False, fontsize=9, loc="outside upper left", ncols=min(2, len(series)))
@@ -212,12 +211,12 @@ def _curve(
     marker: str,
     name: str,
 ) -> None:
-    """One series: each bin that holds anything at its mean confidence and its share of right judgements."""
+    """One series: each non-empty bin at its mean confidence and its accuracy."""
     place = np.clip(np.digitize(confidence, edges) - 1, 0, len(edges) - 2)
     counts = np.bincount(place, minlength=len(edges) - 1)
-    held = counts > 0
-    x = np.bincount(place, confidence, len(counts))[held] / counts[held]
-    y = np.bincount(place, correct, len(counts))[held] / counts[held]
-    few = counts[held] < FEWEST
+    filled = counts > 0
+    x = np.bincount(place, confidence, len(counts))[filled] / counts[filled]
+    y = np.bincount(place, correct, len(counts))[filled] / counts[filled]
+    few = counts[filled] < FEWEST
     axes.plot(x[~few], y[~few], color=colour, linewidth=1.6, marker=marker, markersize=5, label=name)
     axes.plot(x[few], y[few], ls="", color=colour, marker=marker, markersize=5, mfc="white")

@@ -11,11 +11,11 @@ from common.vocabulary import ABSTAIN
 from studies.figures.style import COLOURS, GREY, INK, Axes, Figure, Floats, plain, save, spread
 
 NAMED = 4
-"""So many movements have a colour and a name beside the true one; more would be noise."""
+"""Movements with a colour and a name beside the true one."""
 WORTH_NAMING = 0.08
-"""A line that ends below this probability is named in another column, where it mattered."""
+"""A line that ends below this probability is not named in this column."""
 WORTH_COLOUR = 0.1
-"""Mean probability over the time that some column gave a movement, for it to stand out of the grey."""
+"""Least mean probability in some column for a movement to get a colour."""
 LABEL_GAP = 0.09
 COLUMN_INCHES = 2.7
 
@@ -28,10 +28,10 @@ def belief_figure(
     truth: str,
     path: Path,
 ) -> Path:
-    """Fig. 7: one column for each of `beliefs` ((F, M) by name, the fused one last), P above, entropy (F,) below.
+    """Fig. 7: one column for each of `beliefs` ((F, M) by name, fused last), P above, entropy (F,) below.
 
     times_s is (F,) in seconds, entropies in bits under the same names. The true movement is drawn thick;
-    the strongest others have a colour and a name, the rest is grey. Returns `path`.
+    the most probable others have a colour and a name, the rest is grey. Returns `path`.
     """
     figure = Figure(figsize=(COLUMN_INCHES * len(beliefs) + 0.5, 4.2), layout="constrained")
     grid = figure.subplots(
@@ -57,7 +57,7 @@ def belief_figure(
 
 
 def _colours(beliefs: Mapping[str, Floats], labels: Sequence[str], truth: str) -> dict[str, str]:
-    """Who has a colour: the truth the first, then the movements that some column believed in most of the time."""
+    """Colours for the true movement and for the movements of the highest mean probability in some column."""
     strength = np.max([belief.mean(axis=0) for belief in beliefs.values()], axis=0)
     order = np.argsort(-strength, kind="stable")
     ranked = [labels[i] for i in order if labels[i] != truth and strength[i] >= WORTH_COLOUR]
@@ -82,10 +82,10 @@ def _draw_beliefs(
 def _name_lines(
     axes: Axes, times_s: Floats, belief: Floats, labels: Sequence[str], truth: str, colours: Mapping[str, str]
 ) -> None:
-    """The true movement, and what ends high enough, is named where its line ends, in its colour."""
+    """Name the true movement, and those that end high enough, at the end of their lines."""
     last = dict(zip(labels, belief[-1].tolist(), strict=True))
-    named = [label for label in colours if label == truth or last[label] >= WORTH_NAMING]
-    for label, height in zip(named, spread([last[label] for label in named], LABEL_GAP), strict=True):
+    shown = [label for label in colours if label == truth or last[label] >= WORTH_NAMING]
+    for label, height in zip(shown, spread([last[label] for label in shown], LABEL_GAP), strict=True):
         axes.annotate(
             label.replace("_", " "),
             (float(times_s[-1]), height),
@@ -100,11 +100,11 @@ def _name_lines(
 
 TRUE, RIGHT, WRONG, UNDECIDED = INK, COLOURS[2], COLOURS[1], "#999999"
 ROWS = 10
-"""Movements shown at most: those performed or judged, then those most believed in."""
+"""Most movements shown: those performed or judged, then the most probable ones."""
 
 
 class LabelledInterval(NamedTuple):
-    """A movement in time, seconds; as truth or as verdict."""
+    """A true movement or a verdict, in seconds."""
 
     start_s: float
     end_s: float
@@ -119,7 +119,7 @@ def verdict_timeline_figure(
     verdicts: Sequence[LabelledInterval],
     path: Path,
 ) -> Path:
-    """Strips of what was done and what was judged, over the fused belief (F, M) at times_s (F,) as a map.
+    """Strips of true movements and verdicts, above the fused posterior (F, M) at times_s (F,) as a map.
 
     A verdict is right (green) when it overlaps a true span of its label; `abstain` is grey; others are
     orange and hatched. True spans are framed in the map. Returns `path`.
@@ -150,8 +150,8 @@ def _rows(
     mentioned = {span.label for span in (*truth, *verdicts)}
     peak = belief.max(axis=0)
     ranked = sorted(labels, key=lambda label: (label not in mentioned, -peak[labels.index(label)]))
-    kept = set(ranked[: max(ROWS, len(mentioned))])
-    return [label for label in labels if label in kept]
+    chosen = set(ranked[: max(ROWS, len(mentioned))])
+    return [label for label in labels if label in chosen]
 
 
 def _is_right(verdict: LabelledInterval, truth: Sequence[LabelledInterval]) -> bool:
@@ -178,7 +178,7 @@ def _map(
     rows: Sequence[str],
     truth: Sequence[LabelledInterval],
 ) -> None:
-    """The fused belief as shades, one line for each movement, white up to chance; the true spans are framed."""
+    """The fused posterior as shades, one line per movement, white up to chance; true spans are framed."""
     shown = belief[:, [labels.index(label) for label in rows]]
     axes.pcolormesh(
         times_s, np.arange(len(rows)), shown.T, cmap="Blues", vmin=1 / len(labels), vmax=1, shading="nearest"

@@ -1,4 +1,4 @@
-"""A synthetic performer: a kinematic model of four invented people doing the paper's eight movements."""
+"""A synthetic performer: a kinematic model of four invented people and the paper's eight movements."""
 
 from studies.performer.perform import MOVEMENTS, PEOPLE, perform, perform_continuously
 

@@ -1,6 +1,6 @@
-"""The synthetic performer's body: from a posture to the places of hips, shoulders, elbows, hands and head, in metres.
+"""The body of the synthetic performer: from a posture to the positions of hips, shoulders, elbows, hands and head.
 
-Axes are the archive's: x to the performer's right, y up from the floor, z to the performer's back.
+Positions in metres on the axes of the archive: x to the performer's right, y up from the floor, z to the back.
 """
 
 from collections.abc import Sequence
@@ -11,14 +11,14 @@ import numpy as np
 from observer.tracks import Floats
 
 Reach = tuple[float, float, float]
-"""Where a hand is from its own shoulder, in arm lengths: outward (away from the middle), up, forward."""
+"""Position of a hand relative to its shoulder in arm lengths: outward (away from the middle), up, forward."""
 
 CHANNELS = 12
 """Numbers in a posture: right hand's reach, left hand's reach, step, side, drop, lean, twist, nod."""
 
 RIGHT, LEFT, TRUNK = slice(0, 3), slice(3, 6), slice(6, 12)
 
-# Of the length of an arm: bent as far as an elbow goes, where stretching begins to be felt, and nearly straight.
+# Shares of the length of an arm: fully bent, where stretching becomes noticeable, and nearly straight.
 NEAREST, EASY, FULL = 0.27, 0.88, 0.995
 ELBOW_POLE = (0.5, -1.0, 0.3)  # an elbow hangs down, a little outward and to the back
 
@@ -39,46 +39,30 @@ class Posture:
     nod: float = 0.0
 
     def vector(self, rest: Floats) -> Floats:
-        """(12,) the channels in order; a hand that is None is where `rest` (12,) has it."""
+        """(12,) the channels in order; a hand that is None is as in `rest` (12,)."""
         trunk = (self.step, self.side, self.drop, self.lean, self.twist, self.nod)
         return np.array([*(self.right or rest[RIGHT]), *(self.left or rest[LEFT]), *trunk], dtype=np.float64)
 
 
 @dataclass(frozen=True, slots=True)
 class Build:
-    """Segment lengths in metres, as usual parts of the height (Drillis and Contini 1966); hands end at the palm."""
+    """Segment lengths in metres; hands end at the palm, the wrist is straight.
 
-    height: float
+    leg: floor to hips. trunk: hips to the middle between the shoulders. neck: from there to the centre of the head.
+    half_shoulders: from there to one shoulder. upper_arm: shoulder to elbow. forearm: elbow to the middle of the palm.
+    """
 
-    @property
-    def leg(self) -> float:
-        """Floor to hips."""
-        return 0.530 * self.height
+    leg: float
+    trunk: float
+    neck: float
+    half_shoulders: float
+    upper_arm: float
+    forearm: float
 
-    @property
-    def trunk(self) -> float:
-        """Hips to the middle between the shoulders."""
-        return 0.288 * self.height
-
-    @property
-    def neck(self) -> float:
-        """Middle between the shoulders to the centre of the head."""
-        return 0.118 * self.height
-
-    @property
-    def half_shoulders(self) -> float:
-        """Middle between the shoulders to one shoulder."""
-        return 0.129 * self.height
-
-    @property
-    def upper_arm(self) -> float:
-        """Shoulder to elbow."""
-        return 0.186 * self.height
-
-    @property
-    def forearm(self) -> float:
-        """Elbow to the middle of the palm; the wrist is held straight."""
-        return 0.200 * self.height
+    @classmethod
+    def of(cls, height: float) -> "Build":
+        """The usual shares of the height (Drillis and Contini 1966)."""
+        return cls(*(share * height for share in (0.530, 0.288, 0.118, 0.129, 0.186, 0.200)))
 
     @property
     def arm(self) -> float:
@@ -88,7 +72,7 @@ class Build:
 
 @dataclass(frozen=True, slots=True)
 class Skeleton:
-    """Places in metres over T instants. hips, head: (T, 3); shoulders, elbows, hands: (T, 2, 3), left then right."""
+    """Positions in metres at T instants. hips, head: (T, 3); shoulders, elbows, hands: (T, 2, 3), left then right."""
 
     hips: Floats
     shoulders: Floats
@@ -103,7 +87,7 @@ class Skeleton:
 
 
 def assume(build: Build, postures: Floats) -> Skeleton:
-    """The body in each of (T, 12) postures. A hand never gets further than the arm is long, however far it is sent."""
+    """The body in each of (T, 12) postures. A hand never gets further from its shoulder than the arm is long."""
     step, side, drop, lean, twist, nod = postures[:, TRUNK].T
     hips = _places(build.leg * side, build.leg * (1 - drop), -build.leg * step)
     chest = hips + build.trunk * _upright(lean)
@@ -126,14 +110,14 @@ def _arms(build: Build, shoulders: Floats, reaches: Floats) -> tuple[Floats, Flo
     aside = np.sqrt(np.maximum(build.upper_arm**2 - along**2, 0.0))
     pole = np.array(ELBOW_POLE) * np.array([[-1.0, 1.0, 1.0], [1.0, 1.0, 1.0]])
     away = pole - (pole * aim).sum(axis=2, keepdims=True) * aim
-    # An arm that points along the pole itself leaves the elbow no side: let it go to the front.
+    # For an arm along the pole itself the direction of the elbow is undefined: it goes to the front.
     away = np.where(np.linalg.norm(away, axis=2, keepdims=True) > 1e-6, away, np.cross(aim, [1.0, 0.0, 0.0]))
     away /= np.maximum(np.linalg.norm(away, axis=2, keepdims=True), 1e-9)
     return shoulders + along * aim + aside * away, hands
 
 
 def _reachable(length: Floats) -> Floats:
-    """Arm lengths asked for -> arm lengths reached: eased to FULL above EASY, so that no hand stops with a jerk."""
+    """Requested -> reached arm lengths: eased to FULL above EASY, so that no hand stops with a jerk."""
     eased = EASY + (FULL - EASY) * np.tanh((length - EASY) / (FULL - EASY))
     return np.maximum(np.where(length > EASY, eased, length), NEAREST)
 

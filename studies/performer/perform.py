@@ -1,7 +1,7 @@
-"""The synthetic performer's recordings: a kinematic model's movements, NOT recordings of people, seeded throughout.
+"""Synthetic recordings by a kinematic model, NOT recordings of people. Seeded, pure.
 
-They show the system at work where no recording of a person is at hand; figures measured on them say nothing about
-how well real people are recognised.
+They demonstrate the system without recordings of people; results on them say nothing about the recognition of real
+people.
 """
 
 from collections.abc import Sequence
@@ -13,7 +13,7 @@ from common.errors import BadInput
 from observer.motion.archive import MotionArchive, Recording, Span
 from observer.tracks import BODY_PARTS, Floats
 from studies.performer.body import CHANNELS, assume
-from studies.performer.plan import Plan, compose, standing
+from studies.performer.plan import MotionPlan, compose, standing
 from studies.performer.repertoire import KNOWN_PEOPLE, SCORES, Person
 
 MOVEMENTS: tuple[str, ...] = tuple(SCORES)
@@ -23,7 +23,7 @@ PEOPLE: tuple[str, ...] = tuple(KNOWN_PEOPLE)
 """The four synthetic people."""
 
 SENSOR_NOISE = 0.002
-"""Metres, standard deviation of each coordinate: what a good magnetic tracker leaves (section V.A)."""
+"""Standard deviation of each coordinate in metres: that of a good magnetic tracker (section V.A)."""
 
 LEAD_S = (0.02, 0.12)
 """A cut-out recording begins and ends this long before and after its movement."""
@@ -33,7 +33,7 @@ SWAY = np.array([0.006, 0.004, 0.008, 0.006, 0.004, 0.008, 0.004, 0.004, 0.0, 0.
 SWAY_HZ = (0.1, 0.35)
 BREATH_HZ, BREATH_LEAN_RAD, BREATH_DROP = 0.27, 0.004, 0.002
 
-# The first number after the seed of every stream of chance, so that cut-out and continuous never share one.
+# Part of every seed, so that cut-out and continuous recordings never share random numbers.
 CUT_OUT, CONTINUOUS = 0, 1
 
 
@@ -44,15 +44,14 @@ def perform(
     rate_hz: float = 15.0,
     seed: int = 0,
 ) -> MotionArchive:
-    """Synthetic recordings, one a person, movement and trial, cut out: 1.5 to 4 s from rest posture to rest posture.
+    """One synthetic recording per person, movement and trial: 1.5 to 4 s from rest posture to rest posture.
 
-    Each depends on the seed and on its own person, movement and trial alone: asking for fewer changes none.
-    Raises BadInput for a person or movement that is not known, fewer than one trial, a rate that is not
-    positive, a negative seed.
+    Each depends only on the seed, person, movement and trial: requesting fewer changes none. Raises BadInput for an
+    unknown person or movement, fewer than one trial, a rate that is not positive, a negative seed.
     """
     _check(people, movements, rate_hz, seed)
     if trials < 1:
-        raise BadInput(f"trials = {trials}: at least one trial of each movement is needed")
+        raise BadInput(f"trials = {trials}: needs at least 1")
     recordings = tuple(
         _cut_out(person, movement, trial, rate_hz, seed)
         for person in people
@@ -69,10 +68,10 @@ def perform_continuously(
     seed: int = 0,
     rest_s: tuple[float, float] = (1.0, 1.6),
 ) -> Recording:
-    """One long synthetic recording: `movements` in their order, named by its spans, idle standing around each.
+    """One long synthetic recording: `movements` in order, as spans, with rest around each.
 
-    rest_s: shortest and longest rest in seconds. Its trials are others than those of `perform`. Raises BadInput
-    as `perform` does, and for a rest that is negative or whose shortest is longer than its longest.
+    rest_s: shortest and longest rest in seconds. The trials differ from those of `perform`. Raises BadInput as
+    `perform` does, and for a negative rest or a shortest rest above the longest.
     """
     _check([person], movements, rate_hz, seed)
     if not 0.0 <= rest_s[0] <= rest_s[1] < np.inf:
@@ -81,7 +80,7 @@ def perform_continuously(
     rng = np.random.default_rng((seed, CONTINUOUS, PEOPLE.index(person)))
     begin = standing(who, rng)
     clock = float(rng.uniform(*rest_s))
-    plans: list[tuple[float, Plan]] = []
+    plans: list[tuple[float, MotionPlan]] = []
     for movement in movements:
         plans.append((clock, compose(SCORES[movement], who, plans[-1][1].end if plans else begin, rng)))
         clock += plans[-1][1].duration + float(rng.uniform(*rest_s))
@@ -106,12 +105,12 @@ def _cut_out(person: str, movement: str, trial: int, rate_hz: float, seed: int) 
 def _play(
     who: Person,
     begin: Floats,
-    plans: Sequence[tuple[float, Plan]],
+    plans: Sequence[tuple[float, MotionPlan]],
     duration: float,
     rate_hz: float,
     rng: np.random.Generator,
 ) -> NDArray[np.float32]:
-    """(F, 3, 3) what a sensor sees of the person who carries out the plans, each from its own second on."""
+    """(F, 3, 3) sensor positions of a person who carries out the plans, each from its start in seconds."""
     time = np.arange(_frame(duration, rate_hz)) / rate_hz
     postures = begin + _idle(time, who, rng)
     for start, plan in plans:
@@ -121,7 +120,7 @@ def _play(
 
 
 def _idle(time: Floats, who: Person, rng: np.random.Generator) -> Floats:
-    """(T, 12) breathing and slow sway, of which every channel has its own frequency and phase."""
+    """(T, 12) breathing and slow sway; every channel has its own frequency and phase."""
     frequency = rng.uniform(*SWAY_HZ, size=CHANNELS)
     phase_rad = rng.uniform(0.0, 2 * np.pi, size=CHANNELS)
     idle: Floats = who.sway * SWAY * np.sin(2 * np.pi * time[:, None] * frequency + phase_rad)
@@ -139,11 +138,11 @@ def _frame(time: float, rate_hz: float) -> int:
 def _check(people: Sequence[str], movements: Sequence[str], rate_hz: float, seed: int) -> None:
     for person in people:
         if person not in KNOWN_PEOPLE:
-            raise BadInput(f"person {person!r}: not one of the synthetic people; known: {', '.join(PEOPLE)}")
+            raise BadInput(f"person {person!r}: no synthetic person; known: {', '.join(PEOPLE)}")
     for movement in movements:
         if movement not in SCORES:
             raise BadInput(f"movement {movement!r}: not in the synthetic repertoire; known: {', '.join(MOVEMENTS)}")
     if not 0.0 < rate_hz < np.inf:
-        raise BadInput(f"rate_hz = {rate_hz}: frames a second, needs to be above 0")
+        raise BadInput(f"rate_hz = {rate_hz}: frames per second, must be above 0")
     if seed < 0:
-        raise BadInput(f"seed = {seed}: needs to be 0 or above")
+        raise BadInput(f"seed = {seed}: must be 0 or above")

@@ -1,4 +1,4 @@
-"""From a score to one trial of one person: what chance and habit make of it, and its postures over time."""
+"""From a score to one trial of a person: habits and random variation applied, and the postures over time."""
 
 from dataclasses import dataclass
 
@@ -8,11 +8,11 @@ from observer.tracks import Floats
 from studies.performer.body import CHANNELS, LEFT, RIGHT, Posture
 from studies.performer.repertoire import Hold, Person, Score, Stroke, Swing
 
-# How much one trial differs from the next: standard deviations, cut off at two of them (Chance.about).
+# Variation between trials: standard deviations, cut off at two of them (Chance.about).
 TEMPO, AMPLITUDE, STROKE_TIME, SWING_SIZE = 0.04, 0.05, 0.05, 0.12  # factors, around 1
 REACH_JITTER, REST_JITTER = 0.035, 0.015  # arm lengths
 PHASE_JITTER_RAD = 0.45
-FLIPPED = 0.25  # share of the swings that begin to the other side
+FLIPPED = 0.25  # share of the swings that begin on the other side
 CYCLES_CHANGED = (-0.5, 0.0, 0.0, 0.5)
 
 LATE_CHANNELS = np.array([1, 0, 1, 1, 0, 1, 0.5, 0.5, 0.5, 0.5, 0.5, 0.5])  # all but the hands' height, see Person.curl
@@ -20,7 +20,7 @@ LATE_CHANNELS = np.array([1, 0, 1, 1, 0, 1, 0.5, 0.5, 0.5, 0.5, 0.5, 0.5])  # al
 
 @dataclass(frozen=True, slots=True)
 class Chance:
-    """Seeded draws that stay within two standard deviations."""
+    """Seeded normal draws within two standard deviations."""
 
     rng: np.random.Generator
 
@@ -54,7 +54,7 @@ class TimedStroke:
 
 @dataclass(frozen=True, slots=True)
 class TimedSwing:
-    """An oscillation from `start` for `duration` seconds that swells and ebbs within half a cycle; sizes are (12,)."""
+    """An oscillation from `start` of `duration` seconds swelling and fading within half a cycle; amplitudes (12,)."""
 
     start: float
     duration: float
@@ -75,7 +75,7 @@ class TimedSwing:
 
 
 @dataclass(frozen=True, slots=True)
-class Plan:
+class MotionPlan:
     """One trial: from the posture `begin` (12,) through its parts to `end` (12,), in `duration` seconds."""
 
     begin: Floats
@@ -89,21 +89,21 @@ class Plan:
 
 
 def minimum_jerk(share: Floats) -> Floats:
-    """Smoothest way from 0 to 1 (Flash and Hogan 1985): 10 s³ - 15 s⁴ + 6 s⁵, s held within [0, 1]."""
+    """The smoothest path from 0 to 1 (Flash and Hogan 1985): 10 s³ - 15 s⁴ + 6 s⁵, s clipped to [0, 1]."""
     s = np.clip(share, 0.0, 1.0)
     way: Floats = s**3 * (10 + s * (6 * s - 15))
     return way
 
 
 def standing(person: Person, rng: np.random.Generator) -> Floats:
-    """(12,) the person's resting posture as taken up this time."""
+    """(12,) the person's resting posture in this trial."""
     posture = person.rest_posture
     posture[:6] += Chance(rng).about(REST_JITTER, 6)
     return posture
 
 
-def compose(score: Score, person: Person, begin: Floats, rng: np.random.Generator) -> Plan:
-    """One trial of `score` by `person` from the posture `begin` (12,); all that is left to chance is drawn here."""
+def compose(score: Score, person: Person, begin: Floats, rng: np.random.Generator) -> MotionPlan:
+    """One trial of `score` by `person` from the posture `begin` (12,); all random numbers are drawn here."""
     chance = Chance(rng)
     tempo = person.tempo * chance.factor(TEMPO)
     size = chance.factor(AMPLITUDE)
@@ -125,11 +125,11 @@ def compose(score: Score, person: Person, begin: Floats, rng: np.random.Generato
             swing = _swing(element, person, size, start, tempo, chance)
             clock = start + swing.duration
             parts.append(swing)
-    return Plan(begin, end, clock, tuple(parts))
+    return MotionPlan(begin, end, clock, tuple(parts))
 
 
 def _goal(posture: Posture, person: Person, size: float, begin: Floats, chance: Chance) -> Floats:
-    """(12,) where a stroke to `posture` leads this time: habits, amplitude and chance added."""
+    """(12,) the end of a stroke to `posture` in this trial, with habits, amplitude and variation."""
     rest = person.rest_posture
     away = posture.vector(rest) - rest
     moving = np.zeros(CHANNELS)

@@ -1,4 +1,8 @@
-"""The paper's eight movements as scores, and the four synthetic people who perform them."""
+"""The paper's eight movements as scores (section III.B, Tables I to III), and the four synthetic people.
+
+Movements are invented from their names and from the paper's text; no recording of a person is in them. Reaches are
+(outward, up, forward) from the shoulder in arm lengths, times are seconds of a person of tempo 1.
+"""
 
 from dataclasses import dataclass
 
@@ -8,12 +12,12 @@ from observer.tracks import Floats
 from studies.performer.body import Build, Posture, Reach, rest_vector
 
 REST = Posture()
-"""Upright, both hands where the person rests them; in a swing: nothing swings."""
+"""Upright, both hands where the person rests them; in a swing: no swing."""
 
 
 @dataclass(frozen=True, slots=True)
 class Stroke:
-    """Go to `posture` in `seconds`, beginning `overlap` seconds before what stands above has ended."""
+    """Move to `posture` in `seconds`, beginning `overlap` seconds before the element before it ends."""
 
     posture: Posture
     seconds: float
@@ -29,9 +33,9 @@ class Hold:
 
 @dataclass(frozen=True, slots=True)
 class Swing:
-    """Swing about where the body is, `cycles` times in `period` seconds each; None is a hand that does not swing.
+    """Swing around the present posture, `cycles` times in `period` seconds each; a hand that is None does not swing.
 
-    What is swung by: `sine` and `cosine` once a cycle, `double` (a cosine) twice a cycle, which makes arcs.
+    Amplitudes: `sine` and `cosine` once a cycle, `double` (a cosine) twice a cycle, which bends the path to an arc.
     """
 
     cycles: float
@@ -44,27 +48,21 @@ class Swing:
 
 Score = tuple[Stroke | Hold | Swing, ...]
 
+# fmt: off
 SCORES: dict[str, Score] = {
     # On guard, then a step with a thrust of the arm, and back.
     "lunging": (
         Stroke(Posture(right=(0.1, -0.4, 0.35), left=(0.2, -0.8, -0.1), step=-0.02, drop=0.03, lean=0.04), 0.45),
-        Stroke(
-            Posture((0.0, -0.02, 0.96), (0.4, -0.6, -0.5), step=0.42, drop=0.12, lean=0.2, twist=0.4, nod=-0.15),
-            0.5,
-            overlap=0.12,
-        ),
+        Stroke(Posture((0.0, -0.02, 0.96), (0.4, -0.6, -0.5), step=0.42, drop=0.12, lean=0.2, twist=0.4, nod=-0.15),
+               0.5, overlap=0.12),
         Hold(0.4),
         Stroke(REST, 0.95),
     ),
     # Both hands conduct before the chest, mirrored: wide left and right, and shallow ellipses to the front.
     "maestro": (
         Stroke(Posture(right=(0.06, -0.24, 0.54), left=(0.06, -0.24, 0.54), nod=0.06), 0.6),
-        Swing(
-            3.0,
-            0.56,
-            sine=Posture(right=(0.22, 0.03, 0.0), left=(0.22, 0.03, 0.0), twist=0.02),
-            cosine=Posture(right=(0.0, 0.05, 0.12), left=(0.0, 0.05, 0.12), nod=0.02),
-        ),
+        Swing(3.0, 0.56, sine=Posture(right=(0.22, 0.03, 0.0), left=(0.22, 0.03, 0.0), twist=0.02),
+              cosine=Posture(right=(0.0, 0.05, 0.12), left=(0.0, 0.05, 0.12), nod=0.02)),
         Stroke(REST, 0.65, overlap=0.12),
     ),
     # Both hands past the chest, high and apart, the back bent a little; down again in wide arcs.
@@ -84,57 +82,39 @@ SCORES: dict[str, Score] = {
         Stroke(REST, 0.65),
     ),
     # The arm out, forward and to the side, and down.
-    "point": (
-        Stroke(Posture(right=(0.42, 0.0, 0.86), twist=0.15, side=0.02), 0.65),
-        Hold(0.85),
-        Stroke(REST, 0.7),
-    ),
+    "point": (Stroke(Posture(right=(0.42, 0.0, 0.86), twist=0.15, side=0.02), 0.65), Hold(0.85), Stroke(REST, 0.7)),
     # The hand up beside the head, waving left and right about the elbow.
     "byebye": (
         Stroke(Posture(right=(0.26, 0.22, 0.38)), 0.6),
-        Swing(
-            3.0,
-            0.46,
-            sine=Posture(right=(0.22, 0.0, 0.0), side=0.004),
-            double=Posture(right=(0.0, 0.03, 0.0)),
-        ),
+        Swing(3.0, 0.46, sine=Posture(right=(0.22, 0.0, 0.0), side=0.004), double=Posture(right=(0.0, 0.03, 0.0))),
         Stroke(REST, 0.65, overlap=0.12),
     ),
     # The hand offered low and forward, shaken up and down.
     "shake": (
         Stroke(Posture(right=(-0.02, -0.32, 0.66), step=0.02, lean=0.07, twist=0.12), 0.6),
-        Swing(
-            3.0,
-            0.42,
-            sine=Posture(right=(0.0, 0.13, 0.0), nod=0.015),
-            double=Posture(right=(0.0, 0.0, 0.02)),
-        ),
+        Swing(3.0, 0.42, sine=Posture(right=(0.0, 0.13, 0.0), nod=0.015), double=Posture(right=(0.0, 0.0, 0.02))),
         Stroke(REST, 0.7, overlap=0.12),
     ),
-    # The hand up as for ok, but waving to the front and back: from the front hardly to be seen.
+    # The hand up as for ok, but waving to the front and back: hardly visible from the front.
     "nthrow": (
         Stroke(Posture(right=(0.16, 0.14, 0.42)), 0.6),
-        Swing(
-            3.0,
-            0.46,
-            sine=Posture(right=(0.0, -0.02, 0.21), lean=0.01),
-            double=Posture(right=(0.0, 0.03, 0.0)),
-        ),
+        Swing(3.0, 0.46, sine=Posture(right=(0.0, -0.02, 0.21), lean=0.01), double=Posture(right=(0.0, 0.03, 0.0))),
         Stroke(REST, 0.65, overlap=0.12),
     ),
 }
 """The scores by label, in the order of the paper's tables."""
+# fmt: on
 
 
 @dataclass(frozen=True, slots=True)
 class Person:
-    """One person's size and habits; 1.0 is the middle wherever nothing else is said.
+    """Size and habits of a synthetic person; 1.0 is average unless stated otherwise.
 
-    height: metres. tempo: how fast. amplitude: how far a posture is from rest. waving: how wide swings are.
-    sharpness: 1 or more; strokes take 1/sharpness of their time and then stand. attack: above 1 strokes are late
-    to gather speed, below 1 early. curl: share of a stroke by which the hand's height goes ahead of its other two
-    directions (negative: behind), which bends its path. rest, habit: reach of both hands at rest, and what is added
-    to every other reach. left_share: how much the left arm joins in. sway: idle sway. more_cycles: added to swings.
+    height: metres. tempo: speed. amplitude: distance of postures from rest. waving: size of swings.
+    sharpness: at least 1; strokes take 1/sharpness of their time, the rest is a pause. attack: above 1 strokes
+    accelerate late, below 1 early. curl: share of a stroke by which the hand's height leads the other two directions
+    (negative: lags), which bends its path. rest, habit: reach of both hands at rest, and an offset of every other
+    reach. left_share: how much the left arm joins in. sway: idle sway. more_cycles: added to swings.
     """
 
     height: float
@@ -152,76 +132,33 @@ class Person:
 
     @property
     def build(self) -> Build:
-        """The lengths of this person's segments."""
-        return Build(self.height)
+        """The segment lengths."""
+        return Build.of(self.height)
 
     @property
     def rest_posture(self) -> Floats:
-        """(12,) how this person stands."""
+        """(12,) the posture at rest."""
         return rest_vector(self.rest)
 
     @property
     def habits(self) -> Floats:
-        """(12,) what this person adds to the reach of a hand that is not at rest."""
+        """(12,) the offset of a hand's reach away from rest."""
         return np.array([*self.habit, *self.habit, *np.zeros(6)])
 
 
+# fmt: off
 KNOWN_PEOPLE = {
-    "1": Person(
-        height=1.72,
-        tempo=1.0,
-        amplitude=1.0,
-        waving=1.0,
-        sharpness=1.1,
-        attack=1.0,
-        curl=0.1,
-        rest=(0.16, -0.92, 0.06),
-        habit=(0.0, 0.0, 0.0),
-        left_share=1.0,
-        sway=1.0,
-        more_cycles=0.0,
-    ),
-    "2": Person(  # small, quick and crisp; keeps the elbows in
-        height=1.56,
-        tempo=1.2,
-        amplitude=0.9,
-        waving=0.8,
-        sharpness=1.25,
-        attack=0.9,
-        curl=0.3,
-        rest=(0.08, -0.88, 0.16),
-        habit=(-0.06, 0.04, -0.03),
-        left_share=0.75,
-        sway=0.7,
-        more_cycles=0.5,
-    ),
-    "3": Person(  # tall, slow and wide
-        height=1.94,
-        tempo=0.83,
-        amplitude=1.07,
-        waving=1.25,
-        sharpness=1.0,
-        attack=1.15,
-        curl=-0.2,
-        rest=(0.22, -0.93, 0.0),
-        habit=(0.08, 0.03, 0.02),
-        left_share=1.1,
-        sway=1.4,
-        more_cycles=-0.5,
-    ),
-    "4": Person(  # easy-going: low hands, narrow swings, hardly the left arm
-        height=1.81,
-        tempo=1.07,
-        amplitude=0.93,
-        waving=0.9,
-        sharpness=1.1,
-        attack=1.05,
-        curl=0.0,
-        rest=(0.14, -0.9, 0.1),
-        habit=(0.04, -0.07, 0.05),
-        left_share=0.6,
-        sway=1.1,
-        more_cycles=0.0,
-    ),
+    "1": Person(height=1.72, tempo=1.0, amplitude=1.0, waving=1.0, sharpness=1.1, attack=1.0, curl=0.1,
+                rest=(0.16, -0.92, 0.06), habit=(0.0, 0.0, 0.0), left_share=1.0, sway=1.0, more_cycles=0.0),
+    # Small, quick and crisp; keeps the elbows in.
+    "2": Person(height=1.56, tempo=1.2, amplitude=0.9, waving=0.8, sharpness=1.25, attack=0.9, curl=0.3,
+                rest=(0.08, -0.88, 0.16), habit=(-0.06, 0.04, -0.03), left_share=0.75, sway=0.7, more_cycles=0.5),
+    # Tall, slow and wide.
+    "3": Person(height=1.94, tempo=0.83, amplitude=1.07, waving=1.25, sharpness=1.0, attack=1.15, curl=-0.2,
+                rest=(0.22, -0.93, 0.0), habit=(0.08, 0.03, 0.02), left_share=1.1, sway=1.4, more_cycles=-0.5),
+    # Easy-going: low hands, narrow swings, hardly the left arm.
+    "4": Person(height=1.81, tempo=1.07, amplitude=0.93, waving=0.9, sharpness=1.1, attack=1.05, curl=0.0,
+                rest=(0.14, -0.9, 0.1), habit=(0.04, -0.07, 0.05), left_share=0.6, sway=1.1, more_cycles=0.0),
 }
-"""The people by the names that archives know them by."""
+"""The people by the names that archives use."""
+# fmt: on

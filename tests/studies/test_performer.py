@@ -208,7 +208,7 @@ def test_nothing_to_do_is_idle_standing():
 @pytest.mark.parametrize(
     ("ask", "told"),
     [
-        (lambda: perform(people=("5",)), "person '5': not one of the synthetic people; known: 1, 2, 3, 4"),
+        (lambda: perform(people=("5",)), "person '5': no synthetic person; known: 1, 2, 3, 4"),
         (lambda: perform(movements=("bybye",)), "movement 'bybye': not in the"),
         (lambda: perform_continuously("1", ("dance",)), "known: lunging, maestro"),
         (lambda: perform(trials=0), "trials = 0"),

@@ -8,7 +8,7 @@ from hypothesis.extra.numpy import arrays
 
 from studies.performer.body import ELBOW_POLE, Build, Posture, assume, rest_vector
 
-BUILD = Build(1.80)
+BUILD = Build.of(1.80)
 REST = rest_vector((0.1, -0.9, 0.0))
 
 postures = arrays(np.float64, (3, 12), elements=st.floats(-1.5, 1.5))
@@ -61,7 +61,7 @@ def test_a_hand_that_is_none_rests():
 
 @given(postures, heights)
 def test_arms_keep_their_lengths(vectors, height):
-    build = Build(height)
+    build = Build.of(height)
     body = assume(build, vectors)
     upper = np.linalg.norm(body.elbows - body.shoulders, axis=2)
     lower = np.linalg.norm(body.hands - body.elbows, axis=2)
@@ -82,7 +82,7 @@ def test_an_arm_along_the_elbows_own_direction_keeps_its_elbow():
 
 @given(postures, heights)
 def test_the_head_stays_above_the_hips_and_the_body_in_one_piece(vectors, height):
-    build = Build(height)
+    build = Build.of(height)
     vectors[:, [9, 11]] *= 0.5
     body = assume(build, vectors)
     assert (body.head[:, 1] > body.hips[:, 1]).all()
@@ -93,5 +93,5 @@ def test_the_head_stays_above_the_hips_and_the_body_in_one_piece(vectors, height
 
 @given(postures)
 def test_everything_scales_with_height(vectors):
-    small, tall = assume(Build(1.5), vectors), assume(Build(1.8), vectors)
+    small, tall = assume(Build.of(1.5), vectors), assume(Build.of(1.8), vectors)
     np.testing.assert_allclose(tall.positions, small.positions * 1.2, atol=1e-9)
