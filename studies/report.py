@@ -161,7 +161,7 @@ def resolved_pairs(figures: dict[str, Any]) -> str:
     for name in figures["views"]:
         one, fused = np.array(figures["per_view"][name]["confusion"]), np.array(figures["confusion"])
         lines += [
-            f"{name}: {pair.true} judged {pair.judged} {plural(pair.count_in_one_view, 'time')}, {pair.count_fused} fused"
+            f"{name}: {pair.true} as {pair.judged} {plural(pair.count_in_one_view, 'time')}, fused {pair.count_fused}"
             for pair in confused_pairs(one, fused, figures["labels"])[:RESOLVED_SHOWN]
         ]
     return "\n".join(["confusions of one view that fusion resolves:", *(lines or ["none"])])

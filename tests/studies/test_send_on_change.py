@@ -1,0 +1,67 @@
+"""Sending on change costs no verdict: the same people judged with and without it."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from common.config_sections import FusionConfig
+from observer.geometry.views import parse_view
+from observer.motion.transforms import labels_of
+from observer.runtime.posterior_encoder import SendOnChange
+from studies.evaluate import EvaluationSettings
+from studies.fusion_engine import FusionEngine, step
+from studies.performer import perform
+from studies.stream import observed_streams
+
+CONFIG = FusionConfig(quorum=1)
+STEP_NS = 1e9 / CONFIG.step_hz
+
+
+@dataclass
+class ReceivedPosterior:
+    """A message as the posterior that it was made from."""
+
+    p: np.ndarray
+    rest: float
+    unlearned: float | None
+    visible: dict
+    facing: None = None
+    facets: tuple = ()
+
+
+def judged(stream, filters):
+    """The messages of each verdict; how many posteriors were sent; the states of all votes."""
+    engine = FusionEngine("stream", list(stream.messages[0]), stream.vocabulary, CONFIG)
+    verdicts, count, states = {}, 0, set()
+    for messages in stream.messages:
+        sent = {
+            name: m
+            for name, m in messages.items()
+            if filters is None
+            or filters[name].should_send(
+                ReceivedPosterior(np.array(m.p), m.rest, m.unlearned, m.visible, facets={}), m.captured_ns
+            )
+        }
+        count += len(sent)
+        output = step(engine, sent, max(m.captured_ns for m in messages.values()))
+        states |= {vote.state for vote in output.judgement.votes.values()}
+        for verdict in output.verdicts:
+            verdicts.setdefault(verdict.id, []).append(verdict)
+    return list(verdicts.values()), count, states
+
+
+def test_verdicts_are_the_same_within_a_step_with_a_fifth_less_sent():
+    archive, views = perform(), (parse_view("door"), parse_view("wheel"))
+    first, *others = sorted({r.subject for r in archive.recordings})
+    people = {"train_subjects": tuple(others), "test_subjects": (first,)}
+    settings = EvaluationSettings(views, labels_of(archive)[:5], **people, onset_known=False, calibrated=False)
+    for stream in observed_streams(archive, settings):
+        whole, all_count, _ = judged(stream, None)
+        reduced, count, states = judged(stream, {name: SendOnChange(CONFIG.fresh_s / 2) for name in stream.messages[0]})
+        assert count < 0.8 * all_count and states == {"counted"}
+        assert len(reduced) == len(whole) >= 5
+        for one, other in zip(whole, reduced, strict=True):
+            assert [v.label for v in one] == [v.label for v in other]
+            for v, w in zip(one, other, strict=True):
+                assert abs(v.began_ns - w.began_ns) <= STEP_NS and abs(v.decided_ns - w.decided_ns) <= STEP_NS
+                assert v.ended_ns is w.ended_ns is None or abs(v.ended_ns - w.ended_ns) <= STEP_NS
