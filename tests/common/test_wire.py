@@ -1,6 +1,5 @@
 """Messages to bytes and back: round-off, size, identity; any other bytes raise BadMessage and nothing else."""
 
-import contextlib
 import math
 
 import msgpack
@@ -380,27 +379,3 @@ def test_a_scene_whose_messages_cannot_fit_is_refused(observers, labels, fault):
 @example(payload=b"\x81\xa1v\x01")
 def test_random_bytes_are_bad_messages(kind, payload):
     reason_of(kind, payload)
-
-
-JSONLIKE = st.recursive(
-    st.none() | st.booleans() | st.integers(-(2**63), 2**64 - 1) | st.floats() | st.binary(max_size=9) | WORDS,
-    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(WORDS, inner, max_size=4),
-    max_leaves=8,
-)
-
-
-@given(st.sampled_from(sorted(FIELDS)), JSONLIKE)
-def test_any_value_in_any_field_is_decoded_or_a_bad_message(field, value):
-    try:
-        decode(PosteriorMessage, msgpack.packb({**FIELDS, field: value}))
-    except BadMessage as error:
-        assert len(error.detail) <= 200
-
-
-@given(POSTERIORS.map(encode), st.data())
-def test_mutated_bytes_are_decoded_or_a_bad_message(payload, data):
-    mutated = bytearray(payload)
-    for _ in range(data.draw(st.integers(1, 4))):
-        mutated[data.draw(st.integers(0, len(mutated) - 1))] = data.draw(st.integers(0, 255))
-    with contextlib.suppress(BadMessage):
-        decode(PosteriorMessage, bytes(mutated))

@@ -1,6 +1,6 @@
-"""Messages gone wrong, by a seeded chance: bytes shaken, maps with one field spoiled, and plain noise.
+"""Mutated messages: flipped bits, maps with spoiled fields, and noise.
 
-Everything depends on the seed alone, so that what breaks something can be made again.
+Everything depends on the seed alone, so that a failure can be reproduced.
 """
 
 import copy
@@ -36,11 +36,11 @@ NASTY = (
     *([], [0.5, 0.5], [1.0, 0.0, 0.0, 0.0], [math.nan] * 4, [2.0, -1.0, 0.0, 0.0], [0.25] * 5, ["a"] * 4),
     *({}, {"": None}, {"name": 1, "hash": 2}, {"cam1": {}}, [[[[]]]]),
 )
-"""What a field may hold that it must not, or must not always."""
+"""Values that are wrong in some or all fields."""
 
 
 def posterior(rng, observer="cam1", seq=0, captured_ns=NOON_NS, session="good"):
-    """A good opinion."""
+    """A good posterior."""
     mass = [rng.random() ** 3 + 1e-3 for _ in NAMES.labels]
     return PosteriorMessage(
         scene=SCENE,
@@ -67,7 +67,7 @@ def good_messages(rng):
         label="bowing", entropy=1.2, weight=0.5, age_s=0.1, state="counted", p=p, rest=0.2, skew_s=0.01, unlearned=0.1,
         facing={"surprise": [[0, 9]] * 4}, facets={"own": [1.0]}, reliability=0.5, doubles={"cam2": 0.5},
     )  # fmt: skip
-    said = {
+    fields = {
         "scene": SCENE,
         "fusion": "fusion",
         "seq": 3,
@@ -92,37 +92,37 @@ def good_messages(rng):
     }
     return (
         posterior(rng),
-        JudgementMessage(**said),
-        VerdictMessage(**said, **times, ended_ns=NOON_NS + 1),
+        JudgementMessage(**fields),
+        VerdictMessage(**fields, **times, ended_ns=NOON_NS + 1),
         StatusMessage(scene=SCENE, id="cam1", state="running", rate_hz=15.0, last_frame_ns=NOON_NS, at_ns=NOON_NS),
         VocabularyMessage(scene=SCENE, name=NAMES.name, hash=NAMES.digest, labels=list(NAMES.labels)),
     )
 
 
 class Mutator:
-    """An endless supply of messages gone wrong, made of good ones."""
+    """Makes mutated messages from good ones."""
 
     def __init__(self, seed):
-        self.rng = random.Random(seed)  # noqa: S311 - chance to be repeated
+        self.rng = random.Random(seed)  # noqa: S311 - reproducible, not secret
         self._good = [encode(message) for message in good_messages(self.rng)]
-        self._ways = (self._spoil, self._spoil, self._shake, self._cut, self._splice, self._noise)
+        self._mutations = (self._spoil, self._spoil, self._flip, self._cut, self._splice, self._noise)
 
     def next(self, good=b""):
-        """The bytes of one; made of `good` if that is given."""
-        return self.rng.choice(self._ways)(good or self.rng.choice(self._good))
+        """The bytes of a mutated message; of `good` if it is given."""
+        return self.rng.choice(self._mutations)(good or self.rng.choice(self._good))
 
     def _spoil(self, good):
-        """One to three fields hold what they must not, are left out, or are strange."""
+        """Spoil one to three fields: wrong value, omitted, or unknown."""
         fields, rng = msgpack.unpackb(good), self.rng
         for _ in range(rng.randint(1, 3)):
             place, name = fields, rng.choice(sorted(fields) or ["v"])
             inner = place.get(name)
             if isinstance(inner, dict) and inner and rng.random() < 0.5:
                 place, name = inner, rng.choice(sorted(inner))
-            self._spoil_one(place, name)
+            self._spoil_field(place, name)
         return msgpack.packb(fields)
 
-    def _spoil_one(self, place, name):
+    def _spoil_field(self, place, name):
         rng, value = self.rng, place.get(name)
         chance = rng.random()
         if chance < 0.15:
@@ -137,28 +137,28 @@ class Mutator:
             place[name] = self._nasty()
 
     def _nasty(self):
-        # A copy: a second field may be spoiled inside of it.
+        # A copy, because a second field inside it may be spoiled.
         return copy.deepcopy(self.rng.choice(NASTY))
 
-    def _shake(self, good):
-        """Some bits are turned over."""
-        shaken = bytearray(good)
+    def _flip(self, good):
+        """Flip some bits."""
+        flipped = bytearray(good)
         for _ in range(self.rng.choice((1, 1, 2, 8))):
-            shaken[self.rng.randrange(len(shaken))] ^= 1 << self.rng.randrange(8)
-        return bytes(shaken)
+            flipped[self.rng.randrange(len(flipped))] ^= 1 << self.rng.randrange(8)
+        return bytes(flipped)
 
     def _cut(self, good):
-        """A piece is missing, doubled, or at the end."""
+        """Remove, double or move a piece."""
         a, b = sorted(self.rng.choices(range(len(good) + 1), k=2))
         return self.rng.choice((good[:a], good[a:], good[:a] + good[b:], good[:b] + good[a:], good + good[a:b]))
 
     def _splice(self, good):
-        """The beginning of one and the end of another."""
+        """Join the beginning of one message and the end of another."""
         other = self.rng.choice(self._good)
         return good[: self.rng.randrange(len(good))] + other[self.rng.randrange(len(other)) :]
 
     def _noise(self, good):
-        """No message at all, or a head that claims more than there is."""
+        """Random bytes, some after a header that claims more than there is."""
         size = self.rng.choice((0, 1, 5, 60, 400))
         head = self.rng.choice(
             (b"", b"\xdd\xff\xff\xff\xff", b"\xdf\xff\xff\xff\xff", b"\xc6\xff\xff\xff\xff", b"\x8d")
