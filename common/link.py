@@ -107,6 +107,12 @@ class Link(SubSession):
             fault = " ".join(str(error).split(" at /")[0].split())[:200]
             raise BadInput(f"{where}: no Zenoh router configuration: {fault}; see docs/design/security.md") from None
 
+    @property
+    def connected(self) -> bool:
+        """Whether this process is connected to a router or another peer now."""
+        info = self._session.info
+        return bool(info.routers_zid() or info.peers_zid())
+
     def admitted(self, timeout_s: float) -> bool:
         """Whether a router with access rules answers this process, because its certificate is in the rules."""
         return bool(self.ask(ADMITTED, timeout_s))

@@ -75,7 +75,7 @@ class SceneMember:
         self._take_from_services(now_s)
         if self.worker is not None:
             self.worker.poll_requests()
-        self.ownership.update(now_s)
+        self.ownership.update(now_s, lambda: self._service.link.connected)
         if self._request is not None:
             self._request.poll()
             if self._request.finished:

@@ -13,14 +13,16 @@
 5. Every owner has an epoch, one higher than any epoch it has received. If two services publish, after a network was
    split for example, the one with the lower epoch stands by as soon as it hears the other; at the same epoch the one
    with the lower rank does.
-6. A service that took no step for `takeover_s` (stopped, swapped out) listens for as long before it publishes again,
+6. A service that has lost its own connection does not take over: it could reach nobody. It listens for `takeover_s`
+   after it is connected again.
+7. A service that took no step for `takeover_s` (stopped, swapped out) listens for as long before it publishes again,
    because another service may be the owner by now. A service that knows of no other one goes on at once.
 
 Times are seconds of a monotonic clock.
 """
 
 import hashlib
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from enum import Enum
 
 
@@ -55,6 +57,7 @@ class Ownership:
         self._others: frozenset[str] = frozenset()
         self._silent: frozenset[str] = frozenset()
         self._quiet_since_s = 0.0
+        self._owner_vanished = False
         self._updated_s: float | None = None
         self.role = Role.IDLE
         self.owner: str | None = None
@@ -76,6 +79,7 @@ class Ownership:
         if self.owner in gone:
             # Rule 3: the first of the others need not wait.
             self.owner, self._quiet_since_s = None, now_s - self._takeover_s
+            self._owner_vanished = True
 
     def published(self, service: str, epoch: int, now_s: float) -> bool:
         """Another service published; returns whether it is the owner to follow.
@@ -91,6 +95,7 @@ class Ownership:
         if self.role is Role.OWNER:
             self.role = Role.STANDBY
         self.owner, self.epoch, self._quiet_since_s = service, max(epoch, self.epoch), now_s
+        self._owner_vanished = False
         return True
 
     def sign_of_life(self, now_s: float) -> None:
@@ -98,8 +103,11 @@ class Ownership:
         if self.role is not Role.OWNER:
             self._quiet_since_s = now_s
 
-    def update(self, now_s: float) -> Role:
-        """Follow the rules at one step; to be called at every step, after all that has arrived was taken."""
+    def update(self, now_s: float, connected: Callable[[], bool] = lambda: True) -> Role:
+        """Follow the rules at one step; to be called at every step, after all that has arrived was taken.
+
+        connected: whether this process can reach any other now.
+        """
         slept = self._updated_s is None or now_s - self._updated_s > self._takeover_s
         self._updated_s = now_s
         if self._named == (self._own,):
@@ -107,7 +115,7 @@ class Ownership:
         elif slept and self._may_have_others:
             self.role, self.owner, self._quiet_since_s = Role.STANDBY, None, now_s
         elif self.role is not Role.OWNER:
-            self._follow_rank(now_s)
+            self._follow_rank(now_s, connected)
         return self.role
 
     def handed_over(self) -> None:
@@ -124,7 +132,7 @@ class Ownership:
         self.role, self.owner, self._quiet_since_s = Role.STANDBY, service, now_s
         return True
 
-    def _follow_rank(self, now_s: float) -> None:
+    def _follow_rank(self, now_s: float, connected: Callable[[], bool]) -> None:
         quiet_s = now_s - self._quiet_since_s
         if self.owner is not None and quiet_s > self._takeover_s:
             self._silent |= {self.owner}
@@ -137,10 +145,11 @@ class Ownership:
             self.role, self.owner, self._quiet_since_s = Role.STANDBY, None, now_s
         elif self.owner is None:
             waits_s = self._takeover_s * (1 + place) if self._may_have_others else 0.0
-            if quiet_s >= waits_s:
+            self.role = Role.STANDBY
+            if self._owner_vanished and not connected():
+                self._quiet_since_s = now_s
+            elif quiet_s >= waits_s:
                 self._own_it()
-            else:
-                self.role = Role.STANDBY
         elif place == 0 and not self._named:
             self.role = Role.REQUESTING
         else:

@@ -152,6 +152,21 @@ def test_only_a_living_service_of_higher_rank_is_given_a_scene():
     assert not named.services["a"].give_to("b", named.now_s)
 
 
+def test_a_service_that_lost_its_connection_does_not_take_over():
+    """The router died: all tokens disappear, and the owner is no more dead than this service is."""
+    standby = Ownership("b", "dojo", ("a", "b"), TAKEOVER_S)
+    standby.set_alive({"a", "b"}, 0.0)
+    standby.update(0.0)
+    assert standby.published("a", 1, 0.1)
+    standby.set_alive({"b"}, 0.2)
+    for n in range(2, 30):
+        assert standby.update(n * STEP_S, connected=lambda: False) is Role.STANDBY
+    for n in range(30, 34):
+        assert standby.update(n * STEP_S) is Role.STANDBY
+    standby.set_alive({"a", "b"}, 3.4)
+    assert standby.published("a", 1, 3.4) and standby.update(3.4) is Role.STANDBY and standby.epoch == 1
+
+
 def test_unread_messages_are_signs_of_life():
     standby = Ownership("b", "dojo", ("a", "b"), TAKEOVER_S)
     for n in range(50):
