@@ -5,7 +5,6 @@ from pathlib import Path
 
 import pytest
 
-import labanmesh
 from observer.model.model_file import read_model
 from observer.motion.archive_file import read_archive, write_archive
 from studies.performer import perform
@@ -18,12 +17,6 @@ def archive(tmp_path):
     return path
 
 
-def run(capsys, *words):
-    status = labanmesh.main([str(word) for word in words])
-    printed = capsys.readouterr()
-    return status, printed.out, printed.err
-
-
 def csv_of(frames):
     head = "subject,trial,label,frame,time_s," + ",".join(
         f"{part}_{axis}" for part in ("left_hand", "right_hand", "head") for axis in "xyz"
@@ -32,24 +25,24 @@ def csv_of(frames):
     return "\n".join([head, *rows]) + "\n"
 
 
-def test_import_writes_an_archive_and_counts_its_contents(capsys, tmp_path):
+def test_import_writes_an_archive_and_counts_its_contents(run, tmp_path):
     (tmp_path / "one.csv").write_text(csv_of(9))
-    status, out, _ = run(capsys, "import", "csv", tmp_path / "one.csv", "-o", tmp_path / "one.npz")
+    status, out, _ = run("import", "csv", tmp_path / "one.csv", "-o", tmp_path / "one.npz")
     assert status == 0 and "1 recording, 1 movement, 1 person, 9 frames at 10 Hz" in out
     assert read_archive(tmp_path / "one.npz").recordings[0].label == "ok"
 
 
-def test_a_failed_import_writes_nothing(capsys, tmp_path):
+def test_a_failed_import_writes_nothing(run, tmp_path):
     (tmp_path / "one.csv").write_text(csv_of(9).replace("1.5", "one"))
-    status, _, err = run(capsys, "import", "csv", tmp_path / "one.csv", "-o", tmp_path / "one.npz")
+    status, _, err = run("import", "csv", tmp_path / "one.csv", "-o", tmp_path / "one.npz")
     assert status == 2 and err.count("\n") == 1 and "one.csv" in err and "'one'" in err
     assert [p.name for p in tmp_path.iterdir()] == ["one.csv"]
 
 
-def test_learn_writes_a_model_with_its_provenance(capsys, archive, tmp_path):
+def test_learn_writes_a_model_with_its_provenance(run, archive, tmp_path):
     model = tmp_path / "corner.model"
     words = ["learn", archive, "--view", "yaw:45,pitch:10", "-o", model, "--subjects", "1", "--rate", "30"]
-    status, out, _ = run(capsys, *words)
+    status, out, _ = run(*words)
     assert status == 0 and "phase for yaw:45,pitch:10, 2 movements from 2 examples of 1 person, 30 Hz" in out
     header = read_model(model).header
     assert (header.view, header.rate_hz, header.vocabulary.labels) == ("yaw:45,pitch:10", 30.0, ("ok", "shake"))
@@ -73,8 +66,8 @@ def test_learn_writes_a_model_with_its_provenance(capsys, archive, tmp_path):
         ([], "--view"),
     ],
 )
-def test_what_cannot_be_learned_is_one_line_and_exit_2(capsys, archive, tmp_path, words, error):
-    status, _, err = run(capsys, "learn", archive, "-o", tmp_path / "a.model", *words)
+def test_what_cannot_be_learned_is_one_line_and_exit_2(run, archive, tmp_path, words, error):
+    status, _, err = run("learn", archive, "-o", tmp_path / "a.model", *words)
     assert status == 2 and error in err and err.count("\n") == 1
     assert not (tmp_path / "a.model").exists()
 
@@ -95,39 +88,39 @@ def test_what_cannot_be_learned_is_one_line_and_exit_2(capsys, archive, tmp_path
         ("frame-table", "bins=inf", "parameter bins = inf: a whole number from 1 to 1000 is expected"),
     ],
 )
-def test_a_parameter_outside_its_range_is_one_line_and_exit_2(capsys, archive, tmp_path, kind, parameter, error):
+def test_a_parameter_outside_its_range_is_one_line_and_exit_2(run, archive, tmp_path, kind, parameter, error):
     words = ["--view", "door", "--model", kind, "--parameter", parameter]
-    status, _, err = run(capsys, "learn", archive, "-o", tmp_path / "a.model", *words)
+    status, _, err = run("learn", archive, "-o", tmp_path / "a.model", *words)
     assert status == 2 and error in err and err.count("\n") == 1
 
 
-def test_the_error_of_a_model_that_cannot_be_written_names_a_way_out(capsys, archive, tmp_path, monkeypatch):
+def test_the_error_of_a_model_that_cannot_be_written_names_a_way_out(run, archive, tmp_path, monkeypatch):
     learn = ["learn", archive, "--view", "door", "-o"]
-    status, _, err = run(capsys, *learn, tmp_path / "none" / "a.model")
+    status, _, err = run(*learn, tmp_path / "none" / "a.model")
     assert status == 2 and err.count("\n") == 1
     assert f"cannot write {tmp_path}/none/a.model: no such file or directory. Choose another path with -o" in err
-    status, _, err = run(capsys, *learn, tmp_path)
+    status, _, err = run(*learn, tmp_path)
     assert status == 2 and f"cannot write {tmp_path}: is a directory. Choose another path with -o" in err
 
     def denied(*_):
         raise PermissionError(13, "Permission denied")
 
     monkeypatch.setattr("observer.file_output._replace", denied)
-    status, _, err = run(capsys, *learn, tmp_path / "a.model")
+    status, _, err = run(*learn, tmp_path / "a.model")
     assert status == 2
     assert err == f"labanmesh: cannot write {tmp_path}/a.model: permission denied. Choose another path with -o\n"
 
 
-def test_a_pipe_or_a_device_is_written_to_and_not_replaced(capsys, archive, tmp_path):
+def test_a_pipe_or_a_device_is_written_to_and_not_replaced(run, archive, tmp_path):
     pipe = tmp_path / "pipe"
     os.mkfifo(pipe)
     reader = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
     try:
-        status, _, _ = run(capsys, "import", "csv", _small_csv(tmp_path), "-o", pipe)
+        status, _, _ = run("import", "csv", _small_csv(tmp_path), "-o", pipe)
         assert status == 0 and pipe.is_fifo() and os.read(reader, 2) == b"PK"
     finally:
         os.close(reader)
-    status, out, _ = run(capsys, "learn", archive, "--view", "door", "-o", "/dev/null")
+    status, out, _ = run("learn", archive, "--view", "door", "-o", "/dev/null")
     assert status == 0 and "/dev/null: phase for door" in out and Path("/dev/null").is_char_device()
 
 

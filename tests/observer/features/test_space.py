@@ -13,7 +13,6 @@ from observer.features.space import BodySize, SpaceReader, VectorSymbol, vector_
 from observer.tracks import BODY_PARTS, Tracks
 
 RING = ["U", "UR", "R", "DR", "D", "DL", "L", "UL"]
-MIRROR = {"U": "U", "UR": "UL", "R": "L", "DR": "DL", "D": "D", "DL": "DR", "L": "R", "UL": "UR", "O": "O"}
 ANGLE = st.floats(0, 360, exclude_max=True)
 CENTRES = arrays(np.float64, (12, 3, 2), elements=st.integers(-300, 300).map(float))
 
@@ -63,29 +62,8 @@ def test_no_motion_is_still_without_a_threshold():
     assert vector_symbols(np.array([[-0.0, 0.0], [0.0, -0.0]]), 1.0, 0.0).tolist() == [0, 0]
 
 
-@given(ANGLE, st.floats(0.01, 1))
-def test_turning_the_image_by_45_degrees_gives_the_next_symbol(angle_deg, length):
-    assume(away_from_edges(angle_deg))
-    before, after = vector_symbols(np.stack([vector(angle_deg, length), vector(angle_deg + 45, length)]), 1.0, 0.1)
-    assume(abs(length - 0.1) > 1e-9)
-    assert after == (before % 8 + 1 if before else 0)
-
-
-@given(ANGLE, st.floats(0, 2))
-def test_a_mirror_swaps_right_and_left(angle_deg, length):
-    assume(away_from_edges(angle_deg))
-    move = vector(angle_deg, length)
-    there, mirrored = vector_symbols(np.stack([move, move * (-1, 1)]), 1.0, 0.1)
-    assert VectorSymbol(int(mirrored)).name == MIRROR[VectorSymbol(int(there)).name]
-
-
 def test_nothing_is_seen_with_an_unknown_size():
     assert (vector_symbols(np.ones((3, 2)), math.nan, 0.1) == VectorSymbol.NOT_SEEN).all()
-
-
-def test_many_frames_at_once():
-    assert vector_symbols(np.ones((5, 3, 2)), 1.0, 0.1).shape == (5, 3)
-    assert vector_symbols(np.ones((0, 2)), 1.0, 0.1).shape == (0,)
 
 
 def test_body_size_is_a_share_of_the_largest_distance_so_far():

@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-import labanmesh
 from common.errors import BadInput
 from common.vocabulary import Vocabulary
 from observer.features.posture import PostureReader, without_motion
@@ -231,18 +230,12 @@ def archives(people, tmp_path):
     return tmp_path
 
 
-def run(capsys, *words):
-    status = labanmesh.main([str(word) for word in words])
-    printed = capsys.readouterr()
-    return status, printed.out, printed.err
-
-
-def test_learn_and_add_on_the_command_line(capsys, archives):
+def test_learn_and_add_on_the_command_line(run, archives):
     words = ["learn", archives / "own.npz", "--view", "door", "-o", archives / "a.model"]
-    status, out, _ = run(capsys, *words, "--background", archives / "all.npz", "--background-labels", "byebye")
+    status, out, _ = run(*words, "--background", archives / "all.npz", "--background-labels", "byebye")
     assert status == 0 and "something else is known by blends of the movements and by byebye" in out
     more = ["learn", archives / "all.npz", "--view", "door", "-o", archives / "a.model", "--add-to"]
-    status, out, _ = run(capsys, *more, archives / "a.model", "--labels", "byebye")
+    status, out, _ = run(*more, archives / "a.model", "--labels", "byebye")
     assert status == 0 and "no longer something else: byebye" in out
     assert read_model(archives / "a.model").header.background == ()
 
@@ -262,8 +255,8 @@ def test_learn_and_add_on_the_command_line(capsys, archives):
         (["--background", "blends", "--add-to", "a.model"], "--background: only for a new model"),
     ],
 )
-def test_an_invalid_background_is_one_line_and_exit_2(capsys, archives, monkeypatch, words, error):
+def test_an_invalid_background_is_one_line_and_exit_2(run, archives, monkeypatch, words, error):
     monkeypatch.chdir(archives)
-    status, _, err = run(capsys, "learn", "own.npz", "--view", "door", "-o", "new.model", *words)
+    status, _, err = run("learn", "own.npz", "--view", "door", "-o", "new.model", *words)
     assert status == 2 and error in err and err.count("\n") == 1
     assert not (archives / "new.model").exists()

@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-import labanmesh
 from common.errors import BadInput
 from common.vocabulary import Vocabulary
 from observer.geometry.views import parse_view
@@ -237,21 +236,15 @@ def test_bins_borrow_counts_from_their_neighbours():
     assert (np.exp(learn_table([(symbols, 0)], 1, 3, 0.1, neighbours=0.0)) == paper).all()
 
 
-def run(capsys, *words):
-    status = labanmesh.main([str(word) for word in words])
-    printed = capsys.readouterr()
-    return status, printed.out, printed.err
-
-
-def test_add_and_forget_on_the_command_line(capsys, people, tmp_path):
+def test_add_and_forget_on_the_command_line(run, people, tmp_path):
     for name, labels, trials in (("own", OLD, 3), ("more", NEW, 2)):
         write_archive(tmp_path / f"{name}.npz", some(people, ("1",), labels, trials))
     file = tmp_path / "door.model"
-    status, out, err = run(capsys, "learn", tmp_path / "own.npz", "--view", "door", "-o", file)
+    status, out, err = run("learn", tmp_path / "own.npz", "--view", "door", "-o", file)
     assert (status, err) == (0, "") and "tried on 6 left-out examples: right" in out and "temperature 1.3" in out
     before = read_model(file)
     words = ["learn", tmp_path / "more.npz", "--view", "door", "--labels", "byebye"]
-    status, out, err = run(capsys, *words, "--add-to", file, "-o", file)
+    status, out, err = run(*words, "--add-to", file, "-o", file)
     assert (
         status == 0
         and "byebye added from 2 examples of 1 person; 3 movements now" in out
@@ -259,8 +252,8 @@ def test_add_and_forget_on_the_command_line(capsys, people, tmp_path):
     )
     assert "tried on 2 left-out examples of byebye: right" in out
     assert err == "warning: byebye: 2 recordings; record it at least 3 times\n"
-    status, _, err = run(capsys, *words, "--add-to", file, "--effort", "-o", file)
+    status, _, err = run(*words, "--add-to", file, "--effort", "-o", file)
     assert status == 2 and err.count("\n") == 1
-    status, out, _ = run(capsys, "forget", file, "--labels", "byebye", "-o", file)
+    status, out, _ = run("forget", file, "--labels", "byebye", "-o", file)
     assert status == 0 and "byebye taken out; 2 movements now" in out
     assert same(before, read_model(file))

@@ -1,0 +1,17 @@
+"""Fixtures of the observer's tests."""
+
+import pytest
+
+import labanmesh
+
+
+@pytest.fixture
+def run(capsys):
+    """Run `labanmesh` with these words; returns the exit status and what was printed to stdout and stderr."""
+
+    def call(*words):
+        status = labanmesh.main([str(word) for word in words])
+        printed = capsys.readouterr()
+        return status, printed.out, printed.err
+
+    return call
