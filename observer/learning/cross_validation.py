@@ -7,7 +7,6 @@ from dataclasses import replace
 from observer.model.base import Example, Header, MovementModel, Onset, WithBackground, evenly_spread
 from observer.model.posterior_calibration import (
     HeldOutResult,
-    PosteriorCalibration,
     answer_posterior,
     at_least_cautious,
     fit_calibration,
@@ -17,21 +16,17 @@ MOST_EVALUATED = 240
 """Examples that are evaluated; more hardly change the few numbers that are fitted."""
 
 
-def estimate_calibration(
-    kind: type[MovementModel], header: Header, examples: Sequence[Example]
-) -> PosteriorCalibration:
-    """The calibration of a model learned from all these examples, estimated by leaving out one person at a time.
+def with_calibration(kind: type[MovementModel], model: MovementModel, examples: Sequence[Example]) -> MovementModel:
+    """The same model with its calibration, estimated by leaving out one person at a time.
 
     If only one person shows a movement, one recording of each movement is left out at a time instead. That tells
-    nothing about other people, and the result is at least as cautious as CAUTIOUS.
+    nothing about other people, and the result is at least as cautious as CAUTIOUS. `tried` and `right` in the
+    provenance count the evaluated examples.
     """
-    return _fit(header, examples, _cross_validate(kind, header, examples))
-
-
-def with_calibration(kind: type[MovementModel], model: MovementModel, examples: Sequence[Example]) -> MovementModel:
-    """The same model with its calibration; `tried` and `right` in the provenance count the evaluated examples."""
     results = _cross_validate(kind, model.header, examples)
-    calibration = _fit(model.header, examples, results)
+    calibration = fit_calibration(results, model.header.vocabulary.size)
+    if folds_by_person(examples) is None:
+        calibration = at_least_cautious(calibration)
     counts = {"tried": str(len(results)), "right": str(right_count(results))}
     header = replace(model.header, calibration=calibration, provenance={**model.header.provenance, **counts})
     return kind.from_arrays(header, model.arrays())
@@ -80,11 +75,6 @@ def _cross_validate(kind: type[MovementModel], header: Header, examples: Sequenc
     header = replace(header, parameters=_one_facing(header.parameters))
     folds = folds_by_person(front) or folds_by_recording(front)
     return [result for fold in folds for result in _evaluate_fold(kind, header, front, fold)]
-
-
-def _fit(header: Header, examples: Sequence[Example], results: Sequence[HeldOutResult]) -> PosteriorCalibration:
-    calibration = fit_calibration(results, header.vocabulary.size)
-    return calibration if folds_by_person(examples) else at_least_cautious(calibration)
 
 
 def _one_facing(parameters: Mapping[str, float]) -> dict[str, float]:

@@ -10,7 +10,7 @@ from common.vocabulary import Vocabulary
 from observer.features.posture import PostureReader, without_motion
 from observer.filtering.phase_filter import Dynamics, PhaseFilter
 from observer.geometry.views import parse_view
-from observer.learning.cross_validation import estimate_calibration
+from observer.learning.cross_validation import with_calibration
 from observer.learning.editing import add_movements, remove_movements
 from observer.learning.learn import ExampleView, gather_background, learn_view
 from observer.model.base import Onset
@@ -189,7 +189,7 @@ def test_a_background_example_is_evaluated_by_a_model_without_its_movement(monke
     seen_from = ExampleView(DOOR, WORDS, BODY_PARTS)
     examples = seen_from.examples(recordings, BODY_PARTS)
     examples += seen_from.examples(of(people, "12", ELSE).recordings, BODY_PARTS, ELSE)
-    calibration = estimate_calibration(Spy, model.header, examples)
+    calibration = with_calibration(Spy, model, examples).header.calibration
     assert sorted(shown) == [-2, -2, -1, -1, 0, 0, 1, 1]
     for movement, chains in zip(shown, learned, strict=True):
         assert chains == ({-1, 0, 1} if movement < 0 else {-2, -1, 0, 1})
