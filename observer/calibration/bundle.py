@@ -20,16 +20,12 @@ from observer.geometry.projection import Floats
 
 NOISE_PX = 0.2
 """Standard deviation of a detected corner (measured on sharp and on moving boards: 0.1 to 0.3)."""
-
 ROBUST_PX = 0.4
 """Larger errors count linearly, not squared: one wrong corner must not turn a camera."""
-
 TIME_OFFSET = 0.1
 """Prior: standard deviation of a picture's time offset, in frame intervals (four webcams: 0.1)."""
-
 CENTRE = 0.02
 """Prior: distance of the principal point from the middle of the picture, as a share of its longer side."""
-
 BACK_M, BACK_RAD = 0.005, 0.05
 """Prior: position and rotation of the pattern on the board's back relative to the front: 5 mm, 3 degrees."""
 
@@ -142,8 +138,8 @@ class _Problem:
 
     def _corner_block(self, n: int, c: BoardCorners, x: Floats, blocks: SparseJacobian) -> Floats:
         at, back, moment = self._at, x[self._at.back], x[self._at.time_offsets][n]
-        beside = np.column_stack([-c.points[:, 1], c.points[:, 0], np.zeros(len(c.points))])
-        points = c.points + back[:3] + back[3] * beside if c.behind else c.points
+        rotated = np.column_stack([-c.points[:, 1], c.points[:, 0], np.zeros(len(c.points))])
+        points = c.points + back[:3] + back[3] * rotated if c.behind else c.points
         poses = x[at.board(c.number)], x[at.camera(c.camera)]
         off, by_board, by_camera, by_point, by_lens = project_board(points, self.optics(c.camera, x), *poses)
         blocks.begin(len(off))
@@ -151,7 +147,7 @@ class _Problem:
         blocks.add(at.camera(c.camera), by_camera / NOISE_PX)
         blocks.add(slice(at.time_offsets.start + n, at.time_offsets.start + n + 1), -c.speeds.reshape(-1, 1) / NOISE_PX)
         if c.behind:
-            turned = np.einsum("nij,nj->ni", by_point, beside).reshape(-1, 1)
+            turned = np.einsum("nij,nj->ni", by_point, rotated).reshape(-1, 1)
             blocks.add(at.back, np.hstack([by_point.reshape(-1, 3), turned]) / NOISE_PX)
         if c.camera in at.lenses:
             blocks.add(at.lens(c.camera), by_lens / NOISE_PX)

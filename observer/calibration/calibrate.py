@@ -22,7 +22,6 @@ from observer.geometry.projection import Floats
 
 HELD = RigidTransform(np.diag([-1.0, -1.0, 1.0]), np.zeros(3))
 """Board to room when the performer holds it in front of the body, upright, printed side forward."""
-
 LYING = RigidTransform(np.array([[1.0, 0, 0], [0, 0, -1.0], [0, 1.0, 0]]), np.zeros(3))
 """Board to room when it lies at the performer's feet, readable for the performer."""
 

@@ -114,8 +114,8 @@ def _upright(gray: Gray, grid: Floats) -> Floats:
     across, down = grid[0, -1] - grid[0, 0], grid[-1, 0] - grid[0, 0]
     if across[0] * down[1] - across[1] * down[0] < 0:
         grid = grid[:, ::-1]
-    first, beside = (grid[:2, n : n + 2].reshape(4, 2).mean(axis=0) for n in (0, 1))
-    bright = [_brightness(gray, place) for place in (first, beside)]
+    first, second = (grid[:2, n : n + 2].reshape(4, 2).mean(axis=0) for n in (0, 1))
+    bright = [_brightness(gray, place) for place in (first, second)]
     result: Floats = grid if bright[0] <= bright[1] else grid[::-1, ::-1]
     return result
 

@@ -18,7 +18,6 @@ from observer.geometry.projection import Floats
 
 DISAGREE_RAD, DISAGREE = 0.35, 0.5
 """Relative poses of two cameras that differ by 20 degrees or half their distance come from different moments."""
-
 SQUARE_PIXELS = 0.05
 """A lens whose focal lengths differ by a larger share has no square pixels, and it is not refined."""
 

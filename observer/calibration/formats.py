@@ -109,7 +109,6 @@ def _toml(number: int, camera: CalibratedCamera) -> str:
 
 SUBPIXELS = 64.0
 """Focal lengths and principal points are stored in 64ths of a pixel."""
-
 MM_PER_METRE = 1000.0
 
 

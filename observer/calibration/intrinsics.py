@@ -13,10 +13,8 @@ from observer.geometry.projection import Floats
 
 FEWEST_PICTURES = 4
 """Each picture of a plane gives two equations for four unknowns and the distortion."""
-
 MOST_PICTURES = 40
 """More hardly improve the result (Zhang 2000: 10 are good, 20 very good), and the time grows with their square."""
-
 OUTLIER_PX, OUTLIER_TIMES = 1.0, 3.0
 """A picture with an error above both 1 px and three times the median is an outlier (blur, a hand) and is left out."""
 

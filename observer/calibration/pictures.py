@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from common.errors import BadInput
 from observer.camera.capture import silence_opencv
+from observer.camera.files import read_picture
 from observer.geometry.projection import Floats
 
 Picture = NDArray[np.uint8]
@@ -22,11 +23,11 @@ def pictures(source: Path, every: int = 1) -> Iterator[tuple[int, str, Picture]]
         files = sorted(file for file in source.iterdir() if file.suffix.lower() in PICTURES)
         if not files:
             raise BadInput(f"{source}: no pictures in this folder ({', '.join(PICTURES)})")
-        yield from ((n, file.name, _picture(file)) for n, file in enumerate(files) if n % every == 0)
+        yield from ((n, file.name, read_picture(file)) for n, file in enumerate(files) if n % every == 0)
     elif not source.exists():
         raise BadInput(f"{source}: no such file; give a video, a picture or a folder of pictures for each camera")
     elif source.suffix.lower() in PICTURES:
-        yield 0, source.name, _picture(source)
+        yield 0, source.name, read_picture(source)
     else:
         yield from _video(source, every)
 
@@ -34,15 +35,6 @@ def pictures(source: Path, every: int = 1) -> Iterator[tuple[int, str, Picture]]
 def is_video(source: Path) -> bool:
     """Whether the source is a video, whose pictures follow each other closely."""
     return not source.is_dir() and source.suffix.lower() not in PICTURES
-
-
-def _picture(path: Path) -> Picture:
-    # imread prints warnings to stderr; imdecode does not.
-    content = np.frombuffer(path.read_bytes(), dtype=np.uint8)
-    picture = cv2.imdecode(content, cv2.IMREAD_COLOR) if len(content) else None
-    if picture is None:
-        raise BadInput(f"{path}: not a picture that OpenCV can read; remove it or save it as .png")
-    return picture.astype(np.uint8, copy=False)
 
 
 def _video(path: Path, every: int) -> Iterator[tuple[int, str, Picture]]:

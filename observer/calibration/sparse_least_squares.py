@@ -94,10 +94,8 @@ class SparseJacobian:
 
 ROUNDS = 60
 """Most steps; ten are usual."""
-
 ENOUGH = 1e-7
 """The last step lowers the cost by a smaller share than this."""
-
 HOPELESS = 1e9
 """Damping from which a step is too small to matter."""
 

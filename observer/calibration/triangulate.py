@@ -12,7 +12,6 @@ from observer.geometry.projection import Floats, oriented, project
 
 GATE_PX = 20.0
 """Gate for the reprojection error of a camera: twice the error of trackers in pictures 1000 to 2000 px high."""
-
 STEPS = 10
 """Most Gauss-Newton steps; three are usual from the linear solution."""
 

@@ -1,17 +1,14 @@
 """Types shared by all picture sources, and how a source's text or address is read and printed; pure."""
 
 import re
-from collections.abc import Callable, Iterator
-from typing import TYPE_CHECKING, Literal, Protocol
+from collections.abc import Callable
+from typing import Any, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from common.errors import BadInput
 from common.messages import ProcessState
-from observer.tracks import Frame
-
-if TYPE_CHECKING:
-    import threading
 
 Picture = NDArray[np.uint8]
 """(H, W, 3) in the order blue, green, red, 0 to 255; row 0 is the top row."""
@@ -33,21 +30,6 @@ class Report(Protocol):
         """`degraded` with the reason while no usable picture comes, `running` with "" when pictures come again."""
 
 
-class PictureSource(Protocol):
-    """A `FrameSource` whose frames hold pictures of one size."""
-
-    @property
-    def rate_hz(self) -> float:
-        """Pictures per second at capture, however fast they are played."""
-
-    @property
-    def body_parts(self) -> tuple[str, ...]:
-        """Empty: only a tracker knows the body parts in a picture."""
-
-    def frames(self, stop: "threading.Event") -> Iterator[Frame]:
-        """Frames whose content is a Picture; ends soon after `stop` is set."""
-
-
 class CameraFault(Exception):  # noqa: N818 - names what happened; never shown as an error
     """A camera cannot be opened or has stopped delivering; one readable line. Opening it again may help."""
 
@@ -59,6 +41,16 @@ def ignore_report(state: ProcessState, reason: str) -> None:
 def size_of(picture: Picture) -> Size:
     """Width and height in px."""
     return picture.shape[1], picture.shape[0]
+
+
+def require_picture(content: NDArray[Any], least_px: int = 1) -> Picture:
+    """The content if it is a picture of at least `least_px` each way; raises BadInput otherwise."""
+    if content.ndim != 3 or content.shape[2] != 3 or content.dtype != np.uint8 or min(content.shape[:2]) < least_px:
+        raise BadInput(
+            f"picture {content.shape} of {content.dtype}: (H, W, 3) of uint8 in the order blue, green, red is expected,"
+            f" at least {least_px} px each way"
+        )
+    return content
 
 
 SCHEMES = ("rtsp", "rtsps", "http", "https")

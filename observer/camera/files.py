@@ -31,7 +31,6 @@ FASTEST_HZ = 1000.0
 """A video that states a higher rate does not know it: 90000 is the tick rate of its clock."""
 NEARLY_ALL = 0.9
 """A video is damaged when a smaller share of its stated pictures can be read; the stated count is often a bit off."""
-
 _CONTAINERS = ((0, b"RIFF", "AVI"), (4, b"ftyp", "MP4"), (0, b"\x1a\x45\xdf\xa3", "Matroska"), (0, b"OggS", "Ogg"))
 _HEADER_BYTES = 16
 
@@ -184,7 +183,7 @@ def _natural(file: Path) -> tuple[list[tuple[int, str]], str]:
 
 @dataclass(frozen=True, slots=True)
 class RecordedPictures:
-    """A PictureSource that plays pictures as `RecordedMotion` plays motion, and ends after the last.
+    """A FrameSource that plays pictures as `RecordedMotion` plays motion, and ends after the last.
 
     Picture i is captured at start + i / rate / speed; without `start_ns` the start is now. Speed 0 does not wait, and
     stamps each picture with the time of playing. When the observer is slower, pictures come late and none is dropped.

@@ -105,7 +105,7 @@ class Backoff:
 
 @dataclass(frozen=True, slots=True)
 class LiveCamera:
-    """A PictureSource whose camera may fail, freeze and return; ends only when stopped.
+    """A FrameSource whose camera may fail, freeze and return; ends only when stopped.
 
     name: for people, without secrets. rate_hz: requested from the camera and used by the model; fewer may come.
     size_px: required size of the pictures; None takes the size of the first. ticks: a monotonic clock.

@@ -8,7 +8,6 @@ from common.errors import BadInput
 from observer.camera.base import (
     NOMINAL_HZ,
     SCHEMES,
-    PictureSource,
     Report,
     Size,
     ignore_report,
@@ -18,6 +17,7 @@ from observer.camera.base import (
 from observer.camera.capture import connect
 from observer.camera.files import PICTURES, PictureFolder, RecordedPictures, Video
 from observer.camera.live import LiveCamera
+from observer.tracks import FrameSource
 
 KNOWN = f'a webcam ("0", "/dev/video0"), an address ({", ".join(SCHEMES)}), a video file, a folder of pictures'
 
@@ -32,7 +32,7 @@ def open_pictures(
     speed: float = 1.0,
     loop: bool = False,
     start_ns: int | None = None,
-) -> PictureSource:
+) -> FrameSource:
     """The source that `text` names; relative paths are below `folder`.
 
     rate_hz: requested from a camera, or used instead of a recording's own rate. size_px: required width and height.

@@ -75,16 +75,11 @@ class LineTracks:
             self.report("degraded" if fault else "running", fault)
 
 
-@dataclass(slots=True)
-class PipedTracks:
-    """Tracks as JSON lines on a stream, e.g. the standard input; ends when the stream does.
+class _LineSource:
+    """The properties that both sources share."""
 
-    A thread reads the stream, because a blocking read cannot be stopped; a faster writer has to wait.
-    """
-
-    stream: BinaryIO
+    __slots__ = ()
     lines: LineTracks
-    _queue: "queue.Queue[tuple[bytes, int] | None]" = field(default_factory=lambda: queue.Queue(256))
 
     @property
     def rate_hz(self) -> float:
@@ -95,6 +90,18 @@ class PipedTracks:
     def body_parts(self) -> tuple[str, ...]:
         """The rows of a frame's content."""
         return self.lines.body_parts
+
+
+@dataclass(slots=True)
+class PipedTracks(_LineSource):
+    """Tracks as JSON lines on a stream, e.g. the standard input; ends when the stream does.
+
+    A thread reads the stream, because a blocking read cannot be stopped; a faster writer has to wait.
+    """
+
+    stream: BinaryIO
+    lines: LineTracks
+    _queue: "queue.Queue[tuple[bytes, int] | None]" = field(default_factory=lambda: queue.Queue(256))
 
     def frames(self, stop: threading.Event) -> Iterator[Frame]:
         """One frame per line."""
@@ -115,22 +122,12 @@ class PipedTracks:
 
 
 @dataclass(slots=True)
-class MeshTracks:
+class MeshTracks(_LineSource):
     """Tracks on a Zenoh key, one JSON object a message; never ends by itself. Call `listen` before `frames`."""
 
     key: str
     lines: LineTracks
     _inbox: Inbox = field(default_factory=Inbox)
-
-    @property
-    def rate_hz(self) -> float:
-        """Nominal: each message carries its own time."""
-        return self.lines.rate_hz
-
-    @property
-    def body_parts(self) -> tuple[str, ...]:
-        """The rows of a frame's content."""
-        return self.lines.body_parts
 
     def listen(self, link: Link) -> None:
         """Subscribe to the key on the observer's own link."""

@@ -95,10 +95,7 @@ def _lens(path: Path, known: _CameraFileKeys, matrix: Floats) -> LensDistortion 
     K, distortion = np.array(known.intrinsic_matrix), np.array(known.distortion)
     if len(distortion) not in DISTORTION_SIZES:
         raise BadInput(f"{path}: distortion: {plural(len(distortion), 'number')}; expected {DISTORTION_SIZES_TEXT}")
-    try:
-        check_intrinsic_matrix(K)
-    except BadInput as error:
-        raise BadInput(f"{path}: intrinsic_matrix: {error}") from None
+    check_intrinsic_matrix(K, f"{path}: intrinsic_matrix: ")
     _check_together(path, K, matrix)
     return LensDistortion(K, distortion)
 

@@ -9,14 +9,11 @@ from observer.geometry.projection import Floats, oriented, project
 
 FEWEST_POINTS = 6
 """Eleven unknowns, two equations per point."""
-
 ENOUGH_POINTS = 12
 """With fewer points, 1 px of noise causes several px of error on new points (measured)."""
-
 FLATTEST = 0.02
 """Least thickness of the point set as a share of its length. At this value, 1 px of noise causes 6 px of error on new
 points from 100 points, and 20 px from 12 (measured)."""
-
 AMBIGUOUS = 3e-3
 """Least second-smallest singular value of the design matrix as a share of the largest; below it, two cameras fit.
 With 1 px of noise, all points but one in a plane give 0.001 to 0.0025; 12 or more points in a box, 0.07 (measured)."""

@@ -10,18 +10,14 @@ from observer.geometry.projection import Floats
 
 DISTORTION_SIZES = (4, 5, 8, 12, 14)
 """k1 k2 p1 p2; plus k3; plus k4 k5 k6 (rational); plus s1 to s4 (thin prism); plus the tilts of the sensor."""
-
 DISTORTION_SIZES_TEXT = "4 (k1 k2 p1 p2), 5 (plus k3), 8, 12 or 14 numbers in the order of OpenCV"
 
 STEPS = 20
 """Most Newton steps; five are usual, more are needed near the fold of the lens."""
-
 TOLERANCE_PX = 1e-3
 """Largest residual of a solution; a pixel with a larger one is the image of no point, beyond the fold of the lens."""
-
 CONVERGED = 1e-10
 """Residual at which the steps end, normalised coordinates: far below a pixel."""
-
 STRIDE = 1e-6
 """Step of the difference quotients, normalised coordinates: between rounding and the curvature of the lens."""
 
@@ -65,11 +61,11 @@ class LensDistortion:
         return result
 
 
-def check_intrinsic_matrix(K: Floats) -> None:
+def check_intrinsic_matrix(K: Floats, where: str = "") -> None:
     """Raise BadInput unless K is (3, 3) [[fu, s, cu], [0, fv, cv], [0, 0, 1]], finite, with fu and fv above 0."""
     right = K.shape == (3, 3) and np.isfinite(K).all() and np.allclose(K[2], [0, 0, 1])
     if not (right and K[0, 0] > 0 and K[1, 1] > 0 and K[1, 0] == 0):
-        raise BadInput("not an intrinsic matrix [[fu, s, cu], [0, fv, cv], [0, 0, 1]] with fu, fv above 0")
+        raise BadInput(f"{where}not an intrinsic matrix [[fu, s, cu], [0, fv, cv], [0, 0, 1]] with fu, fv above 0")
 
 
 def distorted(points: Floats, distortion: Floats) -> Floats:

@@ -16,7 +16,6 @@ from observer.geometry.projection import Floats, oriented, parallel_matrix
 
 PRINCIPAL_PLANES_DEG = {"door": (0.0, 0.0), "wheel": (90.0, 0.0), "table": (0.0, 90.0)}
 """Laban's three planes as (yaw, pitch) of a camera that looks at them (section III.A)."""
-
 KNOWN = "door, wheel, table, yaw:DEG, yaw:DEG,pitch:DEG, or a camera file (.toml)"
 
 Real = TypeVar("Real", bound=np.floating)

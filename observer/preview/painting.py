@@ -5,7 +5,7 @@ import math
 import cv2
 import numpy as np
 
-from common.errors import BadInput
+from observer.camera.base import require_picture, size_of
 from observer.features.space import VectorSymbol
 from observer.preview.drawing import (
     CANVAS,
@@ -172,7 +172,7 @@ def paint(picture: Picture | None, shown: PreviewFrame) -> Picture:
 
     Raises BadInput for another shape or type.
     """
-    layout = PaintingLayout.of(*CANVAS) if picture is None else PaintingLayout.of(*_size(picture))
+    layout = PaintingLayout.of(*CANVAS) if picture is None else PaintingLayout.of(*size_of(require_picture(picture)))
     canvas = np.full((SIZE[1], SIZE[0], 3), EMPTY, np.uint8)
     area = layout.picture.cut(canvas)
     if picture is None:
@@ -195,14 +195,6 @@ def empty_sheet(box: PixelBox) -> Picture:
     sheet[:, ::side] = GRID
     write(sheet, "recorded motion, no picture", (12, box.height - 12), CAPTION, SMALL, width_px=box.width - 24)
     return sheet
-
-
-def _size(picture: Picture) -> tuple[int, int]:
-    if picture.ndim != 3 or picture.shape[2] != 3 or picture.dtype != np.uint8 or not picture.size:
-        raise BadInput(
-            f"picture {picture.shape} of {picture.dtype}: (H, W, 3) of uint8 in the order blue, green, red is expected"
-        )
-    return picture.shape[1], picture.shape[0]
 
 
 def _resized(picture: Picture, box: PixelBox) -> Picture:

@@ -13,7 +13,6 @@ from observer.tracks import Floats
 
 LONGEST_GAP_S = 0.2
 """Longest gap that is interpolated in a camera's tracks: in a longer one a hand may have gone there and back."""
-
 SAME_S = 1e-6
 """Instants nearer than this are equal, so that rounding does not require a neighbour that was not seen."""
 
@@ -117,13 +116,10 @@ def reconstruct(
 SPIKE_M, AROUND_S = 0.25, 0.1
 """A position farther than SPIKE_M from the median within AROUND_S is a tracking error. A hand that reverses with
 100 m/s², faster than people throw, comes as far."""
-
 SHORT_S = 0.15
 """Longest gap that is filled by a straight line: a hand at 2 m/s moves 30 cm in it."""
-
 STILL_M_S, OVER_S = 0.25, 0.2
 """A hand slower than STILL_M_S over OVER_S is at rest; measured positions tremble at a third of this speed."""
-
 MARGIN_S = 0.25
 """Rest that is kept before and after the movement."""
 

@@ -121,7 +121,6 @@ HEAD_SEMI_AXES = (0.078, 0.115, 0.096)
 """Metres: half the width, height and depth of the head."""
 HAND_SEMI_AXES = (0.045, 0.09, 0.045)
 """Metres: half the width and length of the hand, as thick as wide, since the orientation of the palm is unknown."""
-
 FARTHER, NEARER = 0.12, -0.06
 """Metres added to the distance of overlapping shapes for the drawing order: sleeves over trunk, trunk over legs."""
 

@@ -21,10 +21,8 @@ from observer.tracks import BODY_PARTS, Frame
 
 DISTANCE = 3.5
 """Metres from the camera to the middle of the performer."""
-
 FOCAL = 1.35
 """Focal length in picture heights: from DISTANCE it shows 2.6 m, a person with raised hands."""
-
 PERFECT = Scenery()
 """A plain wall, a perfect camera, steady light."""
 

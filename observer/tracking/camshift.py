@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 
 from common.errors import BadInput
+from observer.camera.base import require_picture
 from observer.tracking.back_projection import SKIN, BackProjection, PixelRect, shrunk, step_for
 from observer.tracking.background_model import ForegroundDetector, SkinBackground
 from observer.tracking.hands import HandTracker
@@ -60,6 +61,8 @@ class TrackingAdvice:
             self._stood_s = 0.0 if self.complaint else ADVISE_AFTER_S
 
 
+LEAST_PX = 16
+"""Least width and height of a picture."""
 SHORT_SIDE = 240
 """Until a face is found, pictures are reduced to about this shorter side, px."""
 SIDEWAYS = 0.5
@@ -110,7 +113,7 @@ class CamshiftTracker:
 
     def update(self, frame: Frame) -> Tracks:
         """Centres (3, 2) px in the newest picture, NaN for a part not seen; BadInput for a wrong shape or type."""
-        picture = _checked(frame.content)
+        picture = require_picture(frame.content, LEAST_PX)
         seconds = 0.0 if self._before_ns is None else min(max((frame.at_ns - self._before_ns) / 1e9, 0.0), 1.0)
         self._before_ns = frame.at_ns
         self._hands.predict(seconds)
@@ -133,11 +136,11 @@ class CamshiftTracker:
 
     def _tracks(self) -> Tracks:
         parts = (*self._hands.parts, self._head_part)
-        seen, unsure = (np.array([_centre(part, state) for part in parts]) for state in (State.SEEN, State.UNSURE))
+        centres, guesses = (np.array([_centre(part, state) for part in parts]) for state in (State.SEEN, State.UNSURE))
         if self._unnamed:
-            unsure[:2] = np.where(np.isfinite(seen[:2]), seen[:2], unsure[:2])
-            seen[:2] = np.nan
-        return Tracks(seen, unsure)
+            guesses[:2] = np.where(np.isfinite(centres[:2]), centres[:2], guesses[:2])
+            centres[:2] = np.nan
+        return Tracks(centres, guesses)
 
     def _current_step(self, picture: Picture) -> int:
         """The reduction of the picture; kept while it about fits, since a new one starts the background over."""
@@ -228,12 +231,3 @@ def _centre(part: TrackedPart, state: State) -> Floats:
 def _reach(head: Floats, face: float, step: int, shape: tuple[int, ...]) -> PixelRect:
     width, height, below = (share * face / step for share in REACH)
     return PixelRect.around(head / step + (0.0, below), (width, height), shape)
-
-
-def _checked(content: Picture) -> Picture:
-    if content.ndim != 3 or content.shape[2] != 3 or content.dtype != np.uint8 or min(content.shape[:2]) < 16:
-        raise BadInput(
-            f"picture {content.shape} of {content.dtype}: (H, W, 3) of uint8 in the order blue, green, red is expected,"
-            " 16 px or more each way"
-        )
-    return content

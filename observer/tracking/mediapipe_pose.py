@@ -18,11 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.errors import BadInput, LabanmeshError
+from observer.camera.base import require_picture
 from observer.tracks import BODY_PARTS, Floats, Frame, Tracks
 
 LANDMARKS = 33
 """Landmarks of BlazePose (Bazarevsky et al., BlazePose: on-device real-time body pose tracking, 2020, figure 3)."""
-
 INSTALL = "pip install 'labanmesh[mediapipe]'"
 LIBRARIES = "if it names a system library, install that (Debian: libgl1, libegl1, libgles2)"
 
@@ -161,12 +161,10 @@ LEFT_HAND: Mapping[Hand, tuple[int, ...]] = {"palm": (15, 17, 19), "wrist": (15,
 have the next number. Depth cameras report the palm, even in recordings that call it wrist."""
 HEAD = (7, 8)
 """Both ears: their midpoint is the middle of the head from all sides, as in recordings of depth cameras."""
-
 SEEN = 0.5
 """Visibility from which a part is seen: MediaPipe's own threshold for its confidences."""
 UNSURE = 0.2
 """Visibility from which the model's position of a hidden part is shown as a guess."""
-
 NOBODY_S = 2.0
 """Time without a person before a complaint; people turn, stoop and pass behind things."""
 COMPLAINT = (
@@ -205,7 +203,7 @@ class MediapipeTracker:
 
     def update(self, frame: Frame) -> Tracks:
         """Centres (3, 2) px of the most prominent person, NaN for a part not seen; BadInput for a wrong shape."""
-        picture = _checked(frame.content)
+        picture = require_picture(frame.content)
         self._ms = self._after(frame.at_ns)
         rgb = np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2RGB), dtype=np.uint8)
         landmarks = self._model.landmarks(rgb, self._ms)
@@ -244,11 +242,3 @@ def read_pose(landmarks: Floats, size_px: tuple[int, int], hand: Hand = "palm") 
 def _where(chosen: NDArray[np.bool_], centres: Floats) -> Floats:
     result: Floats = np.where(chosen[:, None], centres, np.nan)
     return result
-
-
-def _checked(content: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    if content.ndim != 3 or content.shape[2] != 3 or content.dtype != np.uint8 or 0 in content.shape:
-        raise BadInput(
-            f"picture {content.shape} of {content.dtype}: (H, W, 3) of uint8 in the order blue, green, red is expected"
-        )
-    return content

@@ -189,7 +189,7 @@ def test_insufficient_detections_are_rejected():
 
 
 def test_unreadable_pictures_are_rejected(tmp_path):
-    for name, message in (("a.png", "not a picture"), ("a.mp4", "not a video"), ("gone.mp4", "no such file")):
+    for name, message in (("a.png", "not a readable picture"), ("a.mp4", "not a video"), ("gone.mp4", "no such file")):
         if name != "gone.mp4":
             (tmp_path / name).write_bytes(b"nothing of the kind" * 9)
         with pytest.raises(BadInput, match=message):
