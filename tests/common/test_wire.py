@@ -17,6 +17,7 @@ from common.messages import (
     Contribution,
     Facing,
     JudgementMessage,
+    ObserverStatistics,
     OngoingMovement,
     PosteriorMessage,
     StatusMessage,
@@ -345,6 +346,17 @@ def test_a_judgement_that_is_too_long_loses_optional_detail_in_order_until_it_fi
         assert decode(VerdictMessage, payload).p == message.p
         steps.add(len(missing))
     assert 0 in steps and {1, 2, 3} & steps and max(steps) >= 4
+
+
+def test_a_posterior_and_a_status_that_are_too_long_lose_optional_detail():
+    size = 3000
+    facing = Facing(surprise=[[200] * 12] * size)
+    long = PosteriorMessage(**{**FIELDS, "p": [1 / size] * size, "facing": facing, "facets": {"own": [0.5, 0.5]}})
+    decoded = decode(PosteriorMessage, encode(long))
+    assert decoded.facing is None and decoded.facets == long.facets and decoded.p == pytest.approx(long.p, rel=1e-7)
+    observers = {f"cam{n}": ObserverStatistics(rejected={"malformed": n}) for n in range(3000)}
+    status = StatusMessage(scene="dojo", id="main", state="running", observers=observers)
+    assert decode(StatusMessage, encode(status)) == status.model_copy(update={"observers": None})
 
 
 def test_a_message_that_cannot_fit_is_an_error_and_not_sent():
