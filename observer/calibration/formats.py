@@ -12,7 +12,7 @@ import numpy as np
 from common.errors import BadInput
 from common.text import plural
 from observer.calibration.calibrated import CalibratedCamera, rotation
-from observer.file_output import write_file
+from observer.files import write_file
 from observer.geometry.lens import DISTORTION_SIZES, DISTORTION_SIZES_TEXT
 from observer.geometry.projection import Floats
 

@@ -18,7 +18,7 @@ from common import SECOND_NS
 from common.errors import BadInput
 from observer.camera.base import Clock, Picture, Size, size_of
 from observer.camera.capture import silence_opencv
-from observer.file_output import WAY_OUT, write_file
+from observer.files import WAY_OUT, write_file
 from observer.motion.playback import wait_until
 from observer.tracks import Frame
 

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.errors import BadInput
-from observer.array_file import read_arrays, write_arrays
 from observer.effort.features import NAMES
 from observer.effort.model import EVIDENCE, FACTORS, EffortModel
+from observer.files import read_arrays, write_arrays
 
 FORMAT = 1
 WAY_OUT = "make one with labanmesh learn ... --effort"

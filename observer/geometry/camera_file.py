@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, PositiveInt, Val
 
 from common.errors import BadInput
 from common.text import plural
-from observer.file_output import write_file
+from observer.files import write_file
 from observer.geometry.lens import DISTORTION_SIZES, DISTORTION_SIZES_TEXT, LensDistortion, check_intrinsic_matrix
 from observer.geometry.projection import Floats, oriented
 

@@ -1,12 +1,16 @@
-"""Training examples as chains of phases: fills gaps, resamples to a fixed number of phases, and blends chains."""
+"""Training examples as chains of postures, and the likelihood of an observed posture under all of them.
+
+The likelihood is exp(-sharpness d^2) with bounded outliers.
+"""
 
 import numpy as np
 from numpy.typing import NDArray
 
+from observer.features.posture import groups_of
+from observer.filtering.chain_filter import Indices, Masses
+from observer.filtering.phase_filter import FLOOR
 from observer.model.base import evenly_spread
 from observer.tracks import Floats
-
-Indices = NDArray[np.int64]
 
 
 def fill_gaps(features: Floats) -> Floats:
@@ -62,3 +66,107 @@ def blend_pairs(movement_of: Indices, facing_of: Indices) -> tuple[Indices, Indi
                 ones.append(int(one))
                 others.append(int(different[int(evenly_spread(place) * len(different))]))
     return np.array(ones, dtype=np.int64), np.array(others, dtype=np.int64)
+
+
+class Postures:
+    """(Φ, D, C) postures by phase, feature and chain, to which the distances of each frame are computed."""
+
+    def __init__(self, postures: NDArray[np.float32]) -> None:
+        # Phases first, chains last: the phases that are reached and the chains that count are a block of memory.
+        self._postures = np.ascontiguousarray(postures, np.float32)
+        groups = groups_of((postures.shape[1] - 2) // 5)
+        self._lengths = np.stack([(self._postures[:, groups == g] ** 2).sum(axis=1) for g in range(groups[-1] + 1)])
+        self._length = self._lengths.sum(axis=0)
+        self._first_of = np.searchsorted(groups, np.arange(groups[-1] + 1))
+
+    def select(self, chains: Indices) -> "Postures":
+        """The postures of these chains only."""
+        selected = object.__new__(Postures)
+        selected._postures = np.ascontiguousarray(self._postures[:, :, chains])
+        selected._lengths, selected._length = self._lengths[:, :, chains], self._length[:, chains]
+        selected._first_of = self._first_of
+        return selected
+
+    def squared_distances(self, features: Floats, phases: int) -> Masses:
+        """(D,) features, NaN where not seen -> (phases, C) squared distances over what is seen, of the first phases.
+
+        |x - o|^2 = |x|^2 - 2 x.o + |o|^2, so that a frame costs one matrix-vector product.
+        """
+        known = np.isfinite(features)
+        o = np.where(known, features, 0.0).astype(np.float32)
+        # A feature is seen together with its group.
+        some = self._lengths[known[self._first_of], :phases]
+        lengths = self._length[:phases] if known.all() else some.sum(axis=0)
+        distances: Masses = lengths - 2 * np.matmul(o, self._postures[:phases]) + np.float32(o @ o)
+        return np.maximum(distances, 0, out=distances)
+
+
+class LivePostures:
+    """The postures of the filter's live chains, copied again only when these change."""
+
+    def __init__(self, postures: Postures) -> None:
+        self._all = self._selected = postures
+        self._live: Indices | None = None
+
+    def of(self, live: Indices | None) -> Postures:
+        """The postures of these chains; None: of all."""
+        if live is not self._live:
+            self._selected = self._all if live is None else self._all.select(live)
+            self._live = live
+        return self._selected
+
+
+class PostureEvidence:
+    """The likelihood of one frame's features for every chain, phase and rest (`chain_filter.Evidence`).
+
+    ends: the postures (1, D, C) in which the chains begin and end, without motion, the chains' cells (C,), which are
+    movement * K + facing, and (M, K). outlier: the largest evidence in nats against a posture compared with the nearest
+    one, so that one error of a tracker or one odd movement of a hand does not decide alone.
+    """
+
+    def __init__(
+        self,
+        live_postures: LivePostures,
+        ends: tuple[Postures, Postures, Indices, tuple[int, int]],
+        features: Floats,
+        sharpness: float,
+        outlier: float,
+    ) -> None:
+        self._live_postures, self._features = live_postures, features
+        self._sharpness, self._outlier = np.float32(sharpness), np.float32(outlier)
+        first, last, cell_of, (movements, facings) = ends
+        begin, end = (self._likelihood(postures) for postures in (first, last))
+        count = np.maximum(np.bincount(cell_of, minlength=movements * facings), 1)
+        own = (np.bincount(cell_of, end, len(count)) / count).reshape(movements, facings)
+        # A person at rest faces one way; a mean over all facings would rule rest out.
+        facing_of = cell_of % facings
+        twice = 2 * np.maximum(np.bincount(facing_of, minlength=facings), 1)
+        of_facing = np.bincount(facing_of, begin + end, facings) / twice
+        self._rest = float(of_facing.max())
+        self._after = np.maximum(own, of_facing)
+
+    def chains(self, live: Indices | None, phases: int) -> tuple[Masses, float]:
+        """(phases, n) likelihoods relative to the nearest posture's, plus exp(-outlier); and the log of that scale."""
+        likelihood = self._live_postures.of(live).squared_distances(self._features, phases)
+        nearest = likelihood.min()
+        likelihood -= nearest
+        likelihood *= -self._sharpness
+        np.exp(likelihood, out=likelihood)
+        likelihood += np.exp(-self._outlier)
+        return likelihood, float(-self._sharpness * nearest)
+
+    @property
+    def rest(self) -> float:
+        """Log of the mean likelihood over the postures at rest of one facing, for the facing where it is largest."""
+        return float(np.log(max(self._rest, np.exp(FLOOR))))
+
+    @property
+    def after(self) -> Floats:
+        """(M, K) log of the mean likelihood over the movement's last postures, at least that of rest at the facing."""
+        after: Floats = np.log(np.maximum(self._after, np.exp(FLOOR)))
+        return after
+
+    def _likelihood(self, postures: Postures) -> Floats:
+        distances = postures.squared_distances(self._features, 1)[0]
+        likelihood: Floats = np.exp(np.maximum(-self._sharpness * distances, np.float32(FLOOR))).astype(np.float64)
+        return likelihood

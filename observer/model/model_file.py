@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from common.errors import BadInput
 from common.vocabulary import Vocabulary
-from observer.array_file import read_arrays, write_arrays
+from observer.files import read_arrays, write_arrays
 from observer.model.base import Header, MovementModel, check_parameters, ranges_of
 from observer.model.posterior_calibration import PosteriorCalibration
 from observer.model.registry import MODELS

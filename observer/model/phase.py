@@ -26,9 +26,16 @@ from observer.model.base import (
     ParameterRange,
     with_defaults,
 )
-from observer.model.chains import blend_pairs, complete_chains, fill_gaps, resample_phases
+from observer.model.chains import (
+    LivePostures,
+    PostureEvidence,
+    Postures,
+    blend_pairs,
+    complete_chains,
+    fill_gaps,
+    resample_phases,
+)
 from observer.model.posterior_calibration import given_learned
-from observer.model.postures import LivePostures, PostureEvidence, Postures
 from observer.tracks import Floats, Tracks
 
 STEPS = (0.4, 0.3, 0.15, 0.1, 0.05)

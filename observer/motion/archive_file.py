@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.errors import BadInput
-from observer.array_file import write_arrays
+from observer.files import write_arrays
 from observer.motion.archive import MotionArchive, Recording, Span, check_archive
 
 Arrays = dict[str, NDArray[Any]]

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.errors import BadInput
-from observer.file_output import write_file
+from observer.files import write_file
 from observer.tracks import Floats
 
 Picture = NDArray[Any]

@@ -105,7 +105,7 @@ def test_the_error_of_a_model_that_cannot_be_written_names_a_way_out(run, archiv
     def denied(*_):
         raise PermissionError(13, "Permission denied")
 
-    monkeypatch.setattr("observer.file_output._replace", denied)
+    monkeypatch.setattr("observer.files._replace", denied)
     status, _, err = run(*learn, tmp_path / "a.model")
     assert status == 2
     assert err == f"labanmesh: cannot write {tmp_path}/a.model: permission denied. Choose another path with -o\n"

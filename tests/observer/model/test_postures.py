@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from observer.features.posture import groups_of
 from observer.filtering.phase_filter import FLOOR
-from observer.model.postures import LivePostures, PostureEvidence, Postures
+from observer.model.chains import LivePostures, PostureEvidence, Postures
 
 PARTS, PHASES, CHAINS = 3, 4, 5
 GROUPS = groups_of(PARTS)

@@ -261,7 +261,7 @@ def test_an_interrupted_write_leaves_only_the_old_file(interruption, tmp_path, m
     def interrupt(_):
         raise interruption
 
-    monkeypatch.setattr("observer.file_output.os.fsync", interrupt)
+    monkeypatch.setattr("observer.files.os.fsync", interrupt)
     expected = LabanmeshError if isinstance(interruption, OSError) else interruption
     with pytest.raises(expected):
         write_archive(path, small(label="other"))
