@@ -1,4 +1,4 @@
-"""Cameras: which there are, whether this user may read them, and what a test picture shows.
+"""Cameras: presence, permissions, and test pictures.
 
 No camera is opened but for `--cameras`, and then in a process of its own. The checks at the end are pure.
 """
@@ -29,7 +29,7 @@ TEST_S = 20.0
 """`labanmesh look` itself gives a camera 10 s, and then names the cause."""
 TEST_FRAMES = 10
 ADVICE, ALL_WELL, OWN_ERROR = "-> ", "nothing to do", "labanmesh: "
-"""How lines of `labanmesh look` begin, and what its advice says when there is none."""
+"""The beginnings of lines that `labanmesh look` prints: advice, no advice, an error."""
 
 
 @dataclass(frozen=True, slots=True)

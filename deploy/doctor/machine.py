@@ -68,7 +68,7 @@ class MachineNeeds:
 
 
 def machine_needs(scene: "Scene", observers: Sequence[str]) -> MachineNeeds:
-    """What these observers of a scene need of the machine that they run on."""
+    """The needs of these observers of a scene."""
     sections = {name: scene.observer(name) for name in observers}
     pictures = {name: section for name, section in sections.items() if _sees_pictures(section)}
     pose = {name: section for name, section in pictures.items() if section.tracker == "mediapipe"}

@@ -18,7 +18,7 @@ OPENCV = ("opencv-python-headless", "opencv-python", "opencv-contrib-python", "o
 CASCADE = "haarcascade_frontalface_alt2.xml"
 """The one that trackers and `labanmesh look` use."""
 UNSYNCHRONISED_US = 16_000_000
-"""The kernel's maximum error from which on nobody keeps its clock; timedatectl uses it too."""
+"""With this maximum error the kernel's clock counts as unsynchronised; timedatectl uses the same limit."""
 TOOL_S = 1.0
 REQUIREMENT = re.compile(r"(?P<name>[\w.-]+)(\[[^]]*\])?\s*(?P<bounds>[^;]*?)\s*(;\s*(?P<marker>.*))?\Z")
 BOUND = re.compile(r"(<=|>=|==|!=|<|>)\s*([\d.]+)")

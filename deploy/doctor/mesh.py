@@ -1,4 +1,4 @@
-"""The mesh: listens to it for a few seconds, and finds out who is there, who is missing, and who differs.
+"""Listens to the mesh for a few seconds; finds processes that are missing, unknown, or different from the others.
 
 The checks at the end are pure.
 """
@@ -48,7 +48,7 @@ SYNCHRONISE = "timedatectl set-ntp true, or chrony"
 
 @dataclass(frozen=True, slots=True)
 class MeshFacts:
-    """The network with what Zenoh answered, and the traffic; None where nothing could be heard.
+    """The network with what Zenoh answered, and the traffic; None if the mesh could not be joined.
 
     partly: this machine's certificate lets it hear of the fusion services alone.
     """
@@ -80,7 +80,7 @@ class ExpectedMesh:
 
 
 def listen(scene: Scene, network: NetworkFacts, for_s: float) -> MeshFacts:
-    """Join the scene's mesh as a listener for `for_s` seconds; shorter where nobody is there."""
+    """Join the scene's mesh as a listener for `for_s` seconds; less if no process is there."""
     reachable = network.connection is None or network.connection.took_s is not None
     if network.mesh.mode == "process" or not reachable:
         return MeshFacts(network)
@@ -89,7 +89,7 @@ def listen(scene: Scene, network: NetworkFacts, for_s: float) -> MeshFacts:
         process_id = listener.process_id
         link = Link.open(mesh, listener.role, timeout_s=OPEN_S, process_id=process_id, scene=scene.scene)
         if not _is_connected(link):
-            # A session that has met nobody takes seconds to close; do not wait for that.
+            # A session without peers takes seconds to close; do not wait for it.
             threading.Thread(target=link.close, daemon=True, name="close").start()
             return MeshFacts(network)
         with link:
@@ -147,7 +147,7 @@ def check_mesh(expected: ExpectedMesh, traffic: MeshTraffic) -> list[Finding]:
 
 
 def nobody(expected: ExpectedMesh) -> Finding:
-    """The finding on a mesh that could be heard, and is empty."""
+    """The finding on a mesh without any process of the scene."""
     what = f"no process of scene {expected.scene.scene} is on the mesh"
     return warning(GROUP, what, f"labanmesh up {expected.path}, or fuse and observe each on its machine")
 

@@ -1,4 +1,4 @@
-"""The place where the processes meet, `mesh.endpoint`: name, port, time to reach it, and who listens there.
+"""The place where the processes meet, `mesh.endpoint`: name, port, time to reach it, and the process that listens.
 
 In mode machine the fusion process listens there, in mode router a router. No attempt takes longer than CONNECT_S. The
 checks at the end are pure.
@@ -81,7 +81,7 @@ class NetworkFacts:
 
 
 def network_facts(mesh: MeshConfig) -> NetworkFacts:
-    """All but what Zenoh itself finds."""
+    """The facts, except those that Zenoh itself finds."""
     parts = EndpointParts.of(mesh.endpoint)
     if not parts.host:
         return _socket_file(mesh)

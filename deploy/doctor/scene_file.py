@@ -73,7 +73,7 @@ def read_existing_scene(path: Path) -> Scene:
 
 
 def scene_facts(path: Path, scene: Scene, here: Sequence[str] | None) -> SceneFacts:
-    """The facts of a scene that was read from `path`; here: this machine's observers, None where nobody said."""
+    """The facts of a scene that was read from `path`; here: this machine's observers, None for all."""
     observers = scene.roster if here is None else tuple(here)
     table = tomllib.loads(path.read_text(encoding="utf-8"))
     reports, trouble = _preflight(path, observers)

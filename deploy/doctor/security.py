@@ -17,7 +17,7 @@ from deploy.doctor.network import SECURE, EndpointParts, NetworkFacts
 GROUP: Final = "security"
 PROBE_S = 1.0
 SOON_DAYS = 30
-WAY_OUT = "docs/guide/security.md has the steps; labanmesh secure list shows who holds what"
+WAY_OUT = "docs/guide/security.md has the steps; labanmesh secure list shows all certificates"
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,7 +17,7 @@ from deploy.doctor.findings import Finding, error, ok, warning
 
 GROUP: Final = "the mesh"
 PROCESSES_LIMIT = 64
-"""Processes that are told apart; a stranger that invents names cannot fill a page."""
+"""How many processes are recorded; a program that invents names cannot fill a page."""
 OLD_FRAME_S = 2.0
 """A running process that is without a frame for longer reports itself as degraded."""
 STANDING_BY = "standing by"
@@ -26,7 +26,7 @@ WAYS_OUT = {
     "too_large": "use fewer observers or movements in one scene, or shorter names; other programs must keep to 64 KiB",
     "foreign_vocabulary": "learn its model again from the movements of the others: labanmesh learn",
     "from_the_future": "synchronise its clock (NTP)",
-    "repeated": "two routes lead to the same process, or somebody replays it: find out who publishes its key",
+    "repeated": "two routes lead to the same process, or a program replays it: find the process that publishes its key",
     "out_of_order": "its clock was set back, or two processes publish under this id",
     "past_session": "two processes publish under this id: stop one of them",
     "wrong_key": "a program publishes under another process's key: labanmesh secure allows each its own key only",

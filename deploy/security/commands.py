@@ -26,7 +26,7 @@ from deploy.security.register import IssuedCertificate, Roles, as_rows, as_table
 from deploy.security.router_config import host_of, listening, router_config
 
 SceneFiles = Annotated[
-    list[Path], typer.Argument(metavar="SCENE...", help="The scene file (TOML); or several, or a folder of them.")
+    list[Path], typer.Argument(metavar="SCENE", help="The scene file (TOML); or several, or a folder of them.")
 ]
 Name = Annotated[str, typer.Argument(help="The machine: an observer's or fusion service's id, router, or any name.")]
 To = Annotated[
@@ -173,7 +173,8 @@ def rules(
     register, mesh = read_register(_folder(files, to) / REGISTER, scenes), scenes[0].mesh
     if not (credentials or mesh.credentials):
         raise BadInput(
-            f"{_words(files)}: mesh.credentials is empty: rules without certificates bind nobody; --credentials FOLDER"
+            f"{_words(files)}: mesh.credentials is empty, and rules without certificates have no effect; "
+            "--credentials FOLDER"
         )
     endpoint = listen or listening(mesh.endpoint)
     if not endpoint.startswith(("tls/", "quic/")):

@@ -241,7 +241,7 @@ def _write_new(path: Path, content: bytes, mode: int) -> None:
 
 
 def _replace(path: Path, text: str) -> None:
-    """`text` in the place of what was there, at once; raises LabanmeshError."""
+    """Replaces the file's text atomically; raises LabanmeshError."""
     with _writing(path):
         with tempfile.NamedTemporaryFile("w", dir=path.parent, encoding="utf-8", delete=False) as file:
             file.write(text)

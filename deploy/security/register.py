@@ -28,7 +28,7 @@ TABLE_HEAD = ("certificate", "for", "state", "days left", "expires")
 
 
 class Roles(BaseModel):
-    """What a machine is there for; one machine may have several roles. hub_of: scenes, where it is not a hub of all."""
+    """The roles of a machine; it may have several. hub_of: the scenes of a hub that is not one of all scenes."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
     observers: tuple[str, ...] = ()

@@ -4,7 +4,7 @@ The access rules:
 
 1. Default deny. A rule names the exact common names of the certificates it is for: Zenoh knows no patterns there.
 2. `ingress` is what a machine may send to the router, `egress` what the router may pass on to it.
-3. A machine that publishes must be told of subscribers, or Zenoh suppresses its puts at their source: hence egress
+3. A machine that publishes must learn of subscribers, or Zenoh suppresses its puts at their source: hence egress
    `declare_subscriber` on all of the scene, which covers every subscriber's key.
 4. To query, a machine needs `query` in and `reply` out; to answer, the reverse, and `declare_queryable` in.
 5. Every admitted machine may ask the router for `ADMITTED`: the answer shows that its certificate counts.

@@ -1,7 +1,7 @@
 """The router's life: it relays until it is stopped, and opens anew when its rules or certificates have changed.
 
 1. New rules that cannot be used are logged once, and the old ones stay in force.
-2. Opening anew closes all links, so that nobody goes on under rules that are gone; clients come back by themselves.
+2. Opening anew closes all links, so that no client continues under old rules; clients reconnect by themselves.
 """
 
 import json
@@ -22,7 +22,7 @@ from common.zenoh_settings import AUTHORITY_FILE, CERTIFICATE_FILE, KEY_FILE, ne
 from deploy.security.issuing import FOLDER, REGISTER, read_register, read_scenes
 from deploy.security.router_config import listening, router_config
 
-FileStamp = tuple[int, int] | None
+FileStamp = tuple[int, int, int] | None
 POLL_S = 1.0
 REOPEN_S = 10.0
 """How long a port may stay taken after the session that had it was closed."""
@@ -32,7 +32,7 @@ log = logging.getLogger("labanmesh.deploy")
 
 @dataclass(frozen=True, slots=True)
 class Changes:
-    """What was last written: other stamps when one of the files, or of the credentials, was written anew."""
+    """The time stamps of the files and of the credentials; they differ after one of them was written."""
 
     files: tuple[FileStamp, ...]
     credentials: tuple[FileStamp, ...]
@@ -66,7 +66,7 @@ class RouterRules:
 
 
 def plain_rules(endpoint: str) -> RouterRules:
-    """No access rules: whoever reaches `endpoint` may do everything."""
+    """No access rules: every client that reaches `endpoint` may do everything."""
     text = json.dumps(nested(settings(MeshConfig(mode="router"), "router", [endpoint], 0.0)))
     return RouterRules(f"endpoint {endpoint!r}", lambda: text, tuple)
 
@@ -172,4 +172,4 @@ def _stamp(path: Path) -> FileStamp:
         status = path.stat()
     except OSError:
         return None
-    return status.st_mtime_ns, status.st_ino
+    return status.st_mtime_ns, status.st_size, status.st_ino

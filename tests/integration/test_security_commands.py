@@ -78,7 +78,7 @@ def test_for_a_scene_without_security_init_prints_what_to_write(tmp_path, capsys
     out = capsys.readouterr().out
     assert 'endpoint = "tls/ADDRESS-OF-THE-ROUTER:7447"' in out and 'credentials = "credentials"' in out
     assert main(["secure", "rules", str(path)]) == 2
-    assert "rules without certificates bind nobody" in capsys.readouterr().err
+    assert "rules without certificates have no effect" in capsys.readouterr().err
 
 
 def test_renewal_prints_the_next_step(secure):
