@@ -133,6 +133,13 @@ def test_files_and_names_of_code_exist(page):
         assert not name or name in names_in(ROOT / path), f"{page.name}: {path}:{name}"
 
 
+def test_pages_that_code_names_exist():
+    files = [*MODULES, ROOT / "Makefile", ROOT / "pyproject.toml", *(ROOT / "deploy").rglob("*.*")]
+    texts = [file.read_text("utf-8") for file in files if file.is_file() and file.suffix != ".pyc"]
+    named = {name for text in texts for name in re.findall(r"(?<![\w/])docs/[\w/-]+\.md", text)}
+    assert len(named) > 10 and {name for name in named if not (ROOT / name).exists()} == set()
+
+
 @pages
 def test_classes_exist(page):
     classes = set(re.findall(r"`([A-Z][a-z]+(?:[A-Z][a-z]+)+)(?:\.\w+)?`", prose(page)))
