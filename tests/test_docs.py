@@ -140,6 +140,16 @@ def test_pages_that_code_names_exist():
     assert len(named) > 10 and {name for name in named if not (ROOT / name).exists()} == set()
 
 
+def test_a_class_name_stands_for_one_thing():
+    places: dict[str, list[str]] = {}
+    for file in MODULES:
+        if "tests" not in file.relative_to(ROOT).parts:
+            for node in ast.walk(ast.parse(file.read_text("utf-8"))):
+                if isinstance(node, ast.ClassDef):
+                    places.setdefault(node.name, []).append(f"{file.relative_to(ROOT)}:{node.lineno}")
+    assert {name: files for name, files in places.items() if len(files) > 1} == {}
+
+
 @pages
 def test_classes_exist(page):
     classes = set(re.findall(r"`([A-Z][a-z]+(?:[A-Z][a-z]+)+)(?:\.\w+)?`", prose(page)))
