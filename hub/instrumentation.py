@@ -1,4 +1,4 @@
-"""Health and metrics of a hub over HTTP: what its loop receives and reaches, recorded for whoever asks."""
+"""Health and metrics of a hub over HTTP: what its loop receives and reaches, served on request."""
 
 import time
 from collections.abc import Iterator, Sequence

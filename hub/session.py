@@ -87,7 +87,7 @@ def listen(
 def decode_for_hub(keys: SceneKeys, key: str, payload: bytes) -> SceneMessage | None:
     """The message under `key`; None for a kind that hubs do not read.
 
-    The key says who sent it. Raises BadMessage for unusable bytes, and for another scene or sender inside.
+    The key identifies the sender. Raises BadMessage for unusable bytes, and for another scene or sender inside.
     """
     parts = key.removeprefix(f"{keys.root}/").split("/")
     kind = KINDS.get(parts[-1])

@@ -10,7 +10,7 @@ import pytest
 # Resolves with the browser's time when the newest line of the log has that label.
 SHOWN = """label => new Promise(done => {
   const look = () => {
-    const newest = document.querySelector('#verdicts tr.said .label');
+    const newest = document.querySelector('#verdicts tr.entry .label');
     if (newest && newest.textContent === label) { watcher.disconnect(); done(Date.now()); }
   };
   const watcher = new MutationObserver(look);
@@ -59,7 +59,7 @@ def test_a_verdict_is_on_the_page_within_300_ms(play, look):
         assert page.inner_text("#verdict") == label
     print("ms from publication to the page:", ", ".join(f"{each:.0f}" for each in sorted(delays)))
     assert max(delays) < LIMIT_MS
-    assert "Verdict: ok" in page.inner_text("#said"), "a screen reader announces it"
+    assert "Verdict: ok" in page.inner_text("#announcement"), "a screen reader announces it"
 
 
 def test_a_killed_observer_is_shown_within_two_seconds(play, look, observer):
@@ -167,7 +167,7 @@ def test_colours_can_be_chosen_and_text_has_contrast(play, look):
     scene, dashboard = play()
     page = look(dashboard.url, color_scheme="light")
     scene.publish(1)
-    page.wait_for_selector("#verdicts tr.said")
+    page.wait_for_selector("#verdicts tr.entry")
     backgrounds = set()
     for theme in ("light", "dark"):
         page.get_by_label("Colours").select_option(theme)
@@ -211,10 +211,10 @@ def test_a_capture_is_played_paused_and_sought(capture, show, look):
     slider.focus()
     page.keyboard.press("End")
     page.wait_for_function("() => document.querySelector('#verdict').textContent === 'maestro'")
-    assert page.locator("#verdicts tr.said").count() == 2 == page.locator("#marks i").count()
+    assert page.locator("#verdicts tr.entry").count() == 2 == page.locator("#marks i").count()
     page.keyboard.press("Home")
-    page.wait_for_function("() => document.querySelectorAll('#verdicts tr.said').length === 0")
+    page.wait_for_function("() => document.querySelectorAll('#verdicts tr.entry').length === 0")
     page.get_by_label("Speed").select_option("4")
     page.get_by_role("button", name="Play").click()
     page.wait_for_function("() => document.querySelector('#play').textContent === 'Play'")
-    assert page.locator("#verdicts tr.said").count() == 2, "played to its end"
+    assert page.locator("#verdicts tr.entry").count() == 2, "played to its end"

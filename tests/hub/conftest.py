@@ -1,9 +1,15 @@
 """Messages of a small scene as a fusion service publishes them, and a link that the test fills."""
 
 import math
+import sys
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+
+sys.path.append(str(Path(__file__).parent))
+
+from played_scene import REFERENCE, VOCABULARY
 
 from common import SECOND_NS
 from common.config import read_scene
@@ -15,14 +21,10 @@ from common.messages import (
     StatusMessage,
     VerdictMessage,
     VocabularyMessage,
-    VocabularyReference,
     Vote,
 )
-from common.vocabulary import Vocabulary
 
 NOON = 1_700_000_000 * SECOND_NS
-VOCABULARY = Vocabulary(("byebye", "maestro", "ok", "nthrow"))
-REFERENCE = VocabularyReference(name="movements", hash=VOCABULARY.digest)
 
 
 def vote(label="nthrow", p=(0.1, 0.1, 0.1, 0.7), weight=0.5, state="counted", age_s=0.05, **more):

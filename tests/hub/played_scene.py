@@ -47,7 +47,7 @@ def environment(**more):
 
 
 def until(condition, description, timeout_s=SOON_S):
-    """The first true value of `condition()`; for what nobody announces."""
+    """Poll `condition()` until it is true; returns its value."""
     pause, end_s = threading.Event(), time.monotonic() + timeout_s
     while not (value := condition()):
         text = description() if callable(description) else description

@@ -151,8 +151,8 @@ function showLine(observer) {
   return node;
 }
 function keep(list, nodes) {
-  const kept = new Set(nodes);
-  for (const old of [...list.children]) if (!kept.has(old)) old.remove();
+  const wanted = new Set(nodes);
+  for (const old of [...list.children]) if (!wanted.has(old)) old.remove();
   nodes.forEach((node, i) => { if (list.children[i] !== node) list.insertBefore(node, list.children[i] || null); });
 }
 function showObservers(state) {
@@ -285,7 +285,7 @@ function showStrip(state) {
     if (!each.abstain && each.decided >= state.now - MINUTE_MS) parts.push(draw("line", { class: "decided", x1: inside(each.decided), x2: inside(each.decided), y1: TOP[0], y2: LOW[1] }));
     const name = words(each.label), wide = name.length * 7.4;
     const start = Math.min(from, right - wide);
-    if (start >= free) { parts.push(text(start, 16, name, "start", `said${kind}`)); free = start + wide + 8; }
+    if (start >= free) { parts.push(text(start, 16, name, "start", `label${kind}`)); free = start + wide + 8; }
   }
   parts.push(text(left - 6, TOP[0] + 8, "100%", "end"), text(left - 6, TOP[1], "0", "end"),
     text(left - 6, LOW[0] + 8, `${most.toFixed(1)} bit`, "end"), text(left - 6, LOW[1], "0", "end"));
@@ -303,11 +303,11 @@ function text(x, y, words, anchor, name = "") {
   return node;
 }
 
-/* The log: a row each, and under it, when asked, why. */
+/* The log: a row for each verdict, and below it, on request, its reasons. */
 const rows = new Map();
 function row(verdict) {
   const cells = ["time", "label", "took", "agree", "bits", "rule", "why-cell"].map((name) => make("td", name));
-  const node = make("tr", "said", ...cells), button = make("button", "", "Why?"), reasons = make("tr", "why", make("td"));
+  const node = make("tr", "entry", ...cells), button = make("button", "", "Why?"), reasons = make("tr", "why", make("td"));
   reasons.firstChild.colSpan = cells.length;
   reasons.hidden = true;
   reasons.id = `why-${row.count = (row.count || 0) + 1}`;
@@ -372,7 +372,7 @@ $("more").addEventListener("click", () => {
   showLog(null);
 });
 
-/* What comes. */
+/* Events from the server. */
 function onSnapshot(whole) {
   const same = known.setup && JSON.stringify(known.setup.positions) === JSON.stringify(whole.positions);
   known.setup = whole;
@@ -407,9 +407,9 @@ function onVerdict(verdict) {
   showLog(place < 0 ? verdict : null);
   if (!announced.has(verdict.id)) {
     announced.add(verdict.id);
-    put($("said"), verdict.abstain ? "Verdict: the judges did not agree" : `Verdict: ${words(verdict.label)}, ${agree(verdict.agreement)} agree`);
+    put($("announcement"), verdict.abstain ? "Verdict: the judges did not agree" : `Verdict: ${words(verdict.label)}, ${agree(verdict.agreement)} agree`);
   }
-  // At once, not with the next frame: a verdict is what one waits for.
+  // At once and not with the next frame, because people wait for verdicts.
   if (known.state) showReferee(known.state);
   requestShow();
 }
@@ -431,7 +431,7 @@ function requestShow() {
   });
 }
 
-/* The connection: opened again whenever it breaks or falls silent; closed while nobody looks. */
+/* The connection: opened again whenever it breaks or falls silent, closed while the page is hidden. */
 function open() {
   close();
   const capture = known.setup && known.setup.span !== null;
@@ -491,13 +491,13 @@ $("head").addEventListener("change", () => { replay.dragging = false; replay.hea
 $("speed").addEventListener("change", () => { if (replay.playing) open(); });
 $("only").addEventListener("change", () => $("list").classList.toggle("only", $("only").checked));
 
-/* Colours: as the system has them, or as chosen here. */
+/* Colours: those of the system, or as chosen here. */
 function paint(theme) {
   if (theme === "auto") delete document.documentElement.dataset.theme;
   else document.documentElement.dataset.theme = theme;
 }
 let chosen = "auto";
-try { chosen = localStorage.getItem("theme") || "auto"; } catch { /* a browser that keeps nothing */ }
+try { chosen = localStorage.getItem("theme") || "auto"; } catch { /* a browser without storage */ }
 $("theme").value = chosen;
 paint(chosen);
 $("theme").addEventListener("change", () => {

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-sys.path += [str(Path(__file__).parent), str(Path(__file__).parents[1])]
+sys.path.append(str(Path(__file__).parent))
 
 from mqtt_stage import Broker, Hub, Listener, mosquitto
 from played_scene import PlayedScene, hub_section
