@@ -1,4 +1,4 @@
-"""Somebody else's tracks through real processes: lines on the standard input, and on a Zenoh key."""
+"""Foreign tracks through real processes: lines on the standard input and on a Zenoh key."""
 
 import json
 import re
@@ -28,7 +28,7 @@ SIZE_PX, MIDDLE_PX = 180.0, (320.0, 260.0)
 
 
 def lines_of(recording):
-    """What another tracker would say of that recording, in pixels of its own picture."""
+    """The lines of a foreign tracker for that recording, in pixels."""
     centres = project(parse_view("door").matrix, recording.positions) * SIZE_PX + MIDDLE_PX
     for n, row in enumerate(centres):
         places = [place.tolist() if np.isfinite(place).all() else None for place in row]
@@ -38,13 +38,13 @@ def lines_of(recording):
 
 @pytest.fixture(scope="module")
 def stage(tmp_path_factory):
-    place = tmp_path_factory.mktemp("tracks")
-    write_archive(place / "learned.npz", perform(people=("2", "3", "4"), movements=MOVEMENTS, trials=2))
-    learn = ["learn", place / "learned.npz", "--view", "door", "-o", place / "cam1.model"]
+    folder = tmp_path_factory.mktemp("tracks")
+    write_archive(folder / "learned.npz", perform(people=("2", "3", "4"), movements=MOVEMENTS, trials=2))
+    learn = ["learn", folder / "learned.npz", "--view", "door", "-o", folder / "cam1.model"]
     subprocess.run(
         [sys.executable, "-P", "-m", "labanmesh", *learn], cwd=ROOT, check=True, capture_output=True, timeout=60
     )
-    return place
+    return folder
 
 
 @contextmanager
@@ -73,16 +73,16 @@ def scene_file(stage, endpoint, source):
 
 
 def posteriors(inbox, count):
-    said = []
-    while len(said) < count:
+    messages = []
+    while len(messages) < count:
         arrived = inbox.take(SOON_S)
-        assert arrived, f"only {len(said)} of {count} posteriors came"
-        said += [decode(PosteriorMessage, a.payload) for a in arrived]
-    return said
+        assert arrived, f"only {len(messages)} of {count} posteriors came"
+        messages += [decode(PosteriorMessage, a.payload) for a in arrived]
+    return messages
 
 
 @pytest.mark.parametrize("source", ["-", "zenoh:tracks/cam1"])
-def test_a_movement_that_others_tracked_is_recognised(stage, source):
+def test_a_movement_tracked_by_another_program_is_recognised(stage, source):
     (recording,) = perform(people=("1",), movements=("byebye",), trials=1).recordings
     lines = list(lines_of(recording))
     with Link.open(MeshConfig(), "fusion", listen=["tcp/127.0.0.1:0"]) as meeting:
@@ -95,7 +95,7 @@ def test_a_movement_that_others_tracked_is_recognised(stage, source):
                 observer.stdin.writelines(["junk\n", *lines])
                 observer.stdin.close()
                 assert observer.wait(SOON_S) == 0
-                said = posteriors(inbox, len(lines))
+                messages = posteriors(inbox, len(lines))
             else:
                 (bridge,) = re.findall(
                     r"```python\n(.*?)```", (ROOT / "docs/reference/tracks.md").read_text(), re.DOTALL
@@ -103,12 +103,12 @@ def test_a_movement_that_others_tracked_is_recognised(stage, source):
                 (stage / "bridge.py").write_text(bridge)
                 assert meeting.publisher("tracks/cam1").wait_for_subscriber(SOON_S)
                 with started(stage / "bridge.py", meeting.locator) as passing:
-                    # What the bridge says before it has met the observer nobody hears: begin when the first was heard.
+                    # Messages before discovery are lost: repeat the first line until the observer has received it.
                     while not inbox.take(0.05):
                         passing.stdin.write(lines[0])
                         passing.stdin.flush()
                     passing.stdin.writelines(lines[1:])
                     passing.stdin.close()
-                    said = posteriors(inbox, len(lines) - 1)
-    assert max(zip(said[-1].p, MOVEMENTS, strict=True))[1] == "byebye"
-    assert all(said[-1].visible.values())
+                    messages = posteriors(inbox, len(lines) - 1)
+    assert max(zip(messages[-1].p, MOVEMENTS, strict=True))[1] == "byebye"
+    assert all(messages[-1].visible.values())

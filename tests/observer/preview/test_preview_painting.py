@@ -1,4 +1,4 @@
-"""The painted picture: marks where parts are, in the colour of their state; bars, arrows and inset where they go."""
+"""The painted picture: marks, bars, arrows and the inset."""
 
 from dataclasses import replace
 
@@ -32,7 +32,7 @@ NOWHERE = np.full((3, 2), np.nan)
 GREY = np.full((480, 640, 3), 90, np.uint8)
 
 
-def sight_of(centres=STANDING, guesses=None, **more):
+def frame_of(centres=STANDING, guesses=None, **more):
     return PreviewHistory(BODY_PARTS, 5.0, "door").add(Tracks(centres, guesses), **more)
 
 
@@ -40,77 +40,77 @@ def pixels(picture, colour):
     return int((picture == np.array(colour, np.uint8)).all(axis=-1).sum())
 
 
-def around(canvas, place, box, half=RADIUS + 4):
-    x, y = (round(float(n)) for n in place)
+def around(canvas, position, box, half=RADIUS + 4):
+    x, y = (round(float(n)) for n in position)
     return box.cut(canvas)[max(y - half, 0) : y + half, max(x - half, 0) : x + half]
 
 
 @pytest.mark.parametrize("size", [(480, 640), (420, 420), (720, 1280), (120, 160), (1080, 1920)])
-def test_a_seen_part_has_its_mark_in_the_middle_of_its_place(size):
+def test_a_seen_part_has_its_mark_at_its_centre(size):
     centres = STANDING / [640, 480] * [size[1], size[0]]
-    canvas = paint(np.full((*size, 3), 90, np.uint8), sight_of(centres))
+    canvas = paint(np.full((*size, 3), 90, np.uint8), frame_of(centres))
     box = PaintingLayout.of(size[1], size[0]).picture
-    for place in Placement.of_picture(size[1], box).px(centres):
-        assert tuple(box.cut(canvas)[round(place[1]), round(place[0])]) == COLOURS[State.SEEN]
+    for position in Placement.of_picture(size[1], box).px(centres):
+        assert tuple(box.cut(canvas)[round(position[1]), round(position[0])]) == COLOURS[State.SEEN]
 
 
-def test_an_unsure_part_has_an_empty_ring_in_another_colour_at_its_guess():
+def test_an_unsure_part_has_an_empty_ring_at_its_guess():
     centres, guesses = STANDING.copy(), NOWHERE.copy()
     centres[0], guesses[0] = np.nan, (500.0, 200.0)
     box = PaintingLayout.of(640, 480).picture
-    canvas = paint(GREY, sight_of(centres, guesses))
-    place = Placement.of_picture(640, box).px(guesses)[0]
-    near = around(canvas, place, box)
+    canvas = paint(GREY, frame_of(centres, guesses))
+    position = Placement.of_picture(640, box).px(guesses)[0]
+    near = around(canvas, position, box)
     assert pixels(near, COLOURS[State.UNSURE]) > 20 and not pixels(near, COLOURS[State.SEEN])
-    assert tuple(box.cut(canvas)[round(place[1]), round(place[0])]) == (90, 90, 90)
+    assert tuple(box.cut(canvas)[round(position[1]), round(position[0])]) == (90, 90, 90)
 
 
-def test_a_missing_part_is_in_the_legend_alone():
+def test_a_missing_part_is_only_in_the_legend():
     layout = PaintingLayout.of(640, 480)
-    missing, seen = paint(GREY, sight_of(NOWHERE)), paint(GREY, sight_of())
+    missing, seen = paint(GREY, frame_of(NOWHERE)), paint(GREY, frame_of())
     assert (layout.picture.cut(missing) == 90).all()
     for state, there, not_there in ((State.MISSING, missing, seen), (State.SEEN, seen, missing)):
         legend = layout.panel.cut(there)[60:150], layout.panel.cut(not_there)[60:150]
         assert [pixels(each, COLOURS[state]) > 20 for each in legend] == [True, False]
 
 
-def test_the_way_of_a_part_is_drawn_and_not_through_where_it_was_not_seen():
-    box, recent = PaintingLayout.of(640, 480).picture, PreviewHistory(BODY_PARTS, 5.0)
+def test_a_trail_has_gaps_where_the_part_was_not_seen():
+    box, history = PaintingLayout.of(640, 480).picture, PreviewHistory(BODY_PARTS, 5.0)
     middle = Placement.of_picture(640, box).px(np.array([360.0, 300.0]))
-    ways = {}
+    counts = {}
     for between in ("seen", "hidden"):
-        recent = PreviewHistory(BODY_PARTS, 5.0)
+        history = PreviewHistory(BODY_PARTS, 5.0)
         for u in (300.0, 330.0, 360.0, 390.0, 420.0):
             hidden = between == "hidden" and u == 360.0
-            sight = recent.add(Tracks(STANDING - [[420.0 - u if not hidden else np.nan, 0.0], [0, 0], [0, 0]]))
-        ways[between] = pixels(around(paint(GREY, sight), middle, box, 4), COLOURS[State.SEEN])
-    assert ways["seen"] > 3 and ways["hidden"] == 0
+            frame = history.add(Tracks(STANDING - [[420.0 - u if not hidden else np.nan, 0.0], [0, 0], [0, 0]]))
+        counts[between] = pixels(around(paint(GREY, frame), middle, box, 4), COLOURS[State.SEEN])
+    assert counts["seen"] > 3 and counts["hidden"] == 0
 
 
-def test_the_picture_given_is_not_changed():
+def test_the_input_picture_is_not_changed():
     picture = GREY.copy()
-    paint(picture, sight_of())
+    paint(picture, frame_of())
     assert (picture == 90).all()
 
 
-def test_the_inset_shows_where_skin_is():
+def test_the_inset_shows_the_back_projection():
     back = np.zeros((60, 80), np.uint8)
     back[:30] = 255
     panel = PaintingLayout.of(640, 480).panel
-    without, shown = (panel.cut(paint(GREY, sight_of(back_projection=b))) for b in (None, back))
+    without, shown = (panel.cut(paint(GREY, frame_of(back_projection=b))) for b in (None, back))
     rows = np.flatnonzero((shown == 255).all(axis=2).sum(axis=1) > 200)
     assert len(rows) > 100 and not ((without == 255).all(axis=2).sum(axis=1) > 200).any()
     below = shown[rows.max() + 9 : rows.max() + len(rows) - 9, 40:200]
     assert (below == 0).all()
 
 
-def belief_of(p, rest=0.0, labels=None):
+def posterior_of(p, rest=0.0, labels=None):
     return ShownPosterior(labels or tuple(f"movement_{n}" for n in range(len(p))), np.asarray(p, np.float64), rest)
 
 
-def bar_lengths(belief, width=480):
+def bar_lengths(posterior, width=480):
     canvas = np.zeros((400, width, 3), np.uint8)
-    draw_posterior(canvas, belief, 0)
+    draw_posterior(canvas, posterior, 0)
     left, right = bar_ends(width)
     rows = [
         row
@@ -123,22 +123,22 @@ def bar_lengths(belief, width=480):
 
 @given(st.floats(0.01, 0.98))
 @settings(max_examples=30, deadline=None)
-def test_bars_are_as_long_as_movements_are_probable(p):
-    lengths, whole = bar_lengths(belief_of([p, (1 - p) * 0.9, (1 - p) * 0.1], 0.5))
+def test_bars_are_proportional_to_the_probabilities(p):
+    lengths, whole = bar_lengths(posterior_of([p, (1 - p) * 0.9, (1 - p) * 0.1], 0.5))
     expected = [n for n in (round(s * whole) for s in (p, (1 - p) * 0.9, (1 - p) * 0.1, 0.5)) if n]
-    # Two bars of one length and colour are seen as one.
+    # Two bars of equal length and colour count as one.
     assert [n for n in lengths if n] == expected or len(set(expected)) < len(expected)
 
 
-def test_the_winner_has_its_own_colour_and_a_tie_none():
+def test_only_a_unique_winner_is_highlighted():
     won, tied = np.zeros((2, 400, 480, 3), np.uint8)
-    draw_posterior(won, belief_of([0.2, 0.7, 0.1]), 0)
-    draw_posterior(tied, belief_of([0.4, 0.4, 0.2]), 0)
+    draw_posterior(won, posterior_of([0.2, 0.7, 0.1]), 0)
+    draw_posterior(tied, posterior_of([0.4, 0.4, 0.2]), 0)
     assert pixels(won, WINNER) > 1000 and not pixels(tied, WINNER)
 
 
 @pytest.mark.parametrize("symbol", [s for s in VectorSymbol if s > 0])
-def test_an_arrow_points_where_the_part_went(symbol):
+def test_an_arrow_points_in_the_direction_of_motion(symbol):
     canvas = np.zeros((61, 61, 3), np.uint8)
     draw_symbol(canvas, (30, 30), symbol, 20)
     v, u = np.nonzero(canvas[..., 0])
@@ -148,71 +148,71 @@ def test_an_arrow_points_where_the_part_went(symbol):
     assert way @ [np.sin(turn), -np.cos(turn)] / np.linalg.norm(way) > 0.95
 
 
-def test_stillness_is_a_dot_and_what_was_not_seen_is_a_gap():
+def test_stillness_is_a_dot_and_an_unseen_part_a_gap():
     still, gap = np.zeros((2, 21, 21, 3), np.uint8)
     draw_symbol(still, (10, 10), VectorSymbol.O, 8)
     draw_symbol(gap, (10, 10), VectorSymbol.NOT_SEEN, 8)
     assert 5 < pixels(still, STILL_DOT) < 40 and not gap.any()
 
 
-def test_motion_is_in_the_strip_newest_at_the_right():
-    recent = PreviewHistory(BODY_PARTS, 5.0)
-    recent.add(Tracks(STANDING))
-    sight = recent.add(Tracks(STANDING + LEFT_GOES_RIGHT))
-    strip = PaintingLayout.of(640, 480).strip.cut(paint(GREY, sight))
+def test_the_newest_motion_is_at_the_right_of_the_strip():
+    history = PreviewHistory(BODY_PARTS, 5.0)
+    history.add(Tracks(STANDING))
+    frame = history.add(Tracks(STANDING + LEFT_GOES_RIGHT))
+    strip = PaintingLayout.of(640, 480).strip.cut(paint(GREY, frame))
     _, u = np.nonzero((strip == ARROW).all(axis=2))
     assert len(u) and u.min() > SIZE[0] - 50
 
 
-def test_recorded_motion_without_a_picture_has_its_marks_in_its_proportions():
+def test_recorded_motion_keeps_its_proportions():
     metres = np.array([[0.3, -0.9], [-0.3, -0.9], [0.0, -1.6]])
-    box, sight = PaintingLayout.of(640, 480).picture, sight_of(metres)
-    canvas = paint(None, sight)
-    px = Placement.of_motion(sight.extent, box).px(metres)
-    for place in px:
-        assert tuple(box.cut(canvas)[round(place[1]), round(place[0])]) == COLOURS[State.SEEN]
+    box, frame = PaintingLayout.of(640, 480).picture, frame_of(metres)
+    canvas = paint(None, frame)
+    px = Placement.of_motion(frame.extent, box).px(metres)
+    for position in px:
+        assert tuple(box.cut(canvas)[round(position[1]), round(position[0])]) == COLOURS[State.SEEN]
     assert (px[0, 0] - px[1, 0]) / (px[0, 1] - px[2, 1]) == pytest.approx(0.6 / 0.7)
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (16, 16), (3000, 4), (2, 4000), (2160, 3840)])
 @pytest.mark.parametrize("centres", [NOWHERE, STANDING, STANDING * 1e12, -STANDING])
-def test_any_picture_becomes_one_of_the_same_size(shape, centres):
-    canvas = paint(np.zeros((*shape, 3), np.uint8), sight_of(centres, back_projection=np.zeros(shape, np.uint8)))
+def test_the_painted_size_is_constant(shape, centres):
+    canvas = paint(np.zeros((*shape, 3), np.uint8), frame_of(centres, back_projection=np.zeros(shape, np.uint8)))
     assert canvas.shape == (SIZE[1], SIZE[0], 3) and canvas.dtype == np.uint8
 
 
 @pytest.mark.parametrize("count", [1, 2, 8, 200])
 @pytest.mark.parametrize("label", ["ok", "a_movement_with_a_name_of_64_letters_which_is_all_that_is_allowed_"])
-def test_any_number_of_movements_and_any_words_fit(count, label):
-    belief = belief_of(np.full(count, 1 / count), 1.0, (label,) * count)
+def test_long_texts_and_vocabularies_fit(count, label):
+    posterior = posterior_of(np.full(count, 1 / count), 1.0, (label,) * count)
     words = "nothing is seen: " * 40
     for picture in (None, GREY, np.zeros((90, 160, 3), np.uint8)):
-        sight = replace(sight_of(posterior=belief, complaint=words, age_s=12.3), title="Gürtel \u4e2d\n" * 30)
-        assert paint(picture, sight).shape == (SIZE[1], SIZE[0], 3)
+        frame = replace(frame_of(posterior=posterior, complaint=words, age_s=12.3), title="Gürtel \u4e2d\n" * 30)
+        assert paint(picture, frame).shape == (SIZE[1], SIZE[0], 3)
 
 
 @pytest.mark.parametrize(
     ("shape", "dtype"), [((4, 4), np.uint8), ((4, 4, 3), float), ((0, 4, 3), np.uint8), ((4, 4, 4), np.uint8)]
 )
-def test_what_is_no_picture_is_one_line(shape, dtype):
+def test_a_wrong_shape_or_type_is_rejected(shape, dtype):
     with pytest.raises(BadInput, match=r"\(H, W, 3\) of uint8"):
-        paint(np.zeros(shape, dtype), sight_of())
+        paint(np.zeros(shape, dtype), frame_of())
 
 
 @given(st.text(max_size=60), st.integers(1, 300))
-def test_text_is_cut_off_where_it_does_not_fit(text, width):
+def test_text_is_truncated_to_the_width(text, width):
     cut = fitting(text, PLAIN, width)
     assert width_of(cut) <= width and cut.isascii() and (cut.isprintable() or not cut)
     assert cut == plain(text) or cut == "" or (cut.endswith("..") and plain(text).startswith(cut[:-2]))
 
 
 @given(st.text(max_size=200), st.integers(1, 4))
-def test_lines_lose_no_word(text, lines):
-    found = wrapped(text, PLAIN, 200, lines)
-    assert len(found) <= lines and " ".join(found).split() == plain(text).split()
+def test_wrapping_loses_no_word(text, lines):
+    result = wrapped(text, PLAIN, 200, lines)
+    assert len(result) <= lines and " ".join(result).split() == plain(text).split()
 
 
-def test_states_differ_in_grey_too():
+def test_colours_of_states_differ_in_grey():
     colours = np.array([[COLOURS[state] for state in State]], np.uint8)
     grey = np.sort(cv2.cvtColor(colours, cv2.COLOR_BGR2GRAY).ravel().astype(int))
     assert np.diff(grey).min() > 25

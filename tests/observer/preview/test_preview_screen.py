@@ -29,20 +29,20 @@ def picture(number):
 
 
 def level(painted):
-    """Which picture it was."""
+    """The number of a painted picture."""
     return round(float(np.median(painted[250:350, 20:100])) / 10)
 
 
-class Shelf:
-    """An outlet that remembers; it draws when it is let."""
+class RecordingOutlet:
+    """An outlet that records pictures, and draws only after `release` is set."""
 
     def __init__(self, fails=None):
         self.drawn, self.closed, self.fails = [], False, fails
-        self.let, self.entered = threading.Event(), threading.Event()
+        self.release, self.entered = threading.Event(), threading.Event()
 
     def draw(self, painted, shown_ns):
         self.entered.set()
-        assert self.let.wait(SOON_S)
+        assert self.release.wait(SOON_S)
         if self.fails:
             raise self.fails
         self.drawn.append(level(painted))
@@ -52,7 +52,7 @@ class Shelf:
 
 
 @pytest.mark.parametrize("name", ["a.mp4", "a.avi"])
-def test_a_film_has_as_many_pictures_as_were_shown(tmp_path, name):
+def test_a_film_has_all_pictures(tmp_path, name):
     with open_preview(name, 10.0, keep_all=True, folder=tmp_path) as preview:
         for number in range(12):
             preview.show(picture(number), SHOWN)
@@ -70,7 +70,7 @@ def test_a_film_without_pictures_is_removed(tmp_path, caplog):
     assert not list(tmp_path.iterdir()) and "no picture was shown" in caplog.text
 
 
-def test_an_earlier_film_stays_until_the_new_one_is_whole(tmp_path):
+def test_an_existing_film_stays_until_the_new_one_is_complete(tmp_path):
     (tmp_path / "a.mp4").write_bytes(b"earlier")
     with open_preview("a.mp4", 10.0, keep_all=True, folder=tmp_path) as preview:
         preview.show(picture(1), SHOWN)
@@ -79,7 +79,7 @@ def test_an_earlier_film_stays_until_the_new_one_is_whole(tmp_path):
 
 
 class Counting(Film):
-    """How often each picture was put on the film."""
+    """Counts how often each picture is written."""
 
     def __init__(self, path, rate_hz):
         super().__init__(path, rate_hz, keep_all=False)
@@ -91,13 +91,13 @@ class Counting(Film):
         self.times.append(self._written - before)
 
 
-def test_a_film_keeps_time_whatever_was_left_out(tmp_path):
+def test_a_film_keeps_real_time(tmp_path):
     counting = Counting(tmp_path / "a.avi", 10.0)
     painted = np.zeros((SIZE[1], SIZE[0], 3), np.uint8)
     for at_s in (0.0, 0.1, 0.4, 0.41, 0.5, 100.0, 100.1):
         counting.draw(painted, 5_000_000_000 + round(at_s * 1e9))
     counting.close()
-    assert counting.times == [1, 1, 3, 0, 1, 20, 1]  # 2 s stand for the long silence
+    assert counting.times == [1, 1, 3, 0, 1, 20, 1]  # the long silence is cut to 2 s
 
 
 @pytest.mark.parametrize(
@@ -130,7 +130,7 @@ def test_an_unwritable_target_is_rejected_and_leaves_no_file(tmp_path, target, m
         ("newest.png", ["newest.png"]),
     ],
 )
-def test_single_pictures_are_files_of_their_own(tmp_path, target, names):
+def test_stills_are_separate_files(tmp_path, target, names):
     with open_preview(target, 10.0, keep_all=True, folder=tmp_path) as preview:
         for number in range(3):
             preview.show(picture(number + 1), SHOWN)
@@ -140,21 +140,21 @@ def test_single_pictures_are_files_of_their_own(tmp_path, target, names):
     assert (newest.shape[1], newest.shape[0]) == SIZE and level(newest) == 3
 
 
-def test_the_newest_takes_the_place_of_what_nobody_has_painted_yet():
-    shelf = Shelf()
-    preview = PreviewThread(shelf, keep_all=False)
+def test_a_newer_frame_replaces_a_waiting_one():
+    outlet = RecordingOutlet()
+    preview = PreviewThread(outlet, keep_all=False)
     preview.show(picture(1), SHOWN)
-    assert shelf.entered.wait(SOON_S)
+    assert outlet.entered.wait(SOON_S)
     for number in range(2, 20):
         preview.show(picture(number), SHOWN)
-    shelf.let.set()
+    outlet.release.set()
     preview.close()
-    assert shelf.drawn == [1, 19] and shelf.closed
+    assert outlet.drawn == [1, 19] and outlet.closed
 
 
-def test_where_all_are_kept_the_observer_waits():
-    shelf, shown = Shelf(), threading.Semaphore(0)
-    preview = PreviewThread(shelf, keep_all=True)
+def test_the_observer_waits_when_all_frames_are_kept():
+    outlet, shown = RecordingOutlet(), threading.Semaphore(0)
+    preview = PreviewThread(outlet, keep_all=True)
     count = QUEUE_SIZE + 6
 
     def observe():
@@ -167,24 +167,24 @@ def test_where_all_are_kept_the_observer_waits():
     for _ in range(QUEUE_SIZE + 1):  # one is being drawn, the others wait
         assert shown.acquire(timeout=SOON_S)
     assert not shown.acquire(timeout=0.05)
-    shelf.let.set()
+    outlet.release.set()
     observing.join(SOON_S)
     preview.close()
-    assert shelf.drawn == list(range(count))
+    assert outlet.drawn == list(range(count))
 
 
 @pytest.mark.parametrize("keep_all", [False, True])
-@pytest.mark.parametrize("trouble", [LabanmeshError("disk: full"), OSError(28, "No space left on device")])
-def test_what_cannot_be_shown_is_said_once_and_stops_nobody(caplog, keep_all, trouble):
-    shelf = Shelf(trouble)
-    shelf.let.set()
-    preview = PreviewThread(shelf, keep_all)
+@pytest.mark.parametrize("error", [LabanmeshError("disk: full"), OSError(28, "No space left on device")])
+def test_an_error_is_logged_once_and_does_not_stop_the_observer(caplog, keep_all, error):
+    outlet = RecordingOutlet(error)
+    outlet.release.set()
+    preview = PreviewThread(outlet, keep_all)
     with caplog.at_level(logging.WARNING):
         for number in range(QUEUE_SIZE + 20):
             preview.show(picture(number), SHOWN)
         preview.close()
         preview.close()
-    assert shelf.closed and caplog.text.count("preview: ") == 1
+    assert outlet.closed and caplog.text.count("preview: ") == 1
 
 
 @pytest.mark.parametrize(
@@ -204,7 +204,7 @@ def test_reasons_for_no_window(monkeypatch, environment, platform, built, messag
     assert message in reason and bool(message) == bool(reason)
 
 
-def test_without_a_window_a_film_is_written_and_said(monkeypatch, tmp_path, caplog):
+def test_a_film_is_written_when_no_window_can_be_opened(monkeypatch, tmp_path, caplog):
     monkeypatch.setattr(screen, "why_no_window", lambda: "there is no display")
     with caplog.at_level(logging.WARNING), open_preview("window", 10.0, folder=tmp_path) as preview:
         preview.show(picture(1), SHOWN)
@@ -212,28 +212,28 @@ def test_without_a_window_a_film_is_written_and_said(monkeypatch, tmp_path, capl
     assert "cannot open a window: there is no display" in caplog.text and str(FALLBACK) in caplog.text
 
 
-def windows(monkeypatch, visible, key):
-    message = []
+def fake_window(monkeypatch, visible, key):
+    calls = []
     monkeypatch.setattr(screen, "why_no_window", lambda: "")
     for name in ("namedWindow", "resizeWindow", "imshow", "destroyWindow"):
-        monkeypatch.setattr(film.cv2, name, lambda *words, name=name: message.append(name))
+        monkeypatch.setattr(film.cv2, name, lambda *words, name=name: calls.append(name))
     monkeypatch.setattr(film.cv2, "getWindowProperty", lambda *_: visible)
     monkeypatch.setattr(film.cv2, "waitKey", lambda _: key)
-    return message
+    return calls
 
 
-def test_a_window_opens_once_and_goes_at_the_end(monkeypatch):
-    message = windows(monkeypatch, 1.0, -1)
+def test_a_window_opens_once_and_is_closed_at_the_end(monkeypatch):
+    calls = fake_window(monkeypatch, 1.0, -1)
     window = Window("door")
     for _ in range(3):
         window.draw(picture(1), 0)
     window.close()
-    assert message == ["namedWindow", "resizeWindow", "imshow", "imshow", "imshow", "destroyWindow"]
+    assert calls == ["namedWindow", "resizeWindow", "imshow", "imshow", "imshow", "destroyWindow"]
 
 
 @pytest.mark.parametrize(("visible", "key"), [(0.0, -1), (1.0, ord("q"))])
 def test_closing_the_window_ends_only_the_preview(monkeypatch, caplog, visible, key):
-    windows(monkeypatch, visible, key)
+    fake_window(monkeypatch, visible, key)
     with caplog.at_level(logging.WARNING), open_preview("window", 10.0) as preview:
         while preview._thread.is_alive():
             preview.show(picture(1), SHOWN)
@@ -255,27 +255,27 @@ class FakeObserver:
         return Posterior(np.array([0.7, 0.3]), 0.1, 1, {})
 
 
-class Remembering:
-    """A preview that remembers what it was to show."""
+class RecordingPreview:
+    """A preview that records its arguments."""
 
     def __init__(self):
         self.shown = []
 
-    def show(self, shown, sight):
-        self.shown.append((shown, sight))
+    def show(self, picture, frame):
+        self.shown.append((picture, frame))
 
 
 @pytest.mark.parametrize("content", [picture(3), np.zeros((3, 3))])
 def test_a_previewed_observer_behaves_as_without(content):
-    seen, observer = Remembering(), FakeObserver()
+    preview, observer = RecordingPreview(), FakeObserver()
     previewed = PreviewingObserver(
-        observer, observer, seen, PreviewHistory(BODY_PARTS, 5.0, "door"), clock=lambda: 2_500_000_000
+        observer, observer, preview, PreviewHistory(BODY_PARTS, 5.0, "door"), clock=lambda: 2_500_000_000
     )
     posterior = previewed.step(Frame(2_000_000_000, content))
     assert posterior.p.tolist() == [0.7, 0.3] and previewed.vocabulary is observer.vocabulary
-    ((shown, sight),) = seen.shown
+    ((shown, frame),) = preview.shown
     assert shown is (content if content.ndim == 3 else None)
-    assert sight.age_s == 0.5 and sight.complaint == "too dark" and sight.posterior.winner == 0
+    assert frame.age_s == 0.5 and frame.complaint == "too dark" and frame.posterior.winner == 0
 
 
 def test_stills_reject_a_folder_that_is_a_file(tmp_path):

@@ -1,4 +1,4 @@
-"""What is gathered for people: the last frames, the room that motion needs, the movements worth a bar."""
+"""The history of a preview, its extent, and the posterior shown."""
 
 import math
 
@@ -19,57 +19,57 @@ LEFT_GOES_RIGHT = np.array([[30.0, 0.0], [0.0, 0.0], [0.0, 0.0]])
 shares = arrays(np.float64, st.integers(2, 40), elements=st.floats(0.0, 1.0))
 
 
-def seen_after(*centres):
-    recent = PreviewHistory(BODY_PARTS, 5.0, "door")
-    return [recent.add(Tracks(np.array(c, dtype=np.float64))) for c in centres][-1]
+def frame_after(*centres):
+    history = PreviewHistory(BODY_PARTS, 5.0, "door")
+    return [history.add(Tracks(np.array(c, dtype=np.float64))) for c in centres][-1]
 
 
-def test_a_hand_that_goes_right_is_an_arrow_right_and_frames_are_counted():
-    sight = seen_after(STANDING, STANDING + LEFT_GOES_RIGHT)
-    assert sight.symbols[-1].tolist() == [VectorSymbol.R, VectorSymbol.O, VectorSymbol.O]
-    assert (sight.frame, sight.title, sight.body_parts) == (1, "door", BODY_PARTS)
-    np.testing.assert_array_equal(sight.trail, [STANDING, sight.tracks.centres])
+def test_symbols_trail_and_frame_number():
+    frame = frame_after(STANDING, STANDING + LEFT_GOES_RIGHT)
+    assert frame.symbols[-1].tolist() == [VectorSymbol.R, VectorSymbol.O, VectorSymbol.O]
+    assert (frame.frame, frame.title, frame.body_parts) == (1, "door", BODY_PARTS)
+    np.testing.assert_array_equal(frame.trail, [STANDING, frame.tracks.centres])
 
 
-def test_only_the_last_frames_are_remembered():
-    sight = seen_after(*[STANDING] * 60)
-    assert len(sight.symbols) == SYMBOLS and len(sight.trail) == TRAIL and sight.frame == 59
+def test_the_history_is_bounded():
+    frame = frame_after(*[STANDING] * 60)
+    assert len(frame.symbols) == SYMBOLS and len(frame.trail) == TRAIL and frame.frame == 59
 
 
-def test_the_room_only_grows_and_holds_all_that_was_seen():
-    recent, before = PreviewHistory(BODY_PARTS, 5.0), None
+def test_the_extent_grows_and_contains_all_motion():
+    history, before = PreviewHistory(BODY_PARTS, 5.0), None
     for shift in (0.0, 40.0, -300.0, math.nan, 10.0):
-        sight = recent.add(Tracks(STANDING + shift))
-        low, high = sight.extent
+        frame = history.add(Tracks(STANDING + shift))
+        low, high = frame.extent
         if math.isfinite(shift):
             assert (low <= STANDING + shift).all() and (STANDING + shift <= high).all()
         if before is not None:
             assert (low <= before[0]).all() and (high >= before[1]).all()
-        before = sight.extent
+        before = frame.extent
 
 
-def test_parts_without_a_head_are_refused():
+def test_parts_without_a_head_are_rejected():
     with pytest.raises(BadInput, match="head"):
         PreviewHistory(("left_hand",), 5.0).add(Tracks(np.zeros((1, 2))))
 
 
 @given(shares, st.integers(1, 8))
 def test_the_most_probable_movements_are_shown_in_the_order_of_the_vocabulary(p, most):
-    belief = ShownPosterior(tuple(map(str, range(len(p)))), p, 0.0)
-    shown = belief.most_probable(most)
+    posterior = ShownPosterior(tuple(map(str, range(len(p)))), p, 0.0)
+    shown = posterior.most_probable(most)
     assert shown == sorted(set(shown)) and len(shown) == min(most, len(p))
-    left_out = np.delete(p, shown)
-    assert not len(left_out) or left_out.max() <= p[shown].min()
-    assert belief.winner is None or belief.winner in shown
+    others = np.delete(p, shown)
+    assert not len(others) or others.max() <= p[shown].min()
+    assert posterior.winner is None or posterior.winner in shown
 
 
-def test_who_knows_nothing_has_no_winner_and_all_the_entropy():
-    belief = ShownPosterior(("a", "b", "c", "d"), np.full(4, 0.25), 0.0)
-    assert belief.winner is None and belief.entropy_bits == pytest.approx(2.0)
+def test_a_uniform_posterior_has_no_winner_and_full_entropy():
+    posterior = ShownPosterior(("a", "b", "c", "d"), np.full(4, 0.25), 0.0)
+    assert posterior.winner is None and posterior.entropy_bits == pytest.approx(2.0)
 
 
 @given(st.integers(1, 9000), st.integers(1, 9000))
-def test_picture_panel_and_strip_share_the_whole_and_do_not_meet(width, height):
+def test_picture_panel_and_strip_do_not_overlap(width, height):
     layout = PaintingLayout.of(width, height)
     canvas = np.zeros((SIZE[1], SIZE[0], 3), np.uint8)
     for box in (layout.picture, layout.panel, layout.strip):
@@ -80,7 +80,7 @@ def test_picture_panel_and_strip_share_the_whole_and_do_not_meet(width, height):
     assert canvas.max() == 1
 
 
-def test_places_go_where_their_pixels_go():
+def test_positions_map_to_their_pixels():
     box = PaintingLayout.of(640, 480).picture
     placement = Placement.of_picture(640, box)
     corners = placement.px(np.array([[-0.5, -0.5], [639.5, 479.5]]))
@@ -88,9 +88,9 @@ def test_places_go_where_their_pixels_go():
 
 
 @given(st.floats(-1e3, 1e3), st.floats(1e-3, 1e4))
-def test_motion_of_any_unit_fits_the_canvas(shift, unit):
+def test_motion_in_any_unit_fits_the_canvas(shift, unit):
     box = PaintingLayout.of(640, 480).picture
-    sight = seen_after((STANDING + shift) * unit)
-    px = Placement.of_motion(sight.extent, box).px(sight.tracks.centres)
+    frame = frame_after((STANDING + shift) * unit)
+    px = Placement.of_motion(frame.extent, box).px(frame.tracks.centres)
     assert (px >= 0).all() and (px <= [box.width, box.height]).all()
     assert np.ptp(px[:, 1]) > box.height / 3

@@ -196,19 +196,21 @@ def dojo(tmp_path):
 
 
 def test_each_recording_extends_the_archive(run, dojo, capsys):
-    run("scene.toml", "-o", "mine.npz", "--label", "wave", "--subject", "anna")
+    run(*["scene.toml", "-o", "mine.npz", "--label", "wave", "--subject", "anna"])
     run(
-        "scene.toml",
-        "-o",
-        "mine.npz",
-        "--label",
-        "wave",
-        "--subject",
-        "anna",
-        "--seconds",
-        1,
-        "--observers",
-        "cam0,cam2",
+        *[
+            "scene.toml",
+            "-o",
+            "mine.npz",
+            "--label",
+            "wave",
+            "--subject",
+            "anna",
+            "--seconds",
+            "1",
+            "--observers",
+            "cam0,cam2",
+        ]
     )
     output = capsys.readouterr().out
     assert (

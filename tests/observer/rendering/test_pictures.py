@@ -17,6 +17,7 @@ LEFT, RIGHT, HEAD = range(3)
 STANDING = Stature(np.array([0.0, 1.6, 0.0]), 1.71)
 APART = np.array([[-0.5, 1.2, -0.2], [0.5, 1.5, -0.2], [0.0, 1.6, 0.0]])
 SIZE = (640, 480)
+UNSEEN = np.full((3, 3), np.nan)
 
 
 def camera(yaw_deg=0.0, pitch_deg=0.0, size=SIZE):
@@ -34,7 +35,7 @@ def skin(picture):
 
 
 def blobs(picture):
-    """Centres and areas of what has the colour of skin."""
+    """Centres and areas of skin-coloured blobs."""
     _, _, stats, centres = cv2.connectedComponentsWithStats(skin(picture).astype(np.uint8))
     keep = stats[1:, cv2.CC_STAT_AREA] > 30
     return centres[1:][keep], stats[1:, cv2.CC_STAT_AREA][keep]
@@ -46,14 +47,11 @@ def with_(part, place, positions=APART):
     return changed
 
 
-# The same again
-
-
 FULL = {"noise": 5.0, "slow_light": 0.2, "sudden_light": 0.3, "blur": 0.5, "occluders": (Occluder(0.1, 0.1, 0.2, 0.2),)}
 
 
 @pytest.mark.parametrize("background", BACKGROUNDS)
-def test_the_same_arguments_give_the_same_picture_whatever_was_drawn_before(background):
+def test_pictures_depend_on_the_arguments_only(background):
     first, second = (renderer(seed=3, background=background, **FULL) for _ in range(2))
     wanted = first.picture(APART, 70, APART - 0.05)
     second.picture(APART + 0.1, 3)
@@ -62,23 +60,19 @@ def test_the_same_arguments_give_the_same_picture_whatever_was_drawn_before(back
 
 
 @pytest.mark.parametrize("background", BACKGROUNDS)
-def test_another_seed_is_another_picture(background):
-    unseen = np.full((3, 3), np.nan)
-    assert (renderer(seed=1, background=background).picture(unseen, 0) != renderer(seed=2, background=background)
-            .picture(unseen, 0)).any()  # fmt: skip
+def test_another_seed_gives_another_picture(background):
+    first, second = (renderer(seed=seed, background=background).picture(UNSEEN, 0) for seed in (1, 2))
+    assert (first != second).any()
     assert appearance_of(1) != appearance_of(2)
 
 
-# Where the parts are
-
-
 @pytest.mark.parametrize("yaw_deg", [0, 45, -45, 20])
-def test_hands_are_found_by_colour_where_projection_has_them(yaw_deg):
+def test_hands_are_drawn_at_their_projections(yaw_deg):
     for seed in range(6):
-        eye = renderer(yaw_deg, seed=seed)
-        centres, _ = blobs(eye.picture(APART, 0))
+        view = renderer(yaw_deg, seed=seed)
+        centres, _ = blobs(view.picture(APART, 0))
         wanted = project(camera(yaw_deg), APART)
-        truth = eye.visible_truth(APART, 0)
+        truth = view.visible_truth(APART, 0)
         np.testing.assert_allclose(truth.centres, wanted, atol=1e-9)
         for hand in (LEFT, RIGHT):
             if truth.shares[hand] > 0.85:
@@ -92,36 +86,34 @@ def test_hands_are_found_by_colour_where_projection_has_them(yaw_deg):
     st.floats(-30, 30),
     st.floats(0, 20),
 )
-def test_wherever_a_free_hand_is_it_is_drawn_there(place, yaw_deg, pitch_deg):
+def test_a_free_hand_is_drawn_at_its_projection(place, yaw_deg, pitch_deg):
     positions = with_(RIGHT, place)
-    eye = renderer(yaw_deg, pitch_deg)
-    truth = eye.visible_truth(positions, 0)
+    view = renderer(yaw_deg, pitch_deg)
+    truth = view.visible_truth(positions, 0)
     if truth.shares[RIGHT] > 0.9:
-        centres, _ = blobs(eye.picture(positions, 0))
+        centres, _ = blobs(view.picture(positions, 0))
         gap = np.linalg.norm(centres - project(camera(yaw_deg, pitch_deg), positions)[RIGHT], axis=1).min()
         other = np.linalg.norm(truth.centres[[LEFT, HEAD]] - truth.centres[RIGHT], axis=1).min()
         assert gap < 3.0 or other < 60  # two parts in one blob
 
 
-def test_head_and_hands_have_the_size_of_a_persons():
-    eye = renderer()
-    unseen = np.full((3, 3), np.nan)
-    empty = eye.picture(unseen, 0)
+def test_head_and_hands_have_human_sizes():
+    view = renderer()
+    empty = view.picture(UNSEEN, 0)
     px_per_metre = 1.35 * 480 / 3.5
-    head = (eye.picture(with_(HEAD, APART[HEAD], unseen), 0) != empty).any(axis=2)
-    columns = head[: int(project(camera(), APART)[HEAD, 1])].any(axis=0)  # above the middle of the head nothing else is
+    head = (view.picture(with_(HEAD, APART[HEAD], UNSEEN), 0) != empty).any(axis=2)
+    columns = head[: int(project(camera(), APART)[HEAD, 1])].any(axis=0)  # above the middle of the head
     assert columns.sum() / px_per_metre == pytest.approx(0.156, abs=0.02)
     rows = np.flatnonzero(head.any(axis=1))
     assert (project(camera(), APART)[HEAD, 1] - rows[0]) / px_per_metre == pytest.approx(0.115, abs=0.015)
-    centres, areas = blobs(eye.picture(APART, 0))
+    centres, areas = blobs(view.picture(APART, 0))
     hand = areas[np.linalg.norm(centres - project(camera(), APART)[LEFT], axis=1).argmin()]
     assert 0.3 < hand / px_per_metre**2 / (np.pi * 0.045 * 0.09) < 1.25  # it may point to the camera
 
 
-def test_the_clothed_trunk_has_the_width_of_a_persons():
-    unseen = np.full((3, 3), np.nan)
-    eye = renderer()
-    figure = (eye.picture(with_(HEAD, APART[HEAD], unseen), 0) != eye.picture(unseen, 0)).any(axis=2)
+def test_the_trunk_has_a_human_width():
+    view = renderer()
+    figure = (view.picture(with_(HEAD, APART[HEAD], UNSEEN), 0) != view.picture(UNSEEN, 0)).any(axis=2)
     px_per_metre = 1.35 * 480 / 3.5
     widths = figure.sum(axis=1) / px_per_metre
     rows = project(camera(), np.array([[0.0, 1.35, 0.0], [0.0, 1.25, 0.0], [0.0, 0.5, 0.0]]))[:, 1].astype(int)
@@ -129,79 +121,59 @@ def test_the_clothed_trunk_has_the_width_of_a_persons():
 
 
 @pytest.mark.parametrize("seed", range(8))
-def test_skin_is_of_a_human_tone_and_nothing_else_of_the_person_or_the_room_is(seed):
+def test_only_skin_has_the_colour_of_skin(seed):
     appearance = appearance_of(seed)
     assert (np.min(SKIN_TONES, axis=0) <= appearance.skin).all() and (
         appearance.skin <= np.max(SKIN_TONES, axis=0)
     ).all()
     assert appearance.skin[0] < appearance.skin[1] < appearance.skin[2]
-    unseen = np.full((3, 3), np.nan)
     for background in ("plain", "cluttered"):
-        assert not skin(renderer(seed=seed, background=background).picture(unseen, 0)).any()
-    assert skin(renderer(seed=seed, background="skin_toned").picture(unseen, 0)).mean() > 0.5
+        assert not skin(renderer(seed=seed, background=background).picture(UNSEEN, 0)).any()
+    assert skin(renderer(seed=seed, background="skin_toned").picture(UNSEEN, 0)).mean() > 0.5
     turned = renderer(180.0, seed=seed, appearance=appearance).picture(with_([LEFT, RIGHT], np.nan), 0)
-    assert skin(turned).sum() < 200  # from behind a head of 960 pixels is hair down to the nape
+    assert skin(turned).sum() < 200  # from behind, a head of 960 px is mostly hair
 
 
-# What is before what
-
-
-def test_a_hand_before_the_face_covers_it_and_one_behind_the_head_is_covered():
-    eye = renderer()
-    before = eye.visible_truth(with_(RIGHT, [0.0, 1.6, -0.25]), 0)
-    assert before.shares[RIGHT] > 0.9 and before.shares[HEAD] < 0.75
-    behind = eye.visible_truth(with_(RIGHT, [0.0, 1.6, 0.25]), 0)
-    assert behind.shares[HEAD] > 0.95 and behind.shares[RIGHT] < 0.3
-
-
-def test_a_hand_behind_the_trunk_is_hidden_from_the_front_and_seen_from_the_back():
-    positions = with_(RIGHT, [0.0, 1.15, 0.25])
-    hidden = renderer().visible_truth(positions, 0)
-    assert hidden.shares[RIGHT] == 0 and np.isnan(hidden.centres[RIGHT]).all() and not hidden.visible()[RIGHT]
-    assert len(blobs(renderer().picture(positions, 0))[0]) == 2
-    seen = renderer(180.0).visible_truth(positions, 0)
-    assert seen.shares[RIGHT] > 0.9 and seen.visible()[RIGHT]
-
-
-def test_the_trunk_hides_the_far_hand_from_the_side():
-    positions = with_(LEFT, [-0.3, 1.1, 0.0])
-    assert renderer(90.0).visible_truth(positions, 0).shares[LEFT] < 0.1
-    assert renderer(-90.0).visible_truth(positions, 0).shares[LEFT] > 0.9
-
-
-# Parts that are not seen
+@pytest.mark.parametrize(
+    ("hand", "position", "yaw_deg", "hand_share", "head_share"),
+    [
+        (RIGHT, [0.0, 1.6, -0.25], 0.0, (0.9, 1.0), (0.0, 0.75)),  # in front of the face
+        (RIGHT, [0.0, 1.6, 0.25], 0.0, (0.0, 0.3), (0.95, 1.0)),  # behind the head
+        (RIGHT, [0.0, 1.15, 0.25], 0.0, (0.0, 0.0), (0.9, 1.0)),  # behind the trunk
+        (RIGHT, [0.0, 1.15, 0.25], 180.0, (0.9, 1.0), (0.9, 1.0)),
+        (LEFT, [-0.3, 1.1, 0.0], 90.0, (0.0, 0.1), (0.9, 1.0)),  # the far hand from the side
+        (LEFT, [-0.3, 1.1, 0.0], -90.0, (0.9, 1.0), (0.9, 1.0)),
+        (RIGHT, [1.73, 1.5, 0.0], 0.0, (0.2, 0.8), (0.9, 1.0)),  # half outside the picture
+        (RIGHT, [2.5, 1.5, 0.0], 0.0, (0.0, 0.0), (0.9, 1.0)),
+        (RIGHT, [0.3, 1.0, -5.0], 0.0, (0.0, 0.0), (0.9, 1.0)),  # behind the camera
+    ],
+)
+def test_occlusion(hand, position, yaw_deg, hand_share, head_share):
+    positions = with_(hand, position)
+    truth = renderer(yaw_deg).visible_truth(positions, 0)
+    for part, (least, most) in ((hand, hand_share), (HEAD, head_share)):
+        assert least <= truth.shares[part] <= most
+        assert np.isnan(truth.centres[part]).all() == (truth.shares[part] == 0)
+    if truth.shares[hand] == 0:
+        assert not truth.visible()[hand] and len(blobs(renderer(yaw_deg).picture(positions, 0))[0]) == 2
 
 
 @pytest.mark.parametrize("part", [LEFT, RIGHT, HEAD])
 def test_an_unseen_part_is_not_drawn(part):
-    eye = renderer(appearance=appearance_of(5))
+    view = renderer(appearance=appearance_of(5))
     positions = with_(part, np.nan)
-    truth = eye.visible_truth(positions, 0)
+    truth = view.visible_truth(positions, 0)
     assert truth.shares[part] == 0 and np.isnan(truth.centres[part]).all()
     assert truth.visible().sum() == 2
-    centres, _ = blobs(eye.picture(positions, 0))
+    centres, _ = blobs(view.picture(positions, 0))
     assert np.linalg.norm(centres - project(camera(), APART)[part], axis=1).min() > 30
 
 
 def test_an_unseen_person_leaves_the_background():
-    unseen = np.full((3, 3), np.nan)
-    empty = renderer().picture(unseen, 0)
-    assert (empty == renderer(90.0).picture(unseen, 0)).all()
+    empty = renderer().picture(UNSEEN, 0)
+    assert (empty == renderer(90.0).picture(UNSEEN, 0)).all()
     assert (empty != renderer().picture(APART, 0)).any()
-    assert not renderer().visible_truth(unseen, 0).visible().any()
-
-
-def test_parts_outside_the_picture_or_behind_the_camera_are_not_visible():
-    eye = renderer()
-    for place in ([2.5, 1.5, 0.0], [0.3, 1.0, -5.0], [0.0, 1.0, -3.49]):
-        truth = eye.visible_truth(with_(RIGHT, place), 0)
-        assert truth.shares[RIGHT] == 0
-        eye.picture(with_(RIGHT, place), 0)
-    half = eye.visible_truth(with_(RIGHT, [1.73, 1.5, 0.0]), 0)
-    assert 0.2 < half.shares[RIGHT] < 0.8
-
-
-# What spoils a picture
+    assert not renderer().visible_truth(UNSEEN, 0).visible().any()
 
 
 def test_noise_has_its_deviation_and_differs_between_frames():
@@ -214,16 +186,16 @@ def test_noise_has_its_deviation_and_differs_between_frames():
 
 
 def test_slow_light_has_its_period():
-    eye = renderer(slow_light=0.2, slow_frames=100)
-    base, bright, dark, again = (eye.picture(APART, frame).mean() for frame in (0, 25, 75, 100))
+    view = renderer(slow_light=0.2, slow_frames=100)
+    base, bright, dark, again = (view.picture(APART, frame).mean() for frame in (0, 25, 75, 100))
     assert bright / base == pytest.approx(1.2, abs=0.02)
     assert dark / base == pytest.approx(0.8, abs=0.02)
     assert again == base
 
 
 def test_sudden_light_jumps_at_its_frames_only():
-    eye = renderer(sudden_light=0.4, sudden_frames=10)
-    means = np.array([eye.picture(APART, frame).mean() for frame in range(31)])
+    view = renderer(sudden_light=0.4, sudden_frames=10)
+    means = np.array([view.picture(APART, frame).mean() for frame in range(31)])
     jumps = np.flatnonzero(np.abs(np.diff(means)) > 0) + 1
     assert set(jumps) == {10, 20, 30}
     assert means[0] == renderer().picture(APART, 0).mean()
@@ -231,15 +203,15 @@ def test_sudden_light_jumps_at_its_frames_only():
 
 def test_an_occluder_covers_its_part_of_the_picture_in_its_frames():
     u, v = project(camera(), APART)[RIGHT] / SIZE
-    eye = renderer(occluders=(Occluder(u - 0.1, v - 0.1, 0.2, 0.2, first=5, end=8),))
-    hidden = [not eye.visible_truth(APART, frame).visible()[RIGHT] for frame in range(10)]
+    view = renderer(occluders=(Occluder(u - 0.1, v - 0.1, 0.2, 0.2, first=5, end=8),))
+    hidden = [not view.visible_truth(APART, frame).visible()[RIGHT] for frame in range(10)]
     assert hidden == [5 <= frame < 8 for frame in range(10)]
     clean = renderer().picture(APART, 0)
-    rows, columns = np.nonzero((eye.picture(APART, 6) != clean).any(axis=2))
+    rows, columns = np.nonzero((view.picture(APART, 6) != clean).any(axis=2))
     assert (columns.min(), columns.max()) == pytest.approx(((u - 0.1) * 640, (u + 0.1) * 640), abs=2)
     assert (rows.min(), rows.max()) == pytest.approx(((v - 0.1) * 480, (v + 0.1) * 480), abs=2)
-    assert (eye.picture(APART, 8) == clean).all()
-    assert eye.visible_truth(APART, 6).visible()[LEFT]
+    assert (view.picture(APART, 8) == clean).all()
+    assert view.visible_truth(APART, 6).visible()[LEFT]
 
 
 def test_blur_affects_moving_parts_only():
@@ -253,13 +225,10 @@ def test_blur_affects_moving_parts_only():
     assert np.flatnonzero(column[: round(v) + 15]).min() < v - 20
     truth = blurred.visible_truth(APART, 0, before)
     assert truth.centres[RIGHT] == pytest.approx((u, v), abs=1e-9)
-    untouched = np.s_[:, 360:]  # he is seen from the front: his left is at the right of the picture
+    untouched = np.s_[:, 360:]  # seen from the front, the left hand is on the right of the picture
     assert skin(picture[untouched]).any()
     far = np.abs(picture[untouched].astype(int) - sharp.picture(APART, 0)[untouched])
     assert (far > 2).mean() < 0.02
-
-
-# What cannot be
 
 
 def test_invalid_arguments_are_rejected_with_one_line():
@@ -289,13 +258,13 @@ def test_a_matrix_may_be_scaled_by_any_factor():
         np.testing.assert_array_equal(Renderer(factor * camera(), standing=STANDING).picture(APART, 0), wanted)
 
 
-def test_opencvs_own_cascade_finds_the_face():
+def test_opencvs_cascade_finds_the_face():
     finder = cv2.CascadeClassifier(cv2.data.haarcascades + "haarcascade_frontalface_alt2.xml")
     size = (1280, 720)
-    found = 0
+    detected = 0
     for seed in range(5):
-        eye = Renderer(camera(size=size), size, Scenery(noise=3.0), seed, standing=STANDING)
-        grey = cv2.cvtColor(eye.picture(APART, 0), cv2.COLOR_BGR2GRAY)[:360, 400:880]
+        view = Renderer(camera(size=size), size, Scenery(noise=3.0), seed, standing=STANDING)
+        grey = cv2.cvtColor(view.picture(APART, 0), cv2.COLOR_BGR2GRAY)[:360, 400:880]
         u, v = project(camera(size=size), APART)[HEAD] - (400, 0)
-        found += any(x < u < x + w and y < v < y + h for x, y, w, h in finder.detectMultiScale(grey, 1.1, 3))
-    assert found >= 4
+        detected += any(x < u < x + w and y < v < y + h for x, y, w, h in finder.detectMultiScale(grey, 1.1, 3))
+    assert detected >= 4
