@@ -1,4 +1,4 @@
-"""The comparison with offline classifiers: what they may see, what the table says. Those that learn need aeon."""
+"""The comparison with offline classifiers: their input, the statistics and the table. Classifiers need aeon."""
 
 import dataclasses
 import importlib.util
@@ -55,9 +55,6 @@ def shown(archive, fraction, length=12, derived=True):
     return make_panel([view_centres(t, DOOR_WHEEL, archive.body_parts) for t in some], some, fraction, length, derived)
 
 
-# What they are shown
-
-
 def test_a_panel_has_positions_hands_from_the_head_and_velocities_in_all_views(archive):
     whole = shown(archive, 1.0)
     assert whole.shape == (8, 2 * (6 + 4 + 6), 12)
@@ -81,7 +78,7 @@ def test_nothing_after_the_fraction_is_shown(archive, fraction):
     assert not (shown(other, 1.0) == shown(archive, 1.0)).all()
 
 
-def test_neither_where_a_person_stands_nor_how_tall_he_looks_is_shown():
+def test_panels_do_not_depend_on_position_or_size():
     centres = np.random.default_rng(2).normal(size=(1, 9, 3, 2))
     assert channels(centres * 7 + (300, 200), 12, True) == pytest.approx(channels(centres, 12, True))
 
@@ -96,7 +93,7 @@ def test_positions_count_from_the_first_head_with_up_positive():
     assert placed[0, 0] == pytest.approx((0, -1 / 0.45)) and placed[1, 0] == pytest.approx((0.5 / 0.45, 0))
 
 
-def test_gaps_are_bridged_and_what_was_never_seen_is_zero():
+def test_gaps_are_bridged_and_missing_parts_are_zero():
     nan = np.nan
     rows = np.array([[nan, 1, nan, 3, nan], [nan] * 5])
     assert bridge_gaps(rows) == pytest.approx(np.array([[1, 1, 2, 3, 3], [0] * 5]))
@@ -116,44 +113,38 @@ def test_stretching_keeps_first_and_last_and_velocities_stay_those_that_were_fil
         assert moved == pytest.approx(np.full(length, 0.1 / 10))
 
 
-# What is counted
-
-
-def test_a_peer_gets_the_trials_of_our_judges_and_learns_anew_for_every_fraction(archive):
-    """A peer that remembers what it was given: other people to learn from than to judge, five times."""
-    given = []
+def test_a_peer_gets_our_trials_and_relearns_for_every_fraction(archive):
+    """A peer that records its input: other people for training than for test, five times."""
+    calls = []
 
     def always_ok(learned, labels, unknown, seed, fast):
-        given.append((len(learned), sorted(labels), len(unknown), seed, learned.tobytes()))
+        calls.append((len(learned), sorted(labels), len(unknown), seed, learned.tobytes()))
         return np.full(len(unknown), "ok")
 
-    asked = EvaluationSettings(views=DOOR_WHEEL, labels=LABELS, train_subjects=("1",))
-    contest = compare_peers(archive, "both", asked, (0, 1), peers={"MiniRocket": Peer(always_ok, 12, True, True)})
-    assert len(given) == 2 * len(FRACTIONS) and [g[3] for g in given[:2]] == [0, 1]
-    assert {g[:1] + g[2:3] for g in given} == {(4, 4)} and given[0][1] == ["ok", "ok", "shake", "shake"]
-    assert len({g[4] for g in given}) == len(FRACTIONS), "each fraction has a panel of its own to learn from"
-    assert [c.name for c in contest.curves] == ["ours, fused", "ours, door", "ours, wheel", "MiniRocket"]
-    truth = [j.trial.recording.label == "ok" for j in evaluate(archive, asked).trials]
-    assert (contest.curves[-1].right == np.array([truth] * len(FRACTIONS))).all()
-    assert contest.people == ("2",) * 4
+    settings = EvaluationSettings(views=DOOR_WHEEL, labels=LABELS, train_subjects=("1",))
+    comparison = compare_peers(archive, "both", settings, (0, 1), peers={"MiniRocket": Peer(always_ok, 12, True, True)})
+    assert len(calls) == 2 * len(FRACTIONS) and [g[3] for g in calls[:2]] == [0, 1]
+    assert {g[:1] + g[2:3] for g in calls} == {(4, 4)} and calls[0][1] == ["ok", "ok", "shake", "shake"]
+    assert len({g[4] for g in calls}) == len(FRACTIONS), "each fraction has a panel of its own to learn from"
+    assert [c.name for c in comparison.curves] == ["ours, fused", "ours, door", "ours, wheel", "MiniRocket"]
+    truth = [j.trial.recording.label == "ok" for j in evaluate(archive, settings).trials]
+    assert (comparison.curves[-1].right == np.array([truth] * len(FRACTIONS))).all()
+    assert comparison.people == ("2",) * 4
 
 
-def test_one_view_alone_is_one_row_and_everybody_left_out_is_judged_once(archive):
-    asked = EvaluationSettings(views=DOOR_WHEEL[:1], labels=LABELS, leave_one_subject_out=True)
-    contest = compare_peers(archive, "both", asked, (0,), peers={})
-    assert [c.name for c in contest.curves] == ["ours, fused"] and contest.people == ("1",) * 4 + ("2",) * 4
+def test_one_view_is_one_row_and_leave_one_out_judges_every_person_once(archive):
+    settings = EvaluationSettings(views=DOOR_WHEEL[:1], labels=LABELS, leave_one_subject_out=True)
+    comparison = compare_peers(archive, "both", settings, (0,), peers={})
+    assert [c.name for c in comparison.curves] == ["ours, fused"] and comparison.people == ("1",) * 4 + ("2",) * 4
 
 
 def test_our_curves_are_the_accuracies_of_evaluate(archive):
     from studies.report import as_json
 
-    answer = evaluate(archive, EvaluationSettings(views=DOOR_WHEEL, labels=LABELS, train_subjects=("1",)))
-    found, curves = as_json(answer), our_curves(answer)
-    assert curves[0].right.mean(axis=1) == pytest.approx(list(found["accuracy_at"].values()))
-    assert curves[2].right.mean(axis=1) == pytest.approx(list(found["per_view"]["wheel"]["accuracy_at"].values()))
-
-
-# What a difference means
+    result = evaluate(archive, EvaluationSettings(views=DOOR_WHEEL, labels=LABELS, train_subjects=("1",)))
+    figures, curves = as_json(result), our_curves(result)
+    assert curves[0].right.mean(axis=1) == pytest.approx(list(figures["accuracy_at"].values()))
+    assert curves[2].right.mean(axis=1) == pytest.approx(list(figures["per_view"]["wheel"]["accuracy_at"].values()))
 
 
 def test_the_area_is_the_mean_of_the_fractions():
@@ -192,18 +183,15 @@ def test_several_sets_are_averaged_even_when_a_person_is_in_one_only():
     assert score.mean[0] == 0.5 and score.low[0] == score.high[0] == 0.5
 
 
-# What is written
-
-
-def contests():
+def comparisons():
     people = ("a", "b", "a", "b")
     right = np.array([[1.0, 1, 1, 0]] * len(FRACTIONS))
     curves = (AccuracyCurve("ours, fused", right), AccuracyCurve("MiniRocket", 1 - right))
     return [PeerComparison("all 20", people, curves), *(PeerComparison(name, people, curves) for name in SUBSETS)]
 
 
-def test_the_table_names_everybody_and_what_lies_between_them():
-    rows = table.peer_rows(contests())
+def test_the_table_has_every_classifier_and_the_differences():
+    rows = table.peer_rows(comparisons())
     assert [r.movements for r in rows[::3]] == ["all 20", "AS1", "AS2", "AS3", "mean of AS1, AS2, AS3"]
     assert [r.classifier for r in rows[:3]] == ["ours, fused", "MiniRocket", "ours, fused − MiniRocket"]
     lines = table.as_markdown(rows, FRACTIONS).splitlines()
@@ -211,9 +199,9 @@ def test_the_table_names_everybody_and_what_lies_between_them():
     assert lines[0].startswith("| movements | judged by | 20% |") and lines[0].endswith("| area |")
     assert lines[2].startswith("| all 20 | ours, fused | 0.750 (") and lines[4].startswith("|  | ours, fused − MiniRo")
     assert "| +0.500 (" in lines[4]
-    said = json.loads(json.dumps(table.as_json(rows, FRACTIONS)))
-    assert said[0]["accuracy_at"]["0.2"] == 0.75 and said[1]["area"] == 0.25
-    low, high = said[0]["interval"]["area"]
+    figures = json.loads(json.dumps(table.as_json(rows, FRACTIONS)))
+    assert figures[0]["accuracy_at"]["0.2"] == 0.75 and figures[1]["area"] == 0.25
+    low, high = figures[0]["interval"]["area"]
     assert low < 0.75 <= high
 
 
@@ -227,17 +215,17 @@ def test_only_the_table_of_a_page_is_replaced():
 
 
 @pytest.mark.parametrize(
-    ("given", "said"),
+    ("arguments", "error"),
     [
         ({"page": "absent.md"}, "cannot read"),
         ({"page": "plain.md"}, "needs the lines"),
         ({"page": "plain.md", "fast": True}, "omit one of the two"),
     ],
 )
-def test_a_page_that_cannot_be_rewritten_is_said_before_the_work(tmp_path, given, said):
+def test_a_bad_page_is_rejected_before_the_work(tmp_path, arguments, error):
     (tmp_path / "plain.md").write_text("no marks\n", encoding="utf-8")
-    with pytest.raises(BadInput, match=said):
-        commands.peers(None, **{**given, "page": tmp_path / given["page"]})
+    with pytest.raises(BadInput, match=error):
+        commands.peers(None, **{**arguments, "page": tmp_path / arguments["page"]})
 
 
 @pytest.mark.parametrize("place", [None, "nowhere"])
@@ -250,19 +238,16 @@ def test_without_recordings_one_line_says_what_to_do(monkeypatch, tmp_path, plac
     assert "\n" not in str(error.value)
 
 
-# With aeon
-
-
 @with_aeon
 @pytest.mark.parametrize("name", PEERS)
-def test_a_peer_learns_what_is_easy_to_tell(archive, name):
+def test_a_peer_learns_an_easy_difference(archive, name):
     peer = PEERS[name]
     some = all_trials(archive)
-    seen = [view_centres(t, DOOR_WHEEL, archive.body_parts) for t in some]
-    whole = make_panel(seen, some, 1.0, peer.length, peer.derived)
+    centres = [view_centres(t, DOOR_WHEEL, archive.body_parts) for t in some]
+    whole = make_panel(centres, some, 1.0, peer.length, peer.derived)
     labels = np.array([t.recording.label for t in some])
-    judged = [peer.predict(whole, labels, whole, seed, True) for seed in (0, 0)]
-    assert (judged[0] == labels).all() and (judged[0] == judged[1]).all()
+    predicted = [peer.predict(whole, labels, whole, seed, True) for seed in (0, 0)]
+    assert (predicted[0] == labels).all() and (predicted[0] == predicted[1]).all()
 
 
 @with_aeon
@@ -272,8 +257,8 @@ def test_the_command_writes_page_and_json(archive, tmp_path, capsys):
     page.write_text(f"# A page\n{table.BEGIN}\n{table.END}\n", encoding="utf-8")
     asked = [str(tmp_path / "two.npz"), "--train-subjects", "1", "--json", str(tmp_path / "found.json")]
     assert run_command(commands.peers, "peers", [*asked, "--page", str(page)]) == 0
-    found = json.loads((tmp_path / "found.json").read_text(encoding="utf-8"))
-    assert [row["judged_by"] for row in found["rows"]][-2:] == ["ours, fused − MiniRocket", "ours, fused − 1-NN DTW"]
+    figures = json.loads((tmp_path / "found.json").read_text(encoding="utf-8"))
+    assert [row["judged_by"] for row in figures["rows"]][-2:] == ["ours, fused − MiniRocket", "ours, fused − 1-NN DTW"]
     assert re.search(r"\| all 2 \| ours, fused \|", page.read_text(encoding="utf-8"))
     assert "ours, wheel" in capsys.readouterr().out
 

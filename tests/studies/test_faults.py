@@ -1,4 +1,4 @@
-"""Faults: what each faulty judge says instead, and that nobody else is touched."""
+"""Faults: the outputs of each faulty observer, and that the others stay untouched."""
 
 import numpy as np
 import pytest
@@ -14,8 +14,8 @@ RATE = 5.0
 M = 4
 
 
-def said(seed=0, lengths=(8, 12, 3), facings=2):
-    """What was said in trials of these lengths; without facings, nothing of them nor of the unlearned."""
+def outputs(seed=0, lengths=(8, 12, 3), facings=2):
+    """Outputs in trials of these lengths; with facings=0, neither facing nor unlearned."""
     rng = np.random.default_rng(seed)
     result = []
     for n in lengths:
@@ -25,11 +25,11 @@ def said(seed=0, lengths=(8, 12, 3), facings=2):
     return result
 
 
-def parts_of(said):
-    return [part for part in (said.p, said.facing, said.unlearned) if part is not None]
+def parts_of(one):
+    return [part for part in (one.p, one.facing, one.unlearned) if part is not None]
 
 
-def is_belief(p):
+def is_distribution(p):
     return np.isfinite(p).all() and (p >= 0).all() and np.allclose(p.sum(axis=-1), 1)
 
 
@@ -38,26 +38,24 @@ def is_belief(p):
     st.integers(0, 99),
     st.sampled_from([0, 2]),
 )
-def test_only_the_faulty_views_change_and_all_stay_beliefs(faults, seed, facings):
-    before, kept = said(seed, facings=facings), said(seed, facings=facings)
-    after = disturb(before, VIEWS, faults, RATE, seed)
-    again = disturb(before, VIEWS, faults, RATE, seed)
+def test_only_the_faulty_views_change_and_all_stay_distributions(faults, seed, facings):
+    before, unchanged = outputs(seed, facings=facings), outputs(seed, facings=facings)
+    after, again = (disturb(before, VIEWS, faults, RATE, seed) for _ in range(2))
     for n, (own, then) in enumerate(zip(before, after, strict=True)):
-        for was, stayed, now, repeated in zip(*map(parts_of, (own, kept[n], then, again[n])), strict=True):
+        for was, stayed, now, repeated in zip(*map(parts_of, (own, unchanged[n], then, again[n])), strict=True):
             np.testing.assert_array_equal(was, stayed)
             np.testing.assert_array_equal(now, repeated)
             assert now.shape == was.shape
             for column, view in enumerate(VIEWS):
                 assert view in faults or np.array_equal(was[:, column], now[:, column])
-        assert is_belief(then.p) and (then.facing is None or is_belief(then.facing))
+        assert is_distribution(then.p) and (then.facing is None or is_distribution(then.facing))
         for column, view in enumerate(VIEWS):
             assert np.array_equal(own.p[:, column], then.p[:, column]) == (view not in faults)
 
 
-def test_wrong_is_what_it_believed_of_another_trial():
-    before = said()
-    after = disturb(before, VIEWS, {"wheel": "wrong"}, RATE, 1)
-    for n, then in enumerate(after):
+def test_wrong_is_the_output_of_another_trial():
+    before = outputs()
+    for n, then in enumerate(disturb(before, VIEWS, {"wheel": "wrong"}, RATE, 1)):
 
         def could_be(other, then=then):
             place = np.minimum(np.arange(len(then.p)), len(other.p) - 1)
@@ -67,30 +65,24 @@ def test_wrong_is_what_it_believed_of_another_trial():
         assert [could_be(other) for k, other in enumerate(before) if k != n].count(True) == 1
 
 
-def test_wrong_draws_from_all_other_trials():
-    many = said(lengths=(1,) * 30)
-    drawn = [int(then.p[0, 0, 0] == other.p[0, 0, 0]) for then in disturb(many, VIEWS, {"door": "wrong"}, RATE, 0)
-             for other in many]  # fmt: skip
-    table = np.array(drawn).reshape(30, 30)
+def test_wrong_draws_from_all_other_trials_and_a_single_trial_stays_itself():
+    many = outputs(lengths=(1,) * 30)
+    after = disturb(many, VIEWS, {"door": "wrong"}, RATE, 0)
+    table = np.array([[then.p[0, 0, 0] == other.p[0, 0, 0] for other in many] for then in after])
     assert (table.sum(axis=1) == 1).all() and not table.diagonal().any()
-    shifts = {(int(row.argmax()) - n) % 30 for n, row in enumerate(table)}
-    assert len(shifts) > 5
+    assert len({(int(row.argmax()) - n) % 30 for n, row in enumerate(table)}) > 5
+    (only,) = outputs(lengths=(6,))
+    np.testing.assert_array_equal(disturb([only], VIEWS, {"door": "wrong"}, RATE, 0)[0].p, only.p)
 
 
-def test_a_single_trial_can_only_be_itself():
-    (only,) = said(lengths=(6,))
-    (after,) = disturb([only], VIEWS, {"door": "wrong"}, RATE, 0)
-    np.testing.assert_array_equal(after.p, only.p)
-
-
-def test_silent_says_the_prior_of_all_and_nothing_of_what_was_not_learned():
-    for then in disturb(said(), VIEWS, {"door": "silent"}, RATE, 0):
+def test_silent_is_the_prior_without_an_unlearned_probability():
+    for then in disturb(outputs(), VIEWS, {"door": "silent"}, RATE, 0):
         assert (then.p[:, 0] == 1 / M).all() and (then.facing[:, 0] == 1 / 2).all()
         assert np.isnan(then.unlearned[:, 0]).all() and np.isfinite(then.unlearned[:, 1:]).all()
 
 
-def test_late_says_everything_a_second_late():
-    before = said()
+def test_late_is_one_second_late():
+    before = outputs()
     delay = round(LATE_S * RATE)
     for own, then in zip(before, disturb(before, VIEWS, {"table": "late"}, RATE, 0), strict=True):
         assert (then.p[:delay, 2] == 1 / M).all() and (then.facing[:delay, 2] == 1 / 2).all()
@@ -99,30 +91,25 @@ def test_late_says_everything_a_second_late():
             np.testing.assert_array_equal(now[delay:, 2], was[: max(len(was) - delay, 0), 2])
 
 
-def test_noise_is_new_in_every_frame_and_owes_nothing_to_the_person():
-    one, other = ([then.p[:, 0] for then in disturb(said(seed), VIEWS, {"door": "noise"}, RATE, 7)] for seed in (0, 1))
+def test_noise_is_new_in_every_frame_and_independent_of_the_person():
+    one, other = (disturb(outputs(seed), VIEWS, {"door": "noise"}, RATE, 7) for seed in (0, 1))
     for a, b in zip(one, other, strict=True):
-        np.testing.assert_array_equal(a, b)
-        assert len(np.unique(a, axis=0)) == len(a)
-    entropies = -(np.concatenate(one) * np.log2(np.maximum(np.concatenate(one), 1e-300))).sum(axis=1)
+        np.testing.assert_array_equal(a.p[:, 0], b.p[:, 0])
+        np.testing.assert_array_equal(a.facing[:, 0], b.facing[:, 0])
+        assert len(np.unique(a.p[:, 0], axis=0)) == len(a.p)
+    p = np.concatenate([a.p[:, 0] for a in one])
+    entropies = -(p * np.log2(np.maximum(p, 1e-300))).sum(axis=1)
     assert entropies.min() < 0.5 < entropies.max()
 
 
-def test_noise_of_facing_owes_nothing_to_the_person_either():
-    one, other = (
-        [then.facing[:, 0] for then in disturb(said(seed), VIEWS, {"door": "noise"}, RATE, 7)] for seed in (0, 1)
-    )
-    assert all(np.array_equal(a, b) for a, b in zip(one, other, strict=True))
-
-
-def test_faults_are_named_view_by_view():
+def test_faults_are_parsed_view_by_view():
     assert parse_fault("door=wrong", VIEWS) == ("door", "wrong")
     assert parse_fault("yaw:45,pitch:10=late", ("yaw:45,pitch:10",)) == ("yaw:45,pitch:10", "late")
     assert parse_fault("a=b=late", ("a=b",)) == ("a=b", "late")
 
 
 @pytest.mark.parametrize(
-    ("text", "rule"),
+    ("text", "error"),
     [
         ("door", "VIEW=KIND is expected, VIEW one of door, wheel, table"),
         ("roof=late", "VIEW one of door, wheel, table"),
@@ -131,19 +118,18 @@ def test_faults_are_named_view_by_view():
         ("door=asleep", "unknown fault 'asleep'"),
     ],
 )
-def test_bad_faults_are_refused(text, rule):
-    with pytest.raises(BadInput, match=rule):
+def test_bad_faults_are_rejected(text, error):
+    with pytest.raises(BadInput, match=error):
         parse_fault(text, VIEWS)
 
 
-class Counting:
-    body_parts = ("head",)
+def test_an_occluded_tracker_sees_nothing_in_those_frames_and_skips_none():
+    class Counting:
+        body_parts = ("head",)
 
-    def update(self, frame):
-        return Tracks(np.array([[float(frame.captured_ns), 1.0]]))
+        def update(self, frame):
+            return Tracks(np.array([[float(frame.captured_ns), 1.0]]))
 
-
-def test_who_is_hidden_sees_nothing_in_those_frames_and_loses_none():
     tracker = OccludedTracker(Counting(), 2, 4)
-    seen = [tracker.update(Frame(n, np.zeros(0))).centres[0, 0] for n in range(6)]
-    assert np.array_equal(seen, [0, 1, np.nan, np.nan, 4, 5], equal_nan=True)
+    centres = [tracker.update(Frame(n, np.zeros(0))).centres[0, 0] for n in range(6)]
+    assert np.array_equal(centres, [0, 1, np.nan, np.nan, 4, 5], equal_nan=True)

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from studies.performer.body import assume
 from studies.performer.plan import TimedStroke, TimedSwing, compose, minimum_jerk, standing
-from studies.performer.repertoire import KNOWN_PEOPLE, SCORES, Stroke
+from studies.performer.repertoire import KNOWN_PEOPLE, REST, SCORES, Stroke
 
 seeds = st.integers(0, 2**32)
 persons = st.sampled_from(sorted(KNOWN_PEOPLE))
@@ -72,6 +72,4 @@ def test_trials_are_as_long_and_as_fast_as_people_are(label, person, seed):
 
 def test_every_score_ends_at_rest():
     for label, score in SCORES.items():
-        assert isinstance(score[-1], Stroke), label
-        assert score[-1].posture.right is None, label
-        assert score[-1].posture.left is None, label
+        assert isinstance(score[-1], Stroke) and score[-1].posture == REST, label
