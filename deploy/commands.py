@@ -90,9 +90,10 @@ class ScenePort:
             return f"{setting}: not an address of this machine; write 127.0.0.1, or 0.0.0.0 for every interface"
         if not unusable:
             return ""
-        listener = listener_on(self.parts.port)
-        cause = f"taken by {listener}" if listener else f"cannot be listened on: {unusable}"
-        return f"{setting}: port {self.parts.port} is {cause}; stop that program, or choose another port"
+        taken = "in use" in unusable
+        cause = f"taken by {listener_on(self.parts.port) or 'another program'}" if taken else f"not usable: {unusable}"
+        way_out = "stop that program, or choose another port" if taken else "choose another port, above 1023"
+        return f"{setting}: port {self.parts.port} is {cause}; {way_out}"
 
 
 def require_free_ports(scene: Scene, processes: int) -> None:
