@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from common.errors import BadInput
-from observer.geometry.lens import LensDistortion, distorted, undistorted
+from observer.geometry.lens import LensDistortion, distorted
 from observer.geometry.projection import Floats, project
 
 
@@ -47,13 +47,9 @@ class CalibratedCamera:
 
     def pixels(self, points: Floats) -> Floats:
         """(..., 3) metres -> (..., 2) pixels with distortion; NaN for points behind the camera."""
-        plain = project(np.column_stack([self.R, self.t]), points)
-        return _to_pixels(self.K, distorted(plain, self.distortion))
-
-    def undistorted(self, pixels: Floats) -> Floats:
-        """(..., 2) pixels of the picture -> (..., 2) undistorted pixels, for which `matrix` holds; NaN stays NaN."""
-        plain = undistorted(_from_pixels(self.K, pixels), self.distortion)
-        return _to_pixels(self.K, plain)
+        normalised = distorted(project(np.column_stack([self.R, self.t]), points), self.distortion)
+        pixels: Floats = normalised @ self.K[:2, :2].T + self.K[:2, 2]
+        return pixels
 
     def moved(self, R: Floats, t: Floats) -> "CalibratedCamera":
         """The same camera in a room whose points are X' = R X + t."""
@@ -80,16 +76,6 @@ def rotation(values: Sequence[object], what: str) -> Floats:
 def angle_between(first: Floats, second: Floats) -> float:
     """Angle between two (3, 3) rotations, 0 to π radians."""
     return float(np.arccos(np.clip((np.trace(first.T @ second) - 1) / 2, -1, 1)))
-
-
-def _to_pixels(K: Floats, normalised: Floats) -> Floats:
-    result: Floats = normalised @ K[:2, :2].T + K[:2, 2]
-    return result
-
-
-def _from_pixels(K: Floats, pixels: Floats) -> Floats:
-    result: Floats = (pixels - K[:2, 2]) @ np.linalg.inv(K[:2, :2]).T
-    return result
 
 
 def _from_rodrigues(vector: Floats) -> Floats:

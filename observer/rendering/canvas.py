@@ -59,11 +59,11 @@ class PinholeCamera:
         """
         image = self._H[:, :3] @ centre + self._H[:, 3]
         pixel = image[:2] / image[2]
-        sight = centre - self.centre
-        sight = sight / np.linalg.norm(sight)
+        direction = centre - self.centre
+        direction = direction / np.linalg.norm(direction)
         jacobian = (self._H[:2, :3] - np.outer(pixel, self._H[2, :3])) / image[2]
-        B = np.linalg.inv(np.vstack([jacobian, sight]))[:, :2]
-        return pixel, sight, B
+        B = np.linalg.inv(np.vstack([jacobian, direction]))[:, :2]
+        return pixel, direction, B
 
     def conic(self, centre: Floats, axes: Floats) -> tuple[Floats, Floats, Floats, Floats]:
         """Pixel p (2,), WB (3, 2), Wv (3,) and Q (2, 2) of an ellipsoid; the columns of `axes` are its semi-axes.
@@ -71,9 +71,9 @@ class PinholeCamera:
         W is the inverse of `axes`, p, B and v as `unproject_about` gives them. The ray through the pixel p + d
         meets the ellipsoid where d Q d <= 1, with Q = (WB)ᵀ(WB) - ggᵀ/|Wv|², g = (WB)ᵀ Wv.
         """
-        pixel, sight, B = self.unproject_about(centre)
+        pixel, direction, B = self.unproject_about(centre)
         W = np.linalg.inv(axes)
-        WB, Wv = W @ B, W @ sight
+        WB, Wv = W @ B, W @ direction
         g = WB.T @ Wv
         return pixel, WB, Wv, WB.T @ WB - np.outer(g, g) / float(Wv @ Wv)
 

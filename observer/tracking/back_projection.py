@@ -178,10 +178,10 @@ class BackProjection:
         return None if patch is None else self._outside(SkinPatch(patch.centre + window.origin, patch.area))
 
     def blobs(
-        self, masks: Sequence[Mask], smallest: float, largest: float, background: bool = False
+        self, masks: Sequence[Mask], smallest: float, largest: float, include_background: bool = False
     ) -> list[SkinPatch]:
-        """All patches with areas from `smallest` to `largest`, largest first; `background` includes background skin."""
-        back = (self.skin if background else self.back).copy()
+        """All patches with areas from `smallest` to `largest`, largest first; background skin only if asked."""
+        back = (self.skin if include_background else self.back).copy()
         for centre, axes in masks:
             erase(back, self._inside(centre), (axes[0] / self.step, axes[1] / self.step))
         return [self._outside(p) for p in blobs(back, smallest / self.step**2, largest / self.step**2)]

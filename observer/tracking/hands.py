@@ -35,12 +35,8 @@ class HandTracker:
         """mirror: (2,) factor applied to centres before sides are named; u is negated for a person seen from behind."""
         self.parts = [TrackedPart(HAND_ACCELERATION), TrackedPart(HAND_ACCELERATION)]
         self.acquired: list[SkinPatch] = []
-        self._acquisition, self._resting, self._handedness, self._mirror = (
-            HandAcquisition(),
-            RestingHands(),
-            HandednessEvidence(),
-            mirror,
-        )
+        self._acquisition, self._resting = HandAcquisition(), RestingHands()
+        self._handedness, self._mirror = HandednessEvidence(), mirror
 
     def predict(self, seconds: float) -> None:
         """Predict ahead."""
@@ -136,7 +132,7 @@ class HandTracker:
         missing = [row for row in (LEFT, RIGHT) if self.parts[row].state is State.MISSING]
         if not missing:
             return
-        skin = image.blobs([_ellipse(head, face)], HAND[0] * face**2, HAND[1] * face**2, background=True)
+        skin = image.blobs([_ellipse(head, face)], HAND[0] * face**2, HAND[1] * face**2, include_background=True)
         occupied = [part.filter.centre for part in self.parts if part.filter is not None]
         for side, patch in self._resting.update(skin, head, face, seconds).items():
             row = RIGHT if side * self._mirror[0] < 0 else LEFT

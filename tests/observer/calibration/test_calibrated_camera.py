@@ -34,8 +34,8 @@ def test_projection_agrees_with_opencv_and_is_invertible(lens):
     expected = cv2.projectPoints(points, cv2.Rodrigues(one.R)[0], one.t, K, one.distortion if lens else None)[0]
     drawn = one.pixels(points)
     np.testing.assert_allclose(drawn, expected.reshape(-1, 2), atol=1e-6)
-    np.testing.assert_allclose(one.undistorted(drawn), project(one.matrix, points), atol=1e-3)
-    assert np.isnan(one.undistorted(np.array([np.nan, 1.0]))).all()
+    plain = one.lens.undistorted(drawn) if lens else drawn
+    np.testing.assert_allclose(plain, project(one.matrix, points), atol=1e-3)
 
 
 @given(st.tuples(*[st.floats(-3, 3)] * 3), st.tuples(*[st.floats(-3, 3)] * 3))

@@ -76,7 +76,7 @@ def test_a_recorded_person_with_noise_and_one_camera_wrong_or_blind(data):
     seen = np.array([c.pixels(points) for c in cameras]) + rng.normal(0, 2, (4, len(points), 2))
     for n in range(len(points)):
         seen[n % 4, n] = np.nan if n % 2 else rng.uniform((0, 0), (1088, 1920))
-    plain = np.array([c.undistorted(s) for c, s in zip(cameras, seen, strict=True)])
+    plain = np.array([c.lens.undistorted(s) for c, s in zip(cameras, seen, strict=True)])
     matrices = [c.matrix for c in cameras]
     result = np.array([triangulate(matrices, plain[:, n]).point for n in range(len(points))])
     off = np.linalg.norm(result - points, axis=1)
