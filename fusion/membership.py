@@ -27,6 +27,8 @@ from fusion.standby import HandoverRequest, StandbyListener
 log = logging.getLogger("labanmesh.fusion")
 STEPS_MISSED = 2.5
 """A service that judges at every step is not silent before it has missed this many."""
+SHARED_TAKEOVER_S = 2.0
+"""A process that takes over a hundred scenes at once is busy for some tenths of a second, and is not silent."""
 VOCABULARY_TIMEOUT_S = 1.0
 ASKING = "asking the observers for their vocabulary"
 
@@ -41,6 +43,8 @@ class SceneMember:
         self.scene, self._service = scene, service
         named = () if service.shared and not scene.fusion.standby else scene.services
         takeover_s = max(scene.fusion.takeover_s, STEPS_MISSED / scene.fusion.step_hz)
+        if not named:
+            takeover_s = max(takeover_s, SHARED_TAKEOVER_S)
         self.ownership = Ownership(service.own, scene.scene, named, takeover_s)
         self._warm = len(named) > 1
         self._file = CheckpointFile(scene.place(scene.fusion.memory)) if scene.fusion.memory else None
