@@ -6,15 +6,16 @@ An answer to a query may be old, so judgements and posteriors count only when th
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Final
+from typing import Final, TypeVar
 
 from common import SECOND_NS
 from common.keys import SceneKeys, observer_of
-from common.messages import JudgementMessage, PosteriorMessage, StatusMessage
+from common.messages import JudgementMessage, Message, PosteriorMessage, StatusMessage
 from common.text import plural
 from common.wire import BadMessage, decode_from
 from deploy.doctor.findings import Finding, error, ok, warning
 
+M = TypeVar("M", bound=Message)
 GROUP: Final = "the mesh"
 PROCESSES_LIMIT = 64
 """How many processes are recorded; a program that invents names cannot fill a page."""
@@ -101,37 +102,38 @@ class MeshTraffic:
             self._status(_process(self.fusions, name), key, payload, now_ns)
 
     def _judgement(self, key: str, payload: bytes) -> None:
-        try:
-            judgement = decode_from(key, JudgementMessage, payload)
-        except BadMessage as bad:
-            self.bad_judgements[bad.reason] += 1
-            return
-        process = _process(self.fusions, judgement.fusion)
-        process.judgements += 1
-        process.hashes.add(judgement.vocabulary.hash)
-        process.count_number("", judgement.seq)
+        judgement = _decoded(key, JudgementMessage, payload, self.bad_judgements)
+        if judgement is not None:
+            process = _process(self.fusions, judgement.fusion)
+            process.judgements += 1
+            process.hashes.add(judgement.vocabulary.hash)
+            process.count_number("", judgement.seq)
 
     def _posterior(self, process: ProcessTraffic, key: str, payload: bytes) -> None:
-        try:
-            posterior = decode_from(key, PosteriorMessage, payload)
-        except BadMessage as bad:
-            process.bad[bad.reason] += 1
-            return
-        process.posteriors += 1
-        process.hashes.add(posterior.vocabulary.hash)
-        process.count_number(posterior.session, posterior.seq)
+        posterior = _decoded(key, PosteriorMessage, payload, process.bad)
+        if posterior is not None:
+            process.posteriors += 1
+            process.hashes.add(posterior.vocabulary.hash)
+            process.count_number(posterior.session, posterior.seq)
 
     def _status(self, process: ProcessTraffic, key: str, payload: bytes, now_ns: int) -> None:
-        try:
-            status = decode_from(key, StatusMessage, payload)
-        except BadMessage as bad:
-            process.bad[bad.reason] += 1
+        status = _decoded(key, StatusMessage, payload, process.bad)
+        if status is None:
             return
         process.status, process.status_ns = status, now_ns
         if status.at_ns is not None:
             skew_s = (status.at_ns - now_ns) / SECOND_NS
             # Transport only makes a clock seem slower: the greatest is the nearest to the truth.
             process.skew_s = skew_s if process.skew_s is None else max(process.skew_s, skew_s)
+
+
+def _decoded(key: str, kind: type[M], payload: bytes, bad: Counter[str]) -> M | None:
+    """The message; None where it cannot be used, which is counted by reason."""
+    try:
+        return decode_from(key, kind, payload)
+    except BadMessage as fault:
+        bad[fault.reason] += 1
+        return None
 
 
 def judged_hash(fusions: Mapping[str, ProcessTraffic]) -> str:
