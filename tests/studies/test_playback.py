@@ -1,4 +1,4 @@
-"""A capture played back onto a mesh: how its times are moved, and what others then hear."""
+"""A capture played back onto a mesh: its new times, and what others receive."""
 
 import threading
 import time
@@ -72,21 +72,26 @@ def test_posteriors_keep_their_age_and_no_two_are_dated_alike(arrivals, speed):
     times, last, now_ns, at_ns = moving(speed), None, NOW, THEN
     for seq, (later_ns, age_ns, way_ns) in enumerate(arrivals):
         at_ns += later_ns
-        said = posterior(seq, at_ns - age_ns - way_ns, at_ns - way_ns)
+        message = posterior(seq, at_ns - age_ns - way_ns, at_ns - way_ns)
         now_ns = max(now_ns + 1, times.due_ns(at_ns))
-        moved = decode(PosteriorMessage, times.payload(put(POSTERIOR, said, at_ns), now_ns))
+        moved = decode(PosteriorMessage, times.payload(put(POSTERIOR, message, at_ns), now_ns))
         assert moved.captured_ns <= moved.sent_ns
         if last is None or moved.captured_ns > last.captured_ns + 1:
             assert abs((now_ns - moved.captured_ns) * (speed or 1) - age_ns - way_ns) <= 2 * max(speed, 1)
         if last is not None:
             assert moved.captured_ns > last.captured_ns and moved.sent_ns > last.sent_ns
-        assert (moved.p, moved.rest, moved.seq, moved.visible) == (said.p, said.rest, said.seq, said.visible)
+        assert (moved.p, moved.rest, moved.seq, moved.visible) == (
+            message.p,
+            message.rest,
+            message.seq,
+            message.visible,
+        )
         assert moved.session == "s-run"
         last = moved
 
 
 @pytest.mark.parametrize(("speed", "shift_ns", "scale"), [(1.0, NOW - THEN, 1), (4.0, NOW - THEN, 4)])
-def test_the_sayings_of_one_verdict_agree(speed, shift_ns, scale):
+def test_the_messages_of_one_verdict_agree(speed, shift_ns, scale):
     times = moving(speed)
     first = decode(VerdictMessage, times.payload(put(VERDICT, verdict(THEN + 2 * SECOND), THEN), NOW + 5))
     last = verdict(THEN + 4 * SECOND, THEN + 3 * SECOND)
@@ -100,35 +105,35 @@ def test_the_sayings_of_one_verdict_agree(speed, shift_ns, scale):
     assert (going.movement.id, going.movement.began_ns, going.movement.decided_ns) == (first.id, first.began_ns, None)
 
 
-def test_as_fast_as_possible_the_referees_words_end_now():
+def test_as_fast_as_possible_the_messages_of_fusion_end_now():
     times = moving(0.0)
     moved = decode(JudgementMessage, times.payload(put(JUDGEMENT, judgement(THEN + 9 * SECOND), THEN), NOW))
     assert moved.at_ns == NOW - SECOND
     assert times.due_ns(THEN + 9 * SECOND) == NOW
 
 
-def test_a_status_is_of_now_and_what_cannot_be_read_goes_as_it_was():
+def test_a_status_gets_the_current_time_and_bad_messages_stay_unchanged():
     times = moving(scene="other")
-    said = StatusMessage(scene="dojo", id="cam1", state="running", at_ns=THEN, last_frame_ns=THEN - SECOND)
-    moved = decode(StatusMessage, times.payload(put(STATUS, said, THEN), NOW))
+    message = StatusMessage(scene="dojo", id="cam1", state="running", at_ns=THEN, last_frame_ns=THEN - SECOND)
+    moved = decode(StatusMessage, times.payload(put(STATUS, message, THEN), NOW))
     assert (moved.scene, moved.at_ns, moved.last_frame_ns) == ("other", NOW, NOW - SECOND)
-    for bad in (b"", b"\xc1", encode(said)[:-3]):
+    for bad in (b"", b"\xc1", encode(message)[:-3]):
         assert times.payload(put(STATUS, bad, THEN), NOW) == bad
-    assert times.payload(put(f"{ROOT}/x/y", encode(said), THEN), NOW) == encode(said)
+    assert times.payload(put(f"{ROOT}/x/y", encode(message), THEN), NOW) == encode(message)
 
 
 @pytest.fixture
-def kept(tmp_path):
+def write(tmp_path):
     scene = Scene(scene="dojo", observers={"cam1": ObserverConfig(source="m.npz")})
 
-    def keep(*records):
+    def write_capture(*records):
         path = tmp_path / f"{len(list(tmp_path.iterdir()))}.mcap"
         with CaptureWriter(path, scene, "", THEN) as writer:
             for record in records:
                 writer.write(record)
         return CaptureFile(path)
 
-    return keep
+    return write_capture
 
 
 def taken(inbox, count):
@@ -157,83 +162,84 @@ WHOLE = (
 
 
 @pytest.fixture
-def referee():
-    """Where all meet, and what is heard there of observers."""
+def fusion():
+    """The link at which the others connect."""
     with Link.open(MeshConfig(), "fusion", listen=["tcp/127.0.0.1:0"]) as link:
         yield link
 
 
-def test_a_referee_hears_the_posteriors_of_who_is_alive_and_learns_the_vocabulary(kept, referee):
-    inbox = referee.inbox(f"{ROOT}/**")
-    alive = referee.presence(f"{ROOT}/**/alive")
-    asked, seen = [], []
+def test_fusion_receives_posteriors_liveliness_and_vocabulary(write, fusion):
+    inbox = fusion.inbox(f"{ROOT}/**")
+    alive = fusion.presence(f"{ROOT}/**/alive")
+    queried, progress = [], []
     stop = threading.Event()
 
     def watch(what, done, total):
-        if not asked:
+        if not queried:
             assert alive.wait_for(1, SOON_S)
-            asked.append(referee.ask(VOCABULARY, SOON_S))
-        seen.append((done, total))
+            queried.append(fusion.ask(VOCABULARY, SOON_S))
+        progress.append((done, total))
         if done == total:
-            assert alive.wait_for(0, SOON_S), "he goes when he went"
+            assert alive.wait_for(0, SOON_S), "its token ends when the process ended"
 
     began_s = time.monotonic()
-    said = play(kept(*WHOLE), onto(referee.locator), PlaybackOptions(posteriors_only=True), stop, watch)
+    count = play(write(*WHOLE), onto(fusion.locator), PlaybackOptions(posteriors_only=True), stop, watch)
     assert time.monotonic() - began_s >= 0.3
-    assert said == 2 and seen[-1] == (7, 7)
-    assert asked == [{VOCABULARY: WHOLE[0].payload}]
+    assert count == 2 and progress[-1] == (7, 7)
+    assert queried == [{VOCABULARY: WHOLE[0].payload}]
     arrivals = taken(inbox, 2)
     assert [arrival.key for arrival in arrivals] == [POSTERIOR, POSTERIOR]
-    heard = [decode(PosteriorMessage, arrival.payload) for arrival in arrivals]
-    assert [message.seq for message in heard] == [1, 2]
+    messages = [decode(PosteriorMessage, arrival.payload) for arrival in arrivals]
+    assert [message.seq for message in messages] == [1, 2]
     assert all(
-        0 <= arrival.arrived_ns - message.sent_ns < 2 * SECOND for arrival, message in zip(arrivals, heard, strict=True)
+        0 <= arrival.arrived_ns - message.sent_ns < 2 * SECOND
+        for arrival, message in zip(arrivals, messages, strict=True)
     )
     assert (arrivals[1].arrived_ns - arrivals[0].arrived_ns) / 1e6 == pytest.approx(199, abs=150)
 
 
-def test_everything_is_said_where_the_referee_is_missing_also_to_who_comes_late(kept):
+def test_everything_is_played_without_fusion_also_to_late_joiners(write):
     with Link.open(MeshConfig(), "fusion", listen=["tcp/127.0.0.1:0"]) as free:
         endpoint = free.locator
     scene = onto(endpoint, prefix="other")
-    told = {}
+    answers = {}
     with Link.open(scene.mesh, "hub") as hub:
         inbox = hub.inbox("other/dojo/**")
 
         def late(what, done, total):
             if done == 6:
-                told.update(hub.ask("other/dojo/**", SOON_S))
+                answers.update(hub.ask("other/dojo/**", SOON_S))
 
         manner = PlaybackOptions(speed=0, as_recorded=True)
-        assert play(kept(*WHOLE), scene, manner, threading.Event(), late) == 4
-        heard = [(arrival.key, arrival.payload) for arrival in taken(inbox, 4)]
-    assert heard == [("other" + r.key.removeprefix("laban"), r.payload) for r in WHOLE if r.kind == "put"]
-    assert told == {f"other{r.key.removeprefix('laban')}": r.payload for r in (WHOLE[0], WHOLE[3], WHOLE[4])}
+        assert play(write(*WHOLE), scene, manner, threading.Event(), late) == 4
+        received = [(arrival.key, arrival.payload) for arrival in taken(inbox, 4)]
+    assert received == [("other" + r.key.removeprefix("laban"), r.payload) for r in WHOLE if r.kind == "put"]
+    assert answers == {f"other{r.key.removeprefix('laban')}": r.payload for r in (WHOLE[0], WHOLE[3], WHOLE[4])}
 
 
-def test_it_ends_when_it_is_told_to(kept, referee):
-    referee.inbox(f"{ROOT}/**")
+def test_it_ends_when_stopped(write, fusion):
+    fusion.inbox(f"{ROOT}/**")
     stop = threading.Event()
     slow = (WHOLE[2], put(POSTERIOR, posterior(3), THEN + 3600 * SECOND))
-    said = play(kept(*slow), onto(referee.locator), PlaybackOptions(posteriors_only=True), stop, lambda *_: stop.set())
-    assert said == 1
+    count = play(write(*slow), onto(fusion.locator), PlaybackOptions(posteriors_only=True), stop, lambda *_: stop.set())
+    assert count == 1
 
 
-def test_what_cannot_be_played_is_refused(kept, referee, monkeypatch):
+def test_captures_that_cannot_be_played_are_errors(write, fusion, monkeypatch):
     monkeypatch.setattr(playback, "FUSION_TIMEOUT_S", 0.1)
     stop = threading.Event()
     with pytest.raises(LabanmeshError, match="no subscriber to posteriors there; start `labanmesh fuse`"):
-        play(kept(*WHOLE), onto(referee.locator), PlaybackOptions(posteriors_only=True), stop)
+        play(write(*WHOLE), onto(fusion.locator), PlaybackOptions(posteriors_only=True), stop)
     with pytest.raises(LabanmeshError, match="already in use"):
-        play(kept(*WHOLE), onto(referee.locator), PlaybackOptions(), stop)
+        play(write(*WHOLE), onto(fusion.locator), PlaybackOptions(), stop)
     with pytest.raises(BadInput, match="--as-recorded: the messages are of scene 'dojo'"):
-        play(kept(*WHOLE), onto(referee.locator, "other"), PlaybackOptions(as_recorded=True), stop)
+        play(write(*WHOLE), onto(fusion.locator, "other"), PlaybackOptions(as_recorded=True), stop)
     with pytest.raises(LabanmeshError, match="contains no messages"):
-        play(kept(), onto(referee.locator), PlaybackOptions(), stop)
+        play(write(), onto(fusion.locator), PlaybackOptions(), stop)
 
 
-def test_the_verb_plays_or_judges_never_both(kept, tmp_path, capsys):
-    path = str(kept(*WHOLE).path)
+def test_the_command_plays_or_judges_never_both(write, tmp_path, capsys):
+    path = str(write(*WHOLE).path)
     for words in (["--onto", "s.toml", "--without", "cam1"], ["--onto", "s.toml", "--json"], ["--only", "posteriors"],
                   ["--onto", "s.toml", "--only", "verdicts"], ["--onto", "nowhere.toml"]):  # fmt: skip
         assert labanmesh.main(["replay", path, *words]) == 2

@@ -169,10 +169,10 @@ def test_optional_fields_come_out_the_same(write):
         }
         # The wheel publishes rarely, so that its posterior fades; the corner sends none of these fields.
         speaks = [m for m in posteriors if m.observer != "wheel" or n % 6 == 0]
-        told = [
+        messages = [
             m if m.observer == "corner" else PosteriorMessage.model_validate({**m.model_dump(), **more}) for m in speaks
         ]
-        played.append((at_ns, told))
+        played.append((at_ns, messages))
     records = recorded(a_scene(temperature=1.3), played)
     result = judge_again(write(records, a_scene(temperature=1.3)), ReplayChange())
     assert result.same == result.judgements and result.faithful
@@ -188,10 +188,10 @@ def test_a_changed_vote_is_noticed(write, records):
 
 
 def test_a_forged_verdict_is_noticed(write, records):
-    said = next(n for n, record in enumerate(records) if record.key.endswith("/verdict"))
-    forged = records[said].payload.replace(b"\xa5label\xa6bowing\xaecertainty", b"\xa5label\xa7lunging\xaecertainty")
-    assert forged != records[said].payload
-    records[said] = CaptureRecord("put", records[said].key, forged, records[said].arrived_ns)
+    place = next(n for n, record in enumerate(records) if record.key.endswith("/verdict"))
+    forged = records[place].payload.replace(b"\xa5label\xa6bowing\xaecertainty", b"\xa5label\xa7lunging\xaecertainty")
+    assert forged != records[place].payload
+    records[place] = CaptureRecord("put", records[place].key, forged, records[place].arrived_ns)
     result = judge_again(write(records), ReplayChange())
     assert result.rows[0].likeness == "same label" and not result.faithful  # its last word was as it is now
     assert "reasons for a difference" in as_text(result, "a.mcap", True)
@@ -211,8 +211,8 @@ def test_a_capture_that_began_in_the_middle_is_exact_after_that(write, records):
 
 def test_a_movement_decided_before_the_capture_ends_with_its_queried_verdict(write, records):
     decided = next(n for n, record in enumerate(records) if record.key == f"{ROOT}/verdict")
-    told = CaptureRecord("answer", f"{ROOT}/verdict", records[decided].payload, NOON)
-    result = judge_again(write([records[0], told, *records[decided + 2 :]]), ReplayChange())
+    answer = CaptureRecord("answer", f"{ROOT}/verdict", records[decided].payload, NOON)
+    result = judge_again(write([records[0], answer, *records[decided + 2 :]]), ReplayChange())
     assert [len(row.recorded) for row in result.rows] == [1, 2, 2]
     assert [row.likeness for row in result.rows] == ["bit for bit"] * 3
 
@@ -407,8 +407,8 @@ def test_the_reader_in_the_documentation_works_alone(write, records):
     (code,) = re.findall(r"```python\n(.*?)```", (HOUSE / "docs" / "guide" / "replay.md").read_text("utf-8"), re.DOTALL)
     capture = write(records)
     command = [sys.executable, "-I", "-c", code, str(capture.path)]
-    told = subprocess.run(command, capture_output=True, text=True, check=True, timeout=30).stdout
-    assert [line.split()[2] for line in told.splitlines()] == ["bowing"] * 2 + ["lunging"] * 2 + ["stretch"] * 2
+    output = subprocess.run(command, capture_output=True, text=True, check=True, timeout=30).stdout
+    assert [line.split()[2] for line in output.splitlines()] == ["bowing"] * 2 + ["lunging"] * 2 + ["stretch"] * 2
 
 
 def test_the_command_prints_the_result_and_its_status(write, records, tmp_path, capsys):
@@ -422,8 +422,8 @@ def test_the_command_prints_the_result_and_its_status(write, records, tmp_path, 
     out = capsys.readouterr().out
     assert "3 of 3 verdicts the same bit for bit" in out and out.count("bit for bit\n") == 3
     assert labanmesh.main(["replay", str(bad), "--json"]) == 1
-    told = json.loads(capsys.readouterr().out)
-    assert [row["likeness"] for row in told["verdicts"]] == ["another label", "bit for bit", "bit for bit"]
+    printed = json.loads(capsys.readouterr().out)
+    assert [row["likeness"] for row in printed["verdicts"]] == ["another label", "bit for bit", "bit for bit"]
     assert labanmesh.main(["replay", str(bad), "--without", "wheel"]) == 0
     capsys.readouterr()
     for words in (["none.mcap"], [str(good), "--from", "votes"], [str(good), "--speed", "2"]):
