@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.errors import BadInput
+from common.text import plural
 from observer.motion.archive import MotionArchive
 
 Progress = Callable[[int, int], None]
@@ -110,5 +111,5 @@ def shown(text: str) -> str:
 def _row(line: str, columns: int, place: str) -> list[float]:
     cells = line.split()
     if len(cells) != columns:
-        raise BadInput(f"{place}: {len(cells)} values; {columns} numbers are expected")
+        raise BadInput(f"{place}: {plural(len(cells), 'value')}; {plural(columns, 'number')} expected")
     return [finite_number(cell, place) for cell in cells]

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.errors import BadInput
+from common.text import plural
 from observer.motion.importers.base import finite_number, number_rows, read_text, shown, whole_number
 
 Floats = NDArray[np.float64]
@@ -104,7 +105,7 @@ def _channels(path: Path, words: Words) -> tuple[str, ...]:
     number, word = _next(path, words)
     count = whole_number(word, f"{path}: line {number}: CHANNELS")
     if count > len(_CHANNELS):
-        raise BadInput(f"{path}: line {number}: {count} channels; 0 to {len(_CHANNELS)} are expected")
+        raise BadInput(f"{path}: line {number}: {plural(count, 'channel')}; 0 to {len(_CHANNELS)} are expected")
     channels: list[str] = []
     for _ in range(count):
         number, channel = _next(path, words)
@@ -144,11 +145,11 @@ def _motion(path: Path, text: str, start: int, columns: int) -> tuple[Floats, fl
     seconds = finite_number(head[2], f"{path}: line {first_line + 1}: Frame Time")
     if frames < 1 or seconds <= 0:
         raise BadInput(
-            f"{place}: {frames} frames, {seconds} s apart: at least one frame and a positive time are expected"
+            f"{place}: {plural(frames, 'frame')}, {seconds} s apart: at least one frame and a positive time are expected"
         )
     rows = lines[2:]
     if len(rows) != frames:
-        raise BadInput(f"{path}: {len(rows)} frames; {frames} are expected, as line {first_line} says")
+        raise BadInput(f"{path}: {plural(len(rows), 'frame')}; {frames} expected, as line {first_line} says")
     return number_rows(path, rows, columns, first_line + 2), seconds
 
 

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.errors import BadInput
+from common.text import plural
 from observer.motion.archive import LABEL_RULE, MotionArchive, Recording, check_recording, clean_label, is_label
 from observer.motion.importers.base import (
     ImportResult,
@@ -82,7 +83,9 @@ def _rows(file: Path) -> Iterator[Row]:
             raise BadInput(f"{file}: line 1: the header is expected: {','.join(HEADER)}")
         for cells in filter(None, reader):
             if len(cells) != len(HEADER):
-                raise BadInput(f"{file}: line {reader.line_num}: {len(cells)} cells; {len(HEADER)} are expected")
+                raise BadInput(
+                    f"{file}: line {reader.line_num}: {plural(len(cells), 'cell')}; {len(HEADER)} are expected"
+                )
             yield reader.line_num, [cell.strip() for cell in cells]
     except csv.Error as error:
         raise BadInput(f"{file}: line {reader.line_num}: {error}; cells with commas between are expected") from error
