@@ -145,7 +145,7 @@ def _motion(path: Path, text: str, start: int, columns: int) -> tuple[Floats, fl
     seconds = finite_number(head[2], f"{path}: line {first_line + 1}: Frame Time")
     if frames < 1 or seconds <= 0:
         raise BadInput(
-            f"{place}: {plural(frames, 'frame')}, {seconds} s apart: at least one frame and a positive time are expected"
+            f"{place}: {plural(frames, 'frame')}, {seconds} s apart: at least 1 frame and a positive time expected"
         )
     rows = lines[2:]
     if len(rows) != frames:
