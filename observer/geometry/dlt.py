@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from common.errors import BadInput, LabanmeshError
+from common.text import plural
 from observer.geometry.projection import Floats, oriented, project
 
 FEWEST_POINTS = 6
@@ -59,7 +60,9 @@ def _check(points_m: Floats, pixels: Floats) -> None:
             f"points {points_m.shape}, pixels {pixels.shape}: (N, 3) and (N, 2) are needed, in the same order"
         )
     if len(points_m) < FEWEST_POINTS:
-        raise BadInput(f"{len(points_m)} points: a calibration needs {FEWEST_POINTS}, better {ENOUGH_POINTS} or more")
+        raise BadInput(
+            f"{plural(len(points_m), 'point')}: a calibration needs {FEWEST_POINTS}, better {ENOUGH_POINTS} or more"
+        )
     wrong = ~(np.isfinite(points_m).all(axis=1) & np.isfinite(pixels).all(axis=1))
     if wrong.any():
         raise BadInput(f"point {int(wrong.argmax())}: not a finite number; omit points that were not seen")

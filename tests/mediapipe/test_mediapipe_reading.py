@@ -139,51 +139,51 @@ def test_the_model_is_closed_once(monkeypatch):
 @pytest.mark.parametrize(
     "content", [PICTURE[..., 0], PICTURE.astype(np.float32), PICTURE[..., :2], np.zeros((0, 64, 3), np.uint8)]
 )
-def test_what_is_no_picture_is_refused_in_a_line(monkeypatch, content):
+def test_a_wrong_shape_or_type_is_rejected_with_one_line(monkeypatch, content):
     tracker, _ = tracker_with(monkeypatch, person())
-    with pytest.raises(BadInput, match=r"\(H, W, 3\) of uint8") as refused:
+    with pytest.raises(BadInput, match=r"\(H, W, 3\) of uint8") as caught:
         tracker.update(Frame(0, content))
-    assert "\n" not in str(refused.value)
+    assert "\n" not in str(caught.value)
 
 
-def test_an_unknown_hand_is_refused_before_anything_is_loaded(monkeypatch):
+def test_an_unknown_hand_is_rejected_before_loading(monkeypatch):
     monkeypatch.setattr(mediapipe_pose, "open_pose", lambda path: pytest.fail("loaded"))
     with pytest.raises(BadInput, match="palm, wrist"):
         MediapipeTracker(hand="thumb")
 
 
-def refusal(model_path=None):
-    with pytest.raises(LabanmeshError) as refused:
+def rejection(model_path=None):
+    with pytest.raises(LabanmeshError) as caught:
         open_pose(model_path)
-    assert "\n" not in str(refused.value)
-    return refused.value
+    assert "\n" not in str(caught.value)
+    return caught.value
 
 
-def test_without_mediapipe_it_says_what_to_install(monkeypatch):
+def test_without_mediapipe_the_error_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "mediapipe", None)
-    error = refusal()
+    error = rejection()
     assert "pip install 'labanmesh[mediapipe]'" in str(error)
     assert isinstance(error, BadInput)
 
 
-def test_a_mediapipe_that_carries_no_model_asks_for_one(monkeypatch):
+def test_a_mediapipe_without_model_asks_for_one(monkeypatch):
     newer = ModuleType("mediapipe")
     newer.__version__ = "1.2.2"
     monkeypatch.setitem(sys.modules, "mediapipe", newer)
-    assert "mediapipe 1.2.2 carries no pose model" in str(refusal())
-    assert "no such file" in str(refusal("nowhere.task"))
+    assert "mediapipe 1.2.2 carries no pose model" in str(rejection())
+    assert "no such file" in str(rejection("nowhere.task"))
 
 
-def test_a_library_that_the_system_lacks_is_named(monkeypatch):
-    def lacking(name):
+def test_a_missing_system_library_is_named(monkeypatch):
+    def missing(name):
         raise ImportError("libGL.so.1: cannot open shared object file: No such file or directory")
 
-    monkeypatch.setattr(importlib, "import_module", lacking)
-    assert "libGL.so.1" in str(refusal())
+    monkeypatch.setattr(importlib, "import_module", missing)
+    assert "libGL.so.1" in str(rejection())
 
 
 def fake_tasks(fault):
-    """mediapipe.tasks whose landmarker raises `fault` when it is made."""
+    """mediapipe.tasks whose landmarker raises `fault` on creation."""
 
     def create(options):
         raise fault
@@ -204,11 +204,11 @@ def fake_tasks(fault):
         (OSError("libEGL.so.1: cannot open"), LabanmeshError, "libEGL.so.1"),
     ],
 )
-def test_what_mediapipe_tasks_raises_becomes_a_line(monkeypatch, tmp_path, fault, kind, message):
+def test_errors_of_mediapipe_tasks_become_one_line(monkeypatch, tmp_path, fault, kind, message):
     monkeypatch.setattr(importlib, "import_module", lambda name: fake_tasks(fault))
     file = tmp_path / "some.task"
     file.write_bytes(b"x")
-    with pytest.raises(kind, match=message) as refused:
+    with pytest.raises(kind, match=message) as caught:
         TaskPose(str(file))
-    assert type(refused.value) is kind
-    assert "\n" not in str(refused.value)
+    assert type(caught.value) is kind
+    assert "\n" not in str(caught.value)

@@ -98,6 +98,7 @@ def _plane_and_one(count):
     ("points", "message"),
     [
         (box(1, 5), "5 points: a calibration needs 6"),
+        (box(1, 1), "1 point: a calibration needs 6"),
         (_plane(30), "in one plane"),
         (_plane(30) + np.random.default_rng(0).normal(0, 0.002, (30, 3)), "in one plane"),
         (np.outer(np.linspace(-1, 1, 10), (1, 1, 1)), "in one plane"),

@@ -190,6 +190,7 @@ def test_the_report_contains_every_measurement():
     ):
         assert text_part in text
     assert text.count("seen in 90 %") == 3
+    assert "1 picture read" in next(report_lines(changed(pictures=1)))
     without = "\n".join(report_lines(changed(faces_searched=0, skin=None)))
     assert "face" not in without and "skin" not in without
 

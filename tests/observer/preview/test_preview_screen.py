@@ -12,7 +12,7 @@ from common.vocabulary import Vocabulary
 from observer.camera.files import PictureFolder, Video
 from observer.preview import film, screen
 from observer.preview.drawing import SIZE
-from observer.preview.film import Film, Stills, Window, why_no_window
+from observer.preview.film import Film, Window, why_no_window
 from observer.preview.screen import FALLBACK, QUEUE_SIZE, PreviewingObserver, PreviewThread, open_preview
 from observer.preview.sight import PreviewHistory
 from observer.runtime.pipeline import Posterior
@@ -276,9 +276,3 @@ def test_a_previewed_observer_behaves_as_without(content):
     ((shown, frame),) = preview.shown
     assert shown is (content if content.ndim == 3 else None)
     assert frame.age_s == 0.5 and frame.complaint == "too dark" and frame.posterior.winner == 0
-
-
-def test_stills_reject_a_folder_that_is_a_file(tmp_path):
-    (tmp_path / "a").write_text("")
-    with pytest.raises(BadInput, match=r"cannot write .*a: "):
-        Stills(tmp_path / "a")
