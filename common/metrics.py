@@ -7,7 +7,7 @@
 """
 
 from collections.abc import Callable, Iterable, Mapping
-from typing import get_args
+from typing import TypeVar, get_args
 
 from prometheus_client import (
     CollectorRegistry,
@@ -36,6 +36,7 @@ OTHERS = "(others)"
 # The time of a counter's creation would be one more series each, which nothing uses.
 disable_created_metrics()  # type: ignore[no-untyped-call]
 Rows = Iterable[tuple[tuple[str, ...], float | None]]
+Family = TypeVar("Family", bound=GaugeMetricFamily | CounterMetricFamily)
 
 
 class Metrics(Collector):
@@ -65,22 +66,20 @@ class Metrics(Collector):
 
     def histogram(self, name: str, meaning: str, buckets: Iterable[float]) -> Histogram:
         """A histogram with these upper bounds of the buckets."""
-        histogram = Histogram(
-            f"labanmesh_{name}", meaning, [*self._names], buckets=tuple(buckets), registry=self.registry
-        )
-        return histogram.labels(**self._names)
+        bounds = tuple(buckets)
+        whole = Histogram(f"labanmesh_{name}", meaning, [*self._names], buckets=bounds, registry=self.registry)
+        return whole.labels(**self._names)
 
     def gauge(self, name: str, meaning: str, rows: Rows, *labels: str) -> GaugeMetricFamily:
         """A gauge with one row per value of `labels`; rows of None are left out."""
-        family = GaugeMetricFamily(f"labanmesh_{name}", meaning, labels=[*self._names, *labels])
-        for values, number in rows:
-            if number is not None:
-                family.add_metric([*self._names.values(), *values], number)
-        return family
+        return self._family(GaugeMetricFamily, name, meaning, rows, labels)
 
     def total(self, name: str, meaning: str, rows: Rows, *labels: str) -> CounterMetricFamily:
         """A counter whose values are counted elsewhere."""
-        family = CounterMetricFamily(f"labanmesh_{name}", meaning, labels=[*self._names, *labels])
+        return self._family(CounterMetricFamily, name, meaning, rows, labels)
+
+    def _family(self, kind: type[Family], name: str, meaning: str, rows: Rows, labels: tuple[str, ...]) -> Family:
+        family = kind(f"labanmesh_{name}", meaning, labels=[*self._names, *labels])
         for values, number in rows:
             if number is not None:
                 family.add_metric([*self._names.values(), *values], number)

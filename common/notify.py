@@ -12,7 +12,6 @@ import socket
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from types import TracebackType
 from typing import Self
 
 from common.errors import reason_of
@@ -78,9 +77,7 @@ class Notifier:
         self.ready()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.stopping()
 
     def _send(self, text: str, timeout_s: float) -> None:

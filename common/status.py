@@ -6,7 +6,6 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
-from types import TracebackType
 from typing import Self
 
 from common import SECOND_NS
@@ -152,9 +151,7 @@ class StatusPublisher:
         self._supervisor.ready()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, _kind: object, error: BaseException | None, _trace: object) -> None:
         self._ended.set()
         self._thread.join()
         self._supervisor.stopping()

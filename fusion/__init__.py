@@ -1,1 +1,1 @@
-"""The referee: posteriors -> weights -> pooled posterior -> judgement and verdict."""
+"""The fusion service: posteriors -> weights -> pooled posterior -> judgements and verdicts."""

@@ -1,4 +1,4 @@
-"""What a fusion service needs to continue a scene where it, or another service, was; and the file that keeps it.
+"""Checkpoints: a fusion service continues a scene where it, or another service, stopped. And the file for them.
 
 A restart neither loses nor doubles the movement in progress, nor forgets the learned reliability of the observers.
 """

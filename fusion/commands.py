@@ -1,13 +1,11 @@
 """The verb `labanmesh fuse`: a fusion service of one or many scenes."""
 
-from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from common.config import read_scene
-from common.errors import BadInput
+from common.config import read_scene, scene_files
 from common.keys import identifier
 from common.lifecycle import log_to_stderr, stop_on_signals
 from common.link import Link, MeshRole
@@ -54,15 +52,3 @@ def fuse(
     role: MeshRole = "fusion" if own == first else "standby"
     with stop_on_signals() as stop, Link.open(configs[0].mesh, role, process_id=own) as link:
         serve(configs, own, link, stop, shared=shared)
-
-
-def scene_files(paths: Sequence[Path]) -> Iterator[Path]:
-    """The files themselves, and all *.toml of a folder; raises BadInput for a folder without any."""
-    for path in paths:
-        if not path.is_dir():
-            yield path
-            continue
-        inside = sorted(path.glob("*.toml"))
-        if not inside:
-            raise BadInput(f"{path}: no scene file in this folder; scene files end in .toml")
-        yield from inside

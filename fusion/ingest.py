@@ -1,9 +1,10 @@
-"""Arrived bytes to checked posteriors: what cannot be used is counted by reason, logged once a minute and dropped."""
+"""Decodes posteriors that have arrived; unusable messages are counted by reason, logged once a minute and dropped."""
 
 import logging
 from collections import Counter
 from collections.abc import Callable, Sequence
 
+from common import MINUTE_NS
 from common.inbox import Arrival
 from common.keys import observer_of
 from common.messages import ObserverStatistics, PosteriorMessage
@@ -12,7 +13,6 @@ from common.wire import BadMessage, decode_from
 from fusion.engine.engine import FusionEngine
 
 log = logging.getLogger("labanmesh.fusion")
-MINUTE_NS = 60_000_000_000
 SENDERS_LIMIT = 256
 """A peer that invents names cannot fill the memory: further senders are counted as "others"."""
 NEWEST = 2
@@ -39,10 +39,9 @@ def newest(arrivals: Sequence[Arrival], flood: int = FLOOD) -> list[Arrival]:
 
 
 class RejectionLog:
-    """Counts rejected messages per sender and reason, and words a log line at most once a minute per sender."""
+    """Counts rejected messages by sender and reason; gives a log line for each sender at most once a minute."""
 
-    def __init__(self, every_ns: int = MINUTE_NS) -> None:
-        self._every_ns = every_ns
+    def __init__(self) -> None:
         self._since_logged: dict[str, Counter[str]] = {}
         self._logged_ns: dict[str, int] = {}
         self.totals: dict[str, Counter[str]] = {}
@@ -55,7 +54,7 @@ class RejectionLog:
         recent = self._since_logged.setdefault(sender, Counter())
         recent[reason] += 1
         self.totals.setdefault(sender, Counter())[reason] += 1
-        if now_ns - self._logged_ns.get(sender, -self._every_ns) < self._every_ns:
+        if now_ns - self._logged_ns.get(sender, -MINUTE_NS) < MINUTE_NS:
             return None
         self._logged_ns[sender] = now_ns
         counts = ", ".join(f"{name} {count}" for name, count in recent.most_common())

@@ -1,4 +1,4 @@
-"""How a fusion service is doing, for those who ask over HTTP: health, and metrics where they are wanted."""
+"""Health and metrics of a fusion service over HTTP."""
 
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 class ServerStep:
     """One step of the loop.
 
-    results: of each scene that was due. owned: scenes that this service owns. received, read: posteriors in this step,
-    and those of them that were read. dropped: posteriors left out since the start. took_s: how long the step took.
+    results: of each scene that was due. owned: scenes that this service owns. received, read: posteriors that arrived
+    in this step, and those that were decoded. dropped: posteriors left out since the start. took_s: its duration.
     """
 
     results: Sequence[StepResult]
@@ -52,7 +52,7 @@ def instrumented(members: Sequence[SceneMember], own: str) -> Iterator[Callable[
     health.set_obstacle(obstacle())
 
     def make() -> "FusionMetrics":
-        # Loaded where metrics are asked for.
+        # prometheus_client is loaded only where metrics are served.
         from fusion.metrics import FusionMetrics
 
         return FusionMetrics(own, only)

@@ -1,11 +1,11 @@
-"""The part that a fusion service takes in one scene, next to the other services of the scene.
+"""The membership of a fusion service in one scene that it may share with other services.
 
-1. Which role the service has is decided in ownership.py; this file does on the mesh what follows from it.
+1. ownership.py decides which role the service has; this file acts on the role.
 2. The owner fuses and publishes. A standby service that the scene file names fuses the same posteriors, follows what
    the owner publishes and withholds its own verdicts until it takes over. Where scenes are shared, the next in rank
    only keeps the last messages of the owner.
 3. A handover request is answered between two steps, under the service's own exact key, with the checkpoint of the
-   scene. Queries of listeners change nothing.
+   scene. A query of a listener changes nothing.
 4. A scene that names no vocabulary asks its observers for theirs until one answers.
 """
 
@@ -34,7 +34,7 @@ ASKING = "asking the observers for their vocabulary"
 
 
 class SceneMember:
-    """The membership of this service in one scene; `worker` fuses the scene while that is the service's part.
+    """The membership of this service in one scene; `worker` fuses the scene while the role requires it.
 
     Raises BadInput for an unknown fusion rule, or a rule that cannot pool so many observers.
     """
@@ -93,7 +93,7 @@ class SceneMember:
         return self.worker is None or self.worker.at_rest
 
     def publish_status(self) -> None:
-        """Publish how the service is in this scene; to be called once a second."""
+        """Publish the status of the service in this scene; to be called once a second."""
         if self.role is not Role.IDLE:
             self._status_publisher.publish()
 
@@ -120,7 +120,7 @@ class SceneMember:
             self.ownership.set_alive(map(service_of, self._alive), now_s)
 
     def _require_only_process(self, message: JudgementMessage) -> None:
-        """Raises LabanmeshError in one of two processes with the same id; both find the same one."""
+        """Raises LabanmeshError in one of two processes with the same id; both decide on the same one."""
         if message.session in (None, self._service.session):
             return
         mine, other = (self.ownership.epoch, self._service.session), (message.epoch or 0, message.session)
@@ -179,7 +179,7 @@ class SceneMember:
         known = [state for state in states if state is not None]
         active.restored = True
         if known:
-            # The first of equally new ones: a handover says more than a judgement.
+            # Of equally new ones the first: a handover has more than a judgement.
             active.restore(max(known, key=lambda state: state.judgement.at_ns))
 
     def _hand_over(self, requester: str) -> bytes | None:
@@ -239,7 +239,7 @@ class VocabularyLookup:
         return None
 
     def close(self) -> None:
-        """Ask no more."""
+        """Stop asking."""
         self._session.close()
 
 

@@ -5,6 +5,7 @@ from collections.abc import Iterable
 from time import time_ns
 from typing import TYPE_CHECKING, get_args
 
+from common import SECOND_NS
 from common.messages import JudgementMessage, StatusMessage, VoteState
 from common.metrics import AGE_BUCKETS, OTHERS, STEP_BUCKETS, Metrics
 from common.vocabulary import ABSTAIN
@@ -20,8 +21,8 @@ if TYPE_CHECKING:
 class FusionMetrics(Metrics):
     """The metrics of one fusion service `own`.
 
-    only: its scene, where it has but one; then there are metrics of each observer and of verdicts by label. The number
-    of series of a service of many scenes does not grow with them.
+    only: its scene if it has one; then there are metrics of each observer and of verdicts by label. With many scenes
+    the number of series does not grow.
     """
 
     def __init__(self, own: str, only: "SceneMember | None") -> None:
@@ -53,7 +54,7 @@ class FusionMetrics(Metrics):
                 if verdict.ended_ns is not None:
                     self._verdicts[verdict.label] += 1
                     self._ended.inc()
-                    self._delay.observe((verdict.decided_ns - verdict.began_ns) / 1e9)
+                    self._delay.observe((verdict.decided_ns - verdict.began_ns) / SECOND_NS)
 
     def collect_own(self, status: StatusMessage | None) -> "Iterable[Metric]":
         """The last judgement and what is known of the observers, as of now."""

@@ -46,7 +46,7 @@ def _weight(scene: str, service: str) -> bytes:
 
 
 class Ownership:
-    """The part of the service `own` in one scene.
+    """The role of the service `own` in one scene.
 
     named: the services that the scene file names, in its order; empty for a scene that all services share.
     takeover_s: how long an owner may publish nothing.
@@ -64,10 +64,6 @@ class Ownership:
         """The service that owns the scene, as far as it is known; possibly `own`."""
         self.epoch = 0
         """The epoch of the owner; of `own` while it is the owner."""
-
-    def restore_epoch(self, epoch: int) -> None:
-        """Continue after a restart with an epoch that was published before."""
-        self.epoch = max(self.epoch, epoch)
 
     def set_alive(self, alive: Iterable[str], now_s: float) -> None:
         """Take the services whose liveliness tokens exist now."""
@@ -104,7 +100,7 @@ class Ownership:
             self._quiet_since_s = now_s
 
     def update(self, now_s: float, connected: Callable[[], bool] = lambda: True) -> Role:
-        """Follow the rules at one step; to be called at every step, after all that has arrived was taken.
+        """Follow the rules at one step; to be called at every step, after everything that has arrived was taken.
 
         connected: whether this process can reach any other now.
         """

@@ -1,6 +1,6 @@
 """Publishing for one scene: verdicts and judgements out, and the last ones again for late joiners.
 
-A verdict is published before the judgement that it came from: a service that takes over in between knows of it.
+A verdict is published before the judgement that it came from: a service that takes over in between knows the verdict.
 """
 
 import logging
@@ -21,7 +21,7 @@ VERDICTS_KEPT = 10
 class VerdictPublisher:
     """Publishes the judgements and verdicts of one scene while it is the owner's, and answers queries for them.
 
-    Of a standby service `remember` takes what the owner publishes, so that the answers go on after a takeover.
+    A standby service passes the owner's messages to `remember`, so that it can answer queries after a takeover.
     """
 
     def __init__(self, session: SubSession, keys: SceneKeys, engine: FusionEngine, file: CheckpointFile | None) -> None:
@@ -45,7 +45,7 @@ class VerdictPublisher:
         self._judgements.put(self.remember(judgement))
 
     def remember(self, message: JudgementMessage) -> bytes:
-        """`message` is the last one that was published, here or by the owner; returns its bytes."""
+        """Keep the newest published message, ours or the owner's; returns its bytes."""
         payload = encode(message)
         if isinstance(message, VerdictMessage):
             self._verdict_payloads = (*self._verdict_payloads, payload)[-VERDICTS_KEPT:]
@@ -58,7 +58,7 @@ class VerdictPublisher:
 
     @property
     def at_rest(self) -> bool:
-        """Whether the last judgement was of no movement."""
+        """Whether no movement was in progress at the last judgement."""
         return self._last_judgement is None or self._last_judgement.movement is None
 
     def checkpoint(self) -> Checkpoint | None:

@@ -30,8 +30,8 @@ class Service:
     own: its id. session: random per process, to notice a second process of the same id. clock: Unix epoch in ns.
     ticks: monotonic seconds. shared: whether scenes that name no standby services are shared by all services. polled:
     whether messages wait until the step that takes them (many scenes) instead of being received by a thread for each
-    subscription. wake: called when the loop has work. ask_clocks_s: how often the clocks of the observers are asked.
-    supervisor: receives the state of the scene, where there is but one.
+    subscription. wake: called when the loop has work. ask_clocks_s: seconds between two readings of a clock.
+    supervisor: receives the state of the scene, if there is only one.
     """
 
     own: str
@@ -48,7 +48,7 @@ class Service:
 
 @dataclass(frozen=True, slots=True)
 class StepInput:
-    """The first half of a step: posteriors received and read, and what is to be pooled; None: nothing is."""
+    """The first half of a step: how many posteriors were received and read, and the case to pool, if any."""
 
     received: int = 0
     read: int = 0
@@ -65,10 +65,10 @@ class StepResult:
 
 
 class SceneWorker:
-    """An engine with all that it receives and publishes; everything that it declares ends with `close`.
+    """An engine with its subscriptions and publications, which end with `close`.
 
     fuses: whether posteriors are fused, not only received. owns: whether the results are published; `epoch` goes with
-    them. restored: whether the engine continues from what another service, or an earlier process, has published.
+    them. restored: whether the engine continues from messages of another service or an earlier process.
     """
 
     def __init__(
@@ -88,8 +88,8 @@ class SceneWorker:
         self._requests.answer_requests(
             scene.keys.fusion_handover(service.own), lambda payload: hand_over(payload.decode("ascii", "replace"))
         )
-        # Of many scenes by whole keys: Zenoh looks them up at once, and tries subscribers with wildcards one after the
-        # other; with 250 of them a message costs ten times as much. Of few scenes the server has one inbox.
+        # With many scenes by whole keys: Zenoh looks them up at once, but tries subscribers with wildcards one by one;
+        # with 250 of them a message costs ten times as much. With few scenes the server has one inbox.
         names = map(scene.keys.posterior, scene.roster) if service.polled else ()
         self._posteriors = self._session.inbox(*names, ring=1)
         self._present = self._session.presence(scene.keys.observer_alive())
@@ -115,7 +115,7 @@ class SceneWorker:
         self._requests.poll()
 
     def collect(self, arrivals: Sequence[Arrival] = ()) -> StepInput:
-        """Take in the posteriors in `arrivals` and all else that has come; the result says what is to be pooled."""
+        """Receive `arrivals` and everything else that has arrived; the result has the case to pool."""
         self._session.poll()
         arrivals = arrivals or self._posteriors.take(0)
         read = newest(arrivals)
@@ -133,10 +133,10 @@ class SceneWorker:
         return StepInput(len(arrivals), len(read), now_ns, self._engine.pooling_case(now_ns))
 
     def finish(self, step: StepInput, pooled: PooledPosterior | None = None) -> StepResult:
-        """Decide what `collect` asked for, and publish it if this service owns the scene.
+        """Fuse what `collect` returned, and publish the result if this service owns the scene.
 
-        pooled: what the step's case comes to; None: it is pooled here. Verdicts of a standby service are withheld: the
-        owner publishes them, or, should it die, this service.
+        pooled: the pooled posterior of the step's case; None: it is pooled here. A standby service withholds its
+        verdicts: the owner publishes them, or, if the owner stops, this service.
         """
         self._publisher.answers = self.owns
         if step.case is None:
@@ -161,14 +161,14 @@ class SceneWorker:
             )
 
     def follow(self, message: JudgementMessage) -> None:
-        """Continue where the owner is: what it has not published, this engine decides again."""
+        """Continue from the owner's message; this engine decides again what the owner has not published."""
         self._withheld.clear()
         self._engine.continue_from(message)
         self._publisher.remember(message)
         self.restored = True
 
     def restore(self, checkpoint: Checkpoint) -> None:
-        """Continue from `checkpoint`; of one older than FORGET_S only the learned reliability counts."""
+        """Continue from `checkpoint`; one older than FORGET_S gives only its learned reliability."""
         if checkpoint.age_s(self._clock()) <= FORGET_S:
             self._publisher.restore(checkpoint)
         else:
@@ -176,10 +176,10 @@ class SceneWorker:
         self.restored = True
 
     def checkpoint(self) -> Checkpoint | None:
-        """What another service needs to continue."""
+        """See VerdictPublisher.checkpoint."""
         return self._publisher.checkpoint()
 
     def close(self) -> None:
-        """End all that was declared."""
+        """End all subscriptions and publications."""
         self._requests.close()
         self._session.close()

@@ -32,7 +32,7 @@ log = logging.getLogger("labanmesh.fusion")
 FEW_SCENES = 8
 """Up to this many scenes each subscription has a thread of its own, which costs memory and saves milliseconds."""
 PAUSE_S = 0.008
-"""Between two rounds over many scenes: some are due in each, and are pooled together."""
+"""Between two rounds over many scenes; the scenes that are due in a round are pooled together."""
 BATCH = 32
 """Scenes that are pooled at once; more save little."""
 SETTLE_S = 0.3
@@ -87,7 +87,7 @@ def serve(
 
 
 class FusionServer:
-    """The scenes of one fusion service; `step` does all that is due."""
+    """The scenes of one fusion service; `step` does everything that is due."""
 
     def __init__(
         self,
@@ -102,7 +102,7 @@ class FusionServer:
         polled: bool | None = None,
         pause_s: float = PAUSE_S,
     ) -> None:
-        """polled: whether posteriors wait until a scene is due; None: as its number of scenes asks for."""
+        """polled: whether posteriors wait until a scene is due; None: if there are more than FEW_SCENES."""
         self._polled = len(scenes) > FEW_SCENES if polled is None else polled
         self._ticks, self._polling_pause_s = ticks, pause_s
         self._steady = SteadyClock()
@@ -137,7 +137,7 @@ class FusionServer:
         begun_s = self._ticks()
         received = read = 0
         results: list[StepResult] = []
-        # In batches: when many are due, what was read of the first would grow old.
+        # In batches, so that the posteriors of the first scenes do not grow old when many are due.
         for batch in _batched(self._due(_by_scene(arrivals)), BATCH):
             steps = [(worker, worker.collect(own)) for member, own in batch if (worker := member.update()) is not None]
             received += sum(step.received for _, step in steps)
@@ -237,7 +237,7 @@ def _id_is_free(scenes: Sequence[Scene], own: str, link: Link, stop: threading.E
 
 
 def _finished(steps: Sequence[tuple[SceneWorker, StepInput]]) -> Iterator[StepResult]:
-    """Pool together what is to be pooled, and finish each step."""
+    """Pool all cases together, and finish each step."""
     pools = iter(pool_many([step.case for _, step in steps if step.case is not None]))
     for worker, step in steps:
         yield worker.finish(step, None if step.case is None else next(pools))

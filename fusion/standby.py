@@ -1,4 +1,4 @@
-"""What a fusion service takes from the other services of a scene: their messages, and a handover."""
+"""Messages from the other fusion services of a scene, and requests for a handover."""
 
 import logging
 from collections.abc import Iterator
@@ -14,7 +14,7 @@ from fusion.checkpoint import Checkpoint
 
 log = logging.getLogger("labanmesh.fusion")
 HANDOVER_TIMEOUT_S = 1.0
-"""An owner that does not answer a handover request for this long is taken not to publish any more."""
+"""An owner that does not answer a handover request for this long no longer publishes, we assume."""
 READ_EVERY_S = 1.0
 """A listener that only keeps the last messages decodes one judgement per second; the others are signs of life."""
 
@@ -64,7 +64,7 @@ class StandbyListener:
             yield message
 
     def checkpoint(self) -> Checkpoint | None:
-        """What was published last; None before the first message, or when it cannot be decoded."""
+        """The last published messages; None before the first one, or if they cannot be decoded."""
         try:
             keys = self._scene.keys
             verdict = None if self._verdict is None else decode_from(keys.verdict, VerdictMessage, self._verdict)
@@ -99,11 +99,11 @@ class HandoverRequest:
         )
 
     def poll(self) -> None:
-        """Take in an answer that has arrived."""
+        """Receive an answer that has arrived."""
         self._session.poll()
 
     def checkpoint(self) -> Checkpoint | None:
-        """What was handed over; None when there was no answer, or nothing had been published yet."""
+        """The checkpoint in the answer; None without an answer, or if the owner had published nothing."""
         for payload in filter(None, self._answers):
             try:
                 return Checkpoint.model_validate_json(payload)
@@ -112,5 +112,5 @@ class HandoverRequest:
         return None
 
     def close(self) -> None:
-        """Expect no answer any more."""
+        """Stop waiting for an answer."""
         self._session.close()

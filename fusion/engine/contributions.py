@@ -1,4 +1,4 @@
-"""What each observer contributed to a verdict: the change when its posterior is left out. Pure."""
+"""The contribution of each observer to a verdict: the change when its posterior is left out. Pure."""
 
 import math
 from dataclasses import replace
@@ -15,7 +15,7 @@ SMALLEST = 1e-12
 
 
 def contributions(case: PoolingCase, label: int | None) -> dict[str, Contribution]:
-    """What each observer whose posterior is pooled contributed to the answer `label`.
+    """The contribution to the answer `label` of each observer whose posterior is pooled.
 
     label: index in the vocabulary; None for the likeliest answer, which may be "something else".
     """

@@ -63,7 +63,7 @@ class FusionEngine:
 
     @property
     def reliability(self) -> Reliability:
-        """What verdicts have taught about the observers; set it after a restart."""
+        """Reliability of the observers, learned from verdicts; set it after a restart."""
         return self._reliability
 
     @reliability.setter
@@ -109,7 +109,7 @@ class FusionEngine:
         return self.output_for(case.posteriors, now_ns, pool_posteriors(case))
 
     def pooling_case(self, now_ns: int) -> PoolingCase:
-        """What to pool at `now_ns`. `output_for` continues from there, so that many scenes can be pooled at once."""
+        """The case to pool at `now_ns`; `output_for` takes the result. So many scenes can be pooled at once."""
         return self._case(self._roster.posteriors(now_ns, self._records))
 
     def output_for(

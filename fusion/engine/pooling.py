@@ -1,4 +1,4 @@
-"""Pooling of all that observers publish: movements, "something else", facing and facets. Pure.
+"""Pooling of everything that observers publish: movements, "something else", facing and facets. Pure.
 
 1. Unlearned: an observer may say how likely the movement is none of the vocabulary, u. This adds an answer, "something
    else": q = ((1-u) p, u), with a uniform prior over M+1 answers. An observer that does not say it is taken at the
@@ -43,7 +43,7 @@ class PooledPosterior:
 
 @dataclass(frozen=True, slots=True)
 class PoolingCase:
-    """What `pool_posteriors` pools: one scene at one time."""
+    """The input of `pool_posteriors`: one scene at one time."""
 
     rule: Rule
     posteriors: Sequence[AgedPosterior]
@@ -123,7 +123,7 @@ def pool_facets(rule: Rule, posteriors: Sequence[AgedPosterior]) -> dict[str, Fl
 
 
 def observer_trust(posteriors: Sequence[AgedPosterior]) -> ObserverTrust:
-    """What was learned of the observers. Correlations with observers that are not among them are left out."""
+    """The learned trust in the observers; correlations with observers that are not among them are left out."""
     if all(posterior.reliability == 1.0 and not posterior.correlations for posterior in posteriors):
         return ObserverTrust.unknown(len(posteriors))
     place = {posterior.observer: n for n, posterior in enumerate(posteriors)}

@@ -1,9 +1,9 @@
-"""What verdicts teach about the observers: whom to rely on, and which of them are correlated. Pure.
+"""Reliability and correlations of the observers, learned from verdicts. Pure.
 
 1. When a movement has ended, each observer with a vote had claimed to be right with the probability of its likeliest
    label, and was right or not according to the verdict. Reliability is ((right + c) / (claimed + c))^2, at most 1: an
    honestly unsure observer loses nothing, a sure and wrong one does. At least three votes are needed, because of two
-   that differ nobody knows which is right.
+   that differ either may be right.
 2. The distance of two posteriors (strengths.py) tells whether their observers see the same, whatever is right:
    rho = n/(n + c) exp(-mean distance / CORRELATION_SCALE). Two that are certain of the same teach nothing by it.
 3. All counts are multiplied by DECAY per verdict, so that an observer that agrees again is relied on again after about

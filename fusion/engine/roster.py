@@ -13,8 +13,7 @@
 5. An observer whose process disappears is silent at once, until its next message. Its rest stays, as in rule 3.
 6. Unusable messages are counted by reason and change no posterior.
 7. An observer that has seen no body part for longer than `fresh_s` fades too, with time constant `blind_s`, however new
-   its messages are, because its posterior is from before. This is the Karate judge's mienai, "I could not see". The
-   next visible body part restores it.
+   its messages are, because its posterior is from before. The next visible body part restores it.
 8. After a clock was set back, a posterior dated more than `drop_s` in the future neither counts nor blocks newer ones.
 """
 
@@ -41,7 +40,7 @@ TIMING_REASONS = ("repeated", "out_of_order", "past_session")
 
 @dataclass(frozen=True, slots=True)
 class ObserverRecord:
-    """What is known of an observer beside its messages; fields as in AgedPosterior."""
+    """Facts about an observer that are not in its messages; fields as in AgedPosterior."""
 
     skew_s: float | None = None
     reliability: float = 1.0
@@ -170,8 +169,8 @@ class Roster:
         message, config = state.message, self._config
         if message is None:
             return self._unused(observer, state.fault or "silent", None, 1.0, record)
-        age_s = _seconds(now_ns - state.captured_ns)
-        blind_s = _seconds(state.captured_ns - state.visible_ns)
+        age_s = (now_ns - state.captured_ns) / SECOND_NS
+        blind_s = (state.captured_ns - state.visible_ns) / SECOND_NS
         faded = max(age_s - config.fresh_s, 0.0) / config.fade_s
         sight = math.exp(-max(blind_s - config.fresh_s, 0.0) / config.blind_s)
         exponent = math.exp(-faded) * sight
@@ -180,7 +179,7 @@ class Roster:
             return self._unused(observer, self._unused_state(state, now_ns), age_s, rest, record)
         p, unlearned = state.p, message.unlearned
         if exponent < 1.0:
-            unlearned = None if unlearned is None else self._faded_unlearned(p, unlearned, exponent)
+            unlearned = None if unlearned is None else _faded_unlearned(p, unlearned, exponent)
             p = temper(p, self.prior, exponent)
         return AgedPosterior(
             observer,
@@ -199,7 +198,7 @@ class Roster:
     def _unused(
         self, observer: str, vote_state: VoteState, age_s: float | None, rest: float, record: ObserverRecord
     ) -> AgedPosterior:
-        """The prior (rule 4); rest is believed until `drop_s`."""
+        """The prior (rule 4); rest stays until `drop_s`."""
         rest = rest if age_s is not None and abs(age_s) <= self._config.drop_s else 1.0
         return AgedPosterior(
             observer, self.prior, rest, age_s, vote_state, record.skew_s, None, None, {}, record.reliability,
@@ -210,11 +209,6 @@ class Roster:
         publishes = not state.gone and abs(now_ns - state.received_ns) <= self._drop_ns
         late = publishes and state.received_ns - state.captured_ns > self._drop_ns
         return state.fault or ("late" if late else "silent")
-
-    def _faded_unlearned(self, p: Floats, unlearned: float, exponent: float) -> float:
-        """`unlearned` after the posterior over all answers has faded."""
-        answers = np.append(p * (1.0 - unlearned), unlearned)
-        return float(temper(answers, uniform(len(answers)), exponent)[-1])
 
     def _over_our_prior(self, message: PosteriorMessage) -> Floats:
         # Its sum was checked on arrival to be nearly 1.
@@ -238,13 +232,15 @@ def _sees_person(message: PosteriorMessage) -> bool:
     return not message.visible or any(message.visible.values())
 
 
-def _seconds(duration_ns: int) -> float:
-    return duration_ns / SECOND_NS
-
-
 def _relative_entropy(p: Floats) -> float:
     """Entropy over its maximum: the rest of an observer that does not publish rest."""
     return float(entropy_bits(p)) / math.log2(len(p))
+
+
+def _faded_unlearned(p: Floats, unlearned: float, exponent: float) -> float:
+    """`unlearned` after the posterior over all answers has faded."""
+    answers = np.append(p * (1.0 - unlearned), unlearned)
+    return float(temper(answers, uniform(len(answers)), exponent)[-1])
 
 
 def _faded_surprise(surprise: Surprise, exponent: float) -> Surprise:

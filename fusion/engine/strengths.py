@@ -8,8 +8,8 @@ w_i = c_i s_i r_i t_i / d_i . W^(gamma-1):
 1. c: certainty. The inverse entropy of p~_i, divided by its mean over the participating observers, at most CAP.
 2. s: limit on being surer than the others. The divergence of p_i from the prior, in bits, counts up to SURER times
    that of the next surest observer, because all of them see the same movement at the same time.
-3. r = min(1, o)^2: agreement with the others. o = sum_m q(m) p_i(m)/prior(m), where q is what the others together
-   believe, is the Bayes factor of p_i against a random posterior. It lowers a contradicted observer and raises none.
+3. r = min(1, o)^2: agreement with the others. o = sum_m q(m) p_i(m)/prior(m), where q is the others' pooled
+   posterior, is the Bayes factor of p_i against a random one. It lowers a contradicted observer and raises none.
 4. eps: the probability that the observer is plainly wrong, updated by o: eps_i = eps / (eps + (1-eps) o).
 5. t: learned reliability (reliability.py), at most 1.
 6. d = 1 + sum_j rho_ij: correlated observers share one voice. rho comes from similar posteriors, unless both are
@@ -54,7 +54,7 @@ SMALLEST = 1e-300
 
 @dataclass(frozen=True, slots=True)
 class ObserverTrust:
-    """What earlier verdicts say of N observers: trust (..., N), 0 to 1; correlations (..., N, N), 0 to 1, symmetric."""
+    """Learned from verdicts about N observers: trust (..., N), and symmetric correlations (..., N, N); all 0 to 1."""
 
     trust: Floats
     correlations: Floats

@@ -5,11 +5,11 @@
    without a break, for `hold_s`; or as soon as the person comes to rest, because waiting would show nothing more.
 3. The movement ends when rest has been likelier for `hold_s`, at the time when that rest began. The verdict is then
    published again under the same id, with the end. If another label met rule 2 when the person came to rest, that
-   label replaces the decided one: the observers had then seen the whole movement, and later posteriors are memory, in
-   which an observer that is stuck wins. If "something else" was then at least `threshold` likely, the verdict becomes
+   label replaces the decided one: the observers had then seen the whole movement. Later posteriors only fade, and an
+   observer that is stuck would win. If "something else" was then at least `threshold` likely, the verdict becomes
    an abstention. Other changes of mind are not published.
 4. A movement that ends undecided waits up to another `hold_s` for a label that meets the demand but not yet for long
-   enough. Without one it is an abstention: something was done, and the observers could not agree what.
+   enough. Without one it is an abstention: the person moved, and the observers did not agree on a label.
 5. After the clock was set back, detection starts afresh, because earlier durations mean nothing.
 6. A standby service follows the leading one: its movement and decision are the leader's. What meets the demand and for
    how long is its own observation, so that it can continue where the leader stops.
@@ -39,7 +39,7 @@ class PooledState:
 
 @dataclass(frozen=True, slots=True)
 class MovementDecision:
-    """What was done: label or ABSTAIN, begin and time of decision; the end when it is known."""
+    """Label or ABSTAIN, begin of the movement, time of decision; the end when it is known."""
 
     label: str
     began_ns: int

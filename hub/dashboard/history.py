@@ -12,7 +12,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from common import SECOND_NS
+from common import MINUTE_NS, SECOND_NS
 from common.capture_file import APPEARED, CaptureRecord
 from common.keys import observer_of
 from common.messages import JudgementMessage, VerdictMessage, VocabularyMessage
@@ -24,7 +24,6 @@ from hub.session import decode_for_hub
 if TYPE_CHECKING:
     from common.config import Scene
 
-MINUTE_NS = 60 * SECOND_NS
 POINT_EVERY_NS = SECOND_NS // 5
 MINUTE_POINTS = 300
 LOG_LIMIT = 100

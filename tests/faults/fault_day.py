@@ -9,6 +9,7 @@ import threading
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from common import SECOND_NS
 from common.config import FusionConfig, MeshConfig, ObserverConfig, Scene
 from common.link import Link
 from common.messages import JudgementMessage, PosteriorMessage, VerdictMessage, VocabularyReference
@@ -17,7 +18,6 @@ from common.vocabulary import Vocabulary
 from common.wire import decode, encode
 from fusion.server import serve
 
-SECOND_NS = 1_000_000_000
 NAMES = Vocabulary(("bowing", "lunging", "byebye", "stretch"))
 OBSERVERS = ("cam1", "cam2", "cam3", "cam4")
 ROUND_S, MOVES_S = 20, 3

@@ -15,6 +15,7 @@ from pathlib import Path
 
 from fault_processes import SOON_S, Process, labanmesh
 
+from common import SECOND_NS
 from common.vocabulary import Vocabulary
 from observer.geometry.views import parse_view
 from observer.learning.learn import learn_view
@@ -24,7 +25,6 @@ from observer.motion.archive_file import write_archive
 from studies.performer import perform, perform_continuously
 
 HERE = Path(__file__).parent
-SECOND_NS = 1_000_000_000
 MOVEMENTS = ("lunging", "byebye", "nthrow", "stretch")
 SERVICES = ("first", "second")
 VIEWS = {"door": "door", "corner": "yaw:45", "wheel": "wheel"}

@@ -3,8 +3,9 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
+from common import MINUTE_NS
 from common.inbox import Arrival
-from fusion.ingest import FLOOD, MINUTE_NS, NEWEST, RejectionLog, newest
+from fusion.ingest import FLOOD, NEWEST, RejectionLog, newest
 
 
 @given(st.lists(st.sampled_from("abcde"), max_size=300))

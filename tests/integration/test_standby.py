@@ -9,6 +9,7 @@ import pytest
 import zenoh
 from mesh_stage import LOOPBACK, NAMED, SOON_S, posterior
 
+from common import SECOND_NS
 from common.config import MeshConfig, read_scene
 from common.link import Link
 from common.messages import JudgementMessage, StatusMessage, VerdictMessage, VocabularyReference
@@ -18,7 +19,7 @@ from common.wire import decode
 from fusion.membership import SameIdError
 from fusion.server import SteadyClock, serve
 
-HOUR_NS = 3600 * 1_000_000_000
+HOUR_NS = 3600 * SECOND_NS
 REST, BOWING = ([0.5, 0.5], 0.95), ([0.98, 0.02], 0.05)
 
 

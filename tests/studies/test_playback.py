@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import labanmesh
+from common import SECOND_NS as SECOND
 from common.capture_file import APPEARED, GONE, CaptureFile, CaptureRecord, CaptureWriter
 from common.config import MeshConfig, ObserverConfig, Scene
 from common.errors import BadInput, LabanmeshError
@@ -27,7 +28,6 @@ from studies.replay import playback
 from studies.replay.playback import PlaybackOptions, TimeShift, play
 
 SOON_S = 10.0
-SECOND = 1_000_000_000
 THEN, NOW = 1_700_000_000 * SECOND, 1_800_000_000 * SECOND
 NAMES = Vocabulary(("bowing", "lunging"))
 REFERENCE = VocabularyReference(name=NAMES.name, hash=NAMES.digest)

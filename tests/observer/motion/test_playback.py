@@ -5,10 +5,10 @@ import threading
 import numpy as np
 import pytest
 
+from common import SECOND_NS
 from observer.motion.archive import Recording
 from observer.motion.playback import RecordedMotion
 
-SECOND_NS = 1_000_000_000
 PARTS = ("left_hand", "right_hand", "head")
 
 
