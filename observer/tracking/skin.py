@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.errors import BadInput
-from observer.files import write_file
+from observer.files import read_arrays, write_file
 from observer.tracks import Floats
 
 Picture = NDArray[Any]
@@ -148,10 +148,10 @@ class SkinHistogram:
             "labanmesh look --save-skin"
         )
         try:
-            with np.load(path, allow_pickle=False) as file:
-                skin, rest, value = (np.asarray(file[name], dtype=np.float64) for name in ("skin", "rest", "value"))
-        except (OSError, ValueError, KeyError, EOFError) as error:
-            raise BadInput(f"{path}: {type(error).__name__}; {expected}") from None
+            arrays = read_arrays(path)
+            skin, rest, value = (np.asarray(arrays[name], dtype=np.float64) for name in ("skin", "rest", "value"))
+        except (OSError, ValueError, KeyError) as error:
+            raise BadInput(f"{path}: {error}; {expected}") from None
         for numbers, shape in ((skin, (HUES, SATURATIONS)), (rest, (HUES, SATURATIONS)), (value, (2,))):
             if numbers.shape != shape or not (np.isfinite(numbers).all() and (numbers >= 0).all()):
                 raise BadInput(f"{path}: shape {numbers.shape} or values below zero; {expected}")

@@ -168,9 +168,11 @@ def test_a_saved_histogram_is_read_back(tmp_path):
     tracker.skin.save(tmp_path / "skin.npz")
     again = SkinHistogram.load(tmp_path / "skin.npz")
     assert np.array_equal(again.skin, tracker.skin.skin)
-    (tmp_path / "bad.npz").write_bytes(b"no")
-    with pytest.raises(BadInput, match="a skin histogram of two arrays"):
-        SkinHistogram.load(tmp_path / "bad.npz")
+    for content in (b"no", b"PK\x03\x04 a truncated zip file", b""):
+        (tmp_path / "bad.npz").write_bytes(content)
+        with pytest.raises(BadInput, match="a skin histogram of two arrays") as caught:
+            SkinHistogram.load(tmp_path / "bad.npz")
+        assert "\n" not in str(caught.value)
 
 
 def test_back_projection_ignores_dark_pale_and_overexposed_pixels():
