@@ -169,9 +169,9 @@ def _rows(
         "echo": [echoed[log.payloads[own]] - log.bare[own] for own in whole],
         "one way": [one_way[log.payloads[own]] - log.bare[own] for own in whole],
     }
-    who = plural(observers, "observer")
+    label = plural(observers, "observer")
     return [
-        row(f"put to judgement, {who}, {word}, floor: {name}", _ms(ours, q), _ms(floor, q), "ms", len(whole))
+        row(f"put to judgement, {label}, {word}, floor: {name}", _ms(ours, q), _ms(floor, q), "ms", len(whole))
         for name, floor in floors.items()
         for word, q in (("median", 50), ("p99", 99))
     ]

@@ -94,9 +94,9 @@ def rows(data: Path | None, watch_s: float = WATCH_S, starts: int = STARTS) -> I
         bare = _bare_start(film, starts)
         for name, model in models.items():
             cost = _watched(Path(place), film, model, watch_s)
-            who = f"an observer, 1280x720 at 30 Hz{name}"
-            yield row(f"{who}, share of a core", 100 * cost.share, 100 * _plain_share(film, pictures), "%", 1)
-            yield row(f"{who}, memory", cost.memory_mb, bare.memory_mb, "MB", 1)
+            label = f"an observer, 1280x720 at 30 Hz{name}"
+            yield row(f"{label}, share of a core", 100 * cost.share, 100 * _plain_share(film, pictures), "%", 1)
+            yield row(f"{label}, memory", cost.memory_mb, bare.memory_mb, "MB", 1)
         ours = [_start(Path(place), film) for _ in range(starts)]
         name = "start to first posterior"
         yield row(name, median(start.seconds for start in ours), bare.seconds, "s", starts)

@@ -29,11 +29,7 @@ def row(name: str, ours: float, floor: float, unit: str, n: int) -> BenchmarkRow
 
 
 def compare(
-    name: str,
-    ours: Callable[[], object],
-    floor: Callable[[], object],
-    rounds: int = ROUNDS,
-    batch_s: float = BATCH_S,
+    name: str, ours: Callable[[], object], floor: Callable[[], object], rounds: int = ROUNDS, batch_s: float = BATCH_S
 ) -> BenchmarkRow:
     """Microseconds per call, the median over `rounds`; the two alternate, and so does which goes first."""
     calls_ours, calls_floor = _calls_in(ours, batch_s), _calls_in(floor, batch_s)

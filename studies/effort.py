@@ -54,26 +54,26 @@ def effort(
         make_folder(report, "--report")
     with ProgressBar() as bar:
         at = judge_poles(select(whole, (), rate or usual), chosen, rule, FRACTIONS, bar)
-    found = as_json(at, rule)
-    text = as_text(found)
+    summary = as_json(at, rule)
+    text = as_text(summary)
     print(text)
-    written = [] if report is None else _write_report(report, text, at[1.0], found)
+    written = [] if report is None else _write_report(report, text, at[1.0], summary)
     if json is not None:
-        written.append(write_text(json, json_text.dumps(found, indent=1) + "\n", "--json"))
+        written.append(write_text(json, json_text.dumps(summary, indent=1) + "\n", "--json"))
     if written:
         print("\nwritten:", *written, sep="\n  ")
 
 
-def _write_report(folder: Path, text: str, result: "EffortResult", found: dict[str, Any]) -> list[Path]:
+def _write_report(folder: Path, text: str, result: "EffortResult", summary: dict[str, Any]) -> list[Path]:
     names = [*result.views, FUSED]
-    rates = {name: [by[name]["accuracy"] for by in found["factors"].values()] for name in names}
+    rates = {name: [by[name]["accuracy"] for by in summary["factors"].values()] for name in names}
     series, ece = {}, {}
-    for factor, by in found["factors"].items():
+    for factor, by in summary["factors"].items():
         p, truth = result.poles(FUSED, factor)
         series[factor], ece[factor] = (p.max(axis=1), p.argmax(axis=1) == truth), by[FUSED]["ece"]
     return [
         write_text(folder / "effort.txt", text + "\n", "--report"),
-        figures().poles_figure(list(found["factors"]), rates, folder / "poles.png"),
+        figures().poles_figure(list(summary["factors"]), rates, folder / "poles.png"),
         figures().reliability_figure(series, ece, folder / "reliability.png"),
     ]
 
@@ -180,26 +180,26 @@ def _figures(result: EffortResult, view: str, factor: str) -> dict[str, Any]:
     }
 
 
-def as_text(found: dict[str, Any]) -> str:
+def as_text(summary: dict[str, Any]) -> str:
     """The figures as tables for people."""
-    names = [*found["views"], FUSED]
+    names = [*summary["views"], FUSED]
     head = f"{'accuracy of the poles':<34}" + "".join(f"{name:>9}" for name in names)
     head += f"{'n':>5}{'sure':>7}{'ECE':>7}{'neutral':>9}"
-    lines = [f"each of {', '.join(found['actions'])} judged by models of the others, {found['rule']}", "", head]
+    lines = [f"each of {', '.join(summary['actions'])} judged by models of the others, {summary['rule']}", "", head]
     lines.append("-" * len(head))
-    for factor, by in found["factors"].items():
+    for factor, by in summary["factors"].items():
         low, high = EFFORT[f"effort_{factor}"]
         fused = by[FUSED]
         cells = "".join(f"{by[name]['accuracy']:>9.3f}" for name in names)
         neutral = fused["neutral_confidence"]
         cells += f"{fused['n']:>5}{fused['confidence']:>7.2f}{fused['ece']:>7.3f}"
         lines.append(f"{f'{factor}: {low}, {high}':<34}{cells}{'-' if neutral is None else f'{neutral:.2f}':>9}")
-    lines += ["", f"{'fused, by action':<34}" + "".join(f"{action:>10}" for action in found["actions"])]
-    for factor, by in found["factors"].items():
+    lines += ["", f"{'fused, by action':<34}" + "".join(f"{action:>10}" for action in summary["actions"])]
+    for factor, by in summary["factors"].items():
         lines.append(f"{factor:<34}" + "".join(f"{rate:>10.3f}" for rate in by[FUSED]["by_action"].values()))
-    fractions = next(iter(found["fused_at"].values()))
+    fractions = next(iter(summary["fused_at"].values()))
     if len(fractions) > 1:
         lines += ["", f"{'fused, after this share':<34}" + "".join(f"{float(part):>9.0%}" for part in fractions)]
-        for factor, rates in found["fused_at"].items():
+        for factor, rates in summary["fused_at"].items():
             lines.append(f"{factor:<34}" + "".join(f"{rate:>9.3f}" for rate in rates.values()))
     return "\n".join(lines)

@@ -196,20 +196,22 @@ def figures() -> ModuleType:
         raise LabanmeshError("matplotlib is not installed; pip install 'labanmesh[report]'") from None
 
 
-def _confusions(found: dict[str, Any], folder: Path) -> list[Path]:
+def _confusions(summary: dict[str, Any], folder: Path) -> list[Path]:
     def draw(name: str, counts: list[list[int]], title: str) -> Path:
         path = folder / f"confusion-{_file_name(name)}.png"
-        drawn: Path = figures().confusion_figure(np.array(counts), found["labels"], title, path)
+        drawn: Path = figures().confusion_figure(np.array(counts), summary["labels"], title, path)
         return drawn
 
-    views = [draw(name, found["per_view"][name]["confusion"], f"{name}: {found['model']}") for name in found["views"]]
-    return [*views, draw("fused", found["confusion"], f"fused: {found['model']}, {found['rule']}")]
+    views = [
+        draw(name, summary["per_view"][name]["confusion"], f"{name}: {summary['model']}") for name in summary["views"]
+    ]
+    return [*views, draw("fused", summary["confusion"], f"fused: {summary['model']}, {summary['rule']}")]
 
 
-def _earliness(found: dict[str, Any], folder: Path) -> Path:
-    series = {name: list(found["per_view"][name]["accuracy_at"].values()) for name in found["views"]}
-    series["fused"] = list(found["accuracy_at"].values())
-    chance = 1 / len(found["labels"])
+def _earliness(summary: dict[str, Any], folder: Path) -> Path:
+    series = {name: list(summary["per_view"][name]["accuracy_at"].values()) for name in summary["views"]}
+    series["fused"] = list(summary["accuracy_at"].values())
+    chance = 1 / len(summary["labels"])
     drawn: Path = figures().earliness_figure(FRACTIONS, series, folder / "early-recognition.png", chance=chance)
     return drawn
 

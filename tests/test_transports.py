@@ -18,17 +18,7 @@ from benchmarks.transports import commands, kinds
 from benchmarks.transports.actors import ReceivedJudgement
 from benchmarks.transports.kinds import KINDS, AvailableKinds, available
 from benchmarks.transports.stage import LADDER_HZ, flooded, judgement, names, paced, posteriors
-from benchmarks.transports.table import (
-    BEGIN,
-    END,
-    ROWS,
-    RUNS,
-    FigureRange,
-    as_markdown,
-    in_ms,
-    latencies,
-    over_rounds,
-)
+from benchmarks.transports.table import BEGIN, END, ROWS, RUNS, FigureRange, as_markdown, in_ms, latencies, over_rounds
 from common.messages import JudgementMessage, PosteriorMessage
 from common.wire import decode
 

@@ -55,10 +55,19 @@ def measure(
         values["sizes"] |= memory(values["runs"])
     if "tokens" in chosen:
         values["tokens"] = [asdict(costs) for costs in token_costs()]
-    text = json.dumps(values, indent=1) + "\n"
+    text = as_json(values)
     print(text)
     if write:
         write_text(write, text, "--write")
+
+
+def as_json(values: dict[str, Any]) -> str:
+    """One value per line, and one line per entry of a list."""
+    lines = []
+    for name, value in values.items():
+        entries = ",\n  ".join(map(json.dumps, value)) if isinstance(value, list) else ""
+        lines.append(f" {json.dumps(name)}: " + (f"[\n  {entries}\n ]" if entries else json.dumps(value)))
+    return "{\n" + ",\n".join(lines) + "\n}\n"
 
 
 def machine() -> str:

@@ -203,13 +203,7 @@ def reliability_figure(
 
 
 def _curve(
-    axes: Axes,
-    edges: Floats,
-    confidence: Floats,
-    correct: NDArray[np.bool_],
-    colour: str,
-    marker: str,
-    name: str,
+    axes: Axes, edges: Floats, confidence: Floats, correct: NDArray[np.bool_], colour: str, marker: str, name: str
 ) -> None:
     """One series: each non-empty bin at its mean confidence and its accuracy."""
     place = np.clip(np.digitize(confidence, edges) - 1, 0, len(edges) - 2)

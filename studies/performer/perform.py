@@ -76,34 +76,34 @@ def perform_continuously(
     _check([person], movements, rate_hz, seed)
     if not 0.0 <= rest_s[0] <= rest_s[1] < np.inf:
         raise BadInput(f"rest_s = {rest_s}: needs 0 <= shortest <= longest, in seconds")
-    who = KNOWN_PEOPLE[person]
+    performer = KNOWN_PEOPLE[person]
     rng = np.random.default_rng((seed, CONTINUOUS, PEOPLE.index(person)))
-    begin = standing(who, rng)
+    begin = standing(performer, rng)
     clock = float(rng.uniform(*rest_s))
     plans: list[tuple[float, MotionPlan]] = []
     for movement in movements:
-        plans.append((clock, compose(SCORES[movement], who, plans[-1][1].end if plans else begin, rng)))
+        plans.append((clock, compose(SCORES[movement], performer, plans[-1][1].end if plans else begin, rng)))
         clock += plans[-1][1].duration + float(rng.uniform(*rest_s))
     spans = tuple(
         Span(_frame(start, rate_hz), _frame(start + plan.duration, rate_hz), movement)
         for movement, (start, plan) in zip(movements, plans, strict=True)
     )
-    positions = _play(who, begin, plans, clock, rate_hz, rng)
+    positions = _play(performer, begin, plans, clock, rate_hz, rng)
     return Recording(positions, rate_hz, "", person, f"continuous-{seed}", spans)
 
 
 def _cut_out(person: str, movement: str, trial: int, rate_hz: float, seed: int) -> Recording:
-    who = KNOWN_PEOPLE[person]
+    performer = KNOWN_PEOPLE[person]
     rng = np.random.default_rng((seed, CUT_OUT, PEOPLE.index(person), MOVEMENTS.index(movement), trial))
-    begin = standing(who, rng)
+    begin = standing(performer, rng)
     before, after = rng.uniform(*LEAD_S, size=2)
-    plan = compose(SCORES[movement], who, begin, rng)
-    positions = _play(who, begin, [(before, plan)], before + plan.duration + after, rate_hz, rng)
+    plan = compose(SCORES[movement], performer, begin, rng)
+    positions = _play(performer, begin, [(before, plan)], before + plan.duration + after, rate_hz, rng)
     return Recording(positions, rate_hz, movement, person, str(trial))
 
 
 def _play(
-    who: Person,
+    performer: Person,
     begin: Floats,
     plans: Sequence[tuple[float, MotionPlan]],
     duration: float,
@@ -112,19 +112,19 @@ def _play(
 ) -> NDArray[np.float32]:
     """(F, 3, 3) sensor positions of a person who carries out the plans, each from its start in seconds."""
     time = np.arange(_frame(duration, rate_hz)) / rate_hz
-    postures = begin + _idle(time, who, rng)
+    postures = begin + _idle(time, performer, rng)
     for start, plan in plans:
         postures += plan.displacement(time - start)
-    positions = assume(who.build, postures).positions
+    positions = assume(performer.build, postures).positions
     return (positions + rng.normal(0.0, SENSOR_NOISE, positions.shape)).astype(np.float32)
 
 
-def _idle(time: Floats, who: Person, rng: np.random.Generator) -> Floats:
+def _idle(time: Floats, performer: Person, rng: np.random.Generator) -> Floats:
     """(T, 12) breathing and slow sway; every channel has its own frequency and phase."""
     frequency = rng.uniform(*SWAY_HZ, size=CHANNELS)
     phase_rad = rng.uniform(0.0, 2 * np.pi, size=CHANNELS)
-    idle: Floats = who.sway * SWAY * np.sin(2 * np.pi * time[:, None] * frequency + phase_rad)
-    breath = np.sin(2 * np.pi * (BREATH_HZ * who.tempo * time + rng.random()))
+    idle: Floats = performer.sway * SWAY * np.sin(2 * np.pi * time[:, None] * frequency + phase_rad)
+    breath = np.sin(2 * np.pi * (BREATH_HZ * performer.tempo * time + rng.random()))
     idle[:, 8] -= BREATH_DROP * breath
     idle[:, 9] -= BREATH_LEAN_RAD * breath
     return idle
