@@ -1,4 +1,4 @@
-"""The benchmarks: rows as the contract has them, small runs without a mesh, which judgement answers which put."""
+"""The benchmarks: rows as in the contract, small runs without a mesh, and which judgement belongs to which put."""
 
 import json
 
@@ -76,7 +76,7 @@ def test_tracking_is_measured_on_pictures_in_which_the_hands_are_found():
     assert camshift_row(pictures(size), size, **QUICK).name == "tracking, camshift, 320x240"
 
 
-def test_a_posterior_is_judged_by_the_first_judgement_that_weighs_it_or_a_newer_one():
+def test_a_posterior_is_judged_by_the_first_judgement_with_it_or_a_newer_one():
     scene = scene_of(2)
     referee = FusionEngine(scene.scene, list(scene.roster), NAMES, scene.fusion)
     p = random_posteriors(1)[0]

@@ -1,4 +1,4 @@
-"""What it costs to grow: the simulation is held to what was measured, the page to what the command writes."""
+"""The cost of growth: the simulation agrees with the measurements, the page with the command."""
 
 from dataclasses import fields, replace
 from itertools import pairwise
@@ -54,7 +54,7 @@ def off(measured, run):
 
 
 @pytest.mark.parametrize("run", MEASURED.runs, ids=lambda run: f"{run.observers}")
-def test_the_simulation_is_held_to_what_was_measured(run):
+def test_the_simulation_agrees_with_the_measurements(run):
     share, age = off(MEASURED, run)
     assert share <= SHARE and age <= AGE
     for times in (0.5, 2.0):
@@ -66,11 +66,11 @@ def test_the_simulated_loop_is_set_as_the_real_one():
     assert real == (process.PAUSE_S, process.TOGETHER, process.TELL_S)
 
 
-def test_where_nothing_costs_anything_each_home_is_judged_in_time_on_the_newest_frame():
+def test_without_costs_each_home_is_judged_in_time_on_the_newest_frame():
     trace = simulate_many(FREE, Load(jitter_s=0), [Stay(n) for n in range(40)], 2.0)
     assert trace.judgements_hz == pytest.approx(400, rel=0.06)
     assert min(trace.age_s) >= 0 and max(trace.age_s) <= 1 / 30
-    # The newest of four that speak at their own times: the least of four waits.
+    # The newest of four that publish at their own times: the least of four waits.
     assert trace.age_ms(50) == pytest.approx(1e3 / 30 * (1 - 0.5**0.25), rel=0.3)
     assert trace.core_share == 0
 
@@ -83,7 +83,7 @@ def test_the_share_of_a_core_is_the_sum_of_the_costs():
     assert trace.core_share - trace.loop_share == pytest.approx(20 * 120 * 3 / 1e6)
 
 
-def test_who_is_full_judges_less_often():
+def test_a_full_process_judges_less_often():
     stays = [Stay(n) for n in range(50)]
     slow = simulate_many(replace(FREE, judge=4000.0), Load(), stays, 2.0)
     assert slow.loop_share > 0.9
@@ -108,7 +108,7 @@ def test_one_scene_is_judged_as_soon_as_something_comes():
     assert trace.age_ms(99) < 2
 
 
-def test_who_is_woken_late_judges_late():
+def test_late_wake_ups_delay_judgements():
     late = Load(in_step=True, wake_ms=(20.0,) * 6)
     assert (
         simulate_one(FREE, late, 2.0).age_ms(50)
@@ -194,7 +194,7 @@ def test_the_page_is_what_the_command_writes(tmp_path):
     assert page.read_text("utf-8") == PAGE.read_text("utf-8"), "make scale writes it anew"
 
 
-def test_a_page_without_a_mark_is_refused_and_left_alone(tmp_path):
+def test_a_page_without_a_mark_is_rejected_and_unchanged(tmp_path):
     page = tmp_path / "scale.md"
     page.write_text(PAGE.read_text("utf-8").replace("scale links", "scale lines"), "utf-8")
     before = page.read_text("utf-8")
@@ -223,7 +223,7 @@ def test_bad_arguments_are_one_line(arguments, error):
 
 
 @pytest.mark.parametrize("text", ["", "[]", "{}", TEXT.replace('"hear"', '"here"')])
-def test_a_file_that_is_not_what_was_measured_is_refused(tmp_path, text):
+def test_a_file_without_measurements_is_rejected(tmp_path, text):
     file = tmp_path / "measured.json"
     file.write_text(text, "utf-8")
     with pytest.raises(BadInput, match="not a file of measurements"):

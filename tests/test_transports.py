@@ -32,10 +32,9 @@ page = f"before\n{BEGIN}\nold\n{END}\nafter\n"
 
 def until(condition, what, seconds=SOON_S):
     pause, end_s = threading.Event(), time.monotonic() + seconds
-    while not (found := condition()):
+    while not condition():
         assert time.monotonic() < end_s, f"not within {seconds} s: {what}"
         pause.wait(0.02)
-    return found
 
 
 def test_latency_is_the_time_to_the_first_judgement_with_a_message_or_a_later_one():
@@ -51,7 +50,7 @@ def test_times_in_ms_and_ranges_over_rounds():
     assert over_rounds(rounds) == {"a": FigureRange(2.0, 1.0, 3.0), "b": FigureRange(5.0, 5.0, 5.0)}
 
 
-def test_what_is_put_are_posteriors_and_a_judgement_of_the_wire():
+def test_the_traffic_is_posteriors_and_a_judgement_of_the_wire():
     messages = [decode(PosteriorMessage, payload) for payload in posteriors("cam2", 3)]
     assert [(one.observer, one.seq, len(one.p)) for one in messages] == [("cam2", seq, 20) for seq in range(4)]
     assert len({tuple(one.p) for one in messages}) == 4
@@ -106,19 +105,19 @@ def test_bad_arguments_are_rejected_before_the_work(arguments, error, tmp_path, 
     assert capsys.readouterr().err == f"transports: {error}\n"
 
 
-def test_the_table_goes_into_the_page_and_the_figures_into_the_file(tmp_path, monkeypatch, capsys):
+def test_the_table_goes_into_the_page_and_the_measuredinto_the_file(tmp_path, monkeypatch, capsys):
     (tmp_path / "page.md").write_text(page, encoding="utf-8")
     monkeypatch.setattr(commands, "measure", lambda chosen, *_: {name: figures(name) for name in chosen})
-    given = ["--only", "ours", "--json", str(tmp_path / "made" / "a.json"), "--page", str(tmp_path / "page.md")]
-    assert commands.main(given) == 0
+    arguments = ["--only", "ours", "--json", str(tmp_path / "made" / "a.json"), "--page", str(tmp_path / "page.md")]
+    assert commands.main(arguments) == 0
     table = capsys.readouterr().out
     assert (tmp_path / "page.md").read_text("utf-8") == f"before\n{BEGIN}\n{table}{END}\nafter\n"
     assert "eclipse-zenoh 1." in table and "paho" not in table
-    told = json.loads((tmp_path / "made" / "a.json").read_text("utf-8"))
-    assert told["transports"]["ours"]["flood/taken_hz"] == {"median": 0.5, "low": 0.25, "high": 0.75}
+    values = json.loads((tmp_path / "made" / "a.json").read_text("utf-8"))
+    assert values["transports"]["ours"]["flood/taken_hz"] == {"median": 0.5, "low": 0.25, "high": 0.75}
 
 
-def test_all_take_turns_and_turns_who_begins(monkeypatch):
+def test_the_transports_take_turns_and_so_does_the_first(monkeypatch):
     done = []
     monkeypatch.setattr(commands, "_once", lambda name, *_: done.append(name) or iter([{"a/b": 1.0}]))
     assert set(commands.measure(["ours", "mqtt", "nats"], 2, 1, 1.0)) == {"ours", "mqtt", "nats"}
@@ -133,13 +132,13 @@ def require(name):
 @pytest.mark.parametrize("name", ["ours", *(pytest.param(n, marks=long_only) for n in KINDS if n != "ours")])
 def test_every_posterior_at_60_hz_is_judged_over_each_transport(name):
     require(name)
-    found = paced(name, 2, 1, 12)
-    assert found["arrived"] == 1.0
-    assert 0 < found["median_ms"] <= found["p99_ms"] < 5_000
-    assert 0 < found["link_ms"] < found["start_ms"]
+    measured = paced(name, 2, 1, 12)
+    assert measured["arrived"] == 1.0
+    assert 0 < measured["median_ms"] <= measured["p99_ms"] < 5_000
+    assert 0 < measured["link_ms"] < measured["start_ms"]
     # No framing is free, none is as long as the message.
     size = len(posteriors("cam1", 1)[1])
-    assert size < found["sent_bytes"] < 2 * size
+    assert size < measured["sent_bytes"] < 2 * size
 
 
 @long_only
@@ -147,24 +146,24 @@ def test_every_posterior_at_60_hz_is_judged_over_each_transport(name):
 def test_as_fast_as_they_can_over_each_transport(name, monkeypatch):
     require(name)
     monkeypatch.setattr("benchmarks.transports.stage.LADDER_HZ", (500.0,))
-    found = flooded(name, 2, 0.5)
-    assert found["whole_hz"] in (0.0, 500.0) and LADDER_HZ[0] > 500
-    assert 0 < found["arrived"] <= 1.0
-    assert found["taken_hz"] > 0
-    assert found["receiver_us"] > 0 and found["publisher_us"] > 0
-    assert ("broker_us" in found) == bool(KINDS[name].broker)
+    measured = flooded(name, 2, 0.5)
+    assert measured["whole_hz"] in (0.0, 500.0) and LADDER_HZ[0] > 500
+    assert 0 < measured["arrived"] <= 1.0
+    assert measured["taken_hz"] > 0
+    assert measured["receiver_us"] > 0 and measured["publisher_us"] > 0
+    assert ("broker_us" in measured) == bool(KINDS[name].broker)
 
 
 def alive(mark):
     """Processes, other than this one, whose environment has `mark`."""
-    found = []
+    lines = []
     for place in Path("/proc").glob("[0-9]*"):
         try:
             if mark.encode() in (place / "environ").read_bytes():
-                found.append((place / "cmdline").read_bytes().replace(b"\0", b" ").decode())
+                lines.append((place / "cmdline").read_bytes().replace(b"\0", b" ").decode())
         except OSError:
             continue
-    return found
+    return lines
 
 
 @long_only

@@ -1,4 +1,4 @@
-"""`labanmesh capture` and `replay` with real processes: what was judged live is judged again, bit for bit."""
+"""`labanmesh capture` and `replay` with real processes: live judgements are judged again, bit for bit."""
 
 import signal
 import subprocess
@@ -55,21 +55,21 @@ def scene_file(tmp_path_factory):
     place = tmp_path_factory.mktemp("captured")
     learned = perform(people=("2", "3", "4"), movements=(*DONE, "lunging"), trials=2)
     write_archive(place / "learned.npz", learned)
-    seen = perform_continuously("1", DONE)
-    write_archive(place / "seen.npz", MotionArchive(learned.body_parts, (seen,)))
+    stream = perform_continuously("1", DONE)
+    write_archive(place / "stream.npz", MotionArchive(learned.body_parts, (stream,)))
     with Link.open(MeshConfig(), "fusion", listen=["tcp/127.0.0.1:0"]) as free:
         text = f'scene = "dojo"\n[mesh]\nendpoint = "{free.locator}"\n'
     for observer, view in VIEWS.items():
         words = [place / "learned.npz", "--view", view, "-o", place / f"{observer}.model"]
         assert labanmesh.main(["learn", *map(str, words)]) == 0
-        text += f'[observers.{observer}]\nsource = "seen.npz"\nview = "{view}"\nspeed = 2.0\n'
+        text += f'[observers.{observer}]\nsource = "stream.npz"\nview = "{view}"\nspeed = 2.0\n'
     (place / "scene.toml").write_text(text)
     return place / "scene.toml"
 
 
 @pytest.fixture(scope="module")
 def captured(scene_file):
-    """Two captures of the same run of `labanmesh up`: a whole one, and one killed after it had heard a verdict."""
+    """Two captures of the same run of `labanmesh up`: a whole one, and one killed after it had received a verdict."""
     whole, killed = scene_file.with_name("whole.mcap"), scene_file.with_name("killed.mcap")
     keys = read_scene(scene_file, {}).keys
     with process("capture", scene_file, "-o", whole) as listens, process("capture", scene_file, "-o", killed) as dies:
@@ -84,21 +84,21 @@ def captured(scene_file):
     return whole, killed
 
 
-def test_a_replay_is_the_same_bit_for_bit_and_so_is_what_a_killed_capture_heard(captured, capsys):
+def test_a_replay_is_the_same_bit_for_bit_also_of_a_killed_capture(captured, capsys):
     whole, killed = captured
     keys = CaptureFile(whole).scene.keys
     assert labanmesh.main(["replay", str(whole)]) == 0
-    told = capsys.readouterr().out
-    assert f"{len(DONE)} of {len(DONE)} verdicts the same bit for bit" in told, told
+    text = capsys.readouterr().out
+    assert f"{len(DONE)} of {len(DONE)} verdicts the same bit for bit" in text, text
     assert not CaptureFile(killed).complete
-    heard = payloads(killed, keys.verdict)
-    assert heard == payloads(whole, keys.verdict)[: len(heard)]
+    received = payloads(killed, keys.verdict)
+    assert received == payloads(whole, keys.verdict)[: len(received)]
     assert labanmesh.main(["replay", str(killed)]) == 0
-    assert "the capture was cut off" in (told := capsys.readouterr().out) and "bit for bit" in told
+    assert "the capture was cut off" in (text := capsys.readouterr().out) and "bit for bit" in text
     assert labanmesh.main(["replay", str(whole), "--from", "posteriors"]) == 0
 
 
-def test_played_onto_a_mesh_a_live_referee_gives_the_same_labels(captured, scene_file):
+def test_played_onto_a_mesh_a_live_fusion_service_gives_the_same_labels(captured, scene_file):
     whole, _ = captured
     scene = read_scene(scene_file, {})
     with process("fuse", scene_file) as fusion, Link.open(scene.mesh, "hub") as hub:
@@ -106,11 +106,11 @@ def test_played_onto_a_mesh_a_live_referee_gives_the_same_labels(captured, scene
         words = ("replay", whole, "--onto", scene_file, "--only", "posteriors")
         with process(*words) as player:
             assert player.wait(SOON_S) == 0, player.stdout.read()
-        heard, recorded = [], payloads(whole, scene.keys.verdict)
-        wait_for(lambda: heard.extend(verdicts.take(0.1)) or len(heard) >= len(recorded))
+        received, recorded = [], payloads(whole, scene.keys.verdict)
+        wait_for(lambda: received.extend(verdicts.take(0.1)) or len(received) >= len(recorded))
         fusion.send_signal(signal.SIGTERM)
         assert fusion.wait(SOON_S) == 0
     then = [decode(VerdictMessage, payload) for payload in recorded]
-    now = [decode(VerdictMessage, arrival.payload) for arrival in heard]
+    now = [decode(VerdictMessage, arrival.payload) for arrival in received]
     assert [verdict.label for verdict in now] == [verdict.label for verdict in then]
     assert not {verdict.id for verdict in now} & {verdict.id for verdict in then}

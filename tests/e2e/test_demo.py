@@ -39,8 +39,8 @@ def test_the_demo_ends_by_itself_with_verdicts_against_truth_and_figures(short_a
 
 
 @pytest.mark.skipif(not have_cascade(), reason="this OpenCV has no face cascade")
-def test_the_demo_films_the_performer_and_shows_what_a_judge_saw(short_archive, tmp_path):
-    """How many verdicts are right is no matter of a machine that other tests keep busy; `make demo` shows it."""
+def test_the_demo_films_the_performer_and_shows_the_view_of_an_observer(short_archive, tmp_path):
+    """The number of right verdicts depends on the load of the machine; `make demo` shows it."""
     done = run("--motion", str(short_archive), "--output", "shown", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert "of 2 right" in done.stdout and "shown/front-left.mp4" in done.stdout
@@ -50,13 +50,13 @@ def test_the_demo_films_the_performer_and_shows_what_a_judge_saw(short_archive, 
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "error"),
     [
         (("--motion", "none.npz"), "none.npz"),
         (("--motion", "short.npz", "--subject", "9"), "--subject '9': not in short.npz; it has 1, 2, 3"),
     ],
 )
-def test_what_cannot_be_shown_is_one_line_and_exit_2(short_archive, tmp_path, words, said):
+def test_bad_input_is_one_line_and_exit_2(short_archive, tmp_path, words, error):
     done = run(*words, cwd=tmp_path)
     assert done.returncode == 2
-    assert said in done.stderr and done.stderr.count("\n") == 1 and "Traceback" not in done.stderr
+    assert error in done.stderr and done.stderr.count("\n") == 1 and "Traceback" not in done.stderr

@@ -1,4 +1,4 @@
-"""Effort, judged in actions that nobody showed: on hand-made motion, and as the milestone promises on recorded."""
+"""Effort in actions that the models have not learned: on generated motion, and on recorded people."""
 
 import json
 from dataclasses import replace
@@ -47,20 +47,20 @@ def judged(archive):
     return judge_poles(archive, VIEWS)[1.0]
 
 
-def test_poles_are_told_apart_by_each_view_and_fused(judged):
-    found = as_json({1.0: judged}, "robust_inverse_entropy")
+def test_each_view_and_the_fusion_recognise_the_poles(judged):
+    figures = as_json({1.0: judged}, "robust_inverse_entropy")
     for factor in ("weight", "time"):
-        assert {name: by["accuracy"] for name, by in found["factors"][factor].items()} == {
+        assert {name: by["accuracy"] for name, by in figures["factors"][factor].items()} == {
             name: pytest.approx(1, abs=0.1) for name in ("door", "wheel", FUSED)
         }
-    assert found["factors"]["flow"][FUSED]["n"] == 24 and found["factors"]["time"][FUSED]["n"] == 36
-    assert found["factors"]["flow"][FUSED]["neutral_confidence"] >= 0.5
-    assert found["factors"]["time"][FUSED]["neutral_confidence"] is None
+    assert figures["factors"]["flow"][FUSED]["n"] == 24 and figures["factors"]["time"][FUSED]["n"] == 36
+    assert figures["factors"]["flow"][FUSED]["neutral_confidence"] >= 0.5
+    assert figures["factors"]["time"][FUSED]["neutral_confidence"] is None
 
 
 def test_the_door_does_not_see_what_happens_in_depth(judged):
-    found = as_json({1.0: judged}, "robust_inverse_entropy")["factors"]
-    assert found["flow"]["wheel"]["accuracy"] > found["flow"]["door"]["accuracy"]
+    figures = as_json({1.0: judged}, "robust_inverse_entropy")["factors"]
+    assert figures["flow"]["wheel"]["accuracy"] > figures["flow"]["door"]["accuracy"]
 
 
 def test_one_action_is_not_enough_and_views_have_names_of_their_own(archive):
@@ -74,7 +74,7 @@ def test_one_action_is_not_enough_and_views_have_names_of_their_own(archive):
         judge_poles(unlabelled, VIEWS)
 
 
-def test_the_command_prints_the_table_and_writes_what_was_asked_for(archive, tmp_path, capsys):
+def test_the_command_prints_the_table_and_writes_its_files(archive, tmp_path, capsys):
     write_archive(tmp_path / "e.npz", archive)
     effort(tmp_path / "e.npz", "door,wheel", report=tmp_path / "out", json=tmp_path / "e.json")
     printed = capsys.readouterr().out
@@ -86,13 +86,13 @@ def test_the_command_prints_the_table_and_writes_what_was_asked_for(archive, tmp
 
 
 @pytest.mark.slow
-def test_effort_is_told_in_an_action_that_nobody_showed(data):
+def test_effort_is_recognised_in_an_unlearned_action(data):
     recorded = select(import_recordings("bvh", data / "effort_bvh").archive, (), RATE)
-    found = as_json(judge_poles(recorded, VIEWS), "robust_inverse_entropy")
-    print(as_text(found))
-    fused = {factor: by[FUSED] for factor, by in found["factors"].items()}
+    figures = as_json(judge_poles(recorded, VIEWS), "robust_inverse_entropy")
+    print(as_text(figures))
+    fused = {factor: by[FUSED] for factor, by in figures["factors"].items()}
     assert all(by["n"] == 72 for by in fused.values())
     assert fused["weight"]["accuracy"] >= 0.9 and fused["time"]["accuracy"] >= 0.9
     assert fused["space"]["accuracy"] >= 0.8 and fused["flow"]["accuracy"] >= 0.8
-    # Of 72 judgements 15 bins say little; that they are right as often as they are sure, they do.
+    # 72 judgements are too few for 15 bins, so mean confidence is compared with accuracy.
     assert all(abs(by["confidence"] - by["accuracy"]) <= 0.06 for by in fused.values())

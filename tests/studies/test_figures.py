@@ -1,4 +1,4 @@
-"""Figures are drawn, complete and without a warning; what is in them is looked at by eye and by their SVG text."""
+"""Figures are drawn completely and without warnings."""
 
 from itertools import pairwise
 
@@ -81,7 +81,7 @@ def test_a_verdict_is_right_when_it_meets_a_span_of_its_label():
     assert not _is_right(LabelledInterval(2, 3, "ok"), truth), "touching is not meeting"
 
 
-def test_what_was_done_is_always_among_the_rows():
+def test_true_movements_are_always_among_the_rows():
     labels = [f"m{i}" for i in range(20)]
     belief = normalise(np.tile(np.arange(20.0, 0, -1), (3, 1)))
     rows = _rows(belief, labels, [LabelledInterval(0, 1, "m19")], [LabelledInterval(0, 1, "abstain")])

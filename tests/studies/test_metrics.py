@@ -76,7 +76,7 @@ def test_the_ends_of_the_scales():
     assert expected_calibration_error(unsure, np.arange(4)) == pytest.approx(0)
 
 
-def test_who_is_as_often_right_as_sure_is_calibrated():
+def test_confidence_equal_to_accuracy_is_calibrated():
     p = np.array([[0.7, 0.3]] * 10)
     truth = np.array([0] * 7 + [1] * 3)
     assert expected_calibration_error(p, truth) == pytest.approx(0)

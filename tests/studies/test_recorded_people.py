@@ -1,4 +1,4 @@
-"""What the milestone promises on recorded people: MSR Action3D, odd subjects learned from, even ones judged."""
+"""Results on recorded people: MSR Action3D, odd subjects learned from, even ones judged."""
 
 from functools import cache
 from pathlib import Path
@@ -36,16 +36,16 @@ def ask(archive, labels, views="door", **given):
     return evaluate(archive, question)
 
 
-def found(archive, labels, views="door", **given):
+def figures_of(archive, labels, views="door", **given):
     return as_json(ask(archive, labels, views, **given))
 
 
 def mean_over_subsets(archive, measure, **given):
-    return float(np.mean([measure(found(archive, labels, **given)) for labels in SUBSETS.values()]))
+    return float(np.mean([measure(figures_of(archive, labels, **given)) for labels in SUBSETS.values()]))
 
 
-def final(said):
-    return said["accuracy"]
+def final_accuracy(figures):
+    return figures["accuracy"]
 
 
 PAPERS = {"model": PAPER_MODEL, "rule": PAPER_RULE, "calibrated": False}
@@ -57,36 +57,36 @@ def test_the_labels_of_the_subsets_are_the_archives(msr):
 
 
 def test_the_papers_model_in_the_door_plane_and_turned_without_relearning(msr):
-    straight = mean_over_subsets(msr, final, **PAPERS)
-    turned = mean_over_subsets(msr, final, turn=45.0, **PAPERS)
+    straight = mean_over_subsets(msr, final_accuracy, **PAPERS)
+    turned = mean_over_subsets(msr, final_accuracy, turn=45.0, **PAPERS)
     assert straight >= 0.66
     assert turned <= straight - 0.05
 
 
 def test_the_papers_fusion_beats_the_better_of_its_two_views(msr):
-    said = found(msr, LABELS, "door,wheel", **PAPERS)
-    assert said["accuracy"] > max(view["accuracy"] for view in said["per_view"].values())
+    figures = figures_of(msr, LABELS, "door,wheel", **PAPERS)
+    assert figures["accuracy"] > max(view["accuracy"] for view in figures["per_view"].values())
 
 
 def test_the_default_in_the_door_plane_and_fused_at_the_end_and_when_sixty_percent_were_seen(msr):
-    said = [found(msr, labels, "door,wheel") for labels in SUBSETS.values()]
-    assert np.mean([s["per_view"]["door"]["accuracy"] for s in said]) >= 0.86
-    assert np.mean([s["accuracy"] for s in said]) >= 0.88
-    assert np.mean([s["accuracy_at"]["0.6"] for s in said]) >= 0.86
+    figures = [figures_of(msr, labels, "door,wheel") for labels in SUBSETS.values()]
+    assert np.mean([s["per_view"]["door"]["accuracy"] for s in figures]) >= 0.86
+    assert np.mean([s["accuracy"] for s in figures]) >= 0.88
+    assert np.mean([s["accuracy_at"]["0.6"] for s in figures]) >= 0.86
 
 
 def test_the_default_on_all_movements_and_the_same_labels_over_the_mesh(msr):
     answer = ask(msr, LABELS, "door,wheel")
-    said = as_json(answer)
-    assert (said["n_train"], said["n_test"]) == (289, 264)
-    assert said["accuracy"] >= 0.84
-    assert said["accuracy"] > max(view["accuracy"] for view in said["per_view"].values())
-    assert said["ece"] <= 0.06 and max(view["ece"] for view in said["per_view"].values()) <= 0.09
+    figures = as_json(answer)
+    assert (figures["n_train"], figures["n_test"]) == (289, 264)
+    assert figures["accuracy"] >= 0.84
+    assert figures["accuracy"] > max(view["accuracy"] for view in figures["per_view"].values())
+    assert figures["ece"] <= 0.06 and max(view["ece"] for view in figures["per_view"].values()) <= 0.09
     over_mesh = fused_over_mesh(answer)
     assert over_mesh["same_labels"] == over_mesh["n"] == 264
 
 
 def test_the_default_knows_neither_onset_nor_tempo_and_the_frame_table_is_lost(msr):
-    # How sure they may be is not asked here, and takes as long as all the rest.
-    assert found(msr, LABELS, "door,wheel", onset_known=False, calibrated=False)["accuracy"] >= 0.78
-    assert found(msr, LABELS, "door,wheel", onset_known=False, **PAPERS)["accuracy"] <= 0.25
+    # Calibration does not matter here, and takes as long as all the rest.
+    assert figures_of(msr, LABELS, "door,wheel", onset_known=False, calibrated=False)["accuracy"] >= 0.78
+    assert figures_of(msr, LABELS, "door,wheel", onset_known=False, **PAPERS)["accuracy"] <= 0.25

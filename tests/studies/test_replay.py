@@ -261,7 +261,7 @@ def follow_all(engine, records):
 
 @pytest.mark.parametrize("cut", [7, 10])
 @pytest.mark.parametrize("memory", [False, True])
-def test_a_service_that_was_started_anew(write, memory, cut):
+def test_a_restarted_service(write, memory, cut):
     scene, whole = a_scene(), steps()
     records = recorded(scene, whole[:cut])
     alive = f"{ROOT}/fusion/fusion/alive"

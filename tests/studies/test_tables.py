@@ -80,6 +80,6 @@ def test_pairs_are_errors_that_became_fewer(confusion):
     assert confused_pairs(confusion, confusion, names(len(confusion))) == []
 
 
-def test_labels_that_do_not_fit_are_refused():
+def test_labels_of_another_shape_are_an_error():
     with pytest.raises(ValueError, match="shape"):
         confusion_table(np.zeros((2, 3), dtype=np.int64), ["a", "b"])
