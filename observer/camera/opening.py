@@ -5,15 +5,7 @@ from functools import partial
 from pathlib import Path
 
 from common.errors import BadInput
-from observer.camera.base import (
-    NOMINAL_HZ,
-    SCHEMES,
-    Report,
-    Size,
-    ignore_report,
-    kind_of,
-    without_secrets,
-)
+from observer.camera.base import NOMINAL_HZ, SCHEMES, Report, Size, ignore_report, kind_of, without_secrets
 from observer.camera.capture import connect
 from observer.camera.files import PICTURES, PictureFolder, RecordedPictures, Video
 from observer.camera.live import LiveCamera
@@ -56,13 +48,7 @@ def open_pictures(
 
 
 def _open_recorded(
-    text: str,
-    folder: Path,
-    rate_hz: float | None,
-    size_px: Size | None,
-    speed: float,
-    loop: bool,
-    start_ns: int | None,
+    text: str, folder: Path, rate_hz: float | None, size_px: Size | None, speed: float, loop: bool, start_ns: int | None
 ) -> RecordedPictures:
     path = folder / text
     if not text.strip() or not path.exists():

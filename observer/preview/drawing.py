@@ -150,11 +150,7 @@ def wrapped(text: str, size: float, width_px: int, lines: int) -> list[str]:
     return result
 
 
-COLOURS: dict[State, Colour] = {
-    State.SEEN: (233, 180, 86),
-    State.UNSURE: (66, 228, 240),
-    State.MISSING: (0, 94, 213),
-}
+COLOURS: dict[State, Colour] = {State.SEEN: (233, 180, 86), State.UNSURE: (66, 228, 240), State.MISSING: (0, 94, 213)}
 """Sky blue, yellow and vermilion of the palette of Okabe and Ito, distinguishable with colour blindness and in grey."""
 
 RADIUS = 14

@@ -15,10 +15,7 @@ from observer.tracking.head import have_cascade
 from observer.tracks import BODY_PARTS, Frame, Tracks
 
 mediapipe = pytest.importorskip("mediapipe")
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.skipif(not have_cascade(), reason="this OpenCV has no face cascade"),
-]
+pytestmark = [pytest.mark.slow, pytest.mark.skipif(not have_cascade(), reason="this OpenCV has no face cascade")]
 
 LEFT_WRIST, RIGHT_WRIST, NOSE, EARS, HIPS = 15, 16, 0, (7, 8), (23, 24)
 THRESHOLD = 0.1

@@ -73,7 +73,7 @@ def test_a_part_outside_the_picture_is_missing_however_sure_the_model_is(away):
 
 
 @given(arrays(np.float64, (LANDMARKS, 3), elements=st.floats(-1, 2)), st.integers(1, 4000), st.integers(1, 4000))
-def test_what_is_said_to_be_seen_or_guessed_lies_in_the_picture_and_never_both(landmarks, width, height):
+def test_seen_and_guessed_parts_lie_in_the_picture_and_are_disjoint(landmarks, width, height):
     tracks = read_pose(landmarks, (width, height))
     for rows in (tracks.centres, tracks.guesses):
         known = rows[~np.isnan(rows).any(axis=1)]

@@ -7,15 +7,7 @@ from hypothesis import strategies as st
 
 from common import SECOND_NS
 from observer.camera.base import kind_of, without_secrets
-from observer.camera.live import (
-    Backoff,
-    CameraHealth,
-    CameraHistory,
-    CameraTimeouts,
-    assess,
-    digest,
-    silent_in_s,
-)
+from observer.camera.live import Backoff, CameraHealth, CameraHistory, CameraTimeouts, assess, digest, silent_in_s
 
 MS = 1_000_000
 times = st.integers(0, 10**13)

@@ -18,10 +18,7 @@ def drawn_at(x, y, k1, k2, p1, p2, k3):
     """Brown-Conrady, as OpenCV's manual writes it."""
     r2 = x**2 + y**2
     radial = 1 + k1 * r2 + k2 * r2**2 + k3 * r2**3
-    return (
-        x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x**2),
-        y * radial + p1 * (r2 + 2 * y**2) + 2 * p2 * x * y,
-    )
+    return (x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x**2), y * radial + p1 * (r2 + 2 * y**2) + 2 * p2 * x * y)
 
 
 @pytest.mark.parametrize("pixel", [(330, 250), (20, 30), (620, 470), (100, 400)])

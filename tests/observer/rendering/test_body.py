@@ -5,17 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from observer.rendering.body import (
-    FOREARM,
-    HALF_SHOULDERS,
-    HEAD_CENTRE,
-    NECK,
-    TRUNK,
-    UPPER_ARM,
-    Stature,
-    pose,
-    stature,
-)
+from observer.rendering.body import FOREARM, HALF_SHOULDERS, HEAD_CENTRE, NECK, TRUNK, UPPER_ARM, Stature, pose, stature
 
 TALL = 1.72
 STANDING = Stature(np.array([0.3, HEAD_CENTRE * TALL, 2.0]), TALL)

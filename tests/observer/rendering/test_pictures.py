@@ -81,11 +81,7 @@ def test_hands_are_drawn_at_their_projections(yaw_deg):
 
 
 @settings(max_examples=25, deadline=None)
-@given(
-    st.tuples(st.floats(0.3, 0.75), st.floats(0.7, 2.1), st.floats(-0.5, 0.2)),
-    st.floats(-30, 30),
-    st.floats(0, 20),
-)
+@given(st.tuples(st.floats(0.3, 0.75), st.floats(0.7, 2.1), st.floats(-0.5, 0.2)), st.floats(-30, 30), st.floats(0, 20))
 def test_a_free_hand_is_drawn_at_its_projection(place, yaw_deg, pitch_deg):
     positions = with_(RIGHT, place)
     view = renderer(yaw_deg, pitch_deg)
