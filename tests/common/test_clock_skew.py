@@ -22,16 +22,13 @@ def ask(at_ns, skew_ns, there_ns, back_ns):
 )
 def test_the_true_skew_is_within_the_doubt_of_the_fastest_answer(skew_ns, delays):
     skew = ClockSkew()
+    assert skew.skew_s is None
     for second, (there_ns, back_ns) in enumerate(delays):
         skew.note(ask(second * SECOND_NS, skew_ns, there_ns, back_ns))
     assert skew.best.doubt_ns == min((there + back) // 2 for there, back in delays[-8:])
     # Seconds as a float resolve nanoseconds only up to some days.
     rounding_ns = 1 + abs(skew_ns) * 2**-50
     assert abs(skew.skew_s * SECOND_NS - skew_ns) <= skew.best.doubt_ns + rounding_ns
-
-
-def test_the_skew_is_unknown_before_the_first_answer():
-    assert ClockSkew().skew_s is None and ClockSkew().best is None
 
 
 @pytest.mark.parametrize("jump_s", [3600, -3600, 0.5])

@@ -1,17 +1,20 @@
 """The scene file: defaults, errors as one line, environment."""
 
-import os
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from pydantic import ValidationError
 
-from common.config import MeshConfig, read_scene
+from common.config import read_scene
 from common.errors import BadInput
 
 LEAST = 'scene = "dojo"\n[observers.cam1]\nsource = "motion.npz"\n'
-THREE = 'scene = "dojo"\n' + "".join(f'[observers.cam{i}]\nsource = "m.npz"\n' for i in (1, 2, 3))
+
+
+def scene_of(observers):
+    return 'scene = "dojo"\n' + "".join(f'[observers.cam{n}]\nsource = "m.npz"\n' for n in range(1, observers + 1))
+
+
+THREE = scene_of(3)
 
 
 @pytest.fixture
@@ -38,33 +41,23 @@ def fault(scene):
 def test_only_the_name_and_the_sources_have_no_default(scene):
     read = scene(LEAST)
     assert read.scene == "dojo" and read.roster == ("cam1",) and read.named_vocabulary is None
-    assert (read.mesh.mode, read.mesh.endpoint, read.mesh.prefix) == ("machine", "tcp/127.0.0.1:7447", "laban")
-    cam = read.observer("cam1")
-    assert (cam.view, cam.model, cam.speed, cam.recording, cam.loop) == ("door", "cam1.model", 1.0, 0, False)
-    assert (cam.onset, cam.tracker) == ("unknown", "auto")
-    fusion = read.fusion
-    assert (fusion.id, fusion.rule, fusion.quorum, fusion.threshold) == ("fusion", "robust_inverse_entropy", 1, 0.8)
-    assert (fusion.hold_s, fusion.fresh_s, fusion.fade_s, fusion.drop_s, fusion.step_hz) == (0.2, 0.2, 0.5, 2.0, 10)
+    assert read.keys.judgement == "laban/dojo/judgement" and read.observer("cam1").model == "cam1.model"
 
 
-def test_every_key_can_be_set(scene):
+def test_a_key_that_is_set_counts(scene):
     read = scene(
         'scene = "dojo"\nvocabulary = ["lunging", "bowing"]\nvocabulary_name = "karate"\n'
         '[mesh]\nmode = "router"\nendpoint = "tls/judge.example:7447"\nprefix = "home/laban"\n'
         '[observers.cam1]\nsource = "m.npz"\nview = "yaw:45"\nmodel = "a.model"\nspeed = 0\nrecording = "all"\n'
-        'loop = true\nonset = "known"\ntracker = "blobs"\n'
-        '[fusion]\nid = "f2"\nrule = "log"\nquorum = 1\nthreshold = 1\nhold_s = 0\nfresh_s = 0.1\nfade_s = 1\n'
-        "drop_s = 3\nstep_hz = 20\n"
     )
     assert read.named_vocabulary.labels == ("lunging", "bowing") and read.named_vocabulary.name == "karate"
     assert read.keys.judgement == "home/laban/dojo/judgement"
-    assert read.observer("cam1").recording == "all"
+    assert (read.observer("cam1").model, read.observer("cam1").recording) == ("a.model", "all")
 
 
 @pytest.mark.parametrize(("observers", "quorum"), [(1, 1), (2, 1), (3, 2), (4, 2)])
 def test_the_default_quorum_is_half_of_the_observers(scene, observers, quorum):
-    text = 'scene = "d"\n' + "".join(f'[observers.c{i}]\nsource = "m.npz"\n' for i in range(observers))
-    assert scene(text).fusion.quorum == quorum
+    assert scene(scene_of(observers)).fusion.quorum == quorum
 
 
 def test_file_names_start_from_the_folder_of_the_scene_file(scene, tmp_path, monkeypatch):
@@ -72,15 +65,6 @@ def test_file_names_start_from_the_folder_of_the_scene_file(scene, tmp_path, mon
     monkeypatch.chdir(tmp_path)
     assert read_scene((tmp_path / "scene.toml").relative_to(tmp_path), {}).place("m") == tmp_path / "m"
     assert scene(LEAST).place(str(tmp_path.parent / "m")) == tmp_path.parent / "m"
-
-
-def test_a_scene_is_immutable(scene):
-    with pytest.raises(ValidationError):
-        scene(LEAST).fusion.rule = "log"
-
-
-def test_the_mesh_at_another_endpoint():
-    assert MeshConfig(prefix="p").at("tcp/127.0.0.1:9") == MeshConfig(prefix="p", endpoint="tcp/127.0.0.1:9")
 
 
 @pytest.mark.parametrize(
@@ -94,21 +78,16 @@ def test_the_mesh_at_another_endpoint():
         ('scene = "d"\n[observers.cam1]\nview = "door"', "observers.cam1.source: missing"),
         (LEAST.replace("source", "sorce"), "observers.cam1.sorce: unknown key; did you mean source?"),
         (LEAST.replace("observers", "observer"), "observer: unknown key; did you mean observers?"),
-        (LEAST.replace("scene =", "scen ="), "scen: unknown key; did you mean scene?"),
-        (LEAST + "sped = 2", "observers.cam1.sped: unknown key; did you mean speed?"),
-        (LEAST + "[fusion]\nrul = 1", "fusion.rul: unknown key; did you mean rule?"),
         (LEAST + "[fusion]\nxyz = 1", "fusion.xyz: unknown key; known: id, rule, quorum"),
-        (LEAST + "[fusoin]\nrule = 1", "fusoin: unknown key; did you mean fusion?"),
         (LEAST + "[fusion]\nthreshold = 1.5", "fusion.threshold = 1.5: must be less than or equal to 1"),
         (LEAST + '[fusion]\nthreshold = "0.5"', "fusion.threshold = '0.5': must be a valid number"),
-        (LEAST + "[fusion]\nquorum = true", "fusion.quorum = True: must be a valid integer"),
         (LEAST + "[fusion]\nquorum = 2", "fusion.quorum = 2: the scene has 1 observer, and no more can agree"),
         (LEAST + "[fusion]\nfade_s = inf", "fusion.fade_s = inf: must be a finite number"),
         (LEAST + '[fusion]\nid = "F"', "fusion.id = 'F': 1 to 64 characters of a-z"),
         (LEAST + "recording = -1", 'observers.cam1.recording = -1: must be the index of a recording, from 0, or "all"'),
-        (LEAST + "speed = -1", "observers.cam1.speed = -1: must be greater than or equal to 0"),
         (LEAST + '[mesh]\nmode = "cloud"', "mesh.mode = 'cloud': must be 'machine', 'router' or 'process'"),
         (LEAST + '[mesh]\nendpoint = "localhost"', "mesh.endpoint = 'localhost': must be PROTOCOL/HOST:PORT"),
+        (LEAST + f'[mesh]\nendpoint = "{"x" * 5000}"', f"mesh.endpoint = '{'x' * 59}...: must be PROTOCOL/HOST:PORT"),
         (LEAST + '[mesh]\nprefix = "a b"', "mesh.prefix = 'a b': 1 to 64 characters"),
         (LEAST.replace("cam1", "Cam1"), "observers = 'Cam1': 1 to 64 characters"),
         (LEAST.replace('"dojo"', '"my dojo"'), "scene = 'my dojo': 1 to 64 characters"),
@@ -122,10 +101,6 @@ def test_each_fault_is_one_line_with_file_key_value_and_rule(fault, tmp_path, te
 
 def test_further_faults_are_counted(fault):
     assert fault(LEAST + "speed = -1\nloop = 3\nsped = 1").endswith("(2 more)")
-
-
-def test_a_long_value_is_shortened(fault):
-    assert len(fault(LEAST + f'[mesh]\nendpoint = "{"x" * 5000}"')) < 500
 
 
 def test_a_file_that_cannot_be_read_is_one_line(tmp_path):
@@ -182,7 +157,6 @@ def test_the_process_environment_is_the_default(tmp_path, monkeypatch):
     (tmp_path / "s.toml").write_text(LEAST)
     monkeypatch.setenv("LABANMESH_FUSION_RULE", "log")
     assert read_scene(tmp_path / "s.toml").fusion.rule == "log"
-    assert "LABANMESH_FUSION_RULE" in os.environ
 
 
 VALUES = st.recursive(

@@ -26,16 +26,8 @@ DISTRIBUTIONS = MASSES.map(normalise)
 LOGS = arrays(np.float64, st.integers(2, 8), elements=st.floats(-1e6, 1e6) | st.just(-math.inf))
 
 
-def entropy_of(p):
-    return -sum(x * math.log2(x) for x in p if x > 0)
-
-
 def is_distribution(p):
     return np.isfinite(p).all() and (p >= 0).all() and p.sum() == pytest.approx(1)
-
-
-def test_uniform():
-    assert uniform(4).tolist() == [0.25] * 4
 
 
 @given(st.lists(st.floats(-30, 30), min_size=2, max_size=6), st.floats(-1e5, 1e5))
@@ -46,30 +38,22 @@ def test_softmax_is_exp_and_divide_and_ignores_an_offset(logs, shift):
     assert softmax(np.array(logs) + shift) == pytest.approx(expected, rel=1e-6, abs=1e-9)
 
 
-@given(LOGS)
-def test_softmax_always_gives_a_distribution(logs):
-    assert is_distribution(softmax(logs))
+@given(LOGS, MASSES)
+def test_softmax_and_normalise_always_give_a_distribution(logs, mass):
+    assert is_distribution(softmax(logs)) and is_distribution(normalise(mass))
+    assert normalise(mass) == pytest.approx(mass / mass.sum() if mass.sum() else 1 / len(mass))
 
 
-def test_softmax_without_information_is_uniform_row_by_row():
+def test_rows_are_independent_and_one_without_information_becomes_uniform():
     rows = np.array([[-np.inf, -np.inf], [0.0, -np.inf], [-1e300, -1e300]])
     assert softmax(rows).tolist() == [[0.5, 0.5], [1, 0], [0.5, 0.5]]
-
-
-@given(MASSES)
-def test_normalise(mass):
-    p = normalise(mass)
-    assert is_distribution(p)
-    assert p == pytest.approx(mass / mass.sum() if mass.sum() else 1 / len(mass))
-
-
-def test_normalise_works_row_by_row():
     assert normalise(np.array([[0.0, 0, 0], [1, 1, 2]])).tolist() == [[1 / 3] * 3, [0.25, 0.25, 0.5]]
+    assert entropy_bits(np.full((3, 2, 8), 1 / 8)) == pytest.approx(np.full((3, 2), 3))
 
 
 @given(DISTRIBUTIONS)
 def test_entropy_against_the_sum(p):
-    assert float(entropy_bits(p)) == pytest.approx(entropy_of(p), abs=1e-12)
+    assert float(entropy_bits(p)) == pytest.approx(-sum(x * math.log2(x) for x in p if x > 0), abs=1e-12)
     assert 0 <= entropy_bits(p) <= math.log2(len(p))
 
 
@@ -77,10 +61,6 @@ def test_entropy_of_a_certainty_is_a_positive_zero():
     for p in ([1.0, 0, 0], [1.0, 1e-320, 0], [1 + 1e-15, 0, 0]):
         h = float(entropy_bits(np.array(p)))
         assert math.copysign(1, h) == 1 and h == pytest.approx(0, abs=1e-12)
-
-
-def test_entropy_of_the_uniform_distribution_is_log_m_for_each_row():
-    assert entropy_bits(np.full((3, 2, 8), 1 / 8)) == pytest.approx(np.full((3, 2), 3))
 
 
 @given(DISTRIBUTIONS, st.floats(0, 1))

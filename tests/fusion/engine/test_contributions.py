@@ -2,28 +2,22 @@
 
 import math
 
-import numpy as np
 import pytest
+from engine_stage import aged as posterior
 
 from common.probability import uniform
 from fusion.engine.contributions import contributions
 from fusion.engine.pooling import PoolingCase, pool_posteriors
-from fusion.engine.roster import AgedPosterior
 from fusion.engine.rules import RULES
-
-A, B, C = (0.8, 0.1, 0.1), (0.3, 0.5, 0.2), (0.6, 0.3, 0.1)
 
 
 def case(rule, *posteriors):
     return PoolingCase(RULES[rule], posteriors, uniform(3))
 
 
-def posterior(name, p, state="counted", **fields):
-    return AgedPosterior(name, np.array(p), 0.1, 0.0, state, **fields)
-
-
 def test_of_independent_observers_it_is_the_own_log_odds_of_each():
-    result = contributions(case("product", posterior("a", A), posterior("b", B), posterior("c", C)), 0)
+    votes = posterior("a", (0.8, 0.1, 0.1)), posterior("b", (0.3, 0.5, 0.2)), posterior("c", (0.6, 0.3, 0.1))
+    result = contributions(case("product", *votes), 0)
     assert result["a"].nats == pytest.approx(math.log(8)) and result["b"].nats == pytest.approx(math.log(0.3 / 0.5))
     assert result["a"].nats >= result["c"].nats and all(contribution.stands for contribution in result.values())
 

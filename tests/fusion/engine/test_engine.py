@@ -5,39 +5,27 @@ import math
 
 import numpy as np
 import pytest
+from engine_stage import LABELS, STEP_NS, UNIFORM, VIEWS, EngineDriver, sure
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from common import SECOND_NS
 from common.config_sections import FusionConfig
-from common.errors import BadInput
-from common.messages import JudgementMessage, VerdictMessage, VocabularyReference
-from common.probability import entropy_bits
-from common.vocabulary import ABSTAIN
+from common.messages import JudgementMessage, VerdictMessage
+from common.probability import entropy_bits, softmax
+from common.vocabulary import ABSTAIN, Vocabulary
 from fusion.engine.rules import RULES
 
-LABELS = ("bow", "lunge", "punch")
-VIEWS = ("door", "wheel", "table", "back")
-STEP_NS = SECOND_NS // 10
-UNIFORM = (1 / 3, 1 / 3, 1 / 3)
 MOVING, REST = 0.05, 0.95
 FOUR_OBSERVER_RULES = sorted(set(RULES) - {"chernoff"})
-
-
-def sure(label, p=0.9):
-    return tuple(p if name == label else (1 - p) / 2 for name in LABELS)
 
 
 def all_views(p, *but):
     return {name: p for name in VIEWS if name not in but}
 
 
-def labels(driver):
-    return [verdict.label for verdict in driver.verdicts]
-
-
-def test_the_story_of_one_bow(driver):
-    scene = driver()
+def test_the_story_of_one_bow():
+    scene = EngineDriver()
     judgement = scene.step({}, 0)
     assert judgement.p == pytest.approx(UNIFORM) and judgement.certainty_bits == pytest.approx(np.log2(3))
     assert {v.state for v in judgement.votes.values()} == {"silent"} and judgement.agreement.n == 0
@@ -69,8 +57,8 @@ def test_the_story_of_one_bow(driver):
         assert getattr(ended, name) == getattr(decided, name), name
 
 
-def test_a_verdict_revised_at_its_end_carries_the_votes_of_the_revision(driver):
-    scene = driver()
+def test_a_verdict_revised_at_its_end_carries_the_votes_of_the_revision():
+    scene = EngineDriver()
     scene.step(all_views(sure("bow")), MOVING, 6)
     scene.step(all_views(sure("punch")), MOVING, 6)
     scene.step(all_views(sure("punch", 0.95)), 0.9)
@@ -82,16 +70,16 @@ def test_a_verdict_revised_at_its_end_carries_the_votes_of_the_revision(driver):
     assert {v.label for v in ended.votes.values()} == {"punch"} and ended.votes["door"].p == list(sure("punch", 0.95))
 
 
-def test_an_observer_that_knows_nothing_agrees_with_nobody(driver):
+def test_an_observer_that_knows_nothing_agrees_with_nobody():
     views = {"door": sure("bow"), "wheel": UNIFORM, "table": (0.335, 0.33, 0.335), "back": sure("bow")}
-    judgement = driver(rule="min_entropy").step(views, 0)
+    judgement = EngineDriver(rule="min_entropy").step(views, 0)
     assert [judgement.votes[name].label for name in VIEWS] == ["bow", None, None, "bow"]
     assert judgement.votes["wheel"].state == "counted" and judgement.votes["wheel"].p is not None
     assert (judgement.label, judgement.agreement.k, judgement.agreement.n) == ("bow", 2, 4)
 
 
-def test_observers_that_cannot_agree_abstain(driver):
-    scene, split = driver(), {**all_views(sure("bow")), "table": sure("punch"), "back": sure("punch")}
+def test_observers_that_cannot_agree_abstain():
+    scene, split = EngineDriver(), {**all_views(sure("bow")), "table": sure("punch"), "back": sure("punch")}
     scene.step(split, MOVING, 8)
     scene.step(split, 0.9)
     scene.step(all_views(UNIFORM), 0.9, 8)
@@ -101,34 +89,34 @@ def test_observers_that_cannot_agree_abstain(driver):
 
 
 @pytest.mark.parametrize("rule", FOUR_OBSERVER_RULES)
-def test_without_a_vote_no_movement_is_named_and_none_is_decided(driver, rule):
-    scene = driver(rule=rule, quorum=1, threshold=0.2, hold_s=0.0, drop_s=0.5)
+def test_without_a_vote_no_movement_is_named_and_none_is_decided(rule):
+    scene = EngineDriver(rule=rule, quorum=1, threshold=0.2, hold_s=0.0, drop_s=0.5)
     assert scene.step({}, 0, 3).label == ""
     scene.publish("door", sure("bow"), MOVING)
     assert scene.fuse().label == "bow"
     judgement = scene.step({}, 0, 10)
     assert (judgement.label, judgement.agreement.k, judgement.agreement.n) == ("", 0, 0)
     assert judgement.p == pytest.approx(UNIFORM) and {v.label for v in judgement.votes.values()} == {None}
-    assert set(labels(scene)) <= {"bow"}
+    assert set(scene.labels) <= {"bow"}
 
 
-def test_an_observer_whose_process_disappears_is_silent_at_once_and_the_others_continue(driver):
-    scene = driver()
+def test_an_observer_whose_process_disappears_is_silent_at_once_and_the_others_continue():
+    scene = EngineDriver()
     scene.engine.set_present(frozenset(VIEWS))
     scene.step(all_views(sure("bow")), MOVING, 2)
     scene.engine.set_present(frozenset(VIEWS) - {"back"})
     judgement = scene.step(all_views(sure("bow"), "back"), MOVING, 4)
     back = judgement.votes["back"]
     assert (back.state, back.label, back.p, back.entropy) == ("silent", None, None, None)
-    assert (judgement.agreement.k, judgement.agreement.n) == (3, 3) and labels(scene) == ["bow"]
+    assert (judgement.agreement.k, judgement.agreement.n) == (3, 3) and scene.labels == ["bow"]
 
 
-def test_all_states_of_a_vote_side_by_side(driver):
-    scene = driver(["counted", "stale", "late", "silent", "foreign", "invalid"], quorum=1)
+def test_all_states_of_a_vote_side_by_side():
+    scene = EngineDriver(["counted", "stale", "late", "silent", "foreign", "invalid"], quorum=1)
     scene.publish("counted", sure("bow"), 0.1)
     scene.publish("stale", sure("bow"), 0.1, captured_ns=scene.now_ns - SECOND_NS)
     scene.publish("late", sure("bow"), 0.1, captured_ns=scene.now_ns - 3 * SECOND_NS)
-    assert scene.publish("foreign", sure("bow"), 0.1, vocabulary=VocabularyReference(name="k", hash="x"))
+    assert scene.publish("foreign", sure("bow"), 0.1, vocabulary=Vocabulary(("a", "b")))
     scene.engine.reject("invalid", "malformed")
     votes = scene.fuse().votes
     assert {name: vote.state for name, vote in votes.items()} == {name: name for name in votes}
@@ -138,33 +126,29 @@ def test_all_states_of_a_vote_side_by_side(driver):
 
 
 @pytest.mark.parametrize("rule", FOUR_OBSERVER_RULES)
-def test_silent_observers_do_not_vote_for_rest(driver, rule):
-    scene = driver(rule=rule, quorum=2, threshold=0.5)
+def test_silent_observers_do_not_vote_for_rest(rule):
+    scene = EngineDriver(rule=rule, quorum=2, threshold=0.5)
     scene.step(all_views(sure("bow", 0.98), "table", "back"), 0.02, 6)
     scene.step(all_views(UNIFORM, "table", "back"), REST, 6)
-    assert labels(scene) == ["bow", "bow"]
+    assert scene.labels == ["bow", "bow"]
 
 
-def test_an_observer_that_is_sure_and_wrong_does_not_hold_a_movement_open(driver):
-    scene = driver(["door", "wheel", "stuck"], quorum=2)
+def test_an_observer_that_is_sure_and_wrong_does_not_hold_a_movement_open():
+    scene = EngineDriver(["door", "wheel", "stuck"], quorum=2)
     for label in ("bow", "punch"):
         for p, rest in ((sure(label, 0.99), MOVING), (sure(label, 0.5), REST)):
             for _ in range(8):
                 scene.tick()
-                for name, own, own_rest in (
-                    ("stuck", sure("lunge", 0.97), 0.01),
-                    ("door", p, rest),
-                    ("wheel", p, rest),
-                ):
-                    scene.publish(name, own, own_rest)
+                scene.publish("stuck", sure("lunge", 0.97), 0.01)
+                for name in ("door", "wheel"):
+                    scene.publish(name, p, rest)
                 scene.fuse()
-    assert [(v.label, v.ended_ns is not None) for v in scene.verdicts] == [
-        ("bow", False), ("bow", True), ("punch", False), ("punch", True)
-    ]  # fmt: skip
+    verdicts = [(v.label, v.ended_ns is not None) for v in scene.verdicts]
+    assert verdicts == [("bow", False), ("bow", True), ("punch", False), ("punch", True)]
 
 
-def test_a_camera_that_stops_does_not_end_a_movement_and_all_of_them_do(driver):
-    scene = driver(quorum=2)
+def test_a_camera_that_stops_does_not_end_a_movement_and_all_of_them_do():
+    scene = EngineDriver(quorum=2)
     scene.step(all_views(sure("bow")), MOVING, 4)
     judgement = scene.step(all_views(sure("bow"), "door"), MOVING, 15)
     assert judgement.votes["door"].state == "stale" and [v.ended_ns for v in scene.verdicts] == [None]
@@ -173,9 +157,9 @@ def test_a_camera_that_stops_does_not_end_a_movement_and_all_of_them_do(driver):
     assert [v.ended_ns is None for v in scene.verdicts] == [True, False] and scene.verdicts[1].agreement.k == 4
 
 
-def test_50_ms_between_cameras_change_nothing(driver):
+def test_50_ms_between_cameras_change_nothing():
     def verdicts(skew_ns):
-        scene = driver()
+        scene = EngineDriver()
         for rest in [MOVING] * 8 + [REST] * 8:
             scene.tick()
             for n, name in enumerate(VIEWS):
@@ -186,13 +170,7 @@ def test_50_ms_between_cameras_change_nothing(driver):
     assert verdicts(0) == verdicts(50_000_000) and len(verdicts(0)) == 2
 
 
-@pytest.mark.parametrize(("rule", "error"), [("logpol", "logpol"), ("chernoff", "at most 2 observers, here are 4")])
-def test_an_unknown_rule_and_one_for_fewer_observers_are_rejected(driver, rule, error):
-    with pytest.raises(BadInput, match=error):
-        driver(rule=rule)
-
-
-@pytest.mark.parametrize("temperature", [1e-320, 1e-4, 1e4, 1e300, math.inf, math.nan, 0, -1])
+@pytest.mark.parametrize("temperature", [1e-4, 1e4, math.nan])
 def test_a_temperature_out_of_range_is_rejected(temperature):
     with pytest.raises(ValueError, match="temperature"):
         FusionConfig(temperature=temperature)
@@ -201,8 +179,8 @@ def test_a_temperature_out_of_range_is_rejected(temperature):
 # What verdicts say beside the label
 
 
-def test_every_verdict_says_what_each_observer_contributed(driver):
-    scene = driver(quorum=2)
+def test_every_verdict_says_what_each_observer_contributed():
+    scene = EngineDriver(quorum=2)
     views = {"door": sure("bow", 0.97), "wheel": sure("bow", 0.95), "table": (0.4, 0.35, 0.25)}
     scene.step({**views, "back": sure("punch", 0.6)}, MOVING, 8)
     scene.step(all_views(UNIFORM), 0.9, 8)
@@ -212,8 +190,8 @@ def test_every_verdict_says_what_each_observer_contributed(driver):
     assert all(contribution.stands for contribution in decided.contributions.values())
 
 
-def test_an_unlearned_movement_is_an_abstention_that_says_why(driver):
-    scene = driver()
+def test_an_unlearned_movement_is_an_abstention_that_says_why():
+    scene = EngineDriver()
     judgement = scene.step(all_views(sure("bow", 0.98)), MOVING, 8, unlearned=0.9)
     assert judgement.unlearned > 0.8 and judgement.movement is not None and judgement.movement.label is None
     assert sum(judgement.p) == pytest.approx(1) and {v.label for v in judgement.votes.values()} == {None}
@@ -223,22 +201,22 @@ def test_an_unlearned_movement_is_an_abstention_that_says_why(driver):
 
 
 @pytest.mark.parametrize(("unlearned", "decided"), [(0.0, ["bow"]), (0.3, [])])
-def test_the_threshold_is_among_all_answers(driver, unlearned, decided):
-    scene = driver(rule="linear")
+def test_the_threshold_is_among_all_answers(unlearned, decided):
+    scene = EngineDriver(rule="linear")
     scene.step(all_views(sure("bow")), MOVING, 8, unlearned=unlearned)
-    assert labels(scene) == decided
+    assert scene.labels == decided
 
 
-def test_a_verdict_is_revoked_when_at_rest_it_was_something_else(driver):
-    scene = driver()
+def test_a_verdict_is_revoked_when_at_rest_it_was_something_else():
+    scene = EngineDriver()
     for unlearned, rest, times in ((0.0, MOVING, 6), (0.97, MOVING, 4), (0.97, REST, 6)):
         scene.step(all_views(sure("bow", 0.98)), rest, times, unlearned=unlearned)
-    assert labels(scene) == ["bow", ABSTAIN]
+    assert scene.labels == ["bow", ABSTAIN]
     assert len({v.id for v in scene.verdicts}) == 1 and scene.verdicts[1].unlearned > 0.9
 
 
-def test_facing_and_facets_are_pooled_and_published(driver):
-    scene, table = driver(), [[0, 20, 40, 20]] * 3
+def test_facing_and_facets_are_pooled_and_published():
+    scene, table = EngineDriver(), [[0, 20, 40, 20]] * 3
     for name in VIEWS[:2]:
         scene.publish(name, sure("bow"), MOVING, facing={"surprise": table}, facets={"effort_time": [0.1, 0.9]})
     scene.publish("table", sure("bow"), MOVING, facets={"effort_time": [0.3, 0.7], "own": [1.0]})
@@ -249,8 +227,8 @@ def test_facing_and_facets_are_pooled_and_published(driver):
     assert judgement.votes["door"].facing.surprise == table and judgement.votes["table"].facing is None
 
 
-def test_reliability_falls_with_each_wrong_verdict_and_a_standby_learns_it_too(driver):
-    scene, standby = driver(quorum=2), driver(quorum=2)
+def test_reliability_falls_with_each_wrong_verdict_and_a_standby_learns_it_too():
+    scene, standby = EngineDriver(quorum=2), EngineDriver(quorum=2)
     for label in ("bow", "punch") * 4:
         views = {**all_views(sure(label, 0.97)), "back": sure("lunge", 0.97), "wheel": sure(label)}
         scene.step(views, MOVING, 6)
@@ -261,8 +239,8 @@ def test_reliability_falls_with_each_wrong_verdict_and_a_standby_learns_it_too(d
     assert standby.engine.reliability == scene.engine.reliability
 
 
-def test_epoch_and_session_of_the_service_are_in_every_message(driver):
-    scene = driver(quorum=1)
+def test_epoch_and_session_of_the_service_are_in_every_message():
+    scene = EngineDriver(quorum=1)
     judgement = scene.step(all_views(UNIFORM), 0.9)
     assert (judgement.epoch, judgement.session) == (None, None)
     scene.engine.epoch, scene.engine.session = 3, "s1"
@@ -276,13 +254,8 @@ def test_epoch_and_session_of_the_service_are_in_every_message(driver):
 # Any posteriors
 
 
-def softmax(logits):
-    p = np.exp(np.array(logits) - max(logits))
-    return tuple((p / p.sum()).tolist())
-
-
 POSTERIORS = st.one_of(
-    st.lists(st.floats(-800, 800), min_size=3, max_size=3).map(softmax),
+    st.lists(st.floats(-800, 800), min_size=3, max_size=3).map(lambda logits: softmax(np.array(logits)).tolist()),
     st.sampled_from([UNIFORM, sure("bow"), sure("punch"), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)]),
 )
 FACINGS = st.lists(st.lists(st.integers(0, 255), min_size=4, max_size=4), min_size=3, max_size=3)
@@ -312,8 +285,8 @@ def numbers(value):
 @settings(deadline=None)  # up to twelve steps each time
 @given(STEPS, st.sampled_from(FOUR_OBSERVER_RULES), st.sampled_from([1e-3, 0.5, 1.0, 1.7, 1e3]))
 @example([({"door": (1.0, 0.0, 0.0), "wheel": (0.0, 1.0, 0.0)}, 0.0, {"unlearned": 1.0})] * 3, "product", 1e-3)
-def test_any_posteriors_give_messages_that_their_classes_accept(driver, steps, rule, temperature):
-    scene = driver(rule=rule, temperature=temperature, quorum=1, hold_s=0.1)
+def test_any_posteriors_give_messages_that_their_classes_accept(steps, rule, temperature):
+    scene = EngineDriver(rule=rule, temperature=temperature, quorum=1, hold_s=0.1)
     for n, (views, rest, fields) in enumerate(steps, 1):
         judgement = scene.step(views, rest, **fields)
         assert judgement.seq == n and sum(judgement.p) == pytest.approx(1)

@@ -4,6 +4,7 @@ import itertools
 
 import numpy as np
 import pytest
+from engine_stage import aged
 from hypothesis import example, given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
@@ -18,7 +19,6 @@ from fusion.engine.pooling import (
     pool_many,
     pool_posteriors,
 )
-from fusion.engine.roster import AgedPosterior
 from fusion.engine.rules import RULES, Rule, RuleResult, get_rule
 
 ALL = [rule for rule in RULES.values() if rule.most_observers is None]
@@ -29,7 +29,7 @@ each_rule = pytest.mark.parametrize("rule", ALL, ids=lambda rule: rule.name)
 
 
 def posterior(n, p, **fields):
-    return AgedPosterior(f"cam{n}", np.array(p), 0.1, 0.0, "counted", **fields)
+    return aged(f"cam{n}", p, **fields)
 
 
 def posteriors(*fields):

@@ -1,11 +1,11 @@
 """Two engines in step: wherever the leading one stops, the other publishes the rest under the same ids."""
 
 import pytest
+from engine_stage import LABELS, UNIFORM, EngineDriver, sure
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-UNIFORM = (1 / 3, 1 / 3, 1 / 3)
-BOW, LUNGE, PUNCH = (0.94, 0.03, 0.03), (0.03, 0.94, 0.03), (0.03, 0.03, 0.94)
+BOW, LUNGE, PUNCH = (sure(label, 0.94) for label in LABELS)
 STORY = [
     *[(UNIFORM, 0.95)] * 5,
     *[(UNIFORM, 0.1)] * 2, *[(BOW, 0.05)] * 8, *[(BOW, 0.9)] * 6,
@@ -14,15 +14,15 @@ STORY = [
     *[(UNIFORM, 0.05)] * 8, *[(UNIFORM, 0.9)] * 8,
 ]  # fmt: skip
 """A single observer's p and rest, step by step: a bow, a punch that becomes a lunge, and an unknown movement."""
-LABELS = [("bow", False), ("bow", True), ("punch", False), ("lunge", True), ("abstain", True)]
+VERDICTS = [("bow", False), ("bow", True), ("punch", False), ("lunge", True), ("abstain", True)]
 """Its verdicts: the label, and whether the movement had ended."""
 
 
 class Service:
     """One of two services that receive the same posteriors."""
 
-    def __init__(self, driver, name, delay_ns=0):
-        self.scene = driver(["cam"], id=name, quorum=1)
+    def __init__(self, name, delay_ns=0):
+        self.scene = EngineDriver(["cam"], id=name, quorum=1)
         self.scene.now_ns += delay_ns
 
     def step(self, n):
@@ -42,19 +42,17 @@ def labels(verdicts):
 
 
 @pytest.fixture(scope="module")
-def alone(driver):
+def alone():
     """The verdicts of a service that leads all the time."""
-    service = Service(driver, "a")
+    service = Service("a")
     return [verdict for n in range(len(STORY)) for verdict in service.step(n)[0]]
 
 
 @pytest.mark.parametrize("verdict_arrived", [True, False])
 @pytest.mark.parametrize("last_step", range(len(STORY) + 1))
-def test_wherever_the_leader_stops_each_verdict_is_published_once_and_under_its_id(
-    driver, alone, last_step, verdict_arrived
-):
+def test_wherever_the_leader_stops_each_verdict_is_published_once_and_under_its_id(alone, last_step, verdict_arrived):
     """The leader's last message is a verdict without the judgement after it, or it sends nothing in that step."""
-    leader, standby, published = Service(driver, "a"), Service(driver, "b", 3_000_000), []
+    leader, standby, published = Service("a"), Service("b", 3_000_000), []
     for n in range(len(STORY)):
         # The standby steps a moment later, as two machines never step together.
         sent = leader.step(n) if n <= last_step else None
@@ -64,15 +62,15 @@ def test_wherever_the_leader_stops_each_verdict_is_published_once_and_under_its_
         else:
             published += sent[0]
             standby.follow(sent[0], None if n == last_step else sent[1])
-    assert labels(published) == labels(alone) == LABELS
+    assert labels(published) == labels(alone) == VERDICTS
     ids = dict.fromkeys(verdict.id for verdict in published)
     new_ids = ids.keys() - {verdict.id for verdict in alone}
     assert len(ids) == 3
     assert all(int(verdict_id.split("-")[1]) >= 1000_000 + last_step * 100 for verdict_id in new_ids), "an id changed"
 
 
-def test_the_end_is_published_on_the_leaders_evidence(driver):
-    leader, standby, published = Service(driver, "a"), Service(driver, "b"), []
+def test_the_end_is_published_on_the_leaders_evidence():
+    leader, standby, published = Service("a"), Service("b"), []
     for n in range(21):
         verdicts, judgement = leader.step(n)
         own, _ = standby.step(n)
@@ -90,8 +88,8 @@ def test_the_end_is_published_on_the_leaders_evidence(driver):
 
 @settings(deadline=None)  # a whole story each time
 @given(st.lists(st.sampled_from(range(len(STORY))), max_size=6, unique=True))
-def test_the_lead_may_change_at_any_time(driver, alone, changes):
-    services, leading, published = [Service(driver, "a"), Service(driver, "b")], 0, []
+def test_the_lead_may_change_at_any_time(alone, changes):
+    services, leading, published = [Service("a"), Service("b")], 0, []
     for n in range(len(STORY)):
         leading ^= n in changes
         outputs = [service.step(n) for service in services]
