@@ -1,11 +1,12 @@
 """The verb `labanmesh fuse`: a fusion service of one or many scenes."""
 
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from common.config import read_scene, scene_files
+from common.config import Scene, read_scene, scene_files
 from common.keys import identifier
 from common.lifecycle import log_to_stderr, stop_on_signals
 from common.link import Link, MeshRole
@@ -50,5 +51,16 @@ def fuse(
         scene.require_service(own, shared=shared)
     # On one machine the first service is where all meet; the others connect to it as observers do.
     role: MeshRole = "fusion" if own == first else "standby"
+    for scene in configs:
+        require_certificate(scene, role, own)
     with stop_on_signals() as stop, Link.open(configs[0].mesh, role, process_id=own) as link:
         serve(configs, own, link, stop, shared=shared)
+
+
+def require_certificate(scene: Scene, role: MeshRole, own: str) -> None:
+    """Raises BadInput when this machine's certificate is not for the fusion service `own` of the scene."""
+    if scene.mesh.credentials:
+        # Cryptography is loaded only where there are certificates.
+        from common.credentials import require_credentials
+
+        require_credentials(Path(scene.mesh.credentials), role, own, datetime.now(UTC), scene.scene)

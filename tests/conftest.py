@@ -4,6 +4,12 @@ import os
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
+
+# A deadline measures the machine. In CI, Hypothesis has a profile of its own, with fixed examples.
+settings.register_profile("desk", deadline=None)
+if not os.environ.get("CI"):
+    settings.load_profile("desk")
 
 
 @pytest.fixture(scope="session")

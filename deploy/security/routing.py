@@ -65,6 +65,21 @@ class RouterRules:
         return Changes(tuple(map(_stamp, files)), tuple(map(_stamp, self.credentials)))
 
 
+@dataclass(frozen=True, slots=True)
+class Configuration:
+    """A router's configuration as JSON5, and when the files that it was made of were written."""
+
+    text: str
+    changes: Changes
+
+    @staticmethod
+    def read(rules: RouterRules) -> "Configuration":
+        """The configuration as it is now; raises BadInput or LabanmeshError, one line."""
+        # The time stamps first: a file that is written meanwhile is then noticed as a change.
+        changes = rules.changes()
+        return Configuration(rules.text(), changes)
+
+
 def plain_rules(endpoint: str) -> RouterRules:
     """No access rules: every client that reaches `endpoint` may do everything."""
     text = json.dumps(nested(settings(MeshConfig(mode="router"), "router", [endpoint], 0.0)))
@@ -113,14 +128,14 @@ def rules_of_scenes(paths: Sequence[Path], endpoint: str = "") -> RouterRules:
 
 def route(rules: RouterRules, stop: threading.Event, poll_s: float = POLL_S) -> None:
     """Relay under `rules` until `stop` is set; raises LabanmeshError when they cannot be used at the start."""
-    text = rules.text()
+    current = Configuration.read(rules)
     notifier, timeout_s = Notifier.from_environment(), 0.0
     try:
         while not stop.is_set():
-            with _open(text, rules, stop, timeout_s) as link:
+            with _open(current.text, rules, stop, timeout_s) as link:
                 print(f"labanmesh router: listening on {link.locator}", file=sys.stderr, flush=True)
                 notifier.ready()
-                text, timeout_s = _wait_for_change(rules, text, link, notifier, stop, poll_s), REOPEN_S
+                current, timeout_s = _wait_for_change(rules, current, link, notifier, stop, poll_s), REOPEN_S
     finally:
         notifier.stopping()
 
@@ -138,10 +153,10 @@ def _open(text: str, rules: RouterRules, stop: threading.Event, timeout_s: float
 
 
 def _wait_for_change(
-    rules: RouterRules, text: str, link: Link, notifier: Notifier, stop: threading.Event, poll_s: float
-) -> str:
-    """Waits until `stop` is set or the configuration is no longer `text`; returns the new one."""
-    last = opened = rules.changes()
+    rules: RouterRules, current: Configuration, link: Link, notifier: Notifier, stop: threading.Event, poll_s: float
+) -> Configuration:
+    """Waits until `stop` is set or the configuration is no longer the current one; returns the new one."""
+    last = current.changes
     while not stop.wait(poll_s):
         if _answers(link):
             notifier.alive()
@@ -149,15 +164,15 @@ def _wait_for_change(
             continue
         last = now
         try:
-            new = rules.text()
+            new = Configuration.read(rules)
         except LabanmeshError as error:
             log.warning("changed rules cannot be used, the old ones stay in force: %s", error)
             continue
         # A scene file may change in ways that do not concern the router.
-        if new != text or now.credentials != opened.credentials:
+        if new.text != current.text or new.changes.credentials != current.changes.credentials:
             log.info("%s: changed; opening anew", rules.source)
             return new
-    return text
+    return current
 
 
 def _answers(link: Link) -> bool:

@@ -3,7 +3,7 @@
 from collections import Counter
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from fusion.ownership import Ownership, Role, rendezvous_rank
@@ -199,7 +199,6 @@ EVENTS = st.lists(st.tuples(st.sampled_from(KINDS), st.sampled_from("abcd"), st.
 
 
 @pytest.mark.parametrize("named", [(), ("a", "b", "c", "d")], ids=["shared", "named"])
-@settings(deadline=None)
 @given(events=EVENTS)
 def test_whatever_happens_one_service_owns_the_scene_when_all_can_hear_each_other_again(named, events):
     room = Room("abcd", named)

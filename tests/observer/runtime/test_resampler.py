@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from common import SECOND_NS
@@ -20,7 +20,6 @@ def resampled(rate_hz, times):
     return [tracks for t in times for tracks in resampler.update(round(t * SECOND_NS), at(t))]
 
 
-@settings(deadline=None)
 @given(st.floats(1, 120), st.integers(1, 60))
 def test_a_camera_at_the_models_rate_keeps_its_own_frames(rate_hz, count):
     times = np.arange(count) / rate_hz
@@ -29,7 +28,6 @@ def test_a_camera_at_the_models_rate_keeps_its_own_frames(rate_hz, count):
     assert np.allclose([i.centres[0] for i in instants], [at(t).centres[0] for t in times], atol=1e-6)
 
 
-@settings(deadline=None)
 @given(st.floats(5, 60), st.lists(st.floats(0.001, 0.24), min_size=1, max_size=80))
 def test_the_instants_are_the_models_whatever_the_camera_does(rate_hz, gaps):
     times = np.concatenate([[0.0], np.cumsum(gaps)])
