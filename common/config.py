@@ -13,7 +13,6 @@ from pydantic import Field, PrivateAttr, ValidationError, model_validator
 
 from common.config_input import describe_fault, override
 from common.config_sections import (
-    DashboardConfig,
     FusionConfig,
     HubConfig,
     MeshConfig,
@@ -21,7 +20,6 @@ from common.config_sections import (
     MqttConfig,
     ObserverConfig,
     Section,
-    VirtualConfig,
     default_quorum,
 )
 from common.errors import BadInput, reason_of
@@ -29,19 +27,7 @@ from common.keys import SceneKeys, identifier
 from common.text import plural
 from common.vocabulary import Vocabulary
 
-__all__ = [
-    "DashboardConfig",
-    "FusionConfig",
-    "HubConfig",
-    "MeshConfig",
-    "MetricsConfig",
-    "MqttConfig",
-    "ObserverConfig",
-    "Scene",
-    "VirtualConfig",
-    "read_scene",
-    "scene_files",
-]
+__all__ = ["FusionConfig", "MeshConfig", "MqttConfig", "ObserverConfig", "Scene", "read_scene", "scene_files"]
 
 
 class Scene(Section):

@@ -25,11 +25,10 @@ import zenoh
 
 from common.config import MeshConfig
 from common.errors import BadInput, LabanmeshError
-from common.inbox import Arrival, Inbox, Presence
 from common.subsession import Publisher, SubSession
 from common.zenoh_settings import ADMITTED, MeshRole, reason, settings
 
-__all__ = ["Arrival", "Inbox", "Link", "MeshRole", "Presence", "Publisher"]
+__all__ = ["Link", "MeshRole", "Publisher"]
 
 ROUTER_TIMEOUT_S = 5.0
 """How long a client looks for its router before it fails; a supervisor then restarts it."""

@@ -17,7 +17,8 @@ import typer
 from pydantic_core import PydanticUndefined
 
 from common import messages
-from common.config import (
+from common.config import Scene, read_scene
+from common.config_sections import (
     DashboardConfig,
     FusionConfig,
     HubConfig,
@@ -25,9 +26,7 @@ from common.config import (
     MetricsConfig,
     MqttConfig,
     ObserverConfig,
-    Scene,
     VirtualConfig,
-    read_scene,
 )
 from common.vocabulary import Vocabulary
 from common.wire import decode

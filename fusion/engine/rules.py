@@ -14,12 +14,12 @@ ICASSP 2003, who also give the two thresholds.
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from difflib import get_close_matches
 
 import numpy as np
 
 from common.errors import BadInput
 from common.probability import Floats, entropy_bits, softmax
+from common.text import nearest
 from fusion.engine.strengths import ENTROPY_FLOOR_BITS, SMALLEST, ObserverTrust, Strengths, strengths
 
 ROBUSTNESS = 0.05
@@ -79,9 +79,9 @@ def inverse_entropy(entropies: Floats) -> Floats:
     return weights
 
 
-def inverse_entropy_static_threshold(entropies: Floats, threshold_bits: float = 1.0) -> Floats:
-    """IEST: as inverse_entropy, but an observer with H_i > `threshold_bits` hardly counts."""
-    return inverse_entropy(np.where(entropies > threshold_bits, UNSURE_BITS, entropies))
+def inverse_entropy_static_threshold(entropies: Floats) -> Floats:
+    """IEST: as inverse_entropy, but an observer with H_i > 1 bit hardly counts."""
+    return inverse_entropy(np.where(entropies > 1.0, UNSURE_BITS, entropies))
 
 
 def inverse_entropy_average_threshold(entropies: Floats) -> Floats:
@@ -230,9 +230,7 @@ DEFAULT_RULE = "robust_inverse_entropy"
 def get_rule(name: str, observers: int | None = None) -> Rule:
     """The rule of that name; raises BadInput for an unknown rule, or one that does not take so many observers."""
     if name not in RULES:
-        near = get_close_matches(name, RULES, 1)
-        hint = f"; did you mean {near[0]!r}?" if near else ""
-        raise BadInput(f"fusion.rule = {name!r}: unknown rule{hint}; known: {', '.join(RULES)}")
+        raise BadInput(f"fusion.rule = {name!r}: unknown rule; {nearest(name, RULES)}")
     rule = RULES[name]
     if observers is not None and rule.most_observers is not None and observers > rule.most_observers:
         most = rule.most_observers

@@ -113,22 +113,19 @@ def test_any_mcap_reader_can_read_a_capture(tmp_path):
         assert [each.data.decode() for each in reader.iter_attachments()] == [TEXT]
 
 
-def test_an_existing_file_is_not_overwritten(tmp_path):
-    path = tmp_path / "a.mcap"
-    path.write_text("mine")
-    with pytest.raises(BadInput, match="exists, and captures are not overwritten"):
-        CaptureWriter(path, SCENE, TEXT, 5)
-    assert path.read_text() == "mine"
-
-
-def test_errors_of_writing_name_the_file_and_the_way_out(tmp_path):
-    with pytest.raises(BadInput, match=r"a\.bag: .*ends in \.mcap"):
-        CaptureWriter(tmp_path / "a.bag", SCENE, TEXT, 5)
-    with pytest.raises(
-        LabanmeshError, match=r"cannot write .*no such file or directory; choose another path"
-    ) as caught:
-        CaptureWriter(tmp_path / "nowhere" / "a.mcap", SCENE, TEXT, 5)
-    assert caught.value.exit_status == 1
+@pytest.mark.parametrize(
+    ("name", "kind", "line"),
+    [
+        ("a.bag", BadInput, r"a\.bag: .*ends in \.mcap"),
+        ("mine.mcap", BadInput, "exists, and captures are not overwritten"),
+        ("nowhere/a.mcap", LabanmeshError, "cannot write .*no such file or directory; choose another path"),
+    ],
+)
+def test_errors_of_writing_name_the_file_and_the_way_out(tmp_path, name, kind, line):
+    (tmp_path / "mine.mcap").write_text("mine")
+    with pytest.raises(kind, match=line) as caught:
+        CaptureWriter(tmp_path / name, SCENE, TEXT, 5)
+    assert type(caught.value) is kind and (tmp_path / "mine.mcap").read_text() == "mine"
 
 
 def test_errors_of_reading_name_the_reason(tmp_path, monkeypatch):
@@ -173,9 +170,8 @@ def test_a_full_disk_is_one_line_and_keeps_what_was_written(tmp_path):
         "    print(type(error).__name__, error)\n"
     )
     path = tmp_path / "a.mcap"
-    done = subprocess.run(
-        [sys.executable, "-W", "error", "-c", script, path], cwd=ROOT, capture_output=True, text=True, timeout=30
-    )
+    command = [sys.executable, "-W", "error", "-c", script, path]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=30)
     assert done.stdout.startswith(f"LabanmeshError cannot write {path}: file too large, after ")
     assert "messages that stay readable; make room" in done.stdout and done.stdout.count("\n") == 1
     assert done.stderr == ""

@@ -3,10 +3,10 @@
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from message_stage import status
 
 from common import SECOND_NS
 from common.clock_skew import DRIFT, ClockQuerier, ClockReading, ClockSkew
-from common.messages import StatusMessage
 from common.wire import encode
 
 MS = 1_000_000
@@ -57,9 +57,8 @@ def test_a_clock_that_drifts_like_quartz_is_not_taken_for_one_that_was_set():
 def test_the_process_is_the_one_in_the_key_and_a_field_that_claims_another_is_rejected():
     class Link:
         def request(self, key, answered, timeout_s):
-            status = StatusMessage(scene="dojo", id="cam1", state="running", at_ns=7 * SECOND_NS)
             for process in ("cam1", "cam2"):
-                answered(f"laban/dojo/observer/{process}/status", encode(status))
+                answered(f"laban/dojo/observer/{process}/status", encode(status(at_ns=7 * SECOND_NS)))
             answered("laban/dojo/observer/cam3/status", b"nonsense")
 
     querier = ClockQuerier(Link(), "laban/dojo/observer/*/status", lambda: 5 * SECOND_NS)

@@ -8,21 +8,13 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from message_stage import NAMES, judgement, status, verdict
 from prometheus_client.parser import text_string_to_metric_families
 
 from common import SECOND_NS
 from common.errors import BadInput
 from common.lifecycle import JsonLines, as_json_line, formatter, log_to_stderr, set_log_identity
-from common.messages import (
-    Agreement,
-    JudgementMessage,
-    ObserverStatistics,
-    StatusMessage,
-    VerdictMessage,
-    VocabularyReference,
-    Vote,
-)
-from common.vocabulary import Vocabulary
+from common.messages import ObserverStatistics
 from deploy.commands import with_ports
 from deploy.launcher import Job
 from fusion.engine.engine import EngineOutput
@@ -34,7 +26,6 @@ from hub.scene_state import SceneState
 from observer.runtime.metrics import ObserverMetrics
 
 ROOT = Path(__file__).parents[2]
-SECOND = SECOND_NS
 LABELS = {
     *("scene", "observer", "fusion", "hub", "role", "version", "state", "label", "reason", "kind", "le"),
     *("implementation", "major", "minor", "patchlevel", "generation"),
@@ -82,19 +73,15 @@ def test_the_environment_selects_the_log_format(monkeypatch, capsys):
     root = logging.getLogger()
     before, level = root.handlers[:], root.level
     try:
-        for form, begins in (("json", '{"at": "'), ("text", r"12:"), ("xml", r"12:")):
+        text = r"\d\d:\d\d:\d\d WARNING labanmesh: hello"
+        for form, begins in (("json", '{"at": "'), ("text", text), ("xml", text)):
             root.handlers[:] = []
             monkeypatch.setenv("LABANMESH_LOG_FORMAT", form)
             log_to_stderr()
             set_log_identity("dojo", "observer", "cam1")
             logging.getLogger("labanmesh").warning("hello")
             *warned, line = capsys.readouterr().err.splitlines()
-            assert (
-                line.startswith(begins)
-                if form == "json"
-                else re.match(r"\d\d:\d\d:\d\d WARNING labanmesh: hello", line)
-            )
-            assert bool(warned) == (form == "xml")
+            assert re.match(begins, line) and bool(warned) == (form == "xml")
             if form == "json":
                 assert json.loads(line)["observer"] == "cam1" and json.loads(line)["scene"] == "dojo"
     finally:
@@ -109,49 +96,40 @@ def test_a_line_of_output_becomes_json_unless_it_is():
     assert json.loads(as_json_line("cam1", "3")) == {"process": "cam1", "message": "3"}
 
 
-def judgement(kind=JudgementMessage, **more):
-    vote = Vote(label="ok", entropy=0.5, weight=1.0, age_s=0.1, state="counted", skew_s=0.01)
-    return kind(
-        scene="dojo", fusion="fusion", seq=1, at_ns=1, vocabulary=VocabularyReference(name="n", hash="h"), p=[0.9, 0.1],
-        label="ok", certainty_bits=0.5, rule="log", votes={"cam1": vote}, agreement=Agreement(k=1, n=1), **more,
-    )  # fmt: skip
+OBSERVERS = {
+    "cam1": ObserverStatistics(skew_s=0.01, rejected={"malformed": 2}),
+    "x1": ObserverStatistics(rejected={"malformed": 3}),
+}
 
 
-def status():
-    observers = {
-        "cam1": ObserverStatistics(skew_s=0.01, rejected={"malformed": 2}),
-        "x1": ObserverStatistics(rejected={"malformed": 3}),
-    }
-    return StatusMessage(
-        scene="dojo", id="fusion", state="running", last_frame_ns=SECOND, skew_s=0.01, version="1", observers=observers
-    )
+def full_status():
+    return status(last_frame_ns=SECOND_NS, skew_s=0.01, version="1", observers=OBSERVERS)
 
 
 def every_metric():
     """Every metric of observer, fusion and hub as Prometheus parses it, by role."""
-    observer = ObserverMetrics("dojo", "cam1", status)
+    observer = ObserverMetrics("dojo", "cam1", full_status)
     observer.record_frame(0.1, 0.01, sent=True)
     worker = SimpleNamespace(
         scene=SimpleNamespace(scene="dojo"),
-        vocabulary=Vocabulary(("ok", "bye")),
-        status=SimpleNamespace(status=lambda now_ns: status()),
+        vocabulary=NAMES,
+        status=SimpleNamespace(status=lambda now_ns: full_status()),
     )
     fusion, shared = FusionMetrics("fusion", worker), FusionMetrics("north", None)
-    verdict = judgement(VerdictMessage, id="v", began_ns=0, decided_ns=SECOND, ended_ns=2 * SECOND)
-    result = StepResult(EngineOutput(judgement(), [verdict]), [verdict])
+    last, ended = judgement(), verdict(began_ns=0, decided_ns=SECOND_NS, ended_ns=2 * SECOND_NS)
+    result = StepResult(EngineOutput(last, [ended]), [ended])
     for metrics in (fusion, shared):
         metrics.record(ServerStep([result], 1, 1, 1, 4, 0.01))
     hub = HubMetrics("mqtt")
-    hub.record(SceneState("dojo").fold(judgement(), SECOND), judgement())
+    hub.record(SceneState("dojo").fold(last, SECOND_NS), last)
     hub.record_connection(True)
     roles = {"observer": observer, "fusion": fusion, "fusion of many scenes": shared, "hub": hub}
     return {role: list(text_string_to_metric_families(m.exposition("")[0].decode())) for role, m in roles.items()}
 
 
 def test_the_docs_list_every_metric_of_every_role():
-    rows = re.findall(
-        r"^\| `(labanmesh_\w+)` \| (\w+) \| ([\w, ]+) \|", (ROOT / "docs/reference/metrics.md").read_text(), re.M
-    )
+    page = (ROOT / "docs/reference/metrics.md").read_text()
+    rows = re.findall(r"^\| `(labanmesh_\w+)` \| (\w+) \| ([\w, ]+) \|", page, re.M)
     documented = {(role, name, kind) for name, kind, roles in rows for role in roles.split(", ")}
     exported = {
         (role, family.name + ("_total" if family.type == "counter" else ""), family.type)
@@ -177,7 +155,9 @@ def test_values_are_those_that_were_recorded():
         for family in every_metric()["fusion"]
         for s in family.samples
     }
-    assert values["labanmesh_verdicts_total", None, "ok"] == 1 and values["labanmesh_verdicts_total", None, "bye"] == 0
+    assert (
+        values["labanmesh_verdicts_total", None, "bow"] == 1 and values["labanmesh_verdicts_total", None, "lunge"] == 0
+    )
     assert values["labanmesh_verdicts_total", None, "abstain"] == 0
     assert values["labanmesh_posteriors_rejected_total", "cam1", "malformed"] == 2
     assert values["labanmesh_posteriors_rejected_total", "(others)", "malformed"] == 3

@@ -1,12 +1,14 @@
 """Messages to bytes and back: round-off, size, identity; any other bytes raise BadMessage and nothing else."""
 
 import math
+from typing import get_args
 
 import msgpack
 import numpy as np
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
+from message_stage import FIELDS, NAMES, judgement, posterior, status, verdict, vote
 from pydantic import ValidationError
 
 from common import wire
@@ -20,14 +22,14 @@ from common.messages import (
     ObserverStatistics,
     OngoingMovement,
     PosteriorMessage,
+    ProcessState,
     StatusMessage,
     VerdictMessage,
-    VocabularyHash,
     VocabularyMessage,
     VocabularyReference,
-    Vote,
+    VoteState,
 )
-from common.vocabulary import ABSTAIN, Vocabulary
+from common.vocabulary import ABSTAIN
 from common.wire import (
     OPTIONAL_DETAIL,
     SIZE_LIMIT,
@@ -43,75 +45,29 @@ IDS = st.text("abcdefghijklmnopqrstuvwxyz0123456789_-", min_size=1, max_size=64)
 COUNTS = st.integers(0, 2**63 - 1)
 WORDS = st.text(st.characters(exclude_categories=["Cs"]), max_size=30)
 DISTRIBUTIONS = st.lists(st.floats(0.01, 1), min_size=2, max_size=20).map(lambda mass: [m / sum(mass) for m in mass])
-REFERENCES = st.builds(VocabularyReference, name=WORDS, hash=WORDS)
-POSTERIORS = st.builds(
-    PosteriorMessage,
-    scene=IDS,
-    observer=IDS,
-    seq=COUNTS,
-    session=WORDS,
-    captured_ns=COUNTS,
-    sent_ns=COUNTS,
-    vocabulary=st.builds(VocabularyHash, name=WORDS, hash=WORDS),
-    p=DISTRIBUTIONS,
-    rest=st.none() | st.floats(0, 1),
-    frames=COUNTS,
-    visible=st.dictionaries(WORDS, st.booleans(), max_size=4),
-)
 NUMBERS = st.floats(allow_nan=False, allow_infinity=False)
-PROBABILITIES = st.floats(0, 1)
+PROBABILITIES, BITS = st.floats(0, 1), st.floats(0, 20)
+POSTERIORS = st.builds(
+    posterior, scene=IDS, observer=IDS, seq=COUNTS, session=WORDS, captured_ns=COUNTS, sent_ns=COUNTS,
+    vocabulary=st.fixed_dictionaries({"name": WORDS, "hash": WORDS}), p=DISTRIBUTIONS, rest=st.none() | PROBABILITIES,
+    frames=COUNTS, visible=st.dictionaries(WORDS, st.booleans(), max_size=4),
+)  # fmt: skip
 VOTES = st.builds(
-    Vote,
-    label=st.none() | WORDS,
-    entropy=st.none() | st.floats(0, 20),
-    weight=PROBABILITIES,
-    age_s=st.none() | NUMBERS,
-    state=st.sampled_from(["counted", "stale", "late", "silent", "foreign", "invalid"]),
-    p=st.none() | st.lists(PROBABILITIES, max_size=3),
-)
+    vote, label=st.none() | WORDS, entropy=st.none() | BITS, weight=PROBABILITIES, age_s=st.none() | NUMBERS,
+    state=st.sampled_from(get_args(VoteState)), p=st.none() | st.lists(PROBABILITIES, max_size=3),
+)  # fmt: skip
 JUDGED = {
-    "scene": IDS,
-    "fusion": IDS,
-    "seq": COUNTS,
-    "at_ns": COUNTS,
-    "vocabulary": REFERENCES,
-    "p": DISTRIBUTIONS,
-    "label": WORDS,
-    "certainty_bits": st.floats(0, 20),
-    "rule": WORDS,
-    "votes": st.dictionaries(IDS, VOTES, max_size=4),
-    "agreement": st.builds(Agreement, k=COUNTS, n=COUNTS),
-}
-JUDGEMENTS = st.builds(JudgementMessage, **JUDGED)
-VERDICTS = st.builds(
-    VerdictMessage, **JUDGED, id=WORDS, began_ns=COUNTS, decided_ns=COUNTS, ended_ns=st.none() | COUNTS
-)
+    "scene": IDS, "fusion": IDS, "seq": COUNTS, "at_ns": COUNTS, "p": DISTRIBUTIONS, "label": WORDS, "rule": WORDS,
+    "vocabulary": st.builds(VocabularyReference, name=WORDS, hash=WORDS), "certainty_bits": BITS,
+    "votes": st.dictionaries(IDS, VOTES, max_size=4), "agreement": st.builds(Agreement, k=COUNTS, n=COUNTS),
+}  # fmt: skip
+JUDGEMENTS = st.builds(judgement, **JUDGED)
+VERDICTS = st.builds(verdict, **JUDGED, id=WORDS, began_ns=COUNTS, decided_ns=COUNTS, ended_ns=st.none() | COUNTS)
 STATUSES = st.builds(
-    StatusMessage,
-    scene=IDS,
-    id=IDS,
-    state=st.sampled_from(["starting", "running", "degraded", "stopping", "failed"]),
-    reason=WORDS,
-    rate_hz=st.none() | NUMBERS,
-    last_frame_ns=st.none() | COUNTS,
-    skew_s=st.none() | NUMBERS,
-    version=WORDS,
-)
+    status, scene=IDS, id=IDS, state=st.sampled_from(get_args(ProcessState)), reason=WORDS, rate_hz=st.none() | NUMBERS,
+    last_frame_ns=st.none() | COUNTS, skew_s=st.none() | NUMBERS, version=WORDS,
+)  # fmt: skip
 KINDS = (PosteriorMessage, JudgementMessage, VerdictMessage, StatusMessage, VocabularyMessage)
-NAMES = Vocabulary(("bow", "lunge"), "karate")
-
-FIELDS = {
-    "v": 1,
-    "scene": "dojo",
-    "observer": "cam1",
-    "seq": 0,
-    "session": "s",
-    "captured_ns": 1,
-    "sent_ns": 2,
-    "vocabulary": {"name": "m", "hash": "h"},
-    "p": [0.25, 0.75],
-    "frames": 3,
-}
 
 
 def reason_of(kind, payload):
@@ -123,19 +79,6 @@ def reason_of(kind, payload):
 
 def changed(**fields):
     return msgpack.packb({**FIELDS, **fields})
-
-
-def vote(**fields):
-    return Vote(**{"label": "bow", "entropy": 1.0, "weight": 0.5, "age_s": 0.0, "state": "counted", **fields})
-
-
-def verdict(**fields):
-    least = {
-        "scene": "dojo", "fusion": "main", "seq": 0, "at_ns": 5, "p": [0.5, 0.5], "label": "bow", "certainty_bits": 1.0,
-        "vocabulary": VocabularyReference(name="karate", hash=NAMES.digest), "rule": "log", "votes": {"cam1": vote()},
-        "agreement": Agreement(k=1, n=1), "id": "dojo-1", "began_ns": 3, "decided_ns": 5,
-    }  # fmt: skip
-    return VerdictMessage(**{**least, **fields})
 
 
 def test_a_map_from_another_language_is_decoded():
@@ -173,7 +116,7 @@ def test_round_off_of_any_softmax_survives_the_way_to_fusion_and_to_listeners(lo
     p = [float(value) for value in mass / mass.sum()]
     p[0] += off
     entropy, nearly_one = float(-sum(q * math.log2(q) for q in p if q > 0)) * 1e-9 + off, 1.0 + abs(off)
-    message = PosteriorMessage(**{**FIELDS, "p": p, "rest": nearly_one, "unlearned": off, "facets": {"own": p}})
+    message = posterior(p=p, rest=nearly_one, unlearned=off, facets={"own": p})
     decoded = decode(PosteriorMessage, encode(message))
     entry = vote(p=p, entropy=entropy, weight=nearly_one, rest=off, reliability=nearly_one, doubles={"b": nearly_one})
     judged = verdict(p=p, certainty_bits=entropy, unlearned=off, votes={"cam1": entry})
@@ -188,7 +131,7 @@ def test_round_off_of_any_softmax_survives_the_way_to_fusion_and_to_listeners(lo
 @pytest.mark.parametrize("fields", [{"rest": 1.00001}, {"unlearned": -1e-5}, {"p": [1.00001, -0.00001]}])
 def test_what_is_more_than_round_off_is_rejected_by_sender_and_receiver(fields):
     with pytest.raises(ValidationError):
-        PosteriorMessage(**{**FIELDS, **fields})
+        posterior(**fields)
     reason_of(PosteriorMessage, changed(**fields))
     with pytest.raises(ValidationError):
         vote(**fields)
@@ -294,9 +237,9 @@ def test_a_judgement_outside_the_vocabulary_is_rejected(fields, reason):
 @pytest.mark.parametrize(
     ("key", "message"),
     [
-        ("laban/dojo/observer/cam1/posterior", PosteriorMessage(**FIELDS)),
-        ("home/laban/dojo/observer/cam1/status", StatusMessage(scene="dojo", id="cam1", state="running")),
-        ("laban/dojo/fusion/main/status", StatusMessage(scene="dojo", id="main", state="running")),
+        ("laban/dojo/observer/cam1/posterior", posterior()),
+        ("home/laban/dojo/observer/cam1/status", status()),
+        ("laban/dojo/fusion/main/status", status(id="main")),
         ("laban/dojo/verdict", verdict()),
         ("laban/dojo/vocabulary", decode(VocabularyMessage, encode_vocabulary("dojo", NAMES))),
     ],
@@ -346,12 +289,11 @@ def test_a_judgement_that_is_too_long_loses_optional_detail_in_order_until_it_fi
 def test_a_posterior_and_a_status_that_are_too_long_lose_optional_detail():
     size = 3000
     facing = Facing(surprise=[[200] * 12] * size)
-    long = PosteriorMessage(**{**FIELDS, "p": [1 / size] * size, "facing": facing, "facets": {"own": [0.5, 0.5]}})
+    long = posterior(p=[1 / size] * size, facing=facing, facets={"own": [0.5, 0.5]})
     decoded = decode(PosteriorMessage, encode(long))
     assert decoded.facing is None and decoded.facets == long.facets and decoded.p == pytest.approx(long.p, rel=1e-7)
     observers = {f"cam{n}": ObserverStatistics(rejected={"malformed": n}) for n in range(3000)}
-    status = StatusMessage(scene="dojo", id="main", state="running", observers=observers)
-    assert decode(StatusMessage, encode(status)) == status.model_copy(update={"observers": None})
+    assert decode(StatusMessage, encode(status(observers=observers))) == status()
 
 
 def test_a_message_that_cannot_fit_is_an_error_and_not_sent():

@@ -82,7 +82,9 @@ def test_a_uniform_facing_changes_nothing(rule, p, size):
 
 def test_rules_are_found_by_name():
     assert get_rule(DEFAULT_RULE).name == DEFAULT_RULE
-    with pytest.raises(BadInput, match=r"fusion.rule = 'logpol'.*known: .*inverse_entropy.*log"):
+    with pytest.raises(BadInput, match=r"fusion\.rule = 'logpol': unknown rule; did you mean log\?"):
         get_rule("logpol")
+    with pytest.raises(BadInput, match=r"unknown rule; known: .*inverse_entropy.*log"):
+        get_rule("xyz")
     with pytest.raises(BadInput, match="at most 2 observers, here are 4"):
         get_rule("chernoff", 4)

@@ -7,38 +7,39 @@ from common.errors import BadInput
 from fusion.commands import scene_files
 from fusion.server import SteadyClock, require_compatible
 
-SCENE = 'scene = "{name}"\n{more}\n[observers.cam1]\nsource = "m.npz"\n'
+
+def text(name, more=""):
+    return f'scene = "{name}"\n[observers.cam1]\nsource = "m.npz"\n{more}'
 
 
-def written(folder, **scenes):
-    for file, text in scenes.items():
-        (folder / f"{file}.toml").write_text(text)
+def written(folder, first, second):
+    """Both scenes, read from a folder with both files."""
+    (folder / "a.toml").write_text(first)
+    (folder / "b.toml").write_text(second)
     return [read_scene(path, {}) for path in scene_files([folder])]
 
 
 @pytest.mark.parametrize("more", ["", '[fusion]\nstandby = ["c"]\n', '[fusion]\nmemory = "b.json"\n'])
 def test_scenes_of_one_mesh_are_served_together(tmp_path, more):
-    scenes = written(tmp_path, a=SCENE.format(name="a", more=""), b=SCENE.format(name="b", more="") + more)
+    scenes = written(tmp_path, text("a"), text("b", more))
     assert [scene.scene for scene in scenes] == ["a", "b"]
     require_compatible(scenes)
+
+
+MEMORY = '[fusion]\nmemory = "x"\n'
 
 
 @pytest.mark.parametrize(
     ("first", "second", "line"),
     [
-        ("", SCENE.format(name="a", more=""), "scene 'a': in two of the files; each scene is fused once"),
-        ("", SCENE.format(name="b", more="") + '[mesh]\nmode = "process"\n', "scene 'b': another [mesh] than 'a'"),
-        (
-            '[fusion]\nmemory = "x"\n',
-            SCENE.format(name="b", more="") + '[fusion]\nmemory = "x"\n',
-            "scene 'b': fusion.memory = 'x' is the file of 'a' too; each scene needs a file of its own",
-        ),
+        (text("a"), text("a"), "scene 'a': in two of the files; each scene is fused once"),
+        (text("a"), text("b", '[mesh]\nmode = "process"\n'), "scene 'b': another [mesh] than 'a'"),
+        (text("a", MEMORY), text("b", MEMORY), "scene 'b': fusion.memory = 'x' is the file of 'a' too; each scene"),
     ],
 )
 def test_what_cannot_be_served_together_is_one_line(tmp_path, first, second, line):
-    scenes = written(tmp_path, a=SCENE.format(name="a", more="") + first, b=second)
     with pytest.raises(BadInput) as error:
-        require_compatible(scenes)
+        require_compatible(written(tmp_path, first, second))
     assert line in str(error.value) and "\n" not in str(error.value)
 
 
@@ -48,11 +49,7 @@ def test_a_folder_without_scene_files_is_one_line(tmp_path):
 
 
 def test_a_service_is_one_that_the_scene_names_or_any_where_scenes_are_shared(tmp_path):
-    plain, standby = written(
-        tmp_path,
-        a=SCENE.format(name="a", more=""),
-        b=SCENE.format(name="b", more="") + '[fusion]\nstandby = ["second"]\n',
-    )
+    plain, standby = written(tmp_path, text("a"), text("b", '[fusion]\nstandby = ["second"]\n'))
     plain.require_service("fusion")
     plain.require_service("north", shared=True)
     standby.require_service("second", shared=True)

@@ -61,6 +61,16 @@ class Room:
 NAMED = ("a", "b", "c")
 
 
+@pytest.fixture
+def standby():
+    """A service b that stands by for a, which has published."""
+    standby = Ownership("b", "dojo", ("a", "b"), TAKEOVER_S)
+    standby.set_alive({"a", "b"}, 0.0)
+    standby.update(0.0)
+    assert standby.published("a", 1, 0.1)
+    return standby
+
+
 def test_the_first_in_the_file_leads_and_the_next_takes_over_at_once_when_it_dies():
     room = Room(NAMED, NAMED)
     room.step(10)
@@ -152,12 +162,8 @@ def test_only_a_living_service_of_higher_rank_is_given_a_scene():
     assert not named.services["a"].give_to("b", named.now_s)
 
 
-def test_a_service_that_lost_its_connection_does_not_take_over():
+def test_a_service_that_lost_its_connection_does_not_take_over(standby):
     """The router died: all tokens disappear, and the owner is no more dead than this service is."""
-    standby = Ownership("b", "dojo", ("a", "b"), TAKEOVER_S)
-    standby.set_alive({"a", "b"}, 0.0)
-    standby.update(0.0)
-    assert standby.published("a", 1, 0.1)
     standby.set_alive({"b"}, 0.2)
     for n in range(2, 30):
         assert standby.update(n * STEP_S, connected=lambda: False) is Role.STANDBY
@@ -167,25 +173,19 @@ def test_a_service_that_lost_its_connection_does_not_take_over():
     assert standby.published("a", 1, 3.4) and standby.update(3.4) is Role.STANDBY and standby.epoch == 1
 
 
-def test_unread_messages_are_signs_of_life():
-    standby = Ownership("b", "dojo", ("a", "b"), TAKEOVER_S)
-    for n in range(50):
-        standby.set_alive({"a", "b"}, n * STEP_S)
+def test_unread_messages_are_signs_of_life(standby):
+    for n in range(2, 50):
         standby.sign_of_life(n * STEP_S)
         assert standby.update(n * STEP_S) is Role.STANDBY
 
 
-def test_the_last_message_of_a_dead_owner_does_not_bring_it_back():
-    standby = Ownership("b", "dojo", ("a", "b"), TAKEOVER_S)
-    standby.set_alive({"a", "b"}, 0.0)
-    standby.update(0.0)
-    assert standby.published("a", 1, 0.1)
+def test_the_last_message_of_a_dead_owner_does_not_bring_it_back(standby):
     standby.set_alive({"b"}, 0.2)
     assert not standby.published("a", 1, 0.2)
     assert standby.update(0.2) is Role.OWNER and standby.epoch == 2
 
 
-def test_rank_is_the_same_for_everybody_and_moves_only_the_share_of_who_comes_or_goes():
+def test_the_rank_is_the_same_for_all_and_a_service_moves_only_its_own_share():
     scenes, services = [f"s{n}" for n in range(400)], ["a", "b", "c", "d"]
     before = {s: rendezvous_rank(s, services)[0] for s in scenes}
     assert before == {s: rendezvous_rank(s, reversed(services))[0] for s in scenes}
@@ -203,18 +203,12 @@ EVENTS = st.lists(st.tuples(st.sampled_from(KINDS), st.sampled_from("abcd"), st.
 def test_whatever_happens_one_service_owns_the_scene_when_all_can_hear_each_other_again(named, events):
     room = Room("abcd", named)
     for event, name, steps in events:
-        if event == "kill":
-            room.dead.add(name)
+        if event in ("kill", "freeze", "cut"):
+            {"kill": room.dead, "freeze": room.frozen, "cut": room.far}[event].add(name)
         elif event == "begin" and name in room.dead:
             room.begin(name)
-        elif event == "freeze":
-            room.frozen.add(name)
-        elif event == "thaw":
-            room.frozen.discard(name)
-        elif event == "cut":
-            room.far.add(name)
-        elif event == "join":
-            room.far.discard(name)
+        elif event in ("thaw", "join"):
+            {"thaw": room.frozen, "join": room.far}[event].discard(name)
         room.step(steps)
     room.frozen.clear()
     room.far.clear()

@@ -43,21 +43,14 @@ def posterior(rng, observer="cam1", seq=0, captured_ns=NOON_NS, session="good"):
     """A good posterior."""
     mass = [rng.random() ** 3 + 1e-3 for _ in NAMES.labels]
     return PosteriorMessage(
-        scene=SCENE,
-        observer=observer,
-        seq=seq,
-        session=session,
-        captured_ns=captured_ns,
-        sent_ns=captured_ns + 1_000_000,
-        vocabulary=REFERENCE,
-        p=[m / sum(mass) for m in mass],
-        rest=rng.random(),
+        scene=SCENE, observer=observer, seq=seq, session=session, captured_ns=captured_ns,
+        sent_ns=captured_ns + 1_000_000, vocabulary=REFERENCE, p=[m / sum(mass) for m in mass], rest=rng.random(),
         frames=seq + 1,
         visible={"left_hand": rng.random() < 0.9, "head": True},
         unlearned=rng.choice((None, rng.random())),
         facing=rng.choice((None, {"surprise": [[rng.randrange(60) for _ in range(4)] for _ in NAMES.labels]})),
         facets={"effort_time": [0.25, 0.75], "own": [0.5, 0.25, 0.25]} if rng.random() < 0.5 else None,
-    )
+    )  # fmt: skip
 
 
 def good_messages(rng):
@@ -67,33 +60,18 @@ def good_messages(rng):
         label="bowing", entropy=1.2, weight=0.5, age_s=0.1, state="counted", p=p, rest=0.2, skew_s=0.01, unlearned=0.1,
         facing={"surprise": [[0, 9]] * 4}, facets={"own": [1.0]}, reliability=0.5, doubles={"cam2": 0.5},
     )  # fmt: skip
+    movement = {"id": "dojo-1", "began_ns": NOON_NS, "decided_ns": NOON_NS}
     fields = {
-        "scene": SCENE,
-        "fusion": "fusion",
-        "seq": 3,
-        "at_ns": NOON_NS,
-        "vocabulary": REFERENCE,
-        "p": p,
-        "label": "bowing",
-        "certainty_bits": 1.3,
-        "rule": "log",
-        "votes": dict.fromkeys(OBSERVERS, vote),
-        "agreement": Agreement(k=2, n=3),
-        "movement": OngoingMovement(id="dojo-1", began_ns=NOON_NS, label="bowing", decided_ns=NOON_NS),
-        "unlearned": 0.1,
-        "facets": {"facing": [0.5, 0.5]},
-        "facing_deg": 90.0,
-    }
-    times = {
-        "id": "dojo-1",
-        "began_ns": NOON_NS,
-        "decided_ns": NOON_NS,
-        "contributions": {"cam1": {"nats": 1.0, "stands": True}},
-    }
+        "scene": SCENE, "fusion": "fusion", "seq": 3, "at_ns": NOON_NS, "vocabulary": REFERENCE, "p": p,
+        "label": "bowing", "certainty_bits": 1.3, "rule": "log", "votes": dict.fromkeys(OBSERVERS, vote),
+        "agreement": Agreement(k=2, n=3), "movement": OngoingMovement(**movement, label="bowing"), "unlearned": 0.1,
+        "facets": {"facing": [0.5, 0.5]}, "facing_deg": 90.0,
+    }  # fmt: skip
+    contributions = {"cam1": {"nats": 1.0, "stands": True}}
     return (
         posterior(rng),
         JudgementMessage(**fields),
-        VerdictMessage(**fields, **times, ended_ns=NOON_NS + 1),
+        VerdictMessage(**fields, **movement, contributions=contributions, ended_ns=NOON_NS + 1),
         StatusMessage(scene=SCENE, id="cam1", state="running", rate_hz=15.0, last_frame_ns=NOON_NS, at_ns=NOON_NS),
         VocabularyMessage(scene=SCENE, name=NAMES.name, hash=NAMES.digest, labels=list(NAMES.labels)),
     )

@@ -87,11 +87,6 @@ def test_weights_are_those_of_the_movements(rule):
     assert result.facing.shape == (4,) and result.facing.sum() == pytest.approx(1)
 
 
-def test_uniform_facing_is_neutral():
-    even = facing(0.25, 0.25, 0.25, 0.25)
-    assert pooled(DEFAULT, posteriors(even, even)).p == pytest.approx(pooled(DEFAULT, posteriors()).p)
-
-
 def test_facing_decides_between_two_movements():
     """One sees a bow if the person faces left or a lunge if right; another that they face right: it was a lunge."""
     p, left_or_right = np.array([0.49, 0.49, 0.02]), np.array([[0.98, 0.02], [0.02, 0.98], [0.5, 0.5]])
@@ -165,18 +160,13 @@ def test_degrees_are_between_the_likeliest_and_its_neighbours(p, degrees):
 # Facets
 
 
-def test_a_facet_is_pooled_over_the_observers_that_publish_it_and_a_single_value_is_none():
-    first, second = np.array([0.2, 0.8]), np.array([0.4, 0.6])
-    votes = posteriors({"facets": {"time": first}}, {}, {"facets": {"time": second, "own": np.array([1.0])}})
+def test_a_facet_is_pooled_over_the_observers_that_publish_it_with_as_many_values_as_most():
+    first, second, odd, one = (np.array(p) for p in ([0.2, 0.8], [0.4, 0.6], [0.2, 0.3, 0.5], [1.0]))
+    fields = ({"time": first, "facing": first}, {"time": odd}, {"time": second, "single": one})
+    votes = [*posteriors(*({"facets": facets} for facets in fields)), posterior(3, P[0])]
     result = pool_facets(DEFAULT, votes)
     assert set(result) == {"time"}
     assert result["time"] == pytest.approx(DEFAULT.pool(np.array([first, second]), uniform(2)).p)
-
-
-def test_a_facet_of_another_length_than_most_is_left_out_and_facing_is_none():
-    two, three = np.array([0.2, 0.8]), np.array([0.2, 0.3, 0.5])
-    result = pool_facets(DEFAULT, posteriors(*({"facets": {"own": p, "facing": two}} for p in (two, three, two))))
-    assert set(result) == {"own"} and len(result["own"]) == 2
 
 
 def test_invented_facets_are_limited():

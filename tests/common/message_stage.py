@@ -1,0 +1,44 @@
+"""Complete messages for the tests of common; a test names only the fields that it is about."""
+
+from common.messages import (
+    Agreement,
+    JudgementMessage,
+    PosteriorMessage,
+    StatusMessage,
+    VerdictMessage,
+    VocabularyReference,
+    Vote,
+)
+from common.vocabulary import Vocabulary
+
+NAMES = Vocabulary(("bow", "lunge"), "karate")
+REFERENCE = VocabularyReference(name=NAMES.name, hash=NAMES.digest)
+FIELDS = {
+    "v": 1, "scene": "dojo", "observer": "cam1", "seq": 0, "session": "s", "captured_ns": 1, "sent_ns": 2,
+    "vocabulary": {"name": "m", "hash": "h"}, "p": [0.25, 0.75], "frames": 3,
+}  # fmt: skip
+"""The fields that a posterior must have."""
+
+
+def posterior(**fields):
+    return PosteriorMessage(**{**FIELDS, **fields})
+
+
+def vote(**fields):
+    return Vote(**{"label": "bow", "entropy": 0.5, "weight": 1.0, "age_s": 0.1, "state": "counted", **fields})
+
+
+def judgement(kind=JudgementMessage, **fields):
+    least = {
+        "scene": "dojo", "fusion": "main", "seq": 0, "at_ns": 5, "p": [0.5, 0.5], "label": "bow", "certainty_bits": 0.5,
+        "vocabulary": REFERENCE, "rule": "log", "votes": {"cam1": vote()}, "agreement": Agreement(k=1, n=1),
+    }  # fmt: skip
+    return kind(**{**least, **fields})
+
+
+def verdict(**fields):
+    return judgement(VerdictMessage, **{"id": "dojo-1", "began_ns": 3, "decided_ns": 5, **fields})
+
+
+def status(**fields):
+    return StatusMessage(**{"scene": "dojo", "id": "cam1", "state": "running", **fields})
