@@ -41,12 +41,12 @@ class SceneMember:
 
     def __init__(self, scene: Scene, service: Service) -> None:
         self.scene, self._service = scene, service
-        named = () if service.shared and not scene.fusion.standby else scene.services
+        ranked = () if service.shared and not scene.fusion.standby else scene.services
         takeover_s = max(scene.fusion.takeover_s, STEPS_MISSED / scene.fusion.step_hz)
-        if not named:
+        if not ranked:
             takeover_s = max(takeover_s, SHARED_TAKEOVER_S)
-        self.ownership = Ownership(service.own, scene.scene, named, takeover_s)
-        self._warm = len(named) > 1
+        self.ownership = Ownership(service.own, scene.scene, ranked, takeover_s)
+        self._warm = len(ranked) > 1
         self._file = CheckpointFile(scene.place(scene.fusion.memory)) if scene.fusion.memory else None
         self.vocabulary = scene.named_vocabulary
         if self.vocabulary is not None:

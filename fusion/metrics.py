@@ -81,8 +81,10 @@ class FusionMetrics(Metrics):
         rows = [((state,), float(states[state])) for state in get_args(VoteState)]
         yield self.gauge("votes", "Observers in each state.", rows, "state")
         votes = judgement.votes.items()
-        heard = [((name,), float(vote.state in POOLED_STATES)) for name, vote in votes]
-        yield self.gauge("observer_heard", "1 while the observer's posterior counts, even if stale.", heard, "observer")
+        counted = [((name,), float(vote.state in POOLED_STATES)) for name, vote in votes]
+        yield self.gauge(
+            "observer_heard", "1 while the observer's posterior counts, even if stale.", counted, "observer"
+        )
         entropies = [((name,), vote.entropy) for name, vote in votes]
         yield self.gauge("observer_entropy_bits", "Of the observer's posterior as pooled.", entropies, "observer")
         weights = [((name,), vote.weight) for name, vote in votes]

@@ -48,12 +48,12 @@ def _weight(scene: str, service: str) -> bytes:
 class Ownership:
     """The role of the service `own` in one scene.
 
-    named: the services that the scene file names, in its order; empty for a scene that all services share.
+    ranked: the services that the scene file names, in its order; empty for a scene that all services share.
     takeover_s: how long an owner may publish nothing.
     """
 
-    def __init__(self, own: str, scene: str, named: tuple[str, ...], takeover_s: float) -> None:
-        self._own, self._scene, self._named, self._takeover_s = own, scene, named, takeover_s
+    def __init__(self, own: str, scene: str, ranked: tuple[str, ...], takeover_s: float) -> None:
+        self._own, self._scene, self._ranked, self._takeover_s = own, scene, ranked, takeover_s
         self._others: frozenset[str] = frozenset()
         self._silent: frozenset[str] = frozenset()
         self._quiet_since_s = 0.0
@@ -68,8 +68,8 @@ class Ownership:
     def set_alive(self, alive: Iterable[str], now_s: float) -> None:
         """Take the services whose liveliness tokens exist now."""
         present = frozenset(alive) - {self._own}
-        if self._named:
-            present &= frozenset(self._named)
+        if self._ranked:
+            present &= frozenset(self._ranked)
         gone, self._others = self._others - present, present
         self._silent &= present
         if self.owner in gone:
@@ -106,7 +106,7 @@ class Ownership:
         """
         slept = self._updated_s is None or now_s - self._updated_s > self._takeover_s
         self._updated_s = now_s
-        if self._named == (self._own,):
+        if self._ranked == (self._own,):
             self._own_it()
         elif slept and self._may_have_others:
             self.role, self.owner, self._quiet_since_s = Role.STANDBY, None, now_s
@@ -121,7 +121,7 @@ class Ownership:
 
     def give_to(self, service: str, now_s: float) -> bool:
         """`service` asks for the scene; returns whether it gets it (rule 4)."""
-        if self._named or self.role is not Role.OWNER or service not in self._others:
+        if self._ranked or self.role is not Role.OWNER or service not in self._others:
             return False
         if self._rank((self._own, service))[0] != service:
             return False
@@ -134,7 +134,7 @@ class Ownership:
             self._silent |= {self.owner}
             self.owner = None
         place = self._rank({self._own, *self._others} - self._silent).index(self._own)
-        if place > 1 and not self._named:
+        if place > 1 and not self._ranked:
             self.role, self.owner = Role.IDLE, None
         elif self.role is Role.IDLE and self._may_have_others:
             # It begins to listen now.
@@ -146,7 +146,7 @@ class Ownership:
                 self._quiet_since_s = now_s
             elif quiet_s >= waits_s:
                 self._own_it()
-        elif place == 0 and not self._named:
+        elif place == 0 and not self._ranked:
             self.role = Role.REQUESTING
         else:
             self.role = Role.STANDBY
@@ -154,7 +154,7 @@ class Ownership:
     @property
     def _may_have_others(self) -> bool:
         """Whether another service may own the scene; one that the scene file names may be out of reach."""
-        return bool(self._others) or len(self._named) > 1
+        return bool(self._others) or len(self._ranked) > 1
 
     def _own_it(self) -> None:
         if self.role is not Role.OWNER:
@@ -166,6 +166,6 @@ class Ownership:
         return self._rank((service, rival))[0] == service
 
     def _rank(self, services: Iterable[str]) -> tuple[str, ...]:
-        if self._named:
-            return tuple(service for service in self._named if service in set(services))
+        if self._ranked:
+            return tuple(service for service in self._ranked if service in set(services))
         return rendezvous_rank(self._scene, services)
