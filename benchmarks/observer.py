@@ -35,14 +35,12 @@ from observer.effort.reader import FacetReader
 from observer.geometry.views import parse_view
 from observer.model.base import MovementModel
 from observer.model.model_file import write_model
-from observer.motion.archive import MotionArchive
+from observer.motion.archive import MotionArchive, resample
 from observer.motion.playback import RecordedMotion
 from observer.motion.projected import ProjectedTracker, frames_of
-from observer.motion.transforms import resample
 from observer.rendering.scenery import Scenery
 from observer.rendering.virtual_camera import VirtualCamera
-from observer.runtime.pipeline import Observer, Resampler
-from observer.runtime.posterior_encoder import PosteriorEncoder, SendOnChange
+from observer.runtime.pipeline import Observer, PosteriorEncoder, Resampler, SendOnChange
 from observer.tracks import Frame
 from studies.stream import strung
 

@@ -26,13 +26,12 @@ from common.vocabulary import Vocabulary
 from observer.geometry.views import parse_view
 from observer.learning.learn import learn_view
 from observer.model.base import Arrays, MovementModel, Onset
-from observer.model.phase_symbols import PhaseSymbols
 from observer.model.registry import MODELS
-from observer.motion.archive import MotionArchive
+from observer.model.symbol_tables import PhaseSymbols
+from observer.motion.archive import MotionArchive, labels_of, resample
 from observer.motion.importers import import_recordings
 from observer.motion.playback import RecordedMotion
 from observer.motion.projected import ProjectedTracker, frames_of
-from observer.motion.transforms import labels_of, resample
 from observer.rendering.scenery import Scenery
 from observer.rendering.virtual_camera import VirtualCamera
 from observer.runtime.pipeline import Observer

@@ -43,10 +43,9 @@ def observe(
     from observer.foreign.sources import MeshTracks
     from observer.model.base import Onset
     from observer.model.model_file import read_model, require_match
-    from observer.runtime.instrumentation import HealthReporter
     from observer.runtime.pipeline import Observer, Resampler
     from observer.runtime.scene_inputs import open_inputs
-    from observer.runtime.service import serve
+    from observer.runtime.service import HealthReporter, serve
 
     log_to_stderr()
     config, health = read_scene(scene), HealthReporter()

@@ -91,8 +91,8 @@ def evaluate(
     Example: labanmesh evaluate msr.npz --views door --turn 45 --model frame-table --rule inverse_entropy --report out
     """
     from observer.geometry.views import parse_view, split_views
+    from observer.motion.archive import labels_of
     from observer.motion.archive_file import read_archive
-    from observer.motion.transforms import labels_of
     from studies.evaluate import EvaluationSettings
     from studies.faults import parse_fault
     from studies.trials import labels_in, unlearned_and_background
@@ -193,7 +193,7 @@ def _from_pixels(
     archive: "MotionArchive", settings: "EvaluationSettings", background: str, bar: ProgressBar
 ) -> tuple["MotionArchive", "EvaluationResult", "EvaluationResult"]:
     """The archive at a camera's rate, and the results from pictures and from the joints."""
-    from observer.motion.transforms import select
+    from observer.motion.archive import select
     from observer.rendering.scenery import Scenery
     from studies.evaluate import evaluate as run_evaluation
     from studies.through import RATE_HZ, Filming, evaluate_pixels
@@ -214,8 +214,8 @@ def paper(
 
     Example: labanmesh paper msr.npz --labels AS1 --labels AS2 --labels AS3 --report out
     """
+    from observer.motion.archive import labels_of
     from observer.motion.archive_file import read_archive
-    from observer.motion.transforms import labels_of
     from studies.experiments import as_text, run_experiments
     from studies.report import make_folder, write_report, write_text
     from studies.trials import labels_in

@@ -14,10 +14,9 @@ from common.vocabulary import Vocabulary
 from observer.geometry.views import parse_view
 from observer.learning.learn import learn_view
 from observer.model.model_file import write_model
-from observer.motion.archive import MotionArchive, Recording
+from observer.motion.archive import MotionArchive, Recording, movements_in
 from observer.motion.archive_file import write_archive
 from observer.motion.playback import RecordedMotion
-from observer.motion.transforms import movements_in
 from observer.rendering.scenery import Scenery
 from observer.rendering.virtual_camera import VirtualCamera
 from observer.tracking.camshift import CamshiftTracker

@@ -15,12 +15,10 @@ from common.errors import BadInput
 from common.facets import EFFORT
 from common.probability import uniform
 from common.progress import ProgressBar
-from observer.effort.learning import effort_examples, learn_trials
-from observer.effort.model import FACTORS, EffortExample, EffortModel
+from observer.effort.model import FACTORS, EffortExample, EffortModel, effort_examples, learn_trials
 from observer.geometry.views import View, parse_view, split_views
-from observer.motion.archive import MotionArchive
+from observer.motion.archive import MotionArchive, common_rate, select
 from observer.motion.archive_file import read_archive
-from observer.motion.transforms import common_rate, select
 from studies.evaluate import Progress
 from studies.fusion_engine import DEFAULT_RULE, get_rule
 from studies.metrics import accuracy, expected_calibration_error, log_loss

@@ -20,8 +20,7 @@ from common.vocabulary import ABSTAIN, Vocabulary
 from observer.model.base import MovementModel, Onset
 from observer.motion.archive import MotionArchive, Recording, Span
 from observer.motion.projected import ProjectedTracker, frames_of
-from observer.runtime.pipeline import Observer
-from observer.runtime.posterior_encoder import PosteriorEncoder
+from observer.runtime.pipeline import Observer, PosteriorEncoder
 from studies.evaluate import EvaluationSettings, Progress, folds_of, learn
 from studies.fusion_engine import FusionEngine, step
 from studies.trials import IDLE_NOISE_M

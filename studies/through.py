@@ -163,7 +163,7 @@ def _compared(result: EvaluationResult, labels: Sequence[str]) -> dict[str, Any]
 
 
 RATE_HZ = 30.0
-"""The rate of a camera; resample the archive first: `observer.motion.transforms.select(archive, rate_hz=RATE_HZ)`."""
+"""The rate of a camera; resample the archive first: `observer.motion.archive.select(archive, rate_hz=RATE_HZ)`."""
 IDLE_S = 1.5
 """Trembling rest before each recording, in which the tracker finds the person."""
 FRONTAL = 0.9

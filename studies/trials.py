@@ -9,9 +9,8 @@ from common.errors import BadInput
 from common.text import split_list
 from observer.geometry.views import turned
 from observer.learning.learn import BLENDS
-from observer.motion.archive import MotionArchive, Recording
+from observer.motion.archive import MotionArchive, Recording, labels_of, movements_in, retime
 from observer.motion.importers.msr_action3d import LABELS
-from observer.motion.transforms import labels_of, movements_in, retime
 
 SLOWEST, FASTEST = 0.6, 1.7
 IDLE_S = (0.5, 2.0)

@@ -18,9 +18,8 @@ from common.wire import decode, encode
 from fusion.engine.engine import FusionEngine
 from fusion.engine.rules import RULES
 from observer.model.registry import MODELS
-from observer.motion.archive import MotionArchive
+from observer.motion.archive import MotionArchive, resample
 from observer.motion.projected import frames_of
-from observer.motion.transforms import resample
 
 QUICK = {"rounds": 1, "batch_s": 0.0}
 AT_NS = 1_700_000_000_123_456_789

@@ -18,10 +18,9 @@ from common.errors import BadInput, LabanmeshError
 from common.progress import ProgressBar
 from common.text import split_list
 from observer.geometry.views import parse_view, split_views
-from observer.motion.archive import MotionArchive
+from observer.motion.archive import MotionArchive, labels_of
 from observer.motion.archive_file import read_archive
 from observer.motion.importers import import_recordings
-from observer.motion.transforms import labels_of
 from studies.evaluate import EvaluationSettings
 from studies.report import FRACTIONS, write_text
 from studies.trials import SUBSETS, labels_in

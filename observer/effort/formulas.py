@@ -9,7 +9,7 @@ share.
 import numpy as np
 from numpy.typing import NDArray
 
-from observer.effort.course import derivatives
+from observer.effort.features import derivatives
 from observer.tracks import Floats
 
 

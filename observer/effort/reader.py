@@ -17,11 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.errors import BadInput
-from observer.effort.course import Course
-from observer.effort.features import features
+from observer.effort.features import Course, features
 from observer.effort.formulas import advancing, rising, spreading
 from observer.effort.model import EffortModel
-from observer.features.space import BodySize
+from observer.features import BodySize
 from observer.geometry.projection import oriented
 from observer.tracks import BODY_PARTS, Floats, Tracks
 

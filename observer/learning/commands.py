@@ -65,8 +65,8 @@ def learn(
 
     Example: labanmesh learn effort.npz --view yaw:45 --effort --rate 30 -o corner1.effort
     """
+    from observer.motion.archive import select
     from observer.motion.archive_file import read_archive
-    from observer.motion.transforms import select
 
     people = split_list("--subjects", subjects)
     whole = select(read_archive(archive), people, rate)
@@ -104,7 +104,7 @@ def _learn_movements(
     from observer.learning.learn import learn_view
     from observer.model.model_file import write_model
     from observer.model.registry import DEFAULT_MODEL
-    from observer.motion.transforms import labels_of, require_labels
+    from observer.motion.archive import labels_of, require_labels
 
     require_labels(labels, archive, "--labels")
     learned = learn_view(
@@ -154,7 +154,7 @@ def _add_movements(
 
 def _learn_effort(archive: "MotionArchive", view: str, output: Path, provenance: Mapping[str, str]) -> None:
     from observer.effort.effort_file import write_effort
-    from observer.effort.learning import learn_effort
+    from observer.effort.model import learn_effort
     from observer.geometry.views import parse_view
 
     learned = learn_effort(archive, parse_view(view), provenance)
@@ -174,9 +174,8 @@ def _read_background(
     `subjects` are taken. Raises BadInput for labels without an archive, and for what cannot be read or gathered.
     """
     from observer.learning.learn import BLENDS, gather_background
-    from observer.motion.archive import MotionArchive
+    from observer.motion.archive import MotionArchive, common_rate, select
     from observer.motion.archive_file import read_archive
-    from observer.motion.transforms import common_rate, select
 
     chosen = split_list("--background-labels", labels)
     if chosen and background in ("", BLENDS):
@@ -228,7 +227,7 @@ def describe_addition(output: Path, edited: "EditedModel") -> str:
 
 
 def _right_percent(results: "Sequence[HeldOutResult]") -> float:
-    from observer.learning.cross_validation import right_count
+    from observer.learning.learn import right_count
 
     return 100 * right_count(results) / len(results)
 
@@ -254,7 +253,7 @@ def describe_vocabulary(header: "Header") -> str:
 
 def few_recordings(archive: "MotionArchive", labels: Sequence[str]) -> list[str]:
     """A warning for each of these movements with fewer than ENOUGH_RECORDINGS recordings."""
-    from observer.motion.transforms import movements_in
+    from observer.motion.archive import movements_in
 
     counts = Counter(recording.label for recording in movements_in(archive))
     return [

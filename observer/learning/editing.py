@@ -13,12 +13,10 @@ from common.errors import BadInput
 from common.text import plural
 from common.vocabulary import Vocabulary
 from observer.geometry.views import View
-from observer.learning.cross_validation import evaluate_example, folds_by_person, folds_by_recording
-from observer.learning.learn import ExampleView
+from observer.learning.learn import ExampleView, evaluate_example, folds_by_person, folds_by_recording
 from observer.model.base import Example, Header, MovementModel, WithBackground, evenly_spread, facings_in
 from observer.model.posterior_calibration import HeldOutResult, PosteriorCalibration
-from observer.motion.archive import MotionArchive
-from observer.motion.transforms import common_rate, labels_of, movements_in, require_labels
+from observer.motion.archive import MotionArchive, common_rate, labels_of, movements_in, require_labels
 
 SAME_VIEW = 1e-6
 """Relative tolerance of two matrices: a view is computed each time and may differ in its last bits."""

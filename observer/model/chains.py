@@ -6,7 +6,7 @@ The likelihood is exp(-sharpness d^2) with bounded outliers.
 import numpy as np
 from numpy.typing import NDArray
 
-from observer.features.posture import groups_of
+from observer.features import groups_of
 from observer.filtering.chain_filter import Indices, Masses
 from observer.filtering.phase_filter import FLOOR
 from observer.model.base import evenly_spread

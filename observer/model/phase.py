@@ -11,7 +11,7 @@ from typing import ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from observer.features.posture import REFERENCE_HZ, PostureReader, without_motion
+from observer.features import REFERENCE_HZ, PostureReader, without_motion
 from observer.filtering.chain_filter import ChainFilter
 from observer.filtering.phase_filter import Dynamics
 from observer.model.base import (

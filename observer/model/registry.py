@@ -5,9 +5,8 @@ from collections.abc import Mapping
 from common.errors import BadInput
 from common.text import nearest
 from observer.model.base import MovementModel
-from observer.model.frame_table import FrameTable
 from observer.model.phase import Phase
-from observer.model.phase_symbols import PhaseSymbols
+from observer.model.symbol_tables import FrameTable, PhaseSymbols
 
 MODELS: Mapping[str, type[MovementModel]] = {model.kind: model for model in (Phase, PhaseSymbols, FrameTable)}
 DEFAULT_MODEL = Phase.kind

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from observer.camera.base import require_picture, size_of
-from observer.features.space import VectorSymbol
+from observer.features import VectorSymbol
 from observer.preview.drawing import (
     CANVAS,
     COLOURS,

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.probability import entropy_bits
-from observer.features.space import SpaceReader, Symbols
+from observer.features import SpaceReader, Symbols
 from observer.tracks import Floats, Tracks
 
 Picture = NDArray[np.uint8]
@@ -54,7 +54,7 @@ class PreviewFrame:
     """One frame to be painted; P body parts, T frames of history, newest last.
 
     tracks: in px of the picture, or in any unit without one. trail: (T, P, 2) centres, NaN where not seen. symbols:
-    (T, P) of `observer.features.space.VectorSymbol`. extent: (2, 2) corners of all motion so far, None before any was
+    (T, P) of `observer.features.VectorSymbol`. extent: (2, 2) corners of all motion so far, None before any was
     seen; used only without a picture. back_projection: (H, W) uint8 of skin colour. frame: its number from 0. age_s:
     seconds since capture. complaint: what is wrong, in words; "" when nothing is.
     """

@@ -16,10 +16,9 @@ from observer.camera.base import Report, ignore_report
 from observer.foreign.sources import LineTracks, MeshTracks, PipedTracks
 from observer.geometry.lens import LensDistortion
 from observer.geometry.views import View, parse_view
-from observer.motion.archive import MotionArchive, Recording
+from observer.motion.archive import MotionArchive, Recording, resample
 from observer.motion.archive_file import read_archive
 from observer.motion.playback import RecordedMotion
-from observer.motion.transforms import resample
 from observer.tracking.registry import Content, TrackerSettings, tracker_named
 from observer.tracks import BODY_PARTS, Frame, FrameSource, Tracker, Tracks
 

@@ -13,9 +13,9 @@ from common.link import Link
 from common.messages import PosteriorMessage, StatusMessage
 from common.wire import decode
 from observer.geometry.views import parse_view
+from observer.motion.archive import resample
 from observer.motion.archive_file import write_archive
 from observer.motion.playback import RecordedMotion
-from observer.motion.transforms import resample
 from observer.rendering.scenery import Scenery
 from observer.rendering.virtual_camera import VirtualCamera
 from observer.tracking.head import have_cascade

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from observer.features.space import SpaceReader, VectorSymbol
+from observer.features import SpaceReader, VectorSymbol
 from observer.tracking.camshift import CamshiftTracker
 from observer.tracking.head import have_cascade
 from observer.tracks import BODY_PARTS, Frame, Tracks

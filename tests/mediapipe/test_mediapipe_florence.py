@@ -8,10 +8,8 @@ from common.config_sections import FusionConfig, default_quorum
 from common.vocabulary import ABSTAIN, Vocabulary
 from observer.geometry.views import View
 from observer.learning.learn import learn_view
-from observer.motion.archive import MotionArchive
-from observer.motion.transforms import labels_of
-from observer.runtime.pipeline import Observer, Resampler
-from observer.runtime.posterior_encoder import PosteriorEncoder
+from observer.motion.archive import MotionArchive, labels_of
+from observer.runtime.pipeline import Observer, PosteriorEncoder, Resampler
 from observer.tracks import BODY_PARTS, Frame, Tracks
 from studies.stream import ObservedStream, verdicts_in
 

@@ -8,10 +8,9 @@ import pytest
 
 from common.errors import BadInput
 from observer.geometry.views import parse_view
-from observer.motion.archive import MotionArchive, Recording
+from observer.motion.archive import MotionArchive, Recording, select
 from observer.motion.archive_file import write_archive
 from observer.motion.importers import import_recordings
-from observer.motion.transforms import select
 from observer.tracks import BODY_PARTS
 from studies.effort import FUSED, as_json, as_text, effort, judge_poles
 

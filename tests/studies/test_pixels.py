@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from observer.geometry.views import parse_view
-from observer.motion.transforms import resample
+from observer.motion.archive import resample
 from observer.rendering.scenery import Scenery
 from observer.tracking.head import have_cascade
 from studies.evaluate import EvaluationSettings, evaluate

@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 
 from observer.geometry.views import parse_view
-from observer.motion.archive import MotionArchive
+from observer.motion.archive import MotionArchive, labels_of
 from observer.motion.importers import import_recordings
 from observer.motion.importers.msr_action3d import LABELS
-from observer.motion.transforms import labels_of
 from studies.evaluate import EvaluationSettings, evaluate
 from studies.experiments import PAPER_MODEL, PAPER_RULE
 from studies.report import as_json

@@ -6,8 +6,8 @@ import numpy as np
 
 from common.config_sections import FusionConfig
 from observer.geometry.views import parse_view
-from observer.motion.transforms import labels_of
-from observer.runtime.posterior_encoder import SendOnChange
+from observer.motion.archive import labels_of
+from observer.runtime.pipeline import SendOnChange
 from studies.evaluate import EvaluationSettings
 from studies.fusion_engine import FusionEngine, step
 from studies.performer import perform

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from observer.effort.course import DEGREE, coefficients, derivatives, window_frames
+from observer.effort.features import DEGREE, coefficients, derivatives, window_frames
 from observer.effort.formulas import advancing, flow, rising, space, spreading, time, triangle, weight
 
 RATE = 60.0

@@ -10,8 +10,18 @@ from common.errors import BadInput
 from common.facets import EFFORT, check_facets
 from observer.effort.effort_file import read_effort, require_rate, write_effort
 from observer.effort.features import NAMES
-from observer.effort.learning import learn_trials, levels_of
-from observer.effort.model import COLUMNS, FACTORS, NU, RIDGE, UNKNOWN_ACTION, EffortExample, log_odds, spread
+from observer.effort.model import (
+    COLUMNS,
+    FACTORS,
+    NU,
+    RIDGE,
+    UNKNOWN_ACTION,
+    EffortExample,
+    learn_trials,
+    levels_of,
+    log_odds,
+    spread,
+)
 
 ACTIONS = ("push", "lift", "turn")
 

@@ -5,10 +5,8 @@ import pytest
 
 from common.errors import BadInput
 from common.facets import FACETS, check_facets
-from observer.effort.course import Course, course_of
-from observer.effort.features import NAMES, features
-from observer.effort.learning import learn_trials
-from observer.effort.model import EffortExample
+from observer.effort.features import NAMES, Course, course_of, features
+from observer.effort.model import EffortExample, learn_trials
 from observer.effort.reader import BEFORE_S, SHORTEST_S, EffortReader, FacetReader, ShapeReader, depth_in, three_ways
 from observer.geometry.views import parse_view
 from observer.tracks import BODY_PARTS, Tracks

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from common.errors import BadInput
-from observer.features.posture import (
+from observer.features import (
     ANCHOR_S,
     FEATURES_PER_PART,
     HANDS_FEATURES,

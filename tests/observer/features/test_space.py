@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from common.errors import BadInput
-from observer.features.space import BodySize, SpaceReader, VectorSymbol, vector_symbols
+from observer.features import BodySize, SpaceReader, VectorSymbol, vector_symbols
 from observer.tracks import BODY_PARTS, Tracks
 
 RING = ["U", "UR", "R", "DR", "D", "DL", "L", "UL"]

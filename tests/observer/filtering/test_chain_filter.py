@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from common.probability import entropy_bits, uniform
 from common.vocabulary import Vocabulary
-from observer.features.posture import PostureReader, without_motion
+from observer.features import PostureReader, without_motion
 from observer.filtering.chain_filter import ChainFilter
 from observer.filtering.phase_filter import Dynamics, PhaseFilter
 from observer.geometry.views import parse_view

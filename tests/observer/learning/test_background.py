@@ -7,12 +7,11 @@ import pytest
 
 from common.errors import BadInput
 from common.vocabulary import Vocabulary
-from observer.features.posture import PostureReader, without_motion
+from observer.features import PostureReader, without_motion
 from observer.filtering.phase_filter import Dynamics, PhaseFilter
 from observer.geometry.views import parse_view
-from observer.learning.cross_validation import with_calibration
 from observer.learning.editing import add_movements, remove_movements
-from observer.learning.learn import ExampleView, gather_background, learn_view
+from observer.learning.learn import ExampleView, gather_background, learn_view, with_calibration
 from observer.model.base import Onset
 from observer.model.chains import blend_pairs
 from observer.model.model_file import read_model, write_model
@@ -182,9 +181,9 @@ def test_a_background_example_is_evaluated_by_a_model_without_its_movement(monke
         shown.append(example.movement)
         return evaluate_example(model, example)
 
-    from observer.learning.cross_validation import evaluate_example
+    from observer.learning.learn import evaluate_example
 
-    monkeypatch.setattr("observer.learning.cross_validation.evaluate_example", spy)
+    monkeypatch.setattr("observer.learning.learn.evaluate_example", spy)
     recordings = of(people, "12", WORDS.labels).recordings
     seen_from = ExampleView(DOOR, WORDS, BODY_PARTS)
     examples = seen_from.examples(recordings, BODY_PARTS)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from common.vocabulary import Vocabulary
-from observer.learning.cross_validation import MOST_EVALUATED, with_calibration
+from observer.learning.learn import MOST_EVALUATED, with_calibration
 from observer.model.base import Example, Header
 from observer.model.posterior_calibration import CAUTIOUS
 

@@ -9,14 +9,13 @@ from common.errors import BadInput
 from common.vocabulary import Vocabulary
 from observer.geometry.views import parse_view
 from observer.learning.commands import describe_evaluation
-from observer.learning.cross_validation import evaluate_example, folds_by_person, folds_by_recording
 from observer.learning.editing import add_movements, remove_movements
-from observer.learning.learn import ExampleView, learn_view
+from observer.learning.learn import ExampleView, evaluate_example, folds_by_person, folds_by_recording, learn_view
 from observer.model.base import Onset
-from observer.model.frame_table import learn_table
 from observer.model.model_file import read_model, write_model
 from observer.model.posterior_calibration import CAUTIOUS, PosteriorCalibration, at_least_cautious
 from observer.model.registry import MODELS
+from observer.model.symbol_tables import learn_table
 from observer.motion.archive import MotionArchive
 from observer.motion.archive_file import write_archive
 from observer.motion.projected import view_tracks

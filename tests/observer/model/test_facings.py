@@ -14,8 +14,8 @@ from observer.learning.learn import learn_view
 from observer.model.base import MOST_FACINGS, Onset, facings_in
 from observer.model.model_file import read_model, write_model
 from observer.model.posterior_calibration import PosteriorCalibration
+from observer.motion.archive import select
 from observer.motion.projected import ProjectedTracker, frames_of
-from observer.motion.transforms import select
 from observer.runtime.pipeline import Observer
 from observer.tracks import BODY_PARTS
 from studies.performer import perform

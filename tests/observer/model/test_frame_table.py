@@ -8,8 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from observer.filtering.phase_filter import PhaseFilter
-from observer.model.frame_table import SYMBOLS, FrameClock, bin_indices, learn_table, log_evidence
-from observer.model.phase_symbols import tempo_dynamics
+from observer.model.symbol_tables import SYMBOLS, FrameClock, bin_indices, learn_table, log_evidence, tempo_dynamics
 
 
 def random_table(rng, movements, bins, parts):

@@ -10,9 +10,8 @@ from observer.geometry.views import parse_view
 from observer.learning.learn import learn_view
 from observer.model.base import Onset
 from observer.model.phase import STEPS, step_probabilities
-from observer.motion.archive import MotionArchive, Recording
+from observer.motion.archive import MotionArchive, Recording, resample
 from observer.motion.projected import ProjectedTracker, frames_of
-from observer.motion.transforms import resample
 from observer.runtime.pipeline import Observer
 from observer.tracks import BODY_PARTS
 

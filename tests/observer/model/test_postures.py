@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from observer.features.posture import groups_of
+from observer.features import groups_of
 from observer.filtering.phase_filter import FLOOR
 from observer.model.chains import LivePostures, PostureEvidence, Postures
 

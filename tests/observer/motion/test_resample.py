@@ -8,8 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from common.errors import BadInput
-from observer.motion.archive import Recording, Span, check_recording
-from observer.motion.transforms import resample, retime
+from observer.motion.archive import Recording, Span, check_recording, resample, retime
 
 
 def line(frames, rate_hz=10.0, spans=(), unseen=()):

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from common.errors import BadInput
-from observer.features.space import VectorSymbol
+from observer.features import VectorSymbol
 from observer.preview.drawing import (
     COLOURS,
     PLAIN,

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from common.errors import BadInput
-from observer.features.space import VectorSymbol
+from observer.features import VectorSymbol
 from observer.preview.drawing import SIZE, PaintingLayout, Placement
 from observer.preview.sight import SYMBOLS, TRAIL, PreviewHistory, ShownPosterior
 from observer.tracks import BODY_PARTS, Tracks

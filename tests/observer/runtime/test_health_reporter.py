@@ -2,7 +2,7 @@
 
 import pytest
 
-from observer.runtime.instrumentation import HealthReporter
+from observer.runtime.service import HealthReporter
 
 RUNNING = ("running", "")
 LOST = ("degraded", "camera 0: no picture for 0.9 s")

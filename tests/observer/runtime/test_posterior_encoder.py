@@ -15,8 +15,7 @@ from common.messages import PosteriorMessage
 from common.probability import decode_facing
 from common.vocabulary import Vocabulary
 from common.wire import decode, encode
-from observer.runtime.pipeline import Posterior
-from observer.runtime.posterior_encoder import MAX_CHANGE, PosteriorEncoder, SendOnChange, Summary, distance
+from observer.runtime.pipeline import MAX_CHANGE, Posterior, PosteriorEncoder, SendOnChange, Summary, distance
 from observer.runtime.service import serve
 from observer.tracks import Frame
 

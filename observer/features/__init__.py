@@ -1,1 +1,0 @@
-"""Features of motion in the image: Laban's Space as Vector Symbols, and posture."""
