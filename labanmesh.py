@@ -35,7 +35,7 @@ class Verb:
 
 VERBS = {
     "demo": Verb("studies.demo", "demo", "run the whole system on this machine with the data in the package"),
-    "init": Verb("deploy.init", "init", "write a commented scene file for the cameras of this machine"),
+    "init": Verb("deploy.commands", "init", "write a commented scene file for the cameras of this machine"),
     "up": Verb("deploy.commands", "up", "start and supervise all processes of a scene file"),
     "observe": Verb("observer.commands", "observe", "run one observer: it publishes its posterior over the movements"),
     "fuse": Verb("fusion.commands", "fuse", "run the fusion service: it pools posteriors and publishes verdicts"),
@@ -44,7 +44,7 @@ VERBS = {
     ),
     "healthcheck": Verb("hub.healthcheck", "healthcheck", "check that a process is alive and ready, for containers"),
     "secure": Verb("deploy.security.commands", "secure", "issue certificates and access rules for machines"),
-    "router": Verb("deploy.commands", "router", "run a Zenoh router for a mesh of several machines"),
+    "router": Verb("deploy.security.routing", "router", "run a Zenoh router for a mesh of several machines"),
     "watch": Verb("hub.watch", "watch", "show posteriors, weights and verdicts live in the terminal"),
     "capture": Verb("hub.capture", "capture", "write all messages of a scene into a capture file"),
     "replay": Verb("studies.replay.commands", "replay", "fuse a capture again, or play it back onto a mesh"),
@@ -156,7 +156,9 @@ def overview() -> str:
     """The text of `labanmesh --help`, made without importing any package."""
     width = max(map(len, VERBS))
     lines = [f"  {name:<{width}}  {verb.purpose}" for name, verb in VERBS.items()]
-    head = "labanmesh: several cameras judge one person's movement, over Eclipse Zenoh\n\nusage: labanmesh VERB ...\n"
+    head = (
+        "labanmesh: several cameras recognise one person's movement, over Eclipse Zenoh\n\nusage: labanmesh VERB ...\n"
+    )
     return "\n".join([head, *lines, "", "labanmesh VERB --help explains a verb and shows an example."])
 
 

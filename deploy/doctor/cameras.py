@@ -16,9 +16,8 @@ from typing import Final, Literal
 from urllib.parse import urlsplit
 
 from common.config import Scene
-from deploy.doctor.findings import Finding, Mark, from_fault, ok, warning
+from deploy.doctor.findings import Finding, Mark, from_fault, masked, ok, warning
 from deploy.doctor.network import connect_to
-from deploy.doctor.settings import masked
 
 GROUP: Final = "cameras"
 CameraAccess = Literal["readable", "forbidden", "absent", "unknown"]

@@ -16,14 +16,12 @@ from common.config import Scene
 from common.errors import BadInput
 from common.text import split_list
 from deploy.doctor.cameras import TEST_S, check_cameras, no_webcam, observer_cameras, webcams
-from deploy.doctor.findings import Finding, Group, Mark, as_json, page, warning, worst
-from deploy.doctor.machine import MachineNeeds, check_machine, machine_needs
-from deploy.doctor.machine_facts import installed_version, machine_facts
+from deploy.doctor.findings import EffectiveSetting, Finding, Group, Mark, as_json, page, warning, worst
+from deploy.doctor.machine import MachineNeeds, check_machine, installed_version, machine_facts, machine_needs
 from deploy.doctor.mesh import ExpectedMesh, check_mesh, listen, nobody, unheard
 from deploy.doctor.network import check_network, is_free, network_facts
 from deploy.doctor.scene_file import MissingSceneFile, check_scene, read_existing_scene, scene_facts, unreadable
 from deploy.doctor.security import check_security, security_facts
-from deploy.doctor.settings import EffectiveSetting
 
 MACHINE_S, SCENE_S, NETWORK_S = 5.0, 11.0, 6.0
 """How long checks may take, also on a busy machine; that of the network on top of the time that it listens."""

@@ -1,7 +1,19 @@
-"""The findings on this machine: Python and its packages, clock, disk, memory. Pure."""
+"""This machine: Python and its packages, clock, disk, memory. The functions after `machine_needs` are pure.
 
-from collections.abc import Iterator, Sequence
+Where the kernel does not tell whether the clock is synchronised, timedatectl is asked.
+"""
+
+import ctypes
+import platform
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, requires, version
+from importlib.util import find_spec
+from pathlib import Path
 from typing import TYPE_CHECKING, Final, Literal
 
 from deploy.doctor.findings import Finding, Mark, error, ok, warning
@@ -20,6 +32,16 @@ LITTLE_MEMORY = 300 * MIB
 WITHOUT_PICTURES = ("zenoh:", "-")
 """How sources begin that deliver tracks."""
 INSTALL_OBSERVER = "pip install 'labanmesh[observer]'"
+OPENCV = ("opencv-python-headless", "opencv-python", "opencv-contrib-python", "opencv-contrib-python-headless")
+CASCADE = "haarcascade_frontalface_alt2.xml"
+"""The one that trackers and `labanmesh look` use."""
+UNSYNCHRONISED_US = 16_000_000
+"""With this maximum error the kernel's clock counts as unsynchronised; timedatectl uses the same limit."""
+TOOL_S = 1.0
+REQUIREMENT = re.compile(r"(?P<name>[\w.-]+)(\[[^]]*\])?\s*(?P<bounds>[^;]*?)\s*(;\s*(?P<marker>.*))?\Z")
+BOUND = re.compile(r"(<=|>=|==|!=|<|>)\s*([\d.]+)")
+EXTRA = re.compile(r"""extra\s*==\s*["']([\w-]+)["']""")
+PYTHON = re.compile(r"""python_version\s*(<=|>=|==|!=|<|>)\s*["']([\d.]+)["']""")
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,6 +89,116 @@ class MachineNeeds:
     carried_model: tuple[str, ...] = ()
 
 
+@dataclass(frozen=True, slots=True)
+class Requirement:
+    """One distribution that labanmesh requires, within `bounds` ("<2,>=1.6"); extra: "" for the plain install."""
+
+    name: str
+    bounds: str
+    extra: str = ""
+
+
+def machine_facts(folder: Path) -> MachineFacts:
+    """This machine's facts; the free disk space is that of `folder`'s disk."""
+    lines = requires("labanmesh") if installed_version("labanmesh") else None
+    required = list(requirements(lines or (), f"{sys.version_info.major}.{sys.version_info.minor}"))
+    bounds = {each.name: each.bounds for each in required}
+    return MachineFacts(
+        system=f"{platform.system()} {platform.machine()}",
+        python=platform.python_version(),
+        labanmesh=installed_version("labanmesh") or "(not installed)",
+        packages=tuple(_package(each.name, each.bounds) for each in required if not each.extra),
+        opencv=_package("OpenCV", bounds.get(OPENCV[0], ""), OPENCV),
+        mediapipe=_package("mediapipe", bounds.get("mediapipe", "")),
+        face_cascade=_has_cascade(),
+        clock=clock_state(),
+        free_disk=_free_disk(folder),
+        free_memory=_free_memory(),
+        folder=str(folder),
+    )
+
+
+def installed_version(name: str) -> str:
+    """The version of an installed distribution, or ""."""
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return ""
+
+
+def clock_state() -> ClockState:
+    """Whether this machine's clock is synchronised, as the kernel says, else timedatectl."""
+    # struct timex begins with modes, offset, freq and maxerror, a word each; it has less than 64 words.
+    timex = (ctypes.c_long * 64)()
+    try:
+        result = ctypes.CDLL(None, use_errno=True).adjtimex(timex)
+    except (AttributeError, OSError):
+        result = -1
+    if result >= 0:
+        return "synchronised" if timex[3] < UNSYNCHRONISED_US else "free"
+    command = ["timedatectl", "show", "-p", "NTPSynchronized", "--value"]
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, timeout=TOOL_S, check=False)  # noqa: S603
+    except (OSError, subprocess.TimeoutExpired):
+        return "unknown"
+    states: dict[str, ClockState] = {"yes": "synchronised", "no": "free"}
+    return states.get(done.stdout.strip(), "unknown")
+
+
+def requirements(lines: Iterable[str], python: str) -> Iterator[Requirement]:
+    """The requirements in a distribution's metadata for this `python` ("3.11"), labanmesh itself left out."""
+    for line in lines:
+        match = REQUIREMENT.match(line.strip())
+        if match is None or match["name"] == "labanmesh":
+            continue
+        marker = match["marker"] or ""
+        extra = EXTRA.search(marker)
+        if all(_holds(python, *bound) for bound in PYTHON.findall(marker)):
+            yield Requirement(match["name"], match["bounds"], extra[1] if extra else "")
+
+
+def fits(installed: str, bounds: str) -> bool:
+    """Whether the numbers of a version are within `bounds`; a suffix of it (rc1, +local) does not count."""
+    return all(_holds(installed, *bound) for bound in BOUND.findall(bounds))
+
+
+def _holds(installed: str, relation: str, limit: str) -> bool:
+    a, b = _numbers(installed), _numbers(limit)
+    return {"<": a < b, "<=": a <= b, ">": a > b, ">=": a >= b, "==": a == b, "!=": a != b}[relation]
+
+
+def _numbers(version: str) -> tuple[int, ...]:
+    """The numbers at the beginning of a version, without zeros at their end: 1.6.0 is 1.6."""
+    match = re.match(r"\d+(\.\d+)*", version)
+    return tuple(map(int, re.sub(r"(\.0+)+\Z", "", match[0]).split("."))) if match else ()
+
+
+def _package(name: str, bounds: str, distributions: Sequence[str] = ()) -> Package:
+    """A package by whichever of the names of `distributions` it is installed, by default its own."""
+    installed = next(filter(None, map(installed_version, distributions or (name,))), "")
+    return Package(name, installed, bounds, not installed or fits(installed, bounds))
+
+
+def _has_cascade() -> bool:
+    module = find_spec("cv2")
+    return bool(module and module.origin and (Path(module.origin).parent / "data" / CASCADE).exists())
+
+
+def _free_disk(folder: Path) -> int | None:
+    try:
+        return shutil.disk_usage(folder).free
+    except OSError:
+        return None
+
+
+def _free_memory() -> int | None:
+    try:
+        lines = Path("/proc/meminfo").read_text(encoding="ascii").splitlines()
+    except (OSError, UnicodeDecodeError):
+        return None
+    return next((int(line.split()[1]) * 1024 for line in lines if line.startswith("MemAvailable:")), None)
+
+
 def machine_needs(scene: "Scene", observers: Sequence[str]) -> MachineNeeds:
     """The needs of these observers of a scene."""
     sections = {name: scene.observer(name) for name in observers}
@@ -103,11 +235,9 @@ def _packages(packages: Sequence[Package]) -> Iterator[Finding]:
     if good:
         yield ok(GROUP, ", ".join(good))
     for package in packages:
-        install = f"pip install '{package.name}{package.bounds}'"
-        if not package.version:
-            yield error(GROUP, f"{package.name} is not installed", install)
-        elif not package.fits:
-            yield error(GROUP, package.misfit, install)
+        if not (package.version and package.fits):
+            what = package.misfit if package.version else f"{package.name} is not installed"
+            yield error(GROUP, what, f"pip install '{package.name}{package.bounds}'")
 
 
 def _opencv(facts: MachineFacts, needs: MachineNeeds, lacking: Mark) -> Iterator[Finding]:
@@ -149,11 +279,11 @@ def _mediapipe(package: Package, needs: MachineNeeds, lacking: Mark) -> Iterator
 def _clock(clock: ClockState) -> Finding:
     if clock == "synchronised":
         return ok(GROUP, "the clock is synchronised")
-    if clock == "free":
-        what = "the clock is not synchronised: on several machines posteriors would seem younger or older than they are"
-        return warning(GROUP, what, "timedatectl set-ntp true, or install chrony")
-    what = "cannot tell whether the clock is synchronised"
-    return warning(GROUP, what, "check that NTP runs (chronyc tracking, timedatectl)")
+    if clock == "unknown":
+        what = "cannot tell whether the clock is synchronised"
+        return warning(GROUP, what, "check that NTP runs (chronyc tracking, timedatectl)")
+    what = "the clock is not synchronised: on several machines posteriors would seem younger or older than they are"
+    return warning(GROUP, what, "timedatectl set-ntp true, or install chrony")
 
 
 def _free_space(facts: MachineFacts) -> Iterator[Finding]:

@@ -19,8 +19,18 @@ from common.errors import BadInput
 from common.text import plural
 from common.vocabulary import Vocabulary
 from common.wire import SIZE_LIMIT, largest_judgement, require_fits
-from deploy.doctor.findings import Finding, Mark, error, from_fault, ok, warning
-from deploy.doctor.settings import DEFAULT, FILE, EffectiveSetting, settings_in_force
+from deploy.doctor.findings import (
+    DEFAULT,
+    FILE,
+    EffectiveSetting,
+    Finding,
+    Mark,
+    error,
+    from_fault,
+    ok,
+    settings_in_force,
+    warning,
+)
 
 GROUP: Final = "the scene file"
 PREFLIGHT_S = 10.0

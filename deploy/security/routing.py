@@ -1,4 +1,4 @@
-"""The router's life: it relays until it is stopped, and opens anew when its rules or certificates have changed.
+"""The verb `labanmesh router`: it relays until it is stopped, and opens anew when rules or certificates have changed.
 
 1. New rules that cannot be used are logged once, and the old ones stay in force.
 2. Opening anew closes all links, so that no client continues under old rules; clients reconnect by themselves.
@@ -12,10 +12,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Annotated
+
+import typer
 
 from common.config import MeshConfig, scene_files
 from common.credentials import require_credentials
 from common.errors import BadInput, LabanmeshError
+from common.lifecycle import log_to_stderr, stop_on_signals
 from common.link import Link
 from common.notify import Notifier
 from common.zenoh_settings import AUTHORITY_FILE, CERTIFICATE_FILE, KEY_FILE, nested, settings
@@ -188,3 +192,35 @@ def _stamp(path: Path) -> FileStamp:
     except OSError:
         return None
     return status.st_mtime_ns, status.st_size, status.st_ino
+
+
+def router(
+    endpoint: Annotated[
+        str, typer.Argument(help="Where it listens: tcp/0.0.0.0:7447 is every interface of this machine.")
+    ] = "",
+    scene: Annotated[
+        list[Path] | None,
+        typer.Option(help="The scene file, or a folder of them; repeatable. A secured router admits their machines."),
+    ] = None,
+    config: Annotated[
+        Path | None, typer.Option(help="A whole Zenoh configuration (JSON5), as `labanmesh secure rules` prints it.")
+    ] = None,
+) -> None:
+    """A Zenoh router, where the machines of a mesh meet. It relays, and keeps nothing.
+
+    Scene files then say mode = "router" and this machine's address under [mesh] endpoint. The router notices changes
+    in its files.
+
+    Example: labanmesh router tcp/0.0.0.0:7447
+
+    Example: labanmesh router --scene scene.toml
+    """
+    if config is not None and (scene or endpoint):
+        raise BadInput(f"--config {config}: it says itself where to listen; leave out ENDPOINT and --scene")
+    log_to_stderr()
+    if config is not None:
+        rules = rules_in_file(config)
+    else:
+        rules = rules_of_scenes(scene, endpoint) if scene else plain_rules(endpoint or MeshConfig().endpoint)
+    with stop_on_signals() as stop:
+        route(rules, stop)

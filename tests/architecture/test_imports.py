@@ -56,8 +56,8 @@ IMPURE = {
         "hub.mqtt.listener hub.session hub.watch observer.foreign.sources studies.replay.playback studies.through"
     ),
     "files": (
-        "common.capture_file common.config common.credentials deploy.doctor.machine_facts deploy.doctor.scene_file "
-        "deploy.doctor.security deploy.init deploy.security.issuing fusion.checkpoint hub.dashboard.history "
+        "common.capture_file common.config common.credentials deploy.doctor.machine deploy.doctor.scene_file "
+        "deploy.doctor.security deploy.security.issuing fusion.checkpoint hub.dashboard.history "
         "observer.*_file observer.calibration.board observer.calibration.formats observer.calibration.pictures "
         "observer.files observer.motion.importers observer.motion.importers.* observer.runtime.preflight "
         "observer.runtime.scene_inputs studies.experiments studies.report"

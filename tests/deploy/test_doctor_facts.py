@@ -14,8 +14,7 @@ from deploy.doctor import cameras
 from deploy.doctor.cameras import Webcam, observer_cameras, webcams
 from deploy.doctor.commands import Check, run_checks
 from deploy.doctor.findings import ok
-from deploy.doctor.machine import MachineNeeds, check_machine
-from deploy.doctor.machine_facts import clock_state, machine_facts
+from deploy.doctor.machine import MachineNeeds, check_machine, clock_state, machine_facts
 from deploy.doctor.mesh import listen
 from deploy.doctor.network import check_network, connect_to, listener_on, network_facts
 from deploy.doctor.scene_file import MissingSceneFile, read_existing_scene, scene_facts

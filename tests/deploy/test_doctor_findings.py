@@ -12,13 +12,32 @@ from hypothesis import strategies as st
 from common.config import MeshConfig, ObserverConfig, Scene
 from common.credentials import Certificate
 from deploy.doctor.cameras import CameraTest, NetworkCamera, ObserverCamera, Webcam, check_cameras
-from deploy.doctor.findings import GROUPS, MARKS, Finding, as_json, from_fault, page, printable, summary, worst
-from deploy.doctor.machine import MachineFacts, MachineNeeds, Package, check_machine, machine_needs
-from deploy.doctor.machine_facts import Requirement, fits, requirements
+from deploy.doctor.findings import (
+    GROUPS,
+    MARKS,
+    Finding,
+    as_json,
+    from_fault,
+    masked,
+    page,
+    printable,
+    settings_in_force,
+    summary,
+    worst,
+)
+from deploy.doctor.machine import (
+    MachineFacts,
+    MachineNeeds,
+    Package,
+    Requirement,
+    check_machine,
+    fits,
+    machine_needs,
+    requirements,
+)
 from deploy.doctor.network import Connection, EndpointParts, NetworkFacts, check_network, is_free
 from deploy.doctor.scene_file import PreflightReport, SceneFacts, check_scene
 from deploy.doctor.security import SecurityFacts, check_security
-from deploy.doctor.settings import masked, settings_in_force
 
 NOW = datetime(2026, 6, 1, tzinfo=UTC)
 MISSING = Package("OpenCV", "")

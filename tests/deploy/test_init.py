@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 
 from common.config import read_scene
 from common.errors import BadInput, LabanmeshError
-from deploy import init as init_module
+from deploy import commands
+from deploy.commands import init, scene_text
 from deploy.doctor.cameras import Webcam
-from deploy.init import init, scene_text
 
 WEBCAMS = [Webcam(f"/dev/video{2 * number}", f"Camera {number}") for number in range(6)]
 
@@ -50,7 +50,7 @@ def test_a_cameras_name_cannot_break_the_file(tmp_path_factory, name):
 
 
 def test_it_writes_a_file_once(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(init_module, "webcams", lambda: WEBCAMS[:2])
+    monkeypatch.setattr(commands, "webcams", lambda: WEBCAMS[:2])
     init(tmp_path / "My Dojo.toml")
     output = capsys.readouterr().out
     assert "/dev/video2: Camera 1" in output and "labanmesh doctor '" in output
@@ -63,7 +63,7 @@ def test_it_writes_a_file_once(tmp_path, monkeypatch, capsys):
 
 
 def test_a_file_that_cannot_be_written_is_one_line(tmp_path, monkeypatch):
-    monkeypatch.setattr(init_module, "webcams", list)
+    monkeypatch.setattr(commands, "webcams", list)
     with pytest.raises(LabanmeshError, match=r"^cannot write .*: no such file or directory\. Name another file"):
         init(tmp_path / "no" / "scene.toml")
     with pytest.raises(BadInput, match="cannot be printed"):
@@ -72,6 +72,6 @@ def test_a_file_that_cannot_be_written_is_one_line(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize(("file", "scene"), [("scene.toml", "home"), ("Küche.toml", "k-che"), ("---.toml", "home")])
 def test_the_scenes_name_is_the_files_where_that_is_legal(tmp_path, monkeypatch, file, scene):
-    monkeypatch.setattr(init_module, "webcams", list)
+    monkeypatch.setattr(commands, "webcams", list)
     init(tmp_path / file)
     assert read_scene(tmp_path / file, {}).scene == scene

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from deploy.supervision import RestartPolicy, RunDecision, RunHistory
+from deploy.launcher import RestartPolicy, RunDecision, RunHistory
 
 
 @pytest.mark.parametrize(

@@ -13,8 +13,7 @@ import pytest
 from common.config import read_scene
 from common.errors import BadInput, LabanmeshError
 from deploy.commands import jobs, require_free_ports, up
-from deploy.launcher import Job, Launcher
-from deploy.supervision import RestartPolicy
+from deploy.launcher import Job, Launcher, RestartPolicy
 
 QUICK = RestartPolicy(first_s=0.01, longest_s=0.02)
 LASTING = "import time; print('ready', flush=True); time.sleep(600)"
