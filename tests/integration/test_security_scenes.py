@@ -8,13 +8,14 @@ import threading
 import time
 from contextlib import ExitStack, contextmanager
 from datetime import UTC, datetime
+from types import SimpleNamespace
 
 import pytest
 
 from common.config import read_scene
 from common.errors import LabanmeshError
 from common.link import Link
-from common.messages import JudgementMessage, PosteriorMessage, VocabularyReference
+from common.messages import JudgementMessage, PosteriorMessage, VerdictMessage, VocabularyReference
 from common.vocabulary import Vocabulary
 from common.wire import decode, encode
 from deploy.doctor.mesh import listen
@@ -73,32 +74,38 @@ def read(folder, scene, certificate):
 
 @pytest.fixture(scope="module")
 def mesh(folder):
-    """The router, both observers, and what a hub hears: scene and service of each judgement with a counted vote."""
+    """The router, both observers, and a hub: its judgements and verdicts, and what was performed in each scene."""
     with ExitStack() as stack:
         router = stack.enter_context(labanmesh(folder, "router.1", "router", "--scene", folder))
         assert "listening on tls/" in router.stderr.readline()
-        quiet = threading.Event()
+        quiet, performed = threading.Event(), {name: [] for name in SCENES}
         for name in SCENES:
             scene = read(folder, name, f"{name}.1")
             link = stack.enter_context(Link.open(scene.mesh, "observer", process_id="cam1", scene=name))
-            thread = threading.Thread(target=publish, args=(link, scene, quiet))
+            thread = threading.Thread(target=publish, args=(link, scene, quiet, performed[name]))
             thread.start()
             stack.callback(thread.join)
         stack.callback(quiet.set)
         hub = stack.enter_context(Link.open(read(folder, "dojo", "hub.1").mesh, "hub"))
-        yield hub.inbox("laban/dojo/judgement", "laban/garden/judgement", limit=100_000)
+        judgements, verdicts = (
+            hub.inbox(*(f"laban/{name}/{kind}" for name in SCENES), limit=100_000) for kind in ("judgement", "verdict")
+        )
+        yield SimpleNamespace(judgements=judgements, verdicts=verdicts, performed=performed)
 
 
-def publish(link, scene, quiet):
-    """An observer: its token, and 20 posteriors a second."""
+def publish(link, scene, quiet, performed):
+    """An observer: its token, and 20 posteriors a second of a movement of 1.3 s, a rest of 0.7 s, and so on."""
     link.announce(scene.keys.observer_alive("cam1"))
     publisher = link.publisher(scene.keys.posterior("cam1"))
     reference, seq = VocabularyReference(name=NAMES.name, hash=NAMES.digest), 0
     while not quiet.wait(0.05):
         now_ns, seq = time.time_ns(), seq + 1
+        if seq % 40 == 1:
+            performed.append(now_ns)
+        rest = 0.05 if seq % 40 in range(1, 27) else 0.95
         publisher.put(encode(PosteriorMessage(scene=scene.scene, observer="cam1", seq=seq, session="s", p=[0.1, 0.9],
                                               captured_ns=now_ns, sent_ns=now_ns, vocabulary=reference,
-                                              frames=seq)))  # fmt: skip
+                                              rest=rest, frames=seq)))  # fmt: skip
 
 
 def wait_for_services(judgements, expected):
@@ -118,12 +125,22 @@ def wait_for_services(judgements, expected):
     raise AssertionError(f"judged by {recent}, not each by one of {expected}")
 
 
+def verdicts_until(mesh, enough):
+    """The verdicts until `enough(verdicts)` holds."""
+    verdicts, end_s = [], time.monotonic() + SOON_S
+    while not enough(verdicts):
+        assert time.monotonic() < end_s, verdicts[-3:]
+        verdicts += [decode(VerdictMessage, arrival.payload) for arrival in mesh.verdicts.take(0.1)]
+    return verdicts
+
+
 def test_a_second_service_shares_the_scenes_and_takes_over_when_the_first_is_killed(folder, mesh):
     with (
         labanmesh(folder, "north.1", "fuse", folder, "--id", "north") as north,
         labanmesh(folder, "south.1", "fuse", folder, "--id", "south"),
     ):
-        wait_for_services(mesh, SERVICES)
+        wait_for_services(mesh.judgements, SERVICES)
+        since_ns = time.time_ns()
         scene = read(folder, "garden", "hub.1")
         with Link.open(scene.mesh, "hub") as hub:
             presence = hub.presence(scene.keys.fusion_alive())
@@ -131,9 +148,24 @@ def test_a_second_service_shares_the_scenes_and_takes_over_when_the_first_is_kil
             # A late joiner queries everything, which must not make anybody hand over.
             answers = hub.ask(f"{scene.keys.root}/**", SOON_S)
             assert {scene.keys.judgement, scene.keys.vocabulary} <= answers.keys()
-        before = wait_for_services(mesh, SERVICES)
+        wait_for_services(mesh.judgements, SERVICES)
+        verdicts = verdicts_until(mesh, lambda said: all(mesh.performed[n][-1] > since_ns for n in SCENES))
         north.kill()
-        assert wait_for_services(mesh, ["south"]) and before
+        killed_ns = time.time_ns()
+        after = dict.fromkeys(SCENES, False)
+
+        def all_have_ended(said):
+            after.update((v.scene, True) for v in said if v.began_ns > killed_ns and v.ended_ns)
+            return all(after.values())
+
+        verdicts += verdicts_until(mesh, all_have_ended)
+        wait_for_services(mesh.judgements, ["south"])
+    for name in SCENES:
+        last_ns = max(v.began_ns for v in verdicts if v.scene == name and v.ended_ns)
+        for at_ns in (at_ns for at_ns in mesh.performed[name] if since_ns < at_ns <= last_ns):
+            own = [v for v in verdicts if v.scene == name and abs(v.began_ns - at_ns) < 0.65e9]
+            assert len({v.id for v in own}) == 1, f"{name}: a movement lost or doubled: {own}"
+            assert {v.label for v in own} == {"lunging"} and own[-1].ended_ns is not None
 
 
 def test_only_a_fusion_service_may_ask_another_one_to_hand_over(folder, mesh):
