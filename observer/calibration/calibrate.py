@@ -15,8 +15,7 @@ from observer.calibration.board import Board
 from observer.calibration.bundle import Optics
 from observer.calibration.calibrated import CalibratedCamera
 from observer.calibration.detection import CameraDetections
-from observer.calibration.extrinsics import RigidTransform, solve_extrinsics
-from observer.calibration.intrinsics import FittedLens
+from observer.calibration.parameters import FittedLens, RigidTransform, solve_extrinsics
 from observer.geometry.dlt import fit_projective_matrix
 from observer.geometry.projection import Floats
 

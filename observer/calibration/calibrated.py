@@ -6,8 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from common.errors import BadInput
-from observer.geometry.lens import LensDistortion, distorted
-from observer.geometry.projection import Floats, project
+from observer.geometry.projection import Floats, LensDistortion, distorted, project
 
 
 @dataclass(frozen=True, slots=True, eq=False)

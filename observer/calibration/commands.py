@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from observer.calibration.calibrate import BoardCalibration
     from observer.calibration.calibrated import CalibratedCamera
     from observer.calibration.detection import CameraDetections
-    from observer.calibration.intrinsics import FittedLens
+    from observer.calibration.parameters import FittedLens
 
 ALL = "all.opencv.toml"
 """Written beside the camera files: all cameras with intrinsics and extrinsics, for OpenCV, Pose2Sim and --read."""
@@ -95,11 +95,10 @@ def _from_sources(
     sources: Sequence[Path], board: str, lenses: dict[str, "CalibratedCamera"], output: Path,
     origin: int | None, lying: bool, apart: bool, every: int,
 ) -> None:  # fmt: skip
-    from observer.calibration.board import read_board
+    from observer.calibration.board import is_video, pictures, read_board
     from observer.calibration.calibrate import from_boards
     from observer.calibration.detection import find_boards
-    from observer.calibration.intrinsics import FittedLens, fit_lens
-    from observer.calibration.pictures import is_video, pictures
+    from observer.calibration.parameters import FittedLens, fit_lens
 
     if not board:
         raise BadInput("--board: missing; e.g. --board chessboard:4x7:0.06 or --board charuco.toml")
@@ -137,7 +136,7 @@ def _write_annotated(
     path: Path, camera: "CameraDetections", source: Path, every: int, result: "BoardCalibration"
 ) -> None:
     """Write the camera's worst picture, which shows best what is wrong."""
-    from observer.calibration.pictures import annotated, pictures
+    from observer.calibration.board import annotated, pictures
     from observer.camera.files import write_picture
 
     errors = result.errors_px[camera.name]

@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.errors import BadInput
-from observer.calibration.board import Board, Charuco, Chessboard
-from observer.calibration.pictures import Picture
+from observer.calibration.board import Board, Charuco, Chessboard, Picture
 from observer.geometry.projection import Floats
 
 FEWEST = 6

@@ -13,8 +13,7 @@ from common.errors import BadInput
 from common.text import plural
 from observer.calibration.calibrated import CalibratedCamera, rotation
 from observer.files import write_file
-from observer.geometry.lens import DISTORTION_SIZES, DISTORTION_SIZES_TEXT
-from observer.geometry.projection import Floats
+from observer.geometry.projection import DISTORTION_SIZES, DISTORTION_SIZES_TEXT, Floats
 
 NEEDED = "matrix, rotation, translation"
 

@@ -12,8 +12,14 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, PositiveInt, Val
 from common.errors import BadInput
 from common.text import plural
 from observer.files import write_file
-from observer.geometry.lens import DISTORTION_SIZES, DISTORTION_SIZES_TEXT, LensDistortion, check_intrinsic_matrix
-from observer.geometry.projection import Floats, oriented
+from observer.geometry.projection import (
+    DISTORTION_SIZES,
+    DISTORTION_SIZES_TEXT,
+    Floats,
+    LensDistortion,
+    check_intrinsic_matrix,
+    oriented,
+)
 
 ORTHOGONAL = 1e-3
 """Tolerance for the rotation that the intrinsic matrix leaves: files hold rounded numbers."""

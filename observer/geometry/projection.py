@@ -1,4 +1,4 @@
-"""Projective matrices: from points in space to an image (section II.A), and cameras placed around the performer.
+"""Cameras: projection of points in space (section II.A), placement around the performer, lens distortion; pure.
 
 Space: metres, x to the performer's right, y up, z to the performer's back. Image: u to the right, v DOWN.
 The position of a camera is a direction from the performer: yaw 0 is in front, yaw 90° at the right side, a positive
@@ -7,9 +7,13 @@ pitch is above, pitch 90° straight above. Cameras have no roll.
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
+
+from common.errors import BadInput
+from common.text import plural
 
 Floats = NDArray[np.float64]
 
@@ -84,3 +88,130 @@ def _axes(yaw_rad: float, pitch_rad: float) -> Floats:
     down = [sin_yaw * sin_pitch, -cos_pitch, -cos_yaw * sin_pitch]
     viewing = [-sin_yaw * cos_pitch, -sin_pitch, cos_yaw * cos_pitch]
     return np.array([right, down, viewing])
+
+
+DISTORTION_SIZES = (4, 5, 8, 12, 14)
+"""k1 k2 p1 p2; plus k3; plus k4 k5 k6 (rational); plus s1 to s4 (thin prism); plus the tilts of the sensor."""
+DISTORTION_SIZES_TEXT = "4 (k1 k2 p1 p2), 5 (plus k3), 8, 12 or 14 numbers in the order of OpenCV"
+
+STEPS = 20
+"""Most Newton steps; five are usual, more are needed near the fold of the lens."""
+TOLERANCE_PX = 1e-3
+"""Largest residual of a solution; a pixel with a larger one is the image of no point, beyond the fold of the lens."""
+CONVERGED = 1e-10
+"""Residual at which the steps end, normalised coordinates: far below a pixel."""
+STRIDE = 1e-6
+"""Step of the difference quotients, normalised coordinates: between rounding and the curvature of the lens."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LensDistortion:
+    """Intrinsics and distortion of a lens in OpenCV's model.
+
+    intrinsic_matrix: (3, 3) [[fu, s, cu], [0, fv, cv], [0, 0, 1]] px. distortion: (4, 5, 8, 12 or 14) in OpenCV's
+    order. Raises BadInput for other shapes and values.
+    """
+
+    intrinsic_matrix: Floats
+    distortion: Floats
+    _inverse: Floats = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        check_intrinsic_matrix(self.intrinsic_matrix)
+        if self.distortion.shape not in [(size,) for size in DISTORTION_SIZES]:
+            raise BadInput(f"distortion: {plural(self.distortion.size, 'number')}; expected {DISTORTION_SIZES_TEXT}")
+        if not np.isfinite(self.distortion).all():
+            raise BadInput("distortion: a number is not finite; calibrate again")
+        object.__setattr__(self, "_inverse", np.linalg.inv(self.intrinsic_matrix[:2, :2]))
+
+    def undistorted(self, centres: Floats) -> Floats:
+        """(..., 2) px of the picture -> (..., 2) undistorted px of the same intrinsic matrix.
+
+        NaN stays NaN, and pixels that are the image of no point become NaN.
+        """
+        K = self.intrinsic_matrix
+        points = undistorted((centres - K[:2, 2]) @ self._inverse.T, self.distortion)
+        return self._pixels(points)
+
+    def distorted(self, centres: Floats) -> Floats:
+        """(..., 2) undistorted px -> (..., 2) px of the picture: the inverse of `undistorted`."""
+        K = self.intrinsic_matrix
+        return self._pixels(distorted((centres - K[:2, 2]) @ self._inverse.T, self.distortion))
+
+    def _pixels(self, normalised: Floats) -> Floats:
+        result: Floats = normalised @ self.intrinsic_matrix[:2, :2].T + self.intrinsic_matrix[:2, 2]
+        return result
+
+
+def check_intrinsic_matrix(K: Floats, where: str = "") -> None:
+    """Raise BadInput unless K is (3, 3) [[fu, s, cu], [0, fv, cv], [0, 0, 1]], finite, with fu and fv above 0."""
+    right = K.shape == (3, 3) and np.isfinite(K).all() and np.allclose(K[2], [0, 0, 1])
+    if not (right and K[0, 0] > 0 and K[1, 1] > 0 and K[1, 0] == 0):
+        raise BadInput(f"{where}not an intrinsic matrix [[fu, s, cu], [0, fv, cv], [0, 0, 1]] with fu, fv above 0")
+
+
+def distorted(points: Floats, distortion: Floats) -> Floats:
+    """(..., 2) normalised coordinates -> (..., 2) distorted ones; distortion: of any known size, or empty.
+
+    Brown-Conrady, rational, thin prism and tilted sensor models as defined by OpenCV's calib3d.
+    """
+    k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4, tilt_x, tilt_y = _whole(distortion)
+    x, y = points[..., 0], points[..., 1]
+    r2 = x * x + y * y
+    factor = (1 + r2 * (k1 + r2 * (k2 + r2 * k3))) / (1 + r2 * (k4 + r2 * (k5 + r2 * k6)))
+    u = x * factor + 2 * p1 * x * y + p2 * (r2 + 2 * x * x) + r2 * (s1 + r2 * s2)
+    v = y * factor + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y + r2 * (s3 + r2 * s4)
+    distorted_points = np.stack([u, v], axis=-1)
+    return _tilted(distorted_points, tilt_x, tilt_y) if tilt_x or tilt_y else distorted_points
+
+
+def undistorted(distorted_points: Floats, distortion: Floats, focal_px: float = 1000.0) -> Floats:
+    """(..., 2) distorted normalised coordinates -> (..., 2) undistorted ones, by Newton's method: the inverse.
+
+    Started at the distorted point, it converges to the nearest solution. NaN where no solution is within TOLERANCE_PX
+    at this focal length.
+    """
+    if not distortion.any():
+        return distorted_points
+    points = distorted_points
+    # The point and its four neighbours in one call: an observer does this in every frame.
+    around = STRIDE * np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1.0]]).reshape(
+        5, *[1] * (distorted_points.ndim - 1), 2
+    )
+    with np.errstate(all="ignore"):
+        for _ in range(STEPS):
+            centre, right, left, down, up = distorted(points + around, distortion)
+            residual = centre - distorted_points
+            if not (np.abs(residual) > CONVERGED).any():
+                break
+            points = points - _solved((right - left) / (2 * STRIDE), (down - up) / (2 * STRIDE), residual)
+        residual_px = (
+            np.linalg.norm(distorted(points, distortion) - distorted_points, axis=-1, keepdims=True) * focal_px
+        )
+    return np.where(residual_px <= TOLERANCE_PX, points, np.nan)
+
+
+def _solved(a: Floats, b: Floats, c: Floats) -> Floats:
+    """x, y with a x + b y = c, each (..., 2), by Cramer's rule."""
+    across = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
+    x = c[..., 0] * b[..., 1] - c[..., 1] * b[..., 0]
+    y = a[..., 0] * c[..., 1] - a[..., 1] * c[..., 0]
+    result: Floats = np.stack([x, y], axis=-1) / across[..., None]
+    return result
+
+
+def _whole(distortion: Floats) -> list[float]:
+    """All 14 coefficients, missing ones 0."""
+    return [*distortion.tolist(), *[0.0] * (14 - len(distortion))]
+
+
+def _tilted(distorted_points: Floats, tilt_x: float, tilt_y: float) -> Floats:
+    """(..., 2) on a sensor tilted by these angles (rad) about its axes (OpenCV, Scheimpflug)."""
+    cos_x, sin_x, cos_y, sin_y = np.cos(tilt_x), np.sin(tilt_x), np.cos(tilt_y), np.sin(tilt_y)
+    about_x = np.array([[1, 0, 0], [0, cos_x, sin_x], [0, -sin_x, cos_x]])
+    about_y = np.array([[cos_y, 0, -sin_y], [0, 1, 0], [sin_y, 0, cos_y]])
+    R = about_y @ about_x
+    H = np.array([[R[2, 2], 0, -R[0, 2]], [0, R[2, 2], -R[1, 2]], [0, 0, 1]]) @ R
+    image = distorted_points @ H[:, :2].T + H[:, 2]
+    result: Floats = image[..., :2] / image[..., 2:]
+    return result

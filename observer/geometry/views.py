@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from common.errors import BadInput
 from observer.geometry.camera_file import read_camera
-from observer.geometry.lens import LensDistortion
-from observer.geometry.projection import Floats, oriented, parallel_matrix
+from observer.geometry.projection import Floats, LensDistortion, oriented, parallel_matrix
 
 PRINCIPAL_PLANES_DEG = {"door": (0.0, 0.0), "wheel": (90.0, 0.0), "table": (0.0, 90.0)}
 """Laban's three planes as (yaw, pitch) of a camera that looks at them (section III.A)."""

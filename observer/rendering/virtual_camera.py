@@ -1,4 +1,4 @@
-"""A frame source that renders recorded motion as pictures of a virtual camera."""
+"""Pictures of a performer from a virtual camera, with ground truth; and a frame source that renders recorded motion."""
 
 import itertools
 import threading
@@ -7,17 +7,136 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from common.errors import BadInput
 from observer.geometry.projection import Floats, pinhole_matrix
 from observer.geometry.views import View
 from observer.motion.archive import Recording
 from observer.motion.playback import RecordedMotion
-from observer.rendering.body import Stature, stature
-from observer.rendering.figure import appearance_of
-from observer.rendering.renderer import Renderer
-from observer.rendering.scenery import Scenery
+from observer.rendering.body import Stature, pose, stature
+from observer.rendering.canvas import NEAREST, NOBODY, Canvas, Picture, PinholeCamera, draw
+from observer.rendering.figure import Appearance, SkinEllipsoid, appearance_of, shapes
+from observer.rendering.scenery import Scenery, add_noise, background, occlude, relight
 from observer.tracks import BODY_PARTS, Frame
+
+SUB_FRAMES = 6
+"""Most instants of an exposure that are averaged for motion blur."""
+BLUR_STEP_PX = 4.0
+"""Motion between two such instants, px; less motion needs fewer instants."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Truth:
+    """Ground truth of a picture. centres: (P, 2) px, NaN for a part that is not visible.
+
+    shares: (P,) visible share of each part's outline, 0 to 1; the rest is occluded or outside the picture. The outline
+    of a head includes its hair.
+    """
+
+    centres: Floats
+    shares: Floats
+
+    def visible(self, share: float = 0.3) -> NDArray[np.bool_]:
+        """(P,) whether at least that share of each part is visible."""
+        enough: NDArray[np.bool_] = self.shares >= share
+        return enough
+
+
+class Renderer:
+    """Pictures of one performer from one camera; the same arguments give identical pictures on one machine.
+
+    matrix: (3, 4) pinhole camera, metres to pixels. size_px: (width, height). seed: of background, noise, light, and of
+    the appearance where none is given. standing: `stature` of the recording; by default it is taken from each frame
+    alone, so that a bending person appears to stand.
+    Raises BadInput for a matrix that is not a pinhole camera, a size below 16 px and a negative seed.
+    """
+
+    def __init__(
+        self,
+        matrix: Floats,
+        size_px: tuple[int, int] = (640, 480),
+        scenery: Scenery | None = None,
+        seed: int = 0,
+        appearance: Appearance | None = None,
+        standing: Stature | None = None,
+    ) -> None:
+        if min(size_px) < 16:
+            raise BadInput(f"size_px = {size_px}: width and height of at least 16 pixels are expected")
+        if seed < 0:
+            raise BadInput(f"seed = {seed}: 0 or more is expected")
+        self._camera = PinholeCamera.of(matrix)
+        self._size_px = size_px
+        self._scenery = scenery or Scenery()
+        self._seed = seed
+        self._appearance = appearance or appearance_of(seed)
+        self._standing = standing
+
+    def picture(self, positions: Floats, frame_number: int, before: Floats | None = None) -> Picture:
+        """(P, 3) left hand, right hand, head in metres, NaN for parts that are not drawn -> (H, W, 3) BGR.
+
+        before: the positions one frame earlier, for motion blur: the shutter is open for the last `scenery.blur` of the
+        frame interval. It costs up to SUB_FRAMES figures.
+        """
+        instants = self._exposure(positions, before)
+        canvas = self._drawn(instants[-1])
+        if len(instants) > 1:
+            total = canvas.picture.astype(np.uint16)
+            for instant in instants[:-1]:
+                total += self._drawn(instant).picture
+            canvas = Canvas((total // len(instants)).astype(np.uint8), canvas.owner)
+        occlude(canvas, self._scenery, frame_number)
+        lit = relight(canvas.picture, self._scenery, self._seed, frame_number)
+        return add_noise(lit, self._scenery, self._seed, frame_number)
+
+    def visible_truth(self, positions: Floats, frame_number: int, before: Floats | None = None) -> Truth:
+        """Ground truth of `picture`; with motion blur, in the middle of the exposure."""
+        instants = self._exposure(positions, before)
+        middle = (instants[0] + instants[-1]) / 2
+        canvas = self._drawn(middle)
+        occlude(canvas, self._scenery, frame_number)
+        parts = np.arange(len(BODY_PARTS))
+        counts = np.bincount(canvas.owner.ravel(), minlength=NOBODY + 1)[parts]
+        shares = np.minimum(counts / np.maximum(self._outline_areas(middle), 1.0), 1.0)
+        pixels, depth = self._camera.project(np.nan_to_num(middle))
+        visible = (counts > 0) & (depth > NEAREST)
+        return Truth(np.where(visible[:, None], pixels, np.nan), np.where(visible, shares, 0.0))
+
+    def _exposure(self, positions: Floats, before: Floats | None) -> list[Floats]:
+        """The positions at the instants that are averaged."""
+        positions = np.asarray(positions, dtype=np.float64)
+        if positions.shape != (len(BODY_PARTS), 3):
+            raise BadInput(f"positions of shape {positions.shape}: ({len(BODY_PARTS)}, 3) is expected")
+        if before is None or not self._scenery.blur:
+            return [positions]
+        # The motion of a part without an earlier position is taken as 0.
+        moved = np.where(np.isfinite(before), positions - before, 0.0) * self._scenery.blur
+        _, depth = self._camera.project(np.nan_to_num(positions))
+        furthest_px = np.nan_to_num(
+            np.linalg.norm(moved, axis=1) * self._camera.focal_px / np.maximum(depth, 0.5)
+        ).max()
+        steps = min(int(np.ceil(furthest_px / BLUR_STEP_PX)), SUB_FRAMES - 1)
+        return [positions - moved * back for back in np.linspace(1.0, 0.0, steps + 1)] if steps else [positions]
+
+    def _drawn(self, positions: Floats) -> Canvas:
+        """The figure in front of its background, in steady light."""
+        width, height = self._size_px
+        scene = background(self._scenery.background, self._size_px, self._seed).copy()
+        canvas = Canvas(scene, np.full((height, width), NOBODY, np.uint8))
+        body = pose(positions, self._standing or stature(positions[None]))
+        if body is not None:
+            draw(canvas, self._camera, shapes(body, self._appearance), self._appearance)
+        return canvas
+
+    def _outline_areas(self, positions: Floats) -> Floats:
+        """(P,) area in px of each part without occlusion; 0 where it is unknown or behind the camera."""
+        areas = np.zeros(len(BODY_PARTS))
+        body = pose(positions, self._standing or stature(positions[None]))
+        for shape in shapes(body, self._appearance) if body is not None else ():
+            if isinstance(shape, SkinEllipsoid):
+                areas[shape.part] = self._camera.outline_area(shape.centre, shape.axes)
+        return areas
+
 
 DISTANCE = 3.5
 """Metres from the camera to the middle of the performer."""

@@ -14,7 +14,7 @@ from common.config import ObserverConfig, Scene
 from common.errors import BadInput
 from observer.camera.base import Report, ignore_report
 from observer.foreign.sources import LineTracks, MeshTracks, PipedTracks
-from observer.geometry.lens import LensDistortion
+from observer.geometry.projection import LensDistortion
 from observer.geometry.views import View, parse_view
 from observer.motion.archive import MotionArchive, Recording, resample
 from observer.motion.archive_file import read_archive

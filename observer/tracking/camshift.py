@@ -7,8 +7,15 @@ import numpy as np
 
 from common.errors import BadInput
 from observer.camera.base import require_picture
-from observer.tracking.back_projection import SKIN, BackProjection, PixelRect, shrunk, step_for
-from observer.tracking.background_model import ForegroundDetector, SkinBackground
+from observer.tracking.back_projection import (
+    SKIN,
+    BackProjection,
+    ForegroundDetector,
+    PixelRect,
+    SkinBackground,
+    shrunk,
+    step_for,
+)
 from observer.tracking.hands import HandTracker
 from observer.tracking.head import DOUBTED_S, LOST_S, NO_CASCADE, Box, FaceFinder, HeadTracker, have_cascade, middle
 from observer.tracking.kalman import HEAD_ACCELERATION, TrackedPart

@@ -4,10 +4,18 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from observer.tracking.acquisition import HandAcquisition, RestingHands
+from observer.tracking.acquisition import (
+    LEFT,
+    RIGHT,
+    HandAcquisition,
+    HandednessEvidence,
+    RestingHands,
+    name_first,
+    name_second,
+    name_two,
+)
 from observer.tracking.back_projection import BackProjection, Mask, SkinPatch
 from observer.tracking.kalman import GATE, HAND_ACCELERATION, TrackedPart, assign
-from observer.tracking.sides import LEFT, RIGHT, HandednessEvidence, name_first, name_second, name_two
 from observer.tracks import Floats, State
 
 HAND = (0.06, 0.6)

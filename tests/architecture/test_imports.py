@@ -58,7 +58,7 @@ IMPURE = {
     "files": (
         "common.capture_file common.config common.credentials deploy.doctor.machine deploy.doctor.scene_file "
         "deploy.doctor.security deploy.security.issuing fusion.checkpoint hub.dashboard.history "
-        "observer.*_file observer.calibration.board observer.calibration.formats observer.calibration.pictures "
+        "observer.*_file observer.calibration.board observer.calibration.formats "
         "observer.files observer.motion.importers observer.motion.importers.* observer.runtime.preflight "
         "observer.runtime.scene_inputs studies.experiments studies.report"
     ),
@@ -73,8 +73,8 @@ IMPURE = {
     ),
     "OpenCV or matplotlib, cameras": (
         "observer.calibration.bundle observer.calibration.calibrate observer.calibration.detection "
-        "observer.calibration.extrinsics observer.calibration.intrinsics observer.camera* observer.preview.* "
-        "observer.recording.capture observer.rendering.canvas observer.rendering.renderer "
+        "observer.calibration.parameters observer.camera* observer.preview.* "
+        "observer.recording.capture observer.rendering.canvas "
         "observer.rendering.scenery observer.tracking.* studies.figures studies.figures.*"
     ),
 }

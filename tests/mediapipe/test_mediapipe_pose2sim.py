@@ -45,7 +45,7 @@ def test_wrists_triangulated_from_four_videos_are_those_of_the_reference(data, p
     videos = [data / f"pose2sim_single/videos/cam0{n}.mp4" for n in (1, 2, 3, 4)]
     seen = np.array([wrists(video, pose_model) for video in videos])
     assert seen.shape[1:] == (*truth.shape[:2], 2)
-    plain = np.array([camera.undistorted(pixels) for camera, pixels in zip(cameras, seen, strict=True)])
+    plain = np.array([camera.lens.undistorted(pixels) for camera, pixels in zip(cameras, seen, strict=True)])
     matrices = [camera.matrix for camera in cameras]
     points = [[triangulate(matrices, plain[:, f, hand], GATE_PX) for hand in (0, 1)] for f in range(len(truth))]
     off = np.linalg.norm(np.array([[point.point for point in row] for row in points]) - truth, axis=2)

@@ -9,15 +9,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from common.errors import BadInput
-from observer.calibration.board import Charuco, Chessboard, parse_chessboard, read_board
+from observer.calibration.board import Charuco, Chessboard, parse_chessboard, pictures, read_board
 from observer.calibration.bundle import BoardCorners, _Problem, bundle_adjust, project_board
 from observer.calibration.calibrate import from_boards
 from observer.calibration.calibrated import angle_between, rotation
 from observer.calibration.detection import BoardDetection, CameraDetections, _upright, detector, find_boards, speeds
-from observer.calibration.extrinsics import RigidTransform, solve_extrinsics
 from observer.calibration.formats import read_opencv
-from observer.calibration.intrinsics import FittedLens, fit_lens
-from observer.calibration.pictures import pictures
+from observer.calibration.parameters import FittedLens, RigidTransform, fit_lens, solve_extrinsics
 
 K = np.array([[700.0, 0, 320], [0, 700, 240], [0, 0, 1]])
 LENS = FittedLens(K, np.array([0.1, -0.1, 0, 0, 0.0]), 0.0, {})

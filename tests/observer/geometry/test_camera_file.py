@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 
 from common.errors import BadInput, LabanmeshError
 from observer.geometry.camera_file import CameraModel, read_camera, write_camera
-from observer.geometry.lens import LensDistortion
-from observer.geometry.projection import pinhole_matrix
+from observer.geometry.projection import LensDistortion, pinhole_matrix
 
 MATRIX = pinhole_matrix(0.3, 0.1, 3.0, 812.5, (640, 360))
 GOOD = 'name = "cam1"\nprojective_matrix = [[1,0,0,0],[0,1,0,0],[0,0,0,1]]\n'

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from common.errors import BadInput
-from observer.geometry.lens import DISTORTION_SIZES, LensDistortion, undistorted
+from observer.geometry.projection import DISTORTION_SIZES, LensDistortion, undistorted
 
 K = np.array([[800.0, 0, 330], [0, 810, 250], [0, 0, 1]])
 STRONG = np.array([-0.3, 0.1, 1e-3, -2e-3, 0.02, 0.05, -0.02, 0.01, 2e-3, -1e-3, 1e-3, 5e-4, 0.02, -0.03])

@@ -12,8 +12,7 @@ from common.errors import BadInput
 from common.vocabulary import Vocabulary
 from observer.calibration.formats import read_opencv
 from observer.geometry.camera_file import CameraModel, write_camera
-from observer.geometry.lens import LensDistortion
-from observer.geometry.projection import pinhole_matrix, project
+from observer.geometry.projection import LensDistortion, pinhole_matrix, project
 from observer.geometry.views import parse_view
 from observer.learning.learn import learn_view
 from observer.model.base import Onset
@@ -300,7 +299,7 @@ def judged_right(originals, learned_from, labels):
     model = learn_view(MotionArchive(BODY_PARTS, train), view, Vocabulary(labels))
     right = 0
     for one in (r for r in originals if r.subject in "678"):
-        observer = model.read_cameras(Onset(known=True, length=len(one.positions)))
+        observer = model.watch(Onset(known=True, length=len(one.positions)))
         for tracks in view_tracks(view, one, BODY_PARTS, BODY_PARTS):
             observer.update(tracks)
         right += labels[int(observer.p.argmax())] == one.label

@@ -10,8 +10,8 @@ from common.errors import BadInput
 from observer.geometry.projection import parallel_matrix, pinhole_matrix, project
 from observer.rendering.body import Stature
 from observer.rendering.figure import SKIN_TONES, appearance_of
-from observer.rendering.renderer import Renderer
 from observer.rendering.scenery import BACKGROUNDS, Occluder, Scenery
+from observer.rendering.virtual_camera import Renderer
 
 LEFT, RIGHT, HEAD = range(3)
 STANDING = Stature(np.array([0.0, 1.6, 0.0]), 1.71)

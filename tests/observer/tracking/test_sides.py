@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from observer.tracking.sides import LEFT, RIGHT, HandednessEvidence, name_first, name_second, name_two
+from observer.tracking.acquisition import LEFT, RIGHT, HandednessEvidence, name_first, name_second, name_two
 
 HEAD = np.array([100.0, 50.0])
 
