@@ -5,19 +5,14 @@ from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 from common import SECOND_NS
-from common.messages import JudgementMessage, StatusMessage, VerdictMessage, VocabularyMessage
+from common.messages import StatusMessage
 from common.metrics import Metrics
-from hub.scene_state import SceneMessage, SceneState
+from hub.scene_state import KINDS, SceneMessage, SceneState
 
 if TYPE_CHECKING:
     from prometheus_client import Metric
 
-KINDS: dict[type[SceneMessage], str] = {
-    JudgementMessage: "judgement",
-    VerdictMessage: "verdict",
-    StatusMessage: "status",
-    VocabularyMessage: "vocabulary",
-}
+KIND_OF = {message_type: kind for kind, message_type in KINDS.items()}
 
 
 class HubMetrics(Metrics):
@@ -34,7 +29,7 @@ class HubMetrics(Metrics):
         """Record the scene after `message`, or after a look into the inbox."""
         self._states[state.scene] = state
         if message is not None:
-            self._messages[state.scene, KINDS[type(message)]] += 1
+            self._messages[state.scene, KIND_OF[type(message)]] += 1
 
     def record_connection(self, connected: bool) -> None:
         """Record whether the hub reaches its broker."""

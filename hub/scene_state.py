@@ -30,6 +30,13 @@ REORDERED_NS = SECOND_NS
 SenderRole = Literal["observer", "fusion"]
 Verdicts = tuple[VerdictMessage, ...]
 SceneMessage = JudgementMessage | StatusMessage | VocabularyMessage
+KINDS: Mapping[str, type[SceneMessage]] = {
+    "judgement": JudgementMessage,
+    "verdict": VerdictMessage,
+    "status": StatusMessage,
+    "vocabulary": VocabularyMessage,
+}
+"""The last part of a key names the kind of message."""
 
 
 @dataclass(frozen=True, slots=True)

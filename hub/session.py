@@ -1,32 +1,28 @@
-"""Listening to one scene: messages from the mesh become a stream of scene states."""
+"""Listening to one scene: messages from the mesh become a stream of scene states, if wanted in a thread of its own."""
 
+import threading
 import time
+from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Self
 
 from common import SECOND_NS
-from common.keys import SceneKeys
-from common.messages import JudgementMessage, StatusMessage, VerdictMessage, VocabularyMessage
+from common.keys import SceneKeys, observer_of
+from common.messages import JudgementMessage, StatusMessage, VerdictMessage
 from common.wire import BadMessage, decode_from
-from hub.scene_state import SceneMessage, SceneState, SenderRole
+from hub.scene_state import KINDS, SceneMessage, SceneState, SenderRole
 
 if TYPE_CHECKING:
     from common.config import Scene
     from common.link import Link
 
-KINDS: dict[str, type[JudgementMessage] | type[StatusMessage] | type[VocabularyMessage]] = {
-    "judgement": JudgementMessage,
-    "verdict": VerdictMessage,
-    "status": StatusMessage,
-    "vocabulary": VocabularyMessage,
-}
-"""The last part of a key names the kind of message."""
 TAKE_S = 0.1
 """How long one look into the inbox waits, so that a view notices soon that time has passed or that it should end."""
 QUERY_S = 0.5
 QUERY_AGAIN_S = 2.0
 """How often a vocabulary that judgements refer to and that is unknown here is queried."""
+END_S = 5.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,3 +108,57 @@ def _ingest(
     role: SenderRole = "fusion" if key.startswith(f"{keys.root}/fusion/") else "observer"
     folded = state.fold(message, received_ns, role)
     return SceneUpdate(folded, None if folded is state else message, answered)
+
+
+@dataclass(frozen=True, slots=True)
+class ArrivedVerdict:
+    """A verdict; `answered`: it is the answer to the query at the start, and may be long past."""
+
+    verdict: VerdictMessage
+    answered: bool
+
+
+class SceneListener:
+    """Listens to `scene` in a thread, for a loop that talks to a broker; a context manager.
+
+    note: called with every update, in that thread. state: the newest. ready: whether the last values have been queried;
+    before that `state` is incomplete. verdicts: those that arrived; the reader empties it.
+    """
+
+    def __init__(self, scene: "Scene", link: "Link", note: Callable[[SceneUpdate], None]) -> None:
+        self.state = SceneState(scene.scene, scene.roster)
+        self.ready = False
+        self.verdicts: deque[ArrivedVerdict] = deque()
+        self._fault: Exception | None = None
+        self._scene, self._link, self._note, self._ended = scene, link, note, threading.Event()
+        self._presence = link.presence(scene.keys.observer_alive())
+        self._thread = threading.Thread(target=self._listen, name=f"listen-{scene.scene}", daemon=True)
+
+    @property
+    def tokens(self) -> frozenset[str]:
+        """The observers whose processes can be reached."""
+        return frozenset(map(observer_of, self._presence.alive))
+
+    def check(self) -> None:
+        """Raise the exception that ended the thread, if one did."""
+        if self._fault is not None:
+            raise self._fault
+
+    def _listen(self) -> None:
+        try:
+            for update in listen(self._scene, self._link, lambda: not self._ended.is_set(), newest_only=True):
+                self.state = update.state
+                if isinstance(update.message, VerdictMessage):
+                    self.verdicts.append(ArrivedVerdict(update.message, update.answered))
+                self.ready = self.ready or not update.answered
+                self._note(update)
+        except Exception as error:  # noqa: BLE001 - the loop that reads from us raises it
+            self._fault = error
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._ended.set()
+        self._thread.join(END_S)

@@ -11,14 +11,13 @@ from rich.box import HEAVY, ROUNDED
 from rich.console import Group, RenderableType
 from rich.padding import Padding
 from rich.panel import Panel
-from rich.table import Table
 from rich.text import Text
 
 from common.messages import VerdictMessage
 from common.text import plural
 from hub.anticipation import EarlyWord
 from hub.scene_state import SOMETHING_ELSE, ObserverState, RankedLabel, SceneState, is_abstention
-from hub.terminal_widgets import MANNER_LINES, ShareBar, manner_table
+from hub.terminal_widgets import MANNER_LINES, ShareBar, grid, manner_table
 from hub.wording import (
     WAITING,
     age,
@@ -42,6 +41,9 @@ COMPACT_CELLS = 48
 HEADER_LINES = 1
 SPACED_LETTERS = 12
 """The longest label that is spelled w i d e."""
+
+EVEN = {"ratio": 1}
+"""A column as wide as its neighbours."""
 
 Row = tuple[RenderableType, ...]
 
@@ -78,11 +80,10 @@ def _compact(state: SceneState, width: int, height: int, early: Sequence[EarlyWo
     observers = sorted(state.observers, key=lambda observer: observer.agrees)
     shown, hidden = observers[: lines * columns], observers[lines * columns :]
     cells: list[RenderableType] = [_one_line(observer, width // columns - 1) for observer in shown]
-    cells += [""] * (-len(cells) % columns)
-    rows = [tuple(cells[i : i + columns]) for i in range(0, len(cells), columns)]
+    rows = [cells[i : i + columns] for i in range(0, len(cells), columns)]
     all_agree = ", all of them agree" if all(observer.agrees for observer in hidden) else ""
     rest = [Text(f"and {len(hidden)} more{all_agree}", "dim")] if hidden else []
-    return Group(_header(state), _fusion(state, early, notice), _grid(rows, (1,) * columns), *rest)
+    return Group(_header(state), _fusion(state, early, notice), grid(rows, *[EVEN] * columns), *rest)
 
 
 def _one_line(observer: ObserverState, cells: int) -> RenderableType:
@@ -104,11 +105,8 @@ def _fitting(rows: int, height: int | None) -> tuple[int, int]:
 
 
 def _header(state: SceneState) -> RenderableType:
-    table = Table.grid(expand=True, padding=(0, 1))
-    table.add_column(no_wrap=True)
-    table.add_column(no_wrap=True, ratio=1, justify="right")
-    table.add_row(Text(printable(state.scene), style="bold"), Text("  ".join(_news(state)), style="dim"))
-    return table
+    row = (Text(printable(state.scene), style="bold"), Text("  ".join(_news(state)), style="dim"))
+    return grid([row], {"no_wrap": True}, {"no_wrap": True, "ratio": 1, "justify": "right"}, padding=1)
 
 
 def _news(state: SceneState) -> Iterable[str]:
@@ -125,13 +123,14 @@ def _news(state: SceneState) -> Iterable[str]:
 
 def _corners(observers: Sequence[ObserverState], columns: int, labels: int, state: SceneState) -> RenderableType:
     cells: list[RenderableType] = [_corner(observer, labels, _label_cells(state)) for observer in observers]
-    return _grid([tuple(cells + [""] * (columns - len(cells)))], ratios=(1,) * columns)
+    return grid([cells], *[EVEN] * columns)
 
 
 def _corner(observer: ObserverState, labels: int, label_cells: int) -> RenderableType:
     """One observer's panel: its posterior, entropy, weight and age, and its health."""
     colour = _colour(observer)
-    ranked = observer.ranked[:labels] or _label_only(observer)
+    # The label alone, when fusion does not pass on the posterior.
+    ranked = observer.ranked[:labels] or ((RankedLabel(observer.label, 0.0),) if observer.label else ())
     rows = [_ranked_row(each, colour if place == 0 else "dim", label_cells) for place, each in enumerate(ranked)]
     rows += [("", "", "")] * (labels - len(rows))
     weight = (Text("weight", style="dim"), ShareBar(observer.weight, "magenta"), percent(observer.weight))
@@ -141,11 +140,6 @@ def _corner(observer: ObserverState, labels: int, label_cells: int) -> Renderabl
     body = Group(_bars([*rows, weight], label_cells), facts)
     return Panel(body, title=title, title_align="left", subtitle=_health(observer), subtitle_align="right",
                  border_style=colour, box=ROUNDED, padding=(0, 1))  # fmt: skip
-
-
-def _label_only(observer: ObserverState) -> tuple[RankedLabel, ...]:
-    """The label alone, when fusion does not pass on the posterior."""
-    return (RankedLabel(observer.label, 0.0),) if observer.label else ()
 
 
 def _stance(observer: ObserverState) -> str:
@@ -191,7 +185,7 @@ def _fusion(state: SceneState, early: Sequence[EarlyWord], notice: str) -> Rende
         inside: RenderableType = Align(Text(notice, "red"), vertical="middle", height=FUSION_LINES - 2)
     else:
         flag = Align.center(_flag_now(state, early), vertical="middle")
-        inside = _grid([(fused, flag)], ratios=(1, 1), padding=2)
+        inside = grid([(fused, flag)], EVEN, EVEN, padding=2)
     return Panel(inside, title="fusion", box=HEAVY, border_style=style, padding=(0, 1))
 
 
@@ -231,15 +225,14 @@ def _flag(label: str, style: str, caption: str) -> RenderableType:
 
 
 def _log(verdicts: Sequence[VerdictMessage]) -> RenderableType:
-    table = Table.grid(padding=(0, 2), expand=True)
-    for ratio in (None, None, None, None, None, 1):
-        table.add_column(no_wrap=True, overflow="ellipsis", ratio=ratio)
-    for verdict in verdicts:
+    def row(verdict: VerdictMessage) -> Sequence[RenderableType]:
         label = Text(printable(verdict.label), style="red" if is_abstention(verdict) else "bold")
-        details = "  ".join(filter(None, (dissent(verdict), contributed(verdict))))
-        table.add_row(clock_time(verdict.began_ns), label, duration(verdict), agreement(verdict),
-                      bits(verdict.certainty_bits), Text(details, style="dim"))  # fmt: skip
-    return table
+        details = Text("  ".join(filter(None, (dissent(verdict), contributed(verdict)))), style="dim")
+        times = (clock_time(verdict.began_ns), label, duration(verdict))
+        return (*times, agreement(verdict), bits(verdict.certainty_bits), details)
+
+    column = {"no_wrap": True, "overflow": "ellipsis"}
+    return grid(map(row, verdicts), *[column] * 5, {**column, "ratio": 1}, padding=2)
 
 
 def _ranked_row(ranked: RankedLabel, style: str, label_cells: int) -> Row:
@@ -248,14 +241,9 @@ def _ranked_row(ranked: RankedLabel, style: str, label_cells: int) -> Row:
     return name, ShareBar(ranked.p, style), Text(percent(ranked.p), style="" if style != "dim" else "dim")
 
 
-def _bars(rows: Iterable[Row], label_cells: int) -> Table:
-    table = Table.grid(padding=(0, 1), expand=True)
-    table.add_column(width=label_cells, no_wrap=True)
-    table.add_column(ratio=1)
-    table.add_column(width=4, no_wrap=True, justify="right")
-    for row in rows:
-        table.add_row(*row)
-    return table
+def _bars(rows: Iterable[Row], label_cells: int) -> RenderableType:
+    label, number = {"width": label_cells, "no_wrap": True}, {"width": 4, "no_wrap": True, "justify": "right"}
+    return grid(rows, label, {"ratio": 1}, number, padding=1)
 
 
 def _label_cells(state: SceneState) -> int:
@@ -263,12 +251,3 @@ def _label_cells(state: SceneState) -> int:
     labels = [*(state.labels or [ranked.label for ranked in state.fused])]
     labels += [SOMETHING_ELSE] if state.judgement is not None and state.judgement.unlearned is not None else []
     return min(14, max(6, *map(len, labels)) if labels else 6)
-
-
-def _grid(rows: Sequence[Row], ratios: Sequence[int], padding: int = 0) -> Table:
-    table = Table.grid(expand=True, padding=(0, padding), pad_edge=False)
-    for ratio in ratios:
-        table.add_column(ratio=ratio)
-    for row in rows:
-        table.add_row(*row)
-    return table

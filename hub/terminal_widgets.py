@@ -3,8 +3,9 @@
 All of them have a plain ASCII form for terminals without more.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from rich.console import Console, ConsoleOptions, RenderableType
 from rich.measure import Measurement
@@ -24,6 +25,16 @@ MANNER_LINES = 4
 POLE_CELLS = 10
 """The longest pole is "retreating", with ten letters."""
 MANNER_MIN_WIDTH = 64
+
+
+def grid(rows: Iterable[Sequence[RenderableType]], *columns: Mapping[str, Any], padding: int = 0) -> Table:
+    """Rows side by side over the whole width. columns: the arguments of rich's Table.add_column for each."""
+    table = Table.grid(expand=True, padding=(0, padding))
+    for column in columns:
+        table.add_column(**column)
+    for row in rows:
+        table.add_row(*row)
+    return table
 
 
 class _Flexible:
@@ -96,28 +107,14 @@ def manner_table(judgement: JudgementMessage | None, width: int) -> RenderableTy
     left: list[RenderableType] = [_facet_row(each) for each in facets if each.facet in EFFORT]
     right: list[RenderableType] = [_facet_row(each) for each in facets if each.facet not in EFFORT]
     right += [] if direction is None else [FacingLine(direction)]
-    table = Table.grid(expand=True, padding=(0, 2))
-    table.add_column(ratio=1)
-    table.add_column(ratio=1)
-    for row in zip(_filled(left), _filled(right), strict=True):
-        table.add_row(*row)
-    return table
-
-
-def _filled(rows: Sequence[RenderableType]) -> list[RenderableType]:
-    return [*rows, *[""] * (MANNER_LINES - len(rows))]
+    filled = ([*rows, *[""] * (MANNER_LINES - len(rows))] for rows in (left, right))
+    return grid(zip(*filled, strict=True), {"ratio": 1}, {"ratio": 1}, padding=2)
 
 
 def _facet_row(leaning: Leaning) -> RenderableType:
     """`sustained ──┼━━ sudden`: the likeliest pole is plain, the other is dim."""
     left, right = leaning.poles
-    row = Table.grid(expand=True, padding=(0, 1))
-    row.add_column(width=POLE_CELLS, no_wrap=True, justify="right")
-    row.add_column(ratio=1)
-    row.add_column(width=POLE_CELLS, no_wrap=True)
-    row.add_row(
-        Text(left, "" if leaning.value == left else "dim"),
-        LeanBar(leaning.lean),
-        Text(right, "" if leaning.value == right else "dim"),
-    )
-    return row
+    first, second = (Text(pole, "" if leaning.value == pole else "dim") for pole in (left, right))
+    pole = {"width": POLE_CELLS, "no_wrap": True}
+    columns = ({**pole, "justify": "right"}, {"ratio": 1}, pole)
+    return grid([(first, LeanBar(leaning.lean), second)], *columns, padding=1)

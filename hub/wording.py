@@ -45,6 +45,14 @@ def facing(facing_deg: float | None) -> float | None:
     return None if facing_deg is None else facing_deg % 360
 
 
+def rounded(value: float | None, digits: int) -> float | None:
+    """`value` with this many digits; None where it is missing or no number."""
+    if value is None or not math.isfinite(value):
+        return None
+    # Adding 0.0 removes the sign of minus zero.
+    return round(value, digits) + 0.0 if digits else round(value)
+
+
 def facing_words(facing_deg: float, degree: str = "°") -> str:
     """`front`, `45° left`, `90° right`, `back`."""
     left = (round(facing_deg) + 180) % 360 - 180

@@ -4,7 +4,6 @@ All values are text, finite numbers or null, and text is bounded, whatever a pee
 them (static/page.js). The reasons are sentences for people, who know observers as judges and fusion as the referee.
 """
 
-import math
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -13,7 +12,7 @@ from common.messages import JudgementMessage, StatusMessage, VerdictMessage, Vot
 from common.text import plural
 from hub.dashboard.placement import FloorPosition
 from hub.scene_state import ObserverState, RankedLabel, is_abstention, is_heard
-from hub.wording import age, facing, facing_words, leanings
+from hub.wording import age, facing, facing_words, leanings, rounded
 
 if TYPE_CHECKING:
     from hub.dashboard.history import MinutePoint, SceneHistory
@@ -69,11 +68,11 @@ def state_data(history: "SceneHistory") -> Json:
         "judged": judgement is not None,
         "waiting": state.waiting,
         "silent": state.silent,
-        "silence": _number(state.silence_s, 1),
+        "silence": rounded(state.silence_s, 1),
         "fusion": None if judgement is None else _text(judgement.fusion),
         "rule": None if judgement is None else _text(judgement.rule),
         "label": None if judgement is None or state.waiting else _text(judgement.label),
-        "entropy": None if judgement is None or state.waiting else _number(judgement.certainty_bits),
+        "entropy": None if judgement is None or state.waiting else rounded(judgement.certainty_bits, 3),
         "labels": len(state.labels) or (len(judgement.p) if judgement else 0),
         "agreement": None if judgement is None else [judgement.agreement.k, judgement.agreement.n],
         "moving": judgement is not None and judgement.movement is not None,
@@ -97,7 +96,7 @@ def verdict_data(verdict: VerdictMessage, history: "SceneHistory", quorum: int |
         "began": verdict.began_ns // NS_PER_MS,
         "decided": verdict.decided_ns // NS_PER_MS,
         "ended": None if verdict.ended_ns is None else verdict.ended_ns // NS_PER_MS,
-        "entropy": _number(verdict.certainty_bits),
+        "entropy": rounded(verdict.certainty_bits, 3),
         "agreement": [verdict.agreement.k, verdict.agreement.n],
         "rule": _text(verdict.rule),
         "fusion": _text(verdict.fusion),
@@ -123,21 +122,21 @@ def _observer(observer: ObserverState, gone: bool, labels: int) -> Json:
         "name": _text(observer.name),
         "label": None if observer.label is None else _text(observer.label),
         "ranked": _ranked(observer.ranked[:labels]),
-        "entropy": _number(observer.entropy),
+        "entropy": rounded(observer.entropy, 3),
         "weight": round(observer.weight, 3),
-        "age": _number(observer.age_s),
+        "age": rounded(observer.age_s, 3),
         "state": observer.state,
         "heard": observer.is_heard,
         "agrees": observer.agrees,
         "gone": gone,
         "health": None if observer.status is None else _health(observer.status),
-        "skew": _number(observer.skew_s, 2),
+        "skew": rounded(observer.skew_s, 2),
         "rejected": observer.rejected,
     }
 
 
 def _health(status: StatusMessage) -> Json:
-    return {"state": status.state, "reason": _text(status.reason), "rate": _number(status.rate_hz, 0)}
+    return {"state": status.state, "reason": _text(status.reason), "rate": rounded(status.rate_hz, 0)}
 
 
 def _vote(name: str, vote: Vote, verdict: VerdictMessage) -> Json:
@@ -145,12 +144,12 @@ def _vote(name: str, vote: Vote, verdict: VerdictMessage) -> Json:
     return {
         "name": _text(name),
         "label": None if vote.label is None else _text(vote.label),
-        "entropy": _number(vote.entropy),
+        "entropy": rounded(vote.entropy, 3),
         "weight": round(vote.weight, 3),
-        "age": _number(vote.age_s),
+        "age": rounded(vote.age_s, 3),
         "state": vote.state,
         "stance": _text(_stance(verdict, vote)),
-        "gave": None if contribution is None else _number(contribution.nats, 2),
+        "gave": None if contribution is None else rounded(contribution.nats, 2),
         "stands": None if contribution is None else contribution.stands,
     }
 
@@ -174,10 +173,6 @@ def _ranked(ranked: Iterable[RankedLabel]) -> list[list[object]]:
 
 def _text(text: str, limit: int = TEXT_LIMIT) -> str:
     return text if len(text) <= limit else text[: limit - 1] + "…"
-
-
-def _number(value: float | None, digits: int = 3) -> float | None:
-    return None if value is None or not math.isfinite(value) else round(value, digits)
 
 
 def reasons(verdict: VerdictMessage, quorum: int | None) -> Iterator[str]:

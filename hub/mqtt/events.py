@@ -19,7 +19,8 @@ from common import SECOND_NS
 from common.messages import VerdictMessage
 from hub.anticipation import EarlyWord
 from hub.mqtt.entities import Topics
-from hub.mqtt.states import confidence, facet_poles, facing_degrees, rounded, unlearned, votes
+from hub.mqtt.states import confidence, facet_poles, facing_degrees, unlearned, votes
+from hub.wording import rounded
 
 EVENT_S = 30.0
 HISTORY_LIMIT = 64

@@ -1,6 +1,6 @@
 """The MQTT hub: listens to scenes on the mesh, and publishes what is due to one broker.
 
-1. Each scene is listened to in a thread (listener.py). The loop looks at it four times a second, and at once for a
+1. Each scene is listened to in a thread (hub/session.py). The loop looks at it four times a second, and at once for a
    verdict or an early word (bridge.py).
 2. A broken connection is tried again, with growing pauses; its loss and its return are logged once each.
 3. Everything is published again on each new connection and when Home Assistant announces its start.
@@ -27,9 +27,8 @@ from hub.instrumentation import HubInstrumentation, instrumented
 from hub.mqtt.bridge import SceneBridge, bridge_of, require_one_broker
 from hub.mqtt.broker import MqttBroker, broker_of, fault_text, permanent_fault
 from hub.mqtt.events import Publication, recalled_ns
-from hub.mqtt.listener import SceneListener
 from hub.mqtt.states import FAST_S, OFFLINE, ONLINE
-from hub.session import SceneUpdate
+from hub.session import SceneListener, SceneUpdate
 
 LOOK_S = FAST_S
 FIRST_PAUSE_S, LONGEST_PAUSE_S = 0.5, 15.0

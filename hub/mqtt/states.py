@@ -4,7 +4,6 @@ Numbers are rounded to what a person can tell apart, so that a sensor changes on
 """
 
 import json
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
@@ -14,7 +13,7 @@ from common.messages import JudgementMessage, Vote
 from hub.anticipation import probability
 from hub.mqtt.entities import FACING, Topics
 from hub.scene_state import ObserverState, SceneState, is_waiting
-from hub.wording import facing, leanings
+from hub.wording import facing, leanings, rounded
 
 REST: Final = "rest"
 UNDECIDED: Final = "undecided"
@@ -185,14 +184,6 @@ def _facets_state(judgement: JudgementMessage, announced: frozenset[str]) -> dic
     poles = facet_poles(judgement) or {}
     state = {facet: poles.get(facet, unknown) for facet in FACETS if facet in announced}
     return state | ({FACING: facing_degrees(judgement)} if FACING in announced else {})
-
-
-def rounded(value: float | None, digits: int) -> float | None:
-    """`value` with this many digits; None where it is missing or no number."""
-    if value is None or not math.isfinite(value):
-        return None
-    # Adding 0.0 removes the sign of minus zero.
-    return round(value, digits) + 0.0 if digits else round(value)
 
 
 def _json(fields: Mapping[str, Any]) -> str:

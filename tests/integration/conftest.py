@@ -13,6 +13,6 @@ import mesh_stage
 @pytest.fixture
 def mesh(scene):
     """The mesh of the test's own `scene`, with one link where the others meet."""
-    opened = mesh_stage.Mesh(scene)
+    opened = mesh_stage.Mesh(scene.mesh)
     yield opened
     opened.close()

@@ -6,14 +6,13 @@ from contextlib import ExitStack, contextmanager
 
 import numpy as np
 
-from common.config import MeshConfig
 from common.link import Link
 from common.messages import PosteriorMessage, VocabularyReference
 from common.vocabulary import Vocabulary
 from common.wire import decode, encode
 from observer.runtime.pipeline import Posterior
 
-SOON_S = 10.0
+SOON_S = 20.0
 NAMES = Vocabulary(("bowing", "lunging"), "karate")
 NAMED = 'vocabulary = ["bowing", "lunging"]\nvocabulary_name = "karate"\n'
 REFERENCE = VocabularyReference(name=NAMES.name, hash=NAMES.digest)
@@ -58,10 +57,10 @@ def running(serve, *arguments):
 class Mesh:
     """Peers that meet at the link `meeting`; all close together."""
 
-    def __init__(self, scene):
+    def __init__(self, config):
         self._opened = ExitStack()
-        self.meeting = self._opened.enter_context(Link.open(scene.mesh, "fusion"))
-        self.config = MeshConfig(mode="process", endpoint=self.meeting.locator)
+        self.meeting = self._opened.enter_context(Link.open(config, "fusion"))
+        self.config = config.at(self.meeting.locator)
 
     def peer(self, role="hub"):
         return self._opened.enter_context(Link.open(self.config, role))
@@ -93,12 +92,26 @@ def collect(inbox, kind, enough=bool):
     return messages
 
 
-def first(inbox, kind, fits=lambda message: True):
-    """The first message of `kind` that `fits`, with the ones before it dropped."""
-    end_s = time.monotonic() + SOON_S
+def up_to(inbox, kind, fits=lambda message: True):
+    """The messages of `kind` up to and including the first that `fits`."""
+    messages, end_s = [], time.monotonic() + SOON_S
     while time.monotonic() < end_s:
         for arrival in inbox.take(0.1):
-            message = decode(kind, arrival.payload)
-            if fits(message):
-                return message
-    raise AssertionError(f"no such {kind.__name__} came")
+            messages.append(decode(kind, arrival.payload))
+            if fits(messages[-1]):
+                return messages
+    raise AssertionError(f"no such {kind.__name__} among {len(messages)}: {messages[-1:]}")
+
+
+def first(inbox, kind, fits=lambda message: True):
+    """The first message of `kind` that `fits`."""
+    return up_to(inbox, kind, fits)[-1]
+
+
+def until(condition):
+    """Poll `condition()` until it is true; returns its value."""
+    pause, end_s = threading.Event(), time.monotonic() + SOON_S
+    while not (value := condition()):
+        assert time.monotonic() < end_s, "the condition does not hold"
+        pause.wait(0.02)
+    return value

@@ -3,19 +3,17 @@
 import json
 import logging
 import re
-import threading
 import time
 import urllib.error
 import urllib.request
-from contextlib import ExitStack
 from itertools import count
 
 import pytest
-from mesh_stage import NAMED, SOON_S, FakePipeline, believed, running
+from mesh_stage import NAMED, SOON_S, FakePipeline, Mesh, believed, running, until
 from prometheus_client.openmetrics.parser import text_string_to_metric_families as openmetrics
 from prometheus_client.parser import text_string_to_metric_families as plain
 
-from common.config import MeshConfig, read_scene
+from common.config import read_scene
 from common.errors import BadInput, LabanmeshError
 from common.link import Link
 from fusion.server import serve as serve_fusion
@@ -41,54 +39,33 @@ class FakeCamera:
                 yield Frame(time.time_ns(), self.content)
 
 
-class Kept(logging.Handler):
-    """What was logged."""
-
-    def __init__(self):
-        super().__init__()
-        self.records = []
-
-    def emit(self, record):
-        self.records.append(record)
-
-
 @pytest.fixture
 def log():
     """The records of all rooms, from the first to the last; caplog begins anew with each phase of a test."""
-    logger, kept = logging.getLogger("labanmesh"), Kept()
-    before = logger.level
-    logger.addHandler(kept)
+    logger, records = logging.getLogger("labanmesh"), []
+    handler, before = logging.Handler(), logger.level
+    handler.emit = records.append
+    logger.addHandler(handler)
     logger.setLevel(logging.INFO)
-    yield kept.records
-    logger.removeHandler(kept)
+    yield records
+    logger.removeHandler(handler)
     logger.setLevel(before)
 
 
 @pytest.fixture
-def ports(log):
-    """Where the next process, by the order in which they began, says that it answers."""
+def next_address(log):
+    """The address of /metrics of the next process, in the order in which they start."""
     numbers = count()
 
-    def said():
+    def addresses():
         lines = (re.search(r"health at http://(\S+)", record.getMessage()) for record in list(log))
-        return [found[1] for found in lines if found]
+        return [match[1] for match in lines if match]
 
-    def following():
+    def wait():
         number = next(numbers)
-        return until(lambda: said()[number:])[0]
+        return until(lambda: addresses()[number:])[0]
 
-    return following
-
-
-def until(condition):
-    """Look again, for a while, until it holds; returns what it gave."""
-    waiting, last = threading.Event(), None
-    for _ in range(int(SOON_S / 0.02)):
-        last = condition()
-        if last:
-            return last
-        waiting.wait(0.02)
-    raise AssertionError("it never came to be so")
+    return wait
 
 
 def ask(address, path, accept="text/plain"):
@@ -125,74 +102,65 @@ def scene(tmp_path):
 
 
 @pytest.fixture
-def stage(scene, ports):
-    """A referee and two observers; gives where they answer, the cameras, and a further link."""
+def stage(scene, next_address):
+    """A fusion service and two observers: their addresses, the cameras, a hub's link, and the scene."""
     read = scene(NAMED)
-    with ExitStack() as opened:
-        meeting = opened.enter_context(Link.open(read.mesh, "fusion"))
-        mesh = MeshConfig(mode="process", endpoint=meeting.locator)
-        opened.enter_context(running(serve_fusion, [read], read.fusion.id, meeting))
-        at, cameras = {"fusion": ports(), "mesh": meeting.locator}, {}
-        for name in OBSERVERS:
-            link = opened.enter_context(Link.open(mesh, "observer"))
-            cameras[name] = FakeCamera()
-            opened.enter_context(running(serve_observer, read, name, FakePipeline(), cameras[name], link))
-            at[name] = ports()
-        hub = opened.enter_context(Link.open(mesh, "hub"))
-        yield at, cameras, hub, read
+    mesh = Mesh(read.mesh)
+    mesh.run(serve_fusion, [read], read.fusion.id, mesh.meeting)
+    at, cameras = {"fusion": next_address(), "mesh": mesh.meeting.locator}, {}
+    for name in OBSERVERS:
+        cameras[name] = FakeCamera()
+        mesh.run(serve_observer, read, name, FakePipeline(), cameras[name], mesh.peer("observer"))
+        at[name] = next_address()
+    yield at, cameras, mesh.peer(), read
+    mesh.close()
 
 
-def test_what_observers_and_the_referee_tell(stage, log):
+def test_the_metrics_of_observers_and_fusion(stage, log):
     at, cameras, *_ = stage
     until(lambda: metrics(at["fusion"]).get(("labanmesh_votes", "state=counted")) == 2)
     until(lambda: any(hasattr(record, "verdict") for record in list(log)))
     for camera in cameras.values():
         camera.content = believed((0.999, 0.001), 1.0)
     decided = ("labanmesh_verdicts_total", "label=bowing")
-    heard = until(lambda: (m := metrics(at["fusion"]))[decided] and m[("labanmesh_agreeing_observers",)] == 2 and m)
-    assert heard["labanmesh_verdicts_total", "label=lunging"] == 0
-    assert heard[("labanmesh_leading",)] == 1
-    weights = [heard["labanmesh_observer_weight_ratio", f"observer={name}"] for name in OBSERVERS]
+    fusion = until(lambda: (m := metrics(at["fusion"]))[decided] and m[("labanmesh_agreeing_observers",)] == 2 and m)
+    assert fusion["labanmesh_verdicts_total", "label=lunging"] == 0
+    assert fusion[("labanmesh_leading",)] == 1
+    weights = [fusion["labanmesh_observer_weight_ratio", f"observer={name}"] for name in OBSERVERS]
     assert sum(weights) == pytest.approx(1) and weights[0] == pytest.approx(weights[1])
-    assert 0 <= heard["labanmesh_observer_entropy_bits", "observer=cam1"] < 0.1
-    assert heard[("labanmesh_entropy_bits",)] < 0.2
-    assert 0 <= heard["labanmesh_observer_age_seconds", "observer=cam1"] < 2
-    assert heard[("labanmesh_verdict_delay_seconds_count",)] == 1
-    assert heard["labanmesh_state", "state=running"] == 1 and heard["labanmesh_state", "state=failed"] == 0
-    seen = metrics(at["cam2"])
-    frames = seen["labanmesh_frames_total", "observer=cam2"]
+    assert 0 <= fusion["labanmesh_observer_entropy_bits", "observer=cam1"] < 0.1
+    assert fusion[("labanmesh_entropy_bits",)] < 0.2
+    assert 0 <= fusion["labanmesh_observer_age_seconds", "observer=cam1"] < 2
+    assert fusion[("labanmesh_verdict_delay_seconds_count",)] == 1
+    assert fusion["labanmesh_state", "state=running"] == 1 and fusion["labanmesh_state", "state=failed"] == 0
+    observer = metrics(at["cam2"])
+    frames = observer["labanmesh_frames_total", "observer=cam2"]
     # Read while the loop goes on.
-    assert seen["labanmesh_posteriors_total", "observer=cam2"] == pytest.approx(frames, abs=1) and frames > 1
-    assert seen["labanmesh_frame_age_seconds_bucket", "le=5.0", "observer=cam2"] == pytest.approx(frames, abs=1)
-    assert seen[("process_resident_memory_bytes",)] > 1e6
+    assert observer["labanmesh_posteriors_total", "observer=cam2"] == pytest.approx(frames, abs=1) and frames > 1
+    assert observer["labanmesh_frame_age_seconds_bucket", "le=5.0", "observer=cam2"] == pytest.approx(frames, abs=1)
+    assert observer[("process_resident_memory_bytes",)] > 1e6
     verdicts = [r for r in list(log) if getattr(r, "verdict", None)]
     assert [(r.label, r.agree, r.heard, r.ended) for r in verdicts] == [("bowing", 2, 2, False), ("bowing", 2, 2, True)]
     assert len({r.verdict for r in verdicts}) == 1
+    status, text = ask(at["fusion"], "/metrics", "application/openmetrics-text; version=1.0.0")
+    assert status == 200 and {"labanmesh_verdicts", "labanmesh_leading"} <= {f.name for f in openmetrics(text)}
+    assert ask(at["fusion"], "/")[0] == ask(at["fusion"], "/secrets")[0] == 404
 
 
-def test_what_is_refused_is_counted_and_invented_names_are_one(stage):
+def test_rejected_messages_are_counted_and_unknown_observers_share_one_label(stage):
     at, _, hub, read = stage
     for name in ("cam1", "stranger1", "stranger2"):
-        mouth = hub.publisher(read.keys.posterior(name))
-        assert mouth.wait_for_subscriber(SOON_S)
-        mouth.put(b"nonsense")
-    refused = "labanmesh_posteriors_rejected_total"
-    told = until(
-        lambda: (m := metrics(at["fusion"])).get((refused, "observer=(others)", "reason=not_msgpack")) == 2 and m
+        publisher = hub.publisher(read.keys.posterior(name))
+        assert publisher.wait_for_subscriber(SOON_S)
+        publisher.put(b"nonsense")
+    others, cam1 = (
+        ("labanmesh_posteriors_rejected_total", f"observer={who}", "reason=not_msgpack") for who in ("(others)", "cam1")
     )
-    assert told[refused, "observer=cam1", "reason=not_msgpack"] == 1
-    assert not [key for key in told if "stranger" in str(key)]
+    counts = until(lambda: (m := metrics(at["fusion"])).get(others) == 2 and m)
+    assert counts[cam1] == 1 and not [key for key in counts if "stranger" in str(key)]
 
 
-def test_the_text_is_prometheus_and_open_metrics(stage):
-    at = stage[0]["fusion"]
-    until(lambda: ("labanmesh_votes", "state=counted") in metrics(at))
-    status, text = ask(at, "/metrics", "application/openmetrics-text; version=1.0.0")
-    assert status == 200 and {"labanmesh_verdicts", "labanmesh_leading"} <= {f.name for f in openmetrics(text)}
-    assert ask(at, "/")[0] == ask(at, "/secrets")[0] == 404
-
-
-def test_alive_and_ready_and_why_not(stage):
+def test_an_observer_without_frames_is_alive_and_not_ready(stage):
     at, cameras, _, _ = stage
     until(lambda: ask(at["cam1"], "/readyz")[0] == 200)
     assert json.loads(ask(at["cam1"], "/readyz")[1]) == {
@@ -205,44 +173,40 @@ def test_alive_and_ready_and_why_not(stage):
     assert ask(at["cam2"], "/readyz")[0] == ask(at["fusion"], "/readyz")[0] == 200
 
 
-def test_fusion_without_a_vocabulary_is_alive_and_not_ready(scene, ports):
+def test_fusion_without_a_vocabulary_is_alive_and_not_ready(scene, next_address):
     read = scene()
     with Link.open(read.mesh, "fusion") as link, running(serve_fusion, [read], read.fusion.id, link):
-        at = ports()
+        at = next_address()
         assert ask(at, "/healthz")[0] == 200 and ask(at, "/metrics")[0] == 200
         status, text = ask(at, "/readyz")
         assert (status, json.loads(text)["reason"]) == (503, "asking the observers for their vocabulary")
 
 
-def test_a_hub_tells_what_it_heard_and_what_it_reaches(stage, ports):
+def test_a_hub_counts_messages_and_reports_its_connection(stage, next_address):
     _, _, hub, read = stage
-    stop = threading.Event()
-    with instrumented([read], "mqtt") as teller:
-        own = ports()
+    with instrumented([read], "mqtt") as instrumentation:
+        own = next_address()
 
-        def hear():
-            for heard in listen(read, hub, lambda: not stop.is_set()):
-                teller.record(heard)
+        def record(stop):
+            for update in listen(read, hub, lambda: not stop.is_set()):
+                instrumentation.record(update)
 
-        teller.record_connection("the broker 127.0.0.1:1883", "connection refused")
-        thread = threading.Thread(target=hear)
-        thread.start()
-        until(lambda: metrics(own).get(("labanmesh_messages_heard_total", "kind=judgement"), 0) > 3)
-        assert metrics(own)[("labanmesh_connected",)] == 0
-        assert json.loads(ask(own, "/readyz")[1])["reason"] == "the broker 127.0.0.1:1883: connection refused"
-        teller.record_connection("the broker")
-        until(lambda: ask(own, "/readyz")[0] == 200)
-        told = metrics(own)
-        assert told[("labanmesh_connected",)] == told[("labanmesh_connections_total",)] == 1
-        assert told[("labanmesh_messages_rejected_total",)] == 0
-        stop.set()
-        thread.join(SOON_S)
+        instrumentation.record_connection("the broker 127.0.0.1:1883", "connection refused")
+        with running(record):
+            until(lambda: metrics(own).get(("labanmesh_messages_heard_total", "kind=judgement"), 0) > 3)
+            assert metrics(own)[("labanmesh_connected",)] == 0
+            assert json.loads(ask(own, "/readyz")[1])["reason"] == "the broker 127.0.0.1:1883: connection refused"
+            instrumentation.record_connection("the broker")
+            until(lambda: ask(own, "/readyz")[0] == 200)
+            values = metrics(own)
+            assert values[("labanmesh_connected",)] == values[("labanmesh_connections_total",)] == 1
+            assert values[("labanmesh_messages_rejected_total",)] == 0
 
 
 def test_a_port_that_is_taken_is_one_line_and_the_process_goes_on(stage, scene, log):
     at = stage[0]["cam1"]
-    with instrumented([scene(listen=at)], "mqtt") as teller:
-        teller.record_connection("the broker")
+    with instrumented([scene(listen=at)], "mqtt") as instrumentation:
+        instrumentation.record_connection("the broker")
     (line,) = [r.getMessage() for r in list(log) if r.levelno >= logging.WARNING and "metrics" in r.getMessage()]
     assert line.startswith(f"metrics.listen = '{at}': address already in use; going on without metrics; ")
     assert "\n" not in line and json.loads(ask(at, "/readyz")[1])["process"] == "cam1"

@@ -4,16 +4,15 @@ import signal
 import socket
 import subprocess
 import sys
-import threading
-from contextlib import nullcontext
+from contextlib import suppress
 from pathlib import Path
+from queue import Queue
 
 import pytest
-from mesh_stage import FakePipeline, believed
+from mesh_stage import NAMED, SOON_S, FakePipeline, Mesh, believed, running
 
 from common.config import MeshConfig, read_scene
 from common.errors import BadInput
-from common.link import Link
 from common.messages import StatusMessage
 from common.wire import encode
 from fusion.server import serve as serve_fusion
@@ -21,7 +20,6 @@ from observer.runtime.service import serve as serve_observer
 from observer.tracks import Frame
 
 ROOT = Path(__file__).parents[2]
-SOON_S = 20.0
 OBSERVERS = '[observers.cam1]\nsource = "m.npz"\n'
 
 
@@ -71,98 +69,76 @@ def step(frame):
 
 
 class OneByOne:
-    """A source whose frames the test hands over; None ends it."""
+    """A source whose frames the test offers; None ends it."""
 
     def __init__(self):
-        self._news, self._frames = threading.Condition(), []
-
-    def offer(self, content):
-        with self._news:
-            self._frames.append(content)
-            self._news.notify()
+        self._frames = Queue()
+        self.offer = self._frames.put
 
     def frames(self, stop):
-        while True:
-            with self._news:
-                assert self._news.wait_for(lambda: self._frames, SOON_S)
-                content = self._frames.pop(0)
-            if content is None:
-                return
+        for content in iter(lambda: self._frames.get(timeout=SOON_S), None):
             yield Frame(1, content)
 
 
 @pytest.fixture
-def observing(tmp_path, supervisor):
+def mesh():
+    opened = Mesh(MeshConfig(endpoint="tcp/127.0.0.1:0"))
+    yield opened
+    opened.close()
+
+
+@pytest.fixture
+def observing(tmp_path, supervisor, mesh):
     """An observer on the mesh, whose frames the test gives."""
-    with Link.open(MeshConfig(), "fusion", listen=["tcp/127.0.0.1:0"]) as meeting:
-        scene, source, stop = read_scene(scene_file(tmp_path, meeting.locator), {}), OneByOne(), threading.Event()
+    scene, source = read_scene(scene_file(tmp_path, mesh.meeting.locator), {}), OneByOne()
 
-        def body():
-            with pytest.raises(BadInput) if source.shall_break else nullcontext():
-                serve_observer(scene, "cam1", FakePipeline(step), source, meeting, stop)
+    def body(stop):
+        # A broken frame ends it with that error.
+        with suppress(BadInput):
+            serve_observer(scene, "cam1", FakePipeline(step), source, mesh.meeting, stop)
 
-        source.shall_break = False
-        thread = threading.Thread(target=body)
-        source.start = thread.start
+    with running(body):
         yield source
         source.offer(None)
-        thread.join(SOON_S)
-        assert not thread.is_alive()
 
 
 def test_an_observer_is_ready_before_its_camera_and_alive_with_each_frame(observing, supervisor):
-    observing.start()
     supervisor.wait_for("READY=1")
     assert "STATUS=starting" in supervisor.lines and "WATCHDOG=1" not in supervisor.lines
     observing.offer("picture")
     supervisor.wait_for("WATCHDOG=1")
     assert "STATUS=running" in supervisor.lines
+    before = supervisor.lines.count("WATCHDOG=1")
+    supervisor.wait_for("STATUS=degraded: no frame for")
+    assert supervisor.lines.count("WATCHDOG=1") == before
     observing.offer(None)
     supervisor.wait_for("STOPPING=1")
 
 
-def test_an_observer_without_frames_falls_silent_and_says_why(observing, supervisor):
-    observing.start()
-    observing.offer("picture")
-    supervisor.wait_for("WATCHDOG=1")
-    before = supervisor.lines.count("WATCHDOG=1")
-    supervisor.wait_for("STATUS=degraded: no frame for")
-    assert supervisor.lines.count("WATCHDOG=1") == before
-
-
-def test_an_observer_that_breaks_is_stopping(observing, supervisor):
-    observing.shall_break = True
-    observing.start()
+def test_an_observer_that_fails_is_stopping(observing, supervisor):
     observing.offer("broken")
     supervisor.wait_for("STOPPING=1")
 
 
-def test_fusion_is_ready_while_it_waits_for_a_vocabulary(tmp_path, supervisor):
-    with Link.open(MeshConfig(), "fusion", listen=["tcp/127.0.0.1:0"]) as link:
-        scene, stop = read_scene(scene_file(tmp_path, link.locator), {}), threading.Event()
-        waiting = threading.Thread(target=serve_fusion, args=([scene], "fusion", link, stop))
-        waiting.start()
+def test_fusion_is_ready_while_it_waits_for_a_vocabulary(tmp_path, supervisor, mesh):
+    scene = read_scene(scene_file(tmp_path, mesh.meeting.locator), {})
+    with running(serve_fusion, [scene], "fusion", mesh.meeting):
         supervisor.wait_for("READY=1")
         supervisor.wait_for("WATCHDOG=1")
         supervisor.wait_for("WATCHDOG=1")
-        stop.set()
-        waiting.join(SOON_S)
-        assert not waiting.is_alive()
 
 
-def test_a_hub_is_alive_when_it_hears_something(tmp_path, supervisor):
-    with Link.open(MeshConfig(), "fusion", listen=["tcp/127.0.0.1:0"]) as meeting:
-        path = scene_file(tmp_path, meeting.locator)
-        keys = read_scene(path, {}).keys
-        with started("watch", path, "--json") as process:
-            supervisor.wait_for("READY=1")
-            mouth = meeting.publisher(keys.observer_status("cam1"))
-            assert mouth.wait_for_subscriber(SOON_S) and "WATCHDOG=1" not in supervisor.lines
-            mouth.put(encode(StatusMessage(scene="dojo", id="cam1", state="running", reason="")))
-            supervisor.wait_for("WATCHDOG=1")
-            process.send_signal(signal.SIGTERM)
-            supervisor.wait_for("STOPPING=1")
-            assert process.wait(SOON_S) == 0
+def test_a_hub_is_alive_when_it_receives_a_message(tmp_path, supervisor, mesh):
+    path = scene_file(tmp_path, mesh.meeting.locator)
+    with started("watch", path, "--json") as process:
+        supervisor.wait_for("READY=1")
+        publisher = mesh.meeting.publisher(read_scene(path, {}).keys.observer_status("cam1"))
+        assert publisher.wait_for_subscriber(SOON_S) and "WATCHDOG=1" not in supervisor.lines
+        publisher.put(encode(StatusMessage(scene="dojo", id="cam1", state="running", reason="")))
+        supervisor.wait_for("WATCHDOG=1")
+        process.send_signal(signal.SIGTERM)
+        supervisor.wait_for("STOPPING=1")
+        assert process.wait(SOON_S) == 0
 
 
 def started(*words):
@@ -170,16 +146,13 @@ def started(*words):
     return subprocess.Popen(command, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
 
 
-def test_real_processes_speak_with_their_supervisor(tmp_path, supervisor):
-    vocabulary = 'vocabulary = ["bowing", "lunging"]\n'
-    for words in (
-        ("router", "tcp/127.0.0.1:0"),
-        ("fuse", scene_file(tmp_path, "tcp/127.0.0.1:0", vocabulary)),
-    ):
-        with started(*words) as process:
-            supervisor.wait_for("READY=1")
-            supervisor.wait_for("WATCHDOG=1")
-            supervisor.wait_for("WATCHDOG=1")
-            process.send_signal(signal.SIGTERM)
-            supervisor.wait_for("STOPPING=1")
-            assert process.wait(SOON_S) == 0, process.stderr.read()
+@pytest.mark.parametrize("verb", ["router", "fuse"])
+def test_a_process_notifies_its_supervisor(tmp_path, supervisor, verb):
+    endpoint = "tcp/127.0.0.1:0"
+    with started(verb, endpoint if verb == "router" else scene_file(tmp_path, endpoint, NAMED)) as process:
+        supervisor.wait_for("READY=1")
+        supervisor.wait_for("WATCHDOG=1")
+        supervisor.wait_for("WATCHDOG=1")
+        process.send_signal(signal.SIGTERM)
+        supervisor.wait_for("STOPPING=1")
+        assert process.wait(SOON_S) == 0, process.stderr.read()

@@ -11,9 +11,9 @@ from common.messages import Contribution
 from hub.mqtt.bridge import WAITING_LIMIT, SceneBridge
 from hub.mqtt.entities import EXPIRE_S, Topics, bridge_topic, checked_prefix, discovery
 from hub.mqtt.events import EVENT_S, recalled_ns, verdict_event
-from hub.mqtt.listener import SceneListener
 from hub.mqtt.states import FAST_S, PRESENT_S, REPEAT_S, SLOW_S
 from hub.scene_state import SceneState
+from hub.session import SceneListener
 
 TOPICS = Topics("room", bridge_topic("labanmesh", "room"))
 OBSERVERS = ("cam1", "cam2")
