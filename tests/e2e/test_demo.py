@@ -1,10 +1,8 @@
 """The demo as a visitor runs it, without a terminal: real processes, from motion to a table of verdicts and figures."""
 
-import subprocess
-import sys
-
 import cv2
 import pytest
+from e2e_stage import run
 
 from observer.motion.archive import MotionArchive
 from observer.motion.archive_file import write_archive
@@ -22,13 +20,8 @@ def short_archive(tmp_path):
     return path
 
 
-def run(*words, cwd):
-    command = [sys.executable, "-P", "-m", "labanmesh", "demo", *words]
-    return subprocess.run(command, cwd=cwd, capture_output=True, text=True, timeout=90)
-
-
 def test_the_demo_ends_by_itself_with_verdicts_against_truth_and_figures(short_archive, tmp_path):
-    done = run("--motion", str(short_archive), "--output", "shown", "--no-pixels", cwd=tmp_path)
+    done = run(tmp_path, "demo", "--motion", str(short_archive), "--output", "shown", "--no-pixels")
     assert done.returncode == 0, done.stderr
     assert "recorded person 3 of short.npz; models learned from 2 others" in done.stdout
     assert "2 of 2 right, 0 wrong, 0 undecided" in done.stdout, done.stdout
@@ -41,7 +34,7 @@ def test_the_demo_ends_by_itself_with_verdicts_against_truth_and_figures(short_a
 @pytest.mark.skipif(not have_cascade(), reason="this OpenCV has no face cascade")
 def test_the_demo_films_the_performer_and_shows_the_view_of_an_observer(short_archive, tmp_path):
     """The number of right verdicts depends on the load of the machine; `make demo` shows it."""
-    done = run("--motion", str(short_archive), "--output", "shown", cwd=tmp_path)
+    done = run(tmp_path, "demo", "--motion", str(short_archive), "--output", "shown")
     assert done.returncode == 0, done.stderr
     assert "of 2 right" in done.stdout and "shown/front-left.mp4" in done.stdout
     film = cv2.VideoCapture(str(tmp_path / "shown" / "front-left.mp4"))
@@ -50,13 +43,13 @@ def test_the_demo_films_the_performer_and_shows_the_view_of_an_observer(short_ar
 
 
 @pytest.mark.parametrize(
-    ("words", "error"),
+    ("words", "line"),
     [
         (("--motion", "none.npz"), "none.npz"),
         (("--motion", "short.npz", "--subject", "9"), "--subject '9': not in short.npz; it has 1, 2, 3"),
     ],
 )
-def test_bad_input_is_one_line_and_exit_2(short_archive, tmp_path, words, error):
-    done = run(*words, cwd=tmp_path)
+def test_bad_input_is_one_line_and_exit_2(short_archive, tmp_path, words, line):
+    done = run(tmp_path, "demo", *words)
     assert done.returncode == 2
-    assert error in done.stderr and done.stderr.count("\n") == 1 and "Traceback" not in done.stderr
+    assert line in done.stderr and done.stderr.count("\n") == 1 and "Traceback" not in done.stderr

@@ -2,37 +2,26 @@
 
 import json
 import socket
-import subprocess
 import time
 
 import pytest
+from e2e_stage import SOON_S, free_endpoint, labanmesh, played, run, started, write_scene
 
 from common.config import MeshConfig, read_scene
 from common.link import Link
 from common.messages import StatusMessage
 from common.wire import encode
 
-SOON_S = 60.0
-VIEWS = {"door": "door", "wheel": "wheel"}
+LOST = 'model = "lost.model"\n'
 
 
 @pytest.fixture
-def run(labanmesh, stage):
-    """Runs a command of ours in the stage's folder."""
-
-    def run(*words):
-        return subprocess.run(labanmesh(*words), cwd=stage, capture_output=True, text=True, timeout=SOON_S)
-
-    return run
-
-
-@pytest.fixture
-def doctor(run):
+def doctor(stage):
     """The doctor's exit status, findings as (mark, what, to do), and seconds."""
 
     def examine(*words):
         began_s = time.monotonic()
-        done = run("doctor", *words, "--json")
+        done = run(stage, "doctor", *words, "--json")
         assert done.stdout, done.stderr
         findings = [(each["mark"], each["what"], each["to_do"]) for each in json.loads(done.stdout)["findings"]]
         return done.returncode, findings, time.monotonic() - began_s
@@ -45,41 +34,25 @@ def marks(findings, words):
     return {mark for mark, what, to_do in findings if words in f"{what} -> {to_do}"}
 
 
-def write_scene(stage, name, endpoint, mesh="", **extra):
-    text = f'scene = "dojo"\n[mesh]\nendpoint = "{endpoint}"\n{mesh}'
-    for observer, view in VIEWS.items():
-        text += (
-            f'[observers.{observer}]\nsource = "motion.npz"\nview = "{view}"\nloop = true\n{extra.get(observer, "")}'
-        )
-    (stage / name).write_text(text)
-    return stage / name
+def scene_file(path, endpoint, mesh="", wheel=""):
+    observers = played("door", "wheel", more="loop = true\n")
+    return write_scene(path, endpoint, {**observers, "wheel": observers["wheel"] + wheel}, mesh)
 
 
-def free_endpoint():
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        return f"tcp/127.0.0.1:{server.getsockname()[1]}"
-
-
-def test_a_healthy_scene(stage, doctor, labanmesh):
-    path = write_scene(stage, "healthy.toml", free_endpoint())
+def test_a_healthy_scene(stage, doctor):
+    path = scene_file(stage / "healthy.toml", free_endpoint())
     scene = read_scene(path, {})
     with Link.open(scene.mesh, "hub") as hub:
         judgements = hub.inbox(scene.keys.judgement)
-        with subprocess.Popen(labanmesh("up", path), cwd=stage, stderr=subprocess.DEVNULL) as up:
-            try:
-                alive = hub.presence(f"{scene.keys.root}/**/alive")
-                assert alive.wait_for(3, SOON_S) and judgements.take(SOON_S)
-                status, findings, _ = doctor(path)
-            finally:
-                up.terminate()
+        with started(stage, labanmesh("up", path)) as up:
+            alive = hub.presence(f"{scene.keys.root}/**/alive")
+            assert alive.wait_for(3, SOON_S) and judgements.take(SOON_S)
+            status, findings, _ = doctor(path)
+            up.terminate()
+            up.communicate(timeout=SOON_S)
     assert status == 0 and "error" not in {mark for mark, *_ in findings}, findings
-    for words in (
-        "Zenoh answers",
-        "judgements in",
-        "door: running",
-        "wheel: running",
-        "fusion service fusion: running",
-    ):
+    running = [f"{name}: running" for name in ("door", "wheel", "fusion service fusion")]
+    for words in ("Zenoh answers", "judgements in", *running):
         assert marks(findings, words) == {"ok"}, findings
     assert marks(findings, "vocabulary of the models: lunging, byebye, nthrow, stretch") == {"ok"}
 
@@ -87,7 +60,7 @@ def test_a_healthy_scene(stage, doctor, labanmesh):
 def test_a_port_that_is_taken_and_a_model_that_is_missing(stage, doctor):
     with socket.create_server(("127.0.0.1", 0)) as taken:
         endpoint = f"tcp/127.0.0.1:{taken.getsockname()[1]}"
-        path = write_scene(stage, "broken.toml", endpoint, wheel='model = "lost.model"\n')
+        path = scene_file(stage / "broken.toml", endpoint, wheel=LOST)
         status, findings, took_s = doctor(path)
     assert status == 1
     assert marks(findings, "taken by ") == {"error"}
@@ -99,7 +72,7 @@ def test_a_port_that_is_taken_and_a_model_that_is_missing(stage, doctor):
 
 def test_a_peer_of_another_version_and_observers_of_other_machines(stage, doctor):
     with Link.open(MeshConfig(mode="router"), "router", listen=["tcp/127.0.0.1:0"]) as router:
-        path = write_scene(stage, "router.toml", router.locator, 'mode = "router"\n', wheel='model = "lost.model"\n')
+        path = scene_file(stage / "router.toml", router.locator, 'mode = "router"\n', LOST)
         scene = read_scene(path, {})
         with Link.open(scene.mesh, "observer") as link:
             old = encode(StatusMessage(scene="dojo", id="wheel", state="running", version="0.0.1"))
@@ -115,18 +88,18 @@ def test_a_peer_of_another_version_and_observers_of_other_machines(stage, doctor
             assert not marks(findings, "lost.model") and marks(findings, "door: motion.npz") == {"ok"}
 
 
-def test_for_people_it_is_a_page_and_bad_input_is_status_2(run, doctor, tmp_path):
-    done = run("doctor")
+def test_for_people_it_is_a_page_and_bad_input_is_status_2(stage, doctor, tmp_path):
+    done = run(stage, "doctor")
     assert done.returncode == 0 and done.stdout.startswith("this machine\n  ok       labanmesh")
-    no_such = run("doctor", tmp_path / "no.toml")
+    no_such = run(stage, "doctor", tmp_path / "no.toml")
     assert no_such.returncode == 2 and no_such.stderr.count("\n") == 1 and "labanmesh init" in no_such.stderr
     (tmp_path / "bad.toml").write_text('scene = "A B"\n[observers.a]\nsource = "0"\n')
     status, findings, _ = doctor(tmp_path / "bad.toml")
     assert status == 1 and marks(findings, "A B") == {"error"}
 
 
-def test_what_init_writes_lacks_its_model_alone(run, doctor, tmp_path):
-    done = run("init", tmp_path / "dojo.toml")
+def test_what_init_writes_lacks_its_model_alone(stage, doctor, tmp_path):
+    done = run(stage, "init", tmp_path / "dojo.toml")
     assert done.returncode == 0, done.stderr
     _, findings, _ = doctor(tmp_path / "dojo.toml", "--for", "0.5")
     of_scene = [(what, to_do) for mark, what, to_do in findings if mark == "error" and what.startswith("cam1: ")]

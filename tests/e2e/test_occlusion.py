@@ -1,61 +1,31 @@
-"""An occluder in front of one camera of four: real processes, rendered pictures, and the weights of fusion."""
-
-import subprocess
-import sys
-from pathlib import Path
+"""An occluder in front of one camera of three: real processes, rendered pictures, and the weights of fusion."""
 
 import numpy as np
 import pytest
+from e2e_stage import PERFORMED, free_endpoint, labanmesh, played, started, write_scene
 
 from common.config import MeshConfig
 from common.link import Link
 from common.messages import JudgementMessage, PosteriorMessage
 from common.wire import decode
-from observer.motion.archive import MotionArchive
-from observer.motion.archive_file import write_archive
 from observer.tracking.head import have_cascade
-from studies.performer import perform, perform_continuously
-
-ROOT = Path(__file__).parents[2]
-MOVEMENTS = ("lunging", "byebye", "nthrow", "stretch")
-VIEWS = {"door": "door", "right": "yaw:30", "left": "yaw:-30", "wheel": "yaw:60"}
-SOON_S, TIMEOUT_S = 30.0, 60.0
-
-
-def labanmesh(*words):
-    return [sys.executable, "-P", "-m", "labanmesh", *map(str, words)]
-
-
-@pytest.fixture
-def stage(tmp_path):
-    """A scene whose first observer sees pictures, with a box in front of its camera in the middle third."""
-    learned = perform(people=("2", "3", "4"), movements=MOVEMENTS, trials=2)
-    write_archive(tmp_path / "learned.npz", learned)
-    seen = perform_continuously("1", ("byebye",))
-    write_archive(tmp_path / "seen.npz", MotionArchive(learned.body_parts, (seen,)))
-    span = seen.spans[0]
-    hidden_s = tuple((span.start + share * (span.end - span.start)) / seen.rate_hz for share in (1 / 3, 2 / 3))
-    with Link.open(MeshConfig(), "fusion", listen=["tcp/127.0.0.1:0"]) as free:
-        endpoint = free.locator
-    text = f'scene = "dojo"\n[mesh]\nendpoint = "{endpoint}"\n'
-    for name, view in VIEWS.items():
-        learn = labanmesh("learn", tmp_path / "learned.npz", "--view", view, "-o", tmp_path / f"{name}.model")
-        subprocess.run(learn, cwd=ROOT, check=True, capture_output=True, timeout=TIMEOUT_S)
-        text += f'[observers.{name}]\nsource = "seen.npz"\nview = "{view}"\n'
-        if name == "door":
-            text += 'tracker = "camshift"\nrate_hz = 30\n'
-            text += f"[observers.door.virtual]\noccluders = [[0, 0, 1, 1, {hidden_s[0]}, {hidden_s[1]}]]\n"
-    (tmp_path / "scene.toml").write_text(text)
-    return tmp_path / "scene.toml", endpoint, hidden_s
+from studies.performer import perform_continuously
 
 
 @pytest.mark.skipif(not have_cascade(), reason="this OpenCV has no face cascade")
 def test_the_weight_of_an_occluded_camera_falls_at_once_and_recovers(stage):
-    file, endpoint, (begin_s, end_s) = stage
+    """The first observer sees pictures, with a box in front of its camera in the middle third of the movement."""
+    recording, endpoint = perform_continuously("1", PERFORMED), free_endpoint()
+    span = recording.spans[0]
+    begin_s, end_s = ((span.start + share * (span.end - span.start)) / recording.rate_hz for share in (1 / 3, 2 / 3))
+    observers = played()
+    observers["door"] += 'tracker = "camshift"\nrate_hz = 30\n'
+    observers["door.virtual"] = f"occluders = [[0, 0, 1, 1, {begin_s}, {end_s}]]\n"
+    file = write_scene(stage / "scene.toml", endpoint, observers)
     judgements, posteriors = [], []
     with Link.open(MeshConfig(endpoint=endpoint), "hub") as hub:
         inbox = hub.inbox("laban/dojo/judgement", "laban/dojo/observer/door/posterior")
-        with subprocess.Popen(labanmesh("up", file, "--exit-when-done"), cwd=ROOT, stderr=subprocess.DEVNULL) as up:
+        with started(stage, labanmesh("up", file, "--exit-when-done")) as up:
             while up.poll() is None:
                 for arrival in inbox.take(0.1):
                     if arrival.key.endswith("judgement"):

@@ -7,33 +7,22 @@ import threading
 from pathlib import Path
 
 import pytest
+from e2e_stage import MOVEMENTS, PERFORMED, SOON_S, VIEWS, free_endpoint, labanmesh, played, run, write_scene
 
-from common.config import MeshConfig, read_scene
+from common.config import read_scene
 from common.link import Link
 from common.messages import JudgementMessage, StatusMessage, VerdictMessage, VocabularyMessage
 from common.vocabulary import ABSTAIN
 from common.wire import decode
 
-MOVEMENTS = {"lunging", "byebye", "nthrow", "stretch"}
-PERFORMED = {"byebye", "nthrow"}
-VIEWS = {"door": "door", "corner": "yaw:45", "wheel": "wheel"}
-SOON_S = 60.0
-
 
 @pytest.fixture
 def scene(stage):
-    """A scene of three views on a port that was free a moment ago."""
-    with Link.open(MeshConfig(), "fusion", listen=["tcp/127.0.0.1:0"]) as free:
-        endpoint = free.locator
+    """Writes a scene of three views; gives it with its file."""
 
-    def write(**observer):
-        extra = "".join(f"{key} = {value}\n" for key, value in observer.items())
-        text = f'scene = "dojo"\n[mesh]\nendpoint = "{endpoint}"\n'
-        text += "".join(
-            f'[observers.{name}]\nsource = "motion.npz"\nview = "{view}"\n{extra}' for name, view in VIEWS.items()
-        )
-        (stage / "scene.toml").write_text(text)
-        return read_scene(stage / "scene.toml", {}), stage / "scene.toml"
+    def write(more):
+        path = write_scene(stage / "scene.toml", free_endpoint(), played(more=more))
+        return read_scene(path, {}), path
 
     return write
 
@@ -67,12 +56,10 @@ class Listener:
         self.link.close()
 
 
-def test_a_scene_is_played_judged_and_ends_by_itself(scene, labanmesh):
-    read, path = scene(speed=2.0)
+def test_a_scene_is_played_judged_and_ends_by_itself(scene):
+    read, path = scene("speed = 2.0\n")
     with Listener(read) as hub:
-        done = subprocess.run(
-            labanmesh("up", path, "--exit-when-done"), cwd=path.parent, capture_output=True, text=True, timeout=SOON_S
-        )
+        done = run(path.parent, "up", path, "--exit-when-done")
         assert done.returncode == 0, done.stderr
         assert hub.alive.wait_for(0, SOON_S)
     assert {f"{name} finished" in done.stderr for name in VIEWS} == {True}
@@ -82,20 +69,20 @@ def test_a_scene_is_played_judged_and_ends_by_itself(scene, labanmesh):
     # Models and rules have tests of their own; here: one verdict a movement, published again when it ends.
     labels = {verdict.id: verdict.label for verdict in hub.verdicts}
     assert len(labels) == len(PERFORMED) and set(labels.values()) <= {*PERFORMED, ABSTAIN}, f"{labels}\n{done.stderr}"
-    assert set(labels.values()) & PERFORMED, f"{labels}\n{done.stderr}"
+    assert set(labels.values()) & {*PERFORMED}, f"{labels}\n{done.stderr}"
     assert {verdict.id for verdict in hub.verdicts if verdict.ended_ns is not None} == set(labels)
 
 
-def test_a_killed_observer_comes_back_and_sigterm_ends_all(scene, labanmesh):
-    read, path = scene(loop="true")
+def test_a_killed_observer_comes_back_and_sigterm_ends_all(scene):
+    read, path = scene("loop = true\n")
     with Listener(read) as hub:
         with subprocess.Popen(labanmesh("up", path), cwd=path.parent, stderr=subprocess.PIPE, text=True) as process:
             log = ProcessLog(process.stderr)
             assert hub.alive.wait_for(len(VIEWS) + 1, SOON_S), log.text
-            asked = hub.link.ask(read.keys.vocabulary, SOON_S)[read.keys.vocabulary]
-            assert set(decode(VocabularyMessage, asked).labels) == MOVEMENTS
-            asked = hub.link.ask(read.keys.observer_status("wheel"), SOON_S)[read.keys.observer_status("wheel")]
-            assert decode(StatusMessage, asked).id == "wheel"
+            answer = hub.link.ask(read.keys.vocabulary, SOON_S)[read.keys.vocabulary]
+            assert set(decode(VocabularyMessage, answer).labels) == {*MOVEMENTS}
+            answer = hub.link.ask(read.keys.observer_status("wheel"), SOON_S)[read.keys.observer_status("wheel")]
+            assert decode(StatusMessage, answer).id == "wheel"
             kill_child(process.pid, "wheel")
             log.wait_for("wheel ended with status -9")
             assert hub.alive.wait_for(len(VIEWS) + 1, SOON_S), log.text
@@ -127,7 +114,7 @@ def kill_child(parent, observer):
     """SIGKILL the launcher's process that runs `observer`, found by its parent and its last argument."""
     children = Path(f"/proc/{parent}/task/{parent}/children")
     if not children.exists():
-        pytest.skip("no /proc here that tells a process's children")
+        pytest.skip("this /proc does not list a process's children")
     for child in children.read_text().split():
         words = Path(f"/proc/{child}/cmdline").read_bytes().split(b"\0")
         if observer.encode() in words:

@@ -1,4 +1,4 @@
-"""A scene to be made to fail: a known performance played for ever, real processes that judge it, a witness who counts.
+"""A scene to be made to fail: a known performance that loops, real processes, and a witness that records messages.
 
 The performance is the synthetic performer's, so that what was done, and when, is known to the frame; observers see it
 through the `projected` tracker, which needs no picture.
@@ -32,7 +32,7 @@ REST_S = (2.0, 2.6)
 """Between two movements, shortest and longest: a router that is away for a second must not hide a whole rest."""
 START = "LABANMESH_PLAYBACK_START_NS"
 SETTLE_S = 1.5
-"""After its end a movement's last saying is due within this: rest must be seen, and have lasted for hold_s."""
+"""After its end a movement's last verdict is due within this: rest must last for hold_s."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,12 +71,13 @@ class Replay:
 
 
 class Witness:
-    """What a hub heard, as it came: lists of messages with `arrived_ns`. A process of its own."""
+    """A hub process; what it received, in order: lists of messages with `arrived_ns`."""
 
     def __init__(self, scene_file, inside=()):
-        self.process = Process([sys.executable, str(HERE / "fault_witness.py"), str(scene_file)], inside)
-        self._read = 0
-        self.judgements, self.verdicts, self.statuses = [], [], []
+        command = [sys.executable, str(HERE / "fault_peers.py"), "witness", str(scene_file)]
+        self.process, self._read = Process(command, inside), 0
+        self._messages = {"judgement": [], "verdict": [], "status": []}
+        self.judgements, self.verdicts, self.statuses = self._messages.values()
 
     def start(self):
         self.process.start()
@@ -93,24 +94,20 @@ class Witness:
             except ValueError:
                 raise AssertionError(f"the witness wrote {line!r}") from None
             if record["kind"] != "listening":
-                self._list(record["kind"]).append({**record["said"], "arrived_ns": record["arrived_ns"]})
+                self._messages[record["kind"]].append({**record["message"], "arrived_ns": record["arrived_ns"]})
 
     @property
     def last(self):
         """The last judgement; one of 1970 while there was none."""
         return self.judgements[-1] if self.judgements else {"at_ns": 0, "arrived_ns": 0, "fusion": "", "votes": {}}
 
-    def _list(self, kind):
-        return {"judgement": self.judgements, "verdict": self.verdicts, "status": self.statuses}[kind]
-
     def wait_for(self, condition, timeout_s=SOON_S, why=""):
-        """Until `condition(self)` is true of what was heard; returns what it returned."""
+        """Until `condition(self)` is true; returns its value."""
         deadline = time.monotonic() + timeout_s
         while time.monotonic() < deadline:
             self.look()
-            found = condition(self)
-            if found:
-                return found
+            if value := condition(self):
+                return value
             self.process.wait_for_more(self._read, deadline - time.monotonic())
         last = self.judgements[-1:] or self.process.log[-2000:]
         raise AssertionError(f"not within {timeout_s} s: {why or condition}; the last judgement: {last}")
@@ -123,25 +120,17 @@ class Stage:
     """
 
     def __init__(
-        self, replay, folder, *, fusions=("fusion",), address="127.0.0.1", inside=None, extra="", judges=tuple(VIEWS)
+        self, replay, folder, *, fusions=("fusion",), address="127.0.0.1", inside=None, extra="", observers=tuple(VIEWS)
     ):
-        self.replay, self.folder, self._judges = replay, folder, judges
-        self._inside = inside or {}
+        self.replay, self.folder, self._observers, self._inside = replay, folder, observers, inside or {}
         self.port = free_port() if address == "127.0.0.1" else 7447
         self.endpoint = f"tcp/{address}:{self.port}"
         self.file = self.write("scene.toml", self.endpoint, fusions, extra)
         self.processes = {"router": Process(labanmesh("router", self.endpoint), self._inside.get("router", ()))}
-        for name in fusions:
-            which = () if name == fusions[0] else ("--id", name)
-            self._add(name, labanmesh("fuse", self.file, *which))
-        for name in VIEWS:
-            self._add(name, labanmesh("observe", self.file, name))
-        self.start_ns = 0
-        self._shifts = {}
-        self._witnesses = []
-
-    def _add(self, name, command):
-        self.processes[name] = Process(command, self._inside.get(name, ()))
+        commands = {name: ("fuse", self.file, *(() if name == fusions[0] else ("--id", name))) for name in fusions}
+        for name, words in (commands | {name: ("observe", self.file, name) for name in VIEWS}).items():
+            self.processes[name] = Process(labanmesh(*words), self._inside.get(name, ()))
+        self.start_ns, self._shifts, self._witnesses = 0, {}, []
 
     def write(self, name, endpoint, fusions=("fusion",), extra=""):
         """A scene file of this stage that meets at `endpoint`."""
@@ -150,7 +139,7 @@ class Stage:
         lines = ['scene = "dojo"', f"vocabulary = [{labels}]"]
         lines += ["[mesh]", 'mode = "router"', f'endpoint = "{endpoint}"']
         lines += ["[fusion]", f'id = "{fusions[0]}"', *([f"standby = [{standby}]"] if standby else []), extra]
-        for observer in self._judges:
+        for observer in self._observers:
             lines += [f"[observers.{observer}]", f'source = "{self.replay.folder / "seen.npz"}"']
             lines += [f'view = "{VIEWS.get(observer, "door")}"']
             lines += [f'model = "{self.replay.folder / observer}.model"', "loop = true"]
@@ -181,7 +170,7 @@ class Stage:
         process.command[where - 1 : where + 1] = [str(HERE / "fault_odd_clock.py"), str(shift_s)]
 
     def witness(self, inside=(), scene_file=None):
-        """Somebody who listens; start it when the router is there."""
+        """A started witness; the router must be there."""
         one = Witness(scene_file or self.file, inside)
         self._witnesses.append(one)
         return one.start()
@@ -202,76 +191,75 @@ class Stage:
 
 @dataclass(frozen=True, slots=True)
 class Tally:
-    """What became of each performed movement: `told` is verdict ids by movement."""
+    """The verdicts on each performed movement: `ids` of them by movement; labels and stages by id."""
 
     performed: list
-    told: list
+    ids: list
     labels: dict
-    sayings: dict
+    stages: dict
 
     @property
     def complete(self):
-        """Whether each movement has been told, its end included."""
-        return all(any("ended" in self.sayings[one] for one in ids) for ids in self.told)
+        """Whether each movement has a verdict that has ended."""
+        return all(any("ended" in self.stages[one] for one in ids) for ids in self.ids)
 
     @property
-    def amiss(self):
-        """What is wrong, movement by movement: lost, doubled, another label last, a saying said twice."""
-        found = []
-        for movement, ids in zip(self.performed, self.told, strict=True):
+    def faults(self):
+        """What is wrong, movement by movement: no verdict, several, another label at the end, a stage twice."""
+        faults = []
+        for movement, ids in zip(self.performed, self.ids, strict=True):
             if len(ids) != 1:
-                found.append((movement, f"told as {len(ids)} movements {ids}"))
+                faults.append((movement, f"has {len(ids)} verdicts {ids}"))
             elif self.labels[ids[0]] != movement.label:
-                found.append((movement, f"told as {self.labels[ids[0]]}"))
-            elif len(self.sayings[ids[0]]) != len(set(self.sayings[ids[0]])):
-                found.append((movement, f"said {self.sayings[ids[0]]}"))
-        return found
+                faults.append((movement, f"is {self.labels[ids[0]]}"))
+            elif len(self.stages[ids[0]]) != len(set(self.stages[ids[0]])):
+                faults.append((movement, f"was published as {self.stages[ids[0]]}"))
+        return faults
 
-    def explained(self, faults):
-        """What is amiss, with what had happened shortly before or during it; faults: (when in ns, what)."""
+    def explained(self, events):
+        """The faults, with what had happened shortly before or during them; events: (when in ns, what)."""
         lines = []
-        for movement, what in self.amiss:
+        for movement, fault in self.faults:
             span = (movement.began_ns - 2 * SECOND_NS, movement.ended_ns + SECOND_NS)
-            near = [(name, round((at - movement.began_ns) / 1e9, 2)) for at, name in faults if span[0] < at < span[1]]
+            near = [(name, round((at - movement.began_ns) / 1e9, 2)) for at, name in events if span[0] < at < span[1]]
             length_s = (movement.ended_ns - movement.began_ns) / SECOND_NS
-            lines.append(f"{movement.label} ({length_s:.1f} s long): {what}; seconds after its beginning: {near}")
+            lines.append(f"{movement.label} ({length_s:.1f} s long): {fault}; seconds after its beginning: {near}")
         return "\n".join(lines)
 
 
 def tally(performed, verdicts):
-    """Holds the verdicts that were heard against what was performed."""
-    labels, sayings, spans = {}, {}, {}
+    """Compares the received verdicts with what was performed."""
+    labels, stages, spans = {}, {}, {}
     for verdict in verdicts:
         name, ended = verdict["id"], verdict["ended_ns"]
         labels[name] = verdict["label"]
-        sayings.setdefault(name, []).append("decided" if ended is None else "ended")
+        stages.setdefault(name, []).append("decided" if ended is None else "ended")
         spans[name] = (verdict["began_ns"], ended or verdict["decided_ns"])
-    told = [[] for _ in performed]
+    ids = [[] for _ in performed]
     for name, (began, ended) in sorted(spans.items(), key=lambda item: item[1]):
         shares = [min(ended, one.ended_ns) - max(began, one.began_ns) for one in performed]
         best = max(range(len(shares)), key=shares.__getitem__, default=None)
         if best is not None and shares[best] > 0:
-            told[best].append(name)
-    return Tally(list(performed), told, labels, sayings)
+            ids[best].append(name)
+    return Tally(list(performed), ids, labels, stages)
 
 
 def judged(stage, witness, movements, since_ns=None):
-    """Asserts that the next so many movements, from now or `since_ns`, are told, each once, each rightly."""
+    """Asserts that the next so many movements, from now or `since_ns`, have one verdict each, with their label."""
     since_ns = since_ns or time.time_ns()
     performed = stage.replay.performed(stage.start_ns, since_ns, since_ns + (movements + 4) * stage.replay.length_ns)
     performed = performed[:movements]
     due_ns = performed[-1].ended_ns + round(SETTLE_S * SECOND_NS)
 
-    def over(heard):
-        told = tally(performed, heard.verdicts)
-        return told.complete or heard.last["at_ns"] > due_ns
+    def over(witness):
+        return tally(performed, witness.verdicts).complete or witness.last["at_ns"] > due_ns
 
-    witness.wait_for(over, (due_ns - since_ns) / SECOND_NS + 5.0, "the movements are told")
-    told = tally(performed, witness.verdicts)
-    assert not told.amiss, f"{told.explained(())}\n{stage.logs()}"
+    witness.wait_for(over, (due_ns - since_ns) / SECOND_NS + 5.0, "the movements are judged")
+    result = tally(performed, witness.verdicts)
+    assert not result.faults, f"{result.explained(())}\n{stage.logs()}"
 
 
-def all_heard(witness):
+def all_count(witness):
     """Whether the votes of all observers count in full now."""
     return counted(witness.last, *VIEWS)
 

@@ -1,4 +1,4 @@
-"""A day of traffic: every movement told once, memory flat, no file descriptor more.
+"""A day of traffic: each verdict once, memory flat, no file descriptor more.
 
 LABANMESH_DAY_HOURS (24 for `make soak-day`) and LABANMESH_DAY_RATE_HZ say how long and how dense it is.
 """
@@ -7,7 +7,7 @@ import os
 from statistics import median
 
 import pytest
-from fault_day import NAMES, ROUND_S, live
+from fault_day import NAMES, ROUND_S, run_day
 
 HOURS = float(os.environ.get("LABANMESH_DAY_HOURS", "0.025"))
 RATE_HZ = float(os.environ.get("LABANMESH_DAY_RATE_HZ", "5"))
@@ -21,13 +21,13 @@ GROWTH_KB = 12_000
 )
 @pytest.mark.timeout(3 * 3600)
 def test_a_day_of_traffic_leaves_nothing_behind():
-    day = live(HOURS, RATE_HZ, HOURS / 48, tell=print)
-    print(day.told())
+    day = run_day(HOURS, RATE_HZ, HOURS / 48)
+    print(day)
     expected = int(HOURS * 3600 / ROUND_S)
-    assert expected > 3 and abs(len(day.sayings) - expected) <= 1
-    for number, said in enumerate(list(day.sayings.values())[:expected]):
+    assert expected > 3 and abs(len(day.verdicts) - expected) <= 1
+    for number, published in enumerate(list(day.verdicts.values())[:expected]):
         label = NAMES.labels[number % NAMES.size]
-        assert said == [(label, False), (label, True)] or number == expected - 1, (number, said)
+        assert published == [(label, False), (label, True)] or number == expected - 1, (number, published)
     settled = [one for one in day.samples if one.hour >= HOURS / 10]
     assert max(one.rss_kb for one in settled) - settled[0].rss_kb < GROWTH_KB
     # Halves are compared: a query that is being answered is a thread for a moment, a look at sockets a descriptor.

@@ -4,38 +4,38 @@ import sys
 
 import pytest
 from fault_processes import Process
-from fault_stage import HERE, VIEWS, Stage, all_heard, counted, judged
+from fault_stage import HERE, VIEWS, Stage, all_count, counted, judged
 
 HOUR_S = 3600.0
 
 
 @pytest.mark.parametrize("shift_s", [HOUR_S, -HOUR_S])
-def test_an_observer_in_another_hour_is_heard_by_its_true_age(replay, tmp_path, long_form, shift_s):
+def test_the_votes_of_an_observer_in_another_hour_have_their_true_age(replay, tmp_path, long_form, shift_s):
     if shift_s < 0 and not long_form:
         pytest.skip("the long form: make faults")
     with Stage(replay, tmp_path) as stage:
         stage.with_clock("door", shift_s)
         stage.play()
         witness = stage.witness()
-        witness.wait_for(all_heard, why="all are heard, the one with the wrong clock too")
+        witness.wait_for(all_count, why="all count, the one with the wrong clock too")
         witness.wait_for(lambda w: w.last["votes"]["door"]["skew_s"] is not None, why="its clock is measured")
         assert abs(witness.last["votes"]["door"]["skew_s"] - shift_s) < 0.2
         judged(stage, witness, movements=8 if long_form else 1)
         votes = [one["votes"]["door"] for one in witness.judgements[-60:]]
         assert all(0 <= vote["age_s"] < 0.5 for vote in votes), votes
-        told = [s["observers"]["door"]["skew_s"] for s in witness.statuses if s["id"] == "fusion" and s["observers"]]
-        assert abs(told[-1] - shift_s) < 0.2
+        skews = [s["observers"]["door"]["skew_s"] for s in witness.statuses if s["id"] == "fusion" and s["observers"]]
+        assert abs(skews[-1] - shift_s) < 0.2
 
 
-def test_an_observer_whose_clock_stands_still_is_judged_by_when_it_is_heard(replay, tmp_path, long_form):
+def test_the_votes_of_an_observer_whose_clock_stands_still_date_from_their_arrival(replay, tmp_path, long_form):
     if not long_form:
         pytest.skip("the long form: make faults")
-    with Stage(replay, tmp_path, judges=(*VIEWS, "echo"), extra="quorum = 2") as stage:
-        command = [sys.executable, str(HERE / "fault_echo.py"), str(stage.file), "door", "echo"]
+    with Stage(replay, tmp_path, observers=(*VIEWS, "echo"), extra="quorum = 2") as stage:
+        command = [sys.executable, str(HERE / "fault_peers.py"), "echo", str(stage.file), "door", "echo"]
         stage.processes["echo"] = Process(command)
         stage.play()
         witness = stage.witness()
-        witness.wait_for(lambda w: counted(w.last, *VIEWS, "echo"), why="all are heard, the stopped one too")
+        witness.wait_for(lambda w: counted(w.last, *VIEWS, "echo"), why="all count, the stopped one too")
         judged(stage, witness, movements=8)
         votes = [one["votes"]["echo"] for one in witness.judgements[-60:]]
         assert all(vote["state"] == "counted" and vote["age_s"] < 0.5 for vote in votes), votes

@@ -6,7 +6,7 @@ import subprocess
 
 import pytest
 from fault_processes import SOON_S, Process, labanmesh
-from fault_stage import SECOND_NS, Stage, all_heard
+from fault_stage import SECOND_NS, Stage, all_count
 
 from common.capture_file import CaptureFile
 
@@ -33,11 +33,11 @@ def test_a_full_disk_ends_the_capture_in_one_line_and_nothing_else(replay, tmp_p
         capture = stage.processes["capture"] = Process(labanmesh("capture", stage.file, "-o", small_disk / "a.mcap"))
         stage.play()
         witness = stage.witness()
-        witness.wait_for(all_heard, why="all are heard")
+        witness.wait_for(all_count, why="all count")
         status = capture.wait()
         assert (status, capture.log.count("\n")) == (1, 1), capture.log
         assert "a.mcap" in capture.log and "space" in capture.log
         ended_ns = witness.last["at_ns"]
-        witness.wait_for(lambda w: w.last["at_ns"] > ended_ns + SECOND_NS and all_heard(w), SOON_S, "the scene goes on")
+        witness.wait_for(lambda w: w.last["at_ns"] > ended_ns + SECOND_NS and all_count(w), SOON_S, "the scene goes on")
         records = list(CaptureFile(small_disk / "a.mcap").records())
         assert len(records) > 20 and any(record.key.endswith("judgement") for record in records)

@@ -1,4 +1,4 @@
-"""Processes of every kind are killed again and again; the verdicts of a known performance come, each once."""
+"""Processes of every kind are killed again and again: each verdict of a known performance is published once."""
 
 import os
 import random
@@ -6,26 +6,21 @@ import threading
 import time
 from statistics import median
 
-from fault_stage import SECOND_NS, SERVICES, SETTLE_S, VIEWS, all_heard, counted, tally
+from fault_stage import SECOND_NS, SERVICES, SETTLE_S, VIEWS, all_count, counted, tally
 
 KINDS = ("observer", "leader", "standby", "router", "hub")
 SEED = 20081
 GROWTH = 1.25
-"""So much larger than at its beginning a process may be at most; Zenoh's buffers fill in the first seconds."""
+"""How much a process may grow; Zenoh's buffers fill in the first seconds."""
 
 
-def leader(stage, witness):
-    """Which fusion service speaks."""
-    witness.look()
-    return witness.last["fusion"]
-
-
-def victim(kind, stage, witness, rng):
-    """The process to suffer."""
+def victim(kind, witness, rng):
+    """The process to kill."""
     if kind == "observer":
         return rng.choice(list(VIEWS))
     if kind in ("leader", "standby"):
-        leads = leader(stage, witness)
+        witness.look()
+        leads = witness.last["fusion"]
         return leads if kind == "leader" else next(one for one in SERVICES if one != leads)
     return kind
 
@@ -34,12 +29,12 @@ def test_no_verdict_is_lost_or_doubled_when_processes_are_killed(team, long_form
     kills = int(os.environ.get("LABANMESH_KILLS", "100" if long_form else len(KINDS)))
     rng = random.Random(int(os.environ.get("LABANMESH_FAULTS_SEED", SEED)))  # noqa: S311 - chance to be repeated
     witness = team.witness()
-    witness.wait_for(all_heard, why="all are heard")
+    witness.wait_for(all_count, why="all count")
     since_ns, sizes, deck, killed, gaps = time.time_ns(), Sizes(team, witness), [], [], []
     for _ in range(kills):
         deck = deck or rng.sample(KINDS, len(KINDS))
         kind = deck.pop()
-        name = victim(kind, team, witness, rng)
+        name = victim(kind, witness, rng)
         sizes.note(name)
         killed.append((time.time_ns(), kind))
         team.processes[name].kill()
@@ -51,33 +46,32 @@ def test_no_verdict_is_lost_or_doubled_when_processes_are_killed(team, long_form
         sizes.begin(name)
         pass_time(rng.uniform(0.0, 2.0))
     until_ns = time.time_ns()
-    witness.wait_for(lambda w: w.last["at_ns"] > until_ns + SETTLE_S * SECOND_NS, why="what was done last is told")
-    told = tally(team.replay.performed(team.start_ns, since_ns, until_ns), witness.verdicts)
-    print(f"{kills} kills, {len(told.performed)} movements; memory at most x{sizes.growth():.2f}")
+    witness.wait_for(lambda w: w.last["at_ns"] > until_ns + SETTLE_S * SECOND_NS, why="the last movement is judged")
+    result = tally(team.replay.performed(team.start_ns, since_ns, until_ns), witness.verdicts)
+    print(f"{kills} kills, {len(result.performed)} movements; memory at most x{sizes.growth():.2f}")
     print(f"without a judgement when the leader was killed: {max(gaps):.3f} s at most, median {median(gaps):.3f}")
-    assert told.performed
-    assert not told.amiss, f"{told.explained(killed)}\n{team.logs()}"
+    assert result.performed
+    assert not result.faults, f"{result.explained(killed)}\n{team.logs()}"
     assert max(gaps) < 1.0
-    assert sizes.growth() < GROWTH, sizes.kept
+    assert sizes.growth() < GROWTH, sizes.pairs
 
 
 def takeover_s(witness, dead, killed_ns):
     """From the last judgement of a killed leader to the first of the other."""
-    said = [(one["arrived_ns"], one["fusion"]) for one in witness.judgements]
-    first_ns = min(at_ns for at_ns, fusion in said if fusion != dead and at_ns > killed_ns)
-    return (first_ns - max(at_ns for at_ns, fusion in said if fusion == dead and at_ns < first_ns)) / SECOND_NS
+    times = [(one["arrived_ns"], one["fusion"]) for one in witness.judgements]
+    first_ns = min(at_ns for at_ns, fusion in times if fusion != dead and at_ns > killed_ns)
+    return (first_ns - max(at_ns for at_ns, fusion in times if fusion == dead and at_ns < first_ns)) / SECOND_NS
 
 
 def await_all(stage, witness, name):
-    """Until the process just started takes part: as observer it counts, as fusion service it is heard of."""
+    """Until the process just started takes part: an observer counts, a fusion service has a status."""
     at_ns, process = time.time_ns(), stage.processes[name]
     lines = process.lines
     witness.wait_for(
         lambda w: w.last["at_ns"] > at_ns and counted(w.last, *VIEWS), why=f"all count after {name} began anew"
     )
     if name in SERVICES:
-        heard = lambda w: any(s["id"] == name and s["at_ns"] > at_ns for s in w.statuses)  # noqa: E731
-        witness.wait_for(heard, why=f"{name} says how it is")
+        witness.wait_for(lambda w: any(s["id"] == name and s["at_ns"] > at_ns for s in w.statuses), why=f"{name} runs")
     if name == "hub":
         assert process.wait_for_more(lines), process.log
 
@@ -92,18 +86,18 @@ class Sizes:
 
     def __init__(self, stage, witness):
         self._processes = {**stage.processes, "witness": witness.process}
-        self.kept = {name: [] for name in self._processes}
+        self.pairs = {name: [] for name in self._processes}
         for name in self._processes:
             self.begin(name)
 
     def begin(self, name):
-        self.kept[name].append([self._processes[name].rss_kb] * 2)
+        self.pairs[name].append([self._processes[name].rss_kb] * 2)
 
     def note(self, name):
-        self.kept[name][-1][1] = self._processes[name].rss_kb
+        self.pairs[name][-1][1] = self._processes[name].rss_kb
 
     def growth(self):
         """The largest ratio of last to first."""
-        for name in self.kept:
+        for name in self.pairs:
             self.note(name)
-        return max(last / first for pairs in self.kept.values() for first, last in pairs)
+        return max(last / first for each in self.pairs.values() for first, last in each)

@@ -4,11 +4,11 @@ import time
 
 import pytest
 from fault_slow_line import SlowLine
-from fault_stage import SECOND_NS, Stage, all_heard, counted, judged, longest_gap_s
+from fault_stage import SECOND_NS, Stage, all_count, counted, judged, longest_gap_s
 
 OUT_S = 5.0
 FAR, NEAR = ("corner", "wheel"), ("door",)
-"""Who observes behind the cable, and who beside the router."""
+"""The observers behind the cable, and those beside the router."""
 
 
 def split(replay, folder, hosts, **more):
@@ -21,7 +21,7 @@ def split(replay, folder, hosts, **more):
 def pull(hosts, how):
     """Returns what puts the cable back."""
     ends = {"one end": (hosts.right,), "other end": (hosts.left,), "both ends": (hosts.left, hosts.right)}
-    if how == "in between":  # a switch in the middle: no machine is told, packets just come no more
+    if how == "in between":  # a switch in the middle: no interface goes down, only packets are lost
         hosts.left.lose(100), hosts.right.lose(100)
         return lambda: (hosts.left.lose(0), hosts.right.lose(0))
     for host in ends[how]:
@@ -30,32 +30,33 @@ def pull(hosts, how):
 
 
 @pytest.mark.parametrize("how", ["one end", "other end", "both ends", "in between"])
-def test_a_cable_is_pulled_and_what_the_others_say_never_stops(replay, tmp_path, hosts, long_form, how):
+def test_while_a_cable_is_pulled_the_near_observers_are_judged(replay, tmp_path, hosts, long_form, how):
     if how != "one end" and not long_form:
         pytest.skip("the long form: make faults")
-    # Where the first knock may be lost, because the other end cannot hear it yet, TCP knocks again after a second.
+    # Where the first packet may be lost, because the other end is still down, TCP sends it again after a second.
     within_s = 1.0 if how in ("one end", "other end") else 2.0
     with split(replay, tmp_path, hosts) as stage:
         stage.play()
         near, far = stage.witness(hosts.right.inside), stage.witness(hosts.left.inside)
-        near.wait_for(all_heard, why="all are heard")
-        far.wait_for(all_heard, why="all are heard over there")
+        near.wait_for(all_count, why="all count")
+        far.wait_for(all_count, why="all count at the other host")
         pulled_ns, put_back = time.time_ns(), pull(hosts, how)
         near.wait_for(lambda w: w.last["at_ns"] - pulled_ns > OUT_S * SECOND_NS, why="judgements go on")
         back_ns = time.time_ns()
         put_back()
         near.wait_for(lambda w: after(w, back_ns), why="the far observers count again")
-        far.wait_for(lambda w: w.last["arrived_ns"] > back_ns, why="the far hub hears again")
+        far.wait_for(lambda w: w.last["arrived_ns"] > back_ns, why="the far hub receives again")
         meanwhile = [one for one in near.judgements if pulled_ns < one["at_ns"] < back_ns]
         votes = [one["votes"] for one in meanwhile]
         assert all(votes[-1][one]["state"] == "silent" for one in FAR), "the cable was not pulled"
         missed = [round(one["at_ns"] / 1e9 - pulled_ns / 1e9, 2) for one in meanwhile if not counted(one, *NEAR)]
         assert len(missed) < 0.05 * len(meanwhile), f"seconds after the cable was pulled: {missed}\n{stage.logs()}"
         assert longest_gap_s([one["at_ns"] for one in meanwhile]) < 0.5
-        heard_ns = next(one["arrived_ns"] for one in far.judgements if one["arrived_ns"] > back_ns)
-        counted_s, heard_s = ((at_ns - back_ns) / SECOND_NS for at_ns in (after(near, back_ns)["at_ns"], heard_ns))
-        print(f"{how}: {len(meanwhile)} judgements meanwhile; counted after {counted_s:.2f} s, heard {heard_s:.2f}")
-        assert max(counted_s, heard_s) < within_s
+        received_ns = next(one["arrived_ns"] for one in far.judgements if one["arrived_ns"] > back_ns)
+        times_ns = (after(near, back_ns)["at_ns"], received_ns)
+        counted_s, received_s = ((time_ns - back_ns) / SECOND_NS for time_ns in times_ns)
+        print(f"{how}: {len(meanwhile)} judgements; counted after {counted_s:.2f} s, received {received_s:.2f}")
+        assert max(counted_s, received_s) < within_s
 
 
 def after(witness, at_ns):
@@ -68,7 +69,7 @@ def test_a_line_that_loses_packets_loses_no_verdict(replay, tmp_path, hosts, lon
     with split(replay, tmp_path, hosts) as stage:
         stage.play()
         witness = stage.witness(hosts.left.inside)
-        witness.wait_for(all_heard, why="all are heard")
+        witness.wait_for(all_count, why="all count")
         for host in (hosts.left, hosts.right):
             host.lose(percent)
         judged(stage, witness, movements=8 if long_form else 1)
@@ -84,6 +85,6 @@ def test_a_long_line_loses_no_verdict(replay, tmp_path, long_form):
             stage.processes[name].command[-2] = str(far)
         stage.play()
         witness = stage.witness(scene_file=far)
-        witness.wait_for(lambda w: any(one["agreement"]["n"] == 3 for one in w.judgements), why="all are heard")
+        witness.wait_for(lambda w: any(one["agreement"]["n"] == 3 for one in w.judgements), why="all count")
         judged(stage, witness, movements=8)
         assert line.passed > 10_000, "nothing went over the long line"

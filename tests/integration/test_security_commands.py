@@ -8,10 +8,10 @@ import socket
 import subprocess
 import sys
 import threading
-import time
+from functools import partial
 
 import pytest
-from mesh_stage import running
+from mesh_stage import SOON_S, running, until
 
 from common.config import read_scene
 from common.errors import LabanmeshError
@@ -19,7 +19,6 @@ from common.link import Link
 from deploy.security.routing import route, rules_in_file, rules_of_scenes
 from labanmesh import main
 
-SOON_S = 20.0
 OBSERVERS = "".join(f'[observers.{name}]\nsource = "m.npz"\n' for name in ("sofa", "shelf"))
 
 
@@ -112,6 +111,24 @@ def test_each_fault_is_one_line_and_status_2(secure, words, line):
     assert (status, out) == (2, "") and line in err and err.count("\n") == 1
 
 
+@pytest.fixture
+def prepare(scene, secure):
+    """Makes the authority and certificates, and puts the router's in place; returns a mesh section per certificate."""
+
+    def run(*machines):
+        secure("init")
+        for machine in ("router", *machines):
+            secure("add", machine)
+        shutil.copytree(scene.parent / "secure" / "router.1", scene.parent / "credentials")
+        return partial(mesh_of, scene)
+
+    return run
+
+
+def mesh_of(scene, certificate):
+    return read_scene(scene, {}).mesh.model_copy(update={"credentials": placed(scene, certificate)})
+
+
 def routing(rules):
     """A router in a thread that looks for changes all the time."""
     return running(lambda stop: route(rules, stop, poll_s=0.02))
@@ -122,22 +139,10 @@ def admitted(mesh, role="observer"):
         return link.admitted(SOON_S)
 
 
-def until(condition):
-    deadline = time.monotonic() + SOON_S
-    while not condition():
-        assert time.monotonic() < deadline, "it did not happen"
-        time.sleep(0.02)
-
-
-def test_a_running_router_takes_up_what_changes(scene, secure, monkeypatch, caplog):
+def test_a_running_router_takes_up_what_changes(scene, secure, prepare, monkeypatch, caplog):
     """New certificates, revocations, and rules that cannot be used; open links end with the old rules."""
     monkeypatch.setattr("common.link.ADMISSION_TIMEOUT_S", 0.5)
-    secure("init")
-    secure("add", "router")
-    secure("add", "sofa")
-    shutil.copytree(scene.parent / "secure" / "router.1", scene.parent / "credentials")
-    mesh = read_scene(scene, {}).mesh
-    sofa = mesh.model_copy(update={"credentials": placed(scene, "sofa.1")})
+    sofa = prepare("sofa")("sofa.1")
     with routing(rules_of_scenes([scene])):
         assert admitted(sofa)
         register = scene.parent / "secure" / "register.json"
@@ -148,7 +153,7 @@ def test_a_running_router_takes_up_what_changes(scene, secure, monkeypatch, capl
             assert early.admitted(SOON_S)
             register.write_text(good)
             secure("add", "shelf")
-            shelf = mesh.model_copy(update={"credentials": placed(scene, "shelf.1")})
+            shelf = mesh_of(scene, "shelf.1")
 
             def shelf_is_in():
                 try:
@@ -166,13 +171,8 @@ def test_a_running_router_takes_up_what_changes(scene, secure, monkeypatch, capl
         assert admitted(shelf)
 
 
-def test_a_router_runs_on_the_file_that_secure_keeps(scene, secure):
-    secure("init")
-    secure("add", "router")
-    secure("add", "hub")
-    shutil.copytree(scene.parent / "secure" / "router.1", scene.parent / "credentials")
-    mesh = read_scene(scene, {}).mesh
-    hub = mesh.model_copy(update={"credentials": placed(scene, "hub.1")})
+def test_a_router_runs_on_the_file_that_secure_keeps(scene, secure, prepare):
+    hub = prepare("hub")("hub.1")
     with routing(rules_in_file(scene.parent / "secure" / "router.json5")):
         assert admitted(hub, "hub")
     status, out, _ = secure("rules", "--credentials", "/run/credentials", "--listen", "tls/0.0.0.0:9")
@@ -213,10 +213,8 @@ def test_a_router_that_cannot_start_is_one_line(capsys, words, line):
     assert line in err and err.count("\n") == 1
 
 
-def test_the_process_prints_where_it_listens_and_ends_cleanly(scene, secure):
-    secure("init")
-    secure("add", "router")
-    shutil.copytree(scene.parent / "secure" / "router.1", scene.parent / "credentials")
+def test_the_process_prints_where_it_listens_and_ends_cleanly(scene, prepare):
+    prepare()
     endpoint = read_scene(scene, {}).mesh.endpoint
     command = [sys.executable, "-P", "-m", "labanmesh", "router", "--scene", str(scene)]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:

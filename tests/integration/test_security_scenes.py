@@ -4,20 +4,19 @@ import os
 import socket
 import subprocess
 import sys
-import threading
 import time
 from contextlib import ExitStack, contextmanager
 from datetime import UTC, datetime
 from types import SimpleNamespace
 
 import pytest
+from mesh_stage import posterior, running
 
 from common.config import read_scene
 from common.errors import LabanmeshError
 from common.link import Link
-from common.messages import JudgementMessage, PosteriorMessage, VerdictMessage, VocabularyReference
-from common.vocabulary import Vocabulary
-from common.wire import decode, encode
+from common.messages import JudgementMessage, VerdictMessage
+from common.wire import decode
 from deploy.doctor.mesh import listen
 from deploy.doctor.network import network_facts
 from deploy.doctor.security import check_security, security_facts
@@ -25,10 +24,10 @@ from labanmesh import main
 
 SCENES, SERVICES = ("dojo", "garden"), ("north", "south")
 SOON_S = 40.0
-NAMES = Vocabulary(("bowing", "lunging"))
 SCENE = """
 scene = "{name}"
 vocabulary = ["bowing", "lunging"]
+vocabulary_name = "karate"
 mesh = {{mode = "router", endpoint = "tls/127.0.0.1:{port}", credentials = "secure/router.1"}}
 [observers.cam1]
 source = "m.npz"
@@ -78,14 +77,11 @@ def mesh(folder):
     with ExitStack() as stack:
         router = stack.enter_context(labanmesh(folder, "router.1", "router", "--scene", folder))
         assert "listening on tls/" in router.stderr.readline()
-        quiet, performed = threading.Event(), {name: [] for name in SCENES}
+        performed = {name: [] for name in SCENES}
         for name in SCENES:
             scene = read(folder, name, f"{name}.1")
             link = stack.enter_context(Link.open(scene.mesh, "observer", process_id="cam1", scene=name))
-            thread = threading.Thread(target=publish, args=(link, scene, quiet, performed[name]))
-            thread.start()
-            stack.callback(thread.join)
-        stack.callback(quiet.set)
+            stack.enter_context(running(publish, link, scene, performed[name]))
         hub = stack.enter_context(Link.open(read(folder, "dojo", "hub.1").mesh, "hub"))
         judgements, verdicts = (
             hub.inbox(*(f"laban/{name}/{kind}" for name in SCENES), limit=100_000) for kind in ("judgement", "verdict")
@@ -93,19 +89,16 @@ def mesh(folder):
         yield SimpleNamespace(judgements=judgements, verdicts=verdicts, performed=performed)
 
 
-def publish(link, scene, quiet, performed):
+def publish(link, scene, performed, stop):
     """An observer: its token, and 20 posteriors a second of a movement of 1.3 s, a rest of 0.7 s, and so on."""
     link.announce(scene.keys.observer_alive("cam1"))
-    publisher = link.publisher(scene.keys.posterior("cam1"))
-    reference, seq = VocabularyReference(name=NAMES.name, hash=NAMES.digest), 0
-    while not quiet.wait(0.05):
-        now_ns, seq = time.time_ns(), seq + 1
+    publisher, seq = link.publisher(scene.keys.posterior("cam1")), 0
+    while not stop.wait(0.05):
+        seq += 1
         if seq % 40 == 1:
-            performed.append(now_ns)
+            performed.append(time.time_ns())
         rest = 0.05 if seq % 40 in range(1, 27) else 0.95
-        publisher.put(encode(PosteriorMessage(scene=scene.scene, observer="cam1", seq=seq, session="s", p=[0.1, 0.9],
-                                              captured_ns=now_ns, sent_ns=now_ns, vocabulary=reference,
-                                              rest=rest, frames=seq)))  # fmt: skip
+        publisher.put(posterior(seq=seq, scene=scene.scene, p=[0.1, 0.9], rest=rest))
 
 
 def wait_for_services(judgements, expected):
