@@ -22,7 +22,8 @@ class Costs:
     take: a posterior taken from its ring. decode: a posterior decoded, checked and added.
     judge: a judgement, and everything else of a scene that is due. publish: its encoding and put.
     cold: once for all scenes that are judged together.
-    status: a status. round: a scene that is not due, per round. turn: a round without scenes. take_over: taking over a scene.
+    status: a status. round: a scene that is not due, per round. turn: a round without scenes.
+    take_over: taking over a scene.
     forward: a message that a router forwards.
     hop: from a put to the arrival on the loopback; elapsed time, not processor time.
     """

@@ -82,16 +82,8 @@ def _measure_once() -> tuple[dict[str, float], dict[str, int]]:
         threads = _receiving_costs(ends.link, ends.endpoint)
         rest = {"hop": _hop_us(ends.link, publisher), "round": _idle_cost(ends.link), "turn": _wait_cost()}
     judge = max(step.pop("step") - OBSERVERS * (take + bare["decode"]) - publish, 0.0)
-    return {
-        **bare,
-        **threads,
-        **step,
-        **rest,
-        "take": take,
-        "judge": judge,
-        "publish": publish,
-        "status": status,
-    }, sizes
+    own = {"take": take, "judge": judge, "publish": publish, "status": status}
+    return {**bare, **threads, **step, **rest, **own}, sizes
 
 
 def _scene(number: int) -> Scene:
