@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from observer.features.space import BodySize
+from observer.features import BodySize
 from observer.geometry.views import View
 from observer.motion.archive import MotionArchive
 from observer.motion.projected import view_tracks
