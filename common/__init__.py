@@ -1,4 +1,4 @@
-"""What every process agrees on: vocabulary, probability, wire messages, keys, the Zenoh link, configuration."""
+"""Shared by every process: vocabulary, probability, wire messages, keys, the Zenoh link, configuration."""
 
 SECOND_NS = 1_000_000_000
 MINUTE_NS = 60 * SECOND_NS

@@ -1,4 +1,4 @@
-"""HOST:PORT, where a process listens for HTTP. Pure."""
+"""The address HOST:PORT at which a process listens for HTTP. Pure."""
 
 import re
 from dataclasses import dataclass

@@ -27,7 +27,7 @@ from common.text import plural
 SUFFIX = ".mcap"
 PROFILE = "labanmesh"
 FORMAT = "1"
-"""Version of what the file has beside the messages; each message carries its own."""
+"""Version of the file without its messages, each of which carries its own."""
 TEXT_NAME = "scene.toml"
 CHANNELS_LIMIT = 10_000
 """Keys in one file: a peer that invents keys cannot fill the table of channels, which MCAP limits to 65535."""

@@ -1,4 +1,4 @@
-"""How far another machine's clock is ahead of ours, from querying its status. Pure: clock and link are passed in.
+"""The skew of another machine's clock, measured by querying its status. Pure: clock and link are passed in.
 
 1. We query at t0 and receive at t1 by our clock; their clock showed r in between. The skew lies between r - t1 and
    r - t0 (Cristian, Probabilistic clock synchronization, 1989), so the fastest answer is the most precise.
@@ -94,7 +94,7 @@ class ClockQuerier:
         self._asked_ns: int | None = None
 
     def ask_if_due(self) -> bool:
-        """Send a query if one is due; returns at once, and whether it did. To be called in a loop."""
+        """Send a query if one is due; returns immediately whether it was sent. To be called in a loop."""
         now_ns = self._clock()
         if self._asked_ns is not None and abs(now_ns - self._asked_ns) < self._every_ns:
             return False

@@ -41,7 +41,7 @@ Occlusion = Annotated[tuple[Share, Share, Share, Share, Seconds, Seconds], Field
 
 
 class Section(BaseModel):
-    """What all sections share: they are immutable, have no unknown keys, and types are not converted."""
+    """The base of all sections: immutable, without unknown keys, and without conversion of types."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
 

@@ -20,7 +20,7 @@ OTHERS = stat.S_IRWXG | stat.S_IRWXO
 
 @dataclass(frozen=True, slots=True)
 class MeshFault:
-    """Why this machine cannot join the mesh, and what to do: one line each."""
+    """The reason why this machine cannot join the mesh, and the remedy: one line each."""
 
     what: str
     remedy: str

@@ -41,7 +41,7 @@ class Inbox:
         """All messages that have arrived, oldest first; waits for a message, a `wake`, or `timeout_s`."""
         self._something.wait(timeout_s)
         self._something.clear()
-        # What arrives meanwhile waits for the next call, or this one might never end.
+        # Messages that arrive meanwhile wait for the next call; otherwise this one might never end.
         return [self._arrivals.popleft() for _ in range(len(self._arrivals))]
 
     def wake(self) -> None:

@@ -60,7 +60,7 @@ class MessagePart(BaseModel):
 
 
 class Message(MessagePart):
-    """What all messages share: the schema version."""
+    """The base of all messages, with the schema version."""
 
     VERSIONS: ClassVar[tuple[int, ...]] = (SCHEMA_VERSION,)
     """The versions that can be decoded."""

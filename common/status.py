@@ -3,7 +3,7 @@
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from typing import Self
@@ -35,9 +35,11 @@ class ProcessStatus:
         self._steps: deque[int] = deque(maxlen=10_000)
         self._last_frame_ns: int | None = None
         self._last_step_ns: int | None = None
-        self._skew_s: float | None = None
-        self._observers: dict[str, ObserverStatistics] | None = None
         self._lock = threading.Lock()
+        self.clock_skew_s: float | None = None
+        """How far this machine's clock is ahead of the fusion machine's; None if unknown."""
+        self.observers: dict[str, ObserverStatistics] | None = None
+        """A fusion service's statistics of its observers."""
 
     def set_state(self, state: ProcessState, reason: str = "") -> None:
         """Set the state, with its reason in words."""
@@ -50,16 +52,6 @@ class ProcessStatus:
             self._steps.append(now_ns)
             self._last_step_ns = now_ns
             self._last_frame_ns = max(frame_ns, self._last_frame_ns or 0)
-
-    def set_clock_skew(self, skew_s: float | None) -> None:
-        """Set how far this machine's clock is ahead of the fusion machine's, in seconds; None if unknown."""
-        with self._lock:
-            self._skew_s = skew_s
-
-    def set_observers(self, observers: Mapping[str, ObserverStatistics]) -> None:
-        """Set a fusion service's statistics of its observers."""
-        with self._lock:
-            self._observers = dict(observers)
 
     def status(self, now_ns: int) -> StatusMessage:
         """The status message at `now_ns`; rate_hz counts the frames of the last two seconds."""
@@ -74,10 +66,10 @@ class ProcessStatus:
                 reason=reason,
                 rate_hz=len(self._steps) * SECOND_NS / RATE_WINDOW_NS,
                 last_frame_ns=self._last_frame_ns,
-                skew_s=self._skew_s,
+                skew_s=self.clock_skew_s,
                 version=_version(),
                 at_ns=now_ns,
-                observers=self._observers,
+                observers=self.observers,
             )
 
     def _current_state(self, now_ns: int) -> tuple[ProcessState, str]:

@@ -1,4 +1,4 @@
-"""Declarations on the mesh: publishers, inboxes, liveliness tokens, queries and answers; their meaning is elsewhere.
+"""Declarations on the mesh: publishers, inboxes, liveliness tokens, queries and answers.
 
 1. Callbacks only enqueue: a slow one would stall the whole session and block its close.
 2. Zenoh gives each callback a thread of its own. A polled sub-session has none: everything that arrives waits in rings,
@@ -232,7 +232,7 @@ class SubSession:
 
 
 def _empty(polled: _Polled) -> None:
-    # What arrives meanwhile waits for the next poll: a flood must not hold the loop.
+    # Samples that arrive meanwhile wait for the next poll: a flood must not hold the loop.
     for _ in range(RING):
         # None if the ring is empty; raises ZError if nothing more will arrive.
         if (entry := polled.ring.try_recv()) is None:

@@ -1,4 +1,4 @@
-"""Why an endpoint cannot be used: a probe without Zenoh, whose message is the same for all causes.
+"""Probes an endpoint that cannot be used, without Zenoh, whose error message is the same for all causes.
 
 1. The probe checks this machine's files, then whether anything listens, then the certificates of both sides.
 2. With TLS 1.3 a server checks our certificate only when our side is done: the probe waits a moment for its alert.
@@ -118,7 +118,7 @@ def _no_tls(setting: str) -> MeshFault:
 
 
 def _router_fault(setting: str, host: str, folder: Path, error: ssl.SSLCertVerificationError) -> MeshFault:
-    """What is wrong with the router's certificate."""
+    """The fault of the router's certificate."""
     if error.verify_code == EXPIRED:
         return MeshFault(f"{setting}: the router's certificate has expired", (
             "renew it with `labanmesh secure renew` and copy it to the router, or set this machine's clock"
@@ -139,7 +139,7 @@ def _router_fault(setting: str, host: str, folder: Path, error: ssl.SSLCertVerif
 
 
 def _own_fault(setting: str, folder: Path, error: OSError) -> MeshFault:
-    """What is wrong with our certificate, by the router's alert."""
+    """The fault of our certificate, by the router's alert."""
     reason = error.reason if isinstance(error, ssl.SSLError) else None
     alert = (reason or str(error)).lower().replace("_", " ")
     name = read_certificate(folder / CERTIFICATE_FILE).common_name

@@ -75,7 +75,7 @@ def encode(message: Message) -> bytes:
     A message that is longer loses OPTIONAL_DETAIL until it fits. Raises LabanmeshError if it does not fit even then.
     """
     fields = _fields(message)
-    # No camera can measure what single precision loses of a posterior.
+    # Single precision is more precise than any camera.
     single = isinstance(message, PosteriorMessage)
     packed: bytes = msgpack.packb(fields, use_single_float=single)
     for detail in OPTIONAL_DETAIL:

@@ -1,4 +1,4 @@
-"""What a fusion service exports for Prometheus: steps, votes, weights, verdicts, rejections, ownership."""
+"""Metrics of a fusion service for Prometheus: steps, votes, weights, verdicts, rejections, ownership."""
 
 from collections import Counter as Tally
 from collections.abc import Iterable
@@ -57,7 +57,7 @@ class FusionMetrics(Metrics):
                     self._delay.observe((verdict.decided_ns - verdict.began_ns) / SECOND_NS)
 
     def collect_own(self, status: StatusMessage | None) -> "Iterable[Metric]":
-        """The last judgement and what is known of the observers, as of now."""
+        """The last judgement and the present state of the observers."""
         yield self.gauge("scenes_judged", "Scenes that this service owns now.", [((), float(self._owned))])
         dropped = [((), float(self._dropped))]
         yield self.total("posteriors_dropped", "Posteriors that arrived faster than they could be fused.", dropped)

@@ -122,7 +122,7 @@ class SceneWorker:
         for arrival in read:
             self._ingest.take(arrival)
         if self._clocks.ask_if_due():
-            self._status.set_observers(self._ingest.statistics(self._scene.roster))
+            self._status.observers = self._ingest.statistics(self._scene.roster)
         for observer, reading in self._clocks.readings():
             self._engine.record_clock(observer, reading)
         # After the posteriors: a last one must not bring back an observer that has gone.

@@ -110,7 +110,7 @@ def _without_mesh() -> tuple[dict[str, float], dict[str, int]]:
         took_s.append((time.thread_time() - begun_s) / OBSERVERS)
         output = engine.step(now_ns)
         verdict = next(iter(output.verdicts), verdict)
-    status.set_observers(ingest.statistics(scene.roster))
+    status.observers = ingest.statistics(scene.roster)
     compact = {"scene": None, "observer": None, "visible": None, "v": 2}
     posterior = decode(PosteriorMessage, own[0].at(seq, now_ns)).model_copy(update=compact)
     observer = StatusMessage(

@@ -153,7 +153,7 @@ def serve(
             querier.ask_if_due()
             for _, reading in querier.readings():
                 fusion_clock.note(reading)
-                status.set_clock_skew(-(fusion_clock.skew_s or 0.0))
+                status.clock_skew_s = -(fusion_clock.skew_s or 0.0)
     log.info("%s: %s after %d posteriors", observer_id, "stopped" if stop.is_set() else "source ended", publisher.seq)
 
 
