@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from common import SECOND_NS
 from common.config_sections import FusionConfig
+from common.errors import BadInput
 from common.messages import JudgementMessage, VerdictMessage
 from common.probability import entropy_bits, softmax
 from common.vocabulary import ABSTAIN, Vocabulary
@@ -174,6 +175,11 @@ def test_50_ms_between_cameras_change_nothing():
 def test_a_temperature_out_of_range_is_rejected(temperature):
     with pytest.raises(ValueError, match="temperature"):
         FusionConfig(temperature=temperature)
+
+
+def test_a_rule_for_fewer_observers_is_rejected():
+    with pytest.raises(BadInput, match="at most 2 observers, here are 4"):
+        EngineDriver(rule="chernoff")
 
 
 # What verdicts say beside the label
