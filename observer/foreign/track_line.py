@@ -1,4 +1,4 @@
-"""A foreign tracker's line (docs/reference/tracks.md): JSON to centres, and their classification; pure."""
+"""A foreign tracker's line (docs/guide/cameras.md): JSON to centres, and their classification; pure."""
 
 from collections.abc import Sequence
 from typing import Annotated

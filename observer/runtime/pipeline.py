@@ -100,7 +100,7 @@ def _interpolate(previous: tuple[int, Floats], newest: tuple[int, Floats], insta
 
 
 class Observer:
-    """Steps 3 to 6 of docs/design/frame.md: tracks the body parts, reads features and updates the filter.
+    """Steps 3 to 6 of docs/design/README.md: tracks the body parts, reads features and updates the filter.
 
     resampler: brings frames to the model's rate; None if they arrive at it. facets: reads Effort and Shape at that
     rate.

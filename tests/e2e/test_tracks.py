@@ -15,7 +15,7 @@ from observer.geometry.views import parse_view
 from observer.tracks import BODY_PARTS
 from studies.performer import perform
 
-PAGE = Path(__file__).parents[2] / "docs" / "reference" / "tracks.md"
+PAGE = Path(__file__).parents[2] / "docs" / "guide" / "cameras.md"
 SIZE_PX, MIDDLE_PX = 180.0, (320.0, 260.0)
 
 
