@@ -33,6 +33,13 @@ def test_the_papers_rule_by_hand():
     assert pool("inverse_entropy", p)[0] == pytest.approx((2 * (1 - half_bit) + 0.5) / 3)
 
 
+def test_inverse_entropy_is_not_monotone():
+    """A higher probability from one observer can lower the pooled one: a known price of the rule."""
+    other = [0.9, 0.1, 0.0]
+    assert pool("inverse_entropy", [[0.2, 0.1, 0.7], other])[0] == pytest.approx(0.698, abs=5e-4)
+    assert pool("inverse_entropy", [[0.3, 0.0, 0.7], other])[0] == pytest.approx(0.692, abs=5e-4)
+
+
 @pytest.mark.parametrize("name", ["linear", "inverse_entropy", "iest", "ieat", "min_entropy"])
 @given(p=positive)
 def test_linear_pools_stay_between_their_inputs(name, p):
