@@ -10,19 +10,21 @@ import pytest
 
 from benchmarks.command_line import replace_table, run_command
 from benchmarks.peers import __main__ as commands
-from benchmarks.peers import table
-from benchmarks.peers.classifiers import (
+from benchmarks.peers.__main__ import accuracy_interval
+from benchmarks.peers.comparison import (
     PEERS,
+    AccuracyCurve,
     Peer,
+    PeerComparison,
     bridge_gaps,
     channels,
+    compare_peers,
     make_panel,
+    our_curves,
     relative,
     resample_rows,
     view_centres,
 )
-from benchmarks.peers.comparison import compare_peers, our_curves
-from benchmarks.peers.table import AccuracyCurve, PeerComparison, accuracy_interval
 from common.errors import BadInput
 from observer.geometry.views import parse_view
 from observer.motion.archive_file import write_archive
@@ -191,27 +193,27 @@ def comparisons():
 
 
 def test_the_table_has_every_classifier_and_the_differences():
-    rows = table.peer_rows(comparisons())
+    rows = commands.peer_rows(comparisons())
     assert [r.movements for r in rows[::3]] == ["all 20", "AS1", "AS2", "AS3", "mean of AS1, AS2, AS3"]
     assert [r.classifier for r in rows[:3]] == ["ours, fused", "MiniRocket", "ours, fused − MiniRocket"]
-    lines = table.as_markdown(rows, FRACTIONS).splitlines()
+    lines = commands.as_markdown(rows, FRACTIONS).splitlines()
     assert len(lines) == 2 + len(rows) and len({line.count("|") for line in lines}) == 1
     assert lines[0].startswith("| movements | judged by | 20% |") and lines[0].endswith("| area |")
     assert lines[2].startswith("| all 20 | ours, fused | 0.750 (") and lines[4].startswith("|  | ours, fused − MiniRo")
     assert "| +0.500 (" in lines[4]
-    figures = json.loads(json.dumps(table.as_json(rows, FRACTIONS)))
+    figures = json.loads(json.dumps(commands.as_json(rows, FRACTIONS)))
     assert figures[0]["accuracy_at"]["0.2"] == 0.75 and figures[1]["area"] == 0.25
     low, high = figures[0]["interval"]["area"]
     assert low < 0.75 <= high
 
 
 def test_only_the_table_of_a_page_is_replaced():
-    page = f"before\n{table.BEGIN}\nold\n{table.END}\nafter\n"
-    new = replace_table(page, "new", table.BEGIN, table.END)
-    assert new == page.replace("old", "new") and replace_table(new, "new", table.BEGIN, table.END) == new
-    for bad in ("no marks", f"{table.END} {table.BEGIN}"):
+    page = f"before\n{commands.BEGIN}\nold\n{commands.END}\nafter\n"
+    new = replace_table(page, "new", commands.BEGIN, commands.END)
+    assert new == page.replace("old", "new") and replace_table(new, "new", commands.BEGIN, commands.END) == new
+    for bad in ("no marks", f"{commands.END} {commands.BEGIN}"):
         with pytest.raises(BadInput, match="no place for the table"):
-            replace_table(bad, "new", table.BEGIN, table.END)
+            replace_table(bad, "new", commands.BEGIN, commands.END)
 
 
 @pytest.mark.parametrize(
@@ -254,7 +256,7 @@ def test_a_peer_learns_an_easy_difference(archive, name):
 def test_the_command_writes_page_and_json(archive, tmp_path, capsys):
     write_archive(tmp_path / "two.npz", archive)
     page = tmp_path / "page.md"
-    page.write_text(f"# A page\n{table.BEGIN}\n{table.END}\n", encoding="utf-8")
+    page.write_text(f"# A page\n{commands.BEGIN}\n{commands.END}\n", encoding="utf-8")
     asked = [str(tmp_path / "two.npz"), "--train-subjects", "1", "--json", str(tmp_path / "found.json")]
     assert run_command(commands.peers, "peers", [*asked, "--page", str(page)]) == 0
     figures = json.loads((tmp_path / "found.json").read_text(encoding="utf-8"))

@@ -63,7 +63,7 @@ def test_the_simulation_agrees_with_the_measurements(run):
 
 def test_the_simulated_loop_is_set_as_the_real_one():
     real = server.PAUSE_S, server.BATCH, server.STATUS_EVERY_S
-    assert real == (process.PAUSE_S, process.TOGETHER, process.TELL_S)
+    assert real == (process.PAUSE_S, process.TOGETHER, process.STATUS_S)
 
 
 def test_without_costs_each_home_is_judged_in_time_on_the_newest_frame():
@@ -76,7 +76,7 @@ def test_without_costs_each_home_is_judged_in_time_on_the_newest_frame():
 
 
 def test_the_share_of_a_core_is_the_sum_of_the_costs():
-    costs = replace(FREE, receive=3.0, take=5.0, hear=10.0, judge=100.0, say=20.0, tell=7.0)
+    costs = replace(FREE, receive=3.0, take=5.0, decode=10.0, judge=100.0, publish=20.0, status=7.0)
     trace = simulate_many(costs, Load(), [Stay(n) for n in range(20)], 4.0)
     loop_us = 20 * 10 * (100 + 20 + 4 * (5 + 10)) + 20 * 7
     assert trace.loop_share == pytest.approx(loop_us / 1e6, rel=0.05)
@@ -91,7 +91,7 @@ def test_a_full_process_judges_less_often():
 
 
 def test_missed_steps_are_not_made_up_for():
-    held_up = simulate_many(replace(FREE, sit=400_000.0), Load(), [Stay(0, 0.05)], 2.0)
+    held_up = simulate_many(replace(FREE, take_over=400_000.0), Load(), [Stay(0, 0.05)], 2.0)
     gaps_s = [b - a for a, b in pairwise(held_up.published_s)]
     assert held_up.published_s[0] > 0.44 and min(gaps_s[1:]) > 0.08
 
@@ -222,7 +222,7 @@ def test_bad_arguments_are_one_line(arguments, error):
     assert error in str(caught.value) and "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("text", ["", "[]", "{}", TEXT.replace('"hear"', '"here"')])
+@pytest.mark.parametrize("text", ["", "[]", "{}", TEXT.replace('"decode"', '"here"')])
 def test_a_file_without_measurements_is_rejected(tmp_path, text):
     file = tmp_path / "measured.json"
     file.write_text(text, "utf-8")

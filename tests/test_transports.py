@@ -14,11 +14,11 @@ from pathlib import Path
 import msgpack
 import pytest
 
-from benchmarks.transports import commands, kinds
+from benchmarks.transports import clients, commands
 from benchmarks.transports.actors import ReceivedJudgement
-from benchmarks.transports.kinds import KINDS, AvailableKinds, available
-from benchmarks.transports.stage import LADDER_HZ, flooded, judgement, names, paced, posteriors
-from benchmarks.transports.table import BEGIN, END, ROWS, RUNS, FigureRange, as_markdown, in_ms, latencies, over_rounds
+from benchmarks.transports.clients import KINDS, AvailableKinds, available
+from benchmarks.transports.commands import BEGIN, END, ROWS, RUNS, FigureRange, as_markdown, over_rounds
+from benchmarks.transports.stage import LADDER_HZ, flooded, in_ms, judgement, latencies, names, paced, posteriors
 from common.messages import JudgementMessage, PosteriorMessage
 from common.wire import decode
 
@@ -79,7 +79,7 @@ def test_the_table_has_a_column_each_and_leaves_a_cell_empty_that_one_lacks():
 
 def test_a_transport_that_lacks_something_is_left_out_and_says_how_to_get_it(monkeypatch):
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name == "zmq" else object())
-    monkeypatch.setattr(kinds, "program", lambda name: None if name == "nats-server" else name)
+    monkeypatch.setattr(clients, "program", lambda name: None if name == "nats-server" else name)
     assert available(list(KINDS)) == AvailableKinds(
         ["ours", "zenoh", "mqtt"],
         [

@@ -1,7 +1,7 @@
 """`python -m benchmarks.scale.measure`: measures everything on this machine that benchmarks/scale rests on.
 
-Costs of the parts of a fusion process (parts.py, traffic.py), whole runs of benchmarks.crowd, liveliness tokens. With
---write FILE, values that are not measured now stay: `--parts runs --write FILE` measures the runs alone.
+Costs of the parts of a fusion process (parts.py) and of a router, whole runs of benchmarks.crowd, liveliness tokens.
+With --write FILE, values that are not measured now stay: `--parts runs --write FILE` measures the runs alone.
 """
 
 import json
@@ -10,7 +10,7 @@ import os
 import sys
 import tempfile
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from datetime import UTC, datetime
 from multiprocessing.queues import Queue
@@ -22,15 +22,20 @@ import numpy as np
 import typer
 
 from benchmarks.command_line import run_command
-from benchmarks.crowd.trial import TICKS_S, CrowdPlan, run_trial
-from benchmarks.scale.measured import WAKE_RANKS
-from benchmarks.scale.parts import measure_parts
-from benchmarks.scale.traffic import forwarding_cost, token_costs
+from benchmarks.crowd.trial import PAGE, TICKS_S, CrowdPlan, cpu_seconds, free_port, run_trial
+from benchmarks.scale.measured import WAKE_RANKS, TokenCosts
+from benchmarks.scale.parts import BURSTS_HZ, BURSTS_S, LARGE, MICRO, TIMEOUT_S, measure_parts, publish_bursts
+from common.config import MeshConfig
+from common.errors import LabanmeshError
+from common.keys import SceneKeys
+from common.link import Link
 from common.text import one_of, split_list
 from studies.report import write_text
 
 PARTS = ("costs", "runs", "tokens")
 NAP_S = 0.005
+DECLARED = (0, 1_000, 3_000, 10_000)
+TOKENS_TIMEOUT_S = 120.0
 
 
 def measure(
@@ -132,6 +137,91 @@ def memory(runs: Sequence[dict[str, Any]]) -> dict[str, float]:
     many = [run for run in runs if run["scenes"] > 1]
     scene_mb, process_mb = np.polyfit([run["scenes"] for run in many], [run["memory_mb"] for run in many], 1)
     return {"process_mb": round(float(process_mb), 1), "scene_mb": round(float(scene_mb), 3)}
+
+
+def forwarding_cost() -> float:
+    """Microseconds of a router's processor time per message; publisher and router are processes of their own."""
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    mesh = MeshConfig(mode="router", endpoint=endpoint)
+    context = multiprocessing.get_context("spawn")
+    up, stop, ready, go = context.Event(), context.Event(), context.Event(), context.Event()
+    router = context.Process(target=route, args=(mesh, up, stop))
+    router.start()
+    try:
+        if not up.wait(TIMEOUT_S):
+            raise LabanmeshError(f"the router did not listen within {TIMEOUT_S:g} s")
+        with Link.open(mesh, "hub") as link, link.sub_session(polled=True) as rings:
+            rings.inbox(SceneKeys("burst").posterior("*"))
+            publisher = context.Process(target=publish_bursts, args=(mesh, LARGE, ready, go))
+            publisher.start()
+            if not ready.wait(TIMEOUT_S):
+                raise LabanmeshError(f"no connection over the router within {TIMEOUT_S:g} s")
+            begun_s = cpu_seconds(router.pid)
+            go.set()
+            publisher.join()
+            return (cpu_seconds(router.pid) - begun_s) * MICRO / (BURSTS_HZ * BURSTS_S * LARGE)
+    finally:
+        stop.set()
+        router.join()
+
+
+def route(mesh: MeshConfig, up: Event, stop: Event) -> None:
+    """In its own process: the router."""
+    with Link.open(mesh, "router", listen=[mesh.endpoint]):
+        up.set()
+        stop.wait()
+
+
+def token_costs() -> Iterator[TokenCosts]:
+    """For each of DECLARED: one process declares the tokens, another one queries them.
+
+    Without routers every process that queries liveliness holds every matching token; a router holds all of them.
+    """
+    context = multiprocessing.get_context("spawn")
+    for count in DECLARED:
+        endpoint = f"tcp/127.0.0.1:{free_port()}"
+        declared: Queue[float] = context.Queue()
+        known: Queue[tuple[float | None, float]] = context.Queue()
+        stop = context.Event()
+        declarer = context.Process(target=declare, args=(endpoint, count, declared, stop))
+        declarer.start()
+        try:
+            declare_s = declared.get(timeout=TOKENS_TIMEOUT_S)
+            listener = context.Process(target=query, args=(endpoint, count, known))
+            listener.start()
+            known_s, listener_mb = known.get(timeout=TOKENS_TIMEOUT_S)
+            listener.join()
+            if known_s is None:
+                raise LabanmeshError(f"{count} tokens were not all known within {TOKENS_TIMEOUT_S:g} s")
+            stop.set()
+            declarer_mb = declared.get(timeout=10)
+        finally:
+            stop.set()
+            declarer.join()
+        yield TokenCosts(count, round(declare_s, 3), round(known_s, 3), round(listener_mb, 1), round(declarer_mb, 1))
+
+
+def declare(endpoint: str, count: int, results: "Queue[float]", stop: Event) -> None:
+    """In its own process: declare the tokens and keep them until `stop`; sends the seconds, then the memory in MB."""
+    with Link.open(MeshConfig(endpoint=endpoint), "fusion") as link:
+        begun_s = time.monotonic()
+        for number in range(count):
+            link.announce(SceneKeys(f"home{number}").fusion_alive("fusion"))
+        results.put(time.monotonic() - begun_s)
+        stop.wait(TOKENS_TIMEOUT_S)
+        results.put(_resident_mb())
+
+
+def query(endpoint: str, count: int, results: "Queue[tuple[float | None, float]]") -> None:
+    """In its own process: wait until all tokens are known; sends the seconds and the memory in MB."""
+    begun_s = time.monotonic()
+    with Link.open(MeshConfig(endpoint=endpoint), "observer") as link:
+        known = link.presence("laban/*/fusion/*/alive").wait_for(count, TOKENS_TIMEOUT_S)
+        results.put((time.monotonic() - begun_s if known else None, _resident_mb()))
+
+
+def _resident_mb() -> float:
+    return int(Path("/proc/self/statm").read_text().split()[1]) * PAGE / 1e6
 
 
 if __name__ == "__main__":

@@ -19,10 +19,11 @@ class Costs:
 
     receive, burst: of Zenoh's threads, per posterior and per simultaneous arrival of several.
     call: the same for a process of one scene, where a thread hands each posterior to the loop.
-    take: a posterior taken from its ring. hear: a posterior decoded, checked and added.
-    judge: a judgement, and everything else of a scene that is due. say: its encoding and put.
+    take: a posterior taken from its ring. decode: a posterior decoded, checked and added.
+    judge: a judgement, and everything else of a scene that is due. publish: its encoding and put.
     cold: once for all scenes that are judged together.
-    tell: a status. round: a scene that is not due, per round. turn: a round without scenes. sit: taking over a scene.
+    status: a status. round: a scene that is not due, per round. turn: a round without scenes.
+    take_over: taking over a scene.
     forward: a message that a router forwards.
     hop: from a put to the arrival on the loopback; elapsed time, not processor time.
     """
@@ -31,14 +32,14 @@ class Costs:
     burst: float
     call: float
     take: float
-    hear: float
+    decode: float
     judge: float
-    say: float
+    publish: float
     cold: float
-    tell: float
+    status: float
     round: float
     turn: float
-    sit: float
+    take_over: float
     forward: float
     hop: float
 

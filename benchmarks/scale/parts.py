@@ -3,20 +3,21 @@
 1. Rounds of a fusion server on a real link with a few scenes due, and with a full batch: the difference is the cost per
    scene, the rest is shared by all. Receiving, publishing and emptying inboxes are measured alone and subtracted; the
    rest of a scene's cost is the judging.
-2. The cost of Zenoh's threads is in traffic.py.
+2. Zenoh's threads: a second process publishes in bursts, as a crowd does, while the loop of the first one sleeps.
 3. Everything is measured in ROUNDS rounds, of which the medians count.
 """
 
+import multiprocessing
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
+from multiprocessing.synchronize import Event
 from statistics import median
 
 from benchmarks.crowd.crowd import NAMES, OBSERVERS, scene_name, templates
 from benchmarks.crowd.trial import free_port
-from benchmarks.scale.traffic import MICRO, receiving_costs
 from common.config import MeshConfig, ObserverConfig, Scene
 from common.errors import LabanmeshError
 from common.inbox import Arrival
@@ -36,7 +37,15 @@ ARRIVED_S = 0.005
 IDLE_SCENES = 200
 STEPS = 30
 FEW = 4
-TIMEOUT_S = 5.0
+OWNED_TIMEOUT_S = 5.0
+TIMEOUT_S = 20.0
+MICRO = 1e6
+BURSTS_HZ = 240
+BURSTS_S = 3.0
+SMALL, LARGE = 12, 125
+"""Posteriors per burst: of a hundred observers at 30 Hz in eight slots, and of a thousand."""
+SUBSCRIBED = 1000
+"""Keys to which the measured link subscribes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,12 +77,13 @@ def _measure_once() -> tuple[dict[str, float], dict[str, int]]:
         step = _step_costs(ends)
         take = _take_cost(ends)
         publisher = ends.far.publisher(_scene(0).keys.posterior("cam0"))
-        say = _cpu_us(lambda: publisher.put(bytes(sizes["judgement"]))) + bare.pop("encode")
-        tell = _cpu_us(lambda: publisher.put(bytes(sizes["fusion_status"]))) + bare.pop("status")
-        threads = receiving_costs(ends.link, ends.endpoint)
+        publish = _cpu_us(lambda: publisher.put(bytes(sizes["judgement"]))) + bare.pop("encode")
+        status = _cpu_us(lambda: publisher.put(bytes(sizes["fusion_status"]))) + bare.pop("status")
+        threads = _receiving_costs(ends.link, ends.endpoint)
         rest = {"hop": _hop_us(ends.link, publisher), "round": _idle_cost(ends.link), "turn": _wait_cost()}
-    judge = max(step.pop("step") - OBSERVERS * (take + bare["hear"]) - say, 0.0)
-    return {**bare, **threads, **step, **rest, "take": take, "judge": judge, "say": say, "tell": tell}, sizes
+    judge = max(step.pop("step") - OBSERVERS * (take + bare["decode"]) - publish, 0.0)
+    own = {"take": take, "judge": judge, "publish": publish, "status": status}
+    return {**bare, **threads, **step, **rest, **own}, sizes
 
 
 def _scene(number: int) -> Scene:
@@ -117,7 +127,7 @@ def _without_mesh() -> tuple[dict[str, float], dict[str, int]]:
     sizes["vocabulary"] = len(encode_vocabulary(scene.scene, NAMES))
     encoding = _cpu_us(lambda: encode(output.judgement))
     status_us = _cpu_us(lambda: encode(status.status(now_ns)))
-    return {"hear": median(took_s) * MICRO, "encode": encoding, "status": status_us}, sizes
+    return {"decode": median(took_s) * MICRO, "encode": encoding, "status": status_us}, sizes
 
 
 @contextmanager
@@ -131,18 +141,20 @@ def _step_costs(ends: Endpoints) -> dict[str, float]:
     """The cost per due scene, the shared cost of a round, and the cost of taking over a scene."""
     few, many = (_round_cost(count, ends) for count in (FEW, BATCH))
     each = (many.round_us - few.round_us) / (BATCH - FEW)
-    return {"step": each, "cold": max(few.round_us - FEW * each, 0.0), "sit": many.take_over_us}
+    return {"step": each, "cold": max(few.round_us - FEW * each, 0.0), "take_over": many.take_over_us}
 
 
 def _round_cost(count: int, ends: Endpoints) -> RoundCost:
     scenes = [_scene(n) for n in range(count)]
-    end_s = time.monotonic() + TIMEOUT_S
+    end_s = time.monotonic() + OWNED_TIMEOUT_S
     with closing(_polled_server(scenes, ends.link)) as server:
         begun_s = time.thread_time()
         owned = server.step().owned
         while owned < count:
             if time.monotonic() > end_s:
-                raise LabanmeshError(f"a fusion server without others did not take its scenes within {TIMEOUT_S:g} s")
+                raise LabanmeshError(
+                    f"a fusion server without others did not take its scenes within {OWNED_TIMEOUT_S:g} s"
+                )
             owned = server.step().owned
         take_over_s = (time.thread_time() - begun_s) / count
         observers, took_s = [SceneObservers(scene, ends.far) for scene in scenes], []
@@ -236,3 +248,51 @@ def _cpu_us(work: Callable[[], object], calls: int = CALLS) -> float:
         work()
         took_s.append(time.thread_time() - begun_s)
     return median(took_s) * MICRO
+
+
+def _receiving_costs(link: Link, endpoint: str) -> dict[str, float]:
+    """Microseconds of Zenoh's threads per posterior and burst into rings, and per posterior with a callback thread."""
+    key = SceneKeys("burst").posterior
+    with link.sub_session(polled=True) as polled:
+        polled.inbox(*(key(f"cam{n}") for n in range(SUBSCRIBED)), ring=1)
+        small, large = _burst_cost(endpoint, SMALL), _burst_cost(endpoint, LARGE)
+    each = max((large - small) / (LARGE - SMALL), 0.0)
+    with link.sub_session() as called:
+        called.inbox(key("*"))
+        call = _burst_cost(endpoint, SMALL)
+    burst = max(small - SMALL * each, 0.0)
+    return {"receive": each, "burst": burst, "call": (call - burst) / SMALL}
+
+
+def _burst_cost(endpoint: str, size: int) -> float:
+    """Processor time of this process per burst that another process publishes, in microseconds, minus idle time."""
+    begun_s = time.process_time()
+    time.sleep(BURSTS_S / 2)
+    idle_s = (time.process_time() - begun_s) * 2
+    context = multiprocessing.get_context("spawn")
+    ready, go = context.Event(), context.Event()
+    other = context.Process(target=publish_bursts, args=(MeshConfig(endpoint=endpoint), size, ready, go))
+    other.start()
+    if not ready.wait(TIMEOUT_S):
+        raise LabanmeshError(f"the publishing process found no subscriber within {TIMEOUT_S:g} s")
+    begun_s = time.process_time()
+    go.set()
+    other.join()
+    return (time.process_time() - begun_s - idle_s) * MICRO / (BURSTS_HZ * BURSTS_S)
+
+
+def publish_bursts(mesh: MeshConfig, size: int, ready: Event, go: Event) -> None:
+    """In its own process: bursts of posteriors for BURSTS_S."""
+    template = templates("burst", None)[0]
+    with Link.open(mesh, "observer") as link:
+        publishers = [link.publisher(SceneKeys("burst").posterior(f"cam{n}")) for n in range(size)]
+        if all(publisher.wait_for_subscriber(10) for publisher in publishers):
+            ready.set()
+        go.wait(10)
+        due_s = time.monotonic()
+        for number in range(round(BURSTS_HZ * BURSTS_S)):
+            payload = template.at(number, time.time_ns())
+            for publisher in publishers:
+                publisher.put(payload)
+            due_s += 1 / BURSTS_HZ
+            time.sleep(max(due_s - time.monotonic(), 0))

@@ -18,7 +18,7 @@ from benchmarks.scale.measured import WAKE_RANKS, Costs
 
 PAUSE_S = 0.008
 TOGETHER = 32
-TELL_S = 1.0
+STATUS_S = 1.0
 MICRO = 1e-6
 GOLDEN = 0.6180339887
 APART_S = 30e-6
@@ -31,7 +31,7 @@ class Load:
 
     in_step: the observers of a scene publish together, as cameras with a common trigger; else each at its own time.
     jitter_s: variation of these times. bursts_hz: how often several of many observers publish together (measured at
-    240). cores: available to the process. wake_ms: wake-up delays (CrowdRun). ear_s: polling interval of the receiver.
+    240). cores: available to the process. wake_ms: wake-up delays (CrowdRun). poll_s: polling interval of the receiver.
     """
 
     rate_hz: float = 30.0
@@ -41,7 +41,7 @@ class Load:
     jitter_s: float = 0.001
     bursts_hz: float = 240.0
     cores: float = 2.0
-    ear_s: float = 0.0
+    poll_s: float = 0.0
     wake_ms: tuple[float, ...] = (0.0,) * len(WAKE_RANKS)
 
 
@@ -111,7 +111,7 @@ class _SimulatedProcess:
         self.read = [
             [bisect_right(times, stay.begin_s) for times in own] for stay, own in zip(stays, self.frames, strict=True)
         ]
-        self.ears = (rng.random(4096) * load.ear_s).tolist()
+        self.polls = (rng.random(4096) * load.poll_s).tolist()
         self.wakes = (np.interp(rng.random(4096), WAKE_RANKS, load.wake_ms) * 1e-3).tolist()
         self.trace = ProcessTrace(seconds)
         self.now_s, self._turns = 0.0, 0
@@ -131,9 +131,9 @@ class _SimulatedProcess:
                 self._work(self.costs.cold + self.costs.judge * len(batch))
                 for n, newest_s in zip(batch, captured_s, strict=True):
                     self._publish(n, newest_s)
-            if self.now_s - status_s >= TELL_S:
+            if self.now_s - status_s >= STATUS_S:
                 status_s = self.now_s
-                self._work(self.costs.tell * sum(stay.begin_s <= self.now_s < stay.end_s for stay in self.stays))
+                self._work(self.costs.status * sum(stay.begin_s <= self.now_s < stay.end_s for stay in self.stays))
             self._sleep(PAUSE_S)
 
     def _due(self, period_s: float) -> Iterator[int]:
@@ -143,7 +143,7 @@ class _SimulatedProcess:
                 self._due_s[n] += period_s * (1 + behind_s // period_s)
                 if not self._owned[n]:
                     self._owned[n] = True
-                    self._work(self.costs.sit)
+                    self._work(self.costs.take_over)
                 yield n
 
     def judge_arrivals(self) -> None:
@@ -157,9 +157,9 @@ class _SimulatedProcess:
             captured_s = self._receive(0)
             self._work(self.costs.turn + self.costs.cold + self.costs.judge)
             self._publish(0, captured_s)
-            if self.now_s - status_s >= TELL_S:
+            if self.now_s - status_s >= STATUS_S:
                 status_s = self.now_s
-                self._work(self.costs.tell)
+                self._work(self.costs.status)
 
     def _receive(self, n: int) -> float | None:
         """Take and decode the posteriors of a scene; the capture time of its newest frame."""
@@ -171,16 +171,16 @@ class _SimulatedProcess:
             count += arrived if self.called else min(arrived, 1)
             read[observer] = upto
         take = 0.0 if self.called else self.costs.take
-        self._work((take + self.costs.hear) * count)
+        self._work((take + self.costs.decode) * count)
         return max((times[upto - 1] for times, upto in zip(own, read, strict=True) if upto), default=None)
 
     def _publish(self, n: int, captured_s: float | None) -> None:
-        self._work(self.costs.say)
+        self._work(self.costs.publish)
         if captured_s is not None:
             self.trace.published_s.append(self.now_s)
             self.trace.scene.append(self.stays[n].scene)
-            ear_s = self.ears[len(self.trace.age_s) % len(self.ears)]
-            self.trace.age_s.append(self.now_s + self.hop_s + ear_s - captured_s)
+            poll_s = self.polls[len(self.trace.age_s) % len(self.polls)]
+            self.trace.age_s.append(self.now_s + self.hop_s + poll_s - captured_s)
 
     def _add_threads(self) -> None:
         """The time of Zenoh's threads, the same all the time."""

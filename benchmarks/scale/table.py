@@ -62,7 +62,7 @@ def simulate_run(measured: Measured, run: CrowdRun) -> ProcessTrace:
     """A run of the crowd, simulated: with its wake-up delays, its share of the machine, its observers in step."""
     # The crowd polls as often as some of it publish.
     slots_hz = SLOTS * run.rate_hz
-    load = Load(run.rate_hz, in_step=True, wake_ms=run.wake_ms, bursts_hz=slots_hz, ear_s=1 / slots_hz, cores=run.left)
+    load = Load(run.rate_hz, in_step=True, wake_ms=run.wake_ms, bursts_hz=slots_hz, poll_s=1 / slots_hz, cores=run.left)
     seconds = min(run.seconds, SECONDS)
     if run.scenes == 1:
         return simulate_one(measured.costs, load, seconds)
@@ -222,14 +222,14 @@ WORDS = (
     ("burst", "in addition, whenever several arrive at once"),
     ("call", "a posterior arrives where a thread hands it to the loop (a process of one scene)"),
     ("take", "the newest posterior of an observer is taken from its ring"),
-    ("hear", "it is decoded, checked and added"),
+    ("decode", "it is decoded, checked and added"),
     ("judge", "a judgement of four observers, and everything else of a scene that is due"),
-    ("say", "it is encoded and put"),
+    ("publish", "it is encoded and put"),
     ("cold", "once for all scenes that are judged together"),
-    ("tell", "a status"),
+    ("status", "a status"),
     ("round", "a scene that is not due, per round"),
     ("turn", "a round without scenes: wait and wake up"),
-    ("sit", "a scene is taken over, with all its declarations"),
+    ("take_over", "a scene is taken over, with all its declarations"),
     ("forward", "a router forwards a message"),
     ("hop", "from a put to the arrival, on the loopback (elapsed time, not processor time)"),
 )

@@ -18,7 +18,7 @@ from typing import Any
 
 import msgpack
 
-from benchmarks.transports.kinds import KINDS, Put
+from benchmarks.transports.clients import EACH_POSTERIOR, JUDGEMENT, KINDS, Put, Role, posterior_key
 from benchmarks.transports.orders import OrderReader, PublishOrder
 
 KEEP_ALIVE_S = 0.005
@@ -37,7 +37,7 @@ class ActorRole:
     """
 
     kind: str
-    role: str
+    role: Role
     name: str
     place: str = ""
     payloads: tuple[bytes, ...] = ()
@@ -94,7 +94,8 @@ def act(role: ActorRole, pipe: Connection) -> None:
 async def publish(role: ActorRole, reader: OrderReader, began_ns: int) -> None:
     """Put keep-alives, execute orders, and put keep-alives again until stopped."""
     keep_alive, *payloads = role.payloads
-    async with KINDS[role.kind].load().publisher(role.place, role.name) as put:
+    async with KINDS[role.kind].connect("publisher", role.place) as client:
+        put = client.put(posterior_key(role.name))
         reader.reply(Ready(began_ns))
         pause_s = KEEP_ALIVE_S
         while not reader.stopped.is_set():
@@ -148,19 +149,20 @@ async def fuse(role: ActorRole, reader: OrderReader, began_ns: int) -> None:
     """Take batches, unpack each posterior, put a judgement with the newest number of each publisher."""
     judgement: dict[str, Any] = msgpack.unpackb(role.payloads[0])
     due_s = 0.0
-    async with KINDS[role.kind].load().fusion(role.place) as end:
-        reader.reply(Ready(began_ns, end.meeting_point))
+    async with KINDS[role.kind].connect("fusion", role.place) as client:
+        take, put = await client.take(EACH_POSTERIOR), client.put(JUDGEMENT)
+        reader.reply(Ready(began_ns, client.meeting_point()))
         newest: dict[str, int] = {}
         while not reader.stopped.is_set():
             taken = 0
-            for payload in await end.take():
+            for payload in await take():
                 posterior = msgpack.unpackb(payload)
                 newest[posterior["observer"]] = posterior["seq"]
                 taken += posterior["seq"] > 0
             reader.messages += taken
             if not role.pause_s or time.monotonic() >= due_s:
                 due_s = time.monotonic() + role.pause_s
-                await end.put(msgpack.packb(judgement | {"newest": newest}))
+                await put(msgpack.packb(judgement | {"newest": newest}))
                 newest = {}
     reader.reply("ended")
 
@@ -168,7 +170,8 @@ async def fuse(role: ActorRole, reader: OrderReader, began_ns: int) -> None:
 async def listen(role: ActorRole, reader: OrderReader, began_ns: int) -> None:
     """Take judgements and record when each arrived; `messages` counts the publishers that appeared."""
     report = ListenerReport([], {})
-    async with KINDS[role.kind].load().listener(role.place) as take:
+    async with KINDS[role.kind].connect("listener", role.place) as client:
+        take = await client.take(JUDGEMENT)
         reader.reply(Ready(began_ns))
         while not reader.stopped.is_set():
             batch = await take()

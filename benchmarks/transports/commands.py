@@ -4,24 +4,110 @@ import json as json_text
 import re
 import subprocess
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from statistics import median
 from typing import Annotated
 
 import typer
 
-from benchmarks.command_line import read_page, replace_table, run_command
-from benchmarks.transports.kinds import KINDS, available, program
-from benchmarks.transports.stage import flooded, judgement, paced, posteriors, processors
-from benchmarks.transports.table import BEGIN, END, RUNS, FigureRange, RunFigures, as_markdown, over_rounds
+from benchmarks.command_line import markdown_table, read_page, replace_table, run_command
+from benchmarks.transports.clients import KINDS, available, program
+from benchmarks.transports.stage import RunFigures, flooded, judgement, paced, posteriors, processors
 from common.progress import ProgressBar
 from common.text import one_of, plural, split_list
 from studies.report import make_folder, write_text
 
 PACKAGES = {"zenoh": "eclipse-zenoh", "paho": "paho-mqtt", "nats": "nats-py", "zmq": "pyzmq"}
+BEGIN = "<!-- transports: from here to the end mark, `make peers-transport` writes -->"
+END = "<!-- transports: end -->"
+
+
+@dataclass(frozen=True, slots=True)
+class FigureRange:
+    """The median over the rounds, and the lowest and highest of them."""
+
+    median: float
+    low: float
+    high: float
+
+
+def over_rounds(rounds: Iterable[RunFigures]) -> dict[str, FigureRange]:
+    """Each figure over all rounds that have it."""
+    values: dict[str, list[float]] = {}
+    for figures in rounds:
+        for name, value in figures.items():
+            values.setdefault(name, []).append(value)
+    return {name: FigureRange(median(some), min(some), max(some)) for name, some in values.items()}
+
+
+@dataclass(frozen=True, slots=True)
+class TransportRun:
+    """Publishers, each at 60 Hz (paced) or as fast as possible, one fusion process, listeners."""
+
+    name: str
+    publishers: int
+    listeners: int
+    paced: bool = True
+
+
+RUNS = (
+    TransportRun("4to1", 4, 1),
+    TransportRun("4to4", 4, 4),
+    TransportRun("16to1", 16, 1),
+    TransportRun("flood", 16, 1, paced=False),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class FigureRow:
+    """One figure of one run. form: the number's format; ranged: whether the range over the rounds is shown."""
+
+    key: str
+    words: str
+    form: str = ".2f"
+    ranged: bool = True
+
+
+ROWS = (
+    FigureRow("4to1/median_ms", "4 publishers at 60 Hz, 1 listener: median, ms"),
+    FigureRow("4to1/p99_ms", "p99, ms"),
+    FigureRow("4to4/median_ms", "4 publishers at 60 Hz, 4 listeners: median, ms"),
+    FigureRow("4to4/p99_ms", "p99, ms"),
+    FigureRow("16to1/median_ms", "16 publishers at 60 Hz, 1 listener: median, ms"),
+    FigureRow("16to1/p99_ms", "p99, ms"),
+    FigureRow("16to1/arrived", "of these, arrived", ".1%", ranged=False),
+    FigureRow("flood/whole_hz", "16 publishers: the most that arrives whole, messages a second", ",.0f"),
+    FigureRow("flood/taken_hz", "16 as fast as they can: taken, messages a second", ",.0f"),
+    FigureRow("flood/put_hz", "put, messages a second", ",.0f", ranged=False),
+    FigureRow("flood/arrived", "of these, arrived", ".1%", ranged=False),
+    FigureRow("flood/receiver_us", "CPU of the fusion process for each it takes, µs", ".1f"),
+    FigureRow("flood/broker_us", "CPU of the broker for each, µs", ".1f"),
+    FigureRow("flood/publisher_us", "CPU of a publisher for each put, µs", ".1f"),
+    FigureRow("4to1/sent_bytes", "bytes that a publisher sends for a posterior", ".0f", ranged=False),
+    FigureRow("4to1/start_ms", "a publisher's process start to the judgement of its first posterior, ms", ".0f"),
+    FigureRow("4to1/link_ms", "of that, from loading the library on, ms", ".0f"),
+)
+
+
+def as_markdown(figures: Mapping[str, Mapping[str, FigureRange]], facts: str, left_out: Sequence[str]) -> str:
+    """The facts, what each transport guarantees, which are left out, and the table without empty rows."""
+    names = list(figures)
+    rows = [row for row in ROWS if any(row.key in figures[name] for name in names)]
+    cells = [[row.words, *(_cell(row, figures[name].get(row.key)) for name in names)] for row in rows]
+    guarantees = [f"- {KINDS[name].name}: {KINDS[name].quality}" for name in names]
+    table = markdown_table(["", *(KINDS[name].name for name in names)], cells)
+    return "\n".join([facts, "", *guarantees, *(f"- {line}" for line in left_out), "", table])
+
+
+def _cell(row: FigureRow, figure: FigureRange | None) -> str:
+    if figure is None:
+        return ""
+    spread = f" ({figure.low:{row.form}} to {figure.high:{row.form}})" if row.ranged else ""
+    return f"{figure.median:{row.form}}{spread}"
 
 
 def transports(

@@ -22,7 +22,7 @@ from queue import SimpleQueue
 from types import TracebackType
 from typing import Any, Self, TypeVar
 
-from benchmarks.transports.kinds import program
+from benchmarks.transports.clients import program
 from common.errors import LabanmeshError
 
 TIMEOUT_S = 30.0

@@ -6,19 +6,21 @@ In a run as fast as possible the fusion process has a processor to itself, if th
 import os
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import cache
+from statistics import median, quantiles
 
 from benchmarks.posteriors import engine_of, message, random_posteriors, scene_of
-from benchmarks.transports.actors import ActorRole, ListenerReport, PublisherReport, Ready, act
-from benchmarks.transports.kinds import KINDS
+from benchmarks.transports.actors import ActorRole, ListenerReport, PublisherReport, Ready, ReceivedJudgement, act
+from benchmarks.transports.clients import KINDS
 from benchmarks.transports.orders import TIMEOUT_S, Actor, PublishOrder, Tally, keep_broker
-from benchmarks.transports.table import RunFigures, in_ms, latencies
 from common.errors import LabanmeshError
 from common.wire import encode
 
+RunFigures = dict[str, float]
+"""The figures of one run by name."""
 RATE_HZ = 60.0
 AHEAD_S = 0.1
 """How long before its begin an order is sent."""
@@ -101,6 +103,26 @@ def paced(kind: str, publishers: int, listeners: int, frames: int) -> RunFigures
         "start_ms": (first_ns - newcomer.started_ns) / 1e6,
         "link_ms": (first_ns - ready.began_ns) / 1e6,
     }
+
+
+def latencies(put_ns: Mapping[str, Sequence[int]], judgements: Iterable[ReceivedJudgement]) -> list[int]:
+    """Nanoseconds from each put to the first judgement with it or a later message of the same publisher.
+
+    put_ns: by publisher, from sequence number 1 on. Messages that are in no judgement are left out.
+    """
+    answered = dict.fromkeys(put_ns, 0)
+    times = []
+    for received in judgements:
+        for name, seq in received.newest.items():
+            if name in answered and seq > answered[name]:
+                times += [received.arrived_ns - at for at in put_ns[name][answered[name] : seq]]
+                answered[name] = seq
+    return times
+
+
+def in_ms(times_ns: Sequence[int]) -> tuple[float, float]:
+    """Median and 99th percentile."""
+    return median(times_ns) / 1e6, quantiles(times_ns, n=100, method="inclusive")[98] / 1e6
 
 
 def flooded(kind: str, publishers: int, seconds: float) -> RunFigures:

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.patches import Rectangle
 
 from common.vocabulary import ABSTAIN
-from studies.figures.style import COLOURS, GREY, INK, Axes, Figure, Floats, plain, save, spread
+from studies.figures.accuracy import COLOURS, GREY, INK, Axes, Figure, Floats, plain, save, spread
 
 NAMED = 4
 """Movements with a colour and a name beside the true one."""

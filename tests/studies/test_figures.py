@@ -18,8 +18,8 @@ from studies.figures import (
     reliability_figure,
     verdict_timeline_figure,
 )
+from studies.figures.accuracy import Figure, save, spread
 from studies.figures.over_time import _is_right, _rows
-from studies.figures.style import Figure, save, spread
 
 
 @pytest.fixture(scope="module")

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from studies.performer.body import assume
-from studies.performer.plan import TimedStroke, TimedSwing, compose, minimum_jerk, standing
+from studies.performer.perform import TimedStroke, TimedSwing, compose, minimum_jerk, standing
 from studies.performer.repertoire import KNOWN_PEOPLE, REST, SCORES, Stroke
 
 seeds = st.integers(0, 2**32)
