@@ -17,6 +17,9 @@ from observer.tracks import Floats, Tracks
 
 Symbols = NDArray[np.int8]
 
+TORSO_SHARE = 0.45
+"""With a hanging arm, head and hand are about as far apart as head and hip plus a hand; 0.45 of it is about a torso."""
+
 
 class VectorSymbol(IntEnum):
     """The nine values of B in the order of (1), clockwise from up: R is image right, U is image up.
@@ -55,14 +58,9 @@ def vector_symbols(displacements: Floats, size: float, threshold: float) -> Symb
 
 
 class BodySize:
-    """The performer's size in the image, estimated from past frames.
+    """The performer's size in the image: TORSO_SHARE of the largest distance so far between head and a visible hand."""
 
-    torso_share: the size is this share of the largest distance so far between the head and a visible hand. With a
-    hanging arm that distance is about the one from head to hip plus a hand; 0.45 of it is about a torso.
-    """
-
-    def __init__(self, torso_share: float = 0.45) -> None:
-        self._torso_share = torso_share
+    def __init__(self) -> None:
         self._largest = 0.0
 
     def update(self, centres: Floats, body_parts: Sequence[str]) -> float:
@@ -73,7 +71,7 @@ class BodySize:
         head, hands = _head_and_hands(body_parts)
         distances = np.linalg.norm(centres[hands] - centres[head], axis=1)
         self._largest = max(self._largest, float(np.nanmax(distances, initial=0.0)))
-        return self._torso_share * self._largest if self._largest > 0 else math.nan
+        return TORSO_SHARE * self._largest if self._largest > 0 else math.nan
 
 
 class SpaceReader:

@@ -42,19 +42,6 @@ def coefficients(frames: int, rate_hz: float) -> Floats:
     return rows
 
 
-def derivatives(tracks: Floats, rate_hz: float, frames: int | None = None) -> Floats:
-    """(T, P, D) tracks -> (4, T - frames + 1, P, D): position, velocity, acceleration, jerk in each middle.
-
-    NaN where a part is not seen (NaN) in any frame of the window.
-    """
-    width = frames or window_frames(rate_hz)
-    if len(tracks) < width:
-        return np.empty((DEGREE + 1, 0, *tracks.shape[1:]))
-    windows = np.lib.stride_tricks.sliding_window_view(tracks, width, axis=0)
-    smoothed: Floats = np.moveaxis(windows @ coefficients(width, rate_hz).T, -1, 0)
-    return smoothed
-
-
 class Course:
     """Places (T, P, 2), right and up, and their derivatives (T', 3, P, 2): velocity, acceleration, jerk.
 

@@ -2,7 +2,8 @@
 
 The movement model's watch gives the probability of rest; a movement begins where rest ends, and Effort starts anew.
 
-Shape is Laban's spreading or enclosing, rising or sinking, advancing or retreating. Three points suffice and nothing is
+Shape is Laban's spreading or enclosing, rising or sinking, advancing or retreating; formulas after Larboulette and
+Gibet, "A review of computable expressive descriptors of human motion", MOCO 2015. Three points suffice and nothing is
 learned: the rate r of a length over the last half second is measured with a noise of NOISE, and a rate slower than SLOW
 is neither. With a flat prior on the true rate (docs/design/effort.md)
 
@@ -18,7 +19,6 @@ from numpy.typing import NDArray
 
 from common.errors import BadInput
 from observer.effort.features import Course, features
-from observer.effort.formulas import advancing, rising, spreading
 from observer.effort.model import EffortModel
 from observer.features import BodySize
 from observer.geometry.projection import oriented
@@ -120,6 +120,49 @@ class ShapeReader:
             if abs(self._depth) >= LEAST_DEPTH:
                 facets["shape_sagittal"] = three_ways(advancing(points, self._rate_hz, back=0) / self._depth)
         return facets
+
+
+def triangle(tracks: Floats) -> Floats:
+    """(T, 3, D) two hands and the face -> (T,) the area between them, in body sizes squared."""
+    left, right = tracks[:, 0] - tracks[:, 2], tracks[:, 1] - tracks[:, 2]
+    squares = (left**2).sum(axis=1) * (right**2).sum(axis=1) - (left * right).sum(axis=1) ** 2
+    area: Floats = np.sqrt(np.maximum(squares, 0.0)) / 2
+    return area
+
+
+def spreading(tracks: Floats, rate_hz: float) -> float:
+    """(T, 3, D) -> mean rate of √area, body sizes a second: positive spreads, negative encloses."""
+    return _rate(np.sqrt(triangle(tracks)), rate_hz)
+
+
+def rising(tracks: Floats, rate_hz: float) -> float:
+    """(T, 3, D) -> mean rate of the hands' height (axis 1) against the face, body sizes a second."""
+    return _rate(_hands_against_face(tracks[:, :, 1]), rate_hz)
+
+
+def advancing(tracks: Floats, rate_hz: float, back: int = 2) -> float:
+    """(T, 3, D) -> mean rate of the hands' way forward of the face, body sizes a second; axis `back` is backwards."""
+    return -_rate(_hands_against_face(tracks[:, :, back]), rate_hz)
+
+
+def _hands_against_face(places: Floats) -> Floats:
+    """(T, 3) -> (T,) mean of the visible hands, relative to the face."""
+    hands = places[:, :2]
+    known = np.isfinite(hands)
+    count = known.sum(axis=1)
+    mean = np.where(count > 0, np.where(known, hands, 0.0).sum(axis=1) / np.maximum(count, 1), np.nan)
+    against: Floats = mean - places[:, 2]
+    return against
+
+
+def _rate(values: Floats, rate_hz: float) -> float:
+    """(T,) -> slope per second of the regression line through all values that are not NaN; 0 with fewer than two."""
+    known = np.isfinite(values)
+    if known.sum() < 2:
+        return 0.0
+    t = np.flatnonzero(known) / rate_hz
+    t = t - t.mean()
+    return float(t @ values[known] / (t @ t))
 
 
 def three_ways(rate: float) -> Floats:

@@ -212,8 +212,8 @@ class Summary:
 class SendOnChange:
     """Decides whether a posterior differs enough from the last one sent; heartbeat_s: longest time without sending."""
 
-    def __init__(self, heartbeat_s: float, directed: bool = True, max_change: float = MAX_CHANGE) -> None:
-        self._heartbeat_ns, self._directed, self._max_change = heartbeat_s * SECOND_NS, directed, max_change
+    def __init__(self, heartbeat_s: float, directed: bool = True) -> None:
+        self._heartbeat_ns, self._directed = heartbeat_s * SECOND_NS, directed
         self._sent: tuple[int, Summary] | None = None
 
     def should_send(self, posterior: Posterior, captured_ns: int) -> bool:
@@ -221,7 +221,7 @@ class SendOnChange:
         summary = Summary.of(posterior, self._directed)
         if self._sent is not None:
             sent_ns, last = self._sent
-            if 0 <= captured_ns - sent_ns < self._heartbeat_ns and distance(summary, last) <= self._max_change:
+            if 0 <= captured_ns - sent_ns < self._heartbeat_ns and distance(summary, last) <= MAX_CHANGE:
                 return False
         self._sent = captured_ns, summary
         return True

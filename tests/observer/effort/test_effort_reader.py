@@ -1,13 +1,27 @@
-"""Facets during a movement: when they are known, from which view, and with hidden parts."""
+"""Facets during a movement: their formulas, when they are known, from which view, and with hidden parts."""
+
+import math
 
 import numpy as np
 import pytest
 
 from common.errors import BadInput
 from common.facets import FACETS, check_facets
-from observer.effort.features import NAMES, Course, course_of, features
+from observer.effort.features import DEGREE, NAMES, Course, coefficients, course_of, features
 from observer.effort.model import EffortExample, learn_trials
-from observer.effort.reader import BEFORE_S, SHORTEST_S, EffortReader, FacetReader, ShapeReader, depth_in, three_ways
+from observer.effort.reader import (
+    BEFORE_S,
+    SHORTEST_S,
+    EffortReader,
+    FacetReader,
+    ShapeReader,
+    advancing,
+    depth_in,
+    rising,
+    spreading,
+    three_ways,
+    triangle,
+)
 from observer.geometry.views import parse_view
 from observer.tracks import BODY_PARTS, Tracks
 
@@ -63,11 +77,11 @@ def test_left_and_right_hand_give_the_same_features():
 def test_a_hidden_hand_hides_only_its_own_features():
     gone = wave()
     gone[:, 0] = np.nan
-    found = dict(zip(NAMES, features(course_of(gone, BODY_PARTS, RATE)), strict=True))
-    assert all(np.isnan(found[name]) for name in ("other_right", "other_up", "other_share", "bending_other"))
+    values = dict(zip(NAMES, features(course_of(gone, BODY_PARTS, RATE)), strict=True))
+    assert all(np.isnan(values[name]) for name in ("other_right", "other_up", "other_share", "bending_other"))
     whole = dict(zip(NAMES, features(course_of(wave(), BODY_PARTS, RATE)), strict=True))
-    assert found["rise_most"] > 0 and np.isfinite(found["acceleration"])
-    assert np.sign(found["lean_last"]) == np.sign(whole["lean_last"])
+    assert values["rise_most"] > 0 and np.isfinite(values["acceleration"])
+    assert np.sign(values["lean_last"]) == np.sign(whole["lean_last"])
 
 
 def test_an_endless_movement_needs_no_more_memory():
@@ -82,12 +96,12 @@ def test_an_endless_movement_needs_no_more_memory():
 def test_effort_is_read_during_a_movement_and_not_at_rest():
     reader = EffortReader(model(), BODY_PARTS, RATE)
     assert fed(reader, wave(60), 0.95)[-1] == {}
-    said = fed(reader, wave(90, 2.2, seed=6), 0.1)
-    first = next(n for n, facets in enumerate(said) if facets)
+    during = fed(reader, wave(90, 2.2, seed=6), 0.1)
+    first = next(n for n, facets in enumerate(during) if facets)
     assert SHORTEST_S * RATE - 1 <= first <= SHORTEST_S * RATE + 8
-    assert said[-1]["effort_time"][1] > 0.8
-    check_facets(said[-1])
-    assert fed(reader, wave(1), 0.6)[-1] == said[-1]
+    assert during[-1]["effort_time"][1] > 0.8
+    check_facets(during[-1])
+    assert fed(reader, wave(1), 0.6)[-1] == during[-1]
     assert fed(reader, wave(1), 0.95)[-1] == {}
 
 
@@ -137,10 +151,10 @@ def hands(left, right, frames=30):
 )
 def test_shape_has_labans_names(left, right, facet, value):
     reader = ShapeReader(BODY_PARTS, RATE)
-    said = [reader.update(frame) for frame in hands(left, right)][-1]
-    check_facets(said)
-    assert FACETS[facet][said[facet].argmax()] == value
-    assert "shape_sagittal" not in said
+    facets = [reader.update(frame) for frame in hands(left, right)][-1]
+    check_facets(facets)
+    assert FACETS[facet][facets[facet].argmax()] == value
+    assert "shape_sagittal" not in facets
 
 
 @pytest.mark.parametrize(
@@ -152,10 +166,10 @@ def test_advancing_is_read_only_where_depth_is_visible(view, sees):
     forward = np.tile(np.array([[-0.3, 1.0, -0.2], [0.3, 1.0, -0.2], [0.0, 1.6, 0.0]]), (30, 1, 1))
     forward[:, :2, 2] -= np.linspace(0, 0.6, 30)[:, None]
     image = forward @ seen.matrix[:, :3].T[:, :2]
-    said = [reader.update(frame) for frame in image][-1]
-    assert ("shape_sagittal" in said) == sees
+    facets = [reader.update(frame) for frame in image][-1]
+    assert ("shape_sagittal" in facets) == sees
     if sees:
-        assert FACETS["shape_sagittal"][said["shape_sagittal"].argmax()] == "advancing"
+        assert FACETS["shape_sagittal"][facets["shape_sagittal"].argmax()] == "advancing"
 
 
 def test_three_ways_is_a_distribution_and_symmetric():
@@ -165,14 +179,11 @@ def test_three_ways_is_a_distribution_and_symmetric():
         np.testing.assert_allclose(p[::-1], three_ways(-rate), atol=1e-12)
 
 
-def test_shape_with_hidden_parts():
-    one, none = hands((0, -90), (0, -90)), hands((0, -90), (0, -90))
-    one[:, 0] = np.nan
-    none[:, 2] = np.nan
-    said = {name: [r.update(f) for f in t][-1] for name, t, r in (("one", one, ShapeReader(BODY_PARTS, RATE)),)}
-    assert list(said["one"]) == ["shape_vertical"]
-    reader = ShapeReader(BODY_PARTS, RATE)
-    assert [reader.update(frame) for frame in none][-1] == {}
+@pytest.mark.parametrize(("hidden", "known"), [(0, ["shape_vertical"]), (2, [])])
+def test_shape_with_hidden_parts(hidden, known):
+    tracks, reader = hands((0, -90), (0, -90)), ShapeReader(BODY_PARTS, RATE)
+    tracks[:, hidden] = np.nan
+    assert list([reader.update(frame) for frame in tracks][-1]) == known
 
 
 def test_the_facet_reader_gives_effort_and_shape():
@@ -184,3 +195,33 @@ def test_the_facet_reader_gives_effort_and_shape():
     bare = FacetReader(("right_hand", "head"), RATE)
     bare.update(Tracks(wave(1)[0, 1:]), 0.1)
     assert bare.facets == {}
+
+
+def moved(**by):
+    """Hands left and right below the face, one second; `by` names the axis and the way of each hand along it."""
+    tracks = np.tile(np.array([[-0.4, -1.0, -0.3], [0.4, -1.0, -0.3], [0.0, 0.0, 0.0]]), (31, 1, 1))
+    for axis, (left, right) in by.items():
+        tracks[:, 0, "xyz".index(axis)] += np.linspace(0, left, 31)
+        tracks[:, 1, "xyz".index(axis)] += np.linspace(0, right, 31)
+    return tracks
+
+
+def test_shape_has_labans_signs():
+    assert spreading(moved(x=(-0.5, 0.5)), 30) > 0.1
+    assert spreading(moved(x=(0.3, -0.3)), 30) < -0.1
+    assert rising(moved(y=(0.6, 0.6)), 30) == pytest.approx(0.6)
+    assert rising(moved(y=(-0.6, 0.0)), 30) == pytest.approx(-0.3)
+    assert advancing(moved(z=(-0.5, -0.5)), 30) == pytest.approx(0.5)
+    assert advancing(moved(z=(0.2, 0.2)), 30) == pytest.approx(-0.2)
+
+
+def test_the_triangle_is_half_base_by_height():
+    assert triangle(moved())[0] == pytest.approx(0.8 * math.hypot(1.0, 0.3) / 2)
+
+
+@pytest.mark.parametrize(("frames", "rate_hz"), [(5, 15.0), (7, 30.0), (13, 60.0)])
+def test_the_coefficients_are_those_of_scipy(frames, rate_hz):
+    savgol_coeffs = pytest.importorskip("scipy.signal").savgol_coeffs
+    for order, row in enumerate(coefficients(frames, rate_hz)):
+        wanted = savgol_coeffs(frames, DEGREE, deriv=order, delta=1 / rate_hz, use="dot")
+        np.testing.assert_allclose(row, wanted, rtol=1e-7, atol=1e-9 * rate_hz**order)
