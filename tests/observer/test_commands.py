@@ -54,7 +54,6 @@ def test_learn_writes_a_model_with_its_provenance(run, archive, tmp_path):
     ("words", "error"),
     [
         (["--view", "dor"], "did you mean door?"),
-        (["--view", "door", "--labels", "ok,jump"], "--labels jump: no recording shows this movement"),
         (
             ["--view", "door", "--labels", "shak"],
             "--labels shak: no recording shows this movement; did you mean shake?",
@@ -76,15 +75,12 @@ def test_what_cannot_be_learned_is_one_line_and_exit_2(run, archive, tmp_path, w
     ("kind", "parameter", "error"),
     [
         ("phase", "begin=5", "parameter begin = 5: a number from 0 to 1 is expected"),
-        ("phase", "apart=-1", "parameter apart = -1: a number from 0 to 1e+06 is expected"),
         ("phase", "fast=nan", "parameter fast = nan: a number above 0 and up to 1e+06 is expected"),
         ("phase", "facings=1.5", "facings = 1.5: a whole number from 1 to 72 is expected"),
         ("phase", "fats=1", "parameter 'fats': not of the model phase"),
-        ("phase-symbols", "temperature=0", "parameter temperature = 0: a number above 0 and up to 1e+06 is expected"),
         ("phase-symbols", "slowest=0", "parameter slowest = 0: a number above 0 and up to 100 is expected"),
         ("phase-symbols", "slowest=3", "parameter fastest = 2: a number not below slowest = 3 is expected"),
         ("phase-symbols", "phases=0", "parameter phases = 0: a whole number from 1 to 1000 is expected"),
-        ("frame-table", "smoothing=0", "parameter smoothing = 0: a number above 0 and up to 1e+06 is expected"),
         ("frame-table", "bins=inf", "parameter bins = inf: a whole number from 1 to 1000 is expected"),
     ],
 )

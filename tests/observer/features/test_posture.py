@@ -91,15 +91,6 @@ def test_later_frames_do_not_change_earlier_results(centres, count):
     np.testing.assert_array_equal(read(centres[:count]), read(centres)[:count])
 
 
-def test_speed_is_per_fifteenth_of_a_second_at_any_rate():
-    def hand(rate_hz):
-        steps = round(rate_hz) + 1
-        return [[[0, 100 - 45 * n / rate_hz], [45, 0], [0, 0]] for n in range(steps)]
-
-    for rate_hz in (15.0, 30.0, 60.0):
-        assert read(hand(rate_hz), rate_hz)[-1, 4] == pytest.approx(1 / 15)
-
-
 def test_the_origin_follows_a_walking_person_slowly():
     still, aside = [[0, 100], [45, 0], [0, 0]], [[30, 100], [75, 0], [30, 0]]
     features = read([still] + [aside] * 1000)
@@ -108,12 +99,6 @@ def test_the_origin_follows_a_walking_person_slowly():
     after_ten_s = 1 + round(ANCHOR_S * RATE)
     assert head_right[after_ten_s] == pytest.approx(head_right[1] / math.e, rel=0.02)
     assert head_right[-1] < 0.01
-
-
-def test_without_a_head_positions_keep_the_last_origin():
-    centres = [[[0, 100], [45, 0], [0, 0]], [[0, 80], [45, 0], GONE]]
-    features = of_parts(read(centres))
-    assert features[1, 0, 1] == pytest.approx(-80 / 45) and np.isnan(features[1, 2]).all()
 
 
 def test_nothing_is_known_before_the_size():
@@ -135,14 +120,6 @@ def test_parts_are_found_by_name():
     mixed, plain = read(centres[:, [2, 1, 0]], body_parts=order), read(centres)
     np.testing.assert_array_equal(of_parts(mixed), of_parts(plain)[:, [2, 1, 0]])
     np.testing.assert_array_equal(mixed[:, -HANDS_FEATURES:], plain[:, -HANDS_FEATURES:])
-
-
-def test_the_distance_of_the_hands_is_known_without_the_head():
-    centres = [[[0, 100], [100, 0], [0, 0]], [[30, 55], [75, 10], GONE], [GONE, [75, 10], [0, 0]]]
-    features = read(centres)[:, -HANDS_FEATURES:]
-    # From the right hand to the left one, up positive: its evidence has the exponent WEIGHT, so its length the root.
-    np.testing.assert_allclose(features[:2], [[-0.5 / 0.45, -0.5 / 0.45], [-0.5, -0.5]])
-    assert np.isnan(features[2]).all()
 
 
 def test_the_distance_of_the_hands_needs_two_hands():
@@ -178,11 +155,6 @@ def test_a_soft_direction_turns_with_the_motion_and_is_bounded(velocity, angle):
     np.testing.assert_allclose(turned[:, 2], soft[:, 2], atol=1e-9)
 
 
-def test_slow_motion_has_little_direction():
-    slow, slower, none = soft_direction(np.array([[SLOW, 0], [SLOW / 10, 0], [0.0, 0]]), FAST)
-    assert slow.tolist() == [FAST, 0, SLOW] and slower[0] == pytest.approx(FAST / 10) and none.tolist() == [0, 0, 0]
-
-
 def test_without_motion_keeps_the_places():
     features = read(np.random.default_rng(0).normal(size=(6, 3, 2)))
     resting = without_motion(features)
@@ -192,8 +164,3 @@ def test_without_motion_keeps_the_places():
     np.testing.assert_array_equal(parts[..., :2], before[..., :2])
     assert (parts[..., 2:] == 0).all() and np.isnan(before[0, 0, 2])
     np.testing.assert_array_equal(without_motion(features.astype(np.float32)[3]), resting[3].astype(np.float32))
-
-
-def test_a_still_person_reads_like_without_motion():
-    still = read([[[0, 100], [45, 0], [0, 0]]] * 3)
-    np.testing.assert_array_equal(without_motion(still)[2], still[2])

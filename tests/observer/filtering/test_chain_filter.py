@@ -127,8 +127,8 @@ def test_the_predictive_log_likelihood_is_the_density_of_the_frame(seed):
         foreseen = mass @ table
         ours.step(frame)
         mass = foreseen * likelihood
-        said = [np.log(mass[movement == m].sum() / foreseen[movement == m].sum()) for m in range(3)]
-        assert ours.predictive_log_likelihood == pytest.approx(said, abs=1e-4)
+        densities = [np.log(mass[movement == m].sum() / foreseen[movement == m].sum()) for m in range(3)]
+        assert ours.predictive_log_likelihood == pytest.approx(densities, abs=1e-4)
         mass /= mass.sum()
 
 
@@ -150,8 +150,8 @@ def test_the_previous_movement_is_no_answer_during_a_movement(seed):
         mass /= mass.sum()
         moving = mass[0] + mass[-cells:].sum() < 0.5
         done = mass[-cells:] - past * moving
-        told = np.bincount(active, mass[1:-cells], cells) + done + mass[0] / cells
-        assert ours.posterior.ravel() == pytest.approx(told / told.sum(), abs=1e-4)
+        answers = np.bincount(active, mass[1:-cells], cells) + done + mass[0] / cells
+        assert ours.posterior.ravel() == pytest.approx(answers / answers.sum(), abs=1e-4)
 
 
 @some
@@ -195,14 +195,8 @@ def test_a_constant_added_to_all_evidence_changes_only_the_predictive_likelihood
     assert shifted.predictive_log_likelihood == pytest.approx(plain.predictive_log_likelihood + constant, abs=1e-3)
 
 
-def test_the_prior_is_uniform():
-    for known in (True, False):
-        assert chain_filter(known).posterior == pytest.approx(np.full((3, 2), 1 / 6))
-        assert chain_filter(known).rest == (0.0 if known else 1.0)
-
-
-class Asked:
-    """Evidence that notes how many cells were asked for."""
+class CountedEvidence:
+    """Evidence that notes how many cells were counts for."""
 
     def __init__(self, evidence, cells):
         self._evidence, self._cells = evidence, cells
@@ -223,15 +217,15 @@ def test_skipping_negligible_mass_changes_little_and_saves_most_of_the_work(know
     postures, ends = Postures(chains.transpose(1, 2, 0)), [without_motion(chains[:, n]).T[None] for n in (0, -1)]
     of_rest = (*map(Postures, ends), cell_of, (3, 4))
     dynamics = Dynamics(np.array([STEPS]), np.ones(1), np.ones((1, 1)), np.array(ENTRY), 0.05, 0.01)
-    asked: dict[float, list[int]] = {0.0: [], 1e-8: []}
+    counts: dict[float, list[int]] = {0.0: [], 1e-8: []}
     for recording in perform(("3",), labels, seed=4).recordings:
-        exact, quick = (ChainFilter(cell_of, 3, 4, chains.shape[1], dynamics, known, n) for n in asked)
+        exact, quick = (ChainFilter(cell_of, 3, 4, chains.shape[1], dynamics, known, n) for n in counts)
         chosen = LivePostures(postures), LivePostures(postures)
         reader = PostureReader(archive.body_parts, recording.rate_hz, max_speed=1.5, hands_weight=0.5)
         for tracks in view_tracks(door, recording, archive.body_parts, archive.body_parts):
             features = reader.update(tracks)
-            for belief, own, cells in zip((exact, quick), chosen, asked.values(), strict=True):
-                belief.step(Asked(PostureEvidence(own, of_rest, features, 1.0, 5.0), cells))
+            for belief, own, cells in zip((exact, quick), chosen, counts.values(), strict=True):
+                belief.step(CountedEvidence(PostureEvidence(own, of_rest, features, 1.0, 5.0), cells))
             assert quick.posterior == pytest.approx(exact.posterior, abs=1e-3)
             assert quick.rest == pytest.approx(exact.rest, abs=1e-3)
-    assert sum(asked[1e-8]) < 0.6 * sum(asked[0.0])
+    assert sum(counts[1e-8]) < 0.6 * sum(counts[0.0])

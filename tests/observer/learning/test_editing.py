@@ -10,7 +10,7 @@ from common.vocabulary import Vocabulary
 from observer.geometry.views import parse_view
 from observer.learning.commands import describe_evaluation
 from observer.learning.editing import add_movements, remove_movements
-from observer.learning.learn import ExampleView, evaluate_example, folds_by_person, folds_by_recording, learn_view
+from observer.learning.learn import evaluate_example, learn_view
 from observer.model.base import Onset
 from observer.model.model_file import read_model, write_model
 from observer.model.posterior_calibration import CAUTIOUS, PosteriorCalibration, at_least_cautious
@@ -83,30 +83,6 @@ def test_at_least_cautious():
     assert at_least_cautious(PosteriorCalibration(0.5, 0.002, ((-1.0, 0.1),), 2.0, 1.0)) == CAUTIOUS
     unsure = at_least_cautious(PosteriorCalibration(4.0, 0.2))
     assert (unsure.temperature, unsure.doubt) == (4.0, 0.2)
-
-
-def test_many_recordings_of_one_person_are_still_one_person(people):
-    many = some(perform(("1",), OLD, trials=10, seed=2), ("1",), OLD, trials=10)
-    calibration = learn_view(many, DOOR, Vocabulary(OLD), kind="frame-table").header.calibration
-    assert (
-        calibration.temperature >= CAUTIOUS.temperature
-        and calibration.doubt >= CAUTIOUS.doubt
-        and not calibration.foreseen
-    )
-
-
-def test_folds(people):
-    vocabulary, parts = Vocabulary(OLD), people.body_parts
-
-    def of(archive):
-        return ExampleView(DOOR, vocabulary, parts).examples(archive.recordings, parts)
-
-    two = of(some(people, ("1", "2"), OLD))
-    assert [{two[n].subject for n in out} for out in folds_by_person(two)] == [{"1"}, {"2"}]
-    one = of(some(people, ("1",), OLD))
-    assert folds_by_person(one) is None
-    assert sorted(n for out in folds_by_recording(one) for n in out) == list(range(6))
-    assert all(sorted(one[n].movement for n in out) == [0, 1] for out in folds_by_recording(one))
 
 
 def same(one, other):

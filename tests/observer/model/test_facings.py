@@ -81,15 +81,6 @@ def test_a_model_of_one_facing_confuses_a_turned_person(model_of, people):
     assert lunges and all(label_of(watched(model, recording, 90)[-1]) != "lunging" for recording in lunges)
 
 
-def test_the_joint_posterior_sums_to_the_posterior(model_of, people):
-    watch, tracker = model_of(8).watch(Onset()), ProjectedTracker(DOOR, BODY_PARTS, BODY_PARTS)
-    assert watch.joint == pytest.approx(np.full((3, 8), 1 / 24))
-    for frame in frames_of(third(people)[0]):
-        watch.update(tracker.update(frame))
-        assert watch.joint.shape == (3, 8) and watch.joint.sum() == pytest.approx(1)
-        assert watch.joint.sum(axis=1) == pytest.approx(watch.p)
-
-
 @pytest.mark.parametrize("calibration", [PosteriorCalibration(), PosteriorCalibration(3.0, 0.1)])
 def test_facings_are_distributions_for_each_movement(model_of, people, calibration):
     model = model_of(8)
@@ -98,11 +89,6 @@ def test_facings_are_distributions_for_each_movement(model_of, people, calibrati
         assert posterior.p.shape == (3,) and posterior.p.sum() == pytest.approx(1)
         assert posterior.facing.shape == (3, 8) and posterior.facing.sum(axis=1) == pytest.approx(np.ones(3))
         assert (posterior.facing * posterior.p[:, None] >= calibration.doubt / 24 - 1e-12).all()
-
-
-def test_a_model_of_one_facing_has_no_joint_posterior(model_of, people):
-    assert model_of(1).watch(Onset()).joint is None
-    assert watched(model_of(1), third(people)[0])[-1].facing is None
 
 
 def test_the_file_contains_facings_and_calibration(calibrated, people, tmp_path):
@@ -149,7 +135,3 @@ def test_unlearned_is_unknown_before_the_first_movement(calibrated, people):
 def test_an_invalid_number_of_facings_is_rejected(facings):
     with pytest.raises(BadInput, match=r"facings = .*: a whole number from 1 to 72 is expected"):
         facings_in({"facings": facings})
-
-
-def test_the_default_is_one_facing():
-    assert (facings_in({}), facings_in({"facings": 12.0}), facings_in({"facings": 72.0})) == (1, 12, 72)

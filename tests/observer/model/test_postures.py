@@ -43,15 +43,8 @@ def test_squared_distances_of_the_known_features(seed, missing, phases):
 @given(seed=SEEDS, missing=MISSING, live=st.sets(st.integers(0, CHAINS - 1), min_size=1))
 def test_distances_of_selected_chains(seed, missing, live):
     whole, features, some = Postures(drawn(seed)), features_of(seed, missing), np.array(sorted(live))
-    found = whole.select(some).squared_distances(features, PHASES)
-    np.testing.assert_allclose(found, whole.squared_distances(features, PHASES)[:, some], atol=1e-4)
-
-
-def test_live_chains_are_copied_only_when_they_change():
-    chosen, live = LivePostures(Postures(drawn(0))), np.array([1, 3])
-    first = chosen.of(live)
-    assert chosen.of(live) is first and chosen.of(np.array([0])) is not first
-    assert chosen.of(None) is not first
+    distances = whole.select(some).squared_distances(features, PHASES)
+    np.testing.assert_allclose(distances, whole.squared_distances(features, PHASES)[:, some], atol=1e-4)
 
 
 def evidence(features, postures, outlier=5.0, sharpness=1.0):
@@ -84,15 +77,15 @@ def test_the_evidence_between_two_postures_is_bounded(seed, far, outlier):
 def test_the_likelihoods_of_rest_and_of_rest_after_each_movement(seed, missing):
     # Near enough that the floor plays no part.
     features = features_of(seed, missing) / 3
-    told = evidence(features, drawn(seed), sharpness=0.3)
+    frame = evidence(features, drawn(seed), sharpness=0.3)
     first, last = (np.exp(-0.3 * np.nansum((drawn(n, 1)[0] - features[:, None]) ** 2, axis=0)) for n in (11, 12))
     rest = np.array([np.mean([first[k == CELL_OF % 2], last[k == CELL_OF % 2]]) for k in range(2)])
     own = np.array([[last[2 * m + k == CELL_OF].mean() for k in range(2)] for m in range(2)])
-    assert told.rest == pytest.approx(np.log(rest.max()), abs=1e-3)
-    np.testing.assert_allclose(told.after, np.log(np.maximum(own, rest)), atol=1e-3)
+    assert frame.rest == pytest.approx(np.log(rest.max()), abs=1e-3)
+    np.testing.assert_allclose(frame.after, np.log(np.maximum(own, rest)), atol=1e-3)
 
 
 def test_rest_is_never_impossible():
     features = np.full(SIZE, 1e3)
-    told = evidence(features, drawn(0))
-    assert told.rest == pytest.approx(FLOOR, abs=1e-3) and np.allclose(told.after, FLOOR, atol=1e-3)
+    frame = evidence(features, drawn(0))
+    assert frame.rest == pytest.approx(FLOOR, abs=1e-3) and np.allclose(frame.after, FLOOR, atol=1e-3)

@@ -2,6 +2,7 @@
 
 import itertools
 import re
+import zipfile
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from common.errors import BadInput, LabanmeshError
-from observer.motion.archive import MotionArchive, Recording, Span, check_archive, clean_label, is_label
+from observer.motion.archive import MotionArchive, Recording, Span, clean_label, is_label
 from observer.motion.archive_file import read_archive, write_archive
 
 PARTS = ("left_hand", "right_hand", "head")
@@ -86,13 +87,6 @@ def test_writes_the_file_of_the_contract(tmp_path):
             assert file[name].dtype.kind == array.dtype.kind and file[name].shape == array.shape
         assert file["positions"].dtype == np.float32 and file["lengths"].dtype == np.int64
         assert file["span_label"].tolist() == ["wave", "bend"]
-
-
-def test_a_rate_for_each_recording(tmp_path):
-    archive = read_archive(saved(tmp_path, rate_hz=np.array([10.0, 30.0])))
-    assert [recording.rate_hz for recording in archive.recordings] == [10.0, 30.0]
-    write_archive(tmp_path / "again.npz", archive)
-    same(read_archive(tmp_path / "again.npz"), archive)
 
 
 def test_span_arrays_are_optional(tmp_path):
@@ -197,6 +191,10 @@ def test_files_of_other_formats(tmp_path):
     np.save(tmp_path / "one.npy", np.zeros(3))
     assert "is not a motion archive" in refused(tmp_path / "one.npy")
     assert "cannot be read" in refused(tmp_path)
+    with zipfile.ZipFile(path, "w") as file:
+        for name in contract_arrays():
+            file.writestr(f"{name}.npy", "no array")
+    assert "positions cannot be read" in refused(path)
 
 
 def test_a_truncated_file(tmp_path):
@@ -221,34 +219,16 @@ def test_a_damaged_file_is_read_completely_or_rejected_in_one_line(tmp_path):
             assert str(error).startswith(f"{path}: ") and "\n" not in str(error)
 
 
-def test_members_that_are_not_arrays(tmp_path):
-    import zipfile
-
-    path = tmp_path / "odd.npz"
-    with zipfile.ZipFile(path, "w") as file:
-        for name in contract_arrays():
-            file.writestr(f"{name}.npy", "no array")
-    assert "positions cannot be read" in refused(path)
-
-
 @pytest.mark.parametrize(
     ("archive", "words"),
     [
         (MotionArchive((), small().recordings), "body_parts"),
-        (MotionArchive(PARTS, ()), "no recordings"),
-        (small(positions=np.zeros((4, 2, 3), np.float32)), r"\(4, 2, 3\)"),
-        (small(positions=np.zeros((0, 3, 3), np.float32)), "at least one frame"),
-        (small(positions=np.zeros((4, 3, 3))), "float64"),
-        (small(label="Wave"), "'Wave'"),
-        (small(rate_hz=0.0), "rate_hz"),
         (small(spans=(Span(2, 3, "b"), Span(0, 1, "a"))), "in order"),
     ],
 )
 def test_an_invalid_archive_is_not_written(archive, words, tmp_path):
     with pytest.raises(BadInput, match=words):
         write_archive(tmp_path / "motion.npz", archive)
-    with pytest.raises(BadInput, match=words):
-        check_archive(archive)
     assert not list(tmp_path.iterdir())
 
 
@@ -269,11 +249,7 @@ def test_an_interrupted_write_leaves_only_the_old_file(interruption, tmp_path, m
     assert [entry.name for entry in tmp_path.iterdir()] == ["motion.npz"]
 
 
-def test_a_path_that_cannot_be_written(tmp_path):
-    with pytest.raises(BadInput, match=r"nowhere/motion\.npz: no such file or directory\. Choose another path"):
-        write_archive(tmp_path / "nowhere" / "motion.npz", small())
-    with pytest.raises(BadInput, match="is a directory"):
-        write_archive(tmp_path, small())
+def test_a_link_is_written_through(tmp_path):
     (tmp_path / "link.npz").symlink_to(tmp_path / "target.npz")
     write_archive(tmp_path / "link.npz", small())
     assert (tmp_path / "link.npz").is_symlink() and (tmp_path / "target.npz").is_file()
@@ -284,6 +260,6 @@ def test_a_cleaned_label_is_a_label(text):
     assert is_label(clean_label(text)) and len(clean_label(text)) <= 64
 
 
-def test_cleaned_labels():
-    assert clean_label("Answer phone") == "answer_phone"
-    assert clean_label(" High-Throw (2) ") == "high_throw_2"
+@pytest.mark.parametrize(("text", "label"), [("Answer phone", "answer_phone"), (" High-Throw (2) ", "high_throw_2")])
+def test_cleaned_labels(text, label):
+    assert clean_label(text) == label

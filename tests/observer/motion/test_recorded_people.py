@@ -72,10 +72,6 @@ def test_florence3d(data):
     assert {recording.label for recording in recordings} == names
     assert len({(r.label, r.subject, r.trial) for r in recordings}) == 215
     assert {recording.subject for recording in recordings} == set(map(str, range(1, 11)))
-    standing = [recording for recording in recordings if recording.label in ("wave", "clap")]
-    for recording in standing:
-        middle = np.median(recording.positions, axis=0)
-        assert middle[LEFT, 0] < middle[RIGHT, 0] and middle[HEAD, 1] > middle[LEFT, 1] and 1 < middle[HEAD, 2] < 5
     claps = [r.positions for r in recordings if r.label == "clap"]
     assert np.median([np.min(p[:, LEFT, 2] - p[:, HEAD, 2]) for p in claps]) < -0.2
 

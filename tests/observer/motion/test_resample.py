@@ -50,12 +50,6 @@ def test_rounding_never_hides_a_seen_frame(factor):
     assert np.isfinite(finer.positions[:: 2 * factor, 0]).all()
 
 
-def test_one_unseen_coordinate_is_an_unseen_part():
-    recording = line(3)
-    recording.positions[1, 0, 2] = np.nan
-    assert np.isnan(resample(recording, 10.0).positions[1, 0]).all()
-
-
 def test_a_faster_performance_takes_fewer_frames():
     fast = retime(line(18), 1.7)
     assert len(fast.positions) == 11 and fast.rate_hz == 10.0
@@ -120,9 +114,3 @@ def test_retiming_gives_a_valid_recording_and_reveals_nothing(tempo, gap, edges)
             continue  # so near to a frame that it may count as that frame or as being beside it
         around = {int(np.floor(instant + 1e-6)), int(np.ceil(instant - 1e-6))}
         assert np.isnan(place) == bool(around & gap)
-
-
-def test_the_same_rate_changes_nothing():
-    recording = line(7, unseen=[3])
-    np.testing.assert_array_equal(resample(recording, 10.0).positions, recording.positions)
-    np.testing.assert_array_equal(retime(recording, 1.0).positions, recording.positions)

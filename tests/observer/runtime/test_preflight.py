@@ -20,7 +20,7 @@ ROOT = Path(__file__).parents[3]
 @pytest.fixture(scope="module")
 def place(tmp_path_factory):
     """A folder with recorded motion and the model of one view."""
-    folder = tmp_path_factory.mktemp("examined")
+    folder = tmp_path_factory.mktemp("preflight")
     write_archive(folder / "motion.npz", perform(people=("2",), movements=("lunging", "byebye"), trials=2))
     command = ["labanmesh", "learn", folder / "motion.npz", "--view", "door", "-o", folder / "good.model"]
     subprocess.run([sys.executable, "-m", *map(str, command)], cwd=ROOT, check=True, capture_output=True, timeout=60)
@@ -29,7 +29,7 @@ def place(tmp_path_factory):
 
 
 @pytest.fixture
-def examined(place):
+def preflight(place):
     def look(section, head=""):
         path = place / "scene.toml"
         path.write_text(f'scene = "dojo"\n{head}[observers.a]\nmodel = "good.model"\n{section}\n')
@@ -38,53 +38,48 @@ def examined(place):
     return look
 
 
-def test_a_valid_observer_has_no_findings(examined):
-    found = examined('source = "motion.npz"')
-    assert (found.faults, found.doubts, found.lacks) == ([], [], [])
-    assert (found.labels, found.reads) == (["lunging", "byebye"], "positions") and found.rate_hz
+def test_a_valid_observer_has_no_findings(preflight):
+    result = preflight('source = "motion.npz"')
+    assert (result.faults, result.doubts, result.lacks) == ([], [], [])
+    assert (result.labels, result.reads) == (["lunging", "byebye"], "positions") and result.rate_hz
 
 
 @pytest.mark.parametrize(
     ("section", "words"),
     [
         ('source = "motion.npz"\nview = "dor"', "did you mean door?"),
-        ('source = "motion.npz"\nview = "gone.toml"', "gone.toml"),
         ('source = "motion.npz"\ntracker = "camshft"', "unknown tracker"),
         ('source = "zenoh:k"\ntracker = "camshift"', "reads pictures"),
         ('source = "gone.npz"', "gone.npz"),
-        ('source = "gone.mp4"', "gone.mp4: no such file"),
-        ('source = "motion.npz"\nrecording = 99', "has recordings 0 to"),
         ('source = "motion.npz"\nrate_hz = 30', "learned at"),
-        ('source = "0"\nskin = "gone.npz"', "gone.npz"),
-        ('source = "motion.npz"\nmirrored = true', "only pictures can be mirrored"),
     ],
 )
-def test_a_fault_has_the_error_of_observe(examined, section, words):
-    (fault,) = examined(section).faults
+def test_a_fault_has_the_error_of_observe(preflight, section, words):
+    (fault,) = preflight(section).faults
     assert words in fault
 
 
-def test_a_model_for_another_vocabulary_or_view(examined):
-    (fault,) = examined('source = "motion.npz"', 'vocabulary = ["bowing", "lunging"]\n').faults
+def test_a_model_for_another_vocabulary_or_view(preflight):
+    (fault,) = preflight('source = "motion.npz"', 'vocabulary = ["bowing", "lunging"]\n').faults
     assert "learned for the vocabulary" in fault
-    (doubt,) = examined('source = "motion.npz"\nview = "wheel"').doubts
+    (doubt,) = preflight('source = "motion.npz"\nview = "wheel"').doubts
     assert "labanmesh learn ... --view wheel" in doubt
 
 
-def test_no_camera_is_opened_and_no_standard_input_read(examined):
-    assert examined('source = "97"').faults == []
-    assert examined('source = "rtsp://me:secret@127.0.0.1:9/x"').source == "rtsp://127.0.0.1:9/x"
-    assert "standard input" in examined('source = "-"').doubts[0]
+def test_no_camera_is_opened_and_no_standard_input_read(preflight):
+    assert preflight('source = "97"').faults == []
+    assert preflight('source = "rtsp://me:secret@127.0.0.1:9/x"').source == "rtsp://127.0.0.1:9/x"
+    assert "standard input" in preflight('source = "-"').doubts[0]
 
 
-def test_mediapipe_is_not_started(examined, monkeypatch):
+def test_mediapipe_is_not_started(preflight, monkeypatch):
     monkeypatch.setattr("observer.runtime.preflight.find_spec", lambda name: None)
-    assert examined('source = "97"\ntracker = "mediapipe"').lacks == ["mediapipe"]
+    assert preflight('source = "97"\ntracker = "mediapipe"').lacks == ["mediapipe"]
     monkeypatch.setattr("observer.runtime.preflight.find_spec", lambda name: name)
-    assert examined('source = "97"\ntracker = "mediapipe"').lacks == []
-    (fault,) = examined('source = "97"\ntracker = "mediapipe"\npose_model = "gone.task"').faults
+    assert preflight('source = "97"\ntracker = "mediapipe"').lacks == []
+    (fault,) = preflight('source = "97"\ntracker = "mediapipe"\npose_model = "gone.task"').faults
     assert "gone.task" in fault
-    (fault,) = examined('source = "gone.mp4"\ntracker = "mediapipe"').faults
+    (fault,) = preflight('source = "gone.mp4"\ntracker = "mediapipe"').faults
     assert "gone.mp4: no such file" in fault
 
 

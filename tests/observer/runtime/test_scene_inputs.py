@@ -34,11 +34,11 @@ def opened(tmp_path):
 
 
 def test_the_scene_names_the_recording(opened):
-    eyes = opened("recording = 1\nspeed = 0\nloop = true")
-    one = eyes.source
+    inputs = opened("recording = 1\nspeed = 0\nloop = true")
+    one = inputs.source
     assert [len(recording.positions) for recording in one.recordings] == [3]
     assert (one.speed, one.loop, one.start_ns, one.rate_hz, one.body_parts) == (0, True, None, 10, BODY_PARTS)
-    assert eyes.length == 3 and eyes.at_own_rate
+    assert inputs.length == 3 and inputs.at_own_rate
     assert len(opened('recording = "all"').source.recordings) == 2
     assert opened(environment={PLAYBACK_START: "123"}).source.start_ns == 123
 
@@ -49,18 +49,18 @@ def test_recorded_motion_can_be_sampled_at_another_rate(opened):
 
 def test_a_picture_tracker_gets_a_virtual_camera(opened):
     room = '[observers.cam1.virtual]\nbackground = "cluttered"'
-    eyes = opened(f'tracker = "camshift"\nspeed = 0\nsize_px = [320, 240]\n{room}')
-    assert isinstance(eyes.source, VirtualCamera) and isinstance(eyes.tracker.tracker, CamshiftTracker)
-    assert not eyes.at_own_rate
-    frames = list(eyes.source.frames(threading.Event()))
+    inputs = opened(f'tracker = "camshift"\nspeed = 0\nsize_px = [320, 240]\n{room}')
+    assert isinstance(inputs.source, VirtualCamera) and isinstance(inputs.tracker.tracker, CamshiftTracker)
+    assert not inputs.at_own_rate
+    frames = list(inputs.source.frames(threading.Event()))
     assert [frame.content.shape for frame in frames] == [(240, 320, 3)] * 2
-    assert eyes.tracker.update(frames[0]).centres.shape == (3, 2)
+    assert inputs.tracker.update(frames[0]).centres.shape == (3, 2)
 
 
 def test_an_occluder_is_there_only_in_its_seconds(opened):
     rows = "[[0, 0, 1, 1, 0.1, 0.2]]"
-    eyes = opened(f'tracker = "camshift"\nspeed = 0\n[observers.cam1.virtual]\nnoise = 0\noccluders = {rows}')
-    before, hidden = (frame.content for frame in eyes.source.frames(threading.Event()))
+    inputs = opened(f'tracker = "camshift"\nspeed = 0\n[observers.cam1.virtual]\nnoise = 0\noccluders = {rows}')
+    before, hidden = (frame.content for frame in inputs.source.frames(threading.Event()))
     assert (before != hidden).any(axis=2).mean() > 0.9
 
 
@@ -73,8 +73,8 @@ def test_mirrored_pictures_are_turned_back(opened):
 
 @pytest.mark.parametrize(("source", "kind"), [("-", PipedTracks), ("zenoh:tracks/cam1", MeshTracks)])
 def test_tracks_of_other_programs(opened, source, kind):
-    eyes = opened(source=source)
-    assert isinstance(eyes.source, kind) and eyes.tracker.body_parts == BODY_PARTS
+    inputs = opened(source=source)
+    assert isinstance(inputs.source, kind) and inputs.tracker.body_parts == BODY_PARTS
 
 
 @pytest.mark.parametrize(
