@@ -16,7 +16,6 @@ from common.vocabulary import Vocabulary
 if TYPE_CHECKING:
     from observer.learning.editing import EditedModel
     from observer.model.base import Header
-    from observer.model.posterior_calibration import HeldOutResult
     from observer.motion.archive import MotionArchive
 
 ENOUGH_RECORDINGS = 3
@@ -127,7 +126,7 @@ def _learn_movements(
     print(describe_evaluation(header))
     if header.background is not None:
         print(describe_background(header))
-    _print_warnings(archive, header.vocabulary.labels)
+    _warn_of_few_recordings(archive, header.vocabulary.labels)
 
 
 def _add_movements(
@@ -149,7 +148,7 @@ def _add_movements(
     )
     write_model(output, edited.model)
     print(describe_addition(output, edited))
-    _print_warnings(archive, edited.labels)
+    _warn_of_few_recordings(archive, edited.labels)
 
 
 def _learn_effort(archive: "MotionArchive", view: str, output: Path, provenance: Mapping[str, str]) -> None:
@@ -216,20 +215,16 @@ def describe_evaluation(header: "Header") -> str:
 
 def describe_addition(output: Path, edited: "EditedModel") -> str:
     """What was added, and how well the new movements are recognised; the calibration is that of the old ones."""
+    from observer.learning.learn import right_count
+
     header, labels, results = edited.model.header, ", ".join(edited.labels), edited.results
     examples = f"{plural(edited.examples, 'example')} of {plural(edited.people, 'person', 'people')}"
     lines = [f"{output}: {labels} added from {examples}; {describe_vocabulary(header)}"]
     if edited.promoted:
         lines.append(f"no longer something else: {', '.join(edited.promoted)}")
-    share = f": right {_right_percent(results):.0f} %" if results else ""
+    share = f": right {100 * right_count(results) / len(results):.0f} %" if results else ""
     lines.append(f"tried on {_left_out(len(results))} of {labels}{share}; {_calibration(header)}")
     return "\n".join(lines)
-
-
-def _right_percent(results: "Sequence[HeldOutResult]") -> float:
-    from observer.learning.learn import right_count
-
-    return 100 * right_count(results) / len(results)
 
 
 def _left_out(count: int) -> str:
@@ -251,21 +246,14 @@ def describe_vocabulary(header: "Header") -> str:
     )
 
 
-def few_recordings(archive: "MotionArchive", labels: Sequence[str]) -> list[str]:
-    """A warning for each of these movements with fewer than ENOUGH_RECORDINGS recordings."""
+def _warn_of_few_recordings(archive: "MotionArchive", labels: Sequence[str]) -> None:
     from observer.motion.archive import movements_in
 
     counts = Counter(recording.label for recording in movements_in(archive))
-    return [
-        f"warning: {label}: {plural(counts[label], 'recording')}; record it at least {ENOUGH_RECORDINGS} times"
-        for label in labels
-        if counts[label] < ENOUGH_RECORDINGS
-    ]
-
-
-def _print_warnings(archive: "MotionArchive", labels: Sequence[str]) -> None:
-    for line in few_recordings(archive, labels):
-        print(line, file=sys.stderr)
+    for label in labels:
+        if counts[label] < ENOUGH_RECORDINGS:
+            count = plural(counts[label], "recording")
+            print(f"warning: {label}: {count}; record it at least {ENOUGH_RECORDINGS} times", file=sys.stderr)
 
 
 def _calibration(header: "Header") -> str:
