@@ -9,6 +9,8 @@ import pytest
 from common.errors import BadInput
 from observer.geometry.views import parse_view
 from observer.motion.archive import MotionArchive, Recording, Span
+from observer.motion.archive_file import write_archive
+from studies.commands import paper
 from studies.evaluate import EvaluationSettings, evaluate
 from studies.performer import perform, perform_continuously
 from studies.report import as_json, as_text, resolved_pairs, write_report
@@ -137,3 +139,15 @@ def test_a_label_on_an_unlearned_movement_is_counted():
     assert (counts.right, counts.false, counts.movements) == (1, 1, 1)
     assert (counts.unlearned, counts.labelled, counts.alarms_at_rest) == (2, 1, 0)
     assert counts.as_json()["unlearned_named"] == 0.5
+
+
+def test_all_three_are_printed_beside_the_papers(tmp_path, capsys):
+    archive = tmp_path / "synthetic.npz"
+    write_archive(archive, perform(trials=2, seed=1))
+    paper(archive, report=tmp_path / "out")
+    text = capsys.readouterr().out
+    for title in ("Table I:", "Table II:", "Table III:", "32(of 95)", "all, confusions of one view"):
+        assert title in text
+    assert "1: one camera on the Door plane" in text.splitlines()[-6]
+    assert (tmp_path / "out" / "experiments.txt").read_text() in text
+    assert (tmp_path / "out" / "all" / "confusion-fused.png").exists()

@@ -10,6 +10,7 @@ from common.errors import BadInput
 from observer.geometry.views import parse_view
 from observer.motion.archive import MotionArchive, Recording
 from observer.motion.archive_file import write_archive
+from observer.tracks import BODY_PARTS
 from studies import learning_curve as curves
 from studies.evaluate import EvaluationSettings, evaluate
 from studies.performer import perform
@@ -19,15 +20,16 @@ LABELS = ("ok", "lunging")
 FRONT = (parse_view("door"),)
 
 
-def recordings(counts):
+def archive_of(counts):
     """counts: subject -> label -> how many; the recordings are empty."""
     positions = np.zeros((3, 3, 3), np.float32)
-    return tuple(
+    recordings = [
         Recording(positions, 15.0, label, subject, str(n))
         for subject, shown in counts.items()
         for label, count in shown.items()
         for n in range(count)
-    )
+    ]
+    return MotionArchive(BODY_PARTS, tuple(recordings))
 
 
 @pytest.fixture
@@ -46,7 +48,7 @@ def asked(monkeypatch):
 
 def test_people_and_recordings_are_counted_up_and_the_same_are_judged(asked):
     both = dict.fromkeys(LABELS, 3)
-    archive = MotionArchive(("left_hand", "right_hand", "head"), recordings(dict.fromkeys("abcdx", both)))
+    archive = archive_of(dict.fromkeys("abcdx", both))
     settings = EvaluationSettings(views=FRONT, labels=LABELS, train_subjects=("a", "b", "c", "d"))
     curve = curves.learning_curve(archive, settings)
     assert [(p["n"], p["draws"]) for p in curve["people"]] == [(1, 3), (2, 3), (3, 3), (4, 1)]
@@ -65,16 +67,14 @@ def test_people_and_recordings_are_counted_up_and_the_same_are_judged(asked):
 
 def test_only_groups_that_show_every_movement_are_learned_from(asked):
     counts = {"a": {"ok": 1}, "b": dict.fromkeys(LABELS, 1), "c": {"lunging": 1}, "x": dict.fromkeys(LABELS, 1)}
-    archive = MotionArchive(("left_hand", "right_hand", "head"), recordings(counts))
+    archive = archive_of(counts)
     curves.learning_curve(archive, EvaluationSettings(views=FRONT, labels=LABELS, train_subjects=("a", "b", "c")))
     assert {q.train_subjects for _, q in asked} == {("b",), ("a", "b"), ("a", "c"), ("b", "c"), ("a", "b", "c")}
 
 
 def test_a_large_test_set_is_sampled_evenly(asked, monkeypatch):
     monkeypatch.setattr(curves, "MOST_JUDGED", 5)
-    archive = MotionArchive(
-        ("left_hand", "right_hand", "head"), recordings({s: dict.fromkeys(LABELS, 9) for s in "ax"})
-    )
+    archive = archive_of({s: dict.fromkeys(LABELS, 9) for s in "ax"})
     settings = EvaluationSettings(views=FRONT, labels=LABELS, train_subjects=("a",))
     assert curves.learning_curve(archive, settings)["n_judged"] == 5
     judged = {tuple((r.label, r.trial) for r in archive.recordings if r.subject == "x") for archive, _ in asked}
@@ -84,7 +84,7 @@ def test_a_large_test_set_is_sampled_evenly(asked, monkeypatch):
 
 
 def test_leave_one_subject_out_is_rejected():
-    archive = MotionArchive(("left_hand", "right_hand", "head"), recordings({"a": dict.fromkeys(LABELS, 1)}))
+    archive = archive_of({"a": dict.fromkeys(LABELS, 1)})
     with pytest.raises(BadInput, match="--learning-curve --leave-one-subject-out"):
         curves.learning_curve(archive, EvaluationSettings(views=FRONT, labels=LABELS, leave_one_subject_out=True))
 
@@ -92,17 +92,8 @@ def test_leave_one_subject_out_is_rejected():
 def test_the_command_prints_writes_and_draws_the_curve(capsys, tmp_path):
     archive = perform(("1", "2", "3"), LABELS, trials=2, seed=3)
     write_archive(tmp_path / "people.npz", archive)
-    words = [
-        "evaluate",
-        tmp_path / "people.npz",
-        "--views",
-        "door",
-        "--train-subjects",
-        "1,2",
-        "--model",
-        "frame-table",
-    ]
-    words += ["--learning-curve", "--json", tmp_path / "found.json"]
+    words = ["evaluate", tmp_path / "people.npz", "--json", tmp_path / "found.json", "--learning-curve"]
+    words += ["--views", "door", "--train-subjects", "1,2", "--model", "frame-table"]
     assert labanmesh.main([str(word) for word in words]) == 0
     out = capsys.readouterr().out
     figures = json.loads((tmp_path / "found.json").read_text("utf-8"))

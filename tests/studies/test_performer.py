@@ -35,15 +35,10 @@ def test_the_papers_database(archive):
     assert [(r.subject, r.label, r.trial) for r in archive.recordings] == [
         (p, m, t) for p in PEOPLE for m in MOVEMENTS for t in "1234"
     ]
-
-
-def test_recordings_are_what_the_contract_says(archive):
     for recording in archive.recordings:
-        frames = len(recording.positions)
-        assert recording.positions.shape == (frames, 3, 3) and recording.positions.dtype == np.float32
+        assert recording.positions.shape[1:] == (3, 3) and recording.positions.dtype == np.float32
         assert np.isfinite(recording.positions).all()
         assert (recording.rate_hz, recording.spans) == (15.0, ())
-        assert 1.5 <= frames / 15 <= 4.0
 
 
 def test_the_same_seed_gives_the_same_bits_and_another_does_not():
@@ -138,15 +133,11 @@ def test_which_hands_move(archive, label):
     for recording in of(archive, label):
         left, right = np.ptp(recording.positions[:, :2], axis=0).max(axis=1)
         assert right > 0.25
+        assert label != "stretch" or recording.positions[:, RIGHT, Y].max() > recording.positions[0, HEAD, Y]
         if label in ("maestro", "stretch"):
             assert left > 0.2
         elif label != "lunging":
             assert left < 0.12
-
-
-def test_stretch_raises_the_hands_above_the_head(archive):
-    for recording in of(archive, "stretch"):
-        assert recording.positions[:, RIGHT, Y].max() > recording.positions[0, HEAD, Y]
 
 
 def test_the_head_goes_forward_in_lunging_alone(archive):

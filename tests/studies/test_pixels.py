@@ -25,14 +25,10 @@ def archive():
 
 def test_tracks_from_pictures_follow_the_recording(archive):
     recording = archive.recordings[0]
-    tracks = track_pictures(
-        EvaluationTrial(recording, 0, len(recording.positions)), parse_view("door"), archive.body_parts, Filming()
-    )
+    trial = EvaluationTrial(recording, 0, len(recording.positions))
+    tracks, again = (track_pictures(trial, parse_view("door"), archive.body_parts, Filming()) for _ in range(2))
     assert len(tracks) == len(recording.positions)
     assert np.mean([one.visible for one in tracks]) > 0.7
-    again = track_pictures(
-        EvaluationTrial(recording, 0, len(recording.positions)), parse_view("door"), archive.body_parts, Filming()
-    )
     assert all(np.array_equal(a.centres, b.centres, equal_nan=True) for a, b in zip(tracks, again, strict=True))
 
 

@@ -1,13 +1,10 @@
 """Results on recorded people: MSR Action3D, odd subjects learned from, even ones judged."""
 
-from functools import cache
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from observer.geometry.views import parse_view
-from observer.motion.archive import MotionArchive, labels_of
+from observer.motion.archive import labels_of
 from observer.motion.importers import import_recordings
 from observer.motion.importers.msr_action3d import LABELS
 from studies.evaluate import EvaluationSettings, evaluate
@@ -20,14 +17,9 @@ ODD, EVEN = ("1", "3", "5", "7", "9"), ("2", "4", "6", "8", "10")
 pytestmark = pytest.mark.slow
 
 
-@cache
-def recorded(place: Path) -> MotionArchive:
-    return import_recordings("msr-action3d", place).archive
-
-
 @pytest.fixture(scope="module")
-def msr(data) -> MotionArchive:
-    return recorded(data / "msr_action3d")
+def msr(data):
+    return import_recordings("msr-action3d", data / "msr_action3d").archive
 
 
 def ask(archive, labels, views="door", **given):
@@ -39,30 +31,22 @@ def figures_of(archive, labels, views="door", **given):
     return as_json(ask(archive, labels, views, **given))
 
 
-def mean_over_subsets(archive, measure, **given):
-    return float(np.mean([measure(figures_of(archive, labels, **given)) for labels in SUBSETS.values()]))
-
-
-def final_accuracy(figures):
-    return figures["accuracy"]
+def mean_accuracy(archive, **given):
+    return np.mean([figures_of(archive, labels, **given)["accuracy"] for labels in SUBSETS.values()])
 
 
 PAPERS = {"model": PAPER_MODEL, "rule": PAPER_RULE, "calibrated": False}
 
 
-def test_the_labels_of_the_subsets_are_the_archives(msr):
-    assert labels_of(msr) == LABELS
-    assert [len(labels) for labels in SUBSETS.values()] == [8, 8, 8]
-
-
 def test_the_papers_model_in_the_door_plane_and_turned_without_relearning(msr):
-    straight = mean_over_subsets(msr, final_accuracy, **PAPERS)
-    turned = mean_over_subsets(msr, final_accuracy, turn=45.0, **PAPERS)
+    straight = mean_accuracy(msr, **PAPERS)
+    turned = mean_accuracy(msr, turn=45.0, **PAPERS)
     assert straight >= 0.66
     assert turned <= straight - 0.05
 
 
 def test_the_papers_fusion_beats_the_better_of_its_two_views(msr):
+    assert labels_of(msr) == LABELS
     figures = figures_of(msr, LABELS, "door,wheel", **PAPERS)
     assert figures["accuracy"] > max(view["accuracy"] for view in figures["per_view"].values())
 

@@ -1,13 +1,11 @@
 """Sending on change costs no verdict: the same people judged with and without it."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from common.config_sections import FusionConfig
 from observer.geometry.views import parse_view
 from observer.motion.archive import labels_of
-from observer.runtime.pipeline import SendOnChange
+from observer.runtime.pipeline import Posterior, SendOnChange
 from studies.evaluate import EvaluationSettings
 from studies.fusion_engine import FusionEngine, step
 from studies.performer import perform
@@ -15,18 +13,6 @@ from studies.stream import observed_streams
 
 CONFIG = FusionConfig(quorum=1)
 STEP_NS = 1e9 / CONFIG.step_hz
-
-
-@dataclass
-class ReceivedPosterior:
-    """A message as the posterior that it was made from."""
-
-    p: np.ndarray
-    rest: float
-    unlearned: float | None
-    visible: dict
-    facing: None = None
-    facets: tuple = ()
 
 
 def judged(stream, filters):
@@ -39,7 +25,7 @@ def judged(stream, filters):
             for name, m in messages.items()
             if filters is None
             or filters[name].should_send(
-                ReceivedPosterior(np.array(m.p), m.rest, m.unlearned, m.visible, facets={}), m.captured_ns
+                Posterior(np.array(m.p), m.rest, m.frames, m.visible, unlearned=m.unlearned), m.captured_ns
             )
         }
         count += len(sent)
