@@ -32,9 +32,9 @@ import numpy as np
 from benchmarks.bare_zenoh import TIMEOUT_S, drain
 from benchmarks.crowd.crowd import NAMES as CROWD_NAMES
 from benchmarks.crowd.crowd import PosteriorTemplate
-from benchmarks.crowd.trial import free_port, stop_process
+from benchmarks.crowd.trial import stop_process
 from benchmarks.posteriors import NAMES, engine_of, message, random_posteriors, scene_of
-from benchmarks.timing import BATCH_S, ROUNDS, BenchmarkRow, compare, row
+from benchmarks.timing import BATCH_S, ROUNDS, BenchmarkRow, compare, free_port, row
 from common.config import MeshConfig
 from common.errors import LabanmeshError
 from common.link import Link

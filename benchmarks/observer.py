@@ -23,9 +23,8 @@ import cv2
 import numpy as np
 
 from benchmarks.bare_zenoh import LOOPBACK, TIMEOUT_S
-from benchmarks.crowd.trial import cpu_seconds
 from benchmarks.observer_steps import FACINGS, RATE_HZ, halves, learned, plain_calls, recorded
-from benchmarks.timing import BenchmarkRow, row
+from benchmarks.timing import BenchmarkRow, cpu_seconds, resident_bytes, row
 from common.config import MeshConfig
 from common.errors import LabanmeshError
 from common.inbox import Inbox
@@ -170,7 +169,7 @@ def _watched(place: Path, film: Path, model: MovementModel, watch_s: float) -> P
         begun_s, spent_s = time.monotonic(), cpu_seconds(process)
         time.sleep(watch_s)
         share = (cpu_seconds(process) - spent_s) / (time.monotonic() - begun_s)
-        return ProcessCost(share, _resident_mb(process))
+        return ProcessCost(share, resident_bytes(process) / 2**20)
 
 
 def _start(place: Path, film: Path) -> StartCost:
@@ -184,11 +183,6 @@ def _start(place: Path, film: Path) -> StartCost:
 def _await_first(inbox: Inbox) -> None:
     if not inbox.take(TIMEOUT_S):
         raise LabanmeshError("labanmesh observe published nothing; its output above says why")
-
-
-def _resident_mb(process: int) -> float:
-    status = Path(f"/proc/{process}/status").read_text().splitlines()
-    return next(int(line.split()[1]) for line in status if line.startswith("VmRSS")) / 1024
 
 
 def byte_rows(archive: MotionArchive, models: dict[str, MovementModel]) -> Iterator[BenchmarkRow]:

@@ -1,14 +1,19 @@
-"""Rows of `make bench`: a figure and its floor, timed by turns so that disturbances affect both."""
+"""Rows of `make bench`: a figure and its floor, timed by turns so that disturbances affect both; costs of processes."""
 
+import os
+import socket
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from statistics import median
 
 ROUNDS = 15
 BATCH_S = 0.01
 """Least duration of one batch of calls: far above the clock's resolution, short against disturbances."""
 WARM_UP_S = 0.02
+TICKS_S = 1 / os.sysconf("SC_CLK_TCK")
+PAGE_BYTES = os.sysconf("SC_PAGE_SIZE")
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,3 +64,21 @@ def _time(work: Callable[[], object], calls: int) -> float:
     for _ in range(calls):
         work()
     return (time.perf_counter() - started) / calls
+
+
+def free_port() -> int:
+    """A TCP port that is free on this machine now."""
+    with socket.socket() as opened:
+        opened.bind(("127.0.0.1", 0))
+        return int(opened.getsockname()[1])
+
+
+def cpu_seconds(pid: int | None) -> float:
+    """User and system time of a process, all threads."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) * TICKS_S
+
+
+def resident_bytes(pid: int | None) -> int:
+    """Resident memory of a process."""
+    return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * PAGE_BYTES

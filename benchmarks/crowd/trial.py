@@ -1,7 +1,6 @@
 """One crowd trial: real `labanmesh fuse` processes, the simulated observers, and what the processes cost."""
 
 import os
-import socket
 import subprocess
 import sys
 import tempfile
@@ -14,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.crowd.crowd import MOVING_S, NAMES, OBSERVERS, Crowd, CrowdCounts, scene_name
-from benchmarks.timing import BenchmarkRow, row
+from benchmarks.timing import BenchmarkRow, cpu_seconds, free_port, resident_bytes, row
 from common.config import MeshConfig
 from common.errors import LabanmeshError
 from common.link import Link
@@ -24,8 +23,6 @@ WARM_UP_S = 8.0
 SETTLE_S = MOVING_S + 1.5
 """How long movements take to end, and the last verdicts to arrive."""
 START_TIMEOUT_S = 60.0
-TICKS_S = 1 / os.sysconf("SC_CLK_TCK")
-PAGE = os.sysconf("SC_PAGE_SIZE")
 IDS = tuple(f"fusion{n}" for n in range(16))
 BENCH_SECONDS = 10.0
 FEW, MANY = 1, 250
@@ -63,7 +60,7 @@ class FusionProcess:
     @property
     def resident(self) -> int:
         """Resident memory in bytes."""
-        return int(Path(f"/proc/{self.popen.pid}/statm").read_text().split()[1]) * PAGE
+        return resident_bytes(self.popen.pid)
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,19 +167,6 @@ def _progress(counts: CrowdCounts, running: Sequence[FusionProcess], elapsed_s: 
         f"{elapsed_s:5.0f} s: {counts.put} posteriors, {counts.movements} movements, {counts.right} verdicts, "
         f"age p99 {np.percentile(recent_ms, 99):.1f} ms; {memory}"
     )
-
-
-def free_port() -> int:
-    """A TCP port that is free on this machine now."""
-    with socket.socket() as opened:
-        opened.bind(("127.0.0.1", 0))
-        return int(opened.getsockname()[1])
-
-
-def cpu_seconds(pid: int | None) -> float:
-    """User and system time of a process, all threads."""
-    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) * TICKS_S
 
 
 def write_scenes(folder: Path, scenes: int, endpoint: str) -> None:

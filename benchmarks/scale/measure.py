@@ -22,9 +22,10 @@ import numpy as np
 import typer
 
 from benchmarks.command_line import run_command
-from benchmarks.crowd.trial import PAGE, TICKS_S, CrowdPlan, cpu_seconds, free_port, run_trial
+from benchmarks.crowd.trial import CrowdPlan, run_trial
 from benchmarks.scale.measured import WAKE_RANKS, TokenCosts
 from benchmarks.scale.parts import BURSTS_HZ, BURSTS_S, LARGE, MICRO, TIMEOUT_S, measure_parts, publish_bursts
+from benchmarks.timing import TICKS_S, cpu_seconds, free_port, resident_bytes
 from common.config import MeshConfig
 from common.errors import LabanmeshError
 from common.keys import SceneKeys
@@ -209,7 +210,7 @@ def declare(endpoint: str, count: int, results: "Queue[float]", stop: Event) -> 
             link.announce(SceneKeys(f"home{number}").fusion_alive("fusion"))
         results.put(time.monotonic() - begun_s)
         stop.wait(TOKENS_TIMEOUT_S)
-        results.put(_resident_mb())
+        results.put(resident_bytes(os.getpid()) / 1e6)
 
 
 def query(endpoint: str, count: int, results: "Queue[tuple[float | None, float]]") -> None:
@@ -217,11 +218,7 @@ def query(endpoint: str, count: int, results: "Queue[tuple[float | None, float]]
     begun_s = time.monotonic()
     with Link.open(MeshConfig(endpoint=endpoint), "observer") as link:
         known = link.presence("laban/*/fusion/*/alive").wait_for(count, TOKENS_TIMEOUT_S)
-        results.put((time.monotonic() - begun_s if known else None, _resident_mb()))
-
-
-def _resident_mb() -> float:
-    return int(Path("/proc/self/statm").read_text().split()[1]) * PAGE / 1e6
+        results.put((time.monotonic() - begun_s if known else None, resident_bytes(os.getpid()) / 1e6))
 
 
 if __name__ == "__main__":

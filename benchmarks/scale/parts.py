@@ -17,7 +17,7 @@ from multiprocessing.synchronize import Event
 from statistics import median
 
 from benchmarks.crowd.crowd import NAMES, OBSERVERS, scene_name, templates
-from benchmarks.crowd.trial import free_port
+from benchmarks.timing import free_port
 from common.config import MeshConfig, ObserverConfig, Scene
 from common.errors import LabanmeshError
 from common.inbox import Arrival

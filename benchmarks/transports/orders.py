@@ -22,6 +22,7 @@ from queue import SimpleQueue
 from types import TracebackType
 from typing import Any, Self, TypeVar
 
+from benchmarks.timing import cpu_seconds, free_port
 from benchmarks.transports.clients import program
 from common.errors import LabanmeshError
 
@@ -170,7 +171,7 @@ def keep_broker(broker: str, processors: frozenset[int] | None, pipe: Connection
     """Start `broker` on a free port, send `HOST:PORT`, reply with its Tally, end it at `stop` or a broken pipe."""
     if processors is not None:
         os.sched_setaffinity(0, processors)
-    port = _free_port()
+    port = free_port()
     with tempfile.TemporaryDirectory() as place:
         running = subprocess.Popen(  # noqa: S603 - a program found by name, and words of ours
             _broker_command(broker, port, Path(place)),
@@ -184,7 +185,7 @@ def keep_broker(broker: str, processors: frozenset[int] | None, pipe: Connection
             with contextlib.suppress(EOFError, OSError):
                 pipe.send(f"127.0.0.1:{port}")
                 while pipe.recv() == "tally":
-                    pipe.send(Tally(0, time.monotonic(), _cpu_s(running.pid)))
+                    pipe.send(Tally(0, time.monotonic(), cpu_seconds(running.pid)))
                 pipe.send("ended")
         finally:
             running.terminate()
@@ -201,13 +202,6 @@ def _broker_command(broker: str, port: int, place: Path) -> list[str]:
     return [path, "-c", str(configuration)]
 
 
-def _free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
-        return port
-
-
 def _wait_for_port(port: int, running: "subprocess.Popen[bytes]") -> None:
     pause, deadline = threading.Event(), time.monotonic() + TIMEOUT_S
     while time.monotonic() < deadline and running.poll() is None:
@@ -215,9 +209,3 @@ def _wait_for_port(port: int, running: "subprocess.Popen[bytes]") -> None:
             return
         pause.wait(POLL_S)
     raise SystemExit(f"{running.args!r} does not listen on port {port}")
-
-
-def _cpu_s(pid: int) -> float:
-    """User and system time of a process, all threads; read here, because this process must not import numpy."""
-    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")

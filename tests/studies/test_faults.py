@@ -75,14 +75,11 @@ def test_wrong_draws_from_all_other_trials_and_a_single_trial_stays_itself():
     np.testing.assert_array_equal(disturb([only], VIEWS, {"door": "wrong"}, RATE, 0)[0].p, only.p)
 
 
-def test_silent_is_the_prior_without_an_unlearned_probability():
-    for then in disturb(outputs(), VIEWS, {"door": "silent"}, RATE, 0):
+def test_silent_is_the_prior_and_late_is_one_second_late():
+    before = outputs()
+    for then in disturb(before, VIEWS, {"door": "silent"}, RATE, 0):
         assert (then.p[:, 0] == 1 / M).all() and (then.facing[:, 0] == 1 / 2).all()
         assert np.isnan(then.unlearned[:, 0]).all() and np.isfinite(then.unlearned[:, 1:]).all()
-
-
-def test_late_is_one_second_late():
-    before = outputs()
     delay = round(LATE_S * RATE)
     for own, then in zip(before, disturb(before, VIEWS, {"table": "late"}, RATE, 0), strict=True):
         assert (then.p[:delay, 2] == 1 / M).all() and (then.facing[:delay, 2] == 1 / 2).all()

@@ -80,13 +80,8 @@ def test_posteriors_keep_their_age_and_no_two_are_dated_alike(arrivals, speed):
             assert abs((now_ns - moved.captured_ns) * (speed or 1) - age_ns - way_ns) <= 2 * max(speed, 1)
         if last is not None:
             assert moved.captured_ns > last.captured_ns and moved.sent_ns > last.sent_ns
-        assert (moved.p, moved.rest, moved.seq, moved.visible) == (
-            message.p,
-            message.rest,
-            message.seq,
-            message.visible,
-        )
         assert moved.session == "s-run"
+        assert all(getattr(moved, name) == getattr(message, name) for name in ("p", "rest", "seq", "visible"))
         last = moved
 
 

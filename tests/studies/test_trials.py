@@ -49,9 +49,6 @@ def test_only_the_requested_movements_are_left_and_spans_are_cut_out():
     chosen = with_labels(MotionArchive(PARTS, (recording("lunge"), recording("punch"), spanned)), ("bow", "punch"))
     pieces = [(r.label, r.subject, len(r.positions)) for r in chosen.recordings]
     assert pieces == [("punch", "1", 12), ("bow", "2", 4), ("punch", "2", 4)] and chosen.body_parts == PARTS
-
-
-def test_an_unknown_movement_is_an_error_with_the_known_ones():
     several = MotionArchive(PARTS, (recording("lunge"), recording("bow"), recording("")))
     with pytest.raises(BadInput, match=r"--labels: 'punch' is in no recording; known: lunge, bow$"):
         with_labels(several, ("bow", "punch"))
@@ -81,11 +78,9 @@ def test_no_split_shares_a_person(subjects, train, test, leave_one_out):
         assert [{r.subject for r in f.test} for f in folds] == [{s} for s in among]
     else:
         assert len(folds) == 1
-
-
-def test_by_default_every_other_person_is_for_training():
-    (fold,) = splits(archive(("10", "1", "3", "2")), (), (), False)
-    assert {r.subject for r in fold.train.recordings} == {"1", "3"} and {r.subject for r in fold.test} == {"2", "10"}
+    if len(subjects) > 1 and not (train or test or leave_one_out):
+        every_other = sorted(subjects, key=lambda s: (not s.isdigit(), len(s), s))[::2]
+        assert {r.subject for r in folds[0].train.recordings} == set(every_other)
 
 
 @pytest.mark.parametrize(
@@ -94,11 +89,9 @@ def test_by_default_every_other_person_is_for_training():
         ("1 2 3 10", ["9"], [], False, "subject '9': not in the archive; it has 1, 2, 3, 10"),
         ("1 2 3 10", [], ["9"], False, "subject '9'"),
         ("1 2 3 10", ["1", "2"], ["2", "3"], False, "subject '2': both in training and in test"),
-        ("1 2 3 10", ["1", "2", "3", "10"], [], False, "no subject is left"),
         ("1 2 3 10", [], ["1", "2", "3", "10"], False, "no subject is left"),
         ("1 2 3 10", ["1", "2"], ["3"], True, "--leave-one-subject-out judges every person"),
         ("1 2 3 10", ["1"], [], True, "--leave-one-subject-out: 1 person only, '1'"),
-        ("7", [], [], True, "1 person only, '7'"),
         ("7", [], [], False, "no subject is left"),
     ],
 )
@@ -117,17 +110,9 @@ def test_frame_at_never_goes_back_nor_past_the_end(begin, length, fractions):
         count = frame - begin + 1
         assert count - 1 <= fraction * length + 1e-6 or count == 1  # less than a frame more than the fraction
         assert count >= fraction * length - 1e-6
-
-
-def test_frame_at_is_exact_where_binary_fractions_are_not():
+    # Exact, too, where binary fractions are not: 0.07 * 100 is 7.000000000000001.
     assert [EvaluationTrial(recording(), 0, 10).frame_at(f) for f in (0.1, 0.2, 0.3, 0.6, 0.7)] == [0, 1, 2, 5, 6]
-    assert EvaluationTrial(recording(), 0, 100).frame_at(0.07) == 6  # 0.07 * 100 is 7.000000000000001
-
-
-def test_a_known_onset_shows_the_recording_as_it_is():
-    (trial,) = shown(recording())
-    assert (trial.begin, trial.end, trial.name) == (0, 12, "bow 1.1")
-    np.testing.assert_array_equal(trial.recording.positions, recording().positions)
+    assert EvaluationTrial(recording(), 0, 100).frame_at(0.07) == 6
 
 
 @given(st.integers(0, 300), st.integers(2, 60))
@@ -155,7 +140,10 @@ def test_slower_and_faster_are_equally_frequent():
     assert lengths.min() < 200 / FASTEST * 1.05 and lengths.max() > 200 / SLOWEST * 0.95
 
 
-def test_a_performer_is_turned_in_place():
+def test_a_known_onset_shows_the_recording_as_it_is_or_turned_in_place():
+    (trial,) = shown(recording())
+    assert (trial.begin, trial.end, trial.name) == (0, 12, "bow 1.1")
+    np.testing.assert_array_equal(trial.recording.positions, recording().positions)
     (trial,) = shown(recording(), turn=90.0)
     before, after = recording().positions, trial.recording.positions
     centre = before.reshape(-1, 3).mean(axis=0)
@@ -207,7 +195,6 @@ KNOWN, LEARNED = ("a", "b", "c", "d", "e"), ("a", "b")
         ("others", "", (("c", "d", "e"), None)),
         ("c", "blends", (("c",), ())),
         ("others", "d", (("c", "e"), ("d",))),
-        ("c,e", "d", (("c", "e"), ("d",))),
     ],
 )
 def test_unlearned_and_background_movements(unlearned, background, expected):
