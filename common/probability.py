@@ -25,9 +25,7 @@ def softmax(log_p: Floats) -> Floats:
     The maximum is subtracted before exp. A row of -inf carries no information and becomes uniform.
     """
     top = log_p.max(axis=-1, keepdims=True)
-    p = np.exp(log_p - np.where(np.isfinite(top), top, 0.0))
-    total = p.sum(axis=-1, keepdims=True)
-    return np.where(total > 0, p / np.where(total > 0, total, 1.0), 1.0 / log_p.shape[-1])
+    return normalise(np.exp(log_p - np.where(np.isfinite(top), top, 0.0)))
 
 
 def normalise(mass: Floats) -> Floats:
@@ -70,6 +68,4 @@ def encode_facing(facing: Floats) -> Surprise:
 
 def decode_facing(surprise: Surprise) -> Floats:
     """(M, K) integers -> (M, K) P(facing | movement), each row summing to 1."""
-    mass = np.exp((surprise.min(axis=1, keepdims=True) - surprise) / SURPRISE_UNIT)
-    facing: Floats = mass / mass.sum(axis=1, keepdims=True)
-    return facing
+    return normalise(np.exp((surprise.min(axis=1, keepdims=True) - surprise) / SURPRISE_UNIT))

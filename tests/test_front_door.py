@@ -70,11 +70,7 @@ def test_version_is_that_of_the_distribution(run, words):
 
 @pytest.mark.parametrize(
     ("wrong", "hint"),
-    [
-        ("evalaute", "did you mean evaluate?"),
-        ("observer", "did you mean observe?"),
-        ("xyzzy", "known: demo, init, up"),
-    ],
+    [("evalaute", "did you mean evaluate?"), ("observer", "did you mean observe?"), ("xyzzy", "known: demo, init, up")],
 )
 def test_an_unknown_verb_suggests_the_nearest(run, wrong, hint):
     status, out, err = run(wrong, "--help")
