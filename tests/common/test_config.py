@@ -82,6 +82,8 @@ def test_file_names_start_from_the_folder_of_the_scene_file(scene, tmp_path, mon
         (LEAST + "[fusion]\nthreshold = 1.5", "fusion.threshold = 1.5: must be less than or equal to 1"),
         (LEAST + '[fusion]\nthreshold = "0.5"', "fusion.threshold = '0.5': must be a valid number"),
         (LEAST + "[fusion]\nquorum = 2", "fusion.quorum = 2: the scene has 1 observer, and no more can agree"),
+        (LEAST + "[fusion]\ntemperature = 1e-4", "fusion.temperature = 0.0001: must be greater than or equal to 0.001"),
+        (LEAST + "[fusion]\ntemperature = 1e4", "fusion.temperature = 10000.0: must be less than or equal to 1000"),
         (LEAST + "[fusion]\nfade_s = inf", "fusion.fade_s = inf: must be a finite number"),
         (LEAST + '[fusion]\nid = "F"', "fusion.id = 'F': 1 to 64 characters of a-z"),
         (LEAST + "recording = -1", 'observers.cam1.recording = -1: must be the index of a recording, from 0, or "all"'),

@@ -10,7 +10,6 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from common import SECOND_NS
-from common.config_sections import FusionConfig
 from common.errors import BadInput
 from common.messages import JudgementMessage, VerdictMessage
 from common.probability import entropy_bits, softmax
@@ -169,12 +168,6 @@ def test_50_ms_between_cameras_change_nothing():
         return [(v.label, v.began_ns, v.decided_ns, v.ended_ns, v.p) for v in scene.verdicts]
 
     assert verdicts(0) == verdicts(50_000_000) and len(verdicts(0)) == 2
-
-
-@pytest.mark.parametrize("temperature", [1e-4, 1e4, math.nan])
-def test_a_temperature_out_of_range_is_rejected(temperature):
-    with pytest.raises(ValueError, match="temperature"):
-        FusionConfig(temperature=temperature)
 
 
 def test_a_rule_for_fewer_observers_is_rejected():
