@@ -90,10 +90,9 @@ def _password(scene: Scene) -> str | None:
         raise BadInput(f"{key}: a password needs a user; set hub.mqtt.username too")
     try:
         password = scene.place(config.password_file).read_text(encoding="utf-8").rstrip("\r\n")
-    except OSError as error:
-        raise BadInput(f"{key}: {_reason(error)}; it must be a file that holds only the password") from None
-    except UnicodeDecodeError:
-        raise BadInput(f"{key}: not UTF-8 text; it must be a file that holds only the password") from None
+    except (OSError, UnicodeDecodeError) as error:
+        reason = _reason(error) if isinstance(error, OSError) else "not UTF-8 text"
+        raise BadInput(f"{key}: {reason}; it must be a file that holds only the password") from None
     if not password or "\n" in password:
         raise BadInput(f"{key}: must hold one line, the password, and holds {len(password.splitlines())}")
     return password
@@ -108,10 +107,9 @@ def _tls(scene: Scene) -> ssl.SSLContext | None:
         return None
     try:
         return ssl.create_default_context(cafile=str(scene.place(config.ca_file)) if config.ca_file else None)
-    except ssl.SSLError:
-        raise BadInput(f"{key}: holds no certificate; name the PEM file of the broker's authority") from None
     except OSError as error:
-        raise BadInput(f"{key}: {_reason(error)}; name the PEM file of the broker's authority") from None
+        reason = "holds no certificate" if isinstance(error, ssl.SSLError) else _reason(error)
+        raise BadInput(f"{key}: {reason}; name the PEM file of the broker's authority") from None
 
 
 def permanent_fault(error: MqttError, broker: MqttBroker, config: MqttConfig) -> str | None:
@@ -204,9 +202,7 @@ def _is_ours(topic: str, payload: bytes, topics: Topics) -> bool:
     if topic.startswith(f"{topics.root}/"):
         return True
     fields = _json_object(payload)
-    origin = fields.get("origin")
-    ours = isinstance(origin, dict) and origin.get("name") == ORIGIN
-    return ours and str(fields.get("state_topic", "")).startswith(f"{topics.root}/")
+    return fields.get("origin") == {"name": ORIGIN} and str(fields.get("state_topic", "")).startswith(f"{topics.root}/")
 
 
 def _bridges(payloads: Iterable[bytes]) -> set[str]:

@@ -8,7 +8,7 @@
 import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, Final, Literal
 
 from common.errors import BadInput
@@ -107,9 +107,8 @@ class Entity:
     availability: Sequence[str]
     observer: str = ""
     label: str = ""
-    device: dict[str, Any] = field(default_factory=dict)
 
-    def discovery(self, topics: Topics) -> tuple[str, str]:
+    def discovery(self, topics: Topics, area: str) -> tuple[str, str]:
         """Topic and payload of its discovery message."""
         unique_id = topics.entity(self.what, self.observer, self.label)
         payload = {
@@ -119,10 +118,18 @@ class Entity:
             **self.settings,
             "availability": [{"topic": topic} for topic in self.availability],
             "availability_mode": "all",
-            "device": self.device,
+            "device": _device(topics, self.observer, area),
             "origin": {"name": ORIGIN},
         }
         return topics.config(self.component, unique_id), json.dumps(payload)
+
+
+def _device(topics: Topics, observer: str, area: str) -> dict[str, Any]:
+    ours = {"name": topics.scene, "model": "scene"}
+    if observer:
+        ours = {"name": f"{topics.scene} {observer}", "model": "observer", "via_device": topics.device()}
+    suggested = {"suggested_area": area} if area else {}
+    return {"identifiers": [topics.device(observer)], "manufacturer": "labanmesh", **ours, **suggested}
 
 
 def discovery(
@@ -138,13 +145,12 @@ def discovery(
 
     movements: those with a binary sensor. facets: those that observers report. early: whether there are early words.
     """
-    entities = [*_scene(topics, movements, area, facets), *_events(topics, labels, area, early)]
-    entities += [entity for observer in observers for entity in _observer(topics, observer, area)]
-    return dict(entity.discovery(topics) for entity in entities)
+    entities = [*_scene(topics, movements, facets), *_events(topics, labels, early)]
+    entities += [entity for observer in observers for entity in _observer(topics, observer)]
+    return dict(entity.discovery(topics, area) for entity in entities)
 
 
-def _events(topics: Topics, labels: Sequence[str], area: str, early: bool) -> Iterator[Entity]:
-    device = _device(topics, topics.scene, "scene", area)
+def _events(topics: Topics, labels: Sequence[str], early: bool) -> Iterator[Entity]:
     events = [
         ("VERDICT", "Verdict", topics.of("verdict"), "mdi:gavel"),
         ("ENDED", "Movement ended", topics.of("ended"), "mdi:flag-checkered"),
@@ -152,63 +158,55 @@ def _events(topics: Topics, labels: Sequence[str], area: str, early: bool) -> It
     ]
     for what, name, topic, icon in events if labels else ():
         settings = {"state_topic": topic, "icon": icon, "event_types": [*labels, ABSTAIN]}
-        yield Entity("event", what, name, settings, (topics.bridge, topics.of("availability")), device=device)
+        yield Entity("event", what, name, settings, (topics.bridge, topics.of("availability")))
 
 
-def _scene(topics: Topics, movements: Sequence[str], area: str, facets: frozenset[str]) -> Iterator[Entity]:
-    device = _device(topics, topics.scene, "scene", area)
+def _scene(topics: Topics, movements: Sequence[str], facets: frozenset[str]) -> Iterator[Entity]:
+    def sensor(what: str, name: str, settings: dict[str, Any]) -> Entity:
+        return Entity("sensor", what, name, settings, available)
+
     available = (topics.bridge, topics.of("availability"))
-
-    def entity(component: str, what: str, name: str, settings: dict[str, Any], label: str = "") -> Entity:
-        return Entity(component, what, name, settings, available, label=label, device=device)
-
     movement = {"json_attributes_topic": topics.of("votes"), "icon": "mdi:karate"}
-    yield entity("sensor", "MOVEMENT", "Movement", _word(topics.of("state"), "movement") | movement)
-    yield entity("sensor", "CONFIDENCE", "Confidence", _value(topics.of("state"), "confidence") | PERCENT)
-    yield entity("sensor", "ENTROPY", "Entropy", _value(topics.of("state"), "entropy") | BITS)
+    yield sensor("MOVEMENT", "Movement", _word(topics.of("state"), "movement") | movement)
+    yield sensor("CONFIDENCE", "Confidence", _value(topics.of("state"), "confidence") | PERCENT)
+    yield sensor("ENTROPY", "Entropy", _value(topics.of("state"), "entropy") | BITS)
     last = {"json_attributes_topic": topics.of("last_verdict"), "icon": "mdi:history"}
-    yield entity("sensor", "LAST_VERDICT", "Last verdict", _word(topics.of("last_verdict"), "label") | last)
-    for facet in (*EFFORT, *SHAPE):
-        if facet in facets:
-            yield entity(
-                "sensor", facet.upper(), facet.replace("_", " ").capitalize(), _facet(topics.of("facets"), facet)
-            )
+    yield sensor("LAST_VERDICT", "Last verdict", _word(topics.of("last_verdict"), "label") | last)
+    for facet in (each for each in (*EFFORT, *SHAPE) if each in facets):
+        yield sensor(facet.upper(), _title(facet), _facet(topics.of("facets"), facet))
     if FACING in facets:
         compass = {"unit_of_measurement": "°", "icon": "mdi:compass"}
-        yield entity("sensor", FACING.upper(), "Facing", _value(topics.of("facets"), FACING) | compass)
+        yield sensor(FACING.upper(), "Facing", _value(topics.of("facets"), FACING) | compass)
     for label in movements:
         settings = {"state_topic": topics.movement(label), "expire_after": EXPIRE_S, "icon": "mdi:human-handsup"}
-        yield entity("binary_sensor", "DOES", label.replace("_", " ").capitalize(), settings, label)
+        yield Entity("binary_sensor", "DOES", _title(label), settings, available, label=label)
 
 
-def _observer(topics: Topics, observer: str, area: str) -> Iterator[Entity]:
-    device = _device(topics, f"{topics.scene} {observer}", "observer", area, observer)
+def _observer(topics: Topics, observer: str) -> Iterator[Entity]:
     available = (topics.bridge, topics.observer(observer, "availability"))
     diagnostic = {"entity_category": "diagnostic"}
     connected = {"state_topic": topics.observer(observer, "connected"), "device_class": "connectivity", **diagnostic}
     # It shows "off" when the observer's other entities are unavailable, so it depends on the hub alone.
-    yield Entity("binary_sensor", "CONNECTED", "Connected", connected, (topics.bridge,), observer, device=device)
+    yield Entity("binary_sensor", "CONNECTED", "Connected", connected, (topics.bridge,), observer)
     health, state = topics.observer(observer, "health"), topics.observer(observer, "state")
-    sensors = [
-        ("OPINION", "Opinion", _word(health, "opinion") | {"icon": "mdi:flag"}),
-        ("STATE", "State", _word(health, "state") | diagnostic | {"json_attributes_topic": health}),
-        ("ENTROPY", "Entropy", _value(state, "entropy") | BITS | diagnostic),
-        ("WEIGHT", "Weight", _value(state, "weight") | PERCENT | diagnostic),
-        ("RELIABILITY", "Reliability", _value(state, "reliability") | {"state_class": "measurement"} | diagnostic),
-        ("AGE", "Age", _value(state, "age") | SECONDS | diagnostic),
-        ("RATE", "Rate", _value(state, "rate") | HERTZ | diagnostic),
-        ("SKEW", "Clock skew", _value(state, "skew") | SECONDS | diagnostic),
-        ("REJECTED", "Rejected messages", _value(state, "rejected") | {"state_class": "total_increasing"} | diagnostic),
+    yield Entity("sensor", "OPINION", "Opinion", _word(health, "opinion") | {"icon": "mdi:flag"}, available, observer)
+    status = _word(health, "state") | diagnostic | {"json_attributes_topic": health}
+    yield Entity("sensor", "STATE", "State", status, available, observer)
+    numbers = [
+        ("ENTROPY", "Entropy", BITS),
+        ("WEIGHT", "Weight", PERCENT),
+        ("RELIABILITY", "Reliability", {"state_class": "measurement"}),
+        ("AGE", "Age", SECONDS),
+        ("RATE", "Rate", HERTZ),
+        ("SKEW", "Clock skew", SECONDS),
+        ("REJECTED", "Rejected messages", {"state_class": "total_increasing"}),
     ]
-    for what, name, settings in sensors:
-        yield Entity("sensor", what, name, settings, available, observer, device=device)
+    for what, name, settings in numbers:
+        yield Entity("sensor", what, name, _value(state, what.lower()) | settings | diagnostic, available, observer)
 
 
-def _device(topics: Topics, name: str, model: str, area: str, observer: str = "") -> dict[str, Any]:
-    via = {"via_device": topics.device()} if observer else {}
-    suggested = {"suggested_area": area} if area else {}
-    return {"identifiers": [topics.device(observer)], "name": name, "manufacturer": "labanmesh", "model": model,
-            **via, **suggested}  # fmt: skip
+def _title(name: str) -> str:
+    return name.replace("_", " ").capitalize()
 
 
 def _value(topic: str, field: str) -> dict[str, Any]:

@@ -1,8 +1,6 @@
 """A real browser before a real dashboard process, which shows a scene that the test plays on a real mesh."""
 
-import re
 import shutil
-import subprocess
 import sys
 import time
 from pathlib import Path
@@ -11,7 +9,7 @@ import pytest
 
 sys.path.append(str(Path(__file__).parents[1] / "hub"))
 
-from played_scene import ROOT, SOON_S, VOCABULARY, PlayedScene
+from played_scene import SOON_S, VOCABULARY, Dashboard, PlayedScene
 
 from common.capture_file import CaptureRecord, CaptureWriter
 from common.config import read_scene
@@ -43,30 +41,6 @@ class BrowserScene(PlayedScene):
         at_ms = time.time() * 1000
         self.publish_verdict(label, number, ended, **more)
         return at_ms
-
-
-class Dashboard:
-    """A `labanmesh dashboard` process at `url`."""
-
-    def __init__(self, *words):
-        command = [sys.executable, "-P", "-m", "labanmesh", "dashboard", *map(str, words), "--listen", "127.0.0.1:0"]
-        self.process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-        for line in self.process.stdout:
-            if match := re.match(r"(http://\S+) shows", line):
-                self.url = match[1]
-                return
-        raise AssertionError(self.process.communicate())
-
-    def memory_kb(self):
-        return int(re.search(r"VmRSS:\s+(\d+)", Path(f"/proc/{self.process.pid}/status").read_text())[1])
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *_):
-        self.process.terminate()
-        _, err = self.process.communicate(timeout=SOON_S)
-        assert self.process.returncode == 0 and not err, err
 
 
 @pytest.fixture

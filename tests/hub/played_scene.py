@@ -3,6 +3,7 @@
 import contextlib
 import json
 import os
+import re
 import subprocess
 import sys
 import threading
@@ -39,6 +40,11 @@ with Link.open(MeshConfig(endpoint=endpoint), "observer") as link:
     while not stop.wait(0.5):
         publisher.put(encode(StatusMessage(scene=scene, id=name, state="running", rate_hz=15.0)))
 """
+
+
+def labanmesh(*words):
+    """The words of a command as a process is started with."""
+    return [sys.executable, "-P", "-m", "labanmesh", *map(str, words)]
 
 
 def environment(**more):
@@ -157,6 +163,30 @@ class PlayedScene:
             process.wait()
         if not self._shared:
             self._link.close()
+
+
+class Dashboard:
+    """A `labanmesh dashboard` process at `url`; a context manager, at whose end SIGTERM must end it cleanly."""
+
+    def __init__(self, *words):
+        command = labanmesh("dashboard", *words, "--listen", "127.0.0.1:0")
+        self.process = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        for line in self.process.stdout:
+            if match := re.match(r"(http://\S+) shows", line):
+                self.url = match[1]
+                return
+        raise AssertionError(self.process.communicate())
+
+    def memory_kb(self):
+        return int(re.search(r"VmRSS:\s+(\d+)", Path(f"/proc/{self.process.pid}/status").read_text())[1])
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.process.terminate()
+        _, err = self.process.communicate(timeout=SOON_S)
+        assert self.process.returncode == 0 and not err, err
 
 
 def hub_section(port, certainty=1.0, **keys):

@@ -138,9 +138,6 @@ def test_progress_is_a_line_every_ten_seconds(monkeypatch, capsys):
             progress(CaptureSummary(second, 2_500_000, second, {"judgement": second}, 0))
     lines = capsys.readouterr().err.splitlines()
     assert lines == [f"a.mcap: {n} messages, 2.5 MB in {n} s ({n} judgement)" for n in (10, 20)]
-
-
-def test_a_summary_counts_in_words():
     assert str(CaptureSummary(5, 100, 1.0, {}, 7)) == "5 messages, 0.0 MB in 1 s; 7 messages lost to a full queue"
     assert str(CaptureSummary(1, 100, 1.0, {}, 1)) == "1 message, 0.0 MB in 1 s; 1 message lost to a full queue"
 

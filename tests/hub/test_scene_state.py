@@ -80,11 +80,6 @@ def test_labels_of_another_vocabulary_are_not_used(make):
     assert [ranked.label for ranked in state.fused] == ["nthrow", "movement 3", "movement 1", "movement 2"]
 
 
-def test_statuses_of_an_observer_and_a_fusion_service_with_one_id_are_kept_apart(make):
-    state = SceneState("room").fold(make.status("a"), 0, "observer").fold(make.status("a", "failed"), 0, "fusion")
-    assert state.observers[0].status.state == "running" and state.fusion_status["a"].state == "failed"
-
-
 def test_silence_is_measured_by_this_machines_clock(make):
     state = SceneState("room")
     assert state.silence_s == math.inf

@@ -51,13 +51,13 @@ def test_a_verdict_published_during_the_query_is_new_and_of_many_judgements_only
     assert updates[-1].state.judgement.seq == 8 and sum(update.message is not None for update in updates) == 3
 
 
-def test_the_key_says_whose_status_it_is(scene, make, fake_link):
-    arrivals = pairs(observer__cam1__status=make.status("cam1"), fusion__x__status=make.status("x"))
+def test_the_key_tells_an_observer_from_a_fusion_service_of_the_same_id(scene, make, fake_link):
+    arrivals = pairs(observer__cam1__status=make.status("cam1"), fusion__cam1__status=make.status("cam1", "failed"))
     link = fake_link((), arrivals[:1])
     state = last(listen(scene, link, looks(1)))
     assert [each.status is not None for each in state.observers] == [True, False] and not state.fusion_status
     state = last(listen(scene, fake_link(arrivals), looks(0)))
-    assert "x" in state.fusion_status and state.observers[0].status
+    assert state.fusion_status["cam1"].state == "failed" and state.observers[0].status.state == "running"
 
 
 @pytest.mark.parametrize("key", ["observer/cam1/status", "judgement", "verdict", "vocabulary"])

@@ -6,10 +6,11 @@ import os
 import pty
 import re
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from played_scene import SOON_S
+from played_scene import labanmesh as command
 from rich.console import Console
 
 import labanmesh
@@ -21,7 +22,6 @@ from hub.session import SceneUpdate
 from hub.watch import BEGIN_FRAME, END_FRAME, show_json, show_lines, show_live
 
 SIZES = ((80, 24), (120, 40), (50, 12), (200, 60), (30, 8), (80, 24))
-SOON_S = 20.0
 
 
 def updates(make, *messages, step_s=0.1):
@@ -142,8 +142,8 @@ def test_observers_without_fusion_are_one_line(scene_file, make, capsys):
 
 def test_on_a_terminal_the_notice_is_in_the_picture(scene_file):
     ours, theirs = pty.openpty()
-    command = [sys.executable, "-P", "-m", "labanmesh", "watch", scene_file("tcp/127.0.0.1:9"), "--for", "2"]
-    with subprocess.Popen(command, stdin=theirs, stdout=theirs, stderr=theirs) as process:
+    words = command("watch", scene_file("tcp/127.0.0.1:9"), "--for", "2")
+    with subprocess.Popen(words, stdin=theirs, stdout=theirs, stderr=theirs) as process:
         os.close(theirs)
         written = b""
         # Reading from a terminal that its last process has closed is an error on Linux.
@@ -161,8 +161,8 @@ def test_on_a_terminal_the_notice_is_in_the_picture(scene_file):
 def test_output_that_cannot_be_written_is_one_line(scene_file, make):
     with Link.open(MeshConfig(), "fusion", listen=["tcp/127.0.0.1:0"]) as link, Path("/dev/full").open("w") as full:
         link.answer("laban/room/judgement", lambda: encode(make.judgement()))
-        command = [sys.executable, "-P", "-m", "labanmesh", "watch", scene_file(link.locator), "--json"]
-        result = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, timeout=SOON_S, check=False)
+        words = command("watch", scene_file(link.locator), "--json")
+        result = subprocess.run(words, stdout=full, stderr=subprocess.PIPE, text=True, timeout=SOON_S, check=False)
     assert (result.returncode, result.stderr.count("\n")) == (1, 1), result.stderr
     assert "cannot write the output: no space left on device. Make room, or redirect it elsewhere" in result.stderr
 

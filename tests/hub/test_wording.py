@@ -22,9 +22,8 @@ def test_ages_have_a_unit_that_suits_them():
     assert [age(seconds) for seconds in (None, 0.04, 1.23, 180)] == ["-", "40 ms", "1.2 s", "3 min"]
 
 
-@pytest.mark.parametrize("label", ["", "byebye"])
-def test_a_judgement_without_observers_names_no_movement(make, label):
-    line = judgement_line(make.waiting(label=label))
+def test_a_judgement_without_observers_names_no_movement(make):
+    line = judgement_line(make.waiting())
     assert line.endswith("judgement  waiting for observers  cam1: silent, cam2: silent")
 
 

@@ -3,13 +3,10 @@
 import asyncio
 import json
 import re
-import subprocess
-import sys
-from contextlib import contextmanager
-from pathlib import Path
 
 import httpx
 import pytest
+from played_scene import SOON_S, Dashboard
 
 from common.address import Address
 from common.config import MeshConfig
@@ -20,9 +17,7 @@ from hub.dashboard.application import COOKIE, AccessControl, application, checke
 from hub.dashboard.commands import dashboard
 from hub.dashboard.serving import bound_socket
 
-ROOT = Path(__file__).parents[3]
 TOKEN = "a-word-of-sixteen-and-more"  # noqa: S105 - a test
-SOON_S = 20.0
 
 
 @pytest.mark.parametrize(
@@ -157,19 +152,6 @@ def test_a_port_in_use_is_one_line(scene_file):
     assert where in message and "in use" in message and "--listen" in message
 
 
-@contextmanager
-def running(scene):
-    """A dashboard process and its address; SIGTERM must end it cleanly."""
-    command = [sys.executable, "-P", "-m", "labanmesh", "dashboard", str(scene)]
-    with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
-        try:
-            yield re.match(r"(http://\S+/) shows scene room", process.stdout.readline())[1]
-        finally:
-            process.terminate()
-            _, err = process.communicate(timeout=SOON_S)
-        assert (process.returncode, err) == (0, "")
-
-
 def events(lines):
     kind = ""
     for line in lines:
@@ -182,9 +164,9 @@ def events(lines):
 def test_a_verdict_on_the_mesh_reaches_a_browser(scene_file, make):
     with Link.open(MeshConfig(), "fusion", listen=["tcp/127.0.0.1:0"]) as fusion:
         fusion.answer("laban/room/vocabulary", lambda: encode(make.vocabulary()))
-        text = f'[mesh]\nendpoint = "{fusion.locator}"\n[hub.dashboard]\nlisten = "127.0.0.1:0"\n'
+        file = scene_file(f'[mesh]\nendpoint = "{fusion.locator}"\n')
         publisher = fusion.publisher("laban/room/verdict")
-        with running(scene_file(text)) as url, httpx.stream("GET", f"{url}events", timeout=SOON_S) as answer:
+        with Dashboard(file) as page, httpx.stream("GET", f"{page.url}events", timeout=SOON_S) as answer:
             received = events(answer.iter_lines())
             kind, whole = next(received)
             assert kind == "snapshot" and whole["scene"] == "room" and not whole["verdicts"]

@@ -7,12 +7,11 @@ import shutil
 import signal
 import socket
 import subprocess
-import sys
 import threading
 import time
 
 import paho.mqtt.client as paho
-from played_scene import ROOT, SOON_S, environment, until
+from played_scene import ROOT, SOON_S, environment, labanmesh, until
 
 
 def mosquitto():
@@ -123,7 +122,7 @@ class Hub:
     """`labanmesh hub mqtt` as a process; its log can be waited for."""
 
     def __init__(self, *words, level="info"):
-        command = [sys.executable, "-P", "-m", "labanmesh", "hub", "mqtt", *map(str, words)]
+        command = labanmesh("hub", "mqtt", *words)
         pipes = {"stderr": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
         self.process = subprocess.Popen(command, cwd=ROOT, env=environment(LABANMESH_LOG=level), **pipes)
         self.log, self._changed = "", threading.Condition()

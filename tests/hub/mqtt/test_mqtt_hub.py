@@ -4,16 +4,13 @@ import json
 import signal
 import subprocess
 import time
-from datetime import UTC, datetime, timedelta
+from datetime import UTC, datetime
 
 import pytest
-from cryptography import x509
-from cryptography.hazmat.primitives import hashes
-from cryptography.hazmat.primitives.asymmetric import ec
-from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat
 from mqtt_stage import Broker, Hub, Listener, free_port
 from played_scene import LABELS, ROOT, SOON_S, hub_section
 
+from deploy.security.authority import issue, make_authority
 from labanmesh import main
 
 T = "labanmesh/room"
@@ -113,16 +110,14 @@ def test_when_home_assistant_starts_everything_is_published_again(room, hub, lis
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
 def test_a_dead_observer_is_unavailable_within_two_seconds(room, hub, listener, number):
     room.silent = frozenset({"cam1"})  # no frames arrive; its process publishes that it runs
-    process = room.observer("cam1")
+    process, topics = room.observer("cam1"), f"{T}/observer"
     hub().connected()
-    available, connected = f"{T}/observer/cam1/availability", f"{T}/observer/cam1/connected"
-    listener.wait_for_state(available, "online")
-    listener.wait_for_state(connected, "ON")
-    listener.wait_for_state(f"{T}/observer/cam2/availability", "online")
+    for topic, payload in (("cam1/availability", "online"), ("cam1/connected", "ON"), ("cam2/availability", "online")):
+        listener.wait_for_state(f"{topics}/{topic}", payload)
     process.send_signal(number)
-    listener.wait_for_state(available, "offline", 2.0)
-    listener.wait_for_state(connected, "OFF", 0.5)
-    assert listener.last[f"{T}/observer/cam2/availability"] == "online"
+    listener.wait_for_state(f"{topics}/cam1/availability", "offline", 2.0)
+    listener.wait_for_state(f"{topics}/cam1/connected", "OFF", 0.5)
+    assert listener.last[f"{topics}/cam2/availability"] == "online"
 
 
 @pytest.fixture
@@ -152,39 +147,20 @@ def test_a_password_from_a_file_and_a_wrong_one(broker, guarded, room, tmp_path)
 @pytest.fixture
 def encrypted(tmp_path):
     """A broker with a certificate from its own authority; both are in its folder."""
-    place = tmp_path / "encrypted"
+    place, now = tmp_path / "encrypted", datetime.now(UTC)
     place.mkdir()
-    authority, key = certified(place / "ca", "an authority")
-    certified(place / "broker", "localhost", authority, key)
-    names = {"cafile": "ca.pem", "certfile": "broker.pem", "keyfile": "broker.key"}
-    with Broker(
-        place, ["allow_anonymous true", *(f"{what} {place / name}" for what, name in names.items())]
-    ) as running:
+    authority = make_authority("a broker", now)
+    pair = issue(authority, "broker.1", ["localhost"], now, roles=("router",)).pair
+    files = {"cafile": authority.certificate, "certfile": pair.certificate, "keyfile": pair.key}
+    for what, content in files.items():
+        (place / f"{what}.pem").write_bytes(content)
+    with Broker(place, ["allow_anonymous true", *(f"{what} {place / what}.pem" for what in files)]) as running:
         yield running
-
-
-def certified(path, name, authority=None, key=None):
-    """A certificate with its key in files beside `path`, signed by itself or by `authority` with its `key`."""
-    own = ec.generate_private_key(ec.SECP256R1())
-    subject = x509.Name([x509.NameAttribute(x509.NameOID.COMMON_NAME, name)])
-    now = datetime.now(UTC)
-    certificate = (
-        x509.CertificateBuilder(authority.subject if authority else subject, subject, own.public_key())
-        .serial_number(x509.random_serial_number())
-        .not_valid_before(now - timedelta(hours=1))
-        .not_valid_after(now + timedelta(hours=1))
-        .add_extension(x509.BasicConstraints(ca=authority is None, path_length=None), critical=True)
-        .add_extension(x509.SubjectAlternativeName([x509.DNSName(name.replace(" ", "-"))]), critical=False)
-        .sign(key or own, hashes.SHA256())
-    )
-    path.with_suffix(".pem").write_bytes(certificate.public_bytes(Encoding.PEM))
-    path.with_suffix(".key").write_bytes(own.private_bytes(Encoding.PEM, PrivateFormat.PKCS8, NoEncryption()))
-    return certificate, own
 
 
 def test_tls_by_the_brokers_authority_and_not_without(broker, encrypted, room, tmp_path):
     keys = {"host": "localhost", "tls": True}
-    section = hub_section(encrypted.port, **keys, ca_file="encrypted/ca.pem")
+    section = hub_section(encrypted.port, **keys, ca_file="encrypted/cafile.pem")
     file = room.scene_file(tmp_path / "room.toml", section)
     assert Hub(file).connected().end() == 0
     doubtful = Hub(room.scene_file(tmp_path / "room.toml", hub_section(encrypted.port, **keys)))

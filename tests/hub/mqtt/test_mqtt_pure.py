@@ -131,9 +131,8 @@ def test_probabilities_are_paced_and_a_movement_is_not(driver, make):
     assert json.loads(ended[TOPICS.of("state")])["movement"] == "rest" and ended[TOPICS.movement("nthrow")] == "OFF"
 
 
-@pytest.mark.parametrize("label", ["", "byebye"])
-def test_without_observers_the_state_is_null(driver, make, label):
-    due = driver.due(0.0, make.waiting(label=label))
+def test_without_observers_the_state_is_null(driver, make):
+    due = driver.due(0.0, make.waiting())
     fields = ("movement", "label", "confidence", "entropy", "unlearned")
     assert json.loads(due[TOPICS.of("state")]) == dict.fromkeys(fields)
     assert due[TOPICS.of("availability")] == "online" and due[TOPICS.movement("nthrow")] == "OFF"
