@@ -7,14 +7,17 @@ import subprocess
 import sys
 import threading
 import time
+from itertools import count
 from pathlib import Path
 
 import pytest
 
-from common.config import MeshConfig, read_scene
-from common.link import Link
-from common.messages import PosteriorMessage, VocabularyReference
-from common.wire import encode
+sys.path.append(str(Path(__file__).parents[1] / "integration"))
+
+from mesh_stage import Mesh, posterior
+
+from common.config import read_scene
+from common.messages import VocabularyReference
 from fusion.server import serve
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -36,36 +39,25 @@ source = "brings its own sensor"
 class Stage:
     """A fusion service on the mesh, and an observer played by the test."""
 
-    def __init__(self, scene, fusion):
-        self.keys, self.fusion = scene.keys, fusion
-        self.link = Link.open(MeshConfig(mode="process", endpoint=fusion.locator), "observer")
+    def __init__(self, scene, mesh):
+        self.keys, self.fusion, self.link = scene.keys, mesh.meeting, mesh.peer("observer")
         self.publisher = self.link.publisher(scene.keys.posterior("ear"))
         self.vocabulary = VocabularyReference(name="n", hash=scene.named_vocabulary.digest)
-        self.seq = 0
+        self.numbers = count(1)
 
     def publish(self, p, rest=0.02):
         """One posterior of the scene's observer, as of now."""
-        self.seq += 1
-        now_ns = time.time_ns()
-        message = PosteriorMessage(
-            scene="dojo", observer="ear", seq=self.seq, session="s", captured_ns=now_ns, sent_ns=now_ns,
-            vocabulary=self.vocabulary, p=[1 - p, p], frames=self.seq, rest=rest,
-        )  # fmt: skip
-        self.publisher.put(encode(message))
+        self.publisher.put(posterior("ear", next(self.numbers), vocabulary=self.vocabulary, p=[1 - p, p], rest=rest))
 
 
 @pytest.fixture
 def stage(tmp_path):
     (tmp_path / "scene.toml").write_text(SCENE)
-    scene, stop = read_scene(tmp_path / "scene.toml", {}), threading.Event()
-    with Link.open(scene.mesh, "fusion") as fusion:
-        judging = threading.Thread(target=serve, args=([scene], scene.fusion.id, fusion, stop))
-        judging.start()
-        played = Stage(scene, fusion)
-        yield played
-        played.link.close()
-        stop.set()
-        judging.join()
+    scene = read_scene(tmp_path / "scene.toml", {})
+    mesh = Mesh(scene.mesh)
+    mesh.run(serve, [scene], scene.fusion.id, mesh.meeting)
+    yield Stage(scene, mesh)
+    mesh.close()
 
 
 class Running:
@@ -181,20 +173,9 @@ def test_they_are_as_short_as_they_say(name, most):
 
 
 def test_the_lamp_acts_early_and_takes_it_back():
-    lines = [
-        {"kind": "judgement", "label": "byebye"},
-        {"kind": "early", "label": "byebye", "early": "byebye"},
-        {"kind": "corrected", "label": "ok", "early": "byebye"},
-        {"kind": "early", "label": "maestro", "early": "maestro"},
-        {"kind": "confirmed", "label": "maestro", "early": "maestro"},
-        {"kind": "early", "label": "ok", "early": "ok"},
-    ]
-    result = subprocess.run(
-        [sys.executable, EXAMPLES / "early.py"],
-        input="".join(f"{json.dumps(each)}\n" for each in lines),
-        capture_output=True,
-        text=True,
-        timeout=SOON_S,
-        check=True,
-    )
+    words = (("judgement", "byebye", ""), ("early", "byebye", "byebye"), ("corrected", "ok", "byebye"),
+             ("early", "maestro", "maestro"), ("confirmed", "maestro", "maestro"), ("early", "ok", "ok"))  # fmt: skip
+    lines = "".join(f"{json.dumps({'kind': kind, 'label': label, 'early': early})}\n" for kind, label, early in words)
+    command = [sys.executable, EXAMPLES / "early.py"]
+    result = subprocess.run(command, input=lines, capture_output=True, text=True, timeout=SOON_S, check=True)
     assert result.stdout.splitlines() == ["lamp off", "lamp as before: it was not byebye", "lamp on"]

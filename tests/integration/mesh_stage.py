@@ -1,5 +1,6 @@
 """What tests with real Zenoh peers share: links, services in threads, observers that need no camera, waiting."""
 
+import sys
 import threading
 import time
 from contextlib import ExitStack, contextmanager
@@ -31,6 +32,20 @@ class FakePipeline:
 
     def __init__(self, answer=lambda frame: frame.content):
         self.step = answer
+
+
+def labanmesh(*words):
+    """The words of a command as a process is started with."""
+    return [sys.executable, "-P", "-m", "labanmesh", *map(str, words)]
+
+
+def lay_out(folder, pair, authority):
+    """A folder of credentials: a certificate, its key, and the authority's certificate."""
+    folder.mkdir(exist_ok=True)
+    for name, content in (("ca.pem", authority), ("certificate.pem", pair.certificate), ("key.pem", pair.key)):
+        (folder / name).write_bytes(content)
+        (folder / name).chmod(0o600)
+    return str(folder)
 
 
 @contextmanager

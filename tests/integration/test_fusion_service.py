@@ -1,6 +1,5 @@
 """A fusion service between real Zenoh peers: what an observer publishes, what a hub receives."""
 
-import threading
 import time
 
 import pytest
@@ -46,38 +45,26 @@ def running(mesh):
     return run
 
 
-def move(publisher, **fields):
-    """Publish a movement until somebody else says that it is enough; gives a function that ends it."""
-    end = threading.Event()
-
-    def body():
-        for seq in range(100_000):
-            if end.wait(0.01):
-                return
-            publisher.put(posterior(seq=seq, **fields))
-
-    thread = threading.Thread(target=body)
-    thread.start()
-
-    def stop():
-        end.set()
-        thread.join(SOON_S)
-
-    return stop
+def move(publisher, stop):
+    """Publish a movement until `stop` is set."""
+    for seq in range(100_000):
+        if stop.wait(0.01):
+            return
+        publisher.put(posterior(seq=seq))
 
 
-def test_posteriors_become_judgements_and_verdicts_and_late_joiners_get_the_last(scene, peer, running, caplog):
+def test_posteriors_become_judgements_and_verdicts_and_late_joiners_get_the_last(scene, mesh, peer, running, caplog):
     caplog.set_level("INFO", "labanmesh.fusion")
     keys, hub = scene.keys, peer()
     judgements, verdicts = hub.inbox(keys.judgement), hub.inbox(keys.verdict)
     running(scene)
-    # It judges even when nothing comes.
-    waiting = collect(judgements, JudgementMessage, lambda said: len(said) >= 3)[-1]
+    # It judges even when no posterior arrives.
+    waiting = collect(judgements, JudgementMessage, lambda messages: len(messages) >= 3)[-1]
     assert (waiting.label, waiting.agreement.n, waiting.epoch) == ("", 0, 1)
     assert "dojo: waiting for observers" in caplog.text
     publisher = peer("observer").publisher(keys.posterior("cam1"))
     assert publisher.wait_for_subscriber(SOON_S)
-    end = move(publisher)
+    mesh.run(move, publisher)
     decided = collect(verdicts, VerdictMessage, bool)[0]
     assert (decided.label, decided.ended_ns, decided.votes["cam1"].label) == ("bowing", None, "bowing")
     answers = peer().ask(f"{keys.root}/**", SOON_S)
@@ -85,11 +72,10 @@ def test_posteriors_become_judgements_and_verdicts_and_late_joiners_get_the_last
     assert decode(VerdictMessage, answers[keys.verdict]).id == decided.id
     assert decode(VocabularyMessage, answers[keys.vocabulary]).labels == ["bowing", "lunging"]
     assert decode(StatusMessage, answers[keys.fusion_status("fusion")]).state == "running"
-    end()
 
 
 @pytest.mark.parametrize("count", [2, 9], ids=["few", "many"])
-def test_a_listeners_query_for_everything_changes_nothing(read, peer, running, count):
+def test_a_query_for_all_last_values_changes_nothing(read, peer, running, count):
     """Nine scenes are polled, two are received by threads; both go on when a hub asks for all last values."""
     scenes = [read(f"dojo{n}") for n in range(count)]
     hub = peer()
@@ -99,24 +85,26 @@ def test_a_listeners_query_for_everything_changes_nothing(read, peer, running, c
         collect(judgements, JudgementMessage, bool)
         answers = peer().ask(f"{scenes[0].keys.root}/**", SOON_S)
         assert scenes[0].keys.judgement in answers
-    assert {j.epoch for j in collect(judgements, JudgementMessage, lambda said: len(said) > 5)} == {1}
+    assert {j.epoch for j in collect(judgements, JudgementMessage, lambda messages: len(messages) > 5)} == {1}
 
 
-def test_bad_messages_are_counted_and_the_loop_goes_on(scene, peer, running, caplog):
+def test_rejected_messages_are_in_the_status_by_observer_and_reason_and_the_loop_goes_on(scene, peer, running, caplog):
     hub, publisher = peer(), peer("observer").publisher(scene.keys.posterior("cam1"))
     statuses, judgements = hub.inbox(scene.keys.fusion_status()), hub.inbox(scene.keys.judgement)
     running(scene)
     assert publisher.wait_for_subscriber(SOON_S)
     for payload in (b"\xc1", b"", posterior("cam2"), posterior(scene="garden"), posterior()[:-3], b"x" * 70_000):
         publisher.put(payload)
+    peer("observer").publisher(scene.keys.posterior("mallory")).put(b"\xc1")
     wanted = {"not_msgpack": 3, "wrong_key": 2, "too_large": 1}
 
-    def counted(said):
-        return any(s.observers and s.observers["cam1"].rejected == wanted for s in said)
+    def counted(messages):
+        return any(s.observers and s.observers["cam1"].rejected == wanted for s in messages)
 
-    collect(statuses, StatusMessage, counted)
+    status = collect(statuses, StatusMessage, counted)[-1]
+    assert set(status.observers) <= {"cam1", "mallory"}
     publisher.put(posterior(seq=9))
-    collect(judgements, JudgementMessage, lambda said: any(j.votes["cam1"].state == "counted" for j in said))
+    collect(judgements, JudgementMessage, lambda messages: any(j.votes["cam1"].state == "counted" for j in messages))
     lines = [record.message for record in caplog.records if "cam1: messages rejected" in record.message]
     assert len(lines) == 1
 
@@ -128,19 +116,19 @@ def test_it_knows_which_observers_are_alive(scene, peer, running):
     running(scene)
     assert publisher.wait_for_subscriber(SOON_S)
     publisher.put(posterior())
-    collect(judgements, JudgementMessage, lambda said: any(j.votes["cam1"].state == "counted" for j in said))
+    collect(judgements, JudgementMessage, lambda messages: any(j.votes["cam1"].state == "counted" for j in messages))
     one.close()
     begun_s = time.monotonic()
-    collect(judgements, JudgementMessage, lambda said: said and said[-1].votes["cam1"].state == "silent")
-    assert time.monotonic() - begun_s < 1.5, "its token disappeared; nobody waited for drop_s"
+    collect(judgements, JudgementMessage, lambda messages: messages and messages[-1].votes["cam1"].state == "silent")
+    assert time.monotonic() - begun_s < 1.5, "its token disappeared; drop_s did not have to pass"
 
 
-def test_it_is_alive_and_says_when_it_stops(scene, peer, running):
+def test_it_is_alive_and_its_last_status_is_stopping(scene, peer, running):
     hub = peer()
     presence, statuses = hub.presence(scene.keys.fusion_alive()), hub.inbox(scene.keys.fusion_status())
     stop, thread = running(scene)
     assert presence.wait_for(1, SOON_S)
-    collect(statuses, StatusMessage, lambda said: [s.state for s in said].count("running") >= 2)
+    collect(statuses, StatusMessage, lambda messages: [s.state for s in messages].count("running") >= 2)
     stop.set()
     thread.join(SOON_S)
     assert collect(statuses, StatusMessage, bool)[-1].state == "stopping"
@@ -152,7 +140,7 @@ def test_scenes_without_vocabulary_take_that_of_an_observer(read, peer, running)
     hub = peer()
     judgements, statuses = hub.inbox(scenes[0].keys.judgement), hub.inbox(scenes[0].keys.fusion_status())
     running(*scenes)
-    collect(statuses, StatusMessage, lambda said: said and "vocabulary" in said[-1].reason)
+    collect(statuses, StatusMessage, lambda messages: messages and "vocabulary" in messages[-1].reason)
     payload = encode_vocabulary("dojo", NAMES)
     observer = peer("observer")
     observer.answer(scenes[0].keys.vocabulary, lambda: payload)

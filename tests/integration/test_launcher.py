@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from common.config import read_scene
-from common.errors import BadInput, LabanmeshError
+from common.errors import LabanmeshError
 from deploy.commands import jobs, require_free_ports, up
 from deploy.launcher import Job, Launcher, RestartPolicy
 
@@ -179,9 +179,18 @@ def write_scene(folder, mesh, more=""):
     return folder / "scene.toml"
 
 
-def test_processes_cannot_meet_in_mode_process(tmp_path):
-    with pytest.raises(BadInput, match=r"mesh\.mode = 'process': several processes cannot meet"):
-        up(write_scene(tmp_path, 'mode = "process"'))
+@pytest.mark.parametrize(
+    ("mesh", "line"),
+    [
+        ('mode = "process"', r"mesh\.mode = 'process': several processes cannot meet"),
+        # TEST-NET-1 belongs to nobody.
+        ('endpoint = "tcp/192.0.2.1:7447"', "not an address of this machine; write"),
+    ],
+)
+def test_an_address_where_processes_cannot_meet_is_one_line(tmp_path, monkeypatch, mesh, line):
+    monkeypatch.setattr("deploy.commands.PORT_TIMEOUT_S", 0.0)
+    with pytest.raises(LabanmeshError, match=line):
+        up(write_scene(tmp_path, mesh))
 
 
 @pytest.mark.parametrize(
@@ -215,10 +224,3 @@ def test_a_port_that_becomes_free_is_waited_for(tmp_path):
         timer.start()
         require_free_ports(scene, 2)
         timer.join()
-
-
-def test_an_endpoint_of_another_machine_is_one_line(tmp_path, monkeypatch):
-    monkeypatch.setattr("deploy.commands.PORT_TIMEOUT_S", 0.0)
-    # TEST-NET-1 belongs to nobody.
-    with pytest.raises(LabanmeshError, match="not an address of this machine; write"):
-        up(write_scene(tmp_path, 'endpoint = "tcp/192.0.2.1:7447"'))

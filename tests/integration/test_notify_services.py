@@ -3,13 +3,12 @@
 import signal
 import socket
 import subprocess
-import sys
 from contextlib import suppress
 from pathlib import Path
 from queue import Queue
 
 import pytest
-from mesh_stage import NAMED, SOON_S, FakePipeline, Mesh, believed, running
+from mesh_stage import NAMED, SOON_S, FakePipeline, Mesh, believed, labanmesh, running
 
 from common.config import MeshConfig, read_scene
 from common.errors import BadInput
@@ -142,8 +141,7 @@ def test_a_hub_is_alive_when_it_receives_a_message(tmp_path, supervisor, mesh):
 
 
 def started(*words):
-    command = [sys.executable, "-P", "-m", "labanmesh", *map(str, words)]
-    return subprocess.Popen(command, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
+    return subprocess.Popen(labanmesh(*words), cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
 
 
 @pytest.mark.parametrize("verb", ["router", "fuse"])

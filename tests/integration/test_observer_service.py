@@ -92,10 +92,10 @@ def test_it_publishes_its_status(scene, mesh, link):
     stop, _ = mesh.run(serve, scene, "cam1", FakePipeline(), source, link)
     assert collect(mesh.statuses, StatusMessage)[0].state == "starting"
     source.offer(believed())
-    states = collect(mesh.statuses, StatusMessage, lambda said: any(s.state != "starting" for s in said))
+    states = collect(mesh.statuses, StatusMessage, lambda messages: any(s.state != "starting" for s in messages))
     assert states[-1].last_frame_ns == 1001
     stop.set()
-    assert collect(mesh.statuses, StatusMessage, lambda said: said and said[-1].state == "stopping")
+    assert collect(mesh.statuses, StatusMessage, lambda messages: messages and messages[-1].state == "stopping")
 
 
 def test_it_publishes_why_it_failed(scene, mesh, link):
@@ -104,5 +104,5 @@ def test_it_publishes_why_it_failed(scene, mesh, link):
 
     with pytest.raises(BadInput):
         serve(scene, "cam1", FakePipeline(fail), FedSource(believed()), link, threading.Event())
-    last = collect(mesh.statuses, StatusMessage, lambda said: said and said[-1].state == "failed")[-1]
+    last = collect(mesh.statuses, StatusMessage, lambda messages: messages and messages[-1].state == "failed")[-1]
     assert last.reason == "BadInput: camera file of 1999"

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 import zenoh
-from mesh_stage import SOON_S, FakePipeline, believed, first, running
+from mesh_stage import SOON_S, FakePipeline, believed, first, lay_out, running
 
 from common.config import MeshConfig, read_scene
 from common.errors import LabanmeshError
@@ -145,15 +145,6 @@ def refused_by(scene, mesh, attack, name):
                 publisher.put(truth)
                 payloads += [arrival.payload for arrival in inbox.take(0.2)]
             return "nobody" if lie in payloads else "access rules"
-
-
-def lay_out(folder, pair, authority):
-    """A folder of credentials that no register knows."""
-    folder.mkdir(exist_ok=True)
-    for name, content in (("ca.pem", authority), ("certificate.pem", pair.certificate), ("key.pem", pair.key)):
-        (folder / name).write_bytes(content)
-        (folder / name).chmod(0o600)
-    return str(folder)
 
 
 @pytest.fixture(scope="module")

@@ -6,12 +6,11 @@ import shutil
 import signal
 import socket
 import subprocess
-import sys
 import threading
 from functools import partial
 
 import pytest
-from mesh_stage import SOON_S, running, until
+from mesh_stage import SOON_S, labanmesh, running, until
 
 from common.config import read_scene
 from common.errors import LabanmeshError
@@ -216,8 +215,7 @@ def test_a_router_that_cannot_start_is_one_line(capsys, words, line):
 def test_the_process_prints_where_it_listens_and_ends_cleanly(scene, prepare):
     prepare()
     endpoint = read_scene(scene, {}).mesh.endpoint
-    command = [sys.executable, "-P", "-m", "labanmesh", "router", "--scene", str(scene)]
-    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+    with subprocess.Popen(labanmesh("router", "--scene", scene), stderr=subprocess.PIPE, text=True) as process:
         assert process.stderr.readline() == f"labanmesh router: listening on {endpoint}\n"
         os.kill(process.pid, signal.SIGTERM)
         assert process.wait(SOON_S) == 0

@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from datetime import UTC, datetime, timedelta
 
 import pytest
+from mesh_stage import lay_out
 
 from common.config import MeshConfig
 from common.link import Link
@@ -25,15 +26,10 @@ def folder(tmp_path_factory):
     authorities = {name: make_authority(name, NOW) for name in ("ours", "theirs")}
 
     def made(name, roles=CAMERA, hosts=("127.0.0.1",), signed="ours", trusts="ours", days=1.0):
-        place = base / name
-        if not place.exists():
-            place.mkdir()
-            pair = issue(authorities[signed], f"{name}.1", hosts, NOW, roles=roles, days=days).pair
-            (place / "ca.pem").write_bytes(authorities[trusts].certificate)
-            (place / "certificate.pem").write_bytes(pair.certificate)
-            (place / "key.pem").touch(0o600)
-            (place / "key.pem").write_bytes(pair.key)
-        return str(place)
+        if (base / name).exists():
+            return str(base / name)
+        pair = issue(authorities[signed], f"{name}.1", hosts, NOW, roles=roles, days=days).pair
+        return lay_out(base / name, pair, authorities[trusts].certificate)
 
     return made
 
@@ -67,11 +63,6 @@ def fault_of(endpoint, credentials, **more):
     return endpoint_fault(mesh, more.pop("now", NOW), **more)
 
 
-def test_a_usable_endpoint_has_no_fault(folder):
-    with router(folder("router", ROUTER)) as endpoint:
-        assert fault_of(endpoint, folder("cam1")) is None
-
-
 @pytest.mark.parametrize(
     ("theirs", "cause", "way_out"),
     [
@@ -84,21 +75,21 @@ def test_a_usable_endpoint_has_no_fault(folder):
 def test_faults_of_the_routers_certificate(folder, theirs, cause, way_out):
     name = f"router-{next(iter(theirs))}"
     with router(folder(name, **{"roles": ROUTER, **theirs})) as endpoint:
-        finding = fault_of(endpoint, folder("cam1"))
-    assert cause in finding.what and way_out in finding.remedy and endpoint in finding.what
+        fault = fault_of(endpoint, folder("cam1"))
+    assert cause in fault.what and way_out in fault.remedy and endpoint in fault.what
 
 
 def test_a_certificate_that_is_expired_for_the_router_alone(folder):
     """A machine whose clock stands still: by its own clock the certificate is valid."""
     with router(folder("router", ROUTER)) as endpoint:
-        finding = fault_of(endpoint, folder("late", days=-1.0), now=NOW - timedelta(days=1, minutes=30))
-    assert "the router says that certificate late.1 has expired" in finding.what
+        fault = fault_of(endpoint, folder("late", days=-1.0), now=NOW - timedelta(days=1, minutes=30))
+    assert "the router says that certificate late.1 has expired" in fault.what
 
 
 def test_a_router_that_trusts_another_authority(folder):
     with router(folder("router-trusts", ROUTER, trusts="theirs")) as endpoint:
-        finding = fault_of(endpoint, folder("cam1"))
-    assert "the router does not know the authority that signed cam1.1" in finding.what
+        fault = fault_of(endpoint, folder("cam1"))
+    assert "the router does not know the authority that signed cam1.1" in fault.what
 
 
 def test_nobody_listens_and_no_such_name(folder):
@@ -121,10 +112,11 @@ def test_a_listener_without_tls(folder):
         assert "speaks no TLS" in fault_of(plain.locator.replace("tcp/", "tls/"), folder("cam1"), timeout_s=0.2).what
 
 
-def test_plain_meets_plain_and_plain_meets_tls(folder):
+def test_an_endpoint_of_the_protocol_in_the_scene_file_has_no_fault_and_another_has(folder):
     with Link.open(MeshConfig(mode="router"), "router", listen=["tcp/127.0.0.1:0"]) as plain:
         assert fault_of(plain.locator, "", timeout_s=0.2) is None
     with router(folder("router", ROUTER)) as endpoint:
+        assert fault_of(endpoint, folder("cam1")) is None
         assert "accepts TLS only" in endpoint_fault(MeshConfig(endpoint=endpoint.replace("tls/", "tcp/")), NOW).what
         assert "needs mesh.credentials" in endpoint_fault(MeshConfig(endpoint=endpoint), NOW).what
 

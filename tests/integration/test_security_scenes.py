@@ -3,14 +3,13 @@
 import os
 import socket
 import subprocess
-import sys
 import time
 from contextlib import ExitStack, contextmanager
 from datetime import UTC, datetime
 from types import SimpleNamespace
 
 import pytest
-from mesh_stage import posterior, running
+from mesh_stage import labanmesh, posterior, running
 
 from common.config import read_scene
 from common.errors import LabanmeshError
@@ -55,11 +54,10 @@ def folder(tmp_path_factory):
 
 
 @contextmanager
-def labanmesh(folder, certificate, *words):
+def process_of(folder, certificate, *words):
     """A process of ours with one of the certificates; it is killed at the end of the block."""
     environment = {**os.environ, "LABANMESH_MESH_CREDENTIALS": str(folder / "secure" / certificate)}
-    command = [sys.executable, "-P", "-m", "labanmesh", *map(str, words)]
-    with subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True) as process:
+    with subprocess.Popen(labanmesh(*words), env=environment, stderr=subprocess.PIPE, text=True) as process:
         try:
             yield process
         finally:
@@ -75,7 +73,7 @@ def read(folder, scene, certificate):
 def mesh(folder):
     """The router, both observers, and a hub: its judgements and verdicts, and what was performed in each scene."""
     with ExitStack() as stack:
-        router = stack.enter_context(labanmesh(folder, "router.1", "router", "--scene", folder))
+        router = stack.enter_context(process_of(folder, "router.1", "router", "--scene", folder))
         assert "listening on tls/" in router.stderr.readline()
         performed = {name: [] for name in SCENES}
         for name in SCENES:
@@ -129,8 +127,8 @@ def verdicts_until(mesh, enough):
 
 def test_a_second_service_shares_the_scenes_and_takes_over_when_the_first_is_killed(folder, mesh):
     with (
-        labanmesh(folder, "north.1", "fuse", folder, "--id", "north") as north,
-        labanmesh(folder, "south.1", "fuse", folder, "--id", "south"),
+        process_of(folder, "north.1", "fuse", folder, "--id", "north") as north,
+        process_of(folder, "south.1", "fuse", folder, "--id", "south"),
     ):
         wait_for_services(mesh.judgements, SERVICES)
         since_ns = time.time_ns()

@@ -1,12 +1,10 @@
 """Two fusion services and an observer with a wrong clock, between real Zenoh peers."""
 
-import json
 import threading
 import time
 from functools import partial
 
 import pytest
-import zenoh
 from mesh_stage import LOOPBACK, NAMED, SOON_S, first, posterior, until, up_to
 
 from common import SECOND_NS
@@ -196,25 +194,6 @@ def test_an_observer_whose_clock_is_an_hour_off_counts_and_its_skew_is_published
         known = first(statuses, StatusMessage, lambda s: s.observers and s.observers["cam1"].skew_s is not None)
         assert known.observers["cam1"].skew_s == skew_s
         assert stage.decide().label == "bowing"
-
-
-def test_rejected_messages_are_in_the_status_by_observer_and_reason(stage):
-    stage.begin("a")
-    stage.judgement(lambda j: j.fusion == "a")
-    statuses = stage.statuses("a")
-    assert stage.publisher.wait_for_subscriber(SOON_S)
-    stage.publisher.put(b"\xc1")
-    foreign = zenoh.Config()
-    for key, value in {"mode": "client", "connect/endpoints": [stage.mesh.config.endpoint]}.items():
-        foreign.insert_json5(key, json.dumps(value))
-    with zenoh.open(foreign) as session:
-        # Our publishers drop what does not fit through at once; a foreign one may block instead.
-        block = zenoh.CongestionControl.BLOCK
-        session.put(stage.keys.posterior("cam1"), bytes(500_000), congestion_control=block)
-    stage.mesh.peer("observer").publisher(stage.keys.posterior("mallory")).put(b"\xc1")
-    counts = {"not_msgpack": 1, "too_large": 1}
-    status = first(statuses, StatusMessage, lambda s: s.observers and s.observers["cam1"].rejected == counts)
-    assert set(status.observers) <= {"cam1", "mallory"}
 
 
 def test_a_lone_service_continues_after_a_restart(stage, tmp_path):
