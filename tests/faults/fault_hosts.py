@@ -1,7 +1,7 @@
-"""Two machines on one: network namespaces joined by a cable (veth) that can be pulled, made lossy, and is cleaned away.
+"""Two hosts on one machine: network namespaces joined by a cable (veth) that can be pulled or made lossy.
 
-Only root can make them; whoever cannot is told why by `why_not`. Names hold this process's id, so that several test
-processes do not meet; what a killed test process left behind is swept away by the next one.
+Only root can make them; `why_not` gives the reason. Names contain this process's id, so that test processes do not
+collide; what a killed test process left behind is removed by the next one.
 """
 
 import itertools
@@ -34,7 +34,7 @@ def why_not(*tools):
 
 
 class Host:
-    """One network namespace with an address of its own. Processes are started in it by putting `inside` before them."""
+    """A network namespace with its own address. inside: the words before a command that is to run in it."""
 
     def __init__(self, name, address):
         self.name, self.address = name, address
@@ -49,7 +49,7 @@ class Host:
         self.run("ip", "link", "set", CABLE, state)
 
     def lose(self, percent):
-        """Drop so many percent of the packets that come in over the cable, at random; 0 ends it."""
+        """Drop this percentage of the packets that arrive over the cable, at random; 0 ends it."""
         with suppress(subprocess.CalledProcessError):
             self.run("nft", "delete", "table", "inet", "loss")
         if percent:
@@ -60,13 +60,13 @@ class Host:
 
     @property
     def lost(self):
-        """How many packets the loss has taken so far."""
+        """How many packets were dropped so far."""
         words = self.run("nft", "list", "table", "inet", "loss").split()
         return int(words[words.index("packets") + 1])
 
 
 class Hosts:
-    """Two hosts and the cable between them; a context manager that takes them away again, whatever happened."""
+    """Two hosts and the cable between them; a context manager that removes them."""
 
     def __init__(self):
         _sweep()
@@ -97,7 +97,7 @@ class Hosts:
 
 
 def _sweep():
-    """What a test process that is no more has left behind."""
+    """Remove what a test process that has ended left behind."""
     for place in Path("/run/netns").glob(f"{PREFIX}-*"):
         if not Path(f"/proc/{place.name.split('-')[1]}").exists():
             _remove(place.name)

@@ -1,4 +1,4 @@
-"""Real processes that are made to suffer: started, killed, frozen, started again; logs kept, memory read."""
+"""Real processes that can be killed, frozen and started again; their logs and resources."""
 
 import os
 import shutil
@@ -10,7 +10,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
 SOON_S = 20.0
-# Dies with the test process, also when that is killed itself.
+# A process ends with the test process, also when that is killed.
 BOUND = ("setpriv", "--pdeathsig", "KILL") if shutil.which("setpriv") else ()
 
 
@@ -30,15 +30,8 @@ class Process:
 
     def start(self, **environment):
         """Start it; environment: more of it for this start."""
-        self._popen = subprocess.Popen(
-            self.command,
-            cwd=ROOT,
-            env={**self._environment, **environment},
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-        )
+        pipes = {"stdin": subprocess.DEVNULL, "stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
+        self._popen = subprocess.Popen(self.command, cwd=ROOT, env={**self._environment, **environment}, **pipes)
         threading.Thread(target=self._read, args=(self._popen.stdout,), daemon=True).start()
         return self
 
@@ -59,7 +52,7 @@ class Process:
 
     @property
     def log(self):
-        """All that it has written so far, by every start."""
+        """Its output so far, over all starts."""
         with self._changed:
             return "".join(self._lines)
 
@@ -75,15 +68,15 @@ class Process:
             return len(self._lines)
 
     def wait_for_more(self, count, timeout_s=SOON_S):
-        """Whether it has written more than `count` lines, within `timeout_s`."""
+        """Wait for more than `count` lines; whether they came."""
         with self._changed:
             return self._changed.wait_for(lambda: len(self._lines) > count, timeout_s)
 
     def wait_for(self, words, times=1, timeout_s=SOON_S):
-        """Until it has written `words` so often."""
+        """Wait until it has written `words` this many times."""
         with self._changed:
-            said = self._changed.wait_for(lambda: "".join(self._lines).count(words) >= times, timeout_s)
-        assert said, f"{words!r} was not written by {self.command}:\n{self.log}"
+            written = self._changed.wait_for(lambda: "".join(self._lines).count(words) >= times, timeout_s)
+        assert written, f"{words!r} was not written by {self.command}:\n{self.log}"
 
     def send(self, number):
         os.kill(self.pid, number)
@@ -99,11 +92,6 @@ class Process:
         """The exit status, when it has ended by itself."""
         return self._popen.wait(SOON_S)
 
-    def terminate(self):
-        """SIGTERM; the exit status."""
-        self.send(signal.SIGTERM)
-        return self._popen.wait(SOON_S)
-
     def freeze(self):
         self.send(signal.SIGSTOP)
 
@@ -112,7 +100,7 @@ class Process:
 
     @property
     def rss_kb(self):
-        """Memory that is really there."""
+        """Resident memory."""
         return _number(Path(f"/proc/{self.pid}/status").read_text(), "VmRSS:")
 
     @property

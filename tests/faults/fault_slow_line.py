@@ -1,4 +1,4 @@
-"""A TCP relay that passes everything on, later: a long way between two machines. Loopback only."""
+"""A TCP relay on the loopback that delays everything, as a long line between two machines does."""
 
 import socket
 import threading
@@ -14,8 +14,8 @@ class SlowLine:
 
     def __init__(self, port, delay_s):
         self._to, self._delay_s = ("127.0.0.1", port), delay_s
-        self._ears = socket.create_server(("127.0.0.1", 0))
-        self.port = self._ears.getsockname()[1]
+        self._listening = socket.create_server(("127.0.0.1", 0))
+        self.port = self._listening.getsockname()[1]
         self.passed = 0
         self._sockets = []
         threading.Thread(target=self._accept, daemon=True).start()
@@ -23,7 +23,7 @@ class SlowLine:
     def _accept(self):
         with suppress(OSError):
             while True:
-                near, _ = self._ears.accept()
+                near, _ = self._listening.accept()
                 far = socket.create_connection(self._to)
                 self._sockets += [near, far]
                 for source, sink in ((near, far), (far, near)):
@@ -65,7 +65,7 @@ class SlowLine:
         return self
 
     def __exit__(self, *_):
-        for one in (self._ears, *self._sockets):
+        for one in (self._listening, *self._sockets):
             with suppress(OSError):
                 one.shutdown(socket.SHUT_RDWR)
             one.close()

@@ -35,10 +35,10 @@ def vote(label="nthrow", p=(0.1, 0.1, 0.1, 0.7), weight=0.5, state="counted", ag
 def judgement(seq=1, at_ns=NOON, label="nthrow", p=(0.1, 0.1, 0.2, 0.6), votes=None, **more):
     """A judgement; a verdict if it has an id. Its agreement is counted as fusion counts it."""
     votes = {"cam1": vote("ok", (0.1, 0.1, 0.5, 0.3)), "cam2": vote()} if votes is None else votes
-    heard = [each.label == label for each in votes.values() if each.state in ("counted", "stale")]
+    agrees = [each.label == label for each in votes.values() if each.state in ("counted", "stale")]
     facts = {"scene": "room", "fusion": "fuse1", "seq": seq, "at_ns": at_ns, "vocabulary": REFERENCE, "p": list(p),
              "label": label, "certainty_bits": 1.57, "rule": "inverse_entropy", "votes": votes,
-             "agreement": Agreement(k=sum(heard), n=len(heard))}  # fmt: skip
+             "agreement": Agreement(k=sum(agrees), n=len(agrees))}  # fmt: skip
     return (VerdictMessage if "id" in more else JudgementMessage)(**facts, **more)
 
 

@@ -99,11 +99,11 @@ class PlayedScene:
         silent = Vote(label=None, entropy=None, weight=0.0, age_s=None, state="silent")
         votes = {name: silent if name in self.silent else self.vote(place, label, p)
                  for place, name in enumerate(self.observers)}  # fmt: skip
-        heard = [vote for vote in votes.values() if vote is not silent]
-        agreement = Agreement(k=sum(vote.label == label for vote in heard), n=len(heard))
+        counted = [vote for vote in votes.values() if vote is not silent]
+        agreement = Agreement(k=sum(vote.label == label for vote in counted), n=len(counted))
         return {
             "scene": self.name, "fusion": "fusion", "seq": self._seq, "at_ns": time.time_ns(), "vocabulary": REFERENCE,
-            "p": list(p), "label": label if heard else "", "certainty_bits": 0.5, "rule": "linear", "votes": votes,
+            "p": list(p), "label": label if counted else "", "certainty_bits": 0.5, "rule": "linear", "votes": votes,
             "agreement": agreement, **self.how,
         }  # fmt: skip
 

@@ -28,7 +28,7 @@ OBSERVERS = ("cam1", "cam2")
 
 
 class FakeCamera:
-    """Gives the newest content 50 times a second until it is told to stop; `frozen` gives nothing."""
+    """Gives the newest content 50 times a second until it is stopped; none while it is frozen."""
 
     def __init__(self):
         self.content, self.frozen = believed((0.999, 0.001), 0.0), False

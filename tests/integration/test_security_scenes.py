@@ -9,7 +9,7 @@ from datetime import UTC, datetime
 from types import SimpleNamespace
 
 import pytest
-from mesh_stage import labanmesh, posterior, running
+from mesh_stage import collect, labanmesh, posterior, running
 
 from common.config import read_scene
 from common.errors import LabanmeshError
@@ -116,15 +116,6 @@ def wait_for_services(judgements, expected):
     raise AssertionError(f"judged by {recent}, not each by one of {expected}")
 
 
-def verdicts_until(mesh, enough):
-    """The verdicts until `enough(verdicts)` holds."""
-    verdicts, end_s = [], time.monotonic() + SOON_S
-    while not enough(verdicts):
-        assert time.monotonic() < end_s, verdicts[-3:]
-        verdicts += [decode(VerdictMessage, arrival.payload) for arrival in mesh.verdicts.take(0.1)]
-    return verdicts
-
-
 def test_a_second_service_shares_the_scenes_and_takes_over_when_the_first_is_killed(folder, mesh):
     with (
         process_of(folder, "north.1", "fuse", folder, "--id", "north") as north,
@@ -140,16 +131,18 @@ def test_a_second_service_shares_the_scenes_and_takes_over_when_the_first_is_kil
             answers = hub.ask(f"{scene.keys.root}/**", SOON_S)
             assert {scene.keys.judgement, scene.keys.vocabulary} <= answers.keys()
         wait_for_services(mesh.judgements, SERVICES)
-        verdicts = verdicts_until(mesh, lambda said: all(mesh.performed[n][-1] > since_ns for n in SCENES))
+        verdicts = collect(
+            mesh.verdicts, VerdictMessage, lambda _: all(mesh.performed[n][-1] > since_ns for n in SCENES)
+        )
         north.kill()
         killed_ns = time.time_ns()
         after = dict.fromkeys(SCENES, False)
 
-        def all_have_ended(said):
-            after.update((v.scene, True) for v in said if v.began_ns > killed_ns and v.ended_ns)
+        def all_have_ended(verdicts):
+            after.update((v.scene, True) for v in verdicts if v.began_ns > killed_ns and v.ended_ns)
             return all(after.values())
 
-        verdicts += verdicts_until(mesh, all_have_ended)
+        verdicts += collect(mesh.verdicts, VerdictMessage, all_have_ended)
         wait_for_services(mesh.judgements, ["south"])
     for name in SCENES:
         last_ns = max(v.began_ns for v in verdicts if v.scene == name and v.ended_ns)
