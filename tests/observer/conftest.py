@@ -1,8 +1,14 @@
 """Fixtures of the observer's tests."""
 
+import sys
+from pathlib import Path
+
 import pytest
 
 import labanmesh
+
+# The builders that these tests share.
+sys.path.append(str(Path(__file__).parent))
 
 
 @pytest.fixture

@@ -4,9 +4,11 @@ import math
 
 import numpy as np
 import pytest
+from performances import PassThrough
 
 from common.errors import BadInput
 from common.facets import FACETS, check_facets
+from common.vocabulary import Vocabulary
 from observer.effort.features import DEGREE, NAMES, Course, coefficients, course_of, features
 from observer.effort.model import EffortExample, learn_trials
 from observer.effort.reader import (
@@ -23,7 +25,10 @@ from observer.effort.reader import (
     triangle,
 )
 from observer.geometry.views import parse_view
-from observer.tracks import BODY_PARTS, Tracks
+from observer.model.base import Example, Header
+from observer.model.phase import Phase
+from observer.runtime.pipeline import Observer
+from observer.tracks import BODY_PARTS, Frame, Tracks
 
 RATE = 30.0
 
@@ -225,3 +230,17 @@ def test_the_coefficients_are_those_of_scipy(frames, rate_hz):
     for order, row in enumerate(coefficients(frames, rate_hz)):
         wanted = savgol_coeffs(frames, DEGREE, deriv=order, delta=1 / rate_hz, use="dot")
         np.testing.assert_allclose(row, wanted, rtol=1e-7, atol=1e-9 * rate_hz**order)
+
+
+@pytest.mark.parametrize(("reader", "names"), [(FacetReader(BODY_PARTS, RATE), {"shape_horizontal", "shape_vertical"}),
+                                               (None, set())])  # fmt: skip
+def test_an_observer_reads_facets_if_it_has_a_reader(reader, names):
+    ways = [hands((0, -90 * way), (0, -90 * way)) for way in (1.0, -0.5)]
+    header = Header("phase", Vocabulary(("up", "down")), "door", np.eye(3, 4), RATE, BODY_PARTS)
+    learned = Phase.learn(header, [Example([Tracks(t) for t in way], m) for m, way in enumerate(ways)])
+    observer = Observer(PassThrough(), learned, facets=reader)
+    posteriors = [observer.step(Frame(n * 33_000_000, centres)) for n, centres in enumerate(ways[0])]
+    assert posteriors[0].facets == {} and set(posteriors[-1].facets) == names
+    if names:
+        vertical = posteriors[-1].facets["shape_vertical"]
+        assert FACETS["shape_vertical"][vertical.argmax()] == "rising"

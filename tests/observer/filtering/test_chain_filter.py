@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from performances import DOOR
 
 from common.probability import entropy_bits, uniform
 from common.vocabulary import Vocabulary
 from observer.features import PostureReader, without_motion
 from observer.filtering.chain_filter import ChainFilter
 from observer.filtering.phase_filter import Dynamics, PhaseFilter
-from observer.geometry.views import parse_view
 from observer.learning.learn import learn_view
 from observer.model.chains import LivePostures, PostureEvidence, Postures
 from observer.model.phase import ENTRY, STEPS
@@ -49,21 +49,26 @@ def chain_filter(known, negligible=0.0):
     return ChainFilter(CELL_OF, MOVEMENTS, FACINGS, PHASES, DYNAMICS, known, negligible)
 
 
-def phase_filter(cell_of, known):
-    return PhaseFilter(cell_of, PHASES, uniform(int(cell_of.max()) + 1), DYNAMICS, known)
-
-
 @some
-@given(seed=SEEDS, known=st.booleans(), blind=st.sets(st.integers(0, 11)))
-def test_equals_the_phase_filter_of_each_movement_at_each_facing(seed, known, blind):
-    rng = np.random.default_rng(seed)
-    ours, oracle, first = chain_filter(known), phase_filter(CELL_OF, known), known
+@given(
+    seed=SEEDS,
+    known=st.booleans(),
+    blind=st.sets(st.integers(0, 11)),
+    facings=st.sampled_from([FACINGS, 1]),
+    # Also at a frame rate so low that a step can be longer than the chain.
+    steps=st.sampled_from([STEPS, (0.0, *[0.05] * 20)]),
+)
+def test_equals_the_phase_filter_of_each_movement_at_each_facing(seed, known, blind, facings, steps):
+    rng, dynamics = np.random.default_rng(seed), replace(DYNAMICS, steps=np.array([steps]))
+    cell_of = CELL_OF * facings // FACINGS
+    ours = ChainFilter(cell_of, MOVEMENTS, facings, PHASES, dynamics, known, negligible=0.0)
+    oracle, first = PhaseFilter(cell_of, PHASES, uniform(MOVEMENTS * facings), dynamics, known), known
     for n in range(12):
         if n in blind:
             ours.step_blind()
             oracle.step_blind()
         else:
-            frame = Table.drawn(rng)
+            frame = Table.drawn(rng, facings=facings)
             ours.step(frame)
             oracle.step(frame.log, frame.rest, frame.after.ravel())
         assert ours.rest == pytest.approx(oracle.rest, abs=1e-5)
@@ -71,23 +76,6 @@ def test_equals_the_phase_filter_of_each_movement_at_each_facing(seed, known, bl
         # During a movement the previous one is not reported, although it keeps its mass.
         if first or (ours.rest >= 0.5 and n not in blind):
             assert ours.posterior.ravel() == pytest.approx(oracle.p, abs=1e-5)
-
-
-@some
-@given(seed=SEEDS, known=st.booleans(), steps=st.sampled_from([STEPS, (0.0, *[0.05] * 20)]))
-def test_with_one_facing_it_equals_the_phase_filter(seed, known, steps):
-    """Also at a frame rate so low that a step can be longer than the chain."""
-    rng, dynamics = np.random.default_rng(seed), replace(DYNAMICS, steps=np.array([steps]))
-    movement_of = CELL_OF // FACINGS
-    ours = ChainFilter(movement_of, MOVEMENTS, 1, PHASES, dynamics, known, negligible=0.0)
-    oracle = PhaseFilter(movement_of, PHASES, uniform(MOVEMENTS), dynamics, known)
-    for _ in range(12):
-        frame = Table.drawn(rng, facings=1)
-        ours.step(frame)
-        oracle.step(frame.log, frame.rest, frame.after[:, 0])
-        assert ours.rest == pytest.approx(oracle.rest, abs=1e-5)
-        if ours.rest >= 0.5:
-            assert ours.posterior[:, 0] == pytest.approx(oracle.p, abs=1e-5)
 
 
 def transitions():
@@ -210,9 +198,9 @@ class CountedEvidence:
 
 @pytest.mark.parametrize("known", [True, False])
 def test_skipping_negligible_mass_changes_little_and_saves_most_of_the_work(known):
-    labels, door = ("ok", "shake", "lunging"), parse_view("door")
+    labels = ("ok", "shake", "lunging")
     archive = perform(("1", "2"), labels, trials=2, seed=3)
-    model = learn_view(archive, door, Vocabulary(labels), parameters={"facings": 4.0}, calibrate=False)
+    model = learn_view(archive, DOOR, Vocabulary(labels), parameters={"facings": 4.0}, calibrate=False)
     chains, cell_of = model.arrays()["chains"], model.arrays()["movement_of"] * 4 + model.arrays()["facing_of"]
     postures, ends = Postures(chains.transpose(1, 2, 0)), [without_motion(chains[:, n]).T[None] for n in (0, -1)]
     of_rest = (*map(Postures, ends), cell_of, (3, 4))
@@ -222,7 +210,7 @@ def test_skipping_negligible_mass_changes_little_and_saves_most_of_the_work(know
         exact, quick = (ChainFilter(cell_of, 3, 4, chains.shape[1], dynamics, known, n) for n in counts)
         chosen = LivePostures(postures), LivePostures(postures)
         reader = PostureReader(archive.body_parts, recording.rate_hz, max_speed=1.5, hands_weight=0.5)
-        for tracks in view_tracks(door, recording, archive.body_parts, archive.body_parts):
+        for tracks in view_tracks(DOOR, recording, archive.body_parts, archive.body_parts):
             features = reader.update(tracks)
             for belief, own, cells in zip((exact, quick), chosen, counts.values(), strict=True):
                 belief.step(CountedEvidence(PostureEvidence(own, of_rest, features, 1.0, 5.0), cells))

@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from performances import DOOR, recordings_of, watching
 
 from common.errors import BadInput
 from common.vocabulary import Vocabulary
 from observer.features import PostureReader, without_motion
 from observer.filtering.phase_filter import Dynamics, PhaseFilter
-from observer.geometry.views import parse_view
 from observer.learning.editing import add_movements, remove_movements
 from observer.learning.learn import ExampleView, gather_background, learn_view, with_calibration
 from observer.model.base import Onset
@@ -30,9 +30,9 @@ from observer.runtime.pipeline import Observer
 from observer.tracks import BODY_PARTS
 from studies.performer import perform
 
-DOOR = parse_view("door")
 WORDS = Vocabulary(("ok", "shake"))
 ELSE = ("byebye", "lunging")
+KNOWN = Onset(known=True)
 
 
 @pytest.fixture(scope="module")
@@ -40,26 +40,14 @@ def people():
     return perform(("1", "2", "3"), (*WORDS.labels, *ELSE), trials=1, seed=1)
 
 
-def of(archive, subjects, labels):
-    chosen = tuple(r for r in archive.recordings if r.subject in subjects and r.label in labels)
-    return MotionArchive(archive.body_parts, chosen)
-
-
 @pytest.fixture(scope="module")
 def background(people):
-    return of(people, "12", ELSE)
+    return recordings_of(people, "12", ELSE)
 
 
 @pytest.fixture(scope="module")
 def model(people, background):
-    return learn_view(of(people, "12", WORDS.labels), DOOR, WORDS, calibrate=False, background=background)
-
-
-def watched(model, recording):
-    watch = model.watch(Onset(known=True))
-    for tracks in view_tracks(DOOR, recording, BODY_PARTS, BODY_PARTS):
-        watch.update(tracks)
-        yield watch
+    return learn_view(recordings_of(people, "12", WORDS.labels), DOOR, WORDS, calibrate=False, background=background)
 
 
 def test_the_posterior_is_that_of_the_phase_filter_with_one_more_movement(model, people):
@@ -74,9 +62,9 @@ def test_the_posterior_is_that_of_the_phase_filter_with_one_more_movement(model,
     dynamics = Dynamics(shares[None], np.ones(1), np.ones((1, 1)), np.array(ENTRY), begin, forget)
     oracle = PhaseFilter(answer_of, chains.shape[1], np.full(3, 1 / 3), dynamics, onset_known=True)
     reader = PostureReader(BODY_PARTS, model.header.rate_hz, parameters["fast"], parameters["apart"])
-    (shown,) = of(people, "3", ("byebye",)).recordings
+    (shown,) = recordings_of(people, "3", ("byebye",)).recordings
     frames = iter(view_tracks(DOOR, shown, BODY_PARTS, BODY_PARTS))
-    for n, watch in enumerate(watched(model, shown)):
+    for n, watch in enumerate(watching(model, shown, KNOWN)):
         if n == 12:
             break
         features = reader.update(next(frames))
@@ -100,8 +88,8 @@ def squared(features, postures):
 def test_a_movement_outside_the_vocabulary_is_unlearned(model, people):
     tracker = ProjectedTracker(DOOR, BODY_PARTS, BODY_PARTS)
     ends = {}
-    for recording in of(people, "3", (*WORDS.labels, "byebye")).recordings:
-        observer = Observer(tracker, model, Onset(known=True))
+    for recording in recordings_of(people, "3", (*WORDS.labels, "byebye")).recordings:
+        observer = Observer(tracker, model, KNOWN)
         ends[recording.label] = [observer.step(frame) for frame in frames_of(recording)][-1]
     assert ends["byebye"].unlearned > 0.9
     assert max(ends[label].unlearned for label in WORDS.labels) < 0.5
@@ -110,29 +98,29 @@ def test_a_movement_outside_the_vocabulary_is_unlearned(model, people):
 
 def test_without_a_background_nothing_changes(people, tmp_path):
     """Bit for bit: chains, file and posterior; with a background, the chains of its own movements are the same too."""
-    learned = of(people, "12", WORDS.labels)
+    learned = recordings_of(people, "12", WORDS.labels)
     plain = learn_view(learned, DOOR, WORDS, calibrate=False)
     assert plain.header.background is None and plain.answers == 2
     write_model(tmp_path / "plain.model", plain)
     assert "background" not in str(np.load(tmp_path / "plain.model")["header"])
-    other = learn_view(learned, DOOR, WORDS, calibrate=False, background=of(people, "12", ELSE))
+    other = learn_view(learned, DOOR, WORDS, calibrate=False, background=recordings_of(people, "12", ELSE))
     chosen = other.arrays()["movement_of"] >= 0
     for name, array in plain.arrays().items():
         np.testing.assert_array_equal(other.arrays()[name][chosen], array)
-    (shown,) = of(people, "3", ("ok",)).recordings
-    for watch in watched(plain, shown):
+    (shown,) = recordings_of(people, "3", ("ok",)).recordings
+    for watch in watching(plain, shown, KNOWN):
         assert watch.unlearned is None
     np.testing.assert_array_equal(answer_posterior(watch)[:, 0], watch.p)
 
 
 def test_blends_are_something_else_at_every_facing(people):
-    learned, parameters = of(people, "12", WORDS.labels), {"facings": 3.0}
+    learned, parameters = recordings_of(people, "12", WORDS.labels), {"facings": 3.0}
     model = learn_view(
         learned, DOOR, WORDS, parameters=parameters, calibrate=False, background=MotionArchive(learned.body_parts, ())
     )
     assert model.header.background == () and model.answers == 3
-    (shown,) = of(people, "3", ("lunging",)).recordings
-    for watch in watched(model, shown):
+    (shown,) = recordings_of(people, "3", ("lunging",)).recordings
+    for watch in watching(model, shown, KNOWN):
         assert watch.joint.shape == (2, 3) and watch.joint.sum() == pytest.approx(1)
         assert watch.unlearned.shape == (3,) and 0 <= watch.unlearned.sum() <= 1
     assert watch.unlearned.sum() > 0.5
@@ -159,7 +147,7 @@ def test_the_file_contains_the_background(model, tmp_path):
 
 
 def test_editing_keeps_the_background_except_for_promoted_movements(model, people):
-    grown = add_movements(model, of(people, "12", (*WORDS.labels, "lunging")), DOOR)
+    grown = add_movements(model, recordings_of(people, "12", (*WORDS.labels, "lunging")), DOOR)
     assert grown.promoted == ("lunging",) and grown.model.header.background == ("byebye",)
     assert sorted(set(grown.model.arrays()["movement_of"].tolist())) == [-1, 0, 1, 2]
     back = remove_movements(grown.model, ("lunging",))
@@ -184,10 +172,10 @@ def test_a_background_example_is_evaluated_by_a_model_without_its_movement(monke
     from observer.learning.learn import evaluate_example
 
     monkeypatch.setattr("observer.learning.learn.evaluate_example", spy)
-    recordings = of(people, "12", WORDS.labels).recordings
+    recordings = recordings_of(people, "12", WORDS.labels).recordings
     seen_from = ExampleView(DOOR, WORDS, BODY_PARTS)
     examples = seen_from.examples(recordings, BODY_PARTS)
-    examples += seen_from.examples(of(people, "12", ELSE).recordings, BODY_PARTS, ELSE)
+    examples += seen_from.examples(recordings_of(people, "12", ELSE).recordings, BODY_PARTS, ELSE)
     calibration = with_calibration(Spy, model, examples).header.calibration
     assert sorted(shown) == [-2, -2, -1, -1, 0, 0, 1, 1]
     for movement, chains in zip(shown, learned, strict=True):
@@ -209,14 +197,15 @@ def test_all_background_examples_together_weigh_as_one_movement():
 
 def test_background_recordings_get_the_models_parts_and_rate(people):
     turned = MotionArchive(
-        BODY_PARTS[::-1], tuple(replace(r, positions=r.positions[:, ::-1]) for r in of(people, "3", ELSE).recordings)
+        BODY_PARTS[::-1],
+        tuple(replace(r, positions=r.positions[:, ::-1]) for r in recordings_of(people, "3", ELSE).recordings),
     )
-    gathered = gather_background([of(people, "1", ELSE), turned], ("lunging",), BODY_PARTS, 10.0)
+    gathered = gather_background([recordings_of(people, "1", ELSE), turned], ("lunging",), BODY_PARTS, 10.0)
     assert [(r.subject, r.label, r.rate_hz) for r in gathered.recordings] == [
         ("1", "lunging", 10.0),
         ("3", "lunging", 10.0),
     ]
-    (as_it_was,) = of(people, "3", ("lunging",)).recordings
+    (as_it_was,) = recordings_of(people, "3", ("lunging",)).recordings
     np.testing.assert_array_equal(gathered.recordings[1].positions[0], as_it_was.positions[0])
     with pytest.raises(BadInput, match="no 'nose' in its recordings, which the model needs"):
         gather_background([turned], (), ("nose",), 10.0)
@@ -224,7 +213,7 @@ def test_background_recordings_get_the_models_parts_and_rate(people):
 
 @pytest.fixture
 def archives(people, tmp_path):
-    write_archive(tmp_path / "own.npz", of(people, "12", WORDS.labels))
+    write_archive(tmp_path / "own.npz", recordings_of(people, "12", WORDS.labels))
     write_archive(tmp_path / "all.npz", people)
     return tmp_path
 

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from performances import DOOR, recordings_of, watching
 
 from common.errors import BadInput
 from common.vocabulary import Vocabulary
@@ -18,11 +19,8 @@ from observer.model.registry import MODELS
 from observer.model.symbol_tables import learn_table
 from observer.motion.archive import MotionArchive
 from observer.motion.archive_file import write_archive
-from observer.motion.projected import view_tracks
-from observer.tracks import BODY_PARTS
 from studies.performer import perform
 
-DOOR = parse_view("door")
 OLD, NEW = ("ok", "shake"), ("lunging", "byebye")
 
 
@@ -31,26 +29,16 @@ def people():
     return perform(("1", "2", "3"), (*OLD, *NEW), trials=3, seed=1)
 
 
-def some(archive, subjects, labels, trials=3):
-    """The first recordings of these people with these labels."""
-    chosen, counts = [], {}
-    for r in archive.recordings:
-        counts[r.subject, r.label] = counts.get((r.subject, r.label), 0) + 1
-        if r.subject in subjects and r.label in labels and counts[r.subject, r.label] <= trials:
-            chosen.append(r)
-    return MotionArchive(archive.body_parts, tuple(chosen))
-
-
 @pytest.fixture(scope="module", params=list(MODELS))
 def model(request, people):
-    return learn_view(some(people, ("1", "2"), OLD), DOOR, Vocabulary(OLD), kind=request.param)
+    return learn_view(recordings_of(people, ("1", "2"), OLD), DOOR, Vocabulary(OLD), kind=request.param)
 
 
 @pytest.fixture(scope="module")
 def with_facings(people):
     """A model of several facings, with predictive statistics."""
     learned = learn_view(
-        some(people, ("1", "2"), OLD), DOOR, Vocabulary(OLD), parameters={"facings": 4.0}, calibrate=False
+        recordings_of(people, ("1", "2"), OLD), DOOR, Vocabulary(OLD), parameters={"facings": 4.0}, calibrate=False
     )
     learned.header = _sure(learned.header)
     return learned
@@ -62,15 +50,13 @@ def _sure(header):
 
 
 def recognised(model, recording):
-    watch = model.watch(Onset(True, len(recording.positions)))
-    for tracks in view_tracks(DOOR, recording, BODY_PARTS, model.header.body_parts):
-        watch.update(tracks)
+    *_, watch = watching(model, recording, Onset(True, len(recording.positions)))
     return model.header.vocabulary.labels[watch.p.argmax()]
 
 
 def test_three_recordings_of_one_person_are_a_usable_model(people):
-    own = learn_view(some(people, ("1",), (*OLD, NEW[0])), DOOR, Vocabulary((*OLD, NEW[0])))
-    others = some(people, ("2", "3"), (*OLD, NEW[0]), trials=1).recordings
+    own = learn_view(recordings_of(people, ("1",), (*OLD, NEW[0])), DOOR, Vocabulary((*OLD, NEW[0])))
+    others = recordings_of(people, ("2", "3"), (*OLD, NEW[0]), trials=1).recordings
     right = [recognised(own, recording) == recording.label for recording in others]
     assert np.mean(right) >= 5 / 6
     assert own.header.calibration == CAUTIOUS
@@ -90,7 +76,7 @@ def same(one, other):
 
 
 def test_adding_and_removing_movements_restores_the_model(model, people):
-    grown = add_movements(model, some(people, ("3",), NEW), DOOR)
+    grown = add_movements(model, recordings_of(people, ("3",), NEW), DOOR)
     assert grown.labels == NEW and grown.examples == 6 and len(grown.results) == 6
     assert grown.model.header.vocabulary.labels == (*OLD, *NEW)
     assert remove_movements(grown.model, ()).header.vocabulary.labels == (*OLD, *NEW)
@@ -100,29 +86,29 @@ def test_adding_and_removing_movements_restores_the_model(model, people):
 
 
 def test_added_and_old_movements_are_recognised(people):
-    model = learn_view(some(people, ("1", "2"), OLD), DOOR, Vocabulary(OLD))
-    grown = add_movements(model, some(people, ("1", "2"), (NEW[0],)), DOOR).model
-    shown = some(people, ("3",), (*OLD, NEW[0]), trials=1).recordings
+    model = learn_view(recordings_of(people, ("1", "2"), OLD), DOOR, Vocabulary(OLD))
+    grown = add_movements(model, recordings_of(people, ("1", "2"), (NEW[0],)), DOOR).model
+    shown = recordings_of(people, ("3",), (*OLD, NEW[0]), trials=1).recordings
     assert [recognised(grown, r) for r in shown] == [r.label for r in shown]
     # One between two others taken out moves the last one down.
-    kept = remove_movements(grown, ("shake",))
-    assert kept.header.vocabulary.labels == ("ok", "lunging")
-    assert [recognised(kept, r) for r in shown if r.label != "shake"] == ["ok", "lunging"]
+    smaller = remove_movements(grown, ("shake",))
+    assert smaller.header.vocabulary.labels == ("ok", "lunging")
+    assert [recognised(smaller, r) for r in shown if r.label != "shake"] == ["ok", "lunging"]
 
 
 @pytest.mark.parametrize("kind", ["phase-symbols", "frame-table"])
 def test_a_grown_table_equals_one_learned_at_once(people, kind):
-    both = some(people, ("1", "2"), (*OLD, NEW[0]))
+    both = recordings_of(people, ("1", "2"), (*OLD, NEW[0]))
     whole = learn_view(both, DOOR, Vocabulary((*OLD, NEW[0])), kind=kind, calibrate=False)
-    old = learn_view(some(people, ("1", "2"), OLD), DOOR, Vocabulary(OLD), kind=kind, calibrate=False)
+    old = learn_view(recordings_of(people, ("1", "2"), OLD), DOOR, Vocabulary(OLD), kind=kind, calibrate=False)
     grown = add_movements(old, both, DOOR).model
     assert (grown.arrays()["log_table"] == whole.arrays()["log_table"]).all()
-    kept = remove_movements(grown, ("ok",))
-    assert (kept.arrays()["log_table"] == whole.arrays()["log_table"][1:]).all()
+    smaller = remove_movements(grown, ("ok",))
+    assert (smaller.arrays()["log_table"] == whole.arrays()["log_table"][1:]).all()
 
 
 def test_the_file_of_an_edited_model_names_what_was_added(model, people, tmp_path):
-    grown = add_movements(model, some(people, ("3",), NEW), DOOR, labels=("byebye",), source="own.npz").model
+    grown = add_movements(model, recordings_of(people, ("3",), NEW), DOOR, labels=("byebye",), source="own.npz").model
     write_model(tmp_path / "grown.model", grown)
     again = read_model(tmp_path / "grown.model")
     assert same(grown, again) and again.header.provenance["added"] == "byebye: 3 examples of own.npz"
@@ -130,7 +116,7 @@ def test_the_file_of_an_edited_model_names_what_was_added(model, people, tmp_pat
 
 
 def test_an_added_movement_has_all_facings_and_its_predictive_statistics(with_facings, people):
-    grown = add_movements(with_facings, some(people, ("1", "2"), (NEW[0],), trials=2), DOOR).model
+    grown = add_movements(with_facings, recordings_of(people, ("1", "2"), (NEW[0],), trials=2), DOOR).model
     arrays = grown.arrays()
     assert sorted(arrays["facing_of"][arrays["movement_of"] == 2].tolist()) == sorted([0, 1, 2, 3] * 4)
     calibration = grown.header.calibration
@@ -148,18 +134,18 @@ def test_added_examples_are_evaluated_by_models_without_them(with_facings, peopl
         return evaluate_example(model, example)
 
     monkeypatch.setattr("observer.learning.editing.evaluate_example", spy)
-    add_movements(with_facings, some(people, ("1", "2"), (NEW[0],), trials=2), DOOR)
+    add_movements(with_facings, recordings_of(people, ("1", "2"), (NEW[0],), trials=2), DOOR)
     # The other person's two recordings, from four facings.
     assert chains == [8] * 4
     chains.clear()
-    add_movements(with_facings, some(people, ("3",), (NEW[0],)), DOOR)
+    add_movements(with_facings, recordings_of(people, ("3",), (NEW[0],)), DOOR)
     assert chains == [8] * 3
 
 
 def test_with_one_person_an_added_movement_is_foreseen_no_better_than_the_others(with_facings, people):
-    single = add_movements(with_facings, some(people, ("3",), (NEW[0],), trials=1), DOOR)
+    single = add_movements(with_facings, recordings_of(people, ("3",), (NEW[0],), trials=1), DOOR)
     assert single.results == () and single.model.header.calibration.foreseen[2] == pytest.approx((-2.5, 0.6))
-    several = add_movements(with_facings, some(people, ("3",), (NEW[0],)), DOOR)
+    several = add_movements(with_facings, recordings_of(people, ("3",), (NEW[0],)), DOOR)
     assert len(several.results) == 3 and several.model.header.calibration.foreseen[2][0] <= -2.5
 
 
@@ -176,7 +162,7 @@ def test_with_one_person_an_added_movement_is_foreseen_no_better_than_the_others
 )
 def test_what_does_not_fit_the_model_is_rejected(with_facings, people, options, error):
     with pytest.raises(BadInput, match=r"\A[^\n]*\Z") as rejected:
-        add_movements(with_facings, some(people, ("3",), (*OLD, *NEW)), **{"view": DOOR, **options})
+        add_movements(with_facings, recordings_of(people, ("3",), (*OLD, *NEW)), **{"view": DOOR, **options})
     assert error in str(rejected.value)
 
 
@@ -190,7 +176,7 @@ def test_recordings_of_another_rate_or_without_parts_are_rejected(with_facings, 
     with pytest.raises(BadInput, match="'head': the model needs it"):
         add_movements(with_facings, handless, DOOR)
     with pytest.raises(BadInput, match="there is nothing to add"):
-        add_movements(with_facings, some(people, ("3",), OLD), DOOR)
+        add_movements(with_facings, recordings_of(people, ("3",), OLD), DOOR)
 
 
 def test_at_least_two_movements_remain(with_facings):
@@ -213,7 +199,7 @@ def test_bins_borrow_counts_from_their_neighbours():
 
 def test_add_and_forget_on_the_command_line(run, people, tmp_path):
     for name, labels, trials in (("own", OLD, 3), ("more", NEW, 2)):
-        write_archive(tmp_path / f"{name}.npz", some(people, ("1",), labels, trials))
+        write_archive(tmp_path / f"{name}.npz", recordings_of(people, ("1",), labels, trials))
     file = tmp_path / "door.model"
     status, out, err = run("learn", tmp_path / "own.npz", "--view", "door", "-o", file)
     assert (status, err) == (0, "") and "tried on 6 left-out examples: right" in out and "temperature 1.3" in out

@@ -6,10 +6,11 @@ from functools import cache
 
 import numpy as np
 import pytest
+from performances import DOOR
 
 from common.errors import BadInput
 from common.vocabulary import Vocabulary
-from observer.geometry.views import parse_view, turned
+from observer.geometry.views import turned
 from observer.learning.learn import learn_view
 from observer.model.base import MOST_FACINGS, Onset, facings_in
 from observer.model.model_file import read_model, write_model
@@ -21,7 +22,6 @@ from observer.tracks import BODY_PARTS
 from studies.performer import perform
 
 LABELS = ("ok", "shake", "lunging")
-DOOR = parse_view("door")
 
 
 @pytest.fixture(scope="module")

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from performances import DOOR
 
 from common.vocabulary import Vocabulary
-from observer.geometry.views import parse_view
 from observer.learning.learn import learn_view
 from observer.model.base import Onset
 from observer.model.phase import STEPS, step_probabilities
@@ -15,7 +15,7 @@ from observer.motion.projected import ProjectedTracker, frames_of
 from observer.runtime.pipeline import Observer
 from observer.tracks import BODY_PARTS
 
-DOOR, NAMES = parse_view("door"), Vocabulary(("raise", "wave"))
+NAMES = Vocabulary(("raise", "wave"))
 
 
 @given(st.floats(0.05, 4.0))

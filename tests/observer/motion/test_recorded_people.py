@@ -119,7 +119,6 @@ def test_joints_and_empty_frames_of_msr_action3d(tmp_path):
     ("name", "text", "words"),
     [
         ("a21_s01_e01", sequence(), "action 21 in its name; 1 to 20"),
-        ("a00_s01_e01", sequence(), "action 0"),
         ("a01_s11_e01", sequence(), "subject 11"),
         ("a01_s01_e04", sequence(), "trial 4"),
         ("a1_s1_e1", sequence(), "the name of a sequence is expected"),
@@ -127,7 +126,6 @@ def test_joints_and_empty_frames_of_msr_action3d(tmp_path):
         ("a01_s01_e01", sequence()[:-200], "line .*(values|ends within frame)"),
         ("a01_s01_e01", "".join(sequence().splitlines(keepends=True)[:-3]), "line 97: ends within frame 4; 20 lines"),
         ("a01_s01_e01", sequence().replace("7.000000 2.000000", "nan 2.000000", 1), "line 47: 'nan'"),
-        ("a01_s01_e01", "x" + sequence(), "line 1: 'x1.000000'"),
         ("a01_s01_e01", sequence().replace("2.000000 1.000000", "2.000000", 1), "line 1: 3 values; 4"),
         ("a01_s01_e01", sequence().replace("2.000000", "1e40", 1), "line 1: '1e40'"),
         ("a01_s01_e01", sequence(5, range(5)), "nothing remains"),
@@ -193,26 +191,22 @@ def test_an_invalid_clip_of_florence3d(changes, words, tmp_path):
 
 
 def test_missing_parts_of_florence3d(tmp_path):
+    def refused(words):
+        with pytest.raises(BadInput, match=words):
+            import_recordings("florence3d", tmp_path)
+
     florence(tmp_path, clip(), {"subject": 1, "action": 1})
-    with pytest.raises(BadInput, match="clip 2: field original_skeletal_data is missing"):
-        import_recordings("florence3d", tmp_path)
-    with pytest.raises(BadInput, match="different names"):
-        import_recordings("florence3d", florence(tmp_path, clip(), names=("wave", "Wave ")))
+    refused("clip 2: field original_skeletal_data is missing")
+    florence(tmp_path, clip(), names=("wave", "Wave "))
+    refused("different names")
+    florence(tmp_path, clip())
     savemat(tmp_path / "skeletal_data.mat", {"other": 1})
-    with pytest.raises(BadInput, match=r"variable skeletal_data is missing|different names"):
-        import_recordings("florence3d", florence_names(tmp_path))
+    refused("variable skeletal_data is missing")
     whole = (tmp_path / "action_names.mat").read_bytes()
     (tmp_path / "action_names.mat").write_bytes(whole[: len(whole) // 2])
-    with pytest.raises(BadInput, match=r"cannot be read|is missing"):
-        import_recordings("florence3d", tmp_path)
+    refused("cannot be read|is missing")
     (tmp_path / "action_names.mat").unlink()
-    with pytest.raises(BadInput, match=r"action_names.mat: no such file"):
-        import_recordings("florence3d", tmp_path)
-
-
-def florence_names(tmp_path):
-    savemat(tmp_path / "action_names.mat", {"action_names": np.array(["wave", "bow"], object)})
-    return tmp_path
+    refused("action_names.mat: no such file")
 
 
 def test_without_scipy_the_error_names_the_extra(tmp_path, monkeypatch):

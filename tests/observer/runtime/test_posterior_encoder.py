@@ -42,7 +42,7 @@ def test_facing_and_unlearned_are_in_the_message():
     assert message.unlearned == 0.125
     assert decode_facing(np.array(message.facing.surprise)) == pytest.approx(FACING, abs=0.03)
     without = encoded(posterior())
-    assert without.unlearned is None and without.facing is None
+    assert without.unlearned is None and without.facing is None and without.facets is None
 
 
 @pytest.mark.parametrize("off", [1 + 2**-52, -(2**-60)])
