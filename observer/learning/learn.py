@@ -21,12 +21,7 @@ from observer.model.base import (
     facings_in,
     with_features,
 )
-from observer.model.posterior_calibration import (
-    HeldOutResult,
-    answer_posterior,
-    at_least_cautious,
-    fit_calibration,
-)
+from observer.model.posterior_calibration import HeldOutResult, answer_posterior, at_least_cautious, fit_calibration
 from observer.model.registry import DEFAULT_MODEL, model_named
 from observer.motion.archive import (
     MotionArchive,

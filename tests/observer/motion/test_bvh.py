@@ -62,14 +62,7 @@ def body_text(to_file=None, scale=1.0, rename=lambda name: name):
     lines.append("CHANNELS 6 Xposition Yposition Zposition Zrotation Xrotation Yrotation")
     for name, place in list(BODY.items())[1:]:
         lines += [f"JOINT {rename(name)}", "{", f"OFFSET {row(place - hips)}", "CHANNELS 0", "}"]
-    lines += [
-        "}",
-        "MOTION",
-        "Frames: 2",
-        "Frame Time: 0.0333333",
-        f"{row((0, 0, 0))} 0 0 0",
-        f"{row(AHEAD)} 0 0 0",
-    ]
+    lines += ["}", "MOTION", "Frames: 2", "Frame Time: 0.0333333", f"{row((0, 0, 0))} 0 0 0", f"{row(AHEAD)} 0 0 0"]
     return "\n".join(lines) + "\n"
 
 
