@@ -15,14 +15,7 @@ Arrays = dict[str, NDArray[Any]]
 
 _NEEDED = ("positions", "lengths", "rate_hz", "body_parts", "labels", "subjects", "trials")
 _SPANS = ("span_recording", "span_start", "span_end", "span_label")
-_DTYPES = {
-    "positions": "float32",
-    "lengths": "int64",
-    "rate_hz": "float64",
-    "span_recording": "int64",
-    "span_start": "int64",
-    "span_end": "int64",
-}
+_DTYPES = {"positions": "float32", "rate_hz": "float64", **dict.fromkeys(("lengths", *_SPANS[:3]), "int64")}
 """All other arrays contain text."""
 
 
@@ -167,8 +160,7 @@ def _arrays(archive: MotionArchive) -> Arrays:
     }
     spans = [(number, span) for number, recording in enumerate(recordings) for span in recording.spans]
     if spans:
-        arrays["span_recording"] = np.array([number for number, _ in spans], np.int64)
-        arrays["span_start"] = np.array([span.start for _, span in spans], np.int64)
-        arrays["span_end"] = np.array([span.end for _, span in spans], np.int64)
+        indices = np.array([(number, span.start, span.end) for number, span in spans], np.int64)
+        arrays |= dict(zip(_SPANS, indices.T, strict=False))
         arrays["span_label"] = np.array([span.label for _, span in spans], np.str_)
     return arrays

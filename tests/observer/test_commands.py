@@ -54,10 +54,7 @@ def test_learn_writes_a_model_with_its_provenance(run, archive, tmp_path):
     ("words", "error"),
     [
         (["--view", "dor"], "did you mean door?"),
-        (
-            ["--view", "door", "--labels", "shak"],
-            "--labels shak: no recording shows this movement; did you mean shake?",
-        ),
+        (["--view", "door", "--labels", "shak"], "shak: no recording shows this movement; did you mean shake?"),
         (["--view", "door", "--labels", "ok"], "at least two movements"),
         (["--view", "door", "--subjects", "7"], "subject '7': not in the archive; it has 1, 2"),
         (["--view", "door", "--model", "phaze"], "did you mean phase?"),

@@ -170,8 +170,6 @@ def test_missing_files_and_other_formats_are_rejected(tmp_path):
     (tmp_path / "text.effort").write_text("hello")
     with pytest.raises(BadInput, match="not an Effort model"):
         read_effort(tmp_path / "text.effort")
-    with pytest.raises(BadInput, match="cannot write"):
-        write_effort(tmp_path / "nowhere" / "cam.effort", learn_trials(made(), "door", 30))
 
 
 def test_an_effort_model_of_another_rate_is_rejected(tmp_path):

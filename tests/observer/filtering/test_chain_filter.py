@@ -102,44 +102,44 @@ def transitions():
     return table, np.array(movement)
 
 
+def exact_filter(seed, frames):
+    """Each frame's evidence and likelihoods (S,), and the mass (S,) before it and, not normalised, after it."""
+    rng, (table, _) = np.random.default_rng(seed), transitions()
+    mass = np.eye(len(table))[0]
+    for _ in range(frames):
+        frame = Table.drawn(rng)
+        likelihood = np.exp(np.concatenate([[frame.rest], frame.log.ravel(), frame.after.ravel()]))
+        # The first frame is predicted too: a person at rest may begin with it.
+        foreseen = mass @ table
+        yield frame, likelihood, foreseen, foreseen * likelihood
+        mass = foreseen * likelihood / (foreseen @ likelihood)
+
+
 @some
 @given(SEEDS)
 def test_the_predictive_log_likelihood_is_the_density_of_the_frame(seed):
-    rng = np.random.default_rng(seed)
-    table, movement = transitions()
-    mass, ours = np.eye(len(table))[0], chain_filter(known=False)
-    for _ in range(10):
-        frame = Table.drawn(rng)
-        likelihood = np.exp(np.concatenate([[frame.rest], frame.log.ravel(), frame.after.ravel()]))
-        # The first frame is predicted too: who is at rest may begin with it.
-        foreseen = mass @ table
+    (_, movement), ours = transitions(), chain_filter(known=False)
+    for frame, _, foreseen, mass in exact_filter(seed, 10):
         ours.step(frame)
-        mass = foreseen * likelihood
         densities = [np.log(mass[movement == m].sum() / foreseen[movement == m].sum()) for m in range(3)]
         assert ours.predictive_log_likelihood == pytest.approx(densities, abs=1e-4)
-        mass /= mass.sum()
 
 
 @some
 @given(SEEDS)
 def test_the_previous_movement_is_no_answer_during_a_movement(seed):
-    rng = np.random.default_rng(seed)
-    table, movement = transitions()
-    cells = np.bincount(CELL_OF).size
+    (_, movement), cells = transitions(), np.bincount(CELL_OF).size
     active = movement[1:-cells] * FACINGS + np.repeat(CELL_OF % FACINGS, PHASES)
-    mass, past, moving, ours = np.eye(len(table))[0], np.zeros(cells), False, chain_filter(known=False)
-    for _ in range(25):
-        frame = Table.drawn(rng)
-        likelihood = np.exp(np.concatenate([[frame.rest], frame.log.ravel(), frame.after.ravel()]))
+    done_before, past, moving, ours = np.zeros(cells), np.zeros(cells), False, chain_filter(known=False)
+    for frame, likelihood, _, unscaled in exact_filter(seed, 25):
         ours.step(frame)
-        past = past if moving else mass[-cells:].copy()
-        mass = (mass @ table) * likelihood
-        past *= (1 - DYNAMICS.forget) * likelihood[-cells:] / mass.sum()
-        mass /= mass.sum()
+        mass = unscaled / unscaled.sum()
+        past = past if moving else done_before
+        past = past * (1 - DYNAMICS.forget) * likelihood[-cells:] / unscaled.sum()
         moving = mass[0] + mass[-cells:].sum() < 0.5
-        done = mass[-cells:] - past * moving
-        answers = np.bincount(active, mass[1:-cells], cells) + done + mass[0] / cells
+        answers = np.bincount(active, mass[1:-cells], cells) + mass[-cells:] - past * moving + mass[0] / cells
         assert ours.posterior.ravel() == pytest.approx(answers / answers.sum(), abs=1e-4)
+        done_before = mass[-cells:]
 
 
 @some

@@ -11,7 +11,7 @@ from common.vocabulary import Vocabulary
 from observer.features import PostureReader, without_motion
 from observer.filtering.phase_filter import Dynamics, PhaseFilter
 from observer.learning.editing import add_movements, remove_movements
-from observer.learning.learn import ExampleView, gather_background, learn_view, with_calibration
+from observer.learning.learn import ExampleView, evaluate_example, gather_background, learn_view, with_calibration
 from observer.model.base import Onset
 from observer.model.chains import blend_pairs
 from observer.model.model_file import read_model, write_model
@@ -169,8 +169,6 @@ def test_a_background_example_is_evaluated_by_a_model_without_its_movement(monke
         shown.append(example.movement)
         return evaluate_example(model, example)
 
-    from observer.learning.learn import evaluate_example
-
     monkeypatch.setattr("observer.learning.learn.evaluate_example", spy)
     recordings = recordings_of(people, "12", WORDS.labels).recordings
     seen_from = ExampleView(DOOR, WORDS, BODY_PARTS)
@@ -232,10 +230,7 @@ def test_learn_and_add_on_the_command_line(run, archives):
     ("words", "error"),
     [
         (["--background", "all.npz"], "background: 'ok' is among the movements that are learned; name others"),
-        (
-            ["--background", "all.npz", "--background-labels", "jump"],
-            "--background-labels jump: no recording shows this movement",
-        ),
+        (["--background", "all.npz", "--background-labels", "jump"], "jump: no recording shows this movement"),
         (["--background", "blends", "--background-labels", "byebye"], "of which archive? name it with --background"),
         (["--background-labels", "byebye"], "of which archive? name it with --background"),
         (["--background", "none.npz"], "none.npz"),

@@ -16,7 +16,6 @@ from observer.model.base import Onset
 from observer.model.model_file import read_model, write_model
 from observer.model.posterior_calibration import CAUTIOUS, PosteriorCalibration, at_least_cautious
 from observer.model.registry import MODELS
-from observer.model.symbol_tables import learn_table
 from observer.motion.archive import MotionArchive
 from observer.motion.archive_file import write_archive
 from studies.performer import perform
@@ -184,17 +183,6 @@ def test_at_least_two_movements_remain(with_facings):
         remove_movements(with_facings, ("shake",))
     with pytest.raises(BadInput, match="'shaek': not in the vocabulary"):
         remove_movements(with_facings, ("shaek",))
-
-
-def test_bins_borrow_counts_from_their_neighbours():
-    symbols = np.array([[0], [0], [1], [1], [2], [2]])
-    paper = np.exp(learn_table([(symbols, 0)], 1, 3, 0.1))
-    borrowed = np.exp(learn_table([(symbols, 0)], 1, 3, 0.1, neighbours=2.0))
-    assert np.allclose(borrowed.sum(axis=-1), 1)
-    # By hand: the middle bin counts 2 of symbol 1 and .1 of each; beside it are 2 of symbols 0 and 2 each.
-    assert borrowed[0, 1, 0, 1] == pytest.approx((2.1 + 2 * 0.1 / 4.9) / (2.9 + 2))
-    assert borrowed[0, 1, 0, 0] == pytest.approx((0.1 + 2 * 2.1 / 4.9) / (2.9 + 2))
-    assert (np.exp(learn_table([(symbols, 0)], 1, 3, 0.1, neighbours=0.0)) == paper).all()
 
 
 def test_add_and_forget_on_the_command_line(run, people, tmp_path):

@@ -24,6 +24,17 @@ def test_counting_by_hand_with_dirichlet_smoothing():
     assert table.sum(-1) == pytest.approx(np.ones((1, 2, 1)))
 
 
+def test_bins_borrow_counts_from_their_neighbours():
+    symbols = np.array([[0], [0], [1], [1], [2], [2]])
+    paper = np.exp(learn_table([(symbols, 0)], 1, 3, 0.1))
+    borrowed = np.exp(learn_table([(symbols, 0)], 1, 3, 0.1, neighbours=2.0))
+    assert np.allclose(borrowed.sum(axis=-1), 1)
+    # By hand: the middle bin counts 2 of symbol 1 and .1 of each; beside it are 2 of symbols 0 and 2 each.
+    assert borrowed[0, 1, 0, 1] == pytest.approx((2.1 + 2 * 0.1 / 4.9) / (2.9 + 2))
+    assert borrowed[0, 1, 0, 0] == pytest.approx((0.1 + 2 * 2.1 / 4.9) / (2.9 + 2))
+    assert (np.exp(learn_table([(symbols, 0)], 1, 3, 0.1, neighbours=0.0)) == paper).all()
+
+
 def test_symbols_without_counts_are_uniform():
     table = np.exp(learn_table([(np.full((4, 1), -1, dtype=np.int8), 0)], 1, 2, 0.1))
     assert table == pytest.approx(np.full((1, 2, 1, SYMBOLS), 1 / SYMBOLS))

@@ -10,7 +10,6 @@ from common.errors import BadInput, LabanmeshError
 from observer.motion.archive import check_archive
 from observer.motion.archive_file import read_archive, write_archive
 from observer.motion.importers import import_recordings
-from observer.motion.importers.bvh_file import joint_positions, read_bvh
 from observer.motion.importers.msr_action3d import LABELS
 
 LEFT, RIGHT, HEAD = range(3)
@@ -89,19 +88,6 @@ def test_effort_bvh(data):
         assert recording.positions[0, LEFT, 0] < recording.positions[0, HEAD, 0] < recording.positions[0, RIGHT, 0]
         assert 1.4 < recording.positions[0, HEAD, 1] < 2.2
         assert np.min(recording.positions[:, RIGHT, 2] - recording.positions[:, HEAD, 2]) < -0.3
-
-
-def test_arms_of_effort_bvh_keep_their_length(data):
-    for file in sorted((data / "effort_bvh").glob("*_0_*.bvh"))[:10]:
-        motion = read_bvh(file)
-        index = {joint.name: number for number, joint in enumerate(motion.joints)}
-        places = joint_positions(motion)
-        for side in ("Left", "Right"):
-            shoulder, elbow, hand = (index[f"{side}{name}"] for name in ("Arm", "ForeArm", "Hand"))
-            upper, lower = (np.linalg.norm(motion.joints[joint].offset) for joint in (elbow, hand))
-            reach = np.linalg.norm(places[:, hand] - places[:, shoulder], axis=1)
-            assert (reach <= upper + lower + 1e-9).all() and reach.min() > 0.05
-            np.testing.assert_allclose(np.linalg.norm(places[:, hand] - places[:, elbow], axis=1), lower)
 
 
 def test_joints_and_empty_frames_of_msr_action3d(tmp_path):

@@ -84,12 +84,7 @@ def test_tracks_of_other_programs(opened, source, kind):
         ("", "m.npz", {PLAYBACK_START: "soon"}, r"LABANMESH_PLAYBACK_START_NS = 'soon': nanoseconds"),
         ('tracker = "camshfit"', "m.npz", {}, r"observers\.cam1\.tracker = 'camshfit': .* did you mean camshift"),
         ('tracker = "foreign"', "m.npz", {}, r"reads tracks, but the source provides positions; use projected"),
-        (
-            'tracker = "projected"',
-            "0",
-            {},
-            r"reads positions, but the source provides pictures; use camshift, mediapipe",
-        ),
+        ('tracker = "projected"', "0", {}, r"reads positions, but the source provides pictures; use camshift"),
         ("mirrored = true", "m.npz", {}, r"cam1\.mirrored: only pictures can be mirrored back"),
         ("", "zenoh:a/*", {}, r"zenoh:KEY is expected"),
         ("", "gone.mp4", {}, r"gone\.mp4: no such file or folder; a source is a webcam"),
