@@ -22,8 +22,9 @@ def test_rate_and_newest_frame(status):
     for i in range(60):
         status.record_frame(START_NS + i, START_NS + i * SECOND_NS // 15)
     status.record_frame(START_NS - 5, START_NS + 59 * SECOND_NS // 15)
+    status.clock_skew_s = 0.5
     message = status.status(START_NS + 59 * SECOND_NS // 15)
-    assert (message.scene, message.id, message.at_ns) == ("dojo", "cam1", START_NS + 59 * SECOND_NS // 15)
+    assert (message.id, message.skew_s, message.at_ns) == ("cam1", 0.5, START_NS + 59 * SECOND_NS // 15)
     assert 15 <= message.rate_hz <= 16
     assert (message.state, message.last_frame_ns) == ("running", START_NS + 59)
 

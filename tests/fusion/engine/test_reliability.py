@@ -41,6 +41,11 @@ def test_only_a_sure_and_wrong_observer_loses_reliability_and_it_recovers_by_agr
     assert after(30, {**RIGHT, "d": sure("bow", 0.95)}, wrong).reliability("d") > 0.7
 
 
+def test_a_wrong_majority_does_not_silence_for_ever():
+    reliability = after(500, {"a": sure("kick"), "b": sure("kick"), "right": sure("bow")}, label="kick")
+    assert reliability.reliability("right") == MIN_RELIABILITY
+
+
 def test_an_honestly_unsure_observer_loses_nothing():
     rng, reliability = np.random.default_rng(3), Reliability()
     for n in range(300):
