@@ -132,11 +132,8 @@ def test_a_peer_gets_our_trials_and_relearns_for_every_fraction(archive):
     truth = [j.trial.recording.label == "ok" for j in evaluate(archive, settings).trials]
     assert (comparison.curves[-1].right == np.array([truth] * len(FRACTIONS))).all()
     assert comparison.people == ("2",) * 4
-
-
-def test_one_view_is_one_row_and_leave_one_out_judges_every_person_once(archive):
-    settings = EvaluationSettings(views=DOOR_WHEEL[:1], labels=LABELS, leave_one_subject_out=True)
-    comparison = compare_peers(archive, "both", settings, (0,), peers={})
+    each = dataclasses.replace(settings, views=DOOR_WHEEL[:1], train_subjects=(), leave_one_subject_out=True)
+    comparison = compare_peers(archive, "both", each, (0,), peers={})
     assert [c.name for c in comparison.curves] == ["ours, fused"] and comparison.people == ("1",) * 4 + ("2",) * 4
 
 
@@ -149,24 +146,16 @@ def test_our_curves_are_the_accuracies_of_evaluate(archive):
     assert curves[2].right.mean(axis=1) == pytest.approx(list(figures["per_view"]["wheel"]["accuracy_at"].values()))
 
 
-def test_the_area_is_the_mean_of_the_fractions():
-    right = np.array([[0.0, 1], [1, 1]])
-    assert accuracy_interval([right], [("a", "b")]).mean == pytest.approx((0.5, 1.0, 0.75))
-
-
 def test_the_interval_of_many_people_is_that_of_independent_trials():
     right = np.random.default_rng(4).random((1, 1000)) < 0.8
     score = accuracy_interval([right.astype(float)], [[str(n) for n in range(1000)]])
     half = 1.96 * np.sqrt(right.mean() * (1 - right.mean()) / 1000)
     # Drawing people and then their one trial is drawing trials.
     assert score.high[0] - score.low[0] == pytest.approx(2 * half, rel=0.1)
-
-
-def test_trials_of_few_people_tell_less_than_so_many_people():
+    # Trials of few people say less than as many people.
     people = [str(n // 50) for n in range(250)]
     right = np.array([[float(p in "01") for p in people]])
-    alone = accuracy_interval([right], [[str(n) for n in range(250)]])
-    few = accuracy_interval([right], [people])
+    alone, few = (accuracy_interval([right], [names]) for names in ([str(n) for n in range(250)], people))
     assert few.high[0] - few.low[0] > 4 * (alone.high[0] - alone.low[0])
 
 
@@ -181,6 +170,7 @@ def test_a_difference_on_the_same_trials_is_surer_than_each_of_the_two():
 
 
 def test_several_sets_are_averaged_even_when_a_person_is_in_one_only():
+    assert accuracy_interval([np.array([[0.0, 1], [1, 1]])], [("a", "b")]).mean == pytest.approx((0.5, 1.0, 0.75))
     score = accuracy_interval([np.ones((1, 2)), np.zeros((1, 1))], [("a", "b"), ("b",)])
     assert score.mean[0] == 0.5 and score.low[0] == score.high[0] == 0.5
 

@@ -38,6 +38,9 @@ SHARE, AGE = 0.25, 2.0
 """A simulated share of a core, or count of judgements, is off by so much at most, relative; an age by such a factor."""
 
 
+HOMES = [f"home{n}" for n in range(40)]
+
+
 def dearer(costs, times):
     return Costs(**{field.name: getattr(costs, field.name) * times for field in fields(Costs)})
 
@@ -83,14 +86,11 @@ def test_the_share_of_a_core_is_the_sum_of_the_costs():
     assert trace.core_share - trace.loop_share == pytest.approx(20 * 120 * 3 / 1e6)
 
 
-def test_a_full_process_judges_less_often():
+def test_a_full_process_judges_less_often_and_missed_steps_are_not_made_up_for():
     stays = [Stay(n) for n in range(50)]
     slow = simulate_many(replace(FREE, judge=4000.0), Load(), stays, 2.0)
     assert slow.loop_share > 0.9
     assert slow.judgements_hz == pytest.approx(1e6 / 4000, rel=0.1)
-
-
-def test_missed_steps_are_not_made_up_for():
     held_up = simulate_many(replace(FREE, take_over=400_000.0), Load(), [Stay(0, 0.05)], 2.0)
     gaps_s = [b - a for a, b in pairwise(held_up.published_s)]
     assert held_up.published_s[0] > 0.44 and min(gaps_s[1:]) > 0.08
@@ -110,34 +110,24 @@ def test_one_scene_is_judged_as_soon_as_something_comes():
 
 def test_late_wake_ups_delay_judgements():
     late = Load(in_step=True, wake_ms=(20.0,) * 6)
-    assert (
-        simulate_one(FREE, late, 2.0).age_ms(50)
-        > simulate_one(FREE, replace(late, wake_ms=(0.0,) * 6), 2.0).age_ms(50) + 10
-    )
-
-
-def test_homes_are_shared_as_the_processes_share_them():
-    names, services = [f"home{n}" for n in range(30)], ["north", "south", "west"]
-    ownership = ownership_of(names, services, ())
-    stays, moved = ownership.stays, ownership.moved
-    assert moved == 0
-    for service, own in stays.items():
-        assert {stay.scene for stay in own} == {
-            n for n, s in enumerate(names) if rendezvous_rank(s, services)[0] == service
-        }
-    assert scene_counts(names, services) == {service: len(own) for service, own in stays.items()}
+    early = replace(late, wake_ms=(0.0,) * 6)
+    assert simulate_one(FREE, late, 2.0).age_ms(50) > simulate_one(FREE, early, 2.0).age_ms(50) + 10
 
 
 def test_a_death_and_a_coming_move_their_own_homes_and_none_is_judged_twice_at_a_time():
-    names, services = [f"home{n}" for n in range(40)], ["north", "south", "west"]
+    names, services = HOMES, ["north", "south", "west"]
+    quiet = ownership_of(names, services, ())
+    assert quiet.moved == 0
+    for service, own in quiet.stays.items():
+        owned = {n for n, home in enumerate(names) if rendezvous_rank(home, services)[0] == service}
+        assert {stay.scene for stay in own} == owned and scene_counts(names, services)[service] == len(own)
     changes = [MembershipChange(1.0, "west", False), MembershipChange(2.0, "east", True)]
     ownership = ownership_of(names, services, changes)
-    stays, moved = ownership.stays, ownership.moved
     before = scene_counts(names, services)["west"]
     after = scene_counts(names, ["north", "south", "east"])["east"]
-    assert moved == before + after > 0
+    assert ownership.moved == before + after > 0
     by_scene = {}
-    for own in stays.values():
+    for own in ownership.stays.values():
         for stay in own:
             by_scene.setdefault(stay.scene, []).append((stay.begin_s, stay.end_s))
     for times in map(sorted, by_scene.values()):
@@ -149,9 +139,7 @@ def test_no_home_waits_long_when_a_process_dies():
     region = simulate_region(
         MEASURED.costs, Load(), 40, ["north", "south"], 2.0, [MembershipChange(1.0, "south", False)]
     )
-    assert (
-        region.moved == len(region.gap_s) - scene_counts([f"home{n}" for n in range(40)], ["north", "south"])["north"]
-    )
+    assert region.moved == len(region.gap_s) - scene_counts(HOMES, ["north", "south"])["north"]
     assert np.min(region.gap_s) > 0.09 and region.gap_s.max() < 0.3
 
 
@@ -173,18 +161,14 @@ def test_a_bill_is_what_its_parts_come_to():
     assert scale.bill.traffic == pytest.approx(20 * 730 * 3600 / 1e9)
     assert scale.bill.people == pytest.approx(50 * 0.2 / 12)
     assert scale.messages_hz == pytest.approx(20 * (1 + 0.02))
-
-
-def test_one_home_that_judges_itself_needs_no_region():
-    scale = scaled(1, Design.HOME, MEASURED.costs, MEASURED.sizes, Assumptions(), Load(), 100)
-    assert (scale.fusion, scale.routers, scale.messages_hz, scale.bill.traffic) == (0, 0, 0, 0)
+    one = scaled(1, Design.HOME, MEASURED.costs, MEASURED.sizes, Assumptions(), Load(), 100)
+    assert (one.fusion, one.routers, one.messages_hz, one.bill.traffic) == (0, 0, 0, 0)
 
 
 def test_a_cell_stands_the_loss_of_one_process():
     count = processes(200, 60)
-    left = [f"north{n}" for n in range(count - 1)]
-    assert max(scene_counts([f"home{n}" for n in range(200)], left).values()) <= 60
-    assert max(scene_counts([f"home{n}" for n in range(200)], left[:-1]).values()) > 60
+    homes, left = [f"home{n}" for n in range(200)], [f"north{n}" for n in range(count - 1)]
+    assert max(scene_counts(homes, left).values()) <= 60 < max(scene_counts(homes, left[:-1]).values())
 
 
 def test_the_page_is_what_the_command_writes(tmp_path):
@@ -192,16 +176,6 @@ def test_the_page_is_what_the_command_writes(tmp_path):
     page.write_text(PAGE.read_text("utf-8"), "utf-8")
     commands.scale(page=page)
     assert page.read_text("utf-8") == PAGE.read_text("utf-8"), "make scale writes it anew"
-
-
-def test_a_page_without_a_mark_is_rejected_and_unchanged(tmp_path):
-    page = tmp_path / "scale.md"
-    page.write_text(PAGE.read_text("utf-8").replace("scale links", "scale lines"), "utf-8")
-    before = page.read_text("utf-8")
-    made = dict.fromkeys(table.TABLES, "")
-    with pytest.raises(BadInput, match="needs the lines <!-- scale links"):
-        commands.write_tables(page, made)
-    assert page.read_text("utf-8") == before
 
 
 @pytest.mark.parametrize(

@@ -105,7 +105,7 @@ def test_bad_arguments_are_rejected_before_the_work(arguments, error, tmp_path, 
     assert capsys.readouterr().err == f"transports: {error}\n"
 
 
-def test_the_table_goes_into_the_page_and_the_measuredinto_the_file(tmp_path, monkeypatch, capsys):
+def test_the_table_goes_into_the_page_and_the_measured_into_the_file(tmp_path, monkeypatch, capsys):
     (tmp_path / "page.md").write_text(page, encoding="utf-8")
     monkeypatch.setattr(commands, "measure", lambda chosen, *_: {name: figures(name) for name in chosen})
     arguments = ["--only", "ours", "--json", str(tmp_path / "made" / "a.json"), "--page", str(tmp_path / "page.md")]
