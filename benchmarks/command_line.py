@@ -7,7 +7,7 @@ from pathlib import Path
 import typer
 from typer.exceptions import TyperException
 
-from common.errors import BadInput, LabanmeshError
+from common.errors import BadInput, LabanmeshError, reason_of
 
 
 def run_command(function: Callable[..., int | None], name: str, arguments: Sequence[str] | None = None) -> int:
@@ -56,8 +56,7 @@ def read_page(page: Path | None, begin: str, end: str) -> str:
     try:
         text = page.read_text(encoding="utf-8")
     except OSError as error:
-        why = (error.strerror or str(error)).lower()
-        raise BadInput(f"cannot read {page}: {why}. Choose another page with --page") from None
+        raise BadInput(f"cannot read {page}: {reason_of(error)}. Choose another page with --page") from None
     try:
         replace_table(text, "", begin, end)
     except BadInput as error:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from common.errors import BadInput, LabanmeshError
+from common.errors import BadInput, LabanmeshError, reason_of
 from common.probability import entropy_bits
 from common.text import plural
 from studies.evaluate import EvaluationResult, TrialResult
@@ -196,24 +196,25 @@ def figures() -> ModuleType:
         raise LabanmeshError("matplotlib is not installed; pip install 'labanmesh[report]'") from None
 
 
-def _confusions(summary: dict[str, Any], folder: Path) -> list[Path]:
-    def draw(name: str, counts: list[list[int]], title: str) -> Path:
-        path = folder / f"confusion-{_file_name(name)}.png"
-        drawn: Path = figures().confusion_figure(np.array(counts), summary["labels"], title, path)
-        return drawn
+def _draw(figure: str, *arguments: Any, **options: Any) -> Path:  # noqa: ANN401 - those of the figure
+    path: Path = getattr(figures(), figure)(*arguments, **options)
+    return path
 
-    views = [
-        draw(name, summary["per_view"][name]["confusion"], f"{name}: {summary['model']}") for name in summary["views"]
-    ]
-    return [*views, draw("fused", summary["confusion"], f"fused: {summary['model']}, {summary['rule']}")]
+
+def _confusions(summary: dict[str, Any], folder: Path) -> list[Path]:
+    def draw(name: str, counts: list[list[int]], extra: str = "") -> Path:
+        path, title = folder / f"confusion-{_file_name(name)}.png", f"{name}: {summary['model']}{extra}"
+        return _draw("confusion_figure", np.array(counts), summary["labels"], title, path)
+
+    views = [draw(name, summary["per_view"][name]["confusion"]) for name in summary["views"]]
+    return [*views, draw("fused", summary["confusion"], f", {summary['rule']}")]
 
 
 def _earliness(summary: dict[str, Any], folder: Path) -> Path:
     series = {name: list(summary["per_view"][name]["accuracy_at"].values()) for name in summary["views"]}
     series["fused"] = list(summary["accuracy_at"].values())
     chance = 1 / len(summary["labels"])
-    drawn: Path = figures().earliness_figure(FRACTIONS, series, folder / "early-recognition.png", chance=chance)
-    return drawn
+    return _draw("earliness_figure", FRACTIONS, series, folder / "early-recognition.png", chance=chance)
 
 
 def _reliability(result: EvaluationResult, path: Path) -> Path:
@@ -222,8 +223,7 @@ def _reliability(result: EvaluationResult, path: Path) -> Path:
     beliefs = {**{name: views[:, v] for v, name in enumerate(names)}, "fused": fused}
     series = {name: (p.max(axis=1), p.argmax(axis=1) == truth) for name, p in beliefs.items()}
     ece = {name: expected_calibration_error(p, truth) for name, p in beliefs.items()}
-    drawn: Path = figures().reliability_figure(series, ece, path)
-    return drawn
+    return _draw("reliability_figure", series, ece, path)
 
 
 def _belief(result: TrialResult, names: Sequence[str], labels: Sequence[str], folder: Path) -> Path:
@@ -232,8 +232,7 @@ def _belief(result: TrialResult, names: Sequence[str], labels: Sequence[str], fo
     times_s = np.arange(len(result.fused)) / result.trial.recording.rate_hz
     path = folder / f"belief-{_file_name(result.trial.name)}.png"
     entropies = {name: entropy_bits(p) for name, p in beliefs.items()}
-    drawn: Path = figures().belief_figure(times_s, beliefs, entropies, labels, labels[result.truth], path)
-    return drawn
+    return _draw("belief_figure", times_s, beliefs, entropies, labels, labels[result.truth], path)
 
 
 def _resolved_trials(trials: Sequence[TrialResult], views: int) -> list[TrialResult]:
@@ -260,8 +259,7 @@ def draw_learning_curve(curve: dict[str, Any], path: Path) -> Path:
         )
         for kind, title in titles.items()
     }
-    drawn: Path = figures().learning_figure(panels, path)
-    return drawn
+    return _draw("learning_figure", panels, path)
 
 
 def _file_name(name: str) -> str:
@@ -273,8 +271,9 @@ def make_folder(folder: Path, option: str) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        why = (error.strerror or str(error)).lower()
-        raise BadInput(f"cannot make the folder {folder}: {why}. Choose another one with {option}") from None
+        raise BadInput(
+            f"cannot make the folder {folder}: {reason_of(error)}. Choose another one with {option}"
+        ) from None
 
 
 def write_text(path: Path, text: str, option: str) -> Path:
@@ -282,6 +281,5 @@ def write_text(path: Path, text: str, option: str) -> Path:
     try:
         path.write_text(text, encoding="utf-8")
     except OSError as error:
-        why = (error.strerror or str(error)).lower()
-        raise BadInput(f"cannot write {path}: {why}. Choose another path with {option}") from None
+        raise BadInput(f"cannot write {path}: {reason_of(error)}. Choose another path with {option}") from None
     return path

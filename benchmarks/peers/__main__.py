@@ -23,6 +23,7 @@ from observer.motion.archive import MotionArchive, labels_of
 from observer.motion.archive_file import read_archive
 from observer.motion.importers import import_recordings
 from observer.tracks import Floats
+from studies.commands import LabelSets, TestSubjects, TrainSubjects
 from studies.evaluate import EvaluationSettings
 from studies.report import FRACTIONS, write_text
 from studies.trials import SUBSETS, labels_in
@@ -43,11 +44,9 @@ def peers(
     views: Annotated[
         str, typer.Option(help="door, wheel, table, yaw:DEG[,pitch:DEG]; separated by commas.")
     ] = "door,wheel",
-    labels: Annotated[
-        list[str] | None, typer.Option(help="Movements separated by commas, or a set as AS1; repeat for more sets.")
-    ] = None,
-    train_subjects: Annotated[str, typer.Option(help="People to learn from; default: every other one.")] = "",
-    test_subjects: Annotated[str, typer.Option(help="People to judge; default: those not learned from.")] = "",
+    labels: LabelSets = None,
+    train_subjects: TrainSubjects = "",
+    test_subjects: TestSubjects = "",
     leave_one_subject_out: Annotated[
         bool, typer.Option("--leave-one-subject-out", help="Judge each person by models of all others.")
     ] = False,

@@ -8,12 +8,12 @@ from typing import Annotated
 
 import typer
 
-from benchmarks.command_line import replace_table, run_command
+from benchmarks.command_line import read_page, replace_table, run_command
 from benchmarks.scale.homes import Assumptions
 from benchmarks.scale.measured import Measured, parse_measured
 from benchmarks.scale.process import Load
 from benchmarks.scale.table import FACTORS, ScaleInputs, marks, tables
-from common.errors import BadInput
+from common.errors import BadInput, reason_of
 from studies.report import write_text
 
 MEASURED = "measured.json"
@@ -52,7 +52,7 @@ def _measured(path: Path | None) -> Measured:
     try:
         return parse_measured(place.read_text(encoding="utf-8"))
     except OSError as error:
-        raise BadInput(f"cannot read {place}: {(error.strerror or str(error)).lower()}. Choose another file") from None
+        raise BadInput(f"cannot read {place}: {reason_of(error)}. Choose another file") from None
     except (ValueError, KeyError, TypeError) as error:
         raise BadInput(
             f"{place}: not a file of measurements ({type(error).__name__}: {error}); "
@@ -86,11 +86,7 @@ def _assumption(text: str) -> tuple[str, float]:
 
 def write_tables(page: Path, made: dict[str, str]) -> None:
     """Replace the tables of a page; raises BadInput, and leaves the page unchanged, when one has no place there."""
-    try:
-        text = page.read_text(encoding="utf-8")
-    except OSError as error:
-        why = (error.strerror or str(error)).lower()
-        raise BadInput(f"cannot read {page}: {why}. Choose another page with --page") from None
+    text = read_page(page, *marks(next(iter(made))))
     for name, table in made.items():
         text = replace_table(text, table, *marks(name))
     write_text(page, text, "--page")

@@ -68,8 +68,7 @@ class VerdictComparison:
     @property
     def stands(self) -> bool:
         """Whether both have a verdict with the same label."""
-        recorded, replayed = self.last_recorded, self.last_replayed
-        return recorded is not None and replayed is not None and recorded.label == replayed.label
+        return self.likeness in ("bit for bit", "same label")
 
     @property
     def comparable(self) -> bool:
@@ -217,7 +216,7 @@ def _counts(result: ReplayResult) -> list[str]:
         new = sum(not row.recorded and not row.partly for row in result.rows)
         return [f"{_change_text(result.change)}: {stand} of {total} stand{f'; {new} new' if new else ''}{rest}"]
     if result.source == "posteriors":
-        same = sum(row.likeness in ("bit for bit", "same label") for row in recorded)
+        same = sum(row.stands for row in recorded)
         replayed = sum(row.last_replayed is not None for row in result.rows)
         compared = f"; {same} of {len(recorded)} recorded ones the same{rest}" if recorded else ""
         return [f"{plural(replayed, 'verdict')}{compared}"]

@@ -23,7 +23,7 @@ from common.messages import (
     VocabularyMessage,
 )
 from common.vocabulary import Vocabulary
-from common.wire import BadMessage, decode, encode
+from common.wire import BadMessage, decode, decode_from, encode
 from studies.fusion_engine import EngineOutput, FusionEngine
 from studies.replay.comparison import ReplayResult, Source, VerdictRecord, compare_verdicts
 from studies.replay.from_judgements import Gap, JudgementReplay, Labels, ReplayChange, labels_of
@@ -201,17 +201,11 @@ class _CaptureIngest:
                 self._alive = self._alive | ids if record.payload == APPEARED else self._alive - ids
                 self._engine.set_present(self._alive)
             elif suffix == "posterior":
-                self._add_posterior(observer, decode(PosteriorMessage, record.payload), now_ns)
+                self._engine.receive(observer, decode_from(record.key, PosteriorMessage, record.payload), now_ns)
             elif suffix == "status":
                 self._read_clock(observer, decode(StatusMessage, record.payload), record.arrived_ns)
         except BadMessage as error:
             self._engine.reject(observer, error.reason)
-
-    def _add_posterior(self, observer: str, message: PosteriorMessage, now_ns: int) -> None:
-        if message.is_of(self._keys.scene, observer):
-            self._engine.receive(observer, message, now_ns)
-        else:
-            self._engine.reject(observer, "wrong_key")
 
     def _read_clock(self, observer: str, status: StatusMessage, arrived_ns: int) -> None:
         # The status was not requested, so its travel time is unknown: only a clearly wrong clock is corrected.
