@@ -42,7 +42,7 @@ def observe(
     from common.link import Link
     from observer.foreign.sources import MeshTracks
     from observer.model.base import Onset
-    from observer.model.model_file import read_model, require_match
+    from observer.model.model_file import doubt_of_view, read_model, require_match
     from observer.runtime.pipeline import Observer, Resampler
     from observer.runtime.scene_inputs import open_inputs
     from observer.runtime.service import HealthReporter, serve
@@ -54,7 +54,8 @@ def observe(
     model = read_model(model_path)
     inputs = open_inputs(config, observer, model.header.body_parts, health.record_camera)
     require_match(model_path, model, config.named_vocabulary, inputs.source.rate_hz if inputs.at_own_rate else None)
-    _warn_of_another_view(model_path, model.header, inputs, section.view)
+    if doubt := doubt_of_view(model_path, model.header, inputs.view, section.view):
+        log.warning(doubt)
     onset = Onset(known=section.onset == "known", length=inputs.length)
     resampler = None if inputs.at_own_rate else Resampler(model.header.rate_hz)
     facets = _facet_reader(config, observer, model.header, inputs)
@@ -80,14 +81,6 @@ def _facet_reader(scene: "Scene", observer: str, header: "Header", inputs: "Obse
         effort = read_effort(scene.place(name))
         require_rate(scene.place(name), effort, header.rate_hz)
     return FacetReader(header.body_parts, header.rate_hz, depth_in(inputs.view.matrix), effort)
-
-
-def _warn_of_another_view(model_path: Path, header: "Header", inputs: "ObserverInputs", view: str) -> None:
-    import numpy as np
-
-    if not np.allclose(inputs.view.matrix, header.matrix):
-        text = "%s: learned for %s, but this observer sees from %s; learn it again: labanmesh learn ... --view %s"
-        log.warning(text, model_path, header.view, inputs.view.name, view)
 
 
 @contextmanager

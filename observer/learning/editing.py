@@ -77,7 +77,7 @@ def add_movements(
     old = model.header
     vocabulary = Vocabulary((*old.vocabulary.labels, *new), old.vocabulary.name)
     recordings = [recording for recording in movements_in(archive) if recording.label in new]
-    facings = facings_in({name: value for name, value in old.parameters.items() if name == "facings"})
+    facings = facings_in(old.parameters)
     examples = ExampleView(view, vocabulary, old.body_parts, facings).examples(recordings, archive.body_parts)
     addition = f"{','.join(new)}: {plural(len(recordings), 'example')}" + (f" of {source}" if source else "")
     added = "; ".join([*filter(None, [old.provenance.get("added")]), addition])

@@ -216,13 +216,10 @@ def folds_by_person(examples: Sequence[Example]) -> list[list[int]] | None:
 def _cross_validate(kind: type[MovementModel], header: Header, examples: Sequence[Example]) -> list[HeldOutResult]:
     # The facing hardly changes the calibration, and a dozen facings take a dozen times as long.
     front = [e for e in examples if e.facing == 0]
-    header = replace(header, parameters=_one_facing(header.parameters))
+    if "facings" in header.parameters:
+        header = replace(header, parameters={**header.parameters, "facings": 1.0})
     folds = folds_by_person(front) or folds_by_recording(front)
     return [result for fold in folds for result in _evaluate_fold(kind, header, front, fold)]
-
-
-def _one_facing(parameters: Mapping[str, float]) -> dict[str, float]:
-    return {name: 1.0 if name == "facings" else value for name, value in parameters.items()}
 
 
 def _evaluate_fold(

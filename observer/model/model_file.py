@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from common.errors import BadInput
 from common.vocabulary import Vocabulary
 from observer.files import read_arrays, write_arrays
+from observer.geometry.views import View
 from observer.model.base import Header, MovementModel, check_parameters, ranges_of
 from observer.model.posterior_calibration import PosteriorCalibration
 from observer.model.registry import MODELS
@@ -75,6 +76,14 @@ def require_match(path: Path, model: MovementModel, vocabulary: Vocabulary | Non
             f"{path}: learned at {header.rate_hz:g} Hz, the source gives {rate_hz:g} Hz: "
             f"labanmesh learn ... --rate {rate_hz:g}"
         )
+
+
+def doubt_of_view(path: Path, header: Header, view: View, name: str) -> str:
+    """Why the model may fit badly if it was learned for another view than the observer's, `name`; "" if it fits."""
+    if np.allclose(view.matrix, header.matrix):
+        return ""
+    text = f"{path}: learned for {header.view}, but this observer sees from {view.name}; learn it again: "
+    return f"{text}labanmesh learn ... --view {name}"
 
 
 def _as_json(header: Header) -> dict[str, Any]:

@@ -178,13 +178,18 @@ class FrameTable(SymbolTable):
         return _FrameTableWatch(self.log_table, SpaceReader(self.header.body_parts, threshold), clock)
 
 
-class _FrameTableWatch:
-    """The paper's model has no rest: `rest` is always 0."""
+class _SymbolWatch:
+    """Knows one facing and nothing about "something else"."""
 
-    rest = 0.0
     joint = None
     foreseen = None
     unlearned = None
+
+
+class _FrameTableWatch(_SymbolWatch):
+    """The paper's model has no rest: `rest` is always 0."""
+
+    rest = 0.0
 
     def __init__(self, log_table: Floats, reader: SpaceReader, clock: FrameClock) -> None:
         self._log_table, self._reader, self._clock = log_table, reader, clock
@@ -264,13 +269,7 @@ class PhaseSymbols(SymbolTable):
         return _PhaseSymbolsWatch(self.log_table, 1 / parameters["temperature"], reader, phase_filter)
 
 
-class _PhaseSymbolsWatch:
-    """Knows one facing and nothing about "something else"."""
-
-    joint = None
-    foreseen = None
-    unlearned = None
-
+class _PhaseSymbolsWatch(_SymbolWatch):
     def __init__(self, log_table: Floats, exponent: float, reader: SpaceReader, phase_filter: PhaseFilter) -> None:
         self._log_table, self._exponent, self._reader, self._filter = log_table, exponent, reader, phase_filter
         self._log_rest = np.full(SYMBOLS, np.log((1 - STILL_AT_REST) / (SYMBOLS - 1)))

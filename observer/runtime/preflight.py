@@ -11,10 +11,13 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 from common.config import ObserverConfig, Scene, read_scene
 from common.errors import LabanmeshError
+
+if TYPE_CHECKING:
+    from observer.geometry.views import View
 
 T = TypeVar("T")
 
@@ -61,7 +64,7 @@ def check_observer(scene: Scene, observer: str) -> PreflightResult:
     kind = result.attempt(lambda: tracker_named(section.tracker, f"{key}.tracker", content))
     result.reads = kind.reads if kind else ""
     rate_hz = _check_inputs(scene, section, result, kind.name) if view and kind else None
-    _check_model(scene, section, result, rate_hz, view.matrix.tolist() if view else None)
+    _check_model(scene, section, result, rate_hz, view)
     return result
 
 
@@ -92,11 +95,9 @@ def _check_mediapipe(scene: Scene, section: ObserverConfig, result: PreflightRes
 
 
 def _check_model(
-    scene: Scene, section: ObserverConfig, result: PreflightResult, rate_hz: float | None, matrix: object
+    scene: Scene, section: ObserverConfig, result: PreflightResult, rate_hz: float | None, view: "View | None"
 ) -> None:
-    import numpy as np
-
-    from observer.model.model_file import read_model, require_match
+    from observer.model.model_file import doubt_of_view, read_model, require_match
 
     path = scene.place(section.model)
     model = result.attempt(lambda: read_model(path))
@@ -105,11 +106,8 @@ def _check_model(
     header = model.header
     result.labels, result.rate_hz = list(header.vocabulary.labels), header.rate_hz
     result.attempt(lambda: require_match(path, model, scene.named_vocabulary, rate_hz))
-    if matrix is not None and not np.allclose(np.array(matrix), header.matrix):
-        result.doubts.append(
-            f"{path}: learned for {header.view}, but this observer sees from {section.view}; "
-            f"labanmesh learn ... --view {section.view}"
-        )
+    if view and (doubt := doubt_of_view(path, header, view, section.view)):
+        result.doubts.append(doubt)
 
 
 def main(words: Sequence[str]) -> Iterator[str]:

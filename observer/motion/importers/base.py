@@ -1,11 +1,10 @@
-"""The protocol of importers, and functions that they share to read text files."""
+"""What an importer is, and functions that they share to read text files."""
 
 import math
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,14 +28,9 @@ class ImportResult:
     notes: tuple[str, ...] = ()
 
 
-class Importer(Protocol):
-    """Reads recordings of one kind; the body parts are always `observer.tracks.BODY_PARTS`.
-
-    Raises BadInput, one line with the file, the place in it and what is expected.
-    """
-
-    def __call__(self, path: Path, progress: Progress | None = None) -> ImportResult:
-        """All recordings of this kind at `path`, a file or a folder, in one archive."""
+Importer = Callable[[Path, Progress | None], ImportResult]
+"""Reads all recordings of one kind at a path, a file or a folder; the body parts are always
+`observer.tracks.BODY_PARTS`. Raises BadInput, one line with the file, the place in it and what is expected."""
 
 
 def files_at(path: Path, pattern: str, what: str) -> tuple[Path, ...]:
