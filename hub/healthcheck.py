@@ -107,15 +107,13 @@ def _check_mesh(scene: Scene, process: str) -> str:
                 if isinstance(status, StatusMessage):
                     statuses[status.id] = status
             time.sleep(PAUSE_S)
-    faults = [f"{name}: {_fault(statuses.get(name))}" for name in wanted if not _runs(statuses.get(name))]
+    faults = [f"{name}: {fault}" for name in wanted if (fault := _fault(statuses.get(name)))]
     if faults:
         raise LabanmeshError(f"{scene.scene}: {'; '.join(faults)}")
     return f"{scene.scene}: {', '.join(wanted)} running"
 
 
-def _runs(status: "StatusMessage | None") -> bool:
-    return status is not None and status.state == "running"
-
-
 def _fault(status: "StatusMessage | None") -> str:
-    return "not on the mesh" if status is None else f"{status.state}, {status.reason}".rstrip(", ")
+    if status is None:
+        return "not on the mesh"
+    return "" if status.state == "running" else f"{status.state}, {status.reason}".rstrip(", ")

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from datetime import datetime
+from datetime import UTC, datetime
 
 from common import SECOND_NS
 from common.facets import FACETS
@@ -66,12 +66,18 @@ def printable(text: str) -> str:
     return "".join(character if character.isprintable() else "?" for character in text)
 
 
+def calendar_time(at_ns: int) -> datetime | None:
+    """The moment in UTC; None for a time outside the calendar."""
+    try:
+        return datetime.fromtimestamp(at_ns / SECOND_NS, UTC)
+    except (ValueError, OverflowError, OSError):
+        return None
+
+
 def clock_time(at_ns: int) -> str:
     """Local time of day, `14:03:22`; dashes for a time outside the calendar."""
-    try:
-        return datetime.fromtimestamp(at_ns / SECOND_NS).astimezone().strftime("%H:%M:%S")
-    except (ValueError, OverflowError, OSError):
-        return "--:--:--"
+    time = calendar_time(at_ns)
+    return "--:--:--" if time is None else f"{time.astimezone():%H:%M:%S}"
 
 
 def age(seconds: float | None) -> str:

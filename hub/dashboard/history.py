@@ -103,12 +103,6 @@ def _extended(minute: tuple[MinutePoint, ...], newest: MinutePoint) -> tuple[Min
 
 
 @dataclass(frozen=True, slots=True)
-class _Timed:
-    at_ns: int
-    message: VerdictMessage
-
-
-@dataclass(frozen=True, slots=True)
 class _TokenChange:
     at_ns: int
     observer: str
@@ -145,7 +139,8 @@ class CaptureTimeline:
         self._scene, self._keys = scene, scene.keys
         self._judgements = ThinnedRecords(JUDGEMENT_EVERY_NS, JUDGEMENTS_LIMIT)
         self._statuses: dict[str, ThinnedRecords] = defaultdict(lambda: ThinnedRecords(STATUS_EVERY_NS, STATUSES_LIMIT))
-        self._verdicts: list[_Timed] = []
+        self._verdicts: list[VerdictMessage] = []
+        self._verdict_ns: list[int] = []
         self._tokens: list[_TokenChange] = []
         self._vocabularies: dict[str, VocabularyMessage] = {}
         self._marks: dict[str, tuple[int, str]] = {}
@@ -187,9 +182,7 @@ class CaptureTimeline:
 
     def verdicts_between(self, after_ns: int, until_ns: int) -> list[VerdictMessage]:
         """Those that arrived after `after_ns`, up to and including `until_ns`."""
-        first = bisect_right(self._verdicts, after_ns, key=lambda timed: timed.at_ns)
-        last = bisect_right(self._verdicts, until_ns, key=lambda timed: timed.at_ns)
-        return [timed.message for timed in self._verdicts[first:last]]
+        return self._verdicts[bisect_right(self._verdict_ns, after_ns) : bisect_right(self._verdict_ns, until_ns)]
 
     def _add(self, record: CaptureRecord, at_ns: int) -> None:
         kind = record.key.rsplit("/", 1)[-1]
@@ -207,7 +200,8 @@ class CaptureTimeline:
                 self._vocabularies[message.hash] = message
 
     def _add_verdict(self, verdict: VerdictMessage, at_ns: int, answered: bool) -> None:
-        self._verdicts.append(_Timed(at_ns, verdict))
+        self._verdicts.append(verdict)
+        self._verdict_ns.append(at_ns)
         # A verdict that only answers a query was published at an unknown time before.
         if not answered or verdict.id in self._marks:
             first_ns, _ = self._marks.get(verdict.id, (at_ns, ""))

@@ -84,14 +84,6 @@ class Topics:
         """The id of the scene's device, or of an observer's."""
         return f"labanmesh_{self.scene}" + (f"_OBSERVER_{observer}" if observer else "")
 
-    def entity(self, what: str, observer: str = "", label: str = "") -> str:
-        """The unique id of an entity, `what` in upper case."""
-        return f"{self.device(observer)}_{what}" + (f"_{label}" if label else "")
-
-    def config(self, component: str, unique_id: str) -> str:
-        """Where Home Assistant looks for the discovery message of an entity."""
-        return f"{self.discovery}/{component}/{unique_id}/config"
-
 
 @dataclass(frozen=True, slots=True)
 class Entity:
@@ -110,7 +102,7 @@ class Entity:
 
     def discovery(self, topics: Topics, area: str) -> tuple[str, str]:
         """Topic and payload of its discovery message."""
-        unique_id = topics.entity(self.what, self.observer, self.label)
+        unique_id = "_".join(filter(None, (topics.device(self.observer), self.what, self.label)))
         payload = {
             "name": self.name,
             "unique_id": unique_id,
@@ -121,7 +113,7 @@ class Entity:
             "device": _device(topics, self.observer, area),
             "origin": {"name": ORIGIN},
         }
-        return topics.config(self.component, unique_id), json.dumps(payload)
+        return f"{topics.discovery}/{self.component}/{unique_id}/config", json.dumps(payload)
 
 
 def _device(topics: Topics, observer: str, area: str) -> dict[str, Any]:

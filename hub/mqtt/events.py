@@ -12,7 +12,6 @@ import json
 from collections import OrderedDict
 from collections.abc import Iterator
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from typing import Any
 
 from common import SECOND_NS
@@ -20,7 +19,7 @@ from common.messages import VerdictMessage
 from hub.anticipation import EarlyWord
 from hub.mqtt.entities import Topics
 from hub.mqtt.states import confidence, facet_poles, facing_degrees, unlearned, votes
-from hub.wording import rounded
+from hub.wording import calendar_time, rounded
 
 EVENT_S = 30.0
 HISTORY_LIMIT = 64
@@ -114,10 +113,8 @@ def recalled_ns(payload: bytes | str) -> int | None:
 
 def moment(at_ns: int) -> str | None:
     """ISO 8601, UTC; None for a time outside the calendar."""
-    try:
-        return datetime.fromtimestamp(at_ns / SECOND_NS, UTC).isoformat(timespec="milliseconds")
-    except (ValueError, OverflowError, OSError):
-        return None
+    time = calendar_time(at_ns)
+    return None if time is None else time.isoformat(timespec="milliseconds")
 
 
 def _facts(verdict: VerdictMessage) -> dict[str, Any]:
