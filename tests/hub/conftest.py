@@ -12,8 +12,9 @@ sys.path.append(str(Path(__file__).parent))
 from played_scene import REFERENCE, VOCABULARY
 
 from common import SECOND_NS
-from common.config import read_scene
+from common.config import MeshConfig, read_scene
 from common.inbox import Inbox, Presence
+from common.link import Link
 from common.messages import (
     Agreement,
     JudgementMessage,
@@ -74,11 +75,29 @@ def make():
 
 
 @pytest.fixture
-def scene(tmp_path):
+def scene_file(tmp_path):
+    """Writes a scene file with two observers that meet at `endpoint`; text: more sections."""
+
+    def write(endpoint="tcp/127.0.0.1:7447", text=""):
+        observers = "".join(f'[observers.{name}]\nsource = "a.npz"\n' for name in ("cam1", "cam2"))
+        file = tmp_path / "scene.toml"
+        file.write_text(f'scene = "room"\n[mesh]\nendpoint = "{endpoint}"\n{text}{observers}')
+        return file
+
+    return write
+
+
+@pytest.fixture
+def scene(scene_file):
     """A scene with two observers."""
-    file = tmp_path / "scene.toml"
-    file.write_text('scene = "room"\n[observers.cam1]\nsource = "a.npz"\n[observers.cam2]\nsource = "a.npz"\n')
-    return read_scene(file, {})
+    return read_scene(scene_file(), {})
+
+
+@pytest.fixture
+def fusion():
+    """The link of a fusion service, where all processes meet."""
+    with Link.open(MeshConfig(), "fusion", listen=["tcp/127.0.0.1:0"]) as link:
+        yield link
 
 
 class FakeLink:

@@ -7,7 +7,7 @@ import pytest
 
 import labanmesh
 from common.capture_file import APPEARED, GONE, CaptureFile, CaptureWriter
-from common.config import MeshConfig, read_scene
+from common.config import read_scene
 from common.link import Link
 from common.wire import encode
 from hub import capture as capturing
@@ -19,18 +19,8 @@ VOCABULARY, ALIVE = "laban/room/vocabulary", "laban/room/observer/cam1/alive"
 
 
 @pytest.fixture
-def fusion():
-    """The link of a fusion service, where all processes meet."""
-    with Link.open(MeshConfig(), "fusion", listen=["tcp/127.0.0.1:0"]) as link:
-        yield link
-
-
-@pytest.fixture
-def scene_file(tmp_path, fusion):
-    file = tmp_path / "scene.toml"
-    text = f'scene = "room"\n[mesh]\nendpoint = "{fusion.locator}"\n[observers.cam1]\nsource = "a.npz"\n# mine\n'
-    file.write_text(text)
-    return file
+def scene_file(fusion, scene_file):
+    return scene_file(fusion.locator, "# mine\n")
 
 
 class Steps:
@@ -153,7 +143,7 @@ def test_the_verb_writes_a_file_that_holds_the_scene(scene_file, tmp_path, capsy
     assert status == 0 and out.splitlines()[0].startswith(f"{tmp_path / 'b.mcap'}: 0 messages")
     assert "received nothing at tcp/127.0.0.1:" in out and f"labanmesh up {scene_file}" in out
     file = CaptureFile(tmp_path / "b.mcap")
-    assert file.text == scene_file.read_text() and file.scene.roster == ("cam1",)
+    assert file.text == scene_file.read_text() and file.scene.roster == ("cam1", "cam2")
 
 
 def test_refusals_are_one_line(scene_file, tmp_path, capsys):

@@ -14,8 +14,6 @@ from played_scene import labanmesh as command
 from rich.console import Console
 
 import labanmesh
-from common.config import MeshConfig
-from common.link import Link
 from common.wire import decode, encode
 from hub.scene_state import SceneState
 from hub.session import SceneUpdate
@@ -102,41 +100,29 @@ def test_every_picture_has_the_size_of_its_moment_and_appears_as_a_whole(make):
         assert len(lines) == height and {len(line) for line in lines} == {width}, (width, height)
 
 
-@pytest.fixture
-def scene_file(tmp_path):
-    def write(endpoint):
-        file = tmp_path / "scene.toml"
-        file.write_text(f'scene = "room"\n[mesh]\nendpoint = "{endpoint}"\n[observers.cam1]\nsource = "a.npz"\n')
-        return str(file)
-
-    return write
-
-
-def test_a_late_joiner_reads_the_last_judgement(scene_file, make, capsys):
-    with Link.open(MeshConfig(), "fusion", listen=["tcp/127.0.0.1:0"]) as link:
-        link.answer("laban/room/judgement", lambda: encode(make.judgement()))
-        file = scene_file(link.locator)
-        assert labanmesh.main(["watch", file, "--json", "--for", "0"]) == 0
-        assert json.loads(capsys.readouterr().out)["label"] == "nthrow"
-        assert labanmesh.main(["watch", file, "--for", "0"]) == 0
-        assert "\x1b" not in capsys.readouterr().out, "not a terminal: plain lines"
+def test_a_late_joiner_reads_the_last_judgement(fusion, scene_file, make, capsys):
+    fusion.answer("laban/room/judgement", lambda: encode(make.judgement()))
+    file = str(scene_file(fusion.locator))
+    assert labanmesh.main(["watch", file, "--json", "--for", "0"]) == 0
+    assert json.loads(capsys.readouterr().out)["label"] == "nthrow"
+    assert labanmesh.main(["watch", file, "--for", "0"]) == 0
+    assert "\x1b" not in capsys.readouterr().out, "not a terminal: plain lines"
 
 
 @pytest.mark.parametrize("options", [[], ["--json"]])
 def test_when_nothing_is_received_one_line_names_scene_address_and_command(scene_file, capsys, options):
-    file = scene_file("tcp/127.0.0.1:9")
+    file = str(scene_file("tcp/127.0.0.1:9"))
     assert labanmesh.main(["watch", file, "--for", "2", *options]) == 0
     output = capsys.readouterr()
     line = f"received nothing from scene room at tcp/127.0.0.1:9. Start the scene with: labanmesh up {file}\n"
     assert (output.out, output.err) == ("", line)
 
 
-def test_observers_without_fusion_are_one_line(scene_file, make, capsys):
-    with Link.open(MeshConfig(), "fusion", listen=["tcp/127.0.0.1:0"]) as link:
-        link.answer("laban/room/observer/cam1/status", lambda: encode(make.status()))
-        file = scene_file(link.locator)
-        assert labanmesh.main(["watch", file, "--for", "2"]) == 0
-        line = f"received no judgement from scene room at {link.locator}. Start fusion with: labanmesh fuse {file}\n"
+def test_observers_without_fusion_are_one_line(fusion, scene_file, make, capsys):
+    fusion.answer("laban/room/observer/cam1/status", lambda: encode(make.status()))
+    file = str(scene_file(fusion.locator))
+    assert labanmesh.main(["watch", file, "--for", "2"]) == 0
+    line = f"received no judgement from scene room at {fusion.locator}. Start fusion with: labanmesh fuse {file}\n"
     assert capsys.readouterr().err == line
 
 
@@ -158,10 +144,10 @@ def test_on_a_terminal_the_notice_is_in_the_picture(scene_file):
     assert b"received nothing from scene room" in written
 
 
-def test_output_that_cannot_be_written_is_one_line(scene_file, make):
-    with Link.open(MeshConfig(), "fusion", listen=["tcp/127.0.0.1:0"]) as link, Path("/dev/full").open("w") as full:
-        link.answer("laban/room/judgement", lambda: encode(make.judgement()))
-        words = command("watch", scene_file(link.locator), "--json")
+def test_output_that_cannot_be_written_is_one_line(fusion, scene_file, make):
+    fusion.answer("laban/room/judgement", lambda: encode(make.judgement()))
+    words = command("watch", scene_file(fusion.locator), "--json")
+    with Path("/dev/full").open("w") as full:
         result = subprocess.run(words, stdout=full, stderr=subprocess.PIPE, text=True, timeout=SOON_S, check=False)
     assert (result.returncode, result.stderr.count("\n")) == (1, 1), result.stderr
     assert "cannot write the output: no space left on device. Make room, or redirect it elsewhere" in result.stderr

@@ -9,9 +9,7 @@ import pytest
 from played_scene import SOON_S, Dashboard
 
 from common.address import Address
-from common.config import MeshConfig
 from common.errors import BadInput, LabanmeshError
-from common.link import Link
 from common.wire import encode
 from hub.dashboard.application import COOKIE, AccessControl, application, checked_token, is_loopback
 from hub.dashboard.commands import dashboard
@@ -118,15 +116,6 @@ def test_an_absurd_playhead_is_400_and_one_line(query):
     assert "data: 0" in default.text
 
 
-@pytest.fixture
-def scene_file(tmp_path):
-    def write(text=""):
-        (tmp_path / "scene.toml").write_text(f'scene = "room"\n[observers.cam1]\nsource = "a.npz"\n{text}')
-        return tmp_path / "scene.toml"
-
-    return write
-
-
 def refusal(error, *words, **more):
     with pytest.raises(error) as refused:
         dashboard(*words, **more)
@@ -137,8 +126,8 @@ def refusal(error, *words, **more):
 def test_bad_input_is_one_line(scene_file, tmp_path):
     assert "either a scene file or a capture" in refusal(BadInput)
     assert "other machines can reach that" in refusal(BadInput, scene_file(), listen="[::]:0")
-    assert "HOST:PORT" in refusal(BadInput, scene_file('[hub.dashboard]\nlisten = "8420"\n'))
-    file = scene_file('[hub.dashboard]\ntoken_file = "token"\n')
+    assert "HOST:PORT" in refusal(BadInput, scene_file(text='[hub.dashboard]\nlisten = "8420"\n'))
+    file = scene_file(text='[hub.dashboard]\ntoken_file = "token"\n')
     assert "openssl rand" in refusal(BadInput, file)
     (tmp_path / "token").write_text("short")
     assert "at least 16" in refusal(BadInput, file) and "short" not in refusal(BadInput, file)
@@ -161,16 +150,17 @@ def events(lines):
             yield kind, json.loads(line[6:])
 
 
-def test_a_verdict_on_the_mesh_reaches_a_browser(scene_file, make):
-    with Link.open(MeshConfig(), "fusion", listen=["tcp/127.0.0.1:0"]) as fusion:
-        fusion.answer("laban/room/vocabulary", lambda: encode(make.vocabulary()))
-        file = scene_file(f'[mesh]\nendpoint = "{fusion.locator}"\n')
-        publisher = fusion.publisher("laban/room/verdict")
-        with Dashboard(file) as page, httpx.stream("GET", f"{page.url}events", timeout=SOON_S) as answer:
-            received = events(answer.iter_lines())
-            kind, whole = next(received)
-            assert kind == "snapshot" and whole["scene"] == "room" and not whole["verdicts"]
-            assert publisher.wait_for_subscriber(SOON_S)
-            publisher.put(encode(make.verdict(1)))
-            verdict = next(fields for kind, fields in received if kind == "verdict")
-            assert verdict["label"] == "nthrow" and verdict["why"]
+def test_a_verdict_on_the_mesh_reaches_a_browser(fusion, scene_file, make):
+    fusion.answer("laban/room/vocabulary", lambda: encode(make.vocabulary()))
+    publisher = fusion.publisher("laban/room/verdict")
+    with (
+        Dashboard(scene_file(fusion.locator)) as page,
+        httpx.stream("GET", f"{page.url}events", timeout=SOON_S) as answer,
+    ):
+        received = events(answer.iter_lines())
+        kind, whole = next(received)
+        assert kind == "snapshot" and whole["scene"] == "room" and not whole["verdicts"]
+        assert publisher.wait_for_subscriber(SOON_S)
+        publisher.put(encode(make.verdict(1)))
+        verdict = next(fields for kind, fields in received if kind == "verdict")
+        assert verdict["label"] == "nthrow" and verdict["why"]
