@@ -8,31 +8,16 @@ from pathlib import Path
 import pytest
 
 from common.config import read_scene
-from observer.model.model_file import read_model
-from observer.model.registry import MODELS
-from observer.motion.archive_file import write_archive
 from observer.runtime.preflight import check_observer
-from studies.performer import perform
 
 ROOT = Path(__file__).parents[3]
-
-
-@pytest.fixture(scope="module")
-def place(tmp_path_factory):
-    """A folder with recorded motion and the model of one view."""
-    folder = tmp_path_factory.mktemp("preflight")
-    write_archive(folder / "motion.npz", perform(people=("2",), movements=("lunging", "byebye"), trials=2))
-    command = ["labanmesh", "learn", folder / "motion.npz", "--view", "door", "-o", folder / "good.model"]
-    subprocess.run([sys.executable, "-m", *map(str, command)], cwd=ROOT, check=True, capture_output=True, timeout=60)
-    assert read_model(folder / "good.model").header.kind in MODELS
-    return folder
 
 
 @pytest.fixture
 def preflight(place):
     def look(section, head=""):
         path = place / "scene.toml"
-        path.write_text(f'scene = "dojo"\n{head}[observers.a]\nmodel = "good.model"\n{section}\n')
+        path.write_text(f'scene = "dojo"\n{head}[observers.a]\nmodel = "cam1.model"\n{section}\n')
         return check_observer(read_scene(path, {}), "a")
 
     return look
@@ -86,8 +71,8 @@ def test_mediapipe_is_not_started(preflight, monkeypatch):
 def test_a_plain_install_names_the_missing_packages(place):
     """A machine without OpenCV and scipy; it judges recorded motion all the same."""
     (place / "plain.toml").write_text(
-        'scene = "dojo"\n[observers.eye]\nsource = "0"\nmodel = "good.model"\n'
-        '[observers.motion]\nsource = "motion.npz"\nmodel = "good.model"\n'
+        'scene = "dojo"\n[observers.eye]\nsource = "0"\nmodel = "cam1.model"\n'
+        '[observers.motion]\nsource = "motion.npz"\nmodel = "cam1.model"\n'
     )
     without = "import runpy, sys; sys.modules.update(cv2=None, scipy=None); "
     run = f"{without}runpy.run_module('observer.runtime.preflight', run_name='__main__')"

@@ -2,17 +2,8 @@
 
 import subprocess
 import sys
-from dataclasses import replace
 
 import pytest
-
-from common.vocabulary import Vocabulary
-from observer.geometry.views import parse_view
-from observer.learning.learn import learn_view
-from observer.model.model_file import write_model
-from observer.motion.archive import MotionArchive
-from observer.motion.archive_file import write_archive
-from studies.performer import perform
 
 NEVER = {
     "scipy",
@@ -30,17 +21,6 @@ import sys, labanmesh
 status = labanmesh.main(["observe", sys.argv[1], "cam1"])
 print(status, *sys.modules)
 """
-
-
-@pytest.fixture(scope="module")
-def place(tmp_path_factory):
-    folder, whole = tmp_path_factory.mktemp("loads"), perform(("1",), ("ok", "shake"), trials=1)
-    short = replace(whole.recordings[0], positions=whole.recordings[0].positions[:4])
-    write_model(
-        folder / "cam1.model", learn_view(whole, parse_view("door"), Vocabulary(("ok", "shake")), calibrate=False)
-    )
-    write_archive(folder / "short.npz", MotionArchive(whole.body_parts, (short,)))
-    return folder
 
 
 @pytest.mark.parametrize(("tracker", "with_pictures"), [("projected", False), ("camshift", True)])

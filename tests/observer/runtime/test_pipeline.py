@@ -1,4 +1,4 @@
-"""Which posteriors are sent, and what the messages contain: never off by more than the bound, never late."""
+"""Frames become instants at the model's rate; posteriors that are not sent are never off by more than the bound."""
 
 import threading
 from itertools import pairwise
@@ -15,9 +15,18 @@ from common.messages import PosteriorMessage
 from common.probability import decode_facing
 from common.vocabulary import Vocabulary
 from common.wire import decode, encode
-from observer.runtime.pipeline import MAX_CHANGE, Posterior, PosteriorEncoder, SendOnChange, Summary, distance
+from observer.runtime.pipeline import (
+    LONGEST_GAP_S,
+    MAX_CHANGE,
+    Posterior,
+    PosteriorEncoder,
+    Resampler,
+    SendOnChange,
+    Summary,
+    distance,
+)
 from observer.runtime.service import serve
-from observer.tracks import Frame
+from observer.tracks import Frame, Tracks
 
 SOON_S = 10.0
 FRAME_NS = 33_333_333
@@ -174,3 +183,55 @@ def test_facings_are_compared_only_if_they_are_sent():
     for directed, far in ((True, 1.0), (False, 0.0)):
         one, other = (Summary.of(posterior(facing=facing), directed) for facing in turned)
         assert distance(one, other) == pytest.approx(far)
+
+
+def at(seconds):
+    """A part that moves in a straight line, and one that is never seen."""
+    return Tracks(np.array([[3 * seconds, 7 - seconds], [np.nan, np.nan]]))
+
+
+def resampled(rate_hz, times):
+    resampler = Resampler(rate_hz)
+    return [tracks for t in times for tracks in resampler.update(round(t * SECOND_NS), at(t))]
+
+
+@given(st.floats(1, 120), st.integers(1, 60))
+def test_a_camera_at_the_models_rate_keeps_its_own_frames(rate_hz, count):
+    times = np.arange(count) / rate_hz
+    instants = resampled(rate_hz, times)
+    assert len(instants) == count
+    assert np.allclose([i.centres[0] for i in instants], [at(t).centres[0] for t in times], atol=1e-6)
+
+
+@given(st.floats(5, 60), st.lists(st.floats(0.001, 0.24), min_size=1, max_size=80))
+def test_the_instants_are_the_models_whatever_the_camera_does(rate_hz, gaps):
+    times = np.concatenate([[0.0], np.cumsum(gaps)])
+    instants = resampled(rate_hz, times)
+    assert abs(len(instants) - (times[-1] * rate_hz + 1)) <= 1
+    expected = np.arange(len(instants)) / rate_hz
+    assert np.allclose([i.centres[0, 0] for i in instants], 3 * expected, atol=1e-5)
+    assert all(np.isnan(i.centres[1]).all() for i in instants)
+
+
+def test_nothing_is_seen_in_a_gap_and_a_long_gap_is_cut_short():
+    resampler = Resampler(10)
+    resampler.update(0, at(0))
+    late = resampler.update(SECOND_NS, at(1))
+    assert [bool(i.visible[0]) for i in late] == [False] * 9 + [True]
+    assert len(resampler.update(1000 * SECOND_NS, at(1000))) == LONGEST_GAP_S * 10
+    assert len(resampler.update(round(1000.1 * SECOND_NS), at(1000.1))) == 1
+
+
+def test_a_part_seen_in_one_of_two_frames_is_seen_near_that_one():
+    resampler = Resampler(10)
+    resampler.update(0, Tracks(np.full((1, 2), np.nan)))
+    instants = resampler.update(2 * SECOND_NS // 10, Tracks(np.ones((1, 2))))
+    assert [bool(i.visible[0]) for i in instants] == [False, True]
+
+
+@pytest.mark.parametrize("back_s", [0.0, 5.0])
+def test_a_clock_that_stands_or_is_set_back_loses_no_later_frame(back_s):
+    resampler = Resampler(10)
+    resampler.update(10 * SECOND_NS, at(10))
+    resampler.update(round((10 - back_s) * SECOND_NS), at(10))
+    assert len(resampler.update(round((10.1 - back_s) * SECOND_NS), at(10.1))) == 1
