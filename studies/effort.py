@@ -19,14 +19,13 @@ from observer.effort.model import FACTORS, EffortExample, EffortModel, effort_ex
 from observer.geometry.views import View, parse_view, split_views
 from observer.motion.archive import MotionArchive, common_rate, select
 from observer.motion.archive_file import read_archive
-from studies.evaluate import Progress
+from observer.tracks import Floats
+from studies.evaluate import Progress, check_names
 from studies.fusion_engine import DEFAULT_RULE, get_rule
 from studies.metrics import accuracy, expected_calibration_error, log_loss
-from studies.report import figures, make_folder, write_text
+from studies.report import FRACTIONS, figures, make_folder, write_text
 
-Floats = NDArray[np.float64]
 FUSED = "fused"
-FRACTIONS = (0.2, 0.4, 0.6, 0.8, 1.0)
 
 
 def effort(
@@ -112,8 +111,7 @@ def judge_poles(
     """
     pool, rate_hz = get_rule(rule, len(views)).pool, common_rate(archive)
     names = tuple(view.name for view in views)
-    if len(set(names)) < len(names):
-        raise BadInput(f"--views {','.join(names)}: every view needs its own name")
+    check_names(names)
     whole = {view.name: effort_examples(archive, view) for view in views}
     first = whole[names[0]]
     models = _models(whole, rate_hz)

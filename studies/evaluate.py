@@ -17,12 +17,11 @@ from observer.model.registry import DEFAULT_MODEL
 from observer.motion.archive import MotionArchive
 from observer.motion.projected import ProjectedTracker, frames_of
 from observer.runtime.pipeline import Observer
-from observer.tracks import Tracker
+from observer.tracks import Floats, Tracker
 from studies.faults import HIDDEN, ObserverOutputs, OccludedTracker, disturb
 from studies.fusion_engine import DEFAULT_RULE, AgedPosterior, PoolingCase, Rule, get_rule, pool_posteriors
 from studies.trials import EvaluationTrial, Split, make_trials, splits, with_labels
 
-Floats = NDArray[np.float64]
 Progress = Callable[[str, int, int], None]
 
 
@@ -102,7 +101,7 @@ def evaluate(
 ) -> EvaluationResult:
     """Learn, judge and fuse; raises BadInput for unknown labels, subjects, body parts, models and rules."""
     get_rule(settings.rule, len(settings.views))
-    _check_names([view.name for view in settings.views])
+    check_names([view.name for view in settings.views])
     vocabulary = Vocabulary(settings.labels)
     results: list[TrialResult] = []
     n_train, train_seconds, judge_seconds, frames = 0, 0.0, 0.0, 0
@@ -131,7 +130,8 @@ def folds_of(archive: MotionArchive, settings: EvaluationSettings, shown: Sequen
     return [replace(split, test=tuple(r for r in split.test if r.label in shown)) for split in folds]
 
 
-def _check_names(names: Sequence[str]) -> None:
+def check_names(names: Sequence[str]) -> None:
+    """Raises BadInput for two views of one name."""
     twice = [name for name in names if names.count(name) > 1]
     if twice:
         raise BadInput(f"--views: {twice[0]!r} is given twice; every view needs its own name")

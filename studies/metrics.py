@@ -10,7 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from observer.tracks import Floats
+
 Indices = NDArray[np.int64]
 
 BINS = 15
@@ -55,7 +56,6 @@ def log_loss(p: Floats, truth: Indices) -> float:
 
 
 ERRORS_HEAD = "Σ errors"
-Counts = NDArray[np.int64]
 
 
 class ConfusedPair(NamedTuple):
@@ -67,7 +67,7 @@ class ConfusedPair(NamedTuple):
     count_fused: int
 
 
-def confusion_table(confusion: Counts, labels: Sequence[str], title: str = "") -> str:
+def confusion_table(confusion: Indices, labels: Sequence[str], title: str = "") -> str:
     """(M, M) counts, rows true, columns judged -> the table as lines of text.
 
     Rows have a number and a name, columns a number; zeros are left empty. The last column has the errors of each row,
@@ -97,7 +97,7 @@ def beside(left: str, right: str, gap: int = 4) -> str:
     return "\n".join(f"{ours:<{width}}{theirs}".rstrip() for ours, theirs in pairs)
 
 
-def confused_pairs(confusion_one: Counts, confusion_fused: Counts, labels: Sequence[str]) -> list[ConfusedPair]:
+def confused_pairs(confusion_one: Indices, confusion_fused: Indices, labels: Sequence[str]) -> list[ConfusedPair]:
     """Pairs of movements that fusion confuses less often than one view does, as nthrow and ok in the paper.
 
     Both are (M, M) counts, rows true, columns judged, of the same trials. Sorted by the largest reduction, then by
@@ -109,7 +109,7 @@ def confused_pairs(confusion_one: Counts, confusion_fused: Counts, labels: Seque
     return [ConfusedPair(labels[i], labels[j], int(one[i, j]), int(fused[i, j])) for i, j in places]
 
 
-def _checked(confusion: Counts, labels: Sequence[str]) -> Counts:
+def _checked(confusion: Indices, labels: Sequence[str]) -> Indices:
     if confusion.shape != (len(labels), len(labels)):
         raise ValueError(f"confusion has shape {confusion.shape}; expected ({len(labels)}, {len(labels)})")
     return confusion

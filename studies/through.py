@@ -35,11 +35,10 @@ from observer.runtime.pipeline import Observer, Posterior
 from observer.runtime.service import PosteriorPublisher
 from observer.tracking.camshift import CamshiftTracker
 from observer.tracking.skin import SkinHistogram
-from observer.tracks import BODY_PARTS, Frame, Tracks
+from observer.tracks import BODY_PARTS, Floats, Frame, Tracks
 from studies.evaluate import (
     EvaluationResult,
     EvaluationSettings,
-    Floats,
     Progress,
     TrialResult,
     folds_of,

@@ -119,22 +119,17 @@ def test_movements_in_streams_are_spotted(archive):
     assert 0 < figures["median_latency_s"] < 3
 
 
-def stream_with(*spans):
-    return Recording(np.zeros((150, 3, 3), np.float32), 15.0, "", "1", "1", spans)
-
-
 def test_scoring_verdicts_by_hand():
-    stream = stream_with(Span(15, 45, "ok"), Span(75, 105, "shake"))
+    positions = np.zeros((150, 3, 3), np.float32)
+    stream = Recording(positions, 15.0, "", "1", "1", (Span(15, 45, "ok"), Span(75, 105, "shake")))
     words = [("ok", 0.7), ("ok", 2.0), ("ok", 6.0), ("shake", 4.0), ("shake", 7.33), ("abstain", 1.0)]
     counts = score([StreamVerdict(label, at_s, label) for label, at_s in words], stream, ("ok", "shake"))
     # .7 s is within 333 ms of the span; the second ok is one too many; ok at 6 s is wrong; 4 s is rest.
     assert (counts.right, counts.false, counts.movements, counts.alarms_at_rest) == (2, 3, 2, 1)
     assert counts.rest_s == pytest.approx(6.0)
     assert counts.latencies_s == pytest.approx((-0.3, 2.33))
-
-
-def test_a_label_on_an_unlearned_movement_is_counted():
-    stream = stream_with(Span(15, 45, "ok"), Span(75, 105, "jump"), Span(120, 135, "jump"))
+    # A label on an unlearned movement counts as labelled.
+    stream = dataclasses.replace(stream, spans=(Span(15, 45, "ok"), Span(75, 105, "jump"), Span(120, 135, "jump")))
     counts = score([StreamVerdict("ok", 2.0, "ok"), StreamVerdict("shake", 6.0, "ok")], stream, ("ok", "shake"))
     assert (counts.right, counts.false, counts.movements) == (1, 1, 1)
     assert (counts.unlearned, counts.labelled, counts.alarms_at_rest) == (2, 1, 0)
