@@ -15,7 +15,7 @@ import typer
 
 from common.config import read_scene
 from common.notify import HEARTBEAT, Notifier
-from labanmesh import VERBS
+from labanmesh import app_of
 
 ROOT = Path(__file__).parents[2]
 FOLDER = ROOT / "deploy" / "container"
@@ -58,9 +58,7 @@ def instructions(word):
 
 def understood(words):
     verb, *rest = words
-    app = typer.Typer(add_completion=False)
-    app.command(verb)(VERBS[verb].load())
-    typer.main.get_command(app).make_context(verb, rest, resilient_parsing="--help" in rest)
+    typer.main.get_command(app_of(verb)).make_context(verb, rest, resilient_parsing="--help" in rest)
 
 
 def test_hadolint_has_no_complaint():

@@ -80,16 +80,11 @@ def test_a_certificate_that_may_listen_is_used(seen_by, who, partly):
     assert f"certificate {who}.1 for " in security[0].what
 
 
-def test_a_revoked_certificate_is_reported(seen_by):
-    facts, _, security = seen_by("gone")
+@pytest.mark.parametrize(("who", "scheme", "words"), [("gone", "tls/", "revoked"), ("desk", "tcp/", "TLS")])
+def test_a_revoked_certificate_and_plain_text_are_reported(seen_by, router, who, scheme, words):
+    facts, _, security = seen_by(who, router.replace("tls/", scheme))
     (fault,) = [finding for finding in security if finding.mark == "error"]
-    assert facts.traffic is None and "revoked" in fault.what and fault.to_do
-
-
-def test_plain_text_at_a_secured_router_is_reported(seen_by, router):
-    facts, _, security = seen_by("desk", router.replace("tls/", "tcp/"))
-    (fault,) = [finding for finding in security if finding.mark == "error"]
-    assert facts.traffic is None and "TLS" in fault.what and fault.to_do
+    assert facts.traffic is None and words in fault.what and fault.to_do
 
 
 @pytest.mark.parametrize(("days", "mark", "words"), [(-1, "error", "expired"), (9, "warning", "more days")])

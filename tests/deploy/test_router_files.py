@@ -100,9 +100,15 @@ def test_a_huge_message_does_not_fill_a_router_and_its_sender_can_go_on(text):
     assert peak_kb < huge / 1024
 
 
-def test_the_secured_router_opens_no_plain_text_port():
-    with pytest.raises(zenoh.ZError, match="Unsupported protocol: tcp"):
-        opened(SECURED, "tcp/127.0.0.1:0")
+@pytest.mark.parametrize(
+    ("endpoint", "fault"),
+    [("tcp/127.0.0.1:0", "Unsupported protocol: tcp"), ("tls/127.0.0.1:0", "TLS private key file: No such file")],
+)
+def test_the_secured_router_opens_no_plain_text_port_and_none_without_its_certificates(endpoint, fault):
+    if Path(CREDENTIALS).exists():
+        pytest.skip("this machine has credentials of its own")
+    with pytest.raises(zenoh.ZError, match=fault):
+        opened(SECURED, endpoint)
 
 
 def test_the_secured_routers_rules_admit_nobody(tmp_path):
@@ -117,10 +123,3 @@ def test_the_secured_routers_rules_admit_nobody(tmp_path):
             hub.inbox("laban/dojo/**")
             assert not observer.publisher("laban/dojo/observer/sofa/posterior").wait_for_subscriber(0.3)
             assert hub.ask("@/*/router", 0.2) == {}
-
-
-def test_without_its_certificates_the_secured_router_does_not_open():
-    if Path(CREDENTIALS).exists():
-        pytest.skip("this machine has credentials of its own")
-    with pytest.raises(zenoh.ZError, match="TLS private key file: No such file"):
-        opened(SECURED, "tls/127.0.0.1:0")

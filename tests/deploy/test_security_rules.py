@@ -106,12 +106,15 @@ def test_each_machine_publishes_its_own_and_nothing_else(machines):
 
 
 @given(MACHINES)
-def test_fusion_services_and_hubs_read_their_scenes(machines):
+def test_fusion_services_and_hubs_read_their_scenes_and_only_fusion_asks_for_a_handover(machines):
     control = access_rules(BOTH, register_of(machines))
     for name, each in machines.items():
         for where in BOTH:
             keys = where.keys
-            reads = (bool(each.roles.fusions_in(where.scene)) or each.roles.is_hub_in(where.scene)) and not each.revoked
+            fuses = bool(each.roles.fusions_in(where.scene)) and not each.revoked
+            reads = fuses or (each.roles.is_hub_in(where.scene) and not each.revoked)
+            for asked in (keys.fusion_handover("north"), keys.fusion_handover()):
+                assert may(control, f"{name}.1", "ingress", "query", asked) == fuses
             for message in ("declare_subscriber", "query", "liveliness_query", "declare_liveliness_subscriber"):
                 assert may(control, f"{name}.1", "ingress", message, f"{keys.root}/**") == reads
             for watched in (keys.fusion_alive(), keys.observer_alive()):
@@ -119,16 +122,6 @@ def test_fusion_services_and_hubs_read_their_scenes(machines):
             for message, key in (("put", keys.posterior("cam1")), ("liveliness_token", keys.fusion_alive("north"))):
                 assert may(control, f"{name}.1", "egress", message, key) == reads
             assert not may(control, f"{name}.2", "ingress", "query", f"{keys.root}/**")
-
-
-@given(MACHINES)
-def test_only_a_fusion_service_may_ask_for_a_handover(machines):
-    control = access_rules(BOTH, register_of(machines))
-    for name, each in machines.items():
-        for where in BOTH:
-            fuses = bool(each.roles.fusions_in(where.scene)) and not each.revoked
-            for asked in (where.keys.fusion_handover("north"), where.keys.fusion_handover()):
-                assert may(control, f"{name}.1", "ingress", "query", asked) == fuses
 
 
 @given(MACHINES, st.sampled_from([BOTH, BOTH[:1]]))

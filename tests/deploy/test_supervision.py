@@ -23,29 +23,19 @@ def test_what_becomes_of_an_end(lasting, status, decision):
     assert RunHistory(lasting).decide(status, 1.0) is decision
 
 
-def test_pauses_double_up_to_the_longest():
+def test_pauses_double_up_to_the_longest_and_a_long_run_forgives():
     history, pauses = RunHistory(False), []
     for _ in range(9):
         history.decide(1, 0.1)
         pauses.append(history.pause_s)
     assert pauses == [0.5, 1, 2, 4, 8, 16, 30, 30, 30]
-
-
-def test_a_long_run_forgives():
-    history = RunHistory(False)
-    for _ in range(5):
-        history.decide(1, 0.1)
     history.decide(1, 60.0)
     assert history.pause_s == 0.5
 
 
 def test_too_many_failures_in_a_row_are_given_up():
     history = RunHistory(False, RestartPolicy(failures=3))
-    assert [history.decide(1, 0.1) for _ in range(3)] == [
-        RunDecision.RESTART,
-        RunDecision.RESTART,
-        RunDecision.GIVEN_UP,
-    ]
+    assert [history.decide(1, 0.1) for _ in range(3)] == [*[RunDecision.RESTART] * 2, RunDecision.GIVEN_UP]
 
 
 @given(st.lists(st.tuples(st.integers(1, 255).filter(lambda s: s != 2), st.floats(0, 1e6)), min_size=1, max_size=200))

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 import typer
 
-from labanmesh import VERBS
+from labanmesh import app_of
 
 UNITS = Path(__file__).parents[2] / "deploy" / "systemd"
 SERVICES = ("labanmesh-observer@.service", "labanmesh-fusion@.service", "labanmesh-router.service")
@@ -88,9 +88,7 @@ def test_the_command_of_a_service_is_parsed(name):
     line = re.sub(r"\$(\w+)", lambda match: defaults[match[1]], line.replace("%i", "sofa"))
     program, verb, *words = shlex.split(line)
     assert program == EXECUTABLE
-    app = typer.Typer(add_completion=False)
-    app.command(verb)(VERBS[verb].load())
-    typer.main.get_command(app).make_context(verb, words)
+    typer.main.get_command(app_of(verb)).make_context(verb, words)
 
 
 def test_the_wheel_has_the_files_that_the_page_copies():
