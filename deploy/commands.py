@@ -19,7 +19,7 @@ import typer
 from common.address import Address
 from common.config import Scene, read_scene
 from common.config_sections import default_quorum
-from common.errors import BadInput, LabanmeshError
+from common.errors import BadInput, LabanmeshError, reason_of
 from common.lifecycle import stop_on_signals
 from deploy.doctor.cameras import Webcam, webcams
 from deploy.doctor.network import EndpointParts, listener_on, try_to_listen
@@ -228,8 +228,7 @@ def init(
     except FileExistsError:
         raise BadInput(f"{file}: exists already and is not overwritten; name another file") from None
     except OSError as error:
-        reason = (error.strerror or str(error)).lower()
-        raise LabanmeshError(f"cannot write {file}: {reason}. Name another file") from None
+        raise LabanmeshError(f"cannot write {file}: {reason_of(error)}. Name another file") from None
     for webcam in present:
         typer.echo(f"{webcam.place}: {webcam.name or 'a webcam'}")
     if not present:

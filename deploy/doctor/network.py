@@ -16,13 +16,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+from common.address import ANY_HOST
 from common.config import MeshConfig
+from common.errors import reason_of
 from deploy.doctor.findings import Finding, error, ok, warning
 
 GROUP: Final = "network"
 CONNECT_S = 1.5
 """A name server and a connection in one house take milliseconds; one that takes longer is as good as away."""
-EVERY_INTERFACE = ("0.0.0.0", "::", "*")  # noqa: S104 - warned of, never listened on
+EVERY_INTERFACE = (*ANY_HOST, "*")
 LOOPBACK = re.compile(r"(127(\.\d+){3}|::1|localhost)\Z")
 SECURE = ("tls", "quic")
 NO_TCP = ("udp", "quic", "unixsock-stream")
@@ -87,11 +89,13 @@ def network_facts(mesh: MeshConfig) -> NetworkFacts:
         return _socket_file(mesh)
     local, unusable = try_to_listen(parts)
     listener = listener_on(parts.port) if local else ""
+    # Every interface is listened on, not connected to.
+    host = ANY_HOST.get(parts.host.replace("*", "0.0.0.0"), parts.host)  # noqa: S104 - a name only
     if parts.protocol in NO_TCP:
-        addresses, fault = _resolve(_reachable(parts.host))
+        addresses, fault = _resolve(host)
         connection = Connection(addresses, fault=fault) if fault else None
         return NetworkFacts(mesh, connection, local, unusable, listener)
-    return NetworkFacts(mesh, connect_to(_reachable(parts.host), parts.port), local, unusable, listener)
+    return NetworkFacts(mesh, connect_to(host, parts.port), local, unusable, listener)
 
 
 def connect_to(host: str, port: int, limit_s: float = CONNECT_S) -> Connection:
@@ -108,7 +112,7 @@ def connect_to(host: str, port: int, limit_s: float = CONNECT_S) -> Connection:
     except TimeoutError:
         return Connection(addresses, fault=f"no answer within {limit_s:g} s")
     except OSError as error:
-        return Connection(addresses, fault=(error.strerror or str(error)).lower())
+        return Connection(addresses, fault=reason_of(error))
 
 
 def try_to_listen(parts: EndpointParts) -> tuple[bool, str]:
@@ -125,7 +129,7 @@ def try_to_listen(parts: EndpointParts) -> tuple[bool, str]:
     try:
         _bind(family, kind, addresses[0], parts.port)
     except OSError as error:
-        return True, (error.strerror or str(error)).lower()
+        return True, reason_of(error)
     return True, ""
 
 
@@ -168,13 +172,6 @@ def _resolve(host: str, limit_s: float = CONNECT_S) -> tuple[tuple[str, ...], st
         return answers.get(timeout=limit_s)
     except queue.Empty:
         return (), f"the name server did not answer for {host} within {limit_s:g} s"
-
-
-def _reachable(host: str) -> str:
-    """Where to reach a process that listens on `host`: every interface is listened on, not connected to."""
-    if host in EVERY_INTERFACE:
-        return "::1" if host == "::" else "127.0.0.1"
-    return host
 
 
 def _bind(family: socket.AddressFamily, kind: socket.SocketKind, address: str, port: int) -> None:

@@ -19,6 +19,10 @@ AUTHORITY_DAYS = 3650
 CERTIFICATE_DAYS = 365
 BACKDATED = timedelta(hours=1)
 """A certificate is valid from a little before it was made: a machine without a battery may have a slow clock."""
+USES = (
+    *("digital_signature", "content_commitment", "key_encipherment", "data_encipherment", "key_agreement"),
+    *("key_cert_sign", "crl_sign", "encipher_only", "decipher_only"),
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,11 +46,10 @@ def make_authority(scenes: str, now: datetime, days: int = AUTHORITY_DAYS) -> Ke
     """A new authority that signs itself, valid for `days`; `now` is timezone-aware, `scenes` names it for people."""
     key = ec.generate_private_key(ec.SECP256R1())
     name = _subject(f"labanmesh {scenes}"[:64])
-    usage = _usage(key_cert_sign=True, crl_sign=True)
     builder = (
         _builder(name, name, key.public_key(), now, now + timedelta(days=days))
         .add_extension(x509.BasicConstraints(ca=True, path_length=0), critical=True)
-        .add_extension(usage, critical=True)
+        .add_extension(_usage("key_cert_sign crl_sign"), critical=True)
     )
     return KeyPair(_pem(builder.sign(key, hashes.SHA256())), _key_pem(key))
 
@@ -75,7 +78,7 @@ def issue(
     builder = (
         _builder(_subject(common_name), signer.subject, key.public_key(), now, expires)
         .add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
-        .add_extension(_usage(digital_signature=True), critical=True)
+        .add_extension(_usage("digital_signature"), critical=True)
         .add_extension(x509.ExtendedKeyUsage(purposes), critical=False)
         .add_extension(x509.AuthorityKeyIdentifier.from_issuer_public_key(signer_key.public_key()), critical=False)
     )
@@ -113,18 +116,8 @@ def _host(host: str) -> x509.GeneralName:
         return x509.DNSName(host)
 
 
-def _usage(*, digital_signature: bool = False, key_cert_sign: bool = False, crl_sign: bool = False) -> x509.KeyUsage:
-    return x509.KeyUsage(
-        digital_signature=digital_signature,
-        content_commitment=False,
-        key_encipherment=False,
-        data_encipherment=False,
-        key_agreement=False,
-        key_cert_sign=key_cert_sign,
-        crl_sign=crl_sign,
-        encipher_only=False,
-        decipher_only=False,
-    )
+def _usage(allowed: str) -> x509.KeyUsage:
+    return x509.KeyUsage(**{use: use in allowed.split() for use in USES})
 
 
 def _pem(certificate: x509.Certificate) -> bytes:

@@ -16,7 +16,7 @@ from datetime import datetime
 from pathlib import Path
 
 from common.config import MeshConfig, Scene, read_scene, scene_files
-from common.errors import BadInput, LabanmeshError
+from common.errors import BadInput, LabanmeshError, reason_of
 from common.zenoh_settings import AUTHORITY_FILE, CERTIFICATE_FILE, KEY_FILE
 from deploy.security.authority import CERTIFICATE_DAYS, KeyPair, issue, make_authority
 from deploy.security.register import IssuedCertificate, Register, Roles
@@ -195,14 +195,14 @@ def _read(path: Path) -> Register:
     try:
         return Register.from_json(path.read_text(encoding="utf-8"), str(path))
     except OSError as error:
-        raise BadInput(f"{path}: {_reason(error)}; labanmesh secure init SCENE makes an authority") from None
+        raise BadInput(f"{path}: {reason_of(error)}; labanmesh secure init SCENE makes an authority") from None
 
 
 def _read_pair(folder: Path) -> KeyPair:
     try:
         return KeyPair((folder / AUTHORITY_FILE).read_bytes(), (folder / AUTHORITY_KEY).read_bytes())
     except OSError as error:
-        raise BadInput(f"{error.filename}: {_reason(error)}; only the machine with the authority's key can issue "
+        raise BadInput(f"{error.filename}: {reason_of(error)}; only the machine with the authority's key can issue "
                        "and revoke") from None  # fmt: skip
 
 
@@ -223,11 +223,7 @@ def _writing(path: Path) -> Iterator[None]:
         yield
     except OSError as error:
         where = error.filename or path
-        raise LabanmeshError(f"cannot write {where}: {_reason(error)}. Name another folder with --to") from None
-
-
-def _reason(error: OSError) -> str:
-    return (error.strerror or str(error)).lower()
+        raise LabanmeshError(f"cannot write {where}: {reason_of(error)}. Name another folder with --to") from None
 
 
 def _listed(names: Sequence[str]) -> str:

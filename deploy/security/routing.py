@@ -18,7 +18,7 @@ import typer
 
 from common.config import MeshConfig, scene_files
 from common.credentials import require_credentials
-from common.errors import BadInput, LabanmeshError
+from common.errors import BadInput, LabanmeshError, reason_of
 from common.lifecycle import log_to_stderr, stop_on_signals
 from common.link import Link
 from common.notify import Notifier
@@ -97,8 +97,7 @@ def rules_in_file(path: Path) -> RouterRules:
         try:
             return path.read_text(encoding="utf-8")
         except OSError as error:
-            reason = (error.strerror or str(error)).lower()
-            raise BadInput(f"{path}: {reason}; `labanmesh secure rules SCENE` makes such a file") from None
+            raise BadInput(f"{path}: {reason_of(error)}; `labanmesh secure rules SCENE` makes such a file") from None
 
     return RouterRules(str(path), make, lambda: [path])
 
