@@ -3,39 +3,26 @@
 import csv
 import gc
 import os
+import sys
 import warnings
 import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
+
+sys.path += [str(Path(__file__).parent), str(Path(__file__).parents[1] / "observer")]
+
+from mediapipe_stage import follow, unmirrored
 
 from observer.motion.archive import MotionArchive
 from observer.motion.importers.florence3d import import_folder
 from observer.tracking.mediapipe_pose import MediapipeTracker
-from observer.tracks import Frame
 
 NAMED_BY = "LABANMESH_POSE_MODEL"
 CAMERA = np.array([[-580.0, 0.0, 319.0, 0.0], [0.0, -580.0, 240.0, 0.0], [0.0, 0.0, 1.0, 0.0]])
 """The camera of the unmirrored clips: the originals have u = 320 + 580 x/z, and u' = 639 - u."""
-
-
-def pictures(file, every=1):
-    """(H, W, 3) pictures of a video."""
-    video = cv2.VideoCapture(str(file))
-    number = 0
-    while video.grab():
-        if number % every == 0:
-            yield video.retrieve()[1]
-        number += 1
-    assert number, f"{file} has no pictures"
-
-
-def follow(tracker, pictures, rate_hz):
-    """Tracks of a sequence of pictures."""
-    return [tracker.update(Frame(round(n * 1e9 / rate_hz), picture)) for n, picture in enumerate(pictures)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,10 +45,6 @@ class Florence:
     camera: np.ndarray
     archive: MotionArchive
     clips: list
-
-
-def unmirrored(file):
-    return [np.ascontiguousarray(picture[:, ::-1]) for picture in pictures(file)]
 
 
 @pytest.fixture(scope="session")

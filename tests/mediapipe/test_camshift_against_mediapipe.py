@@ -8,11 +8,12 @@ from itertools import pairwise
 import cv2
 import numpy as np
 import pytest
+from mediapipe_stage import follow, pictures, unmirrored
 
 from observer.features import SpaceReader, VectorSymbol
 from observer.tracking.camshift import CamshiftTracker
 from observer.tracking.head import have_cascade
-from observer.tracks import BODY_PARTS, Frame, Tracks
+from observer.tracks import BODY_PARTS, Tracks
 
 mediapipe = pytest.importorskip("mediapipe")
 pytestmark = [pytest.mark.slow, pytest.mark.skipif(not have_cascade(), reason="this OpenCV has no face cascade")]
@@ -22,19 +23,11 @@ THRESHOLD = 0.1
 """Of the body's size: the shortest motion between two frames that is a symbol; these clips have 10 frames a second."""
 
 
-def pictures(file, mirrored):
-    video = cv2.VideoCapture(str(file))
-    rate = video.get(cv2.CAP_PROP_FPS)
-    while (read := video.read())[0]:
-        yield (np.ascontiguousarray(read[1][:, ::-1]) if mirrored else read[1]), rate
-    video.release()
-
-
 def reference(shown):
     """(F, 3, 2) left wrist, right wrist, head; and the head-to-hip length."""
     centres, lengths = [], []
     with mediapipe.solutions.pose.Pose(model_complexity=1) as model:
-        for picture, _ in shown:
+        for picture in shown:
             landmarks = model.process(cv2.cvtColor(picture, cv2.COLOR_BGR2RGB)).pose_landmarks
             if landmarks is None:
                 centres.append(np.full((3, 2), np.nan))
@@ -48,9 +41,9 @@ def reference(shown):
 
 def compare(file, mirrored=False):
     """(F, 3, 2) the tracker's centres and the reference, and (F, 3) their distances in head-to-hip lengths."""
-    shown = list(pictures(file, mirrored))
-    tracker = CamshiftTracker()
-    centres = np.array([tracker.update(Frame(round(n * 1e9 / r), p)).centres for n, (p, r) in enumerate(shown)])
+    shown = unmirrored(file) if mirrored else list(pictures(file))
+    rate_hz = cv2.VideoCapture(str(file)).get(cv2.CAP_PROP_FPS)
+    centres = np.array([tracks.centres for tracks in follow(CamshiftTracker(), shown, rate_hz)])
     truth, length = reference(shown)
     return centres, truth, np.linalg.norm(centres - truth, axis=2) / length
 

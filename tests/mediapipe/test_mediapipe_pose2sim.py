@@ -2,46 +2,32 @@
 
 import numpy as np
 import pytest
+from mediapipe_stage import follow, pictures
+from observer_stage import pose2sim_markers
 
 from observer.calibration.formats import read_opencv
 from observer.calibration.triangulate import triangulate
 from observer.tracking.mediapipe_pose import MediapipeTracker
-from observer.tracks import Frame
 
 pytest.importorskip("mediapipe")
 pytestmark = pytest.mark.slow
 
 EVERY, RATE_HZ = 4, 60.0
-LEFT_WRIST, RIGHT_WRIST = 20, 17
 GATE_PX = 40.0
 """Of 1080 by 1920: about a palm's width at this distance; the model's wrists differ by that from side to side."""
 
 
-def reference(data):
-    """(25, 2, 3) metres, left and right wrist in the room of the calibration: (Z, X, Y) of the file."""
-    lines = (data / "pose2sim_single/reference_3d/Pose2Sim_markers.trc").read_text().splitlines()
-    rows = [[float(value) for value in line.split("\t")[2:65]] for line in lines[5:] if line.strip()]
-    return np.array(rows).reshape(-1, 21, 3)[::EVERY, (LEFT_WRIST, RIGHT_WRIST)][..., [2, 0, 1]]
-
-
 def wrists(file, pose_model):
     """(F, 2, 2) px of left and right wrist in every fourth picture, NaN where not seen."""
-    import cv2
-
-    tracker, video, centres = MediapipeTracker(pose_model, "wrist"), cv2.VideoCapture(str(file)), []
-    number = 0
-    while video.grab():
-        if number % EVERY == 0:
-            tracks = tracker.update(Frame(round(number * 1e9 / RATE_HZ), video.retrieve()[1]))
-            centres.append(tracks.centres[:2])
-        number += 1
+    tracker = MediapipeTracker(pose_model, "wrist")
+    tracks = follow(tracker, pictures(file, EVERY), RATE_HZ / EVERY)
     tracker.close()
-    return np.array(centres)
+    return np.array([frame.centres[:2] for frame in tracks])
 
 
 def test_wrists_triangulated_from_four_videos_are_those_of_the_reference(data, pose_model):
     cameras = read_opencv(data / "pose2sim_single/reference_3d/Pose2Sim_cameras.toml")
-    truth = reference(data)
+    truth = pose2sim_markers(data, "LWrist", "RWrist")[::EVERY]
     videos = [data / f"pose2sim_single/videos/cam0{n}.mp4" for n in (1, 2, 3, 4)]
     seen = np.array([wrists(video, pose_model) for video in videos])
     assert seen.shape[1:] == (*truth.shape[:2], 2)

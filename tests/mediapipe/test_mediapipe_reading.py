@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from observer_stage import rejected
 
 from common.errors import BadInput, LabanmeshError
 from observer.tracking import mediapipe_pose
@@ -141,37 +142,29 @@ def test_the_model_is_closed_once(monkeypatch):
 )
 def test_a_wrong_shape_or_type_is_rejected_with_one_line(monkeypatch, content):
     tracker, _ = tracker_with(monkeypatch, person())
-    with pytest.raises(BadInput, match=r"\(H, W, 3\) of uint8") as caught:
+    with rejected("(H, W, 3) of uint8"):
         tracker.update(Frame(0, content))
-    assert "\n" not in str(caught.value)
 
 
 def test_an_unknown_hand_is_rejected_before_loading(monkeypatch):
     monkeypatch.setattr(mediapipe_pose, "open_pose", lambda path: pytest.fail("loaded"))
-    with pytest.raises(BadInput, match="palm, wrist"):
+    with rejected("palm, wrist"):
         MediapipeTracker(hand="thumb")
-
-
-def rejection(model_path=None):
-    with pytest.raises(LabanmeshError) as caught:
-        open_pose(model_path)
-    assert "\n" not in str(caught.value)
-    return caught.value
 
 
 def test_without_mediapipe_the_error_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "mediapipe", None)
-    error = rejection()
-    assert "pip install 'labanmesh[mediapipe]'" in str(error)
-    assert isinstance(error, BadInput)
+    with rejected("pip install 'labanmesh[mediapipe]'"):
+        open_pose(None)
 
 
 def test_a_mediapipe_without_model_asks_for_one(monkeypatch):
     newer = ModuleType("mediapipe")
     newer.__version__ = "1.2.2"
     monkeypatch.setitem(sys.modules, "mediapipe", newer)
-    assert "mediapipe 1.2.2 carries no pose model" in str(rejection())
-    assert "no such file" in str(rejection("nowhere.task"))
+    for path, message in ((None, "mediapipe 1.2.2 carries no pose model"), ("nowhere.task", "no such file")):
+        with rejected(message):
+            open_pose(path)
 
 
 def test_a_missing_system_library_is_named(monkeypatch):
@@ -179,7 +172,8 @@ def test_a_missing_system_library_is_named(monkeypatch):
         raise ImportError("libGL.so.1: cannot open shared object file: No such file or directory")
 
     monkeypatch.setattr(importlib, "import_module", missing)
-    assert "libGL.so.1" in str(rejection())
+    with rejected("libGL.so.1", error=LabanmeshError):
+        open_pose(None)
 
 
 def fake_tasks(fault):
@@ -208,7 +202,5 @@ def test_errors_of_mediapipe_tasks_become_one_line(monkeypatch, tmp_path, fault,
     monkeypatch.setattr(importlib, "import_module", lambda name: fake_tasks(fault))
     file = tmp_path / "some.task"
     file.write_bytes(b"x")
-    with pytest.raises(kind, match=message) as caught:
+    with rejected(message, error=kind):
         TaskPose(str(file))
-    assert type(caught.value) is kind
-    assert "\n" not in str(caught.value)

@@ -4,6 +4,7 @@ import sys
 from pathlib import Path
 
 import pytest
+import typer
 
 import labanmesh
 
@@ -21,3 +22,22 @@ def run(capsys):
         return status, printed.out, printed.err
 
     return call
+
+
+@pytest.fixture
+def command(tmp_path, monkeypatch, capsys):
+    """Make a runner of one command in an empty folder, which returns the output and lets errors pass."""
+    monkeypatch.chdir(tmp_path)
+
+    def of(function):
+        app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
+        app.command(function.__name__)(function)
+        main = typer.main.get_command(app).main
+
+        def call(*words):
+            main([str(word) for word in words], f"labanmesh {function.__name__}", standalone_mode=False)
+            return capsys.readouterr().out
+
+        return call
+
+    return of

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from observer_stage import pose2sim_markers, rejected
 
-from common.errors import BadInput
 from observer.calibration.formats import read_opencv
 from observer.calibration.triangulate import triangulate
 from observer.geometry.projection import pinhole_matrix, project
@@ -54,22 +54,15 @@ def test_without_two_agreeing_cameras_there_is_no_point():
 
 
 def test_shapes_and_gate_are_checked():
-    with pytest.raises(BadInput, match="one row per camera"):
+    with rejected("one row per camera"):
         triangulate(CAMERAS, np.zeros((3, 2)))
-    with pytest.raises(BadInput, match="gate_px"):
+    with rejected("gate_px"):
         triangulate(CAMERAS, np.zeros((4, 2)), gate_px=0)
-
-
-def reference(data):
-    """(100, 21, 3) metres in the room of the calibration: (Z, X, Y) of the file."""
-    lines = (data / "pose2sim_single/reference_3d/Pose2Sim_markers.trc").read_text().splitlines()
-    rows = [[float(value) for value in line.split("\t")[2:65]] for line in lines[5:] if line.strip()]
-    return np.array(rows).reshape(-1, 21, 3)[..., [2, 0, 1]]
 
 
 def test_a_recorded_person_with_noise_and_one_camera_wrong_or_blind(data):
     cameras = read_opencv(data / "pose2sim_single/reference_3d/Pose2Sim_cameras.toml")
-    points, rng = reference(data)[::5, [13, 17, 20]].reshape(-1, 3), np.random.default_rng(0)
+    points, rng = pose2sim_markers(data, "Head", "RWrist", "LWrist")[::5].reshape(-1, 3), np.random.default_rng(0)
     assert len(points) == 60
     for camera in cameras:
         assert ((camera.pixels(points) > 0) & (camera.pixels(points) < camera.image_size_px)).all()

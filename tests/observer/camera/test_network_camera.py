@@ -1,7 +1,6 @@
 """A network camera (MJPEG over HTTP, read by OpenCV): killed and restarted, frozen, with a password."""
 
 import http.server
-import queue
 import socketserver
 import threading
 import time
@@ -10,13 +9,13 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from camera_stage import WAIT_S, FrameReader
 
 from observer.camera.base import CameraFault
 from observer.camera.capture import connect
 from observer.camera.live import LiveCamera
 from observer.camera.opening import open_pictures
 
-WAIT_S = 30
 BETWEEN_S = 0.01
 NOISE = [
     cv2.imencode(".jpg", np.random.default_rng(seed).integers(0, 255, (48, 64, 3), np.uint8))[1].tobytes()
@@ -68,62 +67,42 @@ class Server(socketserver.ThreadingMixIn, http.server.HTTPServer):
             self.server_close()
 
 
-class Viewer:
-    """Takes the frames of a source in a thread; frames and reports can be waited for."""
+def viewer(port):
+    address = f"http://me:s3cret@127.0.0.1:{port}/video?key=s3cret"
+    return FrameReader(lambda report: open_pictures(address, Path(), report=report))
 
-    def __init__(self, port):
-        self.reports, self.frames, self.stop = queue.Queue(), queue.Queue(), threading.Event()
-        address = f"http://me:s3cret@127.0.0.1:{port}/video?key=s3cret"
-        self.source = open_pictures(address, Path(), report=lambda *report: self.reports.put(report))
-        self.name = f"http://127.0.0.1:{port}/video"
-        self.thread = threading.Thread(target=lambda: [self.frames.put(f) for f in self.source.frames(self.stop)])
 
-    def next_report(self):
-        return self.reports.get(timeout=WAIT_S)
-
-    def wait_for_report(self, state):
-        """Wait until this state is reported, whatever is reported before it."""
-        while (report := self.next_report())[0] != state:
-            pass
-        return report
-
-    def __enter__(self):
-        self.thread.start()
-        return self
-
-    def __exit__(self, *error):
-        self.stop.set()
-        self.thread.join(WAIT_S)
-        assert not self.thread.is_alive()
+def name_at(port):
+    return f"http://127.0.0.1:{port}/video"
 
 
 def test_a_stream_that_dies_and_comes_back(caplog):
     with Server() as server:
         port = server.server_port
-        with Viewer(port) as viewer:
-            frame = viewer.frames.get(timeout=WAIT_S)
+        with viewer(port) as reader:
+            frame = reader.next_frame()
             assert frame.content.shape == (48, 64, 3) and frame.content.dtype == np.uint8
             assert 0 <= time.time_ns() - frame.captured_ns < WAIT_S * 1e9
             began_s = time.monotonic()
             server.close()
-            state, reason = viewer.next_report()
+            state, reason = reader.next_report()
             assert time.monotonic() - began_s < 1.0
-            assert state == "degraded" and reason.startswith(f"{viewer.name}: ")
+            assert state == "degraded" and reason.startswith(f"{name_at(port)}: ")
             with Server(port):
-                assert viewer.wait_for_report("running") == ("running", "")
-                again_ns = time.time_ns()
-                while viewer.frames.get(timeout=WAIT_S).captured_ns < again_ns:
-                    pass
-    assert "s3cret" not in caplog.text + reason and viewer.name in caplog.text
+                assert reader.wait_for_report("running") == ("running", "")
+                reader.next_frame()
+    assert "s3cret" not in caplog.text + reason and name_at(port) in caplog.text
 
 
 def test_a_stream_that_freezes():
-    with Server() as server, Viewer(server.server_port) as viewer:
-        viewer.frames.get(timeout=WAIT_S)
+    with Server() as server, viewer(server.server_port) as reader:
+        reader.next_frame()
+        began_s = time.monotonic()
         server.frozen.set()
-        assert viewer.next_report() == ("degraded", f"{viewer.name}: frozen: the same picture for 1 s")
+        assert reader.next_report() == ("degraded", f"{name_at(server.server_port)}: frozen: the same picture for 1 s")
+        assert time.monotonic() - began_s < 1.5
         server.frozen.clear()
-        assert viewer.next_report() == ("running", "")
+        assert reader.next_report() == ("running", "")
 
 
 def test_an_address_without_a_camera_says_what_to_check():

@@ -9,6 +9,8 @@ import threading
 import cv2
 import numpy as np
 import pytest
+from camera_stage import numbered
+from observer_stage import rejected
 
 from common import SECOND_NS
 from common.errors import BadInput
@@ -42,24 +44,22 @@ def numbers(frames):
     return [round(float(frame.content.mean()) / 10) for frame in frames]
 
 
-def captured_s(frames, start_ns=START_NS):
-    return [(frame.captured_ns - start_ns) / SECOND_NS for frame in frames]
+def captured_s(frames):
+    return [(frame.captured_ns - START_NS) / SECOND_NS for frame in frames]
 
 
 def write_pictures(folder, names, size_px=(64, 48)):
     folder.mkdir(exist_ok=True)
     for i, name in enumerate(names):
-        assert cv2.imwrite(str(folder / name), np.full((size_px[1], size_px[0], 3), 10 * i, np.uint8))
+        assert cv2.imwrite(str(folder / name), numbered(i, size_px))
     return folder
 
 
 def rejection(text, folder, **arguments):
     with pytest.raises(BadInput) as caught:
-        for _ in open_pictures(text, folder, speed=0, **arguments).frames(threading.Event()):
-            pass
-    line = str(caught.value)
-    assert "\n" not in line
-    return line
+        list(open_pictures(text, folder, speed=0, **arguments).frames(threading.Event()))
+    assert "\n" not in str(caught.value)
+    return str(caught.value)
 
 
 def played(source, clock, **arguments):
@@ -67,22 +67,15 @@ def played(source, clock, **arguments):
     return RecordedPictures(source.pictures, source.rate_hz, source.size_px, source.count, clock=clock, **options)
 
 
-def test_a_video_is_played_whole_at_its_own_rate(video):
-    source, clock = open_pictures("clip.avi", video.parent), WaitingClock()
-    assert (source.rate_hz, source.size_px, source.count, source.body_parts) == (25.0, (64, 48), 12, ())
-    frames = list(played(source, clock).frames(clock))
-    assert numbers(frames) == list(range(12))
-    assert captured_s(frames) == pytest.approx([i / 25 for i in range(12)])
-    assert frames[0].content.shape == (48, 64, 3) and frames[0].content.dtype == np.uint8
-    assert clock.waits == 11
-
-
-@pytest.mark.parametrize("speed", [0.5, 4.0])
-def test_speed_and_a_common_start(video, speed):
+@pytest.mark.parametrize("speed", [0.5, 1.0, 4.0])
+def test_a_video_is_played_whole_at_its_own_rate_and_speed_from_a_common_start(video, speed):
     source = open_pictures("clip.avi", video.parent, speed=speed, start_ns=START_NS + SECOND_NS)
     clock = WaitingClock()
+    assert (source.rate_hz, source.size_px, source.count, source.body_parts) == (25.0, (64, 48), 12, ())
     frames = list(played(source, clock).frames(clock))
+    assert numbers(frames) == list(range(12)) and clock.waits == 12
     assert captured_s(frames) == pytest.approx([1 + i / 25 / speed for i in range(12)])
+    assert frames[0].content.shape == (48, 64, 3) and frames[0].content.dtype == np.uint8
 
 
 def test_speed_0_does_not_wait_and_stamps_the_time_of_playing(video):
@@ -151,7 +144,7 @@ def test_a_file_that_is_emptied_after_opening_is_rejected_when_played(tmp_path, 
     copy.write_bytes(video.read_bytes())
     source = open_pictures("clip.avi", tmp_path, speed=0)
     copy.write_bytes(b"")
-    with pytest.raises(BadInput, match="the file is empty"):
+    with rejected("the file is empty"):
         list(source.frames(threading.Event()))
 
 
@@ -160,7 +153,7 @@ def test_a_picture_that_changes_its_size_after_opening_is_rejected_when_played(t
     frames = open_pictures("p", tmp_path, speed=0).frames(threading.Event())
     next(frames)
     assert cv2.imwrite(str(folder / "2.png"), np.zeros((8, 8, 3), np.uint8))
-    with pytest.raises(BadInput, match=r"2\.png: 8x8 px, but 1\.png has 64x48"):
+    with rejected("2.png: 8x8 px, but 1.png has 64x48"):
         next(frames)
 
 
@@ -213,17 +206,11 @@ def test_opencv_and_ffmpeg_write_nothing_to_stderr(tmp_path, video):
     ]
 
 
-def test_a_recorded_person(data):
+def test_a_recorded_person_and_a_recording_that_was_cut_off(data, tmp_path):
     source = open_pictures("wave_webcam/wave.mp4", data, speed=0)
     assert (source.rate_hz, source.size_px, source.count) == (10.0, (420, 420), 125)
     frames = list(source.frames(threading.Event()))
     assert len(frames) == 125
     assert {frame.content.shape for frame in frames} == {(420, 420, 3)}
-    blue, _, red = frames[60].content.reshape(-1, 3).astype(float).mean(axis=0)
-    assert blue != red
-
-
-def test_a_recording_that_was_cut_off(data, tmp_path):
-    whole = (data / "wave_webcam" / "wave.mp4").read_bytes()
-    (tmp_path / "cut.mp4").write_bytes(whole[:1000])
+    (tmp_path / "cut.mp4").write_bytes((data / "wave_webcam" / "wave.mp4").read_bytes()[:1000])
     assert "cut.mp4: MP4 file, but no picture can be read" in rejection("cut.mp4", tmp_path)

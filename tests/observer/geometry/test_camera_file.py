@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from observer_stage import rejected
 
 from common.errors import BadInput, LabanmeshError
 from observer.geometry.camera_file import CameraModel, read_camera, write_camera
@@ -13,6 +14,12 @@ from observer.geometry.projection import LensDistortion, pinhole_matrix
 
 MATRIX = pinhole_matrix(0.3, 0.1, 3.0, 812.5, (640, 360))
 GOOD = 'name = "cam1"\nprojective_matrix = [[1,0,0,0],[0,1,0,0],[0,0,0,1]]\n'
+K = np.array([[812.5, 0, 640], [0, 812.5, 360], [0, 0, 1]])
+INTRINSIC = "intrinsic_matrix = [[800, 0, 320], [0, 800, 240], [0, 0, 1]]\n"
+DISTORTION = "distortion = [0.1, -0.2, 0, 0, 0.1]\n"
+WITH_LENS = (
+    'name = "a"\nprojective_matrix = [[800, 0, 320, 0], [0, 800, 240, 0], [0, 0, 1, 2]]\n' + INTRINSIC + DISTORTION
+)
 TEXT = st.text(st.characters(exclude_categories=["Cs"]))
 
 
@@ -43,11 +50,11 @@ def test_a_written_camera_is_read_back(folder, name, provenance, size, error, sc
 
 
 def test_a_minimal_file_is_read(tmp_path):
-    (tmp_path / "c.toml").write_text(GOOD)
-    camera = read_camera(tmp_path / "c.toml")
-    assert camera.name == "cam1"
-    assert camera.matrix.dtype == np.float64
-    assert camera.image_size_px is None
+    for text, has_lens in ((GOOD, False), (WITH_LENS, True)):
+        (tmp_path / "c.toml").write_text(text)
+        camera = read_camera(tmp_path / "c.toml")
+        assert camera.matrix.dtype == np.float64 and camera.image_size_px is None
+        assert (camera.lens is not None) is has_lens
 
 
 @pytest.mark.parametrize(
@@ -69,24 +76,30 @@ def test_a_minimal_file_is_read(tmp_path):
         (GOOD + "image_size_px = [640, 0]", "image_size_px.1: "),
         (GOOD + "reprojection_error_px = -1", "reprojection_error_px: "),
         (GOOD + "reprojection_eror_px = 1", "reprojection_eror_px: "),
+        (WITH_LENS.replace(DISTORTION, ""), "intrinsic_matrix without distortion"),
+        (WITH_LENS.replace(INTRINSIC, ""), "distortion without intrinsic_matrix"),
+        (WITH_LENS.replace("[0.1, -0.2, 0, 0, 0.1]", "[0.1, -0.2]"), "distortion: 2 numbers"),
+        (WITH_LENS.replace("[0.1, -0.2, 0, 0, 0.1]", "[0.1, -0.2, 0, inf]"), "distortion.3: "),
+        (WITH_LENS.replace("[[800, 0, 320],", "[[-800, 0, 320],"), "not an intrinsic matrix"),
+        (WITH_LENS.replace("[[800, 0, 320],", "[[700, 0, 320],"), "does not match projective_matrix"),
+        (WITH_LENS.replace("[0, 800, 240], [0, 0, 1]]", "[0, 800, 200], [0, 0, 1]]"), "does not match projective"),
+        (WITH_LENS.replace("[0, 800, 240], [0, 0, 1]]", "[0, 800, 240]]"), "intrinsic_matrix: "),
     ],
 )
 def test_an_invalid_file_is_rejected_with_its_key(tmp_path, text, message):
     path = tmp_path / "cam.toml"
     path.write_text(text)
-    with pytest.raises(BadInput, match=message) as caught:
+    with rejected(message, path):
         read_camera(path)
-    assert str(path) in str(caught.value)
-    assert "\n" not in str(caught.value)
 
 
 def test_an_unreadable_file_is_rejected(tmp_path):
-    with pytest.raises(BadInput, match="No such file"):
+    with rejected("No such file"):
         read_camera(tmp_path / "none.toml")
-    with pytest.raises(BadInput, match="directory"):
+    with rejected("directory"):
         read_camera(tmp_path)
     (tmp_path / "binary.toml").write_bytes(b"\xff\xfe")
-    with pytest.raises(BadInput, match="not a TOML file"):
+    with rejected("not a TOML file"):
         read_camera(tmp_path / "binary.toml")
 
 
@@ -101,13 +114,6 @@ def test_a_failed_write_keeps_the_old_file(tmp_path):
         write_camera(tmp_path / "nowhere" / "cam.toml", CameraModel("good", MATRIX))
 
 
-K = np.array([[812.5, 0, 640], [0, 812.5, 360], [0, 0, 1]])
-WITH_LENS = (
-    'name = "a"\nprojective_matrix = [[800, 0, 320, 0], [0, 800, 240, 0], [0, 0, 1, 2]]\n'
-    "intrinsic_matrix = [[800, 0, 320], [0, 800, 240], [0, 0, 1]]\ndistortion = [0.1, -0.2, 0, 0, 0.1]\n"
-)
-
-
 @pytest.mark.parametrize("size", [4, 5, 8, 12, 14])
 @pytest.mark.parametrize("scale", [1.0, -3.0, 1e-3])
 def test_a_lens_is_read_back(tmp_path, size, scale):
@@ -116,29 +122,6 @@ def test_a_lens_is_read_back(tmp_path, size, scale):
     lens = read_camera(tmp_path / "c.toml").lens
     np.testing.assert_array_equal(lens.intrinsic_matrix, K)
     np.testing.assert_array_equal(lens.distortion, distortion)
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "message"),
-    [
-        ("distortion = [0.1, -0.2, 0, 0, 0.1]", "", "intrinsic_matrix without distortion"),
-        ("intrinsic_matrix = [[800, 0, 320], [0, 800, 240], [0, 0, 1]]", "", "distortion without intrinsic_matrix"),
-        ("[0.1, -0.2, 0, 0, 0.1]", "[0.1, -0.2]", "distortion: 2 numbers"),
-        ("[0.1, -0.2, 0, 0, 0.1]", "[0.1, -0.2, 0, inf]", "distortion.3: "),
-        ("[[800, 0, 320]", "[[-800, 0, 320]", "not an intrinsic matrix"),
-        ("[[800, 0, 320]", "[[700, 0, 320]", "does not match projective_matrix"),
-        ("[0, 800, 240], [0, 0, 1]]", "[0, 800, 200], [0, 0, 1]]", "does not match projective_matrix"),
-        ("[0, 800, 240], [0, 0, 1]]", "[0, 800, 240]]", "intrinsic_matrix: "),
-    ],
-)
-def test_an_invalid_lens_is_rejected_with_one_line(tmp_path, old, new, message):
-    assert old in WITH_LENS
-    (tmp_path / "c.toml").write_text(WITH_LENS)
-    assert read_camera(tmp_path / "c.toml").lens is not None
-    (tmp_path / "c.toml").write_text(WITH_LENS.replace(old, new))
-    with pytest.raises(BadInput, match=message) as caught:
-        read_camera(tmp_path / "c.toml")
-    assert "c.toml" in str(caught.value) and "\n" not in str(caught.value)
 
 
 def test_a_pipe_is_written_to_and_not_replaced(tmp_path):

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from observer_stage import rejected
 
-from common.errors import BadInput
 from observer.features import VectorSymbol
 from observer.preview.drawing import SIZE, PaintingLayout, Placement
 from observer.preview.sight import SYMBOLS, TRAIL, PreviewHistory, ShownPosterior
@@ -49,7 +49,7 @@ def test_the_extent_grows_and_contains_all_motion():
 
 
 def test_parts_without_a_head_are_rejected():
-    with pytest.raises(BadInput, match="head"):
+    with rejected("head"):
         PreviewHistory(("left_hand",), 5.0).add(Tracks(np.zeros((1, 2))))
 
 
