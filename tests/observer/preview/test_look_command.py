@@ -9,7 +9,6 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-import typer
 from observer_stage import rejected
 
 from common.errors import LabanmeshError
@@ -30,18 +29,8 @@ cascade = pytest.mark.skipif(not have_cascade(), reason="this OpenCV has no face
 
 
 @pytest.fixture
-def run(tmp_path, monkeypatch, capsys):
-    """Runs `look` in an empty folder and returns its output."""
-    monkeypatch.chdir(tmp_path)
-    app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
-    app.command("look")(look)
-    command = typer.main.get_command(app)
-
-    def call(*words):
-        command.main([str(w) for w in words], "labanmesh look", standalone_mode=False)
-        return capsys.readouterr().out
-
-    return call
+def run(command):
+    return command(look)
 
 
 @pytest.fixture
@@ -75,8 +64,7 @@ def test_a_person_seen_from_behind_gives_advice_and_no_skin(run, waving, tmp_pat
 
 
 def test_a_marked_face_is_enough(run, waving):
-    recorded = run("motion.npz", "--face", "300,96,40,40")
-    assert "its colour in" in recorded
+    assert "its colour in" in run("motion.npz", "--face", "300,96,40,40")
 
 
 @pytest.mark.parametrize(
@@ -180,15 +168,8 @@ def test_each_problem_has_one_advice(report, line):
 
 def test_the_report_contains_every_measurement():
     text = "\n".join(report_lines(FINE))
-    for text_part in (
-        "door.mp4",
-        "640x480",
-        "30 Hz as recorded",
-        "120 of 255",
-        "in 8 of 10 pictures, 60 px wide",
-        "2.0 %",
-    ):
-        assert text_part in text
+    for part in ("door.mp4", "640x480", "30 Hz as recorded", "120 of 255", "in 8 of 10 pictures, 60 px wide", "2.0 %"):
+        assert part in text
     assert text.count("seen in 90 %") == 3
     assert "1 picture read" in next(report_lines(changed(pictures=1)))
     without = "\n".join(report_lines(changed(faces_searched=0, skin=None)))

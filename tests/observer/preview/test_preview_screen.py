@@ -2,6 +2,7 @@
 
 import logging
 import threading
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
@@ -53,11 +54,12 @@ class RecordingOutlet:
 
 
 @pytest.mark.parametrize("name", ["a.mp4", "a.avi"])
-def test_a_film_has_all_pictures(tmp_path, name):
+def test_a_film_has_all_pictures_and_replaces_another_when_it_is_complete(tmp_path, name):
+    (tmp_path / name).write_bytes(b"earlier")
     with open_preview(name, 10.0, keep_all=True, folder=tmp_path) as preview:
         for number in range(12):
             preview.show(picture(number), SHOWN)
-        assert not (tmp_path / name).exists()
+        assert (tmp_path / name).read_bytes() == b"earlier"
     assert [p.name for p in tmp_path.iterdir()] == [name]
     video = Video.open(tmp_path / name)
     read = list(video.pictures())
@@ -69,14 +71,6 @@ def test_a_film_without_pictures_is_removed(tmp_path, caplog):
     with caplog.at_level(logging.WARNING), open_preview("a.mp4", 10.0, folder=tmp_path):
         pass
     assert not list(tmp_path.iterdir()) and "no picture was shown" in caplog.text
-
-
-def test_an_existing_film_stays_until_the_new_one_is_complete(tmp_path):
-    (tmp_path / "a.mp4").write_bytes(b"earlier")
-    with open_preview("a.mp4", 10.0, keep_all=True, folder=tmp_path) as preview:
-        preview.show(picture(1), SHOWN)
-        assert (tmp_path / "a.mp4").read_bytes() == b"earlier"
-    assert len(list(Video.open(tmp_path / "a.mp4").pictures())) == 1
 
 
 class Counting(Film):
@@ -255,24 +249,14 @@ class FakeObserver:
         return Posterior(np.array([0.7, 0.3]), 0.1, 1, {})
 
 
-class RecordingPreview:
-    """A preview that records its arguments."""
-
-    def __init__(self):
-        self.shown = []
-
-    def show(self, picture, frame):
-        self.shown.append((picture, frame))
-
-
 @pytest.mark.parametrize("content", [picture(3), np.zeros((3, 3))])
 def test_a_previewed_observer_behaves_as_without(content):
-    preview, observer = RecordingPreview(), FakeObserver()
-    previewed = PreviewingObserver(
-        observer, observer, preview, PreviewHistory(BODY_PARTS, 5.0, "door"), clock=lambda: 2_500_000_000
-    )
+    arguments, observer = [], FakeObserver()
+    preview = SimpleNamespace(show=lambda *words: arguments.append(words))
+    history = PreviewHistory(BODY_PARTS, 5.0, "door")
+    previewed = PreviewingObserver(observer, observer, preview, history, clock=lambda: 2_500_000_000)
     posterior = previewed.step(Frame(2_000_000_000, content))
     assert posterior.p.tolist() == [0.7, 0.3] and previewed.vocabulary is observer.vocabulary
-    ((shown, frame),) = preview.shown
+    ((shown, frame),) = arguments
     assert shown is (content if content.ndim == 3 else None)
     assert frame.age_s == 0.5 and frame.complaint == "too dark" and frame.posterior.winner == 0

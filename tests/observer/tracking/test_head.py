@@ -1,5 +1,7 @@
 """Finding a head by its skin: drawn patches, and a rendered performer from all sides."""
 
+from dataclasses import dataclass
+
 import cv2
 import numpy as np
 import pytest
@@ -12,7 +14,7 @@ from observer.motion.archive import Recording
 from observer.motion.playback import RecordedMotion
 from observer.rendering.body import stature
 from observer.rendering.scenery import Scenery
-from observer.rendering.virtual_camera import VirtualCamera, aimed_matrix
+from observer.rendering.virtual_camera import PERFECT, VirtualCamera, aimed_matrix
 from observer.tracking.camshift import CamshiftTracker
 from observer.tracking.head import MOST_PATCHES, topmost_skin
 from observer.tracking.skin import SkinHistogram
@@ -58,47 +60,65 @@ def test_ambiguous_patches_give_no_head(patches):
     assert topmost_skin(drawn(*patches), SKIN) is None
 
 
-@pytest.mark.parametrize("view", ["yaw:45,pitch:20", "yaw:135,pitch:20", "yaw:225,pitch:20", "yaw:315,pitch:20"])
-def test_the_head_of_a_rendered_performer_is_found_from_every_corner(view):
-    standing = np.array([[-0.35, 0.95, 0.0], [0.35, 0.95, 0.0], [0.0, 1.65, 0.0]], np.float32)
-    recording = Recording(np.repeat(standing[None], 2, axis=0), 30.0, "rest", "1", "1")
+@dataclass(frozen=True, slots=True)
+class RenderedPerformer:
+    """(F, 3, 3) metres, seen by virtual cameras."""
 
-    def picture(view_name):
-        motion = RecordedMotion(BODY_PARTS, (recording,), speed=0)
-        camera = VirtualCamera(motion, parse_view(view_name), scenery=Scenery("cluttered", 3.0))
-        return camera.renderer(recording).picture(standing.astype(float), 0, None)
+    positions: np.ndarray
+    scenery: Scenery = PERFECT
 
-    def head(view_name):
-        return project(aimed_matrix(parse_view(view_name), stature(recording.positions)), standing[2].astype(float))
+    def pictures(self, view):
+        recording = Recording(self.positions, 30.0, "wave", "1", "1")
+        camera = VirtualCamera(
+            RecordedMotion(BODY_PARTS, (recording,), speed=0), parse_view(view), scenery=self.scenery
+        )
+        draw = camera.renderer(recording)
+        return [draw.picture(p, n, None) for n, p in enumerate(self.positions.astype(float))]
 
-    u, v = head("door")
-    skin = SkinHistogram.learn(picture("door"), (round(u) - 18, round(v) - 18, 36, 36))
-    box = topmost_skin(picture(view), skin)
-    assert box is not None
-    distance = np.hypot(box[0] + box[2] / 2 - head(view)[0], box[1] + box[3] / 2 - head(view)[1])
-    assert distance < HEAD_PX / 2
+    def truth(self, view):
+        """(F, 3, 2) px."""
+        return project(aimed_matrix(parse_view(view), stature(self.positions)), self.positions.astype(float))
+
+    def skin(self):
+        """Learned from the face as the door sees it."""
+        u, v = self.truth("door")[0, 2]
+        return SkinHistogram.learn(self.pictures("door")[0], (round(u) - 18, round(v) - 18, 36, 36))
 
 
-@pytest.mark.parametrize("view_name", ["yaw:45,pitch:20", "yaw:135,pitch:20"])
-def test_with_a_saved_histogram_left_and_right_are_tracked_from_front_and_behind(view_name):
+@pytest.fixture(scope="module")
+def standing():
+    performer = RenderedPerformer(
+        np.array([[[-0.35, 0.95, 0.0], [0.35, 0.95, 0.0], [0.0, 1.65, 0.0]]], np.float32), Scenery("cluttered", 3.0)
+    )
+    return performer, performer.skin()
+
+
+@pytest.fixture(scope="module")
+def waving():
     t = np.arange(60) / 30.0
     positions = np.zeros((len(t), 3, 3), np.float32)
     positions[:, 0] = np.stack([-0.55 + 0 * t, 1.2 + 0.25 * np.sin(5 * t), 0 * t], axis=1)
     positions[:, 1] = np.stack([0.55 + 0 * t, 1.2 + 0.25 * np.cos(5 * t), 0 * t], axis=1)
     positions[:, 2] = (0.0, 1.65, 0.0)
-    recording = Recording(positions, 30.0, "wave", "1", "1")
+    performer = RenderedPerformer(positions)
+    return performer, performer.skin()
 
-    def pictures(view):
-        camera = VirtualCamera(RecordedMotion(BODY_PARTS, (recording,), speed=0), parse_view(view))
-        draw = camera.renderer(recording)
-        return [draw.picture(p, n, None) for n, p in enumerate(positions.astype(float))]
 
-    u, v = project(aimed_matrix(parse_view("door"), stature(positions)), positions[0, 2].astype(float))
-    skin = SkinHistogram.learn(pictures("door")[0], (round(u) - 18, round(v) - 18, 36, 36))
-    view = parse_view(view_name)
-    tracker = CamshiftTracker(skin, facing=facing(view))
-    seen = np.array([tracker.update(Frame(round(n * 1e9 / 30), p)).centres for n, p in enumerate(pictures(view_name))])
-    truth = project(aimed_matrix(view, stature(positions)), positions.astype(float))
-    distance = np.linalg.norm(seen[:, :2] - truth[:, :2], axis=2)
+@pytest.mark.parametrize("view", ["yaw:45,pitch:20", "yaw:135,pitch:20", "yaw:225,pitch:20", "yaw:315,pitch:20"])
+def test_the_head_of_a_rendered_performer_is_found_from_every_corner(standing, view):
+    performer, skin = standing
+    box = topmost_skin(performer.pictures(view)[0], skin)
+    assert box is not None
+    u, v = performer.truth(view)[0, 2]
+    assert np.hypot(box[0] + box[2] / 2 - u, box[1] + box[3] / 2 - v) < HEAD_PX / 2
+
+
+@pytest.mark.parametrize("view", ["yaw:45,pitch:20", "yaw:135,pitch:20"])
+def test_with_a_saved_histogram_left_and_right_are_tracked_from_front_and_behind(waving, view):
+    performer, skin = waving
+    tracker = CamshiftTracker(skin, facing=facing(parse_view(view)))
+    frames = [Frame(round(n * 1e9 / 30), picture) for n, picture in enumerate(performer.pictures(view))]
+    centres = np.array([tracker.update(frame).centres for frame in frames])
+    distance = np.linalg.norm(centres[:, :2] - performer.truth(view)[:, :2], axis=2)
     assert (np.isfinite(distance[20:]).mean(axis=0) > 0.5).all()
     assert np.nanmax(distance) < HEAD_PX / 2

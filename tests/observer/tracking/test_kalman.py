@@ -34,15 +34,6 @@ def test_equals_the_filter_in_full_matrix_form(steps, acceleration, noise):
         assert np.allclose(kf.covariance, P, rtol=1e-5, atol=1e-6 * P.max())
 
 
-def test_a_constant_velocity_is_predicted():
-    kf = ConstantVelocityFilter(np.zeros(2), 10.0, 1.0)
-    for i in range(1, 60):
-        kf.predict(0.1)
-        kf.correct(np.array([5.0 * i, -3.0 * i]))
-    kf.predict(0.1)
-    assert np.allclose(kf.centre, [300, -180], atol=0.5)
-
-
 def total(cost, columns, gate):
     return sum(gate if column is None else cost[row, column] for row, column in enumerate(columns))
 
@@ -59,16 +50,19 @@ def test_the_assignment_is_optimal_and_none_is_beyond_the_gate(parts, candidates
     assert np.isclose(total(cost, columns, gate), min(total(cost, c, gate) for c in every))
 
 
-@pytest.mark.parametrize(("area", "fits"), [(49, False), (51, True), (199, True), (201, False)])
-def test_areas_fit_from_half_to_twice_the_median(area, fits):
+@pytest.fixture
+def part():
     part = TrackedPart(10.0)
     part.acquire(np.zeros(2), 100.0, 40.0)
+    return part
+
+
+@pytest.mark.parametrize(("area", "fits"), [(49, False), (51, True), (199, True), (201, False)])
+def test_areas_fit_from_half_to_twice_the_median(part, area, fits):
     assert part.fits(area) is fits
 
 
-def test_a_part_without_measurements_is_unsure_and_then_missing():
-    part = TrackedPart(10.0)
-    part.acquire(np.zeros(2), 100.0, 40.0)
+def test_a_part_without_measurements_is_unsure_and_then_missing(part):
     part.not_measured(COAST_S * 0.9)
     assert part.state is State.UNSURE
     part.not_measured(COAST_S * 0.2)

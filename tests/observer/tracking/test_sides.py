@@ -34,8 +34,8 @@ LEFT_OF_IT, RIGHT_OF_IT = at(50), at(150)
 
 
 def frames_until_exchanged(evidence, most=90):
-    """Frames until a left hand on the right side is exchanged; None: never."""
-    return next((n for n in range(most) if evidence.exchange(LEFT_OF_IT, RIGHT_OF_IT, FACE, FRAME_S)), None)
+    """Frames until a left hand on the right side is exchanged; `most`: never."""
+    return next((n for n in range(most) if evidence.exchange(LEFT_OF_IT, RIGHT_OF_IT, FACE, FRAME_S)), most)
 
 
 def ambiguous(evidence):
@@ -66,9 +66,7 @@ def test_after_a_meeting_hands_on_each_others_side_are_exchanged_once_within_few
     evidence = settled()
     meeting(evidence)
     assert evidence.doubtful
-    frames = frames_until_exchanged(evidence)
-    assert frames is not None
-    assert 0 < frames <= 3
+    assert 0 < frames_until_exchanged(evidence) <= 3
     assert not evidence.exchange(RIGHT_OF_IT, LEFT_OF_IT, FACE, FRAME_S)
 
 
