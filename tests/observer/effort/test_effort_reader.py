@@ -166,11 +166,11 @@ def test_shape_has_labans_names(left, right, facet, value):
     ("view", "sees"), [("door", False), ("yaw:20", False), ("yaw:45", True), ("wheel", True), ("yaw:270", True)]
 )
 def test_advancing_is_read_only_where_depth_is_visible(view, sees):
-    seen = parse_view(view)
-    reader = ShapeReader(BODY_PARTS, RATE, depth_in(seen.matrix))
+    matrix = parse_view(view).matrix
+    reader = ShapeReader(BODY_PARTS, RATE, depth_in(matrix))
     forward = np.tile(np.array([[-0.3, 1.0, -0.2], [0.3, 1.0, -0.2], [0.0, 1.6, 0.0]]), (30, 1, 1))
     forward[:, :2, 2] -= np.linspace(0, 0.6, 30)[:, None]
-    image = forward @ seen.matrix[:, :3].T[:, :2]
+    image = forward @ matrix[:, :3].T[:, :2]
     facets = [reader.update(frame) for frame in image][-1]
     assert ("shape_sagittal" in facets) == sees
     if sees:

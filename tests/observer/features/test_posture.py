@@ -132,10 +132,10 @@ def test_groups_are_seen_as_a_whole():
     rng = np.random.default_rng(0)
     centres = rng.normal(size=(40, 3, 2))
     centres[rng.random((40, 3)) < 0.4] = np.nan
-    seen = np.isfinite(read(centres))
-    assert len(groups) == seen.shape[1] and groups.max() == 6
+    visible = np.isfinite(read(centres))
+    assert len(groups) == visible.shape[1] and groups.max() == 6
     for group in range(7):
-        assert (seen[:, groups == group].all(axis=1) == seen[:, groups == group].any(axis=1)).all()
+        assert (visible[:, groups == group].all(axis=1) == visible[:, groups == group].any(axis=1)).all()
 
 
 def test_without_a_head_there_is_no_posture():

@@ -1,4 +1,4 @@
-"""Vector Symbols: against an oracle by angles, properties, and the stream of tracks."""
+"""Vector Symbols: against an oracle by angles, properties, and the stream of tracks; states of tracks."""
 
 import math
 
@@ -10,7 +10,7 @@ from hypothesis.extra.numpy import arrays
 
 from common.errors import BadInput
 from observer.features import BodySize, SpaceReader, VectorSymbol, vector_symbols
-from observer.tracks import BODY_PARTS, Tracks
+from observer.tracks import BODY_PARTS, State, Tracks
 
 RING = ["U", "UR", "R", "DR", "D", "DL", "L", "UL"]
 ANGLE = st.floats(0, 360, exclude_max=True)
@@ -144,3 +144,10 @@ def test_motion_over_several_frames(centres, over):
         learned = size.update(centre, BODY_PARTS)
         if n >= over:
             assert np.array_equal(symbols[n], vector_symbols(centre - centres[n - over], learned, 0.1))
+
+
+def test_states_of_parts():
+    gone = [np.nan, np.nan]
+    tracks = Tracks(np.array([[1.0, 2.0], gone, gone]), np.array([gone, [3.0, 4.0], gone]))
+    assert tracks.states == (State.SEEN, State.UNSURE, State.MISSING)
+    assert tracks.visible.tolist() == [True, False, False]

@@ -49,7 +49,7 @@ def calibrated():
 
 
 def watched(model, recording, turn_deg=0.0):
-    """What is calibrated of a person who has turned to his left."""
+    """The posteriors of a person who has turned to their left."""
     facing_away = replace(recording, positions=turned(recording.positions, math.radians(turn_deg)))
     onset = Onset(True, len(recording.positions))
     observer = Observer(ProjectedTracker(DOOR, BODY_PARTS, BODY_PARTS), model, onset)

@@ -84,16 +84,16 @@ def test_a_slow_observer_gets_every_frame():
 
 
 def test_stop_ends_a_wait():
-    stop, seen = threading.Event(), threading.Event()
+    stop, playing_began = threading.Event(), threading.Event()
     source = RecordedMotion(PARTS, [recording(2, 0.001)])
 
     def play():
         for _ in source.frames(stop):
-            seen.set()
+            playing_began.set()
 
     playing = threading.Thread(target=play)
     playing.start()
-    assert seen.wait(5)
+    assert playing_began.wait(5)
     stop.set()
     playing.join(5)
     assert not playing.is_alive()

@@ -52,7 +52,7 @@ def test_msr_action3d_axes(data):
     for recording in few:
         left, right, _ = paths(recording)
         assert right > left
-        # Whoever waves or punches does so before himself.
+        # People wave and punch in front of themselves.
         assert np.nanmin(recording.positions[:, RIGHT, 2] - recording.positions[:, HEAD, 2]) < -0.1
 
     # The Kinect took one hand for the other here and there: not in all.
