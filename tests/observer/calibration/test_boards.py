@@ -271,7 +271,7 @@ def test_poses_agree_with_caliscope(data, lenses, most_deg, most):
         found = solve_extrinsics(cameras_seen, fitted, board, adjust=list(fitted)).cameras
     for i, one in enumerate(truth):
         for other in truth[:i]:
-            expected = RigidTransform(one.R, one.t).after(RigidTransform(other.R, other.t).back)
+            expected = RigidTransform(one.R, one.t).after(RigidTransform(other.R, other.t).inverse)
             got = found[one.name].after(found[other.name].inverse)
             length = np.linalg.norm(expected.t)
             turned, off = np.degrees(angle_between(expected.R, got.R)), np.linalg.norm(expected.t - got.t) / length
