@@ -172,7 +172,8 @@ def _read_background(
     learned: path of the archive to learn from, `archive` its selected recordings; if it is also a background, only the
     `subjects` are taken. Raises BadInput for labels without an archive, and for what cannot be read or gathered.
     """
-    from observer.learning.learn import BLENDS, gather_background
+    from observer.learning.examples import gather_background
+    from observer.learning.learn import BLENDS
     from observer.motion.archive import MotionArchive, common_rate, select
     from observer.motion.archive_file import read_archive
 
@@ -233,7 +234,12 @@ def _left_out(count: int) -> str:
 
 def describe_background(header: "Header") -> str:
     """From what the model recognises that a movement is none of its own."""
-    shown = f" and by {', '.join(header.background)}" if header.background else ""
+    known = list(header.background or ())
+    seconds = float(header.provenance.get("other_motion_s", "0"))
+    if seconds:
+        people = plural(int(header.provenance["other_motion_people"]), "person", "people")
+        known.append(f"{seconds / 60:.1f} minutes of other motion of {people}")
+    shown = f" and by {', '.join(known)}" if known else ""
     return f"something else is known by blends of the movements{shown}"
 
 

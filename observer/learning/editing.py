@@ -13,7 +13,8 @@ from common.errors import BadInput
 from common.text import plural
 from common.vocabulary import Vocabulary
 from observer.geometry.views import View
-from observer.learning.learn import ExampleView, evaluate_example, folds_by_person, folds_by_recording
+from observer.learning.examples import ExampleView
+from observer.learning.learn import evaluate_example, folds_by_person, folds_by_recording
 from observer.model.base import Example, Header, MovementModel, WithBackground, evenly_spread, facings_in
 from observer.model.posterior_calibration import HeldOutResult, PosteriorCalibration
 from observer.motion.archive import MotionArchive, common_rate, labels_of, movements_in, require_labels

@@ -3,22 +3,25 @@
 Cross-validation by person calibrates the model's posteriors.
 """
 
-import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from common.errors import BadInput
 from common.vocabulary import Vocabulary
-from observer.geometry.views import View, turned
+from observer.geometry.views import View
+from observer.learning.examples import ExampleView, streams_apart
 from observer.model.base import (
     Example,
     Header,
+    LearnsStreams,
     MovementModel,
     Onset,
+    Stream,
     WithBackground,
     evenly_spread,
     facings_in,
+    learned_from,
     with_features,
 )
 from observer.model.posterior_calibration import HeldOutResult, answer_posterior, at_least_cautious, fit_calibration
@@ -30,42 +33,11 @@ from observer.motion.archive import (
     labels_of,
     movements_in,
     require_labels,
-    resample,
+    streams_in,
 )
-from observer.motion.projected import view_tracks
 
 BLENDS = "blends"
 """Stands for a background without recordings: only blends of the learned movements are "something else"."""
-
-
-@dataclass(frozen=True, slots=True)
-class ExampleView:
-    """How recordings become examples: from one view, at K facings, with these body parts in the model's order."""
-
-    view: View
-    vocabulary: Vocabulary
-    body_parts: tuple[str, ...]
-    facings: int = 1
-
-    def examples(
-        self, recordings: Sequence[Recording], recorded: Sequence[str], background: tuple[str, ...] | None = None
-    ) -> list[Example]:
-        """Each recording, with the parts `recorded`, as the view sees it from every facing.
-
-        background: given if the recordings show these movements, which are outside the vocabulary.
-        """
-        number = self.vocabulary.index if background is None else lambda label: -1 - background.index(label)
-        return [
-            Example(
-                view_tracks(self.view, _turned(recording, k, self.facings, n), tuple(recorded), self.body_parts),
-                number(recording.label),
-                k,
-                recording.subject,
-                recording.trial,
-            )
-            for k in range(self.facings)
-            for n, recording in enumerate(recordings)
-        ]
 
 
 def learn_view(
@@ -79,12 +51,15 @@ def learn_view(
     provenance: Mapping[str, str] | None = None,
     calibrate: bool = True,
     background: MotionArchive | None = None,
+    streams: Sequence[Recording] = (),
 ) -> MovementModel:
     """One view's model of the vocabulary's movements, from all recordings of the archive.
 
     With a parameter `facings` of K the performer is turned to K directions, evenly around. calibrate: cross-validate
     by person, so that the model's posteriors can be calibrated. background: recordings of other movements, from which
-    the model also learns "something else"; without recordings, from blends only.
+    the model also learns "something else"; without recordings, from blends only. A kind that learns from streams also
+    gets the continuous recordings of the archive and of the background, the unlabelled ones of the background, and
+    `streams`, which have the archive's body parts: what people do outside the spans is "something else".
 
     Raises BadInput for recordings at different rates, an unknown model, an invalid parameter, and a movement that no
     recording shows.
@@ -97,37 +72,41 @@ def learn_view(
     examples = seen_from.examples(recordings, archive.body_parts)
     origin = {"examples": str(len(recordings)), **(provenance or {})}
     header = Header(kind, vocabulary, view.name, view.matrix, rate_hz, parts, parameters or {}, origin)
+    labels = () if background is None else _background_labels(model, background, vocabulary)
     if background is not None:
-        labels = _background_labels(model, background, vocabulary)
         header = replace(header, background=labels)
-        examples += seen_from.examples(background.recordings, background.body_parts, labels)
-    examples = with_features(model, header, examples)
-    learned = model.learn(header, examples)
-    return with_calibration(model, learned, examples) if calibrate else learned
+        movements = [recording for recording in movements_in(background) if recording.label]
+        examples += seen_from.examples(movements, background.body_parts, labels)
+    watched = _streams(seen_from, archive, background, streams, labels) if issubclass(model, LearnsStreams) else []
+    if watched:
+        header = replace(header, background=labels, provenance={**origin, **_other_motion(watched, rate_hz)})
+    examples, watched = with_features(model, header, examples), with_features(model, header, watched)
+    learned = learned_from(model, header, examples, watched)
+    return with_calibration(model, learned, examples, watched) if calibrate else learned
 
 
-def gather_background(
-    archives: Sequence[MotionArchive], labels: Sequence[str], body_parts: tuple[str, ...], rate_hz: float
-) -> MotionArchive:
-    """All labelled recordings of the archives, or those with these labels, with these parts and at this rate.
+def _streams(
+    seen_from: ExampleView,
+    archive: MotionArchive,
+    background: MotionArchive | None,
+    streams: Sequence[Recording],
+    labels: tuple[str, ...],
+) -> list[Stream]:
+    """Everything from which "something else" can be learned; labels: the movements of the background."""
+    named = (*seen_from.vocabulary.labels, *labels)
+    added = MotionArchive(archive.body_parts, tuple(streams))
+    result = seen_from.streams([*streams_in(archive, named)], archive.body_parts, labels)
+    result += seen_from.streams([*streams_in(added, named, unlabelled=True)], archive.body_parts, labels)
+    if background is not None:
+        result += seen_from.streams([*streams_in(background, named, unlabelled=True)], background.body_parts, labels)
+    return result
 
-    Raises BadInput for a body part that an archive lacks, and for a label that no recording shows.
-    """
-    recordings = [_with_parts(r, archive, body_parts) for archive in archives for r in movements_in(archive) if r.label]
-    gathered = MotionArchive(body_parts, tuple(resample(r, rate_hz) if r.rate_hz != rate_hz else r for r in recordings))
-    require_labels(labels, gathered, "--background-labels")
-    return MotionArchive(body_parts, tuple(r for r in gathered.recordings if not labels or r.label in labels))
 
-
-def _with_parts(recording: Recording, archive: MotionArchive, body_parts: tuple[str, ...]) -> Recording:
-    missing = [part for part in body_parts if part not in archive.body_parts]
-    if missing:
-        parts = ", ".join(archive.body_parts)
-        raise BadInput(
-            f"background: no {missing[0]!r} in its recordings, which the model needs; they have only {parts}"
-        )
-    rows = [archive.body_parts.index(part) for part in body_parts]
-    return replace(recording, positions=recording.positions[:, rows])
+def _other_motion(streams: Sequence[Stream], rate_hz: float) -> dict[str, str]:
+    """For the provenance: how many seconds of something else there are, and by how many people."""
+    front = [stream for stream in streams if stream.facing == 0 and stream.other_frames]
+    seconds = sum(stream.other_frames for stream in front) / rate_hz
+    return {"other_motion_s": f"{seconds:.0f}", "other_motion_people": str(len({s.subject for s in front}))}
 
 
 def _background_labels(
@@ -145,29 +124,20 @@ def _background_labels(
     return labels
 
 
-def _turned(recording: Recording, k: int, facings: int, number: int) -> Recording:
-    """The recording turned to the left by k of `facings` directions, and by an offset of at most half a direction.
-
-    Each recording has another offset, so that all together they fill the angles between two directions.
-    """
-    if facings == 1:
-        return recording
-    offset = evenly_spread(number) - 0.5
-    return replace(recording, positions=turned(recording.positions, math.tau * (k + offset) / facings))
-
-
 MOST_EVALUATED = 240
 """Examples that are evaluated; more hardly change the few numbers that are fitted."""
 
 
-def with_calibration(kind: type[MovementModel], model: MovementModel, examples: Sequence[Example]) -> MovementModel:
+def with_calibration(
+    kind: type[MovementModel], model: MovementModel, examples: Sequence[Example], streams: Sequence[Stream] = ()
+) -> MovementModel:
     """The same model with its calibration, estimated by leaving out one person at a time.
 
     If only one person shows a movement, one recording of each movement is left out at a time instead. That tells
     nothing about other people, and the result is at least as cautious as CAUTIOUS. `tried` and `right` in the
     provenance count the evaluated examples.
     """
-    results = _cross_validate(kind, model.header, examples)
+    results = _cross_validate(kind, model.header, examples, streams)
     calibration = fit_calibration(results, model.header.vocabulary.size)
     if folds_by_person(examples) is None:
         calibration = at_least_cautious(calibration)
@@ -213,21 +183,28 @@ def folds_by_person(examples: Sequence[Example]) -> list[list[int]] | None:
     return [[n for n, e in enumerate(examples) if e.subject == s] for s in subjects]
 
 
-def _cross_validate(kind: type[MovementModel], header: Header, examples: Sequence[Example]) -> list[HeldOutResult]:
+def _cross_validate(
+    kind: type[MovementModel], header: Header, examples: Sequence[Example], streams: Sequence[Stream]
+) -> list[HeldOutResult]:
     # The facing hardly changes the calibration, and a dozen facings take a dozen times as long.
-    front = [e for e in examples if e.facing == 0]
+    front, streams = [e for e in examples if e.facing == 0], [s for s in streams if s.facing == 0]
     if "facings" in header.parameters:
         header = replace(header, parameters={**header.parameters, "facings": 1.0})
     folds = folds_by_person(front) or folds_by_recording(front)
-    return [result for fold in folds for result in _evaluate_fold(kind, header, front, fold)]
+    return [result for fold in folds for result in _evaluate_fold(kind, header, front, streams, fold)]
 
 
 def _evaluate_fold(
-    kind: type[MovementModel], header: Header, examples: Sequence[Example], fold: Sequence[int]
+    kind: type[MovementModel],
+    header: Header,
+    examples: Sequence[Example],
+    streams: Sequence[Stream],
+    fold: Sequence[int],
 ) -> Iterator[HeldOutResult]:
     """Results by a model of all other examples; with many examples only a share of the fold is evaluated."""
     left_out, share = set(fold), MOST_EVALUATED / len(examples)
-    model = kind.learn(header, [e for n, e in enumerate(examples) if n not in left_out])
+    others = [e for n, e in enumerate(examples) if n not in left_out]
+    model = learned_from(kind, header, others, list(streams_apart(streams, others, [examples[n] for n in fold])))
     for n in fold:
         # Evenly spread whatever the order: every second example could always be of the same movements.
         if evenly_spread(n) < share:

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import ClassVar, Protocol, Self, runtime_checkable
+from typing import ClassVar, Protocol, Self, TypeVar, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -114,6 +114,37 @@ class Example:
 
 
 @dataclass(frozen=True, slots=True)
+class StreamSpan:
+    """Frames begin..end-1 of a stream show one movement; movement, trial: as of the example that was cut out there."""
+
+    begin: int
+    end: int
+    movement: int
+    trial: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Stream:
+    """A continuous recording as the model's view sees it: outside the spans the person does something else.
+
+    Within each span there is one movement of the vocabulary or of the background; no other movement that has a name
+    occurs. Spans are in order and do not overlap. facing, subject, trial and features: as of `Example`.
+    """
+
+    tracks: Sequence[Tracks]
+    spans: tuple[StreamSpan, ...] = ()
+    facing: int = 0
+    subject: str = ""
+    trial: str = ""
+    features: Floats | None = None
+
+    @property
+    def other_frames(self) -> int:
+        """How many frames lie outside the spans."""
+        return len(self.tracks) - sum(span.end - span.begin for span in self.spans)
+
+
+@dataclass(frozen=True, slots=True)
 class Onset:
     """What is known about the beginning of the movement.
 
@@ -202,14 +233,37 @@ class WithBackground(Protocol):
 
 
 @runtime_checkable
+class LearnsStreams(Protocol):
+    """The additional method of a kind of model that also learns from streams, above all what else people do."""
+
+    @classmethod
+    def learn_with_streams(
+        cls, header: Header, examples: Sequence[Example], streams: Sequence[Stream]
+    ) -> MovementModel:
+        """As `learn`; the examples include the movements in the spans. There may be no streams."""
+
+
+def learned_from(
+    kind: type[MovementModel], header: Header, examples: Sequence[Example], streams: Sequence[Stream] = ()
+) -> MovementModel:
+    """The model of this kind, learned from the examples and, if it can use them, from the streams."""
+    if issubclass(kind, LearnsStreams):
+        return kind.learn_with_streams(header, examples, streams)
+    return kind.learn(header, examples)
+
+
+@runtime_checkable
 class ReadsExamples(Protocol):
     """The additional method of a kind of model that reads each example once, however often it learns from it."""
 
-    def read(self, header: Header, example: Example) -> Floats:
-        """(F, D) features, for `Example.features`."""
+    def read(self, header: Header, example: Example | Stream) -> Floats:
+        """(F, D) features, for `Example.features`; a kind that learns from streams reads these too."""
 
 
-def with_features(kind: type[MovementModel], header: Header, examples: Sequence[Example]) -> list[Example]:
+Watched = TypeVar("Watched", Example, Stream)
+
+
+def with_features(kind: type[MovementModel], header: Header, examples: Sequence[Watched]) -> list[Watched]:
     """The examples with their features, if this kind of model can read them in advance; otherwise unchanged."""
     if not isinstance(kind, ReadsExamples):
         return list(examples)

@@ -24,6 +24,7 @@ from observer.model.base import (
     Header,
     Onset,
     ParameterRange,
+    Stream,
     with_defaults,
 )
 from observer.model.chains import (
@@ -124,7 +125,7 @@ class Phase:
         return cls(header, *_chains_of(examples, features, phases))
 
     @classmethod
-    def read(cls, header: Header, example: Example) -> Floats:
+    def read(cls, header: Header, example: Example | Stream) -> Floats:
         """(F, D) features as an observer would read them, gaps filled."""
         reader = _reader(header)
         return fill_gaps(np.array([reader.update(tracks) for tracks in example.tracks]))

@@ -17,11 +17,15 @@ _LABEL = re.compile(r"[a-z0-9_]*\Z")
 
 @dataclass(frozen=True, slots=True)
 class Span:
-    """One movement inside a continuous recording: frames start..end-1 from the recording's start."""
+    """One movement inside a continuous recording: frames start..end-1 from the recording's start.
+
+    trial: the trial of the recording that `movements_in` cuts out here; set by `streams_in`, not stored in archives.
+    """
 
     start: int
     end: int
     label: str
+    trial: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,8 +148,36 @@ def movements_in(archive: MotionArchive) -> Iterator[Recording]:
         if not recording.spans:
             yield recording
         for n, span in enumerate(recording.spans):
-            piece = recording.positions[span.start : span.end]
-            yield Recording(piece, recording.rate_hz, span.label, recording.subject, f"{recording.trial}.{n}")
+            piece, trial = recording.positions[span.start : span.end], span.trial or f"{recording.trial}.{n}"
+            yield Recording(piece, recording.rate_hz, span.label, recording.subject, trial)
+
+
+def streams_in(archive: MotionArchive, labels: Sequence[str] = (), unlabelled: bool = False) -> Iterator[Recording]:
+    """The continuous recordings: the frames outside their spans show something else than any movement.
+
+    labels: the movements whose spans stay (default: all). A span of another movement is cut out, and the recording
+    becomes several, so that this movement is neither learned nor taken for something else. unlabelled: also recordings
+    without a label and without spans, as streams in which no movement happens. Every span names its trial, as
+    `movements_in` does.
+    """
+    for recording in archive.recordings:
+        if not recording.spans and (recording.label or not unlabelled):
+            continue
+        start = 0
+        spans = tuple(replace(s, trial=s.trial or f"{recording.trial}.{n}") for n, s in enumerate(recording.spans))
+        for span in spans:
+            if labels and span.label not in labels:
+                yield from _piece(recording, spans, start, span.start)
+                start = span.end
+        yield from _piece(recording, spans, start, len(recording.positions))
+
+
+def _piece(recording: Recording, spans: Sequence[Span], start: int, end: int) -> Iterator[Recording]:
+    """Frames start..end-1 with the spans within them; nothing if there are none."""
+    if start < end:
+        within = (s for s in spans if start <= s.start and s.end <= end)
+        moved = tuple(replace(s, start=s.start - start, end=s.end - start) for s in within)
+        yield replace(recording, positions=recording.positions[start:end], spans=moved)
 
 
 def labels_of(archive: MotionArchive) -> tuple[str, ...]:
@@ -202,7 +234,7 @@ def _sampled(recording: Recording, step: float, count: int) -> Recording:
     """`count` frames at intervals of `step` old frames, with their spans."""
     instants = np.minimum(np.arange(count) * step, len(recording.positions) - 1)
     spans = (
-        Span(_first_from(span.start, step), min(_first_from(span.end, step), count), span.label)
+        replace(span, start=_first_from(span.start, step), end=min(_first_from(span.end, step), count))
         for span in recording.spans
     )
     return replace(

@@ -20,12 +20,9 @@ class ProjectedTracker:
     """
 
     def __init__(self, view: View, recorded: Sequence[str], wanted: Sequence[str]) -> None:
-        missing = [part for part in wanted if part not in recorded]
-        if missing:
-            raise BadInput(f"body part {missing[0]!r}: not in the recording; it has {', '.join(recorded)}")
         self.body_parts = tuple(wanted)
         self._view = view
-        self._rows = [list(recorded).index(part) for part in wanted]
+        self._rows = _rows_of(wanted, recorded)
 
     def update(self, frame: Frame) -> Tracks:
         """The recorded positions in the view's image; a part that is missing in this frame is not seen."""
@@ -33,9 +30,16 @@ class ProjectedTracker:
 
 
 def view_tracks(view: View, recording: Recording, recorded: tuple[str, ...], wanted: tuple[str, ...]) -> list[Tracks]:
-    """The tracks of all frames of a recording, seen from the view."""
-    tracker = ProjectedTracker(view, recorded, wanted)
-    return [tracker.update(frame) for frame in frames_of(recording)]
+    """The tracks of all frames of a recording, seen from the view, as a `ProjectedTracker` finds them, but faster."""
+    positions = recording.positions[:, _rows_of(wanted, recorded)].astype(np.float64)
+    return [Tracks(centres) for centres in project(view.matrix, positions)]
+
+
+def _rows_of(wanted: Sequence[str], recorded: Sequence[str]) -> list[int]:
+    missing = [part for part in wanted if part not in recorded]
+    if missing:
+        raise BadInput(f"body part {missing[0]!r}: not in the recording; it has {', '.join(recorded)}")
+    return [list(recorded).index(part) for part in wanted]
 
 
 def frames_of(recording: Recording, start_ns: int = 0) -> Iterator[Frame]:

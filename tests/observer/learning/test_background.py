@@ -11,7 +11,8 @@ from common.vocabulary import Vocabulary
 from observer.features import PostureReader, without_motion
 from observer.filtering.phase_filter import Dynamics, PhaseFilter
 from observer.learning.editing import add_movements, remove_movements
-from observer.learning.learn import ExampleView, evaluate_example, gather_background, learn_view, with_calibration
+from observer.learning.examples import ExampleView, gather_background
+from observer.learning.learn import evaluate_example, learn_view, with_calibration
 from observer.model.base import Onset
 from observer.model.chains import blend_pairs
 from observer.model.model_file import read_model, write_model
