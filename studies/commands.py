@@ -47,6 +47,13 @@ def evaluate(
     fault: Annotated[
         list[str] | None, typer.Option(help="VIEW=wrong|noise|silent|late|hidden; may be repeated.")
     ] = None,
+    room: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Before each trial the person: walk=METRES walks in, nearer=FACTOR comes nearer, stranger=FACTOR "
+            "follows a person of another size, blunder=FACTOR is once seen in a false size; may be repeated."
+        ),
+    ] = None,
     facings: Annotated[
         int, typer.Option(min=0, help="Facings that the model knows: 1 for a known turn, 12 for a random one.")
     ] = 0,
@@ -95,6 +102,7 @@ def evaluate(
     from observer.motion.archive_file import read_archive
     from studies.evaluate import EvaluationSettings
     from studies.faults import parse_fault
+    from studies.room import parse_event
     from studies.trials import labels_in, unlearned_and_background
 
     whole = read_archive(archive)
@@ -119,6 +127,7 @@ def evaluate(
         calibrated=not uncalibrated,
         unlearned=shown,
         background=other,
+        room=tuple(parse_event(text) for text in room or []),
         seed=seed,
     )
     one_of("--through", through, ("process", "mesh", "pixels"))

@@ -20,6 +20,7 @@ from observer.runtime.pipeline import Observer
 from observer.tracks import Floats, Tracker
 from studies.faults import HIDDEN, ObserverOutputs, OccludedTracker, disturb
 from studies.fusion_engine import DEFAULT_RULE, AgedPosterior, PoolingCase, Rule, get_rule, pool_posteriors
+from studies.room import RoomEvent
 from studies.trials import EvaluationTrial, Split, make_trials, splits, with_labels
 
 Progress = Callable[[str, int, int], None]
@@ -32,6 +33,7 @@ class EvaluationSettings:
     temperature: of the fused posterior. calibrated: observers scale their certainty by how often they are right.
     unlearned: movements that streams show without their having been learned. background: movements of the training
     people that the models know as "something else"; empty: blends of the learned ones only; None: no such class.
+    room: what the person does before each trial; observers then do not know the onset.
     """
 
     views: tuple[View, ...]
@@ -50,6 +52,7 @@ class EvaluationSettings:
     calibrated: bool = True
     unlearned: tuple[str, ...] = ()
     background: tuple[str, ...] | None = None
+    room: tuple[RoomEvent, ...] = ()
     seed: int = 0
 
 
@@ -158,14 +161,21 @@ def learn(split: Split, vocabulary: Vocabulary, settings: EvaluationSettings) ->
 def trials_of(split: Split, settings: EvaluationSettings, number: int) -> list[EvaluationTrial]:
     """The test people's trials as the settings show them; `number` of the split is part of the seed."""
     rng = np.random.default_rng([settings.seed, number])
-    return make_trials(split.test, onset_known=settings.onset_known, turn=settings.turn, rng=rng)
+    known, turn = settings.onset_known, settings.turn
+    return make_trials(split.test, onset_known=known, turn=turn, rng=rng, room=settings.room)
+
+
+def onset_of(trial: EvaluationTrial, settings: EvaluationSettings) -> Onset:
+    """What the observers know about the begin of the movement: nothing after other events in the room."""
+    known = settings.onset_known and not settings.room
+    return Onset(known=True, length=len(trial.recording.positions)) if known else Onset()
 
 
 def _observers(
     trial: EvaluationTrial, models: Sequence[MovementModel], recorded: tuple[str, ...], settings: EvaluationSettings
 ) -> list[Observer]:
     """New observers for one trial, one per view."""
-    onset = Onset(known=True, length=len(trial.recording.positions)) if settings.onset_known else Onset()
+    onset = onset_of(trial, settings)
     third = (trial.end - trial.begin) / 3
     covered = (trial.begin + round(third), trial.begin + round(2 * third))
     observers = []

@@ -46,6 +46,7 @@ def as_json(result: EvaluationResult) -> dict[str, Any]:
         "onset": "known" if settings.onset_known else "unknown",
         "turn": "random" if settings.turn is None else settings.turn,
         "faults": dict(settings.faults),
+        "room": [f"{event.kind}={event.number:g}" for event in settings.room],
         "temperature": settings.temperature,
         "calibrated": settings.calibrated,
         "facing": _facing_errors(result),

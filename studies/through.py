@@ -26,7 +26,7 @@ from common.vocabulary import Vocabulary
 from common.wire import decode
 from fusion.server import serve
 from observer.geometry.views import View, facing, parse_view
-from observer.model.base import MovementModel, Onset
+from observer.model.base import MovementModel
 from observer.motion.archive import MotionArchive
 from observer.motion.playback import RecordedMotion
 from observer.rendering.scenery import Scenery
@@ -44,6 +44,7 @@ from studies.evaluate import (
     folds_of,
     fuse_again,
     learn,
+    onset_of,
     trials_of,
 )
 from studies.trials import IDLE_NOISE_M, EvaluationTrial
@@ -251,7 +252,7 @@ def _judge(
     models: Sequence[MovementModel],
     settings: EvaluationSettings,
 ) -> TrialResult:
-    onset = Onset(known=True, length=len(trial.recording.positions)) if settings.onset_known else Onset()
+    onset = onset_of(trial, settings)
     observers = [Observer(RecordedTracks(iter(t)), model, onset) for t, model in zip(tracks, models, strict=True)]
     interval_ns = 1e9 / trial.recording.rate_hz
     frames = [Frame(round(n * interval_ns), p) for n, p in enumerate(trial.recording.positions)]
