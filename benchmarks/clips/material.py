@@ -1,0 +1,106 @@
+"""The films with their truth, and MediaPipe's tracks in them, tracked once and kept in a folder."""
+
+import csv
+import threading
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from common import SECOND_NS
+from observer.camera.opening import open_pictures
+from observer.files import read_arrays, write_arrays
+from observer.geometry.camera_file import CameraModel, write_camera
+from observer.geometry.views import View, parse_view
+from observer.motion.archive import MotionArchive
+from observer.motion.importers.florence3d import RATE_HZ, import_folder
+from observer.runtime.scene_inputs import UnmirroredSource
+from observer.tracks import BODY_PARTS, Floats
+
+CLIPS, WEBCAM, RECORDINGS = "florence3d_videos", "wave_webcam", "florence3d"
+"""Folders of LABANMESH_DATA: the films, and the recordings in 3-D of which the clips are parts."""
+CAMERA = np.array([[-580.0, 0.0, 319.0, 0.0], [0.0, -580.0, 240.0, 0.0], [0.0, 0.0, 1.0, 0.0]])
+"""(3, 4) of the unmirrored clips: the originals have u = 320 + 580 x/z, and u' = 639 - u."""
+FOUR = ("wave", "answer_phone", "clap", "read_watch")
+"""The movements that the clips show, of the nine of Florence 3D Actions."""
+
+
+@dataclass(frozen=True, slots=True)
+class Clip:
+    """A film. label: the movement that it shows; "": none. subject: who is in it; "": nobody of the recordings."""
+
+    file: Path
+    label: str
+    subject: str
+    mirrored: bool
+
+    @property
+    def name(self) -> str:
+        """The file's name without its end."""
+        return self.file.stem
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TrackedClip:
+    """centres: (F, 3, 2) px of hands and head, NaN where not seen, at RATE_HZ; the other fields as those of Clip."""
+
+    name: str
+    label: str
+    subject: str
+    centres: Floats
+
+
+def gesture_clips(data: Path) -> list[Clip]:
+    """The 16 clips of Florence 3D Actions. They are cut close: 9 to 27 frames, some without begin or end."""
+    rows = csv.DictReader((data / CLIPS / "labels.csv").read_text().splitlines())
+    return [
+        Clip(data / CLIPS / row["file"], row["class"].replace(" ", "_"), row["subject"], mirrored=True) for row in rows
+    ]
+
+
+def webcam_clips(data: Path) -> list[Clip]:
+    """A person who waves with one hand, later with both; and the same person standing."""
+    waves, stands = (data / WEBCAM / name for name in ("wave.mp4", "stand.mp4"))
+    return [Clip(waves, "wave", "", mirrored=False), Clip(stands, "", "", mirrored=False)]
+
+
+def recordings(data: Path) -> MotionArchive:
+    """All 215 recordings of Florence 3D Actions."""
+    return import_folder(data / RECORDINGS).archive
+
+
+def clip_view(name: str) -> View:
+    """A view by its name; `camera`: the camera of the clips."""
+    return View("camera", CAMERA) if name == "camera" else parse_view(name)
+
+
+def write_clip_camera(path: Path) -> None:
+    """Write the camera file of the unmirrored clips."""
+    write_camera(path, CameraModel("camera", CAMERA, (640, 480), provenance="fitted to the joints of all clips"))
+
+
+def tracked(clips: Sequence[Clip], folder: Path) -> Iterator[TrackedClip]:
+    """The clips with the tracks of the mediapipe tracker, which are read from `folder`, or written there.
+
+    A file NAME.npz has times_ns (F,), centres (F, 3, 2) px and parts. Raises BadInput without mediapipe if a file is
+    missing.
+    """
+    for clip in clips:
+        path = folder / f"{clip.name}.npz"
+        if not path.exists():
+            _track(clip, path)
+        yield TrackedClip(clip.name, clip.label, clip.subject, read_arrays(path)["centres"])
+
+
+def _track(clip: Clip, path: Path) -> None:
+    from observer.tracking.mediapipe_pose import MediapipeTracker
+
+    tracker = MediapipeTracker()
+    film = open_pictures(str(clip.file.absolute()), Path(), rate_hz=RATE_HZ, speed=0)
+    source = UnmirroredSource(film) if clip.mirrored else film
+    centres = [tracker.update(frame).centres for frame in source.frames(threading.Event())]
+    tracker.close()
+    times_ns = np.arange(len(centres)) * round(SECOND_NS / RATE_HZ)
+    arrays = {"times_ns": times_ns, "centres": np.array(centres), "parts": np.array(BODY_PARTS)}
+    write_arrays(path, arrays, compressed=False)
