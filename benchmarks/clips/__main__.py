@@ -25,7 +25,8 @@ from common.config_sections import FusionConfig
 from common.errors import BadInput
 from common.text import named_numbers, split_list
 from common.vocabulary import ABSTAIN, Vocabulary
-from observer.learning.learn import BLENDS, gather_background, learn_view
+from observer.learning.examples import gather_background
+from observer.learning.learn import BLENDS, learn_view
 from observer.model.base import MovementModel
 from observer.model.registry import DEFAULT_MODEL
 from observer.motion.archive import MotionArchive, common_rate, labels_of
