@@ -27,6 +27,7 @@ from benchmarks.peers.comparison import (
 )
 from common.errors import BadInput
 from observer.geometry.views import parse_view
+from observer.model.rocket import MiniRocket, RocketParameters, choose_dilations
 from observer.motion.archive_file import write_archive
 from observer.tracks import BODY_PARTS
 from studies.evaluate import EvaluationSettings, evaluate
@@ -253,6 +254,36 @@ def test_the_command_writes_page_and_json(archive, tmp_path, capsys):
     assert [row["judged_by"] for row in figures["rows"]][-2:] == ["ours, fused − MiniRocket", "ours, fused − 1-NN DTW"]
     assert re.search(r"\| all 2 \| ours, fused \|", page.read_text(encoding="utf-8"))
     assert "ours, wheel" in capsys.readouterr().out
+
+
+def rocket_of(fitted, channels, length):
+    """Our transform with the parameters that aeon found; aeon's biases are ordered by dilation, kernel, bias."""
+    counts, chosen, dilations, biases_per_kernel, biases = fitted
+    selected = np.zeros((len(dilations) * 84, channels), bool)
+    for row, own in enumerate(np.split(chosen, np.cumsum(counts)[:-1])):
+        selected[row, own] = True
+    pieces = np.split(biases, np.cumsum(84 * biases_per_kernel)[:-1])
+    by_dilation = tuple(np.ascontiguousarray(piece.reshape(84, -1).T) for piece in pieces)
+    selected = selected.reshape(len(dilations), 84, channels)
+    return MiniRocket(length, RocketParameters(dilations.astype(np.int64), selected, by_dilation))
+
+
+@with_aeon
+@pytest.mark.parametrize(("channels", "length", "features"), [(10, 60, 2500), (2, 64, 10_000), (16, 37, 500)])
+def test_our_minirocket_has_the_features_of_aeons(channels, length, features):
+    from aeon.transformations.collection.convolution_based import MiniRocket as AeonMiniRocket
+
+    windows = np.random.default_rng(6).normal(size=(30, channels, length)).cumsum(axis=2).astype(np.float32)
+    aeon = AeonMiniRocket(n_kernels=features, random_state=1).fit(windows[:20])
+    ours = rocket_of(aeon.parameters, channels, length)
+    theirs = np.asarray(aeon.transform(windows))
+    pieces = np.split(theirs, np.cumsum([b.size for b in ours.parameters.biases])[:-1], axis=1)
+    theirs = np.concatenate([p.reshape(30, 84, -1).swapaxes(1, 2).reshape(30, -1) for p in pieces], axis=1)
+    # Sums in another order round differently, so that a convolution equal to a bias may count or not.
+    differ = np.abs(ours.transform(windows) - theirs) > 1e-5
+    assert differ.mean() < 1e-3 and differ[20:].mean() < 1e-4
+    dilations, counts = choose_dilations(length, features)
+    assert (dilations == aeon.parameters[2]).all() and (counts == aeon.parameters[3]).all()
 
 
 def test_without_aeon_one_line_says_how_to_get_it(archive, tmp_path, capsys):

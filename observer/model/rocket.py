@@ -1,0 +1,217 @@
+"""MiniRocket: a fixed bank of convolutions that turns a stretched window of motion into features. Pure.
+
+Dempster, Schmidt and Webb, "MiniRocket: a very fast (almost) deterministic transform for time series classification",
+KDD 2021. The 84 kernels have length 9, three weights 2 and six weights -1. Each is dilated; a feature is the share of
+the window's instants at which the convolution exceeds a bias, which is a quantile of the convolution of a training
+window. In a window of several channels each pair of kernel and dilation sums over a random few of them, as in aeon.
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from common.errors import BadInput
+
+Floats32 = NDArray[np.float32]
+Whole = NDArray[np.int64]
+
+TAPS = 9
+KERNELS = np.full((84, TAPS), -1, dtype=np.float32)
+"""(84, 9) weights: every choice of three positions has weight 2, the rest has -1; the sum is 0."""
+for _row, _twos in enumerate(combinations(range(TAPS), 3)):
+    KERNELS[_row, list(_twos)] = 2
+MOST_DILATIONS = 32
+MOST_CHANNELS = 9
+"""The largest number of channels over which one kernel sums."""
+GOLDEN_RATIO = (5**0.5 + 1) / 2
+CHUNK = 16
+"""Windows that are transformed together: their convolutions stay in the processor's cache."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RocketParameters:
+    """What learning finds, for D dilations and windows of C channels.
+
+    dilations (D,): frames between neighbouring weights. channels (D, 84, C): whether a kernel sums over a channel.
+    biases: D arrays (B, 84), each with its own number B of biases for every kernel of that dilation.
+    """
+
+    dilations: Whole
+    channels: NDArray[np.bool_]
+    biases: tuple[Floats32, ...]
+
+
+def choose_dilations(length: int, features: int) -> tuple[Whole, Whole]:
+    """(D,) dilations for windows of `length` frames, evenly spaced in their logarithm, and (D,) biases per kernel.
+
+    The last dilation lets a kernel span the window at most. Raises BadInput for fewer than 9 frames or 84 features.
+    """
+    if length < TAPS or features < len(KERNELS):
+        raise BadInput(
+            f"length = {length}, features = {features}: at least {TAPS} and at least {len(KERNELS)} are expected"
+        )
+    per_kernel = features // len(KERNELS)
+    most = min(per_kernel, MOST_DILATIONS)
+    spaced = np.logspace(0, np.log2((length - 1) / (TAPS - 1)), most, base=2).astype(np.int64)
+    dilations, times = np.unique(spaced, return_counts=True)
+    counts = (times * (per_kernel / most)).astype(np.int64)
+    # Rounding down leaves some; the small dilations get them.
+    rest = per_kernel - int(counts.sum())
+    counts += rest // len(counts) + (np.arange(len(counts)) < rest % len(counts))
+    return dilations, counts
+
+
+class MiniRocket:
+    """The transform. Its features are ordered by dilation, then by number of the bias, then by kernel.
+
+    length: n, the frames of a window. features: how many there are, a multiple of 84.
+    """
+
+    def __init__(self, length: int, parameters: RocketParameters) -> None:
+        self.length = length
+        self.parameters = parameters
+        self.features = sum(bias.size for bias in parameters.biases)
+        self._weights = [weights_of(channels) for channels in parameters.channels]
+        self._margins = [int(dilation) * (TAPS // 2) for dilation in parameters.dilations]
+        self._reach = max(self._margins)
+        shares = [_share_of_one(length, margin, n, len(b)) for n, (margin, b) in enumerate(self._steps())]
+        self._shares: Floats32 = np.concatenate(shares)
+        self._counter = np.uint8 if length <= np.iinfo(np.uint8).max else np.uint32
+
+    @classmethod
+    def learn(cls, windows: NDArray[np.floating], features: int, seed: int = 0) -> Self:
+        """From (N, C, n) training windows without NaN; `features` is rounded down to a multiple of 84.
+
+        The same windows and seed give the same transform. Raises BadInput as choose_dilations does, and without a
+        window.
+        """
+        windows = np.asarray(windows, dtype=np.float32)
+        if windows.ndim != 3 or not windows.size:
+            raise BadInput(f"windows {windows.shape}: at least one window of shape (channels, frames) is expected")
+        dilations, counts = choose_dilations(windows.shape[2], features)
+        rng = np.random.default_rng(seed)
+        channels = choose_channels(len(dilations), windows.shape[1], rng)
+        quantiles = np.arange(1, counts.sum() * len(KERNELS) + 1) * GOLDEN_RATIO % 1
+        ends = np.cumsum(counts * len(KERNELS))
+        biases = []
+        for dilation, own, quantile in zip(dilations, channels, np.split(quantiles, ends[:-1]), strict=True):
+            shown = windows[rng.integers(len(windows), size=len(KERNELS))]
+            convolved = np.einsum("knq,qk->kn", taps_of(shown, int(dilation)), weights_of(own))
+            biases.append(row_quantiles(convolved, quantile.reshape(len(KERNELS), -1)).T.astype(np.float32, order="C"))
+        return cls(windows.shape[2], RocketParameters(dilations, channels, tuple(biases)))
+
+    def transform(self, windows: NDArray[np.floating]) -> Floats32:
+        """(N, C, n) windows without NaN -> (N, features): shares, 0 to 1.
+
+        Raises BadInput for other numbers of channels or frames than were learned.
+        """
+        expected = (self.parameters.channels.shape[2], self.length)
+        if windows.ndim != 3 or windows.shape[1:] != expected:
+            raise BadInput(f"windows {windows.shape}: (N, {expected[0]}, {expected[1]}) is expected")
+        result = np.empty((len(windows), self.features), dtype=np.float32)
+        for begin in range(0, len(windows), CHUNK):
+            self._count(windows[begin : begin + CHUNK], result[begin : begin + CHUNK])
+        result *= self._shares
+        return result
+
+    def _count(self, windows: NDArray[np.floating], result: Floats32) -> None:
+        """Write at how many instants each convolution exceeds each bias."""
+        padded = pad(windows, self._reach)
+        begin = 0
+        for n, (margin, biases) in enumerate(self._steps()):
+            convolved = _taps(padded, self.length, self._reach, margin) @ self._weights[n]
+            # Every other kernel judges only the instants at which it lies inside the window.
+            outer = convolved[:, :, 1 - n % 2 :: 2]
+            outer[:, :margin] = -np.inf
+            outer[:, self.length - margin :] = -np.inf
+            above = convolved[:, :, None, :] > biases
+            counts = np.add.reduce(above.view(np.uint8), axis=1, dtype=self._counter)
+            end = begin + biases.size
+            result[:, begin:end] = counts.reshape(len(windows), -1)
+            begin = end
+
+    def _steps(self) -> Iterator[tuple[int, Floats32]]:
+        return zip(self._margins, self.parameters.biases, strict=True)
+
+    def as_arrays(self) -> dict[str, NDArray[np.generic]]:
+        """For a model file; `from_arrays` reads them."""
+        parameters = self.parameters
+        return {
+            "rocket_length": np.int64(self.length).reshape(1),
+            "rocket_dilations": parameters.dilations,
+            "rocket_channels": parameters.channels,
+            "rocket_counts": np.array([len(bias) for bias in parameters.biases]),
+            "rocket_biases": np.concatenate([bias.ravel() for bias in parameters.biases]),
+        }
+
+    @classmethod
+    def from_arrays(cls, arrays: Mapping[str, NDArray[np.generic]]) -> Self:
+        """From the arrays of `as_arrays`."""
+        ends = np.cumsum(arrays["rocket_counts"].astype(np.int64))
+        rows = arrays["rocket_biases"].astype(np.float32).reshape(-1, len(KERNELS))
+        parameters = RocketParameters(
+            arrays["rocket_dilations"].astype(np.int64),
+            arrays["rocket_channels"].astype(np.bool_),
+            tuple(np.split(rows, ends[:-1])),
+        )
+        return cls(int(arrays["rocket_length"].astype(np.int64)[0]), parameters)
+
+
+def choose_channels(dilations: int, channels: int, rng: np.random.Generator) -> NDArray[np.bool_]:
+    """(D, 84, C): each pair of dilation and kernel gets 1 to 9 random channels, few more often than many."""
+    most = np.log2(min(channels, MOST_CHANNELS) + 1)
+    counts = (2 ** rng.uniform(0, most, (dilations, len(KERNELS)))).astype(np.int64)
+    ranks = rng.random((dilations, len(KERNELS), channels)).argsort(axis=2).argsort(axis=2)
+    chosen: NDArray[np.bool_] = ranks < counts[:, :, None]
+    return chosen
+
+
+def weights_of(channels: NDArray[np.bool_]) -> Floats32:
+    """(84, C) whether a kernel sums over a channel -> (9 * C, 84) weights of one matrix product."""
+    weights = KERNELS.T[:, None, :] * channels.T[None]
+    return np.ascontiguousarray(weights.reshape(-1, len(KERNELS)), dtype=np.float32)
+
+
+def pad(windows: NDArray[np.floating], margin: int) -> Floats32:
+    """(N, C, n) -> (N, margin + n + margin, C), zero outside."""
+    count, channels, length = windows.shape
+    padded = np.zeros((count, length + 2 * margin, channels), dtype=np.float32)
+    padded[:, margin : margin + length] = windows.transpose(0, 2, 1)
+    return padded
+
+
+def taps_of(windows: Floats32, dilation: int) -> Floats32:
+    """(N, C, n) windows -> (N, n, 9 * C): at each instant the nine frames that a dilated kernel weighs, 0 outside."""
+    margin = dilation * (TAPS // 2)
+    return _taps(pad(windows, margin), windows.shape[2], margin, margin)
+
+
+def _taps(padded: Floats32, length: int, reach: int, margin: int) -> Floats32:
+    """The same from windows that are padded by `reach` frames on both sides, at least `margin`."""
+    count, _, channels = padded.shape
+    by_window, by_frame, by_channel = padded.strides
+    strides = (by_window, by_frame, by_frame * (margin // (TAPS // 2)), by_channel)
+    offset = (reach - margin) * by_frame
+    view: Floats32 = np.ndarray((count, length, TAPS, channels), np.float32, padded, offset, strides)
+    return view.reshape(count, length, TAPS * channels)
+
+
+def row_quantiles(rows: NDArray[np.floating], quantiles: NDArray[np.floating]) -> NDArray[np.float64]:
+    """(K, n) rows and (K, Q) quantiles of each, 0 to 1 -> (K, Q), linear between neighbours."""
+    ordered = np.sort(rows.astype(np.float64), axis=1)
+    place = quantiles * (rows.shape[1] - 1)
+    below = np.floor(place).astype(np.int64)
+    low, high = (np.take_along_axis(ordered, np.minimum(below + step, rows.shape[1] - 1), axis=1) for step in (0, 1))
+    result: NDArray[np.float64] = low + (high - low) * (place - below)
+    return result
+
+
+def _share_of_one(length: int, margin: int, number: int, biases: int) -> Floats32:
+    """(biases * 84,) what one instant adds to the features of a dilation: every other kernel has fewer instants."""
+    instants = np.full(len(KERNELS), length)
+    instants[1 - number % 2 :: 2] -= 2 * margin
+    return np.tile(1 / instants, biases).astype(np.float32)
