@@ -130,7 +130,13 @@ def folds_of(archive: MotionArchive, settings: EvaluationSettings, shown: Sequen
     """Training people, with the background movements, and test people, with the movements `shown`."""
     chosen = with_labels(archive, (*shown, *(settings.background or ())))
     folds = splits(chosen, settings.train_subjects, settings.test_subjects, settings.leave_one_subject_out)
-    return [replace(split, test=tuple(r for r in split.test if r.label in shown)) for split in folds]
+    return [_with_streams(split, archive, shown) for split in folds]
+
+
+def _with_streams(split: Split, archive: MotionArchive, shown: Sequence[str]) -> Split:
+    people = {r.subject for r in split.train.recordings}
+    streams = tuple(r for r in archive.recordings if r.spans and r.subject in people)
+    return replace(split, test=tuple(r for r in split.test if r.label in shown), streams=streams)
 
 
 def check_names(names: Sequence[str]) -> None:
@@ -153,6 +159,7 @@ def learn(split: Split, vocabulary: Vocabulary, settings: EvaluationSettings) ->
             parameters=settings.parameters,
             calibrate=settings.calibrated,
             background=background,
+            streams=split.streams,
         )
         for view in settings.views
     ]

@@ -41,10 +41,11 @@ class EvaluationTrial:
 
 @dataclass(frozen=True, slots=True)
 class Split:
-    """Training and test recordings of different people."""
+    """Training and test recordings of different people; streams: the training people's continuous recordings."""
 
     train: MotionArchive
     test: tuple[Recording, ...]
+    streams: tuple[Recording, ...] = ()
 
 
 def with_labels(archive: MotionArchive, labels: Sequence[str]) -> MotionArchive:

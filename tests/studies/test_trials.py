@@ -257,3 +257,13 @@ def test_a_stream_reports_each_threshold(performed):
     text = "\n".join(extra_text({"stream": figures}))
     assert text.count("0.95 ") == 1 and "by the last word" in text
     assert judge_streams(performed, settings())["by_threshold"] == []
+
+
+def test_the_training_peoples_streams_are_learned_from_and_no_others():
+    spanned = [recording("", s, spans=(Span(0, 4, "bow"), Span(5, 9, "lunge"))) for s in ("1", "2", "3")]
+    whole = MotionArchive(PARTS, (*spanned, recording("bow", "1")))
+    chosen = EvaluationSettings(views=(parse_view("door"),), labels=("bow", "lunge"), leave_one_subject_out=True)
+    for fold in folds_of(whole, chosen, chosen.labels):
+        (judged,) = {r.subject for r in fold.test}
+        assert [r.subject for r in fold.streams] == [r.subject for r in spanned if r.subject != judged]
+        assert all(r.spans for r in fold.streams)
