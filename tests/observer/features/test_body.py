@@ -1,0 +1,96 @@
+"""The body's place, size and stillness: properties that every stream of tracks has."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from common.errors import BadInput
+from observer.body import BodyFrame
+from observer.tracks import BODY_PARTS, Tracks
+
+RATE = 15.0
+CENTRES = arrays(np.float64, (20, 3, 2), elements=st.integers(-300, 300).map(float))
+STANDING = np.array([[-30.0, 90.0], [30.0, 90.0], [0.0, 0.0]])
+
+
+def frames_of(centres, body_parts=BODY_PARTS, rate_hz=RATE):
+    """(F, 2) origins and (F,) sizes."""
+    frame = BodyFrame(body_parts, rate_hz)
+    results = [frame.update(Tracks(np.array(c, dtype=float))) for c in centres]
+    return np.array([origin for origin, _ in results]), np.array([size for _, size in results])
+
+
+def stand(seconds, scale=1.0, at=(0.0, 0.0), noise=0.5, seed=0):
+    rng = np.random.default_rng(seed)
+    frames = np.repeat(STANDING[None] * scale + at, round(seconds * RATE), axis=0)
+    return frames + rng.normal(0, noise * scale, frames.shape)
+
+
+@given(CENTRES, arrays(np.bool_, (20, 3)), st.integers(-1000, 1000), st.sampled_from([0.25, 8.0]))
+def test_the_frame_moves_and_grows_with_the_body(centres, missing, shift, scale):
+    centres[missing] = np.nan
+    origins, sizes = frames_of(centres)
+    moved, scaled = frames_of((centres + shift) * scale)
+    np.testing.assert_allclose(moved, (origins + shift) * scale, atol=1e-6)
+    np.testing.assert_allclose(scaled, sizes * scale, atol=1e-6)
+
+
+@given(CENTRES, st.permutations(range(3)))
+def test_the_order_of_the_parts_does_not_matter(centres, order):
+    mixed = frames_of(centres[:, order], [BODY_PARTS[k] for k in order])
+    for one, other in zip(mixed, frames_of(centres), strict=True):
+        np.testing.assert_allclose(one, other, atol=1e-9)
+
+
+@given(CENTRES, st.integers(1, 19))
+def test_later_frames_do_not_change_earlier_results(centres, count):
+    for early, whole in zip(frames_of(centres[:count]), frames_of(centres), strict=True):
+        np.testing.assert_array_equal(early, whole[:count])
+
+
+@pytest.mark.parametrize("at", [0, 7, 20])
+def test_one_false_frame_of_twice_the_size_does_not_matter(at):
+    centres = stand(2)
+    size = frames_of(centres)[1][-1]
+    centres[at] = 2 * centres[at] + 40
+    origins, sizes = frames_of(centres)
+    assert sizes[-1] == pytest.approx(size, rel=0.05)
+    np.testing.assert_allclose(origins[-1], 0, atol=0.05 * size)
+
+
+@pytest.mark.parametrize("scale", [0.5, 2.0])
+def test_a_person_who_walks_in_and_comes_nearer_is_measured_anew_within_a_second(scale):
+    share = np.linspace(0, 1, 30)[:, None, None]
+    walking = STANDING * (1 - share + share * scale) + share * [300, 20]
+    centres = np.concatenate([stand(2), walking, stand(1, scale, (300, 20))])
+    origins, sizes = frames_of(centres)
+    fresh = frames_of(stand(1, scale))[1][-1]
+    np.testing.assert_allclose(origins[-1], (300, 20), atol=0.1 * fresh)
+    assert sizes[-1] == pytest.approx(fresh, rel=0.35)
+
+
+def test_the_next_person_is_another_one():
+    gone = np.full((20, 3, 2), np.nan)
+    origins, sizes = frames_of(np.concatenate([stand(2, 2.0, (500, 0)), gone, stand(0.4)]))
+    alone = frames_of(stand(0.4))
+    np.testing.assert_array_equal(sizes[-6:], alone[1])
+    np.testing.assert_array_equal(origins[-6:], alone[0])
+
+
+def test_two_hands_are_a_body_and_one_is_not():
+    hands = ("left_hand", "right_hand")
+    origins, sizes = frames_of(stand(1)[:, :2], hands)
+    assert np.isfinite(origins).all() and (sizes > 0).all()
+    np.testing.assert_allclose(origins[-1], (0, 90), atol=2)
+    with pytest.raises(BadInput, match="at least two parts"):
+        BodyFrame(("left_hand",), RATE)
+
+
+def test_the_neck_stands_in_for_the_head():
+    neck = np.array([[[0.0, 20.0]]])
+    centres = np.concatenate([stand(3), np.repeat(neck, 45, axis=0)], axis=1)
+    centres[15:, 2] = np.nan
+    origins, _ = frames_of(centres, (*BODY_PARTS, "neck"))
+    np.testing.assert_allclose(origins[-1], 0, atol=2)
