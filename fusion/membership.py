@@ -6,7 +6,7 @@
    only keeps the last messages of the owner.
 3. A handover request is answered between two steps, under the service's own exact key, with the checkpoint of the
    scene. A query of a listener changes nothing.
-4. A scene that names no vocabulary asks its observers for theirs until one answers.
+4. A scene that names no vocabulary asks its observers for theirs, again as soon as another appears, until one answers.
 """
 
 import logging
@@ -212,11 +212,17 @@ class SceneMember:
 
 
 class VocabularyLookup:
-    """Asks the observers of a scene for their vocabulary, again and again; the first usable answer counts."""
+    """Asks the observers of a scene for their vocabulary; the first usable answer counts.
+
+    It asks when an observer appears, so that a film of a second is not over before fusion begins, and again every
+    VOCABULARY_TIMEOUT_S.
+    """
 
     def __init__(self, scene: Scene, service: Service) -> None:
         self._scene, self._ticks = scene, service.ticks
         self._session = service.link.sub_session(polled=True)
+        self._present = self._session.presence(scene.keys.observer_alive())
+        self._asked: frozenset[str] = frozenset()
         self._payloads: list[bytes] = []
         self._asked_s = float("-inf")
 
@@ -231,8 +237,9 @@ class VocabularyLookup:
                 return vocabulary
             except LabanmeshError as error:
                 log.warning("a vocabulary that cannot be used: %s", error)
-        if self._ticks() - self._asked_s >= VOCABULARY_TIMEOUT_S:
-            self._asked_s = self._ticks()
+        present = self._present.alive
+        if present - self._asked or self._ticks() - self._asked_s >= VOCABULARY_TIMEOUT_S:
+            self._asked_s, self._asked = self._ticks(), present
             self._session.request(
                 self._scene.keys.vocabulary, lambda _, payload: self._payloads.append(payload), VOCABULARY_TIMEOUT_S
             )

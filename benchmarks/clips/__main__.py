@@ -11,18 +11,11 @@ from typing import Annotated
 import typer
 
 from benchmarks.clips.judging import ClipResult, judge
-from benchmarks.clips.material import (
-    FOUR,
-    TrackedClip,
-    clip_view,
-    gesture_clips,
-    recordings,
-    tracked,
-    webcam_clips,
-)
+from benchmarks.clips.material import FOUR, Clip, centres_in, clip_view, gesture_clips, recordings, webcam_clips
+from benchmarks.clips.processes import judge_through_processes
 from benchmarks.command_line import run_command
 from common.config_sections import FusionConfig
-from common.errors import BadInput
+from common.errors import BadInput, LabanmeshError
 from common.text import named_numbers, split_list
 from common.vocabulary import ABSTAIN, Vocabulary
 from observer.learning.examples import gather_background
@@ -72,6 +65,12 @@ def clips(
     fusion: Annotated[list[str] | None, typer.Option(help="NAME=NUMBER of [fusion]; may be repeated.")] = None,
     only: Annotated[str, typer.Option(help="Names of films, separated by commas; default: all 18.")] = "",
     tracks: Annotated[Path, typer.Option(help="Folder of the tracks; those missing are written there.")] = TRACKS,
+    processes: Annotated[
+        bool, typer.Option("--processes", help="Through real processes that track the films; about 12 s for each.")
+    ] = False,
+    check: Annotated[
+        bool, typer.Option("--check", help="With --processes: fail if the fast way gives other first verdicts.")
+    ] = False,
     timeline: Annotated[bool, typer.Option("--timeline", help="Also print each judgement.")] = False,
 ) -> None:
     """Print the verdicts on 16 clips of Florence 3D Actions, on a person who waves, and on the person standing.
@@ -85,14 +84,18 @@ def clips(
     learning = _learning(_data(), model, named_numbers("--parameter", parameter or []), labels, background)
     config = FusionConfig.model_validate(named_numbers("--fusion", fusion or []))
     tracks.mkdir(parents=True, exist_ok=True)
-    results = []
-    for clip, learned, hz in _cases(learning, tracks, view, rate, split_list("--only", only)):
-        result = judge(clip.name, clip.label, clip.centres, hz, learned, config)
+    results, different = [], []
+    for case in _cases(learning, view, rate, split_list("--only", only)):
+        result = _played(case, config) if processes else _judged(case, tracks, config)
         results.append(result)
-        print(line(result))
+        print(line(result), flush=True)
         if timeline:
             print("\n".join(_timeline(result)))
+        if check and first_words(result) != first_words(_judged(case, tracks, config)):
+            different.append(result.name)
     print(summary(results))
+    if different:
+        raise LabanmeshError(f"the fast way gives other verdicts on {', '.join(different)}")
 
 
 def _data() -> Path:
@@ -114,17 +117,41 @@ def _learning(data: Path, kind: str, parameters: Mapping[str, float], labels: st
     return Learning(archive, chosen, kind, parameters, others)
 
 
-def _cases(
-    learning: Learning, tracks: Path, view: str, rate_hz: float, only: Sequence[str]
-) -> Iterator[tuple[TrackedClip, MovementModel, float]]:
-    """Each clip with its model and its rate."""
+@dataclass(frozen=True, slots=True)
+class Case:
+    """A film with its model, and how it is played."""
+
+    clip: Clip
+    model: MovementModel
+    view: str
+    rate_hz: float
+
+
+def _cases(learning: Learning, view: str, rate_hz: float, only: Sequence[str]) -> Iterator[Case]:
     model: Callable[[str, str], MovementModel] = cache(learning.model)
-    data = _data()
-    for clip in tracked([c for c in gesture_clips(data) if not only or c.name in only], tracks):
-        yield clip, model(clip.subject, view), rate_hz
+    for clip in gesture_clips(_data()):
+        if not only or clip.name in only:
+            yield Case(clip, model(clip.subject, view), view, rate_hz)
     # The camera of the webcam's films is not known; the person faces it.
-    for clip in tracked([c for c in webcam_clips(data) if not only or c.name in only], tracks):
-        yield clip, model("", "door"), RATE_HZ
+    for clip in webcam_clips(_data()):
+        if not only or clip.name in only:
+            yield Case(clip, model("", "door"), "door", RATE_HZ)
+
+
+def _judged(case: Case, tracks: Path, config: FusionConfig) -> ClipResult:
+    centres = centres_in(case.clip, tracks)
+    return judge(case.clip.name, case.clip.label, centres, case.rate_hz, case.model, config)
+
+
+def _played(case: Case, config: FusionConfig) -> ClipResult:
+    run = judge_through_processes(case.clip, case.rate_hz, case.view, case.model, config)
+    print(f"{run.posteriors} posteriors, at most {run.oldest_s:.2f} s old on arrival", file=sys.stderr)
+    return run.result
+
+
+def first_words(result: ClipResult) -> list[str]:
+    """The labels of the verdicts as they were first published."""
+    return [verdict.label for verdict in result.verdicts]
 
 
 def line(result: ClipResult) -> str:

@@ -2,7 +2,6 @@
 
 import csv
 import threading
-from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -41,16 +40,6 @@ class Clip:
         return self.file.stem
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class TrackedClip:
-    """centres: (F, 3, 2) px of hands and head, NaN where not seen, at RATE_HZ; the other fields as those of Clip."""
-
-    name: str
-    label: str
-    subject: str
-    centres: Floats
-
-
 def gesture_clips(data: Path) -> list[Clip]:
     """The 16 clips of Florence 3D Actions. They are cut close: 9 to 27 frames, some without begin or end."""
     rows = csv.DictReader((data / CLIPS / "labels.csv").read_text().splitlines())
@@ -80,17 +69,16 @@ def write_clip_camera(path: Path) -> None:
     write_camera(path, CameraModel("camera", CAMERA, (640, 480), provenance="fitted to the joints of all clips"))
 
 
-def tracked(clips: Sequence[Clip], folder: Path) -> Iterator[TrackedClip]:
-    """The clips with the tracks of the mediapipe tracker, which are read from `folder`, or written there.
+def centres_in(clip: Clip, folder: Path) -> Floats:
+    """(F, 3, 2) px, what the mediapipe tracker finds in the clip's pictures; NaN where a part is not seen.
 
-    A file NAME.npz has times_ns (F,), centres (F, 3, 2) px and parts. Raises BadInput without mediapipe if a file is
-    missing.
+    They are read from NAME.npz in `folder` (times_ns, centres, parts), or written there. Raises BadInput without
+    mediapipe if the file is missing.
     """
-    for clip in clips:
-        path = folder / f"{clip.name}.npz"
-        if not path.exists():
-            _track(clip, path)
-        yield TrackedClip(clip.name, clip.label, clip.subject, read_arrays(path)["centres"])
+    path = folder / f"{clip.name}.npz"
+    if not path.exists():
+        _track(clip, path)
+    return read_arrays(path)["centres"]
 
 
 def _track(clip: Clip, path: Path) -> None:

@@ -135,7 +135,9 @@ def test_it_is_alive_and_its_last_status_is_stopping(scene, peer, running):
     assert presence.wait_for(0, SOON_S)
 
 
-def test_scenes_without_vocabulary_take_that_of_an_observer(read, peer, running):
+def test_scenes_without_vocabulary_ask_an_observer_as_soon_as_it_appears(read, peer, running, monkeypatch):
+    # Without an observer to ask, the next time would be after the end of the test.
+    monkeypatch.setattr("fusion.membership.VOCABULARY_TIMEOUT_S", 10 * SOON_S)
     scenes = [read("dojo", ""), read("garden")]
     hub = peer()
     judgements, statuses = hub.inbox(scenes[0].keys.judgement), hub.inbox(scenes[0].keys.fusion_status())
@@ -144,5 +146,6 @@ def test_scenes_without_vocabulary_take_that_of_an_observer(read, peer, running)
     payload = encode_vocabulary("dojo", NAMES)
     observer = peer("observer")
     observer.answer(scenes[0].keys.vocabulary, lambda: payload)
+    observer.announce(scenes[0].keys.observer_alive("cam1"))
     judgement = collect(judgements, JudgementMessage, bool)[0]
     assert judgement.vocabulary.hash == NAMES.digest and len(judgement.p) == 2
