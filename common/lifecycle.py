@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 SUPERVISOR = "LABANMESH_SUPERVISOR"
 SUPERVISOR_CHECK_S = 0.5
 FORMATS = ("text", "json")
-FIELDS = ("verdict", "label", "agree", "heard", "ended")
+FIELDS = ("verdict", "label", "agree", "heard", "ended", "stage", "revises", "why")
 """Optional fields of a JSON line: log.info(..., extra={"verdict": ...})."""
 
 

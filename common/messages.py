@@ -3,54 +3,28 @@
 1. Every message is a map with string keys and carries `v`, its schema version. Unknown fields are ignored, so that a
    newer peer can send more.
 2. Times are Unix epoch in nanoseconds and fit into 63 bits; ages are in seconds, entropies in bits.
-3. Round-off is not an error: a probability or an entropy that is outside its range by at most ROUND_OFF is clamped, and
+3. Round-off is not an error: a probability or an entropy that is outside its range by at most 1e-6 is clamped, and
    -0.0 becomes 0.0.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Annotated, ClassVar, Final, Literal
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat, model_validator
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, model_validator
 
 from common.errors import BadInput
 from common.facets import SUM_TOLERANCE, check_facets
+from common.message_types import Bits, Count, Identifier, Probabilities, Probability, Time
 from common.vocabulary import Vocabulary
 
 SCHEMA_VERSION: Final = 1
-ROUND_OFF = 1e-6
-"""A probability or entropy may be outside its range by this much: more than a softmax in float32 loses."""
-LAST_INTEGER = 2**63 - 1
 LABELS_LIMIT = 10_000
-
-
-def _clamp(value: float) -> float:
-    # max(-0.0, 0.0) may keep the sign; adding 0.0 clears it.
-    return min(max(value, 0.0), 1.0) + 0.0
-
-
-def _clamp_all(values: list[float]) -> list[float]:
-    # Most lists need no change, and min and max are fast.
-    if values and (min(values) <= 0.0 or max(values) > 1.0):
-        return [_clamp(value) for value in values]
-    return values
-
-
-def _not_negative(value: float) -> float:
-    return max(value, 0.0) + 0.0
-
-
-_NearProbability = Annotated[
-    FiniteFloat, Field(ge=-ROUND_OFF, le=1 + ROUND_OFF, json_schema_extra={"minimum": 0, "maximum": 1})
-]
-Identifier = Annotated[str, Field(pattern=r"^[a-z0-9_-]{1,64}$")]
-Count = Annotated[int, Field(ge=0, le=LAST_INTEGER)]
-Time = Annotated[int, Field(ge=0, le=LAST_INTEGER)]
-Probability = Annotated[_NearProbability, AfterValidator(_clamp)]
-Probabilities = Annotated[list[_NearProbability], AfterValidator(_clamp_all)]
-Bits = Annotated[FiniteFloat, Field(ge=-ROUND_OFF, json_schema_extra={"minimum": 0}), AfterValidator(_not_negative)]
+WHY_LIMIT = 200
+"""Characters of `why`."""
 VoteState = Literal["counted", "stale", "late", "silent", "foreign", "invalid"]
 ProcessRole = Literal["observer", "fusion", "hub"]
 ProcessState = Literal["starting", "running", "degraded", "stopping", "failed"]
+VerdictStage = Literal["decided", "revised", "ended"]
 
 
 class MessagePart(BaseModel):
@@ -172,12 +146,16 @@ class Agreement(MessagePart):
 
 
 class OngoingMovement(MessagePart):
-    """The movement in progress: the id of its verdict, its beginning, and the decision so far."""
+    """The movement in progress: the id of its verdict, its beginning, and the decision so far.
+
+    `revises` is the label that `label` replaced; omitted while the first decision stands.
+    """
 
     id: str
     began_ns: Time
     label: str | None = None
     decided_ns: Time | None = None
+    revises: str | None = None
 
 
 class JudgementMessage(Message):
@@ -187,8 +165,10 @@ class JudgementMessage(Message):
     it; `p` is conditional on a movement of the vocabulary. `facets` are pooled from the observers that report them;
     `facing` among them is the distribution over K directions, and `facing_deg` the most probable one in degrees to the
     left of where recordings face the Door. `movement` is omitted while the person rests; a standby fusion service
-    continues from it. `epoch` is one higher than that of the fusion service before: of two services that publish, the
-    one with the lower epoch stops. `session` is random per process; two processes with one id differ in it.
+    continues from it. `why` explains in a line for people why the movement in progress has no verdict yet; it is
+    omitted once the movement is decided, and at rest. `epoch` is one higher than that of the fusion service before: of
+    two services that publish, the one with the lower epoch stops. `session` is random per process; two processes with
+    one id differ in it.
 
     While no vote is counted or stale, `label` is empty, `agreement` is 0 of 0, and `p` is the prior.
     """
@@ -208,6 +188,7 @@ class JudgementMessage(Message):
     facets: dict[str, Probabilities] | None = None
     facing_deg: FiniteFloat | None = None
     movement: OngoingMovement | None = None
+    why: Annotated[str, Field(max_length=WHY_LIMIT)] | None = None
     epoch: Count | None = None
     session: str | None = None
 
@@ -224,18 +205,42 @@ class Contribution(MessagePart):
 
 
 class VerdictMessage(JudgementMessage):
-    """The outcome of one movement: sent once when it is decided, and again under the same `id` when it has ended.
+    """The verdict on one movement. All messages about a movement have the same `id` and `began_ns`.
 
-    `p`, `votes` and `agreement` are those at `decided_ns`, in the second message too; those of an abstention are from
-    the end of the movement. `contributions` are of the observers that were counted or stale; those of an abstention are
-    to the label that was most probable. `facets` are those at the end of the movement, once it is known.
+    `stage`: "decided" is the first word; "revised" replaces a label by another, with `revises`, the label that it
+    replaces; "ended" repeats the last label and adds `ended_ns`. A movement without a label before its end, and an
+    abstention without one, have a single message, "ended". The message at the end of a revised movement keeps
+    `revises`. Peers of earlier versions send no `stage`: it is then "ended" if there is an `ended_ns`, else "decided".
+
+    `p`, `votes` and `agreement` are those at `decided_ns`, at the end too; those of an abstention are from the end of
+    the movement, and its `why` says what a label lacked. `contributions` are of the observers that were counted or
+    stale; those of an abstention are to the label that was most probable. `facets` are those at the end of the
+    movement, once it is known.
     """
 
     id: str
     began_ns: Time
     decided_ns: Time
     ended_ns: Time | None = None
+    stage: VerdictStage = "decided"
+    revises: str | None = None
     contributions: dict[str, Contribution] | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _with_stage(cls, fields: object) -> object:
+        """The fields with a stage, also of an earlier version."""
+        if not isinstance(fields, Mapping) or fields.get("stage") is not None:
+            return fields
+        return {**fields, "stage": "decided" if fields.get("ended_ns") is None else "ended"}
+
+    @model_validator(mode="after")
+    def _stage_fits(self) -> "VerdictMessage":
+        if (self.stage == "ended") != (self.ended_ns is not None):
+            raise ValueError(f"stage {self.stage!r} does not fit ended_ns {self.ended_ns}")
+        if self.stage == "revised" and self.revises in (None, self.label):
+            raise ValueError(f"stage 'revised' with the label {self.label!r} that revises {self.revises!r}")
+        return self
 
 
 class ObserverStatistics(MessagePart):

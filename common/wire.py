@@ -14,8 +14,8 @@ from pydantic import ValidationError
 
 from common.errors import BadInput, LabanmeshError
 from common.keys import observer_of, scene_of
+from common.message_types import LAST_INTEGER
 from common.messages import (
-    LAST_INTEGER,
     Agreement,
     JudgementMessage,
     Message,
@@ -43,6 +43,7 @@ OPTIONAL_DETAIL = (
     ("contributions",),
     ("facing",),
     ("facets",),
+    ("why",),
     ("observers",),
 )
 """What `encode` leaves out of a message that is too long, in this order, until it fits."""
@@ -141,7 +142,9 @@ def check_vocabulary(message: JudgementMessage, vocabulary: Vocabulary) -> None:
             raise BadMessage("wrong_length", f"{len(p)} probabilities for {vocabulary.size} movements")
     labels = {message.label, *(vote.label for vote in message.votes.values())}
     if message.movement is not None:
-        labels.add(message.movement.label)
+        labels |= {message.movement.label, message.movement.revises}
+    if isinstance(message, VerdictMessage):
+        labels.add(message.revises)
     # While no vote counts, a judgement has an empty label.
     unknown = labels - {*vocabulary.labels, ABSTAIN, "", None}
     if unknown:
@@ -156,7 +159,9 @@ def largest_judgement(scene: str, observers: tuple[str, ...], vocabulary: Vocabu
         reliability=1.0,
     )  # fmt: skip
     longest_id, movement_id = "x" * 64, "m" * 128
-    movement = OngoingMovement(id=movement_id, began_ns=LAST_INTEGER, label=label, decided_ns=LAST_INTEGER)
+    movement = OngoingMovement(
+        id=movement_id, began_ns=LAST_INTEGER, label=label, decided_ns=LAST_INTEGER, revises=label
+    )
     verdict = VerdictMessage(
         scene=scene,
         fusion=longest_id,
@@ -178,6 +183,7 @@ def largest_judgement(scene: str, observers: tuple[str, ...], vocabulary: Vocabu
         began_ns=LAST_INTEGER,
         decided_ns=LAST_INTEGER,
         ended_ns=LAST_INTEGER,
+        revises=label,
     )
     return len(msgpack.packb(_fields(verdict)))
 

@@ -6,7 +6,7 @@ from time import time_ns
 from typing import TYPE_CHECKING, get_args
 
 from common import SECOND_NS
-from common.messages import JudgementMessage, StatusMessage, VoteState
+from common.messages import JudgementMessage, StatusMessage, VerdictMessage, VoteState
 from common.metrics import AGE_BUCKETS, OTHERS, STEP_BUCKETS, Metrics
 from common.vocabulary import ABSTAIN
 from fusion.engine.roster import POOLED_STATES
@@ -34,15 +34,17 @@ class FusionMetrics(Metrics):
         self._judgement: JudgementMessage | None = None
         self._owned, self._dropped = 0, 0
         self._verdicts: Tally[str] = Tally()
+        self._decided: dict[str, str] = {}
         name = "fusion_round_seconds" if only is None else "fusion_step_seconds"
         self._steps = self.histogram(name, "One step of the loop: receive, pool, decide.", STEP_BUCKETS)
         self._received = self.counter("posteriors_received", "Posteriors that arrived, used or not.")
         self._read = self.counter("posteriors_read", "Posteriors that were read: of a flood only the newest are.")
         self._ended = self.counter("movements_ended", "Movements that have ended, in all scenes of this service.")
-        self._delay = self.histogram("verdict_delay_seconds", "From a movement's begin to its decision.", AGE_BUCKETS)
+        self._revised = self.counter("verdicts_revised", "Decided labels that another label replaced.")
+        self._delay = self.histogram("verdict_delay_seconds", "From a movement's begin to its first word.", AGE_BUCKETS)
 
     def record(self, step: "ServerStep") -> None:
-        """Count one step of the loop; each movement counts once, by the verdict at its end."""
+        """Count one step of the loop; each movement counts once, by its last word."""
         self._owned, self._dropped = step.owned, step.dropped
         self._received.inc(step.received)
         self._read.inc(step.read)
@@ -51,10 +53,16 @@ class FusionMetrics(Metrics):
             if result.output is not None:
                 self._judgement = result.output.judgement
             for verdict in result.published:
-                if verdict.ended_ns is not None:
-                    self._verdicts[verdict.label] += 1
-                    self._ended.inc()
-                    self._delay.observe((verdict.decided_ns - verdict.began_ns) / SECOND_NS)
+                self._record(verdict)
+
+    def _record(self, verdict: VerdictMessage) -> None:
+        if self._decided.get(verdict.scene) != verdict.id:
+            self._delay.observe((verdict.decided_ns - verdict.began_ns) / SECOND_NS)
+            self._decided[verdict.scene] = verdict.id
+        self._revised.inc(verdict.stage == "revised")
+        if verdict.stage == "ended":
+            self._verdicts[verdict.label] += 1
+            self._ended.inc()
 
     def collect_own(self, status: StatusMessage | None) -> "Iterable[Metric]":
         """The last judgement and the present state of the observers."""

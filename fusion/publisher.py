@@ -80,7 +80,12 @@ class VerdictPublisher:
 
 def _log(verdict: VerdictMessage) -> None:
     k, n = verdict.agreement.k, verdict.agreement.n
-    ended = verdict.ended_ns is not None
-    fields = {"verdict": verdict.id, "label": verdict.label, "agree": k, "heard": n, "ended": ended}
-    stage = "ended" if ended else "decided"
-    log.info("verdict %s: %s, %d of %d agree, %s", verdict.id, verdict.label, k, n, stage, extra=fields)
+    fields = {
+        "verdict": verdict.id, "label": verdict.label, "agree": k, "heard": n, "ended": verdict.ended_ns is not None,
+        "stage": verdict.stage,
+    }  # fmt: skip
+    reasons = {"revises": verdict.revises, "why": verdict.why}
+    fields |= {name: value for name, value in reasons.items() if value is not None}
+    stage = f"revised from {verdict.revises}" if verdict.stage == "revised" else verdict.stage
+    why = f": {verdict.why}" if verdict.why else ""
+    log.info("verdict %s: %s, %d of %d agree, %s%s", verdict.id, verdict.label, k, n, stage, why, extra=fields)

@@ -4,12 +4,21 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
+from common import SECOND_NS
 from common.clock_skew import ClockReading
 from common.config_sections import FusionConfig
-from common.messages import Contribution, JudgementMessage, OngoingMovement, PosteriorMessage, VerdictMessage
+from common.messages import (
+    Contribution,
+    JudgementMessage,
+    OngoingMovement,
+    PosteriorMessage,
+    VerdictMessage,
+    VerdictStage,
+)
 from common.vocabulary import ABSTAIN, Vocabulary
 from fusion.engine.clocks import Clocks
 from fusion.engine.contributions import contributions
+from fusion.engine.explanation import explain_undecided
 from fusion.engine.messages import JudgementBuilder, Stamp, build_verdict
 from fusion.engine.pooling import PooledPosterior, PoolingCase, pool_facets, pool_posteriors
 from fusion.engine.reliability import Reliability, learn_from_verdict
@@ -28,10 +37,14 @@ class EngineOutput:
 
 @dataclass(frozen=True, slots=True)
 class _Evidence:
-    """A judgement that a verdict may rest on, and its posteriors; without them if it came from another service."""
+    """A judgement that a verdict may rest on, its posteriors, and what a label lacked then.
+
+    Without posteriors if it is a verdict, or came from another service.
+    """
 
     judgement: JudgementMessage
     posteriors: Sequence[AgedPosterior] = ()
+    why: str | None = None
 
 
 class FusionEngine:
@@ -126,16 +139,19 @@ class FusionEngine:
         state = PooledState(now_ns, ballot.label, p, ballot.agreement.k, _pooled_rest(posteriors), unlearned)
         # Before the first posterior, as after a restart during a movement, the absence of motion means nothing.
         has_posterior = any(posterior.age_s is not None for posterior in posteriors)
-        decision = self._detector.update(state) if has_posterior else None
+        decisions = self._detector.update(state) if has_posterior else ()
         self._seq += 1
-        facets = pool_facets(self._rule, posteriors)
-        judgement = self._builder.judgement(ballot, pooled, facets, self._ongoing_movement(), self._stamp(now_ns))
-        evidence = {**self._evidence, now_ns: _Evidence(judgement, posteriors)}
-        verdicts = [] if decision is None else [self._verdict(now_ns, decision, evidence)]
-        for verdict in verdicts:
+        facets, movement = pool_facets(self._rule, posteriors), self._ongoing_movement()
+        began_ns = now_ns if movement is None else movement.began_ns
+        why = self._why(state, ballot.agreement.n, began_ns) if movement is not None or decisions else None
+        judgement = self._builder.judgement(ballot, pooled, facets, movement, why, self._stamp(now_ns))
+        evidence = {**self._evidence, now_ns: _Evidence(judgement, posteriors, why)}
+        verdicts = []
+        for decision in decisions:
+            verdicts.append(verdict := self._verdict(now_ns, decision, evidence))
             self.reliability = learn_from_verdict(self.reliability, verdict, self.vocabulary)
-            # It carries the contributions, which take long to compute, to its second publication.
-            evidence[verdict.decided_ns] = _Evidence(verdict)
+            # It carries the contributions, which take long to compute, to its next publication.
+            evidence[verdict.decided_ns] = _Evidence(verdict, why=verdict.why)
         self._keep_evidence(evidence)
         return EngineOutput(judgement, verdicts)
 
@@ -147,7 +163,7 @@ class FusionEngine:
             self._keep_evidence(self._evidence)
             return
         self._detector.follow(None if judgement.ended_ns is not None else _progress(judgement))
-        self._keep_evidence({**self._evidence, judgement.decided_ns: _Evidence(judgement)})
+        self._keep_evidence({**self._evidence, judgement.decided_ns: _Evidence(judgement, why=judgement.why)})
         self.reliability = learn_from_verdict(self.reliability, judgement, self.vocabulary)
 
     def _case(self, posteriors: Sequence[AgedPosterior]) -> PoolingCase:
@@ -162,14 +178,25 @@ class FusionEngine:
     def _verdict_id(self, began_ns: int) -> str:
         return f"{self._scene}-{began_ns // 1_000_000}"
 
+    def _why(self, state: PooledState, observers: int, began_ns: int) -> str | None:
+        since_ns = self._detector.held_since_ns
+        held_s = None if since_ns is None else (state.at_ns - since_ns) / SECOND_NS
+        return explain_undecided(state, observers, held_s, (state.at_ns - began_ns) / SECOND_NS, self._config)
+
     def _ongoing_movement(self) -> OngoingMovement | None:
         movement = self._detector.movement
         if movement is None:
             return None
         label = movement.decision.label if movement.decision else None
         decided_ns = movement.decision.decided_ns if movement.decision else None
-        movement_id = self._verdict_id(movement.began_ns)
-        return OngoingMovement(id=movement_id, began_ns=movement.began_ns, label=label, decided_ns=decided_ns)
+        revises = movement.decision.revises if movement.decision else None
+        return OngoingMovement(
+            id=self._verdict_id(movement.began_ns),
+            began_ns=movement.began_ns,
+            label=label,
+            decided_ns=decided_ns,
+            revises=revises,
+        )
 
     def _verdict(self, now_ns: int, decision: MovementDecision, evidence: Mapping[int, _Evidence]) -> VerdictMessage:
         """The verdict on its evidence: the votes that decided it, also when its end is published.
@@ -180,7 +207,10 @@ class FusionEngine:
         basis = evidence.get(evidence_ns or 0, evidence[now_ns])
         end = evidence.get(decision.ended_ns or 0, basis)
         verdict_id, contributed = self._verdict_id(decision.began_ns), self._contributions(basis, decision.label)
-        return build_verdict(basis.judgement, end.judgement, decision, contributed, verdict_id, self._stamp(now_ns))
+        why = basis.why if decision.label == ABSTAIN else None
+        return build_verdict(
+            basis.judgement, end.judgement, decision, why, contributed, verdict_id, self._stamp(now_ns)
+        )
 
     def _contributions(self, evidence: _Evidence, label: str) -> Mapping[str, Contribution] | None:
         if isinstance(evidence.judgement, VerdictMessage):
@@ -192,7 +222,11 @@ class FusionEngine:
 def _progress(message: OngoingMovement | VerdictMessage) -> MovementProgress:
     if message.label is None or message.decided_ns is None:
         return MovementProgress(message.began_ns)
-    return MovementProgress(message.began_ns, MovementDecision(message.label, message.began_ns, message.decided_ns))
+    stage: VerdictStage = "decided" if message.revises is None else "revised"
+    decision = MovementDecision(
+        message.label, message.began_ns, message.decided_ns, stage=stage, revises=message.revises
+    )
+    return MovementProgress(message.began_ns, decision)
 
 
 def _pooled_rest(posteriors: Sequence[AgedPosterior]) -> float:

@@ -79,9 +79,10 @@ class JudgementBuilder:
         pooled: PooledPosterior,
         facets: Mapping[str, Floats],
         movement: OngoingMovement | None,
+        why: str | None,
         stamp: Stamp,
     ) -> JudgementMessage:
-        """The pooled posterior with every observer's vote."""
+        """The pooled posterior with every observer's vote. why: what a label lacks; used while there is none."""
         pooled_facets = {name: p.tolist() for name, p in facets.items()}
         if pooled.facing is not None:
             pooled_facets[FACING] = pooled.facing.tolist()
@@ -101,6 +102,7 @@ class JudgementBuilder:
             facets=pooled_facets or None,
             facing_deg=None if pooled.facing is None else facing_deg(pooled.facing),
             movement=movement,
+            why=why if movement is not None and movement.label is None else None,
             epoch=stamp.epoch,
             session=stamp.session,
         )
@@ -139,6 +141,7 @@ def build_verdict(
     evidence: JudgementMessage,
     end: JudgementMessage,
     decision: MovementDecision,
+    why: str | None,
     contributions: Mapping[str, Contribution] | None,
     verdict_id: str,
     stamp: Stamp,
@@ -149,4 +152,5 @@ def build_verdict(
     fields |= {"fusion": stamp.fusion, "seq": stamp.seq, "at_ns": stamp.at_ns}
     fields |= {"epoch": stamp.epoch, "session": stamp.session, "id": verdict_id, "contributions": contributions}
     fields |= {"began_ns": decision.began_ns, "decided_ns": decision.decided_ns, "ended_ns": decision.ended_ns}
+    fields |= {"stage": decision.stage, "revises": decision.revises, "why": why}
     return VerdictMessage.model_validate(fields)

@@ -3,11 +3,11 @@
 1. A movement begins when rest is less likely than motion. Motion shorter than `hold_s` is no movement.
 2. A label is decided when it has been at least `threshold` likely and at least `quorum` observers have voted for it,
    without a break, for `hold_s`; or as soon as the person comes to rest, because waiting would show nothing more.
-3. The movement ends when rest has been likelier for `hold_s`, at the time when that rest began. The verdict is then
-   published again under the same id, with the end. If another label met rule 2 when the person came to rest, that
-   label replaces the decided one: the observers had then seen the whole movement. Later posteriors only fade, and an
-   observer that is stuck would win. If "something else" was then at least `threshold` likely, the verdict becomes
-   an abstention. Other changes of mind are not published.
+3. The movement ends when rest has been likelier for `hold_s`, at the time when that rest began. If another label met
+   rule 2 when the person came to rest, that label replaces the decided one at once (a revision): the observers have
+   then seen the whole movement. Later posteriors only fade, and an observer that is stuck would win. If "something
+   else" was then at least `threshold` likely, the revision is an abstention. A movement is revised at most
+   REVISIONS_LIMIT times; its end repeats the last label. Other changes of mind are not published.
 4. A movement that ends undecided waits up to another `hold_s` for a label that meets the demand but not yet for long
    enough. Without one it is an abstention: the person moved, and the observers did not agree on a label.
 5. After the clock was set back, detection starts afresh, because earlier durations mean nothing.
@@ -19,7 +19,10 @@ from dataclasses import dataclass, replace
 
 from common import SECOND_NS
 from common.config_sections import FusionConfig
+from common.messages import VerdictStage
 from common.vocabulary import ABSTAIN
+
+REVISIONS_LIMIT = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,12 +42,17 @@ class PooledState:
 
 @dataclass(frozen=True, slots=True)
 class MovementDecision:
-    """Label or ABSTAIN, begin of the movement, time of decision; the end when it is known."""
+    """Label or ABSTAIN, begin of the movement, time of decision; the end when it is known.
+
+    revises: the label that `label` replaced; None while the first one stands.
+    """
 
     label: str
     began_ns: int
     decided_ns: int
     ended_ns: int | None = None
+    stage: VerdictStage = "decided"
+    revises: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +78,8 @@ class VerdictDetector:
         self._config = config
         self._hold_ns = config.hold_s * SECOND_NS
         self._last_ns = 0
-        self._revision: MovementDecision | None = None
+        self._label_at_rest: str | None = None
+        self._revisions = 0
         self._candidate: _Candidate | None = None
         self._rest_since_ns: int | None = None
         self.movement: MovementProgress | None = None
@@ -81,8 +90,14 @@ class VerdictDetector:
         """The times whose judgements later verdicts may need: decisions, and the begin of rest."""
         if self.movement is None:
             return frozenset()
-        times = (d.decided_ns for d in (self.movement.decision, self._revision) if d is not None)
-        return frozenset((*times, *(() if self._rest_since_ns is None else (self._rest_since_ns,))))
+        decision = self.movement.decision
+        times = (None if decision is None else decision.decided_ns, self._rest_since_ns)
+        return frozenset(at_ns for at_ns in times if at_ns is not None)
+
+    @property
+    def held_since_ns(self) -> int | None:
+        """Since when the label has met the demand without a break; None while it does not."""
+        return None if self._candidate is None else self._candidate.since_ns
 
     def follow(self, movement: MovementProgress | None) -> None:
         """Take over the state of another service (rule 6)."""
@@ -91,38 +106,40 @@ class VerdictDetector:
             return
         if self.movement is None:
             self._begin(movement.began_ns)
-        elif movement.decision is None or self.movement.decision != movement.decision:
-            self._revision = None
+        elif movement.decision is None:
+            self._label_at_rest = None
         self.movement = movement
 
-    def update(self, state: PooledState) -> MovementDecision | None:
-        """Take one step; returns a decision when it is made, and again when the movement has ended."""
+    def update(self, state: PooledState) -> tuple[MovementDecision, ...]:
+        """Take one step; returns the decisions that are due: a first word, a revision, an end."""
         if state.at_ns < self._last_ns:
             self._finish()
         self._last_ns = at_ns = state.at_ns
         if self.movement is None and state.rest >= 0.5:
-            return None
+            return ()
         movement = self.movement or self._begin(at_ns)
         label = self._held_label(state)
         was_moving = self._rest_since_ns is None
         self._update_rest(movement, state, label)
         if label is None and was_moving and self._rest_since_ns is not None and self._candidate is not None:
             label = self._candidate.label
-        if self._rest_since_ns is not None and at_ns - self._rest_since_ns >= self._rest_needed_ns(movement, label):
-            return self._end(movement, label, at_ns, self._rest_since_ns)
-        if movement.decision is None and label is not None and self._is_long_enough(movement, at_ns):
-            decision = MovementDecision(label, movement.began_ns, at_ns)
-            self.movement = MovementProgress(movement.began_ns, decision)
-            return decision
-        return None
+        decision = self._revision(movement)
+        if decision is None and label is not None and movement.decision is None:
+            is_due = self._is_long_enough(movement, at_ns) and not self._is_over(movement, label, at_ns)
+            decision = MovementDecision(label, movement.began_ns, at_ns) if is_due else None
+        if decision is not None:
+            self.movement = movement = MovementProgress(movement.began_ns, decision)
+        end = self._end(movement, label, at_ns) if self._is_over(movement, label, at_ns) else None
+        return tuple(each for each in (decision, end) if each is not None)
 
     def _begin(self, at_ns: int) -> MovementProgress:
         self.movement = movement = MovementProgress(at_ns)
-        self._candidate = self._rest_since_ns = self._revision = None
+        self._candidate = self._rest_since_ns = self._label_at_rest = None
+        self._revisions = 0
         return movement
 
     def _finish(self) -> None:
-        self.movement = self._revision = None
+        self.movement = self._label_at_rest = None
 
     def _held_label(self, state: PooledState) -> str | None:
         """The label that has met the demand for `hold_s`, if any."""
@@ -135,27 +152,36 @@ class VerdictDetector:
 
     def _update_rest(self, movement: MovementProgress, state: PooledState, label: str | None) -> None:
         if state.rest < 0.5:
-            self._rest_since_ns = self._revision = None
+            self._rest_since_ns = self._label_at_rest = None
         elif self._rest_since_ns is None:
             self._rest_since_ns = state.at_ns
             last = ABSTAIN if state.unlearned >= self._config.threshold else label
             decision = movement.decision
-            if decision is not None and last is not None and last != decision.label:
-                self._revision = replace(decision, label=last, decided_ns=state.at_ns)
+            if decision is not None and last not in (None, decision.label) and self._revisions < REVISIONS_LIMIT:
+                self._label_at_rest = last
+                self._revisions += 1
 
-    def _rest_needed_ns(self, movement: MovementProgress, label: str | None) -> float:
-        """How long rest must last for the movement to have ended (rules 3 and 4)."""
+    def _revision(self, movement: MovementProgress) -> MovementDecision | None:
+        """The revision that is due; once more if the service that this one follows has not published it (rule 6)."""
+        decision, label = movement.decision, self._label_at_rest
+        if decision is None or label is None or label == decision.label or self._rest_since_ns is None:
+            return None
+        return replace(decision, label=label, decided_ns=self._rest_since_ns, stage="revised", revises=decision.label)
+
+    def _is_over(self, movement: MovementProgress, label: str | None, at_ns: int) -> bool:
+        """Whether rest has lasted for long enough (rules 3 and 4)."""
         waits = movement.decision is None and label is None and self._candidate is not None
-        return 2 * self._hold_ns if waits else self._hold_ns
+        needed_ns = 2 * self._hold_ns if waits else self._hold_ns
+        return self._rest_since_ns is not None and at_ns - self._rest_since_ns >= needed_ns
 
     def _is_long_enough(self, movement: MovementProgress, at_ns: int) -> bool:
         """Rule 1: a flicker of rest is no movement, even if the last movement's label is still held."""
         moved_until_ns = at_ns if self._rest_since_ns is None else self._rest_since_ns
         return moved_until_ns - movement.began_ns >= self._hold_ns
 
-    def _end(self, movement: MovementProgress, label: str | None, at_ns: int, ended_ns: int) -> MovementDecision | None:
-        decision = self._revision or movement.decision
+    def _end(self, movement: MovementProgress, label: str | None, at_ns: int) -> MovementDecision | None:
+        decision, ended_ns = movement.decision, self._rest_since_ns
         if decision is None and self._is_long_enough(movement, at_ns):
             decision = MovementDecision(label or ABSTAIN, movement.began_ns, at_ns)
         self._finish()
-        return None if decision is None else replace(decision, ended_ns=ended_ns)
+        return None if decision is None else replace(decision, ended_ns=ended_ns, stage="ended")

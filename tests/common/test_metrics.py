@@ -116,8 +116,13 @@ def every_metric():
         status=SimpleNamespace(status=lambda now_ns: full_status()),
     )
     fusion, shared = FusionMetrics("fusion", worker), FusionMetrics("north", None)
-    last, ended = judgement(), verdict(began_ns=0, decided_ns=SECOND_NS, ended_ns=2 * SECOND_NS)
-    result = StepResult(EngineOutput(last, [ended]), [ended])
+    last, later_ns = judgement(), 2 * SECOND_NS
+    words = [
+        verdict(label="lunge", began_ns=0, decided_ns=SECOND_NS),
+        verdict(stage="revised", revises="lunge", began_ns=0, decided_ns=later_ns),
+        verdict(revises="lunge", began_ns=0, decided_ns=later_ns, ended_ns=later_ns),
+    ]
+    result = StepResult(EngineOutput(last, words), words)
     for metrics in (fusion, shared):
         metrics.record(ServerStep([result], 1, 1, 1, 4, 0.01))
     hub = HubMetrics("mqtt")
@@ -163,7 +168,9 @@ def test_values_are_those_that_were_recorded():
     assert values["labanmesh_posteriors_rejected_total", "(others)", "malformed"] == 3
     assert values["labanmesh_posteriors_dropped_total", None, None] == 4
     assert values["labanmesh_observer_entropy_bits", "cam1", None] == 0.5
-    assert values["labanmesh_verdict_delay_seconds_sum", None, None] == 1.0
+    assert values["labanmesh_verdict_delay_seconds_sum", None, None] == 1.0, "until the first word"
+    assert values["labanmesh_verdicts_revised_total", None, None] == 1
+    assert values["labanmesh_movements_ended_total", None, None] == 1
 
 
 def test_connections_count_each_time_the_broker_is_reached():

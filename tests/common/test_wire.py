@@ -15,6 +15,7 @@ from common import wire
 from common.config import ObserverConfig, Scene
 from common.errors import BadInput, LabanmeshError
 from common.messages import (
+    WHY_LIMIT,
     Agreement,
     Contribution,
     Facing,
@@ -62,7 +63,11 @@ JUDGED = {
     "votes": st.dictionaries(IDS, VOTES, max_size=4), "agreement": st.builds(Agreement, k=COUNTS, n=COUNTS),
 }  # fmt: skip
 JUDGEMENTS = st.builds(judgement, **JUDGED)
-VERDICTS = st.builds(verdict, **JUDGED, id=WORDS, began_ns=COUNTS, decided_ns=COUNTS, ended_ns=st.none() | COUNTS)
+WHY = st.none() | st.text("abc %;", min_size=1, max_size=WHY_LIMIT)
+VERDICTS = st.builds(
+    verdict, **JUDGED, id=WORDS, began_ns=COUNTS, decided_ns=COUNTS, ended_ns=st.none() | COUNTS, why=WHY,
+    revises=st.none() | WORDS,
+)  # fmt: skip
 STATUSES = st.builds(
     status, scene=IDS, id=IDS, state=st.sampled_from(get_args(ProcessState)), reason=WORDS, rate_hz=st.none() | NUMBERS,
     last_frame_ns=st.none() | COUNTS, skew_s=st.none() | NUMBERS, version=WORDS,
@@ -89,6 +94,22 @@ def test_a_map_from_another_language_is_decoded():
 def test_none_is_omitted_but_an_open_end_is_null():
     assert set(msgpack.unpackb(encode(decode(PosteriorMessage, changed())))) == {*FIELDS}
     assert msgpack.unpackb(encode(verdict(label=ABSTAIN)))["ended_ns"] is None
+
+
+@pytest.mark.parametrize(("ended_ns", "stage"), [(None, "decided"), (9, "ended")])
+def test_a_verdict_of_an_earlier_version_has_the_stage_that_its_end_tells(ended_ns, stage):
+    fields = msgpack.unpackb(encode(verdict(ended_ns=ended_ns)))
+    assert fields.pop("stage") == stage
+    for older in (fields, {**fields, "stage": None}):
+        decoded = decode(VerdictMessage, msgpack.packb(older))
+        assert (decoded.stage, decoded.revises, decoded.why) == (stage, None, None)
+
+
+def test_a_revision_and_its_end_survive_the_round_trip():
+    revised = verdict(stage="revised", revises="lunge")
+    ended = verdict(stage="ended", revises="lunge", ended_ns=9, why="lunge 79 % of the 80 % needed")
+    for message in (revised, ended):
+        assert decode(VerdictMessage, encode(message)) == message
 
 
 @given(JUDGEMENTS | VERDICTS | STATUSES)
@@ -208,7 +229,9 @@ def test_no_field_of_the_contract_may_be_missing(name):
     [
         {"seq": 2**63}, {"at_ns": 2**63}, {"decided_ns": 2**64 - 1}, {"agreement": {"k": -1, "n": 0}},
         {"votes": {"cam1": {"state": "asleep"}}}, {"certainty_bits": math.nan},
-        {"movement": {"id": "x", "began_ns": 2**63}},
+        {"movement": {"id": "x", "began_ns": 2**63}}, {"why": "x" * 201}, {"stage": "asleep"}, {"stage": "ended"},
+        {"stage": "decided", "ended_ns": 9}, {"stage": "revised", "revises": None},
+        {"stage": "revised", "revises": "bow"}, {"stage": "revised", "revises": "lunge", "ended_ns": 9},
     ],
 )  # fmt: skip
 def test_a_listener_rejects_a_verdict_with_fields_out_of_range(fields):
@@ -221,6 +244,8 @@ def test_a_listener_rejects_a_verdict_with_fields_out_of_range(fields):
     [
         ({"label": "kick"}, "malformed"),
         ({"votes": {"cam1": vote(label="kick")}}, "malformed"),
+        ({"revises": "kick"}, "malformed"),
+        ({"movement": OngoingMovement(id="x", began_ns=1, revises="kick")}, "malformed"),
         ({"movement": OngoingMovement(id="x", began_ns=1, label="kick")}, "malformed"),
         ({"p": [0.2, 0.3, 0.5]}, "wrong_length"),
         ({"votes": {"cam1": vote(p=[1.0])}}, "wrong_length"),
@@ -272,7 +297,7 @@ def test_a_judgement_that_is_too_long_loses_optional_detail_in_order_until_it_fi
     others, facets = {f"cam{n}": 0.5 for n in range(20)}, {"own": [0.5, 0.5]}
     entry = vote(p=[0.01] * 100, facing=Facing(surprise=[[9] * 12] * 100), facets=facets, doubles=others)
     contributions = dict.fromkeys(others, Contribution(nats=1.0, stands=True))
-    detail = [d for d in OPTIONAL_DETAIL if d not in (("facing",), ("observers",))]
+    detail = [d for d in OPTIONAL_DETAIL if d not in (("facing",), ("why",), ("observers",))]
     steps = set()
     for size in range(1000, 6900, 25):
         message = verdict(

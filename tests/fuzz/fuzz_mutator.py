@@ -64,14 +64,17 @@ def good_messages(rng):
     fields = {
         "scene": SCENE, "fusion": "fusion", "seq": 3, "at_ns": NOON_NS, "vocabulary": REFERENCE, "p": p,
         "label": "bowing", "certainty_bits": 1.3, "rule": "log", "votes": dict.fromkeys(OBSERVERS, vote),
-        "agreement": Agreement(k=2, n=3), "movement": OngoingMovement(**movement, label="bowing"), "unlearned": 0.1,
-        "facets": {"facing": [0.5, 0.5]}, "facing_deg": 90.0,
+        "agreement": Agreement(k=2, n=3), "unlearned": 0.1,
+        "movement": OngoingMovement(**movement, label="bowing", revises="byebye"),
+        "why": "bowing 79 % of the 80 % needed", "facets": {"facing": [0.5, 0.5]}, "facing_deg": 90.0,
     }  # fmt: skip
     contributions = {"cam1": {"nats": 1.0, "stands": True}}
     return (
         posterior(rng),
         JudgementMessage(**fields),
-        VerdictMessage(**fields, **movement, contributions=contributions, ended_ns=NOON_NS + 1),
+        VerdictMessage(
+            **fields, **movement, contributions=contributions, ended_ns=NOON_NS + 1, stage="ended", revises="byebye"
+        ),
         StatusMessage(scene=SCENE, id="cam1", state="running", rate_hz=15.0, last_frame_ns=NOON_NS, at_ns=NOON_NS),
         VocabularyMessage(scene=SCENE, name=NAMES.name, hash=NAMES.digest, labels=list(NAMES.labels)),
     )

@@ -17,7 +17,7 @@ from fusion.membership import SameIdError
 from fusion.server import SteadyClock, serve
 
 HOUR_NS = 3600 * SECOND_NS
-REST, BOWING = ([0.5, 0.5], 0.95), ([0.98, 0.02], 0.05)
+REST, BOWING, LUNGING = ([0.5, 0.5], 0.95), ([0.98, 0.02], 0.05), ([0.02, 0.98], 0.05)
 
 
 @pytest.fixture
@@ -136,6 +136,28 @@ def test_when_the_leader_ends_the_standby_service_continues_the_same_movement(st
     stage.state = REST
     ended = stage.verdicts(lambda v: v.ended_ns is not None)
     assert [(v.id, v.fusion) for v in ended] == [(decided.id, "b")]
+
+
+def test_a_revision_is_one_message_and_survives_a_change_of_leader(stage, caplog):
+    caplog.set_level("INFO", "labanmesh.fusion")
+    fusion = stage.scene.fusion.model_copy(update={"hold_s": 0.4})
+    stage.scene = stage.scene.model_copy(update={"fusion": fusion})
+    stage.play("a", "b")
+    decided = stage.decide()
+    stage.state = LUNGING
+    since_ns = stage.judgement(lambda j: j.label == "lunging").at_ns
+    stage.judgement(lambda j: j.at_ns > since_ns + 0.5 * SECOND_NS)
+    stage.state = LUNGING[0], REST[1]
+    revised = stage.verdicts()[-1]
+    stage.end("a")
+    words = stage.verdicts(lambda v: v.stage == "ended")
+    stage.judgement(lambda j: j.fusion == "b" and j.movement is None)
+    assert [(v.fusion, v.stage, v.label, v.revises, v.id) for v in (decided, revised, *words)] == [
+        ("a", "decided", "bowing", None, decided.id),
+        ("a", "revised", "lunging", "bowing", decided.id),
+        ("b", "ended", "lunging", "bowing", decided.id),
+    ]
+    assert f"verdict {decided.id}: lunging, 1 of 1 agree, revised from bowing" in caplog.messages
 
 
 def test_a_movement_that_ends_while_the_leader_hangs_is_published_by_the_next_leader(stage):

@@ -39,9 +39,10 @@ def test_the_story_of_one_bow():
     (verdict,) = scene.verdicts
     assert (verdict.label, verdict.began_ns, verdict.decided_ns) == ("bow", began_ns, scene.now_ns)
     assert verdict.ended_ns is None
-    own = {"id", "began_ns", "decided_ns", "ended_ns", "movement", "contributions"}
+    own = {"id", "began_ns", "decided_ns", "ended_ns", "movement", "contributions", "stage", "revises"}
     assert verdict.model_dump(exclude=own) == judgement.model_dump(exclude={"movement"})
-    assert judgement.movement.model_dump() == verdict.model_dump(include={"id", "began_ns", "label", "decided_ns"})
+    ours = {"id", "began_ns", "label", "decided_ns", "revises"}
+    assert judgement.movement.model_dump() == verdict.model_dump(include=ours) and judgement.why is None
     assert (judgement.agreement.k, judgement.agreement.n) == (3, 4)
     table, door = judgement.votes["table"], judgement.votes["door"]
     assert (table.label, table.state, door.label) == ("punch", "counted", "bow")
@@ -51,23 +52,52 @@ def test_the_story_of_one_bow():
 
     scene.step(all_views(UNIFORM), 0.9, 10)
     decided, ended = scene.verdicts
+    assert (decided.stage, ended.stage, ended.revises) == ("decided", "ended", None)
     assert ended.ended_ns == decided.decided_ns + STEP_NS
     assert ended.at_ns == ended.ended_ns + 3 * STEP_NS and ended.seq == decided.seq + 4
     for name in ("p", "certainty_bits", "votes", "agreement", "rule", "label", "decided_ns", "began_ns", "id"):
         assert getattr(ended, name) == getattr(decided, name), name
 
 
-def test_a_verdict_revised_at_its_end_carries_the_votes_of_the_revision():
+def test_a_revision_is_published_at_once_with_its_own_votes_and_the_end_repeats_it():
     scene = EngineDriver()
     scene.step(all_views(sure("bow")), MOVING, 6)
     scene.step(all_views(sure("punch")), MOVING, 6)
-    scene.step(all_views(sure("punch", 0.95)), 0.9)
+    judgement = scene.step(all_views(sure("punch", 0.95)), 0.9)
     revised_ns = scene.now_ns
+    assert (judgement.movement.label, judgement.movement.revises) == ("punch", "bow")
+    assert [(v.stage, v.label, v.revises) for v in scene.verdicts] == [
+        ("decided", "bow", None), ("revised", "punch", "bow"),
+    ]  # fmt: skip
     scene.step(all_views(UNIFORM), 0.9, 6)
-    decided, ended = scene.verdicts
-    assert (decided.label, ended.label, ended.id) == ("bow", "punch", decided.id)
-    assert ended.decided_ns == ended.ended_ns == revised_ns
-    assert {v.label for v in ended.votes.values()} == {"punch"} and ended.votes["door"].p == list(sure("punch", 0.95))
+    decided, revised, ended = scene.verdicts
+    assert revised.id == ended.id == decided.id and revised.began_ns == ended.began_ns == decided.began_ns
+    assert (revised.at_ns, revised.decided_ns, revised.ended_ns) == (revised_ns, revised_ns, None)
+    assert (ended.stage, ended.label, ended.revises) == ("ended", "punch", "bow")
+    assert ended.decided_ns == ended.ended_ns == revised_ns and ended.at_ns == revised_ns + 3 * STEP_NS
+    for verdict in (revised, ended):
+        assert {v.label for v in verdict.votes.values()} == {"punch"} and verdict.votes["door"].p == list(
+            sure("punch", 0.95)
+        )
+    assert ended.contributions == revised.contributions and ended.contributions is not None
+
+
+def test_a_silence_says_why_and_an_abstention_too():
+    scene = EngineDriver(rule="linear", temperature=1.0)
+    assert scene.step(all_views(UNIFORM), REST, 3).why is None
+    judgement = scene.step(all_views(sure("bow", 0.79)), MOVING, 2, unlearned=0.0)
+    assert judgement.why == "bow 79 % of the 80 % needed"
+    judgement = scene.step({**all_views(sure("bow", 0.98)), "table": UNIFORM, "back": UNIFORM}, MOVING)
+    assert judgement.agreement.k == 2 and judgement.why.endswith("2 of 3 observers needed vote for bow")
+    lines = [scene.step(all_views(sure("bow", 0.95)), MOVING).why for _ in range(4)]
+    assert lines == ["bow for 0.0 of 0.3 s", "bow for 0.1 of 0.3 s", "bow for 0.2 of 0.3 s", None]
+    scene.step(all_views(UNIFORM), REST, 6)
+    scene.step(all_views(sure("punch", 0.7)), MOVING, 5)
+    scene.step(all_views(sure("punch", 0.6)), REST)
+    scene.step(all_views(UNIFORM), REST, 6)
+    decided, ended, abstained = scene.verdicts
+    assert (decided.why, ended.why) == (None, None)
+    assert (abstained.label, abstained.stage, abstained.why) == (ABSTAIN, "ended", "punch 60 % of the 80 % needed")
 
 
 def test_an_observer_that_knows_nothing_agrees_with_nobody():
@@ -85,6 +115,7 @@ def test_observers_that_cannot_agree_abstain():
     scene.step(all_views(UNIFORM), 0.9, 8)
     (verdict,) = scene.verdicts
     assert verdict.label == ABSTAIN and verdict.ended_ns is not None and verdict.agreement.k == 2
+    assert (verdict.stage, verdict.revises) == ("ended", None) and "2 of 3 observers needed vote" in verdict.why
     assert [verdict.votes[name].label for name in VIEWS] == ["bow", "bow", "punch", "punch"]
 
 
@@ -197,6 +228,7 @@ def test_an_unlearned_movement_is_an_abstention_that_says_why():
     scene.step(all_views(UNIFORM), REST, 8)
     (verdict,) = scene.verdicts
     assert (verdict.label, verdict.id) == (ABSTAIN, judgement.movement.id) and verdict.ended_ns is not None
+    assert " % something else; bow " in judgement.why and verdict.why
 
 
 @pytest.mark.parametrize(("unlearned", "decided"), [(0.0, ["bow"]), (0.3, [])])
@@ -210,8 +242,14 @@ def test_a_verdict_is_revoked_when_at_rest_it_was_something_else():
     scene = EngineDriver()
     for unlearned, rest, times in ((0.0, MOVING, 6), (0.97, MOVING, 4), (0.97, REST, 6)):
         scene.step(all_views(sure("bow", 0.98)), rest, times, unlearned=unlearned)
-    assert scene.labels == ["bow", ABSTAIN]
-    assert len({v.id for v in scene.verdicts}) == 1 and scene.verdicts[1].unlearned > 0.9
+    assert [(v.stage, v.label) for v in scene.verdicts] == [
+        ("decided", "bow"),
+        ("revised", ABSTAIN),
+        ("ended", ABSTAIN),
+    ]
+    for verdict in scene.verdicts[1:]:
+        assert verdict.unlearned > 0.9 and " % something else; bow " in verdict.why and verdict.revises == "bow"
+    assert len({v.id for v in scene.verdicts}) == 1
 
 
 def test_facing_and_facets_are_pooled_and_published():

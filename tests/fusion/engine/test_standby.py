@@ -14,8 +14,12 @@ STORY = [
     *[(UNIFORM, 0.05)] * 8, *[(UNIFORM, 0.9)] * 8,
 ]  # fmt: skip
 """A single observer's p and rest, step by step: a bow, a punch that becomes a lunge, and an unknown movement."""
-VERDICTS = [("bow", False), ("bow", True), ("punch", False), ("lunge", True), ("abstain", True)]
-"""Its verdicts: the label, and whether the movement had ended."""
+VERDICTS = [
+    ("decided", "bow", None), ("ended", "bow", None),
+    ("decided", "punch", None), ("revised", "lunge", "punch"), ("ended", "lunge", "punch"),
+    ("ended", "abstain", None),
+]  # fmt: skip
+"""Its verdicts: the stage, the label, and the label that it replaces."""
 
 
 class Service:
@@ -37,8 +41,8 @@ class Service:
             self.scene.engine.continue_from(message)
 
 
-def labels(verdicts):
-    return [(verdict.label, verdict.ended_ns is not None) for verdict in verdicts]
+def words(verdicts):
+    return [(verdict.stage, verdict.label, verdict.revises) for verdict in verdicts]
 
 
 @pytest.fixture(scope="module")
@@ -62,7 +66,7 @@ def test_wherever_the_leader_stops_each_verdict_is_published_once_and_under_its_
         else:
             published += sent[0]
             standby.follow(sent[0], None if n == last_step else sent[1])
-    assert labels(published) == labels(alone) == VERDICTS
+    assert words(published) == words(alone) == VERDICTS
     ids = dict.fromkeys(verdict.id for verdict in published)
     new_ids = ids.keys() - {verdict.id for verdict in alone}
     assert len(ids) == 3
@@ -86,6 +90,21 @@ def test_the_end_is_published_on_the_leaders_evidence():
     assert ended.seq > decided.seq
 
 
+def test_a_revision_that_the_leader_made_no_more_is_published_by_the_standby_service():
+    """The leader's last judgement is older than the standby's own revision, and arrives after it."""
+    leader, standby = Service("a"), Service("b")
+    for n in range(STORY.index((LUNGE, 0.9))):
+        last = leader.step(n)
+        standby.step(n)
+        standby.follow(*last)
+    own, _ = standby.step(n + 1)
+    assert words(own) == [("revised", "lunge", "punch")]
+    standby.follow([], last[1])
+    published = [verdict for later in range(n + 2, n + 6) for verdict in standby.step(later)[0]]
+    assert words(published) == [("revised", "lunge", "punch"), ("ended", "lunge", "punch")]
+    assert {verdict.id for verdict in published} == {last[1].movement.id}
+
+
 @settings(deadline=None)  # a whole story each time
 @given(st.lists(st.sampled_from(range(len(STORY))), max_size=6, unique=True))
 def test_the_lead_may_change_at_any_time(alone, changes):
@@ -95,4 +114,5 @@ def test_the_lead_may_change_at_any_time(alone, changes):
         outputs = [service.step(n) for service in services]
         published += outputs[leading][0]
         services[1 - leading].follow(*outputs[leading])
-    assert [(v.id, v.label, v.ended_ns) for v in published] == [(v.id, v.label, v.ended_ns) for v in alone]
+    assert [(v.id, v.ended_ns) for v in published] == [(v.id, v.ended_ns) for v in alone]
+    assert words(published) == VERDICTS

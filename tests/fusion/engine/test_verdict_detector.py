@@ -1,7 +1,6 @@
 """The verdict detector: a test for each rule on a scripted movement, then properties for any beliefs at any times."""
 
-from collections import Counter
-from itertools import chain, pairwise
+from itertools import chain, groupby, pairwise
 
 import pytest
 from hypothesis import given
@@ -9,7 +8,7 @@ from hypothesis import strategies as st
 
 from common.config_sections import FusionConfig
 from common.vocabulary import ABSTAIN
-from fusion.engine.verdict_detector import PooledState, VerdictDetector
+from fusion.engine.verdict_detector import REVISIONS_LIMIT, PooledState, VerdictDetector
 
 STEP_NS = 100_000_000
 CONFIG = FusionConfig(threshold=0.8, quorum=2, hold_s=0.3)
@@ -33,13 +32,16 @@ def sure_at_rest(steps, label="bow", agreeing=2):
 
 
 def decisions(*parts, config=CONFIG):
-    """Step of the decision -> (label, began, decided, ended), in steps."""
+    """Step of the decision -> (label, began, decided, ended), in steps; a revision's label is "revised>label"."""
     detector, result = VerdictDetector(config), {}
     for step, (label, p, agreeing, rest_p) in enumerate(chain(*parts)):
-        decision = detector.update(PooledState(step * STEP_NS, label, p, agreeing, rest_p))
-        if decision is not None:
+        for decision in detector.update(PooledState(step * STEP_NS, label, p, agreeing, rest_p)):
+            assert step not in result, "two decisions in one step"
             times = (decision.began_ns, decision.decided_ns, decision.ended_ns)
-            result[step] = (decision.label, *(None if t is None else t // STEP_NS for t in times))
+            name = decision.label if decision.revises is None else f"{decision.revises}>{decision.label}"
+            assert (decision.stage == "ended") == (decision.ended_ns is not None)
+            assert decision.stage == "ended" or (decision.stage == "revised") == (decision.revises is not None)
+            result[step] = (name, *(None if t is None else t // STEP_NS for t in times))
     return result
 
 
@@ -79,7 +81,7 @@ CASES = {
     ),
     "3: the label held on coming to rest replaces the decision": (
         (sure(5), sure(5, "lunge"), sure_at_rest(5, "lunge")),
-        {3: ("bow", 0, 3, None), 13: ("lunge", 0, 10, 10)},
+        {3: ("bow", 0, 3, None), 10: ("bow>lunge", 0, 10, None), 13: ("bow>lunge", 0, 10, 10)},
     ),
     "3: a change of mind in between is not published": (
         (sure(5), sure(5, "lunge"), sure(5), sure_at_rest(5)),
@@ -93,9 +95,18 @@ CASES = {
         (sure(10), sure_at_rest(9, "lunge")),
         {3: ("bow", 0, 3, None), 13: ("bow", 0, 3, 10)},
     ),
-    "3: a rest that is interrupted revises nothing": (
+    "3: a revision stays when the rest is interrupted": (
+        (sure(5), sure(5, "lunge"), sure_at_rest(1, "lunge"), sure(3, "lunge"), sure_at_rest(5)),
+        {3: ("bow", 0, 3, None), 10: ("bow>lunge", 0, 10, None), 17: ("bow>lunge", 0, 10, 14)},
+    ),
+    "3: a revision may be revised": (
         (sure(5), sure(5, "lunge"), sure_at_rest(1, "lunge"), sure(5), sure_at_rest(5)),
-        {3: ("bow", 0, 3, None), 19: ("bow", 0, 3, 16)},
+        {
+            3: ("bow", 0, 3, None),
+            10: ("bow>lunge", 0, 10, None),
+            16: ("lunge>bow", 0, 16, None),
+            19: ("lunge>bow", 0, 16, 16),
+        },
     ),
     "4: undecided is an abstention": ((rest(2), moving(9), rest(9)), {14: (ABSTAIN, 2, 14, 11)}),
     "4: without a quorum is an abstention": ((sure(9, agreeing=1), rest(9)), {12: (ABSTAIN, 0, 12, 9)}),
@@ -118,14 +129,37 @@ def test_rule_2_without_a_hold_it_is_decided_at_once():
     assert decisions(rest(1), sure(3), rest(3), config=config) == {1: ("bow", 1, 1, None), 4: ("bow", 1, 1, 4)}
 
 
-@pytest.mark.parametrize(("unlearned", "label"), [(0.7, "bow"), (0.9, ABSTAIN)])
-def test_rule_3_something_else_on_coming_to_rest_revokes_the_verdict(unlearned, label):
+def test_rule_3_without_a_hold_a_revision_precedes_the_end_in_one_step():
+    config = CONFIG.model_copy(update={"hold_s": 0.0})
+    detector = VerdictDetector(config)
+    states = [PooledState(n, label, 0.9, 2, rest) for n, (label, rest) in enumerate([("bow", 0.1), ("lunge", 0.9)])]
+    (first,), (revised, ended) = map(detector.update, states)
+    assert [(d.stage, d.label, d.revises) for d in (first, revised, ended)] == [
+        ("decided", "bow", None), ("revised", "lunge", "bow"), ("ended", "lunge", "bow"),
+    ]  # fmt: skip
+    assert revised.ended_ns is None and ended.ended_ns == 1 and detector.movement is None
+
+
+def test_rule_3_a_movement_is_revised_a_few_times_at_most():
+    parts = [part for label in ("bow", "lunge") * 5 for part in (sure(5, label), sure_at_rest(1, label))]
+    labels = [label for label, *_ in decisions(*parts, rest(9)).values()]
+    assert labels == ["bow", "bow>lunge", "lunge>bow", "bow>lunge", "bow>lunge"] and REVISIONS_LIMIT == 3
+
+
+@pytest.mark.parametrize(
+    ("unlearned", "words"),
+    [
+        (0.7, [("decided", "bow"), ("ended", "bow")]),
+        (0.9, [("decided", "bow"), ("revised", ABSTAIN), ("ended", ABSTAIN)]),
+    ],
+)
+def test_rule_3_something_else_on_coming_to_rest_revokes_the_verdict(unlearned, words):
     detector = VerdictDetector(CONFIG)
     states = [PooledState(n * STEP_NS, "bow", 0.9, 2, 0.1) for n in range(6)]
     states += [PooledState(n * STEP_NS, "bow", 0.05, 2, 0.9, unlearned) for n in range(6, 10)]
-    first, last = [decision for state in states if (decision := detector.update(state))]
-    assert (first.label, last.label, last.ended_ns) == ("bow", label, 6 * STEP_NS)
-    assert first.began_ns == last.began_ns == 0
+    published = [decision for state in states for decision in detector.update(state)]
+    assert [(d.stage, d.label) for d in published] == words and {d.began_ns for d in published} == {0}
+    assert published[-1].ended_ns == 6 * STEP_NS
 
 
 def test_rule_5_after_a_clock_was_set_back_detection_starts_afresh():
@@ -134,7 +168,7 @@ def test_rule_5_after_a_clock_was_set_back_detection_starts_afresh():
         detector.update(PooledState(step * STEP_NS, "bow", 0.9, 2, 0.1))
     assert detector.movement.decision is not None and detector.evidence_times == {103 * STEP_NS}
     results = [detector.update(PooledState(step * STEP_NS, "bow", 0.9, 2, 0.1)) for step in range(4)]
-    assert results[:3] == [None] * 3 and results[3].began_ns == 0
+    assert results[:3] == [()] * 3 and results[3][0].began_ns == 0
 
 
 def test_evidence_is_needed_until_the_end_and_no_longer():
@@ -142,7 +176,7 @@ def test_evidence_is_needed_until_the_end_and_no_longer():
     for step, (label, p, agreeing, rest_p) in enumerate(sure(6) + sure(6, "lunge") + sure_at_rest(6, "lunge")):
         detector.update(PooledState(step * STEP_NS, label, p, agreeing, rest_p))
         needed.append({t // STEP_NS for t in detector.evidence_times})
-    assert needed == [set()] * 3 + [{3}] * 9 + [{3, 12}] * 3 + [set()] * 3
+    assert needed == [set()] * 3 + [{3}] * 9 + [{12}] * 3 + [set()] * 3
 
 
 # Any beliefs at any times
@@ -164,15 +198,12 @@ def states(steps, start_ns=0):
 
 
 @given(STEPS, CONFIGS)
-def test_at_most_one_decision_per_movement_and_its_times_are_in_order(steps, config):
+def test_a_movement_has_one_first_word_a_few_revisions_and_one_end_and_its_times_are_in_order(steps, config):
     detector, history, published = VerdictDetector(config), [], []
     hold_ns = config.hold_s * 1e9
     for _, state in states(steps):
         history.append(state)
-        decision = detector.update(state)
-        if decision is not None:
-            published.append((state.at_ns, decision, tuple(history)))
-    assert all(n <= 2 for n in Counter(d.began_ns for _, d, _ in published).values())
+        published += [(state.at_ns, decision, tuple(history)) for decision in detector.update(state)]
     for at_ns, d, until_then in published:
         assert d.began_ns <= d.decided_ns <= at_ns and d.label in ("bow", "lunge", ABSTAIN)
         if d.ended_ns is None:
@@ -187,11 +218,28 @@ def test_at_most_one_decision_per_movement_and_its_times_are_in_order(steps, con
             since_ns = d.decided_ns - (0 if at_rest else hold_ns)
             held = [state for state in until_then if since_ns < state.at_ns < d.decided_ns]
             assert all(s.label == d.label and s.p >= config.threshold and s.agreeing >= config.quorum for s in held)
-    begun = [d.began_ns for _, d, _ in published if d.ended_ns is None]
-    spans = sorted((d.began_ns, d.ended_ns) for _, d, _ in published if d.ended_ns is not None)
-    ended = [began_ns for began_ns, _ in spans]
-    assert len(set(ended)) == len(ended) and set(begun[:-1]) <= set(ended)
-    assert all(one[1] <= other[0] for one, other in pairwise(spans))
+    spans = []
+    for began_ns, words in groupby((d for _, d, _ in published), key=lambda d: d.began_ns):
+        check_words(list(words))
+        spans.append(began_ns)
+    assert len(set(spans)) == len(spans), "all words on a movement precede those on the next"
+    ends = [(d.began_ns, d.ended_ns) for _, d, _ in published if d.ended_ns is not None]
+    assert set(spans[:-1]) <= {began_ns for began_ns, _ in ends}
+    assert all(one[1] <= other[0] for one, other in pairwise(ends))
+
+
+def check_words(words):
+    """What a listener relies on: of one movement a first word, then revisions, then one end with the last label."""
+    stages, labels = [d.stage for d in words], [d.label for d in words]
+    revised = stages.count("revised")
+    assert stages in (["ended"], ["decided", *["revised"] * revised, "ended"][: len(stages)])
+    assert revised <= REVISIONS_LIMIT
+    for before, after in pairwise(words):
+        if after.stage == "revised":
+            assert after.revises == before.label != after.label
+        else:
+            assert (after.label, after.revises) == (before.label, before.revises)
+    assert ABSTAIN not in labels[:1] or stages == ["ended"]
 
 
 @given(STEPS)
@@ -199,15 +247,15 @@ def test_times_that_jump_back_and_forth_raise_nothing(steps):
     detector, at_ns, last_ns = VerdictDetector(CONFIG), 10**12, 0
     for n, state in states(steps):
         at_ns, last_ns = at_ns + (state.at_ns - last_ns) * (-1 if n % 7 == 6 else 1), state.at_ns
-        decision = detector.update(PooledState(at_ns, state.label, state.p, state.agreeing, state.rest))
-        assert decision is None or decision.began_ns <= (decision.ended_ns or at_ns)
+        decided = detector.update(PooledState(at_ns, state.label, state.p, state.agreeing, state.rest))
+        assert all(decision.began_ns <= (decision.ended_ns or at_ns) for decision in decided)
 
 
 @given(STEPS, st.integers(0, 10**18))
 def test_only_differences_of_time_count(steps, shift_ns):
     def decided(start_ns):
         detector = VerdictDetector(CONFIG)
-        results = [d for _, state in states(steps, start_ns) if (d := detector.update(state))]
+        results = [d for _, state in states(steps, start_ns) for d in detector.update(state)]
         return [(d.label, *(t and t - start_ns for t in (d.began_ns, d.decided_ns, d.ended_ns))) for d in results]
 
     assert decided(10**9) == decided(10**9 + shift_ns)
