@@ -110,7 +110,8 @@ class SceneState:
             case VerdictMessage() if message in self.verdicts:
                 return self
             case VerdictMessage():
-                return replace(self, verdicts=with_verdict(self.verdicts, message, VERDICTS_LIMIT))
+                verdicts = with_verdict(self.verdicts, message, VERDICTS_LIMIT)
+                return self if verdicts is self.verdicts else replace(self, verdicts=verdicts)
             case JudgementMessage():
                 late = self.judgement is not None and _is_copy(message, self.judgement)
                 return self if late else replace(self, judgement=message, received_ns=received_ns)
@@ -241,11 +242,22 @@ def _is_copy(message: JudgementMessage, newest: JudgementMessage) -> bool:
 
 
 def with_verdict(log: Verdicts, verdict: VerdictMessage, limit: int) -> Verdicts:
-    """The `limit` newest arrivals, newest first; an update of a known verdict replaces it in place unless it is older.
+    """The `limit` newest arrivals, newest first; a later word on a known movement replaces the one before in place.
 
-    The order is that of arrival: after a fusion machine's clock is set back, its new verdicts still show.
+    The order is that of arrival: after a fusion machine's clock is set back, its new verdicts still show. Older words
+    change nothing: the same object is returned.
     """
     for place, known in enumerate(log):
         if known.id == verdict.id:
-            return log if verdict.at_ns < known.at_ns else (*log[:place], verdict, *log[place + 1 :])
+            if (verdict.at_ns, verdict.stage == "ended") < (known.at_ns, known.stage == "ended"):
+                return log
+            return (*log[:place], _with_revision(verdict, known), *log[place + 1 :])
     return (verdict, *log)[:limit]
+
+
+def _with_revision(verdict: VerdictMessage, known: VerdictMessage) -> VerdictMessage:
+    """`verdict` with the label that it replaces, also from a fusion service that does not say it."""
+    replaced = known.revises if verdict.label == known.label else known.label
+    if verdict.revises is not None or replaced is None:
+        return verdict
+    return verdict.model_copy(update={"revises": replaced})

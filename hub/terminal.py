@@ -27,8 +27,10 @@ from hub.wording import (
     contributed,
     dissent,
     duration,
+    label_words,
     percent,
     printable,
+    undecided,
 )
 
 LABELS_PER_OBSERVER = 3
@@ -186,7 +188,10 @@ def _fusion(state: SceneState, early: Sequence[EarlyWord], notice: str) -> Rende
     else:
         flag = Align.center(_flag_now(state, early), vertical="middle")
         inside = grid([(fused, flag)], EVEN, EVEN, padding=2)
-    return Panel(inside, title="fusion", box=HEAVY, border_style=style, padding=(0, 1))
+    why = "" if state.judgement is None else undecided(state.judgement)
+    subtitle = Text(why, style="default") if why else None
+    return Panel(inside, title="fusion", subtitle=subtitle, subtitle_align="left", box=HEAVY, border_style=style,
+                 padding=(0, 1))  # fmt: skip
 
 
 def _flag_now(state: SceneState, early: Sequence[EarlyWord]) -> RenderableType:
@@ -214,6 +219,7 @@ def _verdict_flag(verdict: VerdictMessage | None) -> RenderableType:
     colour = "red" if is_abstention(verdict) else "green"
     style = f"bold {colour}" if verdict.ended_ns is not None else f"bold reverse {colour}"
     when = "now" if verdict.ended_ns is None else f"{duration(verdict)}, at {clock_time(verdict.began_ns)}"
+    when = when if verdict.revises is None else f"revised from {printable(verdict.revises)}"
     return _flag(verdict.label, style, f"{when}, {agreement(verdict)}")
 
 
@@ -226,10 +232,11 @@ def _flag(label: str, style: str, caption: str) -> RenderableType:
 
 def _log(verdicts: Sequence[VerdictMessage]) -> RenderableType:
     def row(verdict: VerdictMessage) -> Sequence[RenderableType]:
-        label = Text(printable(verdict.label), style="red" if is_abstention(verdict) else "bold")
-        details = Text("  ".join(filter(None, (dissent(verdict), contributed(verdict)))), style="dim")
+        label = Text(label_words(verdict), style="red" if is_abstention(verdict) else "bold")
+        details = (printable(verdict.why or ""), dissent(verdict), contributed(verdict))
         times = (clock_time(verdict.began_ns), label, duration(verdict))
-        return (*times, agreement(verdict), bits(verdict.certainty_bits), details)
+        texts = agreement(verdict), bits(verdict.certainty_bits), Text("  ".join(filter(None, details)), style="dim")
+        return (*times, *texts)
 
     column = {"no_wrap": True, "overflow": "ellipsis"}
     return grid(map(row, verdicts), *[column] * 5, {**column, "ratio": 1}, padding=2)

@@ -46,8 +46,9 @@ def watch(
 ) -> None:
     """Live view of a scene: each observer's posterior and weight, the fused posterior, and the verdicts.
 
-    On a terminal it is a picture, elsewhere plain lines: each verdict, and one judgement a second. Movements more
-    probable than hub.certainty are named before they are decided. Ctrl-C ends it.
+    On a terminal it is a picture, elsewhere plain lines: each verdict, each revision of one, and one judgement a
+    second, which says why a movement has no verdict yet. Movements more probable than hub.certainty are named before
+    they are decided. Ctrl-C ends it.
 
     Example: labanmesh watch scene.toml
 
@@ -120,22 +121,27 @@ def show_live(
 
 
 def show_lines(updates: Iterable[SceneUpdate], certainty: float = NEVER) -> None:
-    """One line for each new verdict, for each early word and its end, and for one judgement a second."""
-    shown_ids: set[str] = set()
+    """One line for each verdict and each revision, for each early word and its end, and for one judgement a second."""
+    shown: dict[str, str] = {}
     shown_ns = 0
     anticipation = Anticipation(certainty)
     for update in updates:
         for word in _early_words(anticipation, update):
             print(early_line(word), flush=True)
-        match update.message:
-            case VerdictMessage(id=verdict_id) as verdict if verdict_id not in shown_ids:
-                shown_ids.add(verdict_id)
-                print(verdict_line(verdict), flush=True)
         state = update.state
+        match update.message:
+            case VerdictMessage(id=verdict_id, label=label) as verdict if shown.get(verdict_id) != label:
+                print(verdict_line(_revision(verdict, shown.get(verdict_id))), flush=True)
+                shown[verdict_id] = label
         due = abs(state.now_ns - shown_ns) >= LINE_EVERY_S * SECOND_NS
         if state.judgement and state.silence_s < LINE_EVERY_S and due:
             shown_ns = state.now_ns
             print(judgement_line(state.judgement), flush=True)
+
+
+def _revision(verdict: VerdictMessage, replaced: str | None) -> VerdictMessage:
+    """`verdict` as a revision of the label `replaced`, also from a fusion service that revises only at the end."""
+    return verdict if replaced is None else verdict.model_copy(update={"stage": "revised", "revises": replaced})
 
 
 def show_json(updates: Iterable[SceneUpdate], certainty: float = NEVER) -> None:

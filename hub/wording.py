@@ -136,10 +136,17 @@ def manner(judgement: JudgementMessage) -> str:
     return ", ".join([*phrases, *([] if direction is None else [f"facing {facing_words(direction)}"])])
 
 
+def label_words(verdict: VerdictMessage) -> str:
+    """The label, `point`; of a revised verdict `wave -> point`."""
+    labels = [verdict.label] if verdict.revises is None else [verdict.revises, verdict.label]
+    return printable(" -> ".join(labels))
+
+
 def verdict_line(verdict: VerdictMessage) -> str:
-    """A verdict as one line."""
-    phrases = [clock_time(verdict.began_ns), "verdict", printable(verdict.label), agreement(verdict)]
-    details = (dissent(verdict), contributed(verdict))
+    """A verdict as one line; a revision begins with `revised`, and an abstention says what a label lacked."""
+    kind = "revised" if verdict.stage == "revised" else "verdict"
+    phrases = [clock_time(verdict.began_ns), kind, label_words(verdict), agreement(verdict)]
+    details = (printable(verdict.why or ""), dissent(verdict), contributed(verdict))
     return "  ".join([*phrases, bits(verdict.certainty_bits), *filter(None, details)])
 
 
@@ -150,6 +157,11 @@ def early_line(word: EarlyWord) -> str:
     return "  ".join([clock_time(word.began_ns), word.stage, text])
 
 
+def undecided(judgement: JudgementMessage) -> str:
+    """Why the movement in progress has no verdict yet, `undecided: wave 79 % of the 80 % needed`; empty otherwise."""
+    return f"undecided: {printable(judgement.why)}" if judgement.why else ""
+
+
 def judgement_line(judgement: JudgementMessage) -> str:
     """A judgement as one line: the fused answer and every observer's vote with its weight."""
     start = (clock_time(judgement.at_ns), "judgement")
@@ -158,7 +170,7 @@ def judgement_line(judgement: JudgementMessage) -> str:
         return "  ".join(filter(None, (*start, WAITING, votes)))
     other = judgement.unlearned
     answer = (printable(judgement.label), agreement(judgement), bits(judgement.certainty_bits))
-    details = (votes, f"{SOMETHING_ELSE} {other:.0%}" if other else "", manner(judgement))
+    details = (votes, f"{SOMETHING_ELSE} {other:.0%}" if other else "", manner(judgement), undecided(judgement))
     return "  ".join([*start, *answer, *filter(None, details)])
 
 

@@ -76,6 +76,7 @@ def state_data(history: "SceneHistory") -> Json:
         "labels": len(state.labels) or (len(judgement.p) if judgement else 0),
         "agreement": None if judgement is None else [judgement.agreement.k, judgement.agreement.n],
         "moving": judgement is not None and judgement.movement is not None,
+        "why": None if judgement is None or not judgement.why else _text(judgement.why, SENTENCE_LIMIT),
         "fused": _ranked(state.fused[:FUSED_SHOWN]),
         **_manner(None if state.waiting else judgement),
         "observers": [_observer(each, each.name in history.gone, shown) for each in observers],
@@ -92,6 +93,8 @@ def verdict_data(verdict: VerdictMessage, history: "SceneHistory", quorum: int |
     return {
         "id": verdict.id[:TEXT_LIMIT],
         "label": _text(verdict.label),
+        "stage": verdict.stage,
+        "revises": None if verdict.revises is None else _text(verdict.revises),
         "abstain": is_abstention(verdict),
         "began": verdict.began_ns // NS_PER_MS,
         "decided": verdict.decided_ns // NS_PER_MS,
@@ -183,6 +186,8 @@ def reasons(verdict: VerdictMessage, quorum: int | None) -> Iterator[str]:
     """
     votes = {name: vote for name, vote in verdict.votes.items() if is_heard(vote)}
     yield from _abstention(verdict) if is_abstention(verdict) else _majority(verdict, votes, quorum)
+    if verdict.revises is not None:
+        yield f"It is a correction: before, the referee said {verdict.revises}."
     others = [f"{name} held {vote.label}" for name, vote in votes.items() if vote.label not in (None, verdict.label)]
     undecided = [name for name, vote in votes.items() if vote.label is None]
     if others:
@@ -225,6 +230,8 @@ def _abstention(verdict: VerdictMessage) -> Iterator[str]:
         yield f"The judges saw a movement that is none of those they know ({verdict.unlearned:.0%})."
     else:
         yield "The judges saw a movement and did not agree which, so the referee abstained."
+    if verdict.why:
+        yield f"What a verdict lacked: {verdict.why}."
 
 
 def _contributions(verdict: VerdictMessage) -> Iterator[str]:

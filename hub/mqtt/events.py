@@ -1,8 +1,8 @@
 """Verdicts and early words as events: each is published once, also over a restart of the hub. Pure.
 
-1. `verdict`: once a movement, when it is decided (stage `decided`); again only if its label has changed at its end
-   (stage `revised`).
-2. `ended`: once a movement, when it has ended.
+1. `verdict`: the first word on a movement, once (stage `decided`), also if that word is its last; again only when
+   another label replaces it (stage `revised`, with the label before in `revises`).
+2. `ended`: once a movement, when it has ended, with its last label.
 3. `early`: one event when a movement is named early, one when that word is settled (hub/anticipation.py).
 4. A verdict from before the hub started is no event, unless the hub was away only for a moment.
 5. An event that could not be delivered within EVENT_S is left out: a light that reacts later would confuse people.
@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from common import SECOND_NS
-from common.messages import VerdictMessage
+from common.messages import VerdictMessage, VerdictStage
 from hub.anticipation import EarlyWord
 from hub.mqtt.entities import Topics
 from hub.mqtt.states import confidence, facet_poles, facing_degrees, unlearned, votes
@@ -38,6 +38,7 @@ class Publication:
 class _Published:
     label: str
     ended: bool
+    at_ns: int
 
 
 class VerdictEvents:
@@ -49,8 +50,10 @@ class VerdictEvents:
         self.last: VerdictMessage | None = None
 
     def update(self, verdict: VerdictMessage) -> list[Publication]:
-        """The events of `verdict`; none for a copy."""
+        """The events of `verdict`; none for a copy, nor for an older word that comes late."""
         before = self._published.get(verdict.id)
+        if before is not None and verdict.at_ns < before.at_ns:
+            return []
         self.remember(verdict)
         return list(self._events(verdict, before))
 
@@ -58,7 +61,7 @@ class VerdictEvents:
         """Note a verdict that is no event any more."""
         before = self._published.pop(verdict.id, None)
         ended = verdict.ended_ns is not None or (before is not None and before.ended)
-        self._published[verdict.id] = _Published(verdict.label, ended)
+        self._published[verdict.id] = _Published(verdict.label, ended, verdict.at_ns)
         while len(self._published) > HISTORY_LIMIT:
             self._published.popitem(last=False)
         if self.last is None or self.last.id == verdict.id or before is None:
@@ -66,20 +69,24 @@ class VerdictEvents:
 
     def _events(self, verdict: VerdictMessage, before: _Published | None) -> Iterator[Publication]:
         if before is None or before.label != verdict.label:
-            stage = "decided" if before is None else "revised"
-            yield _event(self._topics.of("verdict"), verdict_event(verdict, stage))
+            # A fusion service of an earlier version revises at the end and does not say what.
+            replaced = verdict.revises if before is None else before.label
+            stage: VerdictStage = "decided" if before is None and verdict.stage != "revised" else "revised"
+            revises = replaced if stage == "revised" else None
+            yield _event(self._topics.of("verdict"), verdict_event(verdict, stage, revises))
         if verdict.ended_ns is not None and not (before and before.ended):
-            yield _event(self._topics.of("ended"), verdict_event(verdict, "ended"))
+            yield _event(self._topics.of("ended"), verdict_event(verdict, "ended", verdict.revises))
 
 
-def verdict_event(verdict: VerdictMessage, stage: str) -> dict[str, Any]:
-    """A verdict as an event; `event_type` is its label."""
+def verdict_event(verdict: VerdictMessage, stage: VerdictStage, revises: str | None = None) -> dict[str, Any]:
+    """A verdict as an event; `event_type` is its label. revises: the label that it replaces."""
     how = {
         "facets": facet_poles(verdict),
         "facing": facing_degrees(verdict),
         "contributions": _contributions(verdict),
     }
-    return {"event_type": verdict.label, "stage": stage, **_facts(verdict), **votes(verdict), **how}
+    words = {"event_type": verdict.label, "stage": stage, "revises": revises, "why": verdict.why}
+    return {**words, **_facts(verdict), **votes(verdict), **how}
 
 
 def early_event(topics: Topics, word: EarlyWord) -> Publication:
@@ -98,7 +105,8 @@ def early_event(topics: Topics, word: EarlyWord) -> Publication:
 
 def last_verdict_state(verdict: VerdictMessage) -> str:
     """A verdict as the retained state of a sensor; a restarted hub continues from its `said_ns`."""
-    return json.dumps({"label": verdict.label, **_facts(verdict), "said_ns": verdict.at_ns}, allow_nan=False)
+    words = {"label": verdict.label, "stage": verdict.stage, "revises": verdict.revises, "why": verdict.why}
+    return json.dumps({**words, **_facts(verdict), "said_ns": verdict.at_ns}, allow_nan=False)
 
 
 def recalled_ns(payload: bytes | str) -> int | None:

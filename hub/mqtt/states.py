@@ -91,9 +91,10 @@ def _scene(topics: Topics, snapshot: SceneSnapshot, movements: Sequence[str]) ->
         on = snapshot.judged and label == decided
         yield topics.movement(label), RetainedState("ON" if on else "OFF", repeat_s=REPEAT_S)
     if judgement is not None:
-        now = _now(judgement)
-        yield topics.of("state"), RetainedState(_json(now), now["movement"], FAST_S)
-        yield topics.of("votes"), RetainedState(_json(votes(judgement)), now["movement"], SLOW_S)
+        now, word = _now(judgement), _word(judgement)
+        urgent = now["movement"], word["stage"]
+        yield topics.of("state"), RetainedState(_json(now | word), urgent, FAST_S)
+        yield topics.of("votes"), RetainedState(_json(votes(judgement) | word), urgent, SLOW_S)
 
 
 def _now(judgement: JudgementMessage) -> dict[str, Any]:
@@ -107,6 +108,14 @@ def _now(judgement: JudgementMessage) -> dict[str, Any]:
         "entropy": rounded(judgement.certainty_bits, 2),
         "unlearned": unlearned(judgement),
     }
+
+
+def _word(judgement: JudgementMessage) -> dict[str, Any]:
+    """The last word on the movement in progress, or why there is none yet; all null at rest."""
+    movement = None if is_waiting(judgement) else judgement.movement
+    label, revises = (None, None) if movement is None else (movement.label, movement.revises)
+    stage = None if label is None else "decided" if revises is None else "revised"
+    return {"stage": stage, "revises": revises, "why": None if movement is None else judgement.why}
 
 
 def _observer(topics: Topics, snapshot: SceneSnapshot, observer: ObserverState) -> Iterator[tuple[str, RetainedState]]:

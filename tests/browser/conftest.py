@@ -32,10 +32,9 @@ class BrowserScene(PlayedScene):
         with self._lock:
             return JudgementMessage(**self._fields("nthrow", P))
 
-    def publish(self, number, label="nthrow", ended=False):
+    def publish(self, number, label="nthrow", ended=False, **more):
         """Publish a verdict; returns when, in ms since 1970."""
-        more = {}
-        if self.how:
+        if "facets" in self.how:
             nats = {name: 0.5 - place for place, name in enumerate(self.observers)}
             more["contributions"] = {name: Contribution(nats=n, stands=n < 0) for name, n in nats.items()}
         at_ms = time.time() * 1000

@@ -104,6 +104,33 @@ def test_why_opens_by_the_keyboard_and_stays_open(play, look):
 
 
 @pytest.mark.parametrize("width", [1280, 360])
+def test_a_silence_says_why_and_a_revision_is_a_correction_of_one_movement(play, look, width):
+    scene, dashboard = play()
+    page = look(dashboard.url, width=width)
+    scene.how = {"why": "answer_phone 79 % of the 80 % needed; 13 % something else"}
+    line = "no verdict yet: answer phone 79 % of the 80 % needed; 13 % something else"
+    page.wait_for_function("line => document.querySelector('#undecided').textContent === line", arg=line)
+    assert not (faint := page.evaluate(FAINT)), faint
+    assert page.evaluate("document.documentElement.scrollWidth <= innerWidth"), "no sideways scrolling"
+    height = page.locator("#undecided").bounding_box()["height"]
+    scene.how = {}
+    page.wait_for_function("() => document.querySelector('#undecided').textContent === ''")
+    assert page.locator("#undecided").bounding_box()["height"] == height, "nothing below it moves"
+    scene.publish(1, "ok")
+    scene.publish(1, stage="revised", revises="ok")
+    page.wait_for_function("() => document.querySelector('#verdict').textContent === 'nthrow'")
+    assert "Corrected verdict: nthrow" in page.inner_text("#announcement")
+    for ended in (False, True):
+        if ended:
+            scene.publish(1, ended=True, revises="ok")
+            page.wait_for_selector("#referee[data-kind=ended]")
+        assert "corrected from ok" in page.inner_text("#verdict-facts")
+        assert page.locator("#verdicts tr.entry .label").all_inner_texts() == ["ok → nthrow"], "one movement"
+    page.get_by_role("button", name="Why nthrow").click()
+    assert "It is a correction: before, the referee said ok." in page.locator("tr.why").inner_text()
+
+
+@pytest.mark.parametrize("width", [1280, 360])
 def test_facets_and_contributions_are_shown(play, look, width):
     scene, dashboard = play()
     page = look(dashboard.url, width=width)

@@ -43,9 +43,10 @@ def judgement(seq=1, at_ns=NOON, label="nthrow", p=(0.1, 0.1, 0.2, 0.6), votes=N
     return (VerdictMessage if "id" in more else JudgementMessage)(**facts, **more)
 
 
-def moving(seq=1, number=1, decided=None, at_ns=NOON, **more):
+def moving(seq=1, number=1, decided=None, at_ns=NOON, revises=None, **more):
     """A judgement during the movement `v<number>`, which is `decided` to be that label or undecided."""
-    movement = OngoingMovement(id=f"v{number}", began_ns=NOON, label=decided, decided_ns=decided and NOON)
+    decision = {"label": decided, "decided_ns": decided and NOON, "revises": revises}
+    movement = OngoingMovement(id=f"v{number}", began_ns=NOON, **decision)
     return judgement(seq, at_ns, movement=movement, **more)
 
 

@@ -118,7 +118,7 @@ class PlayedScene:
         self.movement = OngoingMovement(id=f"{self.name}-{number}", began_ns=time.time_ns())
 
     def publish_verdict(self, label, number, ended=False, **more):
-        """Publish a verdict; until it has ended its movement goes on. Returns its id."""
+        """Publish a verdict; until it has ended its movement goes on. Returns its id. more: its other fields."""
         now_ns = time.time_ns()
         times = {"began_ns": now_ns - SECOND_NS, "decided_ns": now_ns, "ended_ns": now_ns if ended else None}
         with self._lock:
@@ -126,7 +126,8 @@ class PlayedScene:
             verdict = VerdictMessage(**fields, id=f"{self.name}-{number}", **times, **more)
             self._verdicts[verdict.id] = verdict
             self._verdicts = dict(list(self._verdicts.items())[-10:])
-        going_on = OngoingMovement(id=verdict.id, began_ns=now_ns - SECOND_NS, label=label, decided_ns=now_ns)
+        decision = {"label": label, "decided_ns": now_ns, "revises": verdict.revises}
+        going_on = OngoingMovement(id=verdict.id, began_ns=now_ns - SECOND_NS, **decision)
         self.movement = None if ended else going_on
         self._publishers[self.keys.verdict].put(encode(verdict))
         return verdict.id

@@ -58,6 +58,16 @@ def test_an_update_of_a_verdict_replaces_it(make):
     assert folded(state, first, at=make.NOON).verdicts == state.verdicts, "an older message does not reopen it"
 
 
+def test_the_last_word_on_a_revised_movement_keeps_what_it_replaced(make):
+    first, at_ns = make.verdict(1, label="ok"), make.NOON
+    revised = make.verdict(1, stage="revised", revises="ok", at_ns=at_ns)
+    ended = make.verdict(1, ended_ns=at_ns, revises="ok", at_ns=at_ns)
+    older = make.verdict(1, ended_ns=at_ns, at_ns=at_ns)
+    for words in ((first, revised, ended), (first, revised, ended, revised), (first, older), (first, older, older)):
+        (last,) = folded(SceneState("room"), *words, at=at_ns).verdicts
+        assert (last.stage, last.label, last.revises) == ("ended", "nthrow", "ok"), words
+
+
 def test_messages_of_a_fusion_machine_whose_clock_was_set_back_are_shown(make):
     hour = 3600 * make.SECOND
     before = (make.verdict(1, began_ns=make.NOON + hour), make.judgement(9, make.NOON + hour))

@@ -70,6 +70,20 @@ def test_the_stances_are_those_of_the_agreement(make):
     assert "degraded, 2 Hz, camera frozen" in text
 
 
+def test_a_revision_and_the_reason_of_a_silence_are_visible(make):
+    lacks = "nthrow 79 % of the 80 % needed; 13 % something else"
+    state = scene(make, verdicts=0).fold(make.moving(2, why=lacks, at_ns=make.NOON + 1), make.NOON)
+    assert f"undecided: {lacks}" in drawn(render(state, 80))
+    state = state.fold(make.verdict(1, label="ok"), make.NOON)
+    state = state.fold(make.verdict(1, stage="revised", revises="ok"), make.NOON)
+    text = drawn(render(state, 100))
+    assert "N T H R O W" in text and "revised from ok" in text and "ok -> nthrow" in text
+    long = make.moving(3, why="x" * 200, at_ns=make.NOON + 2)
+    for width in (30, 80):
+        lines = drawn(render(state.fold(long, make.NOON), width, 24), width).splitlines()
+        assert len(lines) <= 24 and all(len(line) <= width for line in lines)
+
+
 @pytest.mark.parametrize("label", ["", "byebye"])
 def test_without_observers_the_picture_waits_for_them(make, label):
     text = drawn(render(scene(make, verdicts=0).fold(make.waiting(2, make.NOON + 1, label), make.NOON), 80))

@@ -26,8 +26,9 @@ def updates(make, *messages, step_s=0.1):
     state = SceneState("room").fold(make.vocabulary(), make.NOON)
     for place, message in enumerate(messages):
         now_ns = make.NOON + int(place * step_s * make.SECOND)
-        state = state.at(now_ns).fold(message, now_ns) if message else state.at(now_ns)
-        yield SceneUpdate(state, message)
+        before = state.at(now_ns)
+        state = before.fold(message, now_ns) if message else before
+        yield SceneUpdate(state, None if state is before else message)
 
 
 def test_a_verdict_is_one_line_however_often_it_is_published(make, capsys):
@@ -35,6 +36,28 @@ def test_a_verdict_is_one_line_however_often_it_is_published(make, capsys):
     show_lines(updates(make, make.verdict(1), ended, make.verdict(2)))
     lines = capsys.readouterr().out.splitlines()
     assert len(lines) == 2 and all("verdict  nthrow  1 of 2 agree  1.57 bits  cam1: ok" in line for line in lines)
+
+
+def test_a_revision_is_a_line_of_its_own_and_not_a_second_movement(make, capsys):
+    revised = make.verdict(1, stage="revised", revises="ok", at_ns=make.NOON + 1)
+    ended = make.verdict(1, ended_ns=make.NOON, revises="ok", at_ns=make.NOON + 2)
+    first = make.verdict(1, label="ok")
+    show_lines(updates(make, first, first, revised, first, revised, ended, ended))
+    lines = [line.partition("  ")[2] for line in capsys.readouterr().out.splitlines()]
+    assert [line.split("  ")[:2] for line in lines] == [["verdict", "ok"], ["revised", "ok -> nthrow"]]
+    older = make.verdict(1, ended_ns=make.NOON, at_ns=make.NOON + 2)
+    show_lines(updates(make, first, older))
+    assert "revised  ok -> nthrow" in capsys.readouterr().out, "a fusion service that revises only at the end"
+
+
+def test_a_line_says_why_there_is_no_verdict(make, capsys):
+    lacks = "nthrow 79 % of the 80 % needed; 13 % something else"
+    abstained = make.verdict(1, ended_ns=make.NOON, label="abstain", why=lacks)
+    show_lines(updates(make, make.moving(why=lacks), abstained))
+    undecided, verdict = capsys.readouterr().out.splitlines()
+    assert (
+        undecided.endswith(f"  undecided: {lacks}") and f"verdict  abstain  0 of 2 agree  1.57 bits  {lacks}" in verdict
+    )
 
 
 def test_a_judgement_is_a_line_each_second_and_none_while_fusion_is_silent(make, capsys):

@@ -7,7 +7,7 @@ const MINUTE_MS = 60000, CROWD = 12, QUIET_MS = 4000, AGAIN_MS = 1000, LOG_LIMIT
 const SVG = "http://www.w3.org/2000/svg";
 const known = { setup: null, state: null, verdicts: [], minute: [], updated: 0 };
 const replay = { playing: true, head: 0, dragging: false };
-let source = null, again = 0, announced = new Set();
+let source = null, again = 0, announced = new Map();
 
 /* Making and changing elements: only what differs is touched, so that nothing flickers and focus stays. */
 function make(tag, name, ...children) {
@@ -33,6 +33,7 @@ function share(node, value) {
 const percent = (value) => `${Math.round(value * 100)}%`;
 const bits = (value) => value === null ? "-" : `${value.toFixed(2)} bit`;
 const words = (label) => label.replaceAll("_", " ");
+const verdictWords = (verdict) => (verdict.revises === null ? "" : `${words(verdict.revises)} → `) + words(verdict.label);
 function age(seconds) {
   if (seconds === null) return "-";
   if (seconds < 1) return `${Math.round(seconds * 1000)} ms`;
@@ -241,7 +242,9 @@ function showReferee(state) {
   put($("phase"), state.silent ? `referee silent ${age(state.silence)}` : !state.judged ? "" : state.waiting ? "waiting for observers" : state.moving ? "moving" : "at rest");
   const ago = last ? Math.max(0, Math.round((state.now - (last.ended ?? last.decided)) / 1000)) : 0;
   const when = !last ? "" : last.ended === null ? "now" : ago < 100 ? `${ago} s ago` : `at ${clock(last.ended)}`;
-  put($("verdict-facts"), last ? `${when}, ${agree(last.agreement)} agree` : "");
+  const before = last && last.revises !== null ? `, corrected from ${words(last.revises)}` : "";
+  put($("verdict-facts"), last ? `${when}, ${agree(last.agreement)} agree${before}` : "");
+  put($("undecided"), state.why && !state.silent ? `no verdict yet: ${words(state.why)}` : "");
   bars($("fused"), state.fused);
   showManner(state);
   put($("agreement"), state.waiting ? "-" : agree(state.agreement));
@@ -283,7 +286,7 @@ function showStrip(state) {
     const from = inside(each.began), to = inside(end), kind = each.abstain ? " abstain" : "";
     parts.push(draw("rect", { class: `span${kind}`, x: from, y: TOP[0], width: Math.max(2, to - from), height: LOW[1] - TOP[0], rx: 3 }));
     if (!each.abstain && each.decided >= state.now - MINUTE_MS) parts.push(draw("line", { class: "decided", x1: inside(each.decided), x2: inside(each.decided), y1: TOP[0], y2: LOW[1] }));
-    const name = words(each.label), wide = name.length * 7.4;
+    const name = verdictWords(each), wide = name.length * 7.4;
     const start = Math.min(from, right - wide);
     if (start >= free) { parts.push(text(start, 16, name, "start", `label${kind}`)); free = start + wide + 8; }
   }
@@ -328,7 +331,7 @@ function showRow(verdict) {
   const changed = entry.verdict !== verdict;
   entry.verdict = verdict;
   entry.node.classList.toggle("abstain", verdict.abstain);
-  const values = [clock(verdict.began), words(verdict.label), took(verdict), `${agree(verdict.agreement)}`, bits(verdict.entropy), verdict.rule];
+  const values = [clock(verdict.began), verdictWords(verdict), took(verdict), `${agree(verdict.agreement)}`, bits(verdict.entropy), verdict.rule];
   values.forEach((value, i) => put(cells[i], value));
   cells[3].setAttribute("aria-label", `${agree(verdict.agreement)} agree`);
   entry.button.setAttribute("aria-label", `Why ${words(verdict.label)} at ${clock(verdict.began)}?`);
@@ -378,7 +381,7 @@ function onSnapshot(whole) {
   known.setup = whole;
   known.verdicts = whole.verdicts;
   known.minute = whole.minute;
-  announced = new Set(whole.verdicts.map((each) => each.id));
+  announced = new Map(whole.verdicts.map((each) => [each.id, each.label]));
   put($("scene"), whole.scene);
   document.title = `${whole.scene}: labanmesh`;
   if (!same) { cards.clear(); lines.clear(); layMat(); }
@@ -405,9 +408,11 @@ function onVerdict(verdict) {
   if (place < 0) known.verdicts = [verdict, ...known.verdicts].slice(0, LOG_LIMIT);
   else known.verdicts[place] = verdict;
   showLog(place < 0 ? verdict : null);
-  if (!announced.has(verdict.id)) {
-    announced.add(verdict.id);
-    put($("announcement"), verdict.abstain ? "Verdict: the judges did not agree" : `Verdict: ${words(verdict.label)}, ${agree(verdict.agreement)} agree`);
+  const before = announced.get(verdict.id);
+  if (before !== verdict.label) {
+    announced.set(verdict.id, verdict.label);
+    const kind = before === undefined ? "Verdict" : "Corrected verdict";
+    put($("announcement"), verdict.abstain ? `${kind}: the judges did not agree` : `${kind}: ${words(verdict.label)}, ${agree(verdict.agreement)} agree`);
   }
   // At once and not with the next frame, because people wait for verdicts.
   if (known.state) showReferee(known.state);

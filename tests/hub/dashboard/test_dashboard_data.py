@@ -36,6 +36,18 @@ def test_a_snapshot_has_all_that_a_browser_needs(make, after):
     assert whole["verdicts"][0]["label"] == "nthrow" and whole["verdicts"][0]["votes"][0]["stance"] == "held ok"
 
 
+def test_a_revision_and_the_reason_of_a_silence_are_in_the_data(make, after):
+    lacks = "nthrow 79 % of the 80 % needed"
+    revised = make.verdict(1, stage="revised", revises="ok")
+    history = after(make.moving(why=lacks), make.verdict(1, label="ok"), revised)
+    assert state_data(history)["why"] == lacks and state_data(after(make.judgement()))["why"] is None
+    (shown,) = snapshot_data(SETUP, history)["verdicts"]
+    assert (shown["stage"], shown["label"], shown["revises"]) == ("revised", "nthrow", "ok")
+    assert "It is a correction: before, the referee said ok." in shown["why"]
+    abstained = make.verdict(2, ended_ns=make.NOON, label="abstain", why=lacks)
+    assert f"What a verdict lacked: {lacks}." in verdict_data(abstained, history, 1)["why"]
+
+
 def test_long_text_is_cut(make, after):
     long = make.judgement(votes={"cam1": make.vote("x" * 1000)}, label="y" * 1000)
     text = json.dumps(snapshot_data(SETUP, after(long, make.verdict(1, label="z" * 5000))), ensure_ascii=False)

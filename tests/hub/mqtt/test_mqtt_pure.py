@@ -133,7 +133,7 @@ def test_probabilities_are_paced_and_a_movement_is_not(driver, make):
 
 def test_without_observers_the_state_is_null(driver, make):
     due = driver.due(0.0, make.waiting())
-    fields = ("movement", "label", "confidence", "entropy", "unlearned")
+    fields = ("movement", "label", "confidence", "entropy", "unlearned", "stage", "revises", "why")
     assert json.loads(due[TOPICS.of("state")]) == dict.fromkeys(fields)
     assert due[TOPICS.of("availability")] == "online" and due[TOPICS.movement("nthrow")] == "OFF"
 
@@ -156,6 +156,48 @@ def test_another_label_at_the_end_is_revised(driver, make):
         ("verdict", "nthrow", "decided"), ("verdict", "ok", "revised"), ("ended", "ok", "ended"),
         ("verdict", "abstain", "decided"), ("ended", "abstain", "ended"),
     ]  # fmt: skip
+
+
+def test_a_revision_is_an_event_of_its_own_and_an_automation_on_the_first_word_acts_once(driver, make):
+    later = {"revises": "nthrow", "label": "ok", "at_ns": make.NOON + 1}
+    words = [
+        make.verdict(1), make.verdict(1, stage="revised", **later), make.verdict(1),
+        make.verdict(1, ended_ns=make.NOON, **{**later, "at_ns": make.NOON + 2}),
+        make.verdict(2, ended_ns=make.NOON), make.verdict(3, stage="revised", **later),
+    ]  # fmt: skip
+    for word in words:
+        driver.bridge.receive(word, 0.0)
+        driver.bridge.receive(word, 0.0)
+    due, events = driver.due(0.0), []
+    while (event := driver.bridge.next_event(0.0)) is not None:
+        events.append((event.topic.rpartition("/")[2], json.loads(event.payload)))
+        driver.bridge.confirm_event()
+    assert [(topic, e["id"], e["stage"], e["event_type"], e["revises"]) for topic, e in events] == [
+        ("verdict", "v1", "decided", "nthrow", None), ("verdict", "v1", "revised", "ok", "nthrow"),
+        ("ended", "v1", "ended", "ok", "nthrow"),
+        ("verdict", "v2", "decided", "nthrow", None), ("ended", "v2", "ended", "nthrow", None),
+        ("verdict", "v3", "revised", "ok", "nthrow"),
+    ]  # fmt: skip
+    last = json.loads(due[TOPICS.of("last_verdict")])
+    assert (last["label"], last["stage"], last["revises"]) == ("ok", "revised", "nthrow")
+
+
+def test_the_state_carries_the_stage_at_once_and_why_there_is_none_yet(driver, make):
+    def words(now_s, judgement):
+        due = driver.due(now_s, judgement)
+        states = [json.loads(due[TOPICS.of(name)]) for name in ("state", "votes") if TOPICS.of(name) in due]
+        return [(state["stage"], state["revises"], state["why"]) for state in states]
+
+    lacks = "nthrow 60 % of the 80 % needed"
+    assert words(0.0, make.judgement()) == [(None, None, None)] * 2
+    assert words(0.1, make.moving(why=lacks)) == [(None, None, lacks)] * 2, "the movement has changed"
+    assert words(0.2, make.moving(decided="nthrow")) == [("decided", None, None)] * 2
+    assert words(0.3, make.moving(decided="nthrow", revises="ok")) == [("revised", "ok", None)] * 2
+    config = json.loads(Driver(make).due(0.0, make.judgement())[sensor("MOVEMENT")])
+    assert config["json_attributes_topic"] == TOPICS.of("votes")
+    driver.bridge.receive(make.verdict(1, ended_ns=make.NOON, label="abstain", why=lacks), 1.0)
+    assert json.loads(driver.due(1.0)[TOPICS.of("last_verdict")])["why"] == lacks
+    assert json.loads(driver.bridge.next_event(1.0).payload)["why"] == lacks
 
 
 def test_an_event_waits_for_the_broker_but_not_for_ever(driver, make):
