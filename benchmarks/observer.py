@@ -41,7 +41,7 @@ from observer.rendering.scenery import Scenery
 from observer.rendering.virtual_camera import VirtualCamera
 from observer.runtime.pipeline import Observer, PosteriorEncoder, Resampler, SendOnChange
 from observer.tracks import Frame
-from studies.stream import strung
+from studies.trials import strung
 
 SIZE = (1280, 720)
 FILM_S = 10.0

@@ -22,7 +22,7 @@ from observer.rendering.virtual_camera import VirtualCamera
 from observer.tracking.camshift import CamshiftTracker
 from studies.performer import MOVEMENTS, PEOPLE, perform, perform_continuously
 from studies.report import make_folder, write_text
-from studies.stream import strung
+from studies.trials import strung
 
 CORNERS = {
     "front-left": "yaw:315,pitch:20",

@@ -1,67 +1,38 @@
 """`labanmesh evaluate`: learns from some people and judges others, with the observers and rules of the mesh."""
 
-import time
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from common.errors import BadInput
 from common.probability import encode_facing, uniform
 from common.vocabulary import Vocabulary
-from observer.geometry.views import View
-from observer.learning.learn import learn_view
-from observer.model.base import MovementModel, Onset
-from observer.model.registry import DEFAULT_MODEL
+from observer.model.base import MovementModel
 from observer.motion.archive import MotionArchive
-from observer.motion.projected import ProjectedTracker, frames_of
-from observer.runtime.pipeline import Observer
-from observer.tracks import Floats, Tracker
-from studies.faults import HIDDEN, ObserverOutputs, OccludedTracker, disturb
-from studies.fusion_engine import DEFAULT_RULE, AgedPosterior, PoolingCase, Rule, get_rule, pool_posteriors
-from studies.room import RoomEvent
-from studies.trials import EvaluationTrial, Split, make_trials, splits, with_labels
+from observer.tracks import Floats
+from studies.faults import ObserverOutputs, disturb
+from studies.fusion_engine import AgedPosterior, PoolingCase, Rule, get_rule, pool_posteriors
+from studies.observing import Extent, ObservedFold, OutputCourse, learn_observer, observe_folds
+from studies.sensors import frames_at_fractions
+from studies.settings import EvaluationSettings, Progress, check_names, folds_of, onset_of, trials_of
+from studies.trials import EvaluationTrial, Split
 
-Progress = Callable[[str, int, int], None]
-
-
-@dataclass(frozen=True, slots=True)
-class EvaluationSettings:
-    """What to evaluate; the fields are the options of the command. turn: degrees, or None for a random facing.
-
-    temperature: of the fused posterior. calibrated: observers scale their certainty by how often they are right.
-    unlearned: movements that streams show without their having been learned. background: movements of the training
-    people that the models know as "something else"; empty: blends of the learned ones only; None: no such class.
-    room: what the person does before each trial; observers then do not know the onset.
-    """
-
-    views: tuple[View, ...]
-    labels: tuple[str, ...]
-    train_subjects: tuple[str, ...] = ()
-    test_subjects: tuple[str, ...] = ()
-    leave_one_subject_out: bool = False
-    model: str = DEFAULT_MODEL
-    parameters: Mapping[str, float] = field(default_factory=dict)
-    rule: str = DEFAULT_RULE
-    turn: float | None = 0.0
-    faults: Mapping[str, str] = field(default_factory=dict)
-    body_parts: tuple[str, ...] = ()
-    onset_known: bool = True
-    temperature: float = 1.0
-    calibrated: bool = True
-    unlearned: tuple[str, ...] = ()
-    background: tuple[str, ...] | None = None
-    room: tuple[RoomEvent, ...] = ()
-    seed: int = 0
+# fmt: off
+__all__ = [
+    "EvaluationResult", "EvaluationSettings", "Progress", "TrialResult", "check_names", "evaluate", "folds_of",
+    "fuse_again", "learn", "onset_of", "results_of", "trials_of",
+]
+# fmt: on
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrialResult:
     """One trial and the posteriors in each of its F frames: views (F, V, M) by observer, fused (F, M).
 
-    facing: (F, V, M, K) P(facing | movement) by observer, None where no model knows facings. unlearned: (F, V)
-    P(none of the movements), NaN where an observer does not estimate it. fused_facing: (F, K).
+    An observer whose sensor has no recording of the trial is NaN. facing: (F, V, M, K) P(facing | movement) by
+    observer, None where no model knows facings. unlearned: (F, V) P(none of the movements), NaN where an observer does
+    not estimate it. fused_facing: (F, K). rest: (F, V) P(at rest), None if it is not known.
     """
 
     trial: EvaluationTrial
@@ -71,6 +42,13 @@ class TrialResult:
     facing: Floats | None = None
     unlearned: Floats | None = None
     fused_facing: Floats | None = None
+    rest: Floats | None = None
+
+    @property
+    def judged_by(self) -> NDArray[np.bool_]:
+        """(V,) which observers have a recording of the trial."""
+        recorded: NDArray[np.bool_] = np.isfinite(self.views[0, :, 0])
+        return recorded
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -100,116 +78,69 @@ class EvaluationResult:
 
 
 def evaluate(
-    archive: MotionArchive, settings: EvaluationSettings, progress: Progress = lambda *_: None
+    archive: MotionArchive, settings: EvaluationSettings, progress: Progress = lambda *_: None, jobs: int = 1
 ) -> EvaluationResult:
-    """Learn, judge and fuse; raises BadInput for unknown labels, subjects, body parts, models and rules."""
+    """Learn, judge and fuse; raises BadInput for unknown labels, subjects, body parts, models and rules.
+
+    jobs: the number of processes to share the work.
+    """
+    require_fits(settings)
+    return results_of(observe_folds(archive, settings, Extent(), progress, jobs), settings)
+
+
+def require_fits(settings: EvaluationSettings) -> None:
+    """Raise BadInput for an unknown rule, one that does not take so many observers, and two views of one name."""
     get_rule(settings.rule, len(settings.views))
     check_names([view.name for view in settings.views])
-    vocabulary = Vocabulary(settings.labels)
-    results: list[TrialResult] = []
-    n_train, train_seconds, judge_seconds, frames = 0, 0.0, 0.0, 0
-    folds = folds_of(archive, settings, settings.labels)
-    for number, split in enumerate(folds):
-        begun = time.perf_counter()
-        models = learn(split, vocabulary, settings)
-        train_seconds += time.perf_counter() - begun
-        n_train += len(split.train.recordings)
-        trials = trials_of(split, settings, number)
-        begun = time.perf_counter()
-        task = f"judging, part {number + 1} of {len(folds)}" if len(folds) > 1 else "judging"
-        for n, trial in enumerate(trials, 1):
-            results.append(_judge(trial, models, archive.body_parts, vocabulary, settings))
-            progress(task, n, len(trials))
-        judge_seconds += time.perf_counter() - begun
-        frames += sum(len(trial.recording.positions) for trial in trials) * len(models)
-    fused = fuse_again(results, settings)
-    return EvaluationResult(settings, vocabulary, fused, n_train, train_seconds, judge_seconds / max(frames, 1))
 
 
-def folds_of(archive: MotionArchive, settings: EvaluationSettings, shown: Sequence[str]) -> list[Split]:
-    """Training people, with the background movements, and test people, with the movements `shown`."""
-    chosen = with_labels(archive, (*shown, *(settings.background or ())))
-    folds = splits(chosen, settings.train_subjects, settings.test_subjects, settings.leave_one_subject_out)
-    return [_with_streams(split, archive, shown) for split in folds]
+def results_of(folds: Sequence[ObservedFold], settings: EvaluationSettings, raw: bool = False) -> EvaluationResult:
+    """The result of what was observed; raw: of the posteriors before calibration, if they were observed."""
+    results = [
+        _joined(trial, [one.trials[n] for one in fold.courses], settings, raw)
+        for fold in folds
+        for n, trial in enumerate(fold.trials)
+    ]
+    courses = [one for fold in folds for one in fold.courses]
+    frames, seconds = sum(one.frames for one in courses), sum(one.judge_seconds for one in courses)
+    return EvaluationResult(
+        settings,
+        Vocabulary(settings.labels),
+        fuse_again(results, settings),
+        sum(fold.n_train for fold in folds),
+        sum(one.train_seconds for one in courses),
+        seconds / max(frames, 1),
+    )
 
 
-def _with_streams(split: Split, archive: MotionArchive, shown: Sequence[str]) -> Split:
-    people = {r.subject for r in split.train.recordings}
-    streams = tuple(r for r in archive.recordings if r.spans and r.subject in people)
-    return replace(split, test=tuple(r for r in split.test if r.label in shown), streams=streams)
-
-
-def check_names(names: Sequence[str]) -> None:
-    """Raises BadInput for two views of one name."""
-    twice = [name for name in names if names.count(name) > 1]
-    if twice:
-        raise BadInput(f"--views: {twice[0]!r} is given twice; every view needs its own name")
+def _joined(
+    trial: EvaluationTrial, courses: Sequence[OutputCourse | None], settings: EvaluationSettings, raw: bool
+) -> TrialResult:
+    """What all observers output in each frame of the trial; of other sensors, after equal fractions of theirs."""
+    frames, movements = len(trial.recording.positions), len(settings.labels)
+    shown = [
+        None if c is None else ((c.raw or c) if raw else c).at(frames_at_fractions(len(c.p), frames)) for c in courses
+    ]
+    nothing = np.full(frames, np.nan)
+    facings = [c.facing for c in shown if c is not None and c.facing is not None]
+    facing = None
+    if facings and len(facings) == sum(c is not None for c in shown):
+        unknown = np.full_like(facings[0], 1.0 / facings[0].shape[2])
+        facing = np.stack([unknown if c is None or c.facing is None else c.facing for c in shown], axis=1)
+    return TrialResult(
+        trial,
+        settings.labels.index(trial.recording.label),
+        np.stack([np.full((frames, movements), np.nan) if c is None else c.p for c in shown], axis=1),
+        np.empty((0, 0)),
+        facing,
+        np.stack([nothing if c is None else c.unlearned for c in shown], axis=1),
+        rest=np.stack([nothing if c is None else c.rest for c in shown], axis=1),
+    )
 
 
 def learn(split: Split, vocabulary: Vocabulary, settings: EvaluationSettings) -> list[MovementModel]:
     """One model per view from the training people's movements and, if set, their background movements."""
-    background = None if settings.background is None else with_labels(split.train, settings.background)
-    return [
-        learn_view(
-            with_labels(split.train, settings.labels),
-            view,
-            vocabulary,
-            kind=settings.model,
-            body_parts=settings.body_parts or None,
-            parameters=settings.parameters,
-            calibrate=settings.calibrated,
-            background=background,
-            streams=split.streams,
-        )
-        for view in settings.views
-    ]
-
-
-def trials_of(split: Split, settings: EvaluationSettings, number: int) -> list[EvaluationTrial]:
-    """The test people's trials as the settings show them; `number` of the split is part of the seed."""
-    rng = np.random.default_rng([settings.seed, number])
-    known, turn = settings.onset_known, settings.turn
-    return make_trials(split.test, onset_known=known, turn=turn, rng=rng, room=settings.room)
-
-
-def onset_of(trial: EvaluationTrial, settings: EvaluationSettings) -> Onset:
-    """What the observers know about the begin of the movement: nothing after other events in the room."""
-    known = settings.onset_known and not settings.room
-    return Onset(known=True, length=len(trial.recording.positions)) if known else Onset()
-
-
-def _observers(
-    trial: EvaluationTrial, models: Sequence[MovementModel], recorded: tuple[str, ...], settings: EvaluationSettings
-) -> list[Observer]:
-    """New observers for one trial, one per view."""
-    onset = onset_of(trial, settings)
-    third = (trial.end - trial.begin) / 3
-    covered = (trial.begin + round(third), trial.begin + round(2 * third))
-    observers = []
-    for view, model in zip(settings.views, models, strict=True):
-        tracker: Tracker = ProjectedTracker(view, recorded, model.header.body_parts)
-        if settings.faults.get(view.name) == HIDDEN:
-            tracker = OccludedTracker(tracker, *covered)
-        observers.append(Observer(tracker, model, onset))
-    return observers
-
-
-def _judge(
-    trial: EvaluationTrial,
-    models: list[MovementModel],
-    recorded: tuple[str, ...],
-    vocabulary: Vocabulary,
-    settings: EvaluationSettings,
-) -> TrialResult:
-    observers = _observers(trial, models, recorded, settings)
-    outputs = [[o.step(frame) for o in observers] for frame in frames_of(trial.recording)]
-    views = np.array([[output.p for output in frame] for frame in outputs])
-    unlearned = np.array([[np.nan if o.unlearned is None else o.unlearned for o in frame] for frame in outputs])
-    facing = None
-    if all(output.facing is not None for output in outputs[0]):
-        facing = np.array([[output.facing for output in frame] for frame in outputs])
-    truth = vocabulary.index(trial.recording.label)
-    return TrialResult(trial, truth, views, np.empty((0, 0)), facing, unlearned)
+    return [learn_observer(split, view, vocabulary, settings) for view in settings.views]
 
 
 def fuse_again(results: Sequence[TrialResult], settings: EvaluationSettings) -> tuple[TrialResult, ...]:
@@ -227,8 +158,8 @@ def _fused(result: TrialResult, outputs: ObserverOutputs, rule: Rule, temperatur
     pools = [pool_posteriors(PoolingCase(rule, _votes(outputs, n), prior, temperature)) for n in range(len(outputs.p))]
     facing = np.array([pool.facing for pool in pools]) if pools[0].facing is not None else None
     fused = np.array([pool.p for pool in pools])
-    return TrialResult(
-        result.trial, result.truth, outputs.p, fused, outputs.facing, outputs.unlearned, fused_facing=facing
+    return replace(
+        result, views=outputs.p, fused=fused, facing=outputs.facing, unlearned=outputs.unlearned, fused_facing=facing
     )
 
 
@@ -236,6 +167,8 @@ def _votes(outputs: ObserverOutputs, frame: int) -> list[AgedPosterior]:
     """The votes as the fusion engine has them when the outputs arrive over the mesh at once."""
     votes = []
     for v, p in enumerate(outputs.p[frame]):
+        if np.isnan(p[0]):
+            continue
         surprise = None if outputs.facing is None else encode_facing(outputs.facing[frame, v])
         unlearned = None if outputs.unlearned is None else outputs.unlearned[frame, v]
         if unlearned is not None and np.isnan(unlearned):

@@ -4,18 +4,20 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from common.errors import BadInput
 from common.text import split_list
 from observer.geometry.views import turned
 from observer.learning.learn import BLENDS
-from observer.motion.archive import MotionArchive, Recording, labels_of, movements_in, retime
+from observer.motion.archive import MotionArchive, Recording, Span, labels_of, movements_in, retime
 from observer.motion.importers.msr_action3d import LABELS
 from studies.room import NOISE_M, RoomEvent, before_trial
 
 SLOWEST, FASTEST = 0.6, 1.7
 IDLE_S = (0.5, 2.0)
 IDLE_NOISE_M = NOISE_M
+BETWEEN_S = (1.0, 2.5)
 OTHERS = "others"
 Labels = tuple[str, ...]
 
@@ -140,6 +142,40 @@ def _trial(recording: Recording, onset_known: bool, turn: float | None, rng: np.
     still = (still + rng.normal(0, IDLE_NOISE_M, still.shape)).astype(np.float32)
     whole = np.concatenate([still[:before], moving, still[before:]])
     return EvaluationTrial(replace(recording, positions=whole), before, before + len(moving), turn_deg)
+
+
+def strung(recordings: Sequence[Recording], rng: np.random.Generator) -> list[Recording]:
+    """One stream per person: the recordings in random order, with rest of 1 to 2.5 s before, between and after."""
+    return [
+        _string([recordings[i] for i in rng.permutation(len(recordings)) if recordings[i].subject == subject], rng)
+        for subject in dict.fromkeys(r.subject for r in recordings)
+    ]
+
+
+def _string(recordings: Sequence[Recording], rng: np.random.Generator) -> Recording:
+    """Each recording is shifted so that it begins where the one before left the body."""
+    rate, pieces, spans, frames = recordings[0].rate_hz, [], [], 0
+    last = recordings[0].positions[0]
+    for recording in recordings:
+        moved = recording.positions + np.nan_to_num(last[-1] - recording.positions[0, -1])
+        idle = _idle(last, moved[0], round(rng.uniform(*BETWEEN_S) * rate), rng)
+        pieces += [idle, moved]
+        spans.append(Span(frames + len(idle), frames + len(idle) + len(moved), recording.label))
+        frames += len(idle) + len(moved)
+        last = moved[-1]
+    pieces.append(_idle(last, last, round(rng.uniform(*BETWEEN_S) * rate), rng))
+    positions = np.concatenate(pieces).astype(np.float32)
+    return Recording(positions, rate, "", recordings[0].subject, "strung", tuple(spans))
+
+
+def _idle(
+    before: NDArray[np.float32], after: NDArray[np.float32], frames: int, rng: np.random.Generator
+) -> NDArray[np.float32]:
+    """Trembling rest, with a slow shift from one resting posture to the next."""
+    share = np.clip(np.linspace(-0.5, 1.5, frames), 0, 1)[:, None, None]
+    smooth = share * share * (3 - 2 * share)
+    still = before * (1 - smooth) + after * smooth
+    return (still + rng.normal(0, IDLE_NOISE_M, still.shape)).astype(np.float32)
 
 
 def unlearned_and_background(

@@ -115,7 +115,8 @@ class Observer:
         facets: FacetReader | None = None,
     ) -> None:
         self._tracker, self._resampler, self._facets = tracker, resampler, facets
-        self._watch = model.watch(onset or Onset())
+        self.watch = model.watch(onset or Onset())
+        """The model's state, whose posterior is not calibrated."""
         self._calibration = model.header.calibration
         self.vocabulary: Vocabulary = model.header.vocabulary
         self._frames = 0
@@ -134,16 +135,16 @@ class Observer:
         self.tracks = self._tracker.update(frame)
         instants = [self.tracks] if self._resampler is None else self._resampler.update(frame.at_ns, self.tracks)
         for tracks in instants:
-            self._watch.update(tracks)
+            self.watch.update(tracks)
             if self._facets is not None:
-                self._facets.update(tracks, self._watch.rest)
+                self._facets.update(tracks, self.watch.rest)
         self._frames += len(instants)
         visible = dict(zip(self._tracker.body_parts, self.tracks.visible.tolist(), strict=True))
         facets = {} if self._facets is None else self._facets.facets
-        joint, unlearned = calibrated_posterior(self._watch, self._calibration)
+        joint, unlearned = calibrated_posterior(self.watch, self._calibration)
         p: Floats = joint.sum(axis=1)
         facing = None if joint.shape[1] == 1 else joint / np.maximum(p, TINY)[:, None]
-        return Posterior(p, self._watch.rest, self._frames, visible, facets, facing, unlearned)
+        return Posterior(p, self.watch.rest, self._frames, visible, facets, facing, unlearned)
 
 
 MAX_CHANGE = 0.01

@@ -65,11 +65,12 @@ IMPURE = {
     "sockets, signals, processes, the terminal, the supervisor": (
         "*.commands *.instrumentation *.service common.health common.lifecycle common.notify common.progress "
         "common.tls deploy.doctor.cameras deploy.doctor.network deploy.launcher hub.dashboard.application "
-        "hub.dashboard.serving hub.dashboard.streams hub.healthcheck hub.mqtt.broker studies.demo* studies.effort"
+        "hub.dashboard.serving hub.dashboard.streams hub.healthcheck hub.mqtt.broker studies.demo* studies.effort "
+        "studies.parallel"
     ),
     "the clock": (
         "fusion.metrics observer.motion.playback observer.rendering.virtual_camera studies.evaluate "
-        "studies.learning_curve studies.stream"
+        "studies.learning_curve studies.observing studies.stream"
     ),
     "OpenCV or matplotlib, cameras": (
         "observer.calibration.bundle observer.calibration.calibrate observer.calibration.detection "
@@ -84,6 +85,7 @@ ALLOWED = {
     ("studies.replay.judging", "common.capture_file"): "the record type",
     ("studies.trials", "observer.motion.importers.msr_action3d"): "the names of its movements, a table",
     ("observer.tracking.registry", "pathlib"): "a tracker may be told the name of a file",
+    ("studies.sensors", "pathlib"): "a sensor is named with its file",
     ("observer.geometry.views", "pathlib"): "a view may be the name of a camera file",
     ("observer.geometry.views", "observer.geometry.camera_file"): "a view may be the name of a camera file",
 }

@@ -14,7 +14,8 @@ from studies.commands import paper
 from studies.evaluate import EvaluationSettings, evaluate
 from studies.performer import perform, perform_continuously
 from studies.report import as_json, as_text, resolved_pairs, write_report
-from studies.stream import StreamVerdict, judge_streams, score
+from studies.spotting import StreamVerdict, score
+from studies.stream import judge_streams
 from studies.through import fused_over_mesh
 
 LABELS = ("ok", "shake", "lunging")

@@ -1,0 +1,218 @@
+"""What each observer outputs about the people whom its model has not learned from: the costly part of an evaluation.
+
+Observers do not know of each other, so that each fold of each observer is a part of its own (studies.parallel): its
+model is learned once, and judges trials, streams and other motion.
+"""
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from common.vocabulary import Vocabulary
+from observer.geometry.views import View
+from observer.learning.learn import learn_view
+from observer.model.base import MovementModel, Onset
+from observer.model.posterior_calibration import PosteriorCalibration, calibrated_posterior
+from observer.motion.archive import MotionArchive, Recording
+from observer.motion.projected import ProjectedTracker, frames_of
+from observer.runtime.pipeline import TINY, Observer
+from observer.tracks import Floats, Tracker
+from studies.faults import HIDDEN, OccludedTracker
+from studies.parallel import run_parts
+from studies.sensors import same_streams, same_trials
+from studies.settings import EvaluationSettings, Progress, continuous, folds_of, onset_of, trials_of
+from studies.trials import EvaluationTrial, Split, strung, with_labels
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OutputCourse:
+    """What one observer outputs in the F frames of one recording.
+
+    p (F, M); rest (F,); visible (F,) whether any body part is seen; unlearned (F,), NaN where it is not estimated;
+    facing (F, M, K), None for a model without facings. raw: the same before calibration, where it is asked for.
+    """
+
+    p: Floats
+    rest: Floats
+    visible: Floats
+    unlearned: Floats
+    facing: Floats | None = None
+    raw: "OutputCourse | None" = None
+
+    def at(self, frames: NDArray[np.int64]) -> "OutputCourse":
+        """The outputs in those frames."""
+        facing = None if self.facing is None else self.facing[frames]
+        raw = None if self.raw is None else self.raw.at(frames)
+        return OutputCourse(
+            self.p[frames], self.rest[frames], self.visible[frames], self.unlearned[frames], facing, raw
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Extent:
+    """What is observed: trials, streams; and whether posteriors before calibration are wanted too."""
+
+    trials: bool = True
+    streams: bool = False
+    raw: bool = False
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FoldPart:
+    """One observer's part of one fold. train: what it learns from; trials: None where it has no recording."""
+
+    settings: EvaluationSettings
+    view: View
+    train: Split
+    trials: Sequence[EvaluationTrial | None]
+    streams: Sequence[Recording]
+    raw: bool
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FoldCourses:
+    """What one observer outputs in one fold, and the seconds and frames that this took."""
+
+    trials: Sequence[OutputCourse | None]
+    streams: Sequence[OutputCourse]
+    train_seconds: float
+    judge_seconds: float
+    frames: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ObservedFold:
+    """The trials and streams of one fold, and by observer what it outputs about them.
+
+    streams: the movements of the test people first, then `other_motion`, in which none happens.
+    """
+
+    trials: Sequence[EvaluationTrial]
+    streams: Sequence[Recording]
+    other_motion: int
+    courses: Sequence[FoldCourses]
+    n_train: int
+
+
+def observe_folds(
+    archive: MotionArchive,
+    settings: EvaluationSettings,
+    extent: Extent,
+    progress: Progress = lambda *_: None,
+    jobs: int = 1,
+) -> list[ObservedFold]:
+    """Learn and observe all folds; raises BadInput for unknown labels, subjects, body parts and models."""
+    shown = (*settings.labels, *settings.unlearned) if extent.streams else settings.labels
+    splits = folds_of(archive, settings, shown)
+    folds = [_watched(archive, split, settings, number, extent) for number, split in enumerate(splits)]
+    parts = [
+        _part_of(split, fold, settings, v, extent.raw)
+        for split, fold in zip(splits, folds, strict=True)
+        for v in range(len(settings.views))
+    ]
+    what = "learning and judging"
+    courses = run_parts(observe_part, parts, jobs, lambda done, total: progress(what, done, total))
+    by_fold = len(settings.views)
+    return [replace(fold, courses=courses[n * by_fold : (n + 1) * by_fold]) for n, fold in enumerate(folds)]
+
+
+def _watched(
+    archive: MotionArchive, split: Split, settings: EvaluationSettings, number: int, extent: Extent
+) -> ObservedFold:
+    """The trials and streams of a fold, not observed yet."""
+    trials = trials_of(split, settings, number) if extent.trials else []
+    streams: list[Recording] = []
+    if extent.streams:
+        rng = np.random.default_rng([settings.seed, number, 2])
+        streams += continuous(archive, {r.subject for r in split.test}) or strung(split.test, rng)
+    learned = (*settings.labels, *(settings.background or ()))
+    n_train = sum(r.label in learned for r in split.train.recordings)
+    whole = (*streams, *settings.other_motion)
+    return ObservedFold(trials, whole, len(settings.other_motion), (), n_train)
+
+
+def _part_of(split: Split, fold: ObservedFold, settings: EvaluationSettings, v: int, raw: bool) -> FoldPart:
+    """The observer's part of a fold: with sensors, what its own sensor recorded."""
+    alone = replace(settings, sensors=(), other_motion=())
+    if not settings.sensors:
+        return FoldPart(alone, settings.views[v], replace(split, test=()), fold.trials, fold.streams, raw)
+    own = settings.sensors[v]
+    people = {r.subject for r in split.train.recordings}
+    mine = MotionArchive(own.body_parts, tuple(r for r in own.recordings if r.subject in people))
+    train = Split(mine, (), continuous(own, people))
+    judged = len(fold.streams) - fold.other_motion
+    streams = [*same_streams(own, fold.streams[:judged]), *fold.streams[judged:]]
+    return FoldPart(alone, settings.views[v], train, same_trials(own, fold.trials), streams, raw)
+
+
+def observe_part(part: FoldPart) -> FoldCourses:
+    """Learn the observer's model and observe everything that the part shows."""
+    begun = time.perf_counter()
+    model = learn_observer(part.train, part.view, Vocabulary(part.settings.labels), part.settings)
+    learned = time.perf_counter()
+    trials = [None if trial is None else _watch_trial(trial, part, model) for trial in part.trials]
+    streams = [watch(Observer(_tracker(part, model), model, Onset()), stream) for stream in part.streams]
+    frames = sum(len(course.p) for course in (*trials, *streams) if course is not None)
+    return FoldCourses(trials, streams, learned - begun, time.perf_counter() - learned, frames)
+
+
+def learn_observer(split: Split, view: View, vocabulary: Vocabulary, settings: EvaluationSettings) -> MovementModel:
+    """One view's model from the training people's movements and streams and, if set, what is something else."""
+    return learn_view(
+        with_labels(split.train, settings.labels),
+        view,
+        vocabulary,
+        kind=settings.model,
+        body_parts=settings.body_parts or None,
+        parameters=settings.parameters,
+        calibrate=settings.calibrated,
+        background=_background_of(split, settings),
+        streams=split.streams,
+    )
+
+
+def _background_of(split: Split, settings: EvaluationSettings) -> MotionArchive | None:
+    if settings.background is None and settings.background_archive is None:
+        return None
+    own = with_labels(split.train, settings.background or ()).recordings
+    others = () if settings.background_archive is None else settings.background_archive.recordings
+    return MotionArchive(split.train.body_parts, (*own, *others))
+
+
+def _tracker(part: FoldPart, model: MovementModel) -> Tracker:
+    return ProjectedTracker(part.view, part.train.train.body_parts, model.header.body_parts)
+
+
+def _watch_trial(trial: EvaluationTrial, part: FoldPart, model: MovementModel) -> OutputCourse:
+    tracker = _tracker(part, model)
+    if part.settings.faults.get(part.view.name) == HIDDEN:
+        third = (trial.end - trial.begin) / 3
+        tracker = OccludedTracker(tracker, trial.begin + round(third), trial.begin + round(2 * third))
+    return watch(Observer(tracker, model, onset_of(trial, part.settings)), trial.recording, part.raw)
+
+
+def watch(observer: Observer, recording: Recording, raw: bool = False) -> OutputCourse:
+    """What a new observer outputs in each frame of a recording; raw: also before calibration."""
+    outputs, before = [], []
+    for frame in frames_of(recording):
+        outputs.append(observer.step(frame))
+        if raw:
+            before.append(calibrated_posterior(observer.watch, PosteriorCalibration()))
+    rest = np.array([output.rest for output in outputs])
+    visible = np.array([any(output.visible.values()) for output in outputs], dtype=np.float64)
+    p = np.array([output.p for output in outputs])
+    unlearned = np.array([np.nan if o.unlearned is None else o.unlearned for o in outputs])
+    facing = None if outputs[0].facing is None else np.array([output.facing for output in outputs])
+    course = OutputCourse(p, rest, visible, unlearned, facing)
+    return replace(course, raw=_uncalibrated(course, before)) if raw else course
+
+
+def _uncalibrated(course: OutputCourse, before: Sequence[tuple[Floats, float | None]]) -> OutputCourse:
+    joint = np.array([posterior for posterior, _ in before])
+    p = joint.sum(axis=2)
+    facing = None if course.facing is None else joint / np.maximum(p, TINY)[:, :, None]
+    unlearned = np.array([np.nan if u is None else u for _, u in before])
+    return replace(course, p=p, unlearned=unlearned, facing=facing)
