@@ -35,7 +35,7 @@ class Robot:
             self.do(f"{REACTIONS[label]} ({label} {p:.0%}, {after_s:.1f} s after it began)")
 
     def handle_verdict(self, verdict: dict) -> None:
-        """Correct the reaction; a verdict comes when the movement is decided, and again when it has ended."""
+        """Correct the reaction: a verdict is decided, seldom revised, and ended, each under the same id."""
         before, label = self.acting.get(verdict["id"]), verdict["label"]
         if before != label:
             if before:

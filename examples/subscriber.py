@@ -13,5 +13,7 @@ queue = zenoh.handlers.FifoChannel(1000)
 with zenoh.open(config) as session, session.declare_subscriber("laban/*/verdict", queue) as samples:
     for sample in samples:
         verdict = msgpack.unpackb(sample.payload.to_bytes())
-        agree, stage = verdict["agreement"], "decided" if verdict["ended_ns"] is None else "ended"
+        agree, stage = verdict["agreement"], verdict["stage"]
+        if stage == "revised":
+            stage = f"revised, it was {verdict['revises']}"
         print(verdict["scene"], verdict["label"], f"{agree['k']} of {agree['n']} agree", stage, flush=True)

@@ -196,6 +196,7 @@ def _judgements(expected: ExpectedMesh, traffic: MeshTraffic) -> Iterator[Findin
     if judging:
         many, listened_s = sum(process.judgements for process in judging.values()), traffic.listened_s
         yield ok(GROUP, f"{plural(many, 'judgement')} in {listened_s:.1f} s by {', '.join(judging)}")
+        yield from (ok(GROUP, f"a movement goes on without a verdict yet: {p.why}") for p in judging.values() if p.why)
     elif traffic.alive_fusions and traffic.listened_s > 0 and not traffic.bad_judgements:
         what = f"no judgement within {traffic.listened_s:.1f} s"
         if any(process.posteriors for process in traffic.observers.values()):

@@ -42,6 +42,7 @@ LOOK = "labanmesh look SOURCE on its machine shows what its camera delivers"
 class ProcessTraffic:
     """The messages of one process. skew_s: its clock minus ours, by its quickest message; None before any.
 
+    why: why the newest judgement's movement has no verdict yet; "" without such a movement.
     posteriors: how many were good; hashes: of their vocabularies; turns: how often one session was followed by another,
     or a sequence number by a lower one: once is a restart. bad: messages that cannot be used, by reason.
     """
@@ -51,6 +52,7 @@ class ProcessTraffic:
     skew_s: float | None = None
     posteriors: int = 0
     judgements: int = 0
+    why: str = ""
     hashes: set[str] = field(default_factory=set)
     turns: int = 0
     bad: Counter[str] = field(default_factory=Counter)
@@ -106,6 +108,7 @@ class MeshTraffic:
         if judgement is not None:
             process = _process(self.fusions, judgement.fusion)
             process.judgements += 1
+            process.why = judgement.why or ""
             process.hashes.add(judgement.vocabulary.hash)
             process.count_number("", judgement.seq)
 

@@ -1,7 +1,7 @@
 """Recorded verdicts beside those judged again, as rows, text and JSON. Pure.
 
-A movement is one row: all messages with one verdict id (decided, ended). Verdicts with different ids, as a changed
-engine gives them, share a row when their movements overlap in time.
+A movement is one row: all messages with one verdict id (decided, revised, ended). Verdicts with different ids, as a
+changed engine gives them, share a row when their movements overlap in time.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -182,7 +182,7 @@ def _row_as_json(row: VerdictComparison) -> dict[str, Any]:
 def _verdict_as_json(verdict: VerdictMessage | None) -> dict[str, Any] | None:
     if verdict is None:
         return None
-    fields = ("id", "label", "began_ns", "decided_ns", "ended_ns", "certainty_bits")
+    fields = ("id", "label", "stage", "revises", "why", "began_ns", "decided_ns", "ended_ns", "certainty_bits")
     return {name: getattr(verdict, name) for name in fields} | {"agreement": verdict.agreement.model_dump()}
 
 
@@ -238,7 +238,10 @@ def _change_text(change: ReplayChange) -> str:
 
 
 def _label(verdict: VerdictMessage | None) -> str:
-    return NONE if verdict is None else verdict.label
+    """The label; of a corrected verdict `bowing -> lunging`."""
+    if verdict is None:
+        return NONE
+    return verdict.label if verdict.revises is None else f"{verdict.revises} -> {verdict.label}"
 
 
 def _agreed(verdict: VerdictMessage | None) -> str:

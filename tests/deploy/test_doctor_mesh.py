@@ -48,10 +48,10 @@ def posterior(observer, seq=0, session="s", vocabulary=NAMES):
     return KEYS.posterior(observer), encode(message)
 
 
-def judgement(fusion="fusion", seq=0):
+def judgement(fusion="fusion", seq=0, **more):
     message = JudgementMessage(
         scene="dojo", fusion=fusion, seq=seq, at_ns=NOON, vocabulary=reference(), p=[0.5, 0.5], label="bowing",
-        certainty_bits=1.0, rule="log", votes={}, agreement=Agreement(k=0, n=0),
+        certainty_bits=1.0, rule="log", votes={}, agreement=Agreement(k=0, n=0), **more,
     )  # fmt: skip
     return KEYS.judgement, encode(message)
 
@@ -98,6 +98,15 @@ def test_a_good_mesh_is_good():
     assert mark_of(findings, ["3 judgements in 2.0 s by fusion"]) == "ok"
     assert mark_of(findings, ["cam1: running, 15 Hz, newest frame 0.0 s old"]) == "ok"
     assert mark_of(findings, ["spare: running: standing by for fusion"]) == "ok"
+
+
+def test_a_movement_without_a_verdict_is_no_fault_and_says_why():
+    why = "bowing 79 % of the 80 % needed"
+    undecided, decided = judgement(seq=3, why=why), judgement(seq=4)
+    findings = check_mesh(EXPECTED, traffic_of({**good(), "x": [undecided]}))
+    assert worst(findings) == "ok" and mark_of(findings, [f"a movement goes on without a verdict yet: {why}"]) == "ok"
+    findings = check_mesh(EXPECTED, traffic_of({**good(), "x": [undecided, decided]}))
+    assert not any("without a verdict" in each.what for each in findings)
 
 
 CAM2, FUSION = KEYS.observer_status("cam2"), KEYS.fusion_status("fusion")

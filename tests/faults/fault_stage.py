@@ -233,7 +233,7 @@ def tally(performed, verdicts):
     for verdict in verdicts:
         name, ended = verdict["id"], verdict["ended_ns"]
         labels[name] = verdict["label"]
-        stages.setdefault(name, []).append("decided" if ended is None else "ended")
+        stages.setdefault(name, []).append(verdict["stage"])
         spans[name] = (verdict["began_ns"], ended or verdict["decided_ns"])
     ids = [[] for _ in performed]
     for name, (began, ended) in sorted(spans.items(), key=lambda item: item[1]):

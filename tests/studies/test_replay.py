@@ -159,6 +159,31 @@ def test_any_run_comes_out_the_same(write, play, rule, seed):
     assert result.same == result.judgements and result.faithful
 
 
+def revised_records(scene):
+    """The records of one movement whose label is corrected when the person comes to rest."""
+    story = [(None, 0.98)] * 3 + [("bowing", 0.02)] * 6 + [("lunging", 0.02)] * 6 + [("lunging", 0.98)] * 6
+    played = [
+        (at, [posterior(o, n, at, label, rest=rest) for o in OBSERVERS])
+        for n, (label, rest) in enumerate(story, 1)
+        for at in [NOON + n * STEP]
+    ]
+    return recorded(scene, played)
+
+
+def test_a_revision_belongs_to_its_movement_and_comes_out_the_same(write):
+    scene = a_scene()
+    records = revised_records(scene)
+    result = judge_again(write(records, scene), ReplayChange())
+    (row,) = result.rows
+    assert [record.verdict.stage for record in row.recorded] == ["decided", "revised", "ended"]
+    assert row.likeness == "bit for bit" and result.faithful
+    assert re.search(r"bowing -> lunging +3 of 3 +bowing -> lunging +3 of 3 +bit for bit", as_text(result, "a", True))
+    assert as_json(result, "a", True)["verdicts"][0]["anew"]["revises"] == "bowing"
+    for cut in judgements(records):
+        part = judge_again(write(records[:1] + records[cut:], scene), ReplayChange())
+        assert part.faithful and all(row.stands or row.partly for row in part.rows), cut
+
+
 def test_optional_fields_come_out_the_same(write):
     """Unlearned, facing and facets, also after they fade, and the learned reliability."""
     rng, played = np.random.default_rng(1), []
