@@ -2,12 +2,14 @@
 
 import csv
 import threading
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from common import SECOND_NS
+from observer.camera.base import Picture, require_picture
 from observer.camera.opening import open_pictures
 from observer.files import read_arrays, write_arrays
 from observer.geometry.camera_file import CameraModel, write_camera
@@ -15,7 +17,7 @@ from observer.geometry.views import View, parse_view
 from observer.motion.archive import MotionArchive
 from observer.motion.importers.florence3d import RATE_HZ, import_folder
 from observer.runtime.scene_inputs import UnmirroredSource
-from observer.tracks import BODY_PARTS, Floats
+from observer.tracks import BODY_PARTS, Floats, Frame
 
 CLIPS, WEBCAM, RECORDINGS = "florence3d_videos", "wave_webcam", "florence3d"
 """Folders of LABANMESH_DATA: the films, and the recordings in 3-D of which the clips are parts."""
@@ -70,25 +72,32 @@ def write_clip_camera(path: Path) -> None:
 
 
 def centres_in(clip: Clip, folder: Path) -> Floats:
-    """(F, 3, 2) px, what the mediapipe tracker finds in the clip's pictures; NaN where a part is not seen.
-
-    They are read from NAME.npz in `folder` (times_ns, centres, parts), or written there. Raises BadInput without
-    mediapipe if the file is missing.
-    """
-    path = folder / f"{clip.name}.npz"
-    if not path.exists():
-        _track(clip, path)
-    return read_arrays(path)["centres"]
+    """(F, 3, 2) px, what the mediapipe tracker finds in the clip, from NAME.npz in `folder`; see `track_pictures`."""
+    return track_pictures(lambda: pictures_of(clip), RATE_HZ, folder / f"{clip.name}.npz")
 
 
-def _track(clip: Clip, path: Path) -> None:
-    from observer.tracking.mediapipe_pose import MediapipeTracker
-
-    tracker = MediapipeTracker()
-    film = open_pictures(str(clip.file.absolute()), Path(), rate_hz=RATE_HZ, speed=0)
+def pictures_of(clip: Clip) -> Iterator[Picture]:
+    """The clip's pictures, mirrored back if they are mirrored."""
+    film = open_pictures(str(clip.file.absolute()), Path(), speed=0)
     source = UnmirroredSource(film) if clip.mirrored else film
-    centres = [tracker.update(frame).centres for frame in source.frames(threading.Event())]
-    tracker.close()
-    times_ns = np.arange(len(centres)) * round(SECOND_NS / RATE_HZ)
-    arrays = {"times_ns": times_ns, "centres": np.array(centres), "parts": np.array(BODY_PARTS)}
-    write_arrays(path, arrays, compressed=False)
+    for frame in source.frames(threading.Event()):
+        yield require_picture(frame.content)
+
+
+def track_pictures(pictures: Callable[[], Iterator[Picture]], rate_hz: float, path: Path) -> Floats:
+    """(F, 3, 2) px of hands and head, NaN where a part is not seen, by a new mediapipe tracker.
+
+    They are read from the file (times_ns, centres, parts), or written there. Raises BadInput without mediapipe if the
+    file is missing.
+    """
+    if not path.exists():
+        # Imported here: with all tracks at hand, mediapipe is not needed.
+        from observer.tracking.mediapipe_pose import MediapipeTracker
+
+        tracker, period_ns = MediapipeTracker(), round(SECOND_NS / rate_hz)
+        centres = [tracker.update(Frame(n * period_ns, picture)).centres for n, picture in enumerate(pictures())]
+        tracker.close()
+        times_ns = np.arange(len(centres)) * period_ns
+        arrays = {"times_ns": times_ns, "centres": np.array(centres), "parts": np.array(BODY_PARTS)}
+        write_arrays(path, arrays, compressed=False)
+    return read_arrays(path)["centres"]
