@@ -44,11 +44,11 @@ fault-tools:
 mqtt-tools:
 	@tests/hub/mqtt/install_mosquitto.sh
 
-peers: $(PEERS)/.ready   ## our judges beside MiniRocket and 1-NN DTW: the table of docs/results/peers.md, written anew
+peers: $(PEERS)/.ready   ## our judges beside MiniRocket and 1-NN DTW, cut out, with several sensors, in streams: the tables of docs/results/peers.md, written anew
 	@$(PEERS)/bin/python -m benchmarks.peers --page docs/results/peers.md
 
 test-peers: $(PEERS)/.ready   ## the tests of that comparison, also those that need aeon
-	@$(PEERS)/bin/pytest -q -n0 tests/test_peers.py
+	@$(PEERS)/bin/pytest -q -n0 tests/test_peers.py tests/test_spotter.py
 
 peers-transport: $(TRANSPORTS)/.ready   ## ours beside MQTT, NATS and ZeroMQ: the table of docs/results/performance.md, written anew
 	@benchmarks/transports/install_brokers.sh

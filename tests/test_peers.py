@@ -10,23 +10,22 @@ import pytest
 
 from benchmarks.command_line import replace_table, run_command
 from benchmarks.peers import __main__ as commands
-from benchmarks.peers.__main__ import accuracy_interval
 from benchmarks.peers.comparison import (
     PEERS,
+    PRODUCT,
     AccuracyCurve,
     Peer,
     PeerComparison,
-    bridge_gaps,
-    channels,
+    PeerOptions,
     compare_peers,
-    make_panel,
     our_curves,
-    relative,
-    resample_rows,
-    view_centres,
+    seen_by_all,
+    seen_by_some,
 )
+from benchmarks.peers.panels import bridge_gaps, channels, make_panel, relative, resample_rows, view_centres
+from benchmarks.peers.tables import accuracy_interval, as_json, as_markdown, peer_rows, streams_as_markdown
 from common.errors import BadInput
-from observer.geometry.views import parse_view
+from observer.geometry.views import View, parse_view
 from observer.model.rocket import MiniRocket, RocketParameters, choose_dilations
 from observer.motion.archive_file import write_archive
 from observer.tracks import BODY_PARTS
@@ -55,7 +54,9 @@ def all_trials(archive):
 
 def shown(archive, fraction, length=12, derived=True):
     some = all_trials(archive)
-    return make_panel([view_centres(t, DOOR_WHEEL, archive.body_parts) for t in some], some, fraction, length, derived)
+    return make_panel(
+        [view_centres(t.recording, DOOR_WHEEL, archive.body_parts) for t in some], some, fraction, length, derived
+    )
 
 
 def test_a_panel_has_positions_hands_from_the_head_and_velocities_in_all_views(archive):
@@ -116,16 +117,21 @@ def test_stretching_keeps_first_and_last_and_velocities_stay_those_that_were_fil
         assert moved == pytest.approx(np.full(length, 0.1 / 10))
 
 
-def test_a_peer_gets_our_trials_and_relearns_for_every_fraction(archive):
-    """A peer that records its input: other people for training than for test, five times."""
-    calls = []
+def recording_peer(calls):
+    """A peer that always says "ok" and records what it is shown."""
 
     def always_ok(learned, labels, unknown, seed, fast):
-        calls.append((len(learned), sorted(labels), len(unknown), seed, learned.tobytes()))
-        return np.full(len(unknown), "ok")
+        calls.append((len(learned), sorted(labels), len(unknown), seed, learned.tobytes(), learned.shape[1]))
+        return np.tile([1.0, 0.0], (len(unknown), 1))
 
-    settings = EvaluationSettings(views=DOOR_WHEEL, labels=LABELS, train_subjects=("1",))
-    comparison = compare_peers(archive, "both", settings, (0, 1), peers={"MiniRocket": Peer(always_ok, 12, True, True)})
+    return Peer(always_ok, 12, True, True)
+
+
+def test_a_peer_gets_our_trials_and_relearns_for_every_fraction(archive):
+    """Other people for training than for test, for each fraction and seed."""
+    calls, settings = [], EvaluationSettings(views=DOOR_WHEEL, labels=LABELS, train_subjects=("1",))
+    peers = {"MiniRocket": recording_peer(calls)}
+    comparison = compare_peers(archive, "both", settings, PeerOptions((0, 1)), peers=peers)
     assert len(calls) == 2 * len(FRACTIONS) and [g[3] for g in calls[:2]] == [0, 1]
     assert {g[:1] + g[2:3] for g in calls} == {(4, 4)} and calls[0][1] == ["ok", "ok", "shake", "shake"]
     assert len({g[4] for g in calls}) == len(FRACTIONS), "each fraction has a panel of its own to learn from"
@@ -134,8 +140,47 @@ def test_a_peer_gets_our_trials_and_relearns_for_every_fraction(archive):
     assert (comparison.curves[-1].right == np.array([truth] * len(FRACTIONS))).all()
     assert comparison.people == ("2",) * 4
     each = dataclasses.replace(settings, views=DOOR_WHEEL[:1], train_subjects=(), leave_one_subject_out=True)
-    comparison = compare_peers(archive, "both", each, (0,), peers={})
+    comparison = compare_peers(archive, "both", each, PeerOptions(), peers={})
     assert [c.name for c in comparison.curves] == ["ours, fused"] and comparison.people == ("1",) * 4 + ("2",) * 4
+
+
+def test_a_peer_for_each_observer_sees_one_view_of_the_wanted_parts(archive):
+    parts = ("left_hand", "right_hand", "head")
+    calls, settings = [], EvaluationSettings(views=DOOR_WHEEL, labels=LABELS, train_subjects=("1",), body_parts=parts)
+    comparison = compare_peers(archive, "both", settings, PeerOptions(), peers={}, alone=recording_peer(calls))
+    assert len(calls) == 2 * len(FRACTIONS) and {g[5] for g in calls} == {6 + 4 + 6}
+    assert len({g[4] for g in calls}) == 2 * len(FRACTIONS), "door and wheel differ"
+    assert [c.name for c in comparison.curves][-1] == PRODUCT and comparison.curves[-1].right.mean() == 0.5
+
+
+def certain_peer():
+    """Knows "ok" by its first hand's height, and says so with a certainty that grows with its distance from 0."""
+
+    def by_height(learned, labels, unknown, seed, fast):
+        height = unknown[:, 0, -1]
+        return np.stack([height, -height], axis=1)
+
+    return Peer(by_height, 12, False, False)
+
+
+def test_sensors_judge_by_product_and_a_missing_one_is_left_out(archive):
+    """Sensor b lacks one of person 2's four performances: it counts for "all", and not for "seen by all"."""
+    judged = [n for n, r in enumerate(archive.recordings) if r.subject == "2"]
+    fewer = tuple(r for n, r in enumerate(archive.recordings) if n != judged[1])
+    sensors = (archive, dataclasses.replace(archive, recordings=fewer))
+    views = (View("a", DOOR_WHEEL[0].matrix), View("b", DOOR_WHEEL[1].matrix))
+    settings = EvaluationSettings(views=views, labels=LABELS, train_subjects=("1",), sensors=sensors)
+    comparison = compare_peers(archive, "both", settings, PeerOptions(), peers={}, alone=certain_peer())
+    curves = {curve.name: curve.right for curve in comparison.curves}
+    assert list(curves) == ["ours, fused", "ours, a", "ours, b", PRODUCT, "MiniRocket, a", "MiniRocket, b"]
+    for name, right in curves.items():
+        missing = np.isnan(right).all(axis=0)
+        assert missing.tolist() == [False, name.endswith("b"), False, False] and np.isnan(right).sum() in (0, 5)
+    assert (curves[PRODUCT][:, 1] == curves["MiniRocket, a"][:, 1]).all()
+    some, every = seen_by_some(comparison), seen_by_all(comparison, "few")
+    assert [c.name for c in some.curves] == ["ours, fused", "ours, a", PRODUCT, "MiniRocket, a"]
+    assert every.movements == "few" and len(every.people) == 3 and len(every.curves) == 6
+    assert len(as_markdown(peer_rows([every, some]), FRACTIONS).splitlines()) == 2 + 7 + 5
 
 
 def test_our_curves_are_the_accuracies_of_evaluate(archive):
@@ -184,18 +229,27 @@ def comparisons():
 
 
 def test_the_table_has_every_classifier_and_the_differences():
-    rows = commands.peer_rows(comparisons())
+    rows = peer_rows(comparisons())
     assert [r.movements for r in rows[::3]] == ["all 20", "AS1", "AS2", "AS3", "mean of AS1, AS2, AS3"]
     assert [r.classifier for r in rows[:3]] == ["ours, fused", "MiniRocket", "ours, fused − MiniRocket"]
-    lines = commands.as_markdown(rows, FRACTIONS).splitlines()
+    lines = as_markdown(rows, FRACTIONS).splitlines()
     assert len(lines) == 2 + len(rows) and len({line.count("|") for line in lines}) == 1
     assert lines[0].startswith("| movements | judged by | 20% |") and lines[0].endswith("| area |")
     assert lines[2].startswith("| all 20 | ours, fused | 0.750 (") and lines[4].startswith("|  | ours, fused − MiniRo")
     assert "| +0.500 (" in lines[4]
-    figures = json.loads(json.dumps(commands.as_json(rows, FRACTIONS)))
+    figures = json.loads(json.dumps(as_json(rows, FRACTIONS)))
     assert figures[0]["accuracy_at"]["0.2"] == 0.75 and figures[1]["area"] == 0.25
     low, high = figures[0]["interval"]["area"]
     assert low < 0.75 <= high
+
+
+def test_the_table_of_streams_names_each_set_once():
+    figures = {"f1": 0.5, "precision": 0.25, "recall": 1.0, "median_latency_s": 0.7, "false_alarms_per_minute": 1.5}
+    rows = [{"observers": "door", "judged_by": name, **figures} for name in ("ours, fused", "spotter")]
+    rows[1]["median_latency_s"] = None
+    lines = streams_as_markdown(rows).splitlines()
+    assert lines[2] == "| door | ours, fused | 0.500 | 0.250 | 1.000 | 0.70 s | 1.50 |"
+    assert lines[3] == "|  | spotter | 0.500 | 0.250 | 1.000 | - | 1.50 |"
 
 
 def test_only_the_table_of_a_page_is_replaced():
@@ -213,12 +267,16 @@ def test_only_the_table_of_a_page_is_replaced():
         ({"page": "absent.md"}, "cannot read"),
         ({"page": "plain.md"}, "needs the lines"),
         ({"page": "plain.md", "fast": True}, "omit one of the two"),
+        ({"page": "plain.md", "table": ["msr"]}, "omit one of the two"),
+        ({"table": ["karat"]}, "--table karat: known are msr, sensors, florence, karate, streams"),
+        ({"stream": True}, "no archive is named"),
     ],
 )
-def test_a_bad_page_is_rejected_before_the_work(tmp_path, arguments, error):
+def test_bad_options_are_rejected_before_the_work(tmp_path, arguments, error):
     (tmp_path / "plain.md").write_text("no marks\n", encoding="utf-8")
     with pytest.raises(BadInput, match=error):
-        commands.peers(None, **{**arguments, "page": tmp_path / arguments["page"]})
+        page = tmp_path / arguments["page"] if "page" in arguments else None
+        commands.peers(None, **{**arguments, "page": page})
 
 
 @pytest.mark.parametrize("place", [None, "nowhere"])
@@ -236,7 +294,7 @@ def test_without_recordings_one_line_says_what_to_do(monkeypatch, tmp_path, plac
 def test_a_peer_learns_an_easy_difference(archive, name):
     peer = PEERS[name]
     some = all_trials(archive)
-    centres = [view_centres(t, DOOR_WHEEL, archive.body_parts) for t in some]
+    centres = [view_centres(t.recording, DOOR_WHEEL, archive.body_parts) for t in some]
     whole = make_panel(centres, some, 1.0, peer.length, peer.derived)
     labels = np.array([t.recording.label for t in some])
     predicted = [peer.predict(whole, labels, whole, seed, True) for seed in (0, 0)]
@@ -251,7 +309,8 @@ def test_the_command_writes_page_and_json(archive, tmp_path, capsys):
     asked = [str(tmp_path / "two.npz"), "--train-subjects", "1", "--json", str(tmp_path / "found.json")]
     assert run_command(commands.peers, "peers", [*asked, "--page", str(page)]) == 0
     figures = json.loads((tmp_path / "found.json").read_text(encoding="utf-8"))
-    assert [row["judged_by"] for row in figures["rows"]][-2:] == ["ours, fused − MiniRocket", "ours, fused − 1-NN DTW"]
+    differences = [f"ours, fused − {name}" for name in ("MiniRocket", "1-NN DTW", PRODUCT)]
+    assert [row["judged_by"] for row in figures["rows"]][-3:] == differences
     assert re.search(r"\| all 2 \| ours, fused \|", page.read_text(encoding="utf-8"))
     assert "ours, wheel" in capsys.readouterr().out
 

@@ -1,0 +1,216 @@
+"""What `make peers` compares: the recordings, who learns and who is judged, and what each table says about it."""
+
+import os
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from benchmarks.peers.comparison import PEERS, Peer, PeerOptions, compare_peers, seen_by_all, seen_by_some
+from benchmarks.peers.spotter import spot_streams
+from benchmarks.peers.tables import as_json, as_markdown, peer_rows, streams_as_markdown
+from common.errors import BadInput
+from observer.geometry.views import parse_view
+from observer.motion.archive import MotionArchive, labels_of
+from observer.motion.archive_file import read_archive
+from observer.motion.importers import import_recordings
+from studies.evaluate import EvaluationSettings, Progress
+from studies.observing import Extent, observe_folds
+from studies.report import FRACTIONS
+from studies.sensors import performances, read_sensors
+from studies.stream import judge_observed
+from studies.trials import SUBSETS
+
+VIEWS = ("door", "wheel")
+HANDS_HEAD = ("left_hand", "right_hand", "head")
+WITH_FEET = (*HANDS_HEAD, "left_foot", "right_foot")
+SPOTTER = "MiniRocket spotter"
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """A finished table: a title, its protocol in a line, markdown, and the same as JSON."""
+
+    title: str
+    protocol: str
+    markdown: str
+    figures: Mapping[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class AccuracyTask:
+    """Accuracy after fractions of movements that are cut out. sets: settings by name of the set of movements.
+
+    joint: peers that see all views of one archive as one series.
+    """
+
+    title: str
+    protocol: str
+    archive: MotionArchive
+    sets: Mapping[str, EvaluationSettings]
+    joint: Mapping[str, Peer]
+
+    def run(self, options: PeerOptions, progress: Progress) -> Table:
+        """Compare all classifiers on all sets."""
+        comparisons = [
+            compare_peers(self.archive, name, settings, options, progress, self.joint, PEERS["MiniRocket"])
+            for name, settings in self.sets.items()
+        ]
+        settings = next(iter(self.sets.values()))
+        if settings.sensors:
+            comparisons = [
+                one
+                for each in comparisons
+                for one in (seen_by_all(each, f"{each.movements}, seen by all sensors"), seen_by_some(each))
+            ]
+        rows = peer_rows(comparisons)
+        people = sorted(set(comparisons[0].people), key=lambda name: (len(name), name))
+        views = [view.name for view in settings.views]
+        trials = ", ".join(f"{len(one.people)} of {one.movements}" for one in comparisons)
+        facts = (
+            f"{self.protocol} {'Sensors' if settings.sensors else 'Views'} {', '.join(views)}; "
+            f"body parts {', '.join(settings.body_parts or HANDS_HEAD)}; people judged: {', '.join(people)}; "
+            f"trials: {trials}; seeds: {len(options.seeds)}."
+        )
+        figures = {"version": 1, "views": views, "judged": people, "seeds": len(options.seeds), "fast": options.fast}
+        return Table(self.title, facts, as_markdown(rows, FRACTIONS), figures | {"rows": as_json(rows, FRACTIONS)})
+
+
+@dataclass(frozen=True, slots=True)
+class StreamTask:
+    """Spotting in continuous recordings. sets: settings by name of what observers see."""
+
+    title: str
+    protocol: str
+    archive: MotionArchive
+    sets: Mapping[str, EvaluationSettings]
+
+    def run(self, options: PeerOptions, progress: Progress) -> Table:
+        """Judge all streams by our observers and by the spotter."""
+        rows: list[dict[str, Any]] = []
+        for name, settings in self.sets.items():
+            watch = _under(progress, f"{name}: ours")
+            folds = observe_folds(self.archive, settings, Extent(trials=False, streams=True), watch, options.jobs)
+            ours = judge_observed(folds, settings, watch, options.jobs).as_json()
+            rows.append({"observers": name, "judged_by": "ours, fused", **ours})
+            theirs = spot_streams(self.archive, settings, options, partial(progress, f"{name}: {SPOTTER}"))
+            rows.append({"observers": name, "judged_by": SPOTTER, **theirs.as_json()})
+        streams = [recording for recording in self.archive.recordings if recording.spans]
+        people = sorted({recording.subject for recording in streams}, key=lambda name: (len(name), name))
+        facts = (
+            f"{self.protocol} People judged: {', '.join(people)}; {len(streams)} streams with "
+            f"{sum(len(stream.spans) for stream in streams)} movements."
+        )
+        figures = {"version": 1, "judged": people, "fast": options.fast, "rows": rows}
+        return Table(self.title, facts, streams_as_markdown(rows), figures)
+
+
+Task = AccuracyTask | StreamTask
+
+
+def _under(progress: Progress, name: str) -> Progress:
+    return lambda what, done, total: progress(f"{name}, {what}", done, total)
+
+
+def sets_of(settings: EvaluationSettings) -> dict[str, EvaluationSettings]:
+    """All movements and, where the archive has them, AS1, AS2 and AS3."""
+    known = settings.labels
+    subsets = {name: replace(settings, labels=some) for name, some in SUBSETS.items() if set(some) <= set(known)}
+    return {f"all {len(known)}": settings, **subsets}
+
+
+def _settings(
+    archive: MotionArchive, leave_one_out: bool, parts: tuple[str, ...] = (), views: Sequence[str] = VIEWS
+) -> EvaluationSettings:
+    return EvaluationSettings(
+        views=tuple(parse_view(view) for view in views),
+        labels=labels_of(archive),
+        leave_one_subject_out=leave_one_out,
+        body_parts=parts,
+    )
+
+
+def _msr(folder: Path) -> Task:
+    archive = import_recordings("msr-action3d", folder).archive
+    return AccuracyTask(
+        "MSR Action3D, movements cut out",
+        "Learned from people 1, 3, 5, 7, 9.",
+        archive,
+        sets_of(_settings(archive, leave_one_out=False)),
+        PEERS,
+    )
+
+
+def _nw_ucla(folder: Path) -> Task:
+    texts = [f"sensor{n}={folder / f'sensor{n}.npz'}" for n in (1, 2, 3)]
+    views, sensors = read_sensors(texts, read_archive)
+    whole = performances(sensors)
+    settings = replace(_settings(whole, leave_one_out=True, parts=HANDS_HEAD), views=views, sensors=sensors)
+    return AccuracyTask(
+        "nw_ucla, three sensors",
+        "One person left out at a time; each sensor learns from its own recordings; a performance that a sensor lacks "
+        "is judged by the others.",
+        whole,
+        {f"all {len(settings.labels)}": settings},
+        {},
+    )
+
+
+def _florence(folder: Path) -> Task:
+    archive = import_recordings("florence3d", folder).archive
+    settings = _settings(archive, leave_one_out=True)
+    return AccuracyTask(
+        "Florence 3D, movements cut out",
+        "One person left out at a time.",
+        archive,
+        {f"all {len(settings.labels)}": settings},
+        {},
+    )
+
+
+def _karate(folder: Path) -> Task:
+    archive = read_archive(folder / "karate.npz")
+    settings = _settings(archive, leave_one_out=True, parts=WITH_FEET)
+    return AccuracyTask(
+        "karate, movements cut out",
+        "One person left out at a time; the spans of continuous recordings, without what is around them.",
+        archive,
+        {f"all {len(settings.labels)}": settings},
+        {},
+    )
+
+
+def _karate_streams(folder: Path) -> Task:
+    archive = read_archive(folder / "karate.npz")
+    sets = {
+        "door, wheel: hands, head": _settings(archive, leave_one_out=True, parts=HANDS_HEAD),
+        "door, wheel: hands, head, feet": _settings(archive, leave_one_out=True, parts=WITH_FEET),
+    }
+    return StreamTask(
+        "karate, continuous",
+        "One person left out at a time; spotting by the first word of a verdict.",
+        archive,
+        sets,
+    )
+
+
+TASKS: Mapping[str, tuple[str, Callable[[Path], Task]]] = {
+    "msr": ("msr_action3d/MSRAction3DSkeletonReal3D", _msr),
+    "sensors": ("nw_ucla", _nw_ucla),
+    "florence": ("florence3d", _florence),
+    "karate": ("karate", _karate),
+    "streams": ("karate", _karate_streams),
+}
+"""By name of the table the folder of LABANMESH_DATA and what reads it."""
+
+
+def tasks_of(names: Sequence[str]) -> list[Task]:
+    """The tasks of these tables, read from LABANMESH_DATA; raises BadInput for recordings that are not there."""
+    data = os.environ.get("LABANMESH_DATA")
+    for name in names:
+        folder = TASKS[name][0]
+        if not data or not (Path(data) / folder).is_dir():
+            place = f"LABANMESH_DATA = {data!r} has no {folder}" if data else "LABANMESH_DATA is not set"
+            raise BadInput(f"no archive is named and {place}; set it, or: python -m benchmarks.peers ARCHIVE.npz")
+    return [TASKS[name][1](Path(data or "") / TASKS[name][0]) for name in names]
