@@ -28,6 +28,9 @@ from deploy.launcher import Job, Launcher, RestartPolicy
 START_TOGETHER_S = 2.0
 """Recordings begin this long after the launcher, when all observers run: they all see the same moment."""
 EACH_OBSERVER_S = 0.2
+LOADING_S = {"mediapipe": 4.0}
+"""Some trackers take long to load: MediaPipe a second of a fast core, several of a small or busy one. A film that began
+before would be played late, and fusion leaves late posteriors out."""
 HUBS = {"mqtt": ("hub", "mqtt"), "dashboard": ("dashboard",)}
 FAILURES_WITH_AN_END = 5
 """A scene that ends by itself gives up a failing observer after so many failures in a row."""
@@ -110,7 +113,7 @@ def up(
         print(f"{name}: reads tracks from its standard input, start it by hand: {command}", file=sys.stderr)
     started = jobs(scene, config)
     require_free_ports(config, len(started))
-    start_ns = time.time_ns() + round((START_TOGETHER_S + EACH_OBSERVER_S * len(config.roster)) * 1e9)
+    start_ns = time.time_ns() + round(playback_delay_s(config) * 1e9)
     with stop_on_signals() as stop, tempfile.TemporaryDirectory(prefix="labanmesh-") as folder:
         launcher = Launcher(
             with_ports(started, config.metrics.listen),
@@ -126,6 +129,12 @@ def up(
     if status:
         raise LabanmeshError(f"{scene}: not all processes could do their work; the log above names the causes")
     return 0
+
+
+def playback_delay_s(scene: Scene) -> float:
+    """How long after the launcher recordings and films begin, when all observers run."""
+    loading_s = max((LOADING_S.get(section.tracker, 0.0) for section in scene.observers.values()), default=0.0)
+    return START_TOGETHER_S + EACH_OBSERVER_S * len(scene.roster) + loading_s
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,7 +12,7 @@ import pytest
 
 from common.config import read_scene
 from common.errors import LabanmeshError
-from deploy.commands import jobs, require_free_ports, up
+from deploy.commands import jobs, playback_delay_s, require_free_ports, up
 from deploy.launcher import Job, Launcher, RestartPolicy
 
 QUICK = RestartPolicy(first_s=0.01, longest_s=0.02)
@@ -177,6 +177,15 @@ def test_the_processes_of_a_scene(tmp_path):
 def write_scene(folder, mesh, more=""):
     (folder / "scene.toml").write_text(f'scene = "d"\n[mesh]\n{mesh}\n[observers.cam1]\nsource = "a.npz"\n{more}')
     return folder / "scene.toml"
+
+
+def test_films_begin_after_the_slowest_tracker_has_loaded(tmp_path):
+    mesh, film = 'mode = "machine"', '[observers.cam2]\nsource = "film.mp4"\ntracker = '
+    camshift, mediapipe = (
+        playback_delay_s(read_scene(write_scene(tmp_path, mesh, f'{film}"{tracker}"\n'), {}))
+        for tracker in ("camshift", "mediapipe")
+    )
+    assert mediapipe >= camshift + 3
 
 
 @pytest.mark.parametrize(
