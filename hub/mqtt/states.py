@@ -10,6 +10,7 @@ from typing import Any, Final
 
 from common.facets import FACETS
 from common.messages import JudgementMessage, Vote
+from common.vocabulary import ABSTAIN
 from hub.anticipation import probability
 from hub.mqtt.entities import FACING, Topics
 from hub.scene_state import ObserverState, SceneState, is_waiting
@@ -101,8 +102,10 @@ def _now(judgement: JudgementMessage) -> dict[str, Any]:
     if is_waiting(judgement):
         return dict.fromkeys(("movement", "label", "confidence", "entropy", "unlearned"))
     movement = judgement.movement
+    # A verdict that is revised to an abstention names no movement.
+    label = None if movement is None or movement.label == ABSTAIN else movement.label
     return {
-        "movement": REST if movement is None else movement.label or UNDECIDED,
+        "movement": REST if movement is None else label or UNDECIDED,
         "label": judgement.label,
         "confidence": confidence(judgement),
         "entropy": rounded(judgement.certainty_bits, 2),

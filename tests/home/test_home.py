@@ -94,6 +94,27 @@ def test_the_automation_of_the_document_runs_for_its_movement_alone(house):
     until(ran, "the automation")
 
 
+def test_a_correction_runs_the_automation_that_takes_its_action_back(house):
+    def triggered(name):
+        return house.home.attributes(f"automation.{name}")["last_triggered"]
+
+    until(lambda: set(house.home.states()) == ALL and not unavailable(house), lambda: house.home.states())
+    quick, careful = "lights_off_on_byebye_and_on_again_if_it_is_corrected", "lights_off_on_byebye"
+    before = {name: triggered(name) for name in (quick, careful)}
+    house.room.publish_verdict("byebye", 11)
+    until(lambda: all(triggered(name) != at for name, at in before.items()), "both automations act on the first word")
+    first, careful_at = triggered(quick), triggered(careful)
+    house.room.publish_verdict("ok", 11, stage="revised", revises="byebye")
+    until(lambda: triggered(quick) != first, "the action is taken back")
+    attributes = house.home.states()["event.room_verdict"]["attributes"]
+    assert (attributes["stage"], attributes["revises"], attributes["id"]) == ("revised", "byebye", "room-11")
+    until(lambda: house.home.states()["sensor.room_movement"]["attributes"]["revises"] == "byebye", "the attributes")
+    taken_back = triggered(quick)
+    house.room.publish_verdict("ok", 11, ended=True, revises="byebye")
+    until(lambda: event_type(house, "event.room_movement_ended") == "ok", "the end")
+    assert (triggered(quick), triggered(careful)) == (taken_back, careful_at), "the end runs nothing"
+
+
 def event_type(house, event):
     return house.home.states()[event]["attributes"].get("event_type")
 

@@ -193,6 +193,10 @@ def test_the_state_carries_the_stage_at_once_and_why_there_is_none_yet(driver, m
     assert words(0.1, make.moving(why=lacks)) == [(None, None, lacks)] * 2, "the movement has changed"
     assert words(0.2, make.moving(decided="nthrow")) == [("decided", None, None)] * 2
     assert words(0.3, make.moving(decided="nthrow", revises="ok")) == [("revised", "ok", None)] * 2
+    revoked = make.moving(decided="abstain", revises="ok")
+    driver.due(0.4, revoked)
+    states = json.loads(Driver(make).due(0.0, revoked)[TOPICS.of("state")])
+    assert (states["movement"], states["stage"], states["revises"]) == ("undecided", "revised", "ok")
     config = json.loads(Driver(make).due(0.0, make.judgement())[sensor("MOVEMENT")])
     assert config["json_attributes_topic"] == TOPICS.of("votes")
     driver.bridge.receive(make.verdict(1, ended_ns=make.NOON, label="abstain", why=lacks), 1.0)
