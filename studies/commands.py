@@ -1,9 +1,7 @@
 """The verbs `evaluate` and `paper`, with their options."""
 
-import json as json_text
-from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -12,8 +10,7 @@ from common.progress import ProgressBar
 from common.text import named_numbers, one_of, split_list
 
 if TYPE_CHECKING:
-    from observer.motion.archive import MotionArchive
-    from studies.evaluate import EvaluationResult, EvaluationSettings
+    pass
 
 FACINGS = 12
 """One per 30 degrees: fewer lose up to 2 points between two facings, more cost time (docs/design/model.md)."""
@@ -28,10 +25,17 @@ TestSubjects = Annotated[str, typer.Option(help="People to judge; default: those
 
 
 def evaluate(
-    archive: Archive,
+    archive: Annotated[Path | None, typer.Argument(help="The motion archive (.npz); none with --sensor.")] = None,
     views: Annotated[
         str, typer.Option(help="door, wheel, table, yaw:DEG[,pitch:DEG] or camera files, separated by commas.")
-    ],
+    ] = "",
+    sensor: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="NAME=FILE.npz or NAME=FILE.npz@VIEW in place of ARCHIVE --views: a sensor that recorded the same "
+            "performances, by default seen from the door; two or more."
+        ),
+    ] = None,
     labels: Labels = "",
     train_subjects: TrainSubjects = "",
     test_subjects: TestSubjects = "",
@@ -84,7 +88,24 @@ def evaluate(
     through: Annotated[
         str, typer.Option(help="process; mesh: over real Zenoh sessions; pixels: filmed and tracked by camshift.")
     ] = "process",
-    background: Annotated[str, typer.Option(help="With pixels: plain, cluttered or skin_toned.")] = "plain",
+    background: Annotated[
+        str,
+        typer.Option(
+            help="Archives (.npz) to learn `something else` from, separated by commas; with --through pixels: plain, "
+            "cluttered or skin_toned."
+        ),
+    ] = "plain",
+    background_subjects: Annotated[
+        str, typer.Option(help="The people of these archives to learn from; default: all.")
+    ] = "",
+    other_motion: Annotated[
+        list[Path] | None,
+        typer.Option(
+            help="An archive in which no learned movement happens, to count false verdicts; people of --background "
+            "in the same file are left out; may be repeated."
+        ),
+    ] = None,
+    jobs: Annotated[int, typer.Option(min=0, help="Processes to share the work; 0: one per core.")] = 0,
     seed: Annotated[int, typer.Option(min=0, help="Seed of all random choices.")] = 0,
     report: Annotated[Path | None, typer.Option(help="Folder for tables and figures.")] = None,
     json: Annotated[Path | None, typer.Option(help="File for the figures as JSON.")] = None,
@@ -95,18 +116,31 @@ def evaluate(
 
     Example: labanmesh evaluate msr.npz --views door --labels AS1 --stream --unlearned others --background-labels 6
 
-    Example: labanmesh evaluate msr.npz --views door --turn 45 --model frame-table --rule inverse_entropy --report out
+    Example: labanmesh evaluate --sensor left=a.npz --sensor right=b.npz --leave-one-subject-out --rule product
+
+    Example: labanmesh evaluate msr.npz --views door --other-motion story.npz --background story.npz \
+    --background-subjects a
     """
-    from observer.geometry.views import parse_view, split_views
     from observer.motion.archive import labels_of
-    from observer.motion.archive_file import read_archive
     from studies.evaluate import EvaluationSettings
+    from studies.evaluated_archives import archives_named, read_archives
     from studies.faults import parse_fault
     from studies.room import parse_event
+    from studies.run_evaluation import EvaluationTasks, require_compatible, run_evaluation
     from studies.trials import labels_in, unlearned_and_background
 
-    whole = read_archive(archive)
-    chosen = tuple(parse_view(view) for view in split_views(views))
+    one_of("--through", through, ("process", "mesh", "pixels"))
+    backgrounds = archives_named(background)
+    archives = read_archives(
+        archive,
+        views,
+        sensor or [],
+        split_list("--body-parts", body_parts),
+        backgrounds,
+        split_list("--background-subjects", background_subjects),
+        other_motion or [],
+    )
+    whole, chosen = archives.whole, archives.views
     learned = labels_in(labels) or labels_of(whole)
     turn_deg = _turn(turn)
     shown, other = unlearned_and_background(unlearned, background_labels, learned, labels_of(whole), seed)
@@ -121,7 +155,7 @@ def evaluate(
         rule=rule,
         turn=turn_deg,
         faults=dict(parse_fault(text, [view.name for view in chosen]) for text in fault or []),
-        body_parts=split_list("--body-parts", body_parts),
+        body_parts=archives.body_parts,
         onset_known=one_of("--onset", onset, ("known", "unknown")) == "known",
         temperature=temperature,
         calibrated=not uncalibrated,
@@ -129,87 +163,19 @@ def evaluate(
         background=other,
         room=tuple(parse_event(text) for text in room or []),
         seed=seed,
+        sensors=archives.sensors,
+        background_archive=archives.background,
+        other_motion=archives.other_motion,
     )
-    one_of("--through", through, ("process", "mesh", "pixels"))
     if learning_curve and other:
         raise BadInput("--learning-curve: takes no movements in --background-labels; use blends or omit it")
-    written = _evaluate(whole, settings, through, background, stream, report, json, learning_curve)
+    require_compatible(settings, through, learning_curve, bool(backgrounds))
+    scenery = "plain" if backgrounds else background
+    written = run_evaluation(
+        whole, settings, EvaluationTasks(through, scenery, stream, learning_curve, jobs), report, json
+    )
     if written:
         print("\nwritten:", *written, sep="\n  ")
-
-
-def _evaluate(
-    archive: "MotionArchive",
-    settings: "EvaluationSettings",
-    through: str,
-    background: str,
-    stream: bool,
-    report: Path | None,
-    json: Path | None,
-    curve: bool,
-) -> list[Path]:
-    """Evaluate with progress, print the result, write the requested files; returns the files."""
-    from studies.evaluate import evaluate as run_evaluation
-    from studies.learning_curve import learning_curve
-    from studies.report import as_json, draw_learning_curve, make_folder, write_report, write_text
-    from studies.stream import judge_streams
-    from studies.through import fused_over_mesh
-
-    if report:
-        make_folder(report, "--report")
-    with ProgressBar() as bar:
-        # First, so that its bad input is reported at once.
-        curves = {"learning_curve": learning_curve(archive, settings, bar)} if curve else {}
-        if through == "pixels":
-            archive, result, joints = _from_pixels(archive, settings, background, bar)
-            figures = as_json(result) | {"background": background, "joints": as_json(joints)}
-        else:
-            result = run_evaluation(archive, settings, bar)
-            figures = as_json(result)
-        # Reliability is drawn before and after calibration.
-        needs_raw = report and settings.calibrated
-        raw = run_evaluation(archive, replace(settings, calibrated=False), bar) if needs_raw else None
-        if through == "mesh":
-            figures["mesh"] = fused_over_mesh(result, bar)
-        if stream:
-            figures["stream"] = judge_streams(archive, settings, bar)
-    figures |= curves
-    _print(figures)
-    written = write_report(result, figures, report, raw) if report else []
-    if report and curve:
-        written.append(draw_learning_curve(figures["learning_curve"], report / "learning-curve.png"))
-    if json:
-        written.append(write_text(json, json_text.dumps(figures, indent=1) + "\n", "--json"))
-    return written
-
-
-def _print(figures: dict[str, Any]) -> None:
-    from studies.learning_curve import as_table
-    from studies.report import as_text, resolved_pairs
-
-    print(as_text(figures))
-    if "learning_curve" in figures:
-        print(f"\n{as_table(figures['learning_curve'])}")
-    if "joints" in figures:
-        joints = figures["joints"]["accuracy"]
-        loss = f"a loss of {100 * (joints - figures['accuracy']):.1f} points"
-        print(f"\nfrom pixels, {figures['background']} background; from the joints {joints:.3f}: {loss}")
-    if len(figures["views"]) > 1:
-        print(f"\n{resolved_pairs(figures)}")
-
-
-def _from_pixels(
-    archive: "MotionArchive", settings: "EvaluationSettings", background: str, bar: ProgressBar
-) -> tuple["MotionArchive", "EvaluationResult", "EvaluationResult"]:
-    """The archive at a camera's rate, and the results from pictures and from the joints."""
-    from observer.motion.archive import select
-    from observer.rendering.scenery import Scenery
-    from studies.evaluate import evaluate as run_evaluation
-    from studies.through import RATE_HZ, Filming, evaluate_pixels
-
-    filming = Filming(Scenery(background=background))
-    sampled = select(archive, rate_hz=RATE_HZ)
-    return sampled, evaluate_pixels(sampled, settings, filming, bar), run_evaluation(sampled, settings, bar)
 
 
 def paper(

@@ -6,13 +6,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from common.config_sections import FusionConfig, default_quorum
 from common.probability import encode_facing, uniform
 from common.vocabulary import Vocabulary
 from observer.model.base import MovementModel
 from observer.motion.archive import MotionArchive
 from observer.tracks import Floats
 from studies.faults import ObserverOutputs, disturb
-from studies.fusion_engine import AgedPosterior, PoolingCase, Rule, get_rule, pool_posteriors
+from studies.fusion_engine import AgedPosterior, FusionEngine, PoolingCase, first_word, get_rule, pool_many
 from studies.observing import Extent, ObservedFold, OutputCourse, learn_observer, observe_folds
 from studies.sensors import frames_at_fractions
 from studies.settings import EvaluationSettings, Progress, check_names, folds_of, onset_of, trials_of
@@ -32,7 +33,8 @@ class TrialResult:
 
     An observer whose sensor has no recording of the trial is NaN. facing: (F, V, M, K) P(facing | movement) by
     observer, None where no model knows facings. unlearned: (F, V) P(none of the movements), NaN where an observer does
-    not estimate it. fused_facing: (F, K). rest: (F, V) P(at rest), None if it is not known.
+    not estimate it. fused_facing: (F, K). rest: (F, V) P(at rest), None if it is not known. first_word: frame and
+    movement of the first verdict that names one, None without such a verdict or while rest is not known.
     """
 
     trial: EvaluationTrial
@@ -43,6 +45,7 @@ class TrialResult:
     unlearned: Floats | None = None
     fused_facing: Floats | None = None
     rest: Floats | None = None
+    first_word: tuple[int, int] | None = None
 
     @property
     def judged_by(self) -> NDArray[np.bool_]:
@@ -145,33 +148,46 @@ def learn(split: Split, vocabulary: Vocabulary, settings: EvaluationSettings) ->
 
 def fuse_again(results: Sequence[TrialResult], settings: EvaluationSettings) -> tuple[TrialResult, ...]:
     """The same trials with the faults of the settings applied, fused by their rule frame by frame."""
-    rule = get_rule(settings.rule, len(settings.views))
     names = [view.name for view in settings.views]
     rate_hz = results[0].trial.recording.rate_hz if results else 1.0
     outputs = [ObserverOutputs(r.views, r.facing, r.unlearned) for r in results]
     disturbed = disturb(outputs, names, settings.faults, rate_hz, settings.seed)
-    return tuple(_fused(r, o, rule, settings.temperature) for r, o in zip(results, disturbed, strict=True))
+    shown = [
+        replace(r, views=o.p, facing=o.facing, unlearned=o.unlearned) for r, o in zip(results, disturbed, strict=True)
+    ]
+    return tuple(_fused(result, settings) for result in shown)
 
 
-def _fused(result: TrialResult, outputs: ObserverOutputs, rule: Rule, temperature: float) -> TrialResult:
-    prior = uniform(outputs.p.shape[2])
-    pools = [pool_posteriors(PoolingCase(rule, _votes(outputs, n), prior, temperature)) for n in range(len(outputs.p))]
+def _fused(result: TrialResult, settings: EvaluationSettings) -> TrialResult:
+    rule, prior = get_rule(settings.rule, len(settings.views)), uniform(result.views.shape[2])
+    cases = [PoolingCase(rule, _votes(result, n), prior, settings.temperature) for n in range(len(result.views))]
+    pools = pool_many(cases)
     facing = np.array([pool.facing for pool in pools]) if pools[0].facing is not None else None
-    fused = np.array([pool.p for pool in pools])
-    return replace(
-        result, views=outputs.p, fused=fused, facing=outputs.facing, unlearned=outputs.unlearned, fused_facing=facing
-    )
+    word = None
+    if result.rest is not None:
+        names, vocabulary = [str(v) for v in range(len(settings.views))], Vocabulary(settings.labels)
+        engine = FusionEngine("trial", names, vocabulary, fusion_of(settings))
+        found = first_word(engine, cases, pools, result.trial.recording.rate_hz)
+        word = None if found is None else (found[0], vocabulary.index(found[1]))
+    return replace(result, fused=np.array([pool.p for pool in pools]), fused_facing=facing, first_word=word)
 
 
-def _votes(outputs: ObserverOutputs, frame: int) -> list[AgedPosterior]:
+def fusion_of(settings: EvaluationSettings) -> FusionConfig:
+    """The fusion service that judges: the settings' rule and temperature, otherwise as by default."""
+    quorum = default_quorum(len(settings.views))
+    return FusionConfig(rule=settings.rule, temperature=settings.temperature, quorum=quorum)
+
+
+def _votes(result: TrialResult, frame: int) -> list[AgedPosterior]:
     """The votes as the fusion engine has them when the outputs arrive over the mesh at once."""
     votes = []
-    for v, p in enumerate(outputs.p[frame]):
+    for v, p in enumerate(result.views[frame]):
         if np.isnan(p[0]):
             continue
-        surprise = None if outputs.facing is None else encode_facing(outputs.facing[frame, v])
-        unlearned = None if outputs.unlearned is None else outputs.unlearned[frame, v]
+        surprise = None if result.facing is None else encode_facing(result.facing[frame, v])
+        unlearned = None if result.unlearned is None else result.unlearned[frame, v]
         if unlearned is not None and np.isnan(unlearned):
             unlearned = None
-        votes.append(AgedPosterior(str(v), p, 0.0, 0.0, "counted", unlearned=unlearned, surprise=surprise))
+        rest = 0.0 if result.rest is None else float(result.rest[frame, v])
+        votes.append(AgedPosterior(str(v), p, rest, 0.0, "counted", unlearned=unlearned, surprise=surprise))
     return votes

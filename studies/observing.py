@@ -109,8 +109,8 @@ def observe_folds(
     splits = folds_of(archive, settings, shown)
     folds = [_watched(archive, split, settings, number, extent) for number, split in enumerate(splits)]
     parts = [
-        _part_of(split, fold, settings, v, extent.raw)
-        for split, fold in zip(splits, folds, strict=True)
+        _part_of(split, fold, settings, number, v, extent.raw)
+        for number, (split, fold) in enumerate(zip(splits, folds, strict=True))
         for v in range(len(settings.views))
     ]
     what = "learning and judging"
@@ -124,17 +124,23 @@ def _watched(
 ) -> ObservedFold:
     """The trials and streams of a fold, not observed yet."""
     trials = trials_of(split, settings, number) if extent.trials else []
-    streams: list[Recording] = []
+    streams: Sequence[Recording] = ()
     if extent.streams:
-        rng = np.random.default_rng([settings.seed, number, 2])
-        streams += continuous(archive, {r.subject for r in split.test}) or strung(split.test, rng)
+        streams = continuous(archive, {r.subject for r in split.test}) or strung(split.test, _rng(settings, number))
     learned = (*settings.labels, *(settings.background or ()))
     n_train = sum(r.label in learned for r in split.train.recordings)
     whole = (*streams, *settings.other_motion)
     return ObservedFold(trials, whole, len(settings.other_motion), (), n_train)
 
 
-def _part_of(split: Split, fold: ObservedFold, settings: EvaluationSettings, v: int, raw: bool) -> FoldPart:
+def _rng(settings: EvaluationSettings, number: int) -> np.random.Generator:
+    """For the streams of a fold: the same for all sensors, whose recordings are strung together alike."""
+    return np.random.default_rng([settings.seed, number, 2])
+
+
+def _part_of(
+    split: Split, fold: ObservedFold, settings: EvaluationSettings, number: int, v: int, raw: bool
+) -> FoldPart:
     """The observer's part of a fold: with sensors, what its own sensor recorded."""
     alone = replace(settings, sensors=(), other_motion=())
     if not settings.sensors:
@@ -143,9 +149,12 @@ def _part_of(split: Split, fold: ObservedFold, settings: EvaluationSettings, v: 
     people = {r.subject for r in split.train.recordings}
     mine = MotionArchive(own.body_parts, tuple(r for r in own.recordings if r.subject in people))
     train = Split(mine, (), continuous(own, people))
-    judged = len(fold.streams) - fold.other_motion
-    streams = [*same_streams(own, fold.streams[:judged]), *fold.streams[judged:]]
-    return FoldPart(alone, settings.views[v], train, same_trials(own, fold.trials), streams, raw)
+    judged = fold.streams[: len(fold.streams) - fold.other_motion]
+    streams = same_streams(own, judged)
+    if judged and not continuous(own, {r.subject for r in split.test}):
+        streams = strung(same_streams(own, split.test), _rng(settings, number))
+    other = fold.streams[len(judged) :]
+    return FoldPart(alone, settings.views[v], train, same_trials(own, fold.trials), [*streams, *other], raw)
 
 
 def observe_part(part: FoldPart) -> FoldCourses:

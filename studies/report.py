@@ -1,31 +1,34 @@
-"""Results of an evaluation: the JSON of the contract, the text for people, and the figures in one folder."""
+"""Results of an evaluation: the JSON of the contract, and text and figures in one folder."""
 
 import importlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from common.errors import BadInput, LabanmeshError, reason_of
 from common.probability import entropy_bits
 from common.text import plural
+from observer.tracks import Floats
 from studies.evaluate import EvaluationResult, TrialResult
 from studies.fusion_engine import facing_deg
 from studies.metrics import (
     accuracy,
     brier,
-    confused_pairs,
     confusion,
     confusion_table,
     expected_calibration_error,
     log_loss,
 )
+from studies.report_text import as_text, resolved_pairs
+from studies.spotting import JudgedStream, StreamResult, by_person, spans_hit
 
 FRACTIONS = (0.2, 0.4, 0.6, 0.8, 1.0)
 NEAR_DEG = 30.0
-RESOLVED_SHOWN = 10
 
 
 def as_json(result: EvaluationResult) -> dict[str, Any]:
@@ -55,21 +58,63 @@ def as_json(result: EvaluationResult) -> dict[str, Any]:
         "accuracy_at": {str(f): accuracy(p, truth) for f, (_, p) in at.items()},
         "confusion": confusion(fused, truth).tolist(),
         "ece": expected_calibration_error(fused, truth),
+        **_first_words(result),
+        **_complete(result),
         "brier": brier(fused, truth),
         "log_loss": log_loss(fused, truth),
         "per_view": {
-            name: {
-                "accuracy": accuracy(views[:, v], truth),
-                "accuracy_at": {str(f): accuracy(p[:, v], truth) for f, (p, _) in at.items()},
-                "mean_entropy_bits": float(entropy_bits(views[:, v]).mean()),
-                "ece": expected_calibration_error(views[:, v], truth),
-                "confusion": confusion(views[:, v], truth).tolist(),
-            }
-            for v, name in enumerate(names)
+            name: _of_view(views[:, v], {f: p[:, v] for f, (p, _) in at.items()}, truth) for v, name in enumerate(names)
         },
+        "sensors": bool(settings.sensors),
         "seconds_per_frame": result.seconds_per_frame,
         "train_seconds": result.train_seconds,
     }
+
+
+def _of_view(p: Floats, at: Mapping[float, Floats], truth: NDArray[np.int64]) -> dict[str, Any]:
+    """One observer's figures, from the N trials that its sensor recorded; p (N, M), at each fraction (N, M)."""
+    recorded = np.isfinite(p[:, 0])
+    p, truth = p[recorded], truth[recorded]
+    return {
+        "n_test": int(recorded.sum()),
+        "accuracy": accuracy(p, truth),
+        "accuracy_at": {str(f): accuracy(some[recorded], truth) for f, some in at.items()},
+        "mean_entropy_bits": float(entropy_bits(p).mean()),
+        "ece": expected_calibration_error(p, truth),
+        "confusion": confusion(p, truth).tolist(),
+    }
+
+
+def _first_words(result: EvaluationResult) -> dict[str, Any]:
+    """Verdicts that name a movement during a trial: how often, when, how right, and how sure the belief is then."""
+    words = [(r, *r.first_word) for r in result.trials if r.first_word is not None]
+    if all(r.rest is None for r in result.trials):
+        return {}
+    p, truth = np.array([r.fused[frame] for r, frame, _ in words]), np.array([r.truth for r, _, _ in words])
+    lengths = [(frame + 1 - r.trial.begin) / (r.trial.end - r.trial.begin) for r, frame, _ in words]
+    seconds = [(frame - r.trial.begin) / r.trial.recording.rate_hz for r, frame, _ in words]
+    return {
+        "ece_first_word": expected_calibration_error(p, truth) if words else None,
+        "first_word": {
+            "coverage": len(words) / len(result.trials),
+            "accuracy": sum(label == r.truth for r, _, label in words) / len(words) if words else None,
+            "median_fraction": float(np.median(lengths)) if words else None,
+            "median_latency_s": float(np.median(seconds)) if words else None,
+        },
+    }
+
+
+def _complete(result: EvaluationResult) -> dict[str, Any]:
+    """With sensors: the performances that all of them recorded."""
+    if not result.settings.sensors:
+        return {}
+    whole = [r for r in result.trials if r.judged_by.all()]
+    if not whole:
+        return {"complete": {"n_test": 0}}
+    truth = np.array([r.truth for r in whole])
+    at = {str(f): accuracy(np.array([r.fused[r.trial.frame_at(f)] for r in whole]), truth) for f in FRACTIONS}
+    p = np.array([r.fused[-1] for r in whole])
+    return {"complete": {"n_test": len(whole), "accuracy": accuracy(p, truth), "accuracy_at": at}}
 
 
 def _facing_errors(result: EvaluationResult) -> dict[str, float] | None:
@@ -79,93 +124,6 @@ def _facing_errors(result: EvaluationResult) -> dict[str, float] | None:
         return None
     errors_deg = np.array([abs((facing_deg(facing) - true + 180) % 360 - 180) for facing, true in pairs])
     return {"within_30_deg": float((errors_deg <= NEAR_DEG).mean()), "median_deg": float(np.median(errors_deg))}
-
-
-def as_text(figures: dict[str, Any]) -> str:
-    """For people: the settings, the accuracy by view and fused over time, and the confusion table."""
-    settings = f"{figures['model']}, {figures['rule']}, onset {figures['onset']}, turn {figures['turn']}"
-    width = max(len(name) for name in [*figures["views"], "fused"])
-    head = " " * width + "".join(f"{float(f):>7.0%}" for f in figures["accuracy_at"]) + "    end"
-    rows = [*((name, figures["per_view"][name]) for name in figures["views"]), ("fused", figures)]
-    lines = [
-        f"{name:<{width}}" + "".join(f"{a:>7.3f}" for a in row["accuracy_at"].values()) + f"{row['accuracy']:>7.3f}"
-        for name, row in rows
-    ]
-    calibration = ", ".join(f"{name} {figures['per_view'][name]['ece']:.3f}" for name in figures["views"])
-    table = confusion_table(
-        np.array(figures["confusion"]), figures["labels"], "judged (columns) against true (rows), fused"
-    )
-    parts = [
-        f"{plural(figures['n_train'], 'recording')} learned, {figures['n_test']} judged; {settings}",
-        "",
-        "accuracy after this share of the movement:",
-        head,
-        *lines,
-        "",
-        f"calibration error {figures['ece']:.3f} ({calibration}), Brier {figures['brier']:.3f}, "
-        f"log loss {figures['log_loss']:.3f}",
-        *_facing_text(figures),
-        f"learned in {figures['train_seconds']:.1f} s, {figures['seconds_per_frame'] * 1e3:.2f} ms per frame and view",
-        *extra_text(figures),
-        "",
-        table,
-    ]
-    return "\n".join(parts)
-
-
-def _facing_text(figures: dict[str, Any]) -> list[str]:
-    facing = figures["facing"]
-    if facing is None:
-        return []
-    return [f"facing within 30 degrees in {facing['within_30_deg']:.1%}, median {facing['median_deg']:.1f} degrees"]
-
-
-def extra_text(figures: dict[str, Any]) -> list[str]:
-    """The lines of --through mesh and of --stream."""
-    lines = []
-    if "mesh" in figures:
-        mesh = figures["mesh"]
-        lines.append(
-            f"over the mesh: {mesh['same_labels']} of {mesh['n']} labels equal, accuracy {mesh['accuracy']:.3f}"
-        )
-    if "stream" in figures:
-        stream = figures["stream"]
-        latency = "none" if stream["median_latency_s"] is None else f"{stream['median_latency_s']:.2f} s"
-        lines.append(
-            f"in streams: F1 {stream['f1']:.3f}, precision {stream['precision']:.3f}, recall {stream['recall']:.3f}, "
-            f"{stream['false_alarms_per_minute']:.2f} false alarms a minute of rest, median latency {latency}; "
-            f"by the last word F1 {stream['f1_last_word']:.3f}"
-        )
-        if stream["unlearned"]:
-            lines.append(
-                f"{stream['unlearned_named']:.1%} of {plural(stream['unlearned'], 'unlearned movement')} got a label, "
-                f"{stream['unlearned_named_last_word']:.1%} by the last word"
-            )
-            lines += _by_threshold(stream["by_threshold"])
-    return lines
-
-
-def _by_threshold(rows: list[dict[str, Any]]) -> list[str]:
-    """The trade-off that [fusion] threshold controls, by the first and the last word of the verdicts."""
-    names = ("unlearned_named", "recall", "f1")
-    lines = ["threshold  named recall     F1, last word: named recall     F1"]
-    for row in rows:
-        first = "".join(f"{row[name]:7.3f}" for name in names)
-        last = "".join(f"{row[name + '_last_word']:7.3f}" for name in names)
-        lines.append(f"{row['threshold']:9.2f}{first}{'':13}{last}")
-    return lines
-
-
-def resolved_pairs(figures: dict[str, Any]) -> str:
-    """The movements that one view confuses and fusion tells apart, as nthrow and ok in the paper."""
-    lines = []
-    for name in figures["views"]:
-        one, fused = np.array(figures["per_view"][name]["confusion"]), np.array(figures["confusion"])
-        lines += [
-            f"{name}: {pair.true} as {pair.judged} {plural(pair.count_in_one_view, 'time')}, fused {pair.count_fused}"
-            for pair in confused_pairs(one, fused, figures["labels"])[:RESOLVED_SHOWN]
-        ]
-    return "\n".join(["confusions of one view that fusion resolves:", *(lines or ["none"])])
 
 
 def write_report(
@@ -222,8 +180,10 @@ def _reliability(result: EvaluationResult, path: Path) -> Path:
     truth, (views, fused) = result.truth, result.at_end()
     names = [view.name for view in result.settings.views]
     beliefs = {**{name: views[:, v] for v, name in enumerate(names)}, "fused": fused}
-    series = {name: (p.max(axis=1), p.argmax(axis=1) == truth) for name, p in beliefs.items()}
-    ece = {name: expected_calibration_error(p, truth) for name, p in beliefs.items()}
+    recorded = {name: np.isfinite(p[:, 0]) for name, p in beliefs.items()}
+    judged = {name: (p[recorded[name]], truth[recorded[name]]) for name, p in beliefs.items()}
+    series = {name: (p.max(axis=1), p.argmax(axis=1) == own) for name, (p, own) in judged.items()}
+    ece = {name: expected_calibration_error(p, own) for name, (p, own) in judged.items()}
     return _draw("reliability_figure", series, ece, path)
 
 
@@ -240,11 +200,12 @@ def _resolved_trials(trials: Sequence[TrialResult], views: int) -> list[TrialRes
     """For each view the trial that it gets wrong and fusion gets right most clearly; else the first trial."""
     chosen: dict[int, TrialResult] = {}
     for view in range(views) if views > 1 else ():
-        resolved = [r for r in trials if r.views[-1, view].argmax() != r.truth and r.fused[-1].argmax() == r.truth]
+        whole = [r for r in trials if r.judged_by.all()]
+        resolved = [r for r in whole if r.views[-1, view].argmax() != r.truth and r.fused[-1].argmax() == r.truth]
         if resolved:
             best = max(resolved, key=lambda r: float(r.fused[-1, r.truth]))
             chosen[id(best)] = best
-    return list(chosen.values()) or list(trials[:1])
+    return list(chosen.values()) or [r for r in trials if r.judged_by.all()][:1]
 
 
 def draw_learning_curve(curve: dict[str, Any], path: Path) -> Path:
@@ -261,6 +222,48 @@ def draw_learning_curve(curve: dict[str, Any], path: Path) -> Path:
         for kind, title in titles.items()
     }
     return _draw("learning_figure", panels, path)
+
+
+def draw_streams(result: StreamResult, folder: Path) -> list[Path]:
+    """One timeline per person: truth, first words and last words; other motion in figures of its own."""
+    make_folder(folder, "--report")
+    kinds = {"stream": result.streams, "other-motion": result.other_motion}
+    return [
+        _draw(
+            "stream_timeline_figure",
+            [_timeline(stream) for stream in streams],
+            f"{kind.replace('-', ' ')} of {person}",
+            folder / f"{kind}-{_file_name(person)}.png",
+        )
+        for kind, judged in kinds.items()
+        for person, streams in by_person(_once(judged)).items()
+    ]
+
+
+def _once(streams: Sequence[JudgedStream]) -> list[JudgedStream]:
+    """Each stream once: other motion is judged by the models of every fold."""
+    return list({(s.recording.subject, s.recording.trial): s for s in reversed(streams)}.values())[::-1]
+
+
+def _timeline(stream: JudgedStream) -> Any:  # noqa: ANN401 - matplotlib may be missing
+    drawing, recording = figures(), stream.recording
+    rate, length_s = recording.rate_hz, len(recording.positions) / recording.rate_hz
+    by_last = [replace(verdict, label=verdict.last) for verdict in stream.verdicts]
+    hits = zip(stream.verdicts, spans_hit(stream.verdicts, recording), spans_hit(by_last, recording), strict=True)
+    verdicts = [
+        drawing.SpokenVerdict(
+            v.label,
+            v.at_s,
+            v.last,
+            v.at_s if v.began_s is None else v.began_s,
+            length_s if v.ended_s is None else v.ended_s,
+            first is not None,
+            last is not None,
+        )
+        for v, first, last in hits
+    ]
+    truth = [drawing.LabelledInterval(s.start / rate, s.end / rate, s.label) for s in recording.spans]
+    return drawing.StreamTimeline(f"trial {recording.trial}", length_s, truth, verdicts)
 
 
 def _file_name(name: str) -> str:

@@ -8,11 +8,12 @@ from typing import Any
 import numpy as np
 
 from common import SECOND_NS
-from common.config_sections import FusionConfig, default_quorum
+from common.config_sections import FusionConfig
 from common.messages import PosteriorMessage
 from common.vocabulary import Vocabulary
 from observer.motion.archive import MotionArchive, Recording
 from observer.runtime.pipeline import Posterior, PosteriorEncoder
+from studies.evaluate import fusion_of
 from studies.fusion_engine import FusionEngine, step
 from studies.observing import Extent, ObservedFold, OutputCourse, observe_folds
 from studies.parallel import run_parts
@@ -30,12 +31,6 @@ class ObservedStream:
     recording: Recording
     vocabulary: Vocabulary
     messages: Sequence[Mapping[str, PosteriorMessage]]
-
-
-def fusion_of(settings: EvaluationSettings) -> FusionConfig:
-    """The fusion service that judges: the settings' rule and temperature, otherwise as by default."""
-    quorum = default_quorum(len(settings.views))
-    return FusionConfig(rule=settings.rule, temperature=settings.temperature, quorum=quorum)
 
 
 def judge_streams(

@@ -8,14 +8,18 @@ from studies.figures.accuracy import (
     reliability_figure,
 )
 from studies.figures.over_time import LabelledInterval, belief_figure, verdict_timeline_figure
+from studies.figures.streams import SpokenVerdict, StreamTimeline, stream_timeline_figure
 
 __all__ = [
     "LabelledInterval",
+    "SpokenVerdict",
+    "StreamTimeline",
     "belief_figure",
     "confusion_figure",
     "earliness_figure",
     "learning_figure",
     "poles_figure",
     "reliability_figure",
+    "stream_timeline_figure",
     "verdict_timeline_figure",
 ]

@@ -60,7 +60,8 @@ IMPURE = {
         "deploy.doctor.security deploy.security.issuing fusion.checkpoint hub.dashboard.history "
         "observer.*_file observer.calibration.board observer.calibration.formats "
         "observer.files observer.motion.importers observer.motion.importers.* observer.runtime.preflight "
-        "observer.runtime.scene_inputs studies.experiments studies.report"
+        "observer.runtime.scene_inputs studies.evaluated_archives studies.experiments studies.report "
+        "studies.run_evaluation"
     ),
     "sockets, signals, processes, the terminal, the supervisor": (
         "*.commands *.instrumentation *.service common.health common.lifecycle common.notify common.progress "

@@ -13,7 +13,8 @@ from observer.motion.archive_file import write_archive
 from studies.commands import paper
 from studies.evaluate import EvaluationSettings, evaluate
 from studies.performer import perform, perform_continuously
-from studies.report import as_json, as_text, resolved_pairs, write_report
+from studies.report import as_json, write_report
+from studies.report_text import as_text, resolved_pairs
 from studies.spotting import StreamVerdict, score
 from studies.stream import judge_streams
 from studies.through import fused_over_mesh

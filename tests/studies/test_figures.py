@@ -12,10 +12,13 @@ from common.probability import entropy_bits, normalise
 from studies.experiments import MOVEMENTS, TABLE_III
 from studies.figures import (
     LabelledInterval,
+    SpokenVerdict,
+    StreamTimeline,
     belief_figure,
     confusion_figure,
     earliness_figure,
     reliability_figure,
+    stream_timeline_figure,
     verdict_timeline_figure,
 )
 from studies.figures.accuracy import Figure, save, spread
@@ -30,6 +33,10 @@ CURVES = {"many": (CONFIDENCE, RANDOM.random(300) < CONFIDENCE), "one": (np.ones
 EARLY = {"door": [0.3, 0.5, 0.6], "fused": [0.3, 0.7, 0.6]}
 TRUTH = [LabelledInterval(0.1, 0.5, "ok")]
 VERDICTS = [LabelledInterval(0.2, 0.5, "shake"), LabelledInterval(0.7, 0.9, "abstain")]
+SPOKEN = [
+    SpokenVerdict("shake", 0.3, "ok", 0.2, 0.6, False, True),
+    SpokenVerdict("abstain", 31.0, "abstain", 29.0, 33.0, False, False),
+]
 ONE_FRAME = {"cam1": BELIEFS["cam1"][:1]}
 
 
@@ -43,6 +50,7 @@ ONE_FRAME = {"cam1": BELIEFS["cam1"][:1]}
         lambda path: belief_figure(np.zeros(1), ONE_FRAME, {"cam1": np.ones(1)}, MOVEMENTS, "ok", path),
         lambda path: earliness_figure([0.2, 0.6, 1.0], EARLY, path, chance=0.05),
         lambda path: reliability_figure(CURVES, {"many": 0.02, "one": 0.0}, path),
+        lambda path: stream_timeline_figure([StreamTimeline("trial 1", 70.0, TRUTH, SPOKEN)] * 2, "anna", path),
         lambda path: verdict_timeline_figure(TIMES_S, BELIEFS["fused"], MOVEMENTS, TRUTH, VERDICTS, path),
     ],
 )

@@ -13,7 +13,7 @@ from observer.geometry.views import parse_view
 from observer.motion.archive import MotionArchive, Recording, Span
 from studies.evaluate import EvaluationSettings, evaluate, folds_of
 from studies.performer import perform
-from studies.report import extra_text
+from studies.report_text import extra_text
 from studies.stream import THRESHOLDS, judge_streams
 from studies.trials import (
     FASTEST,

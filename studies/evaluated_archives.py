@@ -1,0 +1,103 @@
+"""Reads the archives that `labanmesh evaluate` names, and brings them to common body parts and one rate."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from common.errors import BadInput
+from common.text import split_list
+from observer.geometry.views import View, parse_view, split_views
+from observer.learning.examples import gather_background
+from observer.motion.archive import MotionArchive, Recording, common_rate, labels_of, resample, select
+from observer.motion.archive_file import read_archive
+from studies.sensors import performances, read_sensors, with_parts
+
+SCENERIES = ("plain", "cluttered", "skin_toned")
+"""The other values of --background, for --through pixels."""
+
+
+@dataclass(frozen=True, slots=True)
+class EvaluatedArchives:
+    """What is evaluated: `whole` has every performance once; sensors: the archive of each view, none with one archive.
+
+    All have the same body parts. background, other_motion: as in EvaluationSettings.
+    """
+
+    whole: MotionArchive
+    views: tuple[View, ...]
+    sensors: tuple[MotionArchive, ...]
+    body_parts: tuple[str, ...]
+    background: MotionArchive | None
+    other_motion: tuple[Recording, ...]
+
+
+def archives_named(background: str) -> tuple[Path, ...]:
+    """The archives among the values of --background; raises BadInput for neither archives nor a known scenery."""
+    if background in SCENERIES:
+        return ()
+    paths = tuple(Path(name) for name in split_list("--background", background))
+    for path in paths:
+        if path.suffix != ".npz":
+            raise BadInput(f"--background {path}: an archive (.npz) or, with --through pixels, {', '.join(SCENERIES)}")
+    return paths
+
+
+def read_archives(
+    archive: Path | None,
+    views: str,
+    sensors: Sequence[str],
+    body_parts: tuple[str, ...],
+    backgrounds: Sequence[Path],
+    background_subjects: tuple[str, ...],
+    other_motion: Sequence[Path],
+) -> EvaluatedArchives:
+    """Read all archives. Without body_parts the models use those that the archive and all others have.
+
+    Raises BadInput for an archive beside sensors, neither of both, and a body part that an archive lacks.
+    """
+    chosen, own = _evaluated(archive, views, sensors)
+    others = {path: read_archive(path) for path in dict.fromkeys((*backgrounds, *other_motion))}
+    parts = body_parts
+    if others and not parts:
+        parts = tuple(p for p in own[0].body_parts if all(p in other.body_parts for other in others.values()))
+    if others:
+        own = tuple(with_parts(one, parts) for one in own)
+    whole = performances(own) if sensors else own[0]
+    learned = {path: select(others[path], background_subjects) for path in backgrounds}
+    background = None
+    if learned:
+        rate_hz = common_rate(whole)
+        background = gather_background(list(learned.values()), (), whole.body_parts, rate_hz)
+    motion = [one for path in other_motion for one in _unseen(path, others[path], learned.get(path), whole)]
+    return EvaluatedArchives(whole, chosen, own if sensors else (), parts, background, tuple(motion))
+
+
+def _evaluated(
+    archive: Path | None, views: str, sensors: Sequence[str]
+) -> tuple[tuple[View, ...], tuple[MotionArchive, ...]]:
+    """The views, and the archive of each, or the one of all."""
+    if sensors:
+        if archive or views:
+            raise BadInput("--sensor: takes the place of ARCHIVE and --views; omit these")
+        return read_sensors(sensors, read_archive)
+    if archive is None:
+        raise BadInput("ARCHIVE: which one? name a motion archive (.npz), or sensors with --sensor NAME=FILE.npz")
+    if not views:
+        raise BadInput("--views: which ones? for example --views door,wheel")
+    return tuple(parse_view(view) for view in split_views(views)), (read_archive(archive),)
+
+
+def _unseen(path: Path, archive: MotionArchive, learned: MotionArchive | None, whole: MotionArchive) -> list[Recording]:
+    """The streams of people whom no model has learned from, with the parts and the rate of `whole`."""
+    known = {r.subject for r in learned.recordings} if learned else set()
+    left = tuple(r for r in archive.recordings if r.subject not in known)
+    if not left:
+        raise BadInput(
+            f"--other-motion {path}: all its people are learned from; name some of them in --background-subjects"
+        )
+    chosen, rate_hz = with_parts(MotionArchive(archive.body_parts, left), whole.body_parts), common_rate(whole)
+    shown = [label for label in labels_of(chosen) if label in labels_of(whole)]
+    if shown:
+        raise BadInput(f"--other-motion {path}: {shown[0]!r} is a movement of the archive; give streams without it")
+    streams = (replace(r, label="", spans=()) for r in chosen.recordings)
+    return [r if r.rate_hz == rate_hz else resample(r, rate_hz) for r in streams]

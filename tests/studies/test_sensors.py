@@ -1,0 +1,171 @@
+"""Several sensors that recorded the same performances: matched, compared at equal fractions, judged by who has them."""
+
+import dataclasses
+import json
+import re
+
+import numpy as np
+import pytest
+import typer
+from hypothesis import given
+from hypothesis import strategies as st
+
+from common.errors import BadInput
+from observer.geometry.views import View, parse_view
+from observer.motion.archive import MotionArchive, retime
+from observer.motion.archive_file import read_archive, write_archive
+from studies.commands import evaluate as evaluate_command
+from studies.evaluate import EvaluationSettings, evaluate
+from studies.performer import perform
+from studies.report import as_json
+from studies.sensors import frames_at_fractions, performances, read_sensors, same_streams
+from studies.stream import judge_streams
+
+LABELS = ("ok", "shake", "lunging")
+VIEWS = tuple(View(name, parse_view(seen_from).matrix) for name, seen_from in (("left", "door"), ("right", "wheel")))
+
+
+@pytest.fixture(scope="module")
+def archive():
+    return perform(("1", "2", "3"), LABELS, trials=2, seed=3)
+
+
+def settings(**changes):
+    common = {"views": VIEWS, "labels": LABELS, "train_subjects": ("1", "2"), "calibrated": False}
+    return EvaluationSettings(**{**common, **changes})
+
+
+def with_recordings(archive, recordings):
+    return MotionArchive(archive.body_parts, tuple(recordings))
+
+
+@given(st.integers(1, 200), st.integers(1, 200))
+def test_no_frame_is_later_than_its_fraction_and_the_last_is_the_end(frames, wanted):
+    places = frames_at_fractions(frames, wanted)
+    assert places[-1] == frames - 1 and (np.diff(places) >= 0).all()
+    for n, place in enumerate(places.tolist()):
+        assert place / frames < (n + 1) / wanted + 1e-9 <= (place + 2) / frames + 1e-6 or place == 0
+    assert frames_at_fractions(frames, frames).tolist() == list(range(frames))
+
+
+def test_two_sensors_that_recorded_the_same_are_two_views_of_one_archive(archive):
+    """Oracle: the evaluation of views, also of streams."""
+    by_sensors, by_views = settings(sensors=(archive, archive)), settings()
+    one, other = (evaluate(archive, s) for s in (by_sensors, by_views))
+    for mine, theirs in zip(one.trials, other.trials, strict=True):
+        np.testing.assert_array_equal(mine.views, theirs.views)
+        np.testing.assert_array_equal(mine.fused, theirs.fused)
+        assert mine.first_word == theirs.first_word
+    assert judge_streams(archive, by_sensors) == judge_streams(archive, by_views)
+    figures = as_json(one)
+    assert figures["complete"]["accuracy_at"] == figures["accuracy_at"] and figures["complete"]["n_test"] == 6
+
+
+def test_a_performance_is_judged_by_the_sensors_that_have_it(archive):
+    lacking = [r for r in archive.recordings if (r.label, r.subject, r.trial) != ("ok", "3", "1")]
+    sensors = (archive, with_recordings(archive, lacking))
+    result = evaluate(performances(sensors), settings(sensors=sensors, rule="product"))
+    (alone,) = [r for r in result.trials if not r.judged_by.all()]
+    assert alone.trial.name == "ok 3.1" and alone.judged_by.tolist() == [True, False]
+    assert alone.fused == pytest.approx(alone.views[:, 0], abs=1e-9)
+    figures = as_json(result)
+    assert [figures["per_view"][name]["n_test"] for name in ("left", "right")] == [6, 5]
+    assert figures["complete"]["n_test"] == 5 and figures["n_test"] == 6
+    assert np.array(figures["per_view"]["right"]["confusion"]).sum() == 5
+    assert 0 <= judge_streams(performances(sensors), settings(sensors=sensors))["f1"] <= 1
+
+
+def test_each_sensor_sees_its_own_recording_and_is_compared_at_equal_fractions(archive):
+    slower = with_recordings(archive, [retime(r, 0.8) for r in archive.recordings])
+    own = {r.trial.name: r.views[:, 0] for r in evaluate(slower, settings(views=VIEWS[1:])).trials}
+    sensors = (archive, slower)
+    for result in evaluate(performances(sensors), settings(sensors=sensors)).trials:
+        frames = len(result.trial.recording.positions)
+        mine = own[result.trial.name]
+        np.testing.assert_array_equal(result.views[:, 1], mine[frames_at_fractions(len(mine), frames)])
+
+
+def test_for_streams_recordings_are_stretched_to_one_length(archive):
+    recordings = archive.recordings[:3]
+    faster = with_recordings(archive, [retime(recordings[0], 1.3), recordings[1]])
+    one, two, three = same_streams(faster, recordings)
+    assert len(one.positions) == len(recordings[0].positions)
+    assert np.nanmax(np.abs(one.positions - recordings[0].positions)) < 0.15
+    np.testing.assert_array_equal(two.positions, recordings[1].positions)
+    assert np.isnan(three.positions).all() and three.label == recordings[2].label
+
+
+@pytest.mark.parametrize(
+    ("texts", "error"),
+    [
+        (["left=a.npz"], "--sensor left=a.npz: at least two sensors are needed"),
+        (["a.npz", "b.npz"], "--sensor 'a.npz': NAME=FILE.npz or NAME=FILE.npz@VIEW is expected"),
+        (["=a.npz", "b=b.npz"], "--sensor '=a.npz': NAME="),
+        (["left=a.npz", "left=b.npz"], "--sensor left=b.npz: 'left' is given twice"),
+        (["left=a.npz", "right=b.npz@dor"], "view 'dor': unknown view"),
+        (["left=a.npz", "right=twice"], "--sensor right: two recordings of ok 1 1; give each another trial"),
+        (["left=a.npz", "right=feet"], "--sensor: no body part that all have"),
+        (["left=a.npz", "right=fast"], "--sensor: rates of 15 and 30 Hz"),
+    ],
+)
+def test_bad_sensors_are_one_line(archive, texts, error):
+    first = archive.recordings[0]
+    kinds = {
+        "twice": with_recordings(archive, (*archive.recordings, first)),
+        "feet": MotionArchive(("l", "r", "n"), archive.recordings),
+        "fast": with_recordings(archive, (dataclasses.replace(first, rate_hz=30.0),)),
+    }
+    with pytest.raises(BadInput, match=r"\A" + re.escape(error)) as caught:
+        read_sensors(texts, lambda path: kinds.get(str(path), archive))
+    assert "\n" not in str(caught.value)
+
+
+def test_body_parts_are_those_that_all_sensors_have(archive):
+    reordered = MotionArchive(
+        ("nose", *archive.body_parts[::-1]),
+        tuple(
+            dataclasses.replace(r, positions=np.concatenate([r.positions[:, :1], r.positions[:, ::-1]], axis=1))
+            for r in archive.recordings
+        ),
+    )
+    views, (one, two) = read_sensors(["a=x", "b=y@wheel"], lambda path: archive if str(path) == "x" else reordered)
+    assert [view.name for view in views] == ["a", "b"] and one.body_parts == two.body_parts == archive.body_parts
+    np.testing.assert_array_equal(one.recordings[0].positions, two.recordings[0].positions)
+    np.testing.assert_array_equal(views[1].matrix, parse_view("wheel").matrix)
+
+
+@pytest.fixture
+def command(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    app = typer.Typer(add_completion=False)
+    app.command()(evaluate_command)
+
+    def call(*words):
+        typer.main.get_command(app).main([str(word) for word in words], standalone_mode=False)
+        return capsys.readouterr().out
+
+    return call
+
+
+def test_two_sensors_on_the_command_line(command, archive, tmp_path):
+    write_archive(tmp_path / "a.npz", archive)
+    write_archive(tmp_path / "b.npz", with_recordings(archive, archive.recordings[1:]))
+    words = ["--sensor", "left=a.npz", "--sensor", "right=b.npz@wheel", "--labels", "ok,shake", "--rule", "product"]
+    words += ["--leave-one-subject-out", "--jobs", "1", "--stream"]
+    out = command(*words, "--report", "out", "--json", "out.json")
+    assert "of 12 performances the sensors recorded: left 12, right 11; all of them 11 (complete)" in out
+    figures = json.loads((tmp_path / "out.json").read_text())
+    assert figures["views"] == ["left", "right"] and figures["rule"] == "product" and figures["sensors"]
+    assert set(figures["stream"]["per_person"]) == {"1", "2", "3"}
+    names = {path.name for path in (tmp_path / "out").iterdir()}
+    assert {"stream-1.png", "stream-3.png", "confusion-right.png", "reliability-uncalibrated.png"} <= names
+    for extra, error in (
+        (["a.npz"], "--sensor: takes the place of ARCHIVE and --views"),
+        (["--turn", "45"], "--sensor --turn: sensors are judged on what they recorded; omit --turn"),
+        (["--through", "mesh"], "--sensor --through"),
+    ):
+        with pytest.raises(BadInput, match=error):
+            command(*words, *extra)
+    with pytest.raises(BadInput, match="ARCHIVE: which one"):
+        command("--views", "door")
+    assert read_archive(tmp_path / "a.npz").recordings[0].label == "ok"
