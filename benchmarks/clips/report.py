@@ -65,4 +65,5 @@ def still_summary(kind: str, results: Sequence[ClipResult]) -> str:
     words = sum(len(result.words) for result in results)
     first = min((v.at_s for result in named for v in result.words), default=None)
     when = "" if first is None else f", the first after {first:.1f} s"
-    return f"{kind}: {len(named)} of {len(results)} still people named, {words} verdicts in all{when}"
+    abstained = sum(bool(result.verdicts) and not result.words for result in results)
+    return f"{kind}: {len(named)} of {len(results)} still people named, {words} times{when}; {abstained} abstentions"

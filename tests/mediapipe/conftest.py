@@ -16,13 +16,12 @@ sys.path += [str(Path(__file__).parent), str(Path(__file__).parents[1] / "observ
 
 from mediapipe_stage import follow, unmirrored
 
+from benchmarks.clips.material import CAMERA
 from observer.motion.archive import MotionArchive
 from observer.motion.importers.florence3d import import_folder
 from observer.tracking.mediapipe_pose import MediapipeTracker
 
 NAMED_BY = "LABANMESH_POSE_MODEL"
-CAMERA = np.array([[-580.0, 0.0, 319.0, 0.0], [0.0, -580.0, 240.0, 0.0], [0.0, 0.0, 1.0, 0.0]])
-"""The camera of the unmirrored clips: the originals have u = 320 + 580 x/z, and u' = 639 - u."""
 
 
 @dataclass(frozen=True, slots=True)
