@@ -134,7 +134,7 @@ class FusionConfig(Section):
     """
 
     id: str = "fusion"
-    rule: str = "robust_inverse_entropy"
+    rule: str = "guarded_product"
     quorum: Annotated[int, Field(ge=1)] = 1
     temperature: Annotated[float, Field(ge=1e-3, le=1e3)] = 1.0
     threshold: Annotated[float, Field(gt=0, le=1)] = 0.8

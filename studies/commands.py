@@ -43,7 +43,7 @@ def evaluate(
         bool, typer.Option("--leave-one-subject-out", help="Judge each person by models of all others.")
     ] = False,
     model: Annotated[str, typer.Option(help="phase, phase-symbols or frame-table.")] = "phase",
-    rule: Annotated[str, typer.Option(help="The fusion rule.")] = "robust_inverse_entropy",
+    rule: Annotated[str, typer.Option(help="The fusion rule.")] = "guarded_product",
     parameter: Annotated[
         list[str] | None, typer.Option(help="NAME=NUMBER, a parameter of the model; may be repeated.")
     ] = None,

@@ -20,6 +20,7 @@ import numpy as np
 from common.errors import BadInput
 from common.probability import Floats, entropy_bits, softmax
 from common.text import nearest
+from fusion.engine.guarded_product import guarded_strengths
 from fusion.engine.strengths import ENTROPY_FLOOR_BITS, SMALLEST, ObserverTrust, Strengths, strengths
 
 ROBUSTNESS = 0.05
@@ -163,8 +164,8 @@ def log_mix(cells: Floats, prior: Floats, weighed: Strengths) -> Floats:
 
     - w = 1/N, eps = 0: the log pool, idempotent, and externally Bayesian because the weights sum to 1.
     - w = 1, eps = 0: Bayes' rule for independent observers that share the prior. With eps > 0 the same without vetoes.
-    - The default rule's strengths: certainty weighs; no observer counts more than twice, nor with greater odds than eps
-      allows.
+    - robust_inverse_entropy's strengths: certainty weighs; no observer counts more than twice, nor with greater odds
+      than eps allows.
     """
     if cells.shape[-1] == 1:
         evidence = _movement_evidence(cells[..., 0], prior, weighed.epsilon)
@@ -172,6 +173,18 @@ def log_mix(cells: Floats, prior: Floats, weighed: Strengths) -> Floats:
         return softmax(logs)[..., None]
     evidence = np.tensordot(weighed.exponents, _joint_evidence(cells, prior, weighed.epsilon), 1)
     return softmax((np.log(prior)[:, None] + evidence).reshape(-1)).reshape(evidence.shape)
+
+
+def averaged_log_mix(cells: Floats, prior: Floats, weighed: Strengths) -> Floats:
+    """The average of `log_mix` over the hypotheses of `weighed`, by their probabilities (guarded_product.py)."""
+    hypotheses = np.ones(1) if weighed.hypotheses is None else weighed.hypotheses
+    if cells.shape[-1] == 1:
+        evidence = _movement_evidence(cells[..., 0], prior, weighed.epsilon)
+        pooled = softmax(np.log(prior) + weighed.exponents @ evidence)
+        return (hypotheses[..., None, :] @ pooled)[..., 0, :, None]
+    evidence = np.tensordot(weighed.exponents, _joint_evidence(cells, prior, weighed.epsilon), 1)
+    logs = (np.log(prior)[:, None] + evidence).reshape(len(hypotheses), -1)
+    return (hypotheses @ softmax(logs)).reshape(evidence.shape[1:])
 
 
 def _movement_evidence(p: Floats, prior: Floats, epsilon: Floats) -> Floats:
@@ -211,6 +224,7 @@ def _safe_log(p: Floats) -> Floats:
 RULES = {
     rule.name: rule
     for rule in (
+        two_step_rule("guarded_product", guarded_strengths, averaged_log_mix, batched=True),
         two_step_rule("robust_inverse_entropy", strengths, log_mix, batched=True),
         two_step_rule("inverse_entropy", by_entropy(inverse_entropy), linear_mix),
         two_step_rule("iest", by_entropy(inverse_entropy_static_threshold), linear_mix),
@@ -224,7 +238,7 @@ RULES = {
         two_step_rule("chernoff", chernoff, log_mix, most_observers=2),
     )
 }
-DEFAULT_RULE = "robust_inverse_entropy"
+DEFAULT_RULE = "guarded_product"
 
 
 def get_rule(name: str, observers: int | None = None) -> Rule:

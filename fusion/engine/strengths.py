@@ -1,4 +1,4 @@
-"""How strongly the default rule weighs each observer's evidence. Pure.
+"""How strongly the rule `robust_inverse_entropy` weighs each observer's evidence. Pure.
 
 N observers, M movements. Arrays may have leading axes, written `...`: one scene per entry, each weighed by itself.
 
@@ -78,48 +78,59 @@ class ObserverTrust:
 class Strengths:
     """How each observer counts, all (..., N).
 
-    exponents: w, of its evidence. epsilon: the prior's part in p~. shares: its part in the result, summing to 1.
+    exponents: w, of its evidence; (..., H, N) in a rule that averages over H hypotheses, whose probabilities are
+    `hypotheses` (..., H). epsilon: the prior's part in p~. shares: its part in the result, summing to 1.
     """
 
     exponents: Floats
     epsilon: Floats
     shares: Floats
+    hypotheses: Floats | None = None
 
 
 def strengths(p: Floats, prior: Floats, observers: ObserverTrust) -> Strengths:
-    """(..., N, M) posteriors, (M,) prior -> how each observer counts in the default rule."""
+    """(..., N, M) posteriors, (M,) prior -> how each observer counts in `robust_inverse_entropy`."""
     ratio = p / prior
-    divergence_bits = np.maximum(_sum_last(p * np.log2(np.maximum(ratio, SMALLEST))), 0.0)
+    divergence_bits = divergence_from_prior(p, ratio)
     part = np.minimum(divergence_bits / PARTICIPATION_BITS, 1.0)
-    number = _sum_last(part)
+    number = sum_last(part)
     # How far the rules for two and for three participants apply, 0 to 1.
     two = np.minimum(np.maximum(number - 1.0, 0.0), 1.0)[..., None]
     three = np.minimum(np.maximum(number - 2.0, 0.0), 1.0)[..., None]
     eps_one, eps_two, eps_three = ROBUSTNESS
     base_epsilon = eps_one + (eps_two - eps_one) * two + (eps_three - eps_two) * three
     w = _certainty(p, prior, part, base_epsilon) * observers.trust * _surer_limit(divergence_bits) ** three
-    rho = np.maximum(similarity(ratio) * _uncertainty(p), observers.correlations) * part[..., None, :]
+    rho = np.maximum(similarity(ratio) * uncertainty(p), observers.correlations) * part[..., None, :]
     # A single observer has no correlated peer.
     rho *= (number > 1.0)[..., None, None]
     bayes_factor = _bayes_factor(ratio, prior, w, rho)
     agreement = np.minimum(bayes_factor, 1.0) ** (2.0 * three)
     epsilon = base_epsilon / (base_epsilon + (1.0 - base_epsilon) * bayes_factor**three)
-    w = w * agreement / (1.0 + _sum_last(rho * agreement[..., None, :]))
-    evidence = w * divergence_bits
-    total = _sum_last(evidence)[..., None]
+    w = w * agreement / (1.0 + sum_last(rho * agreement[..., None, :]))
     return Strengths(
-        exponents=w * np.maximum(_sum_last(w * part), 1.0)[..., None] ** (GAMMA - 1.0),
+        exponents=w * np.maximum(sum_last(w * part), 1.0)[..., None] ** (GAMMA - 1.0),
         epsilon=epsilon,
-        shares=np.where(total > 0, evidence / np.maximum(total, SMALLEST), 1.0 / p.shape[-2]),
+        shares=shares_of(w * divergence_bits),
     )
+
+
+def divergence_from_prior(p: Floats, ratio: Floats) -> Floats:
+    """(..., N, M) posteriors, and the same over the prior -> (..., N) bits, not below 0."""
+    return np.maximum(sum_last(p * np.log2(np.maximum(ratio, SMALLEST))), 0.0)
+
+
+def shares_of(evidence: Floats) -> Floats:
+    """(..., N) -> parts of the sum along the last axis; equal parts of nothing."""
+    total = sum_last(evidence)[..., None]
+    return np.where(total > 0, evidence / np.maximum(total, SMALLEST), 1.0 / evidence.shape[-1])
 
 
 def _certainty(p: Floats, prior: Floats, part: Floats, epsilon: Floats) -> Floats:
     """c of rule 1."""
     robust = (1.0 - epsilon[..., None]) * p + epsilon[..., None] * prior
-    inverse = 1.0 / np.maximum(-_sum_last(robust * np.log2(robust)), ENTROPY_FLOOR_BITS)
-    weighted = _sum_last(part * inverse)[..., None]
-    relative = inverse * _sum_last(part)[..., None] / np.maximum(weighted, SMALLEST)
+    inverse = 1.0 / np.maximum(-sum_last(robust * np.log2(robust)), ENTROPY_FLOOR_BITS)
+    weighted = sum_last(part * inverse)[..., None]
+    relative = inverse * sum_last(part)[..., None] / np.maximum(weighted, SMALLEST)
     return np.where(weighted > 0, np.minimum(relative, CAP), 1.0)
 
 
@@ -137,28 +148,28 @@ def _bayes_factor(ratio: Floats, prior: Floats, w: Floats, rho: Floats) -> Float
     """o of rule 3, after ROUNDS rounds: (..., N)."""
     evidence = np.log((1.0 - OTHERS_EPSILON) * ratio + OTHERS_EPSILON)
     log_prior = np.log(prior)
-    others = _off_diagonal(w.shape[-1])
+    others = off_diagonal(w.shape[-1])
     agreement, bayes_factor = np.ones_like(w), np.ones_like(w)
     for _ in range(ROUNDS):
         # Row i: how much each of the others counts without observer i, which may be correlated with one of them.
         correlated = others @ np.swapaxes(rho * agreement[..., None, :], -1, -2)
         logs = log_prior + (others * (w * agreement)[..., None, :] / (1.0 + correlated)) @ evidence
         q = np.exp(logs - np.maximum.reduce(logs, axis=-1)[..., None])
-        bayes_factor = _sum_last(q * ratio) / _sum_last(q)
+        bayes_factor = sum_last(q * ratio) / sum_last(q)
         agreement = np.minimum(bayes_factor, 1.0) ** 2
     return bayes_factor
 
 
-def _uncertainty(p: Floats) -> Floats:
+def uncertainty(p: Floats) -> Floats:
     """(..., N, N): falls from 1 to 0 for two that are certain of the same, because that does not show correlation."""
     mean_top = np.maximum.reduce((p[..., :, None, :] + p[..., None, :, :]) / 2, axis=-1)
-    uncertainty: Floats = np.minimum((1.0 - mean_top) / UNCERTAIN_MASS, 1.0)
-    return uncertainty
+    result: Floats = np.minimum((1.0 - mean_top) / UNCERTAIN_MASS, 1.0)
+    return result
 
 
 def similarity(ratio: Floats) -> Floats:
     """(..., N, M) posteriors over the prior -> (..., N, N): 1 for equal ones, near 0 for independent ones."""
-    result: Floats = np.exp(log_distance(ratio) / -SIMILARITY_SCALE) * _off_diagonal(ratio.shape[-2])
+    result: Floats = np.exp(log_distance(ratio) / -SIMILARITY_SCALE) * off_diagonal(ratio.shape[-2])
     return result
 
 
@@ -168,20 +179,20 @@ def log_distance(ratio: Floats) -> Floats:
     0 for equal posteriors, 1 for two that are both the prior.
     """
     logs = np.log((1.0 - LOG_FLOOR) * ratio + LOG_FLOOR)
-    sizes = _sum_last(np.abs(logs))
+    sizes = sum_last(np.abs(logs))
     mean_size = (sizes[..., :, None] + sizes[..., None, :]) / 2
-    distance = _sum_last(np.abs(logs[..., :, None, :] - logs[..., None, :, :]))
+    distance = sum_last(np.abs(logs[..., :, None, :] - logs[..., None, :, :]))
     # Two observers that know nothing are not correlated.
     return np.where(mean_size > 1e-9, distance / np.maximum(mean_size, 1e-9), 1.0)
 
 
 @cache
-def _off_diagonal(size: int) -> Floats:
+def off_diagonal(size: int) -> Floats:
     """(N, N): 0 on the diagonal, 1 elsewhere."""
     return 1.0 - np.eye(size)
 
 
-def _sum_last(values: Floats) -> Floats:
+def sum_last(values: Floats) -> Floats:
     """The sum along the last axis, in half the time of `sum`."""
     total: Floats = np.add.reduce(values, axis=-1)
     return total

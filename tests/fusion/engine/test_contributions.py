@@ -31,9 +31,9 @@ def test_a_label_falls_without_the_observer_that_carried_it():
 
 def test_a_silent_observer_contributes_nothing_and_a_single_one_everything():
     one, silent = posterior("a", (0.9, 0.05, 0.05)), posterior("b", uniform(3), "silent")
-    result = contributions(case("robust_inverse_entropy", one, silent), 0)
+    result = contributions(case("guarded_product", one, silent), 0)
     assert set(result) == {"a"} and not result["a"].stands
-    assert contributions(case("robust_inverse_entropy", one), 0)["a"].nats == pytest.approx(result["a"].nats)
+    assert contributions(case("guarded_product", one), 0)["a"].nats == pytest.approx(result["a"].nats)
 
 
 @pytest.mark.parametrize("rule", ["product", "inverse_entropy", "log"])

@@ -19,11 +19,11 @@ from fusion.engine.pooling import (
     pool_many,
     pool_posteriors,
 )
-from fusion.engine.rules import RULES, Rule, RuleResult, get_rule
+from fusion.engine.rules import DEFAULT_RULE, RULES, Rule, RuleResult, get_rule
 
 ALL = [rule for rule in RULES.values() if rule.most_observers is None]
 LINEAR = [RULES[name] for name in ("inverse_entropy", "iest", "ieat", "min_entropy", "linear")]
-DEFAULT, PRODUCT = RULES["robust_inverse_entropy"], RULES["product"]
+DEFAULT, PRODUCT = RULES[DEFAULT_RULE], RULES["product"]
 P = [(0.7, 0.2, 0.1), (0.2, 0.5, 0.3), (0.5, 0.3, 0.2)]
 each_rule = pytest.mark.parametrize("rule", ALL, ids=lambda rule: rule.name)
 
@@ -196,7 +196,7 @@ def cases(draw):
         if draw(st.booleans()) and draw(st.booleans()):
             fields["surprise"] = np.full((m, 3), 9)
         votes.append(posterior(i, mass / mass.sum(), **fields))
-    rule = get_rule(draw(st.sampled_from(["robust_inverse_entropy", "inverse_entropy", "median"])))
+    rule = get_rule(draw(st.sampled_from(["guarded_product", "robust_inverse_entropy", "inverse_entropy", "median"])))
     return PoolingCase(rule, votes, uniform(m), draw(st.sampled_from([1.0, 1.5])))
 
 

@@ -1,4 +1,4 @@
-"""The default rule: what certainty, contradiction, correlation and trust do, and what no single observer can do."""
+"""robust_inverse_entropy: certainty, contradiction, correlation and trust, and what no single observer can do."""
 
 import numpy as np
 import pytest
