@@ -2,8 +2,9 @@
 
 1. When a movement has ended, each observer with a vote had claimed to be right with the probability of its likeliest
    label, and was right or not according to the verdict. Reliability is ((right + c) / (claimed + c))^2, at most 1: an
-   honestly unsure observer loses nothing, a sure and wrong one does. At least three votes are needed, because of two
-   that differ either may be right.
+   honestly unsure observer loses nothing, a sure and wrong one does. A vote for "something else" claims no label, and
+   counts by what it leaves for the movements. At least three votes are needed, because of two that differ either may
+   be right.
 2. The distance of two posteriors (strengths.py) tells whether their observers see the same, whatever is right:
    rho = n/(n + c) exp(-mean distance / CORRELATION_SCALE). Two that are certain of the same teach nothing by it.
 3. All counts are multiplied by DECAY per verdict, so that an observer that agrees again is relied on again after about
@@ -85,8 +86,9 @@ def learn_from_verdict(reliability: Reliability, verdict: VerdictMessage, vocabu
             likeliest = int(p.argmax())
             # A uniform posterior holds no label, and claims to be right as often as chance is.
             is_uniform = np.ptp(p) < 1e-6
-            right[name] = right.get(name, 0.0) + (1.0 / size if is_uniform else float(likeliest == label))
-            claimed[name] = claimed.get(name, 0.0) + float(p[likeliest])
+            part = 1.0 - (verdict.votes[name].unlearned or 0.0)
+            right[name] = right.get(name, 0.0) + part * (1.0 / size if is_uniform else float(likeliest == label))
+            claimed[name] = claimed.get(name, 0.0) + part * float(p[likeliest])
     times, distance = _decayed(reliability.times), _decayed(reliability.distance)
     for (one, p), (two, q) in combinations(sorted(votes.items()), 2):
         weight = min(1.0, (1.0 - float((p + q).max()) / 2) / UNCERTAIN_MASS)

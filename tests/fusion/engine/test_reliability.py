@@ -17,8 +17,11 @@ def sure(label, p=0.9):
     return [p if name == label else (1 - p) / 3 for name in VOCABULARY.labels]
 
 
-def verdict(posteriors, label="bow", number=0, ended_ns=1):
-    votes = {name: SimpleNamespace(p=None if p is None else list(p)) for name, p in posteriors.items()}
+def verdict(posteriors, label="bow", number=0, ended_ns=1, unlearned=None):
+    votes = {
+        name: SimpleNamespace(p=None if p is None else list(p), unlearned=(unlearned or {}).get(name))
+        for name, p in posteriors.items()
+    }
     return SimpleNamespace(id=f"v{number}", label=label, ended_ns=ended_ns, votes=votes)
 
 
@@ -53,6 +56,14 @@ def test_an_honestly_unsure_observer_loses_nothing():
         final = verdict({**RIGHT, "d": sure(label, 0.6)}, number=n)
         reliability = learn_from_verdict(reliability, final, VOCABULARY)
     assert reliability.reliability("d") > 0.6
+
+
+def test_a_vote_for_something_else_claims_no_label():
+    reliability = Reliability()
+    for n in range(20):
+        final = verdict(ONE_WRONG, number=n, unlearned={"d": 0.98})
+        reliability = learn_from_verdict(reliability, final, VOCABULARY)
+    assert reliability.reliability("d") > 0.8 > 0.2 > after(20, ONE_WRONG).reliability("d")
 
 
 def test_of_two_votes_nobody_knows_which_is_right():
