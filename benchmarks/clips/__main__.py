@@ -15,8 +15,9 @@ from benchmarks.clips.judging import ClipResult, judge
 from benchmarks.clips.learning import ALL, Learning, chosen_background, chosen_labels
 from benchmarks.clips.material import Clip, centres_in, clip_view, gesture_clips, recordings, webcam_clips
 from benchmarks.clips.processes import judge_through_processes
-from benchmarks.clips.report import by_movement, line, still_summary, summary, timeline
+from benchmarks.clips.report import by_movement, line, still_summary, summary, timeline, webcam_summary
 from benchmarks.clips.still import SHARES, frozen_film, frozen_recording
+from benchmarks.clips.variants import variants
 from benchmarks.command_line import run_command
 from common.config_sections import FusionConfig
 from common.errors import BadInput, LabanmeshError
@@ -35,10 +36,12 @@ EVERY = 5
 
 class Material(StrEnum):
     """films: 16 clips, a person who waves, and one who stands. recordings: what the clips are cut from, in 3-D, all of
-    them. still: people who stand still for 10 s, in films and in recordings."""
+    them. webcam: variants of the person who waves and stands. still: people who stand still for 10 s, in films and in
+    recordings."""
 
     FILMS = "films"
     RECORDINGS = "recordings"
+    WEBCAM = "webcam"
     STILL = "still"
 
 
@@ -99,9 +102,12 @@ def clips(
         _films(playing, split_list("--only", only), processes=processes, check=check, moments=moments)
     elif material is Material.RECORDINGS:
         print("\n".join(by_movement(list(_recordings(playing)))))
+    elif material is Material.WEBCAM:
+        for clip in webcam_clips(data):
+            print(webcam_summary(clip.name, [_shown(result) for result in _variants(playing, clip)]))
     else:
         for kind, results in (("films", _still_films(playing)), ("recordings", _still_recordings(playing))):
-            print(still_summary(kind, _printed(results)))
+            print(still_summary(kind, [_shown(result) for result in results]))
 
 
 def _data() -> Path:
@@ -188,13 +194,18 @@ def _still_recordings(playing: Playing) -> Iterator[ClipResult]:
             yield judge(f"{recording.label} {share:.0%}", "", centres, RATE_HZ, model, playing.config)
 
 
-def _printed(results: Iterator[ClipResult]) -> list[ClipResult]:
-    kept = []
-    for result in results:
-        kept.append(result)
-        if result.words:
-            print(line(result), flush=True)
-    return kept
+def _variants(playing: Playing, clip: Clip) -> Iterator[ClipResult]:
+    centres, model = centres_in(clip, playing.tracks), playing.learning.model("", "door")
+    for variant in variants():
+        shown, rate_hz = variant.apply(centres, RATE_HZ)
+        yield judge(f"{clip.name} {variant}", clip.label, shown, rate_hz, model, playing.config)
+
+
+def _shown(result: ClipResult) -> ClipResult:
+    """The result, which is printed unless it is as wanted: one right verdict for a movement, else none."""
+    if [(v.label, v.last) for v in result.verdicts] != [(result.label, result.label)] * bool(result.label):
+        print(line(result), flush=True)
+    return result
 
 
 if __name__ == "__main__":
