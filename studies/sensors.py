@@ -15,10 +15,8 @@ from numpy.typing import NDArray
 from common.errors import BadInput
 from observer.geometry.views import View, parse_view
 from observer.motion.archive import MotionArchive, Recording, movements_in, retime
+from observer.motion.sensors import parse_sensors
 from studies.trials import EvaluationTrial
-
-DEFAULT_VIEW = "door"
-"""What a sensor recorded is in its own frame: seen from the Door, it is what the sensor saw."""
 
 
 def read_sensors(
@@ -31,24 +29,17 @@ def read_sensors(
     """
     if len(texts) < 2:
         raise BadInput(f"--sensor {texts[0]}: at least two sensors are needed; for one archive use ARCHIVE --views")
-    views: list[View] = []
-    archives: list[MotionArchive] = []
-    for text in texts:
-        name, equals, place = text.partition("=")
-        file, _, seen_from = place.rpartition("@") if "@" in Path(place).name else (place, "", DEFAULT_VIEW)
-        if not (name and equals and file):
-            raise BadInput(f"--sensor {text!r}: NAME=FILE.npz or NAME=FILE.npz@VIEW is expected")
-        if name in (view.name for view in views):
-            raise BadInput(f"--sensor {text}: {name!r} is given twice; every sensor needs its own name")
-        views.append(View(name, parse_view(seen_from).matrix))
-        archives.append(read(Path(file)))
-        _require_one_of_each(archives[-1], name)
+    sensors = parse_sensors(texts)
+    views = tuple(View(sensor.name, parse_view(sensor.view).matrix) for sensor in sensors)
+    archives = [read(sensor.path) for sensor in sensors]
+    for sensor, archive in zip(sensors, archives, strict=True):
+        _require_one_of_each(archive, sensor.name)
     parts = tuple(p for p in archives[0].body_parts if all(p in a.body_parts for a in archives))
     rates = sorted({r.rate_hz for archive in archives for r in archive.recordings})
     if not parts or len(rates) > 1:
         detail = f"rates of {rates[0]:g} and {rates[-1]:g} Hz" if parts else "no body part that all have"
         raise BadInput(f"--sensor: {detail}; record or convert the sensors alike")
-    return tuple(views), tuple(with_parts(archive, parts) for archive in archives)
+    return views, tuple(with_parts(archive, parts) for archive in archives)
 
 
 def _require_one_of_each(archive: MotionArchive, name: str) -> None:

@@ -1,9 +1,9 @@
 """The commands `labanmesh learn` and `labanmesh forget`, and what they print."""
 
-import hashlib
 import sys
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -12,10 +12,15 @@ import typer
 from common.errors import BadInput
 from common.text import named_numbers, plural, split_list
 from common.vocabulary import Vocabulary
+from observer.learning.descriptions import (
+    describe_addition,
+    describe_background,
+    describe_evaluation,
+    describe_vocabulary,
+)
 
 if TYPE_CHECKING:
-    from observer.learning.editing import EditedModel
-    from observer.model.base import Header
+    from observer.learning.sources import LearningSource
     from observer.motion.archive import MotionArchive
 
 ENOUGH_RECORDINGS = 3
@@ -23,15 +28,29 @@ ENOUGH_RECORDINGS = 3
 
 
 def learn(
-    archive: Annotated[Path, typer.Argument(help="The motion archive to learn from (.npz).")],
-    view: Annotated[str, typer.Option(help="door, wheel, table, yaw:DEG, yaw:DEG,pitch:DEG, or a camera file.")],
-    output: Annotated[Path, typer.Option("-o", "--output", help="The model file to write.")],
+    output: Annotated[
+        Path, typer.Option("-o", "--output", help="The model file to write; with --sensor the folder, for NAME.model.")
+    ],
+    archive: Annotated[
+        Path | None, typer.Argument(help="The motion archive to learn from (.npz); none with --sensor.")
+    ] = None,
+    view: Annotated[str, typer.Option(help="door, wheel, table, yaw:DEG, yaw:DEG,pitch:DEG, or a camera file.")] = "",
+    sensor: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="NAME=FILE.npz or NAME=FILE.npz@VIEW in place of ARCHIVE --view: what a sensor recorded, by default "
+            "seen from the door; may be repeated: one model each, with the same movements."
+        ),
+    ] = None,
     model: Annotated[str, typer.Option(help="phase (default), phase-symbols or frame-table.")] = "",
     labels: Annotated[
         str, typer.Option(help="The movements to learn, separated by commas (default: all of the archive).")
     ] = "",
     subjects: Annotated[
         str, typer.Option(help="The people to learn from, separated by commas (default: all of the archive).")
+    ] = "",
+    body_parts: Annotated[
+        str, typer.Option(help="The parts that the observer's tracker finds (default: all of the archive).")
     ] = "",
     rate: Annotated[
         float | None, typer.Option(min=1, max=1000, help="The observer's frames per second (default: the archive's).")
@@ -62,58 +81,65 @@ def learn(
 
     Example: labanmesh learn own.npz --view yaw:45 --add-to corner1.model -o corner1.model
 
+    Example: labanmesh learn --sensor left=a.npz --sensor right=b.npz -o models
+
     Example: labanmesh learn effort.npz --view yaw:45 --effort --rate 30 -o corner1.effort
     """
-    from observer.motion.archive import select
-    from observer.motion.archive_file import read_archive
+    from observer.learning.sources import read_source, sensors_to_learn
+    from observer.motion.archive import require_labels
 
-    people = split_list("--subjects", subjects)
-    whole = select(read_archive(archive), people, rate)
-    provenance = {
-        "archive": archive.name,
-        "archive_sha256": hashlib.sha256(archive.read_bytes()).hexdigest(),
-        "subjects": ",".join(sorted({r.subject for r in whole.recordings})),
-    }
+    sensors = sensors_to_learn(archive, view, sensor or [], output, effort or add_to is not None)
+    parts = split_list("--body-parts", body_parts)
+    sources = [
+        read_source(one, split_list("--subjects", subjects), rate, parts, (background, background_labels))
+        for one in sensors
+    ]
     parameters, chosen = named_numbers("--parameter", parameter or []), split_list("--labels", labels)
-    others = _read_background(background, background_labels, archive, whole, people)
     if effort and add_to:
         raise BadInput("--effort --add-to: only movements can be added; Effort is learned from all examples at once")
-    if others and (effort or add_to):
+    if sources[0].background and (effort or add_to):
         raise BadInput("--background: only for a new model; --add-to keeps the model's background, --effort needs none")
+    if parts and (effort or add_to):
+        raise BadInput("--body-parts: only for a new model of movements; omit it")
     if effort:
-        _learn_effort(whole, view, output, provenance)
+        _learn_effort(sources[0].archive, view, output, sources[0].provenance)
     elif add_to:
-        _add_movements(add_to, whole, view, output, chosen, model, parameters, archive.name)
+        _add_movements(add_to, sources[0].archive, view, output, chosen, model, parameters, sensors[0].path.name)
     else:
-        _learn_movements(whole, view, output, chosen, name, model, parameters, provenance, others)
+        words = tuple(chosen) or tuple(dict.fromkeys(label for source in sources for label in source.labels))
+        wanted = _Wanted(words, name, model, parameters, parts)
+        for one, source in zip(sensors, sources, strict=True):
+            require_labels(words, source.archive, f"--sensor {one.name}: --labels" if sensor else "--labels")
+        for one, source in zip(sensors, sources, strict=True):
+            _learn_movements(source, one.view, output / f"{one.name}.model" if sensor else output, wanted)
 
 
-def _learn_movements(
-    archive: "MotionArchive",
-    view: str,
-    output: Path,
-    labels: Sequence[str],
-    name: str,
-    kind: str,
-    parameters: Mapping[str, float],
-    provenance: Mapping[str, str],
-    background: "MotionArchive | None",
-) -> None:
+@dataclass(frozen=True, slots=True)
+class _Wanted:
+    """What every model of the command is to know."""
+
+    labels: tuple[str, ...]
+    name: str
+    kind: str
+    parameters: Mapping[str, float]
+    body_parts: tuple[str, ...]
+
+
+def _learn_movements(source: "LearningSource", view: str, output: Path, wanted: _Wanted) -> None:
     from observer.geometry.views import parse_view
     from observer.learning.learn import learn_view
     from observer.model.model_file import write_model
     from observer.model.registry import DEFAULT_MODEL
-    from observer.motion.archive import labels_of, require_labels
 
-    require_labels(labels, archive, "--labels")
     learned = learn_view(
-        archive,
+        source.archive,
         parse_view(view),
-        Vocabulary(tuple(labels) or labels_of(archive), name),
-        kind=kind or DEFAULT_MODEL,
-        parameters=parameters,
-        provenance=provenance,
-        background=background,
+        Vocabulary(wanted.labels, wanted.name),
+        kind=wanted.kind or DEFAULT_MODEL,
+        body_parts=wanted.body_parts or None,
+        parameters=wanted.parameters,
+        provenance=source.provenance,
+        background=source.background,
     )
     write_model(output, learned)
     header = learned.header
@@ -126,7 +152,7 @@ def _learn_movements(
     print(describe_evaluation(header))
     if header.background is not None:
         print(describe_background(header))
-    _warn_of_few_recordings(archive, header.vocabulary.labels)
+    _warn_of_few_recordings(source.archive, header.vocabulary.labels)
 
 
 def _add_movements(
@@ -164,31 +190,6 @@ def _learn_effort(archive: "MotionArchive", view: str, output: Path, provenance:
     )
 
 
-def _read_background(
-    background: str, labels: str, learned: Path, archive: "MotionArchive", subjects: Sequence[str]
-) -> "MotionArchive | None":
-    """The recordings of --background and --background-labels; None without a background.
-
-    learned: path of the archive to learn from, `archive` its selected recordings; if it is also a background, only the
-    `subjects` are taken. Raises BadInput for labels without an archive, and for what cannot be read or gathered.
-    """
-    from observer.learning.examples import gather_background
-    from observer.learning.learn import BLENDS
-    from observer.motion.archive import MotionArchive, common_rate, select
-    from observer.motion.archive_file import read_archive
-
-    chosen = split_list("--background-labels", labels)
-    if chosen and background in ("", BLENDS):
-        raise BadInput(f"--background-labels {labels}: of which archive? name it with --background")
-    if not background:
-        return None
-    if background == BLENDS:
-        return MotionArchive(archive.body_parts, ())
-    paths = [Path(name) for name in split_list("--background", background)]
-    archives = [select(read_archive(p), subjects if p.resolve() == learned.resolve() else ()) for p in paths]
-    return gather_background(archives, chosen, archive.body_parts, common_rate(archive))
-
-
 def forget(
     model: Annotated[Path, typer.Argument(help="The model file (of labanmesh learn).")],
     labels: Annotated[str, typer.Option(help="The movements to remove, separated by commas.")],
@@ -207,51 +208,6 @@ def forget(
     print(f"{output}: {', '.join(gone)} taken out; {describe_vocabulary(smaller.header)}")
 
 
-def describe_evaluation(header: "Header") -> str:
-    """How well the model did on examples that it had not learned, and its calibration."""
-    tried, right = int(header.provenance.get("tried", "0")), int(header.provenance.get("right", "0"))
-    result = f"right {100 * right / tried:.0f} %" if tried else "its accuracy is unknown"
-    return f"tried on {_left_out(tried)}: {result}, {_calibration(header)}"
-
-
-def describe_addition(output: Path, edited: "EditedModel") -> str:
-    """What was added, and how well the new movements are recognised; the calibration is that of the old ones."""
-    from observer.learning.learn import right_count
-
-    header, labels, results = edited.model.header, ", ".join(edited.labels), edited.results
-    examples = f"{plural(edited.examples, 'example')} of {plural(edited.people, 'person', 'people')}"
-    lines = [f"{output}: {labels} added from {examples}; {describe_vocabulary(header)}"]
-    if edited.promoted:
-        lines.append(f"no longer something else: {', '.join(edited.promoted)}")
-    share = f": right {100 * right_count(results) / len(results):.0f} %" if results else ""
-    lines.append(f"tried on {_left_out(len(results))} of {labels}{share}; {_calibration(header)}")
-    return "\n".join(lines)
-
-
-def _left_out(count: int) -> str:
-    return plural(count, "left-out example") if count else "no left-out examples"
-
-
-def describe_background(header: "Header") -> str:
-    """From what the model recognises that a movement is none of its own."""
-    known = list(header.background or ())
-    seconds = float(header.provenance.get("other_motion_s", "0"))
-    if seconds:
-        people = plural(int(header.provenance["other_motion_people"]), "person", "people")
-        known.append(f"{seconds / 60:.1f} minutes of other motion of {people}")
-    shown = f" and by {', '.join(known)}" if known else ""
-    return f"something else is known by blends of the movements{shown}"
-
-
-def describe_vocabulary(header: "Header") -> str:
-    """What to do with the other observers of the scene, whose posteriors would otherwise be rejected."""
-    vocabulary = header.vocabulary
-    return (
-        f"{vocabulary.size} movements now: edit the models of all observers of the scene alike, because fusion rejects "
-        f"posteriors of another vocabulary (this is {vocabulary.digest})"
-    )
-
-
 def _warn_of_few_recordings(archive: "MotionArchive", labels: Sequence[str]) -> None:
     from observer.motion.archive import movements_in
 
@@ -260,18 +216,3 @@ def _warn_of_few_recordings(archive: "MotionArchive", labels: Sequence[str]) -> 
         if counts[label] < ENOUGH_RECORDINGS:
             count = plural(counts[label], "recording")
             print(f"warning: {label}: {count}; record it at least {ENOUGH_RECORDINGS} times", file=sys.stderr)
-
-
-def _calibration(header: "Header") -> str:
-    from observer.model.posterior_calibration import CAUTIOUS
-
-    calibration = header.calibration
-    # A model that knows "something else" has no predictive statistics, however well it was evaluated.
-    cautious = (
-        calibration.temperature >= CAUTIOUS.temperature
-        and calibration.doubt >= CAUTIOUS.doubt
-        and not calibration.foreseen
-        and header.background is None
-    )
-    reason = ", cautiously: other people may do it otherwise" if cautious else ""
-    return f"temperature {calibration.temperature:.1f}, doubt {calibration.doubt:.2g}{reason}"

@@ -59,7 +59,8 @@ IMPURE = {
         "common.capture_file common.config common.credentials deploy.doctor.machine deploy.doctor.scene_file "
         "deploy.doctor.security deploy.security.issuing fusion.checkpoint hub.dashboard.history "
         "observer.*_file observer.calibration.board observer.calibration.formats "
-        "observer.files observer.motion.importers observer.motion.importers.* observer.runtime.preflight "
+        "observer.files observer.learning.sources observer.motion.importers observer.motion.importers.* "
+        "observer.runtime.preflight "
         "observer.runtime.scene_inputs studies.evaluated_archives studies.experiments studies.report "
         "studies.run_evaluation"
     ),
@@ -86,6 +87,7 @@ ALLOWED = {
     ("studies.replay.judging", "common.capture_file"): "the record type",
     ("studies.trials", "observer.motion.importers.msr_action3d"): "the names of its movements, a table",
     ("observer.tracking.registry", "pathlib"): "a tracker may be told the name of a file",
+    ("observer.motion.sensors", "pathlib"): "a sensor is named with its file",
     ("studies.sensors", "pathlib"): "a sensor is named with its file",
     ("observer.geometry.views", "pathlib"): "a view may be the name of a camera file",
     ("observer.geometry.views", "observer.geometry.camera_file"): "a view may be the name of a camera file",

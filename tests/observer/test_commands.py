@@ -1,6 +1,7 @@
 """`labanmesh import` and `labanmesh learn` on the command line, with valid and with invalid input."""
 
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -48,6 +49,26 @@ def test_learn_writes_a_model_with_its_provenance(run, archive, tmp_path):
     assert (header.view, header.rate_hz, header.vocabulary.labels) == ("yaw:45,pitch:10", 30.0, ("ok", "shake"))
     assert header.provenance["archive"] == "people.npz" and len(header.provenance["archive_sha256"]) == 64
     assert header.provenance["subjects"] == "1"
+
+
+def test_learn_writes_a_model_for_each_sensor_with_one_vocabulary(run, archive, tmp_path):
+    whole = read_archive(archive)
+    write_archive(tmp_path / "other.npz", replace(whole, recordings=whole.recordings[::-1]))
+    words = ["learn", "--sensor", f"left={archive}", "--sensor", f"right={tmp_path}/other.npz@wheel"]
+    status, out, _ = run(*words, "-o", tmp_path / "models", "--body-parts", "right_hand,head")
+    assert status == 0 and out.count("2 movements from 4 examples") == 2
+    left, right = (read_model(tmp_path / "models" / f"{name}.model").header for name in ("left", "right"))
+    assert (left.view, right.view) == ("door", "wheel") and left.vocabulary == right.vocabulary
+    assert left.body_parts == ("right_hand", "head") and right.provenance["archive"] == "other.npz"
+    few = tuple(r for r in whole.recordings if r.label == "ok")
+    write_archive(tmp_path / "other.npz", replace(whole, recordings=few))
+    for more, error in (
+        ([], "--sensor right: --labels shake: no recording shows this movement"),
+        ([archive], "--sensor: takes the place of ARCHIVE and --view"),
+        (["--effort"], "--sensor: only for new models of movements"),
+    ):
+        status, _, err = run(*words, *more, "-o", tmp_path / "models")
+        assert status == 2 and error in err and err.count("\n") == 1
 
 
 @pytest.mark.parametrize(

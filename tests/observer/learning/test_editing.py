@@ -9,7 +9,7 @@ from performances import DOOR, recordings_of, watching
 from common.errors import BadInput
 from common.vocabulary import Vocabulary
 from observer.geometry.views import parse_view
-from observer.learning.commands import describe_evaluation
+from observer.learning.descriptions import describe_evaluation
 from observer.learning.editing import add_movements, remove_movements
 from observer.learning.learn import evaluate_example, learn_view
 from observer.model.base import Onset

@@ -1,0 +1,71 @@
+"""What `learn` and `forget` print about a model. Pure."""
+
+from typing import TYPE_CHECKING
+
+from common.text import plural
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from observer.learning.editing import EditedModel
+    from observer.model.base import Header
+
+
+def describe_evaluation(header: "Header") -> str:
+    """How well the model did on examples that it had not learned, and its calibration."""
+    tried, right = int(header.provenance.get("tried", "0")), int(header.provenance.get("right", "0"))
+    result = f"right {100 * right / tried:.0f} %" if tried else "its accuracy is unknown"
+    return f"tried on {_left_out(tried)}: {result}, {_calibration(header)}"
+
+
+def describe_addition(output: "Path", edited: "EditedModel") -> str:
+    """What was added, and how well the new movements are recognised; the calibration is that of the old ones."""
+    from observer.learning.learn import right_count
+
+    header, labels, results = edited.model.header, ", ".join(edited.labels), edited.results
+    examples = f"{plural(edited.examples, 'example')} of {plural(edited.people, 'person', 'people')}"
+    lines = [f"{output}: {labels} added from {examples}; {describe_vocabulary(header)}"]
+    if edited.promoted:
+        lines.append(f"no longer something else: {', '.join(edited.promoted)}")
+    share = f": right {100 * right_count(results) / len(results):.0f} %" if results else ""
+    lines.append(f"tried on {_left_out(len(results))} of {labels}{share}; {_calibration(header)}")
+    return "\n".join(lines)
+
+
+def _left_out(count: int) -> str:
+    return plural(count, "left-out example") if count else "no left-out examples"
+
+
+def describe_background(header: "Header") -> str:
+    """From what the model recognises that a movement is none of its own."""
+    known = list(header.background or ())
+    seconds = float(header.provenance.get("other_motion_s", "0"))
+    if seconds:
+        people = plural(int(header.provenance["other_motion_people"]), "person", "people")
+        known.append(f"{seconds / 60:.1f} minutes of other motion of {people}")
+    shown = f" and by {', '.join(known)}" if known else ""
+    return f"something else is known by blends of the movements{shown}"
+
+
+def describe_vocabulary(header: "Header") -> str:
+    """What to do with the other observers of the scene, whose posteriors would otherwise be rejected."""
+    vocabulary = header.vocabulary
+    return (
+        f"{vocabulary.size} movements now: edit the models of all observers of the scene alike, because fusion rejects "
+        f"posteriors of another vocabulary (this is {vocabulary.digest})"
+    )
+
+
+def _calibration(header: "Header") -> str:
+    from observer.model.posterior_calibration import CAUTIOUS
+
+    calibration = header.calibration
+    # A model that knows "something else" has no predictive statistics, however well it was evaluated.
+    cautious = (
+        calibration.temperature >= CAUTIOUS.temperature
+        and calibration.doubt >= CAUTIOUS.doubt
+        and not calibration.foreseen
+        and header.background is None
+    )
+    reason = ", cautiously: other people may do it otherwise" if cautious else ""
+    return f"temperature {calibration.temperature:.1f}, doubt {calibration.doubt:.2g}{reason}"

@@ -1,0 +1,33 @@
+"""Sensors by name on the command line: which file each recorded, and the view that it is seen from."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from common.errors import BadInput
+
+DEFAULT_VIEW = "door"
+"""What a sensor recorded is in its own frame: seen from the Door, it is what the sensor saw."""
+
+
+@dataclass(frozen=True, slots=True)
+class SensorFile:
+    """A sensor's name, its motion archive, and its view."""
+
+    name: str
+    path: Path
+    view: str = DEFAULT_VIEW
+
+
+def parse_sensors(texts: Sequence[str]) -> list[SensorFile]:
+    """`NAME=FILE.npz` or `NAME=FILE.npz@VIEW` each; raises BadInput for another form and a name given twice."""
+    sensors: list[SensorFile] = []
+    for text in texts:
+        name, equals, place = text.partition("=")
+        file, _, view = place.rpartition("@") if "@" in Path(place).name else (place, "", DEFAULT_VIEW)
+        if not (name and equals and file and view) or "/" in name:
+            raise BadInput(f"--sensor {text!r}: NAME=FILE.npz or NAME=FILE.npz@VIEW is expected")
+        if name in (sensor.name for sensor in sensors):
+            raise BadInput(f"--sensor {text}: {name!r} is given twice; every sensor needs its own name")
+        sensors.append(SensorFile(name, Path(file), view))
+    return sensors
