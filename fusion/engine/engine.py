@@ -20,9 +20,9 @@ from fusion.engine.clocks import Clocks
 from fusion.engine.contributions import contributions
 from fusion.engine.explanation import explain_undecided
 from fusion.engine.messages import JudgementBuilder, Stamp, build_verdict
-from fusion.engine.pooling import PooledPosterior, PoolingCase, pool_facets, pool_posteriors
+from fusion.engine.pooling import PooledPosterior, PoolingCase, pool_facets, pool_posteriors, pooled_rest
 from fusion.engine.reliability import Reliability, learn_from_verdict
-from fusion.engine.roster import POOLED_STATES, AgedPosterior, ObserverRecord, Roster
+from fusion.engine.roster import AgedPosterior, ObserverRecord, Roster
 from fusion.engine.rules import get_rule
 from fusion.engine.verdict_detector import MovementDecision, MovementProgress, PooledState, VerdictDetector
 
@@ -136,7 +136,7 @@ class FusionEngine:
         ballot = self._builder.ballot(posteriors, pooled)
         unlearned = pooled.unlearned or 0.0
         p = ballot.p * (1.0 - unlearned)
-        state = PooledState(now_ns, ballot.label, p, ballot.agreement.k, _pooled_rest(posteriors), unlearned)
+        state = PooledState(now_ns, ballot.label, p, ballot.agreement.k, pooled_rest(posteriors), unlearned)
         # Before the first posterior, as after a restart during a movement, the absence of motion means nothing.
         has_posterior = any(posterior.age_s is not None for posterior in posteriors)
         decisions = self._detector.update(state) if has_posterior else ()
@@ -227,18 +227,3 @@ def _progress(message: OngoingMovement | VerdictMessage) -> MovementProgress:
         message.label, message.began_ns, message.decided_ns, stage=stage, revises=message.revises
     )
     return MovementProgress(message.began_ns, decision)
-
-
-def _pooled_rest(posteriors: Sequence[AgedPosterior]) -> float:
-    """The probability that the person is at rest: the mean over counted observers, else over stale ones.
-
-    It is not weighted by the rule: an observer that cannot tell two movements apart still sees motion, and one that is
-    sure and wrong must not hold a movement open. If all have gone, the rest of those that went lately holds a little
-    longer, because the network may have failed; long silence of all is rest.
-    """
-    for state in POOLED_STATES:
-        rests = [posterior.rest for posterior in posteriors if posterior.state == state]
-        if rests:
-            return sum(rests) / len(rests)
-    rests = [posterior.rest for posterior in posteriors if posterior.rest < 1.0]
-    return sum(rests) / len(rests) if rests else 1.0

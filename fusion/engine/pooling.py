@@ -1,4 +1,4 @@
-"""Pooling of everything that observers publish: movements, "something else", facing and facets. Pure.
+"""Pooling of everything that observers publish: movements, "something else", facing, facets and rest. Pure.
 
 1. Unlearned: an observer may say how likely the movement is none of the vocabulary, u. This adds an answer, "something
    else": q = ((1-u) p, u), with a uniform prior over M+1 answers. An observer that does not say it is taken at the
@@ -8,6 +8,7 @@
    the movements alone, mixes movement and facing together, and the facing is then summed out.
 3. Temperature flattens or sharpens the pooled posterior over the answers. The facing, given the answer, stays.
 4. A facet is pooled by the same rule over the observers that publish it.
+5. Rest is the median over all observers whose posterior is pooled, weighted by freshness and not by the rule.
 """
 
 from collections import Counter
@@ -17,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from common.probability import Floats, decode_facing, temper, uniform
-from fusion.engine.roster import AgedPosterior
+from fusion.engine.roster import POOLED_STATES, AgedPosterior
 from fusion.engine.rules import Rule, RuleResult
 from fusion.engine.strengths import ObserverTrust
 
@@ -120,6 +121,24 @@ def pool_facets(rule: Rule, posteriors: Sequence[AgedPosterior]) -> dict[str, Fl
             rows = np.array([posteriors[n].facets[name] for n in places])
             pooled[name] = _pool_rows(rule, rows, uniform(size), trust.subset(places)).p
     return pooled
+
+
+def pooled_rest(posteriors: Sequence[AgedPosterior]) -> float:
+    """The probability that the person is at rest (5): the weighted median, the mean of two.
+
+    An observer that cannot tell two movements apart still sees motion, and one of three that publishes any rest, or
+    flips it, moves the result only between the other two. Old posteriors count too, in proportion, so that observers
+    at 2 Hz are not outvoted by a fast one, and an observer that sees nobody counts less and less. If all have gone,
+    the rest of those that went lately holds a little longer, because the network may have failed; long silence of all
+    is rest.
+    """
+    votes = [(posterior.rest, posterior.freshness) for posterior in posteriors if posterior.state in POOLED_STATES]
+    if not any(weight > 0 for _, weight in votes):
+        votes = [(posterior.rest, 1.0) for posterior in posteriors if posterior.rest < 1.0] or [(1.0, 1.0)]
+    rests, weights = np.array(sorted(vote for vote in votes if vote[1] > 0)).T
+    # Each vote stands at the middle of its weight; between two votes the result is interpolated.
+    middles = np.cumsum(weights) - weights / 2
+    return float(np.interp(weights.sum() / 2, middles, rests))
 
 
 def observer_trust(posteriors: Sequence[AgedPosterior]) -> ObserverTrust:

@@ -57,7 +57,8 @@ class AgedPosterior:
     age_s: since the capture, corrected by skew_s, how far the observer's clock is ahead; None before the first message.
     unlearned: probability that it is none of the movements. surprise (M, K): encoded P(facing | movement). facets by
     name. These are None or absent if the observer does not publish them, and fade like p. reliability, correlations
-    with other observers: learned from verdicts (reliability.py).
+    with other observers: learned from verdicts (reliability.py). freshness: how much of its opinion is left at its age,
+    and after how long it saw nobody, 0 to 1.
     """
 
     observer: str
@@ -71,6 +72,7 @@ class AgedPosterior:
     facets: Mapping[str, Floats] = field(default_factory=dict)
     reliability: float = 1.0
     correlations: Mapping[str, float] = field(default_factory=dict)
+    freshness: float = 1.0
 
 
 @dataclass(slots=True)
@@ -193,6 +195,7 @@ class Roster:
             {name: _faded_facet(facet, exponent) for name, facet in (message.facets or {}).items()},
             record.reliability,
             record.correlations,
+            exponent,
         )
 
     def _unused(
@@ -202,7 +205,7 @@ class Roster:
         rest = rest if age_s is not None and abs(age_s) <= self._config.drop_s else 1.0
         return AgedPosterior(
             observer, self.prior, rest, age_s, vote_state, record.skew_s, None, None, {}, record.reliability,
-            record.correlations,
+            record.correlations, 0.0,
         )  # fmt: skip
 
     def _unused_state(self, state: _ObserverState, now_ns: int) -> VoteState:
