@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from common.errors import BadInput
 from common.progress import ProgressBar
 from common.text import plural
 
@@ -21,8 +22,12 @@ def record(
     output: Annotated[
         Path, typer.Option("-o", "--output", help="The motion archive (.npz); an existing one is extended.")
     ],
-    label: Annotated[str, typer.Option(help="The movement: lower case letters, digits, underscores.")],
     subject: Annotated[str, typer.Option(help="The performer.")],
+    label: Annotated[str, typer.Option(help="The movement: lower case letters, digits, underscores.")] = "",
+    other_motion: Annotated[
+        bool,
+        typer.Option("--other-motion", help="In place of --label: anything but the movements, for learn --background."),
+    ] = False,
     trial: Annotated[int | None, typer.Option(min=0, help="Number of the trial; by default the next free one.")] = None,
     seconds: Annotated[
         float | None, typer.Option(min=0.1, help="Duration; by default until the sources end or Ctrl-C.")
@@ -39,6 +44,8 @@ def record(
     """Record one movement with several calibrated cameras, and add its positions in space to a motion archive.
 
     Example: labanmesh record scene.toml -o mine.npz --label wave --subject anna --seconds 5
+
+    Example: labanmesh record scene.toml -o life.npz --other-motion --subject anna --seconds 300
     """
     import numpy as np
 
@@ -51,6 +58,8 @@ def record(
 
     log_to_stderr()
     performer_axes(up, front)
+    if bool(label) == other_motion:
+        raise BadInput("--label: name the movement, or give --other-motion for motion that is none; one of them")
     empty = np.zeros((0, len(BODY_PARTS), 3), np.float32)
     name = Recording(empty, rate, label, subject, "" if trial is None else str(trial))
     _record(scene, split_list("--observers", observers), output, name, seconds, RecordingOptions(gate, up, front, trim))
@@ -78,7 +87,9 @@ def _record(
         cameras = open_cameras(read_scene(scene), observers, stop)
         until = "until their sources end, or Ctrl-C" if seconds is None else f"for {seconds:g} s"
         names = ", ".join(camera.name for camera in cameras)
-        typer.echo(f"recording {name.label} by {name.subject}, trial {name.trial}, with {names}, {until}")
+        typer.echo(
+            f"recording {name.label or 'other motion'} by {name.subject}, trial {name.trial}, with {names}, {until}"
+        )
         tracks = read_cameras(cameras, stop, seconds, lambda done: _show_progress(bar, done, seconds))
         recording, lines = build_recording(
             tracks, BODY_PARTS, name, options, lambda done, total: bar("triangulating", done, total)

@@ -34,8 +34,8 @@ def with_trial(name: Recording, archive: MotionArchive | None, body_parts: tuple
     Raises BadInput, naming `path`, for an archive of other body parts or another rate, for a trial that it already
     has, and for an invalid label or subject.
     """
-    if not name.label or not is_label(name.label):
-        raise BadInput(f"--label {name.label!r}: {LABEL_RULE}, and not empty")
+    if not is_label(name.label):
+        raise BadInput(f"--label {name.label!r}: {LABEL_RULE}")
     if not name.subject.strip() or not name.subject.isprintable():
         raise BadInput(f"--subject {name.subject!r}: the performer's name in printable characters is expected")
     if archive is None:
@@ -48,7 +48,9 @@ def with_trial(name: Recording, archive: MotionArchive | None, body_parts: tuple
         raise BadInput(f"{path}: has a rate of {other:g} Hz; use --rate {other:g}, or another file with -o")
     trials = [r.trial for r in archive.recordings if (r.label, r.subject) == (name.label, name.subject)]
     if name.trial in trials:
-        raise BadInput(f"{path}: has trial {name.trial} of {name.label} by {name.subject}; omit --trial")
+        raise BadInput(
+            f"{path}: has trial {name.trial} of {name.label or 'other motion'} by {name.subject}; omit --trial"
+        )
     return replace(name, trial=name.trial or str(max((int(t) for t in trials if t.isdecimal()), default=0) + 1))
 
 

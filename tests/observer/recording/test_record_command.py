@@ -16,7 +16,7 @@ from observer.geometry.projection import LensDistortion, pinhole_matrix, project
 from observer.geometry.views import parse_view
 from observer.learning.learn import learn_view
 from observer.model.base import Onset
-from observer.motion.archive import MotionArchive, Recording
+from observer.motion.archive import MotionArchive, Recording, streams_in
 from observer.motion.archive_file import read_archive, write_archive
 from observer.motion.importers import import_recordings
 from observer.motion.projected import view_tracks
@@ -198,10 +198,19 @@ def test_each_recording_extends_the_archive(run, dojo):
     assert 30 <= len(second.positions) <= 31
 
 
+def test_other_motion_is_recorded_without_a_label(run, dojo):
+    output = run("scene.toml", "-o", "life.npz", "--other-motion", "--subject", "anna")
+    assert "recording other motion by anna, trial 1" in output
+    (stream,) = streams_in(read_archive(dojo / "life.npz"), unlabelled=True)
+    assert (stream.label, stream.spans) == ("", ()) and len(stream.positions) == len(waving())
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
         ("--label Wave --subject a", "--label 'Wave'"),
+        ("--subject a", "--label: name the movement, or give --other-motion"),
+        ("--subject a --label wave --other-motion", "--label: name the movement, or give --other-motion"),
         ("--label wave --subject a --observers door", "observers.door.view = 'door'"),
         ("--label wave --subject a --observers cam1", "1 observer with a camera file as view (cam1)"),
         ("--label wave --subject a --observers cam7", "known: cam0"),
