@@ -27,6 +27,10 @@ FACETS_LIMIT = 32
 """At most so many facets are pooled, so that invented names cost no time."""
 
 
+LEAST_FRESHNESS = 1e-9
+"""An observer with less left of its opinion has no vote on rest."""
+
+
 @dataclass(frozen=True, slots=True)
 class PooledPosterior:
     """p (M,), given that it is a movement of the vocabulary; weights (N,); probability that it is none; facing (K,)."""
@@ -132,13 +136,20 @@ def pooled_rest(posteriors: Sequence[AgedPosterior]) -> float:
     the rest of those that went lately holds a little longer, because the network may have failed; long silence of all
     is rest.
     """
-    votes = [(posterior.rest, posterior.freshness) for posterior in posteriors if posterior.state in POOLED_STATES]
-    if not any(weight > 0 for _, weight in votes):
-        votes = [(posterior.rest, 1.0) for posterior in posteriors if posterior.rest < 1.0] or [(1.0, 1.0)]
-    rests, weights = np.array(sorted(vote for vote in votes if vote[1] > 0)).T
-    # Each vote stands at the middle of its weight; between two votes the result is interpolated.
-    middles = np.cumsum(weights) - weights / 2
-    return float(np.interp(weights.sum() / 2, middles, rests))
+    used = [one for one in posteriors if one.state in POOLED_STATES and one.freshness > LEAST_FRESHNESS]
+    votes = sorted((one.rest, one.freshness) for one in used)
+    if not votes:
+        votes = sorted((one.rest, 1.0) for one in posteriors if one.rest < 1.0) or [(1.0, 1.0)]
+    # Each vote stands at the middle of its weight; between two votes the result is interpolated. Plain Python, because
+    # there are few observers.
+    half, before = sum(weight for _, weight in votes) / 2, 0.0
+    last_rest, last_middle = votes[0][0], 0.0
+    for rest, weight in votes:
+        middle = before + weight / 2
+        if middle >= half:
+            return last_rest + (rest - last_rest) * (half - last_middle) / (middle - last_middle)
+        last_rest, last_middle, before = rest, middle, before + weight
+    return last_rest
 
 
 def observer_trust(posteriors: Sequence[AgedPosterior]) -> ObserverTrust:

@@ -245,5 +245,6 @@ def test_one_of_three_cannot_decide_whether_the_person_rests(one, two, liar, fre
 
 def test_an_observer_that_sees_nobody_leaves_rest_to_the_others_and_silence_of_all_is_rest():
     assert pooled_rest(resting((0.1, 1.0), (0.99, 1e-6), (1.0, 1e-9))) == pytest.approx(0.1, abs=1e-3)
+    assert pooled_rest(resting((0.3, 5e-324), (0.9, 0.0))) == pytest.approx(0.6)
     gone = [aged_rest(0, 0.1, 0.0, "silent"), aged_rest(1, 1.0, 0.0, "silent")]
     assert pooled_rest(gone) == pytest.approx(0.1) and pooled_rest(gone[1:]) == 1.0
