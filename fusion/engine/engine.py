@@ -47,6 +47,15 @@ class _Evidence:
     why: str | None = None
 
 
+@dataclass(frozen=True, slots=True)
+class _NearestMiss:
+    """The step at which the movement begun at `began_ns` came nearest to a verdict: its label's `p`, what it lacked."""
+
+    began_ns: int = 0
+    p: float = -1.0
+    why: str | None = None
+
+
 class FusionEngine:
     """Fuses the posteriors of one scene's observers.
 
@@ -66,6 +75,7 @@ class FusionEngine:
         self._detector = VerdictDetector(config)
         self._builder = JudgementBuilder(scene, vocabulary, self._roster.prior, self._rule.name)
         self._evidence: Mapping[int, _Evidence] = {}
+        self._nearest = _NearestMiss()
         self._seq = 0
         self.reliability = Reliability()
 
@@ -181,7 +191,11 @@ class FusionEngine:
     def _why(self, state: PooledState, observers: int, began_ns: int) -> str | None:
         since_ns = self._detector.held_since_ns
         held_s = None if since_ns is None else (state.at_ns - since_ns) / SECOND_NS
-        return explain_undecided(state, observers, held_s, (state.at_ns - began_ns) / SECOND_NS, self._config)
+        why = explain_undecided(state, observers, held_s, (state.at_ns - began_ns) / SECOND_NS, self._config)
+        is_nearer = began_ns != self._nearest.began_ns or state.p > self._nearest.p
+        if is_nearer and self._detector.movement is not None:
+            self._nearest = _NearestMiss(began_ns, state.p, why)
+        return why
 
     def _ongoing_movement(self) -> OngoingMovement | None:
         movement = self._detector.movement
@@ -208,6 +222,8 @@ class FusionEngine:
         end = evidence.get(decision.ended_ns or 0, basis)
         verdict_id, contributed = self._verdict_id(decision.began_ns), self._contributions(basis, decision.label)
         why = basis.why if decision.label == ABSTAIN else None
+        if why is not None and decision.revises is None and self._nearest.began_ns == decision.began_ns:
+            why = self._nearest.why
         return build_verdict(
             basis.judgement, end.judgement, decision, why, contributed, verdict_id, self._stamp(now_ns)
         )

@@ -1,6 +1,5 @@
 """Why a movement in progress has no verdict yet, as one line for people. Pure."""
 
-from collections.abc import Iterator
 from math import floor
 
 from common.config_sections import FusionConfig
@@ -24,35 +23,25 @@ def explain_undecided(
     """
     if observers == 0:
         return NO_OBSERVERS
-    lacks = "; ".join(_probability(state, config.threshold))
+    lacks, is_likely = [], state.p >= config.threshold
+    if not is_likely:
+        lacks.append(f"{state.label} {_percent(state.p)} of the {100 * config.threshold:g} % needed")
     if state.agreeing < config.quorum:
-        votes = _votes(state, observers, config.quorum)
-        lacks = f"{lacks}; {votes}" if lacks else votes
+        lacks.append(_votes(state.label if is_likely else "it", state.agreeing, observers, config.quorum))
     if not lacks:
-        lacks = _duration(state.label, held_s or 0.0, moved_s, config.hold_s)
-    return lacks[:WHY_LIMIT] or None
+        lacks.append(_duration(state.label, held_s or 0.0, moved_s, config.hold_s))
+    elif not is_likely and state.unlearned >= 0.01:
+        lacks.insert(0 if state.unlearned > state.p else len(lacks), f"{_percent(state.unlearned)} something else")
+    return "; ".join(lacks)[:WHY_LIMIT] or None
 
 
-def _probability(state: PooledState, threshold: float) -> Iterator[str]:
-    """The label below the threshold, and something else; the likelier first."""
-    if state.p >= threshold:
-        return
-    label = f"{state.label} {_percent(state.p)} of the {100 * threshold:g} % needed"
-    other = f"{_percent(state.unlearned)} something else"
-    if state.unlearned > state.p:
-        yield other
-    yield label
-    if 0.01 <= state.unlearned <= state.p:
-        yield other
-
-
-def _votes(state: PooledState, observers: int, quorum: int) -> str:
+def _votes(label: str, agreeing: int, observers: int, quorum: int) -> str:
     if observers < quorum:
         return f"{observers} of {quorum} observers needed {'is' if observers == 1 else 'are'} counted"
-    if state.agreeing == 0:
-        return f"no observer votes for {state.label}, {quorum} needed"
-    vote = "votes" if state.agreeing == 1 else "vote"
-    return f"{state.agreeing} of {quorum} observers needed {vote} for {state.label}"
+    if agreeing == 0:
+        return f"no observer votes for {label}, {quorum} needed"
+    vote = "votes" if agreeing == 1 else "vote"
+    return f"{agreeing} of {quorum} observers needed {vote} for {label}"
 
 
 def _duration(label: str, held_s: float, moved_s: float, hold_s: float) -> str:

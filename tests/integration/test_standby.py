@@ -138,6 +138,20 @@ def test_when_the_leader_ends_the_standby_service_continues_the_same_movement(st
     assert [(v.id, v.fusion) for v in ended] == [(decided.id, "b")]
 
 
+def test_a_listener_learns_why_a_movement_has_no_verdict_and_why_it_never_got_one(stage):
+    stage.play("a")
+    stage.state = [0.7, 0.3], 0.05
+    undecided = stage.judgement(lambda j: j.movement is not None and j.why)
+    assert undecided.movement.label is None and undecided.why.startswith("bowing ")
+    assert undecided.why.endswith(" % of the 80 % needed")
+    stage.judgement(lambda j: j.at_ns > undecided.at_ns + 0.2 * SECOND_NS)
+    stage.state = REST
+    (verdict,) = stage.verdicts()
+    assert (verdict.label, verdict.stage, verdict.id) == ("abstain", "ended", undecided.movement.id)
+    assert verdict.why.endswith(" % of the 80 % needed")
+    assert stage.judgement(lambda j: j.movement is None).why is None
+
+
 def test_a_revision_is_one_message_and_survives_a_change_of_leader(stage, caplog):
     caplog.set_level("INFO", "labanmesh.fusion")
     fusion = stage.scene.fusion.model_copy(update={"hold_s": 0.4})
