@@ -137,7 +137,8 @@ def _joined(
         np.empty((0, 0)),
         facing,
         np.stack([nothing if c is None else c.unlearned for c in shown], axis=1),
-        rest=np.stack([nothing if c is None else c.rest for c in shown], axis=1),
+        # Verdicts come of calibrated posteriors alone.
+        rest=None if raw else np.stack([nothing if c is None else c.rest for c in shown], axis=1),
     )
 
 

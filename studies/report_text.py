@@ -166,7 +166,7 @@ def _other_motion(other: dict[str, Any]) -> list[str]:
 def _by_threshold(rows: list[dict[str, Any]]) -> list[str]:
     """The trade-off that [fusion] threshold controls, by the first and the last word of the verdicts."""
     names = ("unlearned_named", "recall", "f1")
-    lines = ["threshold  named recall     F1, last word: named recall     F1"]
+    lines = ["threshold  named recall     F1, last word: named recall     F1"] if rows else []
     for row in rows:
         first = "".join(f"{row[name]:7.3f}" for name in names)
         last = "".join(f"{row[name + '_last_word']:7.3f}" for name in names)

@@ -41,7 +41,7 @@ def telling(archive, subject, rate_hz=15.0):
 def test_several_processes_give_the_same_result_as_one(archive):
     """With streams and other motion, and before calibration."""
     other = (perform_continuously("4", ("byebye",), seed=2),)
-    asked = settings(other_motion=other, calibrated=True, train_subjects=("1", "2"))
+    asked = settings(other_motion=other, leave_one_subject_out=False, train_subjects=("1", "2"))
     extent = Extent(streams=True, raw=True)
     one, two = (observe_folds(archive, asked, extent, jobs=jobs) for jobs in (1, 2))
     for raw in (False, True):
@@ -60,7 +60,7 @@ def test_before_calibration_the_result_is_that_of_models_without_it(archive):
 
 
 def test_the_first_word_is_said_within_the_movement_and_counted(archive):
-    result = evaluate(archive, settings())
+    result = evaluate(archive, settings(leave_one_subject_out=False, train_subjects=("1", "2")))
     figures = as_json(result)
     words = [r for r in result.trials if r.first_word]
     assert figures["first_word"]["coverage"] == len(words) / len(result.trials) > 0.5
@@ -104,7 +104,7 @@ def command(tmp_path, monkeypatch, capsys, archive):
 
 
 def test_other_motion_is_judged_of_those_who_are_no_background(command, tmp_path):
-    words = ["--other-motion", "story.npz", "--background", "story.npz"]
+    words = ["--other-motion", "story.npz", "--background", "story.npz", "--uncalibrated"]
     out = command(*words, "--background-subjects", "3", "--json", "out.json", "--report", "out")
     assert "other motion, " in out and "by person: 4 " in out
     other = json.loads((tmp_path / "out.json").read_text())["stream"]["other_motion"]
