@@ -186,6 +186,7 @@ def _karate_streams(folder: Path) -> Task:
     sets = {
         "door, wheel: hands, head": _settings(archive, leave_one_out=True, parts=HANDS_HEAD),
         "door, wheel: hands, head, feet": _settings(archive, leave_one_out=True, parts=WITH_FEET),
+        "door: hands, head, feet": _settings(archive, leave_one_out=True, parts=WITH_FEET, views=("door",)),
     }
     return StreamTask(
         "karate, continuous",
