@@ -13,12 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.errors import BadInput
+from observer.body import TORSO_SHARE, BodyFrame
 from observer.tracks import Floats, Tracks
 
 Symbols = NDArray[np.int8]
-
-TORSO_SHARE = 0.45
-"""With a hanging arm, head and hand are about as far apart as head and hip plus a hand; 0.45 of it is about a torso."""
 
 
 class VectorSymbol(IntEnum):
@@ -115,54 +113,46 @@ REFERENCE_HZ = 15.0
 """Speeds are per 1/15 s, whatever the frame rate: the constants below were chosen at 15 Hz."""
 SLOW = 0.1
 """Below this speed (body sizes per 1/15 s) the direction fades out, so that tracker noise has none."""
-ANCHOR_S = 10.0
-"""Time constant of the origin of positions: it follows a person who walks, but not one who bends."""
 
 
 class PostureReader:
     """Reads posture from a stream of tracks, from past frames only.
 
-    body_parts: names of the P parts. max_speed: the largest speed that counts, in body sizes per 1/15 s, and the length
-    of a full direction; it sets the weight of motion relative to position. hands_weight: weight of the distance between
-    the hands relative to their positions, as an exponent of its evidence. Raises BadInput if the head, the origin of
-    positions, is not among the parts.
+    body_parts: names of the P parts, at least two. max_speed: the largest speed that counts, in body sizes per 1/15 s,
+    and the length of a full direction; it sets the weight of motion relative to position. hands_weight: weight of the
+    distance between the hands relative to their positions, as an exponent of its evidence. Raises BadInput for a
+    single part.
     """
 
     def __init__(self, body_parts: Sequence[str], rate_hz: float, max_speed: float, hands_weight: float = 0.0) -> None:
-        self._body_parts = tuple(body_parts)
         self._hands_scale = math.sqrt(hands_weight)
         hands = ("left_hand", "right_hand")
-        self._hands = [self._body_parts.index(hand) for hand in hands if hand in self._body_parts]
-        if "head" not in self._body_parts:
-            raise BadInput(f"body_parts = {list(body_parts)}: posture is relative to the head; add head")
-        self._head = self._body_parts.index("head")
+        self._hands = [list(body_parts).index(hand) for hand in hands if hand in body_parts]
         self._rate_hz, self._max_speed = rate_hz, max_speed
-        self._size = BodySize()
-        self._anchor: Floats | None = None
-        self._last: Floats = np.full((len(self._body_parts), 2), np.nan)
+        self._frame = BodyFrame(body_parts, rate_hz)
+        self._last: Floats = np.full((len(body_parts), 2), np.nan)
+
+    @property
+    def still(self) -> float:
+        """P(the person is still) in the newest frame."""
+        return self._frame.still
 
     def update(self, tracks: Tracks) -> Floats:
         """(P * 5 + 2,) features in body sizes; NaN for a part not seen, now or, for motion, in the previous frame.
 
         In the first frame all features of motion are NaN.
         """
-        size = self._size.update(tracks.centres, self._body_parts)
-        centres = tracks.centres * (1.0, -1.0)
-        self._follow(centres[self._head])
-        anchor = np.full(2, np.nan) if self._anchor is None else self._anchor
-        velocity = (centres - self._last) / size * (self._rate_hz / REFERENCE_HZ)
-        self._last = centres
-        of_parts = np.hstack([(centres - anchor) / size, soft_direction(velocity, self._max_speed)])
-        left, right = centres[self._hands] if len(self._hands) == 2 else np.full((2, 2), np.nan)
-        return np.concatenate([of_parts.ravel(), (left - right) / size * self._hands_scale])
+        origin, size = self._frame.update(tracks)
+        positions = (tracks.centres - origin) * UP / size
+        velocity = (tracks.centres - self._last) * UP / size * (self._rate_hz / REFERENCE_HZ)
+        self._last = tracks.centres.copy()
+        of_parts = np.hstack([positions, soft_direction(velocity, self._max_speed)])
+        left, right = positions[self._hands] if len(self._hands) == 2 else np.full((2, 2), np.nan)
+        return np.concatenate([of_parts.ravel(), (left - right) * self._hands_scale])
 
-    def _follow(self, head: Floats) -> None:
-        if not np.isfinite(head).all():
-            return
-        if self._anchor is None:
-            self._anchor = head.copy()
-        else:
-            self._anchor += (head - self._anchor) / (ANCHOR_S * self._rate_hz)
+
+UP = np.array([1.0, -1.0])
+"""Image coordinates, v down -> up is positive."""
 
 
 def soft_direction(velocity: Floats, max_speed: float) -> Floats:

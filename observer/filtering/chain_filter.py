@@ -99,13 +99,13 @@ class ChainFilter:
         """P(at rest now), before a movement or after one."""
         return float(min(self._before + self._after.sum(), 1.0))
 
-    def step(self, evidence: Evidence) -> None:
-        """One frame."""
+    def step(self, evidence: Evidence, still: float = 0.0) -> None:
+        """One frame; still: P(the person is still)."""
         self._posterior = None
         if not self._moving:
             self._past = self._after.copy()
         if self._begun:
-            self._predict(self._dynamics.forget)
+            self._predict(self._dynamics.forget, self._dynamics.abandon * still)
         self._begun = True
         self._condition(evidence)
         self._moving = self.rest < 0.5
@@ -115,7 +115,7 @@ class ChainFilter:
         """One frame in which no part was seen: time passes, and all movements lose the same share to the prior."""
         self._posterior = None
         if self._begun:
-            self._predict(0.0)
+            self._predict(0.0, 0.0)
         self._begun = True
         doubt = self._dynamics.forget
         self._before += doubt * float(self._active.sum() + self._after.sum())
@@ -128,7 +128,7 @@ class ChainFilter:
         cell_of = self._cell_of if self._live is None else self._cell_of[self._live]
         return np.bincount(cell_of, of_chains, minlength=len(self._after)).astype(np.float64, copy=False)
 
-    def _predict(self, forget: float) -> None:
+    def _predict(self, forget: float, abandon: float) -> None:
         old, reach = self._active, len(self._steps) - 1
         width = min(len(old) + reach, self._phases)
         new = np.zeros((width, old.shape[1]), np.float32)
@@ -139,6 +139,8 @@ class ChainFilter:
             new[k : k + staying] += share * old[:staying]
             if staying < len(old):
                 left += share * old[staying:].sum(axis=0)
+        given_up = abandon * float(new.sum(dtype=np.float64))
+        new *= np.float32(1 - abandon)
         self._active = new
         self._after += self._cells(left)
         forgotten = forget * self._after
@@ -146,7 +148,7 @@ class ChainFilter:
         self._past *= 1 - forget
         # Mass that returns to plain rest in this frame can enter a movement in the next at the earliest.
         begun = self._dynamics.begin * self._before
-        self._before += float(forgotten.sum())
+        self._before += float(forgotten.sum()) + given_up
         if begun > self._negligible or not self._negligible:
             self._enter(begun)
 

@@ -24,8 +24,9 @@ class Dynamics:
 
     steps: (V, K) P(advance by k phases in one frame | speed v). speeds: (V,) P(v) at the start. jitter: (V, V)
     P(v' | v) from one frame to the next. entry: (S,) P(enter at phase s). begin: P(leave rest in one frame).
-    forget: P(the rest after a movement becomes plain rest, in one frame), and the share of probability that returns to
-    the prior in a frame without any visible part.
+    abandon: P(a movement is given up in one frame | the person is still). forget: P(the rest after a movement becomes
+    plain rest, in one frame), and the share of probability that returns to the prior in a frame without any visible
+    part.
     """
 
     steps: Floats
@@ -34,6 +35,7 @@ class Dynamics:
     entry: Floats
     begin: float
     forget: float
+    abandon: float = 0.0
 
 
 class PhaseFilter:
@@ -69,13 +71,14 @@ class PhaseFilter:
         """P(at rest now), before a movement or after one."""
         return float(min(self._before + self._after.sum(), 1.0))
 
-    def step(self, log_evidence: Floats, log_rest: float, log_after: Floats | None = None) -> None:
+    def step(self, log_evidence: Floats, log_rest: float, log_after: Floats | None = None, still: float = 0.0) -> None:
         """One frame: (C, Φ) log P(observation | chain, phase), and log P(observation | rest).
 
         log_after: (M,) the same for the rest after each movement, if it differs from the rest before any movement.
+        still: P(the person is still).
         """
         if self._begun:
-            self._predict(self._dynamics.forget)
+            self._predict(self._dynamics.forget, self._dynamics.abandon * still)
         self._begun = True
         self._condition(log_evidence, log_rest, np.full(len(self._prior), log_rest) if log_after is None else log_after)
 
@@ -86,22 +89,24 @@ class PhaseFilter:
         ended would be evidence for the others.
         """
         if self._begun:
-            self._predict(forget=0.0)
+            self._predict(forget=0.0, abandon=0.0)
         self._begun = True
         doubt = self._dynamics.forget
         self._before += doubt * (self._active.sum() + self._after.sum())
         self._active *= 1 - doubt
         self._after *= 1 - doubt
 
-    def _predict(self, forget: float) -> None:
+    def _predict(self, forget: float, abandon: float) -> None:
         d = self._dynamics
         moved = self._active if len(d.speeds) == 1 else np.tensordot(d.jitter.T, self._active, axes=1)
         self._active, left = _advance(moved, d.steps)
+        given_up = abandon * self._active.sum()
+        self._active *= 1 - abandon
         self._after += np.bincount(self._movement_of, left, minlength=len(self._prior))
         forgotten = forget * self._after
         self._after -= forgotten
         begun = d.begin * self._before
-        self._before += forgotten.sum() - begun
+        self._before += forgotten.sum() + given_up - begun
         self._enter(begun)
 
     def _enter(self, mass: float) -> None:

@@ -69,7 +69,8 @@ class Phase:
     kind: ClassVar[str] = "phase"
     # sharpness: evidence is exp(-sharpness d^2), d in body sizes. fast: PostureReader's max_speed; apart: its
     # hands_weight. outlier: the largest evidence of a frame against a posture, in nats. All chosen by leaving out one
-    # of the training subjects 1, 3, 5, 7, 9 of MSR Action3D at a time (docs/design/model.md). begin, forget: guesses.
+    # of the training subjects 1, 3, 5, 7, 9 of MSR Action3D at a time (docs/design/model.md), abandon likewise.
+    # begin, forget: guesses.
     # facings: the number of directions in which a person may stand.
     DEFAULTS: ClassVar[Mapping[str, float]] = {
         "sharpness": 1.0,
@@ -78,6 +79,7 @@ class Phase:
         "outlier": 5.0,
         "begin": 0.05,
         "forget": 0.01,
+        "abandon": 0.02,
         "facings": 1.0,
     }
     RANGES: ClassVar[Mapping[str, ParameterRange]] = {
@@ -87,6 +89,7 @@ class Phase:
         "outlier": POSITIVE,
         "begin": PROBABILITY,
         "forget": PROBABILITY,
+        "abandon": PROBABILITY,
         "facings": ParameterRange(1, MOST_FACINGS, whole=True),
     }
 
@@ -199,6 +202,8 @@ class Phase:
             entry=np.array(ENTRY),
             begin=1 - (1 - parameters["begin"]) ** self._share,
             forget=1 - (1 - parameters["forget"]) ** self._share,
+            # Files of earlier versions do not have it.
+            abandon=1 - (1 - parameters.get("abandon", 0.0)) ** self._share,
         )
         phases = self._chains.shape[1]
         chain_filter = ChainFilter(self._cell_of, self.answers, self.facings, phases, dynamics, onset.known)
@@ -262,7 +267,7 @@ class _PhaseWatch:
         if not np.isfinite(features).any():
             self._filter.step_blind()
             return
-        self._filter.step(self._model.evidence(features, self._live_postures))
+        self._filter.step(self._model.evidence(features, self._live_postures), self._reader.still)
         if self._filter.rest >= 0.5:
             self._rested = True
             return

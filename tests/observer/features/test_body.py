@@ -75,8 +75,8 @@ def test_the_next_person_is_another_one():
     gone = np.full((20, 3, 2), np.nan)
     origins, sizes = frames_of(np.concatenate([stand(2, 2.0, (500, 0)), gone, stand(0.4)]))
     alone = frames_of(stand(0.4))
-    np.testing.assert_array_equal(sizes[-6:], alone[1])
-    np.testing.assert_array_equal(origins[-6:], alone[0])
+    np.testing.assert_allclose(sizes[-6:], alone[1], rtol=1e-3)
+    np.testing.assert_allclose(origins[-6:], alone[0], atol=0.01)
 
 
 def test_two_hands_are_a_body_and_one_is_not():

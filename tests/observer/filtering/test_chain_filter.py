@@ -23,7 +23,7 @@ FACINGS, PHASES = 2, 8
 CELL_OF = np.array([0, 1, 2, 3, 3, 2, 4, 5])
 """Three movements at two facings; one has two chains at each."""
 MOVEMENTS = 3
-DYNAMICS = Dynamics(np.array([STEPS]), np.ones(1), np.ones((1, 1)), np.array(ENTRY), begin=0.3, forget=0.2)
+DYNAMICS = Dynamics(np.array([STEPS]), np.ones(1), np.ones((1, 1)), np.array(ENTRY), begin=0.3, forget=0.2, abandon=0.3)
 SEEDS = st.integers(0, 10_000)
 some = settings(max_examples=25, deadline=None)
 
@@ -69,8 +69,9 @@ def test_equals_the_phase_filter_of_each_movement_at_each_facing(seed, known, bl
             oracle.step_blind()
         else:
             frame = Table.drawn(rng, facings=facings)
-            ours.step(frame)
-            oracle.step(frame.log, frame.rest, frame.after.ravel())
+            still = rng.uniform()
+            ours.step(frame, still)
+            oracle.step(frame.log, frame.rest, frame.after.ravel(), still)
         assert ours.rest == pytest.approx(oracle.rest, abs=1e-5)
         first = first and ours.rest < 0.5
         # During a movement the previous one is not reported, although it keeps its mass.

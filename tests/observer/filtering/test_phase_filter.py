@@ -11,16 +11,16 @@ from common.probability import entropy_bits
 from observer.filtering.phase_filter import Dynamics, PhaseFilter
 
 
-def dynamics(steps, begin=0.3, forget=0.2, entry=(0.6, 0.4)):
+def dynamics(steps, begin=0.3, forget=0.2, entry=(0.6, 0.4), abandon=0.4):
     steps = np.atleast_2d(np.array(steps, dtype=float))
     v = len(steps)
     jitter = (
         np.full((v, v), 0.1 / max(v - 1, 1)) + np.eye(v) * (0.9 - 0.1 / max(v - 1, 1)) if v > 1 else np.ones((1, 1))
     )
-    return Dynamics(steps, np.full(v, 1 / v), jitter, np.array(entry), begin, forget)
+    return Dynamics(steps, np.full(v, 1 / v), jitter, np.array(entry), begin, forget, abandon)
 
 
-def paths_oracle(movement_of, phases, prior, d, known, evidence, rests):
+def paths_oracle(movement_of, phases, prior, d, known, evidence, rests, still):
     """Sum over every path of hidden states, one state a frame: rest, (chain, phase, speed), or after movement m."""
     chains, speeds = len(movement_of), len(d.speeds)
     count = np.bincount(movement_of, minlength=len(prior))
@@ -41,12 +41,12 @@ def paths_oracle(movement_of, phases, prior, d, known, evidence, rests):
         c, f, v = a
         if b == "rest":
             # It may leave the chain and forget at once: both happen in one step, in this order.
-            return d.forget * leaves(c, f, v)
+            return d.forget * leaves(c, f, v) + d.abandon * still * (1 - leaves(c, f, v))
         if b[0] == "after":
             return (1 - d.forget) * leaves(c, f, v) if b[1] == movement_of[c] else 0.0
         if b[0] != c or b[1] < f or b[1] - f >= d.steps.shape[1]:
             return 0.0
-        return d.jitter[v, b[2]] * d.steps[b[2], b[1] - f]
+        return (1 - d.abandon * still) * d.jitter[v, b[2]] * d.steps[b[2], b[1] - f]
 
     def leaves(c, f, v):
         return sum(
@@ -79,17 +79,17 @@ def paths_oracle(movement_of, phases, prior, d, known, evidence, rests):
 
 @pytest.mark.parametrize("known", [True, False])
 @pytest.mark.parametrize("steps", [[[0.2, 0.5, 0.3]], [[0.5, 0.5, 0.0], [0.0, 0.4, 0.6]]])
-@given(seed=st.integers(0, 1000))
+@given(seed=st.integers(0, 1000), still=st.sampled_from([0.0, 0.7]))
 @settings(max_examples=15)
-def test_equals_the_sum_over_all_paths(known, steps, seed):
+def test_equals_the_sum_over_all_paths(known, steps, seed, still):
     rng = np.random.default_rng(seed)
     movement_of, phases, prior = np.array([0, 1, 1]), 3, np.array([0.3, 0.7])
     d = dynamics(steps)
     evidence, rests = rng.uniform(0.05, 1, (4, 3, 3)), rng.uniform(0.05, 1, 4)
     belief = PhaseFilter(movement_of, phases, prior, d, known)
     for e, r in zip(evidence, rests, strict=True):
-        belief.step(np.log(e), np.log(r))
-    p, rest = paths_oracle(movement_of, phases, prior, d, known, evidence, rests)
+        belief.step(np.log(e), np.log(r), still=still)
+    p, rest = paths_oracle(movement_of, phases, prior, d, known, evidence, rests, still)
     assert belief.p == pytest.approx(p)
     assert belief.rest == pytest.approx(rest)
 

@@ -59,8 +59,8 @@ def test_the_posterior_is_that_of_the_phase_filter_with_one_more_movement(model,
     chains = np.concatenate([own, (own[one] + own[other]) / 2])
     answer_of = np.concatenate([np.where(of_own < 0, 2, of_own), np.full(len(one), 2)])
     share, parameters = 15.0 / model.header.rate_hz, model.header.parameters
-    begin, forget = (1 - (1 - parameters[name]) ** share for name in ("begin", "forget"))
-    dynamics = Dynamics(shares[None], np.ones(1), np.ones((1, 1)), np.array(ENTRY), begin, forget)
+    rates = (1 - (1 - parameters[name]) ** share for name in ("begin", "forget", "abandon"))
+    dynamics = Dynamics(shares[None], np.ones(1), np.ones((1, 1)), np.array(ENTRY), *rates)
     oracle = PhaseFilter(answer_of, chains.shape[1], np.full(3, 1 / 3), dynamics, onset_known=True)
     reader = PostureReader(BODY_PARTS, model.header.rate_hz, parameters["fast"], parameters["apart"])
     (shown,) = recordings_of(people, "3", ("byebye",)).recordings
@@ -76,7 +76,7 @@ def test_the_posterior_is_that_of_the_phase_filter_with_one_more_movement(model,
         )
         rest = (first.mean() + last.mean()) / 2
         after = [max(last[answer_of == a].mean(), rest) for a in range(3)]
-        oracle.step(log, float(np.log(rest)), np.log(after))
+        oracle.step(log, float(np.log(rest)), np.log(after), reader.still)
         answers = answer_posterior(watch)
         assert answers.shape == (3, 1) and answers[:, 0] == pytest.approx(oracle.p, abs=1e-3)
         assert watch.p == pytest.approx(oracle.p[:2] / oracle.p[:2].sum(), abs=2e-3)
