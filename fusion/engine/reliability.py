@@ -1,10 +1,10 @@
 """Reliability and correlations of the observers, learned from verdicts. Pure.
 
-1. When a movement has ended, each observer with a vote had claimed to be right with the probability of its likeliest
-   label, and was right or not according to the verdict. Reliability is ((right + c) / (claimed + c))^2, at most 1: an
-   honestly unsure observer loses nothing, a sure and wrong one does. A vote for "something else" claims no label, and
-   counts by what it leaves for the movements. At least three votes are needed, because of two that differ either may
-   be right.
+1. When a movement has ended, each observer with a vote had given the verdict's label some probability, "something else"
+   being one more answer. If it was right as often as it claimed, that is on average the sum of its squared
+   probabilities. Reliability is ((right + c) / (claimed + c))^2 over both sums, at most 1: an honestly unsure observer
+   loses nothing, a sure and wrong one does, also if it is sure of something else. At least three votes are needed,
+   because of two that differ either may be right.
 2. The distance of two posteriors (strengths.py) tells whether their observers see the same, whatever is right:
    rho = n/(n + c) exp(-mean distance / CORRELATION_SCALE). Two that are certain of the same teach nothing by it.
 3. All counts are multiplied by DECAY per verdict, so that an observer that agrees again is relied on again after about
@@ -83,12 +83,10 @@ def learn_from_verdict(reliability: Reliability, verdict: VerdictMessage, vocabu
     if len(votes) >= 3 and verdict.label in vocabulary.labels:
         label = vocabulary.index(verdict.label)
         for name, p in votes.items():
-            likeliest = int(p.argmax())
-            # A uniform posterior holds no label, and claims to be right as often as chance is.
-            is_uniform = np.ptp(p) < 1e-6
-            part = 1.0 - (verdict.votes[name].unlearned or 0.0)
-            right[name] = right.get(name, 0.0) + part * (1.0 / size if is_uniform else float(likeliest == label))
-            claimed[name] = claimed.get(name, 0.0) + part * float(p[likeliest])
+            unlearned = verdict.votes[name].unlearned or 0.0
+            answers = np.append(p * (1.0 - unlearned), unlearned)
+            right[name] = right.get(name, 0.0) + float(answers[label])
+            claimed[name] = claimed.get(name, 0.0) + float(answers @ answers)
     times, distance = _decayed(reliability.times), _decayed(reliability.distance)
     for (one, p), (two, q) in combinations(sorted(votes.items()), 2):
         weight = min(1.0, (1.0 - float((p + q).max()) / 2) / UNCERTAIN_MASS)

@@ -58,12 +58,13 @@ def test_an_honestly_unsure_observer_loses_nothing():
     assert reliability.reliability("d") > 0.6
 
 
-def test_a_vote_for_something_else_claims_no_label():
-    reliability = Reliability()
+def test_one_that_is_always_sure_of_something_else_loses_reliability_and_one_that_is_unsure_does_not():
+    always, unsure = Reliability(), Reliability()
     for n in range(20):
-        final = verdict(ONE_WRONG, number=n, unlearned={"d": 0.98})
-        reliability = learn_from_verdict(reliability, final, VOCABULARY)
-    assert reliability.reliability("d") > 0.8 > 0.2 > after(20, ONE_WRONG).reliability("d")
+        posteriors = {**RIGHT, "d": sure("bow")}
+        always = learn_from_verdict(always, verdict(posteriors, number=n, unlearned={"d": 0.98}), VOCABULARY)
+        unsure = learn_from_verdict(unsure, verdict(posteriors, number=n, unlearned={"d": 0.4}), VOCABULARY)
+    assert always.reliability("d") < 0.2 and unsure.reliability("d") == 1.0
 
 
 def test_of_two_votes_nobody_knows_which_is_right():
