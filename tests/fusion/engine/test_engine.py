@@ -196,6 +196,34 @@ def test_one_of_three_that_lies_about_rest_blocks_no_verdict(lie, every):
     assert verdicts == [(label, ended) for label in ("bow", "punch", "lunge") for ended in (False, True)]
 
 
+HOSTILE = {
+    "wrong from the first frame": lambda label, t, rng: (sure("lunge" if label == "bow" else "bow", 0.999), 0.0),
+    "second best": lambda label, t, rng: (sure("punch" if label == "lunge" else "lunge", 0.6), 0.0),
+    "always something else": lambda label, t, rng: (UNIFORM, 1.0),
+    "flaps": lambda label, t, rng: (sure(LABELS[t % 3], 0.99), float(t % 2)),
+    "noise": lambda label, t, rng: (tuple(rng.dirichlet([0.2] * 3)), rng.uniform()),
+    "repeats the last movement": lambda label, t, rng: (sure(LABELS[LABELS.index(label) - 1], 0.97), 0.05),
+}
+
+
+@pytest.mark.parametrize("strategy", HOSTILE.values(), ids=HOSTILE)
+@pytest.mark.parametrize("honest", [2, 3])
+def test_one_hostile_observer_turns_and_blocks_no_verdict(strategy, honest):
+    scene, rng = EngineDriver((*VIEWS[:honest], "liar"), quorum=2), np.random.default_rng(0)
+    movements = list(LABELS * 3)
+    for label in movements:
+        for t in range(24):
+            scene.tick()
+            for n, name in enumerate(VIEWS[:honest]):
+                p = min(0.34 + 0.06 * t, 0.93 - 0.02 * n) if t < 18 else 1 / 3
+                scene.publish(name, sure(label, p), MOVING if t < 14 else REST, unlearned=0.05)
+            p, unlearned = strategy(label, t, rng)
+            scene.publish("liar", p, rng.uniform(), unlearned=unlearned)
+            scene.fuse()
+    assert [v.label for v in scene.verdicts if v.stage == "decided"] == movements
+    assert [v.label for v in scene.verdicts if v.stage == "ended"] == movements
+
+
 def test_a_camera_that_stops_does_not_end_a_movement_and_all_of_them_do():
     scene = EngineDriver(quorum=2)
     scene.step(all_views(sure("bow")), MOVING, 4)
