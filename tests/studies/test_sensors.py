@@ -12,11 +12,13 @@ from hypothesis import strategies as st
 
 from common.errors import BadInput
 from observer.geometry.views import View, parse_view
-from observer.motion.archive import MotionArchive, retime
+from observer.model.phase import Phase
+from observer.model.registry import MODELS
+from observer.motion.archive import MotionArchive, Recording, retime
 from observer.motion.archive_file import read_archive, write_archive
 from studies.commands import evaluate as evaluate_command
 from studies.evaluate import EvaluationSettings, evaluate
-from studies.performer import perform
+from studies.performer import perform, perform_continuously
 from studies.report import as_json
 from studies.sensors import frames_at_fractions, performances, read_sensors, same_streams
 from studies.stream import judge_streams
@@ -169,3 +171,32 @@ def test_two_sensors_on_the_command_line(command, archive, tmp_path):
     with pytest.raises(BadInput, match="ARCHIVE: which one"):
         command("--views", "door")
     assert read_archive(tmp_path / "a.npz").recordings[0].label == "ok"
+
+
+class SpyModel(Phase):
+    """The phase filter, which notes whose streams it learned from."""
+
+    kind = "spy_model"
+    learned = []  # noqa: RUF012
+
+    @classmethod
+    def learn_with_streams(cls, header, examples, streams):
+        cls.learned.append(({e.subject for e in examples}, [(s.subject, len(s.tracks)) for s in streams]))
+        return cls.learn(header, examples)
+
+
+def test_each_sensor_learns_from_its_own_streams_of_the_training_people(archive, monkeypatch):
+    monkeypatch.setitem(MODELS, "spy_model", SpyModel)
+    SpyModel.learned.clear()
+    streams = [dataclasses.replace(perform_continuously(s, LABELS, seed=1), subject=s) for s in "123"]
+    life = Recording(streams[0].positions[:60], 15.0, "", "somebody", "1")
+    longer = [dataclasses.replace(s, positions=np.concatenate([s.positions, s.positions[-1:]])) for s in streams]
+    sensors = tuple(with_recordings(archive, [*archive.recordings, *own]) for own in (streams, longer))
+    asked = settings(sensors=sensors, leave_one_subject_out=True, train_subjects=(), model="spy_model")
+    asked = dataclasses.replace(asked, background_archive=with_recordings(archive, [life]))
+    figures = judge_streams(performances(sensors), asked)
+    assert figures["movements"] == 9 and set(figures["per_person"]) == {"1", "2", "3"}
+    assert len(SpyModel.learned) == 6
+    for n, (people, learned) in enumerate(SpyModel.learned):
+        own = {r.subject: len(r.positions) for r in (streams, longer)[n % 2]}
+        assert len(people) == 2 and sorted(learned) == sorted([*((s, own[s]) for s in people), ("somebody", 60)])
