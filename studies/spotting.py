@@ -160,9 +160,9 @@ class StreamResult:
 
 
 def by_person(streams: Sequence[JudgedStream]) -> dict[str, list[JudgedStream]]:
-    """The streams of each person, in the order of their first one."""
+    """The streams of each person, by their names."""
     result: dict[str, list[JudgedStream]] = {}
-    for stream in streams:
+    for stream in sorted(streams, key=lambda s: (len(s.recording.subject), s.recording.subject)):
         result.setdefault(stream.recording.subject, []).append(stream)
     return result
 
