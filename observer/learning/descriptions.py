@@ -43,8 +43,12 @@ def describe_background(header: "Header") -> str:
     if seconds:
         people = plural(int(header.provenance["other_motion_people"]), "person", "people")
         known.append(f"{seconds / 60:.1f} minutes of other motion of {people}")
-    shown = f" and by {', '.join(known)}" if known else ""
-    return f"something else is known by blends of the movements{shown}"
+    if not known:
+        return (
+            "something else is known only by blends of the movements: add recordings of what else people do with "
+            "--background, some minutes of ordinary life (labanmesh record --other-motion) or other movements"
+        )
+    return f"something else is known by blends of the movements and by {', '.join(known)}"
 
 
 def describe_vocabulary(header: "Header") -> str:

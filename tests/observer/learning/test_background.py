@@ -221,6 +221,10 @@ def test_learn_and_add_on_the_command_line(run, archives):
     words = ["learn", archives / "own.npz", "--view", "door", "-o", archives / "a.model"]
     status, out, _ = run(*words, "--background", archives / "all.npz", "--background-labels", "byebye")
     assert status == 0 and "something else is known by blends of the movements and by byebye" in out
+    _, out, _ = run(
+        "learn", archives / "own.npz", "--view", "door", "-o", archives / "b.model", "--background", "blends"
+    )
+    assert "something else is known only by blends of the movements: add recordings of what else people do" in out
     more = ["learn", archives / "all.npz", "--view", "door", "-o", archives / "a.model", "--add-to"]
     status, out, _ = run(*more, archives / "a.model", "--labels", "byebye")
     assert status == 0 and "no longer something else: byebye" in out
