@@ -22,7 +22,7 @@ from fusion.engine.explanation import explain_undecided
 from fusion.engine.messages import JudgementBuilder, Stamp, build_verdict
 from fusion.engine.pooling import PooledPosterior, PoolingCase, pool_facets, pool_posteriors, pooled_rest
 from fusion.engine.reliability import Reliability, learn_from_verdict
-from fusion.engine.roster import AgedPosterior, ObserverRecord, Roster
+from fusion.engine.roster import POOLED_STATES, AgedPosterior, ObserverRecord, Roster
 from fusion.engine.rules import get_rule
 from fusion.engine.verdict_detector import MovementDecision, MovementProgress, PooledState, VerdictDetector
 
@@ -56,6 +56,14 @@ class _NearestMiss:
     why: str | None = None
 
 
+@dataclass(frozen=True, slots=True)
+class _LastHeard:
+    """The last step, if an observer was heard in it."""
+
+    state: PooledState
+    evidence: _Evidence
+
+
 class FusionEngine:
     """Fuses the posteriors of one scene's observers.
 
@@ -75,6 +83,7 @@ class FusionEngine:
         self._detector = VerdictDetector(config)
         self._builder = JudgementBuilder(scene, vocabulary, self._roster.prior, self._rule.name)
         self._evidence: Mapping[int, _Evidence] = {}
+        self._last_heard: _LastHeard | None = None
         self._nearest = _NearestMiss()
         self._seq = 0
         self.reliability = Reliability()
@@ -149,13 +158,19 @@ class FusionEngine:
         state = PooledState(now_ns, ballot.label, p, ballot.agreement.k, pooled_rest(posteriors), unlearned)
         # Before the first posterior, as after a restart during a movement, the absence of motion means nothing.
         has_posterior = any(posterior.age_s is not None for posterior in posteriors)
-        decisions = self._detector.update(state) if has_posterior else ()
+        heard = any(posterior.state in POOLED_STATES for posterior in posteriors)
+        # Nobody is heard any more, as after a film: waiting would show as little as after the begin of rest.
+        last = None if heard else self._last_heard
+        shown = state if last is None else replace(last.state, at_ns=now_ns, rest=1.0)
+        decisions = self._detector.update(shown) if has_posterior else ()
         self._seq += 1
         facets, movement = pool_facets(self._rule, posteriors), self._ongoing_movement()
         began_ns = now_ns if movement is None else movement.began_ns
         why = self._why(state, ballot.agreement.n, began_ns) if movement is not None or decisions else None
         judgement = self._builder.judgement(ballot, pooled, facets, movement, why, self._stamp(now_ns))
-        evidence = {**self._evidence, now_ns: _Evidence(judgement, posteriors, why)}
+        current = _Evidence(judgement, posteriors, why)
+        evidence = {**self._evidence, now_ns: current if last is None else last.evidence}
+        self._last_heard = _LastHeard(state, current) if heard else None
         verdicts = []
         for decision in decisions:
             verdicts.append(verdict := self._verdict(now_ns, decision, evidence))

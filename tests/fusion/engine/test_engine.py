@@ -143,6 +143,34 @@ def test_an_observer_whose_process_disappears_is_silent_at_once_and_the_others_c
     assert (judgement.agreement.k, judgement.agreement.n) == (3, 3) and scene.labels == ["bow"]
 
 
+def test_what_the_last_frame_of_a_film_shows_is_decided_when_its_observer_has_gone():
+    scene = EngineDriver(["film"], quorum=1)
+    scene.engine.set_present(frozenset({"film"}))
+    scene.step({"film": sure("bow", 0.7)}, MOVING, 6)
+    last = scene.step({"film": sure("bow", 0.85)}, MOVING)
+    scene.engine.set_present(frozenset())
+    scene.tick()
+    assert scene.verdicts == [] and scene.fuse().agreement.n == 0
+    (verdict,) = scene.verdicts
+    assert (verdict.label, verdict.stage, verdict.decided_ns) == ("bow", "decided", scene.now_ns)
+    assert (verdict.p, verdict.votes, verdict.agreement) == (last.p, last.votes, last.agreement)
+    for _ in range(30):
+        scene.tick()
+        scene.fuse()
+    assert scene.labels == ["bow", "bow"] and scene.verdicts[-1].stage == "ended"
+
+
+def test_what_is_improbable_is_not_decided_when_the_observers_go():
+    scene = EngineDriver(["film"], quorum=1)
+    scene.engine.set_present(frozenset({"film"}))
+    scene.step({"film": sure("bow", 0.7)}, MOVING, 6)
+    scene.engine.set_present(frozenset())
+    for _ in range(30):
+        scene.tick()
+        scene.fuse()
+    assert scene.labels == [ABSTAIN]
+
+
 def test_all_states_of_a_vote_side_by_side():
     scene = EngineDriver(["counted", "stale", "late", "silent", "foreign", "invalid"], quorum=1)
     scene.publish("counted", sure("bow"), 0.1)
