@@ -77,6 +77,17 @@ def test_a_performance_is_judged_by_the_sensors_that_have_it(archive):
     assert 0 <= judge_streams(performances(sensors), settings(sensors=sensors))["f1"] <= 1
 
 
+@pytest.mark.parametrize("fault", ["wrong", "noise", "silent", "late", "hidden"])
+def test_a_faulty_sensor_says_nothing_about_what_it_did_not_record(archive, fault):
+    lacking = [r for r in archive.recordings if (r.label, r.subject) != ("ok", "3")]
+    sensors = (archive, with_recordings(archive, lacking))
+    result = evaluate(performances(sensors), settings(sensors=sensors, faults={"right": fault}))
+    for r in result.trials:
+        assert np.isfinite(r.fused).all() and r.judged_by[0]
+        assert not r.judged_by[1] or r.trial.recording.label != "ok"
+        assert np.isnan(r.views[:, 1]).all() == (not r.judged_by[1])
+
+
 def test_each_sensor_sees_its_own_recording_and_is_compared_at_equal_fractions(archive):
     slower = with_recordings(archive, [retime(r, 0.8) for r in archive.recordings])
     own = {r.trial.name: r.views[:, 0] for r in evaluate(slower, settings(views=VIEWS[1:])).trials}
