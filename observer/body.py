@@ -201,7 +201,9 @@ FRAMES = 5
 HALF_S = 0.2
 """Stillness compares the mean places in two windows of this length."""
 SLOW_PER_S = 0.35
-"""Body sizes a second: half still. A shift of weight is slower, a movement faster."""
+"""Body sizes a second: half still. Movements are faster."""
+CARRIED_PARTS = 3
+"""So many parts tell a motion of the whole body sideways from that of one part."""
 TREMBLES = 2.5
 """Standard deviations of the tracker's noise that are half still."""
 STEEP = 4
@@ -265,6 +267,9 @@ class Stillness:
         with np.errstate(invalid="ignore"):
             places = np.where(seen, halves, 0.0).sum(axis=1) / seen.sum(axis=1)
         way = places[1] - places[0]
+        sideways = way[np.isfinite(way[:, 0]), 0]
+        if len(sideways) >= CARRIED_PARTS:
+            way[:, 0] -= np.median(sideways)
         speeds: Floats = np.hypot(way[:, 0], way[:, 1]) / self._half_s
         return speeds
 
