@@ -45,7 +45,7 @@ def test_a_frozen_picture_is_still_at_any_posture(posture, rate_hz):
 def test_trembling_is_still(rate_hz, seed, noise):
     frames = np.repeat(STANDING[None], round(8 * rate_hz), axis=0)
     frames += np.random.default_rng(seed).normal(0, noise * SIZE, frames.shape)
-    assert still(frames, rate_hz)[-round(3 * rate_hz) :].mean() > 0.75
+    assert still(frames, rate_hz)[-round(3 * rate_hz) :].mean() > 0.65
 
 
 @given(RATES, st.integers(0, 2), st.floats(0, 2 * np.pi))
