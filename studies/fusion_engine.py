@@ -7,13 +7,14 @@ from common.messages import PosteriorMessage
 from common.vocabulary import ABSTAIN
 from fusion.engine.engine import EngineOutput, FusionEngine
 from fusion.engine.pooling import PooledPosterior, PoolingCase, facing_deg, pool_many, pool_posteriors
+from fusion.engine.reliability import steadiness_after
 from fusion.engine.roster import AgedPosterior
 from fusion.engine.rules import DEFAULT_RULE, Rule, get_rule
 
 # fmt: off
 __all__ = [
     "DEFAULT_RULE", "AgedPosterior", "EngineOutput", "FusionEngine", "PooledPosterior", "PoolingCase", "Rule",
-    "facing_deg", "first_word", "get_rule", "pool_many", "pool_posteriors", "step",
+    "facing_deg", "first_word", "get_rule", "pool_many", "pool_posteriors", "steadiness_after", "step",
 ]
 # fmt: on
 

@@ -1,4 +1,4 @@
-"""Reliability and correlations of the observers, learned from verdicts. Pure.
+"""Reliability and correlations of the observers, learned from verdicts, and the steadiness of each. Pure.
 
 1. When a movement has ended, each observer with a vote had given the verdict's label some probability, "something else"
    being one more answer. If it was right as often as it claimed, that is on average the sum of its squared
@@ -11,8 +11,14 @@
    twenty.
 4. Reliability is at least MIN_RELIABILITY: a majority may be wrong and must not silence the one that is right.
 5. An abstention teaches nothing. A verdict teaches once, however often it is published.
+6. Steadiness needs no verdict: a posterior is cumulative, and the next one, a frame later, follows from it. o = sum_m
+   p(m) p'(m)/prior(m) is the Bayes factor of the next posterior if the last one was right, against a random one.
+   Steadiness is the mean of min(o, 1)^2 over the last STEADY_S, in the logarithm. Posteriors of real observers stay at
+   1, also from one movement into the next; one that jumps about falls to .1 within a few frames. What counts is the
+   steadiness over that of the steadiest observer, because a change that all see at once is no contradiction.
 """
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from itertools import combinations
@@ -22,6 +28,7 @@ import numpy as np
 from pydantic import Field
 
 from common.messages import VerdictMessage
+from common.probability import Floats
 from common.vocabulary import ABSTAIN, Vocabulary
 from fusion.engine.strengths import log_distance
 
@@ -37,6 +44,10 @@ MIN_CORRELATION = 0.05
 """A smaller rho counts as 0."""
 MIN_COUNT = 0.01
 """A smaller count is dropped, so that an observer that left for good leaves no trace."""
+STEADY_S = 0.25
+STEADY_GAP_S = 0.15
+"""Posteriors further apart may differ."""
+LEAST_OVERLAP = 0.01
 Counts = Mapping[str, Annotated[float, Field(ge=0, allow_inf_nan=False)]]
 """The annotation is checked when counts are read from a file."""
 
@@ -71,6 +82,14 @@ class Reliability:
                 if rho >= MIN_CORRELATION:
                     result[two if observer == one else one] = round(rho, 3)
         return result
+
+
+def steadiness_after(steadiness: float, last: Floats, new: Floats, seconds: float) -> float:
+    """The steadiness, above 0 to 1, once a posterior follows the last one after `seconds` (6); both (R,) answers."""
+    if not 0.0 < seconds <= STEADY_GAP_S:
+        return steadiness
+    overlap = min(max(len(last) * float(last @ new), LEAST_OVERLAP), 1.0)
+    return float(steadiness * (overlap**2 / steadiness) ** (1.0 - math.exp(-seconds / STEADY_S)))
 
 
 def learn_from_verdict(reliability: Reliability, verdict: VerdictMessage, vocabulary: Vocabulary) -> Reliability:

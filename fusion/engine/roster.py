@@ -29,6 +29,7 @@ from common.config_sections import FusionConfig
 from common.messages import PosteriorMessage, VoteState
 from common.probability import Floats, Surprise, decode_facing, encode_facing, entropy_bits, normalise, temper, uniform
 from common.vocabulary import Vocabulary
+from fusion.engine.reliability import steadiness_after
 
 POOLED_STATES = ("counted", "stale")
 """States of an observer whose posterior is pooled; in the others it contributes the prior."""
@@ -57,8 +58,8 @@ class AgedPosterior:
     age_s: since the capture, corrected by skew_s, how far the observer's clock is ahead; None before the first message.
     unlearned: probability that it is none of the movements. surprise (M, K): encoded P(facing | movement). facets by
     name. These are None or absent if the observer does not publish them, and fade like p. reliability, correlations
-    with other observers: learned from verdicts (reliability.py). freshness: how much of its opinion is left at its age,
-    and after how long it saw nobody, 0 to 1.
+    with other observers: learned from verdicts; reliability is also less for an observer that contradicts itself
+    (reliability.py). freshness: how much of its opinion is left at its age, and after how long it saw nobody, 0 to 1.
     """
 
     observer: str
@@ -85,6 +86,7 @@ class _ObserverState:
     past_sessions: deque[str] = field(default_factory=lambda: deque(maxlen=SESSIONS_KEPT))
     message: PosteriorMessage | None = None
     p: Floats = field(default_factory=lambda: np.empty(0))
+    steadiness: float = 1.0
     captured_ns: int = 0
     received_ns: int = 0
     visible_ns: int = 0
@@ -125,9 +127,14 @@ class Roster:
             state.past_sessions.remove(message.session)
         if new_session or _sees_person(message):
             state.visible_ns = captured_ns
-        state.message, state.captured_ns, state.received_ns = message, captured_ns, now_ns
         # Computed once per message instead of once per step.
-        state.p = self._over_our_prior(message)
+        p = self._over_our_prior(message)
+        if new_session or state.message is None:
+            state.steadiness = 1.0
+        else:
+            last, seconds = _answers(state.p, state.message), (captured_ns - state.captured_ns) / SECOND_NS
+            state.steadiness = steadiness_after(state.steadiness, last, _answers(p, message), seconds)
+        state.message, state.p, state.captured_ns, state.received_ns = message, p, captured_ns, now_ns
         state.gone, state.fault = False, None
         return None
 
@@ -145,8 +152,16 @@ class Roster:
 
     def posteriors(self, now_ns: int, records: Mapping[str, ObserverRecord] | None = None) -> list[AgedPosterior]:
         """The posterior of every observer, in the order of the roster, faded to its age at `now_ns`."""
-        known = records or {}
-        return [self._aged(name, state, now_ns, known.get(name, NO_RECORD)) for name, state in self._states.items()]
+        known, steadiest = records or {}, self._steadiest(now_ns)
+        return [
+            self._aged(name, state, now_ns, known.get(name, NO_RECORD), steadiest)
+            for name, state in self._states.items()
+        ]
+
+    def _steadiest(self, now_ns: int) -> float:
+        """The largest steadiness of an observer that is pooled: a change that all see at once is no contradiction."""
+        pooled = (s for s in self._states.values() if s.message is not None and not s.gone)
+        return max((s.steadiness for s in pooled if abs(now_ns - s.captured_ns) <= self._drop_ns), default=1.0)
 
     def _rejection(self, state: _ObserverState, message: PosteriorMessage, captured_ns: int, now_ns: int) -> str | None:
         if message.vocabulary.hash != self.vocabulary.digest:
@@ -167,7 +182,9 @@ class Roster:
                 return "out_of_order"
         return None
 
-    def _aged(self, observer: str, state: _ObserverState, now_ns: int, record: ObserverRecord) -> AgedPosterior:
+    def _aged(
+        self, observer: str, state: _ObserverState, now_ns: int, record: ObserverRecord, steadiest: float
+    ) -> AgedPosterior:
         message, config = state.message, self._config
         if message is None:
             return self._unused(observer, state.fault or "silent", None, 1.0, record)
@@ -183,6 +200,8 @@ class Roster:
         if exponent < 1.0:
             unlearned = None if unlearned is None else _faded_unlearned(p, unlearned, exponent)
             p = temper(p, self.prior, exponent)
+        # A rounded 1 is exactly 1 again.
+        reliability = record.reliability * round(state.steadiness / steadiest, 3)
         return AgedPosterior(
             observer,
             p,
@@ -193,7 +212,7 @@ class Roster:
             unlearned,
             None if message.facing is None else _faded_surprise(np.array(message.facing.surprise), exponent),
             {name: _faded_facet(facet, exponent) for name, facet in (message.facets or {}).items()},
-            record.reliability,
+            reliability,
             record.correlations,
             exponent,
         )
@@ -228,6 +247,12 @@ def _count(state: _ObserverState, reason: str) -> None:
     state.rejected[reason] += 1
     if reason not in TIMING_REASONS:
         state.fault = "foreign" if reason == "foreign_vocabulary" else "invalid"
+
+
+def _answers(p: Floats, message: PosteriorMessage) -> Floats:
+    """(M+1,) the posterior over the movements and something else."""
+    unlearned = 1.0 / (len(p) + 1) if message.unlearned is None else message.unlearned
+    return np.append(p * (1.0 - unlearned), unlearned)
 
 
 def _sees_person(message: PosteriorMessage) -> bool:

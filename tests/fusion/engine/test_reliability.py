@@ -1,5 +1,6 @@
 """Reliability: a sure and wrong observer loses it and regains it by agreeing; correlated observers are found."""
 
+from itertools import pairwise
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from common.vocabulary import ABSTAIN, Vocabulary
-from fusion.engine.reliability import MIN_RELIABILITY, Reliability, learn_from_verdict
+from fusion.engine.reliability import MIN_RELIABILITY, Reliability, learn_from_verdict, steadiness_after
 
 VOCABULARY = Vocabulary(("bow", "lunge", "punch", "kick"))
 
@@ -116,3 +117,34 @@ def test_after_any_verdicts_reliability_and_correlations_are_in_range_and_symmet
             assert MIN_RELIABILITY <= reliability.reliability(name) <= 1
             for other, rho in reliability.correlations(name).items():
                 assert other != name and 0 < rho <= 1 and reliability.correlations(other)[name] == rho
+
+
+# Steadiness
+
+
+def steadiness(posteriors, seconds=1 / 15):
+    """After posteriors that follow one another at this interval."""
+    level = 1.0
+    for last, new in pairwise(np.array(posteriors, dtype=float)):
+        level = steadiness_after(level, last, new, seconds)
+    return level
+
+
+def test_an_observer_that_jumps_about_is_not_steady_and_one_that_follows_its_evidence_is():
+    rng, labels = np.random.default_rng(0), VOCABULARY.labels
+    jumps = [sure(labels[n % 4], 0.95) for n in range(8)]
+    noise = rng.dirichlet(np.full(20, 0.2), 15)
+    grows = [sure("bow", p) for p in np.linspace(0.25, 0.99, 8)]
+    changes = [sure("bow", p) for p in np.linspace(0.97, 0.01, 8)]
+    assert steadiness(jumps) < 0.2 and steadiness(noise) < 0.5
+    assert steadiness(grows) == steadiness([sure("bow")] * 9) == steadiness([[0.25] * 4] * 3) == 1.0
+    assert steadiness(changes) > 0.9
+    # It is regained in a second, and long gaps tell nothing.
+    assert steadiness([*jumps, *[sure("bow")] * 20]) > 0.8 and steadiness(jumps, seconds=0.25) == 1.0
+
+
+@given(
+    st.lists(st.sampled_from([(1, 0, 0, 0), (0, 1, 0, 0), (0.25,) * 4, sure("kick")]), max_size=30), st.floats(-1, 1)
+)
+def test_steadiness_is_above_zero_and_at_most_one(posteriors, seconds):
+    assert 0 < steadiness(posteriors, seconds) <= 1
