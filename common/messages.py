@@ -120,7 +120,8 @@ class Vote(MessagePart):
     `label` is also null while no movement stands out from the prior, and while `unlearned` is more probable. `weight`
     is the share in the pooled posterior, `rest` the probability that the person rests. `skew_s` is how far the
     observer's clock is ahead of the fusion machine's; `age_s` is corrected by it. `reliability` is learned from earlier
-    verdicts, and less while the observer contradicts itself: 1 is full trust. `doubles` are the correlated observers, each with its correlation from 0 to 1.
+    verdicts, and less while the observer contradicts itself: 1 is full trust. `doubles` are the correlated observers,
+    each with its correlation from 0 to 1.
     """
 
     label: str | None
