@@ -134,7 +134,9 @@ def _tasks(
     else:
         views, archives = read_sensors(sensors, read_archive)
         whole, chosen = performances(archives), replace(chosen, views=views, sensors=archives)
-    return [_task(whole, replace(chosen, labels=labels_of(whole)), labels, stream, str(path or "sensors"))]
+    return [
+        _task(whole, replace(chosen, labels=labels_of(whole)), labels, stream, path.name if path else "Several sensors")
+    ]
 
 
 def _task(whole: MotionArchive, settings: EvaluationSettings, labels: list[str], stream: bool, title: str) -> Task:
