@@ -123,23 +123,16 @@ def evaluate(
     """
     from observer.motion.archive import labels_of
     from studies.evaluate import EvaluationSettings
-    from studies.evaluated_archives import archives_named, read_archives
+    from studies.evaluated_archives import BackgroundChoice, read_archives
     from studies.faults import parse_fault
     from studies.room import parse_event
     from studies.run_evaluation import EvaluationTasks, require_compatible, run_evaluation
     from studies.trials import labels_in, unlearned_and_background
 
     one_of("--through", through, ("process", "mesh", "pixels"))
-    backgrounds = archives_named(background)
-    archives = read_archives(
-        archive,
-        views,
-        sensor or [],
-        split_list("--body-parts", body_parts),
-        backgrounds,
-        split_list("--background-subjects", background_subjects),
-        other_motion or [],
-    )
+    learned_too = BackgroundChoice.parse(background, background_subjects)
+    parts = split_list("--body-parts", body_parts)
+    archives = read_archives(archive, views, sensor or [], parts, learned_too, other_motion or [])
     whole, chosen = archives.whole, archives.views
     learned = labels_in(labels) or labels_of(whole)
     turn_deg = _turn(turn)
@@ -167,13 +160,9 @@ def evaluate(
         background_archive=archives.background,
         other_motion=archives.other_motion,
     )
-    if learning_curve and other:
-        raise BadInput("--learning-curve: takes no movements in --background-labels; use blends or omit it")
-    require_compatible(settings, through, learning_curve, bool(backgrounds))
-    scenery = "plain" if backgrounds else background
-    written = run_evaluation(
-        whole, settings, EvaluationTasks(through, scenery, stream, learning_curve, jobs), report, json
-    )
+    tasks = EvaluationTasks(through, learned_too.scenery, stream, learning_curve, jobs)
+    require_compatible(settings, tasks)
+    written = run_evaluation(whole, settings, tasks, report, json)
     if written:
         print("\nwritten:", *written, sep="\n  ")
 

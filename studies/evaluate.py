@@ -182,8 +182,8 @@ def _fused(result: TrialResult, settings: EvaluationSettings) -> TrialResult:
     if result.rest is not None:
         names, vocabulary = [str(v) for v in range(len(settings.views))], Vocabulary(settings.labels)
         engine = FusionEngine("trial", names, vocabulary, fusion_of(settings))
-        found = first_word(engine, cases, pools, result.trial.recording.rate_hz)
-        word = None if found is None else (found[0], vocabulary.index(found[1]))
+        first = first_word(engine, cases, pools, result.trial.recording.rate_hz)
+        word = None if first is None else (first[0], vocabulary.index(first[1]))
     return replace(result, fused=np.array([pool.p for pool in pools]), fused_facing=facing, first_word=word)
 
 

@@ -31,15 +31,28 @@ class EvaluatedArchives:
     other_motion: tuple[Recording, ...]
 
 
-def archives_named(background: str) -> tuple[Path, ...]:
-    """The archives among the values of --background; raises BadInput for neither archives nor a known scenery."""
-    if background in SCENERIES:
-        return ()
-    paths = tuple(Path(name) for name in split_list("--background", background))
-    for path in paths:
-        if path.suffix != ".npz":
-            raise BadInput(f"--background {path}: an archive (.npz) or, with --through pixels, {', '.join(SCENERIES)}")
-    return paths
+@dataclass(frozen=True, slots=True)
+class BackgroundChoice:
+    """The two meanings of --background: archives to learn something else from, with people; the scenery of pictures."""
+
+    paths: tuple[Path, ...] = ()
+    subjects: tuple[str, ...] = ()
+    scenery: str = SCENERIES[0]
+
+    @classmethod
+    def parse(cls, background: str, subjects: str) -> "BackgroundChoice":
+        """The values of --background and --background-subjects; raises BadInput for other values."""
+        people = split_list("--background-subjects", subjects)
+        if background in SCENERIES:
+            if people:
+                raise BadInput(f"--background-subjects {subjects}: of which archive? name it with --background")
+            return cls(scenery=background)
+        paths = tuple(Path(name) for name in split_list("--background", background))
+        for path in paths:
+            if path.suffix != ".npz":
+                known = ", ".join(SCENERIES)
+                raise BadInput(f"--background {path}: an archive (.npz) or, with --through pixels, {known}")
+        return cls(paths, people)
 
 
 def read_archives(
@@ -47,8 +60,7 @@ def read_archives(
     views: str,
     sensors: Sequence[str],
     body_parts: tuple[str, ...],
-    backgrounds: Sequence[Path],
-    background_subjects: tuple[str, ...],
+    learned_too: BackgroundChoice,
     other_motion: Sequence[Path],
 ) -> EvaluatedArchives:
     """Read all archives. Without body_parts the models use those that the archive and all others have.
@@ -56,14 +68,14 @@ def read_archives(
     Raises BadInput for an archive beside sensors, neither of both, and a body part that an archive lacks.
     """
     chosen, own = _evaluated(archive, views, sensors)
-    others = {path: read_archive(path) for path in dict.fromkeys((*backgrounds, *other_motion))}
+    others = {path: read_archive(path) for path in dict.fromkeys((*learned_too.paths, *other_motion))}
     parts = body_parts
     if others and not parts:
         parts = tuple(p for p in own[0].body_parts if all(p in other.body_parts for other in others.values()))
     if others:
         own = tuple(with_parts(one, parts) for one in own)
     whole = performances(own) if sensors else own[0]
-    learned = {path: select(others[path], background_subjects) for path in backgrounds}
+    learned = {path: select(others[path], learned_too.subjects) for path in learned_too.paths}
     background = None
     if learned:
         rate_hz = common_rate(whole)

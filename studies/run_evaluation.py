@@ -45,11 +45,11 @@ class _Outcome:
     judged: StreamResult | None = None
 
 
-def require_compatible(settings: EvaluationSettings, through: str, curve: bool, background: bool) -> None:
+def require_compatible(settings: EvaluationSettings, tasks: EvaluationTasks) -> None:
     """Raise BadInput for options that exclude each other."""
     unfit: Mapping[str, bool] = {
-        "--through": through != "process",
-        "--learning-curve": curve,
+        "--through": tasks.through != "process",
+        "--learning-curve": tasks.curve,
         "--turn": settings.turn != 0,
         "--room": bool(settings.room),
         "--onset unknown": not settings.onset_known,
@@ -57,7 +57,9 @@ def require_compatible(settings: EvaluationSettings, through: str, curve: bool, 
     for option, is_set in unfit.items():
         if settings.sensors and is_set:
             raise BadInput(f"--sensor {option}: sensors are judged on what they recorded; omit {option}")
-    if through == "pixels" and (background or settings.other_motion):
+    if tasks.curve and settings.background:
+        raise BadInput("--learning-curve: takes no movements in --background-labels; use blends or omit it")
+    if tasks.through == "pixels" and (settings.background_archive or settings.other_motion):
         raise BadInput("--through pixels: takes plain, cluttered or skin_toned as --background, and no --other-motion")
 
 

@@ -43,12 +43,12 @@ def read_sensors(
 
 
 def _require_one_of_each(archive: MotionArchive, name: str) -> None:
-    seen: set[tuple[str, str, str]] = set()
+    keys: set[tuple[str, str, str]] = set()
     for recording in archive.recordings:
-        if key_of(recording) in seen:
+        if key_of(recording) in keys:
             performance = " ".join(filter(None, key_of(recording)))
             raise BadInput(f"--sensor {name}: two recordings of {performance}; give each another trial")
-        seen.add(key_of(recording))
+        keys.add(key_of(recording))
 
 
 def with_parts(archive: MotionArchive, parts: tuple[str, ...]) -> MotionArchive:

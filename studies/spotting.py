@@ -196,23 +196,23 @@ def _near(verdict: StreamVerdict, stream: Recording) -> list[int]:
 def score(verdicts: Sequence[StreamVerdict], stream: Recording, labels: Sequence[str]) -> SpottingScore:
     """Compare verdicts with the spans of the stream; spans whose label is not in `labels` must get no verdict."""
     rate = stream.rate_hz
-    named = [verdict for verdict in verdicts if verdict.label != ABSTAIN]
-    hits = spans_hit(named, stream)
-    false = [verdict for verdict, hit in zip(named, hits, strict=True) if hit is None]
+    words = [verdict for verdict in verdicts if verdict.label != ABSTAIN]
+    hits = spans_hit(words, stream)
+    false = [verdict for verdict, hit in zip(words, hits, strict=True) if hit is None]
     near = [_near(verdict, stream) for verdict in false]
     labelled = {n for spans in near for n in spans if stream.spans[n].label not in labels}
     begins = [None if hit is None else stream.spans[hit].start / rate for hit in hits]
     moving = sum(s.end - s.start for s in stream.spans)
     unlearned = sum(s.label not in labels for s in stream.spans)
     return SpottingScore(
-        right=len(named) - len(false),
+        right=len(words) - len(false),
         false=len(false),
         movements=len(stream.spans) - unlearned,
         rest_s=(len(stream.positions) - moving) / rate,
         alarms_at_rest=sum(not spans for spans in near),
-        latencies_s=tuple(v.at_s - begin for v, begin in zip(named, begins, strict=True) if begin is not None),
+        latencies_s=tuple(v.at_s - begin for v, begin in zip(words, begins, strict=True) if begin is not None),
         unlearned=unlearned,
         labelled=len(labelled),
         length_s=len(stream.positions) / rate,
-        abstentions=len(verdicts) - len(named),
+        abstentions=len(verdicts) - len(words),
     )
