@@ -267,9 +267,10 @@ class Stillness:
         with np.errstate(invalid="ignore"):
             places = np.where(seen, halves, 0.0).sum(axis=1) / seen.sum(axis=1)
         way = places[1] - places[0]
-        sideways = way[np.isfinite(way[:, 0]), 0]
+        sideways = np.sort(way[np.isfinite(way[:, 0]), 0])
         if len(sideways) >= CARRIED_PARTS:
-            way[:, 0] -= np.median(sideways)
+            # The median; NumPy's takes longer than all the rest.
+            way[:, 0] -= (sideways[(len(sideways) - 1) // 2] + sideways[len(sideways) // 2]) / 2
         speeds: Floats = np.hypot(way[:, 0], way[:, 1]) / self._half_s
         return speeds
 
