@@ -46,8 +46,7 @@ MOST_INSIDE = 0.5
 """The largest share of such a window that lies in a span."""
 DOUBT = 1e-4
 """Added to a view's probabilities before they are multiplied, so that none has a veto."""
-HOLD = 2
-REARM_S = 1.5
+HOLD, REARM_S = 2, 1.5
 THRESHOLDS = (0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
 
 
@@ -113,20 +112,17 @@ def spot_streams(
     ]
     by_part = run_parts(judge_part, parts, options.jobs, done)
     views = len(settings.views)
-    known = {group: _multiplied(by_part[n * views : (n + 1) * views]) for n, group in enumerate(groups)}
+    known = {
+        group: list(zip(parts[n * views].judged, _multiplied(by_part[n * views : (n + 1) * views]), strict=True))
+        for n, group in enumerate(groups)
+    }
     total = SpottingScore()
     for fold in folds:
-        final, choosing = (
-            [(s, p) for s, p in zip(_of(streams, group[1]), known[group], strict=True)] for group in _groups(fold)
-        )
+        final, choosing = (known[group] for group in _groups(fold))
         held = [(stream, p) for stream, p in choosing if stream.subject == fold.held]
         best = max(THRESHOLDS, key=lambda threshold: score_of(held, settings.labels, threshold).f1)
         total = total.plus(score_of(final, settings.labels, best))
     return total
-
-
-def _of(streams: Sequence[Recording], people: frozenset[str]) -> list[Recording]:
-    return [stream for stream in streams if stream.subject in people]
 
 
 def _folds(archive: MotionArchive, settings: EvaluationSettings) -> list[SpotterFold]:
