@@ -25,8 +25,7 @@ from studies.parallel import run_parts
 from studies.spotting import SpottingScore, StreamVerdict, score
 
 FRAMES = 60
-KERNELS = 2500
-KERNELS_FAST = 168
+KERNELS, KERNELS_FAST = 2500, 168
 PENALTY = 0.002
 """C of the logistic regression, on standardised features."""
 STEP_S = 4 / 30
