@@ -200,14 +200,21 @@ def _watch_trial(trial: EvaluationTrial, part: FoldPart, model: MovementModel) -
     if part.settings.faults.get(part.view.name) == HIDDEN:
         third = (trial.end - trial.begin) / 3
         tracker = OccludedTracker(tracker, trial.begin + round(third), trial.begin + round(2 * third))
-    return watch(Observer(tracker, model, onset_of(trial, part.settings)), trial.recording, part.raw)
+    ends = trial.end == len(trial.recording.positions)
+    return watch(Observer(tracker, model, onset_of(trial, part.settings)), trial.recording, part.raw, ends=ends)
 
 
-def watch(observer: Observer, recording: Recording, raw: bool = False) -> OutputCourse:
-    """What a new observer outputs in each frame of a recording; raw: also before calibration."""
+def watch(observer: Observer, recording: Recording, raw: bool = False, ends: bool = False) -> OutputCourse:
+    """What a new observer outputs in each frame of a recording; raw: also before calibration.
+
+    ends: the movement ends with the recording, and the last output is that of an observer that has noticed.
+    """
     outputs, before = [], []
-    for frame in frames_of(recording):
-        outputs.append(observer.step(frame))
+    for number, frame in enumerate(frames_of(recording), 1):
+        output = observer.step(frame)
+        if ends and number == len(recording.positions):
+            output = observer.end() or output
+        outputs.append(output)
         if raw:
             before.append(calibrated_posterior(observer.watch, PosteriorCalibration()))
     rest = np.array([output.rest for output in outputs])

@@ -155,10 +155,10 @@ class FusionEngine:
         ballot = self._builder.ballot(posteriors, pooled)
         unlearned = pooled.unlearned or 0.0
         p = ballot.p * (1.0 - unlearned)
-        state = PooledState(now_ns, ballot.label, p, ballot.agreement.k, pooled_rest(posteriors), unlearned)
+        heard = any(posterior.state in POOLED_STATES for posterior in posteriors)
+        state = PooledState(now_ns, ballot.label, p, ballot.agreement.k, pooled_rest(posteriors), unlearned, heard)
         # Before the first posterior, as after a restart during a movement, the absence of motion means nothing.
         has_posterior = any(posterior.age_s is not None for posterior in posteriors)
-        heard = any(posterior.state in POOLED_STATES for posterior in posteriors)
         # Nobody is heard any more, as after a film: waiting would show as little as after the begin of rest.
         last = None if heard else self._last_heard
         shown = state if last is None else replace(last.state, at_ns=now_ns, rest=1.0)
@@ -166,7 +166,8 @@ class FusionEngine:
         self._seq += 1
         facets, movement = pool_facets(self._rule, posteriors), self._ongoing_movement()
         began_ns = now_ns if movement is None else movement.began_ns
-        why = self._why(state, ballot.agreement.n, began_ns) if movement is not None or decisions else None
+        is_moving = movement is not None or bool(decisions) or (heard and state.rest < 0.5)
+        why = self._why(state, ballot.agreement.n, began_ns) if is_moving else None
         judgement = self._builder.judgement(ballot, pooled, facets, movement, why, self._stamp(now_ns))
         current = _Evidence(judgement, posteriors, why)
         evidence = {**self._evidence, now_ns: current if last is None else last.evidence}

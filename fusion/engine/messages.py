@@ -102,7 +102,7 @@ class JudgementBuilder:
             facets=pooled_facets or None,
             facing_deg=None if pooled.facing is None else facing_deg(pooled.facing),
             movement=movement,
-            why=why if movement is not None and movement.label is None else None,
+            why=why if movement is None or movement.label is None else None,
             epoch=stamp.epoch,
             session=stamp.session,
         )

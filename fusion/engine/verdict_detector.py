@@ -1,18 +1,24 @@
 """From the pooled posterior over time to one verdict per movement. Pure: time is passed in.
 
-1. A movement begins when rest is less likely than motion. Motion shorter than `hold_s` is no movement.
+1. A movement begins when neither rest nor "something else" is likelier than it. Motion shorter than `hold_s` is no
+   movement.
 2. A label is decided when it has been at least `threshold` likely and at least `quorum` observers have voted for it,
    without a break, for `hold_s`; or as soon as the person comes to rest, because waiting would show nothing more.
 3. The movement ends when rest has been likelier for `hold_s`, at the time when that rest began. If another label met
    rule 2 when the person came to rest, that label replaces the decided one at once (a revision): the observers have
    then seen the whole movement. Later posteriors only fade, and an observer that is stuck would win. If "something
    else" was then at least `threshold` likely, the revision is an abstention. A movement is revised at most
-   REVISIONS_LIMIT times; its end repeats the last label. Other changes of mind are not published.
+   REVISIONS_LIMIT times; its end repeats the last label.
 4. A movement that ends undecided waits up to another `hold_s` for a label that meets the demand but not yet for long
    enough. Without one it is an abstention: the person moved, and the observers did not agree on a label.
 5. After the clock was set back, detection starts afresh, because earlier durations mean nothing.
 6. A standby service follows the leading one: its movement and decision are the leader's. What meets the demand and for
    how long is its own observation, so that it can continue where the leader stops.
+7. People go from one movement into the next without rest. A decided movement also ends when "something else" has been
+   likelier, or its label neither the likeliest nor half as likely as demanded, for FADING times `hold_s`; and when
+   another label meets rule 2 that began to do so at least NEXT_S after the decision: that is the next movement. If the
+   other label began earlier and still holds REVISED_S after the decision, the decision was premature and is revised.
+   An undecided movement that turns into something else was none, and gets no verdict.
 """
 
 from dataclasses import dataclass, replace
@@ -23,6 +29,9 @@ from common.messages import VerdictStage
 from common.vocabulary import ABSTAIN
 
 REVISIONS_LIMIT = 3
+FADING = 3
+NEXT_S, REVISED_S = 0.5, 1.0
+"""Movements of people follow one another no faster; an observer changes its mind earlier."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,6 +39,7 @@ class PooledState:
     """The pooled posterior at one time: the likeliest label, how many observers vote for it, and probabilities.
 
     p: of the label among all answers; unlearned: of "something else", which is no label; rest: of being at rest.
+    heard: whether any observer is.
     """
 
     at_ns: int
@@ -38,6 +48,12 @@ class PooledState:
     agreeing: int
     rest: float
     unlearned: float = 0.0
+    heard: bool = True
+
+    @property
+    def idle(self) -> bool:
+        """Whether no movement of the vocabulary is likelier than one."""
+        return self.rest >= 0.5 or self.unlearned > 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,6 +98,7 @@ class VerdictDetector:
         self._revisions = 0
         self._candidate: _Candidate | None = None
         self._rest_since_ns: int | None = None
+        self._faded_since_ns: int | None = None
         self.movement: MovementProgress | None = None
         """The movement that goes on; None at rest."""
 
@@ -115,10 +132,14 @@ class VerdictDetector:
         if state.at_ns < self._last_ns:
             self._finish()
         self._last_ns = at_ns = state.at_ns
-        if self.movement is None and state.rest >= 0.5:
+        if self.movement is None and (state.idle or not state.heard):
             return ()
         movement = self.movement or self._begin(at_ns)
         label = self._held_label(state)
+        if not state.heard or state.rest >= 0.5:
+            self._faded_since_ns = None
+        elif (change := self._change(movement, state, label)) is not None:
+            return change
         was_moving = self._rest_since_ns is None
         self._update_rest(movement, state, label)
         if label is None and was_moving and self._rest_since_ns is not None and self._candidate is not None:
@@ -132,9 +153,48 @@ class VerdictDetector:
         end = self._end(movement, label, at_ns) if self._is_over(movement, label, at_ns) else None
         return tuple(each for each in (decision, end) if each is not None)
 
+    def _change(
+        self, movement: MovementProgress, state: PooledState, label: str | None
+    ) -> tuple[MovementDecision, ...] | None:
+        """What rule 7 makes of a step without rest; None if the movement just goes on."""
+        decision, at_ns = movement.decision, state.at_ns
+        is_shown = decision is None or state.label == decision.label
+        if not state.idle and is_shown and (decision is None or 2 * state.p >= self._config.threshold):
+            self._faded_since_ns = None
+        elif self._faded_since_ns is None:
+            self._faded_since_ns = at_ns
+        if decision is not None and label not in (None, decision.label):
+            return self._replace(movement, decision, label or "", at_ns)
+        if self._faded_since_ns is None or at_ns - self._faded_since_ns < FADING * self._hold_ns:
+            return None
+        ended_ns = self._faded_since_ns
+        self._finish()
+        return () if decision is None else (replace(decision, ended_ns=ended_ns, stage="ended"),)
+
+    def _replace(
+        self, movement: MovementProgress, decision: MovementDecision, label: str, at_ns: int
+    ) -> tuple[MovementDecision, ...] | None:
+        """Another label has met the demand: the next movement, a revision, or neither yet."""
+        since_ns = at_ns if self._candidate is None else self._candidate.since_ns
+        if since_ns - decision.decided_ns >= NEXT_S * SECOND_NS:
+            ended = replace(decision, ended_ns=since_ns, stage="ended")
+            candidate = self._candidate
+            self._begin(since_ns)
+            self._candidate = candidate
+            first = MovementDecision(label, since_ns, at_ns)
+            self.movement = MovementProgress(since_ns, first)
+            return ended, first
+        if at_ns - decision.decided_ns < REVISED_S * SECOND_NS or self._revisions >= REVISIONS_LIMIT:
+            return None
+        self._revisions += 1
+        self._faded_since_ns = None
+        revised = replace(decision, label=label, decided_ns=at_ns, stage="revised", revises=decision.label)
+        self.movement = MovementProgress(movement.began_ns, revised)
+        return (revised,)
+
     def _begin(self, at_ns: int) -> MovementProgress:
         self.movement = movement = MovementProgress(at_ns)
-        self._candidate = self._rest_since_ns = self._label_at_rest = None
+        self._candidate = self._rest_since_ns = self._label_at_rest = self._faded_since_ns = None
         self._revisions = 0
         return movement
 

@@ -3,9 +3,12 @@
 Cross-validation by person calibrates the model's posteriors.
 """
 
+import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+
+import numpy as np
 
 from common.errors import BadInput
 from common.vocabulary import Vocabulary
@@ -19,6 +22,7 @@ from observer.model.base import (
     Onset,
     Stream,
     WithBackground,
+    end_movement,
     evenly_spread,
     facings_in,
     learned_from,
@@ -139,6 +143,8 @@ def with_calibration(
     """
     results = _cross_validate(kind, model.header, examples, streams)
     calibration = fit_calibration(results, model.header.vocabulary.size)
+    if issubclass(kind, LearnsStreams):
+        calibration = replace(calibration, learned_only=True, foreseen=())
     if folds_by_person(examples) is None:
         calibration = at_least_cautious(calibration)
     counts = {"tried": str(len(results)), "right": str(right_count(results))}
@@ -151,14 +157,31 @@ def right_count(results: Sequence[HeldOutResult]) -> int:
     return sum(int(r.posteriors[-1].argmax()) == r.truth for r in results)
 
 
+CALIBRATED_AT = (0.6, 1.0)
+"""Shares of a movement after which a model that always knows something else is calibrated: when it begins to speak,
+and at the end."""
+
+
 def evaluate_example(model: MovementModel, example: Example) -> HeldOutResult:
-    """The model's posterior at the end of an example that it has not learned, where verdicts are made."""
+    """The model's posterior at the end of an example that it has not learned, where verdicts are made.
+
+    A model that learns from streams has its own "something else"; of it the movements are evaluated, earlier too.
+    """
     watch = model.watch(Onset(known=True, length=len(example.tracks)))
-    for tracks in example.tracks:
-        watch.update(tracks)
     movements = model.header.vocabulary.size
     truth = example.movement if example.movement >= 0 else movements
-    return HeldOutResult(truth, answer_posterior(watch).sum(axis=1)[None], watch.foreseen)
+    if not isinstance(model, LearnsStreams):
+        for tracks in example.tracks:
+            watch.update(tracks)
+        return HeldOutResult(truth, answer_posterior(watch).sum(axis=1)[None], watch.foreseen)
+    posteriors = []
+    stops = [max(math.ceil(share * len(example.tracks)), 1) for share in CALIBRATED_AT]
+    for number, tracks in enumerate(example.tracks, 1):
+        watch.update(tracks)
+        if number == len(example.tracks):
+            end_movement(watch)
+        posteriors += [watch.p] * stops.count(number)
+    return HeldOutResult(truth, np.array(posteriors), None)
 
 
 def folds_by_recording(examples: Sequence[Example]) -> list[list[int]]:
@@ -207,7 +230,7 @@ def _evaluate_fold(
     model = learned_from(kind, header, others, list(streams_apart(streams, others, [examples[n] for n in fold])))
     for n in fold:
         # Evenly spread whatever the order: every second example could always be of the same movements.
-        if evenly_spread(n) < share:
+        if evenly_spread(n) < share and (examples[n].movement >= 0 or not isinstance(model, LearnsStreams)):
             unaware = _without_movement(model, examples[n].movement)
             if unaware is not None:
                 yield evaluate_example(unaware, examples[n])

@@ -186,6 +186,20 @@ class Watch(Protocol):
         """Take in one frame at the model's rate."""
 
 
+@runtime_checkable
+class NoticesEnd(Protocol):
+    """The additional method of a Watch that judges an ended movement better than one in progress."""
+
+    def end(self) -> None:
+        """There are no more frames: the movement in progress has ended with the last one."""
+
+
+def end_movement(watch: Watch) -> None:
+    """Tell the watch that the recording has ended, if it can use that."""
+    if isinstance(watch, NoticesEnd):
+        watch.end()
+
+
 class MovementModel(Protocol):
     """Computes log P(observation | movement, phase) and filters with it.
 

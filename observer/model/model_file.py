@@ -131,7 +131,9 @@ def _header_from(document: dict[str, Any]) -> Header:
 def _calibration_from(document: dict[str, Any], movements: int) -> PosteriorCalibration:
     numbers = {name: float(document[name]) for name in ("temperature", "doubt", "unlike", "slope") if name in document}
     foreseen = tuple((float(mean), float(spread)) for mean, spread in document.get("foreseen", ()))
-    calibration = PosteriorCalibration(**numbers, foreseen=foreseen)
+    calibration = PosteriorCalibration(
+        **numbers, foreseen=foreseen, learned_only=bool(document.get("learned_only", False))
+    )
     finite = all(math.isfinite(number) for number in (*numbers.values(), *(n for pair in foreseen for n in pair)))
     spreads_fit = len(foreseen) in (0, movements) and all(spread > 0 for _, spread in foreseen)
     if not (finite and spreads_fit and calibration.temperature > 0 and 0 <= calibration.doubt <= 1):

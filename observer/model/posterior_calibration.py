@@ -36,7 +36,8 @@ class PosteriorCalibration:
     foreseen: for each movement mean and spread of `Watch.foreseen` over its examples, by models that had not learned
     from the same person; empty if unknown. unlike, slope: the log odds that a movement is none of the vocabulary are
     slope (z - unlike), where z is how many spreads its likelihood lies below the mean. A model that knows "something
-    else" leaves these out: it is one more of its answers, and p' covers all of them.
+    else" leaves these out: it is one more of its answers, and p' covers all of them, or with `learned_only` those that
+    were learned.
     """
 
     temperature: float = 1.0
@@ -44,6 +45,7 @@ class PosteriorCalibration:
     foreseen: tuple[tuple[float, float], ...] = ()
     unlike: float = 0.0
     slope: float = 0.0
+    learned_only: bool = False
 
     def apply(self, posterior: Floats) -> Floats:
         """(A,) or (A, K) posterior that sums to 1 over all entries -> the calibrated posterior, same shape."""
@@ -89,6 +91,9 @@ def given_learned(answers: Floats) -> Floats:
 
 def calibrated_posterior(watch: "Watch", calibration: PosteriorCalibration) -> tuple[Floats, float | None]:
     """(M, K) calibrated posterior given that it is one of the movements, and P(none of them), None if unknown."""
+    if calibration.learned_only and watch.unlearned is not None:
+        joint = watch.joint
+        return calibration.apply(watch.p[:, None] if joint is None else joint), float(watch.unlearned.sum())
     answers = calibration.apply(answer_posterior(watch))
     if watch.unlearned is not None:
         return given_learned(answers), float(answers[-1].sum())

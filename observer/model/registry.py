@@ -5,10 +5,14 @@ from collections.abc import Mapping
 from common.errors import BadInput
 from common.text import nearest
 from observer.model.base import MovementModel
+from observer.model.discriminative import Discriminative
 from observer.model.phase import Phase
+from observer.model.stacked import Stacked
 from observer.model.symbol_tables import FrameTable, PhaseSymbols
 
-MODELS: Mapping[str, type[MovementModel]] = {model.kind: model for model in (Phase, PhaseSymbols, FrameTable)}
+MODELS: Mapping[str, type[MovementModel]] = {
+    model.kind: model for model in (Phase, PhaseSymbols, FrameTable, Discriminative, Stacked)
+}
 DEFAULT_MODEL = Phase.kind
 
 

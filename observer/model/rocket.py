@@ -150,7 +150,9 @@ class MiniRocket:
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, NDArray[np.generic]]) -> Self:
-        """From the arrays of `as_arrays`."""
+        """From the arrays of `as_arrays`; ValueError for arrays that do not fit or are not finite."""
+        if not np.isfinite(arrays["rocket_biases"].astype(np.float32)).all():
+            raise ValueError("rocket_biases contain NaN or infinity")
         ends = np.cumsum(arrays["rocket_counts"].astype(np.int64))
         rows = arrays["rocket_biases"].astype(np.float32).reshape(-1, len(KERNELS))
         parameters = RocketParameters(

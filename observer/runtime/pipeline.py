@@ -20,7 +20,7 @@ from common.messages import Facing, PosteriorMessage, VocabularyHash
 from common.probability import encode_facing
 from common.vocabulary import Vocabulary
 from observer.effort.reader import FacetReader
-from observer.model.base import MovementModel, Onset
+from observer.model.base import MovementModel, Onset, end_movement
 from observer.model.posterior_calibration import calibrated_posterior
 from observer.tracks import Floats, Frame, Tracker, Tracks
 
@@ -139,7 +139,15 @@ class Observer:
             if self._facets is not None:
                 self._facets.update(tracks, self.watch.rest)
         self._frames += len(instants)
-        visible = dict(zip(self._tracker.body_parts, self.tracks.visible.tolist(), strict=True))
+        return self._posterior(self.tracks)
+
+    def end(self) -> Posterior | None:
+        """The posterior now that the source has ended, and with it the movement; None before the first frame."""
+        end_movement(self.watch)
+        return None if self.tracks is None else self._posterior(self.tracks)
+
+    def _posterior(self, tracks: Tracks) -> Posterior:
+        visible = dict(zip(self._tracker.body_parts, tracks.visible.tolist(), strict=True))
         facets = {} if self._facets is None else self._facets.facets
         joint, unlearned = calibrated_posterior(self.watch, self._calibration)
         p: Floats = joint.sum(axis=1)

@@ -294,15 +294,23 @@ def test_every_verdict_says_what_each_observer_contributed():
     assert all(contribution.stands for contribution in decided.contributions.values())
 
 
-def test_an_unlearned_movement_is_an_abstention_that_says_why():
+def test_something_else_is_no_movement_and_the_silence_says_why():
     scene = EngineDriver()
     judgement = scene.step(all_views(sure("bow", 0.98)), MOVING, 8, unlearned=0.9)
-    assert judgement.unlearned > 0.8 and judgement.movement is not None and judgement.movement.label is None
+    assert judgement.unlearned > 0.8 and judgement.movement is None
     assert sum(judgement.p) == pytest.approx(1) and {v.label for v in judgement.votes.values()} == {None}
-    scene.step(all_views(UNIFORM), REST, 8)
-    (verdict,) = scene.verdicts
-    assert (verdict.label, verdict.id) == (ABSTAIN, judgement.movement.id) and verdict.ended_ns is not None
-    assert " % something else; bow " in judgement.why and verdict.why
+    assert " % something else; bow " in judgement.why
+    judgement = scene.step(all_views(UNIFORM), REST, 8)
+    assert scene.verdicts == [] and judgement.why is None
+
+
+def test_after_something_else_a_movement_needs_no_rest():
+    scene = EngineDriver()
+    scene.step(all_views(sure("bow", 0.98)), MOVING, 8, unlearned=0.95)
+    for unlearned in (0.02, 0.95):
+        scene.step(all_views(sure("bow", 0.98)), MOVING, 12, unlearned=unlearned)
+    assert [(v.stage, v.label) for v in scene.verdicts] == [("decided", "bow"), ("ended", "bow")]
+    assert scene.verdicts[0].began_ns > 0 and scene.verdicts[1].ended_ns > scene.verdicts[0].decided_ns
 
 
 @pytest.mark.parametrize(("unlearned", "decided"), [(0.0, ["bow"]), (0.3, [])])

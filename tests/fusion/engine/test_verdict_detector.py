@@ -141,9 +141,10 @@ def test_rule_3_without_a_hold_a_revision_precedes_the_end_in_one_step():
 
 
 def test_rule_3_a_movement_is_revised_a_few_times_at_most():
-    parts = [part for label in ("bow", "lunge") * 5 for part in (sure(5, label), sure_at_rest(1, label))]
-    labels = [label for label, *_ in decisions(*parts, rest(9)).values()]
-    assert labels == ["bow", "bow>lunge", "lunge>bow", "bow>lunge", "bow>lunge"] and REVISIONS_LIMIT == 3
+    config = CONFIG.model_copy(update={"hold_s": 0.2})
+    parts = [part for label in ("bow", "lunge") * 5 for part in (sure(3, label), sure_at_rest(1, label))]
+    labels = [label for label, *_ in decisions(*parts[:8], config=config).values()]
+    assert labels[:4] == ["bow", "bow>lunge", "lunge>bow", "bow>lunge"] and REVISIONS_LIMIT == 3
 
 
 @pytest.mark.parametrize(
@@ -160,6 +161,69 @@ def test_rule_3_something_else_on_coming_to_rest_revokes_the_verdict(unlearned, 
     published = [decision for state in states for decision in detector.update(state)]
     assert [(d.stage, d.label) for d in published] == words and {d.began_ns for d in published} == {0}
     assert published[-1].ended_ns == 6 * STEP_NS
+
+
+def else_steps(steps):
+    return [("bow", 0.05, 0, 0.1, 0.95)] * steps
+
+
+def words(*parts):
+    """Every published decision: stage, label, begin, end, in steps."""
+    detector = VerdictDetector(CONFIG)
+    published = [
+        decision
+        for step, (label, p, agreeing, rest_p, *unlearned) in enumerate(chain(*parts))
+        for decision in detector.update(PooledState(step * STEP_NS, label, p, agreeing, rest_p, *unlearned))
+    ]
+    return [
+        (d.stage, d.label, d.began_ns // STEP_NS, None if d.ended_ns is None else d.ended_ns // STEP_NS)
+        for d in published
+    ]
+
+
+RULE_7 = {
+    "something else alone is no movement": ((else_steps(50),), []),
+    "a movement between other motion": (
+        (else_steps(5), sure(10), else_steps(12)),
+        [("decided", "bow", 5, None), ("ended", "bow", 5, 15)],
+    ),
+    "a flicker of something else ends nothing": (
+        (sure(6), else_steps(8), sure(6), rest(5)),
+        [("decided", "bow", 0, None), ("ended", "bow", 0, 20)],
+    ),
+    "one movement follows another directly": (
+        (sure(12), sure(12, "lunge"), rest(5)),
+        [
+            ("decided", "bow", 0, None),
+            ("ended", "bow", 0, 12),
+            ("decided", "lunge", 12, None),
+            ("ended", "lunge", 12, 24),
+        ],
+    ),
+    "a premature word is revised": (
+        (sure(5), sure(15, "lunge"), rest(5)),
+        [("decided", "bow", 0, None), ("revised", "lunge", 0, None), ("ended", "lunge", 0, 20)],
+    ),
+    "a label that has faded has ended": (
+        (sure(6), moving(20, p=0.2), sure(6), rest(5)),
+        [("decided", "bow", 0, None), ("ended", "bow", 0, 6), ("decided", "bow", 16, None), ("ended", "bow", 16, 32)],
+    ),
+    "undecided, it was something else": ((moving(6), else_steps(12), rest(5)), []),
+}
+
+
+@pytest.mark.parametrize(("parts", "expected"), RULE_7.values(), ids=RULE_7)
+def test_rule_7_movements_without_rest(parts, expected):
+    assert words(*parts) == expected
+
+
+def test_nobody_heard_ends_and_begins_nothing():
+    detector = VerdictDetector(CONFIG)
+    published = [d for n in range(5) for d in detector.update(PooledState(n * STEP_NS, "bow", 0.9, 2, 0.1))]
+    silent = [PooledState(n * STEP_NS, "lunge", 0.5, 0, 0.1, heard=False) for n in range(5, 30)]
+    assert [d.stage for d in published] == ["decided"] and not any(detector.update(state) for state in silent)
+    assert detector.movement.began_ns == 0
+    assert not any(VerdictDetector(CONFIG).update(state) for state in silent)
 
 
 def test_rule_5_after_a_clock_was_set_back_detection_starts_afresh():
@@ -211,7 +275,9 @@ def test_a_movement_has_one_first_word_a_few_revisions_and_one_end_and_its_times
         else:
             assert d.began_ns <= d.ended_ns <= at_ns and d.ended_ns - d.began_ns >= hold_ns
             assert at_ns - d.ended_ns >= hold_ns
-            assert all(state.rest >= 0.5 for state in until_then if d.ended_ns < state.at_ns)
+            later = [state for state in until_then if d.ended_ns < state.at_ns]
+            faded = all(s.rest >= 0.5 or s.label != d.label or 2 * s.p < config.threshold for s in later)
+            assert faded if d.label != ABSTAIN else all(s.rest >= 0.5 for s in later)
         if d.label != ABSTAIN:
             at_rest = any(state.at_ns == d.decided_ns and state.rest >= 0.5 for state in until_then)
             # On coming to rest a label is decided at once; it need not have been held for long.

@@ -1,0 +1,237 @@
+"""`discriminative`: tells movements and something else apart by logistic regression on convolutional features.
+
+Two classifiers share the work. One looks at trailing windows (`trailing_features.py`) and needs neither rest nor a
+begin: P(movement or something else | the last seconds). The other looks at the stretched window from the begin of a
+movement, if that is known, until now (`rocket.py`); it has one part for movements in progress, one for movements that
+have ended, and one that tells which of the two applies (docs/design/model.md).
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import ClassVar, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from observer.model.base import (
+    MOST_FACINGS,
+    POSITIVE,
+    Arrays,
+    Example,
+    Header,
+    Onset,
+    ParameterRange,
+    Stream,
+    with_defaults,
+)
+from observer.model.logistic import LogisticRegression
+from observer.model.segment_classifier import SegmentClassifier
+from observer.model.trailing_features import BodyTrace, TrailingFeatures, Windows, read_trace, width_of
+from observer.model.training_rows import Rows, rows_of_examples, rows_of_streams
+from observer.tracks import Floats, Tracks
+
+Floats32 = NDArray[np.float32]
+
+STILL_LAG_S = 0.3
+"""Stillness is noticed so late; a movement begins that long before."""
+LONGEST_SHARE = 1.4
+"""A segment longer than this multiple of the longest example is no single movement."""
+STEPS_PER_S = 15.0
+FORGET_PER_S = 0.15
+"""The share of a posterior that returns to the prior in a second without sight."""
+
+
+class Discriminative:
+    """The two classifiers of one view."""
+
+    kind: ClassVar[str] = "discriminative"
+    # kernels: features of the segment classifier. inverse_penalty: of all regressions, for segments and for trailing
+    # windows. Chosen by leaving out training people (docs/design/model.md).
+    DEFAULTS: ClassVar[Mapping[str, float]] = {
+        "kernels": 2500.0,
+        "inverse_penalty": 0.01,
+        "trailing_penalty": 0.005,
+        "facings": 1.0,
+    }
+    RANGES: ClassVar[Mapping[str, ParameterRange]] = {
+        "kernels": ParameterRange(84, 20_000, whole=True),
+        "inverse_penalty": POSITIVE,
+        "trailing_penalty": POSITIVE,
+        "facings": ParameterRange(1, MOST_FACINGS, whole=True),
+    }
+
+    def __init__(
+        self,
+        header: Header,
+        trailing: TrailingFeatures,
+        movement: LogisticRegression,
+        segments: SegmentClassifier,
+        longest: int,
+    ) -> None:
+        self.header = header
+        self.trailing, self.movement, self.segments, self.longest = trailing, movement, segments, longest
+
+    @classmethod
+    def learn(cls, header: Header, examples: Sequence[Example]) -> Self:
+        """Learn without streams: something else is only rest, and blends of movements."""
+        return cls.learn_with_streams(header, examples, ())
+
+    @classmethod
+    def learn_with_streams(cls, header: Header, examples: Sequence[Example], streams: Sequence[Stream]) -> Self:
+        """Learn from cut-out movements and from continuous recordings."""
+        header = with_defaults(header, cls.DEFAULTS, cls.RANGES)
+        parameters, movements = header.parameters, header.vocabulary.size
+        traces = [cls._trace(header, e) for e in examples]
+        of_streams = [cls._trace(header, s) for s in streams]
+        own = [len(t) for t, e in zip(traces, examples, strict=True) if e.movement >= 0]
+        windows = Windows.of(header.rate_hz, float(np.median(own)) / header.rate_hz)
+        trailing = TrailingFeatures.learn(windows, header.rate_hz, [*traces, *of_streams])
+        rows = [*rows_of_examples(examples, traces, movements, header.rate_hz)]
+        rows += rows_of_streams(streams, of_streams, movements, header.rate_hz)
+        movement = _learn_trailing(trailing, rows, parameters["trailing_penalty"])
+        segments = SegmentClassifier.learn(examples, traces, movements, parameters)
+        return cls(replace(header, background=header.background or ()), trailing, movement, segments, max(own))
+
+    @classmethod
+    def read(cls, header: Header, example: Example | Stream) -> Floats:
+        """(F, 2 P + 3) the trace."""
+        return read_trace(header.body_parts, header.rate_hz, example.tracks).astype(np.float64)
+
+    @classmethod
+    def _trace(cls, header: Header, example: Example | Stream) -> Floats32:
+        features = cls.read(header, example) if example.features is None else example.features
+        return features.astype(np.float32)
+
+    @classmethod
+    def from_arrays(cls, header: Header, arrays: Arrays) -> Self:
+        """The inverse of `arrays`; ValueError if they do not fit."""
+        movements, parts = header.vocabulary.size, len(header.body_parts)
+        trailing = TrailingFeatures.from_arrays(arrays, header.rate_hz, parts)
+        segments = SegmentClassifier.from_arrays(arrays, movements, parts)
+        movement = LogisticRegression.from_arrays("trailing_movement", arrays, (trailing.size, movements + 1))
+        return cls(header, trailing, movement, segments, int(arrays["longest"].astype(np.int64)[0]))
+
+    def arrays(self) -> Arrays:
+        """Everything that was learned."""
+        return {
+            **self.trailing.as_arrays(),
+            **self.movement.as_arrays("trailing_movement"),
+            **self.segments.arrays(),
+            "longest": np.array([self.longest]),
+        }
+
+    def watch(self, onset: Onset) -> "DiscriminativeWatch":
+        """Start watching; a known onset is the begin of the first segment."""
+        return DiscriminativeWatch(self, onset.known)
+
+
+def _learn_trailing(trailing: TrailingFeatures, rows: Sequence[Rows], inverse_penalty: float) -> LogisticRegression:
+    features = np.concatenate([trailing.of(r.trace, r.at) for r in rows])
+    targets, weights = (np.concatenate([getattr(r, name) for r in rows]) for name in ("targets", "weights"))
+    return LogisticRegression.learn(features, targets, weights, inverse_penalty)
+
+
+class DiscriminativeWatch:
+    """Watches one person; `begun` is the number of frames since the begin of the segment, None without one."""
+
+    def __init__(self, model: Discriminative, onset_known: bool) -> None:
+        self._model = model
+        header = model.header
+        self._trace = BodyTrace(header.body_parts, header.rate_hz)
+        history = max(model.trailing.windows.history, round(LONGEST_SHARE * model.longest)) + 2
+        self._rows: Floats32 = np.zeros((0, width_of(len(header.body_parts))), np.float32)
+        self._history = history
+        self._hop = max(round(header.rate_hz / STEPS_PER_S), 1)
+        self._since = 0
+        self.begun: int | None = 0 if onset_known else None
+        self._moved = self._moved_before = not onset_known
+        self._rested = 0
+        self._ended = False
+        self.over = False
+        self.lag = max(round(STILL_LAG_S * header.rate_hz), 1)
+        self.doubt = 1.0
+        """How far the posterior is back at the prior because nobody is seen; 1 before the first sight."""
+        movements = header.vocabulary.size
+        self._log_trailing: Floats = np.log(np.full(movements + 1, 1 / (movements + 1)))
+        self._log_segment: Floats | None = None
+
+    @property
+    def log_movements(self) -> Floats:
+        """(M,) log P(movement), not normalised, given that it is one of them."""
+        trailing: Floats = self._log_trailing[:-1] - np.logaddexp.reduce(self._log_trailing[:-1])
+        if self._log_segment is None:
+            return trailing
+        return self._log_segment if self._ended else (trailing + self._log_segment) / 2
+
+    @property
+    def p(self) -> Floats:
+        """(M,) posterior given that it is one of the movements."""
+        logs = self.log_movements
+        p: Floats = np.exp(logs - np.logaddexp.reduce(logs))
+        p *= (1 - self.doubt) / p.sum()
+        p += self.doubt / len(p)
+        return p
+
+    @property
+    def joint(self) -> Floats | None:
+        """None: it does not know facings."""
+        return None
+
+    @property
+    def foreseen(self) -> Floats | None:
+        """None: it predicts no observations."""
+        return None
+
+    @property
+    def unlearned(self) -> Floats:
+        """(1,) P(something else)."""
+        learned = (1 - self.doubt) * np.exp(self._log_trailing[-1:]) + self.doubt / len(self._log_trailing)
+        p: Floats = learned.clip(0.0, 1.0)
+        return p
+
+    @property
+    def rest(self) -> float:
+        """P(the person is still and does something else)."""
+        return float(np.clip(self._trace.still * np.exp(self._log_trailing[-1]), 0.0, 1.0))
+
+    def update(self, tracks: Tracks) -> None:
+        """Take in one frame."""
+        row = self._trace.update(tracks)
+        if not tracks.visible.any():
+            self.doubt = 1 - (1 - self.doubt) * (1 - FORGET_PER_S / self._model.header.rate_hz)
+            return
+        self.doubt = 0.0
+        self._rows = np.concatenate([self._rows[1 - self._history :], row[None]])
+        self._follow_segment()
+        self._since += 1
+        if self._since % self._hop == 1 or self._hop == 1:
+            self._classify(ended=self.over)
+
+    def end(self) -> None:
+        """The recording has ended, and with it the movement."""
+        if len(self._rows):
+            self._classify(ended=True)
+
+    def _follow_segment(self) -> None:
+        """A segment begins when rest ends, and is over while the person rests after it."""
+        resting = self.rest >= 0.5
+        self._moved = self._moved or not resting
+        if self.begun is not None:
+            self.over = resting and self._moved
+            self.begun += not self.over
+            if self.begun > min(LONGEST_SHARE * self._model.longest, len(self._rows)):
+                self.begun = None
+        if self._rested >= self.lag and not resting and self._moved_before:
+            self.begun, self.over = min(self.lag, len(self._rows)), False
+        if resting and self._moved:
+            self._moved_before = True
+        self._rested = self._rested + 1 if resting else 0
+
+    def _classify(self, ended: bool) -> None:
+        model, self._ended = self._model, ended
+        self._log_trailing = model.movement.log_probabilities(model.trailing.newest(self._rows)).astype(np.float64)
+        self._log_segment = None
+        if self.begun:
+            rested = self._rested if self.over else 0
+            rows = self._rows[-self.begun - rested :][: self.begun]
+            self._log_segment = model.segments.log_posterior(rows, ended).astype(np.float64)

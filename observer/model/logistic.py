@@ -1,0 +1,134 @@
+"""Multinomial logistic regression with an L2 penalty: learned by L-BFGS, in NumPy. Pure.
+
+Nocedal and Wright, "Numerical Optimization", 2nd edition, algorithms 7.4 and 3.1.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats32 = NDArray[np.float32]
+
+MEMORY = 6
+"""Pairs of steps and gradient differences that L-BFGS keeps."""
+LEAST_DECREASE = 2e-5
+"""Relative decrease of the loss below which learning stops."""
+LEAST_SPREAD = 0.05
+"""Added to a feature's standard deviation: a feature that hardly varies in training must not decide."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LogisticRegression:
+    """P(class | x) = softmax(x W + b).
+
+    weights (D, K), intercepts (K,): of the raw features; the standardisation is folded into them.
+    """
+
+    weights: Floats32
+    intercepts: Floats32
+
+    @classmethod
+    def learn(
+        cls, features: Floats32, targets: Floats32, weights: Floats32, inverse_penalty: float, iterations: int = 40
+    ) -> Self:
+        """(N, D) features, (N, K) target probabilities, (N,) weights of the rows.
+
+        inverse_penalty: C of the loss C sum_n w_n CE_n + |W|^2 / 2 on standardised features; intercepts are free.
+        """
+        mean, spread = features.mean(axis=0), features.std(axis=0) + np.float32(LEAST_SPREAD)
+        x = np.empty((len(features), features.shape[1] + 1), np.float32)
+        np.subtract(features, mean, out=x[:, :-1])
+        x[:, :-1] /= spread
+        x[:, -1] = 1.0
+        solution = _minimise(_Loss(x, targets, weights, inverse_penalty), iterations)
+        raw = solution[:-1] / spread[:, None]
+        return cls(raw, solution[-1] - mean @ raw)
+
+    def log_probabilities(self, features: Floats32) -> Floats32:
+        """(..., D) -> (..., K) natural logarithms."""
+        scores: Floats32 = features @ self.weights + self.intercepts
+        scores -= scores.max(axis=-1, keepdims=True)
+        scores -= np.log(np.exp(scores).sum(axis=-1, keepdims=True))
+        return scores
+
+    def as_arrays(self, name: str) -> dict[str, NDArray[np.generic]]:
+        """For a model file."""
+        return {f"{name}_weights": self.weights, f"{name}_intercepts": self.intercepts}
+
+    @classmethod
+    def from_arrays(cls, name: str, arrays: Mapping[str, NDArray[np.generic]], shape: tuple[int, int]) -> Self:
+        """The inverse of `as_arrays`; ValueError for arrays that are not (D, K) = `shape`, or not finite."""
+        weights = np.asarray(arrays[f"{name}_weights"], np.float32)
+        intercepts = np.asarray(arrays[f"{name}_intercepts"], np.float32)
+        if weights.shape != shape or intercepts.shape != shape[1:]:
+            raise ValueError(f"{name}: weights {weights.shape}, intercepts {intercepts.shape}; {shape} is expected")
+        if not (np.isfinite(weights).all() and np.isfinite(intercepts).all()):
+            raise ValueError(f"{name}: weights contain NaN or infinity")
+        return cls(weights, intercepts)
+
+
+class _Loss:
+    def __init__(self, x: Floats32, targets: Floats32, weights: Floats32, inverse_penalty: float) -> None:
+        self.x, self.targets = x, targets
+        self._weights = (inverse_penalty * weights)[:, None].astype(np.float32)
+        self._penalised = np.ones((x.shape[1], 1), np.float32)
+        self._penalised[-1] = 0.0
+
+    def __call__(self, w: Floats32) -> tuple[float, Floats32]:
+        """(D + 1, K) -> the loss and its gradient."""
+        scores = self.x @ w
+        scores -= scores.max(axis=1, keepdims=True)
+        p = np.exp(scores)
+        total = p.sum(axis=1, keepdims=True)
+        cross_entropy = np.log(total) - (scores * self.targets).sum(axis=1, keepdims=True)
+        p /= total
+        loss = float((self._weights * cross_entropy).sum()) + 0.5 * float((self._penalised * w * w).sum())
+        gradient: Floats32 = self.x.T @ ((p - self.targets) * self._weights) + self._penalised * w
+        return loss, gradient
+
+
+def _minimise(loss: _Loss, iterations: int) -> Floats32:
+    w = np.zeros((loss.x.shape[1], loss.targets.shape[1]), np.float32)
+    value, gradient = loss(w)
+    pairs: list[tuple[Floats32, Floats32]] = []
+    for _ in range(iterations):
+        direction = _direction(gradient, pairs)
+        step, slope = 1.0, -float((gradient * direction).sum())
+        new, new_value, new_gradient = w, value, gradient
+        for _ in range(10):
+            new = w - np.float32(step) * direction
+            new_value, new_gradient = loss(new)
+            if new_value <= value + 1e-4 * step * slope:
+                break
+            step /= 2
+        decrease = value - new_value
+        if decrease <= 0:
+            break
+        difference = (new - w, new_gradient - gradient)
+        if float((difference[0] * difference[1]).sum()) > 1e-12:
+            pairs = [*pairs[1 - MEMORY :], difference]
+        w, value, gradient = new, new_value, new_gradient
+        if decrease < LEAST_DECREASE * max(abs(value), 1.0):
+            break
+    return w
+
+
+def _direction(gradient: Floats32, pairs: list[tuple[Floats32, Floats32]]) -> Floats32:
+    """The two-loop recursion; without pairs a short step along the gradient."""
+    if not pairs:
+        return gradient / np.float32(max(50.0 * float(np.abs(gradient).max()), 1e-9))
+    q = gradient.copy()
+    steps = []
+    for s, y in reversed(pairs):
+        rho = 1.0 / float((s * y).sum())
+        alpha = rho * float((s * q).sum())
+        q -= np.float32(alpha) * y
+        steps.append((rho, alpha))
+    s, y = pairs[-1]
+    q *= np.float32(float((s * y).sum()) / float((y * y).sum()))
+    for (s, y), (rho, alpha) in zip(pairs, reversed(steps), strict=True):
+        q += np.float32(alpha - rho * float((y * q).sum())) * s
+    return q

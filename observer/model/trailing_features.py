@@ -1,0 +1,258 @@
+"""Features of the motion up to now, over trailing windows of several lengths, from past frames only. Pure.
+
+A `BodyTrace` brings tracks to body sizes and holds what is not seen. `TrailingFeatures` describes each trailing window
+by the mean, least, greatest and spread of positions and velocities, and by how often dilated convolutions exceed their
+biases (`rocket.py`; here causal, and counted over windows that end now). Nothing depends on where the person stands.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from observer.body import BodyFrame
+from observer.model.rocket import GOLDEN_RATIO, KERNELS, TAPS, choose_channels, row_quantiles, weights_of
+from observer.tracks import Floats, Tracks
+
+Floats32 = NDArray[np.float32]
+Whole = NDArray[np.int64]
+
+FASTEST_PER_S = 40.0
+"""Body sizes: a jump beyond it is a tracker's mistake, unless it lasts."""
+LONGEST_JUMP = 2
+"""Frames for which a jump is not believed."""
+LONGEST_BRIDGE_S = 0.3
+"""A part that was unseen for longer has not moved in between: it may be another person's."""
+
+
+class BodyTrace:
+    """Brings a stream of tracks to rows of positions relative to the body, and of paths, both in body sizes.
+
+    body_parts: names of the P parts.
+    """
+
+    def __init__(self, body_parts: Sequence[str], rate_hz: float) -> None:
+        self._frame = BodyFrame(body_parts, rate_hz)
+        self._limit = FASTEST_PER_S / rate_hz
+        self._bridge = LONGEST_BRIDGE_S * rate_hz
+        parts = len(body_parts)
+        # The last point is the body's anchor.
+        self._last: Floats = np.full((parts + 1, 2), np.nan)
+        self._unseen: Whole = np.zeros(parts + 1, np.int64)
+        self._relative: Floats = np.zeros((parts, 2))
+        self._path: Floats = np.zeros(2)
+        self._size = 1.0
+
+    @property
+    def still(self) -> float:
+        """P(the person is still)."""
+        return self._frame.still
+
+    def update(self, tracks: Tracks) -> Floats32:
+        """(P, 2) -> (2 P + 3,): each part's position right and up from the body's anchor, the anchor's path, the size.
+
+        A part that is not seen keeps its last values.
+        """
+        _, size = self._frame.update(tracks)
+        if np.isfinite(size) and size > 0:
+            self._size = size
+            points = np.concatenate([tracks.centres, self._frame.anchor[None]]) * (1.0, -1.0)
+            self._follow(points, size)
+        return np.concatenate([self._relative.ravel(), self._path, [self._size]]).astype(np.float32)
+
+    def _follow(self, points: Floats, size: float) -> None:
+        step = (points - self._last) / size
+        jump = np.hypot(step[:, 0], step[:, 1]) > self._limit * (1 + self._unseen)
+        seen = np.isfinite(points[:, 0]) & ~(jump & (self._unseen < LONGEST_JUMP))
+        if seen[-1]:
+            if np.isfinite(step[-1, 0]) and self._unseen[-1] <= self._bridge and not jump[-1]:
+                self._path += step[-1]
+            self._relative[seen[:-1]] = (points[:-1][seen[:-1]] - points[-1]) / size
+        self._last[seen] = points[seen]
+        self._unseen = np.where(seen, 0, self._unseen + 1)
+
+
+def read_trace(body_parts: Sequence[str], rate_hz: float, tracks: Iterable[Tracks]) -> Floats32:
+    """(F, 2 P + 3) rows of a whole recording."""
+    trace = BodyTrace(body_parts, rate_hz)
+    return np.array([trace.update(frame) for frame in tracks], np.float32)
+
+
+def width_of(parts: int) -> int:
+    """The number of columns of a trace of P parts."""
+    return 2 * parts + 3
+
+
+def relative_and_path(rows: Floats32) -> tuple[Floats32, Floats32]:
+    """(F, 2 P + 3) -> (F, 2 P) positions relative to the body, (F, 2 P) paths of the parts in the image."""
+    relative = rows[:, :-3]
+    path: Floats32 = relative + np.tile(rows[:, -3:-1], relative.shape[1] // 2)
+    return relative, path
+
+
+SHORTEST_S = 0.4
+"""The shortest window of convolutions; each further one is twice as long."""
+GLANCE_S = 0.2
+LONGEST_SHARE, LONGEST_POSTURE_SHARE = 1.5, 2.8
+"""The longest windows, as multiples of the median movement's duration."""
+WIDEST_KERNEL_S = 2.2
+MOST_DILATION = 8
+LONGEST_S = 6.5
+
+
+@dataclass(frozen=True, slots=True)
+class Windows:
+    """Lengths of trailing windows in frames, and the kernels' dilations."""
+
+    convolutions: tuple[int, ...]
+    postures: tuple[int, ...]
+    dilations: tuple[int, ...]
+
+    @classmethod
+    def of(cls, rate_hz: float, median_s: float) -> Self:
+        """For movements whose median duration is median_s seconds."""
+        lengths = [SHORTEST_S * 2**n for n in range(5) if SHORTEST_S * 2**n <= LONGEST_S]
+
+        def frames(seconds: Iterable[float]) -> tuple[int, ...]:
+            return tuple(sorted({max(round(s * rate_hz), 2) for s in seconds}))
+
+        return cls(
+            frames([SHORTEST_S, *(s for s in lengths if s <= LONGEST_SHARE * median_s)]),
+            frames([GLANCE_S, SHORTEST_S, *(s for s in lengths if s <= LONGEST_POSTURE_SHARE * median_s)]),
+            tuple(d for d in (1, 2, 4, 8) if d == 1 or (TAPS - 1) * d <= WIDEST_KERNEL_S * rate_hz),
+        )
+
+    @property
+    def history(self) -> int:
+        """Frames before the newest that features depend on."""
+        return max(max(self.convolutions) + (TAPS - 1) * max(self.dilations), max(self.postures))
+
+
+class TrailingFeatures:
+    """Reads features from traces; channels (D, 84, 2 P) and biases (D, 84) are learned."""
+
+    def __init__(self, windows: Windows, rate_hz: float, channels: NDArray[np.bool_], biases: Floats32) -> None:
+        self.windows, self._rate_hz, self._channels, self._biases = windows, rate_hz, channels, biases
+        self._weights = [weights_of(own) for own in channels]
+        values = channels.shape[2]
+        self.size = len(KERNELS) * len(windows.dilations) * len(windows.convolutions)
+        self.size += 2 * values * (4 * len(windows.postures) + 1)
+
+    @classmethod
+    def learn(cls, windows: Windows, rate_hz: float, traces: Sequence[Floats32], seed: int = 0) -> Self:
+        """Biases are quantiles of the convolutions of some traces (F, 2 P + 3)."""
+        rng = np.random.default_rng(seed)
+        paths = [relative_and_path(rows)[1] for rows in traces]
+        channels = choose_channels(len(windows.dilations), paths[0].shape[1], rng)
+        shown = [paths[n] for n in rng.permutation(len(paths))[:MOST_SHOWN]]
+        quantiles = np.arange(1, len(KERNELS) + 1) * GOLDEN_RATIO % 1
+        biases = []
+        for dilation, own in zip(windows.dilations, channels, strict=True):
+            rows = np.concatenate([_convolve(path, dilation, weights_of(own)) for path in shown])
+            biases.append(row_quantiles(rows.T, np.roll(quantiles, dilation)[:, None])[:, 0])
+        return cls(windows, rate_hz, channels, np.array(biases, np.float32))
+
+    def of(self, rows: Floats32, at: Whole) -> Floats32:
+        """(F, 2 P + 3) trace, (A,) frames -> (A, size); before its first row a trace is taken to be still."""
+        values, path = self._values(rows)
+        blocks = [*self._shares(path, at), *_statistics(values, at, self.windows.postures)]
+        return np.concatenate(blocks, axis=1)
+
+    def _values(self, rows: Floats32) -> tuple[Floats32, Floats32]:
+        """(F, 2 P + 3) positions and velocities, and (F, 2 P) paths."""
+        relative, path = relative_and_path(rows)
+        velocity = np.empty_like(path)
+        velocity[0] = 0.0
+        np.subtract(path[1:], path[:-1], out=velocity[1:])
+        velocity *= np.float32(self._rate_hz / 15)
+        return np.concatenate([relative, velocity], axis=1), path
+
+    def newest(self, rows: Floats32) -> Floats32:
+        """(F, 2 P + 3) trace -> (size,) the features of its last frame."""
+        recent = rows[-self.windows.history - 1 :]
+        missing = self.windows.history + 1 - len(recent)
+        if missing:
+            recent = np.concatenate([np.repeat(recent[:1], missing, axis=0), recent])
+        values, path = self._values(recent)
+        blocks = [values[-1]]
+        for length in self.windows.postures:
+            window = values[-length:]
+            mean = window.sum(axis=0) / np.float32(length)
+            spread = np.sqrt(np.square(window - mean).sum(axis=0) / np.float32(length))
+            blocks += [mean, window.min(axis=0), window.max(axis=0), spread]
+        return np.concatenate([*self._newest_shares(path), *blocks])
+
+    def _newest_shares(self, path: Floats32) -> Iterable[Floats32]:
+        longest = max(self.windows.convolutions)
+        for dilation, weights, biases in zip(self.windows.dilations, self._weights, self._biases, strict=True):
+            reach = (TAPS - 1) * dilation
+            above = _taps(path[-longest - reach :], dilation, longest) @ weights > biases
+            counts = above.view(np.uint8)
+            for length in self.windows.convolutions:
+                yield counts[-length:].sum(axis=0, dtype=np.float32) / np.float32(length)
+
+    def _shares(self, path: Floats32, at: Whole) -> Iterable[Floats32]:
+        for dilation, weights, biases in zip(self.windows.dilations, self._weights, self._biases, strict=True):
+            above = _convolve(path, dilation, weights) > biases
+            counts = np.zeros((len(path) + 1, len(biases)), np.float32)
+            np.cumsum(above, axis=0, out=counts[1:])
+            for length in self.windows.convolutions:
+                begin = at + 1 - length
+                # A still trace has convolutions of 0.
+                missing = np.maximum(-begin, 0)[:, None] * (biases < 0)
+                yield (counts[at + 1] - counts[np.maximum(begin, 0)] + missing.astype(np.float32)) / np.float32(length)
+
+    def as_arrays(self) -> dict[str, NDArray[np.generic]]:
+        """For a model file."""
+        w = self.windows
+        lengths = {"convolutions": w.convolutions, "postures": w.postures, "dilations": w.dilations}
+        named = {f"trailing_{name}": np.array(values) for name, values in lengths.items()}
+        return {**named, "trailing_channels": self._channels, "trailing_biases": self._biases}
+
+    @classmethod
+    def from_arrays(cls, arrays: Mapping[str, NDArray[np.generic]], rate_hz: float, parts: int) -> Self:
+        """The inverse of `as_arrays`; ValueError for arrays that do not fit P = `parts`."""
+        named = ("convolutions", "postures", "dilations")
+        lengths = [tuple(int(v) for v in arrays[f"trailing_{name}"].astype(np.int64)) for name in named]
+        channels = np.asarray(arrays["trailing_channels"], np.bool_)
+        biases = np.asarray(arrays["trailing_biases"], np.float32)
+        if not all(lengths) or not all(0 < v <= MOST_FRAMES for values in lengths for v in values):
+            raise ValueError(f"trailing windows {lengths}: 1 to {MOST_FRAMES} frames are expected")
+        if any(one >= two for values in lengths for one, two in pairwise(values)):
+            raise ValueError(f"trailing windows {lengths}: increasing lengths are expected")
+        shape = (len(lengths[2]), len(KERNELS))
+        if channels.shape != (*shape, 2 * parts) or biases.shape != shape or not np.isfinite(biases).all():
+            raise ValueError(f"trailing channels {channels.shape}, biases {biases.shape} do not fit {parts} parts")
+        return cls(Windows(*lengths), rate_hz, channels, biases)
+
+
+MOST_SHOWN = 48
+MOST_FRAMES = 100_000
+
+
+def _convolve(path: Floats32, dilation: int, weights: Floats32) -> Floats32:
+    """(F, C) -> (F, 84) causal convolutions: the last tap is the frame itself; earlier frames are like the first."""
+    reach = (TAPS - 1) * dilation
+    padded = np.concatenate([np.repeat(path[:1], reach, axis=0), path])
+    result: Floats32 = _taps(padded, dilation, len(path)) @ weights
+    return result
+
+
+def _taps(padded: Floats32, dilation: int, frames: int) -> Floats32:
+    """(8 * dilation + frames, C) -> (frames, 9 * C): the nine frames that a kernel weighs, the frame itself last."""
+    taps = np.stack([padded[n * dilation : n * dilation + frames] for n in range(TAPS)], axis=1)
+    return taps.reshape(frames, -1)
+
+
+def _statistics(values: Floats32, at: Whole, lengths: Sequence[int]) -> list[Floats32]:
+    """(F, C) -> blocks (A, C): the newest, and per window the mean, least, greatest and standard deviation."""
+    longest = max(lengths)
+    padded = np.concatenate([np.repeat(values[:1], longest, axis=0), values])
+    blocks = [values[at]]
+    for length in lengths:
+        window = np.lib.stride_tricks.sliding_window_view(padded, length, axis=0)[at + 1 + longest - length]
+        blocks += [window.mean(axis=2), window.min(axis=2), window.max(axis=2), window.std(axis=2)]
+    return blocks

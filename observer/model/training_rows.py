@@ -1,0 +1,139 @@
+"""Which windows of the training people's motion a discriminative model learns from, and what each shows. Pure.
+
+Each example is shown between two rests: a person who stands as at its beginning, does it, and stands as at its end.
+Rests, the first part of a movement, means of two movements, and what people do between the movements of a continuous
+recording are "something else".
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from observer.model.base import Example, Stream, evenly_spread
+
+Floats32 = NDArray[np.float32]
+Whole = NDArray[np.int64]
+
+RECOGNISABLE = 0.35
+"""Share of a movement after which its rows show it fully; up to there they show something else in part."""
+FRACTIONS = tuple(n / 10 for n in range(1, 11))
+RESTS_AFTER_S = (0.5, 0.9, 1.4)
+REST_S = 1.6
+TREMBLING = 0.03
+"""Body sizes: the noise of a resting person's parts."""
+ROWS_PER_S = 15.0
+STREAM_WEIGHT = 1.0
+AFTERGLOW_S = 0.1
+"""For so long after its end a movement in a stream is still shown."""
+BLEND_FRACTIONS = (0.5, 0.75, 1.0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Rows:
+    """Frames `at` (A,) of a trace (F, 2 P + 3), targets (A, M + 1) with something else last, and weights (A,)."""
+
+    trace: Floats32
+    at: Whole
+    targets: Floats32
+    weights: Floats32
+
+
+def rows_of_examples(
+    examples: Sequence[Example], traces: Sequence[Floats32], movements: int, rate_hz: float, seed: int = 0
+) -> Iterator[Rows]:
+    """Each example between rests, and its blend with one of another movement."""
+    rng = np.random.default_rng(seed)
+    rest = round(REST_S * rate_hz)
+    for n, (example, trace) in enumerate(zip(examples, traces, strict=True)):
+        before = rest if n % 2 else 0
+        shown = between_rests(trace, before, rest, rng)
+        fractions = np.array([0.0, *FRACTIONS])
+        at = before + np.maximum(np.ceil(fractions * len(trace)).astype(np.int64), 1) - 1
+        targets = targets_of(example.movement, np.clip(fractions / RECOGNISABLE, 0, 1), movements)
+        after = before + len(trace) + np.array([round(s * rate_hz) for s in RESTS_AFTER_S], np.int64) - 1
+        rests = targets_of(-1, np.zeros(len(after)), movements)
+        yield Rows(
+            shown,
+            np.concatenate([at, after]),
+            np.concatenate([targets, rests]),
+            np.ones(len(at) + len(after), np.float32),
+        )
+        other = _other_movement(examples, n)
+        if other is not None:
+            blend = _mean_of(trace, traces[other])
+            at = np.array([max(round(f * len(blend)), 1) - 1 for f in BLEND_FRACTIONS])
+            yield Rows(blend, at, targets_of(-1, np.zeros(len(at)), movements), np.ones(len(at), np.float32))
+
+
+def rows_of_streams(
+    streams: Sequence[Stream], traces: Sequence[Floats32], movements: int, rate_hz: float
+) -> Iterator[Rows]:
+    """All frames of continuous recordings, thinned to ROWS_PER_S."""
+    hop = max(round(rate_hz / ROWS_PER_S), 1)
+    for stream, trace in zip(streams, traces, strict=True):
+        at = np.arange(0, len(trace), hop)
+        targets = targets_of(-1, np.zeros(len(at)), movements)
+        for span in stream.spans:
+            inside = (at >= span.begin) & (at < span.end + AFTERGLOW_S * rate_hz)
+            progress = (at[inside] - span.begin) / (span.end - span.begin)
+            targets[inside] = targets_of(span.movement, np.clip(progress / RECOGNISABLE, 0, 1), movements)
+        yield Rows(trace, at, targets, np.full(len(at), STREAM_WEIGHT, np.float32))
+
+
+def targets_of(movement: int, shown: NDArray[np.floating], movements: int) -> Floats32:
+    """(A,) how far each row shows the movement -> (A, M + 1); a negative movement is something else."""
+    targets = np.zeros((len(shown), movements + 1), np.float32)
+    targets[:, -1] = 1.0
+    if movement >= 0:
+        targets[:, movement] = shown
+        targets[:, -1] = 1.0 - shown
+    return targets
+
+
+def between_rests(trace: Floats32, before: int, after: int, rng: np.random.Generator) -> Floats32:
+    """The trace after `before` and before `after` frames of trembling rest."""
+    shown = np.concatenate([np.repeat(trace[:1], before, axis=0), trace, np.repeat(trace[-1:], after, axis=0)])
+    noise = rng.normal(0, TREMBLING, shown.shape).astype(np.float32)
+    noise[before : before + len(trace)] = 0.0
+    noise[:, -1] = 0.0
+    result: Floats32 = shown + noise
+    return result
+
+
+def _other_movement(examples: Sequence[Example], n: int) -> int | None:
+    others = [
+        k for k, e in enumerate(examples) if e.movement != examples[n].movement and e.facing == examples[n].facing
+    ]
+    return others[int(evenly_spread(n) * len(others))] if others else None
+
+
+def _mean_of(one: Floats32, other: Floats32) -> Floats32:
+    stretched = resampled(other, len(one))
+    result: Floats32 = (one + stretched) / np.float32(2)
+    return result
+
+
+def resampled(values: Floats32, length: int) -> Floats32:
+    """(F, C) -> (length, C), linear between frames."""
+    place = np.linspace(0, len(values) - 1, length)
+    before = place.astype(np.int64)
+    after = np.minimum(before + 1, len(values) - 1)
+    share = (place - before)[:, None].astype(np.float32)
+    result: Floats32 = values[before] * (1 - share) + values[after] * share
+    return result
+
+
+def segment_window(trace: Floats32, length: int) -> Floats32:
+    """(F, 2 P + 3) from a movement's begin to now -> (2 P, length) positions relative to the body's at the begin.
+
+    All are in body sizes of now: what the size was taken to be in between must not change the motion's shape.
+    """
+    size = trace[:, -1:] / trace[-1, -1]
+    relative = trace[:, :-3] * size
+    steps = np.zeros((len(trace), 2), np.float32)
+    steps[1:] = (trace[1:, -3:-1] - trace[:-1, -3:-1]) * size[1:]
+    path = np.cumsum(steps, axis=0)
+    result: Floats32 = resampled(relative + np.tile(path, relative.shape[1] // 2), length).T
+    return result
