@@ -203,14 +203,22 @@ class RecordedPictures:
     def frames(self, stop: threading.Event) -> Iterator[Frame]:
         """Each picture when it is due. Raises BadInput when the files have changed since they were opened."""
         start_ns = self.clock() if self.start_ns is None else self.start_ns
-        for i, picture in enumerate(self._all()):
+        for i, (picture, last) in enumerate(self._all()):
             offset_ns = round(i * SECOND_NS / self.rate_hz / self.speed) if self.speed else 0
             captured_ns = wait_until(start_ns + offset_ns, self.speed, stop, self.clock)
             if captured_ns is None:
                 return
-            yield Frame(captured_ns, picture, round(i * SECOND_NS / self.rate_hz))
+            yield Frame(captured_ns, picture, round(i * SECOND_NS / self.rate_hz), last)
 
-    def _all(self) -> Iterator[Picture]:
-        yield from self.pictures()
-        while self.loop:
-            yield from self.pictures()
+    def _all(self) -> Iterator[tuple[Picture, bool]]:
+        """Each picture, and whether it is the last one of the film."""
+        while True:
+            picture = None
+            for following in self.pictures():
+                if picture is not None:
+                    yield picture, False
+                picture = following
+            if picture is not None:
+                yield picture, True
+            if not self.loop:
+                return

@@ -52,7 +52,8 @@ class RecordedMotion:
                 captured_ns = wait_until(due_ns + self._offset_ns(i, recording), self.speed, stop, self.clock)
                 if captured_ns is None:
                     return
-                yield Frame(captured_ns, positions.astype(float), motion_ns + round(i * SECOND_NS / recording.rate_hz))
+                at_ns = motion_ns + round(i * SECOND_NS / recording.rate_hz)
+                yield Frame(captured_ns, positions.astype(float), at_ns, last=i + 1 == len(recording.positions))
             due_ns += self._offset_ns(len(recording.positions), recording)
             motion_ns += round(len(recording.positions) * SECOND_NS / recording.rate_hz)
 

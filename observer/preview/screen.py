@@ -161,6 +161,10 @@ class PreviewingObserver:
             self._preview.show(picture, shown)
         return posterior
 
+    def end(self) -> Posterior | None:
+        """The posterior of the observer now that the source has ended."""
+        return self._observer.end()
+
 
 def picture_in(content: NDArray[Any]) -> Picture | None:
     """A frame's content if it is a picture; None for positions and tracks."""

@@ -204,7 +204,7 @@ class VirtualCamera:
             for frame in itertools.islice(played, len(recording.positions)):
                 positions = frame.content[order]
                 picture = renderer.picture(positions, next(number), before)
-                yield Frame(frame.captured_ns, picture, frame.motion_ns)
+                yield Frame(frame.captured_ns, picture, frame.motion_ns, frame.last)
                 before = positions
             if before is None:  # stopped
                 return

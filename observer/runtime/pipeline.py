@@ -85,6 +85,10 @@ class Resampler:
         newest = (at_ns, tracks.centres)
         return [Tracks(_interpolate(previous, newest, self._instant_ns(i))) for i in range(first, count)]
 
+    def restart(self) -> None:
+        """The next frame shows another motion: nothing lies between it and the previous one."""
+        self._previous = None
+
     def _instant_ns(self, i: int) -> int:
         return self._begin_ns + round(i * self._period_ns)
 
@@ -115,8 +119,10 @@ class Observer:
         facets: FacetReader | None = None,
     ) -> None:
         self._tracker, self._resampler, self._facets = tracker, resampler, facets
-        self.watch = model.watch(onset or Onset())
+        self._model, self._onset = model, onset or Onset()
+        self.watch = model.watch(self._onset)
         """The model's state, whose posterior is not calibrated."""
+        self._ended = False
         self._calibration = model.header.calibration
         self.vocabulary: Vocabulary = model.header.vocabulary
         self._frames = 0
@@ -130,8 +136,10 @@ class Observer:
     def step(self, frame: Frame) -> Posterior:
         """The posterior after one more frame; it does not change while no instant of the model is due.
 
-        The frame's tracks are left in `tracks`.
+        The frame's tracks are left in `tracks`. A frame after the last one of a recording is watched anew.
         """
+        if self._ended:
+            self._begin_again()
         self.tracks = self._tracker.update(frame)
         instants = [self.tracks] if self._resampler is None else self._resampler.update(frame.at_ns, self.tracks)
         for tracks in instants:
@@ -139,12 +147,28 @@ class Observer:
             if self._facets is not None:
                 self._facets.update(tracks, self.watch.rest)
         self._frames += len(instants)
+        if frame.last:
+            self._end()
         return self._posterior(self.tracks)
 
     def end(self) -> Posterior | None:
-        """The posterior now that the source has ended, and with it the movement; None before the first frame."""
+        """The posterior now that the source has ended, and with it the movement.
+
+        None before the first frame, and if the last frame was known to be the last: its posterior was this one.
+        """
+        if self.tracks is None or self._ended:
+            return None
+        self._end()
+        return self._posterior(self.tracks)
+
+    def _end(self) -> None:
         end_movement(self.watch)
-        return None if self.tracks is None else self._posterior(self.tracks)
+        self._ended = True
+
+    def _begin_again(self) -> None:
+        self.watch, self._ended = self._model.watch(self._onset), False
+        if self._resampler is not None:
+            self._resampler.restart()
 
     def _posterior(self, tracks: Tracks) -> Posterior:
         visible = dict(zip(self._tracker.body_parts, tracks.visible.tolist(), strict=True))

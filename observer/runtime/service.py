@@ -96,6 +96,8 @@ class HealthReporter:
 
 log = logging.getLogger("labanmesh.observer")
 
+FUSION_STEPS, LONGEST_STAY_S = 2, 1.0
+"""For so many steps of fusion an observer whose source has ended stays on the mesh, and no longer than this."""
 SESSION_BYTES = 4
 """Random bytes in the name of a session: enough to tell the starts of one observer apart."""
 
@@ -114,6 +116,9 @@ class ObserverLike(Protocol):
     def step(self, frame: Frame) -> Posterior | None:
         """The posterior after one more frame; None if there is nothing to publish yet."""
 
+    def end(self) -> Posterior | None:
+        """The posterior now that the source has ended; None if it shows nothing new."""
+
 
 def serve(
     scene: Scene,
@@ -126,6 +131,9 @@ def serve(
     health: HealthReporter | None = None,
 ) -> None:
     """Publish posteriors after each frame, or when they change, until the source ends or `stop` is set.
+
+    After the end of the source the last posterior is that of an ended movement, and the observer stays on the mesh
+    until fusion has used it.
 
     health: the reporter to which the source reports its camera's faults.
     """
@@ -141,7 +149,9 @@ def serve(
     ):
         link.announce(keys.observer_alive(observer_id))
         health.report_to(_state_report(status_publisher, health, observer_id))
+        captured_ns = 0
         for frame in source.frames(stop):
+            captured_ns = frame.captured_ns
             begun_s = time.monotonic()
             posterior = observer.step(frame)
             now_ns = clock()
@@ -154,7 +164,17 @@ def serve(
             for _, reading in querier.readings():
                 fusion_clock.note(reading)
                 status.clock_skew_s = -(fusion_clock.skew_s or 0.0)
+        if captured_ns and not stop.is_set():
+            _publish_end(observer, publisher, captured_ns, clock())
+            stop.wait(min(FUSION_STEPS / scene.fusion.step_hz, LONGEST_STAY_S))
     log.info("%s: %s after %d posteriors", observer_id, "stopped" if stop.is_set() else "source ended", publisher.seq)
+
+
+def _publish_end(observer: ObserverLike, publisher: "PosteriorPublisher", captured_ns: int, now_ns: int) -> None:
+    posterior = observer.end()
+    if posterior is not None:
+        # Fusion only takes posteriors that are newer than the last.
+        publisher.publish(posterior, captured_ns + 1, now_ns)
 
 
 def _state_report(status: StatusPublisher, health: HealthReporter, observer_id: str) -> ReportState:

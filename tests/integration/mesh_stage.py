@@ -30,8 +30,8 @@ class FakePipeline:
 
     vocabulary, complaint = NAMES, ""
 
-    def __init__(self, answer=lambda frame: frame.content):
-        self.step = answer
+    def __init__(self, answer=lambda frame: frame.content, at_end=None):
+        self.step, self.end = answer, lambda: at_end
 
 
 def labanmesh(*words):

@@ -68,6 +68,29 @@ def test_a_posterior_is_published_after_each_frame(scene, mesh, link):
     assert not thread.is_alive()
 
 
+@pytest.mark.parametrize("slow", [False, True])
+def test_the_end_of_the_source_is_the_end_of_the_movement(scene, mesh, link, slow):
+    if slow:
+        section = scene.observer("cam1").model_copy(update={"say": "on change"})
+        scene = scene.model_copy(update={"observers": {"cam1": section}})
+    presence = mesh.meeting.presence(scene.keys.observer_alive())
+    pipeline = FakePipeline(at_end=believed((1.0, 0.0), 0.25))
+    mesh.run(serve, scene, "cam1", pipeline, FedSource(believed((0.5, 0.5), 0.25), "end"), link)
+    assert presence.wait_for(1, SOON_S)
+    messages = collect(mesh.posteriors, PosteriorMessage, lambda messages: len(messages) == 2)
+    assert [(m.captured_ns, m.p) for m in messages] == [(1001, [0.5, 0.5]), (1002, [1.0, 0.0])]
+    assert presence.alive, "fusion uses what observers say that are there"
+
+
+def test_an_observer_that_is_stopped_does_not_say_that_the_movement_has_ended(scene, mesh, link):
+    source = FedSource(believed((0.5, 0.5), 0.25))
+    stop, thread = mesh.run(serve, scene, "cam1", FakePipeline(at_end=believed((1.0, 0.0))), source, link)
+    collect(mesh.posteriors, PosteriorMessage)
+    stop.set()
+    thread.join(SOON_S)
+    assert not thread.is_alive() and not mesh.posteriors.take(0)
+
+
 def test_on_a_slow_line_only_what_has_changed_is_published(scene, mesh, link):
     slow = scene.model_copy(
         update={"observers": {"cam1": scene.observer("cam1").model_copy(update={"say": "on change"})}}

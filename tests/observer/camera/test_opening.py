@@ -149,11 +149,11 @@ def test_a_file_that_is_emptied_after_opening_is_rejected_when_played(tmp_path, 
 
 
 def test_a_picture_that_changes_its_size_after_opening_is_rejected_when_played(tmp_path):
-    folder = write_pictures(tmp_path / "p", ["1.png", "2.png"])
+    folder = write_pictures(tmp_path / "p", ["1.png", "2.png", "3.png"])
     frames = open_pictures("p", tmp_path, speed=0).frames(threading.Event())
     next(frames)
-    assert cv2.imwrite(str(folder / "2.png"), np.zeros((8, 8, 3), np.uint8))
-    with rejected("2.png: 8x8 px, but 1.png has 64x48"):
+    assert cv2.imwrite(str(folder / "3.png"), np.zeros((8, 8, 3), np.uint8))
+    with rejected("3.png: 8x8 px, but 1.png has 64x48"):
         next(frames)
 
 

@@ -59,6 +59,14 @@ def test_frames_are_played_at_their_rate(lengths_and_rates, options, due_s):
     assert frames[0].content.shape == (3, 3) and frames[0].content.dtype == np.float64
 
 
+@pytest.mark.parametrize("loop", [False, True])
+def test_the_last_frame_of_each_recording_is_marked(loop):
+    frames = islice(played(Watch(), recording(2), recording(3), loop=loop), 9)
+    assert [frame.last for frame in frames] == [False, True, False, False, True, False, True, False, False][
+        : 9 if loop else 5
+    ]
+
+
 def test_speed_0_does_not_wait_and_stamps_the_time_of_playback():
     watch = Watch()
     for i, frame in enumerate(played(watch, recording(3), recording(2), speed=0.0)):

@@ -15,9 +15,11 @@ from common.messages import PosteriorMessage
 from common.probability import decode_facing
 from common.vocabulary import Vocabulary
 from common.wire import decode, encode
+from observer.model.base import Header
 from observer.runtime.pipeline import (
     LONGEST_GAP_S,
     MAX_CHANGE,
+    Observer,
     Posterior,
     PosteriorEncoder,
     Resampler,
@@ -68,6 +70,9 @@ class ConstantObserver:
     def step(self, frame):
         return posterior(facing=FACING, unlearned=0.125)
 
+    def end(self):
+        return None
+
 
 class OneFrame:
     rate_hz, body_parts = 10.0, ("head",)
@@ -90,6 +95,59 @@ def test_facing_is_sent_only_if_the_scene_knows_the_direction(direction, sent, t
         (arrival,) = inbox.take(SOON_S)
     message = decode(PosteriorMessage, arrival.payload)
     assert (message.facing is not None) == sent and message.unlearned == 0.125 and message.p == [0.75, 0.25]
+
+
+class CountingWatch:
+    """Its posterior is in quarters of its number of frames; after the end, one movement is sure."""
+
+    rest, unlearned, foreseen, joint, p = 0.0, None, None, None, np.array([0.5, 0.5])
+
+    def __init__(self):
+        self.frames = 0
+
+    def update(self, tracks):
+        self.frames += 1
+        self.p = np.array([0.5, 0.5])
+
+    def end(self):
+        self.p = np.array([1.0, 0.0])
+
+
+class CountingModel:
+    """Each watch is left in `watches`."""
+
+    header = Header("phase", NAMES, "door", np.eye(3, 4), 10.0, ("head",))
+
+    def __init__(self):
+        self.watches = []
+
+    def watch(self, onset):
+        self.watches.append(CountingWatch())
+        return self.watches[-1]
+
+
+class PassThrough:
+    body_parts = ("head",)
+
+    def update(self, frame):
+        return Tracks(frame.content)
+
+
+def frame(n, last=False):
+    return Frame(n * SECOND_NS // 10, np.zeros((1, 2)), last=last)
+
+
+@pytest.mark.parametrize("resampler", [None, Resampler(10.0)])
+def test_a_recording_ends_with_its_last_frame_and_the_next_is_watched_anew(resampler):
+    observer = Observer(PassThrough(), model := CountingModel(), resampler=resampler)
+    before, ended, again = (observer.step(frame(n, last=n == 1)) for n in range(3))
+    assert before.p[0] == again.p[0] == 0.5 and ended.p[0] == 1.0
+    assert [watch.frames for watch in model.watches] == [2, 1] and again.frames == 3
+    assert observer.end().p[0] == 1.0 and observer.end() is None, "it ends once"
+
+
+def test_an_observer_without_frames_has_no_last_word():
+    assert Observer(PassThrough(), CountingModel()).end() is None
 
 
 @st.composite
