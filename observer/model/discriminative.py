@@ -27,6 +27,7 @@ from observer.model.base import (
 from observer.model.logistic import LogisticRegression
 from observer.model.segment_classifier import SegmentClassifier
 from observer.model.trailing_features import BodyTrace, TrailingFeatures, Windows, read_trace, width_of
+from observer.model.training_memory import TrainingMemory
 from observer.model.training_rows import Rows, rows_of_examples, rows_of_streams
 from observer.tracks import Floats, Tracks
 
@@ -67,8 +68,9 @@ class Discriminative:
         movement: LogisticRegression,
         segments: SegmentClassifier,
         longest: int,
+        memory: TrainingMemory,
     ) -> None:
-        self.header = header
+        self.header, self.memory = header, memory
         self.trailing, self.movement, self.segments, self.longest = trailing, movement, segments, longest
 
     @classmethod
@@ -90,7 +92,9 @@ class Discriminative:
         rows += rows_of_streams(streams, of_streams, movements, header.rate_hz)
         movement = _learn_trailing(trailing, rows, parameters["trailing_penalty"])
         segments = SegmentClassifier.learn(examples, traces, movements, parameters)
-        return cls(replace(header, background=header.background or ()), trailing, movement, segments, max(own))
+        header = replace(header, background=header.background or ())
+        memory = TrainingMemory.of(examples, traces, streams, of_streams)
+        return cls(header, trailing, movement, segments, max(own), memory)
 
     @classmethod
     def read(cls, header: Header, example: Example | Stream) -> Floats:
@@ -109,7 +113,8 @@ class Discriminative:
         trailing = TrailingFeatures.from_arrays(arrays, header.rate_hz, parts)
         segments = SegmentClassifier.from_arrays(arrays, movements, parts)
         movement = LogisticRegression.from_arrays("trailing_movement", arrays, (trailing.size, movements + 1))
-        return cls(header, trailing, movement, segments, int(arrays["longest"].astype(np.int64)[0]))
+        memory = TrainingMemory.from_arrays(arrays, movements, len(header.background or ()), width_of(parts))
+        return cls(header, trailing, movement, segments, int(arrays["longest"].astype(np.int64)[0]), memory)
 
     def arrays(self) -> Arrays:
         """Everything that was learned."""
@@ -118,7 +123,26 @@ class Discriminative:
             **self.movement.as_arrays("trailing_movement"),
             **self.segments.arrays(),
             "longest": np.array([self.longest]),
+            **self.memory.as_arrays(),
         }
+
+    def grown(self, header: Header, examples: Sequence[Example]) -> Self:
+        """Learned again with examples of more movements, which are at the end of the header's vocabulary."""
+        new = [replace(e, features=self._trace(header, e).astype(np.float64)) for e in examples]
+        return self._learned_from(header, self.memory.with_examples(new))
+
+    def shrunk(self, header: Header, remaining: Sequence[int]) -> Self:
+        """Learned again for a vocabulary of only these movements, in their order."""
+        return self._learned_from(header, self.memory.of_movements(self.header, remaining))
+
+    def without_background(self, gone: int) -> Self:
+        """Learned again without one movement of the background, given by its place in the header's."""
+        labels = self.header.background or ()
+        header = replace(self.header, background=(*labels[:gone], *labels[gone + 1 :]))
+        return self._learned_from(header, self.memory.without_background(self.header, gone))
+
+    def _learned_from(self, header: Header, memory: TrainingMemory) -> Self:
+        return self.learn_with_streams(header, memory.examples, memory.streams)
 
     def watch(self, onset: Onset) -> "DiscriminativeWatch":
         """Start watching; a known onset is the begin of the first segment."""

@@ -89,6 +89,23 @@ class Stacked:
         """Those of both members, whose names differ."""
         return {**self.phase.arrays(), **self.discriminative.arrays()}
 
+    def grown(self, header: Header, examples: Sequence[Example]) -> Self:
+        """The phase filter as it was, and grown; the discriminative classifiers learned again."""
+        members = [_split(header, e) for e in examples]
+        phase = self.phase.grown(_of_phase(header), [p for p, _ in members])
+        return type(self)(header, phase, self.discriminative.grown(_of_other(header), [d for _, d in members]))
+
+    def shrunk(self, header: Header, remaining: Sequence[int]) -> Self:
+        """The phase filter without the other movements; the discriminative classifiers learned again."""
+        phase = self.phase.shrunk(_of_phase(header), remaining)
+        return type(self)(header, phase, self.discriminative.shrunk(_of_other(header), remaining))
+
+    def without_background(self, gone: int) -> Self:
+        """The same phase filter; the discriminative classifiers learned again."""
+        discriminative = self.discriminative.without_background(gone)
+        header = replace(self.header, background=discriminative.header.background)
+        return type(self)(header, self.phase, discriminative)
+
     def watch(self, onset: Onset) -> "StackedWatch":
         """Start watching."""
         return StackedWatch(self, onset)

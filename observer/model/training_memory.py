@@ -1,0 +1,152 @@
+"""The examples and streams that a discriminative model keeps, so that it can be learned again with other movements.
+
+They are stored as traces (`trailing_features.py`), float32: 36 bytes a frame for hands and head. Pure.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from observer.model.base import Arrays, Example, Header, Stream, StreamSpan
+from observer.tracks import Floats
+
+Floats32 = NDArray[np.float32]
+
+OF_EXAMPLES, OF_STREAMS = "example", "stream"
+"""Prefixes of the arrays' names."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TrainingMemory:
+    """Examples and streams whose `features` are traces (F, C); their tracks are not kept."""
+
+    examples: tuple[Example, ...]
+    streams: tuple[Stream, ...]
+
+    @classmethod
+    def of(
+        cls,
+        examples: Sequence[Example],
+        traces: Sequence[Floats32],
+        streams: Sequence[Stream],
+        of_streams: Sequence[Floats32],
+    ) -> Self:
+        """Of what a model learns from, with the traces of the examples and of the streams."""
+        return cls(
+            tuple(replace(e, tracks=(), features=t.astype(np.float64)) for e, t in zip(examples, traces, strict=True)),
+            tuple(
+                replace(s, tracks=(), features=t.astype(np.float64)) for s, t in zip(streams, of_streams, strict=True)
+            ),
+        )
+
+    def renumbered(self, new_index: Mapping[int, int]) -> Self:
+        """Only the examples of these movements, with new indices, and streams without the spans of others."""
+        examples = [replace(e, movement=new_index[e.movement]) for e in self.examples if e.movement in new_index]
+        streams = [part for stream in self.streams for part in _without_others(stream, new_index)]
+        return type(self)(tuple(examples), tuple(streams))
+
+    def of_movements(self, header: Header, remaining: Sequence[int]) -> Self:
+        """Without the other movements of the vocabulary; header: that of the model until now."""
+        background = {-1 - b: -1 - b for b in range(len(header.background or ()))}
+        return self.renumbered({m: n for n, m in enumerate(remaining)} | background)
+
+    def without_background(self, header: Header, gone: int) -> Self:
+        """Without one movement of the background, given by its place in the header's."""
+        left = [b for b in range(len(header.background or ())) if b != gone]
+        movements = {m: m for m in range(header.vocabulary.size)}
+        return self.renumbered(movements | {-1 - b: -1 - n for n, b in enumerate(left)})
+
+    def with_examples(self, examples: Sequence[Example]) -> Self:
+        """These examples too, which have their features."""
+        return type(self)((*self.examples, *(replace(e, tracks=()) for e in examples)), self.streams)
+
+    def as_arrays(self) -> dict[str, NDArray[np.generic]]:
+        """For a model file."""
+        spans = [
+            (n, span.begin, span.end, span.movement) for n, stream in enumerate(self.streams) for span in stream.spans
+        ]
+        trials = [span.trial for stream in self.streams for span in stream.spans]
+        return {
+            **_as_arrays(OF_EXAMPLES, self.examples),
+            "example_movements": np.array([e.movement for e in self.examples], np.int16),
+            **_as_arrays(OF_STREAMS, self.streams),
+            "spans": np.array(spans, np.int32).reshape(-1, 4),
+            "span_trials": np.array(trials, np.str_),
+        }
+
+    @classmethod
+    def from_arrays(cls, arrays: Arrays, movements: int, background: int, columns: int) -> Self:
+        """The inverse of `as_arrays`; ValueError if they do not fit these numbers of movements and columns."""
+        examples = [
+            Example((), int(movement), facing, subject, trial, features)
+            for movement, (facing, subject, trial, features) in zip(
+                arrays["example_movements"], _from_arrays(OF_EXAMPLES, arrays, columns), strict=True
+            )
+        ]
+        streams = [
+            Stream((), (), facing, subject, trial, features)
+            for facing, subject, trial, features in _from_arrays(OF_STREAMS, arrays, columns)
+        ]
+        spans: dict[int, list[StreamSpan]] = {}
+        for (n, begin, end, movement), trial in zip(arrays["spans"].tolist(), arrays["span_trials"], strict=True):
+            if not 0 <= begin < end <= len(_trace(streams[n])):
+                raise ValueError(f"span {begin} to {end} is not within its stream")
+            spans.setdefault(n, []).append(StreamSpan(begin, end, movement, str(trial)))
+        shown = [e.movement for e in examples] + [span.movement for own in spans.values() for span in own]
+        if not all(-background <= movement < movements for movement in shown):
+            raise ValueError("an example's movement is outside the vocabulary and the background")
+        return cls(tuple(examples), tuple(replace(s, spans=tuple(spans.get(n, ()))) for n, s in enumerate(streams)))
+
+
+def _without_others(stream: Stream, new_index: Mapping[int, int]) -> Iterator[Stream]:
+    start = 0
+    for span in stream.spans:
+        if span.movement not in new_index:
+            yield from _part(stream, start, span.begin, new_index)
+            start = span.end
+    yield from _part(stream, start, len(_trace(stream)), new_index)
+
+
+def _part(stream: Stream, start: int, end: int, new_index: Mapping[int, int]) -> Iterator[Stream]:
+    """Frames start..end-1 of a stream, if there are any."""
+    if start < end:
+        spans = [
+            StreamSpan(span.begin - start, span.end - start, new_index[span.movement], span.trial)
+            for span in stream.spans
+            if start <= span.begin and span.end <= end
+        ]
+        yield replace(stream, spans=tuple(spans), features=_trace(stream)[start:end])
+
+
+def _trace(kept: Example | Stream) -> Floats:
+    if kept.features is None:
+        raise ValueError("its trace has not been read")
+    return kept.features
+
+
+def _as_arrays(name: str, kept: Sequence[Example | Stream]) -> dict[str, NDArray[np.generic]]:
+    traces = [_trace(each) for each in kept]
+    return {
+        f"{name}_traces": np.concatenate(traces).astype(np.float32) if traces else np.zeros((0, 0), np.float32),
+        f"{name}_lengths": np.array([len(trace) for trace in traces], np.int32),
+        f"{name}_facings": np.array([each.facing for each in kept], np.int16),
+        f"{name}_subjects": np.array([each.subject for each in kept], np.str_),
+        f"{name}_trials": np.array([each.trial for each in kept], np.str_),
+    }
+
+
+def _from_arrays(name: str, arrays: Arrays, columns: int) -> Iterator[tuple[int, str, str, Floats]]:
+    """Facing, subject, trial and trace of each."""
+    lengths = np.asarray(arrays[f"{name}_lengths"], np.int64)
+    traces = np.asarray(arrays[f"{name}_traces"], np.float32)
+    if len(lengths) and (traces.ndim != 2 or traces.shape[1] != columns):
+        raise ValueError(f"{name}_traces have shape {traces.shape}, (F, {columns}) is expected")
+    if lengths.sum() != len(traces) or (lengths < 1).any() or not np.isfinite(traces).all():
+        raise ValueError(f"{name}_traces do not fit {name}_lengths, or contain NaN or infinity")
+    parts = np.split(traces, np.cumsum(lengths)[:-1]) if len(lengths) else []
+    others = (arrays[f"{name}_{what}"].tolist() for what in ("facings", "subjects", "trials"))
+    for facing, subject, trial, trace in zip(*others, parts, strict=True):
+        yield int(facing), str(subject), str(trial), trace.astype(np.float64)
