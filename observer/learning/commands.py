@@ -42,7 +42,9 @@ def learn(
             "seen from the door; may be repeated: one model each, with the same movements."
         ),
     ] = None,
-    model: Annotated[str, typer.Option(help="phase (default), phase-symbols or frame-table.")] = "",
+    model: Annotated[
+        str, typer.Option(help="phase (default), stacked, discriminative, phase-symbols or frame-table.")
+    ] = "",
     labels: Annotated[
         str, typer.Option(help="The movements to learn, separated by commas (default: all of the archive).")
     ] = "",
@@ -56,7 +58,8 @@ def learn(
         float | None, typer.Option(min=1, max=1000, help="The observer's frames per second (default: the archive's).")
     ] = None,
     add_to: Annotated[
-        Path | None, typer.Option(help="Add the movements to this model, whose own movements stay unchanged.")
+        Path | None,
+        typer.Option(help="Add the movements to this model; the recordings of its own movements are not needed."),
     ] = None,
     background: Annotated[
         str,
@@ -195,7 +198,7 @@ def forget(
     labels: Annotated[str, typer.Option(help="The movements to remove, separated by commas.")],
     output: Annotated[Path, typer.Option("-o", "--output", help="The model file to write.")],
 ) -> None:
-    """Remove movements from a model; the others stay unchanged, and nothing is learned again.
+    """Remove movements from a model; no recordings are needed.
 
     Example: labanmesh forget corner1.model --labels wave -o corner1.model
     """

@@ -1,6 +1,7 @@
-"""Adds movements to a model and removes them, without learning the others again (docs/guide/own-movements.md).
+"""Adds movements to a model and removes them, without the recordings of the others (docs/guide/own-movements.md).
 
-The model's data of the other movements stay the same, bit for bit. Pure.
+The examples of the other movements that a model keeps stay the same, bit for bit, and so does everything that is
+learned from one movement alone. Pure.
 """
 
 from collections.abc import Mapping, Sequence
@@ -15,7 +16,16 @@ from common.vocabulary import Vocabulary
 from observer.geometry.views import View
 from observer.learning.examples import ExampleView
 from observer.learning.learn import evaluate_example, folds_by_person, folds_by_recording
-from observer.model.base import Example, Header, MovementModel, WithBackground, evenly_spread, facings_in
+from observer.model.base import (
+    Example,
+    Header,
+    LearnsStreams,
+    MovementModel,
+    WithBackground,
+    evenly_spread,
+    facings_in,
+    with_features,
+)
 from observer.model.posterior_calibration import HeldOutResult, PosteriorCalibration
 from observer.motion.archive import MotionArchive, common_rate, labels_of, movements_in, require_labels
 
@@ -25,11 +35,13 @@ SAME_RATE = 0.01
 """Relative tolerance of two rates, as for an observer's source."""
 MOST_EVALUATED = 30
 """Examples of the new movements that are evaluated: enough for a mean and a spread."""
+MOST_TIMES_LEARNED = 3
+"""A model that learns all movements again is evaluated so often, with the examples of several people left out."""
 
 
 @runtime_checkable
 class Editable(Protocol):
-    """The additional methods of a model whose data of each movement are that movement's own."""
+    """The additional methods of a model that keeps the data of each movement."""
 
     def grown(self, header: Header, examples: Sequence[Example]) -> MovementModel:
         """The same model for a vocabulary with more movements at its end; the examples show only these."""
@@ -80,6 +92,7 @@ def add_movements(
     recordings = [recording for recording in movements_in(archive) if recording.label in new]
     facings = facings_in(old.parameters)
     examples = ExampleView(view, vocabulary, old.body_parts, facings).examples(recordings, archive.body_parts)
+    examples = with_features(type(model), old, examples)
     addition = f"{','.join(new)}: {plural(len(recordings), 'example')}" + (f" of {source}" if source else "")
     added = "; ".join([*filter(None, [old.provenance.get("added")]), addition])
     header = replace(old, vocabulary=vocabulary, provenance={**old.provenance, "added": added})
@@ -165,7 +178,10 @@ def _evaluate(
     people = folds_by_person(front)
     share = MOST_EVALUATED / len(front)
     results: list[HeldOutResult] = []
-    for fold in people or folds_by_recording(front):
+    folds = people or folds_by_recording(front)
+    if isinstance(model, LearnsStreams) and len(folds) > MOST_TIMES_LEARNED:
+        folds = [[n for fold in folds[k::MOST_TIMES_LEARNED] for n in fold] for k in range(MOST_TIMES_LEARNED)]
+    for fold in folds:
         left_out = {(front[n].movement, front[n].subject, front[n].trial) for n in fold}
         others = [e for e in examples if (e.movement, e.subject, e.trial) not in left_out]
         if {e.movement for e in others} == {e.movement for e in front}:
