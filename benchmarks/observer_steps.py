@@ -238,8 +238,33 @@ def _frame_table_floor(arrays: Arrays) -> Work:
     return floor
 
 
+def _discriminative_floor(arrays: Arrays) -> Work:
+    """The products of the features with the regressions' weights; the features themselves cost more."""
+    weights = [np.asarray(arrays[f"{name}_weights"], np.float32) for name in ("trailing_movement", "running", "ended")]
+    features = [np.ones(len(one), np.float32) for one in weights]
+    results = [np.empty(one.shape[1], np.float32) for one in weights]
+
+    def floor() -> None:
+        for x, w, result in zip(features, weights, results, strict=True):
+            np.matmul(x, w, out=result)
+
+    return floor
+
+
+def _stacked_floor(arrays: Arrays) -> Work:
+    members = _phase_floor(arrays), _discriminative_floor(arrays)
+
+    def floor() -> None:
+        for member in members:
+            member()
+
+    return floor
+
+
 FLOORS: dict[str, Callable[[Arrays], Work]] = {
     "phase": _phase_floor,
     "phase-symbols": _phase_symbols_floor,
     "frame-table": _frame_table_floor,
+    "discriminative": _discriminative_floor,
+    "stacked": _stacked_floor,
 }

@@ -166,9 +166,10 @@ class FusionEngine:
         self._seq += 1
         facets, movement = pool_facets(self._rule, posteriors), self._ongoing_movement()
         began_ns = now_ns if movement is None else movement.began_ns
-        is_moving = movement is not None or bool(decisions) or (heard and state.rest < 0.5)
-        why = self._why(state, ballot.agreement.n, began_ns) if is_moving else None
-        judgement = self._builder.judgement(ballot, pooled, facets, movement, why, self._stamp(now_ns))
+        is_moving = movement is not None or (heard and state.rest < 0.5)
+        why = self._why(state, ballot.agreement.n, began_ns) if is_moving or decisions else None
+        silence = why if is_moving else None
+        judgement = self._builder.judgement(ballot, pooled, facets, movement, silence, self._stamp(now_ns))
         current = _Evidence(judgement, posteriors, why)
         evidence = {**self._evidence, now_ns: current if last is None else last.evidence}
         self._last_heard = _LastHeard(state, current) if heard else None

@@ -99,6 +99,7 @@ class VerdictDetector:
         self._candidate: _Candidate | None = None
         self._rest_since_ns: int | None = None
         self._faded_since_ns: int | None = None
+        self._witnessed: int | None = None
         self.movement: MovementProgress | None = None
         """The movement that goes on; None at rest."""
 
@@ -159,6 +160,8 @@ class VerdictDetector:
         """What rule 7 makes of a step without rest; None if the movement just goes on."""
         decision, at_ns = movement.decision, state.at_ns
         is_shown = decision is None or state.label == decision.label
+        if decision is not None and is_shown:
+            self._witnessed = decision.decided_ns
         if not state.idle and is_shown and (decision is None or 2 * state.p >= self._config.threshold):
             self._faded_since_ns = None
         elif self._faded_since_ns is None:
@@ -176,7 +179,9 @@ class VerdictDetector:
     ) -> tuple[MovementDecision, ...] | None:
         """Another label has met the demand: the next movement, a revision, or neither yet."""
         since_ns = at_ns if self._candidate is None else self._candidate.since_ns
-        if since_ns - decision.decided_ns >= NEXT_S * SECOND_NS:
+        # A service that has just taken over may have missed when the label changed.
+        witnessed = self._witnessed == decision.decided_ns
+        if witnessed and since_ns - decision.decided_ns >= NEXT_S * SECOND_NS:
             ended = replace(decision, ended_ns=since_ns, stage="ended")
             candidate = self._candidate
             self._begin(since_ns)
