@@ -44,6 +44,16 @@ class BodyFrame:
         return self._anchor.place.copy()
 
     @property
+    def origin(self) -> Floats:
+        """(2,) the origin of positions in the image; NaN until known."""
+        return self._origin.copy()
+
+    @property
+    def size(self) -> float:
+        """The body's size in the image; NaN until known."""
+        return self._size
+
+    @property
     def still(self) -> float:
         """P(the person is still) in this frame."""
         return self._stillness.probability

@@ -142,7 +142,10 @@ class PostureReader:
 
         In the first frame all features of motion are NaN.
         """
-        origin, size = self._frame.update(tracks)
+        return self.read(tracks, *self._frame.update(tracks))
+
+    def read(self, tracks: Tracks, origin: Floats, size: float) -> Floats:
+        """As `update`, with the origin (2,) and the size of a body frame that the caller has updated."""
         positions = (tracks.centres - origin) * UP / size
         velocity = (tracks.centres - self._last) * UP / size * (self._rate_hz / REFERENCE_HZ)
         self._last = tracks.centres.copy()

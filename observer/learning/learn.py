@@ -5,7 +5,7 @@ Cross-validation by person calibrates the model's posteriors.
 
 import math
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -28,6 +28,7 @@ from observer.model.base import (
     learned_from,
     with_features,
 )
+from observer.model.cross_validation import CrossValidates, CrossValidation
 from observer.model.posterior_calibration import HeldOutResult, answer_posterior, at_least_cautious, fit_calibration
 from observer.model.registry import DEFAULT_MODEL, model_named
 from observer.motion.archive import (
@@ -86,7 +87,7 @@ def learn_view(
         header = replace(header, background=labels, provenance={**origin, **_other_motion(watched, rate_hz)})
     examples, watched = with_features(model, header, examples), with_features(model, header, watched)
     learned = learned_from(model, header, examples, watched)
-    return with_calibration(model, learned, examples, watched) if calibrate else learned
+    return with_calibration(model, learned, examples, watched, parameters or {}) if calibrate else learned
 
 
 def _streams(
@@ -133,23 +134,39 @@ MOST_EVALUATED = 240
 
 
 def with_calibration(
-    kind: type[MovementModel], model: MovementModel, examples: Sequence[Example], streams: Sequence[Stream] = ()
+    kind: type[MovementModel],
+    model: MovementModel,
+    examples: Sequence[Example],
+    streams: Sequence[Stream] = (),
+    explicit: Collection[str] = (),
 ) -> MovementModel:
     """The same model with its calibration, estimated by leaving out one person at a time.
+
+    A kind that evaluates a whole fold at once leaves out several people at a time if there are many, and may also
+    learn parameters so, except `explicit` ones.
 
     If only one person shows a movement, one recording of each movement is left out at a time instead. That tells
     nothing about other people, and the result is at least as cautious as CAUTIOUS. `tried` and `right` in the
     provenance count the evaluated examples.
     """
-    results = _cross_validate(kind, model.header, examples, streams)
+    parameters, results = _cross_validate(kind, model.header, examples, streams, explicit)
     calibration = fit_calibration(results, model.header.vocabulary.size)
     if issubclass(kind, LearnsStreams):
         calibration = replace(calibration, learned_only=True, foreseen=())
     if folds_by_person(examples) is None:
         calibration = at_least_cautious(calibration)
     counts = {"tried": str(len(results)), "right": str(right_count(results))}
-    header = replace(model.header, calibration=calibration, provenance={**model.header.provenance, **counts})
+    header = replace(
+        model.header,
+        parameters={**model.header.parameters, **parameters},
+        calibration=calibration,
+        provenance={**model.header.provenance, **counts},
+    )
     return kind.from_arrays(header, model.arrays())
+
+
+MOST_WATCHED, MOST_FOLDS = 120, 3
+"""The same for a kind that evaluates a whole fold at once, and into how many folds it divides people."""
 
 
 def right_count(results: Sequence[HeldOutResult]) -> int:
@@ -207,14 +224,35 @@ def folds_by_person(examples: Sequence[Example]) -> list[list[int]] | None:
 
 
 def _cross_validate(
-    kind: type[MovementModel], header: Header, examples: Sequence[Example], streams: Sequence[Stream]
-) -> list[HeldOutResult]:
+    kind: type[MovementModel],
+    header: Header,
+    examples: Sequence[Example],
+    streams: Sequence[Stream],
+    explicit: Collection[str],
+) -> tuple[Mapping[str, float], list[HeldOutResult]]:
+    """Parameters that were learned from held-out examples, and the results."""
     # The facing hardly changes the calibration, and a dozen facings take a dozen times as long.
     front, streams = [e for e in examples if e.facing == 0], [s for s in streams if s.facing == 0]
     if "facings" in header.parameters:
         header = replace(header, parameters={**header.parameters, "facings": 1.0})
-    folds = folds_by_person(front) or folds_by_recording(front)
-    return [result for fold in folds for result in _evaluate_fold(kind, header, front, streams, fold)]
+    people = folds_by_person(front)
+    folds = people or folds_by_recording(front)
+    if isinstance(kind, CrossValidates):
+        share = MOST_WATCHED / len(front)
+        watched = {n for n in range(len(front)) if evenly_spread(n) < share}
+        folds = _fewer_folds(front, folds)
+        return kind.cross_validated(header, CrossValidation(front, streams, folds, watched, CALIBRATED_AT, explicit))
+    return {}, [result for fold in folds for result in _evaluate_fold(kind, header, front, streams, fold)]
+
+
+def _fewer_folds(examples: Sequence[Example], folds: list[list[int]]) -> list[list[int]]:
+    """At most MOST_FOLDS, unless a movement would then have no example."""
+    merged = [[n for fold in folds[k::MOST_FOLDS] for n in fold] for k in range(min(MOST_FOLDS, len(folds)))]
+    movements = {e.movement for e in examples if e.movement >= 0}
+    for fold in map(set, merged):
+        if {e.movement for n, e in enumerate(examples) if n not in fold and e.movement >= 0} != movements:
+            return folds
+    return merged
 
 
 def _evaluate_fold(

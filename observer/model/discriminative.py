@@ -13,6 +13,7 @@ from typing import ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from common.probability import softmax
 from observer.model.base import (
     MOST_FACINGS,
     POSITIVE,
@@ -24,11 +25,13 @@ from observer.model.base import (
     Stream,
     with_defaults,
 )
+from observer.model.cross_validation import CrossValidation
 from observer.model.logistic import LogisticRegression
+from observer.model.posterior_calibration import HeldOutResult
 from observer.model.segment_classifier import SegmentClassifier
-from observer.model.trailing_features import BodyTrace, TrailingFeatures, Windows, read_trace, width_of
+from observer.model.trailing_features import BodyTrace, TrailingFeatures, read_trace, width_of
 from observer.model.training_memory import TrainingMemory
-from observer.model.training_rows import Rows, rows_of_examples, rows_of_streams
+from observer.model.training_table import HeldOutMembers, TrainingTable
 from observer.tracks import Floats, Tracks
 
 Floats32 = NDArray[np.float32]
@@ -82,19 +85,34 @@ class Discriminative:
     def learn_with_streams(cls, header: Header, examples: Sequence[Example], streams: Sequence[Stream]) -> Self:
         """Learn from cut-out movements and from continuous recordings."""
         header = with_defaults(header, cls.DEFAULTS, cls.RANGES)
-        parameters, movements = header.parameters, header.vocabulary.size
-        traces = [cls._trace(header, e) for e in examples]
-        of_streams = [cls._trace(header, s) for s in streams]
-        own = [len(t) for t, e in zip(traces, examples, strict=True) if e.movement >= 0]
-        windows = Windows.of(header.rate_hz, float(np.median(own)) / header.rate_hz)
-        trailing = TrailingFeatures.learn(windows, header.rate_hz, [*traces, *of_streams])
-        rows = [*rows_of_examples(examples, traces, movements, header.rate_hz)]
-        rows += rows_of_streams(streams, of_streams, movements, header.rate_hz)
-        movement = _learn_trailing(trailing, rows, parameters["trailing_penalty"])
-        segments = SegmentClassifier.learn(examples, traces, movements, parameters)
+        traces, of_streams = [cls._trace(header, e) for e in examples], [cls._trace(header, s) for s in streams]
+        table = TrainingTable(header, examples, traces, streams, of_streams)
+        movement, segments = table.learn()
         header = replace(header, background=header.background or ())
         memory = TrainingMemory.of(examples, traces, streams, of_streams)
-        return cls(header, trailing, movement, segments, max(own), memory)
+        return cls(header, table.trailing, movement, segments, table.longest, memory)
+
+    @classmethod
+    def cross_validated(
+        cls, header: Header, cross_validation: CrossValidation
+    ) -> tuple[Mapping[str, float], list[HeldOutResult]]:
+        """No parameters; the results of all examples of movements."""
+        examples = cross_validation.examples
+        members = cls.held_out(header, cross_validation)
+        results = [
+            HeldOutResult(examples[n].movement, softmax(m.after(cross_validation.shares)), None)
+            for n, m in members.items()
+        ]
+        return {}, results
+
+    @classmethod
+    def held_out(cls, header: Header, cross_validation: CrossValidation) -> dict[int, HeldOutMembers]:
+        """What models of the others make of each example of a movement."""
+        header = with_defaults(header, cls.DEFAULTS, cls.RANGES)
+        examples, streams = cross_validation.examples, cross_validation.streams
+        traces, of_streams = [cls._trace(header, e) for e in examples], [cls._trace(header, s) for s in streams]
+        table = TrainingTable(header, examples, traces, streams, of_streams)
+        return {n: held_out for fold in cross_validation.folds for n, held_out in table.held_out(fold).items()}
 
     @classmethod
     def read(cls, header: Header, example: Example | Stream) -> Floats:
@@ -149,19 +167,13 @@ class Discriminative:
         return DiscriminativeWatch(self, onset.known)
 
 
-def _learn_trailing(trailing: TrailingFeatures, rows: Sequence[Rows], inverse_penalty: float) -> LogisticRegression:
-    features = np.concatenate([trailing.of(r.trace, r.at) for r in rows])
-    targets, weights = (np.concatenate([getattr(r, name) for r in rows]) for name in ("targets", "weights"))
-    return LogisticRegression.learn(features, targets, weights, inverse_penalty)
-
-
 class DiscriminativeWatch:
     """Watches one person; `begun` is the number of frames since the begin of the segment, None without one."""
 
     def __init__(self, model: Discriminative, onset_known: bool) -> None:
         self._model = model
         header = model.header
-        self._trace = BodyTrace(header.body_parts, header.rate_hz)
+        self.trace = BodyTrace(header.body_parts, header.rate_hz)
         history = max(model.trailing.windows.history, round(LONGEST_SHARE * model.longest)) + 2
         self._rows: Floats32 = np.zeros((0, width_of(len(header.body_parts))), np.float32)
         self._history = history
@@ -178,6 +190,11 @@ class DiscriminativeWatch:
         movements = header.vocabulary.size
         self._log_trailing: Floats = np.log(np.full(movements + 1, 1 / (movements + 1)))
         self._log_segment: Floats | None = None
+
+    @property
+    def judges_ended(self) -> bool:
+        """Whether the posterior is that of the classifier for ended movements."""
+        return self._ended and self._log_segment is not None
 
     @property
     def log_movements(self) -> Floats:
@@ -216,11 +233,11 @@ class DiscriminativeWatch:
     @property
     def rest(self) -> float:
         """P(the person is still and does something else)."""
-        return float(np.clip(self._trace.still * np.exp(self._log_trailing[-1]), 0.0, 1.0))
+        return float(np.clip(self.trace.frame.still * np.exp(self._log_trailing[-1]), 0.0, 1.0))
 
     def update(self, tracks: Tracks) -> None:
         """Take in one frame."""
-        row = self._trace.update(tracks)
+        row = self.trace.update(tracks)
         if not tracks.visible.any():
             self.doubt = 1 - (1 - self.doubt) * (1 - FORGET_PER_S / self._model.header.rate_hz)
             return

@@ -16,6 +16,8 @@ MEMORY = 6
 """Pairs of steps and gradient differences that L-BFGS keeps."""
 LEAST_DECREASE = 2e-5
 """Relative decrease of the loss below which learning stops."""
+ITERATIONS, FEW_ITERATIONS = 30, 20
+"""Of a model, and of those that only evaluate examples: these lose no accuracy on MSR Action3D, 2 points on nw_ucla."""
 LEAST_SPREAD = 0.05
 """Added to a feature's standard deviation: a feature that hardly varies in training must not decide."""
 
@@ -32,7 +34,12 @@ class LogisticRegression:
 
     @classmethod
     def learn(
-        cls, features: Floats32, targets: Floats32, weights: Floats32, inverse_penalty: float, iterations: int = 40
+        cls,
+        features: Floats32,
+        targets: Floats32,
+        weights: Floats32,
+        inverse_penalty: float,
+        iterations: int = ITERATIONS,
     ) -> Self:
         """(N, D) features, (N, K) target probabilities, (N,) weights of the rows.
 

@@ -130,7 +130,7 @@ class Phase:
     @classmethod
     def read(cls, header: Header, example: Example | Stream) -> Floats:
         """(F, D) features as an observer would read them, gaps filled."""
-        reader = _reader(header)
+        reader = posture_reader(header)
         return fill_gaps(np.array([reader.update(tracks) for tracks in example.tracks]))
 
     @classmethod
@@ -192,7 +192,7 @@ class Phase:
         movement_of = np.array([new_index[m] for m in self._movement_of[chosen].tolist()], dtype=np.int64)
         return type(self)(header, self._chains[chosen], movement_of, self._facing_of[chosen])
 
-    def watch(self, onset: Onset) -> "_PhaseWatch":
+    def watch(self, onset: Onset) -> "PhaseWatch":
         """Start the filter at rest, or at the first phases if the onset is known."""
         parameters = self.header.parameters
         dynamics = Dynamics(
@@ -202,12 +202,11 @@ class Phase:
             entry=np.array(ENTRY),
             begin=1 - (1 - parameters["begin"]) ** self._share,
             forget=1 - (1 - parameters["forget"]) ** self._share,
-            # Files of earlier versions do not have it.
-            abandon=1 - (1 - parameters.get("abandon", 0.0)) ** self._share,
+            abandon=1 - (1 - parameters.get("abandon", 0.0)) ** self._share,  # Earlier files lack it.
         )
         phases = self._chains.shape[1]
         chain_filter = ChainFilter(self._cell_of, self.answers, self.facings, phases, dynamics, onset.known)
-        return _PhaseWatch(self, _reader(self.header), chain_filter)
+        return PhaseWatch(self, posture_reader(self.header), chain_filter)
 
     def live_postures(self) -> LivePostures:
         """The chains' postures, for one watch."""
@@ -222,7 +221,9 @@ class Phase:
         return PostureEvidence(live_postures, ends, features, sharpness, outlier)
 
 
-class _PhaseWatch:
+class PhaseWatch:
+    """Watches one person with a phase filter."""
+
     def __init__(self, model: Phase, reader: PostureReader, chain_filter: ChainFilter) -> None:
         self._model, self._reader, self._filter = model, reader, chain_filter
         self._live_postures = model.live_postures()
@@ -263,11 +264,14 @@ class _PhaseWatch:
 
     def update(self, tracks: Tracks) -> None:
         """Take in one frame."""
-        features = self._reader.update(tracks)
+        self.step(self._reader.update(tracks), self._reader.still)
+
+    def step(self, features: Floats, still: float) -> None:
+        """Take in the features (D,) of one frame, NaN where not seen, and P(the person is still)."""
         if not np.isfinite(features).any():
             self._filter.step_blind()
             return
-        self._filter.step(self._model.evidence(features, self._live_postures), self._reader.still)
+        self._filter.step(self._model.evidence(features, self._live_postures), still)
         if self._filter.rest >= 0.5:
             self._rested = True
             return
@@ -287,7 +291,8 @@ def _chains_of(
     return complete_chains(chains, movement_of).astype(np.float32), movement_of, facing_of
 
 
-def _reader(header: Header) -> PostureReader:
+def posture_reader(header: Header) -> PostureReader:
+    """The reader of the features, with the model's parameters."""
     return PostureReader(header.body_parts, header.rate_hz, header.parameters["fast"], header.parameters["apart"])
 
 

@@ -3,7 +3,7 @@
 One part is for movements in progress, one for movements that have ended, one tells which of the two applies.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Self
 
@@ -16,6 +16,7 @@ from observer.model.rocket import MiniRocket
 from observer.model.training_rows import FRACTIONS, segment_window
 
 Floats32 = NDArray[np.float32]
+Whole = NDArray[np.int64]
 
 LENGTH = 60
 """Points to which the window from begin to now is stretched."""
@@ -33,40 +34,19 @@ class SegmentClassifier:
     ended: LogisticRegression
     completion: LogisticRegression
 
-    @classmethod
-    def learn(
-        cls, examples: Sequence[Example], traces: Sequence[Floats32], movements: int, parameters: Mapping[str, float]
-    ) -> Self:
-        """From the examples of movements, cut off at ten fractions."""
-        own = [(e.movement, t) for e, t in zip(examples, traces, strict=True) if e.movement >= 0]
-        cuts = [trace[: max(round(f * len(trace)), 1)] for _, trace in own for f in FRACTIONS]
-        windows = np.array([segment_window(cut, LENGTH) for cut in cuts])
-        whole = windows[len(FRACTIONS) - 1 :: len(FRACTIONS)]
-        rocket = MiniRocket.learn(whole, int(parameters["kernels"]), seed=0)
-        features = _with_length(rocket.transform(windows), np.array([len(cut) for cut in cuts]))
-        movement_of = np.repeat([movement for movement, _ in own], len(FRACTIONS))
-        targets = np.eye(movements, dtype=np.float32)[movement_of]
-        fraction = np.tile(FRACTIONS, len(own))
-        late = fraction >= ENDED_FROM
-        c = parameters["inverse_penalty"]
-        ended = np.clip((fraction - 0.7) / 0.25, 0, 1).astype(np.float32)
-        ones = np.ones(len(features), np.float32)
-        return cls(
-            rocket,
-            LogisticRegression.learn(features, targets, ones, c),
-            LogisticRegression.learn(features[late], targets[late], ones[late], c * FEWER_ROWS),
-            LogisticRegression.learn(features, np.stack([1 - ended, ended], axis=1), ones, c / 5),
-        )
-
     def log_posterior(self, rows: Floats32, ended: bool) -> Floats32:
         """(F, 2 P + 3) since the begin -> (M,) log probabilities, not normalised. ended: the movement is over."""
         window = segment_window(rows, LENGTH)[None]
         features = _with_length(self.rocket.transform(window), np.array([len(rows)]))[0]
+        return self.log_posterior_of(features, ended)
+
+    def log_posterior_of(self, features: Floats32, ended: bool) -> Floats32:
+        """(..., D) features of segments -> (..., M), as `log_posterior`."""
         over = self.ended.log_probabilities(features)
         if ended:
             return over
-        share = np.exp(self.completion.log_probabilities(features)[1])
-        result: Floats32 = (1 - share) * self.running.log_probabilities(features) + share * over
+        share: Floats32 = np.exp(self.completion.log_probabilities(features)[..., 1:])
+        result: Floats32 = (np.float32(1) - share) * self.running.log_probabilities(features) + share * over
         return result
 
     @classmethod
@@ -91,6 +71,55 @@ class SegmentClassifier:
             **self.ended.as_arrays("ended"),
             **self.completion.as_arrays("completion"),
         }
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SegmentTable:
+    """All windows to learn from: those of each example of a movement, cut off at ten fractions.
+
+    features (N, D), movement_of (N,), fraction (N,) of the movement, and example_of (N,), the example's index.
+    """
+
+    rocket: MiniRocket
+    features: Floats32
+    movement_of: Whole
+    fraction: NDArray[np.float64]
+    example_of: Whole
+
+    @classmethod
+    def of(cls, examples: Sequence[Example], traces: Sequence[Floats32], kernels: int) -> Self:
+        """From the examples and their traces (F, 2 P + 3)."""
+        own = [n for n, example in enumerate(examples) if example.movement >= 0]
+        cuts = [traces[n][: max(round(f * len(traces[n])), 1)] for n in own for f in FRACTIONS]
+        windows = np.array([segment_window(cut, LENGTH) for cut in cuts])
+        rocket = MiniRocket.learn(windows[len(FRACTIONS) - 1 :: len(FRACTIONS)], kernels, seed=0)
+        return cls(
+            rocket,
+            _with_length(rocket.transform(windows), np.array([len(cut) for cut in cuts])),
+            np.repeat([examples[n].movement for n in own], len(FRACTIONS)),
+            np.tile(FRACTIONS, len(own)),
+            np.repeat(own, len(FRACTIONS)),
+        )
+
+    def learn(
+        self, chosen: NDArray[np.bool_], movements: int, inverse_penalty: float, iterations: int
+    ) -> SegmentClassifier:
+        """From the chosen (N,) windows."""
+        late = chosen & (self.fraction >= ENDED_FROM)
+        targets = np.eye(movements, dtype=np.float32)[self.movement_of]
+        ended = np.clip((self.fraction - 0.7) / 0.25, 0, 1).astype(np.float32)
+        completion = np.stack([1 - ended, ended], axis=1)
+
+        def learned(rows: NDArray[np.bool_], of: Floats32, c: float) -> LogisticRegression:
+            ones = np.ones(int(rows.sum()), np.float32)
+            return LogisticRegression.learn(self.features[rows], of[rows], ones, c, iterations)
+
+        return SegmentClassifier(
+            self.rocket,
+            learned(chosen, targets, inverse_penalty),
+            learned(late, targets, inverse_penalty * FEWER_ROWS),
+            learned(chosen, completion, inverse_penalty / 5),
+        )
 
 
 def _with_length(features: Floats32, frames: NDArray[np.int64]) -> Floats32:

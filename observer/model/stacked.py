@@ -6,12 +6,16 @@ it, both judge it; a movement that follows another one directly, or any other mo
 of the discriminative model alone (docs/design/model.md).
 """
 
-from collections.abc import Mapping, Sequence
+import math
+from collections import deque
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import ClassVar, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
+from common.probability import softmax
 from observer.model.base import (
     MOST_FACINGS,
     NOT_NEGATIVE,
@@ -21,36 +25,41 @@ from observer.model.base import (
     Onset,
     ParameterRange,
     Stream,
-    Watch,
     with_defaults,
 )
+from observer.model.chains import fill_gaps
+from observer.model.cross_validation import CrossValidation
 from observer.model.discriminative import Discriminative, DiscriminativeWatch
-from observer.model.phase import Phase
-from observer.model.trailing_features import width_of
+from observer.model.log_linear_pool import SMALLEST, learn_exponents, pooled
+from observer.model.phase import Phase, PhaseWatch, posture_reader
+from observer.model.posterior_calibration import HeldOutResult
+from observer.model.trailing_features import BodyTrace, width_of
 from observer.tracks import Floats, Tracks
 
-SMALLEST = 1e-4
-"""Floor of a member's probability: neither can veto a movement alone."""
-OF_PHASE, OF_DISCRIMINATIVE = "phase", "discriminative"
+RUNNING = ("generative", "discriminative")
+ENDED = ("generative_ended", "discriminative_ended")
+RUNNING_AT = (0.3, 0.6, 0.9)
+"""Shares of held-out movements from which the exponents for movements in progress are learned."""
 
 
 class Stacked:
     """Phase and Discriminative of one view."""
 
     kind: ClassVar[str] = "stacked"
-    # generative, discriminative: exponents of the members' posteriors.
+    # Exponents of the members' posteriors, for movements in progress and ended ones; `cross_validated` learns them.
     DEFAULTS: ClassVar[Mapping[str, float]] = {
         **Phase.DEFAULTS,
         **Discriminative.DEFAULTS,
         "generative": 0.6,
         "discriminative": 1.0,
+        "generative_ended": 0.4,
+        "discriminative_ended": 1.0,
     }
     RANGES: ClassVar[Mapping[str, ParameterRange]] = {
         **Phase.RANGES,
         **Discriminative.RANGES,
         "facings": ParameterRange(1, MOST_FACINGS, whole=True),
-        "generative": NOT_NEGATIVE,
-        "discriminative": NOT_NEGATIVE,
+        **dict.fromkeys((*RUNNING, *ENDED), NOT_NEGATIVE),
     }
 
     def __init__(self, header: Header, phase: Phase, discriminative: Discriminative) -> None:
@@ -72,12 +81,42 @@ class Stacked:
         return cls(header, phase, discriminative)
 
     @classmethod
+    def cross_validated(
+        cls, header: Header, cross_validation: CrossValidation
+    ) -> tuple[Mapping[str, float], list[HeldOutResult]]:
+        """The exponents, and the results with these of the examples that the phase filter has watched."""
+        header = with_defaults(header, cls.DEFAULTS, cls.RANGES)
+        split = [_split(header, e) for e in cross_validation.examples]
+        others = replace(
+            cross_validation,
+            examples=[other for _, other in split],
+            streams=[_trace_of(header, s) for s in cross_validation.streams],
+        )
+        of_others = Discriminative.held_out(_of_other(header), others)
+        shares = (*RUNNING_AT, *cross_validation.shares)
+        truth, members = [], []
+        for n, of_phase in _held_out_phases(header, [p for p, _ in split], cross_validation, shares):
+            members.append(np.stack([of_phase, softmax(of_others[n].after(shares))], axis=1))
+            truth.append(split[n][0].movement)
+        if not members:
+            return {}, []
+        exponents = _learned_exponents(header, np.array(members), np.array(truth), cross_validation.explicit)
+        return exponents, [
+            HeldOutResult(movement, _pooled_at(shares, p, exponents)[len(RUNNING_AT) :], None)
+            for movement, p in zip(truth, members, strict=True)
+        ]
+
+    @classmethod
     def read(cls, header: Header, example: Example | Stream) -> Floats:
         """(F, D) the phase filter's features, then the trace."""
-        trace = Discriminative.read(_of_other(header), example)
         if isinstance(example, Stream):
-            return trace
-        return np.concatenate([Phase.read(_of_phase(header), example), trace], axis=1)
+            return Discriminative.read(_of_other(header), example)
+        reader, trace = posture_reader(_of_phase(header)), BodyTrace(header.body_parts, header.rate_hz)
+        rows, postures = [], []
+        for tracks in example.tracks:
+            rows.append(trace.update(tracks))
+            postures.append(reader.read(tracks, trace.frame.origin, trace.frame.size))
+        return np.concatenate([fill_gaps(np.array(postures)), np.array(rows)], axis=1)
 
     @classmethod
     def from_arrays(cls, header: Header, arrays: Arrays) -> Self:
@@ -131,31 +170,69 @@ def _trace_of(header: Header, stream: Stream) -> Stream:
     return stream if stream.features is not None else replace(stream, features=Stacked.read(header, stream))
 
 
+def _learned_exponents(
+    header: Header, members: Floats, truth: NDArray[np.int64], explicit: Collection[str]
+) -> dict[str, float]:
+    """From (N, T, 2, M) posteriors of both members, at RUNNING_AT first and at the end last."""
+    result: dict[str, float] = {}
+    for names, times in ((RUNNING, slice(0, len(RUNNING_AT))), (ENDED, slice(-1, None))):
+        defaults = [header.parameters[name] for name in names]
+        learned = learn_exponents(members[:, times], truth, defaults, [name in explicit for name in names])
+        result.update(zip(names, learned, strict=True))
+    return result
+
+
+def _pooled_at(shares: Sequence[float], members: Floats, exponents: Mapping[str, float]) -> Floats:
+    """(T, 2, M) after these shares of a movement -> (T, M)."""
+    names = [ENDED if share >= 1 else RUNNING for share in shares]
+    return np.array([pooled(p, [exponents[name] for name in own]) for p, own in zip(members, names, strict=True)])
+
+
+def _held_out_phases(
+    header: Header, examples: Sequence[Example], cross_validation: CrossValidation, shares: Sequence[float]
+) -> Iterator[tuple[int, Floats]]:
+    """Index and (T, M) posteriors after these shares of each example watched, by phase filters of others."""
+    for fold in cross_validation.folds:
+        left_out = set(fold)
+        others = [e for n, e in enumerate(examples) if n not in left_out and e.movement >= 0]
+        phase = Phase.learn(_of_phase(header), others)
+        for n in fold:
+            if n in cross_validation.watched and examples[n].movement >= 0:
+                tracks, watch = examples[n].tracks, phase.watch(Onset(known=True))
+                posteriors = []
+                for frame in tracks:
+                    watch.update(frame)
+                    posteriors.append(watch.p)
+                yield n, np.array([posteriors[max(math.ceil(s * len(tracks)), 1) - 1] for s in shares])
+
+
 class StackedWatch:
     """Watches one person. The phase filter starts anew at each begin of a segment, with the frames since then."""
 
     def __init__(self, model: Stacked, onset: Onset) -> None:
         self._model = model
         self._other: DiscriminativeWatch = model.discriminative.watch(onset)
-        self._phase: Watch | None = model.phase.watch(onset) if onset.known else None
-        self._recent: list[Tracks] = []
+        self._phase: PhaseWatch | None = model.phase.watch(onset) if onset.known else None
+        self._reader = posture_reader(model.phase.header)
+        # Features and stillness of the last frames.
+        self._recent: deque[tuple[Floats, float]] = deque(maxlen=self._other.lag + 1)
 
     def update(self, tracks: Tracks) -> None:
         """Take in one frame."""
-        self._recent = [*self._recent[-self._other.lag :], tracks]
         before = self._other.begun
         self._other.update(tracks)
-        begun = self._other.begun
+        begun, frame = self._other.begun, self._other.trace.frame
+        self._recent.append((self._reader.read(tracks, frame.origin, frame.size), frame.still))
         if not tracks.visible.any():
             return
         if begun is None:
             self._phase = None
         elif self._phase is None or (before is None or begun < before):
             self._phase = self._model.phase.watch(Onset(known=True))
-            for frame in self._recent[-begun:]:
-                self._phase.update(frame)
+            for features, still in list(self._recent)[-begun:]:
+                self._phase.step(features, still)
         elif not self._other.over:
-            self._phase.update(tracks)
+            self._phase.step(*self._recent[-1])
 
     def end(self) -> None:
         """The recording has ended, and with it the movement."""
@@ -164,14 +241,15 @@ class StackedWatch:
     @property
     def _log_joint(self) -> Floats:
         """(M, K) not normalised; K = 1 without facings."""
-        exponents = self._model.header.parameters
-        movements = exponents["discriminative"] * np.log(np.maximum(self._other.p, SMALLEST))
+        names = ENDED if self._other.judges_ended else RUNNING
+        generative, discriminative = (self._model.header.parameters[name] for name in names)
+        movements = discriminative * np.log(np.maximum(self._other.p, SMALLEST))
         if self._phase is None:
             return np.repeat(movements[:, None], self._model.phase.facings, axis=1)
         joint = self._phase.joint
         phase = self._phase.p
         facing = np.ones((len(phase), 1)) if joint is None else joint / np.maximum(phase, 1e-300)[:, None]
-        movements = movements + exponents["generative"] * np.log(np.maximum(phase, SMALLEST))
+        movements = movements + generative * np.log(np.maximum(phase, SMALLEST))
         return movements[:, None] + np.log(np.maximum(facing, 1e-300))
 
     @property

@@ -35,7 +35,7 @@ class BodyTrace:
     """
 
     def __init__(self, body_parts: Sequence[str], rate_hz: float) -> None:
-        self._frame = BodyFrame(body_parts, rate_hz)
+        self.frame = BodyFrame(body_parts, rate_hz)
         self._limit = FASTEST_PER_S / rate_hz
         self._bridge = LONGEST_BRIDGE_S * rate_hz
         parts = len(body_parts)
@@ -46,20 +46,15 @@ class BodyTrace:
         self._path: Floats = np.zeros(2)
         self._size = 1.0
 
-    @property
-    def still(self) -> float:
-        """P(the person is still)."""
-        return self._frame.still
-
     def update(self, tracks: Tracks) -> Floats32:
         """(P, 2) -> (2 P + 3,): each part's position right and up from the body's anchor, the anchor's path, the size.
 
         A part that is not seen keeps its last values.
         """
-        _, size = self._frame.update(tracks)
+        _, size = self.frame.update(tracks)
         if np.isfinite(size) and size > 0:
             self._size = size
-            points = np.concatenate([tracks.centres, self._frame.anchor[None]]) * (1.0, -1.0)
+            points = np.concatenate([tracks.centres, self.frame.anchor[None]]) * (1.0, -1.0)
             self._follow(points, size)
         return np.concatenate([self._relative.ravel(), self._path, [self._size]]).astype(np.float32)
 

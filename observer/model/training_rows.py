@@ -32,12 +32,16 @@ BLEND_FRACTIONS = (0.5, 0.75, 1.0)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rows:
-    """Frames `at` (A,) of a trace (F, 2 P + 3), targets (A, M + 1) with something else last, and weights (A,)."""
+    """Frames `at` (A,) of a trace (F, 2 P + 3), targets (A, M + 1) with something else last, and weights (A,).
+
+    examples: indices of the examples that the trace was made of, the one that it shows first; empty for a stream.
+    """
 
     trace: Floats32
     at: Whole
     targets: Floats32
     weights: Floats32
+    examples: tuple[int, ...] = ()
 
 
 def rows_of_examples(
@@ -59,12 +63,15 @@ def rows_of_examples(
             np.concatenate([at, after]),
             np.concatenate([targets, rests]),
             np.ones(len(at) + len(after), np.float32),
+            (n,),
         )
         other = _other_movement(examples, n)
         if other is not None:
             blend = _mean_of(trace, traces[other])
             at = np.array([max(round(f * len(blend)), 1) - 1 for f in BLEND_FRACTIONS])
-            yield Rows(blend, at, targets_of(-1, np.zeros(len(at)), movements), np.ones(len(at), np.float32))
+            yield Rows(
+                blend, at, targets_of(-1, np.zeros(len(at)), movements), np.ones(len(at), np.float32), (n, other)
+            )
 
 
 def rows_of_streams(

@@ -1,0 +1,112 @@
+"""The features of all windows that a discriminative model learns from, computed once.
+
+The model is learned from all rows. In cross-validation each fold's model is learned from the rows of other people, and
+judges those of the people left out. Which convolutions there are and their biases depend on no label: they are those
+of all examples in every fold.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from observer.model.base import Example, Header, Stream
+from observer.model.logistic import FEW_ITERATIONS, ITERATIONS, LogisticRegression
+from observer.model.segment_classifier import SegmentClassifier, SegmentTable
+from observer.model.trailing_features import TrailingFeatures, Windows
+from observer.model.training_rows import FRACTIONS, rows_of_examples, rows_of_streams
+from observer.tracks import Floats
+
+Floats32 = NDArray[np.float32]
+Chosen = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HeldOutMembers:
+    """What a model makes of an example of others: (10, M) logarithms in progress and (M,) at the end, not normalised.
+
+    The ten are after FRACTIONS of the movement.
+    """
+
+    running: NDArray[np.floating]
+    ended: NDArray[np.floating]
+
+    def after(self, shares: Sequence[float]) -> Floats:
+        """(T, M) after these shares of the movement, rounded to tenths; 1.0 is the end."""
+        tenths = [self.running[max(round(share * 10), 1) - 1] if share < 1 else self.ended for share in shares]
+        return np.array(tenths, np.float64)
+
+
+class TrainingTable:
+    """Rows of trailing windows and of segments, for one model and its cross-validation."""
+
+    def __init__(
+        self,
+        header: Header,
+        examples: Sequence[Example],
+        traces: Sequence[Floats32],
+        streams: Sequence[Stream],
+        traces_of_streams: Sequence[Floats32],
+    ) -> None:
+        self._header, self._examples, self._streams = header, examples, streams
+        own = [len(t) for t, e in zip(traces, examples, strict=True) if e.movement >= 0]
+        self.longest = max(own)
+        windows = Windows.of(header.rate_hz, float(np.median(own)) / header.rate_hz)
+        self.trailing = TrailingFeatures.learn(windows, header.rate_hz, [*traces, *traces_of_streams])
+        movements = header.vocabulary.size
+        self._rows = [*rows_of_examples(examples, traces, movements, header.rate_hz)]
+        self._of_streams = [*rows_of_streams(streams, traces_of_streams, movements, header.rate_hz)]
+        rows = [*self._rows, *self._of_streams]
+        self._features = np.concatenate([self.trailing.of(r.trace, r.at) for r in rows])
+        self._targets, self._weights = (np.concatenate([getattr(r, a) for r in rows]) for a in ("targets", "weights"))
+        self._segments = SegmentTable.of(examples, traces, int(header.parameters["kernels"]))
+
+    def learn(
+        self, left_out: Sequence[int] = (), iterations: int = ITERATIONS
+    ) -> tuple[LogisticRegression, SegmentClassifier]:
+        """Both classifiers, without the examples left out."""
+        parameters, gone = self._header.parameters, set(left_out)
+        of_examples = [np.full(len(r.at), not gone & set(r.examples)) for r in self._rows]
+        chosen = np.concatenate([*of_examples, *self._stream_rows_apart(gone)])
+        trailing = LogisticRegression.learn(
+            self._features[chosen],
+            self._targets[chosen],
+            self._weights[chosen],
+            parameters["trailing_penalty"],
+            iterations,
+        )
+        others = ~np.isin(self._segments.example_of, list(gone))
+        movements = self._header.vocabulary.size
+        return trailing, self._segments.learn(others, movements, parameters["inverse_penalty"], iterations)
+
+    def _stream_rows_apart(self, gone: set[int]) -> list[Chosen]:
+        """As `streams_apart`: no stream of a person who is left out wholly, and no span of an example left out."""
+        people = {self._examples[n].subject for n in gone}
+        people -= {e.subject for n, e in enumerate(self._examples) if n not in gone}
+        spans = {(e.subject, e.trial, e.movement) for e in (self._examples[n] for n in gone)}
+        result = []
+        for stream, rows in zip(self._streams, self._of_streams, strict=True):
+            chosen = np.full(len(rows.at), stream.subject not in people)
+            for span in stream.spans:
+                if (stream.subject, span.trial, span.movement) in spans:
+                    chosen &= (rows.at < span.begin) | (rows.at >= span.end)
+            result.append(chosen)
+        return result
+
+    def held_out(self, left_out: Sequence[int]) -> dict[int, HeldOutMembers]:
+        """For each of these examples what a model of all others makes of it; none for movements of the background."""
+        trailing, segments = self.learn(left_out, FEW_ITERATIONS)
+        ends = np.cumsum([0, *(len(r.at) for r in self._rows)])
+        first = {r.examples[0]: begin for r, begin in zip(self._rows, ends, strict=False) if len(r.examples) == 1}
+        result = {}
+        for n in left_out:
+            if self._examples[n].movement >= 0:
+                # The first row is the movement's first frame.
+                rows = self._features[first[n] + 1 : first[n] + 1 + len(FRACTIONS)]
+                windows = self._segments.features[self._segments.example_of == n]
+                of_trailing = trailing.log_probabilities(rows)[:, :-1]
+                of_trailing -= np.logaddexp.reduce(of_trailing, axis=1, keepdims=True)
+                running = (of_trailing + segments.log_posterior_of(windows, ended=False)) / 2
+                result[n] = HeldOutMembers(running, segments.log_posterior_of(windows[-1], ended=True))
+        return result
