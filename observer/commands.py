@@ -56,6 +56,8 @@ def observe(
     require_match(model_path, model, config.named_vocabulary, inputs.source.rate_hz if inputs.at_own_rate else None)
     if doubt := doubt_of_view(model_path, model.header, inputs.view, section.view):
         log.warning(doubt)
+    movements = plural(model.header.vocabulary.size, "movement")
+    log.info("%s: %s model of %s for %s", observer, model.header.kind, movements, model.header.view)
     onset = Onset(known=section.onset == "known", length=inputs.length)
     resampler = None if inputs.at_own_rate else Resampler(model.header.rate_hz)
     facets = _facet_reader(config, observer, model.header, inputs)

@@ -57,6 +57,7 @@ class PreflightReport:
     faults: Sequence[str]
     doubts: Sequence[str]
     lacks: Sequence[str] = ()
+    kind: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,7 +156,7 @@ def _observers(facts: SceneFacts) -> Iterator[Finding]:
         if not report.faults and not report.lacks:
             rate = f" at {report.rate_hz:g} Hz" if report.rate_hz else ""
             model = f"model of {plural(len(report.labels), 'movement')}{rate}"
-            yield ok(GROUP, f"{observer}: {report.source}, {model}")
+            yield ok(GROUP, f"{observer}: {report.source}, {model}{f' ({report.kind})' if report.kind else ''}")
     if not facts.certain and any(report.faults or report.lacks for report in facts.reports.values()):
         yield warning(GROUP, "observers lack something here, and may be meant for other machines", ELSEWHERE)
 

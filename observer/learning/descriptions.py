@@ -38,12 +38,14 @@ def _left_out(count: int) -> str:
 
 def describe_background(header: "Header") -> str:
     """From what the model recognises that a movement is none of its own."""
+    from observer.model.base import knows_blends_only
+
     known = list(header.background or ())
     seconds = float(header.provenance.get("other_motion_s", "0"))
     if seconds:
         people = plural(int(header.provenance["other_motion_people"]), "person", "people")
         known.append(f"{seconds / 60:.1f} minutes of other motion of {people}")
-    if not known:
+    if knows_blends_only(header):
         return (
             "something else is known only by blends of the movements: add recordings of what else people do with "
             "--background, some minutes of ordinary life (labanmesh record --other-motion) or other movements"

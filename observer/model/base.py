@@ -266,6 +266,11 @@ def learned_from(
     return kind.learn(header, examples)
 
 
+def knows_blends_only(header: Header) -> bool:
+    """Whether a model with a background has seen no recording of something else."""
+    return not header.background and float(header.provenance.get("other_motion_s", "0")) == 0
+
+
 @runtime_checkable
 class ReadsExamples(Protocol):
     """The additional method of a kind of model that reads each example once, however often it learns from it."""

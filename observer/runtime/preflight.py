@@ -21,13 +21,18 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
+BLENDS_ONLY = (
+    "knows something else only by blends of its movements and by rest, and may take other motion for a movement; learn "
+    "it again with recordings of ordinary life: labanmesh learn ... --background life.npz"
+)
+
 
 @dataclass(slots=True)
 class PreflightResult:
     """One observer. faults: why it cannot work; doubts: why it may work badly; each one line with a remedy.
 
     source: without passwords. reads: what its tracker reads (positions, pictures, tracks), "" if that is a fault.
-    labels, rate_hz: of its model, empty and None if it cannot be read. lacks: packages that are not installed here.
+    labels, rate_hz, kind: of its model, empty and None if it cannot be read. lacks: packages not installed here.
     """
 
     observer: str
@@ -35,6 +40,7 @@ class PreflightResult:
     reads: str = ""
     labels: list[str] = field(default_factory=list)
     rate_hz: float | None = None
+    kind: str = ""
     faults: list[str] = field(default_factory=list)
     doubts: list[str] = field(default_factory=list)
     lacks: list[str] = field(default_factory=list)
@@ -97,6 +103,7 @@ def _check_mediapipe(scene: Scene, section: ObserverConfig, result: PreflightRes
 def _check_model(
     scene: Scene, section: ObserverConfig, result: PreflightResult, rate_hz: float | None, view: "View | None"
 ) -> None:
+    from observer.model.base import LearnsStreams, knows_blends_only
     from observer.model.model_file import doubt_of_view, read_model, require_match
 
     path = scene.place(section.model)
@@ -104,10 +111,12 @@ def _check_model(
     if model is None:
         return
     header = model.header
-    result.labels, result.rate_hz = list(header.vocabulary.labels), header.rate_hz
+    result.labels, result.rate_hz, result.kind = list(header.vocabulary.labels), header.rate_hz, header.kind
     result.attempt(lambda: require_match(path, model, scene.named_vocabulary, rate_hz))
     if view and (doubt := doubt_of_view(path, header, view, section.view)):
         result.doubts.append(doubt)
+    if isinstance(model, LearnsStreams) and knows_blends_only(header):
+        result.doubts.append(f"{path}: {BLENDS_ONLY}")
 
 
 def main(words: Sequence[str]) -> Iterator[str]:

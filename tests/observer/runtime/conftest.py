@@ -20,5 +20,5 @@ def place(tmp_path_factory):
     short = replace(motion.recordings[0], positions=motion.recordings[0].positions[:4])
     write_archive(folder / "motion.npz", motion)
     write_archive(folder / "short.npz", MotionArchive(motion.body_parts, (short,)))
-    write_model(folder / "cam1.model", learn_view(motion, DOOR, Vocabulary(("lunging", "byebye"))))
+    write_model(folder / "cam1.model", learn_view(motion, DOOR, Vocabulary(("lunging", "byebye")), kind="phase"))
     return folder

@@ -6,18 +6,24 @@ import sys
 from pathlib import Path
 
 import pytest
+from performances import DOOR
 
 from common.config import read_scene
+from common.vocabulary import Vocabulary
+from observer.learning.learn import learn_view
+from observer.model.model_file import write_model
+from observer.motion.archive import MotionArchive
 from observer.runtime.preflight import check_observer
+from studies.performer import perform
 
 ROOT = Path(__file__).parents[3]
 
 
 @pytest.fixture
 def preflight(place):
-    def look(section, head=""):
+    def look(section, head="", model="cam1.model"):
         path = place / "scene.toml"
-        path.write_text(f'scene = "dojo"\n{head}[observers.a]\nmodel = "cam1.model"\n{section}\n')
+        path.write_text(f'scene = "dojo"\n{head}[observers.a]\nmodel = "{model}"\n{section}\n')
         return check_observer(read_scene(path, {}), "a")
 
     return look
@@ -49,6 +55,22 @@ def test_a_model_for_another_vocabulary_or_view(preflight):
     assert "learned for the vocabulary" in fault
     (doubt,) = preflight('source = "motion.npz"\nview = "wheel"').doubts
     assert "labanmesh learn ... --view wheel" in doubt
+
+
+@pytest.mark.parametrize("labels", [("lunging",), ()])
+def test_a_model_that_knows_no_ordinary_life_is_doubted(place, preflight, labels):
+    motion = perform(("1",), ("ok", "lunging", "byebye"), trials=2)
+    background = (
+        None
+        if not labels
+        else MotionArchive(motion.body_parts, tuple(r for r in motion.recordings if r.label in labels))
+    )
+    words = Vocabulary(("ok", "byebye"))
+    learned = learn_view(motion, DOOR, words, kind="stacked", calibrate=False, background=background)
+    write_model(place / "stacked.model", learned)
+    result = preflight('source = "motion.npz"', model="stacked.model")
+    assert result.kind == "stacked"
+    assert ["labanmesh learn" in doubt for doubt in result.doubts] == ([] if labels else [True])
 
 
 def test_no_camera_is_opened_and_no_standard_input_read(preflight):
