@@ -42,7 +42,9 @@ def evaluate(
     leave_one_subject_out: Annotated[
         bool, typer.Option("--leave-one-subject-out", help="Judge each person by models of all others.")
     ] = False,
-    model: Annotated[str, typer.Option(help="phase, phase-symbols or frame-table.")] = "phase",
+    model: Annotated[
+        str, typer.Option(help="phase (default), stacked, discriminative, phase-symbols or frame-table.")
+    ] = "phase",
     rule: Annotated[str, typer.Option(help="The fusion rule.")] = "guarded_product",
     parameter: Annotated[
         list[str] | None, typer.Option(help="NAME=NUMBER, a parameter of the model; may be repeated.")
@@ -201,8 +203,11 @@ def paper(
 
 
 def _with_facings(parameters: dict[str, float], facings: int, model: str, turn: float | None) -> dict[str, float]:
-    """The model's parameters; only `phase` knows facings, and needs them when the turn is random."""
-    count = facings or (FACINGS if turn is None and model == "phase" else 0)
+    """The model's parameters; a model that knows facings needs them when the turn is random."""
+    from observer.model.registry import MODELS
+
+    knows_facings = model in MODELS and "facings" in MODELS[model].DEFAULTS
+    count = facings or (FACINGS if turn is None and knows_facings else 0)
     return {**({"facings": float(count)} if count else {}), **parameters}
 
 

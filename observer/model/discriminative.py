@@ -23,6 +23,7 @@ from observer.model.base import (
     Onset,
     ParameterRange,
     Stream,
+    facings_in,
     with_defaults,
 )
 from observer.model.cross_validation import CrossValidation
@@ -31,6 +32,7 @@ from observer.model.posterior_calibration import HeldOutResult
 from observer.model.segment_classifier import SegmentClassifier
 from observer.model.trailing_features import BodyTrace, TrailingFeatures, read_trace, width_of
 from observer.model.training_memory import TrainingMemory
+from observer.model.training_rows import thin_facings
 from observer.model.training_table import HeldOutMembers, TrainingTable
 from observer.tracks import Floats, Tracks
 
@@ -85,6 +87,12 @@ class Discriminative:
     def learn_with_streams(cls, header: Header, examples: Sequence[Example], streams: Sequence[Stream]) -> Self:
         """Learn from cut-out movements and from continuous recordings."""
         header = with_defaults(header, cls.DEFAULTS, cls.RANGES)
+        facings = facings_in(header.parameters)
+        return cls._learn(header, thin_facings(examples, facings), thin_facings(streams, facings))
+
+    @classmethod
+    def _learn(cls, header: Header, examples: Sequence[Example], streams: Sequence[Stream]) -> Self:
+        """The header has all parameters."""
         traces, of_streams = [cls._trace(header, e) for e in examples], [cls._trace(header, s) for s in streams]
         table = TrainingTable(header, examples, traces, streams, of_streams)
         movement, segments = table.learn()
@@ -146,6 +154,7 @@ class Discriminative:
 
     def grown(self, header: Header, examples: Sequence[Example]) -> Self:
         """Learned again with examples of more movements, which are at the end of the header's vocabulary."""
+        examples = thin_facings(examples, facings_in(header.parameters))
         new = [replace(e, features=self._trace(header, e).astype(np.float64)) for e in examples]
         return self._learned_from(header, self.memory.with_examples(new))
 
@@ -160,7 +169,7 @@ class Discriminative:
         return self._learned_from(header, self.memory.without_background(self.header, gone))
 
     def _learned_from(self, header: Header, memory: TrainingMemory) -> Self:
-        return self.learn_with_streams(header, memory.examples, memory.streams)
+        return self._learn(header, memory.examples, memory.streams)
 
     def watch(self, onset: Onset) -> "DiscriminativeWatch":
         """Start watching; a known onset is the begin of the first segment."""

@@ -36,6 +36,8 @@ from observer.model.posterior_calibration import HeldOutResult
 from observer.model.trailing_features import BodyTrace, width_of
 from observer.tracks import Floats, Tracks
 
+TURN_S = 5.0
+"""In this time the facing that was last known is forgotten, if nothing shows it."""
 RUNNING = ("generative", "discriminative")
 ENDED = ("generative_ended", "discriminative_ended")
 RUNNING_AT = (0.3, 0.6, 0.9)
@@ -216,6 +218,9 @@ class StackedWatch:
         self._reader = posture_reader(model.phase.header)
         # Features and stillness of the last frames.
         self._recent: deque[tuple[Floats, float]] = deque(maxlen=self._other.lag + 1)
+        facings = model.phase.facings
+        self._facing: Floats = np.full(facings, 1.0 / facings)
+        self._turned = 1 - math.exp(-1 / (TURN_S * model.header.rate_hz))
 
     def update(self, tracks: Tracks) -> None:
         """Take in one frame."""
@@ -233,6 +238,13 @@ class StackedWatch:
                 self._phase.step(features, still)
         elif not self._other.over:
             self._phase.step(*self._recent[-1])
+        self._follow_facing()
+
+    def _follow_facing(self) -> None:
+        """P(facing): that of the phase filter; while it does not run, people turn."""
+        joint = None if self._phase is None else self._phase.joint
+        facing = np.full_like(self._facing, 1.0 / len(self._facing)) if joint is None else joint.sum(axis=0)
+        self._facing += (facing - self._facing) * (self._turned if joint is None else 1.0)
 
     def end(self) -> None:
         """The recording has ended, and with it the movement."""
@@ -245,7 +257,7 @@ class StackedWatch:
         generative, discriminative = (self._model.header.parameters[name] for name in names)
         movements = discriminative * np.log(np.maximum(self._other.p, SMALLEST))
         if self._phase is None:
-            return np.repeat(movements[:, None], self._model.phase.facings, axis=1)
+            return movements[:, None] + np.log(np.maximum(self._facing, 1e-300))
         joint = self._phase.joint
         phase = self._phase.p
         facing = np.ones((len(phase), 1)) if joint is None else joint / np.maximum(phase, 1e-300)[:, None]
@@ -279,8 +291,8 @@ class StackedWatch:
     @property
     def unlearned(self) -> Floats | None:
         """(K,) P(something else, facing)."""
-        facings = self._model.phase.facings
-        return np.full(facings, float(self._other.unlearned[0]) / facings)
+        unlearned: Floats = self._other.unlearned[0] * self._facing
+        return unlearned
 
     @property
     def rest(self) -> float:

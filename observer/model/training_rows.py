@@ -5,8 +5,11 @@ Rests, the first part of a movement, means of two movements, and what people do 
 recording are "something else".
 """
 
+import math
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +18,7 @@ from observer.model.base import Example, Stream, evenly_spread
 
 Floats32 = NDArray[np.float32]
 Whole = NDArray[np.int64]
+Shown = TypeVar("Shown", Example, Stream)
 
 RECOGNISABLE = 0.35
 """Share of a movement after which its rows show it fully; up to there they show something else in part."""
@@ -27,6 +31,8 @@ ROWS_PER_S = 15.0
 STREAM_WEIGHT = 1.0
 AFTERGLOW_S = 0.1
 """For so long after its end a movement in a stream is still shown."""
+LEARNED_FACINGS = 4
+"""More facings of one example add little to those of the others, and take time."""
 BLEND_FRACTIONS = (0.5, 0.75, 1.0)
 
 
@@ -42,6 +48,18 @@ class Rows:
     targets: Floats32
     weights: Floats32
     examples: tuple[int, ...] = ()
+
+
+def thin_facings(shown: Sequence[Shown], facings: int) -> list[Shown]:
+    """Each example or stream at no more than LEARNED_FACINGS of its facings, and at each facing as many of them."""
+    step = math.ceil(facings / LEARNED_FACINGS)
+    counts = Counter[int]()
+    kept = []
+    for each in shown:
+        if (counts[each.facing] + each.facing) % step == 0:
+            kept.append(each)
+        counts[each.facing] += 1
+    return kept
 
 
 def rows_of_examples(
