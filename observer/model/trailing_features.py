@@ -132,6 +132,7 @@ class TrailingFeatures:
     def __init__(self, windows: Windows, rate_hz: float, channels: NDArray[np.bool_], biases: Floats32) -> None:
         self.windows, self._rate_hz, self._channels, self._biases = windows, rate_hz, channels, biases
         self._weights = [weights_of(own) for own in channels]
+        self._of_convolutions, self._of_postures = _averages(windows.convolutions), _averages(windows.postures)
         values = channels.shape[2]
         self.size = len(KERNELS) * len(windows.dilations) * len(windows.convolutions)
         self.size += 2 * values * (4 * len(windows.postures) + 1)
@@ -147,7 +148,9 @@ class TrailingFeatures:
         biases = []
         for dilation, own in zip(windows.dilations, channels, strict=True):
             rows = np.concatenate([_convolve(path, dilation, weights_of(own)) for path in shown])
-            biases.append(row_quantiles(rows.T, np.roll(quantiles, dilation)[:, None])[:, 0])
+            bias = row_quantiles(rows.T, np.roll(quantiles, dilation)[:, None])[:, 0]
+            # The convolution of a person who is still is 0, but for rounding.
+            biases.append(np.where(np.abs(bias) < LEAST_BIAS, LEAST_BIAS, bias))
         return cls(windows, rate_hz, channels, np.array(biases, np.float32))
 
     def of(self, rows: Floats32, at: Whole) -> Floats32:
@@ -172,22 +175,33 @@ class TrailingFeatures:
         if missing:
             recent = np.concatenate([np.repeat(recent[:1], missing, axis=0), recent])
         values, path = self._values(recent)
-        blocks = [values[-1]]
-        for length in self.windows.postures:
-            window = values[-length:]
-            mean = window.sum(axis=0) / np.float32(length)
-            spread = np.sqrt(np.square(window - mean).sum(axis=0) / np.float32(length))
-            blocks += [mean, window.min(axis=0), window.max(axis=0), spread]
-        return np.concatenate([*self._newest_shares(path), *blocks])
+        return np.concatenate([*self._newest_shares(path), values[-1], self._newest_statistics(values)])
+
+    def _newest_statistics(self, values: Floats32) -> Floats32:
+        """(F, C) -> for each trailing window the mean, least, greatest and standard deviation."""
+        lengths, newest = self.windows.postures, values[-1]
+        # Squares of differences from the newest are accurate for a person who is still.
+        shifted = values[-max(lengths) :] - newest
+        columns = shifted.shape[1]
+        moments = self._of_postures @ np.concatenate([shifted, np.square(shifted)], axis=1)
+        mean, squares = moments[:, :columns], moments[:, columns:]
+        spread = np.sqrt(np.maximum(squares - np.square(mean), 0.0))
+        # The windows are nested, the longest first: each is the one before and some earlier frames.
+        first = [max(lengths) - length for length in reversed(lengths)]
+        least, greatest = (
+            f.accumulate(f.reduceat(shifted, first, axis=0)[::-1], axis=0) for f in (np.minimum, np.maximum)
+        )
+        blocks = np.stack([mean, least, greatest, spread], axis=1)
+        blocks[:, :3] += newest
+        result: Floats32 = blocks.ravel()
+        return result
 
     def _newest_shares(self, path: Floats32) -> Iterable[Floats32]:
         longest = max(self.windows.convolutions)
         for dilation, weights, biases in zip(self.windows.dilations, self._weights, self._biases, strict=True):
             reach = (TAPS - 1) * dilation
             above = _taps(path[-longest - reach :], dilation, longest) @ weights > biases
-            counts = above.view(np.uint8)
-            for length in self.windows.convolutions:
-                yield counts[-length:].sum(axis=0, dtype=np.float32) / np.float32(length)
+            yield (self._of_convolutions @ above.astype(np.float32)).ravel()
 
     def _shares(self, path: Floats32, at: Whole) -> Iterable[Floats32]:
         for dilation, weights, biases in zip(self.windows.dilations, self._weights, self._biases, strict=True):
@@ -226,6 +240,14 @@ class TrailingFeatures:
 
 MOST_SHOWN = 48
 MOST_FRAMES = 100_000
+LEAST_BIAS = 1e-5
+
+
+def _averages(lengths: Sequence[int]) -> Floats32:
+    """(L, longest) weights of the means over the last frames, for each length."""
+    longest = max(lengths)
+    weights = [np.repeat([0.0, 1 / length], [longest - length, length]) for length in lengths]
+    return np.array(weights, np.float32)
 
 
 def _convolve(path: Floats32, dilation: int, weights: Floats32) -> Floats32:
@@ -238,7 +260,9 @@ def _convolve(path: Floats32, dilation: int, weights: Floats32) -> Floats32:
 
 def _taps(padded: Floats32, dilation: int, frames: int) -> Floats32:
     """(8 * dilation + frames, C) -> (frames, 9 * C): the nine frames that a kernel weighs, the frame itself last."""
-    taps = np.stack([padded[n * dilation : n * dilation + frames] for n in range(TAPS)], axis=1)
+    by_frame, by_channel = padded.strides
+    shape, strides = (frames, TAPS, padded.shape[1]), (by_frame, by_frame * dilation, by_channel)
+    taps: Floats32 = np.ndarray(shape, np.float32, padded, strides=strides)
     return taps.reshape(frames, -1)
 
 

@@ -1,0 +1,95 @@
+"""Logistic regression: its gradient, its optimum against a general minimiser, and what must not matter."""
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize
+
+from observer.model.logistic import LogisticRegression, _Loss
+
+ROWS, COLUMNS, CLASSES = 40, 5, 3
+
+
+@pytest.fixture
+def problem():
+    rng = np.random.default_rng(1)
+    features = rng.normal(size=(ROWS, COLUMNS)).astype(np.float32)
+    truth = (features[:, 0] > 0.4).astype(int) + (features[:, 1] > 0)
+    targets = (0.8 * np.eye(CLASSES)[truth] + 0.2 / CLASSES).astype(np.float32)
+    return features, targets, rng.uniform(0.5, 2, ROWS).astype(np.float32)
+
+
+def probabilities(features, targets, weights, at=None, iterations=400):
+    learned = LogisticRegression.learn(features, targets, weights, 0.3, iterations)
+    return np.exp(learned.log_probabilities(features if at is None else at))
+
+
+def test_the_gradient_is_that_of_finite_differences(problem):
+    features, targets, weights = problem
+    x = np.hstack([features, np.ones((ROWS, 1), np.float32)])
+    loss = _Loss(x.astype(np.float64), targets.astype(np.float64), weights.astype(np.float64), 0.3)
+    w = np.random.default_rng(2).normal(size=(COLUMNS + 1, CLASSES))
+    _, gradient = loss(w)
+    for place in np.ndindex(*w.shape):
+        step = np.zeros_like(w)
+        step[place] = 1e-5
+        numeric = (loss(w + step)[0] - loss(w - step)[0]) / 2e-5
+        assert gradient[place] == pytest.approx(numeric, abs=1e-4)
+
+
+def test_the_optimum_is_that_of_a_general_minimiser(problem):
+    features, targets, weights = problem
+    spread = features.std(axis=0) + 0.05
+    x = (features - features.mean(axis=0)) / spread
+
+    def loss(flat):
+        w = flat.reshape(COLUMNS + 1, CLASSES)
+        scores = x @ w[:-1] + w[-1]
+        cross_entropy = np.log(np.exp(scores).sum(axis=1)) - (scores * targets).sum(axis=1)
+        return 0.3 * (weights * cross_entropy).sum() + 0.5 * (w[:-1] ** 2).sum()
+
+    w = minimize(loss, np.zeros((COLUMNS + 1) * CLASSES), tol=1e-12).x.reshape(COLUMNS + 1, CLASSES)
+    expected = np.exp(x @ w[:-1] + w[-1])
+    expected /= expected.sum(axis=1, keepdims=True)
+    np.testing.assert_allclose(probabilities(*problem), expected, atol=0.01)
+
+
+def test_the_order_of_rows_and_columns_does_not_matter(problem):
+    features, targets, weights = problem
+    rows, columns = (np.random.default_rng(3).permutation(n) for n in (ROWS, COLUMNS))
+    permuted = probabilities(features[rows][:, columns], targets[rows], weights[rows], features[:, columns])
+    np.testing.assert_allclose(permuted, probabilities(*problem), atol=0.005)
+
+
+def test_a_shift_of_features_does_not_matter_and_their_scale_hardly(problem):
+    features, targets, weights = problem
+    moved = (7 * features + 3).astype(np.float32)
+    np.testing.assert_allclose(probabilities(moved, targets, weights), probabilities(*problem), atol=0.03)
+
+
+def test_a_row_of_weight_two_is_two_rows(problem):
+    features, targets, _ = problem
+    ones = np.ones(ROWS, np.float32)
+    twice = [np.concatenate([values, values]) for values in (features, targets, ones)]
+    np.testing.assert_allclose(
+        probabilities(*twice, at=features), probabilities(features, targets, 2 * ones), atol=0.005
+    )
+
+
+def test_a_feature_that_never_varies_in_training_hardly_decides(problem):
+    features, targets, weights = problem
+    constant = np.hstack([features, np.full((ROWS, 1), 2.0, np.float32)])
+    other = constant.copy()
+    other[:, -1] = 3.0
+    np.testing.assert_allclose(
+        probabilities(constant, targets, weights, other), probabilities(constant, targets, weights), atol=0.01
+    )
+
+
+@pytest.mark.parametrize("damage", ["shape", "nan"])
+def test_arrays_that_do_not_fit_are_rejected(problem, damage):
+    learned = LogisticRegression.learn(*problem, 0.3)
+    arrays = learned.as_arrays("own")
+    shape = (COLUMNS + (damage == "shape"), CLASSES)
+    arrays["own_weights"] = arrays["own_weights"] * (np.nan if damage == "nan" else 1)
+    with pytest.raises(ValueError, match="own"):
+        LogisticRegression.from_arrays("own", arrays, shape)

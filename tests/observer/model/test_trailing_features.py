@@ -1,0 +1,84 @@
+"""Features of trailing windows: the stream's are those of the whole recording, wherever the person stands."""
+
+import numpy as np
+import pytest
+
+from observer.model.trailing_features import BodyTrace, TrailingFeatures, Windows, read_trace, width_of
+from observer.tracks import Tracks
+
+PARTS = ("left_hand", "right_hand", "head", "left_foot", "right_foot")
+RATE_HZ = 15.0
+STANDING = np.array([[0.3, 0.1], [-0.3, 0.1], [0.0, -0.6], [0.1, 0.9], [-0.1, 0.9]])
+
+
+def recording(seed=0, frames=90, at=(0.0, 0.0), size=1.0):
+    """A person who stands for a second, then waves both hands at random."""
+    rng = np.random.default_rng(seed)
+    steps = rng.normal(0, 0.06, (frames, len(PARTS), 2)) * np.array([1, 1, 0.2, 0.1, 0.1])[None, :, None]
+    steps[:15] = 0
+    return [Tracks(size * p + at) for p in STANDING + np.cumsum(steps, axis=0) + rng.normal(0, 0.002, steps.shape)]
+
+
+def features_learned():
+    traces = [read_trace(PARTS, RATE_HZ, recording(seed)) for seed in range(4)]
+    return TrailingFeatures.learn(Windows.of(RATE_HZ, 2.0), RATE_HZ, traces)
+
+
+@pytest.fixture(scope="module")
+def features():
+    return features_learned()
+
+
+def test_the_newest_of_a_stream_are_those_of_the_whole_recording(features):
+    rows = read_trace(PARTS, RATE_HZ, recording(9, frames=200))
+    at = np.arange(len(rows))
+    streamed = np.array([features.newest(rows[: n + 1]) for n in at])
+    np.testing.assert_allclose(streamed, features.of(rows, at), atol=2e-5)
+    assert streamed.shape[1] == features.size
+
+
+def test_only_as_many_rows_as_the_history_says_are_needed(features):
+    rows = read_trace(PARTS, RATE_HZ, recording(9, frames=200))
+    recent = rows[-features.windows.history - 1 :]
+    np.testing.assert_array_equal(features.newest(recent), features.newest(rows))
+
+
+@pytest.mark.parametrize(("at", "size"), [((40.0, -7.0), 1.0), ((0.0, 0.0), 250.0), ((320.0, 240.0), 90.0)])
+def test_where_and_how_large_the_person_is_does_not_matter(features, at, size):
+    rows, moved = (read_trace(PARTS, RATE_HZ, recording(5, at=p, size=s)) for p, s in (((0, 0), 1.0), (at, size)))
+    np.testing.assert_allclose(moved[:, :-1], rows[:, :-1], atol=1e-4)
+    np.testing.assert_allclose(features.newest(moved), features.newest(rows), atol=0.02)
+
+
+def test_a_hidden_part_keeps_its_place_and_the_others_go_on():
+    tracks = recording(3)
+    hidden = [Tracks(np.where(np.arange(5)[:, None] == 3, np.nan, t.centres)) for t in tracks[40:60]]
+    rows = read_trace(PARTS, RATE_HZ, [*tracks[:40], *hidden])
+    seen = read_trace(PARTS, RATE_HZ, tracks[:60])
+    assert np.isfinite(rows).all() and rows.shape == (60, width_of(len(PARTS)))
+    assert (rows[40:, 6:8] == rows[39, 6:8]).all()
+    np.testing.assert_allclose(rows[40:, 0:2], seen[40:, 0:2], rtol=0.2)
+
+
+def test_a_jump_of_one_frame_is_not_believed():
+    tracks = recording(3)
+    false = tracks[50].centres.copy()
+    false[0] += 60.0
+    rows = read_trace(PARTS, RATE_HZ, [*tracks[:50], Tracks(false), *tracks[51:]])
+    np.testing.assert_allclose(rows[50, 0:2], rows[49, 0:2])
+    np.testing.assert_allclose(rows[51:, 0:2], read_trace(PARTS, RATE_HZ, tracks)[51:, 0:2], atol=0.05)
+
+
+def test_before_the_first_sight_a_trace_is_still():
+    nobody = Tracks(np.full((len(PARTS), 2), np.nan))
+    trace = BodyTrace(PARTS, RATE_HZ)
+    rows = [trace.update(nobody) for _ in range(5)]
+    assert all((row == rows[0]).all() and np.isfinite(row).all() for row in rows)
+
+
+def test_stored_features_are_the_same(features):
+    stored = TrailingFeatures.from_arrays(features.as_arrays(), RATE_HZ, len(PARTS))
+    rows = read_trace(PARTS, RATE_HZ, recording(7))
+    np.testing.assert_array_equal(stored.newest(rows), features.newest(rows))
+    with pytest.raises(ValueError, match="do not fit 3 parts"):
+        TrailingFeatures.from_arrays(features.as_arrays(), RATE_HZ, 3)
