@@ -18,9 +18,9 @@ DOOR = parse_view("door")
 MOVEMENTS = ("byebye", "nthrow", "stretch")
 
 
-@pytest.fixture(scope="module")
-def model():
-    return learn_view(perform(("1", "2"), MOVEMENTS, trials=3), DOOR, Vocabulary(MOVEMENTS))
+@pytest.fixture(scope="module", params=["phase", "stacked"])
+def model(request):
+    return learn_view(perform(("1", "2"), MOVEMENTS, trials=3), DOOR, Vocabulary(MOVEMENTS), kind=request.param)
 
 
 def played(model, frames=slice(None)):

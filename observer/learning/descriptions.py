@@ -66,12 +66,12 @@ def _calibration(header: "Header") -> str:
     from observer.model.posterior_calibration import CAUTIOUS
 
     calibration = header.calibration
-    # A model that knows "something else" has no predictive statistics, however well it was evaluated.
+    # A `phase` model that knows "something else" has no predictive statistics, however well it was evaluated.
     cautious = (
         calibration.temperature >= CAUTIOUS.temperature
         and calibration.doubt >= CAUTIOUS.doubt
         and not calibration.foreseen
-        and header.background is None
+        and (header.background is None or calibration.learned_only)
     )
     reason = ", cautiously: other people may do it otherwise" if cautious else ""
     return f"temperature {calibration.temperature:.1f}, doubt {calibration.doubt:.2g}{reason}"

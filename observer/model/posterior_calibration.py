@@ -135,7 +135,9 @@ def fit_calibration(results: Sequence[HeldOutResult], movements: int) -> Posteri
 def at_least_cautious(calibration: PosteriorCalibration) -> PosteriorCalibration:
     """The calibration, at least as cautious as CAUTIOUS and without "something else": for a single person's model."""
     return PosteriorCalibration(
-        max(calibration.temperature, CAUTIOUS.temperature), max(calibration.doubt, CAUTIOUS.doubt)
+        max(calibration.temperature, CAUTIOUS.temperature),
+        max(calibration.doubt, CAUTIOUS.doubt),
+        learned_only=calibration.learned_only,
     )
 
 

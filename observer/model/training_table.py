@@ -22,6 +22,10 @@ Floats32 = NDArray[np.float32]
 Chosen = NDArray[np.bool_]
 
 
+ENOUGH_EXAMPLES = 200
+"""With fewer examples of movements each counts more: a penalty chosen for many leaves all answers equally likely."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class HeldOutMembers:
     """What a model makes of an example of others: (10, M) logarithms in progress and (M,) at the end, not normalised.
@@ -52,6 +56,7 @@ class TrainingTable:
         self._header, self._examples, self._streams = header, examples, streams
         own = [len(t) for t, e in zip(traces, examples, strict=True) if e.movement >= 0]
         self.longest = max(own)
+        self._few = max(1.0, ENOUGH_EXAMPLES / len(own))
         windows = Windows.of(header.rate_hz, float(np.median(own)) / header.rate_hz)
         self.trailing = TrailingFeatures.learn(windows, header.rate_hz, [*traces, *traces_of_streams])
         movements = header.vocabulary.size
@@ -73,12 +78,12 @@ class TrainingTable:
             self._features[chosen],
             self._targets[chosen],
             self._weights[chosen],
-            parameters["trailing_penalty"],
+            parameters["trailing_penalty"] * self._few,
             iterations,
         )
         others = ~np.isin(self._segments.example_of, list(gone))
         movements = self._header.vocabulary.size
-        return trailing, self._segments.learn(others, movements, parameters["inverse_penalty"], iterations)
+        return trailing, self._segments.learn(others, movements, parameters["inverse_penalty"] * self._few, iterations)
 
     def _stream_rows_apart(self, gone: set[int]) -> list[Chosen]:
         """As `streams_apart`: no stream of a person who is left out wholly, and no span of an example left out."""

@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from observer.model.model_file import read_model
+from observer.model.registry import DEFAULT_MODEL
 from observer.motion.archive_file import read_archive, write_archive
 from studies.performer import perform
 
@@ -44,7 +45,7 @@ def test_learn_writes_a_model_with_its_provenance(run, archive, tmp_path):
     model = tmp_path / "corner.model"
     words = ["learn", archive, "--view", "yaw:45,pitch:10", "-o", model, "--subjects", "1", "--rate", "30"]
     status, out, _ = run(*words)
-    assert status == 0 and "phase for yaw:45,pitch:10, 2 movements from 2 examples of 1 person, 30 Hz" in out
+    assert status == 0 and f"{DEFAULT_MODEL} for yaw:45,pitch:10, 2 movements from 2 examples of 1 person, 30 Hz" in out
     header = read_model(model).header
     assert (header.view, header.rate_hz, header.vocabulary.labels) == ("yaw:45,pitch:10", 30.0, ("ok", "shake"))
     assert header.provenance["archive"] == "people.npz" and len(header.provenance["archive_sha256"]) == 64
@@ -135,7 +136,7 @@ def test_a_pipe_or_a_device_is_written_to_and_not_replaced(run, archive, tmp_pat
     finally:
         os.close(reader)
     status, out, _ = run("learn", archive, "--view", "door", "-o", "/dev/null")
-    assert status == 0 and "/dev/null: phase for door" in out and Path("/dev/null").is_char_device()
+    assert status == 0 and f"/dev/null: {DEFAULT_MODEL} for door" in out and Path("/dev/null").is_char_device()
 
 
 def _small_csv(folder):

@@ -48,7 +48,9 @@ def background(people):
 
 @pytest.fixture(scope="module")
 def model(people, background):
-    return learn_view(recordings_of(people, "12", WORDS.labels), DOOR, WORDS, calibrate=False, background=background)
+    return learn_view(
+        recordings_of(people, "12", WORDS.labels), DOOR, WORDS, kind="phase", calibrate=False, background=background
+    )
 
 
 def test_the_posterior_is_that_of_the_phase_filter_with_one_more_movement(model, people):
@@ -100,11 +102,13 @@ def test_a_movement_outside_the_vocabulary_is_unlearned(model, people):
 def test_without_a_background_nothing_changes(people, tmp_path):
     """Bit for bit: chains, file and posterior; with a background, the chains of its own movements are the same too."""
     learned = recordings_of(people, "12", WORDS.labels)
-    plain = learn_view(learned, DOOR, WORDS, calibrate=False)
+    plain = learn_view(learned, DOOR, WORDS, kind="phase", calibrate=False)
     assert plain.header.background is None and plain.answers == 2
     write_model(tmp_path / "plain.model", plain)
     assert "background" not in str(np.load(tmp_path / "plain.model")["header"])
-    other = learn_view(learned, DOOR, WORDS, calibrate=False, background=recordings_of(people, "12", ELSE))
+    other = learn_view(
+        learned, DOOR, WORDS, kind="phase", calibrate=False, background=recordings_of(people, "12", ELSE)
+    )
     chosen = other.arrays()["movement_of"] >= 0
     for name, array in plain.arrays().items():
         np.testing.assert_array_equal(other.arrays()[name][chosen], array)
@@ -117,7 +121,13 @@ def test_without_a_background_nothing_changes(people, tmp_path):
 def test_blends_are_something_else_at_every_facing(people):
     learned, parameters = recordings_of(people, "12", WORDS.labels), {"facings": 3.0}
     model = learn_view(
-        learned, DOOR, WORDS, parameters=parameters, calibrate=False, background=MotionArchive(learned.body_parts, ())
+        learned,
+        DOOR,
+        WORDS,
+        kind="phase",
+        parameters=parameters,
+        calibrate=False,
+        background=MotionArchive(learned.body_parts, ()),
     )
     assert model.header.background == () and model.answers == 3
     (shown,) = recordings_of(people, "3", ("lunging",)).recordings
@@ -218,11 +228,20 @@ def archives(people, tmp_path):
 
 
 def test_learn_and_add_on_the_command_line(run, archives):
-    words = ["learn", archives / "own.npz", "--view", "door", "-o", archives / "a.model"]
+    words = ["learn", archives / "own.npz", "--model", "phase", "--view", "door", "-o", archives / "a.model"]
     status, out, _ = run(*words, "--background", archives / "all.npz", "--background-labels", "byebye")
     assert status == 0 and "something else is known by blends of the movements and by byebye" in out
     _, out, _ = run(
-        "learn", archives / "own.npz", "--view", "door", "-o", archives / "b.model", "--background", "blends"
+        "learn",
+        archives / "own.npz",
+        "--model",
+        "phase",
+        "--view",
+        "door",
+        "-o",
+        archives / "b.model",
+        "--background",
+        "blends",
     )
     assert "something else is known only by blends of the movements: add recordings of what else people do" in out
     more = ["learn", archives / "all.npz", "--view", "door", "-o", archives / "a.model", "--add-to"]

@@ -37,7 +37,12 @@ def model(request, people):
 def with_facings(people):
     """A model of several facings, with predictive statistics."""
     learned = learn_view(
-        recordings_of(people, ("1", "2"), OLD), DOOR, Vocabulary(OLD), parameters={"facings": 4.0}, calibrate=False
+        recordings_of(people, ("1", "2"), OLD),
+        DOOR,
+        Vocabulary(OLD),
+        kind="phase",
+        parameters={"facings": 4.0},
+        calibrate=False,
     )
     learned.header = _sure(learned.header)
     return learned
@@ -53,12 +58,13 @@ def recognised(model, recording):
     return model.header.vocabulary.labels[watch.p.argmax()]
 
 
-def test_three_recordings_of_one_person_are_a_usable_model(people):
-    own = learn_view(recordings_of(people, ("1",), (*OLD, NEW[0])), DOOR, Vocabulary((*OLD, NEW[0])))
+@pytest.mark.parametrize("kind", ["phase", "stacked"])
+def test_three_recordings_of_one_person_are_a_usable_model(people, kind):
+    own = learn_view(recordings_of(people, ("1",), (*OLD, NEW[0])), DOOR, Vocabulary((*OLD, NEW[0])), kind=kind)
     others = recordings_of(people, ("2", "3"), (*OLD, NEW[0]), trials=1).recordings
     right = [recognised(own, recording) == recording.label for recording in others]
     assert np.mean(right) >= 5 / 6
-    assert own.header.calibration == CAUTIOUS
+    assert own.header.calibration == replace(CAUTIOUS, learned_only=kind == "stacked")
     assert own.header.provenance["tried"] == "9"
     text = describe_evaluation(own.header)
     assert "tried on 9 left-out examples: right" in text and "other people" in text
@@ -84,8 +90,9 @@ def test_adding_and_removing_movements_restores_the_model(model, people):
     assert back.header.vocabulary == model.header.vocabulary
 
 
-def test_added_and_old_movements_are_recognised(people):
-    model = learn_view(recordings_of(people, ("1", "2"), OLD), DOOR, Vocabulary(OLD))
+@pytest.mark.parametrize("kind", ["phase", "stacked"])
+def test_added_and_old_movements_are_recognised(people, kind):
+    model = learn_view(recordings_of(people, ("1", "2"), OLD), DOOR, Vocabulary(OLD), kind=kind)
     grown = add_movements(model, recordings_of(people, ("1", "2"), (NEW[0],)), DOOR).model
     shown = recordings_of(people, ("3",), (*OLD, NEW[0]), trials=1).recordings
     assert [recognised(grown, r) for r in shown] == [r.label for r in shown]
@@ -189,7 +196,7 @@ def test_add_and_forget_on_the_command_line(run, people, tmp_path):
     for name, labels, trials in (("own", OLD, 3), ("more", NEW, 2)):
         write_archive(tmp_path / f"{name}.npz", recordings_of(people, ("1",), labels, trials))
     file = tmp_path / "door.model"
-    status, out, err = run("learn", tmp_path / "own.npz", "--view", "door", "-o", file)
+    status, out, err = run("learn", tmp_path / "own.npz", "--model", "phase", "--view", "door", "-o", file)
     assert (status, err) == (0, "") and "tried on 6 left-out examples: right" in out and "temperature 1.3" in out
     before = read_model(file)
     words = ["learn", tmp_path / "more.npz", "--view", "door", "--labels", "byebye"]

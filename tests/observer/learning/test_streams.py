@@ -137,7 +137,7 @@ def test_a_model_that_can_gets_the_streams_at_every_facing_without_being_asked(c
 
 def test_other_kinds_learn_as_before(people):
     alone = MotionArchive(people.body_parts, tuple(movements_in(people)))
-    one, two = (learn_view(archive, DOOR, WORDS, calibrate=False) for archive in (people, alone))
+    one, two = (learn_view(archive, DOOR, WORDS, kind="phase", calibrate=False) for archive in (people, alone))
     assert one.header.background is None and "other_motion_s" not in one.header.provenance
     for name, array in one.arrays().items():
         np.testing.assert_array_equal(array, two.arrays()[name])

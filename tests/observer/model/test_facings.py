@@ -31,12 +31,12 @@ def people():
 
 @pytest.fixture(scope="module")
 def model_of(people):
-    """Models of two people by number of facings."""
+    """Models of two people by number of facings and kind."""
 
     @cache
-    def model(facings):
+    def model(facings, kind="phase"):
         two, parameters = select(people, ("1", "2")), {"facings": float(facings)}
-        return learn_view(two, DOOR, Vocabulary(LABELS), parameters=parameters, calibrate=False)
+        return learn_view(two, DOOR, Vocabulary(LABELS), kind=kind, parameters=parameters, calibrate=False)
 
     return model
 
@@ -45,7 +45,7 @@ def model_of(people):
 def calibrated():
     """A model of two facings, from enough recordings to be calibrated."""
     archive = perform(("1", "2"), LABELS, trials=4, seed=3)
-    return learn_view(archive, DOOR, Vocabulary(LABELS), parameters={"facings": 2.0})
+    return learn_view(archive, DOOR, Vocabulary(LABELS), kind="phase", parameters={"facings": 2.0})
 
 
 def watched(model, recording, turn_deg=0.0):
@@ -64,11 +64,11 @@ def label_of(posterior):
     return LABELS[posterior.p.argmax()]
 
 
-@pytest.mark.parametrize("facings", [8, 12])
+@pytest.mark.parametrize(("facings", "kind"), [(8, "phase"), (12, "phase"), (12, "stacked")])
 @pytest.mark.parametrize("turn_deg", [0, 90, 180])
-def test_movement_and_facing_of_a_turned_person_are_recognised(model_of, people, facings, turn_deg):
+def test_movement_and_facing_of_a_turned_person_are_recognised(model_of, people, facings, kind, turn_deg):
     for recording in third(people):
-        last = watched(model_of(facings), recording, turn_deg)[-1]
+        last = watched(model_of(facings, kind), recording, turn_deg)[-1]
         assert label_of(last) == recording.label
         faced = last.p @ last.facing
         assert faced.argmax() * 360 / facings == turn_deg and faced.max() > 2 / facings
