@@ -7,8 +7,9 @@
 3. The movement ends when rest has been likelier for `hold_s`, at the time when that rest began. If another label met
    rule 2 when the person came to rest, that label replaces the decided one at once (a revision): the observers have
    then seen the whole movement. Later posteriors only fade, and an observer that is stuck would win. If "something
-   else" was then at least `threshold` likely, the revision is an abstention. A movement is revised at most
-   REVISIONS_LIMIT times; its end repeats the last label.
+   else" had then been at least `threshold` likely for REVOKED_S, the revision is an abstention; for less long it may
+   be the rest itself, which is something else too. A movement is revised at most REVISIONS_LIMIT times; its end repeats
+   the last label.
 4. A movement that ends undecided waits up to another `hold_s` for a label that meets the demand but not yet for long
    enough. Without one it is an abstention: the person moved, and the observers did not agree on a label.
 5. After the clock was set back, detection starts afresh, because earlier durations mean nothing.
@@ -16,8 +17,9 @@
    how long is its own observation, so that it can continue where the leader stops.
 7. People go from one movement into the next without rest. A decided movement also ends when "something else" has been
    likelier, or its label neither the likeliest nor half as likely as demanded, for FADING times `hold_s`; and when
-   another label meets rule 2 that began to do so at least NEXT_S after the decision: that is the next movement. If the
-   other label began earlier and still holds REVISED_S after the decision, the decision was premature and is revised.
+   another label meets rule 2 that began to do so at least NEXT_S after the movement's begin, or after "something else"
+   was likelier: that is the next movement. If the other label began earlier and still holds REVISED_S after the
+   decision, the decision was premature and is revised.
    An undecided movement that turns into something else was none, and gets no verdict.
 """
 
@@ -29,9 +31,11 @@ from common.messages import VerdictStage
 from common.vocabulary import ABSTAIN
 
 REVISIONS_LIMIT = 3
-FADING = 3
-NEXT_S, REVISED_S = 0.5, 1.0
+FADING = 2
+NEXT_S, REVISED_S = 0.3, 1.0
 """Movements of people follow one another no faster; an observer changes its mind earlier."""
+REVOKED_S = 0.3
+"""Observers notice so late that a person is still."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,6 +104,8 @@ class VerdictDetector:
         self._rest_since_ns: int | None = None
         self._faded_since_ns: int | None = None
         self._witnessed: int | None = None
+        self._was_idle = False
+        self._else_since_ns: int | None = None
         self.movement: MovementProgress | None = None
         """The movement that goes on; None at rest."""
 
@@ -137,6 +143,10 @@ class VerdictDetector:
             return ()
         movement = self.movement or self._begin(at_ns)
         label = self._held_label(state)
+        if state.unlearned < self._config.threshold:
+            self._else_since_ns = None
+        elif self._else_since_ns is None:
+            self._else_since_ns = at_ns
         if not state.heard or state.rest >= 0.5:
             self._faded_since_ns = None
         elif (change := self._change(movement, state, label)) is not None:
@@ -162,6 +172,7 @@ class VerdictDetector:
         is_shown = decision is None or state.label == decision.label
         if decision is not None and is_shown:
             self._witnessed = decision.decided_ns
+        self._was_idle = decision is not None and (self._was_idle or state.idle)
         if not state.idle and is_shown and (decision is None or 2 * state.p >= self._config.threshold):
             self._faded_since_ns = None
         elif self._faded_since_ns is None:
@@ -181,7 +192,7 @@ class VerdictDetector:
         since_ns = at_ns if self._candidate is None else self._candidate.since_ns
         # A service that has just taken over may have missed when the label changed.
         witnessed = self._witnessed == decision.decided_ns
-        if witnessed and since_ns - decision.decided_ns >= NEXT_S * SECOND_NS:
+        if witnessed and (self._was_idle or since_ns - movement.began_ns >= NEXT_S * SECOND_NS):
             ended = replace(decision, ended_ns=since_ns, stage="ended")
             candidate = self._candidate
             self._begin(since_ns)
@@ -199,8 +210,9 @@ class VerdictDetector:
 
     def _begin(self, at_ns: int) -> MovementProgress:
         self.movement = movement = MovementProgress(at_ns)
-        self._candidate = self._rest_since_ns = self._label_at_rest = self._faded_since_ns = None
-        self._revisions = 0
+        self._candidate = self._rest_since_ns = self._label_at_rest = None
+        self._faded_since_ns = self._else_since_ns = None
+        self._revisions, self._was_idle = 0, False
         return movement
 
     def _finish(self) -> None:
@@ -220,7 +232,9 @@ class VerdictDetector:
             self._rest_since_ns = self._label_at_rest = None
         elif self._rest_since_ns is None:
             self._rest_since_ns = state.at_ns
-            last = ABSTAIN if state.unlearned >= self._config.threshold else label
+            since_ns = self._else_since_ns
+            is_revoked = since_ns is not None and state.at_ns - since_ns >= REVOKED_S * SECOND_NS
+            last = ABSTAIN if is_revoked else label
             decision = movement.decision
             if decision is not None and last not in (None, decision.label) and self._revisions < REVISIONS_LIMIT:
                 self._label_at_rest = last

@@ -161,7 +161,7 @@ def test_any_run_comes_out_the_same(write, play, rule, seed):
 
 def revised_records(scene):
     """The records of one movement whose label is corrected when the person comes to rest."""
-    story = [(None, 0.98)] * 3 + [("bowing", 0.02)] * 6 + [("lunging", 0.02)] * 6 + [("lunging", 0.98)] * 6
+    story = [(None, 0.98)] * 3 + [("bowing", 0.02)] * 2 + [("lunging", 0.02)] * 6 + [("lunging", 0.98)] * 6
     played = [
         (at, [posterior(o, n, at, label, rest=rest) for o in OBSERVERS])
         for n, (label, rest) in enumerate(story, 1)
@@ -171,7 +171,7 @@ def revised_records(scene):
 
 
 def test_a_revision_belongs_to_its_movement_and_comes_out_the_same(write):
-    scene = a_scene()
+    scene = a_scene(hold_s=0.1)
     records = revised_records(scene)
     result = judge_again(write(records, scene), ReplayChange())
     (row,) = result.rows

@@ -10,7 +10,7 @@ STORY = [
     *[(UNIFORM, 0.95)] * 5,
     *[(UNIFORM, 0.1)] * 2, *[(BOW, 0.05)] * 8, *[(BOW, 0.9)] * 6,
     *[(UNIFORM, 0.95)] * 3,
-    *[(PUNCH, 0.05)] * 6, *[(LUNGE, 0.05)] * 6, *[(LUNGE, 0.9)] * 6,
+    *[(PUNCH, 0.05)] * 2, *[(LUNGE, 0.05)] * 6, *[(LUNGE, 0.9)] * 6,
     *[(UNIFORM, 0.05)] * 8, *[(UNIFORM, 0.9)] * 8,
 ]  # fmt: skip
 """A single observer's p and rest, step by step: a bow, a punch that becomes a lunge, and an unknown movement."""
@@ -26,7 +26,7 @@ class Service:
     """One of two services that receive the same posteriors."""
 
     def __init__(self, name, delay_ns=0):
-        self.scene = EngineDriver(["cam"], id=name, quorum=1)
+        self.scene = EngineDriver(["cam"], id=name, quorum=1, hold_s=0.1)
         self.scene.now_ns += delay_ns
 
     def step(self, n):
