@@ -54,7 +54,7 @@ class Stacked:
         **Discriminative.DEFAULTS,
         "generative": 0.6,
         "discriminative": 1.0,
-        "generative_ended": 0.4,
+        "generative_ended": 0.6,
         "discriminative_ended": 1.0,
     }
     RANGES: ClassVar[Mapping[str, ParameterRange]] = {
