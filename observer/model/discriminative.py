@@ -30,7 +30,7 @@ from observer.model.cross_validation import CrossValidation
 from observer.model.logistic import LogisticRegression
 from observer.model.posterior_calibration import HeldOutResult
 from observer.model.segment_classifier import SegmentClassifier
-from observer.model.trailing_features import BodyTrace, TrailingFeatures, read_trace, width_of
+from observer.model.trailing_features import BodyTrace, TrailingFeatures, extent, read_trace, width_of
 from observer.model.training_memory import TrainingMemory
 from observer.model.training_rows import thin_facings
 from observer.model.training_table import HeldOutMembers, TrainingTable
@@ -43,6 +43,8 @@ STILL_LAG_S = 0.3
 LONGEST_SHARE = 1.4
 """A segment longer than this multiple of the longest example is no single movement."""
 STEPS_PER_S = 15.0
+STEEP = 6
+"""P(too little has moved for movement m) is 1 / (1 + (extent / least_extents[m])^STEEP)."""
 FORGET_PER_S = 0.15
 """The share of a posterior that returns to the prior in a second without sight."""
 
@@ -73,9 +75,10 @@ class Discriminative:
         movement: LogisticRegression,
         segments: SegmentClassifier,
         longest: int,
+        least_extents: Floats,
         memory: TrainingMemory,
     ) -> None:
-        self.header, self.memory = header, memory
+        self.header, self.least_extents, self.memory = header, least_extents, memory
         self.trailing, self.movement, self.segments, self.longest = trailing, movement, segments, longest
 
     @classmethod
@@ -98,7 +101,7 @@ class Discriminative:
         movement, segments = table.learn()
         header = replace(header, background=header.background or ())
         memory = TrainingMemory.of(examples, traces, streams, of_streams)
-        return cls(header, table.trailing, movement, segments, table.longest, memory)
+        return cls(header, table.trailing, movement, segments, table.longest, table.least_extents, memory)
 
     @classmethod
     def cross_validated(
@@ -140,7 +143,10 @@ class Discriminative:
         segments = SegmentClassifier.from_arrays(arrays, movements, parts)
         movement = LogisticRegression.from_arrays("trailing_movement", arrays, (trailing.size, movements + 1))
         memory = TrainingMemory.from_arrays(arrays, movements, len(header.background or ()), width_of(parts))
-        return cls(header, trailing, movement, segments, int(arrays["longest"].astype(np.int64)[0]), memory)
+        longest, least = int(arrays["longest"].astype(np.int64)[0]), np.asarray(arrays["least_extents"], np.float64)
+        if least.shape != (movements,) or not (np.isfinite(least) & (least >= 0)).all():
+            raise ValueError(f"least_extents are {least}; {movements} sizes are expected")
+        return cls(header, trailing, movement, segments, longest, least, memory)
 
     def arrays(self) -> Arrays:
         """Everything that was learned."""
@@ -149,6 +155,7 @@ class Discriminative:
             **self.movement.as_arrays("trailing_movement"),
             **self.segments.arrays(),
             "longest": np.array([self.longest]),
+            "least_extents": self.least_extents,
             **self.memory.as_arrays(),
         }
 
@@ -199,6 +206,8 @@ class DiscriminativeWatch:
         movements = header.vocabulary.size
         self._log_trailing: Floats = np.log(np.full(movements + 1, 1 / (movements + 1)))
         self._log_segment: Floats | None = None
+        self._too_small = 0.0
+        """P(too little has moved of late for the movement | it is one)."""
 
     @property
     def judges_ended(self) -> bool:
@@ -235,8 +244,8 @@ class DiscriminativeWatch:
     @property
     def unlearned(self) -> Floats:
         """(1,) P(something else)."""
-        learned = (1 - self.doubt) * np.exp(self._log_trailing[-1:]) + self.doubt / len(self._log_trailing)
-        p: Floats = learned.clip(0.0, 1.0)
+        learned = (1 - np.exp(self._log_trailing[-1:])) * (1 - self._too_small)
+        p: Floats = ((1 - self.doubt) * (1 - learned) + self.doubt / len(self._log_trailing)).clip(0.0, 1.0)
         return p
 
     @property
@@ -285,3 +294,5 @@ class DiscriminativeWatch:
             rested = self._rested if self.over else 0
             rows = self._rows[-self.begun - rested :][: self.begun]
             self._log_segment = model.segments.log_posterior(rows, ended).astype(np.float64)
+        far = extent(self._rows, model.header.rate_hz)
+        self._too_small = float(self.p @ (1 / (1 + (far / np.maximum(model.least_extents, 1e-6)) ** STEEP)))

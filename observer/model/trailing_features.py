@@ -88,6 +88,21 @@ def relative_and_path(rows: Floats32) -> tuple[Floats32, Floats32]:
     return relative, path
 
 
+EXTENT_S = 2.0
+
+
+def extent(rows: Floats32, rate_hz: float) -> float:
+    """(F, 2 P + 3) trace -> how far a part has gone within the last EXTENT_S, in body sizes: a box's diagonal.
+
+    Measured from the body's anchor, which may move sideways but not up or down: who stands shifts their weight.
+    """
+    relative = rows[-max(round(EXTENT_S * rate_hz), 2) :, :-3]
+    places = relative.reshape(len(relative), -1, 2).copy()
+    places[..., 1] += rows[-len(places) :, -2:-1]
+    width, height = (places.max(axis=0) - places.min(axis=0)).T
+    return float(np.hypot(width, height).max())
+
+
 SHORTEST_S = 0.4
 """The shortest window of convolutions; each further one is twice as long."""
 GLANCE_S = 0.2

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from observer.model.base import Example, Header, Stream
 from observer.model.logistic import FEW_ITERATIONS, ITERATIONS, LogisticRegression
 from observer.model.segment_classifier import SegmentClassifier, SegmentTable
-from observer.model.trailing_features import TrailingFeatures, Windows
+from observer.model.trailing_features import TrailingFeatures, Windows, extent
 from observer.model.training_rows import FRACTIONS, rows_of_examples, rows_of_streams
 from observer.tracks import Floats
 
@@ -24,6 +24,8 @@ Chosen = NDArray[np.bool_]
 
 ENOUGH_EXAMPLES = 200
 """With fewer examples of movements each counts more: a penalty chosen for many leaves all answers equally likely."""
+SMALL_SHARE, RARELY = 0.4, 0.05
+"""What stays below SMALL_SHARE of the extent that all but this share of its examples reach is not the movement."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,7 +57,7 @@ class TrainingTable:
     ) -> None:
         self._header, self._examples, self._streams = header, examples, streams
         own = [len(t) for t, e in zip(traces, examples, strict=True) if e.movement >= 0]
-        self.longest = max(own)
+        self.longest, self.least_extents = max(own), _least_extents(examples, traces, header)
         self._few = max(1.0, ENOUGH_EXAMPLES / len(own))
         windows = Windows.of(header.rate_hz, float(np.median(own)) / header.rate_hz)
         self.trailing = TrailingFeatures.learn(windows, header.rate_hz, [*traces, *traces_of_streams])
@@ -115,3 +117,13 @@ class TrainingTable:
                 running = (of_trailing + segments.log_posterior_of(windows, ended=False)) / 2
                 result[n] = HeldOutMembers(running, segments.log_posterior_of(windows[-1], ended=True))
         return result
+
+
+def _least_extents(examples: Sequence[Example], traces: Sequence[Floats32], header: Header) -> Floats:
+    """(M,) body sizes within EXTENT_S: what goes less far is not the movement."""
+    largest = [
+        (e.movement, max(extent(trace[: n + 1], header.rate_hz) for n in range(len(trace))))
+        for e, trace in zip(examples, traces, strict=True)
+    ]
+    of_each = ([size for movement, size in largest if movement == m] for m in range(header.vocabulary.size))
+    return np.array([SMALL_SHARE * np.quantile(sizes, RARELY) for sizes in of_each])

@@ -138,7 +138,8 @@ def test_a_fold_at_once_is_what_a_watch_of_its_model_says(header, examples, tabl
     fold = [n for n, e in enumerate(examples) if e.subject == "3"]
     movement, segments = table.learn(fold, 20)
     memory = Discriminative.learn(header, examples).memory
-    model = Discriminative(replace(header, background=()), table.trailing, movement, segments, table.longest, memory)
+    header = replace(header, background=())
+    model = Discriminative(header, table.trailing, movement, segments, table.longest, table.least_extents, memory)
     for n, members in table.held_out(fold).items():
         watch, tracks = model.watch(Onset(known=True)), examples[n].tracks
         for number, frame in enumerate(tracks, 1):
