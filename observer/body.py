@@ -1,4 +1,4 @@
-"""The body in the image: where it is, how large it is, and whether it is still. Pure; from past frames only.
+"""The body in the image: where it is, and how large it is. Pure; from past frames only.
 
 A person walks about, comes nearer, leaves, and another one comes; a tracker makes mistakes and loses parts. Features
 are therefore relative to a point and a length that are measured anew whenever the person is still
@@ -10,7 +10,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from common.errors import BadInput
+from observer.body_reach import BodyReach
+from observer.stillness import Stillness
 from observer.tracks import Floats, Tracks
 
 FORGET_S = 1.0
@@ -24,8 +25,8 @@ SHRINK_S, SHRINK_STILL_S = 30.0, 0.4
 class BodyFrame:
     """The origin of positions and the body's size in each frame of a stream of tracks.
 
-    body_parts: names of the P parts, at least two, in any order. A part with a name that is not in TRUNK or LENGTHS
-    tells place and size only where no known part does. Raises BadInput for fewer than two parts.
+    body_parts: names of the P parts, at least two, in any order. A part with a name that is neither in TRUNK nor in
+    `body_reach.LENGTHS` tells place and size only where no known part does. Raises BadInput for fewer than two parts.
     """
 
     def __init__(self, body_parts: Sequence[str], rate_hz: float) -> None:
@@ -147,153 +148,3 @@ class BodyAnchor:
                 stand_in: Floats = point + np.nan_to_num(offset)
                 return stand_in
         return best
-
-
-TORSO_SHARE = 0.45
-"""With a hanging arm, head and hand are about as far apart as head and hip plus a hand; 0.45 of it is about a torso."""
-_SIDES = ("left", "right")
-LENGTHS = {
-    **{("head", f"{side}_hand"): TORSO_SHARE for side in _SIDES},
-    **{("head", f"{side}_foot"): 0.26 for side in _SIDES},
-    **{("head", f"{side}_hip"): 0.61 for side in _SIDES},
-    **{("neck", f"{side}_hip"): 0.82 for side in _SIDES},
-    **{(f"{side}_shoulder", f"{other}_hip"): 0.92 for side, other in zip(_SIDES, _SIDES[::-1], strict=True)},
-    **{(f"{side}_hip", f"{side}_knee"): 0.84 for side in _SIDES},
-    **{(f"{side}_knee", f"{side}_foot"): 0.96 for side in _SIDES},
-    ("head", "pelvis"): 0.67,
-    ("neck", "pelvis"): 0.9,
-}
-"""Pairs of parts, and the torso's share of their distance, median over the people of karate and nw_ucla."""
-
-
-class BodyReach:
-    """How large the body looks: distances of its parts, each as a multiple of what it is for a torso of length 1.
-
-    Parts without a pair in LENGTHS: the largest distance of any two, times TORSO_SHARE.
-    """
-
-    def __init__(self, body_parts: Sequence[str]) -> None:
-        if len(body_parts) < 2:
-            raise BadInput(f"body_parts = {list(body_parts)}: the body's size needs at least two parts; add head")
-        row = {part: n for n, part in enumerate(body_parts)}
-        pairs = [(row[a], row[b], share) for (a, b), share in LENGTHS.items() if a in row and b in row]
-        pairs = pairs or [(a, b, TORSO_SHARE) for b in range(len(row)) for a in range(b)]
-        self._ones, self._others = [pair[0] for pair in pairs], [pair[1] for pair in pairs]
-        self._shares = np.array([pair[2] for pair in pairs])
-        self.forget()
-
-    def forget(self) -> None:
-        """Start anew, with another person."""
-        self._last: list[float] = []
-
-    @property
-    def steady(self) -> bool:
-        """Whether one false frame can no longer decide."""
-        return len(self._last) == FRAMES
-
-    def update(self, centres: Floats) -> float:
-        """(P, 2) -> the third largest of the last FRAMES frames' sizes; NaN until one is known.
-
-        A frame's size is its largest length, or with many pairs one that a quarter of them reach, so that one false
-        part does not decide.
-        """
-        across = centres[self._ones] - centres[self._others]
-        lengths = np.hypot(across[:, 0], across[:, 1]) * self._shares
-        lengths = np.sort(lengths[lengths > 0])
-        if len(lengths):
-            self._last = [*self._last[1 - FRAMES :], float(lengths[-1 - len(lengths) // 4])]
-        return sorted(self._last)[(len(self._last) - 1) // 2] if self._last else math.nan
-
-
-FRAMES = 5
-
-
-HALF_S = 0.2
-"""Stillness compares the mean places in two windows of this length."""
-SLOW_PER_S = 0.35
-"""Body sizes a second: half still. Movements are faster."""
-CARRIED_PARTS = 3
-"""So many parts tell a motion of the whole body sideways from that of one part."""
-TREMBLES = 2.5
-"""Standard deviations of the tracker's noise that are half still."""
-STEEP = 4
-TREMBLING_S, EVERY_S = 5.0, 0.3
-"""How far back a tracker's trembling is measured, and how often."""
-QUIET = 0.2
-"""The quietest fifth of these frames shows it: in the others the person moves."""
-OF_JERKS = math.sqrt(6) * math.sqrt(-2 * math.log(1 - QUIET))
-"""The QUIET quantile of the length of the second difference of white noise with standard deviation 1."""
-USUAL_NOISE, MOST_NOISE, USUAL_FRAMES = 0.03, 0.08, 10.0
-"""Body sizes: noise before any frame, its weight in frames, and the most noise. Kinect's hands tremble 1 to 3 cm."""
-
-
-class Stillness:
-    """P(the person is still) in each frame: no part moves faster than its tracker trembles, whatever the posture.
-
-    body_parts: names of the P parts, at least two. Each part's trembling is estimated from the stream itself.
-    """
-
-    def __init__(self, body_parts: Sequence[str], rate_hz: float) -> None:
-        self._parts, self._half = len(body_parts), max(round(HALF_S * rate_hz), 2)
-        self._half_s, self._memory = self._half / rate_hz, round(TREMBLING_S * rate_hz)
-        self._every = max(round(EVERY_S * rate_hz), 1)
-        self._reach = BodyReach(body_parts)
-        self.forget()
-
-    def forget(self) -> None:
-        """Start anew, with another person."""
-        self._window: Floats = np.full((2 * self._half, self._parts, 2), np.nan)
-        self._jerks: Floats = np.full((self._memory, self._parts), np.nan)
-        self._noise, self._weights = np.full(self._parts, math.nan), np.zeros(self._parts)
-        self._frames, self._size = 0, math.nan
-        self.probability = 0.5
-        """In the newest frame; 0.5 while nothing is known."""
-        self._reach.forget()
-
-    def update(self, tracks: Tracks, size: float | None = None) -> float:
-        """P(still) after one more frame. size: the body's in the image, NaN while unknown; None: found here."""
-        self._window[:-1] = self._window[1:]
-        self._window[-1] = tracks.centres
-        jerk = self._window[-1] - 2 * self._window[-2] + self._window[-3]
-        self._jerks[self._frames % self._memory] = np.hypot(jerk[:, 0], jerk[:, 1])
-        if size is None:
-            reach = self._reach.update(tracks.centres)
-            self._size = self._size if reach <= self._size else reach
-            size = self._size
-        if self._frames % self._every == 0:
-            self._noise = self._trembling()
-        self._frames += 1
-        speeds = self._speeds()
-        limits = np.hypot(SLOW_PER_S * size, TREMBLES * self._noise_of(size) * math.sqrt(2 / self._half) / self._half_s)
-        ratios = (speeds / limits)[np.isfinite(speeds)]
-        known = len(ratios) > 0 and math.isfinite(size)
-        self.probability = 1 / (1 + float(ratios.max()) ** STEEP) if known else 0.5
-        return self.probability
-
-    def _speeds(self) -> Floats:
-        """(P,) image units a second, between the mean places in both halves; NaN where one does not show the part."""
-        halves = self._window.reshape(2, self._half, -1, 2)
-        seen = halves == halves
-        with np.errstate(invalid="ignore"):
-            places = np.where(seen, halves, 0.0).sum(axis=1) / seen.sum(axis=1)
-        way = places[1] - places[0]
-        sideways = np.sort(way[np.isfinite(way[:, 0]), 0])
-        if len(sideways) >= CARRIED_PARTS:
-            # The median; NumPy's takes longer than all the rest.
-            way[:, 0] -= (sideways[(len(sideways) - 1) // 2] + sideways[len(sideways) // 2]) / 2
-        speeds: Floats = np.hypot(way[:, 0], way[:, 1]) / self._half_s
-        return speeds
-
-    def _trembling(self) -> Floats:
-        """(P,) standard deviation of each part's coordinates by its jerks, in the image; NaN where none is known."""
-        jerks = np.sort(self._jerks, axis=0)
-        counts = np.isfinite(jerks).sum(axis=0)
-        quiet: Floats = jerks[(QUIET * counts).astype(int), np.arange(self._parts)] / OF_JERKS
-        self._weights = counts / (counts + USUAL_FRAMES)
-        return quiet
-
-    def _noise_of(self, size: float) -> Floats:
-        """(P,) the same with what is usual, in the image."""
-        measured = np.nan_to_num(self._noise)
-        mixed: Floats = self._weights * measured + (1 - self._weights) * USUAL_NOISE * size
-        return np.minimum(mixed, MOST_NOISE * size)

@@ -26,11 +26,12 @@ from observer.model.base import (
     facings_in,
     with_defaults,
 )
+from observer.model.body_trace import BodyTrace, extent, read_trace, width_of
 from observer.model.cross_validation import CrossValidation
 from observer.model.logistic import LogisticRegression
 from observer.model.posterior_calibration import HeldOutResult
 from observer.model.segment_classifier import SegmentClassifier
-from observer.model.trailing_features import BodyTrace, TrailingFeatures, extent, read_trace, width_of
+from observer.model.trailing_features import TrailingFeatures
 from observer.model.training_memory import TrainingMemory
 from observer.model.training_rows import thin_facings
 from observer.model.training_table import HeldOutMembers, TrainingTable

@@ -27,13 +27,13 @@ from observer.model.base import (
     Stream,
     with_defaults,
 )
+from observer.model.body_trace import BodyTrace, width_of
 from observer.model.chains import fill_gaps
 from observer.model.cross_validation import CrossValidation
 from observer.model.discriminative import Discriminative, DiscriminativeWatch
 from observer.model.log_linear_pool import SMALLEST, learn_exponents, pooled
 from observer.model.phase import Phase, PhaseWatch, posture_reader
 from observer.model.posterior_calibration import HeldOutResult
-from observer.model.trailing_features import BodyTrace, width_of
 from observer.tracks import Floats, Tracks
 
 TURN_S = 5.0

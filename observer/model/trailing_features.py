@@ -1,8 +1,8 @@
 """Features of the motion up to now, over trailing windows of several lengths, from past frames only. Pure.
 
-A `BodyTrace` brings tracks to body sizes and holds what is not seen. `TrailingFeatures` describes each trailing window
-by the mean, least, greatest and spread of positions and velocities, and by how often dilated convolutions exceed their
-biases (`rocket.py`; here causal, and counted over windows that end now). Nothing depends on where the person stands.
+`TrailingFeatures` describes each trailing window of a trace (`body_trace.py`) by the mean, least, greatest and spread
+of positions and velocities, and by how often dilated convolutions exceed their biases (`rocket.py`; here causal, and
+counted over windows that end now).
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -13,95 +13,8 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from observer.body import BodyFrame
+from observer.model.body_trace import Floats32, Whole, relative_and_path
 from observer.model.rocket import GOLDEN_RATIO, KERNELS, TAPS, choose_channels, row_quantiles, weights_of
-from observer.tracks import Floats, Tracks
-
-Floats32 = NDArray[np.float32]
-Whole = NDArray[np.int64]
-
-FASTEST_PER_S = 40.0
-"""Body sizes: a jump beyond it is a tracker's mistake, unless it lasts."""
-LONGEST_JUMP = 2
-"""Frames for which a jump is not believed."""
-LONGEST_BRIDGE_S = 0.3
-"""A part that was unseen for longer has not moved in between: it may be another person's."""
-
-
-class BodyTrace:
-    """Brings a stream of tracks to rows of positions relative to the body, and of paths, both in body sizes.
-
-    body_parts: names of the P parts.
-    """
-
-    def __init__(self, body_parts: Sequence[str], rate_hz: float) -> None:
-        self.frame = BodyFrame(body_parts, rate_hz)
-        self._limit = FASTEST_PER_S / rate_hz
-        self._bridge = LONGEST_BRIDGE_S * rate_hz
-        parts = len(body_parts)
-        # The last point is the body's anchor.
-        self._last: Floats = np.full((parts + 1, 2), np.nan)
-        self._unseen: Whole = np.zeros(parts + 1, np.int64)
-        self._relative: Floats = np.zeros((parts, 2))
-        self._path: Floats = np.zeros(2)
-        self._size = 1.0
-
-    def update(self, tracks: Tracks) -> Floats32:
-        """(P, 2) -> (2 P + 3,): each part's position right and up from the body's anchor, the anchor's path, the size.
-
-        A part that is not seen keeps its last values.
-        """
-        _, size = self.frame.update(tracks)
-        if np.isfinite(size) and size > 0:
-            self._size = size
-            points = np.concatenate([tracks.centres, self.frame.anchor[None]]) * (1.0, -1.0)
-            self._follow(points, size)
-        return np.concatenate([self._relative.ravel(), self._path, [self._size]]).astype(np.float32)
-
-    def _follow(self, points: Floats, size: float) -> None:
-        step = (points - self._last) / size
-        jump = np.hypot(step[:, 0], step[:, 1]) > self._limit * (1 + self._unseen)
-        seen = np.isfinite(points[:, 0]) & ~(jump & (self._unseen < LONGEST_JUMP))
-        if seen[-1]:
-            if np.isfinite(step[-1, 0]) and self._unseen[-1] <= self._bridge and not jump[-1]:
-                self._path += step[-1]
-            self._relative[seen[:-1]] = (points[:-1][seen[:-1]] - points[-1]) / size
-        self._last[seen] = points[seen]
-        self._unseen = np.where(seen, 0, self._unseen + 1)
-
-
-def read_trace(body_parts: Sequence[str], rate_hz: float, tracks: Iterable[Tracks]) -> Floats32:
-    """(F, 2 P + 3) rows of a whole recording."""
-    trace = BodyTrace(body_parts, rate_hz)
-    return np.array([trace.update(frame) for frame in tracks], np.float32)
-
-
-def width_of(parts: int) -> int:
-    """The number of columns of a trace of P parts."""
-    return 2 * parts + 3
-
-
-def relative_and_path(rows: Floats32) -> tuple[Floats32, Floats32]:
-    """(F, 2 P + 3) -> (F, 2 P) positions relative to the body, (F, 2 P) paths of the parts in the image."""
-    relative = rows[:, :-3]
-    path: Floats32 = relative + np.tile(rows[:, -3:-1], relative.shape[1] // 2)
-    return relative, path
-
-
-EXTENT_S = 2.0
-
-
-def extent(rows: Floats32, rate_hz: float) -> float:
-    """(F, 2 P + 3) trace -> how far a part has gone within the last EXTENT_S, in body sizes: a box's diagonal.
-
-    Measured from the body's anchor, which may move sideways but not up or down: who stands shifts their weight.
-    """
-    relative = rows[-max(round(EXTENT_S * rate_hz), 2) :, :-3]
-    places = relative.reshape(len(relative), -1, 2).copy()
-    places[..., 1] += rows[-len(places) :, -2:-1]
-    width, height = (places.max(axis=0) - places.min(axis=0)).T
-    return float(np.hypot(width, height).max())
-
 
 SHORTEST_S = 0.4
 """The shortest window of convolutions; each further one is twice as long."""
@@ -109,7 +22,6 @@ GLANCE_S = 0.2
 LONGEST_SHARE, LONGEST_POSTURE_SHARE = 1.5, 2.8
 """The longest windows, as multiples of the median movement's duration."""
 WIDEST_KERNEL_S = 2.2
-MOST_DILATION = 8
 LONGEST_S = 6.5
 
 

@@ -12,9 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observer.model.base import Example, Header, Stream
+from observer.model.body_trace import extent
 from observer.model.logistic import FEW_ITERATIONS, ITERATIONS, LogisticRegression
 from observer.model.segment_classifier import SegmentClassifier, SegmentTable
-from observer.model.trailing_features import TrailingFeatures, Windows, extent
+from observer.model.trailing_features import TrailingFeatures, Windows
 from observer.model.training_rows import FRACTIONS, rows_of_examples, rows_of_streams
 from observer.tracks import Floats
 

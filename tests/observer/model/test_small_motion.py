@@ -7,7 +7,7 @@ from performances import DOOR
 from common.vocabulary import Vocabulary
 from observer.learning.learn import learn_view
 from observer.model.base import Onset
-from observer.model.trailing_features import extent
+from observer.model.body_trace import extent
 from observer.motion.projected import view_tracks
 from observer.tracks import Tracks
 from studies.performer import perform

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from observer.model.trailing_features import BodyTrace, TrailingFeatures, Windows, read_trace, width_of
+from observer.model.body_trace import BodyTrace, read_trace, width_of
+from observer.model.trailing_features import TrailingFeatures, Windows
 from observer.tracks import Tracks
 
 PARTS = ("left_hand", "right_hand", "head", "left_foot", "right_foot")
