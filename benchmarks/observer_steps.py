@@ -213,7 +213,7 @@ def _phase_floor(arrays: Arrays) -> Work:
 
 def _phase_symbols_floor(arrays: Arrays) -> Work:
     table = np.asarray(arrays["log_table"], np.float64)
-    state = np.full((int(PhaseSymbols.DEFAULTS["speeds"]), *table.shape[:2]), 1.0 / table[..., 0, 0].size)
+    state = np.full((int(PhaseSymbols.PARAMETERS["speeds"].default), *table.shape[:2]), 1.0 / table[..., 0, 0].size)
     parts, symbols, evidence, result = (
         np.arange(table.shape[2]),
         np.arange(table.shape[2]),

@@ -206,7 +206,7 @@ def _with_facings(parameters: dict[str, float], facings: int, model: str, turn: 
     """The model's parameters; a model that knows facings needs them when the turn is random."""
     from observer.model.registry import MODELS
 
-    knows_facings = model in MODELS and "facings" in MODELS[model].DEFAULTS
+    knows_facings = model in MODELS and "facings" in MODELS[model].PARAMETERS
     count = facings or (FACINGS if turn is None and knows_facings else 0)
     return {**({"facings": float(count)} if count else {}), **parameters}
 

@@ -23,9 +23,9 @@ from observer.model.base import (
     MovementModel,
     WithBackground,
     evenly_spread,
-    facings_in,
     with_features,
 )
+from observer.model.parameters import facings_in
 from observer.model.posterior_calibration import HeldOutResult, PosteriorCalibration
 from observer.motion.archive import MotionArchive, common_rate, labels_of, movements_in, require_labels
 

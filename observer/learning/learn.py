@@ -24,11 +24,11 @@ from observer.model.base import (
     WithBackground,
     end_movement,
     evenly_spread,
-    facings_in,
     learned_from,
     with_features,
 )
 from observer.model.cross_validation import CrossValidates, CrossValidation
+from observer.model.parameters import facings_in
 from observer.model.posterior_calibration import HeldOutResult, answer_posterior, at_least_cautious, fit_calibration
 from observer.model.registry import DEFAULT_MODEL, model_named
 from observer.motion.archive import (

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from common.errors import BadInput
 from common.vocabulary import Vocabulary
+from observer.model.parameters import Parameter, check_parameters
 from observer.model.posterior_calibration import PosteriorCalibration
 from observer.tracks import Floats, Tracks
 
@@ -38,62 +39,17 @@ class Header:
     background: tuple[str, ...] | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class ParameterRange:
-    """The values that a parameter may have; above: `low` itself is excluded. Larger numbers would overflow float32."""
-
-    low: float = 0.0
-    high: float = 1e6
-    above: bool = False
-    whole: bool = False
-
-    def check(self, name: str, value: float) -> None:
-        """Raise BadInput, one line with the name, the value and the range, for a value outside it."""
-        too_low = value <= self.low if self.above else value < self.low
-        # NaN fails every comparison.
-        if too_low or not value <= self.high or (self.whole and value != int(value)):
-            raise BadInput(f"parameter {name} = {value:g}: {self} is expected")
-
-    def __str__(self) -> str:
-        number = "a whole number" if self.whole else "a number"
-        low = f"above {self.low:g} and up" if self.above else f"from {self.low:g}"
-        return f"{number} {low} to {self.high:g}"
-
-
-PROBABILITY = ParameterRange(0.0, 1.0)
-POSITIVE = ParameterRange(0.0, above=True)
-NOT_NEGATIVE = ParameterRange(0.0)
-MOST_FACINGS = 72
-
-
-def with_defaults(
-    header: Header, defaults: Mapping[str, float], ranges: Mapping[str, ParameterRange] | None = None
-) -> Header:
+def with_defaults(header: Header, known: Mapping[str, Parameter]) -> Header:
     """The same header with every parameter of the model.
 
     Raises BadInput for a parameter that the model does not have, and for a value outside its range.
     """
     for name in header.parameters:
-        if name not in defaults:
-            known = ", ".join(defaults)
-            raise BadInput(f"parameter {name!r}: not of the model {header.kind}; it has {known}")
-    parameters = {**defaults, **header.parameters}
-    check_parameters(parameters, ranges or {})
+        if name not in known:
+            raise BadInput(f"parameter {name!r}: not of the model {header.kind}; it has {', '.join(known)}")
+    parameters = {**{name: parameter.default for name, parameter in known.items()}, **header.parameters}
+    check_parameters(parameters, known)
     return replace(header, parameters=parameters)
-
-
-def check_parameters(parameters: Mapping[str, float], ranges: Mapping[str, ParameterRange]) -> None:
-    """Raise BadInput for the first parameter whose value is outside its range."""
-    for name, allowed in ranges.items():
-        allowed.check(name, parameters[name])
-
-
-def facings_in(parameters: Mapping[str, float]) -> int:
-    """The number of facings among the parameters, 1 by default; raises BadInput unless it is whole and from 1 to 72."""
-    facings = parameters.get("facings", 1.0)
-    if not 1 <= facings <= MOST_FACINGS or facings != int(facings):
-        raise BadInput(f"facings = {facings:g}: a whole number from 1 to {MOST_FACINGS} is expected, e.g. 12")
-    return int(facings)
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,17 +122,20 @@ class Watch(Protocol):
     @property
     def joint(self) -> Floats | None:
         """(M, K) joint posterior over movements and facings, whose sum is p; None for a model without facings."""
+        return None
 
     @property
     def foreseen(self) -> Floats | None:
         """(M,) mean predictive log likelihood per frame since the last rest, in nats, for each movement.
 
-        None before the first movement, and for a model that cannot tell.
+        None before the first movement, and for a model that predicts no observations.
         """
+        return None
 
     @property
     def unlearned(self) -> Floats | None:
         """(K,) P(none of the movements, facing), K = 1 without facings; None for a model without a background."""
+        return None
 
     @property
     def rest(self) -> float:
@@ -203,15 +162,14 @@ def end_movement(watch: Watch) -> None:
 class MovementModel(Protocol):
     """Computes log P(observation | movement, phase) and filters with it.
 
-    A model that can also learn from movements outside its vocabulary has the methods of `WithBackground` too. A model
-    may have RANGES, a ParameterRange for each parameter; values outside are rejected.
+    A model that can also learn from movements outside its vocabulary has the methods of `WithBackground` too.
 
     To add a model: one file with such a class and one line in registry.py; tests/contracts/test_models.py checks it.
     """
 
     kind: ClassVar[str]
-    DEFAULTS: ClassVar[Mapping[str, float]]
-    """The model's parameters with their default values."""
+    PARAMETERS: ClassVar[Mapping[str, Parameter]]
+    """The model's parameters, by name."""
 
     @property
     def header(self) -> Header:
@@ -232,12 +190,6 @@ class MovementModel(Protocol):
         """Start watching a person, knowing only the prior."""
 
 
-def ranges_of(kind: type[MovementModel]) -> Mapping[str, ParameterRange]:
-    """The ranges of a model's parameters; empty for a model that declares none."""
-    ranges: Mapping[str, ParameterRange] = getattr(kind, "RANGES", {})
-    return ranges
-
-
 @runtime_checkable
 class WithBackground(Protocol):
     """The additional method of a model that also learns from background examples."""
@@ -251,9 +203,12 @@ class LearnsStreams(Protocol):
     """The additional method of a kind of model that also learns from streams, above all what else people do."""
 
     @classmethod
-    def learn_with_streams(
-        cls, header: Header, examples: Sequence[Example], streams: Sequence[Stream]
-    ) -> MovementModel:
+    def learn(cls, header: Header, examples: Sequence[Example]) -> Self:
+        """Learn from cut-out movements alone."""
+        return cls.learn_with_streams(header, examples, ())
+
+    @classmethod
+    def learn_with_streams(cls, header: Header, examples: Sequence[Example], streams: Sequence[Stream]) -> Self:
         """As `learn`; the examples include the movements in the spans. There may be no streams."""
 
 
@@ -286,7 +241,7 @@ def with_features(kind: type[MovementModel], header: Header, examples: Sequence[
     """The examples with their features, if this kind of model can read them in advance; otherwise unchanged."""
     if not isinstance(kind, ReadsExamples):
         return list(examples)
-    complete = with_defaults(header, kind.DEFAULTS, ranges_of(kind))
+    complete = with_defaults(header, kind.PARAMETERS)
     return [replace(e, features=kind.read(complete, e)) for e in examples]
 
 

@@ -14,21 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.probability import softmax
-from observer.model.base import (
-    MOST_FACINGS,
-    POSITIVE,
-    Arrays,
-    Example,
-    Header,
-    Onset,
-    ParameterRange,
-    Stream,
-    facings_in,
-    with_defaults,
-)
+from observer.model.base import Arrays, Example, Header, LearnsStreams, Onset, Stream, Watch, with_defaults
 from observer.model.body_trace import BodyTrace, extent, read_trace, width_of
 from observer.model.cross_validation import CrossValidation
 from observer.model.logistic import LogisticRegression
+from observer.model.parameters import FACINGS, POSITIVE, Parameter, ParameterRange, facings_in
 from observer.model.posterior_calibration import HeldOutResult
 from observer.model.segment_classifier import SegmentClassifier
 from observer.model.trailing_features import TrailingFeatures
@@ -50,23 +40,17 @@ FORGET_PER_S = 0.15
 """The share of a posterior that returns to the prior in a second without sight."""
 
 
-class Discriminative:
+class Discriminative(LearnsStreams):
     """The two classifiers of one view."""
 
     kind: ClassVar[str] = "discriminative"
     # kernels: features of the segment classifier. inverse_penalty: of all regressions, for segments and for trailing
     # windows. Chosen by leaving out training people (docs/design/model.md).
-    DEFAULTS: ClassVar[Mapping[str, float]] = {
-        "kernels": 2500.0,
-        "inverse_penalty": 0.01,
-        "trailing_penalty": 0.005,
-        "facings": 1.0,
-    }
-    RANGES: ClassVar[Mapping[str, ParameterRange]] = {
-        "kernels": ParameterRange(84, 20_000, whole=True),
-        "inverse_penalty": POSITIVE,
-        "trailing_penalty": POSITIVE,
-        "facings": ParameterRange(1, MOST_FACINGS, whole=True),
+    PARAMETERS: ClassVar[Mapping[str, Parameter]] = {
+        "kernels": Parameter(2500.0, ParameterRange(84, 20_000, whole=True)),
+        "inverse_penalty": Parameter(0.01, POSITIVE),
+        "trailing_penalty": Parameter(0.005, POSITIVE),
+        "facings": FACINGS,
     }
 
     def __init__(
@@ -83,14 +67,9 @@ class Discriminative:
         self.trailing, self.movement, self.segments, self.longest = trailing, movement, segments, longest
 
     @classmethod
-    def learn(cls, header: Header, examples: Sequence[Example]) -> Self:
-        """Learn without streams: something else is only rest, and blends of movements."""
-        return cls.learn_with_streams(header, examples, ())
-
-    @classmethod
     def learn_with_streams(cls, header: Header, examples: Sequence[Example], streams: Sequence[Stream]) -> Self:
         """Learn from cut-out movements and from continuous recordings."""
-        header = with_defaults(header, cls.DEFAULTS, cls.RANGES)
+        header = with_defaults(header, cls.PARAMETERS)
         facings = facings_in(header.parameters)
         return cls._learn(header, thin_facings(examples, facings), thin_facings(streams, facings))
 
@@ -120,7 +99,7 @@ class Discriminative:
     @classmethod
     def held_out(cls, header: Header, cross_validation: CrossValidation) -> dict[int, HeldOutMembers]:
         """What models of the others make of each example of a movement."""
-        header = with_defaults(header, cls.DEFAULTS, cls.RANGES)
+        header = with_defaults(header, cls.PARAMETERS)
         examples, streams = cross_validation.examples, cross_validation.streams
         traces, of_streams = [cls._trace(header, e) for e in examples], [cls._trace(header, s) for s in streams]
         table = TrainingTable(header, examples, traces, streams, of_streams)
@@ -184,7 +163,7 @@ class Discriminative:
         return DiscriminativeWatch(self, onset.known)
 
 
-class DiscriminativeWatch:
+class DiscriminativeWatch(Watch):
     """Watches one person; `begun` is the number of frames since the begin of the segment, None without one."""
 
     def __init__(self, model: Discriminative, onset_known: bool) -> None:
@@ -231,16 +210,6 @@ class DiscriminativeWatch:
         p *= (1 - self.doubt) / p.sum()
         p += self.doubt / len(p)
         return p
-
-    @property
-    def joint(self) -> Floats | None:
-        """None: it does not know facings."""
-        return None
-
-    @property
-    def foreseen(self) -> Floats | None:
-        """None: it predicts no observations."""
-        return None
 
     @property
     def unlearned(self) -> Floats:

@@ -17,7 +17,8 @@ from common.errors import BadInput
 from common.vocabulary import Vocabulary
 from observer.files import read_arrays, write_arrays
 from observer.geometry.views import View
-from observer.model.base import Header, MovementModel, check_parameters, ranges_of
+from observer.model.base import Header, MovementModel
+from observer.model.parameters import check_parameters
 from observer.model.posterior_calibration import PosteriorCalibration
 from observer.model.registry import MODELS
 
@@ -55,11 +56,11 @@ def _model_from(path: Path, arrays: dict[str, NDArray[Any]]) -> MovementModel:
     if document["kind"] not in MODELS:
         raise BadInput(f"{path}: model kind {document['kind']!r} is unknown; known: {', '.join(MODELS)}")
     kind, header = MODELS[document["kind"]], _header_from(document)
-    missing = [name for name in kind.DEFAULTS if name not in header.parameters]
+    missing = [name for name in kind.PARAMETERS if name not in header.parameters]
     if missing:
         raise BadInput(f"{path}: its header lacks the parameter {missing[0]!r}; learn it again")
     try:
-        check_parameters(header.parameters, ranges_of(kind))
+        check_parameters(header.parameters, kind.PARAMETERS)
     except BadInput as error:
         raise BadInput(f"{path}: {error}; learn it again") from None
     return kind.from_arrays(header, arrays)

@@ -14,19 +14,7 @@ from numpy.typing import NDArray
 from observer.features import REFERENCE_HZ, PostureReader, without_motion
 from observer.filtering.chain_filter import ChainFilter
 from observer.filtering.phase_filter import Dynamics
-from observer.model.base import (
-    MOST_FACINGS,
-    NOT_NEGATIVE,
-    POSITIVE,
-    PROBABILITY,
-    Arrays,
-    Example,
-    Header,
-    Onset,
-    ParameterRange,
-    Stream,
-    with_defaults,
-)
+from observer.model.base import Arrays, Example, Header, Onset, Stream, Watch, with_defaults
 from observer.model.chains import (
     LivePostures,
     PostureEvidence,
@@ -36,6 +24,7 @@ from observer.model.chains import (
     fill_gaps,
     resample_phases,
 )
+from observer.model.parameters import FACINGS, NOT_NEGATIVE, POSITIVE, PROBABILITY, Parameter
 from observer.model.posterior_calibration import given_learned
 from observer.tracks import Floats, Tracks
 
@@ -71,26 +60,15 @@ class Phase:
     # hands_weight. outlier: the largest evidence of a frame against a posture, in nats. All chosen by leaving out one
     # of the training subjects 1, 3, 5, 7, 9 of MSR Action3D at a time (docs/design/model.md), abandon likewise.
     # begin, forget: guesses.
-    # facings: the number of directions in which a person may stand.
-    DEFAULTS: ClassVar[Mapping[str, float]] = {
-        "sharpness": 1.0,
-        "fast": 1.5,
-        "apart": 0.5,
-        "outlier": 5.0,
-        "begin": 0.05,
-        "forget": 0.01,
-        "abandon": 0.02,
-        "facings": 1.0,
-    }
-    RANGES: ClassVar[Mapping[str, ParameterRange]] = {
-        "sharpness": POSITIVE,
-        "fast": POSITIVE,
-        "apart": NOT_NEGATIVE,
-        "outlier": POSITIVE,
-        "begin": PROBABILITY,
-        "forget": PROBABILITY,
-        "abandon": PROBABILITY,
-        "facings": ParameterRange(1, MOST_FACINGS, whole=True),
+    PARAMETERS: ClassVar[Mapping[str, Parameter]] = {
+        "sharpness": Parameter(1.0, POSITIVE),
+        "fast": Parameter(1.5, POSITIVE),
+        "apart": Parameter(0.5, NOT_NEGATIVE),
+        "outlier": Parameter(5.0, POSITIVE),
+        "begin": Parameter(0.05, PROBABILITY),
+        "forget": Parameter(0.01, PROBABILITY),
+        "abandon": Parameter(0.02, PROBABILITY),
+        "facings": FACINGS,
     }
 
     def __init__(
@@ -120,7 +98,7 @@ class Phase:
         A posture with a hole would be near to every other; a part that an example never shows is taken from the mean
         of the other examples of its movement.
         """
-        header = with_defaults(header, cls.DEFAULTS, cls.RANGES)
+        header = with_defaults(header, cls.PARAMETERS)
         features = [_features_of(e, header) for e in examples]
         # A phase is 1/15 s of the median example, whatever the frame rate.
         lengths = [len(f) for f, e in zip(features, examples, strict=True) if e.movement >= 0]
@@ -221,7 +199,7 @@ class Phase:
         return PostureEvidence(live_postures, ends, features, sharpness, outlier)
 
 
-class PhaseWatch:
+class PhaseWatch(Watch):
     """Watches one person with a phase filter."""
 
     def __init__(self, model: Phase, reader: PostureReader, chain_filter: ChainFilter) -> None:

@@ -16,22 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.probability import softmax
-from observer.model.base import (
-    MOST_FACINGS,
-    NOT_NEGATIVE,
-    Arrays,
-    Example,
-    Header,
-    Onset,
-    ParameterRange,
-    Stream,
-    with_defaults,
-)
+from observer.model.base import Arrays, Example, Header, LearnsStreams, Onset, Stream, Watch, with_defaults
 from observer.model.body_trace import BodyTrace, width_of
 from observer.model.chains import fill_gaps
 from observer.model.cross_validation import CrossValidation
 from observer.model.discriminative import Discriminative, DiscriminativeWatch
 from observer.model.log_linear_pool import SMALLEST, learn_exponents, pooled
+from observer.model.parameters import NOT_NEGATIVE, Parameter
 from observer.model.phase import Phase, PhaseWatch, posture_reader
 from observer.model.posterior_calibration import HeldOutResult
 from observer.tracks import Floats, Tracks
@@ -44,38 +35,27 @@ RUNNING_AT = (0.3, 0.6, 0.9)
 """Shares of held-out movements from which the exponents for movements in progress are learned."""
 
 
-class Stacked:
+class Stacked(LearnsStreams):
     """Phase and Discriminative of one view."""
 
     kind: ClassVar[str] = "stacked"
     # Exponents of the members' posteriors, for movements in progress and ended ones; `cross_validated` learns them.
-    DEFAULTS: ClassVar[Mapping[str, float]] = {
-        **Phase.DEFAULTS,
-        **Discriminative.DEFAULTS,
-        "generative": 0.6,
-        "discriminative": 1.0,
-        "generative_ended": 0.6,
-        "discriminative_ended": 1.0,
-    }
-    RANGES: ClassVar[Mapping[str, ParameterRange]] = {
-        **Phase.RANGES,
-        **Discriminative.RANGES,
-        "facings": ParameterRange(1, MOST_FACINGS, whole=True),
-        **dict.fromkeys((*RUNNING, *ENDED), NOT_NEGATIVE),
+    PARAMETERS: ClassVar[Mapping[str, Parameter]] = {
+        **Phase.PARAMETERS,
+        **Discriminative.PARAMETERS,
+        "generative": Parameter(0.6, NOT_NEGATIVE),
+        "discriminative": Parameter(1.0, NOT_NEGATIVE),
+        "generative_ended": Parameter(0.6, NOT_NEGATIVE),
+        "discriminative_ended": Parameter(1.0, NOT_NEGATIVE),
     }
 
     def __init__(self, header: Header, phase: Phase, discriminative: Discriminative) -> None:
         self.header, self.phase, self.discriminative = header, phase, discriminative
 
     @classmethod
-    def learn(cls, header: Header, examples: Sequence[Example]) -> Self:
-        """Learn both members from cut-out movements alone."""
-        return cls.learn_with_streams(header, examples, ())
-
-    @classmethod
     def learn_with_streams(cls, header: Header, examples: Sequence[Example], streams: Sequence[Stream]) -> Self:
         """Learn both members; the phase filter learns from the movements of the vocabulary only."""
-        header = replace(with_defaults(header, cls.DEFAULTS, cls.RANGES), background=header.background or ())
+        header = replace(with_defaults(header, cls.PARAMETERS), background=header.background or ())
         members = [_split(header, e) for e in examples]
         phase = Phase.learn(_of_phase(header), [p for p, _ in members if p.movement >= 0])
         traces = [_trace_of(header, s) for s in streams]
@@ -87,7 +67,7 @@ class Stacked:
         cls, header: Header, cross_validation: CrossValidation
     ) -> tuple[Mapping[str, float], list[HeldOutResult]]:
         """The exponents, and the results with these of the examples that the phase filter has watched."""
-        header = with_defaults(header, cls.DEFAULTS, cls.RANGES)
+        header = with_defaults(header, cls.PARAMETERS)
         split = [_split(header, e) for e in cross_validation.examples]
         others = replace(
             cross_validation,
@@ -153,12 +133,12 @@ class Stacked:
 
 
 def _of_phase(header: Header) -> Header:
-    parameters = {name: header.parameters[name] for name in Phase.DEFAULTS}
+    parameters = {name: header.parameters[name] for name in Phase.PARAMETERS}
     return replace(header, kind=Phase.kind, parameters=parameters, background=None)
 
 
 def _of_other(header: Header) -> Header:
-    parameters = {name: header.parameters[name] for name in Discriminative.DEFAULTS}
+    parameters = {name: header.parameters[name] for name in Discriminative.PARAMETERS}
     return replace(header, kind=Discriminative.kind, parameters=parameters)
 
 
@@ -208,7 +188,7 @@ def _held_out_phases(
                 yield n, np.array([posteriors[max(math.ceil(s * len(tracks)), 1) - 1] for s in shares])
 
 
-class StackedWatch:
+class StackedWatch(Watch):
     """Watches one person. The phase filter starts anew at each begin of a segment, with the frames since then."""
 
     def __init__(self, model: Stacked, onset: Onset) -> None:
@@ -282,11 +262,6 @@ class StackedWatch:
     def joint(self) -> Floats | None:
         """(M, K) posterior over movements and facings; None for a model of one facing."""
         return self._posterior if self._model.phase.facings > 1 else None
-
-    @property
-    def foreseen(self) -> Floats | None:
-        """None: something else is one of the answers."""
-        return None
 
     @property
     def unlearned(self) -> Floats | None:

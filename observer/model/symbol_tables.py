@@ -14,17 +14,8 @@ from common.errors import BadInput
 from common.probability import softmax, uniform
 from observer.features import SpaceReader, Symbols, VectorSymbol
 from observer.filtering.phase_filter import Dynamics, PhaseFilter
-from observer.model.base import (
-    NOT_NEGATIVE,
-    POSITIVE,
-    PROBABILITY,
-    Arrays,
-    Example,
-    Header,
-    Onset,
-    ParameterRange,
-    with_defaults,
-)
+from observer.model.base import Arrays, Example, Header, Onset, Watch, with_defaults
+from observer.model.parameters import NOT_NEGATIVE, POSITIVE, PROBABILITY, Parameter, ParameterRange
 from observer.tracks import Floats, Tracks
 
 SYMBOLS = 9
@@ -77,11 +68,10 @@ def log_evidence(log_table: Floats, symbols: Symbols) -> Floats:
 class SymbolTable:
     """Base of the models of Vector Symbols: a table learned by counting, and its storage.
 
-    DEFAULTS has `threshold`, `smoothing`, `neighbours` and, under the name BINS, the number of bins.
+    PARAMETERS has `threshold`, `smoothing`, `neighbours` and, under the name BINS, the number of bins.
     """
 
-    DEFAULTS: ClassVar[Mapping[str, float]]
-    RANGES: ClassVar[Mapping[str, ParameterRange]]
+    PARAMETERS: ClassVar[Mapping[str, Parameter]]
     BINS: ClassVar[str]
 
     def __init__(self, header: Header, log_table: Floats, mean_frames: float) -> None:
@@ -92,7 +82,7 @@ class SymbolTable:
     @classmethod
     def learn(cls, header: Header, examples: Sequence[Example]) -> Self:
         """Count Vector Symbols per movement, bin and part."""
-        header = with_defaults(header, cls.DEFAULTS, cls.RANGES)
+        header = with_defaults(header, cls.PARAMETERS)
         parameters = header.parameters
         sequences = [(symbols_of(e, header.body_parts, parameters["threshold"]), e.movement) for e in examples]
         bins, movements = int(parameters[cls.BINS]), header.vocabulary.size
@@ -161,12 +151,11 @@ class FrameTable(SymbolTable):
 
     kind: ClassVar[str] = "frame-table"
     # Chosen by leave-one-subject-out on the training subjects 1, 3, 5, 7, 9 of MSR Action3D: docs/design/paper.md.
-    DEFAULTS: ClassVar[Mapping[str, float]] = {"bins": 8.0, "threshold": 0.16, "smoothing": 0.1, "neighbours": 0.0}
-    RANGES: ClassVar[Mapping[str, ParameterRange]] = {
-        "bins": ParameterRange(1, MOST_BINS, whole=True),
-        "threshold": NOT_NEGATIVE,
-        "smoothing": POSITIVE,
-        "neighbours": NOT_NEGATIVE,
+    PARAMETERS: ClassVar[Mapping[str, Parameter]] = {
+        "bins": Parameter(8.0, ParameterRange(1, MOST_BINS, whole=True)),
+        "threshold": Parameter(0.16, NOT_NEGATIVE),
+        "smoothing": Parameter(0.1, POSITIVE),
+        "neighbours": Parameter(0.0, NOT_NEGATIVE),
     }
     BINS = "bins"
 
@@ -178,25 +167,18 @@ class FrameTable(SymbolTable):
         return _FrameTableWatch(self.log_table, SpaceReader(self.header.body_parts, threshold), clock)
 
 
-class _SymbolWatch:
-    """Knows one facing and nothing about "something else"."""
-
-    joint = None
-    foreseen = None
-    unlearned = None
-
-
-class _FrameTableWatch(_SymbolWatch):
-    """The paper's model has no rest: `rest` is always 0."""
-
-    rest = 0.0
-
+class _FrameTableWatch(Watch):
     def __init__(self, log_table: Floats, reader: SpaceReader, clock: FrameClock) -> None:
         self._log_table, self._reader, self._clock = log_table, reader, clock
 
     @property
     def p(self) -> Floats:
         return self._clock.p
+
+    @property
+    def rest(self) -> float:
+        """The paper's model has no rest."""
+        return 0.0
 
     def update(self, tracks: Tracks) -> None:
         symbols = self._reader.update(tracks)
@@ -232,30 +214,18 @@ class PhaseSymbols(SymbolTable):
     """One chain of phases per movement; P(b | m, phase) is counted with every example divided into the phases."""
 
     kind: ClassVar[str] = "phase-symbols"
-    DEFAULTS: ClassVar[Mapping[str, float]] = {
-        "phases": 30.0,
-        "threshold": 0.16,
-        "smoothing": 0.1,
+    PARAMETERS: ClassVar[Mapping[str, Parameter]] = {
+        "phases": Parameter(30.0, ParameterRange(1, MOST_BINS, whole=True)),
+        "threshold": Parameter(0.16, NOT_NEGATIVE),
+        "smoothing": Parameter(0.1, POSITIVE),
         # Chosen on training subjects: it matters with few examples and hardly with many (docs/guide/own-movements.md).
-        "neighbours": 10.0,
-        "temperature": 4.0,
-        "speeds": 10.0,
-        "slowest": 0.5,
-        "fastest": 2.0,
-        "begin": 0.05,
-        "forget": 0.01,
-    }
-    RANGES: ClassVar[Mapping[str, ParameterRange]] = {
-        "phases": ParameterRange(1, MOST_BINS, whole=True),
-        "threshold": NOT_NEGATIVE,
-        "smoothing": POSITIVE,
-        "neighbours": NOT_NEGATIVE,
-        "temperature": POSITIVE,
-        "speeds": ParameterRange(1, MOST_SPEEDS, whole=True),
-        "slowest": ParameterRange(0.0, 100.0, above=True),
-        "fastest": ParameterRange(0.0, 100.0, above=True),
-        "begin": PROBABILITY,
-        "forget": PROBABILITY,
+        "neighbours": Parameter(10.0, NOT_NEGATIVE),
+        "temperature": Parameter(4.0, POSITIVE),
+        "speeds": Parameter(10.0, ParameterRange(1, MOST_SPEEDS, whole=True)),
+        "slowest": Parameter(0.5, ParameterRange(0.0, 100.0, above=True)),
+        "fastest": Parameter(2.0, ParameterRange(0.0, 100.0, above=True)),
+        "begin": Parameter(0.05, PROBABILITY),
+        "forget": Parameter(0.01, PROBABILITY),
     }
     BINS = "phases"
 
@@ -269,7 +239,7 @@ class PhaseSymbols(SymbolTable):
         return _PhaseSymbolsWatch(self.log_table, 1 / parameters["temperature"], reader, phase_filter)
 
 
-class _PhaseSymbolsWatch(_SymbolWatch):
+class _PhaseSymbolsWatch(Watch):
     def __init__(self, log_table: Floats, exponent: float, reader: SpaceReader, phase_filter: PhaseFilter) -> None:
         self._log_table, self._exponent, self._reader, self._filter = log_table, exponent, reader, phase_filter
         self._log_rest = np.full(SYMBOLS, np.log((1 - STILL_AT_REST) / (SYMBOLS - 1)))

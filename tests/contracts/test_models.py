@@ -161,11 +161,11 @@ def test_a_broken_model_file_is_one_clear_line(kind, archive, tmp_path):
 
 def test_a_model_file_without_a_parameter_is_one_clear_line(model, tmp_path):
     path = tmp_path / "a.model"
-    model.header.parameters.pop(missing := next(iter(model.DEFAULTS)))
+    model.header.parameters.pop(missing := next(iter(model.PARAMETERS)))
     try:
         write_model(path, model)
     finally:
-        model.header.parameters[missing] = model.DEFAULTS[missing]
+        model.header.parameters[missing] = model.PARAMETERS[missing].default
     with pytest.raises(BadInput, match=f"lacks the parameter '{missing}'; learn it again"):
         read_model(path)
 

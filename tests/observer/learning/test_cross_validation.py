@@ -8,6 +8,7 @@ import pytest
 from common.vocabulary import Vocabulary
 from observer.learning.learn import MOST_EVALUATED, with_calibration
 from observer.model.base import Example, Header
+from observer.model.parameters import FACINGS
 from observer.model.posterior_calibration import CAUTIOUS
 
 LABELS = ("bow", "lunge")
@@ -20,7 +21,7 @@ class Spy:
     """A model whose tracks name their example."""
 
     kind = "spy"
-    DEFAULTS = {"facings": 1.0}  # noqa: RUF012 - as a model has it
+    PARAMETERS = {"facings": FACINGS}  # noqa: RUF012 - as a model has it
 
     def __init__(self, header, learned):
         self.header, self.learned = header, learned

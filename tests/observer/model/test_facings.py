@@ -12,8 +12,9 @@ from common.errors import BadInput
 from common.vocabulary import Vocabulary
 from observer.geometry.views import turned
 from observer.learning.learn import learn_view
-from observer.model.base import MOST_FACINGS, Onset, facings_in
+from observer.model.base import Onset
 from observer.model.model_file import read_model, write_model
+from observer.model.parameters import MOST_FACINGS, facings_in
 from observer.model.posterior_calibration import PosteriorCalibration
 from observer.motion.archive import select
 from observer.motion.projected import ProjectedTracker, frames_of

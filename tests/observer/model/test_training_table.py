@@ -44,7 +44,7 @@ def example(movement, subject, trial):
 @pytest.fixture(scope="module")
 def header():
     header = Header("discriminative", VOCABULARY, "door", np.eye(3, 4), RATE_HZ, BODY_PARTS, {"kernels": 336.0})
-    return with_defaults(header, Discriminative.DEFAULTS, Discriminative.RANGES)
+    return with_defaults(header, Discriminative.PARAMETERS)
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,60 @@
+"""The parameters of movement models: their default values, and the values that they may have."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from common.errors import BadInput
+
+
+@dataclass(frozen=True, slots=True)
+class ParameterRange:
+    """The values that a parameter may have; above: `low` itself is excluded. Larger numbers would overflow float32."""
+
+    low: float = 0.0
+    high: float = 1e6
+    above: bool = False
+    whole: bool = False
+
+    def check(self, name: str, value: float) -> None:
+        """Raise BadInput, one line with the name, the value and the range, for a value outside it."""
+        too_low = value <= self.low if self.above else value < self.low
+        # NaN fails every comparison.
+        if too_low or not value <= self.high or (self.whole and value != int(value)):
+            raise BadInput(f"parameter {name} = {value:g}: {self} is expected")
+
+    def __str__(self) -> str:
+        number = "a whole number" if self.whole else "a number"
+        low = f"above {self.low:g} and up" if self.above else f"from {self.low:g}"
+        return f"{number} {low} to {self.high:g}"
+
+
+PROBABILITY = ParameterRange(0.0, 1.0)
+POSITIVE = ParameterRange(0.0, above=True)
+NOT_NEGATIVE = ParameterRange(0.0)
+MOST_FACINGS = 72
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """A model's parameter: its default value and the values that it may have."""
+
+    default: float
+    allowed: ParameterRange
+
+
+FACINGS = Parameter(1.0, ParameterRange(1, MOST_FACINGS, whole=True))
+"""In how many directions a person may stand."""
+
+
+def check_parameters(parameters: Mapping[str, float], known: Mapping[str, Parameter]) -> None:
+    """Raise BadInput for the first parameter whose value is outside its range."""
+    for name, parameter in known.items():
+        parameter.allowed.check(name, parameters[name])
+
+
+def facings_in(parameters: Mapping[str, float]) -> int:
+    """The number of facings among the parameters, 1 by default; raises BadInput unless it is whole and from 1 to 72."""
+    facings = parameters.get("facings", 1.0)
+    if not 1 <= facings <= MOST_FACINGS or facings != int(facings):
+        raise BadInput(f"facings = {facings:g}: a whole number from 1 to {MOST_FACINGS} is expected, e.g. 12")
+    return int(facings)
