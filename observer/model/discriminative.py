@@ -11,15 +11,16 @@ from dataclasses import replace
 from typing import ClassVar, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from common.probability import softmax
 from observer.model.base import Arrays, Example, Header, LearnsStreams, Onset, Stream, Watch, with_defaults
-from observer.model.body_trace import BodyTrace, extent, read_trace, width_of
+from observer.model.body_trace import BodyTrace, Floats32, extent, read_trace, width_of
 from observer.model.cross_validation import CrossValidation
 from observer.model.logistic import LogisticRegression
+from observer.model.movement_segment import MovementSegment
 from observer.model.parameters import FACINGS, POSITIVE, Parameter, ParameterRange, facings_in
 from observer.model.posterior_calibration import HeldOutResult
+from observer.model.renumbering import indices_of_remaining, without_background_movement
 from observer.model.segment_classifier import SegmentClassifier
 from observer.model.trailing_features import TrailingFeatures
 from observer.model.training_memory import TrainingMemory
@@ -27,10 +28,6 @@ from observer.model.training_rows import thin_facings
 from observer.model.training_table import HeldOutMembers, TrainingTable
 from observer.tracks import Floats, Tracks
 
-Floats32 = NDArray[np.float32]
-
-STILL_LAG_S = 0.3
-"""Stillness is noticed so late; a movement begins that long before."""
 LONGEST_SHARE = 1.4
 """A segment longer than this multiple of the longest example is no single movement."""
 STEPS_PER_S = 15.0
@@ -147,13 +144,12 @@ class Discriminative(LearnsStreams):
 
     def shrunk(self, header: Header, remaining: Sequence[int]) -> Self:
         """Learned again for a vocabulary of only these movements, in their order."""
-        return self._learned_from(header, self.memory.of_movements(self.header, remaining))
+        return self._learned_from(header, self.memory.renumbered(indices_of_remaining(self.header, remaining)))
 
     def without_background(self, gone: int) -> Self:
         """Learned again without one movement of the background, given by its place in the header's."""
-        labels = self.header.background or ()
-        header = replace(self.header, background=(*labels[:gone], *labels[gone + 1 :]))
-        return self._learned_from(header, self.memory.without_background(self.header, gone))
+        header, new_index = without_background_movement(self.header, gone)
+        return self._learned_from(header, self.memory.renumbered(new_index))
 
     def _learned_from(self, header: Header, memory: TrainingMemory) -> Self:
         return self._learn(header, memory.examples, memory.streams)
@@ -164,23 +160,18 @@ class Discriminative(LearnsStreams):
 
 
 class DiscriminativeWatch(Watch):
-    """Watches one person; `begun` is the number of frames since the begin of the segment, None without one."""
+    """Watches one person."""
 
     def __init__(self, model: Discriminative, onset_known: bool) -> None:
         self._model = model
         header = model.header
         self.trace = BodyTrace(header.body_parts, header.rate_hz)
-        history = max(model.trailing.windows.history, round(LONGEST_SHARE * model.longest)) + 2
+        self.segment = MovementSegment(header.rate_hz, onset_known, LONGEST_SHARE * model.longest)
+        self._history = max(model.trailing.windows.history, round(LONGEST_SHARE * model.longest)) + 2
         self._rows: Floats32 = np.zeros((0, width_of(len(header.body_parts))), np.float32)
-        self._history = history
         self._hop = max(round(header.rate_hz / STEPS_PER_S), 1)
         self._since = 0
-        self.begun: int | None = 0 if onset_known else None
-        self._moved = self._moved_before = not onset_known
-        self._rested = 0
         self._ended = False
-        self.over = False
-        self.lag = max(round(STILL_LAG_S * header.rate_hz), 1)
         self.doubt = 1.0
         """How far the posterior is back at the prior because nobody is seen; 1 before the first sight."""
         movements = header.vocabulary.size
@@ -231,38 +222,22 @@ class DiscriminativeWatch(Watch):
             return
         self.doubt = 0.0
         self._rows = np.concatenate([self._rows[1 - self._history :], row[None]])
-        self._follow_segment()
+        self.segment.update(self.rest >= 0.5, len(self._rows))
         self._since += 1
         if self._since % self._hop == 1 or self._hop == 1:
-            self._classify(ended=self.over)
+            self._classify(ended=self.segment.over)
 
     def end(self) -> None:
         """The recording has ended, and with it the movement."""
         if len(self._rows):
             self._classify(ended=True)
 
-    def _follow_segment(self) -> None:
-        """A segment begins when rest ends, and is over while the person rests after it."""
-        resting = self.rest >= 0.5
-        self._moved = self._moved or not resting
-        if self.begun is not None:
-            self.over = resting and self._moved
-            self.begun += not self.over
-            if self.begun > min(LONGEST_SHARE * self._model.longest, len(self._rows)):
-                self.begun = None
-        if self._rested >= self.lag and not resting and self._moved_before:
-            self.begun, self.over = min(self.lag, len(self._rows)), False
-        if resting and self._moved:
-            self._moved_before = True
-        self._rested = self._rested + 1 if resting else 0
-
     def _classify(self, ended: bool) -> None:
         model, self._ended = self._model, ended
         self._log_trailing = model.movement.log_probabilities(model.trailing.newest(self._rows)).astype(np.float64)
         self._log_segment = None
-        if self.begun:
-            rested = self._rested if self.over else 0
-            rows = self._rows[-self.begun - rested :][: self.begun]
+        if self.segment.begun:
+            rows = self.segment.rows_of(self._rows)
             self._log_segment = model.segments.log_posterior(rows, ended).astype(np.float64)
         far = extent(self._rows, model.header.rate_hz)
         self._too_small = float(self.p @ (1 / (1 + (far / np.maximum(model.least_extents, 1e-6)) ** STEEP)))

@@ -5,7 +5,6 @@ person faces.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import ClassVar, Self
 
 import numpy as np
@@ -13,7 +12,6 @@ from numpy.typing import NDArray
 
 from observer.features import REFERENCE_HZ, PostureReader, without_motion
 from observer.filtering.chain_filter import ChainFilter
-from observer.filtering.phase_filter import Dynamics
 from observer.model.base import Arrays, Example, Header, Onset, Stream, Watch, with_defaults
 from observer.model.chains import (
     LivePostures,
@@ -24,32 +22,13 @@ from observer.model.chains import (
     fill_gaps,
     resample_phases,
 )
+from observer.model.pace import chain_dynamics
 from observer.model.parameters import FACINGS, NOT_NEGATIVE, POSITIVE, PROBABILITY, Parameter
 from observer.model.posterior_calibration import given_learned
+from observer.model.renumbering import indices_of_remaining, without_background_movement
 from observer.tracks import Floats, Tracks
 
-STEPS = (0.4, 0.3, 0.15, 0.1, 0.05)
-"""P(advance by 0, 1, 2, 3, 4 phases in 1/15 s): people pause and hurry more often than they keep an even pace."""
-ENTRY = (0.4, 0.3, 0.2, 0.1)
-"""P(a movement is entered in its first, ... fourth phase)."""
 FEWEST_PHASES = 8
-
-
-def step_probabilities(share: float) -> Floats:
-    """(K,) P(advance by k phases) within `share` fifteenths of a second.
-
-    STEPS convolved with itself once per whole fifteenth; the remainder is one more step with that probability.
-    """
-    whole, part = int(share), share - int(share)
-    steps = np.ones(1)
-    for _ in range(whole):
-        steps = np.convolve(steps, STEPS)
-    if part > 0:
-        once = part * np.array(STEPS)
-        once[0] += 1 - part
-        steps = np.convolve(steps, once)
-    result: Floats = steps
-    return result
 
 
 class Phase:
@@ -148,21 +127,11 @@ class Phase:
 
     def shrunk(self, header: Header, remaining: Sequence[int]) -> Self:
         """The same model for a vocabulary of only these movements, in their order."""
-        # New index of each movement; the background keeps its own.
-        return self._renumbered(
-            header, {m: n for n, m in enumerate(remaining)} | {-1 - b: -1 - b for b in range(self._background_size)}
-        )
+        return self._renumbered(header, indices_of_remaining(self.header, remaining))
 
     def without_background(self, gone: int) -> Self:
         """The same model without one movement of the background, given by its place in the header's."""
-        left = [b for b in range(self._background_size) if b != gone]
-        header = replace(self.header, background=tuple((self.header.background or ())[b] for b in left))
-        movements = {m: m for m in range(header.vocabulary.size)}
-        return self._renumbered(header, movements | {-1 - b: -1 - n for n, b in enumerate(left)})
-
-    @property
-    def _background_size(self) -> int:
-        return len(self.header.background or ())
+        return self._renumbered(*without_background_movement(self.header, gone))
 
     def _renumbered(self, header: Header, new_index: Mapping[int, int]) -> Self:
         """Only the chains of these movements, in their own order, with new indices of movements."""
@@ -172,16 +141,7 @@ class Phase:
 
     def watch(self, onset: Onset) -> "PhaseWatch":
         """Start the filter at rest, or at the first phases if the onset is known."""
-        parameters = self.header.parameters
-        dynamics = Dynamics(
-            steps=step_probabilities(self._share)[None],
-            speeds=np.ones(1),
-            jitter=np.ones((1, 1)),
-            entry=np.array(ENTRY),
-            begin=1 - (1 - parameters["begin"]) ** self._share,
-            forget=1 - (1 - parameters["forget"]) ** self._share,
-            abandon=1 - (1 - parameters.get("abandon", 0.0)) ** self._share,  # Earlier files lack it.
-        )
+        dynamics = chain_dynamics(self.header.parameters, self._share)
         phases = self._chains.shape[1]
         chain_filter = ChainFilter(self._cell_of, self.answers, self.facings, phases, dynamics, onset.known)
         return PhaseWatch(self, posture_reader(self.header), chain_filter)

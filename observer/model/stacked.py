@@ -8,12 +8,11 @@ of the discriminative model alone (docs/design/model.md).
 
 import math
 from collections import deque
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import ClassVar, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from common.probability import softmax
 from observer.model.base import Arrays, Example, Header, LearnsStreams, Onset, Stream, Watch, with_defaults
@@ -21,33 +20,22 @@ from observer.model.body_trace import BodyTrace, width_of
 from observer.model.chains import fill_gaps
 from observer.model.cross_validation import CrossValidation
 from observer.model.discriminative import Discriminative, DiscriminativeWatch
-from observer.model.log_linear_pool import SMALLEST, learn_exponents, pooled
-from observer.model.parameters import NOT_NEGATIVE, Parameter
+from observer.model.log_linear_pool import SMALLEST
+from observer.model.parameters import Parameter
 from observer.model.phase import Phase, PhaseWatch, posture_reader
 from observer.model.posterior_calibration import HeldOutResult
+from observer.model.stack_exponents import ENDED, EXPONENTS, RUNNING, RUNNING_AT, learned_exponents, pooled_at
 from observer.tracks import Floats, Tracks
 
 TURN_S = 5.0
 """In this time the facing that was last known is forgotten, if nothing shows it."""
-RUNNING = ("generative", "discriminative")
-ENDED = ("generative_ended", "discriminative_ended")
-RUNNING_AT = (0.3, 0.6, 0.9)
-"""Shares of held-out movements from which the exponents for movements in progress are learned."""
 
 
 class Stacked(LearnsStreams):
     """Phase and Discriminative of one view."""
 
     kind: ClassVar[str] = "stacked"
-    # Exponents of the members' posteriors, for movements in progress and ended ones; `cross_validated` learns them.
-    PARAMETERS: ClassVar[Mapping[str, Parameter]] = {
-        **Phase.PARAMETERS,
-        **Discriminative.PARAMETERS,
-        "generative": Parameter(0.6, NOT_NEGATIVE),
-        "discriminative": Parameter(1.0, NOT_NEGATIVE),
-        "generative_ended": Parameter(0.6, NOT_NEGATIVE),
-        "discriminative_ended": Parameter(1.0, NOT_NEGATIVE),
-    }
+    PARAMETERS: ClassVar[Mapping[str, Parameter]] = {**Phase.PARAMETERS, **Discriminative.PARAMETERS, **EXPONENTS}
 
     def __init__(self, header: Header, phase: Phase, discriminative: Discriminative) -> None:
         self.header, self.phase, self.discriminative = header, phase, discriminative
@@ -82,9 +70,9 @@ class Stacked(LearnsStreams):
             truth.append(split[n][0].movement)
         if not members:
             return {}, []
-        exponents = _learned_exponents(header, np.array(members), np.array(truth), cross_validation.explicit)
+        exponents = learned_exponents(header, np.array(members), np.array(truth), cross_validation.explicit)
         return exponents, [
-            HeldOutResult(movement, _pooled_at(shares, p, exponents)[len(RUNNING_AT) :], None)
+            HeldOutResult(movement, pooled_at(shares, p, exponents)[len(RUNNING_AT) :], None)
             for movement, p in zip(truth, members, strict=True)
         ]
 
@@ -152,24 +140,6 @@ def _trace_of(header: Header, stream: Stream) -> Stream:
     return stream if stream.features is not None else replace(stream, features=Stacked.read(header, stream))
 
 
-def _learned_exponents(
-    header: Header, members: Floats, truth: NDArray[np.int64], explicit: Collection[str]
-) -> dict[str, float]:
-    """From (N, T, 2, M) posteriors of both members, at RUNNING_AT first and at the end last."""
-    result: dict[str, float] = {}
-    for names, times in ((RUNNING, slice(0, len(RUNNING_AT))), (ENDED, slice(-1, None))):
-        defaults = [header.parameters[name] for name in names]
-        learned = learn_exponents(members[:, times], truth, defaults, [name in explicit for name in names])
-        result.update(zip(names, learned, strict=True))
-    return result
-
-
-def _pooled_at(shares: Sequence[float], members: Floats, exponents: Mapping[str, float]) -> Floats:
-    """(T, 2, M) after these shares of a movement -> (T, M)."""
-    names = [ENDED if share >= 1 else RUNNING for share in shares]
-    return np.array([pooled(p, [exponents[name] for name in own]) for p, own in zip(members, names, strict=True)])
-
-
 def _held_out_phases(
     header: Header, examples: Sequence[Example], cross_validation: CrossValidation, shares: Sequence[float]
 ) -> Iterator[tuple[int, Floats]]:
@@ -197,16 +167,16 @@ class StackedWatch(Watch):
         self._phase: PhaseWatch | None = model.phase.watch(onset) if onset.known else None
         self._reader = posture_reader(model.phase.header)
         # Features and stillness of the last frames.
-        self._recent: deque[tuple[Floats, float]] = deque(maxlen=self._other.lag + 1)
+        self._recent: deque[tuple[Floats, float]] = deque(maxlen=self._other.segment.lag + 1)
         facings = model.phase.facings
         self._facing: Floats = np.full(facings, 1.0 / facings)
         self._turned = 1 - math.exp(-1 / (TURN_S * model.header.rate_hz))
 
     def update(self, tracks: Tracks) -> None:
         """Take in one frame."""
-        before = self._other.begun
+        before = self._other.segment.begun
         self._other.update(tracks)
-        begun, frame = self._other.begun, self._other.trace.frame
+        begun, frame = self._other.segment.begun, self._other.trace.frame
         self._recent.append((self._reader.read(tracks, frame.origin, frame.size), frame.still))
         if not tracks.visible.any():
             return
@@ -216,7 +186,7 @@ class StackedWatch(Watch):
             self._phase = self._model.phase.watch(Onset(known=True))
             for features, still in list(self._recent)[-begun:]:
                 self._phase.step(features, still)
-        elif not self._other.over:
+        elif not self._other.segment.over:
             self._phase.step(*self._recent[-1])
         self._follow_facing()
 

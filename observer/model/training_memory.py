@@ -10,7 +10,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from observer.model.base import Arrays, Example, Header, Stream, StreamSpan
+from observer.model.base import Arrays, Example, Stream, StreamSpan
 from observer.tracks import Floats
 
 Floats32 = NDArray[np.float32]
@@ -47,17 +47,6 @@ class TrainingMemory:
         examples = [replace(e, movement=new_index[e.movement]) for e in self.examples if e.movement in new_index]
         streams = [part for stream in self.streams for part in _without_others(stream, new_index)]
         return type(self)(tuple(examples), tuple(streams))
-
-    def of_movements(self, header: Header, remaining: Sequence[int]) -> Self:
-        """Without the other movements of the vocabulary; header: that of the model until now."""
-        background = {-1 - b: -1 - b for b in range(len(header.background or ()))}
-        return self.renumbered({m: n for n, m in enumerate(remaining)} | background)
-
-    def without_background(self, header: Header, gone: int) -> Self:
-        """Without one movement of the background, given by its place in the header's."""
-        left = [b for b in range(len(header.background or ())) if b != gone]
-        movements = {m: m for m in range(header.vocabulary.size)}
-        return self.renumbered(movements | {-1 - b: -1 - n for n, b in enumerate(left)})
 
     def with_examples(self, examples: Sequence[Example]) -> Self:
         """These examples too, which have their features."""

@@ -15,7 +15,7 @@ from observer.filtering.chain_filter import ChainFilter
 from observer.filtering.phase_filter import Dynamics, PhaseFilter
 from observer.learning.learn import learn_view
 from observer.model.chains import LivePostures, PostureEvidence, Postures
-from observer.model.phase import ENTRY, STEPS
+from observer.model.pace import ENTRY, STEPS
 from observer.motion.projected import view_tracks
 from studies.performer import perform
 

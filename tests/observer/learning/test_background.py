@@ -16,7 +16,8 @@ from observer.learning.learn import evaluate_example, learn_view, with_calibrati
 from observer.model.base import Onset
 from observer.model.chains import blend_pairs
 from observer.model.model_file import read_model, write_model
-from observer.model.phase import ENTRY, Phase, step_probabilities
+from observer.model.pace import ENTRY, step_probabilities
+from observer.model.phase import Phase
 from observer.model.posterior_calibration import (
     HeldOutResult,
     PosteriorCalibration,

@@ -11,7 +11,7 @@ from observer.geometry.views import parse_view
 from observer.learning.learn import learn_view
 from observer.model.base import Example, Header, Onset, Stream, StreamSpan, with_defaults, with_features
 from observer.model.discriminative import Discriminative
-from observer.model.stacked import ENDED, RUNNING
+from observer.model.stack_exponents import ENDED, RUNNING
 from observer.model.training_rows import between_rests, rows_of_examples, rows_of_streams, segment_window
 from observer.model.training_table import TrainingTable
 from observer.motion.archive import MotionArchive, Recording
