@@ -1,13 +1,20 @@
-"""The segment of a stream since the begin of a movement, which stillness before the movement shows. Pure."""
+"""The segment of a stream since the begin of a movement, which stillness before the movement shows. Pure.
+
+People also go from one movement into the next. The begin of the next one is then unknown, and the segment has no more
+to say: in continuous karate the classifier of segments is right in 18 % of the frames whose movement began more than
+0.7 s after the segment, the trailing windows in 92 %.
+"""
 
 from observer.model.body_trace import Floats32
 
 STILL_LAG_S = 0.3
 """Stillness is noticed so late; a movement begins that long before."""
+NAMED, PAST, PAST_S = 0.3, 0.7, 0.1
+"""A movement has been seen when P(something else) is below NAMED, and is past when that exceeds PAST for PAST_S."""
 
 
 class MovementSegment:
-    """Begins when rest ends, and is over while the person rests after it.
+    """Begins when rest ends, and is over while the person rests after it; unknown once another motion follows it.
 
     begun: frames since its begin, None while that is unknown; over: whether the person rests after it. lag: frames by
     which stillness is noticed late. onset_known: the first frame is a begin. longest: frames of the longest segment.
@@ -20,17 +27,26 @@ class MovementSegment:
         self._longest = longest
         self._moved = self._moved_before = not onset_known
         self._rested = 0
+        # Whether a movement was seen in the segment, and for how many frames another motion has followed it.
+        self._named, self._past = False, 0
+        self._longest_past = PAST_S * rate_hz
 
-    def update(self, resting: bool, stored: int) -> None:
-        """Take in whether the person rests in one more frame; stored: the number of frames whose rows are stored."""
+    def update(self, resting: bool, something_else: float, stored: int) -> None:
+        """Take in one more frame: whether the person rests in it, and P(something else).
+
+        stored: the number of frames whose rows are stored.
+        """
         self._moved = self._moved or not resting
         if self.begun is not None:
             self.over = resting and self._moved
             self.begun += not self.over
-            if self.begun > min(self._longest, stored):
+            self._named = self._named or something_else < NAMED
+            self._past = self._past + 1 if self._named and not resting and something_else > PAST else 0
+            if self.begun > min(self._longest, stored) or self._past > self._longest_past:
                 self.begun = None
         if self._rested >= self.lag and not resting and self._moved_before:
             self.begun, self.over = min(self.lag, stored), False
+            self._named, self._past = False, 0
         if resting and self._moved:
             self._moved_before = True
         self._rested = self._rested + 1 if resting else 0

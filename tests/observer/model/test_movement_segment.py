@@ -1,0 +1,57 @@
+"""The segment since the begin of a movement: known after rest, unknown once another motion follows the movement."""
+
+from collections.abc import Iterable
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from observer.model.movement_segment import MovementSegment
+
+RATE_HZ = 30.0
+REST, MOVEMENT, OTHER = (True, 1.0), (False, 0.05), (False, 0.95)
+"""Whether the person rests, and P(something else)."""
+
+
+def shown(frames: Iterable[tuple[bool, float]], longest: float = 90.0) -> list[int | None]:
+    """The frames since the begin, after each frame of a stream."""
+    segment = MovementSegment(RATE_HZ, False, longest)
+    begun = []
+    for stored, (resting, something_else) in enumerate(frames, 1):
+        segment.update(resting, something_else, stored)
+        begun.append(segment.begun)
+    return begun
+
+
+def test_a_movement_after_rest_has_a_begin() -> None:
+    begun = shown([*[REST] * 30, *[OTHER] * 8, *[MOVEMENT] * 22])
+    assert begun[29] is None
+    assert begun[-1] == 9 + 29, "the lag of stillness, and the frames since rest ended"
+
+
+def test_the_next_movement_without_rest_has_none() -> None:
+    begun = shown([*[REST] * 30, *[MOVEMENT] * 20, *[OTHER] * 5, *[MOVEMENT] * 20])
+    assert begun[49] is not None
+    assert begun[53:] == [None] * 22
+    again = shown([*[REST] * 30, *[MOVEMENT] * 20, *[OTHER] * 5, *[MOVEMENT] * 20, *[REST] * 15, *[MOVEMENT] * 10])
+    assert again[-1] == 9 + 9, "rest before the third movement shows its begin"
+
+
+def test_a_moment_of_doubt_ends_nothing() -> None:
+    assert None not in shown([*[REST] * 30, *[MOVEMENT] * 20, *[OTHER] * 3, *[MOVEMENT] * 5])[30:]
+
+
+def test_a_slow_begin_is_part_of_the_movement() -> None:
+    """The first part of a movement does not differ from something else."""
+    assert None not in shown([*[REST] * 30, *[OTHER] * 30, *[MOVEMENT] * 10])[30:]
+
+
+@given(st.lists(st.tuples(st.booleans(), st.floats(0, 1)), max_size=120))
+def test_the_segment_is_never_longer_than_what_is_stored(frames: list[tuple[bool, float]]) -> None:
+    rows = np.arange(200.0, dtype=np.float32)[:, None]
+    segment = MovementSegment(RATE_HZ, False, 40.0)
+    for stored, (resting, something_else) in enumerate(frames, 1):
+        segment.update(resting, something_else, stored)
+        own = segment.rows_of(rows[:stored])
+        assert len(own) == (segment.begun or 0)
+        assert segment.begun is None or segment.begun <= 40
