@@ -5,113 +5,22 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from common.command_options import takes_options
 from common.errors import BadInput
 from common.progress import ProgressBar
 from common.text import named_numbers, one_of, split_list
+from studies.evaluate_options import EvaluateOptions, LabelSets, TestSubjects, TrainSubjects
 
 if TYPE_CHECKING:
-    pass
+    from studies.evaluate import EvaluationSettings
+    from studies.evaluated_archives import EvaluatedArchives
 
 FACINGS = 12
 """One per 30 degrees: fewer lose up to 2 points between two facings, more cost time (docs/design/model.md)."""
 
-Archive = Annotated[Path, typer.Argument(help="The motion archive (.npz).")]
-Labels = Annotated[str, typer.Option(help="Movements, or AS1, AS2, AS3; separated by commas; default: all.")]
-LabelSets = Annotated[
-    list[str] | None, typer.Option(help="Movements separated by commas, or a set as AS1; repeat for more sets.")
-]
-TrainSubjects = Annotated[str, typer.Option(help="People to learn from; default: every other one.")]
-TestSubjects = Annotated[str, typer.Option(help="People to judge; default: those not learned from.")]
 
-
-def evaluate(
-    archive: Annotated[Path | None, typer.Argument(help="The motion archive (.npz); none with --sensor.")] = None,
-    views: Annotated[
-        str, typer.Option(help="door, wheel, table, yaw:DEG[,pitch:DEG] or camera files, separated by commas.")
-    ] = "",
-    sensor: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="NAME=FILE.npz or NAME=FILE.npz@VIEW in place of ARCHIVE --views: a sensor that recorded the same "
-            "performances, by default seen from the door; two or more."
-        ),
-    ] = None,
-    labels: Labels = "",
-    train_subjects: TrainSubjects = "",
-    test_subjects: TestSubjects = "",
-    leave_one_subject_out: Annotated[
-        bool, typer.Option("--leave-one-subject-out", help="Judge each person by models of all others.")
-    ] = False,
-    model: Annotated[
-        str, typer.Option(help="phase (default), stacked, discriminative, phase-symbols or frame-table.")
-    ] = "phase",
-    rule: Annotated[str, typer.Option(help="The fusion rule.")] = "guarded_product",
-    parameter: Annotated[
-        list[str] | None, typer.Option(help="NAME=NUMBER, a parameter of the model; may be repeated.")
-    ] = None,
-    turn: Annotated[str, typer.Option(help="Degrees by which the performer is turned in test, or random.")] = "0",
-    fault: Annotated[
-        list[str] | None, typer.Option(help="VIEW=wrong|noise|silent|late|hidden; may be repeated.")
-    ] = None,
-    room: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="Before each trial the person: walk=METRES walks in, nearer=FACTOR comes nearer, stranger=FACTOR "
-            "follows a person of another size, blunder=FACTOR is once seen in a false size; may be repeated."
-        ),
-    ] = None,
-    facings: Annotated[
-        int, typer.Option(min=0, help="Facings that the model knows: 1 for a known turn, 12 for a random one.")
-    ] = 0,
-    temperature: Annotated[
-        float, typer.Option(min=0.1, max=1e3, help="Of the fused posterior: [fusion] temperature.")
-    ] = 1.0,
-    uncalibrated: Annotated[
-        bool, typer.Option("--uncalibrated", help="Observers do not scale their certainty by how often they are right.")
-    ] = False,
-    unlearned: Annotated[
-        str, typer.Option(help="With --stream: movements shown but not learned, separated by commas; or others.")
-    ] = "",
-    background_labels: Annotated[
-        str,
-        typer.Option(
-            help="Movements learned as `something else`, separated by commas; a number: that many of --unlearned, "
-            "then not shown; blends: mixtures of the learned ones only."
-        ),
-    ] = "",
-    body_parts: Annotated[
-        str, typer.Option(help="Parts to use, separated by commas; default: all of the archive.")
-    ] = "",
-    onset: Annotated[str, typer.Option(help="known: as cut out. unknown: with rest around, any tempo.")] = "known",
-    stream: Annotated[bool, typer.Option("--stream", help="Also judge continuous streams.")] = False,
-    learning_curve: Annotated[
-        bool, typer.Option("--learning-curve", help="Also learn from fewer people and fewer recordings.")
-    ] = False,
-    through: Annotated[
-        str, typer.Option(help="process; mesh: over real Zenoh sessions; pixels: filmed and tracked by camshift.")
-    ] = "process",
-    background: Annotated[
-        str,
-        typer.Option(
-            help="Archives (.npz) to learn `something else` from, separated by commas; with --through pixels: plain, "
-            "cluttered or skin_toned."
-        ),
-    ] = "plain",
-    background_subjects: Annotated[
-        str, typer.Option(help="The people of these archives to learn from; default: all.")
-    ] = "",
-    other_motion: Annotated[
-        list[Path] | None,
-        typer.Option(
-            help="An archive in which no learned movement happens, to count false verdicts; people of --background "
-            "in the same file are left out; may be repeated."
-        ),
-    ] = None,
-    jobs: Annotated[int, typer.Option(min=0, help="Processes to share the work; 0: one per core.")] = 0,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of all random choices.")] = 0,
-    report: Annotated[Path | None, typer.Option(help="Folder for tables and figures.")] = None,
-    json: Annotated[Path | None, typer.Option(help="File for the figures as JSON.")] = None,
-) -> None:
+@takes_options
+def evaluate(options: EvaluateOptions) -> None:
     """Judge people whom the models have not learned from: accuracy, confusion, earliness, calibration.
 
     Example: labanmesh evaluate msr.npz --views door,wheel --train-subjects 1,3,5,7,9 --test-subjects 2,4,6,8,10
@@ -123,54 +32,64 @@ def evaluate(
     Example: labanmesh evaluate msr.npz --views door --other-motion story.npz --background story.npz \
     --background-subjects a
     """
-    from observer.motion.archive import labels_of
-    from studies.evaluate import EvaluationSettings
     from studies.evaluated_archives import BackgroundChoice, read_archives
-    from studies.faults import parse_fault
-    from studies.room import parse_event
     from studies.run_evaluation import EvaluationTasks, require_compatible, run_evaluation
-    from studies.trials import labels_in, unlearned_and_background
 
-    one_of("--through", through, ("process", "mesh", "pixels"))
-    learned_too = BackgroundChoice.parse(background, background_subjects)
-    parts = split_list("--body-parts", body_parts)
-    archives = read_archives(archive, views, sensor or [], parts, learned_too, other_motion or [])
-    whole, chosen = archives.whole, archives.views
-    learned = labels_in(labels) or labels_of(whole)
-    turn_deg = _turn(turn)
-    shown, other = unlearned_and_background(unlearned, background_labels, learned, labels_of(whole), seed)
-    settings = EvaluationSettings(
-        views=chosen,
-        labels=learned,
-        train_subjects=split_list("--train-subjects", train_subjects),
-        test_subjects=split_list("--test-subjects", test_subjects),
-        leave_one_subject_out=leave_one_subject_out,
-        model=model,
-        parameters=_with_facings(named_numbers("--parameter", parameter or []), facings, model, turn_deg),
-        rule=rule,
-        turn=turn_deg,
-        faults=dict(parse_fault(text, [view.name for view in chosen]) for text in fault or []),
-        body_parts=archives.body_parts,
-        onset_known=one_of("--onset", onset, ("known", "unknown")) == "known",
-        temperature=temperature,
-        calibrated=not uncalibrated,
-        unlearned=shown,
-        background=other,
-        room=tuple(parse_event(text) for text in room or []),
-        seed=seed,
-        sensors=archives.sensors,
-        background_archive=archives.background,
-        other_motion=archives.other_motion,
+    through = one_of("--through", options.through, ("process", "mesh", "pixels"))
+    background = BackgroundChoice.parse(options.background, options.background_subjects)
+    parts = split_list("--body-parts", options.body_parts)
+    archives = read_archives(
+        options.archive, options.views, options.sensor or [], parts, background, options.other_motion or []
     )
-    tasks = EvaluationTasks(through, learned_too.scenery, stream, learning_curve, jobs)
+    settings = _settings(options, archives)
+    tasks = EvaluationTasks(through, background.scenery, options.stream, options.learning_curve, options.jobs)
     require_compatible(settings, tasks)
-    written = run_evaluation(whole, settings, tasks, report, json)
+    written = run_evaluation(archives.whole, settings, tasks, options.report, options.json)
     if written:
         print("\nwritten:", *written, sep="\n  ")
 
 
+def _settings(options: EvaluateOptions, archives: "EvaluatedArchives") -> "EvaluationSettings":
+    """The settings of the evaluation; raises BadInput for values that are none."""
+    from observer.motion.archive import labels_of
+    from studies.evaluate import EvaluationSettings
+    from studies.faults import parse_fault
+    from studies.room import parse_event
+    from studies.trials import labels_in, unlearned_and_background
+
+    known = labels_of(archives.whole)
+    learned = labels_in(options.labels) or known
+    turn_deg = _turn(options.turn)
+    unlearned, background = unlearned_and_background(
+        options.unlearned, options.background_labels, learned, known, options.seed
+    )
+    return EvaluationSettings(
+        views=archives.views,
+        labels=learned,
+        train_subjects=split_list("--train-subjects", options.train_subjects),
+        test_subjects=split_list("--test-subjects", options.test_subjects),
+        leave_one_subject_out=options.leave_one_subject_out,
+        model=options.model,
+        parameters=_parameters(options, turn_deg),
+        rule=options.rule,
+        turn=turn_deg,
+        faults=dict(parse_fault(text, [view.name for view in archives.views]) for text in options.fault or []),
+        body_parts=archives.body_parts,
+        onset_known=one_of("--onset", options.onset, ("known", "unknown")) == "known",
+        temperature=options.temperature,
+        calibrated=not options.uncalibrated,
+        unlearned=unlearned,
+        background=background,
+        room=tuple(parse_event(text) for text in options.room or []),
+        seed=options.seed,
+        sensors=archives.sensors,
+        background_archive=archives.background,
+        other_motion=archives.other_motion,
+    )
+
+
 def paper(
-    archive: Archive,
+    archive: Annotated[Path, typer.Argument(help="The motion archive (.npz).")],
     labels: LabelSets = None,
     train_subjects: TrainSubjects = "",
     test_subjects: TestSubjects = "",
@@ -202,12 +121,13 @@ def paper(
         print(f"\nwritten: {report}/experiments.txt, and the figures of experiment 3 in one folder per set")
 
 
-def _with_facings(parameters: dict[str, float], facings: int, model: str, turn: float | None) -> dict[str, float]:
+def _parameters(options: EvaluateOptions, turn_deg: float | None) -> dict[str, float]:
     """The model's parameters; a model that knows facings needs them when the turn is random."""
     from observer.model.registry import MODELS
 
-    knows_facings = model in MODELS and "facings" in MODELS[model].PARAMETERS
-    count = facings or (FACINGS if turn is None and knows_facings else 0)
+    parameters = named_numbers("--parameter", options.parameter or [])
+    knows_facings = options.model in MODELS and "facings" in MODELS[options.model].PARAMETERS
+    count = options.facings or (FACINGS if turn_deg is None and knows_facings else 0)
     return {**({"facings": float(count)} if count else {}), **parameters}
 
 

@@ -276,7 +276,7 @@ def test_bad_options_are_rejected_before_the_work(tmp_path, arguments, error):
     (tmp_path / "plain.md").write_text("no marks\n", encoding="utf-8")
     with pytest.raises(BadInput, match=error):
         page = tmp_path / arguments["page"] if "page" in arguments else None
-        commands.peers(None, **{**arguments, "page": page})
+        commands.peers(**{**arguments, "page": page})
 
 
 @pytest.mark.parametrize("place", [None, "nowhere"])
@@ -285,7 +285,7 @@ def test_without_recordings_one_line_says_what_to_do(monkeypatch, tmp_path, plac
     if place:
         monkeypatch.setenv("LABANMESH_DATA", str(tmp_path / place))
     with pytest.raises(BadInput, match=r"LABANMESH_DATA.*benchmarks.peers ARCHIVE.npz$") as error:
-        commands.peers(None)
+        commands.peers()
     assert "\n" not in str(error.value)
 
 

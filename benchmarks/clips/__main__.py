@@ -19,6 +19,7 @@ from benchmarks.clips.report import by_movement, line, still_summary, summary, t
 from benchmarks.clips.still import SHARES, frozen_film, frozen_recording
 from benchmarks.clips.variants import variants
 from benchmarks.command_line import run_command
+from common.command_options import takes_options
 from common.config_sections import FusionConfig
 from common.errors import BadInput, LabanmeshError
 from common.text import named_numbers, split_list
@@ -57,25 +58,31 @@ class Playing:
     data: Path
 
 
-def clips(
-    material: Annotated[Material, typer.Argument(help="What is shown.")] = Material.FILMS,
-    model: Annotated[str, typer.Option(help="The kind of model.")] = DEFAULT_MODEL,
-    parameter: Annotated[list[str] | None, typer.Option(help="NAME=NUMBER of the model; may be repeated.")] = None,
-    labels: Annotated[str, typer.Option(help="all nine movements; the four that the clips show; or A,B.")] = ALL,
-    background: Annotated[str, typer.Option(help="Archives of something else, separated by commas; or: blends.")] = "",
-    view: Annotated[str, typer.Option(help="Of the 16 clips: camera (the known one), or door.")] = "camera",
-    rate: Annotated[float, typer.Option(help="Pictures per second at which the 16 clips are played.")] = RATE_HZ,
-    fusion: Annotated[list[str] | None, typer.Option(help="NAME=NUMBER of [fusion]; may be repeated.")] = None,
-    only: Annotated[str, typer.Option(help="Names of films, separated by commas; default: all 18.")] = "",
-    tracks: Annotated[Path, typer.Option(help="Folder of the tracks; those missing are written there.")] = TRACKS,
+@dataclass(frozen=True, slots=True)
+class ClipsOptions:
+    """As typed on the command line."""
+
+    material: Annotated[Material, typer.Argument(help="What is shown.")] = Material.FILMS
+    model: Annotated[str, typer.Option(help="The kind of model.")] = DEFAULT_MODEL
+    parameter: Annotated[list[str] | None, typer.Option(help="NAME=NUMBER of the model; may be repeated.")] = None
+    labels: Annotated[str, typer.Option(help="all nine movements; the four that the clips show; or A,B.")] = ALL
+    background: Annotated[str, typer.Option(help="Archives of something else, separated by commas; or: blends.")] = ""
+    view: Annotated[str, typer.Option(help="Of the 16 clips: camera (the known one), or door.")] = "camera"
+    rate: Annotated[float, typer.Option(help="Pictures per second at which the 16 clips are played.")] = RATE_HZ
+    fusion: Annotated[list[str] | None, typer.Option(help="NAME=NUMBER of [fusion]; may be repeated.")] = None
+    only: Annotated[str, typer.Option(help="Names of films, separated by commas; default: all 18.")] = ""
+    tracks: Annotated[Path, typer.Option(help="Folder of the tracks; those missing are written there.")] = TRACKS
     processes: Annotated[
         bool, typer.Option("--processes", help="Films through real processes that track them; about 12 s for each.")
-    ] = False,
+    ] = False
     check: Annotated[
         bool, typer.Option("--check", help="With --processes: fail if the fast way gives other first verdicts.")
-    ] = False,
-    moments: Annotated[bool, typer.Option("--timeline", help="Also print each judgement.")] = False,
-) -> None:
+    ] = False
+    moments: Annotated[bool, typer.Option("--timeline", help="Also print each judgement.")] = False
+
+
+@takes_options
+def clips(options: ClipsOptions) -> None:
     """Print the verdicts on real people, whose models are learned from everybody else.
 
     LABANMESH_DATA names the folder of recordings. Tracking needs mediapipe (.venv-mediapipe).
@@ -86,28 +93,32 @@ def clips(
 
     Example: python -m benchmarks.clips --processes --check
     """
-    data = _data()
-    archive = recordings(data)
-    learning = Learning(
-        archive,
-        chosen_labels(archive, labels),
-        model,
-        named_numbers("--parameter", parameter or []),
-        chosen_background(archive, background),
-    )
-    tracks.mkdir(parents=True, exist_ok=True)
-    config = FusionConfig.model_validate(named_numbers("--fusion", fusion or []))
-    playing = Playing(learning, config, view, rate, tracks, data)
-    if material is Material.FILMS:
-        _films(playing, split_list("--only", only), processes=processes, check=check, moments=moments)
-    elif material is Material.RECORDINGS:
+    playing = _playing(options)
+    if options.material is Material.FILMS:
+        _films(playing, options)
+    elif options.material is Material.RECORDINGS:
         print("\n".join(by_movement(list(_recordings(playing)))))
-    elif material is Material.WEBCAM:
-        for clip in webcam_clips(data):
+    elif options.material is Material.WEBCAM:
+        for clip in webcam_clips(playing.data):
             print(webcam_summary(clip.name, [_shown(result) for result in _variants(playing, clip)]))
     else:
         for kind, results in (("films", _still_films(playing)), ("recordings", _still_recordings(playing))):
             print(still_summary(kind, [_shown(result) for result in results]))
+
+
+def _playing(options: ClipsOptions) -> Playing:
+    data = _data()
+    archive = recordings(data)
+    learning = Learning(
+        archive,
+        chosen_labels(archive, options.labels),
+        options.model,
+        named_numbers("--parameter", options.parameter or []),
+        chosen_background(archive, options.background),
+    )
+    options.tracks.mkdir(parents=True, exist_ok=True)
+    config = FusionConfig.model_validate(named_numbers("--fusion", options.fusion or []))
+    return Playing(learning, config, options.view, options.rate, options.tracks, data)
 
 
 def _data() -> Path:
@@ -137,15 +148,15 @@ def _cases(playing: Playing, only: Sequence[str] = ()) -> Iterator[Case]:
             yield Case(clip, playing.learning.model("", "door"), "door", RATE_HZ)
 
 
-def _films(playing: Playing, only: Sequence[str], *, processes: bool, check: bool, moments: bool) -> None:
+def _films(playing: Playing, options: ClipsOptions) -> None:
     results, different = [], []
-    for case in _cases(playing, only):
-        result = _played(case, playing.config) if processes else _judged(case, playing)
+    for case in _cases(playing, split_list("--only", options.only)):
+        result = _played(case, playing.config) if options.processes else _judged(case, playing)
         results.append(result)
         print(line(result), flush=True)
-        if moments:
+        if options.moments:
             print("\n".join(timeline(result)))
-        if check and first_word(result) != first_word(_judged(case, playing)):
+        if options.check and first_word(result) != first_word(_judged(case, playing)):
             different.append(result.name)
     print(summary(results, [clip.name for clip in webcam_clips(playing.data)]))
     if different:

@@ -4,7 +4,7 @@ import importlib.util
 import json as json_text
 import sys
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
@@ -13,14 +13,15 @@ import typer
 from benchmarks.command_line import read_page, replace_table, run_command
 from benchmarks.peers.comparison import PEERS, PeerOptions
 from benchmarks.peers.tasks import TASKS, AccuracyTask, StreamTask, Table, Task, sets_of, tasks_of
+from common.command_options import takes_options
 from common.errors import BadInput, LabanmeshError
 from common.progress import ProgressBar
 from common.text import split_list
 from observer.geometry.views import parse_view, split_views
 from observer.motion.archive import MotionArchive, labels_of
 from observer.motion.archive_file import read_archive
-from studies.commands import LabelSets, TestSubjects, TrainSubjects
 from studies.evaluate import EvaluationSettings
+from studies.evaluate_options import JsonFile, LabelSets, LeaveOneSubjectOut, TestSubjects, TrainSubjects
 from studies.parallel import cores
 from studies.report import write_text
 from studies.sensors import performances, read_sensors
@@ -31,35 +32,39 @@ END = "<!-- peers: end -->"
 SEEDS = 3
 
 
-def peers(
+@dataclass(frozen=True, slots=True)
+class PeersOptions:
+    """As typed on the command line."""
+
     archive: Annotated[
         Path | None, typer.Argument(help="The motion archive (.npz); default: all tables, from LABANMESH_DATA.")
-    ] = None,
-    views: Annotated[
-        str, typer.Option(help="door, wheel, table, yaw:DEG[,pitch:DEG]; separated by commas.")
-    ] = "door,wheel",
-    labels: LabelSets = None,
-    train_subjects: TrainSubjects = "",
-    test_subjects: TestSubjects = "",
-    leave_one_subject_out: Annotated[
-        bool, typer.Option("--leave-one-subject-out", help="Judge each person by models of all others.")
-    ] = False,
-    body_parts: Annotated[str, typer.Option(help="Body parts, separated by commas; default: hands and head.")] = "",
+    ] = None
+    views: Annotated[str, typer.Option(help="door, wheel, table, yaw:DEG[,pitch:DEG]; separated by commas.")] = (
+        "door,wheel"
+    )
+    labels: LabelSets = None
+    train_subjects: TrainSubjects = ""
+    test_subjects: TestSubjects = ""
+    leave_one_subject_out: LeaveOneSubjectOut = False
+    body_parts: Annotated[str, typer.Option(help="Body parts, separated by commas; default: hands and head.")] = ""
     sensor: Annotated[
         list[str] | None,
         typer.Option(metavar="NAME=FILE[@VIEW]", help="In place of an archive, for each sensor its own; repeatable."),
-    ] = None,
-    stream: Annotated[
-        bool, typer.Option("--stream", help="Spot movements in the archive's continuous recordings.")
-    ] = False,
+    ] = None
+    stream: Annotated[bool, typer.Option("--stream", help="Spot movements in the archive's continuous recordings.")] = (
+        False
+    )
     table: Annotated[
         list[str] | None, typer.Option(help=f"Without an archive, which table: {', '.join(TASKS)}; repeatable.")
-    ] = None,
-    fast: Annotated[bool, typer.Option("--fast", help="One seed, a tenth of the kernels: a first look.")] = False,
-    jobs: Annotated[int, typer.Option(min=0, help="Processes; 0: one for each processor core.")] = 0,
-    page: Annotated[Path | None, typer.Option(help="A markdown page whose tables are replaced.")] = None,
-    json: Annotated[Path | None, typer.Option(help="File for the figures as JSON.")] = None,
-) -> None:
+    ] = None
+    fast: Annotated[bool, typer.Option("--fast", help="One seed, a tenth of the kernels: a first look.")] = False
+    jobs: Annotated[int, typer.Option(min=0, help="Processes; 0: one for each processor core.")] = 0
+    page: Annotated[Path | None, typer.Option(help="A markdown page whose tables are replaced.")] = None
+    json: JsonFile = None
+
+
+@takes_options
+def peers(options: PeersOptions) -> None:
     """Compare our observers with MiniRocket and 1-NN DTW, which know the segment and relearn for every fraction.
 
     Example: python -m benchmarks.peers msr.npz --views door,wheel --labels AS1
@@ -70,29 +75,27 @@ def peers(
 
     Example: python -m benchmarks.peers karate.npz --stream --leave-one-subject-out
     """
-    if page and (fast or table):
-        option, why = ("--fast", "too rough for a page") if fast else ("--table", "not all that a page shows")
-        raise BadInput(f"--page {page}: figures of {option} are {why}; omit one of the two")
-    text = read_page(page, BEGIN, END)
-    chosen = EvaluationSettings(
-        views=tuple(parse_view(view) for view in split_views(views)),
-        labels=(),
-        train_subjects=split_list("--train-subjects", train_subjects),
-        test_subjects=split_list("--test-subjects", test_subjects),
-        leave_one_subject_out=leave_one_subject_out,
-        body_parts=split_list("--body-parts", body_parts),
-    )
-    tasks = _tasks(archive, sensor or [], chosen, labels or [], stream, table or [])
-    tables = _tables(tasks, PeerOptions(range(1 if fast else SEEDS), fast, jobs or cores()))
+    text = _page_text(options)
+    tasks = _tasks(options)
+    tables = _tables(tasks, PeerOptions(range(1 if options.fast else SEEDS), options.fast, options.jobs or cores()))
     written = []
-    if page:
-        written.append(write_text(page, replace_table(text, _markdown(tables), BEGIN, END), "--page"))
-    if json:
+    if options.page:
+        written.append(write_text(options.page, replace_table(text, _markdown(tables), BEGIN, END), "--page"))
+    if options.json:
         figures = [{"title": one.title, "protocol": one.protocol, **one.figures} for one in tables]
         whole = figures[0] | ({"tables": figures} if len(figures) > 1 else {})
-        written.append(write_text(json, json_text.dumps(whole, indent=1) + "\n", "--json"))
+        written.append(write_text(options.json, json_text.dumps(whole, indent=1) + "\n", "--json"))
     if written:
         print("\nwritten:", *written, sep="\n  ")
+
+
+def _page_text(options: PeersOptions) -> str:
+    """The page as it is; "" without one. Raises BadInput for options whose figures are not for a page."""
+    page = options.page
+    if page and (options.fast or options.table):
+        option, why = ("--fast", "too rough for a page") if options.fast else ("--table", "not all that a page shows")
+        raise BadInput(f"--page {page}: figures of {option} are {why}; omit one of the two")
+    return read_page(page, BEGIN, END)
 
 
 def _tables(tasks: Sequence[Task], options: PeerOptions) -> list[Table]:
@@ -111,32 +114,39 @@ def _markdown(tables: Sequence[Table]) -> str:
     return "\n\n".join(f"### {one.title}\n\n{one.protocol}\n\n{one.markdown}" for one in tables)
 
 
-def _tasks(
-    path: Path | None,
-    sensors: list[str],
-    chosen: EvaluationSettings,
-    labels: list[str],
-    stream: bool,
-    names: Sequence[str],
-) -> list[Task]:
+def _tasks(options: PeersOptions) -> list[Task]:
     """What the options ask for: the tables of LABANMESH_DATA, or one table of the archive or the sensors."""
+    path, sensors, names = options.archive, options.sensor or [], options.table or []
     unknown = [name for name in names if name not in TASKS]
     if unknown:
         raise BadInput(f"--table {unknown[0]}: known are {', '.join(TASKS)}")
+    settings = _settings(options)
     if path is None and not sensors:
-        if stream or labels or chosen.train_subjects or chosen.test_subjects or chosen.leave_one_subject_out:
+        people = settings.train_subjects or settings.test_subjects or settings.leave_one_subject_out
+        if options.stream or options.labels or people:
             raise BadInput("no archive is named: the tables of LABANMESH_DATA have fixed people and movements")
         return tasks_of(names or tuple(TASKS))
-    if names or (path and sensors) or (stream and sensors):
+    if names or (path and sensors) or (options.stream and sensors):
         raise BadInput("name one of these: ARCHIVE with or without --stream, --sensor, --table")
     if path:
         whole = read_archive(path)
     else:
         views, archives = read_sensors(sensors, read_archive)
-        whole, chosen = performances(archives), replace(chosen, views=views, sensors=archives)
-    return [
-        _task(whole, replace(chosen, labels=labels_of(whole)), labels, stream, path.name if path else "Several sensors")
-    ]
+        whole, settings = performances(archives), replace(settings, views=views, sensors=archives)
+    settings = replace(settings, labels=labels_of(whole))
+    return [_task(whole, settings, options.labels or [], options.stream, path.name if path else "Several sensors")]
+
+
+def _settings(options: PeersOptions) -> EvaluationSettings:
+    """Of an evaluation of all movements, which are not known yet."""
+    return EvaluationSettings(
+        views=tuple(parse_view(view) for view in split_views(options.views)),
+        labels=(),
+        train_subjects=split_list("--train-subjects", options.train_subjects),
+        test_subjects=split_list("--test-subjects", options.test_subjects),
+        leave_one_subject_out=options.leave_one_subject_out,
+        body_parts=split_list("--body-parts", options.body_parts),
+    )
 
 
 def _task(whole: MotionArchive, settings: EvaluationSettings, labels: list[str], stream: bool, title: str) -> Task:

@@ -1,0 +1,26 @@
+"""Commands with many options take them as one dataclass, whose fields are the options."""
+
+import inspect
+from collections.abc import Callable
+from functools import wraps
+from typing import TypeVar, get_type_hints
+
+Options = TypeVar("Options")
+Status = TypeVar("Status")
+
+
+def takes_options(command: Callable[[Options], Status]) -> Callable[..., Status]:
+    """The command with one parameter for each field of the dataclass that it takes, as Typer expects it.
+
+    Fields are annotated as Typer's parameters: Annotated[type, typer.Option(...)].
+    """
+    ((_, parameter),) = inspect.signature(command).parameters.items()
+    options_class: Callable[..., Options] = parameter.annotation
+
+    @wraps(command)
+    def call(**options: object) -> Status:
+        return command(options_class(**options))
+
+    call.__signature__ = inspect.signature(options_class)  # type: ignore[attr-defined]
+    call.__annotations__ = get_type_hints(options_class, include_extras=True)
+    return call
