@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from common.command_options import takes_options
 from common.errors import BadInput
 from common.text import named_numbers, plural, split_list
 from common.vocabulary import Vocabulary
@@ -22,60 +23,71 @@ from observer.learning.descriptions import (
 if TYPE_CHECKING:
     from observer.learning.sources import LearningSource
     from observer.motion.archive import MotionArchive
+    from observer.motion.sensors import SensorFile
 
+Texts = list[str] | None
 ENOUGH_RECORDINGS = 3
 """For movements with fewer recordings `learn` prints a warning."""
 
 
-def learn(
+@dataclass(frozen=True, slots=True)
+class LearnOptions:
+    """As typed on the command line."""
+
     output: Annotated[
         Path, typer.Option("-o", "--output", help="The model file to write; with --sensor the folder, for NAME.model.")
-    ],
+    ]
     archive: Annotated[
         Path | None, typer.Argument(help="The motion archive to learn from (.npz); none with --sensor.")
-    ] = None,
-    view: Annotated[str, typer.Option(help="door, wheel, table, yaw:DEG, yaw:DEG,pitch:DEG, or a camera file.")] = "",
+    ] = None
+    view: Annotated[str, typer.Option(help="door, wheel, table, yaw:DEG, yaw:DEG,pitch:DEG, or a camera file.")] = ""
     sensor: Annotated[
-        list[str] | None,
+        Texts,
         typer.Option(
             help="NAME=FILE.npz or NAME=FILE.npz@VIEW in place of ARCHIVE --view: what a sensor recorded, by default "
             "seen from the door; may be repeated: one model each, with the same movements."
         ),
-    ] = None,
+    ] = None
     model: Annotated[
         str, typer.Option(help="phase (default), stacked, discriminative, phase-symbols or frame-table.")
-    ] = "",
+    ] = ""
     labels: Annotated[
         str, typer.Option(help="The movements to learn, separated by commas (default: all of the archive).")
-    ] = "",
+    ] = ""
     subjects: Annotated[
         str, typer.Option(help="The people to learn from, separated by commas (default: all of the archive).")
-    ] = "",
+    ] = ""
     body_parts: Annotated[
         str, typer.Option(help="The parts that the observer's tracker finds (default: all of the archive).")
-    ] = "",
+    ] = ""
     rate: Annotated[
         float | None, typer.Option(min=1, max=1000, help="The observer's frames per second (default: the archive's).")
-    ] = None,
+    ] = None
     add_to: Annotated[
         Path | None,
         typer.Option(help="Add the movements to this model; the recordings of its own movements are not needed."),
-    ] = None,
+    ] = None
     background: Annotated[
         str,
         typer.Option(help="Archives of other movements, separated by commas, to recognise something else; or: blends."),
-    ] = "",
+    ] = ""
     background_labels: Annotated[
         str, typer.Option(help="The movements to use of these archives, separated by commas (default: all).")
-    ] = "",
-    name: Annotated[str, typer.Option(help="A name for the vocabulary.")] = "movements",
-    parameter: Annotated[
-        list[str] | None, typer.Option(help="NAME=NUMBER: a parameter of the model; may be repeated.")
-    ] = None,
+    ] = ""
+    name: Annotated[str, typer.Option(help="A name for the vocabulary.")] = "movements"
+    parameter: Annotated[Texts, typer.Option(help="NAME=NUMBER: a parameter of the model; may be repeated.")] = None
     effort: Annotated[
         bool, typer.Option("--effort", help="Learn Effort instead of movements, from trials such as -1_0_1_1.")
-    ] = False,
-) -> None:
+    ] = False
+
+    @property
+    def parts(self) -> tuple[str, ...]:
+        """Body parts; empty: all of the archive."""
+        return split_list("--body-parts", self.body_parts)
+
+
+@takes_options
+def learn(options: LearnOptions) -> None:
     """Learn one observer's model for its view, from recordings in 3-D that are projected into it.
 
     Example: labanmesh learn msr.npz --view yaw:45 -o corner1.model
@@ -91,56 +103,55 @@ def learn(
     from observer.learning.sources import read_source, sensors_to_learn
     from observer.motion.archive import require_labels
 
-    sensors = sensors_to_learn(archive, view, sensor or [], output, effort or add_to is not None)
-    parts = split_list("--body-parts", body_parts)
-    sources = [
-        read_source(one, split_list("--subjects", subjects), rate, parts, (background, background_labels))
-        for one in sensors
-    ]
-    parameters, chosen = named_numbers("--parameter", parameter or []), split_list("--labels", labels)
-    if effort and add_to:
-        raise BadInput("--effort --add-to: only movements can be added; Effort is learned from all examples at once")
-    if sources[0].background and (effort or add_to):
-        raise BadInput("--background: only for a new model; --add-to keeps the model's background, --effort needs none")
-    if parts and (effort or add_to):
-        raise BadInput("--body-parts: only for a new model of movements; omit it")
-    if effort:
-        _learn_effort(sources[0].archive, view, output, sources[0].provenance)
-    elif add_to:
-        _add_movements(add_to, sources[0].archive, view, output, chosen, model, parameters, sensors[0].path.name)
+    _require_compatible(options)
+    labels, parameters = split_list("--labels", options.labels), named_numbers("--parameter", options.parameter or [])
+    edits = options.effort or options.add_to is not None
+    sensors = sensors_to_learn(options.archive, options.view, options.sensor or [], options.output, edits)
+    people, background = split_list("--subjects", options.subjects), (options.background, options.background_labels)
+    sources = [read_source(one, people, options.rate, options.parts, background) for one in sensors]
+    if options.effort:
+        _learn_effort(options, sources[0])
+    elif options.add_to:
+        _add_movements(options, options.add_to, sources[0], labels, parameters)
     else:
-        words = tuple(chosen) or tuple(dict.fromkeys(label for source in sources for label in source.labels))
-        wanted = _Wanted(words, name, model, parameters, parts)
-        for one, source in zip(sensors, sources, strict=True):
-            require_labels(words, source.archive, f"--sensor {one.name}: --labels" if sensor else "--labels")
-        for one, source in zip(sensors, sources, strict=True):
-            _learn_movements(source, one.view, output / f"{one.name}.model" if sensor else output, wanted)
+        labels = labels or tuple(dict.fromkeys(label for source in sources for label in source.labels))
+        for sensor, source in zip(sensors, sources, strict=True):
+            require_labels(labels, source.archive, f"--sensor {sensor.name}: --labels" if sensor.name else "--labels")
+        for sensor, source in zip(sensors, sources, strict=True):
+            _learn_movements(options, sensor, source, Vocabulary(labels, options.name), parameters)
 
 
-@dataclass(frozen=True, slots=True)
-class _Wanted:
-    """What every model of the command is to know."""
+def _require_compatible(options: LearnOptions) -> None:
+    """Raise BadInput for options that exclude each other."""
+    edits = options.effort or options.add_to is not None
+    if options.effort and options.add_to:
+        raise BadInput("--effort --add-to: only movements can be added; Effort is learned from all examples at once")
+    if options.background and edits:
+        raise BadInput("--background: only for a new model; --add-to keeps the model's background, --effort needs none")
+    if options.parts and edits:
+        raise BadInput("--body-parts: only for a new model of movements; omit it")
 
-    labels: tuple[str, ...]
-    name: str
-    kind: str
-    parameters: Mapping[str, float]
-    body_parts: tuple[str, ...]
 
-
-def _learn_movements(source: "LearningSource", view: str, output: Path, wanted: _Wanted) -> None:
+def _learn_movements(
+    options: LearnOptions,
+    sensor: "SensorFile",
+    source: "LearningSource",
+    vocabulary: Vocabulary,
+    parameters: Mapping[str, float],
+) -> None:
     from observer.geometry.views import parse_view
     from observer.learning.learn import learn_view
     from observer.model.model_file import write_model
     from observer.model.registry import DEFAULT_MODEL
 
+    output = options.output / f"{sensor.name}.model" if sensor.name else options.output
     learned = learn_view(
         source.archive,
-        parse_view(view),
-        Vocabulary(wanted.labels, wanted.name),
-        kind=wanted.kind or DEFAULT_MODEL,
-        body_parts=wanted.body_parts or None,
-        parameters=wanted.parameters,
+        parse_view(sensor.view),
+        vocabulary,
+        kind=options.model or DEFAULT_MODEL,
+        body_parts=options.parts or None,
+        parameters=parameters,
         provenance=source.provenance,
         background=source.background,
     )
@@ -159,37 +170,36 @@ def _learn_movements(source: "LearningSource", view: str, output: Path, wanted: 
 
 
 def _add_movements(
-    old: Path,
-    archive: "MotionArchive",
-    view: str,
-    output: Path,
-    labels: Sequence[str],
-    kind: str,
-    parameters: Mapping[str, float],
-    source: str,
+    options: LearnOptions, old: Path, source: "LearningSource", labels: Sequence[str], parameters: Mapping[str, float]
 ) -> None:
     from observer.geometry.views import parse_view
     from observer.learning.editing import add_movements
     from observer.model.model_file import read_model, write_model
 
     edited = add_movements(
-        read_model(old), archive, parse_view(view), labels=labels, kind=kind, parameters=parameters, source=source
+        read_model(old),
+        source.archive,
+        parse_view(options.view),
+        labels=labels,
+        kind=options.model,
+        parameters=parameters,
+        source=source.provenance["archive"],
     )
-    write_model(output, edited.model)
-    print(describe_addition(output, edited))
-    _warn_of_few_recordings(archive, edited.labels)
+    write_model(options.output, edited.model)
+    print(describe_addition(options.output, edited))
+    _warn_of_few_recordings(source.archive, edited.labels)
 
 
-def _learn_effort(archive: "MotionArchive", view: str, output: Path, provenance: Mapping[str, str]) -> None:
+def _learn_effort(options: LearnOptions, source: "LearningSource") -> None:
     from observer.effort.effort_file import write_effort
     from observer.effort.model import learn_effort
     from observer.geometry.views import parse_view
 
-    learned = learn_effort(archive, parse_view(view), provenance)
-    write_effort(output, learned)
+    learned = learn_effort(source.archive, parse_view(options.view), source.provenance)
+    write_effort(options.output, learned)
     print(
-        f"{output}: Effort for {learned.view} from {plural(int(learned.provenance['examples']), 'example')}, "
-        f"{learned.rate_hz:g} Hz, {output.stat().st_size / 1e6:.2f} MB"
+        f"{options.output}: Effort for {learned.view} from {plural(int(learned.provenance['examples']), 'example')}, "
+        f"{learned.rate_hz:g} Hz, {options.output.stat().st_size / 1e6:.2f} MB"
     )
 
 
