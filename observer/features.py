@@ -147,12 +147,16 @@ class PostureReader:
 
     def read(self, tracks: Tracks, origin: Floats, size: float) -> Floats:
         """As `update`, with the origin (2,) and the size of a body frame that the caller has updated."""
-        positions = (tracks.centres - origin) * UP / size
+        features = np.full(FEATURES_PER_PART * len(tracks.centres) + HANDS_FEATURES, np.nan)
+        of_parts = features[:-HANDS_FEATURES].reshape(-1, FEATURES_PER_PART)
+        of_parts[:, :2] = (tracks.centres - origin) * UP / size
         velocity = (tracks.centres - self._last) * UP / size * (self._rate_hz / REFERENCE_HZ)
         self._last = tracks.centres.copy()
-        of_parts = np.hstack([positions, soft_direction(velocity, self._max_speed)])
-        left, right = positions[self._hands] if len(self._hands) == 2 else np.full((2, 2), np.nan)
-        return np.concatenate([of_parts.ravel(), (left - right) * self._hands_scale])
+        of_parts[:, 2:] = soft_direction(velocity, self._max_speed)
+        if len(self._hands) == 2:
+            left, right = self._hands
+            features[-HANDS_FEATURES:] = (of_parts[left, :2] - of_parts[right, :2]) * self._hands_scale
+        return features
 
 
 UP = np.array([1.0, -1.0])
@@ -161,8 +165,11 @@ UP = np.array([1.0, -1.0])
 
 def soft_direction(velocity: Floats, max_speed: float) -> Floats:
     """(P, 2) velocities -> (P, 3): direction v/max(|v|, SLOW) * max_speed, and speed min(|v|, max_speed)."""
-    speed = np.linalg.norm(velocity, axis=1, keepdims=True)
-    return np.hstack([velocity / np.maximum(speed, SLOW) * max_speed, np.minimum(speed, max_speed)])
+    speed = np.hypot(velocity[:, 0], velocity[:, 1])
+    soft = np.empty((len(velocity), 3))
+    soft[:, :2] = velocity * (max_speed / np.maximum(speed, SLOW))[:, None]
+    soft[:, 2] = np.minimum(speed, max_speed)
+    return soft
 
 
 def without_motion(features: NDArray[np.floating]) -> Floats:

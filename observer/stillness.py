@@ -73,11 +73,16 @@ class Stillness:
     def _speeds(self) -> Floats:
         """(P,) image units a second, between the mean places in both halves; NaN where one does not show the part."""
         halves = self._window.reshape(2, self._half, -1, 2)
-        seen = halves == halves
-        with np.errstate(invalid="ignore"):
-            places = np.where(seen, halves, 0.0).sum(axis=1) / seen.sum(axis=1)
-        way = places[1] - places[0]
-        sideways = np.sort(way[np.isfinite(way[:, 0]), 0])
+        sums = halves.sum(axis=1)
+        if np.isfinite(sums).all():
+            way = (sums[1] - sums[0]) / self._half
+            sideways = np.sort(way[:, 0])
+        else:
+            seen = halves == halves
+            with np.errstate(invalid="ignore"):
+                places = np.where(seen, halves, 0.0).sum(axis=1) / seen.sum(axis=1)
+            way = places[1] - places[0]
+            sideways = np.sort(way[np.isfinite(way[:, 0]), 0])
         if len(sideways) >= CARRIED_PARTS:
             # The median; NumPy's takes longer than all the rest.
             way[:, 0] -= (sideways[(len(sideways) - 1) // 2] + sideways[len(sideways) // 2]) / 2

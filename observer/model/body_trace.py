@@ -90,8 +90,8 @@ def extent(rows: Floats32, rate_hz: float) -> float:
 
     Measured from the body's anchor, which may move sideways but not up or down: who stands shifts their weight.
     """
-    relative = rows[-max(round(EXTENT_S * rate_hz), 2) :, :-3]
-    places = relative.reshape(len(relative), -1, 2).copy()
-    places[..., 1] += rows[-len(places) :, -2:-1]
-    width, height = (places.max(axis=0) - places.min(axis=0)).T
-    return float(np.hypot(width, height).max())
+    recent = rows[-max(round(EXTENT_S * rate_hz), 2) :]
+    places = recent[:, :-3].copy()
+    places[:, 1::2] += recent[:, -2:-1]
+    sides = places.max(axis=0) - places.min(axis=0)
+    return float(np.hypot(sides[::2], sides[1::2]).max())

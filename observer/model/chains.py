@@ -93,11 +93,13 @@ class Postures:
         |x - o|^2 = |x|^2 - 2 x.o + |o|^2, so that a frame costs one matrix-vector product.
         """
         known = np.isfinite(features)
-        o = np.where(known, features, 0.0).astype(np.float32)
+        whole = bool(known.all())
+        o = (features if whole else np.where(known, features, 0.0)).astype(np.float32)
         # A feature is seen together with its group.
-        some = self._lengths[known[self._first_of], :phases]
-        lengths = self._length[:phases] if known.all() else some.sum(axis=0)
-        distances: Masses = lengths - 2 * np.matmul(o, self._postures[:phases]) + np.float32(o @ o)
+        lengths = self._length[:phases] if whole else self._lengths[known[self._first_of], :phases].sum(axis=0)
+        distances: Masses = np.matmul(np.float32(-2) * o, self._postures[:phases])
+        distances += lengths
+        distances += np.float32(o @ o)
         return np.maximum(distances, 0, out=distances)
 
 

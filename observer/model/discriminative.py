@@ -6,6 +6,7 @@ movement, if that is known, until now (`rocket.py`); it has one part for movemen
 have ended, and one that tells which of the two applies (docs/design/model.md).
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import ClassVar, Self
@@ -205,14 +206,14 @@ class DiscriminativeWatch(Watch):
     @property
     def unlearned(self) -> Floats:
         """(1,) P(something else)."""
-        learned = (1 - np.exp(self._log_trailing[-1:])) * (1 - self._too_small)
-        p: Floats = ((1 - self.doubt) * (1 - learned) + self.doubt / len(self._log_trailing)).clip(0.0, 1.0)
-        return p
+        learned = (1 - math.exp(self._log_trailing[-1])) * (1 - self._too_small)
+        p = (1 - self.doubt) * (1 - learned) + self.doubt / len(self._log_trailing)
+        return np.array([min(max(p, 0.0), 1.0)])
 
     @property
     def rest(self) -> float:
         """P(the person is still and does something else)."""
-        return float(np.clip(self.trace.frame.still * np.exp(self._log_trailing[-1]), 0.0, 1.0))
+        return min(self.trace.frame.still * math.exp(self._log_trailing[-1]), 1.0)
 
     def update(self, tracks: Tracks) -> None:
         """Take in one frame."""

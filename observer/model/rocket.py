@@ -179,10 +179,10 @@ def weights_of(channels: NDArray[np.bool_]) -> Floats32:
 
 
 def pad(windows: NDArray[np.floating], margin: int) -> Floats32:
-    """(N, C, n) -> (N, margin + n + margin, C), zero outside."""
+    """(N, C, n) -> (N, C, margin + n + margin), zero outside."""
     count, channels, length = windows.shape
-    padded = np.zeros((count, length + 2 * margin, channels), dtype=np.float32)
-    padded[:, margin : margin + length] = windows.transpose(0, 2, 1)
+    padded = np.zeros((count, channels, length + 2 * margin), dtype=np.float32)
+    padded[:, :, margin : margin + length] = windows
     return padded
 
 
@@ -194,12 +194,13 @@ def taps_of(windows: Floats32, dilation: int) -> Floats32:
 
 def _taps(padded: Floats32, length: int, reach: int, margin: int) -> Floats32:
     """The same from windows that are padded by `reach` frames on both sides, at least `margin`."""
-    count, _, channels = padded.shape
-    by_window, by_frame, by_channel = padded.strides
-    strides = (by_window, by_frame, by_frame * (margin // (TAPS // 2)), by_channel)
+    count, channels, _ = padded.shape
+    by_window, by_channel, by_frame = padded.strides
+    strides = (by_window, by_frame * (margin // (TAPS // 2)), by_channel, by_frame)
     offset = (reach - margin) * by_frame
-    view: Floats32 = np.ndarray((count, length, TAPS, channels), np.float32, padded, offset, strides)
-    return view.reshape(count, length, TAPS * channels)
+    view: Floats32 = np.ndarray((count, TAPS, channels, length), np.float32, padded, offset, strides)
+    # Copied with the instants last, in long pieces; the product takes either order.
+    return view.reshape(count, TAPS * channels, length).transpose(0, 2, 1)
 
 
 def row_quantiles(rows: NDArray[np.floating], quantiles: NDArray[np.floating]) -> NDArray[np.float64]:

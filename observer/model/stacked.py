@@ -192,6 +192,8 @@ class StackedWatch(Watch):
 
     def _follow_facing(self) -> None:
         """P(facing): that of the phase filter; while it does not run, people turn."""
+        if len(self._facing) == 1:
+            return
         joint = None if self._phase is None else self._phase.joint
         facing = np.full_like(self._facing, 1.0 / len(self._facing)) if joint is None else joint.sum(axis=0)
         self._facing += (facing - self._facing) * (self._turned if joint is None else 1.0)
@@ -208,10 +210,11 @@ class StackedWatch(Watch):
         movements = discriminative * np.log(np.maximum(self._other.p, SMALLEST))
         if self._phase is None:
             return movements[:, None] + np.log(np.maximum(self._facing, 1e-300))
-        joint = self._phase.joint
-        phase = self._phase.p
-        facing = np.ones((len(phase), 1)) if joint is None else joint / np.maximum(phase, 1e-300)[:, None]
-        movements = movements + generative * np.log(np.maximum(phase, SMALLEST))
+        joint, phase = self._phase.joint, self._phase.p
+        movements += generative * np.log(np.maximum(phase, SMALLEST))
+        if joint is None:
+            return movements[:, None]
+        facing = joint / np.maximum(phase, 1e-300)[:, None]
         return movements[:, None] + np.log(np.maximum(facing, 1e-300))
 
     @property

@@ -9,6 +9,7 @@ import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TypeVar
 
 import numpy as np
@@ -142,12 +143,18 @@ def _mean_of(one: Floats32, other: Floats32) -> Floats32:
 
 def resampled(values: Floats32, length: int) -> Floats32:
     """(F, C) -> (length, C), linear between frames."""
-    place = np.linspace(0, len(values) - 1, length)
-    before = place.astype(np.int64)
-    after = np.minimum(before + 1, len(values) - 1)
-    share = (place - before)[:, None].astype(np.float32)
-    result: Floats32 = values[before] * (1 - share) + values[after] * share
+    before, after, share, rest = _between_frames(len(values), length)
+    result: Floats32 = values[before] * rest + values[after] * share
     return result
+
+
+@lru_cache(maxsize=256)
+def _between_frames(frames: int, length: int) -> tuple[Whole, Whole, Floats32, Floats32]:
+    """(length,) frames before and after each of `length` instants, (length, 1) the shares of the later and earlier."""
+    place = np.linspace(0, frames - 1, length)
+    before = place.astype(np.int64)
+    share = (place - before)[:, None].astype(np.float32)
+    return before, np.minimum(before + 1, frames - 1), share, 1 - share
 
 
 def segment_window(trace: Floats32, length: int) -> Floats32:
@@ -156,9 +163,11 @@ def segment_window(trace: Floats32, length: int) -> Floats32:
     All are in body sizes of now: what the size was taken to be in between must not change the motion's shape.
     """
     size = trace[:, -1:] / trace[-1, -1]
-    relative = trace[:, :-3] * size
+    places = trace[:, :-3] * size
     steps = np.zeros((len(trace), 2), np.float32)
     steps[1:] = (trace[1:, -3:-1] - trace[:-1, -3:-1]) * size[1:]
     path = np.cumsum(steps, axis=0)
-    result: Floats32 = resampled(relative + np.tile(path, relative.shape[1] // 2), length).T
+    for axis in (0, 1):
+        places[:, axis::2] += path[:, axis, None]
+    result: Floats32 = resampled(places, length).T
     return result
