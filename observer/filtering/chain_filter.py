@@ -70,6 +70,7 @@ class ChainFilter:
         self._past = np.zeros(movements * facings)
         self._moving = onset_known
         self._begun = not onset_known
+        self._still_frames = 0
         # The posterior is read several times per frame, and is a sum over all active mass.
         self._posterior: Floats | None = None
         if onset_known:
@@ -108,8 +109,20 @@ class ChainFilter:
             self._predict(self._dynamics.forget, self._dynamics.abandon * still)
         self._begun = True
         self._condition(evidence)
+        self._still_frames = self._still_frames + 1 if still >= 0.5 else 0
+        if self._still_frames >= self._dynamics.settled and self.rest < 0.5:
+            self._settle()
         self._moving = self.rest < 0.5
         self._drop_negligible()
+
+    def _settle(self) -> None:
+        """All mass to the rest before a movement: who is still for so long rests, even in a posture never learned.
+
+        A tracker that takes a hand for the head shows such a posture, and no movement ends in it.
+        """
+        self._active = np.zeros((len(self._entering), len(self._cell_of)), np.float32)
+        self._live, self._before = None, 1.0
+        self._after, self._past = np.zeros_like(self._after), np.zeros_like(self._past)
 
     def step_blind(self) -> None:
         """One frame in which no part was seen: time passes, and all movements lose the same share to the prior."""

@@ -37,7 +37,7 @@ class Phase:
     kind: ClassVar[str] = "phase"
     # sharpness: evidence is exp(-sharpness d^2), d in body sizes. fast: PostureReader's max_speed; apart: its
     # hands_weight. outlier: the largest evidence of a frame against a posture, in nats. All chosen by leaving out one
-    # of the training subjects 1, 3, 5, 7, 9 of MSR Action3D at a time (docs/design/model.md), abandon likewise.
+    # of the training subjects 1, 3, 5, 7, 9 of MSR Action3D at a time (docs/design/model.md), abandon and settled too.
     # begin, forget: guesses.
     PARAMETERS: ClassVar[Mapping[str, Parameter]] = {
         "sharpness": Parameter(1.0, POSITIVE),
@@ -47,6 +47,7 @@ class Phase:
         "begin": Parameter(0.05, PROBABILITY),
         "forget": Parameter(0.01, PROBABILITY),
         "abandon": Parameter(0.02, PROBABILITY),
+        "settled": Parameter(15.0, POSITIVE),
         "facings": FACINGS,
     }
 
@@ -141,7 +142,7 @@ class Phase:
 
     def watch(self, onset: Onset) -> "PhaseWatch":
         """Start the filter at rest, or at the first phases if the onset is known."""
-        dynamics = chain_dynamics(self.header.parameters, self._share)
+        dynamics = chain_dynamics(self.header.parameters, self._share, onset.known)
         phases = self._chains.shape[1]
         chain_filter = ChainFilter(self._cell_of, self.answers, self.facings, phases, dynamics, onset.known)
         return PhaseWatch(self, posture_reader(self.header), chain_filter)

@@ -144,6 +144,23 @@ def test_the_previous_movement_is_no_answer_during_a_movement(seed):
 
 
 @some
+@given(seed=SEEDS, seen=st.integers(0, 12), settled=st.integers(1, 5))
+def test_who_is_still_for_long_enough_rests_whatever_the_posture(seed, seen, settled):
+    rng, dynamics = np.random.default_rng(seed), replace(DYNAMICS, abandon=0.0, settled=settled)
+    filters = [
+        ChainFilter(CELL_OF, MOVEMENTS, FACINGS, PHASES, d, False) for d in (dynamics, replace(DYNAMICS, abandon=0.0))
+    ]
+    frames = [(Table.drawn(rng), rng.uniform(0, 0.4)) for _ in range(seen)]
+    frames += [(Table(np.zeros((len(CELL_OF), PHASES)), -9.0, np.full((MOVEMENTS, FACINGS), -9.0)), 0.9)] * settled
+    for n, (frame, still) in enumerate(frames):
+        for belief in filters:
+            belief.step(frame, still)
+        if n < seen + settled - 1:
+            assert filters[0].rest == filters[1].rest
+    assert filters[0].rest >= 0.5 and filters[0].posterior.sum() == pytest.approx(1)
+
+
+@some
 @given(seed=SEEDS, seen=st.integers(0, 12), known=st.booleans(), negligible=st.sampled_from([0.0, 1e-8, 1e-3]))
 def test_blind_frames_never_lower_the_entropy_of_movement_or_facing(seed, seen, known, negligible):
     rng = np.random.default_rng(seed)
