@@ -137,8 +137,8 @@ class FusionConfig(Section):
     rule: str = "guarded_product"
     quorum: Annotated[int, Field(ge=1)] = 1
     temperature: Annotated[float, Field(ge=1e-3, le=1e3)] = 1.0
-    threshold: Annotated[float, Field(gt=0, le=1)] = 0.8
-    hold_s: Annotated[float, Field(ge=0)] = 0.2
+    threshold: Annotated[float, Field(gt=0, le=1)] = 0.6
+    hold_s: Annotated[float, Field(ge=0)] = 0.1
     fresh_s: Annotated[float, Field(ge=0)] = 0.2
     fade_s: PositiveFloat = 0.5
     blind_s: PositiveFloat = 0.15

@@ -82,8 +82,8 @@ mode = "machine"
 # How many observers must agree before there is a verdict; by default half of them.
 #quorum = {quorum}
 # How probable a movement must be, and for how long (seconds).
-#threshold = 0.8
-#hold_s = 0.2
+#threshold = 0.6
+#hold_s = 0.1
 """
 
 

@@ -20,7 +20,7 @@ from studies.parallel import run_parts
 from studies.settings import EvaluationSettings, Progress
 from studies.spotting import JudgedStream, StreamResult, StreamScores, StreamVerdict, total_score
 
-THRESHOLDS = (0.6, 0.7, 0.8, 0.9, 0.95)
+THRESHOLDS = (0.5, 0.6, 0.7, 0.8, 0.9, 0.95)
 """Values of [fusion] threshold to compare when unlearned movements are shown."""
 
 

@@ -18,7 +18,7 @@ def explain_undecided(
     observers: how many have a vote that counts. held_s: seconds for which the label has met threshold and quorum
     without a break; None while it does not. moved_s: seconds since the movement began.
 
-    Examples: "wave 79 % of the 80 % needed; 13 % something else", "2 of 3 observers needed vote for wave",
+    Examples: "wave 59 % of the 60 % needed; 13 % something else", "2 of 3 observers needed vote for wave",
     "wave for 0.1 of 0.2 s".
     """
     if observers == 0:

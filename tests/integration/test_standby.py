@@ -140,15 +140,15 @@ def test_when_the_leader_ends_the_standby_service_continues_the_same_movement(st
 
 def test_a_listener_learns_why_a_movement_has_no_verdict_and_why_it_never_got_one(stage):
     stage.play("a")
-    stage.state = [0.7, 0.3], 0.05
+    stage.state = [0.55, 0.45], 0.05
     undecided = stage.judgement(lambda j: j.movement is not None and j.why)
     assert undecided.movement.label is None and undecided.why.startswith("bowing ")
-    assert undecided.why.endswith(" % of the 80 % needed")
+    assert undecided.why.endswith(" % of the 60 % needed")
     stage.judgement(lambda j: j.at_ns > undecided.at_ns + 0.2 * SECOND_NS)
     stage.state = REST
     (verdict,) = stage.verdicts()
     assert (verdict.label, verdict.stage, verdict.id) == ("abstain", "ended", undecided.movement.id)
-    assert verdict.why.endswith(" % of the 80 % needed")
+    assert verdict.why.endswith(" % of the 60 % needed")
     assert stage.judgement(lambda j: j.movement is None).why is None
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import typer
 
+from common.config_sections import FusionConfig
 from common.errors import BadInput
 from observer.geometry.views import parse_view
 from observer.motion.archive import MotionArchive, Recording
@@ -68,7 +69,7 @@ def test_the_first_word_is_said_within_the_movement_and_counted(archive):
     assert 0 < figures["first_word"]["median_fraction"] <= 1 and 0 <= figures["ece_first_word"] <= 1
     for r in words:
         frame, label = r.first_word
-        assert r.fused[frame].argmax() == label and r.fused[frame, label] >= 0.8
+        assert r.fused[frame].argmax() == label and r.fused[frame, label] >= FusionConfig().threshold
 
 
 def test_counts_of_other_motion_by_hand():

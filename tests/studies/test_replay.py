@@ -316,7 +316,8 @@ def test_other_rule_quorum_and_threshold(write, records):
     capture = write(records)
     assert labels(judge_again(capture, ReplayChange(quorum=3))) == ["bowing", "abstain", "stretch"]
     assert labels(judge_again(capture, ReplayChange(threshold=0.999999))) == ["abstain"] * 3
-    by_log, by_median = (labels(judge_again(capture, ReplayChange(rule=rule))) for rule in ("log", "median"))
+    rules = (ReplayChange(rule=rule, threshold=0.8) for rule in ("log", "median"))
+    by_log, by_median = (labels(judge_again(capture, change)) for change in rules)
     assert by_log != by_median
 
 
