@@ -15,7 +15,7 @@ from common.text import plural
 if TYPE_CHECKING:
     from common.config import Scene
     from observer.effort.reader import FacetReader
-    from observer.model.base import Header
+    from observer.model.base import Header, MovementModel
     from observer.runtime.pipeline import Observer
     from observer.runtime.scene_inputs import ObserverInputs
     from observer.runtime.service import ObserverLike
@@ -41,36 +41,47 @@ def observe(
     from common.lifecycle import log_to_stderr, stop_on_signals
     from common.link import Link
     from observer.foreign.sources import MeshTracks
-    from observer.model.base import Onset
-    from observer.model.model_file import doubt_of_view, read_model, require_match
-    from observer.runtime.pipeline import Observer, Resampler
+    from observer.model.model_file import read_model
     from observer.runtime.scene_inputs import open_inputs
     from observer.runtime.service import HealthReporter, serve
 
     log_to_stderr()
     config, health = read_scene(scene), HealthReporter()
-    section = config.observer(observer)
-    model_path = config.place(section.model)
-    model = read_model(model_path)
+    model = read_model(config.place(config.observer(observer).model))
     inputs = open_inputs(config, observer, model.header.body_parts, health.record_camera)
-    require_match(model_path, model, config.named_vocabulary, inputs.source.rate_hz if inputs.at_own_rate else None)
-    if doubt := doubt_of_view(model_path, model.header, inputs.view, section.view):
-        log.warning(doubt)
-    movements = plural(model.header.vocabulary.size, "movement")
-    log.info("%s: %s model of %s for %s", observer, model.header.kind, movements, model.header.view)
-    onset = Onset(known=section.onset == "known", length=inputs.length)
-    resampler = None if inputs.at_own_rate else Resampler(model.header.rate_hz)
-    facets = _facet_reader(config, observer, model.header, inputs)
-    pipeline = Observer(inputs.tracker, model, onset, resampler, facets)
+    pipeline = _pipeline(config, observer, model, inputs)
     with ExitStack() as stack:
         stop = stack.enter_context(stop_on_signals())
-        in_scene_folder = section.preview not in ("", "window")
-        target = preview or (str(config.place(section.preview)) if in_scene_folder else section.preview)
+        target = preview or _preview_in(config, observer)
         shown = stack.enter_context(_with_preview(target, observer, pipeline, inputs, model.header))
         link = stack.enter_context(Link.open(config.mesh, "observer", process_id=observer, scene=config.scene))
         if isinstance(inputs.source, MeshTracks):
             inputs.source.listen(link)
         serve(config, observer, shown, inputs.source, link, stop, health=health)
+
+
+def _pipeline(scene: "Scene", observer: str, model: "MovementModel", inputs: "ObserverInputs") -> "Observer":
+    """The observer of these inputs; raises BadInput for a model that does not fit the scene."""
+    from observer.model.base import Onset
+    from observer.model.model_file import doubt_of_view, require_match
+    from observer.runtime.pipeline import Observer, Resampler
+
+    section, header = scene.observer(observer), model.header
+    path, rate_hz = scene.place(section.model), inputs.source.rate_hz if inputs.at_own_rate else None
+    require_match(path, model, scene.named_vocabulary, rate_hz)
+    if doubt := doubt_of_view(path, header, inputs.view, section.view):
+        log.warning(doubt)
+    movements = plural(header.vocabulary.size, "movement")
+    log.info("%s: %s model of %s for %s", observer, header.kind, movements, header.view)
+    onset = Onset(known=section.onset == "known", length=inputs.length)
+    resampler = None if inputs.at_own_rate else Resampler(header.rate_hz)
+    return Observer(inputs.tracker, model, onset, resampler, _facet_reader(scene, observer, header, inputs))
+
+
+def _preview_in(scene: "Scene", observer: str) -> str:
+    """The preview that the scene file names: "" for none, `window`, or a path in the scene's folder."""
+    preview = scene.observer(observer).preview
+    return preview if preview in ("", "window") else str(scene.place(preview))
 
 
 def _facet_reader(scene: "Scene", observer: str, header: "Header", inputs: "ObserverInputs") -> "FacetReader":

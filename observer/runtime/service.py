@@ -140,7 +140,7 @@ def serve(
     health = health or HealthReporter()
     keys, status = scene.keys, ProcessStatus(scene.scene, observer_id)
     publisher = _posterior_publisher(scene, observer_id, observer.vocabulary, link)
-    querier, fusion_clock = ClockQuerier(link, keys.fusion_status(), clock), ClockSkew()
+    fusion_clock = _FusionClock(ClockQuerier(link, keys.fusion_status(), clock))
     vocabulary = encode_vocabulary(scene.scene, observer.vocabulary)
     link.answer(keys.vocabulary, lambda: vocabulary)
     with (
@@ -160,14 +160,26 @@ def serve(
             status.record_frame(frame.captured_ns, now_ns)
             health.record_frame(observer.complaint)
             status_publisher.alive()
-            querier.ask_if_due()
-            for _, reading in querier.readings():
-                fusion_clock.note(reading)
-                status.clock_skew_s = -(fusion_clock.skew_s or 0.0)
+            status.clock_skew_s = fusion_clock.skew_s()
         if captured_ns and not stop.is_set():
             _publish_end(observer, publisher, captured_ns, clock())
             stop.wait(min(FUSION_STEPS / scene.fusion.step_hz, LONGEST_STAY_S))
     log.info("%s: %s after %d posteriors", observer_id, "stopped" if stop.is_set() else "source ended", publisher.seq)
+
+
+class _FusionClock:
+    """Follows the fusion service's clock."""
+
+    def __init__(self, querier: ClockQuerier) -> None:
+        self._querier, self._skew = querier, ClockSkew()
+
+    def skew_s(self) -> float | None:
+        """Seconds by which our clock is ahead of it; None before its first answer. To be called in a loop."""
+        self._querier.ask_if_due()
+        for _, reading in self._querier.readings():
+            self._skew.note(reading)
+        ahead_s = self._skew.skew_s
+        return None if ahead_s is None else -ahead_s
 
 
 def _publish_end(observer: ObserverLike, publisher: "PosteriorPublisher", captured_ns: int, now_ns: int) -> None:
