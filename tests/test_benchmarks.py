@@ -71,8 +71,8 @@ def test_a_posterior_is_judged_by_the_first_judgement_with_it_or_a_newer_one():
     referee = FusionEngine(scene.scene, list(scene.roster), NAMES, scene.fusion)
     p = random_posteriors(1)[0]
 
-    def judged_at(now_ns, *heard):
-        for observer, seq, captured_ns in heard:
+    def judged_at(now_ns, *posteriors):
+        for observer, seq, captured_ns in posteriors:
             assert referee.receive(observer, message(observer, seq, captured_ns, p), now_ns) is None
         return Arrival("key", encode(referee.step(now_ns).judgement), now_ns + 7)
 

@@ -57,8 +57,8 @@ class _NearestMiss:
 
 
 @dataclass(frozen=True, slots=True)
-class _LastHeard:
-    """The last step, if an observer was heard in it."""
+class _LastObserved:
+    """The last step, if an observer counted in it."""
 
     state: PooledState
     evidence: _Evidence
@@ -83,7 +83,7 @@ class FusionEngine:
         self._detector = VerdictDetector(config)
         self._builder = JudgementBuilder(scene, vocabulary, self._roster.prior, self._rule.name)
         self._evidence: Mapping[int, _Evidence] = {}
-        self._last_heard: _LastHeard | None = None
+        self._last_observed: _LastObserved | None = None
         self._nearest = _NearestMiss()
         self._seq = 0
         self.reliability = Reliability()
@@ -155,24 +155,24 @@ class FusionEngine:
         ballot = self._builder.ballot(posteriors, pooled)
         unlearned = pooled.unlearned or 0.0
         p = ballot.p * (1.0 - unlearned)
-        heard = any(posterior.state in POOLED_STATES for posterior in posteriors)
-        state = PooledState(now_ns, ballot.label, p, ballot.agreement.k, pooled_rest(posteriors), unlearned, heard)
+        observed = any(posterior.state in POOLED_STATES for posterior in posteriors)
+        state = PooledState(now_ns, ballot.label, p, ballot.agreement.k, pooled_rest(posteriors), unlearned, observed)
         # Before the first posterior, as after a restart during a movement, the absence of motion means nothing.
         has_posterior = any(posterior.age_s is not None for posterior in posteriors)
-        # Nobody is heard any more, as after a film: waiting would show as little as after the begin of rest.
-        last = None if heard else self._last_heard
+        # No observer counts any more, as after a film: waiting would show as little as after the begin of rest.
+        last = None if observed else self._last_observed
         shown = state if last is None else replace(last.state, at_ns=now_ns, rest=1.0)
         decisions = self._detector.update(shown) if has_posterior else ()
         self._seq += 1
         facets, movement = pool_facets(self._rule, posteriors), self._ongoing_movement()
         began_ns = now_ns if movement is None else movement.began_ns
-        is_moving = movement is not None or (heard and state.rest < 0.5)
+        is_moving = movement is not None or (observed and state.rest < 0.5)
         why = self._why(state, ballot.agreement.n, began_ns) if is_moving or decisions else None
         silence = why if is_moving else None
         judgement = self._builder.judgement(ballot, pooled, facets, movement, silence, self._stamp(now_ns))
         current = _Evidence(judgement, posteriors, why)
         evidence = {**self._evidence, now_ns: current if last is None else last.evidence}
-        self._last_heard = _LastHeard(state, current) if heard else None
+        self._last_observed = _LastObserved(state, current) if observed else None
         verdicts = []
         for decision in decisions:
             verdicts.append(verdict := self._verdict(now_ns, decision, evidence))

@@ -43,7 +43,7 @@ class PooledState:
     """The pooled posterior at one time: the likeliest label, how many observers vote for it, and probabilities.
 
     p: of the label among all answers; unlearned: of "something else", which is no label; rest: of being at rest.
-    heard: whether any observer is.
+    observed: whether the posterior of any observer counts.
     """
 
     at_ns: int
@@ -52,7 +52,7 @@ class PooledState:
     agreeing: int
     rest: float
     unlearned: float = 0.0
-    heard: bool = True
+    observed: bool = True
 
     @property
     def idle(self) -> bool:
@@ -139,7 +139,7 @@ class VerdictDetector:
         if state.at_ns < self._last_ns:
             self._finish()
         self._last_ns = at_ns = state.at_ns
-        if self.movement is None and (state.idle or not state.heard):
+        if self.movement is None and (state.idle or not state.observed):
             return ()
         movement = self.movement or self._begin(at_ns)
         label = self._held_label(state)
@@ -147,7 +147,7 @@ class VerdictDetector:
             self._else_since_ns = None
         elif self._else_since_ns is None:
             self._else_since_ns = at_ns
-        if not state.heard or state.rest >= 0.5:
+        if not state.observed or state.rest >= 0.5:
             self._faded_since_ns = None
         elif (change := self._change(movement, state, label)) is not None:
             return change

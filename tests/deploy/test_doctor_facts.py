@@ -94,10 +94,10 @@ def test_webcams_are_found_by_their_first_node(tmp_path):
         (names / f"video{number}" / "index").write_text(f"{index}\n")
         devices.mkdir(exist_ok=True)
         (devices / f"video{number}").touch()
-    found = webcams(devices, names)
-    assert [webcam.place.rpartition("/")[2] for webcam in found] == ["video0", "video2", "video10"]
-    assert [webcam.name for webcam in found] == ["Camera 0", "Camera 2", "Camera 10"]
-    assert {webcam.access for webcam in found} == {"readable"}
+    cameras = webcams(devices, names)
+    assert [webcam.place.rpartition("/")[2] for webcam in cameras] == ["video0", "video2", "video10"]
+    assert [webcam.name for webcam in cameras] == ["Camera 0", "Camera 2", "Camera 10"]
+    assert {webcam.access for webcam in cameras} == {"readable"}
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may read everything")

@@ -224,10 +224,10 @@ def test_rule_7_movements_without_rest(parts, expected):
     assert words(*parts) == expected
 
 
-def test_nobody_heard_ends_and_begins_nothing():
+def test_without_observers_nothing_ends_or_begins():
     detector = VerdictDetector(CONFIG)
     published = [d for n in range(5) for d in detector.update(PooledState(n * STEP_NS, "bow", 0.9, 2, 0.1))]
-    silent = [PooledState(n * STEP_NS, "lunge", 0.5, 0, 0.1, heard=False) for n in range(5, 30)]
+    silent = [PooledState(n * STEP_NS, "lunge", 0.5, 0, 0.1, observed=False) for n in range(5, 30)]
     assert [d.stage for d in published] == ["decided"] and not any(detector.update(state) for state in silent)
     assert detector.movement.began_ns == 0
     assert not any(VerdictDetector(CONFIG).update(state) for state in silent)

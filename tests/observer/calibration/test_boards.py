@@ -151,9 +151,9 @@ def test_exact_corners_give_lens_and_poses():
     cameras, second = shots()
     lens = fit_lens(cameras[0], BOARD)
     np.testing.assert_allclose(lens.K, K, atol=0.5)
-    found = solve_extrinsics(cameras, {"one": LENS, "two": LENS}, BOARD).cameras["two"]
-    np.testing.assert_allclose(found.t, second.t, atol=1e-4)
-    assert angle_between(found.R, second.R) < 1e-4
+    solved = solve_extrinsics(cameras, {"one": LENS, "two": LENS}, BOARD).cameras["two"]
+    np.testing.assert_allclose(solved.t, second.t, atol=1e-4)
+    assert angle_between(solved.R, second.R) < 1e-4
     result = from_boards(cameras, {"one": LENS, "two": LENS}, BOARD, origin=3, lying=False, apart=False)
     one, two = result.cameras
     assert result.origin == 3 and max(c.error_px for c in result.cameras) < 0.01
@@ -222,17 +222,17 @@ def test_time_offsets_and_the_boards_back_are_estimated():
             boards.append(BoardDetection(n, f"frame {n}", np.arange(28), drawn, name == "two"))
         shown.append(CameraDetections(name, (640, 480), tuple(boards), 18, 1))
     lens = FittedLens(K, np.zeros(5), 0.0, {})
-    found = solve_extrinsics(shown, {"one": lens, "two": lens}, BOARD)
-    assert angle_between(found.cameras["two"].R, late["two"]) < 0.002
-    np.testing.assert_allclose(found.cameras["two"].t, away["two"], atol=0.004)
+    solution = solve_extrinsics(shown, {"one": lens, "two": lens}, BOARD)
+    assert angle_between(solution.cameras["two"].R, late["two"]) < 0.002
+    np.testing.assert_allclose(solution.cameras["two"].t, away["two"], atol=0.004)
     # What lies along the board is partly a camera that stands elsewhere.
-    np.testing.assert_allclose(found.back[:3], back, atol=0.002)
-    assert 0.003 < found.back[2] < 0.005
+    np.testing.assert_allclose(solution.back[:3], back, atol=0.002)
+    assert 0.003 < solution.back[2] < 0.005
     plain = [
         CameraDetections(s.name, s.image_size_px, tuple(replace(x, behind=False) for x in s.boards), 18) for s in shown
     ]
     off = solve_extrinsics(plain, {"one": lens, "two": lens}, BOARD)
-    assert rms(off.residuals_px) > 3 * rms(found.residuals_px)
+    assert rms(off.residuals_px) > 3 * rms(solution.residuals_px)
 
 
 def rms(residuals_px):
@@ -244,10 +244,10 @@ def rms(residuals_px):
 def test_a_wrong_lens_is_corrected_by_the_other_cameras():
     shown, second = shots()
     wrong = FittedLens(K * np.array([[1.03], [1.03], [1]]), LENS.distortion, 0.0, {})
-    found = solve_extrinsics(shown, {"one": LENS, "two": wrong}, BOARD, adjust=["two"])
-    np.testing.assert_allclose(found.lenses["two"][0], K, atol=3)
-    np.testing.assert_allclose(found.cameras["two"].t, second.t, atol=3e-3)
-    np.testing.assert_array_equal(found.lenses["one"][0], K)
+    solution = solve_extrinsics(shown, {"one": LENS, "two": wrong}, BOARD, adjust=["two"])
+    np.testing.assert_allclose(solution.lenses["two"][0], K, atol=3)
+    np.testing.assert_allclose(solution.cameras["two"].t, second.t, atol=3e-3)
+    np.testing.assert_array_equal(solution.lenses["one"][0], K)
     left = solve_extrinsics(shown, {"one": LENS, "two": wrong}, BOARD)
     np.testing.assert_array_equal(left.lenses["two"][0], wrong.K)
     # Its pixels are not square: one focal length would not do.
@@ -263,16 +263,16 @@ def test_poses_agree_with_caliscope(data, lenses, most_deg, most):
     board, truth = read_board(str(home / "charuco.toml")), read_opencv(home / "camera_array.toml")
     cameras_seen = [find_boards(c.name, pictures(home / f"{c.name}.mp4"), board, 1) for c in truth]
     if lenses == "theirs":
-        found = solve_extrinsics(
+        solved = solve_extrinsics(
             cameras_seen, {c.name: FittedLens(c.K, c.distortion, 0.0, {}) for c in truth}, board
         ).cameras
     else:
         fitted = {s.name: fit_lens(s, board) for s in cameras_seen}
-        found = solve_extrinsics(cameras_seen, fitted, board, adjust=list(fitted)).cameras
+        solved = solve_extrinsics(cameras_seen, fitted, board, adjust=list(fitted)).cameras
     for i, one in enumerate(truth):
         for other in truth[:i]:
             expected = RigidTransform(one.R, one.t).after(RigidTransform(other.R, other.t).inverse)
-            got = found[one.name].after(found[other.name].inverse)
+            got = solved[one.name].after(solved[other.name].inverse)
             length = np.linalg.norm(expected.t)
             turned, off = np.degrees(angle_between(expected.R, got.R)), np.linalg.norm(expected.t - got.t) / length
             assert turned < most_deg and off < most

@@ -32,8 +32,8 @@ def test_undistortion_agrees_with_an_exhaustive_search(pixel, distortion):
         best = ((u - target[0]) ** 2 + (v - target[1]) ** 2).argmin()
         centre, half = np.array([x.flat[best], y.flat[best]]), half / 8
     expected = centre * np.diag(K)[:2] + K[:2, 2]
-    found = LensDistortion(K, np.array(distortion)).undistorted(np.array([pixel], float))
-    np.testing.assert_allclose(found, [expected], atol=1e-4)
+    undistorted = LensDistortion(K, np.array(distortion)).undistorted(np.array([pixel], float))
+    np.testing.assert_allclose(undistorted, [expected], atol=1e-4)
 
 
 @pytest.mark.parametrize("distortion", DISTORTIONS, ids=len)
