@@ -28,7 +28,7 @@ from observer.learning.learn import learn_view
 from observer.model.base import Arrays, MovementModel, Onset
 from observer.model.registry import MODELS
 from observer.model.symbol_tables import PhaseSymbols
-from observer.motion.archive import MotionArchive, labels_of, resample
+from observer.motion.archive import MotionArchive, labels_of, resample, subjects_in
 from observer.motion.importers import import_recordings
 from observer.motion.playback import RecordedMotion
 from observer.motion.projected import ProjectedTracker, frames_of
@@ -191,7 +191,7 @@ def recorded(data: Path | None) -> MotionArchive:
 
 def halves(archive: MotionArchive) -> tuple[MotionArchive, MotionArchive]:
     """Every other person for training; some recordings of the others for test."""
-    learned = sorted({r.subject for r in archive.recordings}, key=lambda s: (len(s), s))[::2]
+    learned = subjects_in(archive.recordings)[::2]
     train = tuple(r for r in archive.recordings if r.subject in learned)
     others = tuple(r for r in archive.recordings if r.subject not in learned)
     test = others[:: max(len(others) // RECORDINGS, 1)]

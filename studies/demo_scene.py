@@ -14,7 +14,7 @@ from common.vocabulary import Vocabulary
 from observer.geometry.views import parse_view
 from observer.learning.learn import learn_view
 from observer.model.model_file import write_model
-from observer.motion.archive import MotionArchive, Recording, movements_in
+from observer.motion.archive import MotionArchive, Recording, movements_in, subjects_in
 from observer.motion.archive_file import write_archive
 from observer.motion.playback import RecordedMotion
 from observer.rendering.scenery import Scenery
@@ -68,7 +68,7 @@ def recorded_performance(archive: MotionArchive, name: str, subject: str | None,
 
     Raises BadInput for an unknown person and for an archive of a single person.
     """
-    subjects = sorted({r.subject for r in archive.recordings}, key=lambda s: (len(s), s))
+    subjects = subjects_in(archive.recordings)
     chosen = subject or subjects[-1]
     if chosen not in subjects:
         raise BadInput(f"--subject {chosen!r}: not in {name}; it has {', '.join(subjects)}")

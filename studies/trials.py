@@ -10,7 +10,7 @@ from common.errors import BadInput
 from common.text import split_list
 from observer.geometry.views import turned
 from observer.learning.learn import BLENDS
-from observer.motion.archive import MotionArchive, Recording, Span, labels_of, movements_in, retime
+from observer.motion.archive import MotionArchive, Recording, Span, labels_of, movements_in, retime, subjects_in
 from observer.motion.importers.msr_action3d import LABELS
 from studies.room import NOISE_M, RoomEvent, before_trial
 
@@ -68,7 +68,7 @@ def splits(
     out in turn, so that parameters can be chosen without the test subjects. Raises BadInput for an unknown subject, a
     subject in both sets, an empty set, and for test subjects together with leave_one_out.
     """
-    subjects = sorted({r.subject for r in archive.recordings}, key=lambda s: (len(s), s))
+    subjects = subjects_in(archive.recordings)
     for subject in [*train_subjects, *test_subjects]:
         if subject not in subjects:
             raise BadInput(f"subject {subject!r}: not in the archive; it has {', '.join(subjects)}")

@@ -7,19 +7,18 @@ import pytest
 
 from benchmarks.peers import spotter
 from benchmarks.peers.comparison import PeerOptions
-from benchmarks.peers.spotter import (
+from benchmarks.peers.spotter import spot_streams, verdicts_of
+from benchmarks.peers.spotter_windows import (
     ELSEWHERE,
     JITTERED,
     LENGTHS,
     PREFIXES,
     SHORTEST,
-    StreamProbabilities,
     choose_windows,
     is_elsewhere,
-    spot_streams,
-    verdicts_of,
     window_lengths,
 )
+from benchmarks.peers.window_classifier import StreamProbabilities
 from common.errors import BadInput
 from observer.geometry.views import parse_view
 from observer.motion.archive import MotionArchive, Recording, Span

@@ -7,55 +7,23 @@ in a row; the movement is armed again after 1.5 s below half of it. The window l
 spans, the threshold is the best one for a training person whom the classifiers do not know.
 """
 
-import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.peers.comparison import PeerOptions
-from benchmarks.peers.panels import body_sizes, bridge_gaps, from_first_head, resample_rows, view_centres
+from benchmarks.peers.window_classifier import SpotterPart, StreamProbabilities, judge_part, step_frames
 from common.errors import BadInput
-from observer.geometry.views import View
-from observer.motion.archive import MotionArchive, Recording, Span
-from observer.tracks import BODY_PARTS, Floats
+from observer.motion.archive import MotionArchive, Recording, subjects_in
 from studies.evaluate import EvaluationSettings, folds_of
 from studies.parallel import run_parts
 from studies.spotting import SpottingScore, StreamVerdict, score
 
-FRAMES = 60
-KERNELS, KERNELS_FAST = 2500, 168
-PENALTY = 0.002
-"""C of the logistic regression, on standardised features."""
-STEP_S = 4 / 30
-LENGTHS = 5
-SHORTEST = 6
-"""Frames of the shortest window."""
-JITTER = 0.08
-JITTERED = 6
-"""Windows per span whose ends are moved by JITTER of its length."""
-PREFIXES = (0.5, 0.65, 0.8)
-"""So that a movement is recognised before it ends."""
-ELSEWHERE = 14
-"""Windows per span from anywhere else: something else."""
-MOST_OVERLAP = 0.25
-"""Intersection over union of such a window with a span."""
-MOST_INSIDE = 0.5
-"""The largest share of such a window that lies in a span."""
 DOUBT = 1e-4
 """Added to a view's probabilities before they are multiplied, so that none has a veto."""
 HOLD, REARM_S = 2, 1.5
 THRESHOLDS = (0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class LabelledWindow:
-    """Frames begin..end-1 of a stream; movement: its index, M for something else."""
-
-    begin: int
-    end: int
-    movement: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,26 +33,6 @@ class SpotterFold:
     train: frozenset[str]
     judged: frozenset[str]
     held: str
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class SpotterPart:
-    """What one view learns from, and what it judges; all recordings are continuous."""
-
-    view: View
-    recorded: tuple[str, ...]
-    settings: EvaluationSettings
-    learned: Sequence[Recording]
-    judged: Sequence[Recording]
-    options: PeerOptions
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class StreamProbabilities:
-    """frames (T,): where the windows end; p (T, LENGTHS, M + 1), something else last."""
-
-    frames: NDArray[np.int64]
-    p: Floats
 
 
 def spot_streams(
@@ -127,7 +75,7 @@ def spot_streams(
 def _folds(archive: MotionArchive, settings: EvaluationSettings) -> list[SpotterFold]:
     folds = []
     for number, split in enumerate(folds_of(archive, settings, settings.labels)):
-        train = sorted({r.subject for r in split.train.recordings}, key=lambda s: (len(s), s))
+        train = subjects_in(split.train.recordings)
         held = train[min(number // 2 * 2, len(train) - 1)]
         folds.append(SpotterFold(frozenset(train), frozenset(r.subject for r in split.test), held))
     return folds
@@ -174,127 +122,3 @@ def verdicts_of(
             verdicts.append(StreamVerdict(labels[best], frame / rate_hz, labels[best]))
             armed[best] = False
     return verdicts
-
-
-def step_frames(rate_hz: float) -> int:
-    """Frames between two windows of one length."""
-    return max(round(STEP_S * rate_hz), 1)
-
-
-def window_lengths(streams: Sequence[Recording]) -> Floats:
-    """(LENGTHS,) seconds, evenly spaced in their logarithm, around the lengths of the spans."""
-    seconds = [(span.end - span.start) / stream.rate_hz for stream in streams for span in stream.spans]
-    low, high = np.quantile(seconds, [0.1, 0.9])
-    lengths: Floats = np.geomspace(0.5 * low, 1.4 * high, LENGTHS)
-    return lengths
-
-
-def choose_windows(
-    stream: Recording, lengths_s: Floats, labels: Sequence[str], rng: np.random.Generator
-) -> list[LabelledWindow]:
-    """Training windows: every span with both ends moved a little, its first parts, and windows of something else."""
-    windows = []
-    for span in stream.spans:
-        length, movement = span.end - span.start, labels.index(span.label)
-        for begin, end in rng.normal(0, JITTER * length, (JITTERED, 2)):
-            windows.append(LabelledWindow(int(span.start + begin), int(span.end + end), movement))
-        for share in PREFIXES:
-            before = 0.1 * length * rng.random()
-            windows.append(LabelledWindow(int(span.start - before), int(span.start + share * length), movement))
-    frames = len(stream.positions)
-    within = [
-        LabelledWindow(max(w.begin, 0), min(max(w.end, max(w.begin, 0) + SHORTEST), frames), w.movement)
-        for w in windows
-    ]
-    return [w for w in within if w.end - w.begin >= SHORTEST] + _elsewhere(stream, lengths_s, len(labels), rng)
-
-
-def _elsewhere(stream: Recording, lengths_s: Floats, movement: int, rng: np.random.Generator) -> list[LabelledWindow]:
-    windows: list[LabelledWindow] = []
-    wanted, frames = ELSEWHERE * len(stream.spans), len(stream.positions)
-    for _ in range(50 * wanted):
-        length = max(int(rng.choice(lengths_s) * stream.rate_hz), SHORTEST)
-        if len(windows) == wanted or length >= frames:
-            continue
-        begin = int(rng.integers(frames - length))
-        if all(is_elsewhere(begin, begin + length, span) for span in stream.spans):
-            windows.append(LabelledWindow(begin, begin + length, movement))
-    return windows
-
-
-def is_elsewhere(begin: int, end: int, span: Span) -> bool:
-    """Whether the frames begin..end-1 show too little of the span to be it, or a part of it."""
-    common = max(0, min(end, span.end) - max(begin, span.start))
-    union = max(end, span.end) - min(begin, span.start)
-    return common / union < MOST_OVERLAP and common / (end - begin) < MOST_INSIDE
-
-
-class _ViewStream:
-    """A stream as one view sees it: windows as a classifier wants them."""
-
-    def __init__(self, stream: Recording, part: SpotterPart) -> None:
-        self._parts = part.settings.body_parts or BODY_PARTS
-        self._centres = view_centres(stream, [part.view], part.recorded, self._parts)[0]
-        self._sizes = body_sizes(self._centres, self._parts)
-
-    def windows(self, begins: Sequence[int], ends: Sequence[int]) -> tuple[Floats, Floats]:
-        """(N, C, FRAMES) positions from the first head, in body sizes; (N, C + 1) log duration and log path lengths."""
-        series, extras = zip(*(self._window(*window) for window in zip(begins, ends, strict=True)), strict=True)
-        return np.array(series), np.array(extras)
-
-    def _window(self, begin: int, end: int) -> tuple[Floats, Floats]:
-        places = from_first_head(self._centres[begin:end], float(self._sizes[end - 1]), self._parts)
-        rows = bridge_gaps(places.reshape(end - begin, -1).T)
-        paths = np.abs(np.diff(rows, axis=1)).sum(axis=1)
-        return resample_rows(rows, FRAMES), np.array([np.log(end - begin), *np.log(paths + 0.05)])
-
-
-def judge_part(part: SpotterPart) -> list[StreamProbabilities]:
-    """Learn from the training people's streams; the probabilities in each judged stream."""
-    classifier = WindowClassifier(part)
-    return [classifier.probabilities(stream) for stream in part.judged]
-
-
-class WindowClassifier:
-    """Tells windows of movements and of something else apart, for one view."""
-
-    def __init__(self, part: SpotterPart) -> None:
-        from aeon.transformations.collection.convolution_based import MiniRocket
-        from sklearn.linear_model import LogisticRegression
-        from sklearn.pipeline import make_pipeline
-        from sklearn.preprocessing import StandardScaler
-
-        self._part = part
-        self._lengths_s = window_lengths(part.learned)
-        labels, seed = part.settings.labels, part.options.seeds[0]
-        rng = np.random.default_rng(seed)
-        chosen = [choose_windows(stream, self._lengths_s, labels, rng) for stream in part.learned]
-        shown = [
-            _ViewStream(stream, part).windows([w.begin for w in own], [w.end for w in own])
-            for stream, own in zip(part.learned, chosen, strict=True)
-        ]
-        self._rocket = MiniRocket(n_kernels=KERNELS_FAST if part.options.fast else KERNELS, random_state=seed)
-        with warnings.catch_warnings():
-            # The head's first position is 0 in every window, and a still part hardly varies.
-            warnings.filterwarnings("ignore", ".*with very little variation")
-            self._rocket.fit(np.concatenate([series for series, _ in shown]))
-        self._classifier = make_pipeline(StandardScaler(), LogisticRegression(C=PENALTY, max_iter=200, tol=1e-3))
-        features = np.concatenate([self._features(*own) for own in shown])
-        self._classifier.fit(features, np.array([w.movement for own in chosen for w in own]))
-
-    def _features(self, series: Floats, extras: Floats) -> NDArray[np.float32]:
-        with warnings.catch_warnings():
-            warnings.filterwarnings("ignore", ".*with very little variation")
-            return np.hstack([np.asarray(self._rocket.transform(series)), extras]).astype(np.float32)
-
-    def probabilities(self, stream: Recording) -> StreamProbabilities:
-        """For windows that end every STEP_S, from when the shortest one is full."""
-        rate = stream.rate_hz
-        lengths = np.maximum((self._lengths_s * rate).astype(np.int64), SHORTEST)
-        frames = np.arange(lengths[0] - 1, len(stream.positions), step_frames(rate))
-        ends = np.repeat(frames + 1, LENGTHS)
-        begins = np.maximum(ends - np.tile(lengths, len(frames)), 0)
-        seen = _ViewStream(stream, self._part).windows(begins.tolist(), ends.tolist())
-        p = np.zeros((len(ends), len(self._part.settings.labels) + 1))
-        p[:, self._classifier[-1].classes_] = self._classifier.predict_proba(self._features(*seen))
-        return StreamProbabilities(frames, p.reshape(len(frames), LENGTHS, -1))

@@ -12,7 +12,7 @@ from benchmarks.peers.spotter import spot_streams
 from benchmarks.peers.tables import as_json, as_markdown, peer_rows, streams_as_markdown
 from common.errors import BadInput
 from observer.geometry.views import parse_view
-from observer.motion.archive import MotionArchive, labels_of
+from observer.motion.archive import MotionArchive, labels_of, subjects_in
 from observer.motion.archive_file import read_archive
 from observer.motion.importers import import_recordings
 from studies.evaluate import EvaluationSettings, Progress
@@ -97,7 +97,7 @@ class StreamTask:
             theirs = spot_streams(self.archive, settings, options, partial(progress, f"{name}: {SPOTTER}"))
             rows.append({"observers": name, "judged_by": SPOTTER, **theirs.as_json()})
         streams = [recording for recording in self.archive.recordings if recording.spans]
-        people = sorted({recording.subject for recording in streams}, key=lambda name: (len(name), name))
+        people = subjects_in(streams)
         facts = (
             f"{self.protocol} People judged: {', '.join(people)}; {len(streams)} streams with "
             f"{sum(len(stream.spans) for stream in streams)} movements."
@@ -131,15 +131,15 @@ def _settings(
     )
 
 
+def _of_all(title: str, protocol: str, archive: MotionArchive, settings: EvaluationSettings) -> Task:
+    """All movements of the archive, cut out."""
+    return AccuracyTask(title, protocol, archive, {f"all {len(settings.labels)}": settings}, {})
+
+
 def _msr(folder: Path) -> Task:
     archive = import_recordings("msr-action3d", folder).archive
-    return AccuracyTask(
-        "MSR Action3D, movements cut out",
-        "Learned from people 1, 3, 5, 7, 9.",
-        archive,
-        sets_of(_settings(archive, leave_one_out=False)),
-        PEERS,
-    )
+    sets = sets_of(_settings(archive, leave_one_out=False))
+    return AccuracyTask("MSR Action3D, movements cut out", "Learned from people 1, 3, 5, 7, 9.", archive, sets, PEERS)
 
 
 def _nw_ucla(folder: Path) -> Task:
@@ -147,38 +147,24 @@ def _nw_ucla(folder: Path) -> Task:
     views, sensors = read_sensors(texts, read_archive)
     whole = performances(sensors)
     settings = replace(_settings(whole, leave_one_out=True, parts=HANDS_HEAD), views=views, sensors=sensors)
-    return AccuracyTask(
-        "nw_ucla, three sensors",
+    protocol = (
         "One person left out at a time; each sensor learns from its own recordings; a performance that a sensor lacks "
-        "is judged by the others.",
-        whole,
-        {f"all {len(settings.labels)}": settings},
-        {},
+        "is judged by the others."
     )
+    return _of_all("nw_ucla, three sensors", protocol, whole, settings)
 
 
 def _florence(folder: Path) -> Task:
     archive = import_recordings("florence3d", folder).archive
     settings = _settings(archive, leave_one_out=True)
-    return AccuracyTask(
-        "Florence 3D, movements cut out",
-        "One person left out at a time.",
-        archive,
-        {f"all {len(settings.labels)}": settings},
-        {},
-    )
+    return _of_all("Florence 3D, movements cut out", "One person left out at a time.", archive, settings)
 
 
 def _karate(folder: Path) -> Task:
     archive = read_archive(folder / "karate.npz")
+    protocol = "One person left out at a time; the spans of continuous recordings, without what is around them."
     settings = _settings(archive, leave_one_out=True, parts=WITH_FEET)
-    return AccuracyTask(
-        "karate, movements cut out",
-        "One person left out at a time; the spans of continuous recordings, without what is around them.",
-        archive,
-        {f"all {len(settings.labels)}": settings},
-        {},
-    )
+    return _of_all("karate, movements cut out", protocol, archive, settings)
 
 
 def _karate_streams(folder: Path) -> Task:

@@ -2,7 +2,7 @@
 
 import math
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -183,6 +183,11 @@ def _piece(recording: Recording, spans: Sequence[Span], start: int, end: int) ->
 def labels_of(archive: MotionArchive) -> tuple[str, ...]:
     """All labels in the archive, in order of first appearance."""
     return tuple(dict.fromkeys(r.label for r in movements_in(archive) if r.label))
+
+
+def subjects_in(recordings: Iterable[Recording]) -> list[str]:
+    """The people who perform in them, in order; numbers as numbers."""
+    return sorted({recording.subject for recording in recordings}, key=lambda subject: (len(subject), subject))
 
 
 def require_labels(labels: Sequence[str], archive: MotionArchive, option: str) -> None:
