@@ -25,6 +25,7 @@ from observer.model.base import (
     end_movement,
     evenly_spread,
     learned_from,
+    recording_numbers,
     with_features,
 )
 from observer.model.cross_validation import CrossValidates, CrossValidation
@@ -231,18 +232,24 @@ def _cross_validate(
     explicit: Collection[str],
 ) -> tuple[Mapping[str, float], list[HeldOutResult]]:
     """Parameters that were learned from held-out examples, and the results."""
+    front = [e for e in examples if e.facing == 0]
+    folds = folds_by_person(front) or folds_by_recording(front)
+    if isinstance(kind, CrossValidates):
+        share = MOST_WATCHED / len(examples)
+        watched = {n for n in range(len(examples)) if evenly_spread(n) < share}
+        folds = _at_all_facings(examples, _fewer_folds(front, folds))
+        return kind.cross_validated(header, CrossValidation(examples, streams, folds, watched, CALIBRATED_AT, explicit))
     # The facing hardly changes the calibration, and a dozen facings take a dozen times as long.
-    front, streams = [e for e in examples if e.facing == 0], [s for s in streams if s.facing == 0]
+    streams = [s for s in streams if s.facing == 0]
     if "facings" in header.parameters:
         header = replace(header, parameters={**header.parameters, "facings": 1.0})
-    people = folds_by_person(front)
-    folds = people or folds_by_recording(front)
-    if isinstance(kind, CrossValidates):
-        share = MOST_WATCHED / len(front)
-        watched = {n for n in range(len(front)) if evenly_spread(n) < share}
-        folds = _fewer_folds(front, folds)
-        return kind.cross_validated(header, CrossValidation(front, streams, folds, watched, CALIBRATED_AT, explicit))
     return {}, [result for fold in folds for result in _evaluate_fold(kind, header, front, streams, fold)]
+
+
+def _at_all_facings(examples: Sequence[Example], folds: Sequence[Sequence[int]]) -> list[list[int]]:
+    """Folds of recordings, as numbers -> of examples, as indices."""
+    numbers = recording_numbers(examples)
+    return [[n for n, number in enumerate(numbers) if number in recordings] for recordings in map(set, folds)]
 
 
 def _fewer_folds(examples: Sequence[Example], folds: list[list[int]]) -> list[list[int]]:

@@ -1,6 +1,7 @@
 """The protocol of movement models: learned from examples, stored as arrays, and used to watch a person."""
 
 import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import ClassVar, Protocol, Self, TypeVar, runtime_checkable
@@ -243,6 +244,16 @@ def with_features(kind: type[MovementModel], header: Header, examples: Sequence[
         return list(examples)
     complete = with_defaults(header, kind.PARAMETERS)
     return [replace(e, features=kind.read(complete, e)) for e in examples]
+
+
+def recording_numbers(shown: Sequence[Watched]) -> list[int]:
+    """For each example or stream the number of its recording; at every facing they are in the same order."""
+    counts = Counter[int]()
+    numbers = []
+    for each in shown:
+        numbers.append(counts[each.facing])
+        counts[each.facing] += 1
+    return numbers
 
 
 def evenly_spread(number: int) -> float:

@@ -12,6 +12,7 @@ from observer.model.posterior_calibration import HeldOutResult
 class CrossValidation:
     """Which examples are left out together, as indices, and which of them are watched if that takes long.
 
+    A recording is left out at all its facings, and is watched at some of them.
     explicit: the names of parameters that the user has set, which stay as they are. shares: of a movement, after
     which it is evaluated; the last is 1.0, where it has ended.
     """

@@ -25,7 +25,7 @@ from observer.model.renumbering import indices_of_remaining, without_background_
 from observer.model.segment_classifier import SegmentClassifier
 from observer.model.trailing_features import TrailingFeatures
 from observer.model.training_memory import TrainingMemory
-from observer.model.training_rows import thin_facings
+from observer.model.training_rows import learned_facings, thin_facings
 from observer.model.training_table import HeldOutMembers, TrainingTable
 from observer.tracks import Floats, Tracks
 
@@ -96,12 +96,17 @@ class Discriminative(LearnsStreams):
 
     @classmethod
     def held_out(cls, header: Header, cross_validation: CrossValidation) -> dict[int, HeldOutMembers]:
-        """What models of the others make of each example of a movement."""
+        """What models of the others make of each example of a movement that they may learn from, or that is watched."""
         header = with_defaults(header, cls.PARAMETERS)
-        examples, streams = cross_validation.examples, cross_validation.streams
+        facings = facings_in(header.parameters)
+        chosen = sorted({*learned_facings(cross_validation.examples, facings), *cross_validation.watched})
+        examples = [cross_validation.examples[n] for n in chosen]
+        streams = thin_facings(cross_validation.streams, facings)
         traces, of_streams = [cls._trace(header, e) for e in examples], [cls._trace(header, s) for s in streams]
         table = TrainingTable(header, examples, traces, streams, of_streams)
-        return {n: held_out for fold in cross_validation.folds for n, held_out in table.held_out(fold).items()}
+        place_of = {n: place for place, n in enumerate(chosen)}
+        folds = [[place_of[n] for n in fold if n in place_of] for fold in cross_validation.folds]
+        return {chosen[place]: members for fold in folds for place, members in table.held_out(fold).items()}
 
     @classmethod
     def read(cls, header: Header, example: Example | Stream) -> Floats:

@@ -6,7 +6,6 @@ recording are "something else".
 """
 
 import math
-from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -15,7 +14,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from observer.model.base import Example, Stream, evenly_spread
+from observer.model.base import Example, Stream, evenly_spread, recording_numbers
 
 Floats32 = NDArray[np.float32]
 Whole = NDArray[np.int64]
@@ -53,14 +52,16 @@ class Rows:
 
 def thin_facings(shown: Sequence[Shown], facings: int) -> list[Shown]:
     """Each example or stream at no more than LEARNED_FACINGS of its facings, and at each facing as many of them."""
+    return [shown[n] for n in learned_facings(shown, facings)]
+
+
+def learned_facings(shown: Sequence[Shown], facings: int) -> list[int]:
+    """The indices of what `thin_facings` keeps."""
     step = math.ceil(facings / LEARNED_FACINGS)
-    counts = Counter[int]()
-    kept = []
-    for each in shown:
-        if (counts[each.facing] + each.facing) % step == 0:
-            kept.append(each)
-        counts[each.facing] += 1
-    return kept
+    numbers = recording_numbers(shown)
+    return [
+        n for n, (each, number) in enumerate(zip(shown, numbers, strict=True)) if (number + each.facing) % step == 0
+    ]
 
 
 def rows_of_examples(

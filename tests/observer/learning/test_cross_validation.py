@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from common.vocabulary import Vocabulary
-from observer.learning.learn import MOST_EVALUATED, with_calibration
+from observer.learning.learn import MOST_EVALUATED, MOST_WATCHED, with_calibration
 from observer.model.base import Example, Header
+from observer.model.cross_validation import CrossValidation
 from observer.model.parameters import FACINGS
 from observer.model.posterior_calibration import CAUTIOUS
 
@@ -43,6 +44,17 @@ class Spy:
         return SpyWatch(self)
 
 
+class BatchSpy(Spy):
+    """A model that evaluates all examples of a fold at once; it takes note of the folds and of its facings."""
+
+    SEEN: list[tuple[float, CrossValidation]] = []  # noqa: RUF012 - for the test to read
+
+    @classmethod
+    def cross_validated(cls, header, cross_validation):
+        cls.SEEN.append((header.parameters["facings"], cross_validation))
+        return {}, []
+
+
 class SpyWatch:
     rest, joint, foreseen, unlearned = 0.0, None, None, None
     p = np.full(2, 0.5)
@@ -58,6 +70,7 @@ class SpyWatch:
 def clear():
     EVALUATIONS.clear()
     HEADERS.clear()
+    BatchSpy.SEEN.clear()
 
 
 def calibration_of(header, examples):
@@ -126,6 +139,36 @@ def test_of_many_examples_only_a_share_is_evaluated():
 def test_only_one_facing_is_evaluated():
     calibration_of(header(4.0), examples("abc", facings=4))
     assert len(EVALUATIONS) == 12 and all(h.parameters["facings"] == 1.0 for h in HEADERS)
+
+
+@pytest.mark.parametrize(
+    ("subjects", "left_out"),
+    [
+        pytest.param("abcdef", [{"a", "d"}, {"b", "e"}, {"c", "f"}], id="people"),
+        pytest.param("a", [{("a", "1")}, {("a", "2")}], id="one person: recordings"),
+    ],
+)
+@pytest.mark.parametrize("facings", [1, 4, 12])
+def test_a_fold_at_once_is_evaluated_at_all_facings_by_models_that_know_it_at_none(subjects, left_out, facings):
+    shown = examples(subjects, facings=facings)
+    with_calibration(BatchSpy, BatchSpy(header(float(facings)), None), shown)
+    ((known, seen),) = BatchSpy.SEEN
+    assert known == facings and list(seen.examples) == shown
+    by_person = len(subjects) > 1
+    folds = [{e.subject if by_person else (e.subject, e.trial) for e in map(shown.__getitem__, f)} for f in seen.folds]
+    assert folds == left_out
+    assert sorted(n for fold in seen.folds for n in fold) == list(range(len(shown)))
+    watched = [shown[n] for n in seen.watched]
+    assert {e.facing for e in watched} == set(range(facings)) and {e.movement for e in watched} == {0, 1}
+
+
+def test_of_many_examples_at_many_facings_a_share_is_watched_evenly():
+    shown = examples("abcdefghij", trials=[str(n) for n in range(10)], facings=12)
+    with_calibration(BatchSpy, BatchSpy(header(12.0), None), shown)
+    watched = [shown[n] for n in BatchSpy.SEEN[0][1].watched]
+    assert 0.9 * MOST_WATCHED <= len(watched) <= 1.1 * MOST_WATCHED
+    of_facings = Counter(e.facing for e in watched)
+    assert len(of_facings) == 12 and max(of_facings.values()) <= 2 * min(of_facings.values())
 
 
 def test_calibration_leaves_the_model_unchanged():

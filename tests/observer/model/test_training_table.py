@@ -9,10 +9,26 @@ from common.probability import softmax
 from common.vocabulary import Vocabulary
 from observer.geometry.views import parse_view
 from observer.learning.learn import learn_view
-from observer.model.base import Example, Header, Onset, Stream, StreamSpan, with_defaults, with_features
+from observer.model.base import (
+    Example,
+    Header,
+    Onset,
+    Stream,
+    StreamSpan,
+    recording_numbers,
+    with_defaults,
+    with_features,
+)
+from observer.model.cross_validation import CrossValidation
 from observer.model.discriminative import Discriminative
 from observer.model.stack_exponents import ENDED, RUNNING
-from observer.model.training_rows import between_rests, rows_of_examples, rows_of_streams, segment_window
+from observer.model.training_rows import (
+    between_rests,
+    learned_facings,
+    rows_of_examples,
+    rows_of_streams,
+    segment_window,
+)
 from observer.model.training_table import TrainingTable
 from observer.motion.archive import MotionArchive, Recording
 from observer.tracks import BODY_PARTS, Tracks
@@ -150,7 +166,30 @@ def test_a_fold_at_once_is_what_a_watch_of_its_model_says(header, examples, tabl
         np.testing.assert_allclose(watch.p, softmax(members.after((1.0,)))[0], atol=0.01)
 
 
-def test_learned_exponents_are_stored_and_explicit_ones_stay():
+def test_at_many_facings_the_examples_learned_from_and_those_watched_are_held_out(header):
+    header = replace(header, parameters={**header.parameters, "facings": 12.0})
+    shown = [
+        replace(example(max(m, 0), s, 0), movement=m, facing=k)
+        for k in range(12)
+        for s in range(4)
+        for m in (-1, 0, 1, 2)
+    ]
+    shown = with_features(Discriminative, replace(header, background=("nod",)), shown)
+    numbers = recording_numbers(shown)
+    folds = [[n for n, number in enumerate(numbers) if number // 8 == half] for half in (0, 1)]
+    watched = {5, 6, 7, 190}
+    results = Discriminative.held_out(header, CrossValidation(shown, (), folds, watched, (0.6, 1.0)))
+    learned = set(learned_facings(shown, 12))
+    assert set(results) == {n for n in learned | watched if shown[n].movement >= 0}
+    assert {(e.subject, e.movement) for e in map(shown.__getitem__, learned)} == {
+        (e.subject, e.movement) for e in shown
+    }
+    right = [members.after((1.0,))[0].argmax() == shown[n].movement for n, members in results.items()]
+    assert np.mean(right) > 0.8
+
+
+@pytest.mark.parametrize("facings", [1, 4])
+def test_learned_exponents_are_stored_and_explicit_ones_stay(facings):
     recordings = []
     for m, label in enumerate(VOCABULARY.labels):
         for subject in range(4):
@@ -158,8 +197,9 @@ def test_learned_exponents_are_stored_and_explicit_ones_stay():
             positions = np.concatenate([flat[..., :1], -flat[..., 1:], np.zeros_like(flat[..., :1])], axis=-1)
             recordings.append(Recording(positions.astype(np.float32), RATE_HZ, label, str(subject), "1"))
     archive, door = MotionArchive(BODY_PARTS, tuple(recordings)), parse_view("door")
-    explicit = {"kernels": 336.0, "generative": 0.25}
+    explicit = {"kernels": 336.0, "generative": 0.25, "facings": float(facings)}
     model = learn_view(archive, door, VOCABULARY, kind="stacked", parameters=explicit)
     assert model.header.parameters["generative"] == 0.25
     assert all(0 <= model.header.parameters[name] <= 2 for name in (*RUNNING, *ENDED))
-    assert model.header.provenance["tried"] == "12" and int(model.header.provenance["right"]) >= 9
+    tried, right = (int(model.header.provenance[name]) for name in ("tried", "right"))
+    assert tried == 12 * facings and right >= 0.75 * tried
