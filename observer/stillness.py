@@ -78,9 +78,9 @@ class Stillness:
             way = (sums[1] - sums[0]) / self._half
             sideways = np.sort(way[:, 0])
         else:
-            seen = halves == halves
+            known = halves == halves
             with np.errstate(invalid="ignore"):
-                places = np.where(seen, halves, 0.0).sum(axis=1) / seen.sum(axis=1)
+                places = np.where(known, halves, 0.0).sum(axis=1) / known.sum(axis=1)
             way = places[1] - places[0]
             sideways = np.sort(way[np.isfinite(way[:, 0]), 0])
         if len(sideways) >= CARRIED_PARTS:

@@ -103,7 +103,7 @@ def _smooth(frames: int) -> NDArray[np.float64]:
 
 def _scaled(first: Positions, factors: NDArray[np.float64]) -> Positions:
     """(P, 3), (F,) -> (F, P, 3): the posture at each size; its mean stays in place."""
-    seen = np.isfinite(first).all(axis=1)
-    centre = first[seen].mean(axis=0) if seen.any() else np.zeros(3)
+    known = np.isfinite(first).all(axis=1)
+    centre = first[known].mean(axis=0) if known.any() else np.zeros(3)
     scaled: Positions = centre + (first - centre) * factors[:, None, None]
     return scaled

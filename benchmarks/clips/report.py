@@ -36,8 +36,8 @@ def summary(results: Sequence[ClipResult], webcam: Sequence[str] = ()) -> str:
     lines = [] if not gestures else [f"clips: {first_verdicts(gestures)}"]
     for result in results:
         if result.name in webcam:
-            named = ", ".join(f"{v.label} {v.at_s:.1f} s" for v in result.words)
-            lines.append(f"{result.name}: {len(result.words)} named ({named}), {len(result.verdicts)} in all")
+            words = ", ".join(f"{v.label} {v.at_s:.1f} s" for v in result.words)
+            lines.append(f"{result.name}: {len(result.words)} named ({words}), {len(result.verdicts)} in all")
     return "\n".join(lines)
 
 
@@ -62,12 +62,12 @@ def by_movement(results: Sequence[ClipResult]) -> Iterator[str]:
 
 def still_summary(kind: str, results: Sequence[ClipResult]) -> str:
     """How many people who stand still got a verdict that names a movement."""
-    named = [result for result in results if result.words]
+    wrong = [result for result in results if result.words]
     words = sum(len(result.words) for result in results)
-    first = min((v.at_s for result in named for v in result.words), default=None)
+    first = min((v.at_s for result in wrong for v in result.words), default=None)
     when = "" if first is None else f", the first after {first:.1f} s"
     abstained = sum(bool(result.verdicts) and not result.words for result in results)
-    return f"{kind}: {len(named)} of {len(results)} still people named, {words} times{when}; {abstained} abstentions"
+    return f"{kind}: {len(wrong)} of {len(results)} still people named, {words} times{when}; {abstained} abstentions"
 
 
 def webcam_summary(name: str, results: Sequence[ClipResult]) -> str:

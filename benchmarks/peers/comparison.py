@@ -112,9 +112,11 @@ class PeerComparison:
 
 def seen_by_all(comparison: PeerComparison, movements: str) -> PeerComparison:
     """Only the trials that every observer has a recording of."""
-    seen = np.all([np.isfinite(curve.right).all(axis=0) for curve in comparison.curves], axis=0)
-    people = tuple(name for name, one in zip(comparison.people, seen, strict=True) if one)
-    return PeerComparison(movements, people, tuple(AccuracyCurve(c.name, c.right[:, seen]) for c in comparison.curves))
+    common = np.all([np.isfinite(curve.right).all(axis=0) for curve in comparison.curves], axis=0)
+    people = tuple(name for name, one in zip(comparison.people, common, strict=True) if one)
+    return PeerComparison(
+        movements, people, tuple(AccuracyCurve(c.name, c.right[:, common]) for c in comparison.curves)
+    )
 
 
 def seen_by_some(comparison: PeerComparison) -> PeerComparison:
@@ -247,7 +249,7 @@ def _part(
 
 def judge_fold(part: PeerPart) -> Floats:
     """(S, F, N, M) scores by seed and fraction."""
-    seen = [trial for trial in part.judged if trial is not None]
+    judged = [trial for trial in part.judged if trial is not None]
     rows = [n for n, trial in enumerate(part.judged) if trial is not None]
     labels = np.array([trial.recording.label for trial in part.learned])
     columns = [part.labels.index(label) for label in np.unique(labels)]
@@ -256,7 +258,7 @@ def judge_fold(part: PeerPart) -> Floats:
     for f, fraction in enumerate(FRACTIONS):
         train, test = (
             make_panel(centres, trials, fraction, part.peer.length, part.peer.derived, part.body_parts)
-            for centres, trials in ((part.learned_centres, part.learned), (part.judged_centres, seen))
+            for centres, trials in ((part.learned_centres, part.learned), (part.judged_centres, judged))
         )
         for s, seed in enumerate(part.options.seeds):
             answers = part.peer.scores(train, labels, test, seed, part.options.fast)

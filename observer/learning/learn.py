@@ -99,12 +99,12 @@ def _streams(
     labels: tuple[str, ...],
 ) -> list[Stream]:
     """Everything from which "something else" can be learned; labels: the movements of the background."""
-    named = (*seen_from.vocabulary.labels, *labels)
+    labelled = (*seen_from.vocabulary.labels, *labels)
     added = MotionArchive(archive.body_parts, tuple(streams))
-    result = seen_from.streams([*streams_in(archive, named)], archive.body_parts, labels)
-    result += seen_from.streams([*streams_in(added, named, unlabelled=True)], archive.body_parts, labels)
+    result = seen_from.streams([*streams_in(archive, labelled)], archive.body_parts, labels)
+    result += seen_from.streams([*streams_in(added, labelled, unlabelled=True)], archive.body_parts, labels)
     if background is not None:
-        result += seen_from.streams([*streams_in(background, named, unlabelled=True)], background.body_parts, labels)
+        result += seen_from.streams([*streams_in(background, labelled, unlabelled=True)], background.body_parts, labels)
     return result
 
 

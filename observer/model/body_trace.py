@@ -55,13 +55,13 @@ class BodyTrace:
     def _follow(self, points: Floats, size: float) -> None:
         step = (points - self._last) / size
         jump = np.hypot(step[:, 0], step[:, 1]) > self._limit * (1 + self._unseen)
-        seen = np.isfinite(points[:, 0]) & ~(jump & (self._unseen < LONGEST_JUMP))
-        if seen[-1]:
+        visible = np.isfinite(points[:, 0]) & ~(jump & (self._unseen < LONGEST_JUMP))
+        if visible[-1]:
             if np.isfinite(step[-1, 0]) and self._unseen[-1] <= self._bridge and not jump[-1]:
                 self._path += step[-1]
-            self._relative[seen[:-1]] = (points[:-1][seen[:-1]] - points[-1]) / size
-        self._last[seen] = points[seen]
-        self._unseen = np.where(seen, 0, self._unseen + 1)
+            self._relative[visible[:-1]] = (points[:-1][visible[:-1]] - points[-1]) / size
+        self._last[visible] = points[visible]
+        self._unseen = np.where(visible, 0, self._unseen + 1)
 
 
 def read_trace(body_parts: Sequence[str], rate_hz: float, tracks: Iterable[Tracks]) -> Floats32:

@@ -145,14 +145,14 @@ class TrailingFeatures:
         """For a model file."""
         w = self.windows
         lengths = {"convolutions": w.convolutions, "postures": w.postures, "dilations": w.dilations}
-        named = {f"trailing_{name}": np.array(values) for name, values in lengths.items()}
-        return {**named, "trailing_channels": self._channels, "trailing_biases": self._biases}
+        of_windows = {f"trailing_{name}": np.array(values) for name, values in lengths.items()}
+        return {**of_windows, "trailing_channels": self._channels, "trailing_biases": self._biases}
 
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, NDArray[np.generic]], rate_hz: float, parts: int) -> Self:
         """The inverse of `as_arrays`; ValueError for arrays that do not fit P = `parts`."""
-        named = ("convolutions", "postures", "dilations")
-        lengths = [tuple(int(v) for v in arrays[f"trailing_{name}"].astype(np.int64)) for name in named]
+        names = ("convolutions", "postures", "dilations")
+        lengths = [tuple(int(v) for v in arrays[f"trailing_{name}"].astype(np.int64)) for name in names]
         channels = np.asarray(arrays["trailing_channels"], np.bool_)
         biases = np.asarray(arrays["trailing_biases"], np.float32)
         if not all(lengths) or not all(0 < v <= MOST_FRAMES for values in lengths for v in values):

@@ -110,20 +110,20 @@ def _part(stream: Stream, start: int, end: int, new_index: Mapping[int, int]) ->
         yield replace(stream, spans=tuple(spans), features=_trace(stream)[start:end])
 
 
-def _trace(kept: Example | Stream) -> Floats:
-    if kept.features is None:
+def _trace(source: Example | Stream) -> Floats:
+    if source.features is None:
         raise ValueError("its trace has not been read")
-    return kept.features
+    return source.features
 
 
-def _as_arrays(name: str, kept: Sequence[Example | Stream]) -> dict[str, NDArray[np.generic]]:
-    traces = [_trace(each) for each in kept]
+def _as_arrays(name: str, sources: Sequence[Example | Stream]) -> dict[str, NDArray[np.generic]]:
+    traces = [_trace(each) for each in sources]
     return {
         f"{name}_traces": np.concatenate(traces).astype(np.float32) if traces else np.zeros((0, 0), np.float32),
         f"{name}_lengths": np.array([len(trace) for trace in traces], np.int32),
-        f"{name}_facings": np.array([each.facing for each in kept], np.int16),
-        f"{name}_subjects": np.array([each.subject for each in kept], np.str_),
-        f"{name}_trials": np.array([each.trial for each in kept], np.str_),
+        f"{name}_facings": np.array([each.facing for each in sources], np.int16),
+        f"{name}_subjects": np.array([each.subject for each in sources], np.str_),
+        f"{name}_trials": np.array([each.trial for each in sources], np.str_),
     }
 
 
