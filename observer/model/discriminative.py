@@ -228,7 +228,9 @@ class DiscriminativeWatch(Watch):
             return
         self.doubt = 0.0
         self._rows = np.concatenate([self._rows[1 - self._history :], row[None]])
-        self.segment.update(self.rest >= 0.5, float(np.exp(self._log_trailing[-1])), len(self._rows))
+        # Before the first classification there is only the prior, in which something else is unlikely.
+        something_else = float(np.exp(self._log_trailing[-1])) if self._since else 1.0
+        self.segment.update(self.rest >= 0.5, something_else, len(self._rows))
         self._since += 1
         if self._since % self._hop == 1 or self._hop == 1:
             self._classify(ended=self.segment.over)
