@@ -6,6 +6,10 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
+# Before NumPy is imported: the workers, and the processes that tests start, would fight for the cores.
+for _library in ("OMP", "OPENBLAS", "MKL"):
+    os.environ.setdefault(f"{_library}_NUM_THREADS", "1")
+
 # A deadline measures the machine. In CI, Hypothesis has a profile of its own, with fixed examples.
 settings.register_profile("desk", deadline=None)
 if not os.environ.get("CI"):
