@@ -9,12 +9,12 @@ from observer.model.body_trace import Floats32
 
 STILL_LAG_S = 0.3
 """Stillness is noticed so late; a movement begins that long before."""
-NAMED, PAST, PAST_S = 0.3, 0.7, 0.1
-"""A movement has been seen when P(something else) is below NAMED, and is past when that exceeds PAST for PAST_S."""
+SHOWN, PAST, PAST_S = 0.3, 0.7, 0.1
+"""P(something else) below SHOWN shows a movement; that movement is past when it exceeds PAST for PAST_S."""
 
 
 class MovementSegment:
-    """Begins when rest ends, and is over while the person rests after it; unknown once another motion follows it.
+    """Begins when rest ends, and is over while the person rests after it; unknown once the next movement has begun.
 
     begun: frames since its begin, None while that is unknown; over: whether the person rests after it. lag: frames by
     which stillness is noticed late. onset_known: the first frame is a begin. longest: frames of the longest segment.
@@ -27,9 +27,9 @@ class MovementSegment:
         self._longest = longest
         self._moved = self._moved_before = not onset_known
         self._rested = 0
-        # Whether a movement was seen in the segment, and for how many frames another motion has followed it.
-        self._named, self._past = False, 0
-        self._longest_past = PAST_S * rate_hz
+        # Whether a movement was shown in the segment, and for how many frames in a row something else after it.
+        self._shown, self._otherwise = False, 0
+        self._past_frames = PAST_S * rate_hz
 
     def update(self, resting: bool, something_else: float, stored: int) -> None:
         """Take in one more frame: whether the person rests in it, and P(something else).
@@ -40,16 +40,23 @@ class MovementSegment:
         if self.begun is not None:
             self.over = resting and self._moved
             self.begun += not self.over
-            self._named = self._named or something_else < NAMED
-            self._past = self._past + 1 if self._named and not resting and something_else > PAST else 0
-            if self.begun > min(self._longest, stored) or self._past > self._longest_past:
+            if self.begun > min(self._longest, stored) or self._is_next(resting, something_else):
                 self.begun = None
         if self._rested >= self.lag and not resting and self._moved_before:
             self.begun, self.over = min(self.lag, stored), False
-            self._named, self._past = False, 0
+            self._shown, self._otherwise = False, 0
         if resting and self._moved:
             self._moved_before = True
         self._rested = self._rested + 1 if resting else 0
+
+    def _is_next(self, resting: bool, something_else: float) -> bool:
+        """Whether a movement is shown again, after something else that was no rest."""
+        is_past = self._otherwise > self._past_frames
+        self._shown = self._shown or something_else < SHOWN
+        if not is_past:
+            is_other = self._shown and not resting and something_else > PAST
+            self._otherwise = self._otherwise + 1 if is_other else 0
+        return is_past and something_else < SHOWN
 
     def rows_of(self, rows: Floats32) -> Floats32:
         """(F, C) rows of the stream until now -> those of the segment; none where no begin is known."""

@@ -32,9 +32,14 @@ def test_a_movement_after_rest_has_a_begin() -> None:
 def test_the_next_movement_without_rest_has_none() -> None:
     begun = shown([*[REST] * 30, *[MOVEMENT] * 20, *[OTHER] * 5, *[MOVEMENT] * 20])
     assert begun[49] is not None
-    assert begun[53:] == [None] * 22
+    assert begun[55:] == [None] * 20
     again = shown([*[REST] * 30, *[MOVEMENT] * 20, *[OTHER] * 5, *[MOVEMENT] * 20, *[REST] * 15, *[MOVEMENT] * 10])
     assert again[-1] == 9 + 9, "rest before the third movement shows its begin"
+
+
+def test_the_segment_is_known_until_the_next_movement_is_shown() -> None:
+    """Something else rises at the end of a movement, before the person is seen to rest."""
+    assert None not in shown([*[REST] * 30, *[MOVEMENT] * 20, *[OTHER] * 10, *[REST] * 5])[30:]
 
 
 def test_a_moment_of_doubt_ends_nothing() -> None:
