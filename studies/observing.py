@@ -1,6 +1,6 @@
 """What each observer outputs about the people whom its model has not learned from: the costly part of an evaluation.
 
-Observers do not know of each other, so that each fold of each observer is a part of its own (studies.parallel): its
+Observers do not know of each other, so that each fold of each observer is a part of its own (common.parallel): its
 model is learned once, and judges trials, streams and other motion.
 """
 
@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from common.parallel import run_parts
 from common.vocabulary import Vocabulary
 from observer.geometry.views import View
 from observer.learning.learn import learn_view
@@ -21,7 +22,6 @@ from observer.motion.projected import ProjectedTracker, frames_of
 from observer.runtime.pipeline import TINY, Observer
 from observer.tracks import Floats, Tracker
 from studies.faults import HIDDEN, OccludedTracker
-from studies.parallel import run_parts
 from studies.sensors import same_streams, same_trials
 from studies.settings import EvaluationSettings, Progress, continuous, folds_of, onset_of, trials_of
 from studies.trials import EvaluationTrial, Split, strung, with_labels

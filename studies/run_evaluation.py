@@ -7,13 +7,13 @@ from pathlib import Path
 from typing import Any
 
 from common.errors import BadInput
+from common.parallel import cores
 from common.progress import ProgressBar
 from observer.motion.archive import MotionArchive, select
 from observer.rendering.scenery import Scenery
 from studies.evaluate import EvaluationResult, EvaluationSettings, require_fits, results_of
 from studies.learning_curve import as_table, learning_curve
 from studies.observing import Extent, observe_folds
-from studies.parallel import cores
 from studies.report import as_json, draw_learning_curve, draw_streams, make_folder, write_report, write_text
 from studies.report_text import as_text, resolved_pairs
 from studies.spotting import StreamResult

@@ -10,13 +10,13 @@ import numpy as np
 from common import SECOND_NS
 from common.config_sections import FusionConfig
 from common.messages import PosteriorMessage
+from common.parallel import run_parts
 from common.vocabulary import Vocabulary
 from observer.motion.archive import MotionArchive, Recording
 from observer.runtime.pipeline import Posterior, PosteriorEncoder
 from studies.evaluate import fusion_of
 from studies.fusion_engine import FusionEngine, step
 from studies.observing import Extent, ObservedFold, OutputCourse, observe_folds
-from studies.parallel import run_parts
 from studies.settings import EvaluationSettings, Progress
 from studies.spotting import JudgedStream, StreamResult, StreamScores, StreamVerdict, total_score
 

@@ -15,6 +15,7 @@ from benchmarks.peers.comparison import PEERS, PeerOptions
 from benchmarks.peers.tasks import TASKS, AccuracyTask, StreamTask, Table, Task, sets_of, tasks_of
 from common.command_options import takes_options
 from common.errors import BadInput, LabanmeshError
+from common.parallel import cores
 from common.progress import ProgressBar
 from common.text import split_list
 from observer.geometry.views import parse_view, split_views
@@ -22,7 +23,6 @@ from observer.motion.archive import MotionArchive, labels_of
 from observer.motion.archive_file import read_archive
 from studies.evaluate import EvaluationSettings
 from studies.evaluate_options import JsonFile, LabelSets, LeaveOneSubjectOut, TestSubjects, TrainSubjects
-from studies.parallel import cores
 from studies.report import write_text
 from studies.sensors import performances, read_sensors
 from studies.trials import labels_in

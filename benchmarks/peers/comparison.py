@@ -16,11 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.peers.panels import Panel, make_panel, view_centres
+from common.parallel import run_parts
 from observer.geometry.views import View
 from observer.motion.archive import MotionArchive
 from observer.tracks import BODY_PARTS, Floats
 from studies.evaluate import EvaluationResult, EvaluationSettings, Progress, evaluate, folds_of, trials_of
-from studies.parallel import run_parts
 from studies.report import FRACTIONS
 from studies.sensors import performances, same_trials
 from studies.trials import EvaluationTrial, Split, make_trials, with_labels

@@ -15,9 +15,9 @@ import numpy as np
 from benchmarks.peers.comparison import PeerOptions
 from benchmarks.peers.window_classifier import SpotterPart, StreamProbabilities, judge_part, step_frames
 from common.errors import BadInput
+from common.parallel import run_parts
 from observer.motion.archive import MotionArchive, Recording, subjects_in
 from studies.evaluate import EvaluationSettings, folds_of
-from studies.parallel import run_parts
 from studies.spotting import SpottingScore, StreamVerdict, score
 
 DOUBT = 1e-4

@@ -79,6 +79,9 @@ class LearnOptions:
     effort: Annotated[
         bool, typer.Option("--effort", help="Learn Effort instead of movements, from trials such as -1_0_1_1.")
     ] = False
+    jobs: Annotated[
+        int, typer.Option(min=0, help="Processes to share the work of several --sensor; 0: one per core.")
+    ] = 0
 
     @property
     def parts(self) -> tuple[str, ...]:
@@ -117,8 +120,8 @@ def learn(options: LearnOptions) -> None:
         labels = labels or tuple(dict.fromkeys(label for source in sources for label in source.labels))
         for sensor, source in zip(sensors, sources, strict=True):
             require_labels(labels, source.archive, f"--sensor {sensor.name}: --labels" if sensor.name else "--labels")
-        for sensor, source in zip(sensors, sources, strict=True):
-            _learn_movements(options, sensor, source, Vocabulary(labels, options.name), parameters)
+        vocabulary = Vocabulary(labels, options.name)
+        _learn_all([_Part(options, *of_one, vocabulary, parameters) for of_one in zip(sensors, sources, strict=True)])
 
 
 def _require_compatible(options: LearnOptions) -> None:
@@ -132,41 +135,63 @@ def _require_compatible(options: LearnOptions) -> None:
         raise BadInput("--body-parts: only for a new model of movements; omit it")
 
 
-def _learn_movements(
-    options: LearnOptions,
-    sensor: "SensorFile",
-    source: "LearningSource",
-    vocabulary: Vocabulary,
-    parameters: Mapping[str, float],
-) -> None:
+@dataclass(frozen=True, slots=True)
+class _Part:
+    """What the model of one sensor is learned from."""
+
+    options: LearnOptions
+    sensor: "SensorFile"
+    source: "LearningSource"
+    vocabulary: Vocabulary
+    parameters: Mapping[str, float]
+
+
+def _learn_all(parts: Sequence[_Part]) -> None:
+    """Learn and write one model for each part, several at once, and print what became of them."""
+    from common.parallel import cores, run_parts
+    from common.progress import ProgressBar
+
+    with ProgressBar() as bar:
+
+        def done(number: int, total: int) -> None:
+            if total > 1:
+                bar("learning", number, total)
+
+        texts = run_parts(_learn_movements, parts, parts[0].options.jobs or cores(), done)
+    for part, text in zip(parts, texts, strict=True):
+        print(text)
+        _warn_of_few_recordings(part.source.archive, part.vocabulary.labels)
+
+
+def _learn_movements(part: _Part) -> str:
+    """Learn and write one model; what to print about it."""
     from observer.geometry.views import parse_view
     from observer.learning.learn import learn_view
     from observer.model.model_file import write_model
     from observer.model.registry import DEFAULT_MODEL
 
+    options, sensor, source = part.options, part.sensor, part.source
     output = options.output / f"{sensor.name}.model" if sensor.name else options.output
     learned = learn_view(
         source.archive,
         parse_view(sensor.view),
-        vocabulary,
+        part.vocabulary,
         kind=options.model or DEFAULT_MODEL,
         body_parts=options.parts or None,
-        parameters=parameters,
+        parameters=part.parameters,
         provenance=source.provenance,
         background=source.background,
     )
     write_model(output, learned)
     header = learned.header
-    print(
+    lines = [
         f"{output}: {header.kind} for {header.view}, {header.vocabulary.size} movements from "
         f"{plural(int(header.provenance['examples']), 'example')} of "
         f"{plural(len(header.provenance['subjects'].split(',')), 'person', 'people')}, "
-        f"{header.rate_hz:g} Hz, {output.stat().st_size / 1e6:.2f} MB"
-    )
-    print(describe_evaluation(header))
-    if header.background is not None:
-        print(describe_background(header))
-    _warn_of_few_recordings(source.archive, header.vocabulary.labels)
+        f"{header.rate_hz:g} Hz, {output.stat().st_size / 1e6:.2f} MB",
+        describe_evaluation(header),
+    ]
+    return "\n".join([*lines, *([describe_background(header)] if header.background is not None else [])])
 
 
 def _add_movements(

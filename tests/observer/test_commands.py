@@ -56,8 +56,9 @@ def test_learn_writes_a_model_for_each_sensor_with_one_vocabulary(run, archive, 
     whole = read_archive(archive)
     write_archive(tmp_path / "other.npz", replace(whole, recordings=whole.recordings[::-1]))
     words = ["learn", "--sensor", f"left={archive}", "--sensor", f"right={tmp_path}/other.npz@wheel"]
-    status, out, _ = run(*words, "-o", tmp_path / "models", "--body-parts", "right_hand,head")
-    assert status == 0 and out.count("2 movements from 4 examples") == 2
+    status, out, err = run(*words, "-o", tmp_path / "models", "--body-parts", "right_hand,head", "--jobs", "2")
+    assert status == 0 and out.count("2 movements from 4 examples") == 2 and "learning: 2 of 2" in err
+    assert out.index("left.model") < out.index("right.model")
     left, right = (read_model(tmp_path / "models" / f"{name}.model").header for name in ("left", "right"))
     assert (left.view, right.view) == ("door", "wheel") and left.vocabulary == right.vocabulary
     assert left.body_parts == ("right_hand", "head") and right.provenance["archive"] == "other.npz"

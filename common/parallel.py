@@ -1,4 +1,4 @@
-"""Runs the parts of an evaluation in several processes, or one after the other in this one."""
+"""Runs the parts of a task in several processes, or one after the other in this one."""
 
 import os
 from collections.abc import Callable, Iterator, Sequence
