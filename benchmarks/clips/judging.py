@@ -16,6 +16,7 @@ from common.messages import JudgementMessage, VerdictMessage
 from common.vocabulary import ABSTAIN
 from observer.model.base import MovementModel, Onset
 from observer.runtime.pipeline import Observer, PosteriorEncoder, Resampler
+from observer.runtime.service import FUSION_STEPS
 from observer.tracks import Floats, Frame, Tracks
 from studies.fusion_engine import FusionEngine
 from studies.through import RecordedTracks
@@ -113,6 +114,7 @@ def judge(
     encoder = PosteriorEncoder(model.header.vocabulary, "clips")
     step_ns = round(SECOND_NS / config.step_hz)
     run.engine.set_present(frozenset({OBSERVER}))
+    captured_ns = sent_ns = BEGIN_NS
     for n in range(len(centres)):
         captured_ns = BEGIN_NS + round(n * SECOND_NS / rate_hz)
         sent_ns = captured_ns + round(LATENCY_S * SECOND_NS)
@@ -120,6 +122,12 @@ def judge(
         posterior = observer.step(Frame(captured_ns, np.empty(0)))
         run.engine.receive(OBSERVER, encoder.encode(posterior, captured_ns, sent_ns), sent_ns)
         run.step(sent_ns)
+    last = observer.end()
+    if last is not None:
+        run.engine.receive(OBSERVER, encoder.encode(last, captured_ns + 1, sent_ns), sent_ns)
+        # The observer stays until fusion has used it.
+        for _ in range(FUSION_STEPS):
+            run.step(run.now_ns + step_ns)
     run.engine.set_present(frozenset())
     run.step_until(run.now_ns + round(AFTER_S * SECOND_NS), step_ns)
     return ClipResult(name, label, len(centres) / rate_hz, collect_verdicts(run.verdicts), tuple(run.moments))

@@ -23,6 +23,7 @@ from observer.model.parameters import FACINGS, POSITIVE, Parameter, ParameterRan
 from observer.model.posterior_calibration import HeldOutResult
 from observer.model.renumbering import indices_of_remaining, without_background_movement
 from observer.model.segment_classifier import SegmentClassifier
+from observer.model.something_else import SCALING, learn_scaling, scaled
 from observer.model.trailing_features import TrailingFeatures
 from observer.model.training_memory import TrainingMemory
 from observer.model.training_rows import learned_facings, thin_facings
@@ -49,6 +50,7 @@ class Discriminative(LearnsStreams):
         "inverse_penalty": Parameter(0.01, POSITIVE),
         "trailing_penalty": Parameter(0.005, POSITIVE),
         "facings": FACINGS,
+        **SCALING,
     }
 
     def __init__(
@@ -85,18 +87,23 @@ class Discriminative(LearnsStreams):
     def cross_validated(
         cls, header: Header, cross_validation: CrossValidation
     ) -> tuple[Mapping[str, float], list[HeldOutResult]]:
-        """No parameters; the results of all examples of movements."""
+        """The scaling of something else, and the results of all examples of movements."""
         examples = cross_validation.examples
-        members = cls.held_out(header, cross_validation)
+        members, scaling = cls.held_out(header, cross_validation)
         results = [
             HeldOutResult(examples[n].movement, softmax(m.after(cross_validation.shares)), None)
             for n, m in members.items()
         ]
-        return {}, results
+        return scaling, results
 
     @classmethod
-    def held_out(cls, header: Header, cross_validation: CrossValidation) -> dict[int, HeldOutMembers]:
-        """What models of the others make of each example of a movement that they may learn from, or that is watched."""
+    def held_out(
+        cls, header: Header, cross_validation: CrossValidation
+    ) -> tuple[dict[int, HeldOutMembers], dict[str, float]]:
+        """What models of the others make of each example of a movement that they may learn from, or that is watched.
+
+        And the scaling of something else.
+        """
         header = with_defaults(header, cls.PARAMETERS)
         facings = facings_in(header.parameters)
         chosen = sorted({*learned_facings(cross_validation.examples, facings), *cross_validation.watched})
@@ -106,7 +113,9 @@ class Discriminative(LearnsStreams):
         table = TrainingTable(header, examples, traces, streams, of_streams)
         place_of = {n: place for place, n in enumerate(chosen)}
         folds = [[place_of[n] for n in fold if n in place_of] for fold in cross_validation.folds]
-        return {chosen[place]: members for fold in folds for place, members in table.held_out(fold).items()}
+        judged = [table.held_out(fold) for fold in folds]
+        scaling = learn_scaling([rows for _, rows in judged], header.parameters, cross_validation.explicit)
+        return {chosen[place]: members for fold, _ in judged for place, members in fold.items()}, scaling
 
     @classmethod
     def read(cls, header: Header, example: Example | Stream) -> Floats:
@@ -182,6 +191,7 @@ class DiscriminativeWatch(Watch):
         """How far the posterior is back at the prior because nobody is seen; 1 before the first sight."""
         movements = header.vocabulary.size
         self._log_trailing: Floats = np.log(np.full(movements + 1, 1 / (movements + 1)))
+        self._something_else = 1 / (movements + 1)
         self._log_segment: Floats | None = None
         self._too_small = 0.0
         """P(too little has moved of late for the movement | it is one)."""
@@ -211,7 +221,7 @@ class DiscriminativeWatch(Watch):
     @property
     def unlearned(self) -> Floats:
         """(1,) P(something else)."""
-        learned = (1 - math.exp(self._log_trailing[-1])) * (1 - self._too_small)
+        learned = (1 - self._something_else) * (1 - self._too_small)
         p = (1 - self.doubt) * (1 - learned) + self.doubt / len(self._log_trailing)
         return np.array([min(max(p, 0.0), 1.0)])
 
@@ -243,6 +253,7 @@ class DiscriminativeWatch(Watch):
     def _classify(self, ended: bool) -> None:
         model, self._ended = self._model, ended
         self._log_trailing = model.movement.log_probabilities(model.trailing.newest(self._rows)).astype(np.float64)
+        self._something_else = scaled(self._log_trailing, model.header.parameters)
         self._log_segment = None
         if self.segment.begun:
             rows = self.segment.rows_of(self._rows)

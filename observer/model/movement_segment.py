@@ -17,15 +17,16 @@ class MovementSegment:
     """Begins when rest ends, and is over while the person rests after it; unknown once the next movement has begun.
 
     begun: frames since its begin, None while that is unknown; over: whether the person rests after it. lag: frames by
-    which stillness is noticed late. onset_known: the first frame is a begin. longest: frames of the longest segment.
+    which stillness is noticed late. onset_known: the first frame is the movement's begin; otherwise it is taken for it
+    until the person has rested, because a film may begin in a movement. longest: frames of the longest segment.
     """
 
     def __init__(self, rate_hz: float, onset_known: bool, longest: float) -> None:
-        self.begun: int | None = 0 if onset_known else None
+        self.begun: int | None = 0
         self.over = False
         self.lag = max(round(STILL_LAG_S * rate_hz), 1)
         self._longest = longest
-        self._moved = self._moved_before = not onset_known
+        self._moved, self._moved_before = False, not onset_known
         self._rested = 0
         # Whether a movement was shown in the segment, and for how many frames in a row something else after it.
         self._shown, self._otherwise = False, 0
@@ -42,6 +43,8 @@ class MovementSegment:
             self.begun += not self.over
             if self.begun > min(self._longest, stored) or self._is_next(resting, something_else):
                 self.begun = None
+        if self._rested >= self.lag and not self._moved and self._moved_before:
+            self.begun = None
         if self._rested >= self.lag and not resting and self._moved_before:
             self.begun, self.over = min(self.lag, stored), False
             self._shown, self._otherwise = False, 0

@@ -54,7 +54,7 @@ class Stacked(LearnsStreams):
     def cross_validated(
         cls, header: Header, cross_validation: CrossValidation
     ) -> tuple[Mapping[str, float], list[HeldOutResult]]:
-        """The exponents, and the results with these of the examples that the phase filter has watched."""
+        """The exponents, the scaling of something else, and the results of the examples watched by the phase filter."""
         header = with_defaults(header, cls.PARAMETERS)
         split = [_split(header, e) for e in cross_validation.examples]
         others = replace(
@@ -62,16 +62,16 @@ class Stacked(LearnsStreams):
             examples=[other for _, other in split],
             streams=[_trace_of(header, s) for s in cross_validation.streams],
         )
-        of_others = Discriminative.held_out(_of_other(header), others)
+        of_others, scaling = Discriminative.held_out(_of_other(header), others)
         shares = (*RUNNING_AT, *cross_validation.shares)
         truth, members = [], []
         for n, of_phase in _held_out_phases(header, [p for p, _ in split], cross_validation, shares):
             members.append(np.stack([of_phase, softmax(of_others[n].after(shares))], axis=1))
             truth.append(split[n][0].movement)
         if not members:
-            return {}, []
+            return scaling, []
         exponents = learned_exponents(header, np.array(members), np.array(truth), cross_validation.explicit)
-        return exponents, [
+        return {**scaling, **exponents}, [
             HeldOutResult(movement, pooled_at(shares, p, exponents)[len(RUNNING_AT) :], None)
             for movement, p in zip(truth, members, strict=True)
         ]
@@ -126,7 +126,7 @@ def _of_phase(header: Header) -> Header:
 
 
 def _of_other(header: Header) -> Header:
-    parameters = {name: header.parameters[name] for name in Discriminative.PARAMETERS}
+    parameters = {name: header.parameters[name] for name in Discriminative.PARAMETERS if name in header.parameters}
     return replace(header, kind=Discriminative.kind, parameters=parameters)
 
 
@@ -164,7 +164,7 @@ class StackedWatch(Watch):
     def __init__(self, model: Stacked, onset: Onset) -> None:
         self._model = model
         self._other: DiscriminativeWatch = model.discriminative.watch(onset)
-        self._phase: PhaseWatch | None = model.phase.watch(onset) if onset.known else None
+        self._phase: PhaseWatch | None = None
         self._reader = posture_reader(model.phase.header)
         # Features and stillness of the last frames.
         self._recent: deque[tuple[Floats, float]] = deque(maxlen=self._other.segment.lag + 1)

@@ -15,6 +15,7 @@ from observer.model.base import Example, Header, Stream
 from observer.model.body_trace import extent
 from observer.model.logistic import FEW_ITERATIONS, ITERATIONS, LogisticRegression
 from observer.model.segment_classifier import SegmentClassifier, SegmentTable
+from observer.model.something_else import ElseRows, log_odds_of
 from observer.model.trailing_features import TrailingFeatures, Windows
 from observer.model.training_rows import FRACTIONS, rows_of_examples, rows_of_streams
 from observer.tracks import Floats
@@ -90,8 +91,7 @@ class TrainingTable:
 
     def _stream_rows_apart(self, gone: set[int]) -> list[Chosen]:
         """As `streams_apart`: no stream of a person who is left out wholly, and no span of an example left out."""
-        people = {self._examples[n].subject for n in gone}
-        people -= {e.subject for n, e in enumerate(self._examples) if n not in gone}
+        people = self._people_only_in(gone)
         spans = {(e.subject, e.trial, e.movement) for e in (self._examples[n] for n in gone)}
         result = []
         for stream, rows in zip(self._streams, self._of_streams, strict=True):
@@ -102,8 +102,11 @@ class TrainingTable:
             result.append(chosen)
         return result
 
-    def held_out(self, left_out: Sequence[int]) -> dict[int, HeldOutMembers]:
-        """For each of these examples what a model of all others makes of it; none for movements of the background."""
+    def held_out(self, left_out: Sequence[int]) -> tuple[dict[int, HeldOutMembers], ElseRows]:
+        """For each of these examples what a model of all others makes of it; none for movements of the background.
+
+        And how likely it takes something else to be, in the rows of these examples and of their people's streams.
+        """
         trailing, segments = self.learn(left_out, FEW_ITERATIONS)
         ends = np.cumsum([0, *(len(r.at) for r in self._rows)])
         first = {r.examples[0]: begin for r, begin in zip(self._rows, ends, strict=False) if len(r.examples) == 1}
@@ -117,7 +120,21 @@ class TrainingTable:
                 of_trailing -= np.logaddexp.reduce(of_trailing, axis=1, keepdims=True)
                 running = (of_trailing + segments.log_posterior_of(windows, ended=False)) / 2
                 result[n] = HeldOutMembers(running, segments.log_posterior_of(windows[-1], ended=True))
-        return result
+        return result, self._else_rows(trailing, set(left_out))
+
+    def _else_rows(self, trailing: LogisticRegression, gone: set[int]) -> ElseRows:
+        """Without blends: they are like movements on purpose."""
+        people = self._people_only_in(gone)
+        shown = [len(r.examples) == 1 and r.examples[0] in gone for r in self._rows]
+        shown += [stream.subject in people for stream in self._streams]
+        chosen = np.repeat(shown, [len(r.at) for r in (*self._rows, *self._of_streams)])
+        log_answers = trailing.log_probabilities(self._features[chosen]).astype(np.float64)
+        targets, weights = (values[chosen].astype(np.float64) for values in (self._targets[:, -1], self._weights))
+        return ElseRows(log_odds_of(log_answers), targets, weights)
+
+    def _people_only_in(self, gone: set[int]) -> set[str]:
+        people = {self._examples[n].subject for n in gone}
+        return people - {e.subject for n, e in enumerate(self._examples) if n not in gone}
 
 
 def _least_extents(examples: Sequence[Example], traces: Sequence[Floats32], header: Header) -> Floats:

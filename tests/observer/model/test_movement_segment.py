@@ -46,6 +46,11 @@ def test_a_moment_of_doubt_ends_nothing() -> None:
     assert None not in shown([*[REST] * 30, *[MOVEMENT] * 20, *[OTHER] * 3, *[MOVEMENT] * 5])[30:]
 
 
+def test_a_stream_may_begin_in_a_movement() -> None:
+    assert shown([*[MOVEMENT] * 20])[-1] == 20
+    assert shown([*[MOVEMENT] * 20, *[REST] * 15, *[MOVEMENT] * 10])[-1] == 9 + 9, "the next begins after rest"
+
+
 def test_a_slow_begin_is_part_of_the_movement() -> None:
     """The first part of a movement does not differ from something else."""
     assert None not in shown([*[REST] * 30, *[OTHER] * 30, *[MOVEMENT] * 10])[30:]

@@ -156,7 +156,7 @@ def test_a_fold_at_once_is_what_a_watch_of_its_model_says(header, examples, tabl
     memory = Discriminative.learn(header, examples).memory
     header = replace(header, background=())
     model = Discriminative(header, table.trailing, movement, segments, table.longest, table.least_extents, memory)
-    for n, members in table.held_out(fold).items():
+    for n, members in table.held_out(fold)[0].items():
         watch, tracks = model.watch(Onset(known=True)), examples[n].tracks
         for number, frame in enumerate(tracks, 1):
             watch.update(frame)
@@ -178,7 +178,7 @@ def test_at_many_facings_the_examples_learned_from_and_those_watched_are_held_ou
     numbers = recording_numbers(shown)
     folds = [[n for n, number in enumerate(numbers) if number // 8 == half] for half in (0, 1)]
     watched = {5, 6, 7, 190}
-    results = Discriminative.held_out(header, CrossValidation(shown, (), folds, watched, (0.6, 1.0)))
+    results, _ = Discriminative.held_out(header, CrossValidation(shown, (), folds, watched, (0.6, 1.0)))
     learned = set(learned_facings(shown, 12))
     assert set(results) == {n for n in learned | watched if shown[n].movement >= 0}
     assert {(e.subject, e.movement) for e in map(shown.__getitem__, learned)} == {
