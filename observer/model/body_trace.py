@@ -75,6 +75,15 @@ def width_of(parts: int) -> int:
     return 2 * parts + 3
 
 
+def places_and_differences(parts: int) -> Floats32:
+    """(S, 2 P) sums of the coordinates of P parts: all places, and the difference of every two parts.
+
+    A difference shows the posture, whatever the body does meanwhile.
+    """
+    points = np.eye(2 * parts, dtype=np.float32).reshape(parts, 2, -1)
+    return np.concatenate([*points, *(points[i] - points[k] for i in range(parts) for k in range(i))])
+
+
 def relative_and_path(rows: Floats32) -> tuple[Floats32, Floats32]:
     """(F, 2 P + 3) -> (F, 2 P) positions relative to the body, (F, 2 P) paths of the parts in the image."""
     relative = rows[:, :-3]

@@ -36,12 +36,12 @@ CHUNK = 16
 class RocketParameters:
     """What learning finds, for D dilations and windows of C channels.
 
-    dilations (D,): frames between neighbouring weights. channels (D, 84, C): whether a kernel sums over a channel.
+    dilations (D,): frames between neighbouring weights. channels (D, 84, C): how often a kernel adds a channel.
     biases: D arrays (B, 84), each with its own number B of biases for every kernel of that dilation.
     """
 
     dilations: Whole
-    channels: NDArray[np.bool_]
+    channels: Floats32
     biases: tuple[Floats32, ...]
 
 
@@ -83,8 +83,11 @@ class MiniRocket:
         self._counter = np.uint8 if length <= np.iinfo(np.uint8).max else np.uint32
 
     @classmethod
-    def learn(cls, windows: NDArray[np.floating], features: int, seed: int = 0) -> Self:
+    def learn(cls, windows: NDArray[np.floating], features: int, seed: int = 0, sums: Floats32 | None = None) -> Self:
         """From (N, C, n) training windows without NaN; `features` is rounded down to a multiple of 84.
+
+        sums (S, C): sums of channels that kernels choose from instead of the channels. Convolutions are linear, so that
+        this costs nothing later.
 
         The same windows and seed give the same transform. Raises BadInput as choose_dilations does, and without a
         window.
@@ -94,7 +97,7 @@ class MiniRocket:
             raise BadInput(f"windows {windows.shape}: at least one window of shape (channels, frames) is expected")
         dilations, counts = choose_dilations(windows.shape[2], features)
         rng = np.random.default_rng(seed)
-        channels = choose_channels(len(dilations), windows.shape[1], rng)
+        channels = summed_channels(len(dilations), np.eye(windows.shape[1]) if sums is None else sums, rng)
         quantiles = np.arange(1, counts.sum() * len(KERNELS) + 1) * GOLDEN_RATIO % 1
         ends = np.cumsum(counts * len(KERNELS))
         biases = []
@@ -151,13 +154,14 @@ class MiniRocket:
     @classmethod
     def from_arrays(cls, arrays: Mapping[str, NDArray[np.generic]]) -> Self:
         """From the arrays of `as_arrays`; ValueError for arrays that do not fit or are not finite."""
-        if not np.isfinite(arrays["rocket_biases"].astype(np.float32)).all():
-            raise ValueError("rocket_biases contain NaN or infinity")
+        for name in ("rocket_biases", "rocket_channels"):
+            if not np.isfinite(arrays[name].astype(np.float32)).all():
+                raise ValueError(f"{name} contain NaN or infinity")
         ends = np.cumsum(arrays["rocket_counts"].astype(np.int64))
         rows = arrays["rocket_biases"].astype(np.float32).reshape(-1, len(KERNELS))
         parameters = RocketParameters(
             arrays["rocket_dilations"].astype(np.int64),
-            arrays["rocket_channels"].astype(np.bool_),
+            arrays["rocket_channels"].astype(np.float32),
             tuple(np.split(rows, ends[:-1])),
         )
         return cls(int(arrays["rocket_length"].astype(np.int64)[0]), parameters)
@@ -172,8 +176,15 @@ def choose_channels(dilations: int, channels: int, rng: np.random.Generator) -> 
     return chosen
 
 
-def weights_of(channels: NDArray[np.bool_]) -> Floats32:
-    """(84, C) whether a kernel sums over a channel -> (9 * C, 84) weights of one matrix product."""
+def summed_channels(dilations: int, sums: NDArray[np.floating], rng: np.random.Generator) -> Floats32:
+    """(S, C) sums of channels -> (D, 84, C) how often each kernel adds a channel, over the few sums that it chose."""
+    chosen = choose_channels(dilations, len(sums), rng)
+    result: Floats32 = chosen.astype(np.float32) @ sums.astype(np.float32)
+    return result
+
+
+def weights_of(channels: NDArray[np.bool_] | Floats32) -> Floats32:
+    """(84, C) how often a kernel adds a channel -> (9 * C, 84) weights of one matrix product."""
     weights = KERNELS.T[:, None, :] * channels.T[None]
     return np.ascontiguousarray(weights.reshape(-1, len(KERNELS)), dtype=np.float32)
 

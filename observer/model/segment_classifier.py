@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observer.model.base import Arrays, Example
+from observer.model.body_trace import places_and_differences
 from observer.model.logistic import LogisticRegression
 from observer.model.rocket import MiniRocket
 from observer.model.training_rows import FRACTIONS, segment_window
@@ -92,7 +93,8 @@ class SegmentTable:
         own = [n for n, example in enumerate(examples) if example.movement >= 0]
         cuts = [traces[n][: max(round(f * len(traces[n])), 1)] for n in own for f in FRACTIONS]
         windows = np.array([segment_window(cut, LENGTH) for cut in cuts])
-        rocket = MiniRocket.learn(windows[len(FRACTIONS) - 1 :: len(FRACTIONS)], kernels, seed=0)
+        sums = places_and_differences(windows.shape[1] // 2)
+        rocket = MiniRocket.learn(windows[len(FRACTIONS) - 1 :: len(FRACTIONS)], kernels, seed=0, sums=sums)
         return cls(
             rocket,
             _with_length(rocket.transform(windows), np.array([len(cut) for cut in cuts])),

@@ -95,6 +95,15 @@ def convolution_inside(window):
     return (taps_of(window, 3) @ weights_of(np.ones((84, CHANNELS), bool)))[:, 12:-12]
 
 
+def test_sums_of_channels_are_channels_of_summed_windows():
+    windows, sums = windows_of(9, 12), np.random.default_rng(9).integers(-1, 2, (10, CHANNELS)).astype(np.float32)
+    summed = np.einsum("sc,ncq->nsq", sums, windows)
+    features = MiniRocket.learn(windows, 500, 3, sums).transform(windows)
+    expected = MiniRocket.learn(summed, 500, 3).transform(summed)
+    # A sum in another order may round differently where a convolution equals a bias.
+    assert (np.abs(features - expected) > 1e-6).mean() < 0.02
+
+
 def test_learning_repeats_with_the_same_seed_only():
     windows = windows_of(4)
     same, again, other = (MiniRocket.learn(windows, 500, seed).transform(windows) for seed in (1, 1, 2))

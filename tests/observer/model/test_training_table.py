@@ -19,6 +19,7 @@ from observer.model.base import (
     with_defaults,
     with_features,
 )
+from observer.model.body_trace import places_and_differences
 from observer.model.cross_validation import CrossValidation
 from observer.model.discriminative import Discriminative
 from observer.model.stack_exponents import ENDED, RUNNING
@@ -120,6 +121,13 @@ def test_a_segment_does_not_depend_on_where_it_began_nor_on_the_size_that_was_kn
     late[:10, :-3] /= 2
     late[:10, -1] *= 2
     np.testing.assert_allclose(segment_window(late, 60)[:, 30:], segment_window(trace, 60)[:, 30:], atol=0.2)
+
+
+def test_channels_of_a_segment_are_the_places_of_parts_and_their_differences():
+    hand, foot, head = np.array([1.0, 2.0]), np.array([4.0, -1.0]), np.array([0.5, 0.25])
+    sums = places_and_differences(3) @ np.concatenate([hand, foot, head])
+    expected = [hand, foot, head, foot - hand, head - hand, head - foot]
+    np.testing.assert_allclose(sums, np.concatenate(expected))
 
 
 def test_a_fold_does_not_learn_from_those_left_out(header, examples, table):
