@@ -51,7 +51,8 @@ class Replay:
         self.folder = folder
         learned = perform(("2", "3", "4"), MOVEMENTS, trials=2)
         for observer, view in VIEWS.items():
-            write_model(folder / f"{observer}.model", learn_view(learned, parse_view(view), Vocabulary(MOVEMENTS)))
+            model = learn_view(learned, parse_view(view), Vocabulary(MOVEMENTS), kind="phase")
+            write_model(folder / f"{observer}.model", model)
         self._recording = perform_continuously("1", MOVEMENTS, rest_s=REST_S)
         write_archive(folder / "seen.npz", MotionArchive(learned.body_parts, (self._recording,)))
         self.length_ns = round(len(self._recording.positions) / self._recording.rate_hz * SECOND_NS)

@@ -32,6 +32,11 @@ def settings(**changes):
     return EvaluationSettings(**{"views": DOOR_WHEEL, "labels": LABELS, "train_subjects": ("1", "2"), **changes})
 
 
+def quick(**changes):
+    """Settings of tests that are not about the model."""
+    return settings(model="phase", calibrated=False, **changes)
+
+
 @pytest.fixture(scope="module")
 def result(archive):
     return evaluate(archive, settings())
@@ -62,20 +67,25 @@ def test_nothing_after_the_fraction_is_used(archive, result):
 
 
 def test_the_same_seed_gives_the_same_result(archive):
-    seeded = settings(onset_known=False, turn=None, seed=5)
-    one, two, other = (evaluate(archive, s).at_end()[1] for s in (seeded, seeded, settings(onset_known=False)))
+    seeded = quick(onset_known=False, turn=None, seed=5)
+    one, two, other = (evaluate(archive, s).at_end()[1] for s in (seeded, seeded, quick(onset_known=False)))
     assert (one == two).all() and not (one == other).all()
 
 
 def test_leave_one_subject_out_judges_every_recording_once(archive):
-    trials = evaluate(archive, settings(train_subjects=(), leave_one_subject_out=True)).trials
+    trials = evaluate(archive, quick(train_subjects=(), leave_one_subject_out=True)).trials
     assert len(trials) == len({r.trial.name for r in trials}) == len(archive.recordings)
 
 
+@pytest.fixture(scope="module")
+def sound_trials(archive):
+    return evaluate(archive, quick()).trials
+
+
 @pytest.mark.parametrize("fault", ["wrong", "noise", "silent", "late"])
-def test_a_faulty_view_changes_only_its_own_posteriors(archive, result, fault):
-    disturbed = evaluate(archive, settings(faults={"wheel": fault}))
-    for sound, faulty in zip(result.trials, disturbed.trials, strict=True):
+def test_a_faulty_view_changes_only_its_own_posteriors(archive, sound_trials, fault):
+    disturbed = evaluate(archive, quick(faults={"wheel": fault}))
+    for sound, faulty in zip(sound_trials, disturbed.trials, strict=True):
         assert (sound.views[:, 0] == faulty.views[:, 0]).all()
         assert not (sound.views[:, 1] == faulty.views[:, 1]).all()
 

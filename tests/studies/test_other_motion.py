@@ -42,7 +42,7 @@ def telling(archive, subject, rate_hz=15.0):
 def test_several_processes_give_the_same_result_as_one(archive):
     """With streams and other motion, and before calibration."""
     other = (perform_continuously("4", ("byebye",), seed=2),)
-    asked = settings(other_motion=other, leave_one_subject_out=False, train_subjects=("1", "2"))
+    asked = settings(other_motion=other, leave_one_subject_out=False, train_subjects=("1", "2"), model="phase")
     extent = Extent(streams=True, raw=True)
     one, two = (observe_folds(archive, asked, extent, jobs=jobs) for jobs in (1, 2))
     for raw in (False, True):

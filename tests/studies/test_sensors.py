@@ -33,7 +33,7 @@ def archive():
 
 
 def settings(**changes):
-    common = {"views": VIEWS, "labels": LABELS, "train_subjects": ("1", "2"), "calibrated": False}
+    common = {"views": VIEWS, "labels": LABELS, "train_subjects": ("1", "2"), "model": "phase", "calibrated": False}
     return EvaluationSettings(**{**common, **changes})
 
 
