@@ -59,7 +59,7 @@ class ChainFilter:
     ) -> None:
         self._cell_of, self._shape, self._phases = cell_of, (movements, facings), phases
         self._dynamics, self._negligible = dynamics, negligible
-        self._steps = dynamics.steps[0].astype(np.float32)
+        self._advance = _advance_matrix(dynamics.steps[0], phases)
         count = np.bincount(cell_of, minlength=movements * facings)
         self._prior = (count > 0) / max(int((count > 0).sum()), 1)
         self._entering = np.outer(dynamics.entry, self._prior[cell_of] / count[cell_of]).astype(np.float32)
@@ -142,20 +142,13 @@ class ChainFilter:
         return np.bincount(cell_of, of_chains, minlength=len(self._after)).astype(np.float64, copy=False)
 
     def _predict(self, forget: float, abandon: float) -> None:
-        old, reach = self._active, len(self._steps) - 1
-        width = min(len(old) + reach, self._phases)
-        new = np.zeros((width, old.shape[1]), np.float32)
-        left = np.zeros(old.shape[1], np.float32)
-        for k, share in enumerate(self._steps):
-            # At a low frame rate a step can be longer than the chain.
-            staying = max(min(len(old), width - k), 0)
-            new[k : k + staying] += share * old[:staying]
-            if staying < len(old):
-                left += share * old[staying:].sum(axis=0)
-        given_up = abandon * float(new.sum(dtype=np.float64))
+        old, furthest = self._active, len(self._active) + len(self._advance) - self._phases
+        new = self._advance[: min(furthest, self._phases), : len(old)] @ old
+        given_up = abandon * float(new.sum())
         new *= np.float32(1 - abandon)
         self._active = new
-        self._after += self._cells(left)
+        if furthest > self._phases:
+            self._after += self._cells(self._advance[self._phases :, : len(old)].sum(axis=0) @ old)
         forgotten = forget * self._after
         self._after -= forgotten
         self._past *= 1 - forget
@@ -185,9 +178,10 @@ class ChainFilter:
         self._after *= of_rest
         self._past *= of_rest
         with np.errstate(divide="ignore", invalid="ignore"):
-            log_likelihood = np.log(self._movement_mass() / predicted) + top
+            mass = self._movement_mass()
+            log_likelihood = np.log(mass / predicted) + top
         self.predictive_log_likelihood = np.where(np.isfinite(log_likelihood), log_likelihood, FLOOR)
-        total = float(self._active.sum(dtype=np.float64) + self._after.sum()) + self._before
+        total = float(mass.sum()) + self._before
         self._active /= np.float32(total)
         self._before /= total
         self._after /= total
@@ -209,3 +203,11 @@ class ChainFilter:
         if counts.sum() < CROWDED * len(counts) and self.rest < 0.5:
             self._live = np.flatnonzero(counts) if self._live is None else self._live[counts]
             self._active = np.ascontiguousarray(self._active[:, counts])
+
+
+def _advance_matrix(steps: Floats, phases: int) -> Masses:
+    """(K,) P(advance by k phases) -> (Φ + K - 1, Φ): where each phase's mass goes; the last rows leave the chain."""
+    matrix = np.zeros((phases + len(steps) - 1, phases), np.float32)
+    for k, share in enumerate(steps):
+        matrix[np.arange(phases) + k, np.arange(phases)] = share
+    return matrix

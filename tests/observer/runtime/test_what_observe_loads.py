@@ -17,7 +17,8 @@ NEVER = {
     "asyncio",
 }
 LOOK = """
-import sys, labanmesh
+import sys, labanmesh, observer.commands
+assert "numpy" not in sys.modules, "observe limits its threads before NumPy is loaded"
 status = labanmesh.main(["observe", sys.argv[1], "cam1"])
 print(status, *sys.modules)
 """
