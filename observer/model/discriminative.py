@@ -191,6 +191,8 @@ class DiscriminativeWatch(Watch):
         """How far the posterior is back at the prior because nobody is seen; 1 before the first sight."""
         movements = header.vocabulary.size
         self._log_trailing: Floats = np.log(np.full(movements + 1, 1 / (movements + 1)))
+        # Before the first classification there is only the prior, in which something else is unlikely.
+        self._answers: Floats = np.append(np.zeros(movements), 1.0)
         self._something_else = 1 / (movements + 1)
         self._log_segment: Floats | None = None
         self._too_small = 0.0
@@ -238,9 +240,7 @@ class DiscriminativeWatch(Watch):
             return
         self.doubt = 0.0
         self._rows = np.concatenate([self._rows[1 - self._history :], row[None]])
-        # Before the first classification there is only the prior, in which something else is unlikely.
-        something_else = float(np.exp(self._log_trailing[-1])) if self._since else 1.0
-        self.segment.update(self.rest >= 0.5, something_else, len(self._rows))
+        self.segment.update(self.rest >= 0.5, self._answers, len(self._rows))
         self._since += 1
         if self._since % self._hop == 1 or self._hop == 1:
             self._classify(ended=self.segment.over)
@@ -253,6 +253,7 @@ class DiscriminativeWatch(Watch):
     def _classify(self, ended: bool) -> None:
         model, self._ended = self._model, ended
         self._log_trailing = model.movement.log_probabilities(model.trailing.newest(self._rows)).astype(np.float64)
+        self._answers = np.exp(self._log_trailing)
         self._something_else = scaled(self._log_trailing, model.header.parameters)
         self._log_segment = None
         if self.segment.begun:

@@ -6,11 +6,14 @@ to say: in continuous karate the classifier of segments is right in 18 % of the 
 """
 
 from observer.model.body_trace import Floats32
+from observer.tracks import Floats
 
 STILL_LAG_S = 0.3
 """Stillness is noticed so late; a movement begins that long before."""
 SHOWN, PAST, PAST_S = 0.3, 0.7, 0.1
 """P(something else) below SHOWN shows a movement; that movement is past when it exceeds PAST for PAST_S."""
+SURE = 0.8
+"""So likely for PAST_S a movement is named; a segment in which two are named holds more than one."""
 
 
 class MovementSegment:
@@ -31,28 +34,45 @@ class MovementSegment:
         # Whether a movement was shown in the segment, and for how many frames in a row something else after it.
         self._shown, self._otherwise = False, 0
         self._past_frames = PAST_S * rate_hz
+        # The first movement named in the segment, the one that is sure now, and for how many frames in a row.
+        self._first: int | None = None
+        self._sure, self._sure_frames = -1, 0
 
-    def update(self, resting: bool, something_else: float, stored: int) -> None:
-        """Take in one more frame: whether the person rests in it, and P(something else).
+    def update(self, resting: bool, answers: Floats, stored: int) -> None:
+        """Take in one more frame: whether the person rests in it, and the answers of the trailing windows.
 
-        stored: the number of frames whose rows are stored.
+        answers: (M + 1,) probabilities, something else last. stored: the number of frames whose rows are stored.
         """
         self._moved = self._moved or not resting
         if self.begun is not None:
             self.over = resting and self._moved
             self.begun += not self.over
-            if self.begun > min(self._longest, stored) or self._is_next(resting, something_else):
+            is_next = self._is_shown_again(resting, float(answers[-1])) or self._is_another(answers)
+            if self.begun > min(self._longest, stored) or is_next:
                 self.begun = None
         if self._rested >= self.lag and not self._moved and self._moved_before:
             self.begun = None
         if self._rested >= self.lag and not resting and self._moved_before:
             self.begun, self.over = min(self.lag, stored), False
-            self._shown, self._otherwise = False, 0
+            self._shown, self._otherwise, self._first = False, 0, None
         if resting and self._moved:
             self._moved_before = True
         self._rested = self._rested + 1 if resting else 0
 
-    def _is_next(self, resting: bool, something_else: float) -> bool:
+    def _is_another(self, answers: Floats) -> bool:
+        """Whether another movement is named than at first."""
+        likeliest = int(answers[:-1].argmax())
+        if answers[likeliest] <= SURE:
+            self._sure_frames = 0
+            return False
+        self._sure_frames = self._sure_frames + 1 if likeliest == self._sure else 1
+        self._sure = likeliest
+        if self._sure_frames <= self._past_frames:
+            return False
+        self._first = likeliest if self._first is None else self._first
+        return likeliest != self._first
+
+    def _is_shown_again(self, resting: bool, something_else: float) -> bool:
         """Whether a movement is shown again, after something else that was no rest."""
         is_past = self._otherwise > self._past_frames
         self._shown = self._shown or something_else < SHOWN

@@ -7,10 +7,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from observer.model.movement_segment import MovementSegment
+from observer.tracks import Floats
 
 RATE_HZ = 30.0
 REST, MOVEMENT, OTHER = (True, 1.0), (False, 0.05), (False, 0.95)
 """Whether the person rests, and P(something else)."""
+
+
+def answers(something_else: float, movement: int = 0) -> Floats:
+    """(4,) probabilities of three movements and something else."""
+    return np.array([*((1 - something_else) * (m == movement) for m in range(3)), something_else])
 
 
 def shown(frames: Iterable[tuple[bool, float]], longest: float = 90.0) -> list[int | None]:
@@ -18,7 +24,7 @@ def shown(frames: Iterable[tuple[bool, float]], longest: float = 90.0) -> list[i
     segment = MovementSegment(RATE_HZ, False, longest)
     begun = []
     for stored, (resting, something_else) in enumerate(frames, 1):
-        segment.update(resting, something_else, stored)
+        segment.update(resting, answers(something_else), stored)
         begun.append(segment.begun)
     return begun
 
@@ -42,6 +48,22 @@ def test_the_segment_is_known_until_the_next_movement_is_shown() -> None:
     assert None not in shown([*[REST] * 30, *[MOVEMENT] * 20, *[OTHER] * 10, *[REST] * 5])[30:]
 
 
+def test_a_segment_in_which_two_movements_are_named_has_no_begin() -> None:
+    segment = MovementSegment(RATE_HZ, True, 90.0)
+    begun = []
+    for stored in range(1, 31):
+        segment.update(False, answers(0.1, 1 if stored <= 20 else 2), stored)
+        begun.append(segment.begun)
+    assert begun == [*range(1, 24), *[None] * 7], "the second one is named after 0.1 s"
+
+
+def test_a_change_of_mind_that_is_not_sure_ends_nothing() -> None:
+    segment = MovementSegment(RATE_HZ, True, 90.0)
+    for stored in range(1, 41):
+        segment.update(False, answers(0.25 if stored <= 20 else 0.1, stored // 20), stored)
+    assert segment.begun == 40
+
+
 def test_a_moment_of_doubt_ends_nothing() -> None:
     assert None not in shown([*[REST] * 30, *[MOVEMENT] * 20, *[OTHER] * 3, *[MOVEMENT] * 5])[30:]
 
@@ -61,7 +83,7 @@ def test_the_segment_is_never_longer_than_what_is_stored(frames: list[tuple[bool
     rows = np.arange(200.0, dtype=np.float32)[:, None]
     segment = MovementSegment(RATE_HZ, False, 40.0)
     for stored, (resting, something_else) in enumerate(frames, 1):
-        segment.update(resting, something_else, stored)
+        segment.update(resting, answers(something_else), stored)
         own = segment.rows_of(rows[:stored])
         assert len(own) == (segment.begun or 0)
         assert segment.begun is None or segment.begun <= 40
