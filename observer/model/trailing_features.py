@@ -188,9 +188,9 @@ def _convolve(path: Floats32, dilation: int, weights: Floats32) -> Floats32:
 def _taps(padded: Floats32, dilation: int, frames: int) -> Floats32:
     """(8 * dilation + frames, C) -> (frames, 9 * C): the nine frames that a kernel weighs, the frame itself last."""
     by_frame, by_channel = padded.strides
-    shape, strides = (frames, TAPS, padded.shape[1]), (by_frame, by_frame * dilation, by_channel)
+    shape, strides = (TAPS, padded.shape[1], frames), (by_frame * dilation, by_channel, by_frame)
     taps: Floats32 = np.ndarray(shape, np.float32, padded, strides=strides)
-    return taps.reshape(frames, -1)
+    return taps.reshape(-1, frames).T
 
 
 def _statistics(values: Floats32, at: Whole, lengths: Sequence[int]) -> list[Floats32]:
