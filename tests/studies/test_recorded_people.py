@@ -53,6 +53,7 @@ def test_the_papers_fusion_beats_the_better_of_its_two_views(msr):
     assert figures["accuracy"] > max(view["accuracy"] for view in figures["per_view"].values())
 
 
+@pytest.mark.timeout(300)
 def test_the_default_on_all_movements_and_the_same_labels_over_the_mesh(msr):
     answer = ask(msr, LABELS, "door,wheel", test_subjects=SOME)
     figures = as_json(answer)
