@@ -37,8 +37,8 @@ class EvaluateOptions:
     test_subjects: TestSubjects = ""
     leave_one_subject_out: LeaveOneSubjectOut = False
     model: Annotated[
-        str, typer.Option(help="phase (default), stacked, discriminative, phase-symbols or frame-table.")
-    ] = "phase"
+        str, typer.Option(help="stacked (default), phase, discriminative, phase-symbols or frame-table.")
+    ] = "stacked"
     rule: Annotated[str, typer.Option(help="The fusion rule.")] = "guarded_product"
     parameter: Annotated[Texts, typer.Option(help="NAME=NUMBER, a parameter of the model; may be repeated.")] = None
     turn: Annotated[str, typer.Option(help="Degrees by which the performer is turned in test, or random.")] = "0"

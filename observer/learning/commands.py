@@ -49,7 +49,7 @@ class LearnOptions:
         ),
     ] = None
     model: Annotated[
-        str, typer.Option(help="phase (default), stacked, discriminative, phase-symbols or frame-table.")
+        str, typer.Option(help="stacked (default), phase, discriminative, phase-symbols or frame-table.")
     ] = ""
     labels: Annotated[
         str, typer.Option(help="The movements to learn, separated by commas (default: all of the archive).")

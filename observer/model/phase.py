@@ -1,4 +1,4 @@
-"""`phase`, the default model: every training example is a chain of postures for a phase filter (docs/design/model.md).
+"""`phase`: every training example is a chain of postures for a phase filter (docs/design/model.md).
 
 It needs to know neither where a movement begins nor how fast it is nor, if learned at several facings, which way the
 person faces.

@@ -13,7 +13,7 @@ from observer.model.symbol_tables import FrameTable, PhaseSymbols
 MODELS: Mapping[str, type[MovementModel]] = {
     model.kind: model for model in (Phase, PhaseSymbols, FrameTable, Discriminative, Stacked)
 }
-DEFAULT_MODEL = Phase.kind
+DEFAULT_MODEL = Stacked.kind
 
 
 def model_named(kind: str) -> type[MovementModel]:
