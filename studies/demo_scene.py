@@ -60,7 +60,7 @@ def synthetic_performance(seed: int) -> Performance:
         f"SYNTHETIC performer (a kinematic model, no recorded person): person {last}; models learned from the others"
     )
     stream = perform_continuously(last, MOVEMENTS, seed=seed)
-    return Performance(title, stream, perform(others, seed=seed), Vocabulary(MOVEMENTS, "the paper's eight"))
+    return Performance(title, stream, perform(others, trials=8, seed=seed), Vocabulary(MOVEMENTS, "the paper's eight"))
 
 
 def recorded_performance(archive: MotionArchive, name: str, subject: str | None, seed: int) -> Performance:
