@@ -28,7 +28,7 @@ from observer.model.base import (
     recording_numbers,
     with_features,
 )
-from observer.model.cross_validation import CrossValidates, CrossValidation
+from observer.model.cross_validation import CrossValidates, CrossValidation, LearnedFromOthers
 from observer.model.parameters import facings_in
 from observer.model.posterior_calibration import HeldOutResult, answer_posterior, at_least_cautious, fit_calibration
 from observer.model.registry import DEFAULT_MODEL, model_named
@@ -150,20 +150,21 @@ def with_calibration(
     nothing about other people, and the result is at least as cautious as CAUTIOUS. `tried` and `right` in the
     provenance count the evaluated examples.
     """
-    parameters, results = _cross_validate(kind, model.header, examples, streams, explicit)
-    calibration = fit_calibration(results, model.header.vocabulary.size)
+    others = _cross_validate(kind, model.header, examples, streams, explicit)
+    calibration = fit_calibration(others.results, model.header.vocabulary.size)
     if issubclass(kind, LearnsStreams):
         calibration = replace(calibration, learned_only=True, foreseen=())
     if folds_by_person(examples) is None:
         calibration = at_least_cautious(calibration)
-    counts = {"tried": str(len(results)), "right": str(right_count(results))}
+    counts = {"tried": str(len(others.results)), "right": str(right_count(others.results))}
     header = replace(
         model.header,
-        parameters={**model.header.parameters, **parameters},
+        parameters={**model.header.parameters, **others.parameters},
         calibration=calibration,
         provenance={**model.header.provenance, **counts},
     )
-    return kind.from_arrays(header, model.arrays())
+    arrays = {**model.arrays(), **others.arrays} if others.arrays else model.arrays()
+    return kind.from_arrays(header, arrays)
 
 
 MOST_WATCHED, MOST_FOLDS = 120, 3
@@ -230,8 +231,8 @@ def _cross_validate(
     examples: Sequence[Example],
     streams: Sequence[Stream],
     explicit: Collection[str],
-) -> tuple[Mapping[str, float], list[HeldOutResult]]:
-    """Parameters that were learned from held-out examples, and the results."""
+) -> LearnedFromOthers:
+    """The results of held-out examples, and what was learned from them."""
     front = [e for e in examples if e.facing == 0]
     folds = folds_by_person(front) or folds_by_recording(front)
     if isinstance(kind, CrossValidates):
@@ -243,7 +244,8 @@ def _cross_validate(
     streams = [s for s in streams if s.facing == 0]
     if "facings" in header.parameters:
         header = replace(header, parameters={**header.parameters, "facings": 1.0})
-    return {}, [result for fold in folds for result in _evaluate_fold(kind, header, front, streams, fold)]
+    results = [result for fold in folds for result in _evaluate_fold(kind, header, front, streams, fold)]
+    return LearnedFromOthers({}, results)
 
 
 def _at_all_facings(examples: Sequence[Example], folds: Sequence[Sequence[int]]) -> list[list[int]]:

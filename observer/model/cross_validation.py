@@ -1,10 +1,10 @@
 """How a kind of model may evaluate examples of people whom it has not learned from, many at once. Pure."""
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol, runtime_checkable
 
-from observer.model.base import Example, Header, Stream
+from observer.model.base import Arrays, Example, Header, Stream
 from observer.model.posterior_calibration import HeldOutResult
 
 
@@ -24,6 +24,24 @@ class CrossValidation:
     shares: tuple[float, ...]
     explicit: Collection[str] = ()
 
+    @property
+    def across_people(self) -> bool:
+        """Whether the people of a fold perform no other examples: only then do results tell about other people."""
+        subjects = [example.subject for example in self.examples]
+        folds = [set(fold) for fold in self.folds]
+        return all(
+            {subjects[n] for n in fold}.isdisjoint(s for n, s in enumerate(subjects) if n not in fold) for fold in folds
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class LearnedFromOthers:
+    """What a kind of model learned from people left out: parameters and arrays by name, and the results with these."""
+
+    parameters: Mapping[str, float]
+    results: list[HeldOutResult]
+    arrays: Arrays = field(default_factory=dict)
+
 
 @runtime_checkable
 class CrossValidates(Protocol):
@@ -32,7 +50,5 @@ class CrossValidates(Protocol):
     It may also learn parameters that only examples of other people tell.
     """
 
-    def cross_validated(
-        self, header: Header, cross_validation: CrossValidation
-    ) -> tuple[Mapping[str, float], list[HeldOutResult]]:
-        """A classmethod: the parameters learned so, by name, and the results with these."""
+    def cross_validated(self, header: Header, cross_validation: CrossValidation) -> LearnedFromOthers:
+        """A classmethod: what is learned so."""

@@ -16,7 +16,7 @@ import numpy as np
 from common.probability import softmax
 from observer.model.base import Arrays, Example, Header, LearnsStreams, Onset, Stream, Watch, with_defaults
 from observer.model.body_trace import BodyTrace, Floats32, extent, read_trace, width_of
-from observer.model.cross_validation import CrossValidation
+from observer.model.cross_validation import CrossValidation, LearnedFromOthers
 from observer.model.logistic import LogisticRegression
 from observer.model.movement_segment import MovementSegment
 from observer.model.parameters import FACINGS, POSITIVE, Parameter, ParameterRange, facings_in
@@ -84,9 +84,7 @@ class Discriminative(LearnsStreams):
         return cls(header, table.trailing, movement, segments, table.longest, table.least_extents, memory)
 
     @classmethod
-    def cross_validated(
-        cls, header: Header, cross_validation: CrossValidation
-    ) -> tuple[Mapping[str, float], list[HeldOutResult]]:
+    def cross_validated(cls, header: Header, cross_validation: CrossValidation) -> LearnedFromOthers:
         """The scaling of something else, and the results of all examples of movements."""
         examples = cross_validation.examples
         members, scaling = cls.held_out(header, cross_validation)
@@ -94,7 +92,7 @@ class Discriminative(LearnsStreams):
             HeldOutResult(examples[n].movement, softmax(m.after(cross_validation.shares)), None)
             for n, m in members.items()
         ]
-        return scaling, results
+        return LearnedFromOthers(scaling, results)
 
     @classmethod
     def held_out(

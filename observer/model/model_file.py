@@ -6,7 +6,7 @@ certainty); all other arrays are the model's own.
 
 import json
 import math
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -56,6 +56,8 @@ def _model_from(path: Path, arrays: dict[str, NDArray[Any]]) -> MovementModel:
     if document["kind"] not in MODELS:
         raise BadInput(f"{path}: model kind {document['kind']!r} is unknown; known: {', '.join(MODELS)}")
     kind, header = MODELS[document["kind"]], _header_from(document)
+    earlier = {name: p.earlier for name, p in kind.PARAMETERS.items() if p.earlier is not None}
+    header = replace(header, parameters={**earlier, **header.parameters})
     missing = [name for name in kind.PARAMETERS if name not in header.parameters]
     if missing:
         raise BadInput(f"{path}: its header lacks the parameter {missing[0]!r}; learn it again")

@@ -36,10 +36,14 @@ MOST_FACINGS = 72
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """A model's parameter: its default value and the values that it may have."""
+    """A model's parameter: its default value and the values that it may have.
+
+    earlier: its value in files of earlier versions, which lack it; None: every file has it.
+    """
 
     default: float
     allowed: ParameterRange
+    earlier: float | None = None
 
 
 FACINGS = Parameter(1.0, ParameterRange(1, MOST_FACINGS, whole=True))

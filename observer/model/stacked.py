@@ -18,12 +18,20 @@ from common.probability import softmax
 from observer.model.base import Arrays, Example, Header, LearnsStreams, Onset, Stream, Watch, with_defaults
 from observer.model.body_trace import BodyTrace, width_of
 from observer.model.chains import fill_gaps
-from observer.model.cross_validation import CrossValidation
+from observer.model.cross_validation import CrossValidation, LearnedFromOthers
 from observer.model.discriminative import Discriminative, DiscriminativeWatch
 from observer.model.log_linear_pool import SMALLEST
 from observer.model.parameters import Parameter
 from observer.model.phase import Phase, PhaseWatch, posture_reader
 from observer.model.posterior_calibration import HeldOutResult
+from observer.model.something_else import (
+    AGREED_FROM,
+    AGREEMENT,
+    disagreement,
+    learn_agreement,
+    learn_confusions,
+    raised,
+)
 from observer.model.stack_exponents import ENDED, EXPONENTS, RUNNING, RUNNING_AT, learned_exponents, pooled_at
 from observer.tracks import Floats, Tracks
 
@@ -35,10 +43,18 @@ class Stacked(LearnsStreams):
     """Phase and Discriminative of one view."""
 
     kind: ClassVar[str] = "stacked"
-    PARAMETERS: ClassVar[Mapping[str, Parameter]] = {**Phase.PARAMETERS, **Discriminative.PARAMETERS, **EXPONENTS}
+    PARAMETERS: ClassVar[Mapping[str, Parameter]] = {
+        **Phase.PARAMETERS,
+        **Discriminative.PARAMETERS,
+        **EXPONENTS,
+        **AGREEMENT,
+    }
 
-    def __init__(self, header: Header, phase: Phase, discriminative: Discriminative) -> None:
+    def __init__(
+        self, header: Header, phase: Phase, discriminative: Discriminative, confusions: Floats | None = None
+    ) -> None:
         self.header, self.phase, self.discriminative = header, phase, discriminative
+        self.confusions = np.eye(header.vocabulary.size) if confusions is None else confusions
 
     @classmethod
     def learn_with_streams(cls, header: Header, examples: Sequence[Example], streams: Sequence[Stream]) -> Self:
@@ -51,10 +67,8 @@ class Stacked(LearnsStreams):
         return cls(header, phase, discriminative)
 
     @classmethod
-    def cross_validated(
-        cls, header: Header, cross_validation: CrossValidation
-    ) -> tuple[Mapping[str, float], list[HeldOutResult]]:
-        """The exponents, the scaling of something else, and the results of the examples watched by the phase filter."""
+    def cross_validated(cls, header: Header, cross_validation: CrossValidation) -> LearnedFromOthers:
+        """The exponents, what tells something else, and the results of the examples watched by the phase filter."""
         header = with_defaults(header, cls.PARAMETERS)
         split = [_split(header, e) for e in cross_validation.examples]
         others = replace(
@@ -69,12 +83,19 @@ class Stacked(LearnsStreams):
             members.append(np.stack([of_phase, softmax(of_others[n].after(shares))], axis=1))
             truth.append(split[n][0].movement)
         if not members:
-            return scaling, []
-        exponents = learned_exponents(header, np.array(members), np.array(truth), cross_validation.explicit)
-        return {**scaling, **exponents}, [
+            return LearnedFromOthers(scaling, [])
+        explicit, arrays = cross_validation.explicit, {}
+        exponents = learned_exponents(header, np.array(members), np.array(truth), explicit)
+        if cross_validation.across_people:
+            late = {share: n for n, share in enumerate(shares) if share >= AGREED_FROM}
+            of_late = np.array(members)[:, [*late.values()]]
+            arrays["confusions"] = confusions = learn_confusions(of_late)
+            scaling |= learn_agreement(of_late, np.array(truth), confusions, header.parameters, explicit)
+        results = [
             HeldOutResult(movement, pooled_at(shares, p, exponents)[len(RUNNING_AT) :], None)
             for movement, p in zip(truth, members, strict=True)
         ]
+        return LearnedFromOthers({**scaling, **exponents}, results, arrays)
 
     @classmethod
     def read(cls, header: Header, example: Example | Stream) -> Floats:
@@ -90,30 +111,38 @@ class Stacked(LearnsStreams):
 
     @classmethod
     def from_arrays(cls, header: Header, arrays: Arrays) -> Self:
-        """The inverse of `arrays`."""
+        """The inverse of `arrays`; ValueError if they do not fit. Earlier files have no confusions."""
+        movements = header.vocabulary.size
+        confusions = np.asarray(arrays.get("confusions", np.eye(movements)), np.float64)
+        if confusions.shape != (movements, movements) or not ((confusions >= 0) & (confusions <= 1)).all():
+            raise ValueError(f"confusions {confusions.shape}: {movements} by {movements} from 0 to 1 are expected")
         phase = Phase.from_arrays(_of_phase(header), arrays)
-        return cls(header, phase, Discriminative.from_arrays(_of_other(header), arrays))
+        return cls(header, phase, Discriminative.from_arrays(_of_other(header), arrays), confusions)
 
     def arrays(self) -> Arrays:
-        """Those of both members, whose names differ."""
-        return {**self.phase.arrays(), **self.discriminative.arrays()}
+        """Those of both members, whose names differ, and how the movements are confused."""
+        return {**self.phase.arrays(), **self.discriminative.arrays(), "confusions": self.confusions}
 
     def grown(self, header: Header, examples: Sequence[Example]) -> Self:
         """The phase filter as it was, and grown; the discriminative classifiers learned again."""
         members = [_split(header, e) for e in examples]
         phase = self.phase.grown(_of_phase(header), [p for p, _ in members])
-        return type(self)(header, phase, self.discriminative.grown(_of_other(header), [d for _, d in members]))
+        discriminative = self.discriminative.grown(_of_other(header), [d for _, d in members])
+        confusions, known = np.eye(header.vocabulary.size), len(self.confusions)
+        confusions[:known, :known] = self.confusions
+        return type(self)(header, phase, discriminative, confusions)
 
     def shrunk(self, header: Header, remaining: Sequence[int]) -> Self:
         """The phase filter without the other movements; the discriminative classifiers learned again."""
         phase = self.phase.shrunk(_of_phase(header), remaining)
-        return type(self)(header, phase, self.discriminative.shrunk(_of_other(header), remaining))
+        confusions = self.confusions[np.ix_(remaining, remaining)]
+        return type(self)(header, phase, self.discriminative.shrunk(_of_other(header), remaining), confusions)
 
     def without_background(self, gone: int) -> Self:
         """The same phase filter; the discriminative classifiers learned again."""
         discriminative = self.discriminative.without_background(gone)
         header = replace(self.header, background=discriminative.header.background)
-        return type(self)(header, self.phase, discriminative)
+        return type(self)(header, self.phase, discriminative, self.confusions)
 
     def watch(self, onset: Onset) -> "StackedWatch":
         """Start watching."""
@@ -239,8 +268,12 @@ class StackedWatch(Watch):
     @property
     def unlearned(self) -> Floats | None:
         """(K,) P(something else, facing)."""
-        unlearned: Floats = self._other.unlearned[0] * self._facing
-        return unlearned
+        p = float(self._other.unlearned[0])
+        if self._phase is not None:
+            members = np.array([self._phase.p, self._other.p])
+            nats = disagreement(members, self._model.confusions, self._model.header.parameters)
+            p = raised(p, nats * (1 - self._other.doubt))
+        return p * self._facing
 
     @property
     def rest(self) -> float:

@@ -170,13 +170,22 @@ def test_a_model_file_without_a_parameter_is_one_clear_line(model, tmp_path):
         read_model(path)
 
 
+def test_a_model_file_of_an_earlier_version_lacks_what_was_added_since(model, tmp_path):
+    added = {name: p.earlier for name, p in model.PARAMETERS.items() if p.earlier is not None}
+    write_model(path := tmp_path / "a.model", model)
+    rewritten(path, lambda document: [document["parameters"].pop(name) for name in added], ["confusions"])
+    again = read_model(path)
+    assert again.header.parameters == {**model.header.parameters, **added}
+    assert all(posterior.p.min() >= 0 for posterior in watched(again, move("wave", 6), Onset(True, 45)))
+
+
 def test_an_unknown_model_is_named_with_the_known_ones():
     with pytest.raises(BadInput, match="model = 'phas': unknown; did you mean phase\\?"):
         model_named("phas")
 
 
-def rewritten(path, header_changes=(), **arrays):
-    """The model file with other entries in its header and other arrays."""
+def rewritten(path, header_changes=(), without=(), **arrays):
+    """The model file with other entries in its header, and without some arrays or with others."""
     with np.load(path) as file:
         content = {name: file[name] for name in file.files}
     text = str(content.pop("header"))
@@ -186,6 +195,8 @@ def rewritten(path, header_changes=(), **arrays):
         text = json.dumps(document)
     elif header_changes:
         text = header_changes
+    for name in without:
+        content.pop(name, None)
     content.update({name: change(content[name]) for name, change in arrays.items() if name in content})
     with path.open("wb") as file:
         np.savez(file, header=np.array(text), **content)
@@ -218,6 +229,14 @@ def test_a_damaged_model_file_is_one_clear_line(model, tmp_path, damage):
     with pytest.raises(BadInput, match=r"a\.model: .*learn it again") as caught:
         read_model(path)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("change", [lambda a: a + 1, lambda a: a[1:], with_nan])
+def test_a_stacked_model_whose_confusions_are_damaged_is_one_clear_line(archive, tmp_path, change):
+    write_model(path := tmp_path / "a.model", learn_view(archive, DOOR, VOCABULARY, kind="stacked", calibrate=False))
+    rewritten(path, confusions=change)
+    with pytest.raises(BadInput, match=r"a\.model: .*confusions.*learn it again"):
+        read_model(path)
 
 
 def test_a_model_file_with_too_many_facings_is_one_clear_line(archive, tmp_path):

@@ -8,7 +8,7 @@ import pytest
 from common.vocabulary import Vocabulary
 from observer.learning.learn import MOST_EVALUATED, MOST_WATCHED, with_calibration
 from observer.model.base import Example, Header
-from observer.model.cross_validation import CrossValidation
+from observer.model.cross_validation import CrossValidation, LearnedFromOthers
 from observer.model.parameters import FACINGS
 from observer.model.posterior_calibration import CAUTIOUS
 
@@ -52,7 +52,7 @@ class BatchSpy(Spy):
     @classmethod
     def cross_validated(cls, header, cross_validation):
         cls.SEEN.append((header.parameters["facings"], cross_validation))
-        return {}, []
+        return LearnedFromOthers({}, [])
 
 
 class SpyWatch:
@@ -179,3 +179,19 @@ def test_calibration_leaves_the_model_unchanged():
     assert calibrated.header.calibration == calibration_of(header(4.0), shown) != CAUTIOUS
     # The spy's posterior is uniform, and argmax takes the first.
     assert calibrated.header.provenance == {"tried": "20", "right": "10"}
+
+
+@pytest.mark.parametrize(
+    ("people", "across"),
+    [("ab", True), ("abcde", True), ("a", False)],
+)
+def test_folds_of_one_person_tell_nothing_about_other_people(people, across):
+    with_calibration(BatchSpy, BatchSpy(header(), None), examples(people, facings=1))
+    [(_, cross_validation)] = BatchSpy.SEEN
+    assert cross_validation.across_people == across
+
+
+def test_a_person_who_is_left_out_in_part_is_no_other_person():
+    shown = [example("a", "1", 0), example("b", "1", 0), example("b", "1", 1)]
+    assert not CrossValidation(shown, (), [[0], [1]], (), (1.0,)).across_people
+    assert CrossValidation(shown, (), [[0], [1, 2]], (), (1.0,)).across_people
