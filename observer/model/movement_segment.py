@@ -20,8 +20,8 @@ class MovementSegment:
     """Begins when rest ends, and is over while the person rests after it; unknown once the next movement has begun.
 
     begun: frames since its begin, None while that is unknown; over: whether the person rests after it. lag: frames by
-    which stillness is noticed late. onset_known: the first frame is the movement's begin; otherwise it is taken for it
-    until the person has rested, because a film may begin in a movement. longest: frames of the longest segment.
+    which stillness is noticed late. onset_known: the first frame is the begin of one movement; otherwise it is taken
+    for it until the person has rested, because a film may begin in a movement. longest: frames of the longest segment.
     """
 
     def __init__(self, rate_hz: float, onset_known: bool, longest: float) -> None:
@@ -30,7 +30,7 @@ class MovementSegment:
         self.lag = max(round(STILL_LAG_S * rate_hz), 1)
         self._longest = longest
         self._moved, self._moved_before = False, not onset_known
-        self._rested = 0
+        self._rested, self._single = 0, onset_known
         # Whether a movement was shown in the segment, and for how many frames in a row something else after it.
         self._shown, self._otherwise = False, 0
         self._past_frames = PAST_S * rate_hz
@@ -48,13 +48,13 @@ class MovementSegment:
             self.over = resting and self._moved
             self.begun += not self.over
             is_next = self._is_shown_again(resting, float(answers[-1])) or self._is_another(answers)
-            if self.begun > min(self._longest, stored) or is_next:
+            if self.begun > min(self._longest, stored) or (is_next and not self._single):
                 self.begun = None
         if self._rested >= self.lag and not self._moved and self._moved_before:
             self.begun = None
         if self._rested >= self.lag and not resting and self._moved_before:
             self.begun, self.over = min(self.lag, stored), False
-            self._shown, self._otherwise, self._first = False, 0, None
+            self._shown, self._otherwise, self._first, self._single = False, 0, None, False
         if resting and self._moved:
             self._moved_before = True
         self._rested = self._rested + 1 if resting else 0

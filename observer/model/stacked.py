@@ -269,7 +269,7 @@ class StackedWatch(Watch):
     def unlearned(self) -> Floats | None:
         """(K,) P(something else, facing)."""
         p = float(self._other.unlearned[0])
-        if self._phase is not None:
+        if self._phase is not None and not self._other.judges_ended:
             members = np.array([self._phase.p, self._other.p])
             nats = disagreement(members, self._model.confusions, self._model.header.parameters)
             p = raised(p, nats * (1 - self._other.doubt))

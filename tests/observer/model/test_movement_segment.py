@@ -49,16 +49,20 @@ def test_the_segment_is_known_until_the_next_movement_is_shown() -> None:
 
 
 def test_a_segment_in_which_two_movements_are_named_has_no_begin() -> None:
-    segment = MovementSegment(RATE_HZ, True, 90.0)
-    begun = []
-    for stored in range(1, 31):
-        segment.update(False, answers(0.1, 1 if stored <= 20 else 2), stored)
-        begun.append(segment.begun)
-    assert begun == [*range(1, 24), *[None] * 7], "the second one is named after 0.1 s"
+    for onset_known in (False, True):
+        segment = MovementSegment(RATE_HZ, onset_known, 90.0)
+        begun = []
+        for stored in range(1, 31):
+            segment.update(False, answers(0.1, 1 if stored <= 20 else 2), stored)
+            begun.append(segment.begun)
+        if onset_known:
+            assert begun == [*range(1, 31)], "a known onset is that of one movement, whatever it is taken for"
+        else:
+            assert begun == [*range(1, 24), *[None] * 7], "the second one is named after 0.1 s"
 
 
 def test_a_change_of_mind_that_is_not_sure_ends_nothing() -> None:
-    segment = MovementSegment(RATE_HZ, True, 90.0)
+    segment = MovementSegment(RATE_HZ, False, 90.0)
     for stored in range(1, 41):
         segment.update(False, answers(0.25 if stored <= 20 else 0.1, stored // 20), stored)
     assert segment.begun == 40
