@@ -152,7 +152,7 @@ def _draw(stream: Recording, traffic: DemoTraffic, labels: Sequence[str], folder
     ]
     playing = (times_s >= 0) & (times_s <= len(stream.positions) / rate)
     timeline = drawing.verdict_timeline_figure(
-        times_s[playing], fused[playing], labels, truth, verdicts, folder / "verdicts.png"
+        times_s[playing], fused[playing], labels, truth, verdicts, folder / "verdicts.png", LATE_S
     )
     span = _most_disputed(stream, judgements, times_s)
     inside = np.flatnonzero((times_s >= span.start / rate) & (times_s <= span.end / rate + LATE_S / 2))

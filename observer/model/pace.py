@@ -33,10 +33,10 @@ def step_probabilities(share: float) -> Floats:
 def chain_dynamics(parameters: Mapping[str, float], share: float, onset_known: bool) -> Dynamics:
     """The dynamics of the phase filter; share: of a fifteenth of a second that a frame lasts.
 
-    begin, forget and abandon are probabilities for 1/15 s, settled counts such fifteenths; files of earlier versions
-    have no `abandon` and no `settled`. Who is known to do a movement may hold its pose for long: nothing settles.
+    begin, forget and abandon are probabilities for 1/15 s, settled counts such fifteenths. Who is known to do a
+    movement may hold its pose for long: nothing settles.
     """
-    begin, forget, abandon = (1 - (1 - parameters.get(name, 0.0)) ** share for name in ("begin", "forget", "abandon"))
+    begin, forget, abandon = (1 - (1 - parameters[name]) ** share for name in ("begin", "forget", "abandon"))
     return Dynamics(
         steps=step_probabilities(share)[None],
         speeds=np.ones(1),
@@ -45,5 +45,5 @@ def chain_dynamics(parameters: Mapping[str, float], share: float, onset_known: b
         begin=begin,
         forget=forget,
         abandon=abandon,
-        settled=np.inf if onset_known else parameters.get("settled", np.inf) / share,
+        settled=np.inf if onset_known else parameters["settled"] / share,
     )

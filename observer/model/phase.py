@@ -46,8 +46,8 @@ class Phase:
         "outlier": Parameter(5.0, POSITIVE),
         "begin": Parameter(0.05, PROBABILITY),
         "forget": Parameter(0.01, PROBABILITY),
-        "abandon": Parameter(0.02, PROBABILITY),
-        "settled": Parameter(15.0, POSITIVE),
+        "abandon": Parameter(0.02, PROBABILITY, earlier=0.0),
+        "settled": Parameter(15.0, POSITIVE, earlier=POSITIVE.high),
         "facings": FACINGS,
     }
 

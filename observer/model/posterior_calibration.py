@@ -77,8 +77,15 @@ CAUTIOUS = PosteriorCalibration(temperature=1.3, doubt=0.12)
 
 def answer_posterior(watch: "Watch") -> Floats:
     """(A, K) posterior over answers and facings: the M movements and, if the model knows it, "something else" last."""
-    joint, unlearned = watch.joint, watch.unlearned
-    learned = watch.p[:, None] if joint is None else joint
+    return _answers(_learned(watch), watch.unlearned)
+
+
+def _learned(watch: "Watch") -> Floats:
+    joint = watch.joint
+    return watch.p[:, None] if joint is None else joint
+
+
+def _answers(learned: Floats, unlearned: Floats | None) -> Floats:
     return learned if unlearned is None else np.vstack([learned * (1.0 - unlearned.sum()), unlearned])
 
 
@@ -91,11 +98,11 @@ def given_learned(answers: Floats) -> Floats:
 
 def calibrated_posterior(watch: "Watch", calibration: PosteriorCalibration) -> tuple[Floats, float | None]:
     """(M, K) calibrated posterior given that it is one of the movements, and P(none of them), None if unknown."""
-    if calibration.learned_only and watch.unlearned is not None:
-        joint = watch.joint
-        return calibration.apply(watch.p[:, None] if joint is None else joint), float(watch.unlearned.sum())
-    answers = calibration.apply(answer_posterior(watch))
-    if watch.unlearned is not None:
+    learned, unlearned = _learned(watch), watch.unlearned
+    if calibration.learned_only and unlearned is not None:
+        return calibration.apply(learned), float(unlearned.sum())
+    answers = calibration.apply(_answers(learned, unlearned))
+    if unlearned is not None:
         return given_learned(answers), float(answers[-1].sum())
     return answers, calibration.unlearned(answers.sum(axis=1), watch.foreseen)
 

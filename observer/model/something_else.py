@@ -60,9 +60,7 @@ def log_odds_of(log_answers: Floats) -> Floats:
 
 def scaled(log_answers: Floats, parameters: Mapping[str, float]) -> float:
     """(M + 1,) log probabilities, something else last -> P(something else) by the scaled log odds."""
-    # Earlier files lack the parameters.
-    slope, offset = (parameters.get(name, parameter.default) for name, parameter in SCALING.items())
-    odds = slope * float(log_odds_of(log_answers[None])[0]) + offset
+    odds = parameters[SLOPE] * float(log_odds_of(log_answers)) + parameters[OFFSET]
     return 1.0 / (1.0 + math.exp(-min(max(odds, -40.0), 40.0)))
 
 
@@ -133,7 +131,7 @@ def learn_agreement(
 
 def disagreement(members: Floats, confusions: Floats, parameters: Mapping[str, float]) -> float:
     """(2, M) posteriors -> nats for something else, from 0 to MOST."""
-    slope, offset = (parameters.get(name, 0.0) for name in (AGREEMENT_SLOPE, AGREEMENT_OFFSET))
+    slope, offset = parameters[AGREEMENT_SLOPE], parameters[AGREEMENT_OFFSET]
     if not slope:
         return 0.0
     nats = STEEP * (slope * float(agreement_of(members, confusions)) + offset - TOLERATED)

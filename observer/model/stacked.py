@@ -155,7 +155,7 @@ def _of_phase(header: Header) -> Header:
 
 
 def _of_other(header: Header) -> Header:
-    parameters = {name: header.parameters[name] for name in Discriminative.PARAMETERS if name in header.parameters}
+    parameters = {name: header.parameters[name] for name in Discriminative.PARAMETERS}
     return replace(header, kind=Discriminative.kind, parameters=parameters)
 
 

@@ -118,11 +118,12 @@ def verdict_timeline_figure(
     truth: Sequence[LabelledInterval],
     verdicts: Sequence[LabelledInterval],
     path: Path,
+    late_s: float = 0.0,
 ) -> Path:
     """Strips of true movements and verdicts, above the fused posterior (F, M) at times_s (F,) as a map.
 
-    A verdict is right (green) when it overlaps a true span of its label; `abstain` is grey; others are
-    orange and hatched. True spans are framed in the map. Returns `path`.
+    A verdict is right (green) when it overlaps a true span of its label, which counts as `late_s` longer; `abstain` is
+    grey; others are orange and hatched. True spans are framed in the map. Returns `path`.
     """
     rows = _rows(belief, labels, truth, verdicts)
     width = float(np.clip(0.35 * (times_s[-1] - times_s[0]), 7, 16))
@@ -131,7 +132,7 @@ def verdict_timeline_figure(
     for span in truth:
         _box(strips, span, 1, TRUE, hatched=False)
     for span in verdicts:
-        colour = UNDECIDED if span.label == ABSTAIN else RIGHT if _is_right(span, truth) else WRONG
+        colour = UNDECIDED if span.label == ABSTAIN else RIGHT if _is_right(span, truth, late_s) else WRONG
         _box(strips, span, 0, colour, hatched=colour == WRONG)
     strips.set_yticks([0.4, 1.4], ["verdict", "done"], fontsize=8)
     strips.set_ylim(-0.05, 1.95)
@@ -154,9 +155,10 @@ def _rows(
     return [label for label in labels if label in chosen]
 
 
-def _is_right(verdict: LabelledInterval, truth: Sequence[LabelledInterval]) -> bool:
+def _is_right(verdict: LabelledInterval, truth: Sequence[LabelledInterval], late_s: float) -> bool:
     return any(
-        verdict.label == true.label and verdict.start_s < true.end_s and true.start_s < verdict.end_s for true in truth
+        verdict.label == true.label and verdict.start_s < true.end_s + late_s and true.start_s < verdict.end_s
+        for true in truth
     )
 
 

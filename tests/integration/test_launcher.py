@@ -202,6 +202,18 @@ def test_an_address_where_processes_cannot_meet_is_one_line(tmp_path, monkeypatc
         up(write_scene(tmp_path, mesh))
 
 
+def taken_after_a_free_port():
+    """A server whose port follows a free one: other tests on this machine take ports too."""
+    while True:
+        server = socket.create_server(("127.0.0.1", 0))
+        try:
+            socket.create_server(("127.0.0.1", server.getsockname()[1] - 1)).close()
+        except OSError:
+            server.close()
+        else:
+            return server
+
+
 @pytest.mark.parametrize(
     ("mesh", "more", "key"),
     [
@@ -213,7 +225,7 @@ def test_an_address_where_processes_cannot_meet_is_one_line(tmp_path, monkeypatc
 )  # fmt: skip
 def test_a_port_that_is_taken_ends_it_with_one_line(tmp_path, monkeypatch, mesh, more, key):
     monkeypatch.setattr("deploy.commands.PORT_TIMEOUT_S", 0.2)
-    with socket.create_server(("127.0.0.1", 0)) as taken:
+    with taken_after_a_free_port() as taken:
         port = taken.getsockname()[1]
         # Each process has a port for its metrics: the second one's is taken.
         path = write_scene(tmp_path, mesh.format(port=port), more.format(port=port, before=port - 1))

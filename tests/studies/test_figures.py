@@ -61,8 +61,9 @@ def test_every_figure_is_drawn_and_the_same_figure_is_the_same_bytes(draw, tmp_p
 
 def test_a_verdict_is_right_when_it_meets_a_span_of_its_label():
     truth = [LabelledInterval(1, 2, "ok"), LabelledInterval(5, 6, "shake")]
-    assert _is_right(LabelledInterval(1.5, 3, "ok"), truth) and not _is_right(LabelledInterval(5, 6, "ok"), truth)
-    assert not _is_right(LabelledInterval(2, 3, "ok"), truth), "touching is not meeting"
+    assert _is_right(LabelledInterval(1.5, 3, "ok"), truth, 0) and not _is_right(LabelledInterval(5, 6, "ok"), truth, 0)
+    assert not _is_right(LabelledInterval(2, 3, "ok"), truth, 0), "touching is not meeting"
+    assert _is_right(LabelledInterval(2, 3, "ok"), truth, 0.5), "as late as the table of the demo allows"
 
 
 def test_true_movements_are_always_among_the_rows():

@@ -26,6 +26,8 @@ from observer.model.something_else import (
 
 DEFAULTS = {name: parameter.default for name, parameter in SCALING.items()}
 NO_AGREEMENT = {name: parameter.default for name, parameter in AGREEMENT.items()}
+EARLIER = {name: parameter.earlier for name, parameter in {**SCALING, **AGREEMENT}.items()}
+"""What is read from a file of an earlier version."""
 ODDS = st.floats(0.001, 0.999)
 
 
@@ -54,7 +56,7 @@ def test_what_the_user_has_set_stays() -> None:
 
 def test_a_file_without_the_scaling_judges_as_before() -> None:
     log_answers = np.log([0.5, 0.2, 0.3])
-    assert scaled(log_answers, {}) == pytest.approx(0.3)
+    assert scaled(log_answers, EARLIER) == pytest.approx(0.3)
     assert log_odds_of(log_answers) == pytest.approx(np.log(0.3 / 0.7))
     assert scaled(log_answers, {SLOPE: 2.0, OFFSET: 0.0}) < 0.3 < scaled(log_answers, {SLOPE: 1.0, OFFSET: 1.0})
 
@@ -109,7 +111,7 @@ def test_disagreement_never_lowers_something_else(p, seed, sure):
     assert p <= after <= 1
     nats = disagreement(members, np.eye(6), parameters)
     assert np.log(after / (1 - after)) - np.log(p / (1 - p)) == pytest.approx(nats, abs=1e-6)
-    assert judged(members, {}, p) == p, "a file of an earlier version"
+    assert judged(members, EARLIER, p) == p, "a file of an earlier version"
 
 
 @pytest.mark.parametrize(
