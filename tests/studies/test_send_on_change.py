@@ -1,6 +1,7 @@
 """Sending on change costs no verdict: the same people judged with and without it."""
 
 import numpy as np
+import pytest
 
 from common.config_sections import FusionConfig
 from observer.geometry.views import parse_view
@@ -36,15 +37,18 @@ def judged(stream, filters):
     return list(verdicts.values()), count, states
 
 
-def test_verdicts_are_the_same_within_a_step_with_a_sixth_less_sent():
+@pytest.mark.parametrize(("model", "share"), [("phase", 4 / 5), ("stacked", 5 / 6)])
+def test_verdicts_are_the_same_within_a_step_with_less_sent(model, share):
     archive, views = perform(), (parse_view("door"), parse_view("wheel"))
     first, *others = sorted({r.subject for r in archive.recordings})
     people = {"train_subjects": tuple(others), "test_subjects": (first,)}
-    settings = EvaluationSettings(views, labels_of(archive)[:5], **people, onset_known=False, calibrated=False)
+    settings = EvaluationSettings(
+        views, labels_of(archive)[:5], **people, model=model, onset_known=False, calibrated=False
+    )
     for stream in observed_streams(archive, settings):
         whole, all_count, _ = judged(stream, None)
         reduced, count, states = judged(stream, {name: SendOnChange(CONFIG.fresh_s / 2) for name in stream.messages[0]})
-        assert count < 5 / 6 * all_count and states == {"counted"}
+        assert count < share * all_count and states == {"counted"}
         assert len(reduced) == len(whole) >= 5
         for one, other in zip(whole, reduced, strict=True):
             assert [v.label for v in one] == [v.label for v in other]
