@@ -56,9 +56,11 @@ def _camshift(settings: TrackerSettings) -> Tracker:
 
 def _mediapipe(settings: TrackerSettings) -> Tracker:
     from observer.tracking.mediapipe_pose import MediapipeTracker
+    from observer.tracking.pose import WHOLE_BODY
 
     section = settings.section
-    return MediapipeTracker(str(settings.place(section.pose_model)) if section.pose_model else None, section.hand)
+    path = str(settings.place(section.pose_model)) if section.pose_model else None
+    return MediapipeTracker(path, section.hand, WHOLE_BODY)
 
 
 def _foreign(settings: TrackerSettings) -> Tracker:

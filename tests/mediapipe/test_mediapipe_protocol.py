@@ -10,7 +10,8 @@ import pytest
 from mediapipe_stage import follow, pictures
 from observer_stage import rejected
 
-from observer.tracking.mediapipe_pose import NOBODY_S, MediapipeTracker
+from observer.tracking.mediapipe_pose import MediapipeTracker
+from observer.tracking.pose import NOBODY_S
 from observer.tracks import BODY_PARTS, Frame, State
 
 mediapipe = pytest.importorskip("mediapipe")

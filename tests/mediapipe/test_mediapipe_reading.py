@@ -12,17 +12,9 @@ from hypothesis.extra.numpy import arrays
 from observer_stage import rejected
 
 from common.errors import BadInput, LabanmeshError
-from observer.tracking import mediapipe_pose
-from observer.tracking.mediapipe_pose import (
-    LANDMARKS,
-    NOBODY_S,
-    SEEN,
-    UNSURE,
-    MediapipeTracker,
-    TaskPose,
-    open_pose,
-    read_pose,
-)
+from observer.tracking import mediapipe_pose, pose
+from observer.tracking.mediapipe_pose import MediapipeTracker, TaskPose, open_pose
+from observer.tracking.pose import LANDMARKS, NOBODY_S, SEEN, UNSURE, WHOLE_BODY, landmarks_of
 from observer.tracks import BODY_PARTS, Frame, State
 
 PICTURE = np.zeros((48, 64, 3), np.uint8)
@@ -39,11 +31,26 @@ def person(visibility=1.0):
     return landmarks
 
 
+def read_pose(landmarks, size_px, hand="palm", parts=BODY_PARTS):
+    return pose.read_pose(landmarks, size_px, [landmarks_of(part, hand) for part in parts])
+
+
 def test_hands_are_the_middle_of_the_palm_and_the_head_the_middle_between_the_ears():
     tracks = read_pose(person(), (200, 100))
     np.testing.assert_allclose(tracks.centres, [(150, 60), (50, 60), (100, 15)])
     assert tracks.states == (State.SEEN,) * 3
     np.testing.assert_allclose(read_pose(person(), (200, 100), "wrist").centres, [(140, 50), (60, 50), (100, 15)])
+
+
+def test_the_whole_body_is_read_on_the_persons_own_sides():
+    landmarks = np.tile(np.arange(LANDMARKS)[:, None] / 100, 3)
+    landmarks[:, 2] = 1.0
+    centres = dict(zip(WHOLE_BODY, read_pose(landmarks, (100, 100), parts=WHOLE_BODY).centres[:, 0], strict=True))
+    for part, row in {"elbow": 13, "shoulder": 11, "hip": 23, "knee": 25, "foot": 29}.items():
+        assert (centres[f"left_{part}"], centres[f"right_{part}"]) == pytest.approx((row, row + 1))
+    assert (centres["neck"], centres["pelvis"]) == pytest.approx((11.5, 23.5))
+    with rejected("body part 'left_ear': pose models find left_hand, right_hand, head, left_elbow"):
+        landmarks_of("left_ear")
 
 
 @pytest.mark.parametrize(("part", "rows"), PARTS.items())
