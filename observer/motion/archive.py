@@ -1,4 +1,8 @@
-"""The motion archive: recordings of people as 3-D positions of body parts; its rules; resampling and cutting. Pure."""
+"""The motion archive: recordings of people as positions of body parts; its rules; resampling and cutting. Pure.
+
+An archive holds positions in 3-D, or the 2-D tracks of one camera. What is said of 3-D positions (F, P, 3) holds for
+tracks (F, P, 2) as well.
+"""
 
 import math
 import re
@@ -32,8 +36,9 @@ class Span:
 class Recording:
     """One recording of one person.
 
-    positions: (F, P, 3) float32 metres; x to the performer's right, y up, z to the performer's back; NaN where
-    not seen. label: the movement, or "" for several movements, which `spans` then name.
+    positions: (F, P, 3) float32 metres; x to the performer's right, y up, z to the performer's back; or tracks
+    (F, P, 2), u to the right, v down, any unit; NaN where not seen. label: the movement, or "" for several movements,
+    which `spans` then name.
     """
 
     positions: NDArray[np.float32]
@@ -45,11 +50,27 @@ class Recording:
 
 
 @dataclass(frozen=True, slots=True)
+class TracksCamera:
+    """The camera whose tracks an archive holds.
+
+    name: the observer or camera, for people, "" if unknown; tracks of another name do not go into the same model.
+    picture_size: width and height in px, None if unknown.
+    """
+
+    name: str = ""
+    picture_size: tuple[int, int] | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class MotionArchive:
-    """Recordings that share their body parts: the P names, in the order of axis 1 of every `positions`."""
+    """Recordings that share their body parts: the P names, in the order of axis 1 of every `positions`.
+
+    camera: the recordings are its 2-D tracks; None: they are 3-D positions.
+    """
 
     body_parts: tuple[str, ...]
     recordings: tuple[Recording, ...]
+    camera: TracksCamera | None = None
 
 
 def is_label(text: str) -> bool:
@@ -71,14 +92,17 @@ def check_archive(archive: MotionArchive, place: str = "archive") -> None:
         )
     if not archive.recordings:
         raise BadInput(f"{place}: no recordings: at least one is expected")
+    if archive.camera is not None and not archive.camera.name.isprintable():
+        raise BadInput(f"{place}: camera {archive.camera.name!r}: printable characters are expected")
     for number, recording in enumerate(archive.recordings):
-        check_recording(recording, len(names), f"{place}: recording {number}")
+        check_recording(recording, len(names), f"{place}: recording {number}", 3 if archive.camera is None else 2)
 
 
-def check_recording(recording: Recording, parts: int, place: str) -> None:
+def check_recording(recording: Recording, parts: int, place: str, axes: int = 3) -> None:
     """Raise BadInput, one line beginning with `place`, for the first rule of the contract that `recording` breaks.
 
-    parts: P, the number of body parts that the positions must have. Frames are counted from 0.
+    parts: P, the number of body parts that the positions must have; axes: 3 for positions, 2 for tracks. Frames are
+    counted from 0.
     """
     if not (math.isfinite(recording.rate_hz) and recording.rate_hz > 0):
         raise BadInput(f"{place}: rate_hz = {recording.rate_hz}: a positive, finite rate is expected")
@@ -87,24 +111,25 @@ def check_recording(recording: Recording, parts: int, place: str) -> None:
     for name, text in (("subject", recording.subject), ("trial", recording.trial)):
         if not text.isprintable():
             raise BadInput(f"{place}: {name} {text!r}: printable characters are expected")
-    _check_positions(recording.positions, parts, place)
+    _check_positions(recording.positions, (parts, axes), place)
     _check_spans(recording.spans, len(recording.positions), place)
 
 
-def _check_positions(positions: NDArray[np.float32], parts: int, place: str) -> None:
-    if positions.dtype != np.float32 or positions.ndim != 3 or positions.shape[1:] != (parts, 3) or not len(positions):
+def _check_positions(positions: NDArray[np.float32], shape: tuple[int, int], place: str) -> None:
+    name, unit = ("positions", "metres") if shape[1] == 3 else ("tracks", "image coordinates")
+    if positions.dtype != np.float32 or positions.ndim != 3 or positions.shape[1:] != shape or not len(positions):
         raise BadInput(
-            f"{place}: positions are {positions.dtype} {positions.shape}: "
-            f"float32 (F, {parts}, 3) is expected, with at least one frame"
+            f"{place}: {name} are {positions.dtype} {positions.shape}: "
+            f"float32 (F, {shape[0]}, {shape[1]}) is expected, with at least one frame"
         )
     infinite = np.isinf(positions)
     if infinite.any():
         frame, part = np.argwhere(infinite)[0, :2]
         raise BadInput(
-            f"{place}: positions, frame {frame}, body part {part}: infinite; metres are expected, NaN where not seen"
+            f"{place}: {name}, frame {frame}, body part {part}: infinite; {unit} are expected, NaN where not seen"
         )
     if not np.isfinite(positions).all(axis=2).any():
-        raise BadInput(f"{place}: positions: no body part is seen in any frame; leave the recording out")
+        raise BadInput(f"{place}: {name}: no body part is seen in any frame; leave the recording out")
 
 
 def _check_spans(spans: tuple[Span, ...], length: int, place: str) -> None:
@@ -139,7 +164,7 @@ def select(archive: MotionArchive, subjects: Sequence[str] = (), rate_hz: float 
     recordings = [r for r in archive.recordings if not subjects or r.subject in subjects]
     if rate_hz is not None:
         recordings = [r if r.rate_hz == rate_hz else resample(r, rate_hz) for r in recordings]
-    return MotionArchive(archive.body_parts, tuple(recordings))
+    return replace(archive, recordings=tuple(recordings))
 
 
 def movements_in(archive: MotionArchive) -> Iterator[Recording]:

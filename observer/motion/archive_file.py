@@ -1,22 +1,36 @@
-"""Reads and writes motion archives: .npz files without pickles, checked by the rules of the contract."""
+"""Reads and writes motion archives: .npz files without pickles, checked by the rules of the contract.
+
+A file with `positions` holds motion in space, one with `tracks` the 2-D tracks of one camera.
+"""
 
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from common import SECOND_NS
 from common.errors import BadInput
 from observer.files import write_arrays
-from observer.motion.archive import MotionArchive, Recording, Span, check_archive
+from observer.motion.archive import MotionArchive, Recording, Span, TracksCamera, check_archive
+from observer.motion.even_rate import at_even_rate, spans_at_even_rate
 
 Arrays = dict[str, NDArray[Any]]
 
-_NEEDED = ("positions", "lengths", "rate_hz", "body_parts", "labels", "subjects", "trials")
+POSITIONS, TRACKS, CAMERA, PICTURE_SIZE, TIMES = "positions", "tracks", "camera", "picture_size", "times_s"
+_NEEDED = ("lengths", "rate_hz", "body_parts", "labels", "subjects", "trials")
 _SPANS = ("span_recording", "span_start", "span_end", "span_label")
-_DTYPES = {"positions": "float32", "rate_hz": "float64", **dict.fromkeys(("lengths", *_SPANS[:3]), "int64")}
+_DTYPES = {
+    **dict.fromkeys((POSITIONS, TRACKS), "float32"),
+    **dict.fromkeys(("rate_hz", TIMES), "float64"),
+    **dict.fromkeys(("lengths", PICTURE_SIZE, *_SPANS[:3]), "int64"),
+}
 """All other arrays contain text."""
+_AXES = {POSITIONS: 3, TRACKS: 2}
+LONGEST_S = 86400.0
+"""Of a recording with times: longer ones would hide a wrong unit, and take all memory at an even rate."""
 
 
 def read_archive(path: Path) -> MotionArchive:
@@ -29,12 +43,21 @@ def read_archive(path: Path) -> MotionArchive:
     for name in arrays:
         _check_dtype(path, name, arrays[name])
     _check_shapes(path, arrays)
+    content = _content_of(arrays)
+    recordings = _recordings(path, arrays, arrays[content].astype(np.float32, copy=False))
+    if TIMES in arrays:
+        recordings = _at_even_rate(path, recordings, arrays[TIMES])
+    camera = _camera(path, arrays) if content == TRACKS else None
+    archive = MotionArchive(tuple(map(str, arrays["body_parts"])), recordings, camera)
+    check_archive(archive, str(path))
+    return archive
+
+
+def _recordings(path: Path, arrays: Arrays, positions: NDArray[np.float32]) -> tuple[Recording, ...]:
     spans = _spans(path, arrays)
     lengths = arrays["lengths"]
     rates = np.broadcast_to(arrays["rate_hz"], lengths.shape)
-    ends = np.cumsum(lengths)
-    positions = arrays["positions"].astype(np.float32, copy=False)
-    recordings = tuple(
+    return tuple(
         Recording(
             positions=positions[end - length : end],
             rate_hz=float(rates[number]),
@@ -43,11 +66,38 @@ def read_archive(path: Path) -> MotionArchive:
             trial=str(arrays["trials"][number]),
             spans=spans[number],
         )
-        for number, (end, length) in enumerate(zip(ends, lengths, strict=True))
+        for number, (end, length) in enumerate(zip(np.cumsum(lengths), lengths, strict=True))
     )
-    archive = MotionArchive(tuple(map(str, arrays["body_parts"])), recordings)
-    check_archive(archive, str(path))
-    return archive
+
+
+def _at_even_rate(path: Path, recordings: tuple[Recording, ...], times_s: NDArray[np.float64]) -> tuple[Recording, ...]:
+    """The same recordings, whose frames have these times (F,), at their nominal rates."""
+    result, begin = [], 0
+    for number, recording in enumerate(recordings):
+        end = begin + len(recording.positions)
+        at_s = times_s[begin:end] - times_s[begin]
+        rising = np.isfinite(at_s).all() and (np.diff(at_s) > 0).all() and at_s[-1] < LONGEST_S
+        if not (rising and np.isfinite(recording.rate_hz) and recording.rate_hz > 0):
+            raise BadInput(
+                f"{path}: {TIMES}, recording {number}: seconds that rise from frame to frame are expected, within "
+                "a day, and a positive rate_hz"
+            )
+        at_ns = np.round(at_s * SECOND_NS).astype(np.int64)
+        centres = at_even_rate(at_ns, recording.positions.astype(np.float64), recording.rate_hz)
+        spans = spans_at_even_rate(recording.spans, at_ns, recording.rate_hz)
+        result.append(replace(recording, positions=centres, spans=spans))
+        begin = end
+    return tuple(result)
+
+
+def _camera(path: Path, arrays: Arrays) -> TracksCamera:
+    name = str(arrays[CAMERA]) if CAMERA in arrays else ""
+    if PICTURE_SIZE not in arrays:
+        return TracksCamera(name)
+    width, height = map(int, arrays[PICTURE_SIZE])
+    if width <= 0 or height <= 0:
+        raise BadInput(f"{path}: {PICTURE_SIZE} = {width}, {height}: width and height in px are expected")
+    return TracksCamera(name, (width, height))
 
 
 def write_archive(path: Path, archive: MotionArchive) -> None:
@@ -96,11 +146,20 @@ def _check_is_zip(path: Path) -> None:
 
 
 def _names(path: Path, present: set[str]) -> tuple[str, ...]:
-    wanted = _NEEDED + _SPANS if present.intersection(_SPANS) else _NEEDED
+    if present.issuperset(_AXES):
+        raise BadInput(
+            f"{path}: has {POSITIONS} and {TRACKS}: one of them is expected, 3-D or the tracks of one camera"
+        )
+    content = TRACKS if TRACKS in present else POSITIONS
+    wanted = (content, *_NEEDED) + (_SPANS if present.intersection(_SPANS) else ())
     missing = [name for name in wanted if name not in present]
     if missing:
         raise BadInput(f"{path}: array {missing[0]} is missing; expected: {', '.join(wanted)}")
-    return wanted
+    return wanted + tuple(name for name in (CAMERA, PICTURE_SIZE, TIMES) if content == TRACKS and name in present)
+
+
+def _content_of(arrays: Arrays) -> str:
+    return TRACKS if TRACKS in arrays else POSITIONS
 
 
 def _check_dtype(path: Path, name: str, array: NDArray[Any]) -> None:
@@ -116,8 +175,12 @@ def _check_shapes(path: Path, arrays: Arrays) -> None:
     expected |= dict.fromkeys(("labels", "subjects", "trials"), (count,))
     if arrays["rate_hz"].ndim:
         expected["rate_hz"] = (count,)
-    frames = arrays["positions"].shape[0] if arrays["positions"].ndim else 0
-    expected["positions"] = (frames, arrays["body_parts"].size, 3)
+    content = _content_of(arrays)
+    frames = arrays[content].shape[0] if arrays[content].ndim else 0
+    expected[content] = (frames, arrays["body_parts"].size, _AXES[content])
+    expected |= {
+        name: shape for name, shape in ((CAMERA, ()), (PICTURE_SIZE, (2,)), (TIMES, (frames,))) if name in arrays
+    }
     if "span_label" in arrays:
         expected |= dict.fromkeys(_SPANS, (arrays["span_label"].size,))
     for name, shape in expected.items():
@@ -131,7 +194,7 @@ def _check_shapes(path: Path, arrays: Arrays) -> None:
             raise BadInput(f"{path}: lengths, recording {number}: {length} frames; 1 to {frames} are expected")
     total = int(arrays["lengths"].sum())
     if total != frames:
-        raise BadInput(f"{path}: lengths sum to {total}: {frames} is expected, the frames in positions")
+        raise BadInput(f"{path}: lengths sum to {total}: {frames} is expected, the frames in {content}")
 
 
 def _spans(path: Path, arrays: Arrays) -> tuple[tuple[Span, ...], ...]:
@@ -149,8 +212,9 @@ def _spans(path: Path, arrays: Arrays) -> tuple[tuple[Span, ...], ...]:
 def _arrays(archive: MotionArchive) -> Arrays:
     recordings = archive.recordings
     rates = np.array([recording.rate_hz for recording in recordings], np.float64)
+    content = POSITIONS if archive.camera is None else TRACKS
     arrays: Arrays = {
-        "positions": np.concatenate([recording.positions for recording in recordings]),
+        content: np.concatenate([recording.positions for recording in recordings]),
         "lengths": np.array([len(recording.positions) for recording in recordings], np.int64),
         "rate_hz": rates[0] if (rates == rates[0]).all() else rates,
         "body_parts": np.array(archive.body_parts, np.str_),
@@ -158,6 +222,10 @@ def _arrays(archive: MotionArchive) -> Arrays:
         "subjects": np.array([recording.subject for recording in recordings], np.str_),
         "trials": np.array([recording.trial for recording in recordings], np.str_),
     }
+    if archive.camera is not None:
+        arrays[CAMERA] = np.array(archive.camera.name, np.str_)
+        if archive.camera.picture_size is not None:
+            arrays[PICTURE_SIZE] = np.array(archive.camera.picture_size, np.int64)
     spans = [(number, span) for number, recording in enumerate(recordings) for span in recording.spans]
     if spans:
         indices = np.array([(number, span.start, span.end) for number, span in spans], np.int64)

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from common.errors import BadInput, LabanmeshError
-from observer.motion.archive import MotionArchive, Recording, Span, clean_label, is_label
+from observer.motion.archive import MotionArchive, Recording, Span, TracksCamera, clean_label, is_label
 from observer.motion.archive_file import read_archive, write_archive
 
 PARTS = ("left_hand", "right_hand", "head")
@@ -257,3 +257,46 @@ def test_a_cleaned_label_is_a_label(text):
 @pytest.mark.parametrize(("text", "label"), [("Answer phone", "answer_phone"), (" High-Throw (2) ", "high_throw_2")])
 def test_cleaned_labels(text, label):
     assert clean_label(text) == label
+
+
+def tracks_arrays(**changes):
+    """The contract's file as the tracks of one camera."""
+    arrays = contract_arrays()
+    tracks = {"positions": None, "tracks": arrays["positions"][..., :2].copy()}
+    return tracks | {"camera": np.array("sofa"), "picture_size": np.array([640, 480])} | changes
+
+
+def test_tracks_of_one_camera_are_read_and_written(tmp_path):
+    archive = read_archive(saved(tmp_path, **tracks_arrays()))
+    assert archive.camera == TracksCamera("sofa", (640, 480))
+    np.testing.assert_array_equal(archive.recordings[0].positions[2, 1], [21, 22])
+    write_archive(tmp_path / "again.npz", archive)
+    again = read_archive(tmp_path / "again.npz")
+    same(archive, again)
+    assert again.camera == archive.camera
+    assert read_archive(saved(tmp_path, **tracks_arrays(camera=None, picture_size=None))).camera == TracksCamera()
+
+
+def test_tracks_with_times_come_at_the_nominal_rate(tmp_path):
+    times = np.array([5.0, 5.05, 5.2, 7.0, 7.2])
+    first, second = read_archive(saved(tmp_path, **tracks_arrays(times_s=times, rate_hz=np.array(10.0)))).recordings
+    assert first.positions.shape == (3, 3, 2) and second.positions.shape == (3, 3, 2)
+    np.testing.assert_allclose(second.positions[1, 0], [31.5, 32.5])
+    assert second.spans == (Span(0, 2, "wave"), Span(2, 3, "bend"))
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        ({"positions": np.zeros((5, 3, 3), np.float32)}, "has positions and tracks"),
+        ({"tracks": np.zeros((5, 3, 3), np.float32)}, r"tracks has shape (5, 3, 3): (5, 3, 2) is expected"),
+        ({"tracks": np.full((5, 3, 2), np.nan, np.float32)}, "tracks: no body part is seen in any frame"),
+        ({"camera": np.array(["a", "b"])}, "camera has shape (2,)"),
+        ({"picture_size": np.array([640, 0])}, "picture_size = 640, 0"),
+        ({"times_s": np.array([0.0, 0.1, 0.1, 0, 1])}, "times_s, recording 0: seconds that rise"),
+        ({"times_s": np.array([0.0, 0.1, 1e9, 0, 1])}, "times_s, recording 0: seconds that rise"),
+        ({"times_s": np.array([0.0, 0.1])}, "times_s has shape (2,): (5,) is expected"),
+    ],
+)
+def test_defects_of_tracks_are_named_in_one_line(tmp_path, changes, reason):
+    assert reason in refused(saved(tmp_path, **tracks_arrays(**changes)))

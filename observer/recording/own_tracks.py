@@ -1,0 +1,122 @@
+"""An observer's own tracks as training data: the newest ones are remembered, and recordings are cut out of them. Pure.
+
+`observer.recording.tracks_file.TracksFile` is the archive that they are added to.
+"""
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from common import SECOND_NS
+from common.errors import BadInput
+from observer.motion.archive import Recording, Span
+from observer.motion.even_rate import at_even_rate, spans_at_even_rate
+from observer.stillness import Stillness
+from observer.tracks import Floats, Frame, Tracks
+
+RATE_HZ = 15.0
+"""Default rate of recordings: most trackers find people as often on a small machine."""
+KEPT_S = 600.0
+MARGIN_S = 0.25
+"""Rest that stays before and after a trimmed movement."""
+
+
+@dataclass(frozen=True, slots=True)
+class Marked:
+    """A movement within a continuous recording, from `begin_ns` to before `end_ns` in the times of its frames."""
+
+    begin_ns: int
+    end_ns: int
+    label: str
+
+
+class TracksRecorder:
+    """Remembers the newest tracks of one observer; recordings are cut out of them at any time.
+
+    body_parts: names of the rows of the tracks. rate_hz: of recordings, best the model's. kept_s: tracks older than
+    this are forgotten. Times are `Frame.at_ns`. Not thread-safe.
+    """
+
+    def __init__(self, body_parts: Sequence[str], rate_hz: float = RATE_HZ, kept_s: float = KEPT_S) -> None:
+        self.body_parts, self.rate_hz = tuple(body_parts), rate_hz
+        self._kept_ns = round(kept_s * SECOND_NS)
+        self._frames: deque[tuple[int, Floats]] = deque()
+
+    @property
+    def newest_ns(self) -> int | None:
+        """Time of the newest frame; None before the first."""
+        return self._frames[-1][0] if self._frames else None
+
+    @property
+    def oldest_ns(self) -> int | None:
+        """Time of the oldest frame that is still remembered."""
+        return self._frames[0][0] if self._frames else None
+
+    def update(self, frame: Frame, tracks: Tracks) -> None:
+        """Take in what the tracker found in a frame: centres (P, 2), NaN where not seen.
+
+        If the clock is set back, all earlier tracks are forgotten, because nothing can be cut out of two times.
+        """
+        if self._frames and frame.at_ns < self._frames[-1][0]:
+            self._frames.clear()
+        if self._frames and frame.at_ns == self._frames[-1][0]:
+            return
+        self._frames.append((frame.at_ns, np.array(tracks.centres, np.float32)))
+        while self._frames[0][0] < frame.at_ns - self._kept_ns:
+            self._frames.popleft()
+
+    def cut(
+        self,
+        begin_ns: int,
+        end_ns: int,
+        *,
+        label: str = "",
+        subject: str,
+        trial: str = "",
+        marked: Sequence[Marked] = (),
+    ) -> Recording:
+        """What was found from `begin_ns` to `end_ns`, at the recorder's rate.
+
+        label: the movement that it shows; "": several, which are `marked`, or none. Raises BadInput, one line for
+        people, if there are fewer than two frames or no part was seen in any.
+        """
+        frames = [(at_ns, centres) for at_ns, centres in self._frames if begin_ns <= at_ns <= end_ns]
+        if len(frames) < 2:
+            raise BadInput(f"{len(frames)} pictures in {(end_ns - begin_ns) / SECOND_NS:.1f} s: is the camera working?")
+        at_ns = np.array([at for at, _ in frames], np.int64)
+        positions = at_even_rate(at_ns, np.array([c for _, c in frames], np.float64), self.rate_hz)
+        if not np.isfinite(positions).any():
+            raise BadInput("nobody was seen: stand where the camera sees head and hands (labanmesh look shows it)")
+        return Recording(positions, self.rate_hz, label, subject, trial, self._spans(at_ns, marked))
+
+    def _spans(self, at_ns: NDArray[np.int64], marked: Sequence[Marked]) -> tuple[Span, ...]:
+        ends = [(*np.searchsorted(at_ns, (mark.begin_ns, mark.end_ns)).tolist(), mark.label) for mark in marked]
+        spans = [Span(begin, end, label) for begin, end, label in sorted(ends) if begin < end]
+        return spans_at_even_rate(spans, at_ns, self.rate_hz)
+
+
+def moving_frames(recording: Recording, body_parts: Sequence[str]) -> tuple[int, int]:
+    """First and past-the-end frame in which the person moves, with MARGIN_S of rest on both sides; (0, 0) if never."""
+    stillness = Stillness(body_parts, recording.rate_hz)
+    still = np.array([stillness.update(Tracks(c.astype(np.float64))) for c in recording.positions])
+    moving = np.flatnonzero(still < 0.5)
+    if not len(moving):
+        return 0, 0
+    margin = round(MARGIN_S * recording.rate_hz)
+    # Stillness compares the newest 0.2 s with those before: a movement has begun earlier.
+    return max(0, int(moving[0]) - 2 * margin), min(len(still), int(moving[-1]) + margin + 1)
+
+
+def trimmed(recording: Recording, body_parts: Sequence[str]) -> Recording:
+    """The recording of one movement without the rest before and after it; unchanged if the person never moves."""
+    begin, end = moving_frames(recording, body_parts)
+    return replace(recording, positions=recording.positions[begin:end]) if end else recording
+
+
+def seen_shares(recording: Recording, body_parts: Sequence[str]) -> dict[str, float]:
+    """The share of frames in which each part is seen."""
+    shares = np.isfinite(recording.positions).all(axis=2).mean(axis=0)
+    return dict(zip(body_parts, shares.tolist(), strict=True))

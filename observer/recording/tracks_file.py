@@ -1,0 +1,72 @@
+"""The file of one observer's own tracks: takes are added and removed one by one, and nothing is ever half written."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from common.errors import BadInput
+from observer.motion.archive import MotionArchive, Recording, TracksCamera
+from observer.motion.archive_file import read_archive, write_archive
+from observer.recording.recorded import appended, with_trial
+
+
+class TracksFile:
+    """The archive of one observer's tracks. Each change is written at once, completely or not at all.
+
+    An existing file is extended. Raises BadInput for a file that is broken, holds 3-D positions, other body parts or
+    the tracks of another camera.
+    """
+
+    def __init__(self, path: Path, body_parts: Sequence[str], camera: TracksCamera) -> None:
+        self.path, self.body_parts, self.camera = path, tuple(body_parts), camera
+        self.archive: MotionArchive | None = read_archive(path) if path.exists() else None
+        """None while there is no recording: then there is no file either."""
+        if self.archive is None:
+            return
+        theirs = self.archive.camera
+        if theirs is None:
+            raise BadInput(f"{path}: holds positions in 3-D, not tracks of one camera; choose another file with -o")
+        if theirs.name and camera.name and theirs.name != camera.name:
+            raise BadInput(
+                f"{path}: holds the tracks of {theirs.name}, not of {camera.name}; choose another file with -o"
+            )
+
+    @property
+    def recordings(self) -> tuple[Recording, ...]:
+        """All recordings, in the order in which they were added."""
+        return self.archive.recordings if self.archive else ()
+
+    def named(self, recording: Recording) -> Recording:
+        """The recording, with or without frames, with its trial: its own, or the next free number.
+
+        Raises BadInput for an invalid label or subject, another rate than the file's, and a trial that it already has.
+        """
+        return with_trial(recording, self.archive, self.body_parts, str(self.path))
+
+    def add(self, recording: Recording) -> Recording:
+        """Write the file with one more recording; returns it with its trial.
+
+        Raises BadInput as `named` does, and BadInput or LabanmeshError if it cannot be written (a full disk): then
+        the file is as before.
+        """
+        recording = self.named(recording)
+        grown = replace(appended(self.archive, self.body_parts, recording), camera=self.camera)
+        write_archive(self.path, grown)
+        self.archive = grown
+        return recording
+
+    def remove(self, unwanted: Callable[[Recording], bool]) -> int:
+        """Write the file without these recordings; returns how many were removed. An empty file is deleted.
+
+        Raises BadInput or LabanmeshError if it cannot be written: then the file is as before.
+        """
+        left = tuple(r for r in self.recordings if not unwanted(r))
+        removed = len(self.recordings) - len(left)
+        if removed and left and self.archive is not None:
+            shrunk = replace(self.archive, recordings=left)
+            write_archive(self.path, shrunk)
+            self.archive = shrunk
+        elif removed:
+            self.path.unlink(missing_ok=True)
+            self.archive = None
+        return removed
