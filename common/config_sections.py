@@ -37,6 +37,7 @@ def _recording(value: object) -> int | Literal["all"]:
 
 Share = Annotated[float, Field(ge=0, le=1)]
 Seconds = Annotated[float, Field(ge=0)]
+ClipSeconds = Annotated[float, Field(ge=0, le=30)]
 Occlusion = Annotated[tuple[Share, Share, Share, Share, Seconds, Seconds], Field(strict=False)]
 
 
@@ -89,6 +90,19 @@ class VirtualConfig(Section):
     seed: Annotated[int, Field(ge=0)] = 0
 
 
+class ClipsConfig(Section):
+    """[observers.ID.clips]: a short film of each verdict, kept on the observer's own machine.
+
+    folder: where; "": no clips. seconds: before and after the decision. keep_days, keep_mb: older clips, and the oldest
+    of more than this, are deleted.
+    """
+
+    folder: str = ""
+    seconds: Annotated[tuple[ClipSeconds, ClipSeconds], Field(strict=False)] = (4.0, 2.0)
+    keep_days: PositiveFloat = 7.0
+    keep_mb: PositiveFloat = 500.0
+
+
 class ObserverConfig(Section):
     """[observers.ID]: the source of one observer, its tracker and its model.
 
@@ -97,8 +111,8 @@ class ObserverConfig(Section):
     ID.model once the scene is read. tracker: "auto" selects one for the source. rate_hz, size_px: requested of a
     camera. mirrored: the pictures are mirrored, as selfies are. skin, face: settings of `camshift` for the person (a
     file; x, y, width, height in px). pose_model, hand: the model file of `mediapipe`, and which landmark is the hand.
-    preview: a video file to write. effort: the file of the Effort model; "": no Effort. say: when posteriors are
-    published.
+    preview: a video file to write. picture_hz: live pictures a second for the dashboard; 0: none ever. effort: the file
+    of the Effort model; "": no Effort. say: when posteriors are published.
     """
 
     source: Annotated[str, Field(min_length=1)]
@@ -118,9 +132,11 @@ class ObserverConfig(Section):
     pose_model: str = ""
     hand: Literal["palm", "wrist"] = "palm"
     preview: str = ""
+    picture_hz: Annotated[float, Field(ge=0, le=5)] = 0.0
     effort: str = ""
     say: Literal["each frame", "on change"] = "each frame"
     virtual: VirtualConfig = VirtualConfig()
+    clips: ClipsConfig = ClipsConfig()
 
 
 class FusionConfig(Section):

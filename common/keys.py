@@ -44,6 +44,13 @@ class SceneKeys:
         """Liveliness token of an observer."""
         return f"{self.root}/observer/{observer}/alive"
 
+    def picture(self, observer: str = "*") -> str:
+        """Live pictures of an observer. No wildcard of Zenoh covers a part that begins with @: only `@picture` does.
+
+        So a listener to the whole scene, as `capture` is, never receives a picture.
+        """
+        return f"{self.root}/observer/{observer}/@picture"
+
     def fusion_status(self, fusion: str = "*") -> str:
         """Status of a fusion service."""
         return f"{self.root}/fusion/{fusion}/status"

@@ -15,6 +15,7 @@ from common.text import plural
 
 if TYPE_CHECKING:
     from common.config import Scene
+    from common.link import Link
     from observer.effort.reader import FacetReader
     from observer.model.base import Header, MovementModel
     from observer.runtime.pipeline import Observer
@@ -61,6 +62,7 @@ def observe(
         link = stack.enter_context(Link.open(config.mesh, "observer", process_id=observer, scene=config.scene))
         if isinstance(inputs.source, MeshTracks):
             inputs.source.listen(link)
+        shown = stack.enter_context(_with_pictures(config, observer, shown, inputs, link))
         serve(config, observer, shown, inputs.source, link, stop, health=health)
 
 
@@ -116,6 +118,21 @@ def _with_preview(
         yield PreviewingObserver(
             observer, inputs.tracker, preview, PreviewHistory(header.body_parts, rate_hz, observer_id)
         )
+
+
+@contextmanager
+def _with_pictures(
+    scene: "Scene", observer_id: str, observer: "ObserverLike", inputs: "ObserverInputs", link: "Link"
+) -> Iterator["ObserverLike"]:
+    """The observer itself or, if its section asks for pictures or clips, the observer with these."""
+    section = scene.observer(observer_id)
+    if not (section.picture_hz or section.clips.folder):
+        yield observer
+        return
+    from observer.preview.shown_pictures import shown_pictures
+
+    with shown_pictures(scene, observer_id, observer, inputs.tracker, link) as pictured:
+        yield pictured
 
 
 def import_recordings(

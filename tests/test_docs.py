@@ -19,6 +19,7 @@ from pydantic_core import PydanticUndefined
 from common import messages
 from common.config import Scene, read_scene
 from common.config_sections import (
+    ClipsConfig,
     DashboardConfig,
     FusionConfig,
     HubConfig,
@@ -28,6 +29,7 @@ from common.config_sections import (
     ObserverConfig,
     VirtualConfig,
 )
+from common.picture_message import PictureMessage
 from common.vocabulary import Vocabulary
 from common.wire import decode
 from labanmesh import VERBS, app_of, main
@@ -44,7 +46,7 @@ PAGES = sorted([ROOT / "README.md", ROOT / "CHANGELOG.md", *DOCS.rglob("*.md")])
 MESSAGES = {
     kind: getattr(messages, f"{kind.capitalize()}Message")
     for kind in ("posterior", "judgement", "verdict", "status", "vocabulary")
-}
+} | {"picture": PictureMessage}
 REWRITE = "the last block of docs/reference/wire.md is the command that rewrites it"
 SHELL = {".", "cd", "mkdir"}
 """Shell commands that a block may contain besides ours."""
@@ -254,6 +256,8 @@ def test_examples_of_messages_are_messages(kind):
     (example,) = re.findall(r"```json\n(.*?)```", section(REFERENCE / "wire.md", kind), re.DOTALL)
     fields = json.loads(example)
     assert set(fields) <= set(MESSAGES[kind].model_fields)
+    if kind == "picture":
+        fields["jpeg"] = bytes.fromhex(fields["jpeg"].split(".")[0])
     message = decode(MESSAGES[kind], msgpack.packb(fields))
     if kind == "vocabulary":
         assert Vocabulary(tuple(message.labels)).digest == message.hash
@@ -276,6 +280,7 @@ SECTIONS = {
     "observers": None,
     "observers.ID": ObserverConfig,
     "observers.ID.virtual": VirtualConfig,
+    "observers.ID.clips": ClipsConfig,
     "hub": HubConfig,
     "hub.mqtt": MqttConfig,
     "hub.dashboard": DashboardConfig,

@@ -70,6 +70,8 @@ class PreparedTracker:
         self.tracker = tracker
         self._rows, self._lens = [known.index(part) for part in wanted], lens
         self.picture_tracks: Tracks | None = None
+        self.all_tracks: Tracks | None = None
+        """The tracker's own rows, of all its body parts, in px of the picture."""
 
     @property
     def complaint(self) -> str:
@@ -78,7 +80,7 @@ class PreparedTracker:
 
     def update(self, frame: Frame) -> Tracks:
         """Undistorted tracks (P, 2); those in px of the picture, to draw on it, are left in `picture_tracks`."""
-        tracks = self.tracker.update(frame)
+        tracks = self.all_tracks = self.tracker.update(frame)
         guesses = None if tracks.guesses is None else tracks.guesses[self._rows]
         self.picture_tracks = Tracks(tracks.centres[self._rows], guesses)
         if self._lens is None:

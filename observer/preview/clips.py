@@ -1,0 +1,189 @@
+"""A clip for each verdict, kept on the observer's own machine: the last seconds in memory, and a thread that writes.
+
+1. Only JPEGs wait in memory, at most CLIP_HZ a second for as long as a clip is, and each of bounded size.
+2. Whatever fails when a clip is written is one line in the log. The observer never waits for the disk.
+"""
+
+import logging
+import queue
+import threading
+import time
+from collections import OrderedDict, deque
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+from common import SECOND_NS
+from common.errors import LabanmeshError, reason_of
+from common.inbox import Inbox
+from common.messages import VerdictMessage
+from common.vocabulary import ABSTAIN
+from common.wire import BadMessage, decode_from
+from observer.preview.clip_folder import ClipFolder, clip_name
+from observer.preview.motion_jpeg import motion_jpeg
+from observer.preview.small_picture import Sighting, encode_jpeg, small_picture
+
+log = logging.getLogger("labanmesh.observer")
+
+CLIP_HZ = 10.0
+CLIP_SIDE_PX = 640
+JPEG_BYTES = 80_000
+"""Most bytes of one picture: with CLIP_HZ and a minute 48 MB at most."""
+CLIPS_WAITING = 8
+"""Clips that may wait for a slow disk."""
+VERDICTS_KNOWN = 256
+"""So many verdicts are remembered, because two fusion services may publish one."""
+CLEAN_S = 600.0
+"""Interval at which old clips are deleted also when nothing happens."""
+END_S = 5.0
+
+
+@dataclass(frozen=True, slots=True)
+class _Picture:
+    shown_ns: int
+    jpeg: bytes
+    size_px: tuple[int, int]
+
+
+@dataclass(frozen=True, slots=True)
+class _Pending:
+    """A verdict whose clip is not over yet, by this machine's clock."""
+
+    label: str
+    decided_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class _Clip:
+    name: str
+    pictures: tuple[_Picture, ...]
+
+
+class VerdictClips:
+    """Writes a clip for each decided verdict in `verdicts`; a context manager.
+
+    seconds: of the clip, before and after the verdict has arrived. clock: this machine's time, ns since the epoch.
+    """
+
+    def __init__(
+        self,
+        verdicts: Inbox,
+        folder: ClipFolder,
+        observer: str,
+        seconds: tuple[float, float],
+        clock: Callable[[], int] = time.time_ns,
+    ) -> None:
+        self._verdicts, self._observer, self._clock = verdicts, observer, clock
+        self._before_ns, self._after_ns = (round(each * SECOND_NS) for each in seconds)
+        self._pictures: deque[_Picture] = deque(maxlen=round(sum(seconds) * CLIP_HZ) + 2)
+        self._next_ns = 0
+        self._known: OrderedDict[str, None] = OrderedDict()
+        self._pending: dict[str, _Pending] = {}
+        self._writer = _ClipWriter(folder, clock)
+
+    def is_due(self, now_ns: int) -> bool:
+        """Whether a picture is wanted at `now_ns`; also takes what has arrived, and completes clips."""
+        self._take(now_ns)
+        return not now_ns < self._next_ns <= now_ns + SECOND_NS / CLIP_HZ
+
+    def show(self, sighting: Sighting, now_ns: int) -> None:
+        """Keep one picture for as long as a clip may need it."""
+        every_ns = round(SECOND_NS / CLIP_HZ)
+        self._next_ns = (self._next_ns if 0 <= now_ns - self._next_ns < every_ns else now_ns) + every_ns
+        self._pictures.append(_Picture(now_ns, *encode_jpeg(small_picture(sighting, CLIP_SIDE_PX), JPEG_BYTES)))
+
+    def close(self) -> None:
+        """Write the clips that are not over with what there is."""
+        self._take(self._clock())
+        for verdict_id in tuple(self._pending):
+            self._complete(verdict_id)
+        self._writer.close()
+
+    def _take(self, now_ns: int) -> None:
+        for arrival in self._verdicts.take(0.0):
+            try:
+                verdict = decode_from(arrival.key, VerdictMessage, arrival.payload)
+            except BadMessage:
+                continue  # the hubs and the fusion service count and report these
+            self._note(verdict, arrival.arrived_ns)
+        for verdict_id, pending in tuple(self._pending.items()):
+            if now_ns - pending.decided_ns >= self._after_ns:
+                self._complete(verdict_id)
+
+    def _note(self, verdict: VerdictMessage, arrived_ns: int) -> None:
+        if verdict.id in self._pending and verdict.label != ABSTAIN:
+            self._pending[verdict.id] = replace(self._pending[verdict.id], label=verdict.label)
+        if verdict.id in self._known or verdict.label == ABSTAIN:
+            return
+        self._known[verdict.id] = None
+        if len(self._known) > VERDICTS_KNOWN:
+            self._known.popitem(last=False)
+        self._pending[verdict.id] = _Pending(verdict.label, arrived_ns)
+
+    def _complete(self, verdict_id: str) -> None:
+        pending = self._pending.pop(verdict_id)
+        began_ns, ended_ns = pending.decided_ns - self._before_ns, pending.decided_ns + self._after_ns
+        pictures = tuple(each for each in self._pictures if began_ns <= each.shown_ns <= ended_ns)
+        name = clip_name(pending.decided_ns, self._observer, pending.label, verdict_id)
+        if pictures:
+            self._writer.write(_Clip(name, pictures))
+        else:
+            log.warning("%s: not written: the observer has shown no picture in these seconds", name)
+
+
+class _ClipWriter:
+    """A thread that writes clips and deletes old ones."""
+
+    def __init__(self, folder: ClipFolder, clock: Callable[[], int]) -> None:
+        self._folder, self._clock = folder, clock
+        self._waiting: queue.Queue[_Clip | None] = queue.Queue(CLIPS_WAITING)
+        self._fault = ""
+        self._thread = threading.Thread(target=self._work, name="clips", daemon=True)
+        self._thread.start()
+
+    def write(self, clip: _Clip) -> None:
+        try:
+            self._waiting.put_nowait(clip)
+        except queue.Full:
+            log.warning("%s: not written: %d clips wait for a slow disk", clip.name, CLIPS_WAITING)
+
+    def close(self) -> None:
+        try:
+            self._waiting.put(None, timeout=END_S)
+        except queue.Full:
+            return
+        self._thread.join(END_S)
+
+    def _work(self) -> None:
+        self._attempt(lambda: self._folder.delete_old(self._clock()))
+        while True:
+            try:
+                clip = self._waiting.get(timeout=CLEAN_S)
+            except queue.Empty:
+                self._attempt(lambda: self._folder.delete_old(self._clock()))
+                continue
+            if clip is None:
+                return
+            self._attempt(lambda clip=clip: self._write(clip))  # type: ignore[misc]
+
+    def _write(self, clip: _Clip) -> None:
+        newest = clip.pictures[-1]
+        # A camera that is replaced may change its size; a film has one.
+        jpegs = [each.jpeg for each in clip.pictures if each.size_px == newest.size_px]
+        span_s = (newest.shown_ns - clip.pictures[0].shown_ns) / SECOND_NS
+        rate_hz = (len(clip.pictures) - 1) / span_s if span_s > 0 else CLIP_HZ
+        path = self._folder.add(clip.name, motion_jpeg(jpegs, newest.size_px, rate_hz), self._clock())
+        log.info("%s: %.1f s", path, span_s)
+
+    def _attempt(self, action: Callable[[], object]) -> None:
+        """Do it; a failure is logged once, until something succeeds."""
+        try:
+            action()
+        except (LabanmeshError, OSError) as error:
+            fault = f"{error.filename}: {reason_of(error)}" if isinstance(error, OSError) else str(error)
+            # The name of the file differs each time, the reason does not.
+            kind = type(error.__cause__ or error).__name__
+            if kind != self._fault:
+                log.warning("no clip kept: %s; the observer goes on", fault)
+            self._fault = kind
+        else:
+            self._fault = ""

@@ -1,0 +1,125 @@
+"""An observer whose pictures are shared as the scene file asks: the live picture, and a clip of each verdict."""
+
+import logging
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+
+from common.config import Scene
+from common.errors import LabanmeshError
+from observer.preview.clip_folder import ClipFolder
+from observer.preview.clips import VerdictClips
+from observer.preview.live_picture import LivePicture
+from observer.preview.screen import picture_in
+from observer.preview.small_picture import Sighting
+from observer.runtime.pipeline import Posterior
+from observer.runtime.service import ObserverLike
+from observer.tracks import Floats, Frame, Tracks
+
+if TYPE_CHECKING:
+    from common.link import Link
+    from observer.runtime.scene_inputs import PreparedTracker
+
+log = logging.getLogger("labanmesh.observer")
+
+MARGIN = 0.15
+"""Margin about recorded motion, as a share of its extent."""
+
+
+class PictureOutlet(Protocol):
+    """Receives the pictures of an observer at its own rate."""
+
+    def is_due(self, now_ns: int) -> bool:
+        """Whether a picture is wanted at `now_ns`; called after each frame, and fast."""
+
+    def show(self, sighting: Sighting, now_ns: int) -> None:
+        """Take one picture; raises LabanmeshError when it can take no more."""
+
+    def close(self) -> None:
+        """Complete what is not complete."""
+
+
+@contextmanager
+def shown_pictures(
+    scene: Scene, observer_id: str, observer: ObserverLike, tracker: "PreparedTracker", link: "Link"
+) -> Iterator[ObserverLike]:
+    """The observer, with the outlets that its section switches on; the observer itself if there are none."""
+    section, keys = scene.observer(observer_id), scene.keys
+    outlets: list[PictureOutlet] = []
+    if section.picture_hz:
+        publisher = link.publisher(keys.picture(observer_id), background=True)
+        outlets.append(LivePicture(publisher, section.picture_hz))
+        log.info("%s: live picture of %g Hz while somebody watches", observer_id, section.picture_hz)
+    clips = section.clips
+    if clips.folder:
+        folder = ClipFolder(scene.place(clips.folder), clips.keep_days, clips.keep_mb)
+        outlets.append(VerdictClips(link.inbox(keys.verdict), folder, observer_id, clips.seconds))
+        log.info("%s: a clip of each verdict in %s", observer_id, folder.path)
+    with ExitStack() as stack:
+        for outlet in outlets:
+            stack.callback(outlet.close)
+        yield PicturedObserver(observer, tracker, outlets) if outlets else observer
+
+
+class PicturedObserver:
+    """An `ObserverLike` that performs each step of another observer, and gives its pictures to outlets.
+
+    tracker: the one that the observer steps. An outlet that fails is dropped with one line in the log.
+    """
+
+    def __init__(
+        self,
+        observer: ObserverLike,
+        tracker: "PreparedTracker",
+        outlets: Sequence[PictureOutlet],
+        clock: Callable[[], int] = time.time_ns,
+    ) -> None:
+        self._observer, self._tracker, self._outlets, self._clock = observer, tracker, list(outlets), clock
+        self._extent: Floats | None = None
+        self.vocabulary = observer.vocabulary
+
+    @property
+    def complaint(self) -> str:
+        """The complaint of the observer."""
+        return self._observer.complaint
+
+    def step(self, frame: Frame) -> Posterior | None:
+        """Let the observer process one frame, then show it to the outlets that want one."""
+        posterior = self._observer.step(frame)
+        now_ns, tracks = self._clock(), self._tracker.all_tracks
+        if tracks is None:
+            return posterior
+        if frame.content.ndim != 3:
+            self._widen(tracks)
+        due = [outlet for outlet in self._outlets if outlet.is_due(now_ns)]
+        if due:
+            parts = self._tracker.tracker.body_parts
+            sighting = Sighting(picture_in(frame.content), tracks, parts, frame.captured_ns, self._extent)
+            for outlet in due:
+                self._show(outlet, sighting, now_ns)
+        return posterior
+
+    def end(self) -> Posterior | None:
+        """The posterior of the observer now that the source has ended."""
+        return self._observer.end()
+
+    def _show(self, outlet: PictureOutlet, sighting: Sighting, now_ns: int) -> None:
+        try:
+            outlet.show(sighting, now_ns)
+        except LabanmeshError as error:
+            self._outlets.remove(outlet)
+            log.warning("no more pictures: %s", error)
+
+    def _widen(self, tracks: Tracks) -> None:
+        """Grow the extent of motion without pictures; it never shrinks, so that the scale stays steady."""
+        known = tracks.centres[np.isfinite(tracks.centres).all(axis=1)]
+        if not len(known):
+            return
+        margin = MARGIN * np.ptp(known, axis=0).max()
+        corners = np.array([known.min(axis=0) - margin, known.max(axis=0) + margin])
+        if self._extent is not None:
+            corners = np.array([np.minimum(corners[0], self._extent[0]), np.maximum(corners[1], self._extent[1])])
+        self._extent = corners
