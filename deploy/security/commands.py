@@ -22,7 +22,8 @@ from deploy.security.issuing import (
     read_register,
     read_scenes,
 )
-from deploy.security.register import IssuedCertificate, Roles, as_rows, as_table, qualified_observers, roles_of
+from deploy.security.register import IssuedCertificate, Roles, as_rows, as_table
+from deploy.security.requested_roles import qualified_observers, roles_of
 from deploy.security.router_config import host_of, listening, router_config
 
 SceneFiles = Annotated[
@@ -89,6 +90,9 @@ def add(
     hub: Annotated[bool, typer.Option("--hub", help="It listens: watch, capture, doctor.")] = False,
     hub_of: Annotated[list[str] | None, typer.Option(help="It listens to this scene alone; repeatable.")] = None,
     router: Annotated[bool, typer.Option("--router", help="It is the router.")] = False,
+    pictures: Annotated[
+        bool, typer.Option("--pictures", help="As a hub it also gets the observers' live pictures.")
+    ] = False,
     host: Host = None,
     days: Days = CERTIFICATE_DAYS,
     to: To = None,
@@ -106,6 +110,7 @@ def add(
         hub=hub,
         hub_of=tuple(hub_of or ()),
         router=router,
+        pictures=pictures,
     )
     roles = roles_of(authority.scenes, name, requested)
     hosts = _hosts(authority.scenes[0], host or []) if roles.router else tuple(host or ())

@@ -10,25 +10,23 @@ and `ID` for all of them, scenes that are added later included.
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from common.errors import BadInput
-from common.keys import identifier
-
-if TYPE_CHECKING:
-    from common.config import Scene
 
 ONE_SCENE, SEVERAL_SCENES = 1, 2
 """Versions of the file's form; an authority of one scene keeps the form that older installations read."""
-LONGEST_NAME = 56
-"""A common name has 64 characters at most, and the generation needs some."""
 TABLE_HEAD = ("certificate", "for", "state", "days left", "expires")
 
 
 class Roles(BaseModel):
-    """The roles of a machine; it may have several. hub_of: the scenes of a hub that is not one of all scenes."""
+    """The roles of a machine; it may have several.
+
+    hub_of: the scenes of a hub that is not one of all scenes. pictures: what it may listen to as a hub includes live
+    pictures.
+    """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
     observers: tuple[str, ...] = ()
@@ -36,13 +34,15 @@ class Roles(BaseModel):
     hub: bool = False
     hub_of: tuple[str, ...] = ()
     router: bool = False
+    pictures: bool = False
 
     @property
     def words(self) -> tuple[str, ...]:
         """The roles as the certificate carries them: `observer:cam1`, `fusion:home/fusion`, `hub`, `hub:home`."""
+        flags = [("hub", self.hub), ("router", self.router), ("pictures", self.pictures)]
         by_id = [("observer", self.observers), ("fusion", self.fusions), ("hub", self.hub_of)]
         words = [f"{kind}:{name}" for kind, names in by_id for name in names]
-        return (*words, *(("hub",) if self.hub else ()), *(("router",) if self.router else ()))
+        return (*words, *(word for word, has in flags if has))
 
     def observers_in(self, scene: str) -> tuple[str, ...]:
         """The observers that it may be in `scene`."""
@@ -56,6 +56,10 @@ class Roles(BaseModel):
         """Whether it may listen to `scene`."""
         return self.hub or scene in self.hub_of
 
+    def gets_pictures_in(self, scene: str) -> bool:
+        """Whether it may receive the live pictures of `scene`."""
+        return self.pictures and self.is_hub_in(scene)
+
     def only_in(self, scene: str) -> "Roles":
         """The same roles, for `scene` and no other one."""
         return Roles(
@@ -63,6 +67,7 @@ class Roles(BaseModel):
             fusions=tuple(f"{scene}/{name}" for name in self.fusions),
             hub_of=(scene,) if self.hub else (),
             router=self.router,
+            pictures=self.pictures,
         )
 
     def __str__(self) -> str:
@@ -162,6 +167,9 @@ class Register:
         else:
             file = _File(version=SEVERAL_SCENES, scenes=self.scenes, certificates=list(self.certificates))
             unused = set()
+        # Older installations read a register in which nobody has this right.
+        if not any(each.roles.pictures for each in self.certificates):
+            unused.add("pictures")
         exclude: Any = {("scenes" if file.scene else "scene"): True, "certificates": {"__all__": {"roles": unused}}}
         return file.model_dump_json(indent=1, exclude=exclude) + "\n"
 
@@ -210,83 +218,6 @@ def as_table(certificates: Sequence[IssuedCertificate], now: datetime) -> str:
     ]
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     return "\n".join("  ".join(f"{cell:<{w}}" for cell, w in zip(row, widths, strict=True)).rstrip() for row in rows)
-
-
-def roles_of(scenes: Sequence["Scene"], name: str, requested: Roles) -> Roles:
-    """The requested roles, or those that `name` stands for in the scenes.
-
-    Raises BadInput for unknown ids, for an observer's id that several scenes have, and for a name that means nothing.
-    """
-    identifier(name, "machine")
-    if len(name) > LONGEST_NAME:
-        raise BadInput(f"machine = {name!r}: {len(name)} characters; choose a name of at most {LONGEST_NAME}")
-    if requested.words:
-        hub_of = tuple(_scene(scenes, scene).scene for scene in requested.hub_of)
-        return Roles(
-            observers=tuple(_observer(scenes, observer) for observer in requested.observers),
-            fusions=tuple(_fusion(scenes, fusion) for fusion in requested.fusions),
-            hub=requested.hub or (len(scenes) == 1 and bool(hub_of)),
-            hub_of=hub_of if len(scenes) > 1 else (),
-            router=requested.router,
-        )
-    is_observer = any(name in scene.observers for scene in scenes)
-    is_fusion = any(name in scene.services for scene in scenes)
-    if is_observer and is_fusion:
-        raise BadInput(
-            f"{name!r}: an observer and a fusion service have this name; say --observer {name} or --fusion {name}"
-        )
-    if is_observer:
-        return Roles(observers=(_observer(scenes, name),))
-    if is_fusion:
-        return Roles(fusions=(name,))
-    if name in ("router", "hub"):
-        return Roles(router=name == "router", hub=name == "hub")
-    known = ", ".join(dict.fromkeys(name for scene in scenes for name in [*scene.observers, *scene.services]))
-    raise BadInput(
-        f"{name!r}: no process has this name ({known}, hub, router); say what this machine is for: "
-        "--observer ID, --fusion ID, --hub, --router"
-    )
-
-
-def _observer(scenes: Sequence["Scene"], name: str) -> str:
-    """The observer's name in the register: its id, in an authority of several scenes with its scene."""
-    if len(scenes) == 1 and "/" not in name:
-        scenes[0].observer(name)
-        return name
-    scene_name, slash, observer = name.rpartition("/")
-    if slash:
-        _scene(scenes, scene_name).observer(observer)
-        return name if len(scenes) > 1 else observer
-    holders = [scene.scene for scene in scenes if name in scene.observers]
-    if not holders:
-        raise BadInput(f"observer {name!r}: in none of the scenes; known: {', '.join(qualified_observers(scenes))}")
-    if len(holders) > 1:
-        raise BadInput(f"observer {name!r}: in scenes {' and '.join(holders)}; say --observer {holders[0]}/{name}")
-    return f"{holders[0]}/{name}"
-
-
-def qualified_observers(scenes: Sequence["Scene"]) -> list[str]:
-    """All observers of several scenes as `SCENE/ID`."""
-    return [f"{scene.scene}/{observer}" for scene in scenes for observer in scene.observers]
-
-
-def _fusion(scenes: Sequence["Scene"], name: str) -> str:
-    """The fusion service's name in the register. Services that share scenes stand in no scene file: any id is legal."""
-    scene_name, slash, fusion = name.rpartition("/")
-    if slash:
-        _scene(scenes, scene_name)
-    if len(scenes) == 1:
-        scenes[0].require_service(fusion)
-        return fusion
-    identifier(fusion, "--fusion")
-    return name
-
-
-def _scene(scenes: Sequence["Scene"], name: str) -> "Scene":
-    for scene in scenes:
-        if scene.scene == name:
-            return scene
-    raise BadInput(f"scene {name!r}: none of the scenes; known: {', '.join(scene.scene for scene in scenes)}")
 
 
 def _ids(names: Iterable[str], scene: str) -> Iterable[str]:

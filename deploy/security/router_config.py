@@ -10,6 +10,8 @@ The access rules:
 5. Every admitted machine may ask the router for `ADMITTED`: the answer shows that its certificate counts.
 6. Only fusion services may ask for a handover. A hub may query all of the scene with a wildcard, so a rule denies it
    the handover keys; Zenoh puts deny before allow. A fusion service answers its own exact key alone, no wildcard.
+7. Live pictures have keys that no wildcard covers (`SceneKeys.picture`), so no other rule allows them: an observer may
+   publish its own if the scene file switches them on, and a hub with the right to them may receive them.
 """
 
 import ipaddress
@@ -83,10 +85,14 @@ def _rules(scenes: Sequence["Scene"], certificate: IssuedCertificate) -> Iterato
         for observer in roles.observers_in(scene.scene):
             if observer in scene.observers:
                 yield from _observer(keys, observer, _tracks(scene, observer))
+                yield from _shares(scene, observer)
         for fusion in fusions:
             yield from _fusion(keys, fusion)
         if fusions or roles.is_hub_in(scene.scene):
             yield from _reads(keys)
+        if roles.gets_pictures_in(scene.scene):
+            yield _rule("ingress", ["declare_subscriber"], [keys.picture()])
+            yield _rule("egress", ["put"], [keys.picture()])
         if not fusions and roles.is_hub_in(scene.scene):
             yield _rule("ingress", ["query"], [f"{keys.root}/**/handover"], "deny")
 
@@ -101,6 +107,17 @@ def _observer(keys: SceneKeys, observer: str, tracks: Sequence[str]) -> Iterator
     if tracks:
         yield _rule("ingress", ["declare_subscriber"], tracks)
         yield _rule("egress", ["put", "declare_subscriber"], tracks)
+
+
+def _shares(scene: "Scene", observer: str) -> Iterator[Rule]:
+    """What the scene file switches on: it publishes live pictures of its own, and reads verdicts to keep clips."""
+    keys, section = scene.keys, scene.observers[observer]
+    if section.picture_hz:
+        yield _rule("ingress", ["put"], [keys.picture(observer)])
+        yield _rule("egress", ["declare_subscriber"], [keys.picture()])
+    if section.clips.folder:
+        yield _rule("ingress", ["declare_subscriber"], [keys.verdict])
+        yield _rule("egress", ["put"], [keys.verdict])
 
 
 def _fusion(keys: SceneKeys, fusion: str) -> Iterator[Rule]:

@@ -45,7 +45,7 @@ class _Picture:
 
 
 @dataclass(frozen=True, slots=True)
-class _Pending:
+class _DecidedVerdict:
     """A verdict whose clip is not over yet, by this machine's clock."""
 
     label: str
@@ -77,7 +77,7 @@ class VerdictClips:
         self._pictures: deque[_Picture] = deque(maxlen=round(sum(seconds) * CLIP_HZ) + 2)
         self._next_ns = 0
         self._known: OrderedDict[str, None] = OrderedDict()
-        self._pending: dict[str, _Pending] = {}
+        self._pending: dict[str, _DecidedVerdict] = {}
         self._writer = _ClipWriter(folder, clock)
 
     def is_due(self, now_ns: int) -> bool:
@@ -117,7 +117,7 @@ class VerdictClips:
         self._known[verdict.id] = None
         if len(self._known) > VERDICTS_KNOWN:
             self._known.popitem(last=False)
-        self._pending[verdict.id] = _Pending(verdict.label, arrived_ns)
+        self._pending[verdict.id] = _DecidedVerdict(verdict.label, arrived_ns)
 
     def _complete(self, verdict_id: str) -> None:
         pending = self._pending.pop(verdict_id)

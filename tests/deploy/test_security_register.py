@@ -18,7 +18,8 @@ from common.credentials import Certificate, check_credentials, read_certificate
 from common.errors import BadInput, LabanmeshError
 from deploy.security.authority import issue, make_authority
 from deploy.security.issuing import create_authority, open_authority, read_scenes
-from deploy.security.register import IssuedCertificate, Register, Roles, as_rows, as_table, roles_of
+from deploy.security.register import IssuedCertificate, Register, Roles, as_rows, as_table
+from deploy.security.requested_roles import roles_of
 
 NOW = datetime(2027, 1, 31, 12, tzinfo=UTC)
 IDS = st.sampled_from(["sofa", "shelf", "a-1_"])
@@ -32,6 +33,7 @@ CERTIFICATES = st.builds(
         fusions=st.lists(IDS, max_size=2).map(tuple),
         hub=st.booleans(),
         router=st.booleans(),
+        pictures=st.booleans(),
     ),
     hosts=st.lists(IDS, max_size=2).map(tuple),
     serial=IDS,
@@ -148,6 +150,8 @@ def test_a_file_that_is_no_register_is_one_line(text):
         ("second", Roles(), Roles(fusions=("second",))),
         ("router", Roles(), Roles(router=True)),
         ("hub", Roles(), Roles(hub=True)),
+        ("hub", Roles(pictures=True), Roles(hub=True, pictures=True)),
+        ("sofa", Roles(hub=True, pictures=True), Roles(hub=True, pictures=True)),
         ("attic", Roles(observers=("sofa", "shelf"), hub=True), Roles(observers=("sofa", "shelf"), hub=True)),
         ("sofa", Roles(fusions=("second",)), Roles(fusions=("second",))),
         ("sofa", Roles(fusions=("dojo/second",), hub_of=("dojo",)), Roles(fusions=("second",), hub=True)),
@@ -168,6 +172,7 @@ def test_the_roles_of_a_machine(scenes, name, requested, roles):
         (False, "Attic", Roles(hub=True), "a-z"),
         (False, "a" * 60, Roles(hub=True), "at most 56"),
         (False, "sofa.1", Roles(hub=True), "a-z"),
+        (False, "sofa", Roles(pictures=True), "--pictures: sofa is for observer sofa, and only a hub gets pictures"),
         (True, "attic", Roles(observers=("cam1",)), "in scenes dojo and garden; say --observer dojo/cam1"),
         (True, "attic", Roles(observers=("door",)), "known: dojo/cam1, dojo/sofa, garden/cam1, garden/tree"),
         (True, "attic", Roles(observers=("garden/sofa",)), "observer 'sofa': not in the scene; known: cam1, tree"),
@@ -191,6 +196,7 @@ def test_a_name_or_role_that_means_nothing_is_one_line(request, several, name, r
         ("fusion", Roles(), ("fusion:fusion",)),
         ("hub", Roles(), ("hub",)),
         ("tablet", Roles(hub_of=("garden",)), ("hub:garden",)),
+        ("tablet", Roles(hub_of=("garden",), pictures=True), ("hub:garden", "pictures")),
     ],
 )
 def test_roles_in_several_scenes(both, name, requested, words):

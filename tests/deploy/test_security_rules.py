@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from common.config import MeshConfig, ObserverConfig, Scene, read_scene
+from common.config_sections import ClipsConfig
 from common.errors import BadInput
 from deploy.security.register import IssuedCertificate, Register, Roles
 from deploy.security.router_config import access_rules, host_of, listening, router_config
@@ -35,6 +36,7 @@ MACHINES = st.dictionaries(
             hub=st.booleans(),
             hub_of=st.lists(st.sampled_from(SCENES), unique=True).map(tuple),
             router=st.booleans(),
+            pictures=st.booleans(),
         ),
         revoked=st.booleans(),
     ),
@@ -124,6 +126,25 @@ def test_fusion_services_and_hubs_read_their_scenes_and_only_fusion_asks_for_a_h
             assert not may(control, f"{name}.2", "ingress", "query", f"{keys.root}/**")
 
 
+@given(MACHINES)
+def test_pictures_are_for_hubs_with_the_right_to_them_and_only_where_they_are_switched_on(machines):
+    seen = ObserverConfig(source="0", picture_hz=2.0)
+    on = [scene.model_copy(update={"observers": {**scene.observers, "cam1": seen}}) for scene in BOTH]
+    control = access_rules(on, register_of(machines))
+    for name, each in machines.items():
+        for where in on:
+            keys, roles = where.keys, each.roles
+            gets = roles.pictures and roles.is_hub_in(where.scene) and not each.revoked
+            for key in (keys.picture(), keys.picture("cam1")):
+                assert may(control, f"{name}.1", "ingress", "declare_subscriber", key) == gets
+                assert may(control, f"{name}.1", "egress", "put", key) == gets
+                assert not may(control, f"{name}.1", "ingress", "query", key)
+            shares = "cam1" in roles.observers_in(where.scene) and not each.revoked
+            assert may(control, f"{name}.1", "ingress", "put", keys.picture("cam1")) == shares
+            assert may(control, f"{name}.1", "egress", "declare_subscriber", keys.picture("cam1")) == shares
+            assert not may(control, f"{name}.1", "ingress", "put", keys.picture("cam2")), "not switched on"
+
+
 @given(MACHINES, st.sampled_from([BOTH, BOTH[:1]]))
 def test_zenoh_reads_the_rules(machines, scenes):
     text = router_config(scenes, register_of(machines), ["tls/0.0.0.0:7447"])
@@ -158,6 +179,17 @@ def test_tracks_over_the_mesh_are_read_and_published_by_their_observer_alone():
         assert may(control, "cam1.1", "ingress", message, "wristband/tracks")
         assert not may(control, "cam2.1", "ingress", message, "wristband/tracks")
     assert may(control, "cam1.1", "egress", "put", "wristband/tracks")
+
+
+def test_an_observer_hears_verdicts_if_it_keeps_clips():
+    dojo = scene()
+    clips = ObserverConfig(source="0", clips=ClipsConfig(folder="clips"))
+    dojo = dojo.model_copy(update={"observers": {**dojo.observers, "cam1": clips}})
+    control = access_rules([dojo], register(cam1=Roles(observers=("cam1",)), cam2=Roles(observers=("cam2",))))
+    for flow, message in (("ingress", "declare_subscriber"), ("egress", "put")):
+        assert may(control, "cam1.1", flow, message, dojo.keys.verdict)
+        assert not may(control, "cam2.1", flow, message, dojo.keys.verdict)
+        assert not may(control, "cam1.1", flow, message, dojo.keys.judgement)
 
 
 def test_an_observer_that_the_scene_no_longer_names_has_no_rights():

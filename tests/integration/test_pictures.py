@@ -58,7 +58,7 @@ def test_pictures_are_sent_only_to_those_who_ask_by_name(scene, mesh):
         took_s = time.monotonic() - began_s
         assert {arrival.key for arrival in arrivals} == {"laban/dojo/observer/cam1/@picture"}
         assert all("picture" not in arrival.key for arrival in whole.take(0.0))
-    assert 0.5 < took_s, "5 Hz at most"
+    assert took_s > 0.5, "5 Hz at most"
     assert sum(len(arrival.payload) for arrival in arrivals[:5]) < 50_000, "noise, the largest picture there is"
     message = decode(PictureMessage, arrivals[-1].payload)
     assert cv2.imdecode(np.frombuffer(message.jpeg, np.uint8), cv2.IMREAD_COLOR).shape[:2] == (

@@ -39,6 +39,9 @@ endpoint = "tls/127.0.0.1:0"
 credentials = "secure/router.1"
 [observers.cam1]
 source = "m.npz"
+picture_hz = 2
+[observers.cam1.clips]
+folder = "clips"
 [observers.cam2]
 source = "m.npz"
 [fusion]
@@ -76,6 +79,7 @@ def authority(scene):
         "cam2": Roles(observers=("cam2",)),
         "fusion": Roles(fusions=("fusion",)),
         "hub": Roles(hub=True),
+        "eyes": Roles(hub=True, pictures=True),
         "garden": Roles(observers=("cam2",)),
     }.items():
         authority.add(name, roles, (), now())
@@ -263,6 +267,35 @@ def test_an_observer_cannot_answer_for_another_nor_receive_its_messages(scene, m
         publisher.put(b"posterior")
         assert [arrival.payload for arrival in inbox.take(SOON_S)] == [b"posterior"]
         assert foreign.take(0.0) == []
+
+
+def test_a_hub_without_the_right_gets_no_picture(scene, mesh):
+    keys = scene.keys
+    with (
+        Link.open(mesh("cam1.2"), "observer") as cam1,
+        Link.open(mesh("cam2.1"), "observer") as cam2,
+        Link.open(mesh("hub.1"), "hub") as hub,
+        Link.open(mesh("fusion.1"), "fusion") as fusion,
+        Link.open(mesh("eyes.1"), "hub") as eyes,
+    ):
+        asked = (keys.picture("cam1"), keys.picture(), "laban/*/observer/*/@picture", f"{keys.root}/**", "**")
+        without = [each.inbox(*asked, remote=True) for each in (hub, fusion, cam2)]
+        publisher, liar = (each.publisher(keys.picture("cam1"), background=True) for each in (cam1, cam2))
+        assert hub.ask(f"{keys.root}/**", 0.1) == {} and not publisher.has_subscriber
+        wanted, whole = eyes.inbox(keys.picture("cam1")), eyes.inbox(f"{keys.root}/**")
+        assert publisher.wait_for_subscriber(SOON_S)
+        liar.put(b"lie")
+        cam2.ask(keys.fusion_status(), 0.1)
+        publisher.put(b"picture")
+        assert [arrival.payload for arrival in wanted.take(SOON_S)] == [b"picture"]
+        verdicts = cam1.inbox(keys.verdict)
+        verdict = fusion.publisher(keys.verdict)
+        assert verdict.wait_for_subscriber(SOON_S)
+        verdict.put(b"verdict")
+        # A verdict that was sent later has arrived: so would the picture have.
+        assert [arrival.payload for arrival in verdicts.take(SOON_S)] == [b"verdict"]
+        assert [arrival.payload for arrival in whole.take(SOON_S)] == [b"verdict"]
+        assert not [a for inbox in without for a in inbox.take(0.1) if a.payload != b"verdict"]
 
 
 class FakeSource:

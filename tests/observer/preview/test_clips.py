@@ -3,7 +3,6 @@
 import errno
 import logging
 import os
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -26,6 +25,7 @@ from observer.tracks import BODY_PARTS, Tracks
 
 START_NS = 1_800_000_000 * SECOND_NS
 GENERATOR = np.random.default_rng(0)
+VOCABULARY = VocabularyReference(name="", hash="h")
 HANDS = Tracks(np.array([[400.0, 300.0], [np.nan, np.nan], [320.0, 90.0]]))
 
 
@@ -35,27 +35,24 @@ def picture(level):
 
 def verdict(number, label="wave", **fields):
     own = {
-        "scene": "dojo", "fusion": "fusion", "seq": number, "at_ns": 1, "vocabulary": VocabularyReference(name="", hash="h"),
+        "scene": "dojo", "fusion": "fusion", "seq": number, "at_ns": 1, "vocabulary": VOCABULARY,
         "p": [0.5, 0.5], "label": label, "certainty_bits": 0.1, "rule": "log", "votes": {},
         "agreement": Agreement(k=1, n=1), "id": f"f/{number}", "began_ns": 1, "decided_ns": 2,
     }  # fmt: skip
     return encode(VerdictMessage(**{**own, **fields}))
 
 
-@dataclass
 class Stage:
     """Clips that a test feeds: its own clock, 30 pictures a second that grow brighter."""
 
-    inbox: Inbox
-    clips: VerdictClips
-    now_ns: int = START_NS
-    number: int = 0
+    def __init__(self, folder):
+        self.inbox, self.now_ns, self.number = Inbox(), START_NS, 0
+        self.clips = VerdictClips(self.inbox, folder, "sofa", (2.0, 1.0), lambda: self.now_ns)
 
     def decide(self, payload):
         self.inbox.put(SceneKeys("dojo").verdict, payload)
         # The inbox has stamped it with the real clock.
-        arrival = self.inbox._arrivals.pop()
-        self.inbox._arrivals.append(arrival._replace(arrived_ns=self.now_ns))
+        self.inbox._arrivals.append(self.inbox._arrivals.pop()._replace(arrived_ns=self.now_ns))
 
     def play(self, seconds):
         for _ in range(round(30 * seconds)):
@@ -66,10 +63,7 @@ class Stage:
 
 @pytest.fixture
 def stage(tmp_path):
-    inbox = Inbox()
-    folder = ClipFolder(tmp_path / "clips", 7.0, 1.0)
-    stage = Stage(inbox, VerdictClips(inbox, folder, "sofa", (2.0, 1.0), lambda: stage.now_ns))
-    return stage
+    return Stage(ClipFolder(tmp_path / "clips", 7.0, 1.0))
 
 
 def test_a_clip_shows_the_seconds_before_and_after_the_verdict(stage, tmp_path):
