@@ -202,7 +202,11 @@ class SubSession:
         if self._is_polled:
             handler = zenoh.handlers.FifoChannel(RING)
         with contextlib.suppress(zenoh.ZError):  # closed: nobody will answer
-            replies = self._session.get(key, handler, target=zenoh.QueryTarget.ALL, timeout=timeout_s, payload=payload)
+            # Several may answer under one key, as for the vocabulary: each answer counts.
+            each = zenoh.ConsolidationMode.NONE
+            replies = self._session.get(
+                key, handler, target=zenoh.QueryTarget.ALL, consolidation=each, timeout=timeout_s, payload=payload
+            )
             if self._is_polled:
                 self._queries.append(_Polled(replies, pass_on, finished))
 

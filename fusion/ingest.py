@@ -11,6 +11,7 @@ from common.messages import ObserverStatistics, PosteriorMessage
 from common.status import ProcessStatus
 from common.wire import BadMessage, decode_from
 from fusion.engine.engine import FusionEngine
+from fusion.vocabulary_change import ObservedVocabularies
 
 log = logging.getLogger("labanmesh.fusion")
 SENDERS_LIMIT = 256
@@ -68,6 +69,7 @@ class PosteriorIngest:
     def __init__(self, engine: FusionEngine, status: ProcessStatus, clock: Callable[[], int]) -> None:
         self._engine, self._status, self._clock = engine, status, clock
         self._rejections = RejectionLog()
+        self.vocabularies = ObservedVocabularies(engine.rejected)
 
     def take(self, arrival: Arrival) -> None:
         """Take one message; a bad one is counted and dropped, never raised."""
@@ -79,6 +81,7 @@ class PosteriorIngest:
             self._log(observer, error.reason, error.detail, now_ns)
             return
         reason = self._engine.receive(observer, message, now_ns)
+        self.vocabularies.note(observer, message.vocabulary.hash, now_ns)
         if reason is None:
             self._status.record_frame(message.captured_ns, now_ns)
         else:

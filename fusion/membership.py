@@ -7,6 +7,8 @@
 3. A handover request is answered between two steps, under the service's own exact key, with the checkpoint of the
    scene. A query of a listener changes nothing.
 4. A scene that names no vocabulary asks its observers for theirs, again as soon as another appears, until one answers.
+   Later the owner changes to the vocabulary in which most observers publish (fusion/vocabulary_change.py), and the
+   other services follow the owner.
 """
 
 import logging
@@ -79,6 +81,7 @@ class SceneMember:
         self._take_from_services(now_s)
         if self.worker is not None:
             self.worker.poll_requests()
+        self._follow_vocabulary()
         self.ownership.update(now_s, lambda: self._service.link.connected)
         if self._request is not None:
             self._request.poll()
@@ -118,6 +121,35 @@ class SceneMember:
             # After their last messages, so that these do not bring back an owner that has gone.
             self._alive = self._services.alive
             self.ownership.set_alive(map(service_of, self._alive), now_s)
+
+    def _follow_vocabulary(self) -> None:
+        """Change the vocabulary when the observers, or the owner that this service follows, have changed it."""
+        if self.worker is None or self.vocabulary is None or self.scene.named_vocabulary is not None:
+            return
+        wanted = self._wanted_vocabulary(self.worker)
+        if wanted is None or wanted == self.vocabulary.digest:
+            self._end_lookup()
+            return
+        if self._lookup is None:
+            self._lookup = VocabularyLookup(self.scene, self._service)
+        vocabulary = self._lookup.poll(wanted)
+        if vocabulary is not None:
+            self._end_lookup()
+            self.vocabulary = vocabulary
+            self.worker.change_vocabulary(vocabulary)
+
+    def _wanted_vocabulary(self, worker: SceneWorker) -> str | None:
+        """The hash of the vocabulary in which the scene is to be fused now; None: as before."""
+        if self.role is Role.OWNER:
+            return worker.observed_vocabulary
+        foreign = None if self._listener is None else self._listener.foreign
+        follows = foreign is not None and self.ownership.owner in (None, foreign.fusion)
+        return foreign.vocabulary.hash if foreign is not None and follows else None
+
+    def _end_lookup(self) -> None:
+        if self._lookup is not None:
+            self._lookup.close()
+            self._lookup = None
 
     def _require_only_process(self, message: JudgementMessage) -> None:
         """Raises LabanmeshError in one of two processes with the same id; both decide on the same one."""
@@ -163,8 +195,7 @@ class SceneMember:
             self.vocabulary = self._lookup.poll()
             if self.vocabulary is None:
                 return
-            self._lookup.close()
-            self._lookup = None
+            self._end_lookup()
         engine = self._new_engine(self.vocabulary)
         self.worker = SceneWorker(self.scene, self._service, engine, self.status, self._file, self._hand_over)
 
@@ -226,15 +257,16 @@ class VocabularyLookup:
         self._payloads: list[bytes] = []
         self._asked_s = float("-inf")
 
-    def poll(self) -> Vocabulary | None:
-        """The vocabulary, once an observer has answered; asks when it is due."""
+    def poll(self, digest: str | None = None) -> Vocabulary | None:
+        """The vocabulary, once an observer has answered; asks when it is due. digest: its hash; None: any."""
         self._session.poll()
         payloads, self._payloads = self._payloads, []
         for payload in payloads:
             try:
                 vocabulary = decode(VocabularyMessage, payload).vocabulary
-                require_fits(self._scene, vocabulary)
-                return vocabulary
+                if digest in (None, vocabulary.digest):
+                    require_fits(self._scene, vocabulary)
+                    return vocabulary
             except LabanmeshError as error:
                 log.warning("a vocabulary that cannot be used: %s", error)
         present = self._present.alive

@@ -73,8 +73,10 @@ class FusionMetrics(Metrics):
             return
         yield self.gauge("leading", "1 while this service is the one that publishes.", [((), float(self._owned))])
         # Every label is there from the first scrape on, so that the first verdict is an increase.
-        labels = self._only.vocabulary.labels if self._only.vocabulary is not None else ()
-        verdicts = [((label,), float(self._verdicts[label])) for label in (*labels, ABSTAIN)]
+        # Those of a vocabulary from before stay, as counters must.
+        known = self._only.vocabulary.labels if self._only.vocabulary is not None else ()
+        labels = dict.fromkeys((*known, ABSTAIN, *self._verdicts))
+        verdicts = [((label,), float(self._verdicts[label])) for label in labels]
         yield self.total("verdicts", "Movements that have ended, by their verdict.", verdicts, "label")
         if self._judgement is not None:
             yield from self._of(self._judgement)

@@ -27,6 +27,7 @@ class VerdictPublisher:
     def __init__(self, session: SubSession, keys: SceneKeys, engine: FusionEngine, file: CheckpointFile | None) -> None:
         self._judgements = session.publisher(keys.judgement)
         self._verdicts = session.publisher(keys.verdict)
+        self._vocabularies = session.publisher(keys.vocabulary)
         self._engine, self._file = engine, file
         self._last_judgement: JudgementMessage | None = None
         self._last_verdict: VerdictMessage | None = None
@@ -43,6 +44,13 @@ class VerdictPublisher:
             self._verdicts.put(self.remember(verdict))
             _log(verdict)
         self._judgements.put(self.remember(judgement))
+
+    def change_vocabulary(self, verdicts: Sequence[VerdictMessage], vocabulary: bytes) -> None:
+        """Send the last verdicts in the old vocabulary, then the new one as an encoded message."""
+        for verdict in verdicts:
+            self._verdicts.put(self.remember(verdict))
+            _log(verdict)
+        self._vocabularies.put(vocabulary)
 
     def remember(self, message: JudgementMessage) -> bytes:
         """Keep the newest published message, ours or the owner's; returns its bytes."""

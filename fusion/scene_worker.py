@@ -12,6 +12,7 @@ from common.link import Link
 from common.messages import JudgementMessage, VerdictMessage
 from common.notify import Notifier
 from common.status import ProcessStatus
+from common.vocabulary import Vocabulary
 from common.wire import encode_vocabulary
 from fusion.checkpoint import FORGET_S, Checkpoint, CheckpointFile
 from fusion.engine.engine import EngineOutput, FusionEngine
@@ -98,8 +99,8 @@ class SceneWorker:
             self._session, scene.keys.observer_status(), service.clock, service.wake, service.ask_clocks_s
         )
         self._publisher = VerdictPublisher(self._session, scene.keys, engine, file)
-        vocabulary = encode_vocabulary(scene.scene, engine.vocabulary)
-        self._session.answer(scene.keys.vocabulary, lambda: vocabulary)
+        self._vocabulary = encode_vocabulary(scene.scene, engine.vocabulary)
+        self._session.answer(scene.keys.vocabulary, lambda: self._vocabulary)
         self._withheld: list[VerdictMessage] = []
         self._waiting: bool | None = None
         self.fuses = self.owns = self.restored = False
@@ -126,7 +127,9 @@ class SceneWorker:
         for observer, reading in self._clocks.readings():
             self._engine.record_clock(observer, reading)
         # After the posteriors: a last one must not bring back an observer that has gone.
-        self._engine.set_present(frozenset(map(observer_of, self._present.alive)))
+        present = frozenset(map(observer_of, self._present.alive))
+        self._engine.set_present(present)
+        self._ingest.vocabularies.set_present(present)
         if not self.fuses:
             return StepInput(len(arrivals), len(read))
         now_ns = self._clock()
@@ -150,6 +153,21 @@ class SceneWorker:
         self._publisher.publish(published, output.judgement)
         self._log_waiting(output.judgement)
         return StepResult(output, published)
+
+    @property
+    def observed_vocabulary(self) -> str | None:
+        """The hash of the vocabulary in which most observers publish; None if there is no majority."""
+        return self._ingest.vocabularies.majority(self._clock())
+
+    def change_vocabulary(self, vocabulary: Vocabulary) -> None:
+        """Fuse posteriors in `vocabulary` from now on; the owner ends a decided movement first, and publishes the new
+        vocabulary, so that listeners need not ask for it."""
+        ended = self._engine.change_vocabulary(vocabulary, self._clock())
+        self._vocabulary = encode_vocabulary(self._scene.scene, vocabulary)
+        if self.owns:
+            self._publisher.change_vocabulary([*self._withheld, *ended], self._vocabulary)
+        self._withheld.clear()
+        log.info("%s: new vocabulary: %s", self._scene.scene, ", ".join(vocabulary.labels))
 
     def _log_waiting(self, judgement: JudgementMessage) -> None:
         waiting = judgement.agreement.n == 0

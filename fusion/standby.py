@@ -30,6 +30,8 @@ class StandbyListener:
         self._verdict: bytes | None = None
         self._decoded_s = float("-inf")
         self._warned = False
+        self.foreign: JudgementMessage | None = None
+        """The newest message in another vocabulary, if the newest message is one."""
 
     def messages(
         self, now_s: float, vocabulary: Vocabulary | None, *, every: bool
@@ -48,6 +50,11 @@ class StandbyListener:
                 continue
             try:
                 message = decode_from(arrival.key, kind, arrival.payload)
+                self.foreign = None
+                if vocabulary is not None and message.vocabulary.hash != vocabulary.digest:
+                    self.foreign = message
+                    yield None
+                    continue
                 if vocabulary is not None:
                     check_vocabulary(message, vocabulary)
             except BadMessage as error:

@@ -79,7 +79,8 @@ class ObserverState:
 class SceneState:
     """Everything received about a scene until `now_ns` (this machine's clock); `fold` returns the next state.
 
-    roster: the observers in the scene file; each is shown from the start. verdicts: newest first, at most
+    roster: the observers in the scene file; each is shown from the start. next_vocabulary: one that the judgement does
+    not have yet. verdicts: newest first, at most
     VERDICTS_LIMIT. received_ns: when `judgement` arrived, by this machine's clock, so that ages do not depend on
     synchronised clocks. rejected, dropped: how many messages were rejected, and lost to
     a full queue.
@@ -89,6 +90,7 @@ class SceneState:
     roster: tuple[str, ...] = ()
     now_ns: int = 0
     vocabulary: VocabularyMessage | None = None
+    next_vocabulary: VocabularyMessage | None = None
     judgement: JudgementMessage | None = None
     received_ns: int = 0
     verdicts: tuple[VerdictMessage, ...] = ()
@@ -114,15 +116,22 @@ class SceneState:
                 return self if verdicts is self.verdicts else replace(self, verdicts=verdicts)
             case JudgementMessage():
                 late = self.judgement is not None and _is_copy(message, self.judgement)
-                return self if late else replace(self, judgement=message, received_ns=received_ns)
+                return self if late else self._with_judgement(message, received_ns)
             case StatusMessage() if role == "observer":
                 return replace(self, observer_status={**self.observer_status, message.id: message})
             case StatusMessage():
                 return replace(self, fusion_status={**self.fusion_status, message.id: message})
             case VocabularyMessage() if self.judgement and message.hash != self.judgement.vocabulary.hash:
-                return self  # any process may answer the query, also one that uses another vocabulary
+                # Any process may answer a query, also one that uses another vocabulary; it may be the next one.
+                return replace(self, next_vocabulary=message)
             case VocabularyMessage():
                 return replace(self, vocabulary=message)
+
+    def _with_judgement(self, message: JudgementMessage, received_ns: int) -> "SceneState":
+        coming = self.next_vocabulary
+        if coming is not None and message.vocabulary.hash == coming.hash:
+            return replace(self, judgement=message, received_ns=received_ns, vocabulary=coming, next_vocabulary=None)
+        return replace(self, judgement=message, received_ns=received_ns)
 
     def reject(self) -> "SceneState":
         """The state after a message that was rejected."""

@@ -135,6 +135,27 @@ class FusionEngine:
         """Seconds by which an observer's clock is ahead of ours; None before the first reading."""
         return self._clocks.skew_s(observer)
 
+    def change_vocabulary(self, vocabulary: Vocabulary, now_ns: int) -> Sequence[VerdictMessage]:
+        """Fuse posteriors in `vocabulary` from now on; returns the end of a decided movement, in the old one.
+
+        A movement that is not decided yet gets no verdict. What was learned about the observers is forgotten: it was
+        learned about their old models.
+        """
+        decision = self._detector.end_now(now_ns)
+        verdicts = []
+        if decision is not None and (basis := self._evidence.get(decision.decided_ns)) is not None:
+            stamp = replace(self._stamp(now_ns), seq=self._seq + 1)
+            verdict_id, contributed = self._verdict_id(decision.began_ns), self._contributions(basis, decision.label)
+            why = basis.why if decision.label == ABSTAIN else None
+            judgement = basis.judgement
+            verdicts = [build_verdict(judgement, judgement, decision, why, contributed, verdict_id, stamp)]
+        self._roster.change_vocabulary(vocabulary)
+        self.vocabulary = vocabulary
+        self._builder = JudgementBuilder(self._scene, vocabulary, self._roster.prior, self._rule.name)
+        self._evidence, self._last_observed, self._nearest = {}, None, _NearestMiss()
+        self.reliability = Reliability()
+        return verdicts
+
     def step(self, now_ns: int) -> EngineOutput:
         """Fuse the posteriors at `now_ns` to a judgement, and a verdict if one is due."""
         case = self.pooling_case(now_ns)
@@ -183,8 +204,13 @@ class FusionEngine:
         return EngineOutput(judgement, verdicts)
 
     def continue_from(self, judgement: JudgementMessage) -> None:
-        """Continue from another service's message: its number and movement; from a verdict also its evidence."""
+        """Continue from another service's message: its number and movement; from a verdict also its evidence.
+
+        Of one from before a change of vocabulary only its number: its movement has ended.
+        """
         self._seq = judgement.seq
+        if judgement.vocabulary.hash != self.vocabulary.digest:
+            return
         if not isinstance(judgement, VerdictMessage):
             self._detector.follow(None if judgement.movement is None else _progress(judgement.movement))
             self._keep_evidence(self._evidence)

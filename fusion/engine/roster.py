@@ -111,6 +111,12 @@ class Roster:
         """Per observer, how many of its messages were not used, by reason."""
         return {observer: state.rejected for observer, state in self._states.items()}
 
+    def change_vocabulary(self, vocabulary: Vocabulary) -> None:
+        """Take posteriors in `vocabulary` from now on; those in the old one count no more."""
+        self.vocabulary, self.prior = vocabulary, uniform(vocabulary.size)
+        for observer, state in self._states.items():
+            self._states[observer] = _ObserverState(gone=state.gone, rejected=state.rejected)
+
     def receive(self, observer: str, message: PosteriorMessage, now_ns: int, captured_ns: int) -> str | None:
         """Take one posterior, captured at `captured_ns` by our clock; returns why it was not used, or None."""
         state = self._states.get(observer)

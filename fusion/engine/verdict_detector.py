@@ -164,6 +164,13 @@ class VerdictDetector:
         end = self._end(movement, label, at_ns) if self._is_over(movement, label, at_ns) else None
         return tuple(each for each in (decision, end) if each is not None)
 
+    def end_now(self, at_ns: int) -> MovementDecision | None:
+        """End the movement at `at_ns`, whatever the person does; its end if it was decided, else None."""
+        decision = None if self.movement is None else self.movement.decision
+        self._finish()
+        self._candidate = self._rest_since_ns = self._witnessed = None
+        return None if decision is None else replace(decision, ended_ns=at_ns, stage="ended")
+
     def _change(
         self, movement: MovementProgress, state: PooledState, label: str | None
     ) -> tuple[MovementDecision, ...] | None:

@@ -89,7 +89,8 @@ def verdict_data(verdict: VerdictMessage, history: "SceneHistory", quorum: int |
     """One line of the log, and what opens under it."""
     # Without the names of the movements, numbers would say less than the sentences do.
     state = history.state
-    fused = state.ranked(verdict.p, None, verdict.unlearned) if state.labels else ()
+    is_named = state.vocabulary is not None and state.vocabulary.hash == verdict.vocabulary.hash
+    fused = state.ranked(verdict.p, None, verdict.unlearned) if is_named and state.labels else ()
     return {
         "id": verdict.id[:TEXT_LIMIT],
         "label": _text(verdict.label),

@@ -101,7 +101,7 @@ def test_each_machine_publishes_its_own_and_nothing_else(machines):
                     ("reply", keys.fusion_handover(fusion)),
                 ):
                     assert may(control, f"{name}.1", "ingress", message, key) == (fusion in fusions)
-            for key in (keys.judgement, keys.verdict):
+            for key in (keys.judgement, keys.verdict, keys.vocabulary):
                 assert may(control, f"{name}.1", "ingress", "put", key) == bool(fusions)
             assert not may(control, f"{name}.1", "ingress", "put", f"{keys.root}/**")
         assert not may(control, f"{name}.1", "ingress", "put", "laban/elsewhere/judgement")

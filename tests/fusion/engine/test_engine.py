@@ -426,3 +426,31 @@ def test_any_posteriors_give_messages_that_their_classes_accept(steps, rule, tem
         assert isinstance(verdict, VerdictMessage) and verdict.label in (*LABELS, ABSTAIN)
         assert verdict.id == f"dojo-{verdict.began_ns // 1_000_000}"
         json.dumps(verdict.model_dump(), allow_nan=False)
+
+
+def test_a_new_vocabulary_ends_a_decided_movement_in_the_old_one_and_forgets_the_rest():
+    scene, taught = EngineDriver(), Vocabulary(("clap", "wave"))
+    scene.step(all_views(sure("bow", 0.96)), MOVING, 5)
+    (decided,), seq = scene.verdicts, scene.fuse().seq
+    (ended,) = scene.engine.change_vocabulary(taught, scene.now_ns)
+    assert (ended.id, ended.stage, ended.label, ended.ended_ns) == (decided.id, "ended", "bow", scene.now_ns)
+    assert ended.vocabulary == decided.vocabulary and len(ended.p) == 3 and ended.contributions is not None
+    scene.tick()
+    judgement = scene.fuse()
+    assert judgement.vocabulary.hash == taught.digest and judgement.p == [0.5, 0.5]
+    assert ended.seq == judgement.seq == seq + 1 and judgement.movement is None
+    assert scene.publish("door", sure("bow"), MOVING) == "foreign_vocabulary"
+    assert scene.fuse().votes["door"].state == "foreign"
+    # A message of the owner from before gives its number alone.
+    scene.engine.continue_from(decided)
+    assert scene.fuse().movement is None and scene.fuse().seq == decided.seq + 2
+    assert not scene.engine.change_vocabulary(Vocabulary(("bow", "clap")), scene.now_ns)
+
+
+def test_an_undecided_movement_gets_no_verdict_in_a_new_vocabulary():
+    scene = EngineDriver()
+    scene.step(all_views(sure("bow", 0.96)), MOVING, 2)
+    assert scene.fuse().movement is not None and not scene.verdicts
+    assert not scene.engine.change_vocabulary(Vocabulary(("clap", "wave")), scene.now_ns)
+    scene.tick()
+    assert scene.fuse().movement is None and not scene.verdicts
