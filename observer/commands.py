@@ -69,13 +69,17 @@ def observe(
 def _pipeline(scene: "Scene", observer: str, model: "MovementModel", inputs: "ObserverInputs") -> "Observer":
     """The observer of these inputs; raises BadInput for a model that does not fit the scene."""
     from observer.model.base import Onset
-    from observer.model.model_file import doubt_of_view, require_match
+    from observer.model.model_file import doubt_of_camera, doubt_of_view, require_match
     from observer.runtime.pipeline import Observer, Resampler
 
     section, header = scene.observer(observer), model.header
     path, rate_hz = scene.place(section.model), inputs.source.rate_hz if inputs.at_own_rate else None
     require_match(path, model, scene.named_vocabulary, rate_hz)
-    if doubt := doubt_of_view(path, header, inputs.view, section.view):
+    doubts = (
+        doubt_of_view(path, header, inputs.view, section.view),
+        doubt_of_camera(path, header, observer, scene.roster),
+    )
+    for doubt in filter(None, doubts):
         log.warning(doubt)
     movements = plural(header.vocabulary.size, "movement")
     log.info("%s: %s model of %s for %s", observer, header.kind, movements, header.view)

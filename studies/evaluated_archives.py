@@ -6,10 +6,11 @@ from pathlib import Path
 
 from common.errors import BadInput
 from common.text import split_list
-from observer.geometry.views import View, parse_view, split_views
+from observer.geometry.views import View, split_views
 from observer.learning.examples import gather_background
 from observer.motion.archive import MotionArchive, Recording, common_rate, labels_of, resample, select
 from observer.motion.archive_file import read_archive
+from observer.motion.projected import require_same_camera, view_of
 from studies.sensors import performances, read_sensors, with_parts
 
 SCENERIES = ("plain", "cluttered", "skin_toned")
@@ -75,6 +76,12 @@ def read_archives(
     if others:
         own = tuple(with_parts(one, parts) for one in own)
     whole = performances(own) if sensors else own[0]
+    if others and len(own) > 1 and own[0].camera is not None:
+        raise BadInput(
+            "--background, --other-motion: tracks belong to one camera; record them into each sensor's archive"
+        )
+    for path, other in others.items():
+        require_same_camera(own[0], other, str(path))
     learned = {path: select(others[path], learned_too.subjects) for path in learned_too.paths}
     background = None
     if learned:
@@ -94,9 +101,10 @@ def _evaluated(
         return read_sensors(sensors, read_archive)
     if archive is None:
         raise BadInput("ARCHIVE: which one? name a motion archive (.npz), or sensors with --sensor NAME=FILE.npz")
-    if not views:
+    one = read_archive(archive)
+    if not (views or one.camera):
         raise BadInput("--views: which ones? for example --views door,wheel")
-    return tuple(parse_view(view) for view in split_views(views)), (read_archive(archive),)
+    return tuple(view_of(one, view) for view in (split_views(views) if views else ("",))), (one,)
 
 
 def _unseen(path: Path, archive: MotionArchive, learned: MotionArchive | None, whole: MotionArchive) -> list[Recording]:
@@ -107,7 +115,7 @@ def _unseen(path: Path, archive: MotionArchive, learned: MotionArchive | None, w
         raise BadInput(
             f"--other-motion {path}: all its people are learned from; name some of them in --background-subjects"
         )
-    chosen, rate_hz = with_parts(MotionArchive(archive.body_parts, left), whole.body_parts), common_rate(whole)
+    chosen, rate_hz = with_parts(replace(archive, recordings=left), whole.body_parts), common_rate(whole)
     shown = [label for label in labels_of(chosen) if label in labels_of(whole)]
     if shown:
         raise BadInput(f"--other-motion {path}: {shown[0]!r} is a movement of the archive; give streams without it")

@@ -23,7 +23,16 @@ from observer.runtime.pipeline import TINY, Observer
 from observer.tracks import Floats, Tracker
 from studies.faults import HIDDEN, OccludedTracker
 from studies.sensors import same_streams, same_trials
-from studies.settings import EvaluationSettings, Progress, continuous, folds_of, onset_of, trials_of
+from studies.settings import (
+    EvaluationSettings,
+    Progress,
+    continuous,
+    folds_of,
+    onset_of,
+    streams_of,
+    trials_of,
+    without_movement,
+)
 from studies.trials import EvaluationTrial, Split, strung, with_labels
 
 
@@ -129,8 +138,9 @@ def _watched(
         streams = continuous(archive, {r.subject for r in split.test}) or strung(split.test, _rng(settings, number))
     learned = (*settings.labels, *(settings.background or ()))
     n_train = sum(r.label in learned for r in split.train.recordings)
-    whole = (*streams, *settings.other_motion)
-    return ObservedFold(trials, whole, len(settings.other_motion), (), n_train)
+    own = without_movement(archive, {r.subject for r in split.test}) if extent.streams else ()
+    other = (*own, *settings.other_motion)
+    return ObservedFold(trials, (*streams, *other), len(other), (), n_train)
 
 
 def _rng(settings: EvaluationSettings, number: int) -> np.random.Generator:
@@ -148,12 +158,14 @@ def _part_of(
     own = settings.sensors[v]
     people = {r.subject for r in split.train.recordings}
     mine = MotionArchive(own.body_parts, tuple(r for r in own.recordings if r.subject in people))
-    train = Split(mine, (), continuous(own, people))
+    train = Split(mine, (), streams_of(own, people))
     judged = fold.streams[: len(fold.streams) - fold.other_motion]
     streams = same_streams(own, judged)
     if judged and not continuous(own, {r.subject for r in split.test}):
         streams = strung(same_streams(own, split.test), _rng(settings, number))
     other = fold.streams[len(judged) :]
+    lives = len(other) - len(settings.other_motion)
+    other = [*same_streams(own, other[:lives]), *other[lives:]]
     return FoldPart(alone, settings.views[v], train, same_trials(own, fold.trials), [*streams, *other], raw)
 
 

@@ -47,6 +47,15 @@ class _Outcome:
 
 def require_compatible(settings: EvaluationSettings, tasks: EvaluationTasks) -> None:
     """Raise BadInput for options that exclude each other."""
+    pixels_or_turn: Mapping[str, bool] = {
+        "--through pixels": tasks.through == "pixels",
+        "--turn": settings.turn != 0,
+        "--facings": settings.parameters.get("facings", 1) > 1,
+        "--room": bool(settings.room),
+    }
+    for option, is_set in pixels_or_turn.items():
+        if is_set and any(view.is_this_camera for view in settings.views):
+            raise BadInput(f"{option}: needs positions in 3-D, and the archive holds 2-D tracks; omit it")
     unfit: Mapping[str, bool] = {
         "--through": tasks.through != "process",
         "--learning-curve": tasks.curve,

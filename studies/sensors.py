@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.errors import BadInput
-from observer.geometry.views import View, parse_view
+from observer.geometry.views import View
 from observer.motion.archive import MotionArchive, Recording, movements_in, retime
 from observer.motion.sensors import parse_sensors
 from studies.trials import EvaluationTrial
@@ -30,10 +30,13 @@ def read_sensors(
     if len(texts) < 2:
         raise BadInput(f"--sensor {texts[0]}: at least two sensors are needed; for one archive use ARCHIVE --views")
     sensors = parse_sensors(texts)
-    views = tuple(View(sensor.name, parse_view(sensor.view).matrix) for sensor in sensors)
     archives = [read(sensor.path) for sensor in sensors]
-    for sensor, archive in zip(sensors, archives, strict=True):
+    of_sensors = list(zip(sensors, archives, strict=True))
+    views = tuple(View(sensor.name, sensor.view_in(archive).matrix) for sensor, archive in of_sensors)
+    for sensor, archive in of_sensors:
         _require_one_of_each(archive, sensor.name)
+        if (archive.camera is None) != (archives[0].camera is None):
+            raise BadInput(f"--sensor {sensor.name}: all sensors must be 2-D tracks, or all positions in 3-D")
     parts = tuple(p for p in archives[0].body_parts if all(p in a.body_parts for a in archives))
     rates = sorted({r.rate_hz for archive in archives for r in archive.recordings})
     if not parts or len(rates) > 1:
@@ -59,7 +62,8 @@ def with_parts(archive: MotionArchive, parts: tuple[str, ...]) -> MotionArchive:
     if missing:
         raise BadInput(f"body part {missing[0]!r}: not in the recording; it has {', '.join(archive.body_parts)}")
     rows = [archive.body_parts.index(part) for part in parts]
-    return MotionArchive(parts, tuple(replace(r, positions=r.positions[:, rows]) for r in archive.recordings))
+    recordings = tuple(replace(r, positions=r.positions[:, rows]) for r in archive.recordings)
+    return replace(archive, body_parts=parts, recordings=recordings)
 
 
 def key_of(recording: Recording) -> tuple[str, str, str]:

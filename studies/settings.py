@@ -68,15 +68,25 @@ def folds_of(archive: MotionArchive, settings: EvaluationSettings, shown: Sequen
         replace(
             split,
             test=tuple(r for r in split.test if r.label in shown),
-            streams=continuous(archive, {r.subject for r in split.train.recordings}),
+            streams=streams_of(archive, {r.subject for r in split.train.recordings}),
         )
         for split in folds
     ]
 
 
+def streams_of(archive: MotionArchive, people: set[str]) -> tuple[Recording, ...]:
+    """All recordings of these people from which models learn what else people do."""
+    return (*continuous(archive, people), *without_movement(archive, people))
+
+
 def continuous(archive: MotionArchive, people: set[str]) -> tuple[Recording, ...]:
     """The continuous recordings of these people."""
     return tuple(r for r in archive.recordings if r.spans and r.subject in people)
+
+
+def without_movement(archive: MotionArchive, people: set[str]) -> tuple[Recording, ...]:
+    """The recordings of these people in which no movement happens."""
+    return tuple(r for r in archive.recordings if not r.spans and not r.label and r.subject in people)
 
 
 def trials_of(split: Split, settings: EvaluationSettings, number: int) -> list[EvaluationTrial]:

@@ -12,6 +12,7 @@ from observer.geometry.views import turned
 from observer.learning.learn import BLENDS
 from observer.motion.archive import MotionArchive, Recording, Span, labels_of, movements_in, retime, subjects_in
 from observer.motion.importers.msr_action3d import LABELS
+from observer.stillness import OF_JERKS, QUIET
 from studies.room import NOISE_M, RoomEvent, before_trial
 
 SLOWEST, FASTEST = 0.6, 1.7
@@ -139,7 +140,7 @@ def _trial(recording: Recording, onset_known: bool, turn: float | None, rng: np.
     shortest, longest = (round(s * recording.rate_hz) for s in IDLE_S)
     before, after = (int(n) for n in rng.integers(shortest, longest, size=2, endpoint=True))
     still = np.concatenate([np.repeat(moving[:1], before, axis=0), np.repeat(moving[-1:], after, axis=0)])
-    still = (still + rng.normal(0, IDLE_NOISE_M, still.shape)).astype(np.float32)
+    still = (still + rng.normal(0, _trembling(moving), still.shape)).astype(np.float32)
     whole = np.concatenate([still[:before], moving, still[before:]])
     return EvaluationTrial(replace(recording, positions=whole), before, before + len(moving), turn_deg)
 
@@ -155,27 +156,37 @@ def strung(recordings: Sequence[Recording], rng: np.random.Generator) -> list[Re
 def _string(recordings: Sequence[Recording], rng: np.random.Generator) -> Recording:
     """Each recording is shifted so that it begins where the one before left the body."""
     rate, pieces, spans, frames = recordings[0].rate_hz, [], [], 0
+    noise = _trembling(recordings[0].positions)
     last = recordings[0].positions[0]
     for recording in recordings:
         moved = recording.positions + np.nan_to_num(last[-1] - recording.positions[0, -1])
-        idle = _idle(last, moved[0], round(rng.uniform(*BETWEEN_S) * rate), rng)
+        idle = _idle(last, moved[0], round(rng.uniform(*BETWEEN_S) * rate), noise, rng)
         pieces += [idle, moved]
         spans.append(Span(frames + len(idle), frames + len(idle) + len(moved), recording.label))
         frames += len(idle) + len(moved)
         last = moved[-1]
-    pieces.append(_idle(last, last, round(rng.uniform(*BETWEEN_S) * rate), rng))
+    pieces.append(_idle(last, last, round(rng.uniform(*BETWEEN_S) * rate), noise, rng))
     positions = np.concatenate(pieces).astype(np.float32)
     return Recording(positions, rate, "", recordings[0].subject, "strung", tuple(spans))
 
 
 def _idle(
-    before: NDArray[np.float32], after: NDArray[np.float32], frames: int, rng: np.random.Generator
+    before: NDArray[np.float32], after: NDArray[np.float32], frames: int, noise: float, rng: np.random.Generator
 ) -> NDArray[np.float32]:
     """Trembling rest, with a slow shift from one resting posture to the next."""
     share = np.clip(np.linspace(-0.5, 1.5, frames), 0, 1)[:, None, None]
     smooth = share * share * (3 - 2 * share)
     still = before * (1 - smooth) + after * smooth
-    return (still + rng.normal(0, IDLE_NOISE_M, still.shape)).astype(np.float32)
+    return (still + rng.normal(0, noise, still.shape)).astype(np.float32)
+
+
+def _trembling(positions: NDArray[np.float32]) -> float:
+    """Standard deviation of a coordinate of a person at rest: of positions in metres, or as the tracks show it."""
+    if positions.shape[2] == 3:
+        return IDLE_NOISE_M
+    jerks = np.linalg.norm(np.diff(positions, n=2, axis=0), axis=2)
+    known = jerks[np.isfinite(jerks)]
+    return float(np.quantile(known, QUIET)) / OF_JERKS if len(known) else 0.0
 
 
 def unlearned_and_background(

@@ -58,6 +58,7 @@ class PreflightReport:
     doubts: Sequence[str]
     lacks: Sequence[str] = ()
     kind: str = ""
+    taught_from: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,6 +158,9 @@ def _observers(facts: SceneFacts) -> Iterator[Finding]:
             rate = f" at {report.rate_hz:g} Hz" if report.rate_hz else ""
             model = f"model of {plural(len(report.labels), 'movement')}{rate}"
             yield ok(GROUP, f"{observer}: {report.source}, {model}{f' ({report.kind})' if report.kind else ''}")
+        if report.taught_from:
+            camera = report.taught_from
+            yield ok(GROUP, f"{observer}: its model is for {camera} as it stands: teach it again when the camera moves")
     if not facts.certain and any(report.faults or report.lacks for report in facts.reports.values()):
         yield warning(GROUP, "observers lack something here, and may be meant for other machines", ELSEWHERE)
 

@@ -15,7 +15,11 @@ from observer.geometry.projection import Floats, LensDistortion, oriented, paral
 
 PRINCIPAL_PLANES_DEG = {"door": (0.0, 0.0), "wheel": (90.0, 0.0), "table": (0.0, 90.0)}
 """Laban's three planes as (yaw, pitch) of a camera that looks at them (section III.A)."""
-KNOWN = "door, wheel, table, yaw:DEG, yaw:DEG,pitch:DEG, or a camera file (.toml)"
+KNOWN = "door, wheel, table, yaw:DEG, yaw:DEG,pitch:DEG, a camera file (.toml), or camera"
+THIS_CAMERA = "camera"
+"""The view of a model that was taught from one camera's own tracks; `camera:NAME` also says which camera."""
+THIS_CAMERA_MATRIX: Floats = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
+"""(3, 4) the identity in the image: u and v are what the tracker found. No view of 3-D positions has this matrix."""
 
 Real = TypeVar("Real", bound=np.floating)
 
@@ -31,6 +35,21 @@ class View:
     matrix: Floats
     lens: LensDistortion | None = None
 
+    @property
+    def is_this_camera(self) -> bool:
+        """Whether this is no perspective on 3-D positions, but what one camera saw from wherever it stands."""
+        return is_this_camera(self.matrix)
+
+
+def is_this_camera(matrix: Floats) -> bool:
+    """Whether a (3, 4) matrix is that of the view `camera`."""
+    return np.array_equal(matrix, THIS_CAMERA_MATRIX)
+
+
+def this_camera(name: str = "") -> View:
+    """The view of one camera's own tracks; name: of the camera, for people."""
+    return View(f"{THIS_CAMERA}:{name}" if name else THIS_CAMERA, THIS_CAMERA_MATRIX)
+
 
 def parse_view(text: str, folder: Path | None = None) -> View:
     """One view by its name; the path of a camera file is relative to `folder`, by default the working directory.
@@ -38,6 +57,9 @@ def parse_view(text: str, folder: Path | None = None) -> View:
     Raises BadInput for an unknown name, an invalid angle, a pitch outside -90..90 and an invalid camera file.
     """
     text = text.strip()
+    kind, colon, camera_name = text.partition(":")
+    if kind == THIS_CAMERA and (camera_name or not colon):
+        return this_camera(camera_name)
     if text in PRINCIPAL_PLANES_DEG:
         return _parallel_view(text, *PRINCIPAL_PLANES_DEG[text])
     if text.startswith("yaw:"):
@@ -52,8 +74,11 @@ def facing(view: View) -> float:
     """How much the performer faces the camera: 1 seen from the front, 0 from a side, -1 from behind.
 
     This is minus the x component of the picture's right (first row of the matrix, made orthogonal to the optical axis,
-    its third row): it points to the left of a performer who faces the camera.
+    its third row): it points to the left of a performer who faces the camera. 1 for the view `camera`, whose direction
+    is unknown: people in front of a camera mostly face it.
     """
+    if view.is_this_camera:
+        return 1.0
     matrix = oriented(view.matrix)
     right, axis = matrix[0, :3], matrix[2, :3]
     if axis.any():

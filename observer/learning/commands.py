@@ -16,6 +16,7 @@ from common.vocabulary import Vocabulary
 from observer.learning.descriptions import (
     describe_addition,
     describe_background,
+    describe_camera,
     describe_evaluation,
     describe_vocabulary,
 )
@@ -40,7 +41,9 @@ class LearnOptions:
     archive: Annotated[
         Path | None, typer.Argument(help="The motion archive to learn from (.npz); none with --sensor.")
     ] = None
-    view: Annotated[str, typer.Option(help="door, wheel, table, yaw:DEG, yaw:DEG,pitch:DEG, or a camera file.")] = ""
+    view: Annotated[
+        str, typer.Option(help="door, wheel, table, yaw:DEG, yaw:DEG,pitch:DEG, or a camera file; none for 2-D tracks.")
+    ] = ""
     sensor: Annotated[
         Texts,
         typer.Option(
@@ -91,9 +94,12 @@ class LearnOptions:
 
 @takes_options
 def learn(options: LearnOptions) -> None:
-    """Learn one observer's model for its view, from recordings in 3-D that are projected into it.
+    """Learn one observer's model for its view, from recordings in 3-D that are projected into it, or from the 2-D
+    tracks of its own camera, which need no --view.
 
     Example: labanmesh learn msr.npz --view yaw:45 -o corner1.model
+
+    Example: labanmesh learn sofa.npz -o sofa.model
 
     Example: labanmesh learn own.npz --view yaw:45 --background msr.npz -o corner1.model
 
@@ -165,7 +171,7 @@ def _learn_all(parts: Sequence[_Part]) -> None:
 
 def _learn_movements(part: _Part) -> str:
     """Learn and write one model; what to print about it."""
-    from observer.geometry.views import parse_view
+    from observer.geometry.views import is_this_camera
     from observer.learning.learn import learn_view
     from observer.model.model_file import write_model
     from observer.model.registry import DEFAULT_MODEL
@@ -174,7 +180,7 @@ def _learn_movements(part: _Part) -> str:
     output = options.output / f"{sensor.name}.model" if sensor.name else options.output
     learned = learn_view(
         source.archive,
-        parse_view(sensor.view),
+        source.view,
         part.vocabulary,
         kind=options.model or DEFAULT_MODEL,
         body_parts=options.parts or None,
@@ -191,20 +197,20 @@ def _learn_movements(part: _Part) -> str:
         f"{header.rate_hz:g} Hz, {output.stat().st_size / 1e6:.2f} MB",
         describe_evaluation(header),
     ]
-    return "\n".join([*lines, *([describe_background(header)] if header.background is not None else [])])
+    lines += [describe_background(header)] if header.background is not None else []
+    return "\n".join([*lines, *([describe_camera(header)] if is_this_camera(header.matrix) else [])])
 
 
 def _add_movements(
     options: LearnOptions, old: Path, source: "LearningSource", labels: Sequence[str], parameters: Mapping[str, float]
 ) -> None:
-    from observer.geometry.views import parse_view
     from observer.learning.editing import add_movements
     from observer.model.model_file import read_model, write_model
 
     edited = add_movements(
         read_model(old),
         source.archive,
-        parse_view(options.view),
+        source.view,
         labels=labels,
         kind=options.model,
         parameters=parameters,
@@ -218,9 +224,8 @@ def _add_movements(
 def _learn_effort(options: LearnOptions, source: "LearningSource") -> None:
     from observer.effort.effort_file import write_effort
     from observer.effort.model import learn_effort
-    from observer.geometry.views import parse_view
 
-    learned = learn_effort(source.archive, parse_view(options.view), source.provenance)
+    learned = learn_effort(source.archive, source.view, source.provenance)
     write_effort(options.output, learned)
     print(
         f"{options.output}: Effort for {learned.view} from {plural(int(learned.provenance['examples']), 'example')}, "

@@ -53,6 +53,12 @@ def describe_background(header: "Header") -> str:
     return f"something else is known by blends of the movements and by {', '.join(known)}"
 
 
+def describe_camera(header: "Header") -> str:
+    """That the model holds for one place of one camera."""
+    camera = header.view.partition(":")[2]
+    return f"taught from the tracks of {camera or 'one camera'}: teach it again when the camera moves"
+
+
 def describe_vocabulary(header: "Header") -> str:
     """What to do with the other observers of the scene, whose posteriors would otherwise be rejected."""
     vocabulary = header.vocabulary

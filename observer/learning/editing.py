@@ -28,6 +28,7 @@ from observer.model.base import (
 from observer.model.parameters import facings_in
 from observer.model.posterior_calibration import HeldOutResult, PosteriorCalibration
 from observer.motion.archive import MotionArchive, common_rate, labels_of, movements_in, require_labels
+from observer.motion.projected import require_view
 
 SAME_VIEW = 1e-6
 """Relative tolerance of two matrices: a view is computed each time and may differ in its last bits."""
@@ -142,6 +143,12 @@ def _editable(model: MovementModel) -> Editable:
 def _require_match(old: Header, archive: MotionArchive, view: View, kind: str, parameters: Mapping[str, float]) -> None:
     if not np.allclose(old.matrix, view.matrix, rtol=0, atol=SAME_VIEW * float(np.abs(old.matrix).max())):
         raise BadInput(f"--view {view.name}: the model is for {old.view}; give that view, or learn another model")
+    cameras = {name for name in (old.view.partition(":")[2], view.name.partition(":")[2]) if name}
+    if view.is_this_camera and len(cameras) > 1:
+        raise BadInput(
+            f"recordings of {view.name}: the model is for {old.view}; a model is for the tracks of one camera"
+        )
+    require_view(view, archive.recordings)
     if kind and kind != old.kind:
         raise BadInput(f"--model {kind}: the model is of the kind {old.kind}; leave out --model")
     for name, value in parameters.items():

@@ -1,5 +1,7 @@
 """Learns a view's model: 3-D recordings, projected into one view, become its movement model (section II.B).
 
+Tracks of one camera become the model of this camera as it stands.
+
 Cross-validation by person calibrates the model's posteriors.
 """
 
@@ -41,6 +43,7 @@ from observer.motion.archive import (
     require_labels,
     streams_in,
 )
+from observer.motion.projected import require_view
 
 BLENDS = "blends"
 """Stands for a background without recordings: only blends of the learned movements are "something else"."""
@@ -64,15 +67,16 @@ def learn_view(
     With a parameter `facings` of K the performer is turned to K directions, evenly around. calibrate: cross-validate
     by person, so that the model's posteriors can be calibrated. background: recordings of other movements, from which
     the model also learns "something else"; without recordings, from blends only. A kind that learns from streams also
-    gets the continuous recordings of the archive and of the background, the unlabelled ones of the background, and
-    `streams`, which have the archive's body parts: what people do outside the spans is "something else".
+    gets the continuous and the unlabelled recordings of the archive and of the background, and `streams`, which have
+    the archive's body parts: what people do outside the spans is "something else".
 
-    Raises BadInput for recordings at different rates, an unknown model, an invalid parameter, and a movement that no
-    recording shows.
+    Raises BadInput for recordings at different rates, an unknown model, an invalid parameter, a movement that no
+    recording shows, and recordings that the view cannot show (3-D for the view `camera`, tracks for others).
     """
     parts = body_parts or archive.body_parts
     rate_hz, model = common_rate(archive), model_named(kind)
     seen_from = ExampleView(view, vocabulary, parts, facings_in(parameters or {}))
+    require_view(view, (*archive.recordings, *(background.recordings if background else ())), seen_from.facings)
     recordings = [recording for recording in movements_in(archive) if recording.label in vocabulary.labels]
     require_labels(vocabulary.labels, archive, "--labels")
     examples = seen_from.examples(recordings, archive.body_parts)
@@ -101,7 +105,7 @@ def _streams(
     """Everything from which "something else" can be learned; labels: the movements of the background."""
     labelled = (*seen_from.vocabulary.labels, *labels)
     added = MotionArchive(archive.body_parts, tuple(streams))
-    result = seen_from.streams([*streams_in(archive, labelled)], archive.body_parts, labels)
+    result = seen_from.streams([*streams_in(archive, labelled, unlabelled=True)], archive.body_parts, labels)
     result += seen_from.streams([*streams_in(added, labelled, unlabelled=True)], archive.body_parts, labels)
     if background is not None:
         result += seen_from.streams([*streams_in(background, labelled, unlabelled=True)], background.body_parts, labels)

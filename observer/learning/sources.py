@@ -7,10 +7,12 @@ from pathlib import Path
 
 from common.errors import BadInput, reason_of
 from common.text import split_list
+from observer.geometry.views import View
 from observer.learning.examples import gather_background
 from observer.learning.learn import BLENDS
 from observer.motion.archive import MotionArchive, common_rate, labels_of, select
 from observer.motion.archive_file import read_archive
+from observer.motion.projected import require_same_camera
 from observer.motion.sensors import SensorFile, parse_sensors
 
 
@@ -19,6 +21,7 @@ class LearningSource:
     """What one model is learned from."""
 
     archive: MotionArchive
+    view: View
     background: MotionArchive | None
     provenance: Mapping[str, str]
 
@@ -33,9 +36,8 @@ def sensors_to_learn(
 ) -> list[SensorFile]:
     """The sensors, or the archive as the only one; with sensors `output` becomes a folder."""
     if not texts:
-        if archive is None or not view:
-            missing = "ARCHIVE" if archive is None else "--view"
-            raise BadInput(f"{missing}: needed, as in: labanmesh learn own.npz --view door -o cam1.model")
+        if archive is None:
+            raise BadInput("ARCHIVE: needed, as in: labanmesh learn own.npz --view door -o cam1.model")
         return [SensorFile("", archive, view)]
     if archive or view:
         raise BadInput("--sensor: takes the place of ARCHIVE and --view; omit these")
@@ -58,14 +60,15 @@ def read_source(
 ) -> LearningSource:
     """Read the archives of one sensor. background: the values of --background and --background-labels."""
     whole = select(read_archive(sensor.path), people, rate)
+    if not (sensor.name or sensor.view or whole.camera):
+        raise BadInput(f"--view: needed, as in: labanmesh learn {sensor.path} --view door -o cam1.model")
     provenance = {
         "archive": sensor.path.name,
         "archive_sha256": hashlib.sha256(sensor.path.read_bytes()).hexdigest(),
         "subjects": ",".join(sorted({r.subject for r in whole.recordings})),
     }
-    return LearningSource(
-        whole, _read_background(*background, sensor.path, whole, people, body_parts or whole.body_parts), provenance
-    )
+    learned_too = _read_background(*background, sensor.path, whole, people, body_parts or whole.body_parts)
+    return LearningSource(whole, sensor.view_in(whole), learned_too, provenance)
 
 
 def _read_background(
@@ -90,4 +93,6 @@ def _read_background(
         return MotionArchive(body_parts, ())
     paths = [Path(name) for name in split_list("--background", background)]
     archives = [select(read_archive(p), subjects if p.resolve() == learned.resolve() else ()) for p in paths]
+    for path, other in zip(paths, archives, strict=True):
+        require_same_camera(archive, other, f"--background {path}")
     return gather_background(archives, chosen, body_parts, common_rate(archive))

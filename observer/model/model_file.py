@@ -6,6 +6,7 @@ certainty); all other arrays are the model's own.
 
 import json
 import math
+from collections.abc import Collection
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,7 @@ from numpy.typing import NDArray
 from common.errors import BadInput
 from common.vocabulary import Vocabulary
 from observer.files import read_arrays, write_arrays
-from observer.geometry.views import View
+from observer.geometry.views import View, is_this_camera
 from observer.model.base import Header, MovementModel
 from observer.model.parameters import check_parameters
 from observer.model.posterior_calibration import PosteriorCalibration
@@ -82,11 +83,26 @@ def require_match(path: Path, model: MovementModel, vocabulary: Vocabulary | Non
 
 
 def doubt_of_view(path: Path, header: Header, view: View, name: str) -> str:
-    """Why the model may fit badly if it was learned for another view than the observer's, `name`; "" if it fits."""
-    if np.allclose(view.matrix, header.matrix):
+    """Why the model may fit badly if it was learned for another view than the observer's, `name`; "" if it fits.
+
+    A model of this camera's own tracks fits every view of the observer, which it does not use.
+    """
+    if is_this_camera(header.matrix) or np.allclose(view.matrix, header.matrix):
         return ""
+    if view.is_this_camera:
+        return (
+            f"{path}: learned for {header.view}, not from this camera's tracks; set view to {header.view}, or teach it"
+        )
     text = f"{path}: learned for {header.view}, but this observer sees from {view.name}; learn it again: "
     return f"{text}labanmesh learn ... --view {name}"
+
+
+def doubt_of_camera(path: Path, header: Header, observer: str, others: Collection[str]) -> str:
+    """Why a model taught from the tracks of one of the `others`, observers of the scene, does not fit `observer`."""
+    camera = header.view.partition(":")[2] if is_this_camera(header.matrix) else ""
+    if camera == observer or camera not in others:
+        return ""
+    return f"{path}: taught from the tracks of {camera}, and this observer is {observer}; teach it from its own tracks"
 
 
 def _as_json(header: Header) -> dict[str, Any]:

@@ -1,15 +1,19 @@
-"""Recorded motion as a view sees it: a projective matrix replaces the camera and its tracker."""
+"""Recorded motion as a view sees it: a projective matrix replaces the camera and its tracker.
+
+Tracks of one camera are what it saw; only the view `camera` fits them.
+"""
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from common import SECOND_NS
 from common.errors import BadInput
 from observer.geometry.projection import project
-from observer.geometry.views import View
-from observer.motion.archive import Recording
-from observer.tracks import Frame, Tracks
+from observer.geometry.views import THIS_CAMERA, View, parse_view, this_camera
+from observer.motion.archive import MotionArchive, Recording, TracksCamera
+from observer.tracks import Floats, Frame, Tracks
 
 
 class ProjectedTracker:
@@ -25,14 +29,84 @@ class ProjectedTracker:
         self._rows = _rows_of(wanted, recorded)
 
     def update(self, frame: Frame) -> Tracks:
-        """The recorded positions in the view's image; a part that is missing in this frame is not seen."""
-        return Tracks(project(self._view.matrix, frame.content[self._rows]))
+        """The recorded positions in the view's image; a part that is missing in this frame is not seen.
+
+        Recorded tracks, (P, 2), stay as they are.
+        """
+        return Tracks(_seen(self._view, frame.content[self._rows]))
 
 
 def view_tracks(view: View, recording: Recording, recorded: tuple[str, ...], wanted: tuple[str, ...]) -> list[Tracks]:
     """The tracks of all frames of a recording, seen from the view, as a `ProjectedTracker` finds them, but faster."""
     positions = recording.positions[:, _rows_of(wanted, recorded)].astype(np.float64)
-    return [Tracks(centres) for centres in project(view.matrix, positions)]
+    return [Tracks(centres) for centres in _seen(view, positions)]
+
+
+def _seen(view: View, positions: Floats) -> Floats:
+    """(..., 3) positions in the view's image, or (..., 2) tracks as they are, with both coordinates or none."""
+    if positions.shape[-1] == 3:
+        return project(view.matrix, positions)
+    return np.where(np.isfinite(positions).all(axis=-1, keepdims=True), positions, np.nan)
+
+
+def projected(archive: MotionArchive, view: View, camera: TracksCamera) -> MotionArchive:
+    """The archive as tracks (F, P, 2) of a camera that sees from `view`, in the view's unit; spans stay.
+
+    Recordings of which it sees nothing are left out. Raises BadInput for an archive of tracks and the view `camera`.
+    """
+    require_view(view, archive.recordings)
+    if view.is_this_camera:
+        raise BadInput("these are the tracks of one camera already; only positions in 3-D can be seen from a view")
+    shown = (project(view.matrix, r.positions.astype(np.float64)).astype(np.float32) for r in archive.recordings)
+    recordings = tuple(
+        replace(r, positions=centres)
+        for r, centres in zip(archive.recordings, shown, strict=True)
+        if np.isfinite(centres).any()
+    )
+    return MotionArchive(archive.body_parts, recordings, camera)
+
+
+def view_of(archive: MotionArchive, text: str, name: str = "") -> View:
+    """The view by its name, checked against the archive; "" is the archive's own camera for tracks.
+
+    name: of that camera, where the archive has none. Raises BadInput for "" with 3-D positions, and as `parse_view` and
+    `require_view` do.
+    """
+    if archive.camera is not None and text in ("", THIS_CAMERA):
+        return this_camera(archive.camera.name or name)
+    view = parse_view(text)
+    require_view(view, archive.recordings)
+    return view
+
+
+def require_view(view: View, recordings: Sequence[Recording], facings: int = 1) -> None:
+    """Raise BadInput if the view cannot show the recordings, and for turns of what is no longer in space."""
+    for recording in recordings:
+        if view.is_this_camera and recording.positions.shape[2] == 3:
+            raise BadInput(f"view {view.name}: the recordings are positions in 3-D; say from where they are seen: door")
+        if not view.is_this_camera and recording.positions.shape[2] == 2:
+            raise BadInput(
+                f"view {view.name}: the recordings are 2-D tracks of one camera; give no view, or {THIS_CAMERA}"
+            )
+    if view.is_this_camera and facings > 1:
+        raise BadInput(
+            f"parameter facings={facings}: 2-D tracks cannot be turned; omit it, and record people as they turn"
+        )
+
+
+def require_same_camera(archive: MotionArchive, other: MotionArchive, place: str) -> None:
+    """Raise BadInput, one line beginning with `place` of the other archive, if one model may not use both."""
+    if (archive.camera is None) != (other.camera is None):
+        kinds = ("2-D tracks of one camera", "positions in 3-D")
+        theirs, ours = kinds if other.camera is not None else reversed(kinds)
+        raise BadInput(f"{place}: {theirs}, but the movements are {ours}; one model learns from one kind")
+    if archive.camera is None or other.camera is None:
+        return
+    ours, theirs = archive.camera.name, other.camera.name
+    if ours and theirs and ours != theirs:
+        raise BadInput(
+            f"{place}: tracks of {theirs}, but the movements are tracks of {ours}; a model is for one camera"
+        )
 
 
 def _rows_of(wanted: Sequence[str], recorded: Sequence[str]) -> list[int]:

@@ -5,6 +5,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from common.errors import BadInput
+from observer.geometry.views import View
+from observer.motion.archive import MotionArchive
+from observer.motion.projected import view_of
 
 DEFAULT_VIEW = "door"
 """What a sensor recorded is in its own frame: seen from the Door, it is what the sensor saw."""
@@ -12,11 +15,15 @@ DEFAULT_VIEW = "door"
 
 @dataclass(frozen=True, slots=True)
 class SensorFile:
-    """A sensor's name, its motion archive, and its view."""
+    """A sensor's name, its motion archive, and its view, "" if none was given."""
 
     name: str
     path: Path
-    view: str = DEFAULT_VIEW
+    view: str = ""
+
+    def view_in(self, archive: MotionArchive) -> View:
+        """The view of its archive, as `view_of` has it: DEFAULT_VIEW for 3-D positions, unless another was given."""
+        return view_of(archive, self.view or ("" if archive.camera else DEFAULT_VIEW), self.name)
 
 
 def parse_sensors(texts: Sequence[str]) -> list[SensorFile]:
@@ -24,8 +31,8 @@ def parse_sensors(texts: Sequence[str]) -> list[SensorFile]:
     sensors: list[SensorFile] = []
     for text in texts:
         name, equals, place = text.partition("=")
-        file, _, view = place.rpartition("@") if "@" in Path(place).name else (place, "", DEFAULT_VIEW)
-        if not (name and equals and file and view) or "/" in name:
+        file, _, view = place.rpartition("@") if "@" in Path(place).name else (place, "", "")
+        if not (name and equals and file) or "/" in name or place.endswith("@"):
             raise BadInput(f"--sensor {text!r}: NAME=FILE.npz or NAME=FILE.npz@VIEW is expected")
         if name in (sensor.name for sensor in sensors):
             raise BadInput(f"--sensor {text}: {name!r} is given twice; every sensor needs its own name")

@@ -77,6 +77,10 @@ def _source(text: str, view: str, recording: int, report: "Report") -> "FrameSou
     from observer.rendering.virtual_camera import VirtualCamera
 
     archive = read_archive(Path(text))
+    if archive.camera is not None:
+        raise BadInput(
+            f"{text}: holds 2-D tracks, which no tracker can film; name a camera, a film or positions in 3-D"
+        )
     if recording >= len(archive.recordings):
         raise BadInput(f"--recording {recording}: {text} has recordings 0 to {len(archive.recordings) - 1}")
     chosen = archive.recordings[recording : recording + 1]

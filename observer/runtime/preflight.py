@@ -33,6 +33,7 @@ class PreflightResult:
 
     source: without passwords. reads: what its tracker reads (positions, pictures, tracks), "" if that is a fault.
     labels, rate_hz, kind: of its model, empty and None if it cannot be read. lacks: packages not installed here.
+    taught_from: the camera from whose tracks the model was taught, which holds until that camera moves; "" for others.
     """
 
     observer: str
@@ -44,6 +45,7 @@ class PreflightResult:
     faults: list[str] = field(default_factory=list)
     doubts: list[str] = field(default_factory=list)
     lacks: list[str] = field(default_factory=list)
+    taught_from: str = ""
 
     def attempt(self, action: Callable[[], T]) -> T | None:
         """The action's result; on an error it is recorded and the result is None."""
@@ -103,8 +105,9 @@ def _check_mediapipe(scene: Scene, section: ObserverConfig, result: PreflightRes
 def _check_model(
     scene: Scene, section: ObserverConfig, result: PreflightResult, rate_hz: float | None, view: "View | None"
 ) -> None:
+    from observer.geometry.views import is_this_camera
     from observer.model.base import LearnsStreams, knows_blends_only
-    from observer.model.model_file import doubt_of_view, read_model, require_match
+    from observer.model.model_file import doubt_of_camera, doubt_of_view, read_model, require_match
 
     path = scene.place(section.model)
     model = result.attempt(lambda: read_model(path))
@@ -115,6 +118,10 @@ def _check_model(
     result.attempt(lambda: require_match(path, model, scene.named_vocabulary, rate_hz))
     if view and (doubt := doubt_of_view(path, header, view, section.view)):
         result.doubts.append(doubt)
+    if doubt := doubt_of_camera(path, header, result.observer, scene.roster):
+        result.doubts.append(doubt)
+    if is_this_camera(header.matrix):
+        result.taught_from = header.view.partition(":")[2] or result.observer
     if isinstance(model, LearnsStreams) and knows_blends_only(header):
         result.doubts.append(f"{path}: {BLENDS_ONLY}")
 

@@ -125,6 +125,7 @@ def open_inputs(
     start_ns = _start_ns(environment.get(PLAYBACK_START))
     if content == "positions":
         motion = _recorded_motion(scene, section, key, start_ns)
+        _require_shown(motion, view, key, pictures=kind.reads == "pictures")
         source = motion if kind.reads == "positions" else _virtual_camera(motion, view, section)
     elif content == "tracks":
         source = _tracks(section.source, report)
@@ -163,6 +164,15 @@ def _recorded_motion(scene: Scene, section: ObserverConfig, key: str, start_ns: 
     if section.rate_hz:
         recordings = [resample(recording, section.rate_hz) for recording in recordings]
     return RecordedMotion(archive.body_parts, recordings, section.speed, section.loop, start_ns)
+
+
+def _require_shown(motion: RecordedMotion, view: View, key: str, pictures: bool) -> None:
+    """Tracks are played as they are, whatever the view: it says what is known about the camera."""
+    tracks = motion.recordings[0].positions.shape[2] == 2
+    if tracks and pictures:
+        raise BadInput(f"{key}.tracker: the source holds 2-D tracks, which no tracker can film; omit tracker")
+    if view.is_this_camera and not tracks:
+        raise BadInput(f"{key}.view = {view.name!r}: the source holds positions in 3-D; name a view, e.g. door")
 
 
 def _virtual_camera(motion: RecordedMotion, view: View, section: ObserverConfig) -> FrameSource:
