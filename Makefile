@@ -85,8 +85,8 @@ $(MEDIAPIPE)/.ready: pyproject.toml
 	@echo "setting up $(MEDIAPIPE) (once, about two minutes) ..."
 	@$(PYTHON) -m venv $(MEDIAPIPE)
 	@$(MEDIAPIPE)/bin/python -m pip install --quiet --disable-pip-version-check -e '.[mediapipe,dev]'
-	@# MediaPipe brings an OpenCV with windows, which wants libGL; the same version without goes on top.
-	@$(MEDIAPIPE)/bin/python -m pip install --quiet --disable-pip-version-check --force-reinstall --no-deps "opencv-python-headless==$$($(MEDIAPIPE)/bin/python -c 'from importlib.metadata import version; print(version("opencv-contrib-python"))')"
+	@# MediaPipe brings an OpenCV with windows. Where the system lacks its libGL, the same version without goes on top.
+	@$(MEDIAPIPE)/bin/python -c 'import cv2' 2>/dev/null || $(MEDIAPIPE)/bin/python -m pip install --quiet --disable-pip-version-check --force-reinstall --no-deps "opencv-python-headless==$$($(MEDIAPIPE)/bin/python -c 'from importlib.metadata import version; print(version("opencv-contrib-python"))')"
 	@touch $@
 
 $(HOME_ASSISTANT)/.ready: tests/home/install_home.sh

@@ -74,6 +74,11 @@ EXTRAS = {
     **dict.fromkeys(("starlette", "uvicorn", "sse_starlette"), "dashboard"),
 }
 """Libraries that a plain install lacks, and the extra that installs them."""
+SYSTEM_LIBRARY = "cannot open shared object file"
+"""What the loader says of a library of the system that is not installed."""
+INSTALL_LIBRARY = (
+    "install that library of the system (for libGL on Debian and Ubuntu: apt-get install libgl1 libglib2.0-0)"
+)
 WRITE_ERRORS = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO})
 
 
@@ -150,6 +155,27 @@ def _dispatch(words: Sequence[str]) -> int:
 
         way_out = f"pip install 'labanmesh[{EXTRAS[package]}]'"
         raise LabanmeshError(f"{words[0]}: {package} is not installed on this machine; {way_out}") from None
+    except ImportError as error:
+        # The OpenCV that mediapipe brings draws windows, and wants the system's libGL.
+        if SYSTEM_LIBRARY not in str(error):
+            raise
+        from common.errors import LabanmeshError
+
+        raise LabanmeshError(f"{words[0]}: {' '.join(str(error).split())}; {INSTALL_LIBRARY}{_opencv()}") from None
+
+
+def _opencv() -> str:
+    """How to do without libGL, where an OpenCV with windows lies on top of the one without."""
+    from importlib.metadata import PackageNotFoundError, version
+
+    try:
+        installed = version("opencv-contrib-python")
+    except PackageNotFoundError:
+        return ""
+    return (
+        ", or put the OpenCV without windows on top: "
+        f"pip install --force-reinstall --no-deps opencv-python-headless=={installed}"
+    )
 
 
 def overview() -> str:

@@ -21,6 +21,7 @@ from common.config import Scene, read_scene
 from common.config_sections import default_quorum
 from common.errors import BadInput, LabanmeshError, reason_of
 from common.lifecycle import stop_on_signals
+from common.tracker_choice import chosen_tracker
 from deploy.doctor.cameras import Webcam, webcams
 from deploy.doctor.network import EndpointParts, listener_on, try_to_listen
 from deploy.launcher import Job, Launcher, RestartPolicy
@@ -28,7 +29,7 @@ from deploy.launcher import Job, Launcher, RestartPolicy
 START_TOGETHER_S = 2.0
 """Recordings begin this long after the launcher, when all observers run: they all see the same moment."""
 EACH_OBSERVER_S = 0.2
-LOADING_S = {"mediapipe": 4.0}
+LOADING_S = {"mediapipe": 4.0, "onnx": 2.0}
 """Some trackers take long to load: MediaPipe a second of a fast core, several of a small or busy one. A film that began
 before would be played late, and fusion leaves late posteriors out."""
 HUBS = {"mqtt": ("hub", "mqtt"), "dashboard": ("dashboard",)}
@@ -60,9 +61,9 @@ source = "{source}"
 # Where it stands as seen from the performer: door (in front), wheel (to the right), yaw:DEG between, negative to the
 # left; or a camera file of `labanmesh calibrate`. An estimate is enough to begin with: the model is learned for it.
 view = "{view}"
-# camshift follows skin colour and needs nothing more; mediapipe finds bodies, and is an install of its own:
-# pip install 'labanmesh[mediapipe]'
-tracker = "camshift"
+# How body parts are found. Without the line: mediapipe, which finds bodies, where it is installed
+# (pip install 'labanmesh[mediapipe]'), else camshift, which follows skin colour and needs nothing more.
+#tracker = "mediapipe"
 # The model file; this is its name without the line.
 #model = "{name}.model"
 # For mirrored pictures, as many webcams and phones take them.
@@ -133,7 +134,9 @@ def up(
 
 def playback_delay_s(scene: Scene) -> float:
     """How long after the launcher recordings and films begin, when all observers run."""
-    loading_s = max((LOADING_S.get(section.tracker, 0.0) for section in scene.observers.values()), default=0.0)
+    loading_s = max(
+        (LOADING_S.get(chosen_tracker(section).name, 0.0) for section in scene.observers.values()), default=0.0
+    )
     return START_TOGETHER_S + EACH_OBSERVER_S * len(scene.roster) + loading_s
 
 

@@ -16,6 +16,7 @@ from typing import Final, Literal
 from urllib.parse import urlsplit
 
 from common.config import Scene
+from common.tracker_choice import chosen_tracker
 from deploy.doctor.findings import Finding, Mark, from_fault, masked, ok, warning
 from deploy.doctor.network import connect_to
 
@@ -138,11 +139,12 @@ def _network_camera(source: str) -> NetworkCamera:
 def _test(scene: Scene, each: ObserverCamera) -> CameraTest:
     """Runs `labanmesh look` on an observer's camera, with the scene file's settings."""
     section = scene.observer(each.observer)
-    tracker = "camshift" if section.tracker == "auto" else section.tracker
+    tracker = chosen_tracker(section).name
     with tempfile.TemporaryDirectory() as folder:
         options = ["--tracker", tracker, "-o", f"{folder}/look.png", "--frames", str(TEST_FRAMES)]
-        skin = ["--skin", str(scene.place(section.skin))] if section.skin else []
-        command = [sys.executable, "-P", "-m", "labanmesh", "look", section.source, *options, *skin]
+        for option, file in (("--skin", section.skin), ("--pose-model", section.pose_model)):
+            options += [option, str(scene.place(file))] if file else []
+        command = [sys.executable, "-P", "-m", "labanmesh", "look", section.source, *options]
         try:
             done = subprocess.run(  # noqa: S603 - the command line is ours
                 command, stdin=subprocess.DEVNULL, capture_output=True, text=True, timeout=TEST_S, check=False

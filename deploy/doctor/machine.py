@@ -16,10 +16,11 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, Literal
 
+from common.tracker_choice import INSTALL_MEDIAPIPE, PICTURE_TRACKERS, chosen_tracker
 from deploy.doctor.findings import Finding, Mark, error, ok, warning
 
 if TYPE_CHECKING:
-    from common.config import ObserverConfig, Scene
+    from common.config import Scene
 
 GROUP: Final = "this machine"
 ClockState = Literal["synchronised", "free", "unknown"]
@@ -29,8 +30,6 @@ LITTLE_DISK = 500 * MIB
 """Bytes; a preview film takes about 1 MB a second, a capture of four observers far less."""
 LITTLE_MEMORY = 300 * MIB
 """Bytes; an observer takes 100 to 150 MB, one with mediapipe twice that."""
-WITHOUT_PICTURES = ("zenoh:", "-")
-"""How sources begin that deliver tracks."""
 INSTALL_OBSERVER = "pip install 'labanmesh[observer]'"
 OPENCV = ("opencv-python-headless", "opencv-python", "opencv-contrib-python", "opencv-contrib-python-headless")
 CASCADE = "haarcascade_frontalface_alt2.xml"
@@ -202,10 +201,13 @@ def _free_memory() -> int | None:
 def machine_needs(scene: "Scene", observers: Sequence[str]) -> MachineNeeds:
     """The needs of these observers of a scene."""
     sections = {name: scene.observer(name) for name in observers}
-    pictures = {name: section for name, section in sections.items() if _sees_pictures(section)}
-    pose = {name: section for name, section in pictures.items() if section.tracker == "mediapipe"}
-    untaught = [s for s in pictures if s not in pose and not (sections[s].skin or sections[s].face)]
-    return MachineNeeds(tuple(pictures), tuple(untaught), tuple(pose), tuple(s for s in pose if not pose[s].pose_model))
+    trackers = {name: chosen_tracker(section).name for name, section in sections.items()}
+    pictures = [name for name, tracker in trackers.items() if tracker in PICTURE_TRACKERS]
+    pose = [name for name in pictures if trackers[name] == "mediapipe"]
+    colour = [name for name in pictures if trackers[name] == "camshift"]
+    untaught = [name for name in colour if not (sections[name].skin or sections[name].face)]
+    carried = [name for name in pose if not sections[name].pose_model]
+    return MachineNeeds(tuple(pictures), tuple(untaught), tuple(pose), tuple(carried))
 
 
 def check_machine(facts: MachineFacts, needs: MachineNeeds, *, certain: bool = True) -> list[Finding]:
@@ -222,12 +224,6 @@ def check_machine(facts: MachineFacts, needs: MachineNeeds, *, certain: bool = T
         _clock(facts.clock),
         *_free_space(facts),
     ]
-
-
-def _sees_pictures(section: "ObserverConfig") -> bool:
-    if section.tracker == "auto":
-        return not section.source.endswith(".npz") and not section.source.startswith(WITHOUT_PICTURES)
-    return section.tracker in ("camshift", "mediapipe")
 
 
 def _packages(packages: Sequence[Package]) -> Iterator[Finding]:
@@ -263,12 +259,11 @@ def _opencv(facts: MachineFacts, needs: MachineNeeds, lacking: Mark) -> Iterator
 def _mediapipe(package: Package, needs: MachineNeeds, lacking: Mark) -> Iterator[Finding]:
     if not needs.mediapipe:
         return
-    install = "pip install 'labanmesh[mediapipe]'"
     if not package.version:
         what = f"mediapipe is not installed; needed by {', '.join(needs.mediapipe)}"
-        yield Finding(GROUP, lacking, what, install)
+        yield Finding(GROUP, lacking, what, INSTALL_MEDIAPIPE)
     elif not package.fits:
-        yield warning(GROUP, package.misfit, install)
+        yield warning(GROUP, package.misfit, INSTALL_MEDIAPIPE)
     else:
         yield ok(GROUP, f"mediapipe {package.version}")
     if package.version and needs.carried_model and not package.version.startswith("0.10.21"):

@@ -59,6 +59,8 @@ class PreflightReport:
     lacks: Sequence[str] = ()
     kind: str = ""
     taught_from: str = ""
+    tracker: str = ""
+    lacks_tracker: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,15 +156,26 @@ def _observers(facts: SceneFacts) -> Iterator[Finding]:
             yield from_fault(GROUP, mark, f"{observer}: {fault}", WAY_OUT)
         for doubt in report.doubts:
             yield from_fault(GROUP, "warning", f"{observer}: {doubt}", WAY_OUT)
+        if report.lacks_tracker:
+            yield warning(
+                GROUP, f"{observer}: tracker camshift: {report.lacks_tracker.partition(': ')[0]}", _remedy(report)
+            )
         if not report.faults and not report.lacks:
             rate = f" at {report.rate_hz:g} Hz" if report.rate_hz else ""
             model = f"model of {plural(len(report.labels), 'movement')}{rate}"
-            yield ok(GROUP, f"{observer}: {report.source}, {model}{f' ({report.kind})' if report.kind else ''}")
+            tracker = f", tracker {report.tracker}" if report.tracker else ""
+            kind = f" ({report.kind})" if report.kind else ""
+            yield ok(GROUP, f"{observer}: {report.source}{tracker}, {model}{kind}")
         if report.taught_from:
             camera = report.taught_from
             yield ok(GROUP, f"{observer}: its model is for {camera} as it stands: teach it again when the camera moves")
     if not facts.certain and any(report.faults or report.lacks for report in facts.reports.values()):
         yield warning(GROUP, "observers lack something here, and may be meant for other machines", ELSEWHERE)
+
+
+def _remedy(report: PreflightReport) -> str:
+    """How to get the better tracker, or to stay with this one."""
+    return f'{report.lacks_tracker.partition(": ")[2]}; or choose camshift: tracker = "{report.tracker}"'
 
 
 def _vocabularies(facts: SceneFacts) -> Iterator[Finding]:

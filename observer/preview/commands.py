@@ -8,6 +8,8 @@ import typer
 from common.errors import BadInput, LabanmeshError
 
 if TYPE_CHECKING:
+    from common.config import ObserverConfig
+    from common.tracker_choice import TrackerChoice
     from observer.camera.base import Report
     from observer.preview.looking import LookReport
     from observer.tracks import FrameSource, Tracker
@@ -17,9 +19,10 @@ SUFFIXES = (".png", ".jpg", ".jpeg")
 
 def look(
     source: Annotated[str, typer.Argument(help="Webcam (0), address, video, folder of pictures, or motion archive.")],
-    tracker: Annotated[str, typer.Option(help="camshift or mediapipe.")] = "camshift",
+    tracker: Annotated[str, typer.Option(help="auto, mediapipe, onnx or camshift.")] = "auto",
     output: Annotated[Path, typer.Option("-o", "--output", help="The picture to write.")] = Path("look.png"),
     frames: Annotated[int, typer.Option(min=1, help="Number of pictures to track; the newest is written.")] = 30,
+    pose_model: Annotated[str, typer.Option(help="The model file of mediapipe (.task) or onnx (.onnx).")] = "",
     skin: Annotated[str, typer.Option(help="A histogram saved by --save-skin.")] = "",
     face: Annotated[str, typer.Option(help="X,Y,WIDTH,HEIGHT of the face in the first picture, px.")] = "",
     save_skin: Annotated[Path | None, typer.Option(help="Save the skin colour, for other cameras (.npz).")] = None,
@@ -34,6 +37,7 @@ def look(
 
     Example: labanmesh look motion.npz --view yaw:45 --save-skin skin.npz
     """
+    from common.config import ObserverConfig
     from observer.camera.base import kind_of, without_secrets
     from observer.camera.files import write_picture
     from observer.preview.looking import LastReport, look_at
@@ -44,9 +48,10 @@ def look(
         _require_folder(path)
     last_report = LastReport()
     opened = _source(source, view, recording, last_report)
-    built = _tracker(tracker, skin, _box(face))
+    settings = ObserverConfig(source=source, tracker=tracker, pose_model=pose_model, skin=skin, face=_box(face))
+    built, choice = _tracker(settings, saves_skin=save_skin is not None)
     name = Path(source).name if kind_of(source) == "path" else without_secrets(source)
-    result = look_at(opened, built, frames, name, tracker, last_report)
+    result = look_at(opened, built, frames, name, choice, last_report)
     write_picture(output, result.painted)
     _print(result.report, output)
     if save_skin is not None:
@@ -87,17 +92,23 @@ def _source(text: str, view: str, recording: int, report: "Report") -> "FrameSou
     return VirtualCamera(RecordedMotion(archive.body_parts, chosen, speed=0.0), parse_view(view))
 
 
-def _tracker(name: str, skin: str, face: tuple[int, int, int, int] | None) -> "Tracker":
+def _tracker(section: "ObserverConfig", saves_skin: bool) -> "tuple[Tracker, TrackerChoice]":
+    """The tracker, and why it was chosen if that was left open; saves_skin: only camshift learns skin."""
     import numpy as np
 
-    from common.config import ObserverConfig
+    from common.tracker_choice import AUTO, TrackerChoice, chosen_tracker, content_of
     from observer.geometry.views import View
-    from observer.tracking.registry import TrackerSettings, tracker_named
+    from observer.tracking.registry import TrackerSettings, built_tracker, tracker_named
     from observer.tracks import BODY_PARTS
 
-    kind = tracker_named(name, "--tracker", "pictures")
-    section = ObserverConfig(source="look", skin=skin, face=face)
-    return kind.build(TrackerSettings(View("look", np.eye(3, 4)), (), BODY_PARTS, section, Path))
+    choice = chosen_tracker(section)
+    if section.tracker == AUTO and content_of(section.source) == "positions":
+        choice = TrackerChoice("camshift", "pose models do not find drawn people")
+    elif section.tracker == AUTO and saves_skin:
+        choice = TrackerChoice("camshift", "--save-skin is set")
+    kind = tracker_named(choice.name, "--tracker", "pictures")
+    settings = TrackerSettings(View("look", np.eye(3, 4)), (), BODY_PARTS, section, Path)
+    return built_tracker(choice, kind, settings)
 
 
 def _box(text: str) -> tuple[int, int, int, int] | None:

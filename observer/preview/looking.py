@@ -13,6 +13,7 @@ from common import SECOND_NS
 from common.errors import LabanmeshError
 from common.messages import ProcessState
 from common.text import plural
+from common.tracker_choice import TrackerChoice
 from observer.camera.live import LiveCamera
 from observer.preview.painting import paint
 from observer.preview.screen import back_projection
@@ -43,7 +44,8 @@ class LookReport:
     rate_hz: measured for a live camera, else as the recording states. brightness: mean grey level, 0 to 255. faces:
     number of pictures with a face among the `faces_searched`, and face_px the width of the last. skin: share of the
     newest picture in the skin's colour, None for a tracker without one. seen_share: by part, the share of pictures in
-    which it was seen. states: in the newest picture.
+    which it was seen. states: in the newest picture. reason: why this tracker, "" if it was named; lacks: why not a
+    better one.
     """
 
     source: str
@@ -60,6 +62,8 @@ class LookReport:
     seen_share: Mapping[str, float]
     states: Mapping[str, State]
     complaint: str = ""
+    reason: str = ""
+    lacks: str = ""
 
 
 def report_lines(report: LookReport) -> Iterator[str]:
@@ -68,6 +72,7 @@ def report_lines(report: LookReport) -> Iterator[str]:
     rate = "measured" if report.live else "as recorded"
     pictures = plural(report.pictures, "picture")
     yield f"{report.source}: {width}x{height} px, {report.rate_hz:.3g} Hz {rate}, {pictures} read"
+    yield f"  {'tracker':<12}{report.tracker}{f': {report.reason}' if report.reason else ''}"
     yield f"  {'light':<12}{report.brightness:.0f} of 255"
     if report.faces_searched:
         wide = f", {report.face_px} px wide" if report.face_px else ""
@@ -82,6 +87,8 @@ def report_lines(report: LookReport) -> Iterator[str]:
 def advice(report: LookReport) -> Iterator[str]:
     """What to do, most urgent first; one line that all is well when there is nothing to do."""
     lines = list(_advice(report))
+    if lines and report.lacks:
+        lines.append(report.lacks)
     yield from lines or [f'nothing to do: tracker = "{report.tracker}" suits this picture']
 
 
@@ -134,7 +141,7 @@ class LastReport:
 
 
 def look_at(
-    source: FrameSource, tracker: Tracker, frames: int, name: str, tracker_name: str, last_report: LastReport
+    source: FrameSource, tracker: Tracker, frames: int, name: str, choice: TrackerChoice, last_report: LastReport
 ) -> LookResult:
     """Track at most `frames` pictures of a source. name: of the source, for people. last_report: the source's report.
 
@@ -155,19 +162,21 @@ def look_at(
         raise LabanmeshError(f"{name}: no picture within {TIMEOUT_S:g} s: {reason}")
     live = isinstance(source, LiveCamera)
     rate_hz = _measured_hz(captured_ns, source.rate_hz) if live else source.rate_hz
-    report = _report(name, tracker_name, frame.content, rate_hz, live, shown, states, faces)
+    report = _report(name, choice, frame.content, rate_hz, live, shown, states, faces)
     return LookResult(report, paint(frame.content, shown))
 
 
 def _report(
-    name: str, tracker: str, picture: Picture, rate_hz: float, live: bool,
+    name: str, choice: TrackerChoice, picture: Picture, rate_hz: float, live: bool,
     shown: PreviewFrame, states: list[tuple[State, ...]], faces: "_FaceCount",
 ) -> LookReport:  # fmt: skip
     back, parts = shown.back_projection, shown.body_parts
     seen_share = np.mean([[state is State.SEEN for state in each] for each in states], axis=0)
     return LookReport(
         source=name,
-        tracker=tracker,
+        tracker=choice.name,
+        reason=choice.reason,
+        lacks=choice.lacks,
         size_px=(picture.shape[1], picture.shape[0]),
         rate_hz=rate_hz,
         live=live,

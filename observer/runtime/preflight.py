@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 from common.config import ObserverConfig, Scene, read_scene
 from common.errors import LabanmeshError
+from common.tracker_choice import STANDARD_INPUT, chosen_tracker, content_of
 
 if TYPE_CHECKING:
     from observer.geometry.views import View
@@ -31,7 +32,8 @@ BLENDS_ONLY = (
 class PreflightResult:
     """One observer. faults: why it cannot work; doubts: why it may work badly; each one line with a remedy.
 
-    source: without passwords. reads: what its tracker reads (positions, pictures, tracks), "" if that is a fault.
+    source: without passwords. tracker: its name, and why where the scene file leaves it open; lacks_tracker: why the
+    better one was not chosen. reads: what its tracker reads (positions, pictures, tracks), "" if that is a fault.
     labels, rate_hz, kind: of its model, empty and None if it cannot be read. lacks: packages not installed here.
     taught_from: the camera from whose tracks the model was taught, which holds until that camera moves; "" for others.
     """
@@ -39,6 +41,8 @@ class PreflightResult:
     observer: str
     source: str
     reads: str = ""
+    tracker: str = ""
+    lacks_tracker: str = ""
     labels: list[str] = field(default_factory=list)
     rate_hz: float | None = None
     kind: str = ""
@@ -55,6 +59,8 @@ class PreflightResult:
             self.faults.append(str(error))
         except ModuleNotFoundError as error:
             self.lacks.append(str(error.name))
+        except ImportError as error:
+            self.faults.append(f"{error}; install that library of the system (for libGL: libgl1 libglib2.0-0)")
         return None
 
 
@@ -62,14 +68,16 @@ def check_observer(scene: Scene, observer: str) -> PreflightResult:
     """Check everything that is needed before the first frame; never raises for what a scene file can get wrong."""
     from observer.camera.base import without_secrets
     from observer.geometry.views import parse_view
-    from observer.runtime.scene_inputs import content_of
     from observer.tracking.registry import tracker_named
 
     section, key = scene.observer(observer), f"observers.{observer}"
     result = PreflightResult(observer, without_secrets(section.source))
     view = result.attempt(lambda: parse_view(section.view, scene.place(".")))
     content = content_of(section.source)
-    kind = result.attempt(lambda: tracker_named(section.tracker, f"{key}.tracker", content))
+    choice = chosen_tracker(section)
+    kind = result.attempt(lambda: tracker_named(choice.name, f"{key}.tracker", content))
+    result.tracker = f"{choice.name} ({choice.reason})" if choice.reason and not choice.lacks else choice.name
+    result.lacks_tracker = choice.lacks
     result.reads = kind.reads if kind else ""
     rate_hz = _check_inputs(scene, section, result, kind.name) if view and kind else None
     _check_model(scene, section, result, rate_hz, view)
@@ -78,7 +86,7 @@ def check_observer(scene: Scene, observer: str) -> PreflightResult:
 
 def _check_inputs(scene: Scene, section: ObserverConfig, result: PreflightResult, tracker: str) -> float | None:
     """Check source and tracker; returns the rate that the model must have, if the source determines it."""
-    from observer.runtime.scene_inputs import STANDARD_INPUT, open_inputs
+    from observer.runtime.scene_inputs import open_inputs
 
     if tracker == "mediapipe":
         _check_mediapipe(scene, section, result)

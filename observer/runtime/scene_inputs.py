@@ -1,5 +1,6 @@
 """Opens the source of frames and the tracker that the scene file names for an observer."""
 
+import logging
 import os
 import sys
 import threading
@@ -12,6 +13,7 @@ import numpy as np
 
 from common.config import ObserverConfig, Scene
 from common.errors import BadInput
+from common.tracker_choice import MESH_KEY, STANDARD_INPUT, chosen_tracker, content_of
 from observer.camera.base import Report, ignore_report
 from observer.foreign.sources import LineTracks, MeshTracks, PipedTracks
 from observer.geometry.projection import LensDistortion
@@ -19,14 +21,12 @@ from observer.geometry.views import View, parse_view
 from observer.motion.archive import MotionArchive, Recording, resample
 from observer.motion.archive_file import read_archive
 from observer.motion.playback import RecordedMotion
-from observer.tracking.registry import Content, TrackerSettings, tracker_named
+from observer.tracking.registry import TrackerSettings, built_tracker, tracker_named
 from observer.tracks import BODY_PARTS, Frame, FrameSource, Tracker, Tracks
 
+log = logging.getLogger("labanmesh.observer")
 PLAYBACK_START = "LABANMESH_PLAYBACK_START_NS"
 """Environment variable: when (Unix epoch, ns) all observers of a scene start playback, so that they see the same."""
-STANDARD_INPUT = "-"
-MESH_KEY = "zenoh:"
-"""Prefix of a source that is a key on the mesh, under which another program publishes tracks."""
 SIZE_PX = (640, 480)
 """Default size of the virtual camera's pictures."""
 
@@ -121,7 +121,8 @@ def open_inputs(
     key = f"observers.{observer}"
     view = parse_view(section.view, scene.place("."))
     content = content_of(section.source)
-    kind = tracker_named(section.tracker, f"{key}.tracker", content)
+    choice = chosen_tracker(section)
+    kind = tracker_named(choice.name, f"{key}.tracker", content)
     start_ns = _start_ns(environment.get(PLAYBACK_START))
     if content == "positions":
         motion = _recorded_motion(scene, section, key, start_ns)
@@ -137,7 +138,11 @@ def open_inputs(
         if kind.reads != "pictures":
             raise BadInput(f"{key}.mirrored: only pictures can be mirrored back; this source gives {content}")
         source = UnmirroredSource(source)
-    tracker = kind.build(TrackerSettings(view, source.body_parts, wanted, section, scene.place))
+    settings = TrackerSettings(view, source.body_parts, wanted, section, scene.place)
+    tracker, outcome = built_tracker(choice, kind, settings)
+    if kind.reads == "pictures":
+        level = logging.INFO if outcome is choice else logging.WARNING
+        log.log(level, "%s: tracker %s: %s", observer, outcome.name, outcome.reason or "named in the scene file")
     prepared = PreparedTracker(tracker, wanted, view.lens)
     length = getattr(source, "length", None)
     return ObserverInputs(source, prepared, view, kind.reads == "positions", length, section.speed == 0)
@@ -148,13 +153,6 @@ def _use_one_thread() -> None:
     import cv2
 
     cv2.setNumThreads(1)
-
-
-def content_of(source: str) -> Content:
-    """What the frames of a source contain, by its name alone."""
-    if source == STANDARD_INPUT or source.startswith(MESH_KEY):
-        return "tracks"
-    return "positions" if Path(source).suffix == ".npz" else "pictures"
 
 
 def _recorded_motion(scene: Scene, section: ObserverConfig, key: str, start_ns: int | None) -> RecordedMotion:

@@ -16,10 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.errors import BadInput, LabanmeshError
+from common.tracker_choice import INSTALL_MEDIAPIPE
 from observer.tracking.pose import Hand, PoseModel, PoseTracker, require_hand
 from observer.tracks import BODY_PARTS, Floats
 
-INSTALL = "pip install 'labanmesh[mediapipe]'"
 LIBRARIES = "if it names a system library, install that (Debian: libgl1, libegl1, libgles2)"
 
 
@@ -40,7 +40,10 @@ def open_pose(model_path: str | None) -> PoseModel:
             f"mediapipe {version} carries no pose model: name a pose landmarker .task file (pose_model), or install"
             " mediapipe 0.10.21, which carries one (Python 3.11 or 3.12)"
         )
-    return SolutionPose(mediapipe.solutions.pose)
+    try:
+        return SolutionPose(mediapipe.solutions.pose)
+    except (AttributeError, OSError, RuntimeError, ValueError) as error:
+        raise LabanmeshError(f"mediapipe cannot start: {_one_line(error)}; {LIBRARIES}") from None
 
 
 class SolutionPose:
@@ -107,8 +110,13 @@ def _imported(name: str) -> Any:  # noqa: ANN401 - mediapipe has no types
         return importlib.import_module(name)
     except ImportError as error:
         if error.name == "mediapipe":
-            raise BadInput(f"the tracker 'mediapipe' needs mediapipe, which is not installed: {INSTALL}") from None
-        raise LabanmeshError(f"{name} cannot be imported: {_one_line(error)}; {LIBRARIES}, or {INSTALL}") from None
+            way_out = INSTALL_MEDIAPIPE
+            raise BadInput(f"the tracker 'mediapipe' needs mediapipe, which is not installed: {way_out}") from None
+        fault = _one_line(error)
+    except (AttributeError, OSError, RuntimeError, TypeError, ValueError) as error:
+        # A numpy or protobuf of another version.
+        fault = _one_line(error)
+    raise LabanmeshError(f"{name} cannot be imported: {fault}; {LIBRARIES}, or {INSTALL_MEDIAPIPE}")
 
 
 def _one_line(error: Exception) -> str:

@@ -3,18 +3,15 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
 from common.config import ObserverConfig
-from common.errors import BadInput
+from common.errors import BadInput, LabanmeshError
 from common.text import nearest
+from common.tracker_choice import AUTO, Content, TrackerChoice
 from observer.foreign.track_line import ForeignTracker
 from observer.geometry.views import View, facing
 from observer.motion.projected import ProjectedTracker
 from observer.tracks import Tracker
-
-Content = Literal["positions", "pictures", "tracks"]
-"""Content of a frame: (P, 3) metres of recorded motion, (H, W, 3) uint8 pictures, or (P, 3) u, v, confidence."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,16 +73,13 @@ TRACKERS: Mapping[str, TrackerKind] = {
         TrackerKind("foreign", "tracks", _foreign),
     )
 }
-AUTO = "auto"
 
 
 def tracker_named(name: str, key: str, content: Content) -> TrackerKind:
-    """The tracker of that name; "auto": the first that reads `content`. key: the option or scene-file key of the name.
+    """The tracker of that name. key: the option or scene-file key of the name.
 
     Raises BadInput for an unknown name, and for a tracker that cannot read this content.
     """
-    if name == AUTO:
-        return next(kind for kind in TRACKERS.values() if kind.reads == content)
     if name not in TRACKERS:
         raise BadInput(f"{key} = {name!r}: unknown tracker; {nearest(name, [AUTO, *TRACKERS])}")
     kind = TRACKERS[name]
@@ -94,3 +88,17 @@ def tracker_named(name: str, key: str, content: Content) -> TrackerKind:
         suitable = ", ".join(k.name for k in TRACKERS.values() if k.reads == content)
         raise BadInput(f"{key} = {name!r}: reads {kind.reads}, but the source provides {content}; use {suitable}")
     return kind
+
+
+def built_tracker(choice: TrackerChoice, kind: TrackerKind, settings: TrackerSettings) -> tuple[Tracker, TrackerChoice]:
+    """The tracker of `kind`, or if it does not start the choice's fallback; and the choice as it came out.
+
+    Raises BadInput and LabanmeshError, as the tracker does, where there is no fallback.
+    """
+    try:
+        return kind.build(settings), choice
+    except LabanmeshError as error:
+        if not choice.fallback:
+            raise
+        fault = str(error)
+    return TRACKERS[choice.fallback].build(settings), TrackerChoice(choice.fallback, fault, lacks=fault)

@@ -56,7 +56,8 @@ IMPURE = {
         "hub.session hub.watch observer.foreign.sources studies.replay.playback studies.through"
     ),
     "files": (
-        "common.capture_file common.config common.credentials deploy.doctor.machine deploy.doctor.scene_file "
+        "common.capture_file common.config common.credentials common.tracker_choice "
+        "deploy.doctor.machine deploy.doctor.scene_file "
         "deploy.doctor.security deploy.security.issuing fusion.checkpoint hub.dashboard.history "
         "observer.*_file observer.calibration.board observer.calibration.formats "
         "observer.files observer.learning.sources observer.motion.importers observer.motion.importers.* "

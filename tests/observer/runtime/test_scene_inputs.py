@@ -2,11 +2,12 @@
 
 import threading
 
+import cv2
 import numpy as np
 import pytest
 
 from common.config import read_scene
-from common.errors import BadInput
+from common.errors import BadInput, LabanmeshError
 from observer.foreign.sources import MeshTracks, PipedTracks
 from observer.motion.archive import MotionArchive, Recording
 from observer.motion.archive_file import write_archive
@@ -69,6 +70,22 @@ def test_mirrored_pictures_are_turned_back(opened):
     plain = next(opened(words).source.frames(threading.Event())).content
     turned = next(opened(words + "mirrored = true").source.frames(threading.Event())).content
     assert np.array_equal(plain[:, ::-1], turned) and turned.flags.c_contiguous
+
+
+def test_a_mediapipe_that_does_not_start_is_replaced_with_one_line(opened, monkeypatch, caplog, tmp_path):
+    def broken(path):
+        raise LabanmeshError("mediapipe cannot start: libEGL.so.1 is missing")
+
+    (tmp_path / "film").mkdir()
+    cv2.imwrite(str(tmp_path / "film/1.png"), np.zeros((48, 64, 3), np.uint8))
+    monkeypatch.setattr("common.tracker_choice.mediapipe_lacks", lambda: "")
+    monkeypatch.setattr("observer.tracking.mediapipe_pose.open_pose", broken)
+    caplog.set_level("INFO")
+    assert isinstance(opened(source="film").tracker.tracker, CamshiftTracker)
+    (line,) = caplog.messages
+    assert line == "cam1: tracker camshift: mediapipe cannot start: libEGL.so.1 is missing"
+    with pytest.raises(LabanmeshError, match="libEGL"):
+        opened('tracker = "mediapipe"', source="film")
 
 
 @pytest.mark.parametrize(("source", "kind"), [("-", PipedTracks), ("zenoh:tracks/cam1", MeshTracks)])
