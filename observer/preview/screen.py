@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from common import SECOND_NS
 from common.errors import BadInput, LabanmeshError
-from common.vocabulary import Vocabulary
 from observer.preview.film import CODECS, STILLS, Film, Outlet, Stills, Window, why_no_window
 from observer.preview.painting import paint
 from observer.preview.sight import Picture, PreviewFrame, PreviewHistory, ShownPosterior
@@ -22,6 +21,7 @@ from observer.runtime.service import ObserverLike
 from observer.tracks import Frame, Tracker
 
 if TYPE_CHECKING:
+    from common.vocabulary import Vocabulary
     from observer.runtime.scene_inputs import PreparedTracker
 
 log = logging.getLogger("labanmesh.observer")
@@ -137,7 +137,11 @@ class PreviewingObserver:
     ) -> None:
         self._observer, self._tracker, self._preview = observer, tracker, preview
         self._history, self._clock = history, clock
-        self.vocabulary: Vocabulary = observer.vocabulary
+
+    @property
+    def vocabulary(self) -> "Vocabulary | None":
+        """The vocabulary of the observer."""
+        return self._observer.vocabulary
 
     @property
     def complaint(self) -> str:
@@ -150,10 +154,13 @@ class PreviewingObserver:
         tracks = self._tracker.picture_tracks
         if tracks is not None:
             picture = picture_in(frame.content)
-            labels = self.vocabulary.labels
+            vocabulary = self.vocabulary
+            known = None
+            if posterior is not None and vocabulary is not None:
+                known = ShownPosterior(vocabulary.labels, posterior.p, posterior.rest)
             shown = self._history.add(
                 tracks,
-                posterior=None if posterior is None else ShownPosterior(labels, posterior.p, posterior.rest),
+                posterior=known,
                 back_projection=None if picture is None else back_projection(self._tracker.tracker, picture),
                 age_s=(self._clock() - frame.captured_ns) / SECOND_NS,
                 complaint=self.complaint,

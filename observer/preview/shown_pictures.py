@@ -21,6 +21,7 @@ from observer.tracks import Floats, Frame, Tracks
 
 if TYPE_CHECKING:
     from common.link import Link
+    from common.vocabulary import Vocabulary
     from observer.runtime.scene_inputs import PreparedTracker
 
 log = logging.getLogger("labanmesh.observer")
@@ -79,7 +80,11 @@ class PicturedObserver:
     ) -> None:
         self._observer, self._tracker, self._outlets, self._clock = observer, tracker, list(outlets), clock
         self._extent: Floats | None = None
-        self.vocabulary = observer.vocabulary
+
+    @property
+    def vocabulary(self) -> "Vocabulary | None":
+        """The vocabulary of the observer."""
+        return self._observer.vocabulary
 
     @property
     def complaint(self) -> str:

@@ -191,10 +191,21 @@ class PosteriorEncoder:
     scene and the observer, which the key contains, and `visible` if all parts are seen.
     """
 
-    def __init__(self, vocabulary: Vocabulary, session: str, directed: bool = True) -> None:
+    def __init__(self, vocabulary: Vocabulary | None, session: str, directed: bool = True) -> None:
+        """vocabulary: None while the observer has no model and thus no posteriors."""
         self._session, self._directed = session, directed
-        self._vocabulary = VocabularyHash(hash=vocabulary.digest)
+        self.vocabulary = vocabulary
         self.seq = 0
+
+    @property
+    def vocabulary(self) -> Vocabulary | None:
+        """The vocabulary of the next posterior; it may be changed between two of them."""
+        return self._vocabulary
+
+    @vocabulary.setter
+    def vocabulary(self, vocabulary: Vocabulary | None) -> None:
+        self._vocabulary = vocabulary
+        self._hash = VocabularyHash(hash="" if vocabulary is None else vocabulary.digest)
 
     def encode(self, posterior: Posterior, captured_ns: int, now_ns: int) -> PosteriorMessage:
         """The posterior of the frame captured at `captured_ns` as a message, which clamps round-off."""
@@ -205,7 +216,7 @@ class PosteriorEncoder:
             session=self._session,
             captured_ns=captured_ns,
             sent_ns=now_ns,
-            vocabulary=self._vocabulary,
+            vocabulary=self._hash,
             p=posterior.p.tolist(),
             rest=posterior.rest,
             unlearned=posterior.unlearned,
@@ -248,6 +259,10 @@ class SendOnChange:
     def __init__(self, heartbeat_s: float, directed: bool = True) -> None:
         self._heartbeat_ns, self._directed = heartbeat_s * SECOND_NS, directed
         self._sent: tuple[int, Summary] | None = None
+
+    def forget(self) -> None:
+        """Send the next posterior in any case."""
+        self._sent = None
 
     def should_send(self, posterior: Posterior, captured_ns: int) -> bool:
         """Whether to send the posterior of the frame captured then; if so, it counts as sent."""

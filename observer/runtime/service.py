@@ -106,8 +106,8 @@ class ObserverLike(Protocol):
     """What `serve` needs of an observer: `Observer`, or `PreviewingObserver` around it."""
 
     @property
-    def vocabulary(self) -> Vocabulary:
-        """The movements of its model."""
+    def vocabulary(self) -> Vocabulary | None:
+        """The movements of its model, which may change between two steps; None while it has no model."""
 
     @property
     def complaint(self) -> str:
@@ -141,8 +141,7 @@ def serve(
     keys, status = scene.keys, ProcessStatus(scene.scene, observer_id)
     publisher = _posterior_publisher(scene, observer_id, observer.vocabulary, link)
     fusion_clock = _FusionClock(ClockQuerier(link, keys.fusion_status(), clock))
-    vocabulary = encode_vocabulary(scene.scene, observer.vocabulary)
-    link.answer(keys.vocabulary, lambda: vocabulary)
+    link.answer(keys.vocabulary, lambda: _encoded(scene.scene, publisher.vocabulary))
     with (
         instrument(scene, observer_id, lambda: status.status(clock())) as record_frame,
         StatusPublisher(link, keys.observer_status(observer_id), status, clock) as status_publisher,
@@ -154,6 +153,7 @@ def serve(
             captured_ns = frame.captured_ns
             begun_s = time.monotonic()
             posterior = observer.step(frame)
+            publisher.follow(observer.vocabulary)
             now_ns = clock()
             sent = posterior is not None and publisher.publish(posterior, frame.captured_ns, now_ns)
             record_frame((now_ns - frame.captured_ns) / SECOND_NS, time.monotonic() - begun_s, sent)
@@ -165,6 +165,10 @@ def serve(
             _publish_end(observer, publisher, captured_ns, clock())
             stop.wait(min(FUSION_STEPS / scene.fusion.step_hz, LONGEST_STAY_S))
     log.info("%s: %s after %d posteriors", observer_id, "stopped" if stop.is_set() else "source ended", publisher.seq)
+
+
+def _encoded(scene: str, vocabulary: Vocabulary | None) -> bytes | None:
+    return None if vocabulary is None else encode_vocabulary(scene, vocabulary)
 
 
 class _FusionClock:
@@ -204,10 +208,26 @@ class PosteriorPublisher:
     """Publishes posteriors on the mesh; directed: see PosteriorEncoder; on_change: None to send each one."""
 
     def __init__(
-        self, vocabulary: Vocabulary, publisher: Publisher, directed: bool = True, on_change: SendOnChange | None = None
+        self,
+        vocabulary: Vocabulary | None,
+        publisher: Publisher,
+        directed: bool = True,
+        on_change: SendOnChange | None = None,
     ) -> None:
         self._encoder = PosteriorEncoder(vocabulary, secrets.token_urlsafe(SESSION_BYTES), directed)
         self._publisher, self._on_change = publisher, on_change
+
+    @property
+    def vocabulary(self) -> Vocabulary | None:
+        """The vocabulary of the posteriors; None while the observer has no model."""
+        return self._encoder.vocabulary
+
+    def follow(self, vocabulary: Vocabulary | None) -> None:
+        """The next posterior is in this vocabulary; if it is another one, it is sent in any case."""
+        if vocabulary is not self._encoder.vocabulary:
+            self._encoder.vocabulary = vocabulary
+            if self._on_change is not None:
+                self._on_change.forget()
 
     @property
     def seq(self) -> int:
@@ -222,7 +242,9 @@ class PosteriorPublisher:
         return True
 
 
-def _posterior_publisher(scene: Scene, observer_id: str, vocabulary: Vocabulary, link: Link) -> PosteriorPublisher:
+def _posterior_publisher(
+    scene: Scene, observer_id: str, vocabulary: Vocabulary | None, link: Link
+) -> PosteriorPublisher:
     section = scene.observer(observer_id)
     directed = section.direction == "known"
     # Half of fresh_s: the next posterior arrives before the last one is stale.

@@ -3,11 +3,13 @@
 import threading
 
 import pytest
-from mesh_stage import LOOPBACK, REFERENCE, SOON_S, FakePipeline, believed, collect
+from mesh_stage import LOOPBACK, NAMES, REFERENCE, SOON_S, FakePipeline, believed, collect, first, until
 
 from common.config import read_scene
 from common.errors import BadInput
-from common.messages import PosteriorMessage, StatusMessage
+from common.messages import PosteriorMessage, StatusMessage, VocabularyMessage
+from common.vocabulary import Vocabulary
+from common.wire import decode
 from observer.runtime.service import serve
 from observer.tracks import Frame
 
@@ -129,3 +131,20 @@ def test_it_publishes_why_it_failed(scene, mesh, link):
         serve(scene, "cam1", FakePipeline(fail), FedSource(believed()), link, threading.Event())
     last = collect(mesh.statuses, StatusMessage, lambda messages: messages and messages[-1].state == "failed")[-1]
     assert last.reason == "BadInput: camera file of 1999"
+
+
+def test_an_observer_without_a_model_is_silent_and_publishes_in_each_vocabulary_that_it_gets(scene, mesh, link):
+    """As when it is taught while it runs."""
+    pipeline, source, taught = FakePipeline(), FedSource(), Vocabulary(("clap", "point", "wave"))
+    pipeline.vocabulary, pipeline.step = None, lambda _: None
+    mesh.run(serve, scene, "cam1", pipeline, source, link)
+    source.offer(None)
+    until(lambda: first(mesh.statuses, StatusMessage, lambda status: status.state == "running"))
+    assert mesh.meeting.ask(scene.keys.vocabulary, 0.1) == {}
+    for vocabulary, p in ((taught, (0.8, 0.1, 0.1)), (NAMES, (0.1, 0.9))):
+        pipeline.step, pipeline.vocabulary = lambda _, p=p: believed(p), vocabulary
+        source.offer(None)
+        (message,) = collect(mesh.posteriors, PosteriorMessage)
+        assert (message.vocabulary.hash, len(message.p)) == (vocabulary.digest, len(p))
+        answer = mesh.meeting.ask(scene.keys.vocabulary, SOON_S)[scene.keys.vocabulary]
+        assert decode(VocabularyMessage, answer).vocabulary == vocabulary
