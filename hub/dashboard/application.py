@@ -6,6 +6,7 @@
 3. A browser keeps a key made from the token, never the token itself; secrets are compared in constant time.
 4. Nothing is loaded from elsewhere, only page.js runs, and no page may frame this one (Content-Security-Policy).
 5. A browser without the key gets the token form, a program 401; a wrong token costs a second.
+6. No browser may store a live picture, not even for the moment between two of them.
 """
 
 import asyncio
@@ -27,6 +28,7 @@ from starlette.routing import Route
 
 from common.address import Address
 from common.errors import BadInput
+from hub.dashboard.pictures import PictureAnswer, PictureState
 from hub.dashboard.streams import Playhead
 
 if TYPE_CHECKING:
@@ -58,7 +60,16 @@ MEDIA_TYPES = {"html": "text/html", "css": "text/css", "js": "text/javascript", 
 STATIC = {"/": "page.html", "/style.css": "style.css", "/page.js": "page.js", "/icon.svg": "icon.svg"}
 OPEN_PATHS = frozenset({"/style.css", "/icon.svg", "/enter"})
 """What the token form itself needs."""
+NO_PICTURE: Mapping[PictureState, tuple[int, str]] = {
+    "none yet": (204, ""),
+    "switched off": (404, "No pictures of this judge: set picture_hz in its section of the scene file.\n"),
+    "no right": (403, "This dashboard's certificate has no right to pictures: labanmesh secure add ... --pictures.\n"),
+}
+"""The answer where there is no picture to show: status and reason."""
+NO_STORE = "no-store"
 Stream = Callable[[Playhead], AsyncIterator[bytes]]
+Newest = Callable[[str], PictureAnswer]
+"""The newest live picture of an observer."""
 
 
 def is_loopback(address: Address) -> bool:
@@ -118,6 +129,9 @@ class AccessMiddleware:
         async def send_with_headers(message: "Message") -> None:
             if message["type"] == "http.response.start":
                 ours = [(name.encode(), value.encode()) for name, value in HEADERS.items()]
+                stored = (b"cache-control", NO_STORE.encode())
+                if stored in message["headers"]:
+                    ours = [stored, *(pair for pair in ours if pair[0] != stored[0])]
                 theirs = [pair for pair in message["headers"] if pair[0].lower().decode("latin-1") not in HEADERS]
                 message = {**message, "headers": [*theirs, *ours]}
             await send(message)
@@ -142,8 +156,13 @@ class AccessMiddleware:
         return PlainTextResponse("The token is missing or wrong.", 401, {"www-authenticate": "Bearer"})
 
 
-def application(access: AccessControl, stream: Stream, is_full: Callable[[], bool]) -> Starlette:
-    """The application; `stream` yields the events of one browser, `is_full` tells whether there are too many."""
+def application(
+    access: AccessControl, stream: Stream, is_full: Callable[[], bool], newest_picture: Newest | None = None
+) -> Starlette:
+    """The application; `stream` yields the events of one browser, `is_full` tells whether there are too many.
+
+    newest_picture: of a live scene; a capture has no pictures.
+    """
 
     async def events(request: Request) -> Response:
         if is_full():
@@ -169,8 +188,20 @@ def application(access: AccessControl, stream: Stream, is_full: Callable[[], boo
         answer.set_cookie(COOKIE, access.cookie, COOKIE_S, httponly=True, samesite="strict")
         return answer
 
+    def picture(request: Request) -> Response:
+        answer = newest_picture(request.path_params["observer"]) if newest_picture else PictureAnswer("switched off")
+        name = str(answer.captured_ns)
+        headers = {"cache-control": NO_STORE, "x-picture": name}
+        if answer.state != "picture":
+            status, reason = NO_PICTURE[answer.state]
+            return PlainTextResponse(reason, status, headers)
+        if request.query_params.get("after") == name:
+            return Response(status_code=204, headers=headers)
+        return Response(answer.jpeg, media_type="image/jpeg", headers=headers)
+
     pages = [_page(path, name) for path, name in STATIC.items()]
     routes = [*pages, Route("/events", events), Route("/enter", enter, methods=["POST"])]
+    routes.append(Route("/picture/{observer}", picture))
     return Starlette(routes=routes, middleware=[Middleware(AccessMiddleware, access)])
 
 

@@ -113,7 +113,8 @@ def _setup(scene: "Scene", timeline: "CaptureTimeline | None") -> "PageSetup":
     views = {name: observer.view for name, observer in scene.observers.items()}
     azimuths = {name: _azimuth(scene, view) for name, view in views.items()}
     span_s, began_ns = (None, 0) if timeline is None else (timeline.span_s, timeline.began_ns)
-    return PageSetup(scene.scene, floor_positions(views, azimuths), scene.fusion.quorum, span_s, began_ns)
+    pictures = {name: each.picture_hz for name, each in scene.observers.items() if each.picture_hz and not timeline}
+    return PageSetup(scene.scene, floor_positions(views, azimuths), scene.fusion.quorum, span_s, began_ns, pictures)
 
 
 def _azimuth(scene: "Scene", view: str) -> float | None:

@@ -5,7 +5,7 @@ them (static/page.js). The reasons are sentences for people, who know observers 
 """
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from common.messages import JudgementMessage, StatusMessage, VerdictMessage, Vote
@@ -32,13 +32,17 @@ Json = dict[str, Any]
 
 @dataclass(frozen=True, slots=True)
 class PageSetup:
-    """What does not change while the page is open. span_s: the length of the capture; None: the scene is live."""
+    """What does not change while the page is open. span_s: the length of the capture; None: the scene is live.
+
+    pictures: the observers whose live pictures are switched on, and how many a second.
+    """
 
     scene: str
     positions: Mapping[str, FloorPosition]
     quorum: int | None = None
     span_s: float | None = None
     began_ns: int = 0
+    pictures: Mapping[str, float] = field(default_factory=dict)
 
 
 def snapshot_data(setup: PageSetup, history: "SceneHistory") -> Json:
@@ -48,6 +52,7 @@ def snapshot_data(setup: PageSetup, history: "SceneHistory") -> Json:
         "quorum": setup.quorum,
         "span": setup.span_s,
         "began": setup.began_ns // NS_PER_MS,
+        "pictures": dict(setup.pictures),
         "positions": {
             name: {"azimuth": each.azimuth_deg, "known": each.known, "view": _text(each.view)}
             for name, each in setup.positions.items()

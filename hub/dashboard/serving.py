@@ -5,6 +5,7 @@ import socket
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import uvicorn
@@ -17,6 +18,7 @@ from common.messages import VerdictMessage
 from hub.dashboard.application import LISTEN_KEY, AccessControl, Stream, application
 from hub.dashboard.history import CaptureTimeline, SceneHistory
 from hub.dashboard.page_data import CROWD, PageSetup, state_data, verdict_data
+from hub.dashboard.pictures import PictureRelay
 from hub.dashboard.streams import LiveStream, event, play
 from hub.scene_state import SceneState
 from hub.session import SceneUpdate, listen
@@ -99,6 +101,7 @@ def serve_scene(
     """Show the live `scene`; returns when `run` is over."""
 
     async def main() -> None:
+        pictures = PictureRelay(scene.keys, setup.pictures, link, _may_get_pictures(scene))
         stream = LiveStream(setup, first_history(scene), run.alive)
         faults: list[BaseException] = []
 
@@ -112,8 +115,8 @@ def serve_scene(
         thread = threading.Thread(target=listen_to_mesh, name="mesh")
         thread.start()
         try:
-            app = application(access, lambda head: stream.browser(), lambda: stream.is_full)
-            await _serve(app, port, run, stream.close)
+            app = application(access, lambda head: stream.browser(), lambda: stream.is_full, pictures.newest)
+            await _serve(app, port, run, stream.close, pictures.end_unwatched)
         finally:
             run.ended.set()
             await asyncio.to_thread(thread.join)
@@ -131,7 +134,23 @@ def serve_capture(
     asyncio.run(_serve(application(access, stream, lambda: False), port, run, lambda: None))
 
 
-async def _serve(app: "Starlette", port: socket.socket, run: ServingRun, close: Callable[[], None]) -> None:
+def _may_get_pictures(scene: "Scene") -> bool:
+    """Whether this process's certificate, if the mesh has any, is for live pictures too."""
+    if not scene.mesh.credentials:
+        return True
+    # Slow to import, and needed only with certificates.
+    from common.credentials import own_certificate
+
+    return own_certificate(Path(scene.mesh.credentials)).is_for("pictures")
+
+
+async def _serve(
+    app: "Starlette",
+    port: socket.socket,
+    run: ServingRun,
+    close: Callable[[], None],
+    tidy: Callable[[], None] = lambda: None,
+) -> None:
     settings = uvicorn.Config(
         app, log_config=None, log_level="error", access_log=False, lifespan="off", ws="none", http="h11",
         server_header=False, timeout_graceful_shutdown=SHUTDOWN_S,
@@ -143,6 +162,7 @@ async def _serve(app: "Starlette", port: socket.socket, run: ServingRun, close: 
         end_s = None if run.for_s is None else loop.time() + run.for_s
         while not (server.should_exit or run.stop.is_set() or (end_s is not None and loop.time() >= end_s)):
             await asyncio.sleep(CHECK_S)
+            tidy()
         server.should_exit = True
         close()
 

@@ -56,12 +56,16 @@ def show(request):
 
 @pytest.fixture
 def play(request, tmp_path, show):
-    """Starts a scene of these observers and its dashboard; both end with the test."""
+    """Starts a scene of these observers and its dashboard; both end with the test. pictures: keys of cam1."""
 
-    def start(observers=("cam1", "cam2", "cam3", "cam4")):
+    def start(observers=("cam1", "cam2", "cam3", "cam4"), pictures=""):
         scene = BrowserScene(observers=observers).__enter__()
         request.addfinalizer(lambda: scene.__exit__())
-        return scene, show(scene.scene_file(tmp_path / "scene.toml", "[fusion]\nquorum = 2\n", VIEWS))
+        file = scene.scene_file(tmp_path / "scene.toml", "[fusion]\nquorum = 2\n", VIEWS)
+        if pictures:
+            plain = '[observers.cam1]\nsource = "a.npz"\n'
+            file.write_text(file.read_text().replace(plain, f"[observers.cam1]\n{pictures}"))
+        return scene, show(file)
 
     return start
 

@@ -110,12 +110,14 @@ function card(name) {
   const parts = {
     node, name: make("h3"), stance: make("span", "stance"), bars: make("ul", "bars"), weight: make("i"), share: make("span", "share"),
     entropy: make("b"), age: make("b"), health: make("p", "health"),
+    ...sight(name),
   };
   const fact = (title, value) => make("span", "", make("span", "quiet", `${title} `), value);
   node.append(make("div", "head", parts.name, parts.stance), parts.bars,
     make("div", "weigh", make("span", "", "weight"), make("span", "bar", parts.weight), parts.share),
-    make("p", "facts", fact("entropy", parts.entropy), fact("age", parts.age)), parts.health);
+    make("p", "facts", fact("entropy", parts.entropy), fact("age", parts.age)), parts.health, parts.sight);
   put(parts.name, name);
+  parts.eye.addEventListener("click", () => watch(name, parts, parts.canvas.hidden));
   return parts;
 }
 function showCard(observer) {
@@ -130,7 +132,58 @@ function showCard(observer) {
   put(parts.age, age(observer.age));
   put(parts.health, text);
   parts.health.classList.toggle("bad", bad);
+  parts.sight.hidden = !known.setup.pictures[observer.name];
   return parts.node;
+}
+
+/* Live pictures: only of observers that the scene file switches on, and only after a click. Nothing is kept. */
+function sight(name) {
+  const eye = make("button", "eye"), canvas = make("canvas"), note = make("p", "quiet");
+  eye.type = "button";
+  canvas.hidden = true;
+  canvas.setAttribute("role", "img");
+  canvas.setAttribute("aria-label", `What ${name} sees`);
+  const parts = { sight: make("div", "sight-box", eye, canvas, note), eye, canvas, note, shown: "", shownAt: 0 };
+  labelEye(name, parts);
+  return parts;
+}
+function labelEye(name, parts) {
+  const open = !parts.canvas.hidden;
+  put(parts.eye, open ? "Hide picture" : "Show picture");
+  parts.eye.setAttribute("aria-expanded", String(open));
+  parts.eye.setAttribute("aria-label", `${parts.eye.textContent} of ${name}`);
+}
+function watch(name, parts, open) {
+  Object.assign(parts, { shown: "", shownAt: performance.now() });
+  parts.canvas.hidden = !open;
+  parts.canvas.width = parts.canvas.height = 0;
+  put(parts.note, open ? "waiting for a picture" : "");
+  labelEye(name, parts);
+  if (open) look(name, parts);
+}
+async function look(name, parts) {
+  const rate = known.setup.pictures[name], watched = () => !parts.canvas.hidden && cards.get(name) === parts;
+  if (!watched() || !rate) return;
+  if (!document.hidden) {
+    try {
+      const answer = await fetch(`picture/${encodeURIComponent(name)}?after=${parts.shown}`, { cache: "no-store" });
+      if (answer.status === 200) await showPicture(parts, answer, watched);
+      else if (answer.status !== 204) put(parts.note, (await answer.text()).trim());
+      else if (performance.now() - parts.shownAt > QUIET_MS) put(parts.note, parts.shown ? "no new picture: is its camera there?" : "no picture yet: does this judge run?");
+    } catch { put(parts.note, "no connection"); }
+  }
+  // Twice as often as there are pictures, so that none waits long.
+  setTimeout(look, 500 / rate, name, parts);
+}
+async function showPicture(parts, answer, watched) {
+  const bitmap = await createImageBitmap(await answer.blob());
+  if (watched()) {
+    Object.assign(parts.canvas, { width: bitmap.width, height: bitmap.height });
+    parts.canvas.getContext("2d").drawImage(bitmap, 0, 0);
+    Object.assign(parts, { shown: answer.headers.get("x-picture"), shownAt: performance.now() });
+    put(parts.note, "");
+  }
+  bitmap.close();
 }
 function line() {
   const node = make("li", "", make("span", "lamp"), make("span", "who"), make("span", "what"));
@@ -211,22 +264,22 @@ function innerSeams() {
 }
 function flag(name, quiet, mat, near) {
   const place = spot(name), x = place.x * near, y = place.y * near, reach = Math.hypot(x, y), group = draw("g", { class: "flag", "data-stance": "silent" });
-  const sight = draw("line", { class: "sight", x1: x, y1: y, x2: x / reach * 96, y2: y / reach * 96, stroke: "var(--tone)" });
+  const ray = draw("line", { class: "sight", x1: x, y1: y, x2: x / reach * 96, y2: y / reach * 96, stroke: "var(--tone)" });
   const dot = draw("circle", { class: "dot", cx: x, cy: y, r: quiet ? 3.5 : 9 });
   const middle = Math.abs(x) < 60, anchor = middle ? "middle" : x < 0 ? "start" : "end", below = y < 0;
   const textX = middle ? x : x < 0 ? x - 12 : x + 12, textY = y + (below ? 28 : -32);
   const who = draw("text", { x: textX, y: textY, "text-anchor": anchor }), held = draw("text", { class: "held", x: textX, y: textY + 16, "text-anchor": anchor });
   if (!quiet) who.textContent = name.length > 16 ? `${name.slice(0, 15)}…` : name;
-  group.append(sight, dot, who, held);
+  group.append(ray, dot, who, held);
   mat.append(group);
-  return { group, sight, held, quiet };
+  return { group, ray, held, quiet };
 }
 function showMat(state) {
   for (const observer of state.observers) {
     const parts = flags.get(observer.name);
     if (!parts) continue;
     mark(parts.group, "stance", tone(observer));
-    attribute(parts.sight, "stroke-width", parts.quiet ? 0.6 : (1 + 12 * observer.weight).toFixed(1));
+    attribute(parts.ray, "stroke-width", parts.quiet ? 0.6 : (1 + 12 * observer.weight).toFixed(1));
     if (parts.quiet) continue;
     const text = observer.heard && observer.label && !observer.gone ? words(observer.label) : stanceWords(observer);
     put(parts.held, text.length > 18 ? `${text.slice(0, 17)}…` : text);
