@@ -64,10 +64,18 @@ class PreflightReport:
 
 
 @dataclass(frozen=True, slots=True)
+class ClipFolderFacts:
+    """Where an observer keeps its clips, and whether this user can write there."""
+
+    path: Path
+    writable: bool
+
+
+@dataclass(frozen=True, slots=True)
 class SceneFacts:
     """A scene file that could be read. path: its name. here: the observers of this machine; certain: the user said so.
 
-    trouble: why observers have no report; "" where all have one.
+    trouble: why observers have no report; "" where all have one. clip_folders: of the observers that keep clips.
     """
 
     path: str
@@ -77,6 +85,7 @@ class SceneFacts:
     certain: bool
     reports: Mapping[str, PreflightReport] = field(default_factory=dict)
     trouble: str = ""
+    clip_folders: Mapping[str, ClipFolderFacts] = field(default_factory=dict)
 
 
 def read_existing_scene(path: Path) -> Scene:
@@ -93,7 +102,9 @@ def scene_facts(path: Path, scene: Scene, here: Sequence[str] | None) -> SceneFa
     reports, trouble = _preflight(path, observers)
     certain = here is not None or scene.mesh.mode != "router"
     settings = settings_in_force(scene, table, os.environ)
-    return SceneFacts(str(path), scene, settings, observers, certain, reports, trouble)
+    places = {name: scene.place(clips) for name in observers if (clips := scene.observer(name).clips.folder)}
+    folders = {name: ClipFolderFacts(place, _may_write(place)) for name, place in places.items()}
+    return SceneFacts(str(path), scene, settings, observers, certain, reports, trouble, folders)
 
 
 def _preflight(path: Path, observers: Sequence[str]) -> tuple[dict[str, PreflightReport], str]:
@@ -120,7 +131,10 @@ def _reports(lines: bytes) -> dict[str, PreflightReport]:
 
 def check_scene(facts: SceneFacts) -> list[Finding]:
     """The findings on a scene file."""
-    checks = (_whole(facts), _overridden(facts.settings), _observers(facts), _vocabularies(facts), _message_size(facts))
+    checks = (
+        *(_whole(facts), _overridden(facts.settings), _observers(facts), _shared(facts)),
+        *(_vocabularies(facts), _message_size(facts)),
+    )
     return [finding for findings in checks for finding in findings]
 
 
@@ -176,6 +190,29 @@ def _observers(facts: SceneFacts) -> Iterator[Finding]:
 def _remedy(report: PreflightReport) -> str:
     """How to get the better tracker, or to stay with this one."""
     return f'{report.lacks_tracker.partition(": ")[2]}; or choose camshift: tracker = "{report.tracker}"'
+
+
+def _shared(facts: SceneFacts) -> Iterator[Finding]:
+    """Which observers of this machine share or keep pictures: people in the room may want to know."""
+    for observer in facts.here:
+        section, folder = facts.scene.observer(observer), facts.clip_folders.get(observer)
+        if section.picture_hz:
+            who = "hubs with the right to pictures" if facts.scene.mesh.credentials else "any process of the mesh"
+            what = f"{observer}: live pictures are on: {who} may ask for {section.picture_hz:g} a second"
+            yield ok(GROUP, f"{what} (picture_hz = 0 ends it)")
+        if folder is not None:
+            clips = section.clips
+            kept = f"for {clips.keep_days:g} days, at most {clips.keep_mb:g} MB"
+            yield ok(GROUP, f"{observer}: clips are on: a film of each verdict in {folder.path}, {kept}")
+        if folder is not None and not folder.writable:
+            what = f"{observer}: this user cannot write to {folder.path}, so no clips are kept"
+            yield warning(GROUP, what, "choose another clips.folder, or make the observer's user its owner")
+
+
+def _may_write(folder: Path) -> bool:
+    """Whether the folder, or the nearest one above it that exists, can be written to."""
+    existing = next(each for each in (folder, *folder.parents) if each.exists())
+    return existing.is_dir() and os.access(existing, os.W_OK | os.X_OK)
 
 
 def _vocabularies(facts: SceneFacts) -> Iterator[Finding]:

@@ -26,6 +26,8 @@ BONES = (
     ("right_knee", "right_foot"),
 )
 """Lines of the skeleton, drawn between parts that are both seen."""
+LETTERS = {"left_hand": "L", "right_hand": "R"}
+"""Beside the marks of the hands: the person's own left and right."""
 QUALITIES = (75, 60, 45, 30, 20)
 """JPEG qualities, tried in this order until a picture is small enough."""
 SHRINK = 0.7
@@ -97,7 +99,10 @@ def _draw_parts(canvas: Picture, placement: Placement, sighting: Sighting) -> No
     for row, state in enumerate(states):
         place = centres[row] if state is State.SEEN else guesses[row]
         if np.isfinite(place).all():
-            draw_mark(canvas, _pixel(place), state, RADIUS)
+            at = _pixel(place)
+            draw_mark(canvas, at, state, RADIUS)
+            letter = LETTERS.get(sighting.body_parts[row], "")
+            write(canvas, letter, (at[0] + RADIUS + 3, at[1] + 4), (255, 255, 255), SMALL, outlined=True)
 
 
 def _write_states(canvas: Picture, sighting: Sighting) -> None:

@@ -17,7 +17,7 @@ from deploy.doctor.findings import ok
 from deploy.doctor.machine import MachineNeeds, check_machine, clock_state, machine_facts
 from deploy.doctor.mesh import listen
 from deploy.doctor.network import check_network, connect_to, listener_on, network_facts
-from deploy.doctor.scene_file import MissingSceneFile, read_existing_scene, scene_facts
+from deploy.doctor.scene_file import ClipFolderFacts, MissingSceneFile, read_existing_scene, scene_facts
 
 
 @pytest.fixture
@@ -160,8 +160,11 @@ def test_a_scene_that_is_not_there_is_bad_input_and_no_finding(tmp_path):
 
 def test_observers_are_examined_in_a_process_of_their_own(tmp_path):
     path = tmp_path / "s.toml"
-    path.write_text('scene = "dojo"\n[observers.a]\nsource = "m.npz"\nview = "dor"\n[observers.b]\nsource = "-"\n')
+    clips = '[observers.a.clips]\nfolder = "s.toml/x"\n'
+    first = '[observers.a]\nsource = "m.npz"\nview = "dor"\n'
+    path.write_text(f'scene = "dojo"\n{first}{clips}[observers.b]\nsource = "-"\n')
     facts = scene_facts(path, read_scene(path, {}), ["a"])
+    assert facts.clip_folders == {"a": ClipFolderFacts(path / "x", writable=False)}
     assert facts.certain and set(facts.reports) == {"a"} and facts.trouble == ""
     faults = " ".join(facts.reports["a"].faults)
     assert "did you mean door?" in faults and "a.model: no such model file" in faults

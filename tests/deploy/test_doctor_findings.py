@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from common.config import MeshConfig, ObserverConfig, Scene
+from common.config_sections import ClipsConfig
 from common.credentials import Certificate
 from deploy.doctor.cameras import CameraTest, NetworkCamera, ObserverCamera, Webcam, check_cameras
 from deploy.doctor.findings import (
@@ -35,7 +36,7 @@ from deploy.doctor.machine import (
     requirements,
 )
 from deploy.doctor.network import Connection, EndpointParts, NetworkFacts, check_network, is_free
-from deploy.doctor.scene_file import PreflightReport, SceneFacts, check_scene
+from deploy.doctor.scene_file import ClipFolderFacts, PreflightReport, SceneFacts, check_scene
 from deploy.doctor.security import SecurityFacts, check_security
 
 NOW = datetime(2026, 6, 1, tzinfo=UTC)
@@ -179,6 +180,18 @@ LONG = tuple(f"{'m' * 60}{number:03}" for number in range(1100))
 )  # fmt: skip
 def test_scene_file(facts, mark, words):
     assert mark_of(check_scene(facts), words) == mark
+
+
+@pytest.mark.parametrize("writable", [True, False])
+def test_pictures_and_clips_that_are_on_are_named(writable):
+    plain = scene_facts(("a", "b"))
+    section = ObserverConfig(source="0", picture_hz=2.0, clips=ClipsConfig(folder="clips"))
+    scene = plain.scene.model_copy(update={"observers": {"a": section, "b": plain.scene.observer("b")}})
+    findings = check_scene(replace(plain, scene=scene, clip_folders={"a": ClipFolderFacts(Path("/x/clips"), writable)}))
+    assert mark_of(findings, ["a: live pictures are on: any process of the mesh may ask for 2 a second"]) == "ok"
+    assert mark_of(findings, ["a: clips are on", "/x/clips, for 7 days, at most 500 MB"]) == "ok"
+    assert not any(finding.what.startswith("b: ") and "are on" in finding.what for finding in findings)
+    assert any("cannot write to /x/clips" in finding.what for finding in findings) != writable
 
 
 def test_findings_of_the_machine_and_the_preflight_are_not_repeated():
