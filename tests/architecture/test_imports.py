@@ -53,6 +53,7 @@ IMPURE = {
     "the mesh, with threads and clocks": (
         "common.inbox common.link common.status common.subsession deploy.doctor.mesh deploy.security.routing "
         "fusion.ingest fusion.membership fusion.publisher fusion.scene_worker fusion.server fusion.standby hub.capture "
+        "hub.dashboard.pictures "
         "hub.session hub.watch observer.foreign.sources studies.replay.playback studies.through"
     ),
     "files": (
