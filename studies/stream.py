@@ -70,7 +70,7 @@ def _judged(
     part: tuple[Recording, Sequence[OutputCourse]], vocabulary: Vocabulary, configs: Sequence[FusionConfig]
 ) -> list[JudgedStream]:
     """One stream, judged by each fusion service."""
-    observed = _observed(*part, vocabulary)
+    observed = observed_stream(*part, vocabulary)
     return [JudgedStream(observed.recording, verdicts_in(observed, config)) for config in configs]
 
 
@@ -80,10 +80,11 @@ def observed_streams(
     """The observers' messages about each stream; see judge_streams."""
     for fold in observe_folds(archive, settings, Extent(trials=False, streams=True), progress):
         for stream, courses in _courses_of(fold):
-            yield _observed(stream, courses, Vocabulary(settings.labels))
+            yield observed_stream(stream, courses, Vocabulary(settings.labels))
 
 
-def _observed(recording: Recording, courses: Sequence[OutputCourse], vocabulary: Vocabulary) -> ObservedStream:
+def observed_stream(recording: Recording, courses: Sequence[OutputCourse], vocabulary: Vocabulary) -> ObservedStream:
+    """The messages of observers about a recording; of its frames only the number and the rate count."""
     encoders = [PosteriorEncoder(vocabulary, "stream") for _ in courses]
     interval_ns = SECOND_NS / recording.rate_hz
     messages = []

@@ -1,5 +1,6 @@
 """Reads several calibrated cameras at once, each in its own thread, until they end or enough was recorded."""
 
+import math
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
@@ -12,9 +13,11 @@ from common.config import Scene
 from common.errors import BadInput
 from common.text import plural
 from observer.foreign.sources import MeshTracks
+from observer.motion.archive import Recording
+from observer.recording.own_tracks import TracksRecorder
 from observer.recording.reconstruction import CameraTracks
 from observer.runtime.scene_inputs import open_inputs
-from observer.tracks import BODY_PARTS, Floats, Frame, Tracker
+from observer.tracks import BODY_PARTS, Floats, Frame, Tracker, Tracks
 
 PROGRESS_S = 0.2
 """Interval of the progress reports."""
@@ -33,7 +36,7 @@ class RecordingCamera:
     matrix: Floats
 
 
-class _CameraReader:
+class CameraReader:
     """The tracks of one camera so far; written by its thread only."""
 
     def __init__(self, camera: RecordingCamera, stop: threading.Event, seconds: float | None) -> None:
@@ -41,6 +44,13 @@ class _CameraReader:
         self._limit_ns = None if seconds is None else round(seconds * SECOND_NS)
         self._at_ns: list[int] = []
         self._centres: list[Floats] = []
+        self.picture_size: tuple[int, int] | None = None
+        """Width and height in px, known with the first picture; None for sources without pictures."""
+
+    @property
+    def name(self) -> str:
+        """Of the camera."""
+        return self._camera.name
 
     @property
     def seconds(self) -> float:
@@ -57,8 +67,18 @@ class _CameraReader:
                 if frame.motion_ns is None:
                     self._stop.set()
                 return
+            if frame.content.dtype == np.uint8:
+                self.picture_size = (frame.content.shape[1], frame.content.shape[0])
             self._at_ns.append(frame.at_ns)
             self._centres.append(self._camera.tracker.update(frame).centres.copy())
+
+    def cut(self, name: Recording) -> Recording:
+        """`name` with all tracks recorded so far, in 2-D, at its own rate; raises BadInput as `TracksRecorder.cut`."""
+        recorder = TracksRecorder(self._camera.tracker.body_parts, name.rate_hz, math.inf)
+        for at_ns, centres in zip(self._at_ns, self._centres, strict=True):
+            recorder.update(Frame(at_ns, np.empty(0)), Tracks(centres))
+        begin_ns, end_ns = (self._at_ns[0], self._at_ns[-1]) if self._at_ns else (0, 0)
+        return recorder.cut(begin_ns, end_ns, label=name.label, subject=name.subject, trial=name.trial)
 
     def tracks(self) -> CameraTracks:
         """The tracks recorded so far."""
@@ -81,7 +101,17 @@ def read_cameras(
     parts = {tuple(camera.tracker.body_parts) for camera in cameras}
     if len(parts) > 1:
         raise BadInput(f"trackers find different body parts: {'; '.join(', '.join(p) for p in sorted(parts))}")
-    readers = [_CameraReader(camera, stop, seconds) for camera in cameras]
+    return [reader.tracks() for reader in read_all(cameras, stop, seconds, progress)]
+
+
+def read_all(
+    cameras: Sequence[RecordingCamera],
+    stop: threading.Event,
+    seconds: float | None = None,
+    progress: Progress = lambda _: None,
+) -> list[CameraReader]:
+    """As `read_cameras`, but for trackers of any body parts, and with what each camera saw for itself."""
+    readers = [CameraReader(camera, stop, seconds) for camera in cameras]
     with ThreadPoolExecutor(len(cameras), thread_name_prefix="camera") as pool:
         running = {pool.submit(reader.run) for reader in readers}
         try:
@@ -92,7 +122,7 @@ def read_cameras(
                 progress(min(reader.seconds for reader in readers))
         finally:
             stop.set()
-    return [reader.tracks() for reader in readers]
+    return readers
 
 
 def open_cameras(scene: Scene, observers: Sequence[str], stop: threading.Event) -> list[RecordingCamera]:
@@ -112,13 +142,26 @@ def open_cameras(scene: Scene, observers: Sequence[str], stop: threading.Event) 
             f"{plural(len(chosen), 'observer')} with a camera file as view{names}; at least two are needed; "
             "labanmesh calibrate writes camera files"
         )
+    return [_open_camera(_at_full_speed(scene), name, BODY_PARTS, stop) for name in chosen]
+
+
+def open_observers(
+    scene: Scene, observers: Sequence[str], body_parts: Sequence[str], stop: threading.Event
+) -> list[RecordingCamera]:
+    """The observers, calibrated or not, to record these parts of their tracks; recorded sources play at full speed.
+
+    Raises BadInput for a part that a tracker does not find, for tracks from the mesh, and as `open_inputs` does.
+    """
+    return [_open_camera(_at_full_speed(scene), name, body_parts, stop) for name in dict.fromkeys(observers)]
+
+
+def _at_full_speed(scene: Scene) -> Scene:
     sections = {name: scene.observer(name).model_copy(update={"speed": 0.0, "loop": False}) for name in scene.roster}
-    full_speed = scene.model_copy(update={"observers": sections})
-    return [_open_camera(full_speed, name, stop) for name in chosen]
+    return scene.model_copy(update={"observers": sections})
 
 
-def _open_camera(scene: Scene, name: str, stop: threading.Event) -> RecordingCamera:
-    inputs = open_inputs(scene, name, BODY_PARTS)
+def _open_camera(scene: Scene, name: str, body_parts: Sequence[str], stop: threading.Event) -> RecordingCamera:
+    inputs = open_inputs(scene, name, body_parts)
     if isinstance(inputs.source, MeshTracks):
         raise BadInput(f"observers.{name}.source: tracks from the mesh cannot be recorded; name a camera")
     return RecordingCamera(name, inputs.source.frames(stop), inputs.tracker, inputs.view.matrix)

@@ -1,7 +1,7 @@
-"""The command `record`: several calibrated cameras add one recording to a motion archive."""
+"""The command `record`: several calibrated cameras add one recording to a motion archive, or each camera its tracks."""
 
 import threading
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -15,6 +15,8 @@ from common.text import plural, split_list
 
 if TYPE_CHECKING:
     from observer.motion.archive import Recording
+    from observer.recording.capture import CameraReader
+    from observer.recording.tracks_file import TracksFile
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,10 +24,16 @@ class RecordOptions:
     """As typed on the command line."""
 
     scene: Annotated[
-        Path, typer.Argument(help="The scene file; its observers with a camera file as view are recorded.")
+        Path,
+        typer.Argument(help="The scene file; its observers with a camera file as view are recorded; --tracks: all."),
     ]
     output: Annotated[
-        Path, typer.Option("-o", "--output", help="The motion archive (.npz); an existing one is extended.")
+        Path,
+        typer.Option(
+            "-o",
+            "--output",
+            help="The motion archive (.npz); an existing one is extended. --tracks of several observers: a folder.",
+        ),
     ]
     subject: Annotated[str, typer.Option(help="The performer.")]
     label: Annotated[str, typer.Option(help="The movement: lower case letters, digits, underscores.")] = ""
@@ -38,7 +46,16 @@ class RecordOptions:
         float | None, typer.Option(min=0.1, help="Duration; by default until the sources end or Ctrl-C.")
     ] = None
     observers: Annotated[str, typer.Option(help="Only these observers, separated by commas.")] = ""
-    rate: Annotated[float, typer.Option(min=1, max=1000, help="Rate of the recording, Hz.")] = 30.0
+    rate: Annotated[
+        float | None, typer.Option(min=1, max=1000, help="Rate of the recording, Hz; default 30, or 15 with --tracks.")
+    ] = None
+    tracks: Annotated[
+        bool,
+        typer.Option("--tracks", help="Record what each observer's tracker finds, in 2-D: one camera is enough."),
+    ] = False
+    body_parts: Annotated[
+        str, typer.Option(help="With --tracks: the parts to record, separated by commas; default: hands and head.")
+    ] = ""
     gate: Annotated[float, typer.Option(min=0.1, help="Largest reprojection error of a camera that counts, px.")] = 20.0
     up: Annotated[str, typer.Option(help="The axis of the calibration that points up: x, -x, y, -y, z or -z.")] = "y"
     front: Annotated[str, typer.Option(help="The axis along which the performer faces.")] = "-z"
@@ -47,12 +64,24 @@ class RecordOptions:
 
 @takes_options
 def record(options: RecordOptions) -> None:
-    """Record one movement with several calibrated cameras, and add its positions in space to a motion archive.
+    """Record one movement with several calibrated cameras, and add its positions in space to a motion archive; or with
+    --tracks add the 2-D tracks of one camera, which need no calibration, to an archive of that camera.
 
     Example: labanmesh record scene.toml -o mine.npz --label wave --subject anna --seconds 5
 
     Example: labanmesh record scene.toml -o life.npz --other-motion --subject anna --seconds 300
+
+    Example: labanmesh record scene.toml --tracks --observers sofa -o sofa.npz --label wave --subject anna --seconds 5
     """
+    if bool(options.label) == options.other_motion:
+        raise BadInput("--label: name the movement, or give --other-motion for motion that is none; one of them")
+    if options.tracks:
+        _record_tracks(options)
+    else:
+        _record_in_space(options)
+
+
+def _record_in_space(options: RecordOptions) -> None:
     from common.lifecycle import log_to_stderr, stop_on_signals
     from observer.motion.archive_file import read_archive, write_archive
     from observer.recording.reconstruction import performer_axes
@@ -61,11 +90,13 @@ def record(options: RecordOptions) -> None:
 
     log_to_stderr()
     performer_axes(options.up, options.front)
-    if bool(options.label) == options.other_motion:
-        raise BadInput("--label: name the movement, or give --other-motion for motion that is none; one of them")
+    if options.body_parts:
+        raise BadInput("--body-parts: only with --tracks; positions in space are of hands and head")
     output = options.output
     before = read_archive(output) if output.exists() else None
-    name = with_trial(_unrecorded(options), before, BODY_PARTS, str(output))
+    if before is not None and before.camera is not None:
+        raise BadInput(f"{output}: holds 2-D tracks; give --tracks, or choose another file with -o")
+    name = with_trial(_unrecorded(options, 30.0), before, BODY_PARTS, str(output))
     # Ctrl-C is how a recording without --seconds ends, so what was recorded until then is kept.
     with stop_on_signals() as stop:
         recording, lines = _recorded(options, name, stop)
@@ -76,7 +107,61 @@ def record(options: RecordOptions) -> None:
     typer.echo(f"{output}: added {seconds_added:.1f} s, now {plural(len(archive.recordings), 'recording')}")
 
 
-def _unrecorded(options: RecordOptions) -> "Recording":
+def _record_tracks(options: RecordOptions) -> None:
+    from common.config import read_scene
+    from common.lifecycle import log_to_stderr, stop_on_signals
+    from observer.calibration.triangulate import GATE_PX
+    from observer.motion.archive import TracksCamera
+    from observer.recording.capture import open_observers, read_all
+    from observer.recording.own_tracks import RATE_HZ
+    from observer.recording.reconstruction import FRONT, UP
+    from observer.recording.tracks_file import TracksFile, tracks_files
+    from observer.tracks import BODY_PARTS
+
+    log_to_stderr()
+    if (options.up, options.front, options.gate) != (UP, FRONT, GATE_PX):
+        raise BadInput("--tracks: is about one camera at a time; omit --up, --front and --gate")
+    parts = split_list("--body-parts", options.body_parts) or BODY_PARTS
+    scene = read_scene(options.scene)
+    observers = split_list("--observers", options.observers) or scene.roster
+    for observer in observers:
+        scene.observer(observer)
+    paths, name = tracks_files(options.output, observers), _unrecorded(options, RATE_HZ)
+    files = {one: TracksFile(paths[one], parts, TracksCamera(one)) for one in observers}
+    names = {one: file.named(name) for one, file in files.items()}
+    with stop_on_signals() as stop, ProgressBar() as bar:
+        cameras = open_observers(scene, observers, parts, stop)
+        _announce(names, options.seconds)
+        readers = read_all(cameras, stop, options.seconds, _progress(bar, options.seconds))
+    faults = [_add_take(reader, files[reader.name], names[reader.name], options.trim) for reader in readers]
+    if any(faults):
+        raise BadInput("; ".join(filter(None, faults)))
+
+
+def _add_take(reader: "CameraReader", file: "TracksFile", name: "Recording", trim: bool) -> str:
+    """Add what a camera recorded to its file, and print so; returns why there is nothing to add, "" if there is."""
+    from observer.motion.archive import TracksCamera
+    from observer.recording.own_tracks import quality_line, trimmed
+
+    try:
+        take = reader.cut(name)
+    except BadInput as error:
+        return f"{reader.name}: {error}"
+    if reader.picture_size:
+        file.camera = TracksCamera(reader.name, reader.picture_size)
+    take = file.add(trimmed(take, file.body_parts) if trim else take)
+    typer.echo(f"{file.path}: {quality_line(take, file.body_parts)}; now {plural(len(file.recordings), 'recording')}")
+    return ""
+
+
+def _announce(names: "Mapping[str, Recording]", seconds: float | None) -> None:
+    until = "until their sources end, or Ctrl-C" if seconds is None else f"for {seconds:g} s"
+    first = next(iter(names.values()))
+    trials = ", ".join(f"{observer} (trial {name.trial})" for observer, name in names.items())
+    typer.echo(f"recording {first.label or 'other motion'} by {first.subject} with {trials}, {until}")
+
+
+def _unrecorded(options: RecordOptions, rate_hz: float) -> "Recording":
     """The recording without its frames."""
     import numpy as np
 
@@ -85,7 +170,7 @@ def _unrecorded(options: RecordOptions) -> "Recording":
 
     trial = "" if options.trial is None else str(options.trial)
     empty = np.zeros((0, len(BODY_PARTS), 3), np.float32)
-    return Recording(empty, options.rate, options.label, options.subject, trial)
+    return Recording(empty, options.rate or rate_hz, options.label, options.subject, trial)
 
 
 def _recorded(options: RecordOptions, name: "Recording", stop: threading.Event) -> "tuple[Recording, Sequence[str]]":
@@ -103,13 +188,16 @@ def _recorded(options: RecordOptions, name: "Recording", stop: threading.Event) 
         typer.echo(
             f"recording {name.label or 'other motion'} by {name.subject}, trial {name.trial}, with {names}, {until}"
         )
-        tracks = read_cameras(cameras, stop, seconds, lambda done: _show_progress(bar, done, seconds))
+        tracks = read_cameras(cameras, stop, seconds, _progress(bar, seconds))
         axes_and_gate = RecordingOptions(options.gate, options.up, options.front, options.trim)
         return build_recording(
             tracks, BODY_PARTS, name, axes_and_gate, lambda done, total: bar("triangulating", done, total)
         )
 
 
-def _show_progress(bar: ProgressBar, done_s: float, seconds: float | None) -> None:
-    if seconds is not None:
-        bar("recording", round(10 * min(done_s, seconds)), round(10 * seconds))
+def _progress(bar: ProgressBar, seconds: float | None) -> Callable[[float], None]:
+    def show(done_s: float) -> None:
+        if seconds is not None:
+            bar("recording", round(10 * min(done_s, seconds)), round(10 * seconds))
+
+    return show

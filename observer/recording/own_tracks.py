@@ -42,7 +42,7 @@ class TracksRecorder:
 
     def __init__(self, body_parts: Sequence[str], rate_hz: float = RATE_HZ, kept_s: float = KEPT_S) -> None:
         self.body_parts, self.rate_hz = tuple(body_parts), rate_hz
-        self._kept_ns = round(kept_s * SECOND_NS)
+        self._kept_ns = kept_s * SECOND_NS
         self._frames: deque[tuple[int, Floats]] = deque()
 
     @property
@@ -120,3 +120,13 @@ def seen_shares(recording: Recording, body_parts: Sequence[str]) -> dict[str, fl
     """The share of frames in which each part is seen."""
     shares = np.isfinite(recording.positions).all(axis=2).mean(axis=0)
     return dict(zip(body_parts, shares.tolist(), strict=True))
+
+
+def quality_line(recording: Recording, body_parts: Sequence[str]) -> str:
+    """What was recorded, how well each part was seen, and a warning if the person of a movement did not move."""
+    shares = ", ".join(f"{part} {share:.0%}" for part, share in seen_shares(recording, body_parts).items())
+    seconds = len(recording.positions) / recording.rate_hz
+    line = f"added {seconds:.1f} s of {recording.label or 'other motion'}, trial {recording.trial} ({shares})"
+    if recording.label and moving_frames(recording, body_parts) == (0, 0):
+        line += "; the person does not move in it: record it again"
+    return line

@@ -10,7 +10,7 @@ from observer.motion.importers import IMPORTERS, import_recordings
 from observer.tracks import BODY_PARTS
 
 FILES = ("a01_s01_e01_skeleton3D.txt", "skeletal_data.mat", "action_names.mat",
-         "wave.bvh", "wave.csv", "wave.c3d", "wave.trc")  # fmt: skip
+         "wave.bvh", "wave.csv", "wave.c3d", "wave.trc", "wave.npz")  # fmt: skip
 """Names that some importer reads."""
 FOLDERS = {"msr-action3d": "msr_action3d", "florence3d": "florence3d", "bvh": "effort_bvh"}
 

@@ -5,7 +5,7 @@ from pathlib import Path
 from common.errors import BadInput
 from common.text import nearest
 from observer.motion.archive import check_archive
-from observer.motion.importers import bvh, csv_table, florence3d, msr_action3d
+from observer.motion.importers import bvh, csv_table, florence3d, joined, msr_action3d
 from observer.motion.importers.base import Importer, ImportResult, Progress
 
 __all__ = ["IMPORTERS", "ImportResult", "Importer", "Progress", "import_recordings"]
@@ -15,6 +15,7 @@ IMPORTERS: dict[str, Importer] = {
     "florence3d": florence3d.import_folder,
     "bvh": bvh.import_files,
     "csv": csv_table.import_files,
+    "archive": joined.import_archives,
 }
 """KIND of `labanmesh import KIND PATH` -> importer. A new kind is one new file and one line here."""
 

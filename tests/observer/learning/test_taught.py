@@ -185,3 +185,16 @@ def test_sensors_of_tracks_are_evaluated_together_and_apart_from_3d(run, files, 
     status, _, err = run("evaluate", *sensors, "--train-subjects", "1", "--background", "sofa.npz")
     assert status == 2 and "tracks belong to one camera" in err
     assert read_archive(files / "sofa.npz").camera == SOFA
+
+
+def test_archives_in_3d_become_tracks_as_a_camera_sees_them_and_several_become_one(run, files, people):
+    status, out, _ = run("import", "archive", files / "people.npz", "--seen-from", "yaw:40", "-o", files / "hall.npz")
+    assert status == 0 and "hall.npz: 12 recordings, 2 movements, 2 people" in out
+    hall = read_archive(files / "hall.npz")
+    assert hall.camera == TracksCamera("hall")
+    seen = projected(people, parse_view("yaw:40"), hall.camera).recordings
+    assert all(np.array_equal(one.positions, other.positions) for one, other in zip(hall.recordings, seen, strict=True))
+    status, _, err = run("import", "archive", files, "-o", files / "all.npz")
+    assert status == 2 and "people.npz: positions in 3-D" in err
+    status, _, err = run("import", "archive", files / "hall.npz", "--seen-from", "door", "-o", files / "all.npz")
+    assert status == 2 and "2-D tracks of one camera" in err
