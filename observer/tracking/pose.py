@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from common.errors import BadInput
 from observer.camera.base import require_picture
+from observer.tracking.sides import SideKeeper
 from observer.tracks import BODY_PARTS, Floats, Frame, Tracks
 
 LANDMARKS = 33
@@ -92,7 +93,7 @@ class PoseTracker:
         self._hand, self._name = hand, name
         self._body_parts = tuple(body_parts)
         self._rows = [landmarks_of(part, hand) for part in body_parts]
-        self._model = model
+        self._model, self._sides = model, SideKeeper()
         # At the latest at exit: mediapipe prints a traceback when it is deleted while open.
         self._closing = weakref.finalize(self, self._model.close)
         self._first_ns: int | None = None
@@ -118,6 +119,7 @@ class PoseTracker:
             return Tracks(np.full((len(self._rows), 2), np.nan))
         self._someone_ms = self._ms
         height, width = picture.shape[:2]
+        landmarks = self._sides.update(landmarks, self._ms, width / height)
         return read_pose(landmarks, (width, height), self._rows)
 
     def close(self) -> None:

@@ -1,4 +1,4 @@
-"""Four calibrated cameras around one person: wrists tracked in each, triangulated, against the reference."""
+"""Four calibrated cameras around one person: the parts that each sees, and wrists triangulated, with a reference."""
 
 import numpy as np
 import pytest
@@ -8,6 +8,7 @@ from observer_stage import pose2sim_markers
 from observer.calibration.formats import read_opencv
 from observer.calibration.triangulate import triangulate
 from observer.tracking.mediapipe_pose import MediapipeTracker
+from observer.tracking.pose import WHOLE_BODY
 
 pytest.importorskip("mediapipe")
 pytestmark = pytest.mark.slow
@@ -17,20 +18,51 @@ GATE_PX = 40.0
 """Of 1080 by 1920: about a palm's width at this distance; the model's wrists differ by that from side to side."""
 
 
-def wrists(file, pose_model):
-    """(F, 2, 2) px of left and right wrist in every fourth picture, NaN where not seen."""
-    tracker = MediapipeTracker(pose_model, "wrist")
+MARKERS = {"hand": "Wrist", "elbow": "Elbow", "shoulder": "Shoulder", "hip": "Hip", "knee": "Knee"}
+PAIRED = [f"{side}_{part}" for part in MARKERS for side in ("left", "right")]
+
+
+@pytest.fixture(scope="module")
+def cameras(data):
+    return read_opencv(data / "pose2sim_single/reference_3d/Pose2Sim_cameras.toml")
+
+
+@pytest.fixture(scope="module")
+def seen(data, pose_model):
+    """(4, F, 15, 2) px of the whole body in every fourth picture of each camera, NaN where not seen."""
+    return np.array([tracked(data / f"pose2sim_single/videos/cam0{n}.mp4", pose_model) for n in (1, 2, 3, 4)])
+
+
+def tracked(file, pose_model):
+    tracker = MediapipeTracker(pose_model, "wrist", WHOLE_BODY)
     tracks = follow(tracker, pictures(file, EVERY), RATE_HZ / EVERY)
     tracker.close()
-    return np.array([frame.centres[:2] for frame in tracks])
+    return np.array([frame.centres for frame in tracks])
 
 
-def test_wrists_triangulated_from_four_videos_are_those_of_the_reference(data, pose_model):
-    cameras = read_opencv(data / "pose2sim_single/reference_3d/Pose2Sim_cameras.toml")
+def test_the_whole_body_is_seen_and_left_and_right_are_those_of_the_person(data, cameras, seen):
+    """For one camera in four the model exchanges left and right in three frames of ten."""
+    truth = pose2sim_markers(data, *(f"{s}{MARKERS[p]}" for p in MARKERS for s in "LR"))[::EVERY]
+    rows = [WHOLE_BODY.index(part) for part in PAIRED]
+    right, ends = [], [WHOLE_BODY.index(p) for p in ("left_hand", "right_hand", "head", "left_foot", "right_foot")]
+    for camera, pixels in zip(cameras, seen, strict=True):
+        places = np.concatenate([truth, np.ones((*truth.shape[:2], 1))], axis=2) @ camera.matrix.T
+        there = places[..., :2] / places[..., 2:]
+        found = np.array([camera.lens.undistorted(frame) for frame in pixels[:, rows]])
+        other = there.reshape(len(there), -1, 2, 2)[:, :, ::-1].reshape(there.shape)
+        own, exchanged = (np.nansum(np.linalg.norm(found - each, axis=2), axis=1) for each in (there, other))
+        right.append((own < exchanged).mean())
+    shares = np.isfinite(seen[:, :, ends, 0]).mean(axis=1)
+    print(f"\nleft and right right: {np.round(right, 2)}; hands, head, feet seen:\n{shares.round(2)}")
+    assert min(right) >= 0.99
+    # Camera 3 sees the back of the man, and his right hand behind it.
+    shares[2, 1] = 1.0
+    assert shares.min() >= 0.95
+
+
+def test_wrists_triangulated_from_four_videos_are_those_of_the_reference(data, cameras, seen):
     truth = pose2sim_markers(data, "LWrist", "RWrist")[::EVERY]
-    videos = [data / f"pose2sim_single/videos/cam0{n}.mp4" for n in (1, 2, 3, 4)]
-    seen = np.array([wrists(video, pose_model) for video in videos])
-    assert seen.shape[1:] == (*truth.shape[:2], 2)
+    seen = seen[:, :, :2]
     plain = np.array([camera.lens.undistorted(pixels) for camera, pixels in zip(cameras, seen, strict=True)])
     matrices = [camera.matrix for camera in cameras]
     points = [[triangulate(matrices, plain[:, f, hand], GATE_PX) for hand in (0, 1)] for f in range(len(truth))]

@@ -1,88 +1,92 @@
-"""Left and right at acquisition, and their exchange after an ambiguous meeting."""
+"""Left and right that a pose model exchanges for some frames."""
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
-from observer.tracking.acquisition import LEFT, RIGHT, HandednessEvidence, name_first, name_second, name_two
+from observer.tracking.sides import EXCHANGED, EXCHANGED_LIMBS, SideKeeper
 
-HEAD = np.array([100.0, 50.0])
-
-
-def at(u):
-    return np.array([float(u), 80.0])
+RATE_HZ = 30
+LEFT = {11: (0.2, -0.5), 13: (0.35, -0.25), 15: (0.4, 0.0), 23: (0.12, 0.0), 25: (0.14, 0.4), 27: (0.15, 0.8),
+        29: (0.15, 0.83), 31: (0.18, 0.88), 7: (0.07, -0.7), 17: (0.41, 0.05), 19: (0.42, 0.05)}  # fmt: skip
 
 
-def test_the_hand_on_the_pictures_left_is_the_right_hand():
-    assert name_two([at(50), at(150)]) == {RIGHT: 0, LEFT: 1}
-    assert name_two([at(150), at(50)]) == {RIGHT: 1, LEFT: 0}
-    assert name_first(at(50), HEAD, 10) == RIGHT
-    assert name_first(at(150), HEAD, 10) == LEFT
-    assert name_first(at(105), HEAD, 10) is None
+def person(turn=0.0, at=(0.5, 0.5)):
+    """(33, 3) landmarks of a person who has turned by so many radians; 0: towards the camera, 180 degrees: away."""
+    landmarks = np.zeros((33, 3))
+    for row, (u, v) in LEFT.items():
+        for side, sign in ((row, 1), (row + 1, -1)):
+            landmarks[side, :2] = sign * u * np.cos(turn), v
+    landmarks[[31, 32], 1] += 0.05 * (np.cos(turn) - 1)  # from behind the toes are farther, and higher in the picture
+    landmarks[:, :2] = landmarks[:, :2] / 3 + at
+    landmarks[:, 2] = 1.0
+    return landmarks
 
 
-def test_a_second_hand_is_accepted_on_its_own_side_only():
-    assert name_second(at(150), at(50), RIGHT, HEAD, 10) == (True, False)
-    assert name_second(at(30), at(50), RIGHT, HEAD, 10) == (False, False)
-    assert name_second(at(40), at(160), RIGHT, HEAD, 10) == (True, True)
-    assert name_second(at(160), at(40), LEFT, HEAD, 10) == (True, True)
+def mended(frames, rate_hz=RATE_HZ):
+    keeper = SideKeeper()
+    return [keeper.update(landmarks, round(1000 * n / rate_hz) + 1) for n, landmarks in enumerate(frames)]
 
 
-FACE, FRAME_S = 40.0, 1 / 30
-LEFT_OF_IT, RIGHT_OF_IT = at(50), at(150)
+def right_frames(frames, truth, rate_hz=RATE_HZ):
+    """Which frames have the sides of the truth."""
+    return [np.array_equal(one, other) for one, other in zip(mended(frames, rate_hz), truth, strict=True)]
 
 
-def frames_until_exchanged(evidence, most=90):
-    """Frames until a left hand on the right side is exchanged; `most`: never."""
-    return next((n for n in range(most) if evidence.exchange(LEFT_OF_IT, RIGHT_OF_IT, FACE, FRAME_S)), most)
+@pytest.mark.parametrize("rate_hz", [60, 30, 10])
+@pytest.mark.parametrize("order", [EXCHANGED, *EXCHANGED_LIMBS], ids=["whole", "arms", "legs"])
+def test_an_exchange_in_the_middle_is_mended(order, rate_hz):
+    truth = [person(turn) for turn in np.linspace(0, 0.6, 2 * rate_hz)]
+    seen = [landmarks[order] if rate_hz <= n < 1.5 * rate_hz else landmarks for n, landmarks in enumerate(truth)]
+    assert all(right_frames(seen, truth, rate_hz))
 
 
-def ambiguous(evidence):
-    evidence.add_assignment(np.array([[1.0, 3.0], [3.0, 1.0]]), [0, 1])
+def test_single_frames_are_mended():
+    truth = [person()] * 30
+    seen = [landmarks[EXCHANGED] if n in (10, 12, 13, 20) else landmarks for n, landmarks in enumerate(truth)]
+    assert all(right_frames(seen, truth))
 
 
-def merged(evidence):
-    evidence.add_merge()
+@pytest.mark.parametrize("seconds", [2.0, 6.0])
+def test_a_person_who_turns_keeps_their_sides(seconds):
+    truth = [person(turn) for turn in np.linspace(0, 4 * np.pi, round(2 * seconds * RATE_HZ))]
+    assert all(right_frames(truth, truth))
 
 
-def settled():
-    """Hands that have long been on their own sides."""
-    evidence = HandednessEvidence()
-    for _ in range(90):
-        assert not evidence.exchange(RIGHT_OF_IT, LEFT_OF_IT, FACE, FRAME_S)
-    return evidence
+def test_an_exchange_at_the_start_ends_when_the_model_has_been_right_for_longer():
+    truth = [person()] * 60
+    seen = [landmarks[EXCHANGED] if n < 9 else landmarks for n, landmarks in enumerate(truth)]
+    right = right_frames(seen, truth)
+    assert right.index(True) <= 9 + 9 + 0.2 * RATE_HZ
+    assert all(right[right.index(True) :])
 
 
-def test_hands_with_settled_names_may_cross_for_a_second():
-    evidence = settled()
-    evidence.add_assignment(np.array([[1.0, 90.0], [90.0, 1.0]]), [0, 1])
-    assert not evidence.doubtful
-    assert frames_until_exchanged(evidence) >= 30
+def test_feet_that_face_as_the_shoulders_count_more():
+    """The model takes the person for one who turns away, and leaves the feet where it sees them."""
+    truth = [person()] * 60
+    seen = [landmarks[EXCHANGED] if n < 15 else landmarks for n, landmarks in enumerate(truth)]
+    assert right_frames(seen, truth).index(True) <= 15 + 0.5 * RATE_HZ
 
 
-@pytest.mark.parametrize("meeting", [ambiguous, merged])
-def test_after_a_meeting_hands_on_each_others_side_are_exchanged_once_within_few_frames(meeting):
-    evidence = settled()
-    meeting(evidence)
-    assert evidence.doubtful
-    assert 0 < frames_until_exchanged(evidence) <= 3
-    assert not evidence.exchange(RIGHT_OF_IT, LEFT_OF_IT, FACE, FRAME_S)
+def test_the_model_is_believed_after_a_long_contradiction():
+    truth = [person()] * 30 + [person(np.pi)] * 120
+    assert right_frames(truth, truth)[-60:] == [True] * 60
 
 
-@pytest.mark.parametrize("meeting", [ambiguous, merged])
-def test_hands_on_their_own_sides_settle_the_doubt(meeting):
-    evidence = HandednessEvidence()
-    meeting(evidence)
-    for _ in range(3):
-        assert not evidence.exchange(RIGHT_OF_IT, LEFT_OF_IT, FACE, FRAME_S)
-    assert not evidence.doubtful
+def test_after_a_gap_and_for_somebody_else_the_models_sides_count():
+    towards, away = person(), person(np.pi)
+    keeper = SideKeeper()
+    for ms in range(1, 1000, 33):
+        keeper.update(towards, ms)
+    assert np.array_equal(keeper.update(away, 1500), away)
+    elsewhere = person(at=(1.4, 0.5))
+    assert np.array_equal(keeper.update(elsewhere, 1533), elsewhere)
 
 
-@given(st.lists(st.floats(-0.59, 0.59), max_size=60))
-def test_hands_above_each_other_are_no_evidence(offsets):
-    evidence = HandednessEvidence()
-    evidence.add_merge()
-    for share in offsets:
-        assert not evidence.exchange(at(100 + share * FACE), at(100), FACE, 0.1)
-    assert evidence.doubtful
+def test_the_landmarks_are_not_changed_and_nothing_is_read_from_a_body_without_size():
+    keeper, landmarks = SideKeeper(), person()
+    before = landmarks.copy()
+    keeper.update(landmarks, 1)
+    keeper.update(landmarks[EXCHANGED], 34)
+    assert np.array_equal(landmarks, before)
+    for nothing in (np.zeros((33, 3)), np.full((33, 3), np.nan)):
+        assert keeper.update(nothing, 67) is nothing
