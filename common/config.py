@@ -19,6 +19,7 @@ from common.config_sections import (
     MetricsConfig,
     MqttConfig,
     ObserverConfig,
+    PersonConfig,
     Section,
     default_quorum,
 )
@@ -37,6 +38,7 @@ class Scene(Section):
     vocabulary: Annotated[tuple[str, ...], Field(strict=False)] | None = None
     vocabulary_name: str = "movements"
     mesh: MeshConfig = MeshConfig()
+    person: PersonConfig = PersonConfig()
     observers: dict[str, ObserverConfig]
     fusion: FusionConfig = FusionConfig()
     hub: HubConfig = HubConfig()
@@ -98,6 +100,12 @@ class Scene(Section):
         if observer not in self.observers:
             raise BadInput(f"observer {observer!r}: not in the scene; known: {', '.join(self.observers)}")
         return self.observers[observer]
+
+    def person_for(self, observer: str) -> PersonConfig:
+        """Where the model of `observer` expects the person: its own keys, else those of [person]."""
+        own = self.observer(observer)
+        place = self.person.place if own.place is None else own.place
+        return PersonConfig(place=place, facing=self.person.facing if own.facing is None else own.facing)
 
     def place(self, name: str) -> Path:
         """The path of a file that the scene file names; relative names start from the scene file's folder."""

@@ -41,6 +41,10 @@ ClipSeconds = Annotated[float, Field(ge=0, le=30)]
 Occlusion = Annotated[tuple[Share, Share, Share, Share, Seconds, Seconds], Field(strict=False)]
 
 
+Place = Annotated[tuple[float, ...], Field(strict=False, min_length=2, max_length=3)]
+"""[x, z] on the floor, or [x, y, z] with the height y of the head; metres, in the axes of the camera files."""
+
+
 class Section(BaseModel):
     """The base of all sections: immutable, without unknown keys, and without conversion of types."""
 
@@ -72,6 +76,16 @@ class MeshConfig(Section):
     def at(self, endpoint: str) -> "MeshConfig":
         """The same mesh at another endpoint, e.g. the one that a link really listens on."""
         return self.model_copy(update={"endpoint": endpoint})
+
+
+class PersonConfig(Section):
+    """[person]: where the person stands in the room of the camera files, and the degrees that they face.
+
+    None: not known. facing: 0 faces along -z, where the view yaw:0 looks from, and grows to the person's left.
+    """
+
+    place: Place | None = None
+    facing: float | None = None
 
 
 class VirtualConfig(Section):
@@ -112,7 +126,8 @@ class ObserverConfig(Section):
     camera. mirrored: the pictures are mirrored, as selfies are. skin, face: settings of `camshift` for the person (a
     file; x, y, width, height in px). pose_model, hand: the model file of `mediapipe`, and which landmark is the hand.
     preview: a video file to write. picture_hz: live pictures a second for the dashboard; 0: none ever. effort: the file
-    of the Effort model; "": no Effort. say: when posteriors are published.
+    of the Effort model; "": no Effort. say: when posteriors are published. place, facing: of the person, as in
+    [person], if this camera's room has axes of its own.
     """
 
     source: Annotated[str, Field(min_length=1)]
@@ -135,6 +150,8 @@ class ObserverConfig(Section):
     picture_hz: Annotated[float, Field(ge=0, le=5)] = 0.0
     effort: str = ""
     say: Literal["each frame", "on change"] = "each frame"
+    place: Place | None = None
+    facing: float | None = None
     virtual: VirtualConfig = VirtualConfig()
     clips: ClipsConfig = ClipsConfig()
 

@@ -71,12 +71,14 @@ def _pipeline(scene: "Scene", observer: str, model: "MovementModel", inputs: "Ob
     from observer.model.base import Onset
     from observer.model.model_file import doubt_of_camera, doubt_of_view, require_match
     from observer.runtime.pipeline import Observer, Resampler
+    from observer.runtime.scene_inputs import person_in
 
     section, header = scene.observer(observer), model.header
     path, rate_hz = scene.place(section.model), inputs.source.rate_hz if inputs.at_own_rate else None
     require_match(path, model, scene.named_vocabulary, rate_hz)
+    person = person_in(scene, observer, inputs.view)
     doubts = (
-        doubt_of_view(path, header, inputs.view, section.view),
+        doubt_of_view(path, header, inputs.view, section.view, person),
         doubt_of_camera(path, header, observer, scene.roster),
     )
     for doubt in filter(None, doubts):

@@ -27,19 +27,23 @@ def evaluate(options: EvaluateOptions) -> None:
 
     Example: labanmesh evaluate msr.npz --views door --labels AS1 --stream --unlearned others --background-labels 6
 
+    Example: labanmesh evaluate msr.npz --views cameras/cam1.toml,cameras/cam2.toml --place 0.2,1.5 --facing -30
+
     Example: labanmesh evaluate --sensor left=a.npz --sensor right=b.npz --leave-one-subject-out --rule product
 
     Example: labanmesh evaluate msr.npz --views door --other-motion story.npz --background story.npz \
     --background-subjects a
     """
+    from observer.geometry.placement import parse_place, placement_of
     from studies.evaluated_archives import BackgroundChoice, read_archives
     from studies.run_evaluation import EvaluationTasks, require_compatible, run_evaluation
 
     through = one_of("--through", options.through, ("process", "mesh", "pixels"))
     background = BackgroundChoice.parse(options.background, options.background_subjects)
     parts = split_list("--body-parts", options.body_parts)
+    placement = placement_of(parse_place(options.place), options.facing)
     archives = read_archives(
-        options.archive, options.views, options.sensor or [], parts, background, options.other_motion or []
+        options.archive, options.views, options.sensor or [], parts, background, options.other_motion or [], placement
     )
     settings = _settings(options, archives)
     tasks = EvaluationTasks(through, background.scenery, options.stream, options.learning_curve, options.jobs)

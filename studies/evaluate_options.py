@@ -25,6 +25,16 @@ class EvaluateOptions:
     views: Annotated[
         str, typer.Option(help="door, wheel, table, yaw:DEG[,pitch:DEG] or camera files, separated by commas.")
     ] = ""
+    place: Annotated[
+        str,
+        typer.Option(
+            help="X,Z or X,Y,Z: where people stand in the room of the camera files, metres; Y: height of the head."
+        ),
+    ] = ""
+    facing: Annotated[
+        float | None,
+        typer.Option(help="Degrees that people are turned to the left of the direction towards yaw:0 of that room."),
+    ] = None
     sensor: Annotated[
         Texts,
         typer.Option(

@@ -6,10 +6,12 @@ from pathlib import Path
 
 from common.errors import BadInput
 from common.text import split_list
+from observer.geometry.placement import PersonPlacement
 from observer.geometry.views import View, split_views
 from observer.learning.examples import gather_background
 from observer.motion.archive import MotionArchive, Recording, common_rate, labels_of, resample, select
 from observer.motion.archive_file import read_archive
+from observer.motion.placing import placed
 from observer.motion.projected import require_same_camera, view_of
 from studies.sensors import performances, read_sensors, with_parts
 
@@ -63,13 +65,19 @@ def read_archives(
     body_parts: tuple[str, ...],
     learned_too: BackgroundChoice,
     other_motion: Sequence[Path],
+    placement: PersonPlacement | None = None,
 ) -> EvaluatedArchives:
     """Read all archives. Without body_parts the models use those that the archive and all others have.
 
-    Raises BadInput for an archive beside sensors, neither of both, and a body part that an archive lacks.
+    placement: where all people are put in the room of the views, which are camera files. Raises BadInput for an archive
+    beside sensors, neither of both, a body part that an archive lacks, and a placement for other views.
     """
     chosen, own = _evaluated(archive, views, sensors)
     others = {path: read_archive(path) for path in dict.fromkeys((*learned_too.paths, *other_motion))}
+    if placement is not None:
+        _require_rooms(chosen, sensors)
+        own = tuple(placed(one, placement) for one in own)
+        others = {path: placed(one, placement) for path, one in others.items()}
     parts = body_parts
     if others and not parts:
         parts = tuple(p for p in own[0].body_parts if all(p in other.body_parts for other in others.values()))
@@ -89,6 +97,15 @@ def read_archives(
         background = gather_background(list(learned.values()), (), whole.body_parts, rate_hz)
     motion = [one for path in other_motion for one in _unseen(path, others[path], learned.get(path), whole)]
     return EvaluatedArchives(whole, chosen, own if sensors else (), parts, background, tuple(motion))
+
+
+def _require_rooms(views: Sequence[View], sensors: Sequence[str]) -> None:
+    """Raise BadInput unless all views are cameras in a room."""
+    if sensors:
+        raise BadInput("--place, --facing: sensors record in their own axes; give ARCHIVE --views in place of --sensor")
+    for view in views:
+        if not view.has_place:
+            raise BadInput(f"--place, --facing: for camera files only, and {view.name} is none; name yaw:DEG instead")
 
 
 def _evaluated(

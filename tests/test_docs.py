@@ -27,6 +27,7 @@ from common.config_sections import (
     MetricsConfig,
     MqttConfig,
     ObserverConfig,
+    PersonConfig,
     VirtualConfig,
 )
 from common.picture_message import PictureMessage
@@ -276,6 +277,7 @@ def keys_of(model, prefix=""):
 
 SECTIONS = {
     "mesh": MeshConfig,
+    "person": PersonConfig,
     "fusion": FusionConfig,
     "observers": None,
     "observers.ID": ObserverConfig,

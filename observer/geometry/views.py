@@ -28,12 +28,19 @@ Real = TypeVar("Real", bound=np.floating)
 class View:
     """A perspective. matrix: (3, 4) projective matrix, to metres for planes and angles, to pixels for a camera file.
 
-    lens: distortion of the camera's pixels, where its file has one; the matrix holds for undistorted pixels.
+    lens: distortion of the camera's pixels, where its file has one; the matrix holds for undistorted pixels. size_px:
+    width and height of the pictures whose pixels these are, where the file states them.
     """
 
     name: str
     matrix: Floats
     lens: LensDistortion | None = None
+    size_px: tuple[int, int] | None = None
+
+    @property
+    def has_place(self) -> bool:
+        """Whether the camera stands at a point in a room, so that it matters where the person stands."""
+        return bool(self.matrix[2, :3].any())
 
     @property
     def is_this_camera(self) -> bool:
@@ -66,7 +73,7 @@ def parse_view(text: str, folder: Path | None = None) -> View:
         return _angle_view(text)
     if text.endswith(".toml"):
         camera = read_camera((folder or Path()) / text)
-        return View(camera.name, camera.matrix, camera.lens)
+        return View(camera.name, camera.matrix, camera.lens, camera.image_size_px)
     raise BadInput(f"view {text!r}: unknown view; {_hint(text)}")
 
 

@@ -18,78 +18,19 @@ from observer.learning.descriptions import (
     describe_background,
     describe_camera,
     describe_evaluation,
+    describe_placement,
     describe_vocabulary,
 )
+from observer.learning.learn_options import LearnOptions
 
 if TYPE_CHECKING:
-    from observer.learning.sources import LearningSource
+    from observer.geometry.placement import PersonPlacement
+    from observer.learning.sources import LearningSource, SourceChoice
     from observer.motion.archive import MotionArchive
     from observer.motion.sensors import SensorFile
 
-Texts = list[str] | None
 ENOUGH_RECORDINGS = 3
 """For movements with fewer recordings `learn` prints a warning."""
-
-
-@dataclass(frozen=True, slots=True)
-class LearnOptions:
-    """As typed on the command line."""
-
-    output: Annotated[
-        Path, typer.Option("-o", "--output", help="The model file to write; with --sensor the folder, for NAME.model.")
-    ]
-    archive: Annotated[
-        Path | None, typer.Argument(help="The motion archive to learn from (.npz); none with --sensor.")
-    ] = None
-    view: Annotated[
-        str, typer.Option(help="door, wheel, table, yaw:DEG, yaw:DEG,pitch:DEG, or a camera file; none for 2-D tracks.")
-    ] = ""
-    sensor: Annotated[
-        Texts,
-        typer.Option(
-            help="NAME=FILE.npz or NAME=FILE.npz@VIEW in place of ARCHIVE --view: what a sensor recorded, by default "
-            "seen from the door; may be repeated: one model each, with the same movements."
-        ),
-    ] = None
-    model: Annotated[
-        str, typer.Option(help="stacked (default), phase, discriminative, phase-symbols or frame-table.")
-    ] = ""
-    labels: Annotated[
-        str, typer.Option(help="The movements to learn, separated by commas (default: all of the archive).")
-    ] = ""
-    subjects: Annotated[
-        str, typer.Option(help="The people to learn from, separated by commas (default: all of the archive).")
-    ] = ""
-    body_parts: Annotated[
-        str, typer.Option(help="The parts that the observer's tracker finds (default: all of the archive).")
-    ] = ""
-    rate: Annotated[
-        float | None, typer.Option(min=1, max=1000, help="The observer's frames per second (default: the archive's).")
-    ] = None
-    add_to: Annotated[
-        Path | None,
-        typer.Option(help="Add the movements to this model; the recordings of its own movements are not needed."),
-    ] = None
-    background: Annotated[
-        str,
-        typer.Option(help="Archives of other movements, separated by commas, to recognise something else; or: blends."),
-    ] = ""
-    background_labels: Annotated[
-        str, typer.Option(help="The movements to use of these archives, separated by commas (default: all).")
-    ] = ""
-    name: Annotated[str, typer.Option(help="A name for the vocabulary.")] = "movements"
-    parameter: Annotated[Texts, typer.Option(help="NAME=NUMBER: a parameter of the model; may be repeated.")] = None
-    effort: Annotated[
-        bool, typer.Option("--effort", help="Learn Effort instead of movements, from trials such as -1_0_1_1.")
-    ] = False
-    jobs: Annotated[
-        int, typer.Option(min=0, help="Processes to share the work of several --sensor; 0: one per core.")
-    ] = 0
-
-    @property
-    def parts(self) -> tuple[str, ...]:
-        """Body parts; empty: all of the archive."""
-        return split_list("--body-parts", self.body_parts)
 
 
 @takes_options
@@ -107,6 +48,10 @@ def learn(options: LearnOptions) -> None:
 
     Example: labanmesh learn --sensor left=a.npz --sensor right=b.npz -o models
 
+    Example: labanmesh learn msr.npz --view cameras/cam1.toml --place 0.2,1.5 --facing -30 -o cam1.model
+
+    Example: labanmesh learn msr.npz --scene scene.toml -o models
+
     Example: labanmesh learn effort.npz --view yaw:45 --effort --rate 30 -o corner1.effort
     """
     from observer.learning.sources import read_source, sensors_to_learn
@@ -114,20 +59,38 @@ def learn(options: LearnOptions) -> None:
 
     _require_compatible(options)
     labels, parameters = split_list("--labels", options.labels), named_numbers("--parameter", options.parameter or [])
-    edits = options.effort or options.add_to is not None
-    sensors = sensors_to_learn(options.archive, options.view, options.sensor or [], options.output, edits)
+    sensors = sensors_to_learn(_choice(options))
     people, background = split_list("--subjects", options.subjects), (options.background, options.background_labels)
     sources = [read_source(one, people, options.rate, options.parts, background) for one in sensors]
     if options.effort:
-        _learn_effort(options, sources[0])
+        _learn_effort(options, sources[0], sensors[0].placement)
     elif options.add_to:
-        _add_movements(options, options.add_to, sources[0], labels, parameters)
+        _add_movements(options, options.add_to, sources[0], sensors[0].placement, labels, parameters)
     else:
         labels = labels or tuple(dict.fromkeys(label for source in sources for label in source.labels))
         for sensor, source in zip(sensors, sources, strict=True):
             require_labels(labels, source.archive, f"--sensor {sensor.name}: --labels" if sensor.name else "--labels")
         vocabulary = Vocabulary(labels, options.name)
         _learn_all([_Part(options, *of_one, vocabulary, parameters) for of_one in zip(sensors, sources, strict=True)])
+
+
+def _choice(options: LearnOptions) -> "SourceChoice":
+    from common.config import read_scene
+    from observer.geometry.placement import parse_place, placement_of
+    from observer.learning.sources import SourceChoice
+
+    if options.observers and not options.scene:
+        raise BadInput("--observers: of which scene? name it with --scene")
+    return SourceChoice(
+        options.archive,
+        options.view,
+        options.sensor or [],
+        read_scene(options.scene) if options.scene else None,
+        split_list("--observers", options.observers),
+        placement_of(parse_place(options.place), options.facing),
+        options.output,
+        options.effort or options.add_to is not None,
+    )
 
 
 def _require_compatible(options: LearnOptions) -> None:
@@ -187,6 +150,7 @@ def _learn_movements(part: _Part) -> str:
         parameters=part.parameters,
         provenance=source.provenance,
         background=source.background,
+        placement=sensor.placement,
     )
     write_model(output, learned)
     header = learned.header
@@ -196,13 +160,19 @@ def _learn_movements(part: _Part) -> str:
         f"{plural(len(header.provenance['subjects'].split(',')), 'person', 'people')}, "
         f"{header.rate_hz:g} Hz, {output.stat().st_size / 1e6:.2f} MB",
         describe_evaluation(header),
+        *describe_placement(header, source.archive),
     ]
     lines += [describe_background(header)] if header.background is not None else []
     return "\n".join([*lines, *([describe_camera(header)] if is_this_camera(header.matrix) else [])])
 
 
 def _add_movements(
-    options: LearnOptions, old: Path, source: "LearningSource", labels: Sequence[str], parameters: Mapping[str, float]
+    options: LearnOptions,
+    old: Path,
+    source: "LearningSource",
+    placement: "PersonPlacement | None",
+    labels: Sequence[str],
+    parameters: Mapping[str, float],
 ) -> None:
     from observer.learning.editing import add_movements
     from observer.model.model_file import read_model, write_model
@@ -215,17 +185,20 @@ def _add_movements(
         kind=options.model,
         parameters=parameters,
         source=source.provenance["archive"],
+        placement=placement,
     )
     write_model(options.output, edited.model)
     print(describe_addition(options.output, edited))
     _warn_of_few_recordings(source.archive, edited.labels)
 
 
-def _learn_effort(options: LearnOptions, source: "LearningSource") -> None:
+def _learn_effort(options: LearnOptions, source: "LearningSource", placement: "PersonPlacement | None") -> None:
     from observer.effort.effort_file import write_effort
     from observer.effort.model import learn_effort
+    from observer.motion.placing import placed
 
-    learned = learn_effort(source.archive, source.view, source.provenance)
+    archive = placed(source.archive, placement) if placement else source.archive
+    learned = learn_effort(archive, source.view, source.provenance)
     write_effort(options.output, learned)
     print(
         f"{options.output}: Effort for {learned.view} from {plural(int(learned.provenance['examples']), 'example')}, "

@@ -9,6 +9,7 @@ if TYPE_CHECKING:
 
     from observer.learning.editing import EditedModel
     from observer.model.base import Header
+    from observer.motion.archive import MotionArchive
 
 
 def describe_evaluation(header: "Header") -> str:
@@ -16,6 +17,22 @@ def describe_evaluation(header: "Header") -> str:
     tried, right = int(header.provenance.get("tried", "0")), int(header.provenance.get("right", "0"))
     result = f"right {100 * right / tried:.0f} %" if tried else "its accuracy is unknown"
     return f"tried on {_left_out(tried)}: {result}, {_calibration(header)}"
+
+
+def describe_placement(header: "Header", archive: "MotionArchive") -> list[str]:
+    """For the model of a camera file, where it expects the person; no line for other views."""
+    from observer.motion.placing import mean_place
+
+    if not header.matrix[2, :3].any():
+        return []
+    if header.placement is not None:
+        facing = "" if header.parameters.get("facings", 1) == 1 else ", and any other way"
+        return [f"for a person at {header.placement}{facing}"]
+    x, z = mean_place(archive)
+    return [
+        f"for a person where the recordings have theirs, on average at x, z = {x:.1f}, {z:.1f} m, facing -z; if they "
+        "will stand elsewhere, say so with --place and --facing"
+    ]
 
 
 def describe_addition(output: "Path", edited: "EditedModel") -> str:

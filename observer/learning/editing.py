@@ -13,9 +13,11 @@ import numpy as np
 from common.errors import BadInput
 from common.text import plural
 from common.vocabulary import Vocabulary
+from observer.geometry.placement import PersonPlacement, unlike
 from observer.geometry.views import View
 from observer.learning.examples import ExampleView
-from observer.learning.learn import evaluate_example, folds_by_person, folds_by_recording
+from observer.learning.folds import folds_by_person, folds_by_recording
+from observer.learning.learn import evaluate_example
 from observer.model.base import (
     Example,
     Header,
@@ -28,6 +30,7 @@ from observer.model.base import (
 from observer.model.parameters import facings_in
 from observer.model.posterior_calibration import HeldOutResult, PosteriorCalibration
 from observer.motion.archive import MotionArchive, common_rate, labels_of, movements_in, require_labels
+from observer.motion.placing import placed
 from observer.motion.projected import require_view
 
 SAME_VIEW = 1e-6
@@ -75,16 +78,19 @@ def add_movements(
     kind: str = "",
     parameters: Mapping[str, float] | None = None,
     source: str = "",
+    placement: PersonPlacement | None = None,
 ) -> EditedModel:
     """The model with the archive's movements that it does not have, or these `labels`, at the end of its vocabulary.
 
     Temperature and doubt stay; the predictive likelihood of a new movement is estimated by leaving out its examples.
     source: the origin of the recordings, for people. If a new movement was background, it leaves the background.
+    placement: where the people are put; by default where the model has its own.
 
-    Raises BadInput for another view, rate or kind, for other parameters than the model's, for a movement that the model
-    already has, and if there is none to add.
+    Raises BadInput for another view, placement, rate or kind, for other parameters than the model's, for a movement
+    that the model already has, and if there is none to add.
     """
     _require_match(model.header, archive, view, kind, parameters or {})
+    archive = _placed_as(model.header, archive, placement)
     new = _new_labels(model.header.vocabulary, labels, archive)
     promoted = tuple(label for label in new if label in (model.header.background or ()))
     model = _without_background(model, promoted)
@@ -163,6 +169,15 @@ def _require_match(old: Header, archive: MotionArchive, view: View, kind: str, p
     if missing:
         has = ", ".join(archive.body_parts)
         raise BadInput(f"body part {missing[0]!r}: the model needs it, and the recordings have only {has}")
+
+
+def _placed_as(old: Header, archive: MotionArchive, placement: PersonPlacement | None) -> MotionArchive:
+    """The recordings with the people where the model has its own; raises BadInput for another placement."""
+    known = old.placement
+    if placement and (known is None or unlike(placement, known, facings_in(old.parameters) > 1)):
+        place = "where its recordings say" if known is None else f"for a person at {known}"
+        raise BadInput(f"--place: a person at {placement}, but the model was learned {place}; omit these options")
+    return archive if known is None else placed(archive, known)
 
 
 def _new_labels(vocabulary: Vocabulary, labels: Sequence[str], archive: MotionArchive) -> tuple[str, ...]:

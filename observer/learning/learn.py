@@ -6,7 +6,6 @@ Cross-validation by person calibrates the model's posteriors.
 """
 
 import math
-from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 
@@ -14,8 +13,10 @@ import numpy as np
 
 from common.errors import BadInput
 from common.vocabulary import Vocabulary
+from observer.geometry.placement import PersonPlacement
 from observer.geometry.views import View
 from observer.learning.examples import ExampleView, streams_apart
+from observer.learning.folds import at_all_facings, fewer_folds, folds_by_person, folds_by_recording
 from observer.model.base import (
     Example,
     Header,
@@ -27,7 +28,6 @@ from observer.model.base import (
     end_movement,
     evenly_spread,
     learned_from,
-    recording_numbers,
     with_features,
 )
 from observer.model.cross_validation import CrossValidates, CrossValidation, LearnedFromOthers
@@ -43,6 +43,7 @@ from observer.motion.archive import (
     require_labels,
     streams_in,
 )
+from observer.motion.placing import placed
 from observer.motion.projected import require_view
 
 BLENDS = "blends"
@@ -61,6 +62,7 @@ def learn_view(
     calibrate: bool = True,
     background: MotionArchive | None = None,
     streams: Sequence[Recording] = (),
+    placement: PersonPlacement | None = None,
 ) -> MovementModel:
     """One view's model of the vocabulary's movements, from all recordings of the archive.
 
@@ -69,19 +71,24 @@ def learn_view(
     the model also learns "something else"; without recordings, from blends only. A kind that learns from streams also
     gets the continuous and the unlabelled recordings of the archive and of the background, and `streams`, which have
     the archive's body parts: what people do outside the spans is "something else".
+    placement: where the people are put in the room of a camera file; with several facings its own does not count.
 
     Raises BadInput for recordings at different rates, an unknown model, an invalid parameter, a movement that no
     recording shows, and recordings that the view cannot show (3-D for the view `camera`, tracks for others).
     """
-    parts = body_parts or archive.body_parts
+    parts, facings = body_parts or archive.body_parts, facings_in(parameters or {})
     rate_hz, model = common_rate(archive), model_named(kind)
-    seen_from = ExampleView(view, vocabulary, parts, facings_in(parameters or {}))
+    seen_from = ExampleView(view, vocabulary, parts, facings)
     require_view(view, (*archive.recordings, *(background.recordings if background else ())), seen_from.facings)
+    if placement is not None:
+        placement = placement if facings == 1 else replace(placement, facing_deg=0.0)
+        archive, background, streams = _placed(placement, archive, background, streams)
     recordings = [recording for recording in movements_in(archive) if recording.label in vocabulary.labels]
     require_labels(vocabulary.labels, archive, "--labels")
     examples = seen_from.examples(recordings, archive.body_parts)
     origin = {"examples": str(len(recordings)), **(provenance or {})}
     header = Header(kind, vocabulary, view.name, view.matrix, rate_hz, parts, parameters or {}, origin)
+    header = replace(header, placement=placement)
     labels = () if background is None else _background_labels(model, background, vocabulary)
     if background is not None:
         header = replace(header, background=labels)
@@ -93,6 +100,14 @@ def learn_view(
     examples, watched = with_features(model, header, examples), with_features(model, header, watched)
     learned = learned_from(model, header, examples, watched)
     return with_calibration(model, learned, examples, watched, parameters or {}) if calibrate else learned
+
+
+def _placed(
+    placement: PersonPlacement, archive: MotionArchive, background: MotionArchive | None, streams: Sequence[Recording]
+) -> tuple[MotionArchive, MotionArchive | None, tuple[Recording, ...]]:
+    """The same with all people at `placement`; a background without recordings stays."""
+    moved = placed(MotionArchive(archive.body_parts, tuple(streams)), placement).recordings
+    return placed(archive, placement), None if background is None else placed(background, placement), moved
 
 
 def _streams(
@@ -171,8 +186,8 @@ def with_calibration(
     return kind.from_arrays(header, arrays)
 
 
-MOST_WATCHED, MOST_FOLDS = 120, 3
-"""The same for a kind that evaluates a whole fold at once, and into how many folds it divides people."""
+MOST_WATCHED = 120
+"""The same for a kind that evaluates a whole fold at once."""
 
 
 def right_count(results: Sequence[HeldOutResult]) -> int:
@@ -207,28 +222,6 @@ def evaluate_example(model: MovementModel, example: Example) -> HeldOutResult:
     return HeldOutResult(truth, np.array(posteriors), None)
 
 
-def folds_by_recording(examples: Sequence[Example]) -> list[list[int]]:
-    """Indices of the examples left out together: the first of each movement that has several, the second, ..."""
-    counts: Counter[int] = Counter()
-    folds: dict[int, list[int]] = {}
-    several = {m for m, count in Counter(e.movement for e in examples).items() if count > 1}
-    for n, example in enumerate(examples):
-        if example.movement in several:
-            folds.setdefault(counts[example.movement], []).append(n)
-            counts[example.movement] += 1
-    return list(folds.values())
-
-
-def folds_by_person(examples: Sequence[Example]) -> list[list[int]] | None:
-    """Indices of the examples left out together: one person's; None if a movement would then have no example."""
-    of_vocabulary = [e for e in examples if e.movement >= 0]
-    movements = {e.movement for e in of_vocabulary}
-    subjects = sorted({e.subject for e in examples})
-    if any({e.movement for e in of_vocabulary if e.subject != s} != movements for s in subjects):
-        return None
-    return [[n for n, e in enumerate(examples) if e.subject == s] for s in subjects]
-
-
 def _cross_validate(
     kind: type[MovementModel],
     header: Header,
@@ -242,7 +235,7 @@ def _cross_validate(
     if isinstance(kind, CrossValidates):
         share = MOST_WATCHED / len(examples)
         watched = {n for n in range(len(examples)) if evenly_spread(n) < share}
-        folds = _at_all_facings(examples, _fewer_folds(front, folds))
+        folds = at_all_facings(examples, fewer_folds(front, folds))
         return kind.cross_validated(header, CrossValidation(examples, streams, folds, watched, CALIBRATED_AT, explicit))
     # The facing hardly changes the calibration, and a dozen facings take a dozen times as long.
     streams = [s for s in streams if s.facing == 0]
@@ -250,22 +243,6 @@ def _cross_validate(
         header = replace(header, parameters={**header.parameters, "facings": 1.0})
     results = [result for fold in folds for result in _evaluate_fold(kind, header, front, streams, fold)]
     return LearnedFromOthers({}, results)
-
-
-def _at_all_facings(examples: Sequence[Example], folds: Sequence[Sequence[int]]) -> list[list[int]]:
-    """Folds of recordings, as numbers -> of examples, as indices."""
-    numbers = recording_numbers(examples)
-    return [[n for n, number in enumerate(numbers) if number in recordings] for recordings in map(set, folds)]
-
-
-def _fewer_folds(examples: Sequence[Example], folds: list[list[int]]) -> list[list[int]]:
-    """At most MOST_FOLDS, unless a movement would then have no example."""
-    merged = [[n for fold in folds[k::MOST_FOLDS] for n in fold] for k in range(min(MOST_FOLDS, len(folds)))]
-    movements = {e.movement for e in examples if e.movement >= 0}
-    for fold in map(set, merged):
-        if {e.movement for n, e in enumerate(examples) if n not in fold and e.movement >= 0} != movements:
-            return folds
-    return merged
 
 
 def _evaluate_fold(

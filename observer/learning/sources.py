@@ -5,8 +5,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from common.config import Scene
 from common.errors import BadInput, reason_of
 from common.text import split_list
+from observer.geometry.placement import PersonPlacement, placement_of
 from observer.geometry.views import View
 from observer.learning.examples import gather_background
 from observer.learning.learn import BLENDS
@@ -31,23 +33,66 @@ class LearningSource:
         return labels_of(self.archive)
 
 
-def sensors_to_learn(
-    archive: Path | None, view: str, texts: Sequence[str], output: Path, edits: bool
-) -> list[SensorFile]:
-    """The sensors, or the archive as the only one; with sensors `output` becomes a folder."""
-    if not texts:
-        if archive is None:
-            raise BadInput("ARCHIVE: needed, as in: labanmesh learn own.npz --view door -o cam1.model")
-        return [SensorFile("", archive, view)]
-    if archive or view:
-        raise BadInput("--sensor: takes the place of ARCHIVE and --view; omit these")
-    if edits:
-        raise BadInput("--sensor: only for new models of movements; --add-to and --effort take ARCHIVE --view")
-    sensors = parse_sensors(texts)
+@dataclass(frozen=True, slots=True)
+class SourceChoice:
+    """The options of `labanmesh learn` that say which models to learn, and from what.
+
+    archive with view, with a scene, or sensors (`--sensor`). output: a folder, except with a view. edits: the model is
+    not a new one of movements.
+    """
+
+    archive: Path | None
+    view: str
+    sensors: Sequence[str]
+    scene: Scene | None
+    observers: Sequence[str]
+    placement: PersonPlacement | None
+    output: Path
+    edits: bool
+
+
+def sensors_to_learn(choice: SourceChoice) -> list[SensorFile]:
+    """The sensors, the observers of the scene, or the archive as the only one; raises BadInput for another mixture."""
+    if choice.sensors:
+        sensors = _of_sensors(choice)
+    elif choice.scene is not None:
+        sensors = _of_scene(choice, choice.scene)
+    elif choice.archive is None:
+        raise BadInput("ARCHIVE: needed, as in: labanmesh learn own.npz --view door -o cam1.model")
+    else:
+        return [SensorFile("", choice.archive, choice.view, choice.placement)]
+    if choice.edits:
+        option = "--sensor" if choice.sensors else "--scene"
+        raise BadInput(f"{option}: only for new models of movements; --add-to and --effort take ARCHIVE --view")
     try:
-        output.mkdir(parents=True, exist_ok=True)
+        choice.output.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise BadInput(f"cannot make the folder {output}: {reason_of(error)}. Choose another one with -o") from None
+        raise BadInput(f"cannot make the folder {choice.output}: {reason_of(error)}. Choose another with -o") from None
+    return sensors
+
+
+def _of_sensors(choice: SourceChoice) -> list[SensorFile]:
+    if choice.archive or choice.view or choice.scene:
+        raise BadInput("--sensor: takes the place of ARCHIVE and --view, or --scene; omit these")
+    if choice.placement:
+        raise BadInput("--place, --facing: sensors record in their own axes; give ARCHIVE --view in place of --sensor")
+    return parse_sensors(choice.sensors)
+
+
+def _of_scene(choice: SourceChoice, scene: Scene) -> list[SensorFile]:
+    """One for each observer: its view, and where the scene says that the person stands."""
+    if choice.archive is None:
+        raise BadInput("ARCHIVE: needed, as in: labanmesh learn own.npz --scene scene.toml -o models")
+    if choice.view or choice.placement:
+        raise BadInput("--scene: the scene file has view, place and facing; omit --view, --place and --facing")
+    sensors = []
+    for name in choice.observers or scene.roster:
+        view, person = scene.observer(name).view.strip(), scene.person_for(name)
+        if view.endswith(".toml"):
+            placement = placement_of(person.place, person.facing)
+            sensors.append(SensorFile(name, choice.archive, str(scene.place(view)), placement))
+        else:
+            sensors.append(SensorFile(name, choice.archive, view))
     return sensors
 
 
@@ -68,7 +113,10 @@ def read_source(
         "subjects": ",".join(sorted({r.subject for r in whole.recordings})),
     }
     learned_too = _read_background(*background, sensor.path, whole, people, body_parts or whole.body_parts)
-    return LearningSource(whole, sensor.view_in(whole), learned_too, provenance)
+    view = sensor.view_in(whole)
+    if sensor.placement and not view.has_place:
+        raise BadInput(f"--place, --facing: for camera files only, and {view.name} is none; write --view yaw:DEG")
+    return LearningSource(whole, view, learned_too, provenance)
 
 
 def _read_background(

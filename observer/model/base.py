@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from common.errors import BadInput
 from common.vocabulary import Vocabulary
+from observer.geometry.placement import PersonPlacement
 from observer.model.parameters import Parameter, check_parameters
 from observer.model.posterior_calibration import PosteriorCalibration
 from observer.tracks import Floats, Tracks
@@ -25,7 +26,8 @@ class Header:
     view: name of the view; matrix: (3, 4) the view's projective matrix. parameters: the model's own numbers; after
     learning all of them, so that new defaults in a later version change nothing. provenance: what it was learned from,
     for people. calibration: corrects the model's posteriors. background: movements outside the vocabulary from which,
-    and from blends, the model learned "something else"; None: it does not know "something else".
+    and from blends, the model learned "something else"; None: it does not know "something else". placement: where the
+    person stands in the room of a camera file, facing 0 for a model of several facings; None: where the recordings say.
     """
 
     kind: str
@@ -38,6 +40,7 @@ class Header:
     provenance: Mapping[str, str] = field(default_factory=dict)
     calibration: PosteriorCalibration = field(default_factory=PosteriorCalibration)
     background: tuple[str, ...] | None = None
+    placement: PersonPlacement | None = None
 
 
 def with_defaults(header: Header, known: Mapping[str, Parameter]) -> Header:

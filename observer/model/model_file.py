@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from common.errors import BadInput
 from common.vocabulary import Vocabulary
 from observer.files import read_arrays, write_arrays
+from observer.geometry.placement import PersonPlacement, placement_of, unlike
 from observer.geometry.views import View, is_this_camera
 from observer.model.base import Header, MovementModel
 from observer.model.parameters import check_parameters
@@ -82,19 +83,28 @@ def require_match(path: Path, model: MovementModel, vocabulary: Vocabulary | Non
         )
 
 
-def doubt_of_view(path: Path, header: Header, view: View, name: str) -> str:
+def doubt_of_view(path: Path, header: Header, view: View, name: str, person: PersonPlacement | None = None) -> str:
     """Why the model may fit badly if it was learned for another view than the observer's, `name`; "" if it fits.
 
-    A model of this camera's own tracks fits every view of the observer, which it does not use.
+    A model of this camera's own tracks fits every view of the observer, which it does not use. person: where the scene
+    says that the person stands in the room of a camera file.
     """
-    if is_this_camera(header.matrix) or np.allclose(view.matrix, header.matrix):
+    again = f"learn it again: labanmesh learn ... --view {name}"
+    if is_this_camera(header.matrix):
         return ""
     if view.is_this_camera:
         return (
             f"{path}: learned for {header.view}, not from this camera's tracks; set view to {header.view}, or teach it"
         )
-    text = f"{path}: learned for {header.view}, but this observer sees from {view.name}; learn it again: "
-    return f"{text}labanmesh learn ... --view {name}"
+    if not np.allclose(view.matrix, header.matrix):
+        return f"{path}: learned for {header.view}, but this observer sees from {view.name}; {again}"
+    if person is None or not view.has_place:
+        return ""
+    if header.placement is None:
+        return f"{path}: learned where its recordings say, but the scene has the person at {person}; {again} --place"
+    if unlike(header.placement, person, header.parameters.get("facings", 1) > 1):
+        return f"{path}: learned for a person at {header.placement}, the scene has them at {person}; {again} --place"
+    return ""
 
 
 def doubt_of_camera(path: Path, header: Header, observer: str, others: Collection[str]) -> str:
@@ -107,6 +117,7 @@ def doubt_of_camera(path: Path, header: Header, observer: str, others: Collectio
 
 def _as_json(header: Header) -> dict[str, Any]:
     background = {} if header.background is None else {"background": list(header.background)}
+    placement = {} if header.placement is None else {"placement": _placement_as_json(header.placement)}
     return {
         "format": FORMAT,
         "kind": header.kind,
@@ -123,7 +134,12 @@ def _as_json(header: Header) -> dict[str, Any]:
         "provenance": dict(header.provenance),
         "certainty": asdict(header.calibration),
         **background,
+        **placement,
     }
+
+
+def _placement_as_json(placement: PersonPlacement) -> dict[str, Any]:
+    return {"place": list(placement.place), "facing": placement.facing_deg}
 
 
 def _header_from(document: dict[str, Any]) -> Header:
@@ -139,12 +155,20 @@ def _header_from(document: dict[str, Any]) -> Header:
         provenance={name: str(value) for name, value in document["provenance"].items()},
         calibration=_calibration_from(document.get("certainty", {}), len(words["labels"])),
         background=tuple(str(label) for label in document["background"]) if "background" in document else None,
+        placement=_placement_from(document["placement"]) if "placement" in document else None,
     )
     if not 0 < header.rate_hz <= HIGHEST_RATE_HZ:
         raise ValueError(f"rate_hz is {header.rate_hz:g}, a rate above 0 and up to {HIGHEST_RATE_HZ:g} Hz is expected")
     if not np.isfinite(header.matrix).all():
         raise ValueError("matrix contains NaN or infinity")
     return header
+
+
+def _placement_from(document: dict[str, Any]) -> PersonPlacement | None:
+    numbers = [float(number) for number in (*document["place"], document["facing"])]
+    if len(numbers) != 4 or not np.isfinite(numbers).all():
+        raise ValueError(f"placement is {document}, x, y, z and an angle are expected")
+    return placement_of(numbers[:3], numbers[3])
 
 
 def _calibration_from(document: dict[str, Any], movements: int) -> PosteriorCalibration:

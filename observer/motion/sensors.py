@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from common.errors import BadInput
+from observer.geometry.placement import PersonPlacement
 from observer.geometry.views import View
 from observer.motion.archive import MotionArchive
 from observer.motion.projected import view_of
@@ -15,11 +16,12 @@ DEFAULT_VIEW = "door"
 
 @dataclass(frozen=True, slots=True)
 class SensorFile:
-    """A sensor's name, its motion archive, and its view, "" if none was given."""
+    """A sensor's name, its motion archive, its view, "" if none was given, and where its people are put, if told."""
 
     name: str
     path: Path
     view: str = ""
+    placement: PersonPlacement | None = None
 
     def view_in(self, archive: MotionArchive) -> View:
         """The view of its archive, as `view_of` has it: DEFAULT_VIEW for 3-D positions, unless another was given."""

@@ -116,6 +116,7 @@ def _check_model(
     from observer.geometry.views import is_this_camera
     from observer.model.base import LearnsStreams, knows_blends_only
     from observer.model.model_file import doubt_of_camera, doubt_of_view, read_model, require_match
+    from observer.runtime.scene_inputs import person_in
 
     path = scene.place(section.model)
     model = result.attempt(lambda: read_model(path))
@@ -124,7 +125,8 @@ def _check_model(
     header = model.header
     result.labels, result.rate_hz, result.kind = list(header.vocabulary.labels), header.rate_hz, header.kind
     result.attempt(lambda: require_match(path, model, scene.named_vocabulary, rate_hz))
-    if view and (doubt := doubt_of_view(path, header, view, section.view)):
+    person = person_in(scene, result.observer, view) if view else None
+    if view and (doubt := doubt_of_view(path, header, view, section.view, person)):
         result.doubts.append(doubt)
     if doubt := doubt_of_camera(path, header, result.observer, scene.roster):
         result.doubts.append(doubt)

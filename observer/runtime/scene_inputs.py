@@ -16,10 +16,12 @@ from common.errors import BadInput
 from common.tracker_choice import MESH_KEY, STANDARD_INPUT, chosen_tracker, content_of
 from observer.camera.base import Report, ignore_report
 from observer.foreign.sources import LineTracks, MeshTracks, PipedTracks
+from observer.geometry.placement import PersonPlacement, placement_of
 from observer.geometry.projection import LensDistortion
 from observer.geometry.views import View, parse_view
 from observer.motion.archive import MotionArchive, Recording, resample
 from observer.motion.archive_file import read_archive
+from observer.motion.placing import placed
 from observer.motion.playback import RecordedMotion
 from observer.tracking.registry import TrackerSettings, built_tracker, tracker_named
 from observer.tracks import BODY_PARTS, Frame, FrameSource, Tracker, Tracks
@@ -125,7 +127,7 @@ def open_inputs(
     kind = tracker_named(choice.name, f"{key}.tracker", content)
     start_ns = _start_ns(environment.get(PLAYBACK_START))
     if content == "positions":
-        motion = _recorded_motion(scene, section, key, start_ns)
+        motion = _recorded_motion(scene, observer, view, start_ns)
         _require_shown(motion, view, key, pictures=kind.reads == "pictures")
         source = motion if kind.reads == "positions" else _virtual_camera(motion, view, section)
     elif content == "tracks":
@@ -148,6 +150,12 @@ def open_inputs(
     return ObserverInputs(source, prepared, view, kind.reads == "positions", length, section.speed == 0)
 
 
+def person_in(scene: Scene, observer: str, view: View) -> PersonPlacement | None:
+    """Where the scene says that the person stands in the room of this view; None for a view that has no room."""
+    person = scene.person_for(observer)
+    return placement_of(person.place, person.facing) if view.has_place else None
+
+
 def _use_one_thread() -> None:
     """An observer is one process of several on its machine; more threads of OpenCV would only compete."""
     import cv2
@@ -155,10 +163,13 @@ def _use_one_thread() -> None:
     cv2.setNumThreads(1)
 
 
-def _recorded_motion(scene: Scene, section: ObserverConfig, key: str, start_ns: int | None) -> RecordedMotion:
-    path = scene.place(section.source)
+def _recorded_motion(scene: Scene, observer: str, view: View, start_ns: int | None) -> RecordedMotion:
+    """The recordings, for a camera file with the people where the scene says that they stand."""
+    section, path = scene.observer(observer), scene.place(scene.observer(observer).source)
     archive = read_archive(path)
-    recordings = _select(archive, section.recording, f"{key}.recording", path)
+    placement = person_in(scene, observer, view)
+    archive = placed(archive, placement) if placement and archive.camera is None else archive
+    recordings = _select(archive, section.recording, f"observers.{observer}.recording", path)
     if section.rate_hz:
         recordings = [resample(recording, section.rate_hz) for recording in recordings]
     return RecordedMotion(archive.body_parts, recordings, section.speed, section.loop, start_ns)

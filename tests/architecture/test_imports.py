@@ -70,7 +70,7 @@ IMPURE = {
         "*.commands *.instrumentation *.service common.health common.lifecycle common.notify common.progress "
         "common.tls deploy.doctor.cameras deploy.doctor.network deploy.launcher hub.dashboard.application "
         "hub.dashboard.serving hub.dashboard.streams hub.healthcheck hub.mqtt.broker studies.demo* studies.effort "
-        "studies.evaluate_options common.parallel"
+        "studies.evaluate_options observer.learning.learn_options common.parallel"
     ),
     "the clock": (
         "fusion.metrics observer.motion.playback observer.rendering.virtual_camera studies.evaluate "
