@@ -51,6 +51,10 @@ class SceneKeys:
         """
         return f"{self.root}/observer/{observer}/@picture"
 
+    def teach(self, observer: str = "*") -> str:
+        """Requests to teach an observer. No wildcard of Zenoh covers a part that begins with @."""
+        return f"{self.root}/observer/{observer}/@teach"
+
     def fusion_status(self, fusion: str = "*") -> str:
         """Status of a fusion service."""
         return f"{self.root}/fusion/{fusion}/status"

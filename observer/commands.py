@@ -5,6 +5,7 @@ import os
 import sys
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -49,24 +50,30 @@ def observe(
     from observer.model.model_file import read_model
     from observer.runtime.scene_inputs import open_inputs
     from observer.runtime.service import HealthReporter, serve
+    from observer.teaching.service import answer_teachers, is_untaught, teachable
+    from observer.tracks import BODY_PARTS
 
     log_to_stderr()
     config, health = read_scene(scene), HealthReporter()
-    model = read_model(config.place(config.observer(observer).model))
-    inputs = open_inputs(config, observer, model.header.body_parts, health.record_camera)
-    pipeline = _pipeline(config, observer, model, inputs)
+    model = None if is_untaught(config, observer) else read_model(config.place(config.observer(observer).model))
+    wanted = BODY_PARTS if model is None else model.header.body_parts
+    inputs = open_inputs(config, observer, wanted, health.record_camera)
+    build = partial(_pipeline, config, observer, inputs)
     with ExitStack() as stack:
         stop = stack.enter_context(stop_on_signals())
         target = preview or _preview_in(config, observer)
-        shown = stack.enter_context(_with_preview(target, observer, pipeline, inputs, model.header))
+        begun = None if model is None else build(model)
+        taught = stack.enter_context(teachable(config, observer, inputs, begun, build))
+        shown = stack.enter_context(_with_preview(target, observer, taught, inputs))
         link = stack.enter_context(Link.open(config.mesh, "observer", process_id=observer, scene=config.scene))
         if isinstance(inputs.source, MeshTracks):
             inputs.source.listen(link)
+        answer_teachers(link, config, observer, taught)
         shown = stack.enter_context(_with_pictures(config, observer, shown, inputs, link))
         serve(config, observer, shown, inputs.source, link, stop, health=health)
 
 
-def _pipeline(scene: "Scene", observer: str, model: "MovementModel", inputs: "ObserverInputs") -> "Observer":
+def _pipeline(scene: "Scene", observer: str, inputs: "ObserverInputs", model: "MovementModel") -> "Observer":
     """The observer of these inputs; raises BadInput for a model that does not fit the scene."""
     from observer.model.base import Onset
     from observer.model.model_file import doubt_of_camera, doubt_of_view, require_match
@@ -110,7 +117,7 @@ def _facet_reader(scene: "Scene", observer: str, header: "Header", inputs: "Obse
 
 @contextmanager
 def _with_preview(
-    target: str, observer_id: str, observer: "Observer", inputs: "ObserverInputs", header: "Header"
+    target: str, observer_id: str, observer: "ObserverLike", inputs: "ObserverInputs"
 ) -> Iterator["ObserverLike"]:
     """The observer itself or, if there is a target, the observer with its steps shown there."""
     if not target:
@@ -122,7 +129,7 @@ def _with_preview(
     rate_hz = inputs.source.rate_hz
     with open_preview(target, rate_hz, keep_all=inputs.keeps_all) as preview:
         yield PreviewingObserver(
-            observer, inputs.tracker, preview, PreviewHistory(header.body_parts, rate_hz, observer_id)
+            observer, inputs.tracker, preview, PreviewHistory(inputs.tracker.body_parts, rate_hz, observer_id)
         )
 
 

@@ -93,6 +93,7 @@ def add(
     pictures: Annotated[
         bool, typer.Option("--pictures", help="As a hub it also gets the observers' live pictures.")
     ] = False,
+    teach: Annotated[bool, typer.Option("--teach", help="As a hub it may also teach the observers.")] = False,
     host: Host = None,
     days: Days = CERTIFICATE_DAYS,
     to: To = None,
@@ -111,6 +112,7 @@ def add(
         hub_of=tuple(hub_of or ()),
         router=router,
         pictures=pictures,
+        teach=teach,
     )
     roles = roles_of(authority.scenes, name, requested)
     hosts = _hosts(authority.scenes[0], host or []) if roles.router else tuple(host or ())

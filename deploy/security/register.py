@@ -25,7 +25,7 @@ class Roles(BaseModel):
     """The roles of a machine; it may have several.
 
     hub_of: the scenes of a hub that is not one of all scenes. pictures: what it may listen to as a hub includes live
-    pictures.
+    pictures. teach: as a hub it may also teach the observers.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -35,11 +35,12 @@ class Roles(BaseModel):
     hub_of: tuple[str, ...] = ()
     router: bool = False
     pictures: bool = False
+    teach: bool = False
 
     @property
     def words(self) -> tuple[str, ...]:
         """The roles as the certificate carries them: `observer:cam1`, `fusion:home/fusion`, `hub`, `hub:home`."""
-        flags = [("hub", self.hub), ("router", self.router), ("pictures", self.pictures)]
+        flags = [("hub", self.hub), ("router", self.router), ("pictures", self.pictures), ("teach", self.teach)]
         by_id = [("observer", self.observers), ("fusion", self.fusions), ("hub", self.hub_of)]
         words = [f"{kind}:{name}" for kind, names in by_id for name in names]
         return (*words, *(word for word, has in flags if has))
@@ -60,6 +61,10 @@ class Roles(BaseModel):
         """Whether it may receive the live pictures of `scene`."""
         return self.pictures and self.is_hub_in(scene)
 
+    def teaches_in(self, scene: str) -> bool:
+        """Whether it may teach the observers of `scene`."""
+        return self.teach and self.is_hub_in(scene)
+
     def only_in(self, scene: str) -> "Roles":
         """The same roles, for `scene` and no other one."""
         return Roles(
@@ -68,6 +73,7 @@ class Roles(BaseModel):
             hub_of=(scene,) if self.hub else (),
             router=self.router,
             pictures=self.pictures,
+            teach=self.teach,
         )
 
     def __str__(self) -> str:
@@ -167,9 +173,9 @@ class Register:
         else:
             file = _File(version=SEVERAL_SCENES, scenes=self.scenes, certificates=list(self.certificates))
             unused = set()
-        # Older installations read a register in which nobody has this right.
-        if not any(each.roles.pictures for each in self.certificates):
-            unused.add("pictures")
+        # Older installations read a register in which nobody has these rights.
+        rights = ("pictures", "teach")
+        unused |= {name for name in rights if not any(getattr(each.roles, name) for each in self.certificates)}
         exclude: Any = {("scenes" if file.scene else "scene"): True, "certificates": {"__all__": {"roles": unused}}}
         return file.model_dump_json(indent=1, exclude=exclude) + "\n"
 

@@ -12,6 +12,8 @@ if TYPE_CHECKING:
 
 LONGEST_NAME = 56
 """A common name has 64 characters at most, and the generation needs some."""
+HUB_RIGHTS = {"pictures": "gets pictures", "teach": "teaches"}
+"""What a hub may do besides listening, by option."""
 
 
 def roles_of(scenes: Sequence["Scene"], name: str, requested: Roles) -> Roles:
@@ -22,8 +24,9 @@ def roles_of(scenes: Sequence["Scene"], name: str, requested: Roles) -> Roles:
     identifier(name, "machine")
     if len(name) > LONGEST_NAME:
         raise BadInput(f"machine = {name!r}: {len(name)} characters; choose a name of at most {LONGEST_NAME}")
-    if requested.pictures:
-        return _with_pictures(scenes, name, requested)
+    for right, what in HUB_RIGHTS.items():
+        if getattr(requested, right):
+            return _with_right(scenes, name, requested, right, what)
     if requested.words:
         hub_of = tuple(_scene(scenes, scene).scene for scene in requested.hub_of)
         return Roles(
@@ -52,12 +55,12 @@ def roles_of(scenes: Sequence["Scene"], name: str, requested: Roles) -> Roles:
     )
 
 
-def _with_pictures(scenes: Sequence["Scene"], name: str, requested: Roles) -> Roles:
+def _with_right(scenes: Sequence["Scene"], name: str, requested: Roles, right: str, what: str) -> Roles:
     """The roles without that right, which must be a hub's, and the right."""
-    roles = roles_of(scenes, name, requested.model_copy(update={"pictures": False}))
+    roles = roles_of(scenes, name, requested.model_copy(update={right: False}))
     if not (roles.hub or roles.hub_of):
-        raise BadInput(f"--pictures: {name} is for {roles}, and only a hub gets pictures; add --hub, or --hub-of SCENE")
-    return roles.model_copy(update={"pictures": True})
+        raise BadInput(f"--{right}: {name} is for {roles}, and only a hub {what}; add --hub, or --hub-of SCENE")
+    return roles.model_copy(update={right: True})
 
 
 def _observer(scenes: Sequence["Scene"], name: str) -> str:

@@ -12,6 +12,8 @@ The access rules:
    the handover keys; Zenoh puts deny before allow. A fusion service answers its own exact key alone, no wildcard.
 7. Live pictures have keys that no wildcard covers (`SceneKeys.picture`), so no other rule allows them: an observer may
    publish its own if the scene file switches them on, and a hub with the right to them may receive them.
+8. So it is with requests to teach an observer (`SceneKeys.teach`): a hub with the right to teach may query, and the
+   observer answers under its own key.
 """
 
 import ipaddress
@@ -93,6 +95,8 @@ def _rules(scenes: Sequence["Scene"], certificate: IssuedCertificate) -> Iterato
         if roles.gets_pictures_in(scene.scene):
             yield _rule("ingress", ["declare_subscriber"], [keys.picture()])
             yield _rule("egress", ["put"], [keys.picture()])
+        if roles.teaches_in(scene.scene):
+            yield from _queries([keys.teach()])
         if not fusions and roles.is_hub_in(scene.scene):
             yield _rule("ingress", ["query"], [f"{keys.root}/**/handover"], "deny")
 
@@ -104,6 +108,8 @@ def _observer(keys: SceneKeys, observer: str, tracks: Sequence[str]) -> Iterator
     yield from _answers(keys, [status, keys.vocabulary])
     yield from _lives(keys.observer_alive(observer))
     yield from _queries([keys.fusion_status()])
+    yield _rule("ingress", ["declare_queryable", "reply"], [keys.teach(observer)])
+    yield _rule("egress", ["query"], [keys.teach(observer)])
     if tracks:
         yield _rule("ingress", ["declare_subscriber"], tracks)
         yield _rule("egress", ["put", "declare_subscriber"], tracks)

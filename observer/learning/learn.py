@@ -5,6 +5,7 @@ Tracks of one camera become the model of this camera as it stands.
 Cross-validation by person calibrates the model's posteriors.
 """
 
+import json
 import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -30,7 +31,7 @@ from observer.model.base import (
     learned_from,
     with_features,
 )
-from observer.model.cross_validation import CrossValidates, CrossValidation, LearnedFromOthers
+from observer.model.cross_validation import CrossValidates, CrossValidation, LearnedFromOthers, judged_as
 from observer.model.parameters import facings_in
 from observer.model.posterior_calibration import HeldOutResult, answer_posterior, at_least_cautious, fit_calibration
 from observer.model.registry import DEFAULT_MODEL, model_named
@@ -176,6 +177,7 @@ def with_calibration(
     if folds_by_person(examples) is None:
         calibration = at_least_cautious(calibration)
     counts = {"tried": str(len(others.results)), "right": str(right_count(others.results))}
+    counts["held_out"] = json.dumps(judged_as(others.results, model.header.vocabulary))
     header = replace(
         model.header,
         parameters={**model.header.parameters, **others.parameters},

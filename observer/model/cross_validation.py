@@ -1,9 +1,11 @@
 """How a kind of model may evaluate examples of people whom it has not learned from, many at once. Pure."""
 
+from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol, runtime_checkable
 
+from common.vocabulary import Vocabulary
 from observer.model.base import Arrays, Example, Header, Stream
 from observer.model.posterior_calibration import HeldOutResult
 
@@ -52,3 +54,14 @@ class CrossValidates(Protocol):
 
     def cross_validated(self, header: Header, cross_validation: CrossValidation) -> LearnedFromOthers:
         """A classmethod: what is learned so."""
+
+
+def judged_as(results: Sequence[HeldOutResult], vocabulary: Vocabulary) -> dict[str, dict[str, int]]:
+    """For each movement, as what its left-out examples were recognised, and how often; "" is something else."""
+    table: dict[str, Counter[str]] = {}
+    labels = (*vocabulary.labels, "")
+    for result in results:
+        if result.truth < vocabulary.size:
+            judged = labels[min(int(result.posteriors[-1].argmax()), vocabulary.size)]
+            table.setdefault(labels[result.truth], Counter())[judged] += 1
+    return {label: dict(counts) for label, counts in table.items()}

@@ -34,6 +34,7 @@ CERTIFICATES = st.builds(
         hub=st.booleans(),
         router=st.booleans(),
         pictures=st.booleans(),
+        teach=st.booleans(),
     ),
     hosts=st.lists(IDS, max_size=2).map(tuple),
     serial=IDS,
@@ -152,6 +153,7 @@ def test_a_file_that_is_no_register_is_one_line(text):
         ("hub", Roles(), Roles(hub=True)),
         ("hub", Roles(pictures=True), Roles(hub=True, pictures=True)),
         ("sofa", Roles(hub=True, pictures=True), Roles(hub=True, pictures=True)),
+        ("hub", Roles(pictures=True, teach=True), Roles(hub=True, pictures=True, teach=True)),
         ("attic", Roles(observers=("sofa", "shelf"), hub=True), Roles(observers=("sofa", "shelf"), hub=True)),
         ("sofa", Roles(fusions=("second",)), Roles(fusions=("second",))),
         ("sofa", Roles(fusions=("dojo/second",), hub_of=("dojo",)), Roles(fusions=("second",), hub=True)),
@@ -173,6 +175,7 @@ def test_the_roles_of_a_machine(scenes, name, requested, roles):
         (False, "a" * 60, Roles(hub=True), "at most 56"),
         (False, "sofa.1", Roles(hub=True), "a-z"),
         (False, "sofa", Roles(pictures=True), "--pictures: sofa is for observer sofa, and only a hub gets pictures"),
+        (False, "judge", Roles(teach=True), "--teach: judge is for fusion judge, and only a hub teaches"),
         (True, "attic", Roles(observers=("cam1",)), "in scenes dojo and garden; say --observer dojo/cam1"),
         (True, "attic", Roles(observers=("door",)), "known: dojo/cam1, dojo/sofa, garden/cam1, garden/tree"),
         (True, "attic", Roles(observers=("garden/sofa",)), "observer 'sofa': not in the scene; known: cam1, tree"),
@@ -197,6 +200,7 @@ def test_a_name_or_role_that_means_nothing_is_one_line(request, several, name, r
         ("hub", Roles(), ("hub",)),
         ("tablet", Roles(hub_of=("garden",)), ("hub:garden",)),
         ("tablet", Roles(hub_of=("garden",), pictures=True), ("hub:garden", "pictures")),
+        ("tablet", Roles(hub_of=("garden",), teach=True), ("hub:garden", "teach")),
     ],
 )
 def test_roles_in_several_scenes(both, name, requested, words):

@@ -37,6 +37,7 @@ MACHINES = st.dictionaries(
             hub_of=st.lists(st.sampled_from(SCENES), unique=True).map(tuple),
             router=st.booleans(),
             pictures=st.booleans(),
+            teach=st.booleans(),
         ),
         revoked=st.booleans(),
     ),
@@ -143,6 +144,23 @@ def test_pictures_are_for_hubs_with_the_right_to_them_and_only_where_they_are_sw
             assert may(control, f"{name}.1", "ingress", "put", keys.picture("cam1")) == shares
             assert may(control, f"{name}.1", "egress", "declare_subscriber", keys.picture("cam1")) == shares
             assert not may(control, f"{name}.1", "ingress", "put", keys.picture("cam2")), "not switched on"
+
+
+@given(MACHINES)
+def test_only_hubs_with_the_right_to_it_teach_and_observers_answer_for_themselves(machines):
+    control = access_rules(BOTH, register_of(machines))
+    for name, each in machines.items():
+        for where in BOTH:
+            keys, roles = where.keys, each.roles
+            teaches = roles.teach and roles.is_hub_in(where.scene) and not each.revoked
+            for observer in OBSERVERS:
+                is_taught = observer in roles.observers_in(where.scene) and not each.revoked
+                key = keys.teach(observer)
+                assert may(control, f"{name}.1", "ingress", "query", key) == teaches
+                assert may(control, f"{name}.1", "egress", "reply", key) == teaches
+                for flow, message in (("ingress", "declare_queryable"), ("ingress", "reply"), ("egress", "query")):
+                    assert may(control, f"{name}.1", flow, message, key) == is_taught
+                assert not may(control, f"{name}.1", "ingress", "put", key)
 
 
 @given(MACHINES, st.sampled_from([BOTH, BOTH[:1]]))

@@ -2,6 +2,7 @@
 
 import json
 import os
+import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
@@ -11,7 +12,7 @@ from pathlib import Path
 
 import pytest
 import zenoh
-from mesh_stage import SOON_S, FakePipeline, believed, first, lay_out, running
+from mesh_stage import SOON_S, FakePipeline, believed, first, lay_out, running, until
 
 from common.config import MeshConfig, read_scene
 from common.errors import LabanmeshError
@@ -80,6 +81,7 @@ def authority(scene):
         "fusion": Roles(fusions=("fusion",)),
         "hub": Roles(hub=True),
         "eyes": Roles(hub=True, pictures=True),
+        "phone": Roles(hub=True, teach=True),
         "garden": Roles(observers=("cam2",)),
     }.items():
         authority.add(name, roles, (), now())
@@ -267,6 +269,39 @@ def test_an_observer_cannot_answer_for_another_nor_receive_its_messages(scene, m
         publisher.put(b"posterior")
         assert [arrival.payload for arrival in inbox.take(SOON_S)] == [b"posterior"]
         assert foreign.take(0.0) == []
+
+
+def test_nobody_without_the_right_teaches(scene, mesh):
+    keys, asked = scene.keys, []
+    with (
+        Link.open(mesh("cam1.2"), "observer") as cam1,
+        Link.open(mesh("cam2.1"), "observer") as cam2,
+        Link.open(mesh("hub.1"), "hub") as hub,
+        Link.open(mesh("fusion.1"), "fusion") as fusion,
+        Link.open(mesh("phone.1"), "hub") as phone,
+    ):
+
+        def respond(payload):
+            asked.append(payload)
+            return b"done"
+
+        def teach(link, key):
+            replies, finished = [], threading.Event()
+            link.request(key, lambda *reply: replies.append(reply), 1.0, finished.set, b"adopt")
+            assert finished.wait(SOON_S)
+            return replies
+
+        cam1.answer_requests(keys.teach("cam1"), respond)
+        until(lambda: teach(phone, keys.teach("cam1")))
+        assert set(asked) == {b"adopt"}
+        asked.clear()
+        for link in (hub, fusion, cam2):
+            for key in (keys.teach("cam1"), keys.teach(), f"{keys.root}/**"):
+                assert teach(link, key) == []
+        # With the right, but a wildcard: it changes nothing either.
+        assert teach(phone, keys.teach()) == teach(phone, f"{keys.root}/**") == [] and asked == []
+        cam2.answer_requests(keys.teach("cam1"), lambda _: b"lie")
+        assert teach(phone, keys.teach("cam1")) == [(keys.teach("cam1"), b"done")]
 
 
 def test_a_hub_without_the_right_gets_no_picture(scene, mesh):

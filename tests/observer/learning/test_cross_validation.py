@@ -1,5 +1,6 @@
 """Cross-validation: which examples are left out, and which model evaluates them."""
 
+import json
 from collections import Counter
 
 import numpy as np
@@ -178,7 +179,9 @@ def test_calibration_leaves_the_model_unchanged():
     assert calibrated.learned == model.learned and calibrated.header.parameters == {"facings": 4.0}
     assert calibrated.header.calibration == calibration_of(header(4.0), shown) != CAUTIOUS
     # The spy's posterior is uniform, and argmax takes the first.
-    assert calibrated.header.provenance == {"tried": "20", "right": "10"}
+    provenance = dict(calibrated.header.provenance)
+    assert json.loads(provenance.pop("held_out")) == {"bow": {"bow": 10}, "lunge": {"bow": 10}}
+    assert provenance == {"tried": "20", "right": "10"}
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,77 @@
+"""The messages of teaching: what a teacher asks of an observer, and how the observer answers (docs/reference/wire.md).
+
+Each request is a query under the observer's own exact key (`common.keys.SceneKeys.teach`) with a TeachRequest as
+payload; the answer is a TeachReply. Requests may be repeated: a second one of the same kind changes nothing more.
+"""
+
+from typing import Annotated, Literal
+
+from pydantic import Field, FiniteFloat
+
+from common.message_types import Count, Identifier, Probability
+from common.messages import LABELS_LIMIT, Message, MessagePart
+
+TEXT_LIMIT = 300
+TeachCommand = Literal["status", "start", "begin", "end", "drop", "learn", "adopt"]
+TeachState = Literal["idle", "recording", "learning", "learned"]
+TakeState = Literal["waiting", "moving", "kept", "failed"]
+Text = Annotated[str, Field(max_length=TEXT_LIMIT)]
+
+
+class TeachRequest(Message):
+    """What a teacher asks of one observer.
+
+    teacher: random per teacher, so that two do not teach at once. labels: for `start` and `learn` all movements of the
+    new vocabulary, in its order. add: for `start`, keep the takes of earlier movements. label, take, person: for
+    `begin` and `drop` the movement ("": something else), the number of the performance, and who performs. in_s: for
+    `adopt`, after so many seconds, so that all observers change together.
+    """
+
+    command: TeachCommand
+    teacher: Identifier
+    labels: list[str] = Field(default_factory=list, max_length=LABELS_LIMIT)
+    add: bool = False
+    label: str = ""
+    take: Count = 0
+    person: str = ""
+    in_s: Annotated[FiniteFloat, Field(ge=0, le=60)] = 0.0
+
+
+class TakeReport(MessagePart):
+    """The take that is recorded now, or the last one. seconds: of it so far. fault: why it was not kept."""
+
+    label: str
+    take: Count
+    state: TakeState
+    seconds: FiniteFloat = 0.0
+    fault: Text = ""
+
+
+class LearnedReport(MessagePart):
+    """A model that was learned and is not in force yet.
+
+    results: for each movement, as what its takes were recognised by models that had not learned from them.
+    """
+
+    labels: list[str]
+    results: dict[str, dict[str, Count]] = Field(default_factory=dict)
+
+
+class TeachReply(Message):
+    """How an observer stands. fault: why it did not do what was asked; "" if it did.
+
+    visible: whether it sees a body part now; still: how probably the person stands still. complaint: of its tracker.
+    takes: the numbers of the takes of each movement on its disk; other_s: seconds of something else there. labels: the
+    movements of the model in force. learned: the model that waits for `adopt`.
+    """
+
+    state: TeachState
+    fault: Text = ""
+    visible: bool = False
+    still: Probability | None = None
+    complaint: Text = ""
+    take: TakeReport | None = None
+    takes: dict[str, list[Count]] = Field(default_factory=dict)
+    other_s: FiniteFloat = 0.0
+    labels: list[str] = Field(default_factory=list)
+    learned: LearnedReport | None = None

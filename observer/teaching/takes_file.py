@@ -1,0 +1,96 @@
+"""The takes of one observer on its disk: an archive of its tracks, and a note of the teaching that is not finished.
+
+Nothing is lost when the observer is killed or the disk is full: each take is written at once, completely or not at
+all; one that cannot be written waits in memory for the next attempt. Earlier takes are set aside, never deleted.
+"""
+
+import json
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+
+from common.errors import BadInput, LabanmeshError
+from observer.files import write_file
+from observer.motion.archive import Recording, TracksCamera
+from observer.recording.tracks_file import TracksFile
+
+WAY_OUT = "Free some space on that disk; the take waits in memory"
+
+
+class TakesFile:
+    """The file `path` (.npz) of the takes of `camera`, and beside it the note (.json) of an unfinished teaching."""
+
+    def __init__(self, path: Path, body_parts: Sequence[str], camera: TracksCamera) -> None:
+        self.path, self._parts, self._camera = path, tuple(body_parts), camera
+        self._note = path.with_suffix(".json")
+        self._file: TracksFile | None = None
+        self._waiting: list[Recording] = []
+
+    def start(self, labels: Sequence[str], *, add: bool) -> None:
+        """Begin to teach these movements, or go on with them if that was interrupted.
+
+        add: with the takes of all earlier movements; otherwise these are set aside in a file NAME.before.npz. Raises
+        BadInput for a file that cannot be used, LabanmeshError if it cannot be written.
+        """
+        if self._unfinished() != list(labels) and not add and self.path.exists():
+            self.path.replace(self.path.with_suffix(".before.npz"))
+            self._file = None
+        content = json.dumps({"labels": list(labels)})
+        write_file(self._note, content.encode(), WAY_OUT)
+
+    def finish(self) -> None:
+        """The movements have been learned and adopted: the next teaching starts anew."""
+        self._note.unlink(missing_ok=True)
+
+    def add(self, recording: Recording) -> None:
+        """Write one more take; raises LabanmeshError if the disk is full: then it waits in memory."""
+        self._waiting.append(recording)
+        self.write_waiting()
+
+    def write_waiting(self) -> None:
+        """Write the takes that wait in memory; raises BadInput or LabanmeshError as TracksFile.add does."""
+        while self._waiting:
+            try:
+                self._opened().named(self._waiting[0])
+            except BadInput:
+                self._waiting.pop(0)
+                raise
+            self._opened().add(self._waiting[0])
+            self._waiting.pop(0)
+
+    def drop(self, label: str, trial: str) -> int:
+        """Remove a take; returns how many there were."""
+        before = len(self._waiting)
+        self._waiting = [r for r in self._waiting if (r.label, r.trial) != (label, trial)]
+        removed = self._opened().remove(lambda r: (r.label, r.trial) == (label, trial))
+        return removed + before - len(self._waiting)
+
+    @property
+    def takes(self) -> dict[str, list[int]]:
+        """The numbers of the takes of each movement on the disk."""
+        result: dict[str, list[int]] = {}
+        for recording in self._recordings():
+            if recording.label and recording.trial.isdecimal():
+                result.setdefault(recording.label, []).append(int(recording.trial))
+        return result
+
+    @property
+    def other_s(self) -> float:
+        """Seconds of something else on the disk."""
+        return sum(len(r.positions) / r.rate_hz for r in self._recordings() if not r.label)
+
+    def _recordings(self) -> Sequence[Recording]:
+        with suppress(LabanmeshError):
+            return self._opened().recordings
+        return ()
+
+    def _opened(self) -> TracksFile:
+        if self._file is None:
+            self._file = TracksFile(self.path, self._parts, self._camera)
+        return self._file
+
+    def _unfinished(self) -> list[str] | None:
+        with suppress(OSError, ValueError, TypeError, AttributeError):
+            labels = json.loads(self._note.read_text(encoding="utf-8")).get("labels")
+            return [str(label) for label in labels]
+        return None

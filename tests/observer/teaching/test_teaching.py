@@ -1,0 +1,174 @@
+"""Teaching as one observer sees it: what a teacher asks, and what is on the disk then. No network and no clock."""
+
+import errno
+
+import numpy as np
+import pytest
+
+from common import SECOND_NS
+from common.teaching_messages import LearnedReport, TeachRequest
+from observer import files
+from observer.motion.archive import TracksCamera
+from observer.motion.archive_file import read_archive
+from observer.recording.own_tracks import TracksRecorder
+from observer.teaching.takes_file import TakesFile
+from observer.teaching.teaching import Teaching
+from observer.tracks import BODY_PARTS, Frame, Tracks
+
+REST = np.array([[280.0, 300.0], [360.0, 300.0], [320.0, 100.0]])
+RATE_HZ = 20
+
+
+class FakeLearner:
+    def __init__(self):
+        self.busy, self.fault, self.learned, self.asked, self.adopted = False, "", None, [], []
+
+    def learn(self, labels):
+        self.asked.append(list(labels))
+        self.learned = LearnedReport(labels=list(labels), results={"wave": {"wave": 5}})
+
+    def adopt(self, in_s):
+        self.adopted.append(in_s)
+        self.learned = None
+
+
+class Room:
+    """One observer and the person in front of it; time passes only in `pass_s`."""
+
+    def __init__(self, folder, pinned=None):
+        self.path, self.learner, self.pinned = folder / "sofa.tracks.npz", FakeLearner(), pinned
+        self.now_s = 1000.0
+        self.restart()
+
+    def restart(self):
+        self.recorder = TracksRecorder(BODY_PARTS)
+        takes = TakesFile(self.path, BODY_PARTS, TracksCamera("sofa"))
+        self.teaching = Teaching(self.recorder, takes, self.learner, self.pinned)
+
+    def ask(self, command, teacher="anna", **fields):
+        return self.teaching.handle(TeachRequest(command=command, teacher=teacher, **fields), self.now_s, ("a", "b"))
+
+    def pass_s(self, seconds, moving=False, seen=True, complaint=""):
+        """The camera films for so long: somebody who waves or rests, or nobody."""
+        begun_s = self.now_s
+        while self.now_s < begun_s + seconds:
+            self.now_s += 1 / RATE_HZ
+            centres = REST.copy() if seen else np.full_like(REST, np.nan)
+            if moving:
+                centres[1, 1] -= 150 * abs(np.sin(3 * (self.now_s - begun_s)))
+            tracks, at_ns = Tracks(centres), round(self.now_s * SECOND_NS)
+            self.recorder.update(Frame(at_ns, np.empty(0)), tracks)
+            self.teaching.step(at_ns, tracks, complaint, self.now_s)
+
+    def perform(self, label, take):
+        assert self.ask("begin", label=label, take=take, person="anna").fault == ""
+        self.pass_s(1.0)
+        assert self.ask("status").take.state == "waiting"
+        self.pass_s(1.5, moving=True)
+        assert self.ask("status").take.state == "moving"
+        self.pass_s(1.5)
+        return self.ask("status").take
+
+
+@pytest.fixture
+def room(tmp_path):
+    room = Room(tmp_path)
+    room.ask("status")
+    room.pass_s(2.0)
+    return room
+
+
+def test_takes_are_cut_by_stillness_written_at_once_learned_and_adopted(room):
+    assert room.ask("start", labels=["wave", "clap"]).fault == ""
+    for take in (1, 2):
+        report = room.perform("wave", take)
+        assert (report.state, report.take) == ("kept", take) and 1.3 < report.seconds < 2.8
+    room.perform("clap", 1)
+    recordings = read_archive(room.path).recordings
+    assert [(r.label, r.trial, r.subject) for r in recordings] == [
+        ("wave", "1", "anna"), ("wave", "2", "anna"), ("clap", "1", "anna"),
+    ]  # fmt: skip
+    assert room.ask("drop", label="wave", take=1).takes == {"wave": [2], "clap": [1]}
+    assert room.ask("begin", take=1).fault == ""
+    room.pass_s(45.0, moving=True)
+    # Two pieces are on the disk already; the rest is when it ends.
+    assert room.ask("status").other_s == pytest.approx(40, abs=0.5)
+    assert room.ask("end").other_s == pytest.approx(45, abs=0.5)
+    reply = room.ask("learn", labels=["wave", "clap"])
+    assert room.learner.asked == [["wave", "clap"]] and reply.learned.results == {"wave": {"wave": 5}}
+    assert room.ask("adopt", in_s=0.5).state == "idle" and room.learner.adopted == [0.5]
+    assert room.ask("adopt").fault == "no new model has been learned"
+
+
+def test_what_cannot_be_used_is_said_and_costs_only_that_take(room):
+    room.ask("start", labels=["wave", "clap"])
+    room.perform("wave", 1)
+    room.ask("begin", label="wave", take=2)
+    room.pass_s(9.0)
+    assert room.ask("status").take.fault == "nobody moved within 8 s of the signal"
+    room.ask("begin", label="wave", take=3)
+    room.pass_s(4.0, seen=False)
+    assert room.ask("status").take.fault.startswith("nobody was seen")
+    room.pass_s(1.0, complaint="too dark: switch on a light")
+    reply = room.ask("status")
+    assert reply.complaint == "too dark: switch on a light" and reply.takes == {"wave": [1]} and reply.visible
+    room.now_s += 5
+    reply = room.ask("begin", label="wave", take=4)
+    assert reply.fault == "no pictures now: is the camera working?" and not reply.visible
+    # A camera that dies within a take: the teacher ends it.
+    room.pass_s(1.0)
+    room.ask("begin", label="wave", take=5)
+    room.now_s += 10
+    assert "is the camera working?" in room.ask("end").take.fault
+
+
+def test_an_observer_that_is_killed_goes_on_where_it_stopped(room):
+    room.ask("start", labels=["wave", "clap"])
+    room.perform("wave", 1)
+    room.ask("begin", label="wave", take=2)
+    room.restart()
+    room.ask("status")
+    room.pass_s(2.0)
+    assert room.ask("start", labels=["wave", "clap"]).takes == {"wave": [1]}
+    room.perform("clap", 1)
+    room.ask("learn", labels=["wave", "clap"])
+    room.ask("adopt")
+    # Learned: the next teaching begins anew, but nothing is deleted; or the old takes are kept.
+    assert room.ask("start", labels=["nod", "bow"], add=True).takes == {"wave": [1], "clap": [1]}
+    assert room.ask("start", labels=["nod", "shake"]).takes == {}
+    assert {r.label for r in read_archive(room.path.with_suffix(".before.npz")).recordings} == {"wave", "clap"}
+
+
+def test_a_full_disk_loses_no_take(room, monkeypatch):
+    room.ask("start", labels=["wave", "clap"])
+    room.perform("wave", 1)
+
+    def full(*_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(files.os, "fsync", full)
+    report = room.perform("wave", 2)
+    assert report.state == "failed" and report.fault.endswith("no space left on device")
+    assert "no space left" in room.ask("status").fault
+    monkeypatch.undo()
+    assert room.ask("status").takes == {"wave": [1, 2]} and len(read_archive(room.path).recordings) == 2
+
+
+def test_one_teacher_at_a_time(room):
+    room.ask("start", labels=["wave", "clap"])
+    assert "another `labanmesh teach`" in room.ask("begin", teacher="ben", label="wave", take=1).fault
+    assert room.ask("status", teacher="ben").fault == ""
+    room.now_s += 31
+    assert room.ask("start", teacher="ben", labels=["nod", "bow"]).fault == ""
+
+
+@pytest.mark.parametrize(
+    ("labels", "pinned", "fault"),
+    [
+        (["wave"], None, "name at least two movements"),
+        (["Wave!", "clap"], None, "lower case letters"),
+        (["wave", "clap"], ("bow", "lunge"), "the scene file names its vocabulary (bow, lunge)"),
+    ],
+)
+def test_a_vocabulary_that_cannot_be_is_refused(tmp_path, labels, pinned, fault):
+    assert fault in Room(tmp_path, pinned).ask("start", labels=labels).fault
