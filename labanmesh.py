@@ -45,6 +45,7 @@ VERBS = {
     "healthcheck": Verb("hub.healthcheck", "healthcheck", "check that a process is alive and ready, for containers"),
     "secure": Verb("deploy.security.commands", "secure", "issue certificates and access rules for machines"),
     "router": Verb("deploy.security.routing", "router", "run a Zenoh router for a mesh of several machines"),
+    "teach": Verb("hub.teaching.commands", "teach", "teach all observers of a running scene your own movements"),
     "watch": Verb("hub.watch", "watch", "show posteriors, weights and verdicts live in the terminal"),
     "capture": Verb("hub.capture", "capture", "write all messages of a scene into a capture file"),
     "replay": Verb("studies.replay.commands", "replay", "fuse a capture again, or play it back onto a mesh"),

@@ -60,13 +60,15 @@ class LearnedReport(MessagePart):
 class TeachReply(Message):
     """How an observer stands. fault: why it did not do what was asked; "" if it did.
 
-    visible: whether it sees a body part now; still: how probably the person stands still. complaint: of its tracker.
+    pictures: whether its camera delivers. visible: whether it sees a body part now; still: how probably the person
+    stands still. complaint: of its tracker.
     takes: the numbers of the takes of each movement on its disk; other_s: seconds of something else there. labels: the
     movements of the model in force. learned: the model that waits for `adopt`.
     """
 
     state: TeachState
     fault: Text = ""
+    pictures: bool = False
     visible: bool = False
     still: Probability | None = None
     complaint: Text = ""

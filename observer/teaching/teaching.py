@@ -157,6 +157,7 @@ class Teaching:
             case "start":
                 Vocabulary(tuple(request.labels))
                 self._current = self._last = None
+                self._learner.fault = ""
                 self._takes.start(request.labels, add=request.add)
             case "begin":
                 return self._begin(request, now_s)
@@ -242,6 +243,7 @@ class Teaching:
         return TeachReply(
             state=self._state,
             fault=fault or (self._learner.fault if not self._learner.busy else ""),
+            pictures=sees,
             visible=sees and self._stream.visible,
             still=self._stream.probability if sees and self._stream.visible else None,
             complaint=complaint[:TEXT_LIMIT],

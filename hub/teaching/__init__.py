@@ -1,0 +1,1 @@
+"""`labanmesh teach`: one teacher for all observers of a scene."""

@@ -1,0 +1,48 @@
+"""All observers of a scene as a teacher asks them: one request to each at once, and their replies."""
+
+import threading
+from collections.abc import Collection
+
+from common.keys import SceneKeys, observer_of
+from common.subsession import SubSession
+from common.teaching_messages import TeachReply, TeachRequest
+from common.wire import BadMessage, decode, encode
+from hub.teaching.lesson import Answers
+
+ANSWER_S = 2.0
+"""An observer answers within milliseconds, between two frames; one that learns or writes, a little later."""
+ATTEMPTS = 3
+
+
+class Classroom:
+    """Asks observers under their own exact keys."""
+
+    def __init__(self, link: SubSession, keys: SceneKeys) -> None:
+        self._link, self._keys = link, keys
+
+    def ask(self, request: TeachRequest, observers: Collection[str]) -> Answers:
+        """Ask all these observers at once; one that does not answer is asked again, since requests may be repeated."""
+        replies: dict[str, TeachReply] = {}
+        for _ in range(ATTEMPTS):
+            missing = [name for name in observers if name not in replies]
+            if not missing:
+                break
+            replies |= self._ask_once(encode(request), missing)
+        silent = tuple(name for name in observers if name not in replies)
+        return Answers({name: replies[name] for name in observers if name in replies}, silent)
+
+    def _ask_once(self, payload: bytes, observers: Collection[str]) -> dict[str, TeachReply]:
+        replies: dict[str, TeachReply] = {}
+        finished = threading.Semaphore(0)
+
+        def answered(key: str, content: bytes) -> None:
+            try:
+                replies[observer_of(key)] = decode(TeachReply, content)
+            except BadMessage:
+                return
+
+        for name in observers:
+            self._link.request(self._keys.teach(name), answered, ANSWER_S, finished.release, payload)
+        for _ in observers:
+            finished.acquire(timeout=2 * ANSWER_S)
+        return dict(replies)

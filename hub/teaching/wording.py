@@ -1,0 +1,85 @@
+"""What a teacher reads: who is there, how a take went, what the models confuse. Pure."""
+
+from collections.abc import Mapping, Sequence
+
+from common.teaching_messages import LearnedReport, TeachReply
+from common.text import plural
+
+ALIKE = 0.2
+"""Two movements look alike from where this share of the takes of one is taken for the other."""
+
+
+def presence_line(name: str, reply: TeachReply) -> str:
+    """Whether an observer is ready, in one line."""
+    if reply.visible:
+        return f"{name}: sees somebody{f'; {reply.complaint}' if reply.complaint else ''}"
+    return f"{name}: {reply.complaint or 'sees nobody: stand where it sees head and hands'}"
+
+
+def take_lines(replies: Mapping[str, TeachReply]) -> list[str]:
+    """What became of the last take: who kept it, in one line, and a line for each observer that did not."""
+    kept = [(name, reply.take.seconds) for name, reply in replies.items() if reply.take and reply.take.state == "kept"]
+    lines = [f"kept by {', '.join(f'{name} ({seconds:.1f} s)' for name, seconds in kept)}"] if kept else []
+    for name, reply in replies.items():
+        if reply.take is None or reply.take.state != "kept":
+            lines.append(f"{name}: {reply.take.fault if reply.take and reply.take.fault else 'no take'}")
+    return lines
+
+
+def has_kept(replies: Mapping[str, TeachReply]) -> bool:
+    """Whether some observer kept the last take."""
+    return any(reply.take is not None and reply.take.state == "kept" for reply in replies.values())
+
+
+def result_lines(learned: Mapping[str, LearnedReport]) -> list[str]:
+    """How many left-out takes each model recognised, and which movements look alike from where."""
+    lines = []
+    for name, report in learned.items():
+        rows = [(label, report.results.get(label, {})) for label in report.labels]
+        known = [f"{label} {row.get(label, 0)} of {sum(row.values())}" for label, row in rows if row]
+        lines.append(f"{name}: {', '.join(known) or 'learned'}")
+    return [*lines, *_alike_lines(learned)]
+
+
+def _alike_lines(learned: Mapping[str, LearnedReport]) -> list[str]:
+    places: dict[tuple[str, str], list[str]] = {}
+    for name, report in learned.items():
+        for one, row in report.results.items():
+            takes = sum(row.values())
+            for other, count in row.items():
+                if other not in (one, "") and count > ALIKE * takes:
+                    first, second = sorted((one, other), key=report.labels.index)
+                    observers = places.setdefault((first, second), [])
+                    if name not in observers:
+                        observers.append(name)
+    return [f"{one} and {two} look alike from {' and '.join(names)}" for (one, two), names in places.items()]
+
+
+def vocabulary_of(labels: Sequence[str], replies: Mapping[str, TeachReply], *, add: bool) -> list[str]:
+    """The movements to learn: `labels`; with `add` after those that have takes, in the order of the models."""
+    if not add:
+        return list(labels)
+    in_force = [label for reply in replies.values() for label in reply.labels if label in reply.takes]
+    recorded = [label for reply in replies.values() for label in reply.takes]
+    return list(dict.fromkeys((*in_force, *sorted(recorded), *labels)))
+
+
+def takes_done(label: str, replies: Mapping[str, TeachReply]) -> set[int]:
+    """The numbers of the takes of a movement that some observer has on its disk."""
+    return {take for reply in replies.values() for take in reply.takes.get(label, ())}
+
+
+def without_takes(labels: Sequence[str], replies: Mapping[str, TeachReply]) -> dict[str, list[str]]:
+    """For each observer that cannot learn all the movements, those of which it has no take."""
+    missing = {name: [each for each in labels if not reply.takes.get(each)] for name, reply in replies.items()}
+    return {name: which for name, which in missing.items() if which}
+
+
+def missing_line(name: str, labels: Sequence[str]) -> str:
+    """Why an observer does not take part."""
+    return f"{name}: has no take of {', '.join(labels)}, and cannot learn; it goes on with its old model"
+
+
+def adopted_line(count: int, labels: Sequence[str]) -> str:
+    """The last line."""
+    return f"{plural(count, 'observer')} and the fusion service recognise {', '.join(labels)} from now on"

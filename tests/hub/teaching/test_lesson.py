@@ -1,0 +1,157 @@
+"""A lesson with observers that only answer: what is asked of them, and what the teacher reads."""
+
+import pytest
+
+from common.errors import LabanmeshError
+from common.teaching_messages import LearnedReport, TakeReport, TeachReply
+from hub.teaching.lesson import Answers, Lesson, LessonPlan
+from hub.teaching.wording import result_lines
+
+
+class Observer:
+    """Keeps every take, except those in `faults`; `dies` at a take."""
+
+    def __init__(self, faults=(), dies=None, results=None, labels=("old", "older"), can_learn=True):
+        self.faults, self.dies, self.results, self.labels = dict(faults), dies, results or {}, list(labels)
+        self.takes, self.other_s, self.alive, self.learned, self.last = {}, 0.0, True, None, None
+        self.is_recording, self.can_learn = False, can_learn
+
+    def answer(self, request):
+        fault = ""
+        match request.command:
+            case "begin" if request.label:
+                key = request.label, request.take
+                if key == self.dies:
+                    self.alive = False
+                    return None
+                state = "failed" if key in self.faults else "kept"
+                self.last = TakeReport(
+                    label=request.label, take=request.take, state=state, seconds=1.2, fault=self.faults.get(key, "")
+                )
+                if state == "kept":
+                    self.takes.setdefault(request.label, []).append(request.take)
+            case "begin":
+                self.is_recording = True
+            case "end" if self.is_recording:
+                self.is_recording, self.other_s = False, 60.0
+            case "drop":
+                self.takes[request.label].remove(request.take)
+            case "learn" if self.can_learn:
+                self.learned = LearnedReport(labels=request.labels, results=self.results)
+            case "learn":
+                fault = "wave: one take is not enough"
+            case "adopt":
+                self.labels, self.learned = self.learned.labels, None
+        state = "recording" if self.is_recording else "idle" if self.learned is None else "learned"
+        return TeachReply(
+            state=state, fault=fault, pictures=True, visible=True, takes=self.takes, other_s=self.other_s,
+            take=self.last, labels=self.labels, learned=self.learned,
+        )  # fmt: skip
+
+
+class Room:
+    """No terminal and no clock; keys: what is pressed after the takes, in order."""
+
+    def __init__(self, observers, keys=""):
+        self.lines, self.seconds, self.keys, self.observers, self.asked = [], 0.0, list(keys), observers, []
+
+    def pause(self, seconds):
+        self.seconds += seconds
+
+    def now_s(self):
+        return self.seconds
+
+    def say(self, line):
+        self.lines.append(line)
+
+    def show(self, line):
+        pass
+
+    def key(self, seconds):
+        return self.keys.pop(0) if self.keys else ""
+
+    def fused_labels(self):
+        voices = [tuple(each.labels) for each in self.observers.values() if each.alive]
+        return max(voices, key=voices.count)
+
+    def ask(self, request, names):
+        self.asked.append(request)
+        replies = {name: self.observers[name].answer(request) for name in names if self.observers[name].alive}
+        answered = {name: reply for name, reply in replies.items() if reply is not None}
+        return Answers(answered, tuple(name for name in names if name not in answered))
+
+
+def teach(observers, keys="", **plan):
+    room = Room(observers, keys)
+    values = {"labels": ["wave", "clap"], "teacher": "anna", "takes": 2, "background_s": 60.0, **plan}
+    Lesson(LessonPlan(**values), room, room.ask, list(observers)).run()
+    return room
+
+
+def takes_asked(room):
+    return [(each.label, each.take) for each in room.asked if each.command == "begin" and each.label]
+
+
+def test_the_whole_lesson():
+    results = {"wave": {"wave": 2}, "clap": {"clap": 1, "wave": 1}}
+    sofa, shelf = Observer(results=results), Observer(results={"wave": {"wave": 2}, "clap": {"clap": 2}})
+    room = teach({"sofa": sofa, "shelf": shelf})
+    assert takes_asked(room) == [("wave", 1), ("wave", 2), ("clap", 1), ("clap", 2)]
+    assert sofa.labels == shelf.labels == ["wave", "clap"]
+    assert "wave 1 of 2: kept by sofa (1.2 s), shelf (1.2 s)" in room.lines
+    assert "sofa: wave 2 of 2, clap 1 of 2" in room.lines and "wave and clap look alike from sofa" in room.lines
+    assert room.lines[-1] == "2 observers and the fusion service recognise wave, clap from now on"
+    assert room.seconds > 60
+
+
+def test_takes_are_repeated_dropped_and_go_on_where_they_stopped():
+    sofa = Observer()
+    sofa.takes = {"wave": [1]}
+    room = teach({"sofa": sofa}, keys="rd")
+    assert takes_asked(room) == [("wave", 2), ("wave", 3), ("clap", 1), ("clap", 2)]
+    assert sofa.takes == {"wave": [1], "clap": [1, 2]} and {"again", "dropped"} <= set(room.lines)
+    more = teach({"sofa": sofa}, labels=["nod"], add=True)
+    assert takes_asked(more) == [("nod", 1), ("nod", 2)] and sofa.labels == ["wave", "clap", "nod"]
+
+
+def test_a_take_that_one_observer_lacks_counts_and_one_that_all_lack_is_made_again():
+    nobody = "nobody was seen"
+    sofa = Observer(faults={("wave", 1): nobody, ("wave", 2): nobody})
+    shelf = Observer(faults={("wave", 2): nobody})
+    room = teach({"sofa": sofa, "shelf": shelf})
+    assert takes_asked(room)[:3] == [("wave", 1), ("wave", 2), ("wave", 3)]
+    assert (sofa.takes["wave"], shelf.takes["wave"]) == ([3], [1, 3])
+    assert "  sofa: nobody was seen" in room.lines
+    with pytest.raises(LabanmeshError, match="3 takes in a row"):
+        teach({"sofa": Observer(faults={("wave", n): nobody for n in range(1, 9)})})
+
+
+def test_an_observer_that_dies_costs_only_itself():
+    sofa, shelf = Observer(), Observer(dies=("clap", 1))
+    room = teach({"sofa": sofa, "shelf": shelf})
+    assert "shelf: no answer any more; the others go on" in room.lines and sofa.labels == ["wave", "clap"]
+    with pytest.raises(LabanmeshError, match="no observer answers any more; what was recorded is kept"):
+        teach({"shelf": Observer(dies=("wave", 2))})
+
+
+def test_all_learn_before_any_changes_and_a_minority_does_not_take_the_others_along():
+    observers = {"sofa": Observer(), "shelf": Observer(can_learn=False), "door": Observer(can_learn=False)}
+    with pytest.raises(LabanmeshError, match="most observers could not learn; nothing changes"):
+        teach(observers)
+    assert all(each.labels == ["old", "older"] for each in observers.values())
+    observers["shelf"].can_learn = True
+    room = teach(observers)
+    assert "door: wave: one take is not enough" in room.lines and observers["door"].labels == ["old", "older"]
+    assert room.lines[-1].startswith("2 observers and the fusion service")
+
+
+def test_movements_look_alike_from_where_they_are_confused():
+    def report(wave):
+        return LearnedReport(labels=["wave", "clap"], results={"wave": wave, "clap": {"clap": 5}})
+
+    lines = result_lines({"sofa": report({"wave": 4, "clap": 1}), "door": report({"wave": 3, "clap": 2})})
+    assert lines == [
+        "sofa: wave 4 of 5, clap 5 of 5",
+        "door: wave 3 of 5, clap 5 of 5",
+        "wave and clap look alike from door",
+    ]
