@@ -124,7 +124,7 @@ class ObserverConfig(Section):
     facings. speed: factor on the speed of a recording; 0 is as fast as possible. model: a file name, by default
     ID.model once the scene is read. tracker: "auto" selects one for the source. rate_hz, size_px: requested of a
     camera. mirrored: the pictures are mirrored, as selfies are. skin, face: settings of `camshift` for the person (a
-    file; x, y, width, height in px). pose_model, hand: the model file of `mediapipe`, and which landmark is the hand.
+    file; x, y, width, height in px). pose_model, hand: the model file of a pose model, and which place is the hand.
     preview: a video file to write. picture_hz: live pictures a second for the dashboard; 0: none ever. effort: the file
     of the Effort model; "": no Effort. say: when posteriors are published. place, facing: of the person, as in
     [person], if this camera's room has axes of its own.

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 from common.config import ObserverConfig, Scene, read_scene
 from common.errors import LabanmeshError
-from common.tracker_choice import STANDARD_INPUT, chosen_tracker, content_of
+from common.tracker_choice import POSE_TRACKERS, STANDARD_INPUT, chosen_tracker, content_of
 
 if TYPE_CHECKING:
     from observer.geometry.views import View
@@ -88,8 +88,8 @@ def _check_inputs(scene: Scene, section: ObserverConfig, result: PreflightResult
     """Check source and tracker; returns the rate that the model must have, if the source determines it."""
     from observer.runtime.scene_inputs import open_inputs
 
-    if tracker == "mediapipe":
-        _check_mediapipe(scene, section, result)
+    if tracker in POSE_TRACKERS:
+        _check_pose_model(scene, section, result, tracker)
         section = section.model_copy(update={"tracker": "camshift", "face": (0, 0, 1, 1)})
         scene = scene.model_copy(update={"observers": {**scene.observers, result.observer: section}})
     if section.source == STANDARD_INPUT:
@@ -101,8 +101,12 @@ def _check_inputs(scene: Scene, section: ObserverConfig, result: PreflightResult
     return inputs.source.rate_hz if inputs and inputs.at_own_rate else None
 
 
-def _check_mediapipe(scene: Scene, section: ObserverConfig, result: PreflightResult) -> None:
-    if find_spec("mediapipe") is None:
+def _check_pose_model(scene: Scene, section: ObserverConfig, result: PreflightResult, tracker: str) -> None:
+    if tracker == "onnx":
+        from observer.tracking.onnx_file import read_signature
+
+        result.attempt(lambda: read_signature(scene.place(section.pose_model)))
+    elif find_spec("mediapipe") is None:
         result.lacks.append("mediapipe")
     elif section.pose_model and not scene.place(section.pose_model).is_file():
         result.faults.append(

@@ -7,8 +7,7 @@ models of 0 and 2.
 
 import importlib
 import os
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +16,7 @@ from numpy.typing import NDArray
 
 from common.errors import BadInput, LabanmeshError
 from common.tracker_choice import INSTALL_MEDIAPIPE
-from observer.tracking.pose import Hand, PoseModel, PoseTracker, require_hand
+from observer.tracking.pose import Hand, PoseModel, PoseTracker, require_hand, stderr_silenced
 from observer.tracks import BODY_PARTS, Floats
 
 LIBRARIES = "if it names a system library, install that (Debian: libgl1, libegl1, libgles2)"
@@ -50,7 +49,7 @@ class SolutionPose:
     """The model inside the wheel. It assumes pictures 1/30 s apart, which affects only its smoothing."""
 
     def __init__(self, solution: Any) -> None:  # noqa: ANN401 - mediapipe has no types
-        with _stderr_silenced():
+        with stderr_silenced():
             self._pose = solution.Pose(model_complexity=1)
             self._pose.process(_empty_picture())
 
@@ -75,7 +74,7 @@ class TaskPose:
         base = _imported("mediapipe.tasks.python").BaseOptions(model_asset_path=model_path)
         options = vision.PoseLandmarkerOptions(base_options=base, running_mode=vision.RunningMode.VIDEO)
         try:
-            with _stderr_silenced():
+            with stderr_silenced():
                 self._pose = vision.PoseLandmarker.create_from_options(options)
                 self._detect(_empty_picture(), 0)
         # The exception for a file that is not a model differs between versions.
@@ -130,19 +129,6 @@ def _array(landmarks: Any) -> Floats:  # noqa: ANN401 - mediapipe has no types
 def _empty_picture() -> NDArray[np.uint8]:
     """A picture without a person: the first picture starts the model, which then prints its warnings."""
     return np.zeros((64, 64, 3), dtype=np.uint8)
-
-
-@contextmanager
-def _stderr_silenced() -> Iterator[None]:
-    """Drop the start-up warnings of the native code about its own model, which no setting silences."""
-    stderr, null = os.dup(2), os.open(os.devnull, os.O_WRONLY)
-    os.dup2(null, 2)
-    try:
-        yield
-    finally:
-        os.dup2(stderr, 2)
-        os.close(stderr)
-        os.close(null)
 
 
 class MediapipeTracker(PoseTracker):

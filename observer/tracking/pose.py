@@ -1,7 +1,9 @@
 """Pose models as trackers: the landmarks of a person become named body parts."""
 
+import os
 import weakref
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import Literal, Protocol
 
 import cv2
@@ -149,3 +151,16 @@ def read_pose(landmarks: Floats, size_px: tuple[int, int], rows: Sequence[Sequen
 def _where(chosen: NDArray[np.bool_], centres: Floats) -> Floats:
     result: Floats = np.where(chosen[:, None], centres, np.nan)
     return result
+
+
+@contextmanager
+def stderr_silenced() -> Iterator[None]:
+    """Drop what native code writes about a model while it is read, beside its exceptions; no setting silences it."""
+    stderr, null = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    os.dup2(null, 2)
+    try:
+        yield
+    finally:
+        os.dup2(stderr, 2)
+        os.close(stderr)
+        os.close(null)

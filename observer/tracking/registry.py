@@ -60,6 +60,15 @@ def _mediapipe(settings: TrackerSettings) -> Tracker:
     return MediapipeTracker(path, section.hand, WHOLE_BODY)
 
 
+def _onnx(settings: TrackerSettings) -> Tracker:
+    from observer.tracking.onnx_pose import OnnxTracker
+    from observer.tracking.pose import WHOLE_BODY
+
+    section = settings.section
+    path = str(settings.place(section.pose_model)) if section.pose_model else ""
+    return OnnxTracker(path, section.hand, WHOLE_BODY)
+
+
 def _foreign(settings: TrackerSettings) -> Tracker:
     return ForeignTracker(settings.recorded)
 
@@ -70,6 +79,7 @@ TRACKERS: Mapping[str, TrackerKind] = {
         TrackerKind("projected", "positions", _projected),
         TrackerKind("camshift", "pictures", _camshift),
         TrackerKind("mediapipe", "pictures", _mediapipe),
+        TrackerKind("onnx", "pictures", _onnx),
         TrackerKind("foreign", "tracks", _foreign),
     )
 }

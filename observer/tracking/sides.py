@@ -209,6 +209,8 @@ def _consistency(landmarks: Floats, points: Floats, size: float) -> float:
         return 0.0
     facing = float(points[11, 0] - points[12, 0]) / size
     lower = float(points[list(TOES), 1].mean() - points[list(HEELS), 1].mean()) / size
+    if not lower:  # a model without feet, whose toes and heels are its ankles
+        return 0.0
     return _within_one(5 * facing) * _within_one((lower - LEVEL) / SPREAD)
 
 

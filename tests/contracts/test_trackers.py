@@ -1,6 +1,7 @@
 """The contract of every tracker in the registry."""
 
 import importlib.util
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,10 @@ from observer.motion.playback import RecordedMotion
 from observer.rendering.virtual_camera import VirtualCamera
 from observer.tracking.registry import TRACKERS, TrackerSettings, tracker_named
 from observer.tracks import BODY_PARTS, Frame, State
+
+sys.path.append(str(Path(__file__).parents[1] / "observer"))
+
+import onnx_stage
 
 DOOR = parse_view("door")
 RATE = 20.0
@@ -53,8 +58,17 @@ def kind(request):
 
 
 @pytest.fixture
-def tracker(kind):
-    return kind.build(TrackerSettings(DOOR, BODY_PARTS, BODY_PARTS, ObserverConfig(source="0"), Path))
+def settings(kind, tmp_path):
+    model = tmp_path / "spots.onnx"
+    if kind.name == "onnx":
+        model.write_bytes(onnx_stage.simcc())
+    section = ObserverConfig(source="0", pose_model=str(model) if kind.name == "onnx" else "")
+    return TrackerSettings(DOOR, BODY_PARTS, BODY_PARTS, section, Path)
+
+
+@pytest.fixture
+def tracker(kind, settings):
+    return kind.build(settings)
 
 
 def updated(tracker, frames):
@@ -73,20 +87,27 @@ def test_an_empty_picture_has_no_seen_part(kind, tracker):
         assert np.isnan(tracks.centres).all() and State.SEEN not in tracks.states
 
 
+def of_people(kind):
+    if kind.name == "onnx":
+        pytest.skip("the model of these tests finds spots of colour, not people")
+
+
 def test_a_lost_part_is_never_at_the_origin(kind, tracker):
+    of_people(kind)
     frames = contents(kind.reads)
     for tracks in updated(tracker, [*frames, *[NOTHING[kind.reads]] * 30, *frames]):
         assert not (tracks.centres == 0).all(axis=1).any()
 
 
-def test_the_same_frames_give_the_same_tracks(kind, tracker):
-    again = kind.build(TrackerSettings(DOOR, BODY_PARTS, BODY_PARTS, ObserverConfig(source="0"), Path))
+def test_the_same_frames_give_the_same_tracks(kind, tracker, settings):
+    again = kind.build(settings)
     for one, other in zip(updated(tracker, contents(kind.reads)), updated(again, contents(kind.reads)), strict=True):
         assert np.array_equal(one.centres, other.centres, equal_nan=True)
 
 
 def test_the_right_hand_is_left_of_the_head_in_the_picture(kind, tracker):
     """An unmirrored picture from the door shows the performer's right hand on its left."""
+    of_people(kind)
     seen = [t.centres for t in updated(tracker, contents(kind.reads)) if t.visible[1] and t.visible[2]]
     assert all(centres[1, 0] < centres[2, 0] for centres in seen)
     if kind.name != "mediapipe":  # it does not detect a drawn performer
@@ -94,5 +115,5 @@ def test_the_right_hand_is_left_of_the_head_in_the_picture(kind, tracker):
 
 
 def test_an_unknown_name_is_rejected():
-    with pytest.raises(BadInput, match="known: auto, projected, camshift, mediapipe, foreign"):
+    with pytest.raises(BadInput, match="known: auto, projected, camshift, mediapipe, onnx, foreign"):
         tracker_named("eyes", "tracker", "pictures")
