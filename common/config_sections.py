@@ -127,7 +127,8 @@ class ObserverConfig(Section):
     file; x, y, width, height in px). pose_model, hand: the model file of a pose model, and which place is the hand.
     preview: a video file to write. picture_hz: live pictures a second for the dashboard; 0: none ever. effort: the file
     of the Effort model; "": no Effort. say: when posteriors are published. place, facing: of the person, as in
-    [person], if this camera's room has axes of its own.
+    [person], if this camera's room has axes of its own. max_hz, idle_hz: runs of the tracker of
+    pictures per second, while the person moves and while nothing does; None: by their cost.
     """
 
     source: Annotated[str, Field(min_length=1)]
@@ -140,6 +141,8 @@ class ObserverConfig(Section):
     onset: Literal["unknown", "known"] = "unknown"
     tracker: str = "auto"
     rate_hz: PositiveFloat | None = None
+    max_hz: PositiveFloat | None = None
+    idle_hz: PositiveFloat | None = None
     size_px: Annotated[tuple[PositiveInt, PositiveInt] | None, Field(strict=False)] = None
     mirrored: bool = False
     skin: str = ""

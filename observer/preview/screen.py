@@ -18,7 +18,7 @@ from observer.preview.painting import paint
 from observer.preview.sight import Picture, PreviewFrame, PreviewHistory, ShownPosterior
 from observer.runtime.pipeline import Posterior
 from observer.runtime.service import ObserverLike
-from observer.tracks import Frame, Tracker
+from observer.tracks import Frame, Tracker, Tracks
 
 if TYPE_CHECKING:
     from common.vocabulary import Vocabulary
@@ -137,6 +137,7 @@ class PreviewingObserver:
     ) -> None:
         self._observer, self._tracker, self._preview = observer, tracker, preview
         self._history, self._clock = history, clock
+        self._shown: Tracks | None = None
 
     @property
     def vocabulary(self) -> "Vocabulary | None":
@@ -149,10 +150,11 @@ class PreviewingObserver:
         return self._observer.complaint
 
     def step(self, frame: Frame) -> Posterior | None:
-        """Let the observer process one frame, then show it unless a newer one replaces it."""
+        """Let the observer process one frame, then show it unless it was skipped or a newer one replaces it."""
         posterior = self._observer.step(frame)
         tracks = self._tracker.picture_tracks
-        if tracks is not None:
+        if tracks is not None and (posterior is not None or tracks is not self._shown):
+            self._shown = tracks
             picture = picture_in(frame.content)
             vocabulary = self.vocabulary
             known = None

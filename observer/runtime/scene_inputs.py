@@ -97,6 +97,7 @@ class ObserverInputs:
 
     at_own_rate: frames are recorded motion itself, whose rate must be the model's. length: frames of the first
     recording, None for sources without one. keeps_all: no frame is dropped, however slow the observer is.
+    pictures: the tracker reads pictures.
     """
 
     source: FrameSource
@@ -105,6 +106,7 @@ class ObserverInputs:
     at_own_rate: bool
     length: int | None
     keeps_all: bool
+    pictures: bool = False
 
 
 def open_inputs(
@@ -147,7 +149,9 @@ def open_inputs(
         log.log(level, "%s: tracker %s: %s", observer, outcome.name, outcome.reason or "named in the scene file")
     prepared = PreparedTracker(tracker, wanted, view.lens)
     length = getattr(source, "length", None)
-    return ObserverInputs(source, prepared, view, kind.reads == "positions", length, section.speed == 0)
+    return ObserverInputs(
+        source, prepared, view, kind.reads == "positions", length, section.speed == 0, kind.reads == "pictures"
+    )
 
 
 def person_in(scene: Scene, observer: str, view: View) -> PersonPlacement | None:

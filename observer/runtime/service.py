@@ -114,7 +114,7 @@ class ObserverLike(Protocol):
         """Why the tracker finds little in the pictures, and what to do about it; "" if all is well."""
 
     def step(self, frame: Frame) -> Posterior | None:
-        """The posterior after one more frame; None if there is nothing to publish yet."""
+        """The posterior after one more frame; None if the frame was skipped, or without a model."""
 
     def end(self) -> Posterior | None:
         """The posterior now that the source has ended; None if it shows nothing new."""

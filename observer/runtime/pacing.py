@@ -1,0 +1,145 @@
+"""When the tracker looks at a picture: at full rate while the person moves, seldom while nothing changes. Pure.
+
+1. While the person moves the tracker is run `max_hz` times a second; by default as often as ACTIVE_SHARE of a core
+   allows.
+2. A person whose body parts have stayed where they are for STILL_S, in pictures that do not change (motion_gate.py), is
+   at rest: then `idle_hz`; by default what costs REST_SHARE of a core, and at least LEAST_IDLE_HZ.
+3. If the tracker has found nobody for NOBODY_S, and the pictures do not change, it searches as often as costs
+   EMPTY_SHARE of a core, and never more often than at rest.
+4. A change in the picture ends 2 and 3 with that picture, for HOLD_S.
+5. While pictures change and nobody is found, runs follow each other ever later, down to SEARCH_SHARE of a core.
+"""
+
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+
+from common import SECOND_NS
+from observer.tracks import Floats, Tracks
+
+ACTIVE_SHARE, SEARCH_SHARE, REST_SHARE, EMPTY_SHARE = 0.4, 0.06, 0.04, 0.01
+"""Shares of a core that the tracker may take: of a moving person, of nobody while pictures change, of a person at rest,
+of an empty room. With reading and publishing the process stays below half a core, and 5 % when nobody is there."""
+LEAST_IDLE_HZ, MOST_EMPTY_HZ, LEAST_EMPTY_HZ = 2.0, 2.0, 0.1
+STILL_S, STILL = 1.0, 0.12
+"""A person is still whose parts stayed this long within this share of the distance between their farthest parts."""
+LEAST_PX = 2.0
+"""Tracks that stay within so many pixels are still, whatever the distance."""
+NOBODY_S = 6.0
+"""Longer than a tracker takes to complain that it finds nobody."""
+HOLD_S = 0.5
+SLOWER = 1.25
+"""Factor on the time between two runs after each that found nobody (rule 5)."""
+COSTS = 9
+"""The cost of a run is the median of so many: single ones are disturbed."""
+
+
+@dataclass(frozen=True, slots=True)
+class PaceLimits:
+    """Runs of the tracker per second, as in [observers.ID]; None: by their cost."""
+
+    max_hz: float | None = None
+    idle_hz: float | None = None
+
+
+class TrackingPace:
+    """Decides for each picture whether the tracker is run. Times are capture times, ns."""
+
+    def __init__(self, limits: PaceLimits | None = None) -> None:
+        self._limits = limits or PaceLimits()
+        self._costs: deque[float] = deque(maxlen=COSTS)
+        self._empty_costs: deque[float] = deque(maxlen=COSTS)
+        self._tracks: deque[tuple[int, Floats]] = deque()
+        self._someone_ns: int | None = None
+        self._moved_ns: int | None = None
+        self._due_ns, self._before_ns, self._period_ns = 0, 0, 0.0
+        self._fruitless, self._still, self._empty = 0, False, False
+
+    @property
+    def confirmed_quiet(self) -> bool:
+        """Whether by the tracker's last run nobody moves: the person is still, or nobody has been there for long."""
+        return self._still or self._empty
+
+    @property
+    def empty(self) -> bool:
+        """Whether the tracker has found nobody for NOBODY_S."""
+        return self._empty
+
+    def quiet(self, at_ns: int) -> bool:
+        """Whether nobody moves and nothing has changed for HOLD_S: the last tracks are valid for this picture too."""
+        changed = self._moved_ns is not None and at_ns - self._moved_ns < HOLD_S * SECOND_NS
+        return self.confirmed_quiet and not changed
+
+    def due(self, at_ns: int, changed: bool) -> bool:
+        """Whether to run the tracker on this picture. changed: it differs from those before (motion_gate.py)."""
+        was_quiet = self.quiet(at_ns)
+        if self._before_ns and not 0 <= at_ns - self._before_ns <= SECOND_NS:
+            self._due_ns = at_ns  # the clock was set, or the camera was away
+        elif self._before_ns:
+            self._period_ns += (at_ns - self._before_ns - self._period_ns) * (0.1 if self._period_ns else 1.0)
+        self._before_ns = at_ns
+        if changed:
+            self._moved_ns = at_ns
+            if was_quiet:
+                self._fruitless = 0
+                self._due_ns = at_ns
+        # The picture nearest to the moment at which a run is due.
+        return at_ns + self._period_ns / 2 >= self._due_ns
+
+    def ran(self, at_ns: int, tracks: Tracks, cost_s: float) -> None:
+        """The tracker was run on this picture, and took so many CPU seconds."""
+        was_empty = self._empty and self.quiet(at_ns)
+        (self._empty_costs if was_empty else self._costs).append(max(cost_s, 1e-6))
+        someone = bool(tracks.visible.any()) or (tracks.guesses is not None and bool(np.isfinite(tracks.guesses).any()))
+        if someone or self._someone_ns is None or at_ns < self._someone_ns:
+            self._someone_ns = at_ns
+        self._fruitless = 0 if someone else self._fruitless + 1
+        self._empty = at_ns - self._someone_ns >= NOBODY_S * SECOND_NS
+        self._still = someone and self._stays(at_ns, tracks.centres)
+        interval_ns = SECOND_NS / self.rate_hz(at_ns)
+        # Runs keep their average rate although pictures come when they come.
+        self._due_ns = max(self._due_ns + round(interval_ns), at_ns)
+
+    def rate_hz(self, at_ns: int) -> float:
+        """Runs of the tracker per second at this time; infinite: each picture."""
+        cost_s = float(np.median(self._costs)) if self._costs else 0.0
+        active_hz = self._limits.max_hz or _within(ACTIVE_SHARE, cost_s)
+        idle_hz = min(self._limits.idle_hz or max(_within(REST_SHARE, cost_s), LEAST_IDLE_HZ), active_hz)
+        if self.quiet(at_ns):
+            if not self._empty:
+                return idle_hz
+            empty_s = float(np.median(self._empty_costs)) if self._empty_costs else cost_s
+            return min(max(min(_within(EMPTY_SHARE, empty_s), MOST_EMPTY_HZ), LEAST_EMPTY_HZ), idle_hz)
+        if not self._fruitless:
+            return active_hz
+        slowest_hz = min(active_hz, max(_within(SEARCH_SHARE, cost_s), LEAST_IDLE_HZ))
+        return max(active_hz / SLOWER ** min(self._fruitless, 100), slowest_hz)
+
+    def _stays(self, at_ns: int, centres: Floats) -> bool:
+        """Whether all parts that are seen have stayed in one place for STILL_S."""
+        if self._tracks and at_ns < self._tracks[-1][0]:
+            self._tracks.clear()
+        self._tracks.append((at_ns, centres))
+        while len(self._tracks) > 1 and self._tracks[1][0] <= at_ns - STILL_S * SECOND_NS:
+            self._tracks.popleft()
+        if at_ns - self._tracks[0][0] < STILL_S * SECOND_NS:
+            return False
+        return is_still(np.array([places for _, places in self._tracks]))
+
+
+def _within(share: float, cost_s: float) -> float:
+    return share / cost_s if cost_s else float("inf")
+
+
+def is_still(places: Floats) -> bool:
+    """(T, P, 2) px, NaN where not seen -> whether each part that is seen more than once stays in one place."""
+    seen = np.isfinite(places).all(axis=2).any(axis=0)
+    if not seen.any():
+        return False
+    shown = places[:, seen]
+    most, least = np.nanmax(shown, axis=0), np.nanmin(shown, axis=0)
+    middles = (most + least) / 2
+    size = max((float(np.hypot(*(one - other))) for n, one in enumerate(middles) for other in middles[:n]), default=0.0)
+    ways = np.hypot(*(most - least).T)
+    return bool(ways.max() <= max(STILL * size, LEAST_PX))
