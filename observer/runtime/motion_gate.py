@@ -1,6 +1,4 @@
-"""Notices that something begins to move in pictures of nobody who moves; far cheaper than a tracker.
-
-Only `cells_of` uses OpenCV.
+"""Notices that something begins to move in pictures of nobody who moves; far cheaper than a tracker. Pure.
 
 A picture is reduced to ROWS x COLUMNS cells of grey. A picture has changed if CELLS of them or more differ from their
 mean over the last AVERAGE_S by more than LEAST_GREY and by more than NOISES times what they differ by while nobody
@@ -10,32 +8,20 @@ the mean is brought to the picture's brightness: the light of the whole room may
 
 from collections import deque
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from common import SECOND_NS
-from observer.camera.base import Picture
 
 Cells = NDArray[np.float32]
 
 ROWS, COLUMNS = 60, 80
-SAMPLED_PX = 240
-"""Of a picture about so many rows or columns are read, whichever are fewer."""
 AVERAGE_S, LEARN_S = 0.7, 3.0
 CELLS, LEAST_GREY, NOISES = 2, 4.0, 6.0
 WAITS_S = 0.5
 """A difference is learned as noise only if so much later nobody has moved: the begin of a movement is none."""
 MOST_CHANGED = 0.6
 """If more of the cells have changed the light has, or the camera: the mean starts over."""
-
-
-def cells_of(picture: Picture) -> Cells:
-    """(H, W, 3) -> (ROWS, COLUMNS) means of green, 0 to 255, of every n-th pixel."""
-    step = max(1, min(picture.shape[:2]) // SAMPLED_PX)
-    sampled = np.ascontiguousarray(picture[::step, ::step, 1])
-    small = cv2.resize(sampled, (COLUMNS, ROWS), interpolation=cv2.INTER_AREA)
-    return np.asarray(small, dtype=np.float32)
 
 
 class MotionGate:

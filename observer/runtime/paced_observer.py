@@ -5,35 +5,27 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
 from common import SECOND_NS
-from common.config import Scene
 from common.config_sections import FusionConfig
 from common.vocabulary import Vocabulary
-from observer.runtime.motion_gate import MotionGate, cells_of
-from observer.runtime.pacing import PaceLimits, TrackingPace
+from observer.camera.base import Picture
+from observer.runtime.motion_gate import COLUMNS, ROWS, Cells, MotionGate
+from observer.runtime.pacing import TrackingPace
 from observer.runtime.pipeline import Observer, Posterior
-from observer.runtime.scene_inputs import ObserverInputs
-from observer.runtime.service import ObserverLike
 from observer.tracks import Floats, Frame, Tracker, Tracks
 
 GATE_HZ, EMPTY_GATE_HZ = 30.0, 15.0
 """Pictures that come faster are not all compared; in an empty room, where nobody can begin a movement, even fewer."""
+SAMPLED_PX = 240
+"""Of a picture about so many rows or columns are read, whichever are fewer."""
 RESTING_RUNS = 4
 """While nothing changes, tracks are the mean of so many runs: the parts stay, only the tracker trembles."""
 HEARTBEAT, EMPTY_HEARTBEAT = 0.45, 0.2
 """Posteriors are repeated after this share of fresh_s, so that they stay fresh, and when nobody is there, after this
 share of drop_s: an observer that sees nobody has no opinion to keep fresh, and must only not seem dead."""
-
-
-def paced_observer(observer: Observer, inputs: ObserverInputs, scene: Scene, observer_id: str) -> ObserverLike:
-    """The observer; if it tracks pictures in real time, with a tracker that is run only when needed."""
-    section = scene.observer(observer_id)
-    if inputs.keeps_all or not inputs.pictures:
-        return observer
-    pace = TrackingPace(PaceLimits(section.max_hz, section.idle_hz))
-    return PacedObserver(observer, PacedTracker(inputs.tracker, pace, Heartbeats.of(scene.fusion)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,3 +120,11 @@ class PacedTracker:
         seen = np.isfinite(runs)
         means = np.where(seen, runs, 0.0).sum(axis=0) / np.maximum(seen.sum(axis=0), 1)
         return Tracks(np.where(np.isfinite(found.centres), means, np.nan), found.guesses)
+
+
+def cells_of(picture: Picture) -> Cells:
+    """(H, W, 3) -> (ROWS, COLUMNS) means of green, 0 to 255, of every n-th pixel."""
+    step = max(1, min(picture.shape[:2]) // SAMPLED_PX)
+    sampled = np.ascontiguousarray(picture[::step, ::step, 1])
+    small = cv2.resize(sampled, (COLUMNS, ROWS), interpolation=cv2.INTER_AREA)
+    return np.asarray(small, dtype=np.float32)

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 from common import SECOND_NS
 from observer.camera.opening import open_pictures
-from observer.runtime.motion_gate import COLUMNS, ROWS, MotionGate, cells_of
-from observer.runtime.paced_observer import Heartbeats, PacedTracker
+from observer.runtime.motion_gate import COLUMNS, ROWS, MotionGate
+from observer.runtime.paced_observer import Heartbeats, PacedTracker, cells_of
 from observer.runtime.pacing import ACTIVE_SHARE, EMPTY_SHARE, HOLD_S, NOBODY_S, SEARCH_SHARE, PaceLimits, TrackingPace
 from observer.tracks import Frame, Tracks
 
