@@ -7,7 +7,8 @@
 3. If the tracker has found nobody for NOBODY_S, and the pictures do not change, it searches as often as costs
    EMPTY_SHARE of a core, and never more often than at rest.
 4. A change in the picture ends 2 and 3 with that picture, for HOLD_S.
-5. While pictures change and nobody is found, runs follow each other ever later, down to SEARCH_SHARE of a core.
+5. While pictures change and nobody has been found for LOST_S, runs follow each other ever later, down to SEARCH_SHARE
+   of a core.
 """
 
 from collections import deque
@@ -26,8 +27,9 @@ STILL_S, STILL = 1.0, 0.12
 """A person is still whose parts stayed this long within this share of the distance between their farthest parts."""
 LEAST_PX = 2.0
 """Tracks that stay within so many pixels are still, whatever the distance."""
-NOBODY_S = 6.0
-"""Longer than a tracker takes to complain that it finds nobody."""
+LOST_S, NOBODY_S = 2.0, 6.0
+"""A person who is hidden for less than the first is searched at full rate. The second is longer than a tracker takes to
+complain that it finds nobody."""
 HOLD_S = 0.5
 SLOWER = 1.25
 """Factor on the time between two runs after each that found nobody (rule 5)."""
@@ -94,7 +96,8 @@ class TrackingPace:
         someone = bool(tracks.visible.any()) or (tracks.guesses is not None and bool(np.isfinite(tracks.guesses).any()))
         if someone or self._someone_ns is None or at_ns < self._someone_ns:
             self._someone_ns = at_ns
-        self._fruitless = 0 if someone else self._fruitless + 1
+        lost = at_ns - self._someone_ns >= LOST_S * SECOND_NS
+        self._fruitless = self._fruitless + 1 if lost else 0
         self._empty = at_ns - self._someone_ns >= NOBODY_S * SECOND_NS
         self._still = someone and self._stays(at_ns, tracks.centres)
         interval_ns = SECOND_NS / self.rate_hz(at_ns)
