@@ -64,7 +64,8 @@ def observe(
         target = preview or _preview_in(config, observer)
         begun = None if model is None else build(model)
         taught = stack.enter_context(teachable(config, observer, inputs, begun, build))
-        shown = stack.enter_context(_with_preview(target, observer, taught, inputs))
+        paced = _paced(config, observer, taught, inputs)
+        shown = stack.enter_context(_with_preview(target, observer, paced, inputs))
         link = stack.enter_context(Link.open(config.mesh, "observer", process_id=observer, scene=config.scene))
         if isinstance(inputs.source, MeshTracks):
             inputs.source.listen(link)
@@ -95,6 +96,19 @@ def _pipeline(scene: "Scene", observer: str, inputs: "ObserverInputs", model: "M
     onset = Onset(known=section.onset == "known", length=inputs.length)
     resampler = None if inputs.at_own_rate else Resampler(header.rate_hz)
     return Observer(inputs.tracker, model, onset, resampler, _facet_reader(scene, observer, header, inputs))
+
+
+def _paced(scene: "Scene", observer_id: str, observer: "ObserverLike", inputs: "ObserverInputs") -> "ObserverLike":
+    """The observer; if it tracks pictures in real time, with a tracker that is run only when needed."""
+    if inputs.keeps_all or not inputs.pictures:
+        return observer
+    # Imported on use: it needs OpenCV.
+    from observer.runtime.paced_observer import Heartbeats, PacedObserver
+    from observer.runtime.pacing import PaceLimits, TrackingPace
+
+    section = scene.observer(observer_id)
+    pace = TrackingPace(PaceLimits(section.max_hz, section.idle_hz))
+    return PacedObserver(observer, inputs.tracker, pace, Heartbeats.of(scene.fusion))
 
 
 def _preview_in(scene: "Scene", observer: str) -> str:

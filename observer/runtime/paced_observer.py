@@ -2,8 +2,9 @@
 
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import cv2
 import numpy as np
@@ -14,8 +15,12 @@ from common.vocabulary import Vocabulary
 from observer.camera.base import Picture
 from observer.runtime.motion_gate import COLUMNS, ROWS, Cells, MotionGate
 from observer.runtime.pacing import TrackingPace
-from observer.runtime.pipeline import Observer, Posterior
+from observer.runtime.pipeline import Posterior
+from observer.runtime.service import ObserverLike
 from observer.tracks import Floats, Frame, Tracker, Tracks
+
+if TYPE_CHECKING:
+    from observer.runtime.scene_inputs import PreparedTracker
 
 GATE_HZ, EMPTY_GATE_HZ = 30.0, 15.0
 """Pictures that come faster are not all compared; in an empty room, where nobody can begin a movement, even fewer."""
@@ -41,12 +46,72 @@ class Heartbeats:
         return cls(HEARTBEAT * fusion.fresh_s, EMPTY_HEARTBEAT * fusion.drop_s)
 
 
-class PacedObserver:
-    """An `ObserverLike` without a posterior for pictures that its tracker skips."""
+class HeldTracker:
+    """A tracker that can be told to find what it found last; all else is the tracker's own.
 
-    def __init__(self, observer: Observer, tracker: "PacedTracker") -> None:
-        self._observer, self._tracker = observer, tracker
-        self.vocabulary: Vocabulary = observer.vocabulary
+    hold: return the last tracks. resting: nothing changes, so return the mean of the last RESTING_RUNS runs.
+    cost_s: CPU seconds of the last run, by the clock `cpu_s`.
+    """
+
+    def __init__(self, tracker: Tracker, cpu_s: Callable[[], float] = time.process_time) -> None:
+        self._tracker, self._cpu_s = tracker, cpu_s
+        self._runs: deque[Floats] = deque(maxlen=RESTING_RUNS)
+        self._last: Tracks | None = None
+        self.hold, self.resting, self.cost_s = False, False, 0.0
+
+    def __getattr__(self, name: str) -> Any:  # noqa: ANN401 - attributes of some trackers only, such as `skin`
+        return getattr(self._tracker, name)
+
+    @property
+    def body_parts(self) -> Sequence[str]:
+        """The body parts of the tracker."""
+        return self._tracker.body_parts
+
+    def update(self, frame: Frame) -> Tracks:
+        """The tracks in this frame, or the last ones."""
+        if self._last is None or not self.hold:
+            begun_s = self._cpu_s()
+            tracks = self._tracker.update(frame)
+            self.cost_s = self._cpu_s() - begun_s
+            self._last = self._settled(tracks)
+        return self._last
+
+    def _settled(self, tracks: Tracks) -> Tracks:
+        if not self.resting:
+            self._runs.clear()
+            return tracks
+        self._runs.append(tracks.centres)
+        runs = np.array(self._runs)
+        seen = np.isfinite(runs)
+        means = np.where(seen, runs, 0.0).sum(axis=0) / np.maximum(seen.sum(axis=0), 1)
+        return Tracks(np.where(np.isfinite(tracks.centres), means, np.nan), tracks.guesses)
+
+
+class PacedObserver:
+    """An `ObserverLike` that skips pictures, which then have no posterior.
+
+    prepared: the tracker that `observer` steps. While nobody moves and the pictures do not change, the observer is
+    stepped with the last tracks as a heartbeat: they are as true of the newest picture as of the one that they were
+    found in.
+    """
+
+    def __init__(
+        self,
+        observer: ObserverLike,
+        prepared: "PreparedTracker",
+        pace: TrackingPace,
+        heartbeats: Heartbeats,
+        cpu_s: Callable[[], float] = time.process_time,
+    ) -> None:
+        self._observer, self._prepared, self._pace, self._heartbeats = observer, prepared, pace, heartbeats
+        prepared.tracker = self._held = HeldTracker(prepared.tracker, cpu_s)
+        self._gate = MotionGate()
+        self._compared_ns = self._stepped_ns = 0
+
+    @property
+    def vocabulary(self) -> Vocabulary | None:
+        """The vocabulary of the observer."""
+        return self._observer.vocabulary
 
     @property
     def complaint(self) -> str:
@@ -54,47 +119,21 @@ class PacedObserver:
         return self._observer.complaint
 
     def step(self, frame: Frame) -> Posterior | None:
-        """The posterior after one more frame; None if it was skipped."""
-        tracks = self._tracker.update(frame)
-        return None if tracks is None else self._observer.follow(frame, tracks)
+        """The posterior after one more frame; None if it was skipped. The last one of a recording never is."""
+        at_ns = frame.captured_ns
+        due = self._pace.due(at_ns, self._changed(frame)) or frame.last
+        if not due and not (self._pace.quiet(at_ns) and self._heartbeat_due(at_ns)):
+            return None
+        self._stepped_ns = at_ns
+        self._held.hold, self._held.resting = not due, self._pace.quiet(at_ns)
+        posterior = self._observer.step(frame)
+        if due and self._prepared.picture_tracks is not None:
+            self._pace.ran(at_ns, self._prepared.picture_tracks, self._held.cost_s)
+        return posterior
 
     def end(self) -> Posterior | None:
         """The posterior now that the source has ended."""
         return self._observer.end()
-
-
-class PacedTracker:
-    """A tracker that skips pictures. Its tracks of a skipped picture are None, or the last ones as a heartbeat.
-
-    heartbeats: while nobody moves and the pictures do not change, the last tracks are returned so often; they are as
-    true of the newest picture as of the one that they were found in. cpu_s: a clock of CPU seconds.
-    """
-
-    def __init__(
-        self,
-        tracker: Tracker,
-        pace: TrackingPace,
-        heartbeats: Heartbeats,
-        cpu_s: Callable[[], float] = time.process_time,
-    ) -> None:
-        self._tracker, self._pace, self._gate, self._cpu_s = tracker, pace, MotionGate(), cpu_s
-        self._heartbeats = heartbeats
-        self._last: Tracks | None = None
-        self._resting: deque[Floats] = deque(maxlen=RESTING_RUNS)
-        self._compared_ns = self._returned_ns = 0
-
-    def update(self, frame: Frame) -> Tracks | None:
-        """The tracks in this picture, or None. The last picture of a recording is never skipped."""
-        at_ns = frame.captured_ns
-        if self._pace.due(at_ns, self._changed(frame)) or frame.last:
-            begun_s = self._cpu_s()
-            found = self._tracker.update(frame)
-            self._pace.ran(at_ns, found, self._cpu_s() - begun_s)
-            self._last = self._steadied(found, at_ns)
-        elif not self._pace.quiet(at_ns) or not self._heartbeat_due(at_ns):
-            return None
-        self._returned_ns = at_ns
-        return self._last
 
     def _changed(self, frame: Frame) -> bool:
         """Whether something begins to move; not asked of pictures that come faster than GATE_HZ."""
@@ -109,17 +148,7 @@ class PacedTracker:
 
     def _heartbeat_due(self, at_ns: int) -> bool:
         heartbeat_s = self._heartbeats.empty_s if self._pace.empty else self._heartbeats.rest_s
-        return not 0 <= at_ns - self._returned_ns < heartbeat_s * SECOND_NS
-
-    def _steadied(self, found: Tracks, at_ns: int) -> Tracks:
-        if not self._pace.quiet(at_ns) or not found.visible.any():
-            self._resting.clear()
-            return found
-        self._resting.append(found.centres)
-        runs = np.array(self._resting)
-        seen = np.isfinite(runs)
-        means = np.where(seen, runs, 0.0).sum(axis=0) / np.maximum(seen.sum(axis=0), 1)
-        return Tracks(np.where(np.isfinite(found.centres), means, np.nan), found.guesses)
+        return not 0 <= at_ns - self._stepped_ns < heartbeat_s * SECOND_NS
 
 
 def cells_of(picture: Picture) -> Cells:
