@@ -26,7 +26,7 @@ def look(
     skin: Annotated[str, typer.Option(help="A histogram saved by --save-skin.")] = "",
     face: Annotated[str, typer.Option(help="X,Y,WIDTH,HEIGHT of the face in the first picture, px.")] = "",
     save_skin: Annotated[Path | None, typer.Option(help="Save the skin colour, for other cameras (.npz).")] = None,
-    view: Annotated[str, typer.Option(help="The view of a motion archive: door, yaw:DEG, ...")] = "door",
+    view: Annotated[str, typer.Option(help="Where the camera stands: door, yaw:DEG, ...")] = "door",
     recording: Annotated[int, typer.Option(min=0, help="Which recording of a motion archive.")] = 0,
 ) -> None:  # fmt: skip
     """Check a source: write a picture with everything that the tracker finds, and print how to improve it.
@@ -48,7 +48,9 @@ def look(
         _require_folder(path)
     last_report = LastReport()
     opened = _source(source, view, recording, last_report)
-    settings = ObserverConfig(source=source, tracker=tracker, pose_model=pose_model, skin=skin, face=_box(face))
+    settings = ObserverConfig(
+        source=source, view=view, tracker=tracker, pose_model=pose_model, skin=skin, face=_box(face)
+    )
     built, choice = _tracker(settings, saves_skin=save_skin is not None)
     name = Path(source).name if kind_of(source) == "path" else without_secrets(source)
     result = look_at(opened, built, frames, name, choice, last_report)
@@ -94,10 +96,8 @@ def _source(text: str, view: str, recording: int, report: "Report") -> "FrameSou
 
 def _tracker(section: "ObserverConfig", saves_skin: bool) -> "tuple[Tracker, TrackerChoice]":
     """The tracker, and why it was chosen if that was left open; saves_skin: only camshift learns skin."""
-    import numpy as np
-
     from common.tracker_choice import AUTO, TrackerChoice, chosen_tracker, content_of
-    from observer.geometry.views import View
+    from observer.geometry.views import parse_view
     from observer.tracking.registry import TrackerSettings, built_tracker, tracker_named
     from observer.tracks import BODY_PARTS
 
@@ -107,7 +107,8 @@ def _tracker(section: "ObserverConfig", saves_skin: bool) -> "tuple[Tracker, Tra
     elif section.tracker == AUTO and saves_skin:
         choice = TrackerChoice("camshift", "--save-skin is set")
     kind = tracker_named(choice.name, "--tracker", "pictures")
-    settings = TrackerSettings(View("look", np.eye(3, 4)), (), BODY_PARTS, section, Path)
+    # From behind, camshift takes the hand on the right of the picture for the right one.
+    settings = TrackerSettings(parse_view(section.view), (), BODY_PARTS, section, Path)
     return built_tracker(choice, kind, settings)
 
 

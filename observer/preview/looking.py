@@ -2,7 +2,7 @@
 
 import logging
 import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
 
@@ -18,9 +18,10 @@ from observer.camera.live import LiveCamera
 from observer.preview.painting import paint
 from observer.preview.screen import back_projection
 from observer.preview.sight import Picture, PreviewFrame, PreviewHistory
+from observer.preview.track_doubts import Box, Doubt, doubts, explain
 from observer.tracking.back_projection import SKIN
 from observer.tracking.head import FaceFinder, have_cascade
-from observer.tracks import Frame, FrameSource, State, Tracker
+from observer.tracks import Frame, FrameSource, State, Tracker, Tracks
 
 DARK, BRIGHT = 45.0, 215.0
 """Mean grey levels (0 to 255) below and above which colours are lost."""
@@ -45,7 +46,7 @@ class LookReport:
     number of pictures with a face among the `faces_searched`, and face_px the width of the last. skin: share of the
     newest picture in the skin's colour, None for a tracker without one. seen_share: by part, the share of pictures in
     which it was seen. states: in the newest picture. reason: why this tracker, "" if it was named; lacks: why not a
-    better one.
+    better one. doubts: signs that the tracks are wrong.
     """
 
     source: str
@@ -64,6 +65,7 @@ class LookReport:
     complaint: str = ""
     reason: str = ""
     lacks: str = ""
+    doubts: Sequence[Doubt] = ()
 
 
 def report_lines(report: LookReport) -> Iterator[str]:
@@ -79,9 +81,10 @@ def report_lines(report: LookReport) -> Iterator[str]:
         yield f"  {'face':<12}in {report.faces} of {plural(report.faces_searched, 'picture')}{wide}"
     if report.skin is not None:
         yield f"  {'skin':<12}its colour in {100 * report.skin:.1f} % of the picture"
+    column = max([12, *(len(part) + 1 for part in report.states)])
     for part, state in report.states.items():
         share = f"seen in {100 * report.seen_share[part]:.0f} % of the pictures"
-        yield f"  {part.replace('_', ' '):<12}{state.value:<8} {share}"
+        yield f"  {part.replace('_', ' '):<{column}}{state.value:<8} {share}"
 
 
 def advice(report: LookReport) -> Iterator[str]:
@@ -107,6 +110,7 @@ def _advice(report: LookReport) -> Iterator[str]:
         yield f"{parts} not seen: camshift finds a hand when it moves in view; wave, and look again"
     elif report.tracker != "camshift" and missing == list(report.seen_share):
         yield "nobody seen: stand in front of the camera so that head and hands are in the picture"
+    yield from (explain(doubt, report.tracker) for doubt in report.doubts)
 
 
 def _skin_advice(report: LookReport) -> Iterator[str]:
@@ -148,30 +152,39 @@ def look_at(
     Raises LabanmeshError when a live camera delivers no picture within TIMEOUT_S, and what the source raises.
     """
     history, faces = PreviewHistory(tracker.body_parts, source.rate_hz, name), _FaceCount()
-    captured_ns: list[int] = []
-    states: list[tuple[State, ...]] = []
+    tracked: list[_Tracked] = []
     frame: Frame | None = None
     shown: PreviewFrame | None = None
     for frame in _first_frames(source, frames):
         shown = _track(history, tracker, frame)
         faces.search(frame.content)
-        captured_ns.append(frame.captured_ns)
-        states.append(shown.tracks.states)
+        tracked.append(_Tracked(frame.captured_ns, frame.at_ns, shown.tracks))
     if frame is None or shown is None:
         reason = last_report.reason or "the source delivered nothing"
         raise LabanmeshError(f"{name}: no picture within {TIMEOUT_S:g} s: {reason}")
     live = isinstance(source, LiveCamera)
+    captured_ns = [each.captured_ns for each in tracked]
     rate_hz = _measured_hz(captured_ns, source.rate_hz) if live else source.rate_hz
-    report = _report(name, choice, frame.content, rate_hz, live, shown, states, faces)
+    report = _report(name, choice, frame.content, rate_hz, live, shown, tracked, faces)
     return LookResult(report, paint(frame.content, shown))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Tracked:
+    """The tracks of one picture. at_ns: its time within the motion."""
+
+    captured_ns: int
+    at_ns: int
+    tracks: Tracks
 
 
 def _report(
     name: str, choice: TrackerChoice, picture: Picture, rate_hz: float, live: bool,
-    shown: PreviewFrame, states: list[tuple[State, ...]], faces: "_FaceCount",
+    shown: PreviewFrame, tracked: list[_Tracked], faces: "_FaceCount",
 ) -> LookReport:  # fmt: skip
     back, parts = shown.back_projection, shown.body_parts
-    seen_share = np.mean([[state is State.SEEN for state in each] for each in states], axis=0)
+    centres = np.array([each.tracks.centres for each in tracked])
+    seen_share = np.isfinite(centres).all(axis=2).mean(axis=0)
     return LookReport(
         source=name,
         tracker=choice.name,
@@ -180,15 +193,16 @@ def _report(
         size_px=(picture.shape[1], picture.shape[0]),
         rate_hz=rate_hz,
         live=live,
-        pictures=len(states),
+        pictures=len(tracked),
         brightness=float(cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY).mean()),
         faces=faces.detected,
         faces_searched=faces.searched,
         face_px=faces.width_px,
         skin=None if back is None else float((back >= SKIN).mean()),
         seen_share=dict(zip(parts, seen_share.tolist(), strict=True)),
-        states=dict(zip(parts, states[-1], strict=True)),
+        states=dict(zip(parts, shown.tracks.states, strict=True)),
         complaint=shown.complaint,
+        doubts=doubts(centres, parts, [each.at_ns for each in tracked], faces.boxes),
     )
 
 
@@ -228,6 +242,8 @@ class _FaceCount:
         self._number = -1
         self.searched, self.detected = 0, 0
         self.width_px: int | None = None
+        self.boxes: dict[int, list[Box]] = {}
+        """The faces in each picture that was searched, px of the picture."""
 
     def search(self, picture: Picture) -> None:
         self._number += 1
@@ -237,6 +253,9 @@ class _FaceCount:
         small = picture if scale == 1.0 else cv2.resize(picture, None, fx=scale, fy=scale)
         boxes = self._finder.find(small, max(small.shape[0] // 24, 16))
         self.searched += 1
+        self.boxes[self._number] = [
+            (left / scale, top / scale, width / scale, height / scale) for left, top, width, height in boxes
+        ]
         if boxes:
             self.detected += 1
             self.width_px = round(boxes[0][2] / scale)

@@ -84,7 +84,7 @@ IMPURE = {
     ),
 }
 """What modules use that are not pure, and the patterns of their names. All other modules are pure."""
-PURE_ALL_THE_SAME = ("observer.camera.base", "observer.preview.sight")
+PURE_ALL_THE_SAME = ("observer.camera.base", "observer.preview.sight", "observer.preview.track_doubts")
 ALLOWED = {
     ("studies.replay.judging", "common.capture_file"): "the record type",
     ("studies.trials", "observer.motion.importers.msr_action3d"): "the names of its movements, a table",

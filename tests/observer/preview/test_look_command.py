@@ -179,8 +179,12 @@ def test_the_report_contains_every_measurement():
 @cascade
 @pytest.mark.slow
 def test_a_recorded_person_who_waves_is_seen(run, data, tmp_path):
-    output = run(data / "wave_webcam" / "wave.mp4", "--frames", 40)
-    assert "wave.mp4: 420x420 px, 10 Hz as recorded, 40 pictures read" in output
+    output = run(data / "wave_webcam" / "wave.mp4", "--frames", 25)
+    assert "wave.mp4: 420x420 px, 10 Hz as recorded, 25 pictures read" in output
     assert "right hand  seen" in output and "head        seen" in output
     marked = cv2.imread(str(tmp_path / "look.png"))
     assert marked.shape == (SIZE[1], SIZE[0], 3)
+    assert "nothing to do" in output
+    # The right hand waves, on the left of the picture. Seen from behind it would be the left one.
+    exchanged = run(data / "wave_webcam" / "wave.mp4", "--tracker", "camshift", "--view", "yaw:180", "--frames", 18)
+    assert "the left hand is on the right hand's side in 100 % of the pictures: say from where" in exchanged
