@@ -125,6 +125,8 @@ class ObserverConfig(Section):
     ID.model once the scene is read. tracker: "auto" selects one for the source. rate_hz, size_px: requested of a
     camera. mirrored: the pictures are mirrored, as selfies are. skin, face: settings of `camshift` for the person (a
     file; x, y, width, height in px). pose_model, hand: the model file of a pose model, and which place is the hand.
+    follow: which of several people a pose model follows; follow_near: the marked place for "nearest", shares of the
+    picture.
     preview: a video file to write. picture_hz: live pictures a second for the dashboard; 0: none ever. effort: the file
     of the Effort model; "": no Effort. say: when posteriors are published. place, facing: of the person, as in
     [person], if this camera's room has axes of its own. max_hz, idle_hz: runs of the tracker of
@@ -149,6 +151,8 @@ class ObserverConfig(Section):
     face: Annotated[tuple[int, int, PositiveInt, PositiveInt] | None, Field(strict=False)] = None
     pose_model: str = ""
     hand: Literal["palm", "wrist"] = "palm"
+    follow: Literal["largest", "nearest", "raised_hand"] = "largest"
+    follow_near: Annotated[tuple[Share, Share] | None, Field(strict=False)] = None
     preview: str = ""
     picture_hz: Annotated[float, Field(ge=0, le=5)] = 0.0
     effort: str = ""

@@ -3,7 +3,7 @@
 import os
 import sys
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
@@ -48,7 +48,7 @@ class Material(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Playing:
-    """How material is shown. view: of the clips. rate_hz: of the clips. tracks: the folder of tracks."""
+    """How material is shown. view, rate_hz, scale: of the clips. tracks: the folder of tracks."""
 
     learning: Learning
     config: FusionConfig
@@ -56,6 +56,7 @@ class Playing:
     rate_hz: float
     tracks: Path
     data: Path
+    scale: float = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,6 +79,7 @@ class ClipsOptions:
     check: Annotated[
         bool, typer.Option("--check", help="With --processes: fail if the fast way gives other first verdicts.")
     ] = False
+    scale: Annotated[float, typer.Option(min=0.1, max=1, help="Of the 16 clips, padded to their former size.")] = 1.0
     moments: Annotated[bool, typer.Option("--timeline", help="Also print each judgement.")] = False
 
 
@@ -92,6 +94,8 @@ def clips(options: ClipsOptions) -> None:
     Example: python -m benchmarks.clips recordings --model phase
 
     Example: python -m benchmarks.clips --processes --check
+
+    Example: python -m benchmarks.clips --labels four --scale 0.5
     """
     playing = _playing(options)
     if options.material is Material.FILMS:
@@ -118,7 +122,7 @@ def _playing(options: ClipsOptions) -> Playing:
     )
     options.tracks.mkdir(parents=True, exist_ok=True)
     config = FusionConfig.model_validate(named_numbers("--fusion", options.fusion or []))
-    return Playing(learning, config, options.view, options.rate, options.tracks, data)
+    return Playing(learning, config, options.view, options.rate, options.tracks, data, options.scale)
 
 
 def _data() -> Path:
@@ -141,7 +145,8 @@ class Case:
 def _cases(playing: Playing, only: Sequence[str] = ()) -> Iterator[Case]:
     for clip in gesture_clips(playing.data):
         if not only or clip.name in only:
-            yield Case(clip, playing.learning.model(clip.subject, playing.view), playing.view, playing.rate_hz)
+            shown = replace(clip, scale=playing.scale)
+            yield Case(shown, playing.learning.model(clip.subject, playing.view), playing.view, playing.rate_hz)
     # The camera of the webcam's films is not known; the person faces it.
     for clip in webcam_clips(playing.data):
         if not only or clip.name in only:

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+import cv2
 import numpy as np
 
 from common import SECOND_NS
@@ -29,12 +30,16 @@ FOUR = ("wave", "answer_phone", "clap", "read_watch")
 
 @dataclass(frozen=True, slots=True)
 class Clip:
-    """A film. label: the movement that it shows; "": none. subject: who is in it; "": nobody of the recordings."""
+    """A film. label: the movement that it shows; "": none. subject: who is in it; "": nobody of the recordings.
+
+    scale: its pictures are reduced by that, and padded with black to their former size.
+    """
 
     file: Path
     label: str
     subject: str
     mirrored: bool
+    scale: float = 1.0
 
     @property
     def name(self) -> str:
@@ -73,15 +78,38 @@ def write_clip_camera(path: Path) -> None:
 
 def centres_in(clip: Clip, folder: Path) -> Floats:
     """(F, 3, 2) px, what the mediapipe tracker finds in the clip, from NAME.npz in `folder`; see `track_pictures`."""
-    return track_pictures(lambda: pictures_of(clip), RATE_HZ, folder / f"{clip.name}.npz")
+    scale = "" if clip.scale == 1.0 else f"_{clip.scale:.3g}"
+    return track_pictures(lambda: pictures_of(clip), RATE_HZ, folder / f"{clip.name}{scale}.npz")
 
 
 def pictures_of(clip: Clip) -> Iterator[Picture]:
-    """The clip's pictures, mirrored back if they are mirrored."""
+    """The clip's pictures in its scale, mirrored back if they are mirrored."""
     film = open_pictures(str(clip.file.absolute()), Path(), speed=0)
     source = UnmirroredSource(film) if clip.mirrored else film
     for frame in source.frames(threading.Event()):
-        yield require_picture(frame.content)
+        yield _reduced(require_picture(frame.content), clip.scale)
+
+
+def _reduced(picture: Picture, scale: float) -> Picture:
+    """The picture smaller, in the middle of a black one of its former size."""
+    if scale == 1.0:
+        return picture
+    small = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    result = np.zeros_like(picture)
+    top, left = ((whole - part) // 2 for whole, part in zip(picture.shape[:2], small.shape[:2], strict=True))
+    result[top : top + small.shape[0], left : left + small.shape[1]] = small
+    return result
+
+
+def write_reduced(clip: Clip, folder: Path) -> Clip:
+    """The clip as it is if its scale is 1; else a clip of the pictures that are written into a new folder there."""
+    if clip.scale == 1.0:
+        return clip
+    target = folder / clip.name
+    target.mkdir()
+    for number, picture in enumerate(pictures_of(clip)):
+        cv2.imwrite(str(target / f"{number:06d}.png"), picture)
+    return Clip(target, clip.label, clip.subject, mirrored=False)
 
 
 def track_pictures(pictures: Callable[[], Iterator[Picture]], rate_hz: float, path: Path) -> Floats:

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from benchmarks.clips.judging import AFTER_S, OBSERVER, ClipResult, collect_verdicts, moment
-from benchmarks.clips.material import Clip, write_clip_camera
+from benchmarks.clips.material import Clip, write_clip_camera, write_reduced
 from benchmarks.crowd.trial import stop_process
 from benchmarks.timing import free_port
 from common import SECOND_NS
@@ -76,7 +76,8 @@ def judge_through_processes(
         folder = Path(name)
         write_model(folder / MODEL_FILE, model)
         write_clip_camera(folder / CAMERA_FILE)
-        (folder / SCENE).write_text(_scene_text(clip, rate_hz, CAMERA_FILE if view == "camera" else view, config))
+        shown = write_reduced(clip, folder)
+        (folder / SCENE).write_text(_scene_text(shown, rate_hz, CAMERA_FILE if view == "camera" else view, config))
         scene = read_scene(folder / SCENE, {})
         with _started("fuse", folder), Link.open(scene.mesh, "hub") as hub:
             traffic = _heard(hub, scene, folder)

@@ -1,11 +1,12 @@
 """MediaPipe's pose model as a tracker.
 
-Up to 0.10.21 `mediapipe.solutions` carries the model in its wheel; from 0.10.30 on there is only `mediapipe.tasks`,
-which needs a .task file. Nothing is ever downloaded: of the solution only complexity 1 is used, because it fetches the
-models of 0 and 2.
+Up to 0.10.21 its wheel carries the model, with `mediapipe.solutions`; from 0.10.30 on there is only `mediapipe.tasks`,
+which needs a .task file. Nothing is ever downloaded: of the wheel only the model of complexity 1 is used, because it
+lacks those of 0 and 2.
 """
 
 import importlib
+import logging
 import os
 from collections.abc import Sequence
 from pathlib import Path
@@ -16,13 +17,21 @@ from numpy.typing import NDArray
 
 from common.errors import BadInput, LabanmeshError
 from common.tracker_choice import INSTALL_MEDIAPIPE
-from observer.tracking.pose import Hand, PoseModel, PoseTracker, require_hand, stderr_silenced
+from observer.tracking.cropped_pose import CroppedPeople
+from observer.tracking.people import Body, FollowRule, PersonModel, View
+from observer.tracking.person_follower import PersonFollower
+from observer.tracking.pose import Hand, PoseTracker, require_hand, stderr_silenced
+from observer.tracking.pose_graph import GraphPeople
 from observer.tracks import BODY_PARTS, Floats
 
+log = logging.getLogger("labanmesh.observer")
+
+MOST_PEOPLE = 4
+"""People whom a .task file's model looks for when it searches; each takes as long as one who is followed."""
 LIBRARIES = "if it names a system library, install that (Debian: libgl1, libegl1, libgles2)"
 
 
-def open_pose(model_path: str | None) -> PoseModel:
+def open_people(model_path: str | None) -> PersonModel:
     """The model in the file `model_path`, or for None the model in the installed mediapipe.
 
     Raises BadInput without mediapipe, for a mediapipe without a model, and for a file that is not a pose model;
@@ -32,7 +41,7 @@ def open_pose(model_path: str | None) -> PoseModel:
     os.environ.setdefault("GLOG_minloglevel", "2")
     mediapipe = _imported("mediapipe")
     if model_path is not None:
-        return TaskPose(model_path)
+        return CroppedPeople(TaskPose(model_path))
     if not hasattr(mediapipe, "solutions"):
         version = getattr(mediapipe, "__version__", "this version")
         raise BadInput(
@@ -40,27 +49,18 @@ def open_pose(model_path: str | None) -> PoseModel:
             " mediapipe 0.10.21, which carries one (Python 3.11 or 3.12)"
         )
     try:
-        return SolutionPose(mediapipe.solutions.pose)
+        return _people_of_the_wheel()
     except (AttributeError, OSError, RuntimeError, ValueError) as error:
         raise LabanmeshError(f"mediapipe cannot start: {_one_line(error)}; {LIBRARIES}") from None
 
 
-class SolutionPose:
-    """The model inside the wheel. It assumes pictures 1/30 s apart, which affects only its smoothing."""
-
-    def __init__(self, solution: Any) -> None:  # noqa: ANN401 - mediapipe has no types
-        with stderr_silenced():
-            self._pose = solution.Pose(model_complexity=1)
-            self._pose.process(_empty_picture())
-
-    def landmarks(self, rgb: NDArray[np.uint8], ms: int) -> Floats | None:
-        """As `PoseModel.landmarks`; `ms` is ignored."""
-        landmarks = self._pose.process(rgb).pose_landmarks
-        return None if landmarks is None else _array(landmarks.landmark)
-
-    def close(self) -> None:
-        """As `PoseModel.close`."""
-        self._pose.close()
+def _people_of_the_wheel() -> PersonModel:
+    with stderr_silenced():
+        people = GraphPeople()
+        # The first picture starts the models, which then print their warnings.
+        people.find(_empty_picture(), View(0, 0, 64, 64), 0)
+        people.pose(_empty_picture(), Body(32, 32, 32), 0)
+    return people
 
 
 class TaskPose:
@@ -73,9 +73,12 @@ class TaskPose:
         vision = _imported("mediapipe.tasks.python.vision")
         base = _imported("mediapipe.tasks.python").BaseOptions(model_asset_path=model_path)
         options = vision.PoseLandmarkerOptions(base_options=base, running_mode=vision.RunningMode.VIDEO)
+        many = vision.PoseLandmarkerOptions(base_options=base, num_poses=MOST_PEOPLE)
+        self._landmarker, self._many = vision.PoseLandmarker, many
+        self._everybody: Any = None
         try:
             with stderr_silenced():
-                self._pose = vision.PoseLandmarker.create_from_options(options)
+                self._pose = self._landmarker.create_from_options(options)
                 self._detect(_empty_picture(), 0)
         # The exception for a file that is not a model differs between versions.
         except (RuntimeError, ValueError, FileNotFoundError) as error:
@@ -89,18 +92,30 @@ class TaskPose:
         people = self._detect(rgb, ms).pose_landmarks
         return _array(people[0]) if people else None
 
+    def everybody(self, rgb: NDArray[np.uint8]) -> list[Floats]:
+        """The landmarks (33, 3) of each person, up to MOST_PEOPLE, without regard to earlier pictures."""
+        if self._everybody is None:
+            with stderr_silenced():
+                self._everybody = self._landmarker.create_from_options(self._many)
+                self._everybody.detect(self._image(_empty_picture()))
+        return [_array(person) for person in self._everybody.detect(self._image(rgb)).pose_landmarks]
+
     def close(self) -> None:
         """As `PoseModel.close`."""
-        try:
-            self._pose.close()
-        except RuntimeError:
-            # At exit Python has already stopped the threads that mediapipe 1 needs to close. Without its handle it does
-            # not try again, with a traceback, when it is deleted.
-            self._pose._handle = None
+        for landmarker in (self._pose, self._everybody):
+            try:
+                if landmarker is not None:
+                    landmarker.close()
+            except RuntimeError:
+                # At exit Python has already stopped the threads that mediapipe 1 needs to close. Without its handle it
+                # does not try again, with a traceback, when it is deleted.
+                landmarker._handle = None
 
     def _detect(self, rgb: NDArray[np.uint8], ms: int) -> Any:  # noqa: ANN401 - mediapipe has no types
-        image = self._mediapipe.Image(image_format=self._mediapipe.ImageFormat.SRGB, data=rgb)
-        return self._pose.detect_for_video(image, ms)
+        return self._pose.detect_for_video(self._image(rgb), ms)
+
+    def _image(self, rgb: NDArray[np.uint8]) -> Any:  # noqa: ANN401 - mediapipe has no types
+        return self._mediapipe.Image(image_format=self._mediapipe.ImageFormat.SRGB, data=rgb)
 
 
 def _imported(name: str) -> Any:  # noqa: ANN401 - mediapipe has no types
@@ -134,12 +149,16 @@ def _empty_picture() -> NDArray[np.uint8]:
 class MediapipeTracker(PoseTracker):
     """`PoseTracker` with MediaPipe's model.
 
-    model_path: a pose landmarker .task file, or None for the model in mediapipe's wheel. Raises BadInput without
-    mediapipe, without a model, and as `PoseTracker` does.
+    model_path: a pose landmarker .task file, or None for the model in mediapipe's wheel. rule: who is followed. Raises
+    BadInput without mediapipe, without a model, and as `PoseTracker` does.
     """
 
     def __init__(
-        self, model_path: str | None = None, hand: Hand = "palm", body_parts: Sequence[str] = BODY_PARTS
+        self,
+        model_path: str | None = None,
+        hand: Hand = "palm",
+        body_parts: Sequence[str] = BODY_PARTS,
+        rule: FollowRule | None = None,
     ) -> None:
         require_hand(hand)
-        super().__init__(open_pose(model_path), "mediapipe", hand, body_parts)
+        super().__init__(PersonFollower(open_people(model_path), rule, log.info), "mediapipe", hand, body_parts)

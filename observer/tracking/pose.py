@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from common.errors import BadInput
 from observer.camera.base import require_picture
+from observer.tracking.people import SeenPeople
 from observer.tracking.sides import SideKeeper
 from observer.tracks import BODY_PARTS, Floats, Frame, Tracks
 
@@ -99,7 +100,7 @@ class PoseTracker:
         # At the latest at exit: mediapipe prints a traceback when it is deleted while open.
         self._closing = weakref.finalize(self, self._model.close)
         self._first_ns: int | None = None
-        self._ms, self._someone_ms = 0, 0
+        self._ms, self._someone_ms, self._choices = 0, 0, 0
 
     @property
     def body_parts(self) -> Sequence[str]:
@@ -111,8 +112,13 @@ class PoseTracker:
         """What to do when nobody was found for NOBODY_S; "" when all is well."""
         return COMPLAINT.format(self._name) if self._ms - self._someone_ms > 1000 * NOBODY_S else ""
 
+    @property
+    def people(self) -> SeenPeople | None:
+        """Who is seen and who of them is followed, in px; None for a model that does not tell."""
+        return getattr(self._model, "people", None)
+
     def update(self, frame: Frame) -> Tracks:
-        """Centres (P, 2) px of the most prominent person, NaN for a part not seen; BadInput for a wrong shape."""
+        """Centres (P, 2) px of the followed person, NaN for a part not seen; BadInput for a wrong shape."""
         picture = require_picture(frame.content)
         self._ms = self._after(frame.at_ns)
         rgb = np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2RGB), dtype=np.uint8)
@@ -121,6 +127,9 @@ class PoseTracker:
             return Tracks(np.full((len(self._rows), 2), np.nan))
         self._someone_ms = self._ms
         height, width = picture.shape[:2]
+        choices = getattr(self._model, "choices", 0)
+        if choices != self._choices:
+            self._choices, self._sides = choices, SideKeeper()
         landmarks = self._sides.update(landmarks, self._ms, width / height)
         return read_pose(landmarks, (width, height), self._rows)
 

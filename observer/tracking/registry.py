@@ -53,11 +53,12 @@ def _camshift(settings: TrackerSettings) -> Tracker:
 
 def _mediapipe(settings: TrackerSettings) -> Tracker:
     from observer.tracking.mediapipe_pose import MediapipeTracker
+    from observer.tracking.people import FollowRule
     from observer.tracking.pose import WHOLE_BODY
 
     section = settings.section
     path = str(settings.place(section.pose_model)) if section.pose_model else None
-    return MediapipeTracker(path, section.hand, WHOLE_BODY)
+    return MediapipeTracker(path, section.hand, WHOLE_BODY, FollowRule(section.follow, section.follow_near))
 
 
 def _onnx(settings: TrackerSettings) -> Tracker:

@@ -13,8 +13,8 @@ from observer_stage import rejected
 
 from common.errors import BadInput, LabanmeshError
 from observer.tracking import mediapipe_pose, pose
-from observer.tracking.mediapipe_pose import MediapipeTracker, TaskPose, open_pose
-from observer.tracking.pose import LANDMARKS, NOBODY_S, SEEN, UNSURE, WHOLE_BODY, landmarks_of
+from observer.tracking.mediapipe_pose import MediapipeTracker, TaskPose, open_people
+from observer.tracking.pose import LANDMARKS, NOBODY_S, SEEN, UNSURE, WHOLE_BODY, PoseTracker, landmarks_of
 from observer.tracks import BODY_PARTS, Frame, State
 
 PICTURE = np.zeros((48, 64, 3), np.uint8)
@@ -103,14 +103,13 @@ class FakeModel:
         self.closed += 1
 
 
-def tracker_with(monkeypatch, result):
+def tracker_with(result):
     model = FakeModel(result)
-    monkeypatch.setattr(mediapipe_pose, "open_pose", lambda path: model)
-    return MediapipeTracker(), model
+    return PoseTracker(model, "mediapipe"), model
 
 
-def test_the_model_gets_rgb_and_increasing_times(monkeypatch):
-    tracker, model = tracker_with(monkeypatch, person())
+def test_the_model_gets_rgb_and_increasing_times():
+    tracker, model = tracker_with(person())
     red = PICTURE.copy()
     red[..., 2] = 200
     for at_ns in (10**18, 10**18, 10**18 + 40_000_000, 10**18 - 10**9, 10**18 + 80_000_000):
@@ -120,13 +119,13 @@ def test_the_model_gets_rgb_and_increasing_times(monkeypatch):
     assert model.calls[0][0].flags["C_CONTIGUOUS"]
 
 
-def test_centres_are_in_pixels_of_the_picture(monkeypatch):
-    tracker, _ = tracker_with(monkeypatch, person())
+def test_centres_are_in_pixels_of_the_picture():
+    tracker, _ = tracker_with(person())
     np.testing.assert_allclose(tracker.update(Frame(0, PICTURE)).centres, [(48, 28.8), (16, 28.8), (32, 7.2)])
 
 
-def test_a_complaint_when_nobody_is_found_for_a_while(monkeypatch):
-    tracker, model = tracker_with(monkeypatch, None)
+def test_a_complaint_when_nobody_is_found_for_a_while():
+    tracker, model = tracker_with(None)
     assert tracker.update(Frame(0, PICTURE)).states == (State.MISSING,) * 3
     assert not tracker.complaint
     tracker.update(Frame(round(NOBODY_S * 1e9) + 10**8, PICTURE))
@@ -137,8 +136,8 @@ def test_a_complaint_when_nobody_is_found_for_a_while(monkeypatch):
     assert not tracker.complaint
 
 
-def test_the_model_is_closed_once(monkeypatch):
-    tracker, model = tracker_with(monkeypatch, None)
+def test_the_model_is_closed_once():
+    tracker, model = tracker_with(None)
     tracker.close()
     tracker.close()
     assert model.closed == 1
@@ -147,14 +146,14 @@ def test_the_model_is_closed_once(monkeypatch):
 @pytest.mark.parametrize(
     "content", [PICTURE[..., 0], PICTURE.astype(np.float32), PICTURE[..., :2], np.zeros((0, 64, 3), np.uint8)]
 )
-def test_a_wrong_shape_or_type_is_rejected_with_one_line(monkeypatch, content):
-    tracker, _ = tracker_with(monkeypatch, person())
+def test_a_wrong_shape_or_type_is_rejected_with_one_line(content):
+    tracker, _ = tracker_with(person())
     with rejected("(H, W, 3) of uint8"):
         tracker.update(Frame(0, content))
 
 
 def test_an_unknown_hand_is_rejected_before_loading(monkeypatch):
-    monkeypatch.setattr(mediapipe_pose, "open_pose", lambda path: pytest.fail("loaded"))
+    monkeypatch.setattr(mediapipe_pose, "open_people", lambda path: pytest.fail("loaded"))
     with rejected("palm, wrist"):
         MediapipeTracker(hand="thumb")
 
@@ -162,7 +161,7 @@ def test_an_unknown_hand_is_rejected_before_loading(monkeypatch):
 def test_without_mediapipe_the_error_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "mediapipe", None)
     with rejected("pip install 'labanmesh[mediapipe]'"):
-        open_pose(None)
+        open_people(None)
 
 
 def test_a_mediapipe_without_model_asks_for_one(monkeypatch):
@@ -171,7 +170,7 @@ def test_a_mediapipe_without_model_asks_for_one(monkeypatch):
     monkeypatch.setitem(sys.modules, "mediapipe", newer)
     for path, message in ((None, "mediapipe 1.2.2 carries no pose model"), ("nowhere.task", "no such file")):
         with rejected(message):
-            open_pose(path)
+            open_people(path)
 
 
 def test_a_missing_system_library_is_named(monkeypatch):
@@ -180,7 +179,7 @@ def test_a_missing_system_library_is_named(monkeypatch):
 
     monkeypatch.setattr(importlib, "import_module", missing)
     with rejected("libGL.so.1", error=LabanmeshError):
-        open_pose(None)
+        open_people(None)
 
 
 def fake_tasks(fault):

@@ -1,0 +1,130 @@
+"""Any `PoseModel` as a `PersonModel`: it looks at a square of the picture that stands still while the person is inside.
+
+Models that remember their last picture see no jump that way; when the square moves, they are made to forget.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from observer.tracking.people import CLEAR, HIPS, SHOULDERS, Body, Pose, Rgb, View
+from observer.tracking.pose import PoseModel
+from observer.tracks import Floats
+
+ROOM = 2.0
+"""Side of the square, of the person's height."""
+WHOLE = 0.75
+"""Share of the picture's short side from which the whole picture is used instead."""
+TALL = 3.4
+"""A standing person's height, of the distance from the hips to the shoulders."""
+FAINT = 0.2
+"""Visibility below which a landmark does not count for the person's place."""
+
+
+class CroppedPeople:
+    """A `PersonModel` that finds one person in a view, or several if the model has a method `everybody`:
+    (H, W, 3) RGB -> the landmarks of each person."""
+
+    def __init__(self, model: PoseModel) -> None:
+        self._model = model
+        self._view: View | None = None
+        self._remembers, self._ms = False, 0
+
+    def find(self, rgb: Rgb, view: View, ms: int) -> Sequence[Body]:
+        """As `PersonModel.find`."""
+        everybody = getattr(self._model, "everybody", None)
+        if everybody is not None:
+            people = everybody(view.cut(rgb))
+        else:
+            landmarks = self._run(rgb, view, ms)
+            people = [] if landmarks is None else [landmarks]
+        return [body_of(_in_picture(each, view, rgb), (rgb.shape[1], rgb.shape[0])) for each in people]
+
+    def pose(self, rgb: Rgb, body: Body, ms: int) -> Pose | None:
+        """As `PersonModel.pose`."""
+        height, width = rgb.shape[:2]
+        view = self._view
+        if view is None or not _holds(view, body, (width, height)):
+            view = square_about(body, (width, height))
+        landmarks = self._run(rgb, view, ms)
+        if landmarks is None:
+            return None
+        landmarks = _in_picture(landmarks, view, rgb)
+        return Pose(landmarks, body_of(landmarks, (width, height)))
+
+    def restart(self) -> None:
+        """As `PersonModel.restart`."""
+        self._view = None
+
+    def close(self) -> None:
+        """As `PersonModel.close`."""
+        self._model.close()
+
+    def _run(self, rgb: Rgb, view: View, ms: int) -> Floats | None:
+        """The landmarks as shares of the view; the model sees times that increase."""
+        if view != self._view and self._remembers:
+            self._model.landmarks(np.zeros((64, 64, 3), np.uint8), self._later(ms))
+        self._view = view
+        landmarks = self._model.landmarks(view.cut(rgb), self._later(ms))
+        self._remembers = landmarks is not None
+        return landmarks
+
+    def _later(self, ms: int) -> int:
+        self._ms = max(self._ms + 1, ms)
+        return self._ms
+
+
+def square_about(body: Body, size: tuple[int, int]) -> View:
+    """The square for a person, moved into a picture of size (width, height); the whole picture for a large person."""
+    side = round(body.height * ROOM)
+    if side * WHOLE >= min(size) or body.height >= WHOLE * min(size):
+        return View(0, 0, *size)
+    side = min(side, *size)
+    left, top = (round(min(max(c - side / 2, 0), most - side)) for c, most in zip((body.u, body.v), size, strict=True))
+    return View(left, top, side, side)
+
+
+def _holds(view: View, body: Body, size: tuple[int, int]) -> bool:
+    """Whether the person is well inside the view, and neither too small nor too large for it."""
+    if (view.width, view.height) == size:
+        return square_about(replace(body, height=body.height * 1.2), size) == view
+    share = body.height / view.width
+    margin = body.height / 2
+    inside = all(
+        (low <= 0 or c - low >= margin) and (low + length >= most or low + length - c >= margin)
+        for c, low, length, most in (
+            (body.u, view.left, view.width, size[0]),
+            (body.v, view.top, view.height, size[1]),
+        )
+    )
+    return inside and 0.6 / ROOM <= share <= 1.5 / ROOM
+
+
+def body_of(landmarks: Floats, size: tuple[int, int]) -> Body:
+    """Where landmarks (33, 3), as shares of a picture of that size, say that a person is.
+
+    The height is the greatest of what the torso, the shoulders and the landmarks that are seen say.
+    """
+    px = landmarks[:, :2] * np.array(size, dtype=np.float64)
+    clear = landmarks[:, 2] >= CLEAR
+    if clear.sum() < 2:
+        clear = landmarks[:, 2] >= FAINT
+    if clear.sum() < 2:
+        clear = np.ones(len(landmarks), np.bool_)
+    extent = np.ptp(px[clear], axis=0)
+    shoulders, hips = px[list(SHOULDERS)], px[list(HIPS)]
+    known = bool((landmarks[[*SHOULDERS, *HIPS], 2] >= FAINT).all())
+    torso = float(np.linalg.norm(shoulders.mean(axis=0) - hips.mean(axis=0))) if known else 0.0
+    across = float(np.linalg.norm(shoulders[0] - shoulders[1]))
+    u, v = hips.mean(axis=0) if known else px[clear].mean(axis=0)
+    return Body(float(u), float(v), max(float(extent.max()), TALL * torso, TALL * across, 1.0))
+
+
+def _in_picture(landmarks: Floats, view: View, rgb: Rgb) -> Floats:
+    """Shares of the view -> shares of the whole picture."""
+    height, width = rgb.shape[:2]
+    shares = landmarks.copy()
+    shares[:, 0] = (view.left + landmarks[:, 0] * view.width) / width
+    shares[:, 1] = (view.top + landmarks[:, 1] * view.height) / height
+    return shares

@@ -1,0 +1,108 @@
+"""Where to search for people: the whole picture, and overlapping squares of it for people who are small. Pure.
+
+MediaPipe's detector finds people whose height is between 0.35 times and once the side of what it looks at
+(docs/results/trackers.md). Neighbouring squares overlap by half, so a person of up to half a square's side is complete
+in at least one of them.
+"""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from observer.tracking.people import GRID_PX, Rgb, View
+
+SHARES = (1.0, 2 / 3, 1 / 2)
+"""Sides of the squares, of the short side of the picture: in 640x480, people down to 84 px."""
+CHANGED = 14
+"""Change of green, of 255, that counts as motion; noise of cameras stays below."""
+STIRRED = 3
+"""Changed pixels of the grid from which something moved."""
+
+
+def search_levels(width: int, height: int) -> list[list[View]]:
+    """The whole picture, then the squares of each size, large ones first; from the middle outwards."""
+    levels, short = [[View(0, 0, width, height)]], min(width, height)
+    for share in SHARES:
+        side = round(short * share)
+        if side < max(width, height):
+            squares = [View(u, v, side, side) for v in _begins(height, side) for u in _begins(width, side)]
+            levels.append(sorted(squares, key=lambda view: _off_centre(view, width, height)))
+    return levels
+
+
+def _begins(length: int, side: int) -> list[int]:
+    """Where squares begin: evenly, overlapping by at least half, from edge to edge."""
+    count = math.ceil((length - side) / (side / 2)) + 1
+    return sorted({round(n * (length - side) / max(count - 1, 1)) for n in range(count)})
+
+
+def _off_centre(view: View, width: int, height: int) -> float:
+    return math.hypot(view.left + view.width / 2 - width / 2, view.top + view.height / 2 - height / 2)
+
+
+class Sweep:
+    """Passes through all views again and again; views in which something moves come first.
+
+    size: width and height of the pictures, px.
+    """
+
+    def __init__(self, size: tuple[int, int]) -> None:
+        self.size = size
+        self._levels = search_levels(*size)
+        self._due: list[tuple[int, View]] = []
+        self.passes = 0
+        """Complete passes so far."""
+
+    @property
+    def whole(self) -> View:
+        """The whole picture."""
+        return self._levels[0][0]
+
+    def next(self, count: int, motion: "NDArray[np.bool_] | None") -> list[tuple[int, View]]:
+        """Up to `count` squares that are due, each with its level; none for a square picture of one level.
+
+        motion: (h, w) where the picture changes, see `MotionGrid`; None: unknown.
+        """
+        self._begin_if_done()
+        if motion is not None and motion.sum() >= STIRRED:
+            self._due.sort(key=lambda each: -_moving(each[1], motion))
+        return self._taken(self._due[:count])
+
+    def rest_of(self, level: int | None) -> list[tuple[int, View]]:
+        """The squares of that level that are still due; None: of all levels."""
+        self._begin_if_done()
+        return self._taken([each for each in self._due if level in (None, each[0])])
+
+    def _begin_if_done(self) -> None:
+        if not self._due:
+            self._due = [(n, view) for n, level in enumerate(self._levels) for view in level if n]
+
+    def _taken(self, views: Sequence[tuple[int, View]]) -> list[tuple[int, View]]:
+        due = len(self._due)
+        self._due = [each for each in self._due if each not in views]
+        self.passes += bool(due) and not self._due
+        return list(views)
+
+
+def _moving(view: View, motion: NDArray[np.bool_]) -> float:
+    """Share of the square in which something moves; a little is added for small squares that hold the same."""
+    part = view.of_grid(motion)
+    return float(part.sum()) / math.sqrt(max(part.size, 1))
+
+
+class MotionGrid:
+    """Where a picture differs from the previous one, in every GRID_PX-th pixel; cheap enough for each frame."""
+
+    def __init__(self) -> None:
+        self._previous: NDArray[np.int16] | None = None
+
+    def update(self, rgb: Rgb) -> NDArray[np.bool_] | None:
+        """(H, W, 3) -> (H/8, W/8) whether it changed; None for the first picture, and after another size."""
+        grid = rgb[::GRID_PX, ::GRID_PX, 1].astype(np.int16)
+        previous, self._previous = self._previous, grid
+        if previous is None or previous.shape != grid.shape:
+            return None
+        changed: NDArray[np.bool_] = np.abs(grid - previous) > CHANGED
+        return changed
