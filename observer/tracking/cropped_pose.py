@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from observer.tracking.people import CLEAR, HIPS, SHOULDERS, Body, Pose, Rgb, View
+from observer.tracking.people import CLEAR, HIPS, SHOULDERS, Body, Pose, Rgb, SearchArea
 from observer.tracking.pose import PoseModel
 from observer.tracks import Floats
 
@@ -23,50 +23,50 @@ FAINT = 0.2
 
 
 class CroppedPeople:
-    """A `PersonModel` that finds one person in a view, or several if the model has a method `everybody`:
+    """A `PersonModel` that finds one person in a area, or several if the model has a method `everybody`:
     (H, W, 3) RGB -> the landmarks of each person."""
 
     def __init__(self, model: PoseModel) -> None:
         self._model = model
-        self._view: View | None = None
+        self._area: SearchArea | None = None
         self._remembers, self._ms = False, 0
 
-    def find(self, rgb: Rgb, view: View, ms: int) -> Sequence[Body]:
+    def find(self, rgb: Rgb, area: SearchArea, ms: int) -> Sequence[Body]:
         """As `PersonModel.find`."""
         everybody = getattr(self._model, "everybody", None)
         if everybody is not None:
-            people = everybody(view.cut(rgb))
+            people = everybody(area.cut(rgb))
         else:
-            landmarks = self._run(rgb, view, ms)
+            landmarks = self._run(rgb, area, ms)
             people = [] if landmarks is None else [landmarks]
-        return [body_of(_in_picture(each, view, rgb), (rgb.shape[1], rgb.shape[0])) for each in people]
+        return [body_of(_in_picture(each, area, rgb), (rgb.shape[1], rgb.shape[0])) for each in people]
 
     def pose(self, rgb: Rgb, body: Body, ms: int) -> Pose | None:
         """As `PersonModel.pose`."""
         height, width = rgb.shape[:2]
-        view = self._view
-        if view is None or not _holds(view, body, (width, height)):
-            view = square_about(body, (width, height))
-        landmarks = self._run(rgb, view, ms)
+        area = self._area
+        if area is None or not _holds(area, body, (width, height)):
+            area = square_about(body, (width, height))
+        landmarks = self._run(rgb, area, ms)
         if landmarks is None:
             return None
-        landmarks = _in_picture(landmarks, view, rgb)
+        landmarks = _in_picture(landmarks, area, rgb)
         return Pose(landmarks, body_of(landmarks, (width, height)))
 
     def restart(self) -> None:
         """As `PersonModel.restart`."""
-        self._view = None
+        self._area = None
 
     def close(self) -> None:
         """As `PersonModel.close`."""
         self._model.close()
 
-    def _run(self, rgb: Rgb, view: View, ms: int) -> Floats | None:
-        """The landmarks as shares of the view; the model sees times that increase."""
-        if view != self._view and self._remembers:
+    def _run(self, rgb: Rgb, area: SearchArea, ms: int) -> Floats | None:
+        """The landmarks as shares of the area; the model sees times that increase."""
+        if area != self._area and self._remembers:
             self._model.landmarks(np.zeros((64, 64, 3), np.uint8), self._later(ms))
-        self._view = view
-        landmarks = self._model.landmarks(view.cut(rgb), self._later(ms))
+        self._area = area
+        landmarks = self._model.landmarks(area.cut(rgb), self._later(ms))
         self._remembers = landmarks is not None
         return landmarks
 
@@ -75,27 +75,27 @@ class CroppedPeople:
         return self._ms
 
 
-def square_about(body: Body, size: tuple[int, int]) -> View:
+def square_about(body: Body, size: tuple[int, int]) -> SearchArea:
     """The square for a person, moved into a picture of size (width, height); the whole picture for a large person."""
     side = round(body.height * ROOM)
     if side * WHOLE >= min(size) or body.height >= WHOLE * min(size):
-        return View(0, 0, *size)
+        return SearchArea(0, 0, *size)
     side = min(side, *size)
     left, top = (round(min(max(c - side / 2, 0), most - side)) for c, most in zip((body.u, body.v), size, strict=True))
-    return View(left, top, side, side)
+    return SearchArea(left, top, side, side)
 
 
-def _holds(view: View, body: Body, size: tuple[int, int]) -> bool:
-    """Whether the person is well inside the view, and neither too small nor too large for it."""
-    if (view.width, view.height) == size:
-        return square_about(replace(body, height=body.height * 1.2), size) == view
-    share = body.height / view.width
+def _holds(area: SearchArea, body: Body, size: tuple[int, int]) -> bool:
+    """Whether the person is well inside the area, and neither too small nor too large for it."""
+    if (area.width, area.height) == size:
+        return square_about(replace(body, height=body.height * 1.2), size) == area
+    share = body.height / area.width
     margin = body.height / 2
     inside = all(
         (low <= 0 or c - low >= margin) and (low + length >= most or low + length - c >= margin)
         for c, low, length, most in (
-            (body.u, view.left, view.width, size[0]),
-            (body.v, view.top, view.height, size[1]),
+            (body.u, area.left, area.width, size[0]),
+            (body.v, area.top, area.height, size[1]),
         )
     )
     return inside and 0.6 / ROOM <= share <= 1.5 / ROOM
@@ -121,10 +121,10 @@ def body_of(landmarks: Floats, size: tuple[int, int]) -> Body:
     return Body(float(u), float(v), max(float(extent.max()), TALL * torso, TALL * across, 1.0))
 
 
-def _in_picture(landmarks: Floats, view: View, rgb: Rgb) -> Floats:
-    """Shares of the view -> shares of the whole picture."""
+def _in_picture(landmarks: Floats, area: SearchArea, rgb: Rgb) -> Floats:
+    """Shares of the area -> shares of the whole picture."""
     height, width = rgb.shape[:2]
     shares = landmarks.copy()
-    shares[:, 0] = (view.left + landmarks[:, 0] * view.width) / width
-    shares[:, 1] = (view.top + landmarks[:, 1] * view.height) / height
+    shares[:, 0] = (area.left + landmarks[:, 0] * area.width) / width
+    shares[:, 1] = (area.top + landmarks[:, 1] * area.height) / height
     return shares

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from common.errors import BadInput, LabanmeshError
 from common.tracker_choice import INSTALL_MEDIAPIPE
 from observer.tracking.cropped_pose import CroppedPeople
-from observer.tracking.people import Body, FollowRule, PersonModel, View
+from observer.tracking.people import Body, FollowRule, PersonModel, SearchArea
 from observer.tracking.person_follower import PersonFollower
 from observer.tracking.pose import Hand, PoseTracker, require_hand, stderr_silenced
 from observer.tracking.pose_graph import GraphPeople
@@ -58,7 +58,7 @@ def _people_of_the_wheel() -> PersonModel:
     with stderr_silenced():
         people = GraphPeople()
         # The first picture starts the models, which then print their warnings.
-        people.find(_empty_picture(), View(0, 0, 64, 64), 0)
+        people.find(_empty_picture(), SearchArea(0, 0, 64, 64), 0)
         people.pose(_empty_picture(), Body(32, 32, 32), 0)
     return people
 

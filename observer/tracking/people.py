@@ -84,7 +84,7 @@ class Pose:
 
 
 @dataclass(frozen=True, slots=True)
-class View:
+class SearchArea:
     """A rectangle of the picture in which people are searched, px."""
 
     left: int
@@ -103,18 +103,18 @@ class View:
         return grid[self.top // GRID_PX : bottom // GRID_PX, self.left // GRID_PX : right // GRID_PX]
 
 
-def view_about(body: Body, wide: float, size: tuple[int, int], high: float | None = None) -> View | None:
+def area_about(body: Body, wide: float, size: tuple[int, int], high: float | None = None) -> SearchArea | None:
     """The part of a picture of size (width, height) about a person, px; None if nothing of it is in the picture."""
     high = wide if high is None else high
     left, top = max(int(body.u - wide / 2), 0), max(int(body.v - high / 2), 0)
     right, bottom = min(int(body.u + wide / 2) + 1, size[0]), min(int(body.v + high / 2) + 1, size[1])
-    return View(left, top, right - left, bottom - top) if min(right - left, bottom - top) > 1 else None
+    return SearchArea(left, top, right - left, bottom - top) if min(right - left, bottom - top) > 1 else None
 
 
 class PersonModel(Protocol):
     """A pose model that can be told where to look. Places are px of the whole picture."""
 
-    def find(self, rgb: Rgb, view: View, ms: int) -> Sequence[Body]:
+    def find(self, rgb: Rgb, area: SearchArea, ms: int) -> Sequence[Body]:
         """The people in a part of the picture, the surest first. ms: as in `PoseModel.landmarks`."""
 
     def pose(self, rgb: Rgb, body: Body, ms: int) -> Pose | None:

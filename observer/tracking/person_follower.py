@@ -8,8 +8,18 @@ for the other: nobody is followed then until APART_S later. Lengths are in heigh
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
-from observer.tracking.people import Body, FollowRule, PersonModel, Pose, Rgb, SeenPeople, View, distinct, view_about
-from observer.tracking.search_views import STIRRED, MotionGrid, Sweep
+from observer.tracking.people import (
+    Body,
+    FollowRule,
+    PersonModel,
+    Pose,
+    Rgb,
+    SearchArea,
+    SeenPeople,
+    area_about,
+    distinct,
+)
+from observer.tracking.search_areas import STIRRED, MotionGrid, Sweep
 from observer.tracks import Floats
 
 STEP, SPEED = 0.25, 1.5
@@ -37,7 +47,7 @@ WAITING, TRIED = 3, 2
 WHOLE_EVERY = 4
 """Every fourth search for others is one in the whole picture."""
 BUSY_PASSES = 2
-"""Passes through all views after which a still room is searched slowly."""
+"""Passes through all areas after which a still room is searched slowly."""
 
 Report = Callable[[str], None]
 
@@ -134,7 +144,7 @@ class PersonFollower:
         self._company, self._motion = Company(), MotionGrid()
         self._sweep: Sweep | None = None
         self._candidates: list[Body] = []
-        self._pending: list[tuple[int, View]] = []
+        self._pending: list[tuple[int, SearchArea]] = []
         self._waiting: list[OtherPerson] = []
         self._pictures, self._looks = 0, 0
         self.choices = 0
@@ -184,11 +194,11 @@ class PersonFollower:
     def _is_stirred(self, body: Body, rgb: Rgb) -> bool:
         """Whether something moves beside the person."""
         motion = self._motion.update(rgb)
-        view = view_about(body, LOOK_AROUND * body.height, (rgb.shape[1], rgb.shape[0]))
-        if motion is None or view is None:
+        area = area_about(body, LOOK_AROUND * body.height, (rgb.shape[1], rgb.shape[0]))
+        if motion is None or area is None:
             return False
-        around = view.of_grid(motion).sum()
-        own = view_about(body, 2 * BESIDE * body.height, (rgb.shape[1], rgb.shape[0]), LOOK_AROUND * body.height)
+        around = area.of_grid(motion).sum()
+        own = area_about(body, 2 * BESIDE * body.height, (rgb.shape[1], rgb.shape[0]), LOOK_AROUND * body.height)
         return int(around) - (0 if own is None else int(own.of_grid(motion).sum())) >= STIRRED
 
     def _find_again(self, followed: Body, rgb: Rgb) -> Pose | None:
@@ -212,12 +222,12 @@ class PersonFollower:
         """Who is about the followed person; now and then anywhere in the picture."""
         self._looks += 1
         if self._looks % WHOLE_EVERY == 0:
-            return self._model.find(rgb, View(0, 0, rgb.shape[1], rgb.shape[0]), self._ms)
+            return self._model.find(rgb, SearchArea(0, 0, rgb.shape[1], rgb.shape[0]), self._ms)
         return self._found_about(body, rgb)
 
     def _found_about(self, body: Body, rgb: Rgb) -> Sequence[Body]:
-        view = view_about(body, LOOK_AROUND * body.height, (rgb.shape[1], rgb.shape[0]))
-        return [] if view is None else self._model.find(rgb, view, self._ms)
+        area = area_about(body, LOOK_AROUND * body.height, (rgb.shape[1], rgb.shape[0]))
+        return [] if area is None else self._model.find(rgb, area, self._ms)
 
     def _pose_of(self, body: Body, rgb: Rgb) -> Pose | None:
         """The pose of somebody who was not followed in the previous picture; None if it does not fit."""
@@ -227,9 +237,9 @@ class PersonFollower:
         return pose if fits else None
 
     def _search(self, sweep: Sweep, rgb: Rgb) -> Pose | None:
-        """Search some views, and choose when the rule has seen all that it must compare."""
-        for level, view in self._views(sweep, rgb):
-            found = self._model.find(rgb, view, self._ms)
+        """Search some areas, and choose when the rule has seen all that it must compare."""
+        for level, area in self._areas(sweep, rgb):
+            found = self._model.find(rgb, area, self._ms)
             self._candidates += found
             if found and not self._pending:
                 self._pending = self._needed(sweep, level)
@@ -239,7 +249,7 @@ class PersonFollower:
                     return pose
         return None
 
-    def _views(self, sweep: Sweep, rgb: Rgb) -> Iterator[tuple[int, View]]:
+    def _areas(self, sweep: Sweep, rgb: Rgb) -> Iterator[tuple[int, SearchArea]]:
         """What is searched in this picture: what a choice waits for, else the whole picture and some squares."""
         motion = self._motion.update(rgb)
         self._pictures += 1
@@ -259,8 +269,8 @@ class PersonFollower:
             else:
                 yield from sweep.next(1, motion)
 
-    def _needed(self, sweep: Sweep, level: int) -> list[tuple[int, View]]:
-        """The views to search before a choice: people found only in smaller squares are smaller."""
+    def _needed(self, sweep: Sweep, level: int) -> list[tuple[int, SearchArea]]:
+        """The areas to search before a choice: people found only in smaller squares are smaller."""
         if self._rule.is_met_by(self._candidates, sweep.size):
             return []
         return sweep.rest_of(level if self._rule.name == "largest" else None)

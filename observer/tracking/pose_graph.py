@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from observer.tracking.people import REGION, Body, Pose, Rgb, View
+from observer.tracking.people import REGION, Body, Pose, Rgb, SearchArea
 
 DETECTOR = """
 input_stream: "image"
@@ -73,13 +73,13 @@ class GraphPeople:
         self._detector = _Graph(DETECTOR, ("detections",))
         self._landmarks = _Graph(LANDMARKS, ("landmarks", "next_region"))
 
-    def find(self, rgb: Rgb, view: View, ms: int) -> Sequence[Body]:
+    def find(self, rgb: Rgb, area: SearchArea, ms: int) -> Sequence[Body]:
         """As `PersonModel.find`; `ms` is ignored."""
-        found = self._detector.run(image=self._image(view.cut(rgb)))
+        found = self._detector.run(image=self._image(area.cut(rgb)))
         if "detections" not in found:
             return []
         detections = self._get.get_proto_list(found["detections"])
-        return [_body_of(each, view) for each in sorted(detections, key=lambda each: -each.score[0])]
+        return [_body_of(each, area) for each in sorted(detections, key=lambda each: -each.score[0])]
 
     def pose(self, rgb: Rgb, body: Body, ms: int) -> Pose | None:
         """As `PersonModel.pose`; `ms` is ignored: the smoothing assumes 30 pictures a second."""
@@ -149,10 +149,10 @@ class _Graph:
         self._graph.close()
 
 
-def _body_of(detection: Any, view: View) -> Body:  # noqa: ANN401 - mediapipe has no types
-    """Of a detection in a view; its turn is that of the line from the hips to the point on the circle above."""
+def _body_of(detection: Any, area: SearchArea) -> Body:  # noqa: ANN401 - mediapipe has no types
+    """Of a detection in a area; its turn is that of the line from the hips to the point on the circle above."""
     hips, above = detection.location_data.relative_keypoints[:2]
-    du, dv = (above.x - hips.x) * view.width, (above.y - hips.y) * view.height
+    du, dv = (above.x - hips.x) * area.width, (above.y - hips.y) * area.height
     turn = math.pi / 2 - math.atan2(-dv, du)
     turn -= 2 * math.pi * math.floor((turn + math.pi) / (2 * math.pi))
-    return Body(view.left + hips.x * view.width, view.top + hips.y * view.height, 2 * math.hypot(du, dv), turn)
+    return Body(area.left + hips.x * area.width, area.top + hips.y * area.height, 2 * math.hypot(du, dv), turn)

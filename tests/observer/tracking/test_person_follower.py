@@ -9,9 +9,9 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from observer_stage import rejected
 
-from observer.tracking.people import Body, FollowRule, Pose, View, distinct
+from observer.tracking.people import Body, FollowRule, Pose, SearchArea, distinct
 from observer.tracking.person_follower import APART_S, LOST_S, PersonFollower
-from observer.tracking.search_views import MotionGrid, Sweep, search_levels
+from observer.tracking.search_areas import MotionGrid, Sweep, search_levels
 
 PICTURE = np.zeros((480, 640, 3), np.uint8)
 IDENTITY, NOSE, WRIST = 5, 0, 15
@@ -50,14 +50,14 @@ class World:
     def _there(self, ms):
         return [(n, walker, walker.at(ms)) for n, walker in enumerate(self.walkers) if walker.is_there(ms)]
 
-    def find(self, rgb, view, ms):
-        self.finds.append((ms, view))
+    def find(self, rgb, area, ms):
+        self.finds.append((ms, area))
         bodies = [body for _, _, body in reversed(self._there(ms))]
         inside = [
             body
             for body in bodies
-            if view.left <= body.u <= view.left + view.width and view.top <= body.v <= view.top + view.height
-            and 0.3 <= body.height / max(view.width, view.height) <= 1.2
+            if area.left <= body.u <= area.left + area.width and area.top <= body.v <= area.top + area.height
+            and 0.3 <= body.height / max(area.width, area.height) <= 1.2
         ]  # fmt: skip
         return distinct(inside, 0.25)
 
@@ -207,7 +207,7 @@ def test_an_empty_room_costs_one_search_a_picture():
     count = [sum(1 for ms, _ in world.finds if ms // 100 == n) for n in range(60)]
     assert max(count[1:]) <= 2
     assert set(count[40:]) == {1}
-    assert len({view for ms, view in world.finds if ms > 3000}) > 10
+    assert len({area for ms, area in world.finds if ms > 3000}) > 10
 
 
 def test_somebody_alone_costs_a_search_a_second():
@@ -230,9 +230,9 @@ def test_a_mark_belongs_to_nearest(rule):
         FollowRule(*rule)
 
 
-def contains(view, left, top, right, bottom):
+def contains(area, left, top, right, bottom):
     return (
-        view.left <= left and right <= view.left + view.width and view.top <= top and bottom <= view.top + view.height
+        area.left <= left and right <= area.left + area.width and area.top <= top and bottom <= area.top + area.height
     )
 
 
@@ -245,9 +245,9 @@ def test_everybody_of_half_to_a_sixth_of_the_short_side_is_complete_in_a_view_of
     left, top = b * (width - wide), c * (height - tall)
     shrunk = 0.03 * tall  # of the figure; the detector needs no more
     box = left, top + shrunk, left + wide, top + tall - shrunk
-    views = [view for level in search_levels(width, height) for view in level]
+    areas = [area for level in search_levels(width, height) for area in level]
     assert any(
-        contains(view, *box) and 0.33 <= tall / max(view.width, view.height) <= 1 for view in views
+        contains(area, *box) and 0.33 <= tall / max(area.width, area.height) <= 1 for area in areas
     ), (width, height, tall)  # fmt: skip
 
 
@@ -255,11 +255,11 @@ def test_everybody_of_half_to_a_sixth_of_the_short_side_is_complete_in_a_view_of
 @settings(max_examples=40, deadline=None)
 def test_views_cover_the_picture_and_lie_in_it(width, height):
     for level in search_levels(width, height):
-        for view in level:
-            assert contains(View(0, 0, width, height), view.left, view.top, view.left + view.width,
-                            view.top + view.height)  # fmt: skip
+        for area in level:
+            assert contains(SearchArea(0, 0, width, height), area.left, area.top, area.left + area.width,
+                            area.top + area.height)  # fmt: skip
         for u, v in ((0, 0), (width - 1, height - 1), (width // 2, height // 2), (0, height - 1)):
-            assert any(contains(view, u, v, u + 1, v + 1) for view in level)
+            assert any(contains(area, u, v, u + 1, v + 1) for area in level)
 
 
 def test_squares_in_which_something_moves_come_first():
@@ -268,8 +268,8 @@ def test_squares_in_which_something_moves_come_first():
     moved[380:460, 540:600] = 200
     assert grid.update(PICTURE) is None
     motion = grid.update(moved)
-    first = [view for _, view in sweep.next(3, motion)]
-    assert all(contains(view, 540, 380, 600, 460) for view in first)
-    every = first + [view for _, view in sweep.next(100, grid.update(moved))]
-    assert sorted(map(str, every)) == sorted(str(view) for level in search_levels(640, 480)[1:] for view in level)
+    first = [area for _, area in sweep.next(3, motion)]
+    assert all(contains(area, 540, 380, 600, 460) for area in first)
+    every = first + [area for _, area in sweep.next(100, grid.update(moved))]
+    assert sorted(map(str, every)) == sorted(str(area) for level in search_levels(640, 480)[1:] for area in level)
     assert sweep.passes == 1

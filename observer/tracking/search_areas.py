@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from observer.tracking.people import GRID_PX, Rgb, View
+from observer.tracking.people import GRID_PX, Rgb, SearchArea
 
 SHARES = (1.0, 2 / 3, 1 / 2)
 """Sides of the squares, of the short side of the picture: in 640x480, people down to 84 px."""
@@ -21,14 +21,14 @@ STIRRED = 3
 """Changed pixels of the grid from which something moved."""
 
 
-def search_levels(width: int, height: int) -> list[list[View]]:
+def search_levels(width: int, height: int) -> list[list[SearchArea]]:
     """The whole picture, then the squares of each size, large ones first; from the middle outwards."""
-    levels, short = [[View(0, 0, width, height)]], min(width, height)
+    levels, short = [[SearchArea(0, 0, width, height)]], min(width, height)
     for share in SHARES:
         side = round(short * share)
         if side < max(width, height):
-            squares = [View(u, v, side, side) for v in _begins(height, side) for u in _begins(width, side)]
-            levels.append(sorted(squares, key=lambda view: _off_centre(view, width, height)))
+            squares = [SearchArea(u, v, side, side) for v in _begins(height, side) for u in _begins(width, side)]
+            levels.append(sorted(squares, key=lambda area: _off_centre(area, width, height)))
     return levels
 
 
@@ -38,12 +38,12 @@ def _begins(length: int, side: int) -> list[int]:
     return sorted({round(n * (length - side) / max(count - 1, 1)) for n in range(count)})
 
 
-def _off_centre(view: View, width: int, height: int) -> float:
-    return math.hypot(view.left + view.width / 2 - width / 2, view.top + view.height / 2 - height / 2)
+def _off_centre(area: SearchArea, width: int, height: int) -> float:
+    return math.hypot(area.left + area.width / 2 - width / 2, area.top + area.height / 2 - height / 2)
 
 
 class Sweep:
-    """Passes through all views again and again; views in which something moves come first.
+    """Passes through all areas again and again; areas in which something moves come first.
 
     size: width and height of the pictures, px.
     """
@@ -51,16 +51,16 @@ class Sweep:
     def __init__(self, size: tuple[int, int]) -> None:
         self.size = size
         self._levels = search_levels(*size)
-        self._due: list[tuple[int, View]] = []
+        self._due: list[tuple[int, SearchArea]] = []
         self.passes = 0
         """Complete passes so far."""
 
     @property
-    def whole(self) -> View:
+    def whole(self) -> SearchArea:
         """The whole picture."""
         return self._levels[0][0]
 
-    def next(self, count: int, motion: "NDArray[np.bool_] | None") -> list[tuple[int, View]]:
+    def next(self, count: int, motion: "NDArray[np.bool_] | None") -> list[tuple[int, SearchArea]]:
         """Up to `count` squares that are due, each with its level; none for a square picture of one level.
 
         motion: (h, w) where the picture changes, see `MotionGrid`; None: unknown.
@@ -70,25 +70,25 @@ class Sweep:
             self._due.sort(key=lambda each: -_moving(each[1], motion))
         return self._taken(self._due[:count])
 
-    def rest_of(self, level: int | None) -> list[tuple[int, View]]:
+    def rest_of(self, level: int | None) -> list[tuple[int, SearchArea]]:
         """The squares of that level that are still due; None: of all levels."""
         self._begin_if_done()
         return self._taken([each for each in self._due if level in (None, each[0])])
 
     def _begin_if_done(self) -> None:
         if not self._due:
-            self._due = [(n, view) for n, level in enumerate(self._levels) for view in level if n]
+            self._due = [(n, area) for n, level in enumerate(self._levels) for area in level if n]
 
-    def _taken(self, views: Sequence[tuple[int, View]]) -> list[tuple[int, View]]:
+    def _taken(self, areas: Sequence[tuple[int, SearchArea]]) -> list[tuple[int, SearchArea]]:
         due = len(self._due)
-        self._due = [each for each in self._due if each not in views]
+        self._due = [each for each in self._due if each not in areas]
         self.passes += bool(due) and not self._due
-        return list(views)
+        return list(areas)
 
 
-def _moving(view: View, motion: NDArray[np.bool_]) -> float:
+def _moving(area: SearchArea, motion: NDArray[np.bool_]) -> float:
     """Share of the square in which something moves; a little is added for small squares that hold the same."""
-    part = view.of_grid(motion)
+    part = area.of_grid(motion)
     return float(part.sum()) / math.sqrt(max(part.size, 1))
 
 
