@@ -78,7 +78,8 @@ def test_a_covered_hand_is_not_seen_and_the_other_parts_are(tracker, stand):
     covered = [picture.copy() for picture in stand[5:]]
     for picture in covered:
         picture[centre_y - 70 : centre_y + 60, centre_x - 45 : centre_x + 60] = 90
-    shown = [*stand[:5], *covered]
+    # The model's doubt grows slowly: after 15 pictures it is at the threshold.
+    shown = [*stand[:5], *covered, *covered]
     last = [tracker.update(Frame((5 + n) * 10**8, picture)) for n, picture in enumerate(shown)][-1]
     assert last.states[0] is not State.SEEN
     assert last.states[1:] == (State.SEEN, State.SEEN)
