@@ -84,7 +84,9 @@ class CameraReader:
         """The tracks recorded so far."""
         parts = len(self._camera.tracker.body_parts)
         centres = np.array(self._centres, dtype=np.float64).reshape(-1, parts, 2)
-        return CameraTracks(self._camera.name, self._camera.matrix, np.array(self._at_ns, dtype=np.int64), centres)
+        complaint = str(getattr(self._camera.tracker, "complaint", ""))
+        at_ns = np.array(self._at_ns, dtype=np.int64)
+        return CameraTracks(self._camera.name, self._camera.matrix, at_ns, centres, complaint)
 
 
 def read_cameras(

@@ -86,6 +86,7 @@ def _record_in_space(options: RecordOptions) -> None:
     from observer.motion.archive_file import read_archive, write_archive
     from observer.recording.reconstruction import performer_axes
     from observer.recording.recorded import appended, with_trial
+    from observer.recording.visibility import NothingRecorded
     from observer.tracks import BODY_PARTS
 
     log_to_stderr()
@@ -99,7 +100,11 @@ def _record_in_space(options: RecordOptions) -> None:
     name = with_trial(_unrecorded(options, 30.0), before, BODY_PARTS, str(output))
     # Ctrl-C is how a recording without --seconds ends, so what was recorded until then is kept.
     with stop_on_signals() as stop:
-        recording, lines = _recorded(options, name, stop)
+        try:
+            recording, lines = _recorded(options, name, stop)
+        except NothingRecorded as nothing:
+            typer.echo("\n".join(nothing.lines))
+            raise
         archive = appended(before, BODY_PARTS, recording)
         write_archive(output, archive)
     typer.echo("\n".join(lines))

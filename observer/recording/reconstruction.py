@@ -19,12 +19,16 @@ SAME_S = 1e-6
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraTracks:
-    """The tracks of one camera. matrix: (3, 4). at_ns: (F,) times. centres: (F, P, 2) undistorted px, NaN: not seen."""
+    """The tracks of one camera. matrix: (3, 4). at_ns: (F,) times. centres: (F, P, 2) undistorted px, NaN: not seen.
+
+    complaint: why its tracker finds little, at the end; "" if all is well.
+    """
 
     name: str
     matrix: Floats
     at_ns: NDArray[np.int64]
     centres: Floats
+    complaint: str = ""
 
 
 def common_instants(tracks: Sequence[CameraTracks], rate_hz: float) -> NDArray[np.int64]:

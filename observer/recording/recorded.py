@@ -21,11 +21,14 @@ from observer.recording.reconstruction import (
     resample_tracks,
     to_performer_axes,
 )
+from observer.recording.visibility import NothingRecorded, cause_of, visibility_lines
 from observer.tracks import Floats
 
 Progress = Callable[[int, int], None]
 OUTLIER_SHARE = 0.1
 """A camera that is an outlier more often than this gets a line of its own."""
+LITTLE = 0.5
+"""If all parts are known in fewer of the instants, the lines say what each camera saw."""
 
 
 def with_trial(name: Recording, archive: MotionArchive | None, body_parts: tuple[str, ...], path: str) -> Recording:
@@ -78,7 +81,7 @@ def build_recording(
 ) -> tuple[Recording, list[str]]:
     """`name` with triangulated positions at its own rate, and lines about their quality.
 
-    Raises BadInput when the cameras have no common time, and, with those lines, when no position was found.
+    Raises BadInput when the cameras have no common time, and NothingRecorded when no position was found.
     """
     at_ns = common_instants(tracks, name.rate_hz)
     cameras = [camera for camera in tracks if len(camera.at_ns)]
@@ -89,7 +92,9 @@ def build_recording(
     lines = quality_lines([camera.name for camera in cameras], body_parts, result, positions)
     lines += [f"{camera.name}: delivered no picture" for camera in tracks if not len(camera.at_ns)]
     if not np.isfinite(positions).any():
-        raise BadInput(f"nothing was recorded: {'; '.join(lines)}")
+        raise NothingRecorded(cause_of(result), [*visibility_lines(tracks, body_parts, result)])
+    if np.isfinite(positions).all(axis=-1).all(axis=-1).mean() < LITTLE:
+        lines += visibility_lines(tracks, body_parts, result)
     if options.trim:
         hands = [row for row, part in enumerate(body_parts) if part.endswith("hand")]
         positions = positions[slice(*moving_span(positions, hands, name.rate_hz))]

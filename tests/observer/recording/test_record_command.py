@@ -23,6 +23,7 @@ from observer.motion.projected import view_tracks
 from observer.recording.capture import RecordingCamera, read_cameras
 from observer.recording.commands import record
 from observer.recording.recorded import RecordingOptions, build_recording
+from observer.recording.visibility import NothingRecorded
 from observer.tracks import BODY_PARTS, Frame, Tracks
 
 CAMERAS = [pinhole_matrix(math.radians(yaw), 0.15, 3.0, 700, (640, 360), (0, 0.9, 0)) for yaw in (-50, 0, 45)]
@@ -136,8 +137,39 @@ def test_the_time_limit_does_not_wait_for_a_silent_live_camera():
     assert stop.is_set()
     assert 29 <= len(seen[0].at_ns) <= 31 or 29 <= len(seen[1].at_ns) <= 31
     assert len(seen[2].at_ns) == 0
-    with rejected("nothing was recorded"):
-        recorded(tracks_of(waving(), 30, CAMERAS, lambda n, c: c * np.nan))
+
+
+def seen_in_turn(camera, centres):
+    """No two cameras see the person at one moment."""
+    return np.where((np.arange(len(centres)) // 12 % 3 == camera)[:, None, None], centres, np.nan)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "cause", "remedy"),
+    [
+        (lambda camera, centres: centres * np.nan, "no camera saw any part. ", 'tracker = "mediapipe"'),
+        (seen_in_turn, "no part was seen by two cameras at one moment. ", "Stand where at least two cameras see"),
+        (lambda camera, centres: centres + 300 * camera**2, "no two agree where they are. ", "Calibrate the cameras"),
+    ],
+)
+def test_why_nothing_was_recorded(spoil, cause, remedy):
+    with pytest.raises(NothingRecorded, match="nothing was recorded: ") as caught:
+        recorded(tracks_of(waving(), 30, CAMERAS, spoil))
+    line = str(caught.value)
+    assert cause in line and remedy in line and "\n" not in line
+    cameras, twice = caught.value.lines[: len(CAMERAS)], caught.value.lines[len(CAMERAS)]
+    assert all(line.startswith(f"cam{n}: 60 pictures; saw left_hand in ") for n, line in enumerate(cameras))
+    assert twice.startswith("two cameras at one moment: left_hand in ") and twice.endswith(" of 60 instants")
+
+
+def test_a_recording_with_holes_says_what_each_camera_saw():
+    def spoil(camera, centres):
+        centres[10:50, 1] = np.nan if camera else centres[10:50, 1]
+        return centres
+
+    made, lines = recorded(tracks_of(waving(), 30, CAMERAS, spoil))
+    assert np.isfinite(made.positions).any()
+    assert "cam1: 60 pictures; saw left_hand in 60, right_hand in 20, head in 60" in lines
 
 
 def test_a_failing_camera_stops_all_and_raises():
