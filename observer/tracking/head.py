@@ -91,7 +91,10 @@ FOLLOWED_PX = 36
 SMALLEST = 20
 """The narrowest face that the cascade knows, px."""
 FOLLOW_EVERY_S, SEARCH_EVERY_S = 0.3, 0.1
-"""Interval of the cascade, the most expensive step, while a head is tracked and while none is."""
+"""Interval of the cascade, the most expensive step, while a head is tracked and when it was just lost."""
+SEARCH_FIRST_S, SEARCH_LATER, SEARCH_LAST_S = 2.0, 0.25, 1.0
+"""When no face was found for the first of these times, the whole picture is searched ever less often: at intervals of
+this share of the time since then, and of the last time at most."""
 NEAR = 0.6
 """Two detections within this many face widths are the same face; a single one may be false."""
 STRAYED, DOUBTED_S, LOST_S = 1.0, 1.0, 3.0
@@ -107,6 +110,7 @@ class HeadTracker:
         self._finder, self._away = finder, away
         self._candidate: Box | None = None
         self._since_search_s, self._since_adapted_s = SEARCH_EVERY_S, 0.0
+        self._since_whole_s, self._headless_s = SEARCH_EVERY_S, 0.0
         self._unconfirmed_s, self._confirmed_at = 0.0, np.zeros(2)
         self.skin: SkinHistogram | None = skin
         self.face: float | None = None
@@ -143,17 +147,16 @@ class HeadTracker:
     def search(self, picture: Picture, near: Floats | None, seconds: float) -> Box | None:
         """Search the face, near (2,) px if given; None between searches, and for a face not detected twice."""
         self._since_search_s += seconds
+        self._since_whole_s += seconds
         self._unconfirmed_s += seconds
+        self._headless_s = self._headless_s + seconds if near is None else 0.0
         interval_s = SEARCH_EVERY_S if near is None else FOLLOW_EVERY_S
         due = self._since_search_s >= interval_s - 1e-6 or (near is None and self._candidate)
         if not due or (self._finder is None and near is not None):
             return None
         self._since_search_s = 0.0
         if near is None:
-            # A person of known skin colour seen from behind shows no face, and the search costs more than all else.
-            hopeless = self._away and self._given
-            scale = max(1.0, min(picture.shape[:2]) / SHORT_SIDE)
-            faces = [] if hopeless else self._detect(picture, scale, SMALLEST)
+            faces = self._faces(picture)
             self._faced = bool(faces)
             return self._confirmed_twice(faces[0] if faces else self._by_skin(picture))
         width = self.face or SMALLEST
@@ -162,6 +165,22 @@ class HeadTracker:
         boxes = self._detect(region.cut(picture), scale, max(int(0.7 * width / scale), SMALLEST))
         fitting = [(x + region.x0, y + region.y0, w, h) for x, y, w, h in boxes if w < 1.6 * width]
         return min(fitting, key=lambda box: float(np.linalg.norm(middle(box) - near)), default=None)
+
+    def _faces(self, picture: Picture) -> list[Box]:
+        """Faces about the candidate, or in the whole picture when that is due, largest first."""
+        if self._away and self._given:
+            return []  # a person of known skin colour seen from behind shows no face
+        scale = max(1.0, min(picture.shape[:2]) / SHORT_SIDE)
+        later_s = SEARCH_LATER * (self._headless_s - SEARCH_FIRST_S)
+        if self._since_whole_s >= min(max(SEARCH_EVERY_S, later_s), SEARCH_LAST_S) - 1e-6:
+            self._since_whole_s = 0.0
+            return self._detect(picture, scale, SMALLEST)
+        if self._candidate is not None:
+            width = self._candidate[2]
+            region = PixelRect.around(middle(self._candidate), (1.2 * width, 1.2 * width), picture.shape)
+            boxes = self._detect(region.cut(picture), scale, max(int(0.7 * width / scale), SMALLEST))
+            return [(x + region.x0, y + region.y0, w, h) for x, y, w, h in boxes]
+        return []
 
     def _detect(self, picture: Picture, scale: float, smallest: int) -> list[Box]:
         """Faces in px of `picture`, searched in the picture reduced by `scale`."""

@@ -16,7 +16,7 @@ from observer.rendering.body import stature
 from observer.rendering.scenery import Scenery
 from observer.rendering.virtual_camera import PERFECT, VirtualCamera, aimed_matrix
 from observer.tracking.camshift import CamshiftTracker
-from observer.tracking.head import MOST_PATCHES, topmost_skin
+from observer.tracking.head import MOST_PATCHES, HeadTracker, topmost_skin
 from observer.tracking.skin import SkinHistogram
 from observer.tracks import BODY_PARTS, Frame
 
@@ -122,3 +122,30 @@ def test_with_a_saved_histogram_left_and_right_are_tracked_from_front_and_behind
     distance = np.linalg.norm(centres[:, :2] - performer.truth(view)[:, :2], axis=2)
     assert (np.isfinite(distance[20:]).mean(axis=0) > 0.5).all()
     assert np.nanmax(distance) < HEAD_PX / 2
+
+
+class CountingFinder:
+    """Finds a face in the n-th search of a whole picture and from then on; counts these searches."""
+
+    def __init__(self, appears_at):
+        self.whole, self._appears_at = 0, appears_at
+
+    def find(self, picture, smallest):
+        if picture.shape[:2] == (480, 640):
+            self.whole += 1
+            return [(300, 200, 40, 40)] if self.whole >= self._appears_at else []
+        return [(picture.shape[1] // 2 - 20, picture.shape[0] // 2 - 20, 40, 40)]
+
+
+def test_a_face_that_is_nowhere_is_searched_ever_less_often_and_found_when_it_comes():
+    picture, finder = np.zeros((480, 640, 3), np.uint8), CountingFinder(appears_at=40)
+    head, seconds, counts = HeadTracker(finder, None), 1 / 30, {}
+    for n in range(40 * 30):
+        box = head.search(picture, None, seconds)
+        counts[n // 30] = finder.whole
+        if box is not None:
+            break
+    assert counts[1] >= 15, "a face that was just lost is searched often"
+    assert counts[20] - counts[10] == 10
+    assert finder.whole == 40, "a second look at the place of the face is enough"
+    assert box == pytest.approx((300, 200, 40, 40), abs=1)
