@@ -12,7 +12,7 @@ from common.message_types import Count, Identifier, Probability
 from common.messages import LABELS_LIMIT, Message, MessagePart
 
 TEXT_LIMIT = 300
-TeachCommand = Literal["status", "start", "begin", "end", "drop", "learn", "adopt"]
+TeachCommand = Literal["status", "start", "begin", "end", "drop", "learn", "adopt", "leave"]
 TeachState = Literal["idle", "recording", "learning", "learned"]
 TakeState = Literal["waiting", "moving", "kept", "failed"]
 Text = Annotated[str, Field(max_length=TEXT_LIMIT)]
@@ -24,7 +24,7 @@ class TeachRequest(Message):
     teacher: random per teacher, so that two do not teach at once. labels: for `start` and `learn` all movements of the
     new vocabulary, in its order. add: for `start`, keep the takes of earlier movements. label, take, person: for
     `begin` and `drop` the movement ("": something else), the number of the performance, and who performs. in_s: for
-    `adopt`, after so many seconds, so that all observers change together.
+    `adopt`, after so many seconds, so that all observers change together. `leave` lets another teacher begin at once.
     """
 
     command: TeachCommand

@@ -91,11 +91,15 @@ class Lesson:
 
     def run(self) -> None:
         """The whole lesson; raises LabanmeshError, one line, if it cannot go on. Takes that were made are kept."""
-        replies = self._begin()
-        for label in self.plan.labels:
-            self._takes_of(label, takes_done(label, replies))
-        self._something_else()
-        self._adopt(self._learn())
+        taught = list(self.observers)
+        try:
+            replies = self._begin()
+            for label in self.plan.labels:
+                self._takes_of(label, takes_done(label, replies))
+            self._something_else()
+            self._adopt(self._learn())
+        finally:
+            self.ask(TeachRequest(command="leave", teacher=self.plan.teacher), taught)
 
     def _request(self, command: TeachCommand, **fields: object) -> Mapping[str, TeachReply]:
         request = TeachRequest(command=command, teacher=self.plan.teacher, **fields)  # type: ignore[arg-type]

@@ -6,8 +6,8 @@
 3. Something else is written in pieces of PIECE_S, so that little of it is lost when the process is killed.
 4. Learning takes place elsewhere (`Learner`). The new model is in force from `adopt` on, when all observers of the
    scene have learned theirs.
-5. One teacher at a time: another is refused until the first has been silent for TEACHER_S. Anybody who may ask may ask
-   for the status.
+5. One teacher at a time: another is refused until the first has left, or has been silent for TEACHER_S; what it was
+   recording ends then. Anybody who may ask may ask for the status.
 
 Times are seconds of a monotonic clock, and the times of frames in ns.
 """
@@ -33,7 +33,7 @@ from observer.recording.own_tracks import TracksRecorder, trimmed
 from observer.teaching.take_watch import StillnessStream, TakeWatch
 from observer.tracks import Tracks
 
-TEACHER_S = 30.0
+TEACHER_S = 10.0
 PIECE_S = 20.0
 SHORTEST_S = 0.4
 """No movement that a person means is shorter."""
@@ -111,8 +111,10 @@ class Teaching:
     def step(self, at_ns: int, tracks: Tracks, complaint: str, now_s: float) -> None:
         """Take in one frame, which the recorder has."""
         self._stepped_s, self._complaint = now_s, complaint
-        if now_s - self._asked_s > TEACHER_S and self._current is None:
-            return  # nobody teaches, and stillness costs time
+        if now_s - self._asked_s > TEACHER_S:
+            # Nobody teaches, and stillness costs time.
+            self._abandon()
+            return
         self._stream.update(at_ns, tracks)
         current = self._current
         if current is None:
@@ -146,7 +148,7 @@ class Teaching:
     def _refusal(self, request: TeachRequest, now_s: float) -> str:
         others = request.teacher != self._teacher and now_s - self._asked_s < TEACHER_S
         if others and request.command != "status":
-            return "another `labanmesh teach` is at work with this observer; end it, or wait half a minute"
+            return f"another `labanmesh teach` is at work with this observer; end it, or wait {TEACHER_S:g} s"
         if request.command == "start" and self._pinned is not None:
             named = ", ".join(self._pinned)
             return f"the scene file names its vocabulary ({named}); remove that line, the models bring theirs"
@@ -173,8 +175,11 @@ class Teaching:
             case "adopt":
                 if self._learner.learned is None:
                     return "no new model has been learned"
-                self._takes.finish()
                 self._learner.adopt(request.in_s)
+                self._takes.finish()
+            case "leave" if request.teacher == self._teacher:
+                self._abandon()
+                self._asked_s = float("-inf")
         return ""
 
     def _begin(self, request: TeachRequest, now_s: float) -> str:
@@ -188,6 +193,13 @@ class Teaching:
         self._current = _Recording(request.label, request.take, request.person or "someone", watch, newest_ns)
         self._last = None
         return ""
+
+    def _abandon(self) -> None:
+        """The teacher has gone: what it was recording of something else is kept, a take is not."""
+        current = self._current
+        self._current = None
+        if current is not None and current.watch is None and self._recorder.newest_ns is not None:
+            self._write_piece(current, self._recorder.newest_ns)
 
     def _end(self, current: _Recording) -> None:
         if current.watch is None:
