@@ -18,12 +18,14 @@ from hub.teaching.wording import (
     without_takes,
 )
 
-LOOK_S, SETTLE_S = 0.2, 1.0
+LOOK_S = 0.2
 TAKE_LIMIT_S = 25.0
 """An observer ends a take by itself; one without pictures does not."""
 FAILURES_LIMIT = 3
 """After so many takes in a row that nobody kept, the lesson ends: somebody must look after it."""
 LEARN_LIMIT_S = 900.0
+RETURN_S = 20.0
+"""So long the lesson waits for some observer if all are away."""
 ADOPT_IN_S = 0.7
 FOLLOW_S = 10.0
 REPEAT, DROP = "r", "d"
@@ -87,11 +89,12 @@ class Lesson:
     ask: Callable[[TeachRequest, Collection[str]], Answers]
     observers: list[str]
     labels: list[str] = field(default_factory=list)
+    taught: list[str] = field(default_factory=list)
     faults: dict[str, str] = field(default_factory=dict)
 
     def run(self) -> None:
         """The whole lesson; raises LabanmeshError, one line, if it cannot go on. Takes that were made are kept."""
-        taught = list(self.observers)
+        asked = list(self.observers)
         try:
             replies = self._begin()
             for label in self.plan.labels:
@@ -99,7 +102,7 @@ class Lesson:
             self._something_else()
             self._adopt(self._learn())
         finally:
-            self.ask(TeachRequest(command="leave", teacher=self.plan.teacher), taught)
+            self.ask(TeachRequest(command="leave", teacher=self.plan.teacher), asked)
 
     def _request(self, command: TeachCommand, **fields: object) -> Mapping[str, TeachReply]:
         request = TeachRequest(command=command, teacher=self.plan.teacher, **fields)  # type: ignore[arg-type]
@@ -113,21 +116,40 @@ class Lesson:
         self.faults = answers.faults
         self.observers = [name for name in self.observers if name not in answers.silent]
         if not self.observers:
-            raise LabanmeshError("no observer answers any more; what was recorded is kept: the same command goes on")
+            self._wait_for_return()
+            return self._request(command, **fields)
         return answers.replies
 
+    def _wait_for_return(self) -> None:
+        """No observer answers: one that is started again, as `labanmesh up` does, goes on."""
+        begun_s = self.room.now_s()
+        while self.taught and self.room.now_s() - begun_s < RETURN_S:
+            self.room.pause(1.0)
+            self._take_back()
+            if self.observers:
+                return
+        raise LabanmeshError("no observer answers any more; what was recorded is kept: the same command goes on")
+
+    def _take_back(self) -> None:
+        """Observers that were away, and answer again, go on with the others."""
+        away = [name for name in self.taught if name not in self.observers]
+        if away:
+            again = TeachRequest(command="start", teacher=self.plan.teacher, labels=self.labels, add=self.plan.add)
+            for name, reply in self.ask(again, away).replies.items():
+                if not reply.fault:
+                    self.room.say(f"{name}: is back")
+                    self.observers.append(name)
+
     def _begin(self) -> Mapping[str, TeachReply]:
-        self._request("status")
-        # From the first request on an observer looks whether somebody is there and stands still.
-        self.room.pause(SETTLE_S)
         first = self._request("status")
         for name, reply in first.items():
             self.room.say(presence_line(name, reply))
         self.labels = vocabulary_of(self.plan.labels, first, add=self.plan.add)
         started = self._request("start", labels=self.labels, add=self.plan.add)
-        self.observers = [name for name in self.observers if not started[name].fault]
+        self.observers = [name for name, reply in started.items() if not reply.fault]
         if not self.observers:
             raise LabanmeshError("no observer can be taught now; the lines above say why")
+        self.taught = list(self.observers)
         return {name: started[name] for name in self.observers}
 
     def _takes_of(self, label: str, done: set[int]) -> None:
@@ -159,6 +181,7 @@ class Lesson:
         return 1.5 if self.plan.countdown else 0.0
 
     def _take(self, label: str, number: int, title: str) -> Mapping[str, TeachReply]:
+        self._take_back()
         for left in range(self.plan.countdown, 0, -1):
             self.room.show(f"{title}: {left}")
             self.room.pause(1.0)
@@ -199,6 +222,7 @@ class Lesson:
 
     def _learn(self) -> dict[str, LearnedReport]:
         """What each observer has learned; one that cannot is left out."""
+        self._take_back()
         replies = self._request("status")
         missing = without_takes(self.labels, replies)
         for name, labels in missing.items():

@@ -77,10 +77,8 @@ class StillnessStream:
     def __init__(self, body_parts: Sequence[str], rate_hz: float) -> None:
         self._stillness, self._resampler = Stillness(body_parts, rate_hz), Resampler(rate_hz)
         self.probability = 0.5
-        self.visible = False
 
     def update(self, at_ns: int, tracks: Tracks) -> None:
         """Take in one frame."""
-        self.visible = bool(tracks.visible.any())
         for instant in self._resampler.update(at_ns, tracks):
             self.probability = self._stillness.update(instant)

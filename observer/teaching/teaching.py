@@ -106,11 +106,11 @@ class Teaching:
         self._teacher, self._asked_s, self._stepped_s = "", float("-inf"), float("-inf")
         self._current: _Recording | None = None
         self._last: TakeReport | None = None
-        self._complaint = ""
+        self._complaint, self._visible = "", False
 
     def step(self, at_ns: int, tracks: Tracks, complaint: str, now_s: float) -> None:
         """Take in one frame, which the recorder has."""
-        self._stepped_s, self._complaint = now_s, complaint
+        self._stepped_s, self._complaint, self._visible = now_s, complaint, bool(tracks.visible.any())
         if now_s - self._asked_s > TEACHER_S:
             # Nobody teaches, and stillness costs time.
             self._abandon()
@@ -123,7 +123,7 @@ class Teaching:
             if at_ns - current.piece_ns >= PIECE_S * SECOND_NS:
                 self._write_piece(current, at_ns)
             return
-        current.watch.update(at_ns, self._stream.probability, self._stream.visible)
+        current.watch.update(at_ns, self._stream.probability, self._visible)
         if current.watch.phase == "done":
             self._finish(current)
 
@@ -256,8 +256,8 @@ class Teaching:
             state=self._state,
             fault=fault or (self._learner.fault if not self._learner.busy else ""),
             pictures=sees,
-            visible=sees and self._stream.visible,
-            still=self._stream.probability if sees and self._stream.visible else None,
+            visible=sees and self._visible,
+            still=self._stream.probability if sees and self._visible else None,
             complaint=complaint[:TEXT_LIMIT],
             take=self._report(),
             takes=self._takes.takes,

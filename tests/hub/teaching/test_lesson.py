@@ -11,10 +11,10 @@ from hub.teaching.wording import result_lines
 class Observer:
     """Keeps every take, except those in `faults`; `dies` at a take."""
 
-    def __init__(self, faults=(), dies=None, results=None, labels=("old", "older"), can_learn=True):
+    def __init__(self, faults=(), dies=None, results=None, labels=("old", "older"), can_learn=True, returns=False):
         self.faults, self.dies, self.results, self.labels = dict(faults), dies, results or {}, list(labels)
         self.takes, self.other_s, self.alive, self.learned, self.last = {}, 0.0, True, None, None
-        self.is_recording, self.can_learn = False, can_learn
+        self.is_recording, self.can_learn, self.returns = False, can_learn, returns
 
     def answer(self, request):
         fault = ""
@@ -22,7 +22,7 @@ class Observer:
             case "begin" if request.label:
                 key = request.label, request.take
                 if key == self.dies:
-                    self.alive = False
+                    self.alive, self.dies = self.returns, None
                     return None
                 state = "failed" if key in self.faults else "kept"
                 self.last = TakeReport(
@@ -132,6 +132,17 @@ def test_an_observer_that_dies_costs_only_itself():
     assert "shelf: no answer any more; the others go on" in room.lines and sofa.labels == ["wave", "clap"]
     with pytest.raises(LabanmeshError, match="no observer answers any more; what was recorded is kept"):
         teach({"shelf": Observer(dies=("wave", 2))})
+
+
+def test_an_observer_that_comes_back_goes_on():
+    sofa, shelf = Observer(), Observer(dies=("wave", 1), returns=True)
+    room = teach({"sofa": sofa, "shelf": shelf})
+    assert "shelf: is back" in room.lines and shelf.takes == {"wave": [2], "clap": [1, 2]}
+    assert room.lines[-1].startswith("2 observers")
+    # The only one, as under a supervisor: the take is asked again.
+    only = Observer(dies=("wave", 2), returns=True)
+    room = teach({"only": only})
+    assert "only: is back" in room.lines and only.takes["wave"] == [1, 2] and only.labels == ["wave", "clap"]
 
 
 def test_all_learn_before_any_changes_and_a_minority_does_not_take_the_others_along():

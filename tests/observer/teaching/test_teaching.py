@@ -160,7 +160,7 @@ def test_one_teacher_at_a_time(room):
     room.ask("start", labels=["wave", "clap"])
     assert "another `labanmesh teach`" in room.ask("begin", teacher="ben", label="wave", take=1).fault
     assert room.ask("status", teacher="ben").fault == ""
-    room.now_s += 11
+    room.pass_s(11.0)
     assert room.ask("start", teacher="ben", labels=["nod", "bow"]).fault == ""
     assert room.ask("begin", teacher="ben", take=1).state == "recording"
     room.pass_s(5.0)

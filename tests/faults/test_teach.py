@@ -1,0 +1,146 @@
+"""`labanmesh teach` on two hosts, secured: four observers learn and change together, and one is killed meanwhile."""
+
+import subprocess
+import time
+
+import numpy as np
+import pytest
+from fault_hosts import RIGHT
+from fault_processes import Process, labanmesh
+
+from common import SECOND_NS
+from common.capture_file import CaptureFile
+from common.messages import JudgementMessage, PosteriorMessage, VerdictMessage, VocabularyMessage
+from common.wire import check_vocabulary, decode
+from observer.motion.archive import MotionArchive, Recording, TracksCamera
+from observer.motion.archive_file import write_archive
+from observer.tracks import BODY_PARTS
+
+CAMERAS = ("sofa", "shelf", "door", "window")
+FAR = ("sofa", "shelf")
+RATE_HZ = 15
+REST = np.array([[280.0, 300.0], [360.0, 300.0], [320.0, 100.0]])
+SCENE = """scene = "home"
+[mesh]
+mode = "router"
+endpoint = "tls/{address}:7447"
+"""
+
+
+def waving():
+    lifted = ((t, min(1, 4 * t, 4 - 4 * t)) for t in steps(2))
+    return [np.add(REST, [[0, 0], [30 + 60 * np.sin(4 * np.pi * t), -220 * up], [0, 0]]) for t, up in lifted]
+
+
+def pointing():
+    return [np.add(REST, [[-200 * up, -120 * up], [0, 0], [0, 0]]) for up in np.sin(np.pi * steps(1.6))]
+
+
+def steps(seconds):
+    return np.linspace(0, 1, round(seconds * RATE_HZ))
+
+
+def film(path, seed, scale):
+    """Somebody who, for ever, rests, waves three times, and points three times: one camera's tracks."""
+    frames = []
+    for movement in 3 * [waving] + 3 * [pointing]:
+        frames += [REST] * (3 * RATE_HZ) + movement() + [REST] * (2 * RATE_HZ)
+    noise = np.random.default_rng(seed).normal(0, 1.5, (len(frames), 3, 2))
+    tracks = (scale * np.array(frames) + noise).astype(np.float32)
+    recording = Recording(tracks, RATE_HZ, "", "anna", "0")
+    write_archive(path, MotionArchive(BODY_PARTS, (recording,), camera=TracksCamera("film")))
+
+
+@pytest.fixture
+def home(tmp_path, hosts):
+    """A scene file, films, certificates, and the processes by name; all are killed at the end."""
+    text = SCENE.format(address=RIGHT)
+    for n, camera in enumerate(CAMERAS):
+        film(tmp_path / f"{camera}.npz", n, 1 + n / 2)
+        text += f'[observers.{camera}]\nsource = "{camera}.npz"\nview = "camera"\nloop = true\n'
+    file = tmp_path / "home.toml"
+    file.write_text(text)
+    run("secure", "init", file)
+    run("secure", "add", file, "router", "--host", RIGHT)
+    for name in (*CAMERAS, "fusion", "hub"):
+        run("secure", "add", file, name)
+    run("secure", "add", file, "phone", "--hub", "--teach")
+
+    def process(certificate, *words):
+        inside = hosts.left.inside if certificate in (*FAR, "phone") else hosts.right.inside
+        credentials = {"LABANMESH_MESH_CREDENTIALS": str(tmp_path / f"secure/{certificate}.1")}
+        return Process(labanmesh(*words), inside, credentials)
+
+    quick = ("--takes", "3", "--background-minutes", "0.1", "--countdown", "0")
+    processes = {
+        "router": process("router", "router", "--scene", file),
+        "fusion": process("fusion", "fuse", file),
+        **{camera: process(camera, "observe", file, camera) for camera in CAMERAS},
+        "capture": process("hub", "capture", file, "-o", tmp_path / "day.mcap"),
+        "hub": process("hub", "teach", file, "wave", "point"),
+        "teach": process("phone", "teach", file, "wave", "point", *quick),
+        "again": process("phone", "teach", file, "nod", "bow", *quick),
+    }
+    yield processes, tmp_path
+    for each in processes.values():
+        each.kill()
+
+
+def until(condition):
+    """The capture is written ten times a second."""
+    end_s = time.monotonic() + 10
+    while not condition():
+        assert time.monotonic() < end_s
+        time.sleep(0.2)
+
+
+def run(*words):
+    done = subprocess.run(labanmesh(*words), capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
+def test_four_observers_on_two_hosts_are_taught_and_change_within_a_second(home, long_form):
+    if not long_form:
+        pytest.skip("the long form: make faults")
+    processes, folder = home
+    processes["router"].start()
+    processes["router"].wait_for("listening")
+    for name in (*CAMERAS, "fusion", "capture"):
+        processes[name].start()
+    for camera in CAMERAS:
+        processes[camera].wait_for("no model yet")
+    processes["hub"].start().wait_for("lacks the right to teach")
+    teach = processes["teach"].start()
+    teach.wait_for("wave 2 of 3: kept", timeout_s=60)
+    processes["sofa"].kill()
+    processes["sofa"].start()
+    teach.wait_for("4 observers and the fusion service recognise wave, point", timeout_s=120)
+    print(teach.log)
+    again = processes["again"].start()
+    again.wait_for("4 observers and the fusion service recognise nod, bow", timeout_s=90)
+    print(again.log)
+    until(lambda: len(took := changes(folder / "day.mcap")) == 1 and took)
+    took_s = changes(folder / "day.mcap")
+    print("seconds from the first posterior in a new vocabulary to the first judgement in it:", took_s)
+    assert len(took_s) == 1 and max(took_s) < 1.0
+
+
+def changes(path):
+    """Seconds that each change took. Each judgement and verdict is in one vocabulary; a movement ends in its own."""
+    known, newest, begun, took_s, ids = {}, None, {}, [], {}
+    for record in CaptureFile(path).records():
+        kind = record.key.rpartition("/")[2]
+        if kind == "vocabulary":
+            message = decode(VocabularyMessage, record.payload)
+            known[message.hash] = message.vocabulary
+        elif kind == "posterior":
+            begun.setdefault(decode(PosteriorMessage, record.payload).vocabulary.hash, record.arrived_ns)
+        elif kind in ("judgement", "verdict") and record.kind == "put":
+            message = decode(JudgementMessage if kind == "judgement" else VerdictMessage, record.payload)
+            check_vocabulary(message, known[message.vocabulary.hash])
+            if kind == "verdict":
+                assert ids.setdefault(message.id, message.vocabulary.hash) == message.vocabulary.hash
+            if newest not in (None, message.vocabulary.hash):
+                took_s.append((record.arrived_ns - begun[message.vocabulary.hash]) / SECOND_NS)
+            newest = message.vocabulary.hash
+    return took_s
