@@ -127,13 +127,11 @@ def test_four_observers_on_two_hosts_are_taught_and_change_within_a_second(home,
 
 def changes(path):
     """Seconds that each change took. Each judgement and verdict is in one vocabulary; a movement ends in its own."""
-    known, newest, begun, took_s, ids = {}, None, {}, [], {}
-    for record in CaptureFile(path).records():
-        kind = record.key.rpartition("/")[2]
-        if kind == "vocabulary":
-            message = decode(VocabularyMessage, record.payload)
-            known[message.hash] = message.vocabulary
-        elif kind == "posterior":
+    records = [(record.key.rpartition("/")[2], record) for record in CaptureFile(path).records()]
+    named = [decode(VocabularyMessage, record.payload) for kind, record in records if kind == "vocabulary"]
+    known, newest, begun, took_s, ids = {each.hash: each.vocabulary for each in named}, None, {}, [], {}
+    for kind, record in records:
+        if kind == "posterior":
             begun.setdefault(decode(PosteriorMessage, record.payload).vocabulary.hash, record.arrived_ns)
         elif kind in ("judgement", "verdict") and record.kind == "put":
             message = decode(JudgementMessage if kind == "judgement" else VerdictMessage, record.payload)
