@@ -47,15 +47,39 @@ class Frame:
 
 
 @dataclass(frozen=True, slots=True)
+class Outline:
+    """An upright rectangle around a person, px of the picture."""
+
+    left: float
+    top: float
+    right: float
+    bottom: float
+
+
+@dataclass(frozen=True, slots=True)
+class SeenPeople:
+    """followed: the person whose tracks these are, None while nobody is followed. others: everybody else in sight."""
+
+    followed: Outline | None = None
+    others: tuple[Outline, ...] = ()
+
+    @property
+    def count(self) -> int:
+        """How many people are seen."""
+        return len(self.others) + (self.followed is not None)
+
+
+@dataclass(frozen=True, slots=True)
 class Tracks:
     """centres: (P, 2) image coordinates, u to the right, v DOWN, any unit; a row of NaN is a part not seen.
 
     guesses: (P, 2) estimates for parts that the tracker does not see (merged, hidden, doubtful), NaN where it has none.
-    A guess is shown to people and is never evidence.
+    A guess is shown to people and is never evidence. people: who is in the picture, from trackers that tell.
     """
 
     centres: Floats
     guesses: Floats | None = None
+    people: SeenPeople | None = None
 
     @property
     def visible(self) -> NDArray[np.bool_]:

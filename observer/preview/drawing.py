@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from observer.preview.sight import Picture, PreviewFrame
-from observer.tracks import Floats, State
+from observer.tracks import Floats, SeenPeople, State
 
 SIZE = (1280, 720)
 """Width and height of every painted picture, px; a video needs a constant size."""
@@ -158,10 +158,14 @@ RADIUS = 14
 DASHES = 8
 """Number of dashes of an unsure part's ring."""
 BLACK: Colour = (0, 0, 0)
+FOLLOWED, OTHER = COLOURS[State.SEEN], (190, 190, 190)
+"""Colours of the frames around the followed person and around others."""
 
 
 def draw_marks(canvas: Picture, placement: Placement, shown: PreviewFrame) -> None:
-    """Draw the trails, then a mark with its name for each part that is seen or guessed."""
+    """Draw frames around people, the trails, and a mark with its name for each part that is seen or guessed."""
+    if shown.tracks.people is not None:
+        _draw_people(canvas, placement, shown.tracks.people)
     _draw_trails(canvas, placement.px(shown.trail))
     centres, states = placement.px(shown.tracks.centres), shown.tracks.states
     guesses = None if shown.tracks.guesses is None else placement.px(shown.tracks.guesses)
@@ -192,6 +196,19 @@ def draw_mark(canvas: Picture, at: tuple[int, int], state: State, radius: int = 
             for rise in (-half, half):
                 ends = (at[0] - half, at[1] - rise), (at[0] + half, at[1] + rise)
                 cv2.line(canvas, *ends, inked, width, cv2.LINE_AA)
+
+
+def _draw_people(canvas: Picture, placement: Placement, people: SeenPeople) -> None:
+    """Draw a thick frame around the followed person, named, and a thin one around each of the others."""
+    for outline in (*people.others, *([] if people.followed is None else [people.followed])):
+        corners = placement.px(np.array([[outline.left, outline.top], [outline.right, outline.bottom]]))
+        begin, end = (tuple(int(value) for value in np.clip(np.round(corner), -9999, 9999)) for corner in corners)
+        followed = outline is people.followed
+        for inked, width in ((BLACK, 5), (FOLLOWED, 2)) if followed else ((BLACK, 3), (OTHER, 1)):
+            cv2.rectangle(canvas, begin, end, inked, width)
+        if followed and people.others:
+            at = (max(begin[0] + 6, 6), max(begin[1] + 20, 20))
+            write(canvas, "followed", at, FOLLOWED, SMALL, outlined=True)
 
 
 def _draw_trails(canvas: Picture, trail: Floats) -> None:

@@ -21,7 +21,7 @@ from observer.preview.sight import Picture, PreviewFrame, PreviewHistory
 from observer.preview.track_doubts import Box, Doubt, doubts, explain
 from observer.tracking.back_projection import SKIN
 from observer.tracking.head import FaceFinder, have_cascade
-from observer.tracks import Frame, FrameSource, State, Tracker, Tracks
+from observer.tracks import Frame, FrameSource, SeenPeople, State, Tracker, Tracks
 
 DARK, BRIGHT = 45.0, 215.0
 """Mean grey levels (0 to 255) below and above which colours are lost."""
@@ -46,7 +46,8 @@ class LookReport:
     number of pictures with a face among the `faces_searched`, and face_px the width of the last. skin: share of the
     newest picture in the skin's colour, None for a tracker without one. seen_share: by part, the share of pictures in
     which it was seen. states: in the newest picture. reason: why this tracker, "" if it was named; lacks: why not a
-    better one. doubts: signs that the tracks are wrong.
+    better one. doubts: signs that the tracks are wrong. people: in the newest
+    picture, from trackers that tell.
     """
 
     source: str
@@ -66,6 +67,7 @@ class LookReport:
     reason: str = ""
     lacks: str = ""
     doubts: Sequence[Doubt] = ()
+    people: SeenPeople | None = None
 
 
 def report_lines(report: LookReport) -> Iterator[str]:
@@ -81,10 +83,20 @@ def report_lines(report: LookReport) -> Iterator[str]:
         yield f"  {'face':<12}in {report.faces} of {plural(report.faces_searched, 'picture')}{wide}"
     if report.skin is not None:
         yield f"  {'skin':<12}its colour in {100 * report.skin:.1f} % of the picture"
+    if report.people is not None:
+        yield f"  {'people':<12}{_people(report.people)}"
     column = max([12, *(len(part) + 1 for part in report.states)])
     for part, state in report.states.items():
         share = f"seen in {100 * report.seen_share[part]:.0f} % of the pictures"
         yield f"  {part.replace('_', ' '):<{column}}{state.value:<8} {share}"
+
+
+def _people(people: SeenPeople) -> str:
+    if people.followed is None:
+        return f"{people.count} seen, nobody followed"
+    at = people.followed
+    place = f"{(at.left + at.right) / 2:.0f}, {(at.top + at.bottom) / 2:.0f} px"
+    return f"{people.count} seen; followed: the one at {place}, {at.bottom - at.top:.0f} px tall"
 
 
 def advice(report: LookReport) -> Iterator[str]:
@@ -202,6 +214,7 @@ def _report(
         seen_share=dict(zip(parts, seen_share.tolist(), strict=True)),
         states=dict(zip(parts, shown.tracks.states, strict=True)),
         complaint=shown.complaint,
+        people=shown.tracks.people,
         doubts=doubts(centres, parts, [each.at_ns for each in tracked], faces.boxes),
     )
 

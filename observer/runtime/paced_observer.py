@@ -3,7 +3,7 @@
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import cv2
@@ -84,7 +84,7 @@ class HeldTracker:
         runs = np.array(self._runs)
         seen = np.isfinite(runs)
         means = np.where(seen, runs, 0.0).sum(axis=0) / np.maximum(seen.sum(axis=0), 1)
-        return Tracks(np.where(np.isfinite(tracks.centres), means, np.nan), tracks.guesses)
+        return replace(tracks, centres=np.where(np.isfinite(tracks.centres), means, np.nan))
 
 
 class PacedObserver:

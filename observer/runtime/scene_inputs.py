@@ -84,7 +84,7 @@ class PreparedTracker:
         """Undistorted tracks (P, 2); those in px of the picture, to draw on it, are left in `picture_tracks`."""
         tracks = self.all_tracks = self.tracker.update(frame)
         guesses = None if tracks.guesses is None else tracks.guesses[self._rows]
-        self.picture_tracks = Tracks(tracks.centres[self._rows], guesses)
+        self.picture_tracks = Tracks(tracks.centres[self._rows], guesses, tracks.people)
         if self._lens is None:
             return self.picture_tracks
         undistorted = None if guesses is None else self._lens.undistorted(guesses)

@@ -23,13 +23,14 @@ FAINT = 0.2
 
 
 class CroppedPeople:
-    """A `PersonModel` that finds one person in a area, or several if the model has a method `everybody`:
-    (H, W, 3) RGB -> the landmarks of each person."""
+    """A `PersonModel` of a `PoseModel`. Two more methods of the model are used where it has them: `everybody` gives the
+    landmarks (33, 3) of each person in a picture; `forget(ms)` makes a model that remembers the last picture forget it.
+    """
 
     def __init__(self, model: PoseModel) -> None:
         self._model = model
         self._area: SearchArea | None = None
-        self._remembers, self._ms = False, 0
+        self._ms = 0
 
     def find(self, rgb: Rgb, area: SearchArea, ms: int) -> Sequence[Body]:
         """As `PersonModel.find`."""
@@ -63,12 +64,11 @@ class CroppedPeople:
 
     def _run(self, rgb: Rgb, area: SearchArea, ms: int) -> Floats | None:
         """The landmarks as shares of the area; the model sees times that increase."""
-        if area != self._area and self._remembers:
-            self._model.landmarks(np.zeros((64, 64, 3), np.uint8), self._later(ms))
+        forget = getattr(self._model, "forget", None)
+        if area != self._area and forget is not None:
+            forget(self._later(ms))
         self._area = area
-        landmarks = self._model.landmarks(area.cut(rgb), self._later(ms))
-        self._remembers = landmarks is not None
-        return landmarks
+        return self._model.landmarks(area.cut(rgb), self._later(ms))
 
     def _later(self, ms: int) -> int:
         self._ms = max(self._ms + 1, ms)

@@ -92,6 +92,10 @@ class TaskPose:
         people = self._detect(rgb, ms).pose_landmarks
         return _array(people[0]) if people else None
 
+    def forget(self, ms: int) -> None:
+        """The next picture is of another place: the model, which follows one person, finds nobody and begins anew."""
+        self._detect(_empty_picture(), ms)
+
     def everybody(self, rgb: NDArray[np.uint8]) -> list[Floats]:
         """The landmarks (33, 3) of each person, up to MOST_PEOPLE, without regard to earlier pictures."""
         if self._everybody is None:

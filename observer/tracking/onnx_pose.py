@@ -5,6 +5,7 @@ COCO, 2014), which take their places among the landmarks of BlazePose. Nothing i
 """
 
 import importlib
+import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
@@ -16,9 +17,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.errors import BadInput
+from observer.tracking.cropped_pose import CroppedPeople
 from observer.tracking.onnx_file import EXPECTED, Signature, read_signature
+from observer.tracking.people import FollowRule
+from observer.tracking.person_follower import PersonFollower
 from observer.tracking.pose import LANDMARKS, Hand, PoseTracker, require_hand, stderr_silenced
 from observer.tracks import BODY_PARTS, Floats
+
+log = logging.getLogger("labanmesh.observer")
 
 Array = NDArray[Any]
 Run = Callable[[Array], list[Array]]
@@ -149,13 +155,20 @@ class OnnxPose:
 
 
 class OnnxTracker(PoseTracker):
-    """`PoseTracker` with a model in an ONNX file. Raises BadInput as `OnnxPose` and `PoseTracker` do."""
+    """`PoseTracker` with a model in an ONNX file. rule: who is followed. Raises BadInput as `OnnxPose` does."""
 
-    def __init__(self, model_path: str, hand: Hand = "palm", body_parts: Sequence[str] = BODY_PARTS) -> None:
+    def __init__(
+        self,
+        model_path: str,
+        hand: Hand = "palm",
+        body_parts: Sequence[str] = BODY_PARTS,
+        rule: FollowRule | None = None,
+    ) -> None:
         require_hand(hand)
         if not model_path:
             raise BadInput('tracker = "onnx": name the model file: pose_model = "FILE.onnx"')
-        super().__init__(OnnxPose(model_path), "onnx", hand, body_parts)
+        people = CroppedPeople(OnnxPose(model_path))
+        super().__init__(PersonFollower(people, rule, log.info), "onnx", hand, body_parts)
 
 
 def as_landmarks(keypoints: Floats) -> Floats:

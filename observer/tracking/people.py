@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.errors import BadInput
-from observer.tracks import Floats
+from observer.tracks import Floats, Outline
 
 Follow = Literal["largest", "nearest", "raised_hand"]
 Rgb = NDArray[np.uint8]
@@ -27,20 +27,6 @@ ON_MARK = 0.2
 """Share of the height from which a person stands on the marked place."""
 WIDE = 0.4
 """Width of the frame that is drawn around a person, of the height; arms may leave it."""
-
-
-@dataclass(frozen=True, slots=True)
-class Box:
-    """An upright rectangle of the picture, px."""
-
-    left: float
-    top: float
-    right: float
-    bottom: float
-
-    def clipped(self, width: int, height: int) -> "Box":
-        """The part of it inside a picture of that size."""
-        return Box(max(self.left, 0.0), max(self.top, 0.0), min(self.right, width), min(self.bottom, height))
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,10 +48,10 @@ class Body:
         return 1 / ratio <= self.height / other.height <= ratio
 
     @property
-    def box(self) -> Box:
+    def outline(self) -> Outline:
         """A frame around the standing person."""
         half, wide = self.height / 2, self.height * WIDE / 2
-        return Box(self.u - wide, self.v - half, self.u + wide, self.v + half)
+        return Outline(self.u - wide, self.v - half, self.u + wide, self.v + half)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -159,19 +145,6 @@ class FollowRule:
     def __str__(self) -> str:
         near = "" if self.near is None else f" to {self.near[0]:g}, {self.near[1]:g}"
         return self.name.replace("_", " ") + near
-
-
-@dataclass(frozen=True, slots=True)
-class SeenPeople:
-    """What is shown to people: frames around the followed person, if any, and around the others that are seen, px."""
-
-    followed: Box | None = None
-    others: tuple[Box, ...] = ()
-
-    @property
-    def count(self) -> int:
-        """How many people are seen."""
-        return len(self.others) + (self.followed is not None)
 
 
 def distinct(bodies: Sequence[Body], share: float = 0.3) -> list[Body]:

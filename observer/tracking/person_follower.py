@@ -15,12 +15,11 @@ from observer.tracking.people import (
     Pose,
     Rgb,
     SearchArea,
-    SeenPeople,
     area_about,
     distinct,
 )
 from observer.tracking.search_areas import STIRRED, MotionGrid, Sweep
-from observer.tracks import Floats
+from observer.tracks import Floats, SeenPeople
 
 LONGEST_STEP_S = 0.5
 """A longer time between two pictures counts as this long."""
@@ -63,8 +62,8 @@ class PersonFollower:
     def people(self) -> SeenPeople:
         """Who is seen, for pictures that are shown."""
         others = self._waiting if self._followed is None else self._company.people
-        fresh = tuple(one.body.box for one in others if self._ms - one.ms <= 1000 * OTHER_S)
-        return SeenPeople(None if self._followed is None else self._followed.box, fresh)
+        fresh = tuple(one.body.outline for one in others if self._ms - one.ms <= 1000 * OTHER_S)
+        return SeenPeople(None if self._followed is None else self._followed.outline, fresh)
 
     @property
     def follows(self) -> bool:

@@ -4,6 +4,7 @@ import os
 import weakref
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import Literal, Protocol
 
 import cv2
@@ -12,9 +13,8 @@ from numpy.typing import NDArray
 
 from common.errors import BadInput
 from observer.camera.base import require_picture
-from observer.tracking.people import SeenPeople
 from observer.tracking.sides import SideKeeper
-from observer.tracks import BODY_PARTS, Floats, Frame, Tracks
+from observer.tracks import BODY_PARTS, Floats, Frame, SeenPeople, Tracks
 
 LANDMARKS = 33
 """Landmarks of BlazePose (Bazarevsky et al., BlazePose: on-device real-time body pose tracking, 2020, figure 3)."""
@@ -112,26 +112,22 @@ class PoseTracker:
         """What to do when nobody was found for NOBODY_S; "" when all is well."""
         return COMPLAINT.format(self._name) if self._ms - self._someone_ms > 1000 * NOBODY_S else ""
 
-    @property
-    def people(self) -> SeenPeople | None:
-        """Who is seen and who of them is followed, in px; None for a model that does not tell."""
-        return getattr(self._model, "people", None)
-
     def update(self, frame: Frame) -> Tracks:
         """Centres (P, 2) px of the followed person, NaN for a part not seen; BadInput for a wrong shape."""
         picture = require_picture(frame.content)
         self._ms = self._after(frame.at_ns)
         rgb = np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2RGB), dtype=np.uint8)
         landmarks = self._model.landmarks(rgb, self._ms)
+        people: SeenPeople | None = getattr(self._model, "people", None)
         if landmarks is None:
-            return Tracks(np.full((len(self._rows), 2), np.nan))
+            return Tracks(np.full((len(self._rows), 2), np.nan), people=people)
         self._someone_ms = self._ms
         height, width = picture.shape[:2]
         choices = getattr(self._model, "choices", 0)
         if choices != self._choices:
             self._choices, self._sides = choices, SideKeeper()
         landmarks = self._sides.update(landmarks, self._ms, width / height)
-        return read_pose(landmarks, (width, height), self._rows)
+        return replace(read_pose(landmarks, (width, height), self._rows), people=people)
 
     def close(self) -> None:
         """Release the threads of the model; no picture may follow."""

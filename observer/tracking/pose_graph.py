@@ -150,7 +150,7 @@ class _Graph:
 
 
 def _body_of(detection: Any, area: SearchArea) -> Body:  # noqa: ANN401 - mediapipe has no types
-    """Of a detection in a area; its turn is that of the line from the hips to the point on the circle above."""
+    """Of a detection in an area; its turn is that of the line from the hips to the point on the circle above."""
     hips, above = detection.location_data.relative_keypoints[:2]
     du, dv = (above.x - hips.x) * area.width, (above.y - hips.y) * area.height
     turn = math.pi / 2 - math.atan2(-dv, du)

@@ -63,11 +63,12 @@ def _mediapipe(settings: TrackerSettings) -> Tracker:
 
 def _onnx(settings: TrackerSettings) -> Tracker:
     from observer.tracking.onnx_pose import OnnxTracker
+    from observer.tracking.people import FollowRule
     from observer.tracking.pose import WHOLE_BODY
 
     section = settings.section
     path = str(settings.place(section.pose_model)) if section.pose_model else ""
-    return OnnxTracker(path, section.hand, WHOLE_BODY)
+    return OnnxTracker(path, section.hand, WHOLE_BODY, FollowRule(section.follow, section.follow_near))
 
 
 def _foreign(settings: TrackerSettings) -> Tracker:

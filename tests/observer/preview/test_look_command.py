@@ -23,7 +23,7 @@ from observer.preview.drawing import SIZE
 from observer.preview.looking import LookReport, advice, report_lines
 from observer.tracking.head import have_cascade
 from observer.tracking.skin import SkinHistogram
-from observer.tracks import BODY_PARTS, State
+from observer.tracks import BODY_PARTS, Outline, SeenPeople, State
 
 cascade = pytest.mark.skipif(not have_cascade(), reason="this OpenCV has no face cascade")
 
@@ -174,6 +174,16 @@ def test_the_report_contains_every_measurement():
     assert "1 picture read" in next(report_lines(changed(pictures=1)))
     without = "\n".join(report_lines(changed(faces_searched=0, skin=None)))
     assert "face" not in without and "skin" not in without
+
+
+def test_the_report_says_how_many_people_there_are_and_who_is_followed():
+    one, other = Outline(100, 50, 200, 400), Outline(400, 60, 460, 300)
+    for people, line in (
+        (SeenPeople(one, (other,)), "2 seen; followed: the one at 150, 225 px, 350 px tall"),
+        (SeenPeople(None, (other,)), "1 seen, nobody followed"),
+    ):
+        assert any(line in each for each in report_lines(changed(people=people)))
+    assert not any("people" in each for each in report_lines(FINE))
 
 
 @cascade

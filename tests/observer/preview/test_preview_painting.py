@@ -12,6 +12,8 @@ from observer_stage import rejected
 from observer.features import VectorSymbol
 from observer.preview.drawing import (
     COLOURS,
+    FOLLOWED,
+    OTHER,
     PLAIN,
     RADIUS,
     SIZE,
@@ -24,7 +26,7 @@ from observer.preview.drawing import (
 )
 from observer.preview.painting import ARROW, BAR, REST, STILL_DOT, WINNER, bar_ends, draw_posterior, draw_symbol, paint
 from observer.preview.sight import PreviewHistory, ShownPosterior
-from observer.tracks import BODY_PARTS, State, Tracks
+from observer.tracks import BODY_PARTS, Outline, SeenPeople, State, Tracks
 
 STANDING = np.array([[420.0, 300.0], [180.0, 300.0], [320.0, 90.0]])
 LEFT_GOES_RIGHT = np.array([[40.0, 0.0], [0.0, 0.0], [0.0, 0.0]])
@@ -63,6 +65,17 @@ def test_an_unsure_part_has_an_empty_ring_at_its_guess():
     near = around(canvas, position, box)
     assert pixels(near, COLOURS[State.UNSURE]) > 20 and not pixels(near, COLOURS[State.SEEN])
     assert tuple(box.cut(canvas)[round(position[1]), round(position[0])]) == (90, 90, 90)
+
+
+def test_a_frame_shows_who_of_several_people_is_followed():
+    one, other = Outline(100, 50, 200, 400), Outline(400, 60, 460, 300)
+    box = PaintingLayout.of(640, 480).picture
+    shown = PreviewHistory(BODY_PARTS, 5.0).add(Tracks(NOWHERE, people=SeenPeople(one, (other,))))
+    area = box.cut(paint(GREY, shown))
+    for outline, colour in ((one, FOLLOWED), (other, OTHER)):
+        middle = np.array([[(outline.left + outline.right) / 2, outline.bottom]])
+        u, v = (round(float(n)) for n in Placement.of_picture(640, box).px(middle)[0])
+        assert pixels(area[v - 3 : v + 4, u - 10 : u + 10], colour) >= 10
 
 
 def test_a_missing_part_is_only_in_the_legend():

@@ -79,7 +79,7 @@ def test_a_mediapipe_that_does_not_start_is_replaced_with_one_line(opened, monke
     (tmp_path / "film").mkdir()
     cv2.imwrite(str(tmp_path / "film/1.png"), np.zeros((48, 64, 3), np.uint8))
     monkeypatch.setattr("common.tracker_choice.mediapipe_lacks", lambda: "")
-    monkeypatch.setattr("observer.tracking.mediapipe_pose.open_pose", broken)
+    monkeypatch.setattr("observer.tracking.mediapipe_pose.open_people", broken)
     caplog.set_level("INFO")
     assert isinstance(opened(source="film").tracker.tracker, CamshiftTracker)
     (line,) = caplog.messages

@@ -65,8 +65,8 @@ class World:
         """Grey figures, so that motion is seen."""
         drawn = picture.copy()
         for n, _, body in self._there(ms):
-            box = body.box.clipped(picture.shape[1], picture.shape[0])
-            drawn[round(box.top) : round(box.bottom), round(box.left) : round(box.right)] = 100 + 50 * n
+            left, top = (max(round(edge), 0) for edge in (body.outline.left, body.outline.top))
+            drawn[top : max(round(body.outline.bottom), 0), left : max(round(body.outline.right), 0)] = 100 + 50 * n
         return drawn
 
     def pose(self, rgb, body, ms):
