@@ -138,14 +138,14 @@ class CountingFinder:
 
 
 def test_a_face_that_is_nowhere_is_searched_ever_less_often_and_found_when_it_comes():
-    picture, finder = np.zeros((480, 640, 3), np.uint8), CountingFinder(appears_at=40)
+    picture, finder = np.zeros((480, 640, 3), np.uint8), CountingFinder(appears_at=60)
     head, seconds, counts = HeadTracker(finder, None), 1 / 30, {}
-    for n in range(40 * 30):
+    for n in range(60 * 30):
         box = head.search(picture, None, seconds)
         counts[n // 30] = finder.whole
         if box is not None:
             break
     assert counts[1] >= 15, "a face that was just lost is searched often"
     assert counts[20] - counts[10] == 10
-    assert finder.whole == 40, "a second look at the place of the face is enough"
+    assert finder.whole == 60, "a second look at the place of the face is enough"
     assert box == pytest.approx((300, 200, 40, 40), abs=1)
