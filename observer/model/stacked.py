@@ -234,11 +234,13 @@ class StackedWatch(Watch):
     @property
     def _log_joint(self) -> Floats:
         """(M, K) not normalised; K = 1 without facings."""
+        movements = np.log(np.maximum(self._other.p, SMALLEST))
+        if self._phase is None:
+            # The exponents were learned for both members together; one that judges alone is believed as it is.
+            return movements[:, None] + np.log(np.maximum(self._facing, 1e-300))
         names = ENDED if self._other.judges_ended else RUNNING
         generative, discriminative = (self._model.header.parameters[name] for name in names)
-        movements = discriminative * np.log(np.maximum(self._other.p, SMALLEST))
-        if self._phase is None:
-            return movements[:, None] + np.log(np.maximum(self._facing, 1e-300))
+        movements *= discriminative
         joint, phase = self._phase.joint, self._phase.p
         movements += generative * np.log(np.maximum(phase, SMALLEST))
         if joint is None:

@@ -23,6 +23,7 @@ from observer.model.body_trace import places_and_differences
 from observer.model.cross_validation import CrossValidation
 from observer.model.discriminative import Discriminative
 from observer.model.stack_exponents import ENDED, RUNNING
+from observer.model.stacked import Stacked
 from observer.model.training_rows import (
     between_rests,
     learned_facings,
@@ -211,3 +212,20 @@ def test_learned_exponents_are_stored_and_explicit_ones_stay(facings):
     assert all(0 <= model.header.parameters[name] <= 2 for name in (*RUNNING, *ENDED))
     tried, right = (int(model.header.provenance[name]) for name in ("tried", "right"))
     assert tried == 12 * facings and right >= 0.75 * tried
+
+
+def test_where_only_the_trailing_windows_judge_the_exponents_of_both_members_do_not_count(examples):
+    exponents = dict.fromkeys((*RUNNING, *ENDED), 0.3)
+    header = Header("stacked", VOCABULARY, "door", np.eye(3, 4), RATE_HZ, BODY_PARTS, {"kernels": 336.0, **exponents})
+    own = [replace(e, features=None) for e in examples[:6]]
+    model = Stacked.learn_with_streams(header, with_features(Stacked, header, own), ())
+    both, alone = model.watch(Onset()), model.discriminative.watch(Onset())
+    # Movements that go on for longer than any example: where the next one begins is unknown.
+    tracks = [t for _ in range(4) for t in own[2].tracks]
+    differ = []
+    for frame in tracks:
+        both.update(frame)
+        alone.update(frame)
+        differ.append(np.abs(both.p - alone.p).max())
+    assert alone.segment.begun is None
+    assert differ[-1] < 1e-3 < differ[10], "while the begin is known the exponents count"
