@@ -143,7 +143,7 @@ def _with_preview(
     rate_hz = inputs.source.rate_hz
     with open_preview(target, rate_hz, keep_all=inputs.keeps_all) as preview:
         yield PreviewingObserver(
-            observer, inputs.tracker, preview, PreviewHistory(inputs.tracker.body_parts, rate_hz, observer_id)
+            observer, inputs.tracker, preview, PreviewHistory(inputs.tracker.tracker.body_parts, rate_hz, observer_id)
         )
 
 

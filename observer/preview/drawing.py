@@ -2,6 +2,7 @@
 
 import math
 import unicodedata
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Self
 
@@ -9,7 +10,7 @@ import cv2
 import numpy as np
 
 from observer.preview.sight import Picture, PreviewFrame
-from observer.tracks import Floats, SeenPeople, State
+from observer.tracks import BODY_PARTS, Floats, SeenPeople, State
 
 SIZE = (1280, 720)
 """Width and height of every painted picture, px; a video needs a constant size."""
@@ -158,23 +159,66 @@ RADIUS = 14
 DASHES = 8
 """Number of dashes of an unsure part's ring."""
 BLACK: Colour = (0, 0, 0)
+BONES = (
+    ("head", "neck"),
+    ("left_shoulder", "right_shoulder"),
+    ("left_shoulder", "left_elbow"),
+    ("left_elbow", "left_hand"),
+    ("right_shoulder", "right_elbow"),
+    ("right_elbow", "right_hand"),
+    ("left_shoulder", "left_hip"),
+    ("right_shoulder", "right_hip"),
+    ("left_hip", "right_hip"),
+    ("left_hip", "left_knee"),
+    ("left_knee", "left_foot"),
+    ("right_hip", "right_knee"),
+    ("right_knee", "right_foot"),
+)
+"""Lines of the skeleton, drawn between parts that are both seen."""
 FOLLOWED, OTHER = COLOURS[State.SEEN], (190, 190, 190)
 """Colours of the frames around the followed person and around others."""
+MAIN = (*BODY_PARTS, "left_foot", "right_foot")
+FEW = 6
+"""With more parts, only those of MAIN are named and have trails, states and Vector Symbols."""
+JOINT = 6
+"""Radius of the marks of the other parts, px."""
+
+
+def main_rows(body_parts: Sequence[str]) -> list[int]:
+    """The rows of the parts that are shown in full."""
+    rows = [row for row, part in enumerate(body_parts) if part in MAIN]
+    return rows if len(body_parts) > FEW and rows else list(range(len(body_parts)))
 
 
 def draw_marks(canvas: Picture, placement: Placement, shown: PreviewFrame) -> None:
     """Draw frames around people, the trails, and a mark with its name for each part that is seen or guessed."""
     if shown.tracks.people is not None:
         _draw_people(canvas, placement, shown.tracks.people)
-    _draw_trails(canvas, placement.px(shown.trail))
+    main = main_rows(shown.body_parts)
+    _draw_trails(canvas, placement.px(shown.trail[:, main]))
     centres, states = placement.px(shown.tracks.centres), shown.tracks.states
     guesses = None if shown.tracks.guesses is None else placement.px(shown.tracks.guesses)
+    draw_bones(canvas, centres, shown.body_parts, states, 3)
     for row, (part, state) in enumerate(zip(shown.body_parts, states, strict=True)):
         position = centres[row] if state is State.SEEN or guesses is None else guesses[row]
         at = _pixel(canvas, position)
-        if at is not None:
+        if at is not None and row in main:
             draw_mark(canvas, at, state)
             _name(canvas, at, part)
+        elif at is not None:
+            draw_mark(canvas, at, state, JOINT)
+
+
+def draw_bones(
+    canvas: Picture, centres: Floats, body_parts: Sequence[str], states: Sequence[State], width: int
+) -> None:
+    """Draw the skeleton, `width` px wide, between parts that are both seen; centres: (P, 2) px of the canvas."""
+    rows = {part: row for row, part in enumerate(body_parts)}
+    for ends in BONES:
+        if all(end in rows and states[rows[end]] is State.SEEN for end in ends):
+            begin, end = (tuple(np.clip(centres[rows[end]], -9999, 9999).round().astype(int).tolist()) for end in ends)
+            for colour, wide in ((BLACK, width + 2), (COLOURS[State.SEEN], width)):
+                cv2.line(canvas, begin, end, colour, wide, cv2.LINE_AA)
 
 
 def draw_mark(canvas: Picture, at: tuple[int, int], state: State, radius: int = RADIUS) -> None:
@@ -224,10 +268,10 @@ def _draw_trails(canvas: Picture, trail: Floats) -> None:
 
 
 def _name(canvas: Picture, at: tuple[int, int], part: str) -> None:
-    """Write the name beside the mark, on the outer side of a hand, always inside the picture."""
+    """Write the name beside the mark, on the outer side of the body, always inside the picture."""
     text = part.replace("_", " ")
     wide, gap = width_of(text, SMALL), RADIUS + 6
-    left = {"right_hand": at[0] - gap - wide, "head": at[0] - wide // 2}.get(part, at[0] + gap)
+    left = at[0] - gap - wide if part.startswith("right_") else at[0] - wide // 2 if part == "head" else at[0] + gap
     base = at[1] - gap if part == "head" else at[1] + 4
     height, width = canvas.shape[:2]
     start = (max(min(left, width - wide - 3), 3), min(max(base, 12), height - 4))

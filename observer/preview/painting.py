@@ -20,6 +20,7 @@ from observer.preview.drawing import (
     Placement,
     draw_mark,
     draw_marks,
+    main_rows,
     width_of,
     wrapped,
     write,
@@ -64,12 +65,18 @@ def draw_panel(canvas: Picture, shown: PreviewFrame) -> None:
 
 
 def _draw_legend(canvas: Picture, shown: PreviewFrame, y: int) -> int:
-    for part, state in zip(shown.body_parts, shown.tracks.states, strict=True):
+    states = shown.tracks.states
+    main = main_rows(shown.body_parts)
+    for part, state in ((shown.body_parts[row], states[row]) for row in main):
         draw_mark(canvas, (EDGE + 9, y), state, 8)
         name = part.replace("_", " ")
         write(canvas, name, (EDGE + 30, y + 5), BRIGHT, PLAIN, width_px=110)
         write(canvas, state.value, (EDGE + 146, y + 5), COLOURS[state], PLAIN)
         y += 25
+    if len(main) < len(states):
+        others = f"{states.count(State.SEEN)} of {len(states)} parts seen"
+        write(canvas, others, (EDGE + 30, y + 5), DIM, SMALL)
+        y += LINE
     return y
 
 
@@ -136,11 +143,12 @@ def draw_strip(canvas: Picture, shown: PreviewFrame) -> None:
     """Draw an arrow for each motion (up is up in the picture), a dot for stillness, a gap for a part not seen."""
     height, width = canvas.shape[:2]
     canvas[:] = STRIP_GROUND
-    row_height = (height - 16) / len(shown.body_parts)
+    main = main_rows(shown.body_parts)
+    row_height = (height - 16) / len(main)
     step = (width - NAMES - 12) / SYMBOLS
     write(canvas, "motion, newest right; dot: still, gap: not seen", (NAMES, height - 4), STILL_DOT, SMALL)
-    for row, part in enumerate(shown.body_parts):
-        middle = 4 + round((row + 0.5) * row_height)
+    for place, row in enumerate(main):
+        part, middle = shown.body_parts[row], 4 + round((place + 0.5) * row_height)
         write(canvas, part.replace("_", " "), (12, middle + 5), NAME, PLAIN, width_px=NAMES - 18)
         for back, symbol in enumerate(reversed(shown.symbols[-SYMBOLS:, row].tolist())):
             right = width - 12 - round(back * step)

@@ -152,7 +152,7 @@ class PreviewingObserver:
     def step(self, frame: Frame) -> Posterior | None:
         """Let the observer process one frame, then show it unless it was skipped or a newer one replaces it."""
         posterior = self._observer.step(frame)
-        tracks = self._tracker.picture_tracks
+        tracks = self._tracker.all_tracks
         if tracks is not None and (posterior is not None or tracks is not self._shown):
             self._shown = tracks
             picture = picture_in(frame.content)

@@ -6,26 +6,20 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from observer.preview.drawing import COLOURS, SMALL, PixelBox, Placement, draw_mark, fitting, width_of, write
+from observer.preview.drawing import (
+    COLOURS,
+    SMALL,
+    PixelBox,
+    Placement,
+    draw_bones,
+    draw_mark,
+    fitting,
+    width_of,
+    write,
+)
 from observer.preview.sight import Picture
 from observer.tracks import Floats, State, Tracks
 
-BONES = (
-    ("head", "neck"),
-    ("left_shoulder", "right_shoulder"),
-    ("left_shoulder", "left_elbow"),
-    ("left_elbow", "left_hand"),
-    ("right_shoulder", "right_elbow"),
-    ("right_elbow", "right_hand"),
-    ("left_shoulder", "left_hip"),
-    ("right_shoulder", "right_hip"),
-    ("left_hip", "right_hip"),
-    ("left_hip", "left_knee"),
-    ("left_knee", "left_foot"),
-    ("right_hip", "right_knee"),
-    ("right_knee", "right_foot"),
-)
-"""Lines of the skeleton, drawn between parts that are both seen."""
 LETTERS = {"left_hand": "L", "right_hand": "R"}
 """Beside the marks of the hands: the person's own left and right."""
 QUALITIES = (75, 60, 45, 30, 20)
@@ -90,12 +84,7 @@ def _draw_parts(canvas: Picture, placement: Placement, sighting: Sighting) -> No
     tracks, states = sighting.tracks, sighting.tracks.states
     centres = placement.px(tracks.centres)
     guesses = centres if tracks.guesses is None else placement.px(tracks.guesses)
-    rows = {part: row for row, part in enumerate(sighting.body_parts)}
-    for ends in BONES:
-        if all(end in rows and states[rows[end]] is State.SEEN for end in ends):
-            begin, end = (_pixel(centres[rows[end]]) for end in ends)
-            for colour, width in (((0, 0, 0), 4), (COLOURS[State.SEEN], 2)):
-                cv2.line(canvas, begin, end, colour, width, cv2.LINE_AA)
+    draw_bones(canvas, centres, sighting.body_parts, states, 2)
     for row, state in enumerate(states):
         place = centres[row] if state is State.SEEN else guesses[row]
         if np.isfinite(place).all():

@@ -67,7 +67,10 @@ class PreparedTracker:
         known = list(tracker.body_parts)
         missing = [part for part in wanted if part not in known]
         if missing:
-            raise BadInput(f"body part {missing[0]!r}: the model reads it, the tracker finds {', '.join(known)}")
+            raise BadInput(
+                f"body part {missing[0]!r}: the model reads it, the tracker finds {', '.join(known)}; use a tracker with a "
+                f'pose model (tracker = "mediapipe"), or learn the model with --body-parts {",".join(known)}'
+            )
         self.body_parts = tuple(wanted)
         self.tracker = tracker
         self._rows, self._lens = [known.index(part) for part in wanted], lens
@@ -133,7 +136,7 @@ def open_inputs(
         _require_shown(motion, view, key, pictures=kind.reads == "pictures")
         source = motion if kind.reads == "positions" else _virtual_camera(motion, view, section)
     elif content == "tracks":
-        source = _tracks(section.source, report)
+        source = _tracks(section.source, report, tuple(wanted))
     else:
         source = _pictures(scene, section, report, start_ns)
     if kind.reads == "pictures":
@@ -223,13 +226,14 @@ def _pictures(scene: Scene, section: ObserverConfig, report: Report, start_ns: i
     )
 
 
-def _tracks(source: str, report: Report) -> PipedTracks | MeshTracks:
+def _tracks(source: str, report: Report, wanted: tuple[str, ...]) -> PipedTracks | MeshTracks:
+    """Of the wanted parts, whatever their names: another program may follow more of the body, or other things."""
     if source == STANDARD_INPUT:
-        return PipedTracks(sys.stdin.buffer, LineTracks("standard input", report))
+        return PipedTracks(sys.stdin.buffer, LineTracks("standard input", report, body_parts=wanted))
     key = source.removeprefix(MESH_KEY)
     if not key or key.startswith("/") or key.endswith("/") or "//" in key or any(c in key for c in "*$?# "):
         raise BadInput(f"source = {source!r}: zenoh:KEY is expected, e.g. zenoh:tracks/cam1, without wildcards")
-    return MeshTracks(key, LineTracks(source, report))
+    return MeshTracks(key, LineTracks(source, report, body_parts=wanted))
 
 
 def _select(archive: MotionArchive, which: int | Literal["all"], key: str, path: Path) -> Sequence[Recording]:

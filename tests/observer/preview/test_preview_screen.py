@@ -238,14 +238,14 @@ class FakeObserver:
     """An observer and its tracker in one."""
 
     vocabulary, complaint = Vocabulary(("ok", "shake")), "too dark"
-    body_parts, picture_tracks = BODY_PARTS, None
+    body_parts, all_tracks = BODY_PARTS, None
 
     @property
     def tracker(self):
         return self
 
     def step(self, frame):
-        self.picture_tracks = Tracks(STANDING)
+        self.all_tracks = Tracks(STANDING)
         return Posterior(np.array([0.7, 0.3]), 0.1, 1, {})
 
 
