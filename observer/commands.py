@@ -57,7 +57,8 @@ def observe(
     config, health = read_scene(scene), HealthReporter()
     model = None if is_untaught(config, observer) else read_model(config.place(config.observer(observer).model))
     wanted = BODY_PARTS if model is None else model.header.body_parts
-    inputs = open_inputs(config, observer, wanted, health.record_camera)
+    fewer_parts = model is not None and model.FEWER_PARTS
+    inputs = open_inputs(config, observer, wanted, health.record_camera, fewer_parts=fewer_parts)
     build = partial(_pipeline, config, observer, inputs)
     with ExitStack() as stack:
         stop = stack.enter_context(stop_on_signals())

@@ -15,6 +15,13 @@ Floats = NDArray[np.float64]
 
 BODY_PARTS = ("left_hand", "right_hand", "head")
 """The paper's three: lh, rh and face (section V.A), in the order of every per-part array."""
+WHOLE_BODY = (
+    *BODY_PARTS,
+    *(f"{side}_{part}" for part in ("elbow", "shoulder") for side in ("left", "right")),
+    *("neck", "pelvis"),
+    *(f"{side}_{part}" for part in ("hip", "knee", "foot") for side in ("left", "right")),
+)
+"""All parts that pose models find, named and ordered as in the archives of depth cameras."""
 
 
 class State(StrEnum):

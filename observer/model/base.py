@@ -174,6 +174,8 @@ class MovementModel(Protocol):
     kind: ClassVar[str]
     PARAMETERS: ClassVar[Mapping[str, Parameter]]
     """The model's parameters, by name."""
+    FEWER_PARTS: ClassVar[bool]
+    """Whether it judges as well as one of these parts alone when the tracker finds only some of those that it reads."""
 
     @property
     def header(self) -> Header:

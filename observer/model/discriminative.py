@@ -43,6 +43,7 @@ class Discriminative(LearnsStreams):
     """The two classifiers of one view."""
 
     kind: ClassVar[str] = "discriminative"
+    FEWER_PARTS: ClassVar[bool] = False
     # kernels: features of the segment classifier. inverse_penalty: of all regressions, for segments and for trailing
     # windows. Chosen by leaving out training people (docs/design/model.md).
     PARAMETERS: ClassVar[Mapping[str, Parameter]] = {

@@ -35,6 +35,7 @@ class Phase:
     """Chains (C, Φ, D): Φ postures for each training example and facing; Φ is the examples' median length in 1/15 s."""
 
     kind: ClassVar[str] = "phase"
+    FEWER_PARTS: ClassVar[bool] = True
     # sharpness: evidence is exp(-sharpness d^2), d in body sizes. fast: PostureReader's max_speed; apart: its
     # hands_weight. outlier: the largest evidence of a frame against a posture, in nats. All chosen by leaving out one
     # of the training subjects 1, 3, 5, 7, 9 of MSR Action3D at a time (docs/design/model.md), abandon and settled too.

@@ -43,6 +43,7 @@ class Stacked(LearnsStreams):
     """Phase and Discriminative of one view."""
 
     kind: ClassVar[str] = "stacked"
+    FEWER_PARTS: ClassVar[bool] = False
     PARAMETERS: ClassVar[Mapping[str, Parameter]] = {
         **Phase.PARAMETERS,
         **Discriminative.PARAMETERS,

@@ -150,6 +150,7 @@ class FrameTable(SymbolTable):
     """
 
     kind: ClassVar[str] = "frame-table"
+    FEWER_PARTS: ClassVar[bool] = True
     # Chosen by leave-one-subject-out on the training subjects 1, 3, 5, 7, 9 of MSR Action3D: docs/design/paper.md.
     PARAMETERS: ClassVar[Mapping[str, Parameter]] = {
         "bins": Parameter(8.0, ParameterRange(1, MOST_BINS, whole=True)),
@@ -214,6 +215,7 @@ class PhaseSymbols(SymbolTable):
     """One chain of phases per movement; P(b | m, phase) is counted with every example divided into the phases."""
 
     kind: ClassVar[str] = "phase-symbols"
+    FEWER_PARTS: ClassVar[bool] = True
     PARAMETERS: ClassVar[Mapping[str, Parameter]] = {
         "phases": Parameter(30.0, ParameterRange(1, MOST_BINS, whole=True)),
         "threshold": Parameter(0.16, NOT_NEGATIVE),

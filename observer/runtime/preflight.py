@@ -80,7 +80,7 @@ def check_observer(scene: Scene, observer: str) -> PreflightResult:
     result.lacks_tracker = choice.lacks
     result.reads = kind.reads if kind else ""
     rate_hz = _check_inputs(scene, section, result, kind.name) if view and kind else None
-    _check_model(scene, section, result, rate_hz, view)
+    _check_model(scene, section, result, rate_hz, view, kind.finds if kind else ())
     return result
 
 
@@ -115,12 +115,17 @@ def _check_pose_model(scene: Scene, section: ObserverConfig, result: PreflightRe
 
 
 def _check_model(
-    scene: Scene, section: ObserverConfig, result: PreflightResult, rate_hz: float | None, view: "View | None"
+    scene: Scene,
+    section: ObserverConfig,
+    result: PreflightResult,
+    rate_hz: float | None,
+    view: "View | None",
+    finds: Sequence[str],
 ) -> None:
     from observer.geometry.views import is_this_camera
     from observer.model.base import LearnsStreams, knows_blends_only
     from observer.model.model_file import doubt_of_camera, doubt_of_view, read_model, require_match
-    from observer.runtime.scene_inputs import person_in
+    from observer.runtime.scene_inputs import lacking_parts, person_in
 
     path = scene.place(section.model)
     model = result.attempt(lambda: read_model(path))
@@ -129,6 +134,9 @@ def _check_model(
     header = model.header
     result.labels, result.rate_hz, result.kind = list(header.vocabulary.labels), header.rate_hz, header.kind
     result.attempt(lambda: require_match(path, model, scene.named_vocabulary, rate_hz))
+    lacking = [part for part in header.body_parts if finds and part not in finds]
+    if lacking:
+        (result.doubts if model.FEWER_PARTS else result.faults).append(lacking_parts(lacking, finds))
     person = person_in(scene, result.observer, view) if view else None
     if view and (doubt := doubt_of_view(path, header, view, section.view, person)):
         result.doubts.append(doubt)

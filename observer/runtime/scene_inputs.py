@@ -24,11 +24,12 @@ from observer.motion.archive_file import read_archive
 from observer.motion.placing import placed
 from observer.motion.playback import RecordedMotion
 from observer.tracking.registry import TrackerSettings, built_tracker, tracker_named
-from observer.tracks import BODY_PARTS, Frame, FrameSource, Tracker, Tracks
+from observer.tracks import BODY_PARTS, Floats, Frame, FrameSource, Tracker, Tracks
 
 log = logging.getLogger("labanmesh.observer")
 PLAYBACK_START = "LABANMESH_PLAYBACK_START_NS"
 """Environment variable: when (Unix epoch, ns) all observers of a scene start playback, so that they see the same."""
+NEVER_SEEN = np.full((1, 2), np.nan)
 SIZE_PX = (640, 480)
 """Default size of the virtual camera's pictures."""
 
@@ -60,20 +61,27 @@ class PreparedTracker:
     """Adapts a tracker to a model: selects the wanted body parts, in their order, and undistorts the centres.
 
     lens: of a calibrated camera, whose projective matrix is valid for undistorted pixels only; None: no distortion.
-    Raises BadInput if the tracker does not find a wanted part.
+    fewer_parts: a part that the tracker does not find is never seen. Raises BadInput if it does not find a wanted part,
+    or none of them.
     """
 
-    def __init__(self, tracker: Tracker, wanted: Sequence[str], lens: LensDistortion | None = None) -> None:
+    def __init__(
+        self,
+        tracker: Tracker,
+        wanted: Sequence[str],
+        lens: LensDistortion | None = None,
+        fewer_parts: bool = False,
+    ) -> None:
         known = list(tracker.body_parts)
-        missing = [part for part in wanted if part not in known]
-        if missing:
-            raise BadInput(
-                f"body part {missing[0]!r}: the model reads it, the tracker finds {', '.join(known)}; use a tracker with a "
-                f'pose model (tracker = "mediapipe"), or learn the model with --body-parts {",".join(known)}'
-            )
+        self.lacking = tuple(part for part in wanted if part not in known)
+        """Wanted parts that the tracker does not find."""
+        if self.lacking and not (fewer_parts and len(self.lacking) < len(wanted)):
+            raise BadInput(lacking_parts(self.lacking, known))
         self.body_parts = tuple(wanted)
         self.tracker = tracker
-        self._rows, self._lens = [known.index(part) for part in wanted], lens
+        # One row more, which is never seen, stands for the parts that the tracker does not find.
+        self._rows = [known.index(part) if part in known else len(known) for part in wanted]
+        self._lens = lens
         self.picture_tracks: Tracks | None = None
         self.all_tracks: Tracks | None = None
         """The tracker's own rows, of all its body parts, in px of the picture."""
@@ -86,12 +94,24 @@ class PreparedTracker:
     def update(self, frame: Frame) -> Tracks:
         """Undistorted tracks (P, 2); those in px of the picture, to draw on it, are left in `picture_tracks`."""
         tracks = self.all_tracks = self.tracker.update(frame)
-        guesses = None if tracks.guesses is None else tracks.guesses[self._rows]
-        self.picture_tracks = Tracks(tracks.centres[self._rows], guesses, tracks.people)
+        guesses = None if tracks.guesses is None else self._wanted(tracks.guesses)
+        self.picture_tracks = Tracks(self._wanted(tracks.centres), guesses, tracks.people)
         if self._lens is None:
             return self.picture_tracks
         undistorted = None if guesses is None else self._lens.undistorted(guesses)
         return Tracks(self._lens.undistorted(self.picture_tracks.centres), undistorted)
+
+    def _wanted(self, rows: Floats) -> Floats:
+        wanted: Floats = (np.concatenate([rows, NEVER_SEEN]) if self.lacking else rows)[self._rows]
+        return wanted
+
+
+def lacking_parts(lacking: Sequence[str], found: Sequence[str]) -> str:
+    """One line: a model reads parts that the tracker does not find, and what to do."""
+    return (
+        f"body part {lacking[0]!r}: the model reads it, the tracker finds {', '.join(found)}; use a tracker with a "
+        f'pose model (tracker = "mediapipe"), or learn the model with --body-parts {",".join(found)}'
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,6 +138,7 @@ def open_inputs(
     wanted: Sequence[str] = BODY_PARTS,
     report: Report = ignore_report,
     environment: Mapping[str, str] = os.environ,
+    fewer_parts: bool = False,
 ) -> ObserverInputs:
     """Open the source and the tracker of `observer`; wanted: the body parts that its model reads.
 
@@ -150,7 +171,11 @@ def open_inputs(
     if kind.reads == "pictures":
         level = logging.INFO if outcome is choice else logging.WARNING
         log.log(level, "%s: tracker %s: %s", observer, outcome.name, outcome.reason or "named in the scene file")
-    prepared = PreparedTracker(tracker, wanted, view.lens)
+    prepared = PreparedTracker(tracker, wanted, view.lens, fewer_parts)
+    if prepared.lacking:
+        log.warning(
+            "%s: judges without %s: %s", observer, ", ".join(prepared.lacking), "the tracker does not find them"
+        )
     length = getattr(source, "length", None)
     return ObserverInputs(
         source, prepared, view, kind.reads == "positions", length, section.speed == 0, kind.reads == "pictures"

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from common.errors import BadInput
 from observer.camera.base import require_picture
 from observer.tracking.sides import SideKeeper
-from observer.tracks import BODY_PARTS, Floats, Frame, SeenPeople, Tracks
+from observer.tracks import BODY_PARTS, WHOLE_BODY, Floats, Frame, SeenPeople, Tracks
 
 LANDMARKS = 33
 """Landmarks of BlazePose (Bazarevsky et al., BlazePose: on-device real-time body pose tracking, 2020, figure 3)."""
@@ -45,13 +45,6 @@ LEFT: Mapping[str, tuple[int, ...]] = {
 between ankle and toes."""
 MIDDLE: Mapping[str, tuple[int, ...]] = {"head": (7, 8), "neck": (11, 12), "pelvis": (23, 24)}
 """The head is the middle between the ears, from all sides, as in recordings of depth cameras."""
-WHOLE_BODY = (
-    *BODY_PARTS,
-    *(f"{side}_{part}" for part in ("elbow", "shoulder") for side in ("left", "right")),
-    *("neck", "pelvis"),
-    *(f"{side}_{part}" for part in ("hip", "knee", "foot") for side in ("left", "right")),
-)
-"""All parts of `PoseTracker`, named and ordered as in the archives of depth cameras."""
 SEEN = 0.5
 """Visibility from which a part is seen: MediaPipe's own threshold for its confidences."""
 UNSURE = 0.2

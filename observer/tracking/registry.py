@@ -11,7 +11,7 @@ from common.tracker_choice import AUTO, Content, TrackerChoice
 from observer.foreign.track_line import ForeignTracker
 from observer.geometry.views import View, facing
 from observer.motion.projected import ProjectedTracker
-from observer.tracks import Tracker
+from observer.tracks import BODY_PARTS, WHOLE_BODY, Tracker
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,11 +30,15 @@ class TrackerSettings:
 
 @dataclass(frozen=True, slots=True)
 class TrackerKind:
-    """An entry of the registry. build: raises BadInput for settings that the tracker cannot use."""
+    """An entry of the registry. build: raises BadInput for settings that the tracker cannot use.
+
+    finds: the parts that it can find; () if these are the source's.
+    """
 
     name: str
     reads: Content
     build: Callable[[TrackerSettings], Tracker]
+    finds: tuple[str, ...] = ()
 
 
 def _projected(settings: TrackerSettings) -> Tracker:
@@ -54,7 +58,6 @@ def _camshift(settings: TrackerSettings) -> Tracker:
 def _mediapipe(settings: TrackerSettings) -> Tracker:
     from observer.tracking.mediapipe_pose import MediapipeTracker
     from observer.tracking.people import FollowRule
-    from observer.tracking.pose import WHOLE_BODY
 
     section = settings.section
     path = str(settings.place(section.pose_model)) if section.pose_model else None
@@ -64,7 +67,6 @@ def _mediapipe(settings: TrackerSettings) -> Tracker:
 def _onnx(settings: TrackerSettings) -> Tracker:
     from observer.tracking.onnx_pose import OnnxTracker
     from observer.tracking.people import FollowRule
-    from observer.tracking.pose import WHOLE_BODY
 
     section = settings.section
     path = str(settings.place(section.pose_model)) if section.pose_model else ""
@@ -79,9 +81,9 @@ TRACKERS: Mapping[str, TrackerKind] = {
     kind.name: kind
     for kind in (
         TrackerKind("projected", "positions", _projected),
-        TrackerKind("camshift", "pictures", _camshift),
-        TrackerKind("mediapipe", "pictures", _mediapipe),
-        TrackerKind("onnx", "pictures", _onnx),
+        TrackerKind("camshift", "pictures", _camshift, BODY_PARTS),
+        TrackerKind("mediapipe", "pictures", _mediapipe, WHOLE_BODY),
+        TrackerKind("onnx", "pictures", _onnx, WHOLE_BODY),
         TrackerKind("foreign", "tracks", _foreign),
     )
 }

@@ -8,7 +8,7 @@ from observer_stage import pose2sim_markers
 from observer.calibration.formats import read_opencv
 from observer.calibration.triangulate import triangulate
 from observer.tracking.mediapipe_pose import MediapipeTracker
-from observer.tracking.pose import WHOLE_BODY
+from observer.tracks import WHOLE_BODY
 
 pytest.importorskip("mediapipe")
 pytestmark = pytest.mark.slow

@@ -14,8 +14,8 @@ from observer_stage import rejected
 from common.errors import BadInput, LabanmeshError
 from observer.tracking import mediapipe_pose, pose
 from observer.tracking.mediapipe_pose import MediapipeTracker, TaskPose, open_people
-from observer.tracking.pose import LANDMARKS, NOBODY_S, SEEN, UNSURE, WHOLE_BODY, PoseTracker, landmarks_of
-from observer.tracks import BODY_PARTS, Frame, State
+from observer.tracking.pose import LANDMARKS, NOBODY_S, SEEN, UNSURE, PoseTracker, landmarks_of
+from observer.tracks import BODY_PARTS, WHOLE_BODY, Frame, State
 
 PICTURE = np.zeros((48, 64, 3), np.uint8)
 PARTS = {"left_hand": [15, 17, 19], "right_hand": [16, 18, 20], "head": [7, 8]}

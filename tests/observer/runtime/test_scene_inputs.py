@@ -9,12 +9,13 @@ import pytest
 from common.config import read_scene
 from common.errors import BadInput, LabanmeshError
 from observer.foreign.sources import MeshTracks, PipedTracks
+from observer.foreign.track_line import frame_of_line
 from observer.motion.archive import MotionArchive, Recording
 from observer.motion.archive_file import write_archive
 from observer.rendering.virtual_camera import VirtualCamera
 from observer.runtime.scene_inputs import PLAYBACK_START, open_inputs
 from observer.tracking.camshift import CamshiftTracker
-from observer.tracks import BODY_PARTS
+from observer.tracks import BODY_PARTS, State
 
 STANDING = np.array([[-0.3, 0.9, 0], [0.3, 0.9, 0], [0, 1.65, 0]], np.float32)
 
@@ -65,6 +66,24 @@ def test_an_occluder_is_there_only_in_its_seconds(opened):
     assert (before != hidden).any(axis=2).mean() > 0.9
 
 
+FEET = (*BODY_PARTS, "left_foot", "right_foot")
+
+
+def test_parts_that_a_tracker_does_not_find_are_never_seen_or_refused(tmp_path, caplog):
+    write_archive(tmp_path / "m.npz", MotionArchive(BODY_PARTS, (recording(2),)))
+    (tmp_path / "s.toml").write_text(
+        'scene = "d"\n[observers.cam1]\nsource = "m.npz"\ntracker = "camshift"\nspeed = 0\nsize_px = [320, 240]\n'
+    )
+    scene = read_scene(tmp_path / "s.toml", {})
+    inputs = open_inputs(scene, "cam1", FEET, fewer_parts=True)
+    tracks = inputs.tracker.update(next(inputs.source.frames(threading.Event())))
+    assert inputs.tracker.body_parts == FEET and tracks.states[3:] == (State.MISSING,) * 2
+    assert "cam1: judges without left_foot, right_foot" in caplog.text
+    for parts, fewer_parts in ((FEET, False), (FEET[3:], True)):
+        with pytest.raises(BadInput, match="'left_foot': the model reads it, the tracker finds left_hand"):
+            open_inputs(scene, "cam1", parts, fewer_parts=fewer_parts)
+
+
 def test_mirrored_pictures_are_turned_back(opened):
     words = 'tracker = "camshift"\nspeed = 0\n'
     plain = next(opened(words).source.frames(threading.Event())).content
@@ -92,6 +111,15 @@ def test_a_mediapipe_that_does_not_start_is_replaced_with_one_line(opened, monke
 def test_tracks_of_other_programs(opened, source, kind):
     inputs = opened(source=source)
     assert isinstance(inputs.source, kind) and inputs.tracker.body_parts == BODY_PARTS
+
+
+def test_other_programs_may_send_any_part_that_the_model_reads(tmp_path):
+    (tmp_path / "s.toml").write_text('scene = "d"\n[observers.cam1]\nsource = "zenoh:tracks"\n')
+    inputs = open_inputs(read_scene(tmp_path / "s.toml", {}), "cam1", (*FEET, "racket"))
+    line = b'{"parts": {"racket": [1, 2], "left_foot": [3, 4, 0.9], "nose": [5, 6]}}'
+    tracks = inputs.tracker.update(frame_of_line(line, inputs.source.body_parts, 1))
+    seen = dict(zip(inputs.tracker.body_parts, tracks.visible.tolist(), strict=True))
+    assert seen == {**dict.fromkeys(FEET, False), "left_foot": True, "racket": True}
 
 
 @pytest.mark.parametrize(
