@@ -44,6 +44,8 @@ BEYOND = 0.3
 """Of the forearm: knuckles beyond the wrist, as MediaPipe finds them (wave_webcam, pose2sim_single: .27 to .32)."""
 LEAST_KEYPOINTS, LEAST = 4, 0.5
 """There is a person where so many keypoints have this visibility."""
+LEAST_BOX, OVERLAP = 0.25, 0.6
+"""Confidence of a box from which there may be a person; boxes that overlap more show the same one."""
 FREE = {"channels first": (640, 640), "two outputs": (192, 256), "channels last": (256, 256)}
 """Width and height of the input where the file leaves them open."""
 
@@ -54,8 +56,8 @@ class Layout(Protocol):
     def picture(self, rgb: NDArray[np.uint8]) -> Array:
         """(H, W, 3) RGB of the input's size -> the input."""
 
-    def keypoints(self, outputs: Sequence[Array]) -> Floats:
-        """The outputs -> (17, 3): x and y in px of the input, confidence; of the person who is clearest."""
+    def people(self, outputs: Sequence[Array]) -> list[Floats]:
+        """The outputs -> for each person, the most prominent first, (17, 3): x and y in px of the input, confidence."""
 
     @property
     def usual(self) -> float:
@@ -75,11 +77,11 @@ class SimCC:
         scaled = ((rgb - mean) / deviation).astype(np.float32)
         return np.ascontiguousarray(scaled.transpose(2, 0, 1)[None])
 
-    def keypoints(self, outputs: Sequence[Array]) -> Floats:
+    def people(self, outputs: Sequence[Array]) -> list[Floats]:
         """The highest values; the confidence is the lower one."""
         x, y = (output[0, :KEYPOINTS] for output in outputs)
         sure = np.minimum(x.max(axis=1), y.max(axis=1))
-        return np.stack([x.argmax(axis=1) / self.split[0], y.argmax(axis=1) / self.split[1], sure], axis=1)
+        return [np.stack([x.argmax(axis=1) / self.split[0], y.argmax(axis=1) / self.split[1], sure], axis=1)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,10 +96,10 @@ class MoveNet:
         """Bytes 0 to 255, channels last, in the type that the file wants."""
         return rgb[None].astype(self.kind or "float32")
 
-    def keypoints(self, outputs: Sequence[Array]) -> Floats:
+    def people(self, outputs: Sequence[Array]) -> list[Floats]:
         """In pixels."""
         rows: Floats = outputs[0].reshape(KEYPOINTS, 3).astype(np.float64)
-        return rows[:, [1, 0, 2]] * (*self.size, 1.0)
+        return [rows[:, [1, 0, 2]] * (*self.size, 1.0)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,13 +112,14 @@ class YoloPose:
         """0 to 1, channels first."""
         return np.ascontiguousarray(rgb.transpose(2, 0, 1)[None].astype(np.float32) / 255)
 
-    def keypoints(self, outputs: Sequence[Array]) -> Floats:
-        """Of the box with the highest confidence times its height; none counts as seen in an unsure box."""
+    def people(self, outputs: Sequence[Array]) -> list[Floats]:
+        """Of the boxes that are sure and do not overlap, by confidence times height."""
         boxes = outputs[0][0].T.astype(np.float64)
-        best = boxes[np.argmax(boxes[:, 4] * boxes[:, 3])]
-        keypoints: Floats = best[5:].reshape(KEYPOINTS, 3).copy()
-        keypoints[:, 2] *= best[4] >= 0.25
-        return keypoints
+        boxes = boxes[boxes[:, 4] >= LEAST_BOX]
+        corners = np.concatenate([boxes[:, :2] - boxes[:, 2:4] / 2, boxes[:, 2:4]], axis=1)
+        prominence = boxes[:, 4] * boxes[:, 3]
+        apart = cv2.dnn.NMSBoxes(corners.tolist(), prominence.tolist(), 0.0, OVERLAP) if len(boxes) else []
+        return [boxes[n, 5:].reshape(KEYPOINTS, 3).copy() for n in apart]
 
 
 class OnnxPose:
@@ -142,13 +145,18 @@ class OnnxPose:
 
     def landmarks(self, rgb: NDArray[np.uint8], ms: int) -> Floats | None:
         """As `PoseModel.landmarks`; `ms` is ignored, because each picture is read by itself."""
+        return next(iter(self.everybody(rgb)), None)
+
+    def everybody(self, rgb: NDArray[np.uint8]) -> list[Floats]:
+        """(H, W, 3) RGB -> the landmarks (33, 3) of each person; only YOLO-pose finds several."""
         fitted, scale, shift = _fitted(rgb, self._size)
-        keypoints = self._layout.keypoints(self._run(self._layout.picture(fitted)))
-        keypoints[:, 2] = _visibility(keypoints[:, 2], self._layout.usual)
-        if (keypoints[:, 2] >= LEAST).sum() < LEAST_KEYPOINTS:
-            return None
-        keypoints[:, :2] = (keypoints[:, :2] - shift) / (scale * np.array(rgb.shape[1::-1]))
-        return as_landmarks(keypoints)
+        found = []
+        for keypoints in self._layout.people(self._run(self._layout.picture(fitted))):
+            keypoints[:, 2] = _visibility(keypoints[:, 2], self._layout.usual)
+            if (keypoints[:, 2] >= LEAST).sum() >= LEAST_KEYPOINTS:
+                keypoints[:, :2] = (keypoints[:, :2] - shift) / (scale * np.array(rgb.shape[1::-1]))
+                found.append(as_landmarks(keypoints))
+        return found
 
     def close(self) -> None:
         """Nothing is to be released."""
