@@ -193,7 +193,7 @@ def main_rows(body_parts: Sequence[str]) -> list[int]:
 def draw_marks(canvas: Picture, placement: Placement, shown: PreviewFrame) -> None:
     """Draw frames around people, the trails, and a mark with its name for each part that is seen or guessed."""
     if shown.tracks.people is not None:
-        _draw_people(canvas, placement, shown.tracks.people)
+        draw_people(canvas, placement, shown.tracks.people)
     main = main_rows(shown.body_parts)
     _draw_trails(canvas, placement.px(shown.trail[:, main]))
     centres, states = placement.px(shown.tracks.centres), shown.tracks.states
@@ -242,7 +242,7 @@ def draw_mark(canvas: Picture, at: tuple[int, int], state: State, radius: int = 
                 cv2.line(canvas, *ends, inked, width, cv2.LINE_AA)
 
 
-def _draw_people(canvas: Picture, placement: Placement, people: SeenPeople) -> None:
+def draw_people(canvas: Picture, placement: Placement, people: SeenPeople) -> None:
     """Draw a thick frame around the followed person, named, and a thin one around each of the others."""
     for outline in (*people.others, *([] if people.followed is None else [people.followed])):
         corners = placement.px(np.array([[outline.left, outline.top], [outline.right, outline.bottom]]))

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
+from common import SECOND_NS
 from common.config import Scene
 from common.errors import LabanmeshError
 from observer.preview.clip_folder import ClipFolder
@@ -28,6 +29,8 @@ log = logging.getLogger("labanmesh.observer")
 
 MARGIN = 0.15
 """Margin about recorded motion, as a share of its extent."""
+LONGEST_NS = SECOND_NS // 2
+"""After this long a picture is shown although the observer has skipped it: an observer rests in an empty room."""
 
 
 class PictureOutlet(Protocol):
@@ -80,6 +83,8 @@ class PicturedObserver:
     ) -> None:
         self._observer, self._tracker, self._outlets, self._clock = observer, tracker, list(outlets), clock
         self._extent: Floats | None = None
+        self._before: Tracks | None = None
+        self._shown_ns = 0
 
     @property
     def vocabulary(self) -> "Vocabulary | None":
@@ -100,7 +105,10 @@ class PicturedObserver:
         if frame.content.ndim != 3:
             self._widen(tracks)
         due = [outlet for outlet in self._outlets if outlet.is_due(now_ns)]
-        if due:
+        # The tracks at a picture that the observer skipped are those of an earlier one.
+        skipped, self._before = posterior is None and tracks is self._before, tracks
+        if due and not (skipped and now_ns - self._shown_ns < LONGEST_NS):
+            self._shown_ns = now_ns
             parts = self._tracker.tracker.body_parts
             sighting = Sighting(picture_in(frame.content), tracks, parts, frame.captured_ns, self._extent)
             for outlet in due:

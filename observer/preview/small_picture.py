@@ -13,6 +13,7 @@ from observer.preview.drawing import (
     Placement,
     draw_bones,
     draw_mark,
+    draw_people,
     fitting,
     width_of,
     write,
@@ -85,6 +86,8 @@ def _draw_parts(canvas: Picture, placement: Placement, sighting: Sighting) -> No
     centres = placement.px(tracks.centres)
     guesses = centres if tracks.guesses is None else placement.px(tracks.guesses)
     draw_bones(canvas, centres, sighting.body_parts, states, 2)
+    if tracks.people is not None and tracks.people.others:
+        draw_people(canvas, placement, tracks.people)
     for row, state in enumerate(states):
         place = centres[row] if state is State.SEEN else guesses[row]
         if np.isfinite(place).all():

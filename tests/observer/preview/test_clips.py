@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from common import SECOND_NS
+from common.errors import LabanmeshError
 from common.inbox import Inbox
 from common.keys import SceneKeys
 from common.messages import Agreement, VerdictMessage, VocabularyReference
@@ -19,9 +20,10 @@ from observer.preview import clip_folder
 from observer.preview.clip_folder import DAY_NS, MB, ClipFolder, clip_name
 from observer.preview.clips import VerdictClips
 from observer.preview.motion_jpeg import motion_jpeg
+from observer.preview.shown_pictures import PicturedObserver
 from observer.preview.small_picture import Sighting, encode_jpeg, small_picture
 from observer.tracking.pose import WHOLE_BODY
-from observer.tracks import BODY_PARTS, Tracks
+from observer.tracks import BODY_PARTS, Frame, Tracks
 
 START_NS = 1_800_000_000 * SECOND_NS
 GENERATOR = np.random.default_rng(0)
@@ -143,3 +145,47 @@ def test_a_small_picture_shows_the_skeleton_and_leaves_the_frame_alone():
     small = small_picture(Sighting(frame, Tracks(rows), WHOLE_BODY, 0), 320)
     assert small.shape == (240, 320, 3) and small[150, 210].any() and not frame.any()
     assert not small[150:, :100].any()
+
+
+class Outlet:
+    """Wants every picture, and remembers their numbers."""
+
+    def __init__(self):
+        self.shown, self.fails = [], False
+
+    def is_due(self, now_ns):
+        return True
+
+    def show(self, sighting, now_ns):
+        if self.fails:
+            raise LabanmeshError("the link to the mesh is closed")
+        self.shown.append(sighting.captured_ns)
+
+
+class Skipping:
+    """An observer that tracks every third picture, and the tracker that it steps."""
+
+    vocabulary, complaint, body_parts = None, "", BODY_PARTS
+
+    def __init__(self):
+        self.tracker, self.all_tracks = self, None
+
+    def step(self, frame):
+        if frame.captured_ns % 3 == 0:
+            self.all_tracks = Tracks(HANDS.centres)
+
+
+def test_a_picture_that_was_skipped_is_not_shown_with_the_marks_of_another(caplog):
+    observer, outlet, now_ns = Skipping(), Outlet(), [0]
+    pictured = PicturedObserver(observer, observer, [outlet], lambda: now_ns[0])
+    for number in range(10):
+        now_ns[0] = number * SECOND_NS // 10
+        pictured.step(Frame(number, picture(number)))
+    assert outlet.shown == [0, 3, 6, 9]
+    now_ns[0] += SECOND_NS
+    pictured.step(Frame(10, picture(10)))
+    assert outlet.shown[-1] == 10, "an observer that rests has tracks that are still true"
+    outlet.fails = True
+    for number in (12, 15):
+        pictured.step(Frame(number, picture(number)))
+    assert caplog.messages == ["no more pictures: the link to the mesh is closed"]
