@@ -10,11 +10,13 @@ from fusion.engine.pooling import PooledPosterior, PoolingCase, facing_deg, pool
 from fusion.engine.reliability import steadiness_after
 from fusion.engine.roster import AgedPosterior
 from fusion.engine.rules import DEFAULT_RULE, Rule, get_rule
+from fusion.vocabulary_change import ObservedVocabularies
 
 # fmt: off
 __all__ = [
-    "DEFAULT_RULE", "AgedPosterior", "EngineOutput", "FusionEngine", "PooledPosterior", "PoolingCase", "Rule",
-    "facing_deg", "first_word", "get_rule", "pool_many", "pool_posteriors", "steadiness_after", "step",
+    "DEFAULT_RULE", "AgedPosterior", "EngineOutput", "FusionEngine", "ObservedVocabularies", "PooledPosterior",
+    "PoolingCase", "Rule", "facing_deg", "first_word", "get_rule",
+    "pool_many", "pool_posteriors", "steadiness_after", "step",
 ]
 # fmt: on
 

@@ -199,9 +199,9 @@ def teachable(
 
 
 def is_untaught(scene: Scene, observer: str) -> bool:
-    """Whether the observer has no model yet: the scene file names none, and the usual file does not exist."""
+    """Whether the observer waits to be taught: the scene names no model and no vocabulary, and there is no ID.model."""
     section = scene.observer(observer)
-    return section.model == f"{observer}.model" and not scene.place(section.model).exists()
+    return scene.vocabulary is None and section.model == f"{observer}.model" and not scene.place(section.model).exists()
 
 
 def answer_teachers(session: SubSession, scene: Scene, observer_id: str, observer: TeachableObserver) -> None:

@@ -24,7 +24,7 @@ from common.messages import (
 )
 from common.vocabulary import Vocabulary
 from common.wire import BadMessage, decode, decode_from, encode
-from studies.fusion_engine import EngineOutput, FusionEngine
+from studies.fusion_engine import EngineOutput, FusionEngine, ObservedVocabularies
 from studies.replay.comparison import ReplayResult, Source, VerdictRecord, compare_verdicts
 from studies.replay.from_judgements import Gap, JudgementReplay, Labels, ReplayChange, labels_of
 
@@ -176,7 +176,19 @@ def replay_posteriors(
     for group, now_ns in _groups(records, ingest.is_relevant, round(SECOND_NS / config.step_hz), quiet_ns):
         for record in group:
             ingest.add(record, now_ns)
-        yield engine.step(now_ns)
+        ended = [] if scene.named_vocabulary is not None else _follow(engine, ingest.vocabularies, labels, now_ns)
+        output = engine.step(now_ns)
+        yield EngineOutput(output.judgement, [*ended, *output.verdicts]) if ended else output
+
+
+def _follow(
+    engine: FusionEngine, vocabularies: ObservedVocabularies, labels: Labels, now_ns: int
+) -> Sequence[VerdictMessage]:
+    """Change to the vocabulary in which most observers publish, as the fusion service did; the verdicts that ended."""
+    digest = vocabularies.majority(now_ns)
+    if digest is None or digest == engine.vocabulary.digest or digest not in labels:
+        return ()
+    return engine.change_vocabulary(Vocabulary(labels_of(digest, labels), engine.vocabulary.name), now_ns)
 
 
 class _CaptureIngest:
@@ -185,6 +197,7 @@ class _CaptureIngest:
     def __init__(self, keys: SceneKeys, engine: FusionEngine) -> None:
         self._keys, self._engine = keys, engine
         self._alive: frozenset[str] = frozenset()
+        self.vocabularies = ObservedVocabularies(engine.rejected)
 
     def is_relevant(self, record: CaptureRecord) -> bool:
         """Whether the record is a message or the liveliness token of an observer."""
@@ -200,8 +213,11 @@ class _CaptureIngest:
                 ids = frozenset({observer})
                 self._alive = self._alive | ids if record.payload == APPEARED else self._alive - ids
                 self._engine.set_present(self._alive)
+                self.vocabularies.set_present(self._alive)
             elif suffix == "posterior":
-                self._engine.receive(observer, decode_from(record.key, PosteriorMessage, record.payload), now_ns)
+                message = decode_from(record.key, PosteriorMessage, record.payload)
+                self._engine.receive(observer, message, now_ns)
+                self.vocabularies.note(observer, message.vocabulary.hash, now_ns)
             elif suffix == "status":
                 self._read_clock(observer, decode(StatusMessage, record.payload), record.arrived_ns)
         except BadMessage as error:

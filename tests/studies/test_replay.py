@@ -343,6 +343,18 @@ def test_from_posteriors_the_verdicts_are_the_recorded_ones(write, records, unju
     assert labels(judge_again(write(unjudged), ReplayChange(without=("wheel",)))) == ["bowing", "abstain", "stretch"]
 
 
+def test_from_posteriors_a_new_vocabulary_is_followed(write, unjudged):
+    """As when the observers were taught between the second movement and the third."""
+    taught = Vocabulary(("clap", "point", "wave"))
+    reference, later = VocabularyReference(name="", hash=taught.digest), NOON + 50 * STEP
+    named = [CaptureRecord("put", f"{ROOT}/vocabulary", encode_vocabulary("dojo", taught), later)]
+    changed = [r for r in unjudged if r.arrived_ns < later]
+    for record in (r for r in unjudged if r.arrived_ns >= later):
+        message = decode(PosteriorMessage, record.payload).model_copy(update={"vocabulary": reference})
+        changed.append(CaptureRecord("put", record.key, encode(message), record.arrived_ns))
+    assert labels(judge_again(write([*changed, *named]), ReplayChange())) == ["bowing", "lunging", "wave"]
+
+
 def test_from_posteriors_bad_messages_change_nothing_and_gone_observers_are_silent(write, unjudged):
     bad = [b"", b"\xc1", b"\x81\xa1v\x02"]
     noisy = [unjudged[0]]

@@ -1,0 +1,120 @@
+"""An observer that is taught while it runs: learning in a process of its own, and the swap of the model."""
+
+import threading
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import labanmesh
+from common import SECOND_NS
+from common.config import read_scene
+from common.teaching_messages import TeachReply, TeachRequest
+from common.wire import decode, encode
+from observer.model.model_file import read_model
+from observer.runtime.pipeline import Observer, Resampler
+from observer.teaching import service
+from observer.teaching.service import is_untaught, teachable
+from observer.tracks import BODY_PARTS, Frame, Tracks
+
+REST = np.array([[280.0, 300.0], [360.0, 300.0], [320.0, 100.0]])
+LIFTS = {"wave": [0, -200], "reach": [-200, 0]}
+
+
+class Eyes:
+    """A tracker whose frames are the tracks."""
+
+    body_parts, complaint = BODY_PARTS, ""
+
+    def update(self, frame):
+        return Tracks(frame.content)
+
+
+@pytest.fixture
+def scene(tmp_path):
+    (tmp_path / "s.toml").write_text('scene = "home"\n[observers.sofa]\nsource = "0"\n')
+    return read_scene(tmp_path / "s.toml", {})
+
+
+class Room:
+    """One observer without a model, and somebody in front of it."""
+
+    def __init__(self, observer, learner):
+        self.observer, self.learner, self.at_ns = observer, learner, 1_000 * SECOND_NS
+
+    def ask(self, command, **fields):
+        return decode(
+            TeachReply, self.observer.respond(encode(TeachRequest(command=command, teacher="anna", **fields)))
+        )
+
+    def film(self, seconds, lift=(0, 0)):
+        """The posterior after so many seconds, in which the right hand goes up or aside and back."""
+        for n in range(round(seconds * 15)):
+            self.at_ns += SECOND_NS // 15
+            hand = np.sin(np.pi * n / (seconds * 15))
+            posterior = self.observer.step(Frame(self.at_ns, REST + hand * np.array([[0, 0], lift, [0, 0]])))
+        return posterior
+
+
+@pytest.fixture
+def room(scene):
+    tracker = Eyes()
+    inputs = SimpleNamespace(tracker=tracker, source=SimpleNamespace(rate_hz=30.0), at_own_rate=False)
+
+    def build(model):
+        return Observer(tracker, model, None, Resampler(model.header.rate_hz))
+
+    with teachable(scene, "sofa", inputs, None, build) as observer:
+        yield Room(observer, observer._learner)
+
+
+def learned(room):
+    wait = threading.Event()
+    for _ in range(600):
+        if (reply := room.ask("status")).state != "learning":
+            return reply
+        wait.wait(0.05)
+    raise AssertionError("it learns for ever")
+
+
+def test_an_observer_without_a_model_is_taught_and_recognises(room, scene, monkeypatch):
+    def run_here(self, labels):
+        words = ["learn", str(self._takes), "--labels", ",".join(labels), "-o", str(self._next)]
+        assert labanmesh.main(words) == 0
+
+    # tests/faults/test_teach.py learns in processes.
+    monkeypatch.setattr(service.ModelLearner, "_run", run_here)
+    assert is_untaught(scene, "sofa")
+    assert room.film(2.0) is None and room.observer.vocabulary is None and "labanmesh teach" in room.observer.complaint
+    assert room.ask("start", labels=["wave", "reach"]).fault == ""
+    for take in (1, 2, 3):
+        for label, lift in LIFTS.items():
+            assert room.ask("begin", label=label, take=take, person="anna").fault == ""
+            room.film(1.0), room.film(1.5, lift), room.film(1.5)
+    reply = room.ask("learn", labels=["wave", "reach"])
+    assert reply.takes == {"wave": [1, 2, 3], "reach": [1, 2, 3]}
+    reply = learned(room)
+    assert reply.learned.labels == ["wave", "reach"] and reply.fault == ""
+    assert sum(reply.learned.results["wave"].values()) == 3
+    assert room.film(0.5) is None, "nothing changes before it is adopted"
+    assert room.ask("adopt").fault == ""
+    room.film(2.0)
+    assert room.observer.vocabulary.labels == ("wave", "reach") and room.observer.complaint == ""
+    assert room.film(1.2, LIFTS["reach"]).p.argmax() == 1
+    assert read_model(scene.place("sofa.model")).header.view == "camera:sofa" and not is_untaught(scene, "sofa")
+
+
+def test_a_failure_to_learn_is_one_line_and_the_old_model_stays(room, scene):
+    room.film(1.0)
+    room.ask("start", labels=["wave", "reach"])
+    room.ask("learn", labels=["wave", "reach"])
+    reply = learned(room)
+    assert reply.state == "idle" and "sofa.tracks.npz" in reply.fault and "\n" not in reply.fault
+    assert not scene.place("sofa.model").exists()
+    assert "not understood" in decode(TeachReply, room.observer.respond(b"\xc1")).fault
+
+
+@pytest.mark.parametrize("line", ['vocabulary = ["a", "b"]\n', 'observers.sofa.model = "x.model"\n'])
+def test_an_observer_whose_scene_names_a_model_or_a_vocabulary_needs_its_model(tmp_path, line):
+    (tmp_path / "s.toml").write_text(f'scene = "home"\n{line}observers.sofa.source = "0"\n')
+    assert not is_untaught(read_scene(tmp_path / "s.toml", {}), "sofa")
