@@ -21,17 +21,15 @@ from common.config import Scene, read_scene
 from common.config_sections import default_quorum
 from common.errors import BadInput, LabanmeshError, reason_of
 from common.lifecycle import stop_on_signals
-from common.tracker_choice import chosen_tracker
 from deploy.doctor.cameras import Webcam, webcams
 from deploy.doctor.network import EndpointParts, listener_on, try_to_listen
 from deploy.launcher import Job, Launcher, RestartPolicy
+from deploy.meeting import open_meeting
 
 START_TOGETHER_S = 2.0
-"""Recordings begin this long after the launcher, when all observers run: they all see the same moment."""
+"""Recordings begin this long after the launcher at the earliest: fusion and hubs run then. They begin when the last
+observer is ready, which takes longer if a tracker does."""
 EACH_OBSERVER_S = 0.2
-LOADING_S = {"mediapipe": 4.0, "onnx": 2.0}
-"""Some trackers take long to load: MediaPipe a second of a fast core, several of a small or busy one. A film that began
-before would be played late, and fusion leaves late posteriors out."""
 HUBS = {"mqtt": ("hub", "mqtt"), "dashboard": ("dashboard",)}
 FAILURES_WITH_AN_END = 5
 """A scene that ends by itself gives up a failing observer after so many failures in a row."""
@@ -116,10 +114,16 @@ def up(
     require_free_ports(config, len(started))
     start_ns = time.time_ns() + round(playback_delay_s(config) * 1e9)
     with stop_on_signals() as stop, tempfile.TemporaryDirectory(prefix="labanmesh-") as folder:
+        meeting = open_meeting(Path(folder), config)
         launcher = Launcher(
             with_ports(started, config.metrics.listen),
-            environment={"LABANMESH_PLAYBACK_START_NS": str(start_ns), **_memory(config, Path(folder))},
+            environment={
+                "LABANMESH_PLAYBACK_START_NS": str(start_ns),
+                "LABANMESH_PLAYBACK_MEETING": str(meeting),
+                **_memory(config, Path(folder)),
+            },
             policy=RestartPolicy(failures=FAILURES_WITH_AN_END if exit_when_done else None),
+            ended=lambda name: (meeting / f"{name}.awaited").unlink(missing_ok=True),
         )
         timer = threading.Timer(for_s or 0, stop.set)
         timer.daemon = True
@@ -133,11 +137,8 @@ def up(
 
 
 def playback_delay_s(scene: Scene) -> float:
-    """How long after the launcher recordings and films begin, when all observers run."""
-    loading_s = max(
-        (LOADING_S.get(chosen_tracker(section).name, 0.0) for section in scene.observers.values()), default=0.0
-    )
-    return START_TOGETHER_S + EACH_OBSERVER_S * len(scene.roster) + loading_s
+    """How long after the launcher recordings and films begin at the earliest."""
+    return START_TOGETHER_S + EACH_OBSERVER_S * len(scene.roster)
 
 
 @dataclass(frozen=True, slots=True)

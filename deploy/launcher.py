@@ -13,7 +13,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
 from typing import IO
@@ -109,7 +109,8 @@ class MergedLog:
 class Launcher:
     """Runs jobs until `stop` is set, or until no job is left that could do something.
 
-    environment: added to this process's own. policy: when to restart a failing job, and when to give it up.
+    environment: added to this process's own. policy: when to restart a failing job, and when to give it up. ended:
+    called with the name of each job that has ended, whether or not it is started again.
     """
 
     def __init__(
@@ -119,7 +120,9 @@ class Launcher:
         environment: Mapping[str, str] | None = None,
         policy: RestartPolicy | None = None,
         stream: IO[str] | None = None,
+        ended: Callable[[str], None] = lambda name: None,
     ) -> None:
+        self._on_end = ended
         self._jobs = {job.name: job for job in jobs}
         self._environment = {**os.environ, "PYTHONUNBUFFERED": "1", SUPERVISOR: str(os.getpid()), **(environment or {})}
         self._histories = {job.name: RunHistory(job.lasting, policy or RestartPolicy()) for job in jobs}
@@ -190,6 +193,7 @@ class Launcher:
         except queue.Empty:
             return
         status = self._running.pop(name).returncode
+        self._on_end(name)
         ran_s = time.monotonic() - self._started_s[name]
         history = self._histories[name]
         decision = history.decide(status, ran_s)

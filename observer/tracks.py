@@ -39,13 +39,15 @@ class Frame:
     captured_ns: Unix epoch, stamped at capture. content: (H, W, 3) uint8 blue, green, red for a picture, (P, 3) metres
     for recorded motion, (P, 2) centres for tracks. motion_ns: time within the motion, from any origin, for recordings
     that are not played at the speed at which they were recorded. last: the recording ends with this frame, and its
-    movement too; the next frame, if any, begins another recording, or the same one again.
+    movement too; the next frame, if any, begins another recording, or the same one again. repeated: it is the previous
+    frame once more, which slow playback still shows at that time; it contains nothing new.
     """
 
     captured_ns: int
     content: NDArray[Any]
     motion_ns: int | None = None
     last: bool = False
+    repeated: bool = False
 
     @property
     def at_ns(self) -> int:

@@ -16,10 +16,11 @@ import numpy as np
 
 from common import SECOND_NS
 from common.errors import BadInput
+from common.text import plural
 from observer.camera.base import Clock, Picture, Size, size_of
 from observer.camera.capture import silence_opencv
 from observer.files import WAY_OUT, write_file
-from observer.motion.playback import wait_until
+from observer.motion.playback import Start, begin_ns, is_overtaken, repeated_until, wait_until
 from observer.tracks import Frame
 
 log = logging.getLogger("labanmesh.observer")
@@ -186,8 +187,10 @@ class RecordedPictures:
     """A FrameSource that plays pictures as `RecordedMotion` plays motion, and ends after the last.
 
     Picture i is captured at start + i / rate / speed; without `start_ns` the start is now. Speed 0 does not wait, and
-    stamps each picture with the time of playing. When the observer is slower, pictures come late and none is dropped.
-    pictures: starts from the first picture at each call. count: the number of pictures that the file states.
+    stamps each picture with the time of playing. Like a camera it does not wait for the observer: when that is slower,
+    pictures are skipped. The last picture never is, since a movement ends with it. pictures: starts from the first
+    picture at each call. count: the number of pictures that the file states. repeats: in slow motion, pictures are
+    repeated, as in `repeated_until`.
     """
 
     pictures: Callable[[], Iterator[Picture]] = field(repr=False)
@@ -196,19 +199,37 @@ class RecordedPictures:
     count: int
     speed: float = 1.0
     loop: bool = False
-    start_ns: int | None = None
+    start_ns: Start = None
     clock: Clock = time.time_ns
     body_parts: tuple[str, ...] = ()
+    repeats: bool = False
 
     def frames(self, stop: threading.Event) -> Iterator[Frame]:
         """Each picture when it is due. Raises BadInput when the files have changed since they were opened."""
-        start_ns = self.clock() if self.start_ns is None else self.start_ns
+        start_ns, skipped = begin_ns(self.start_ns, stop, self.clock), 0
+        frame: Frame | None = None
+        round_ns = self._offset_ns(self.count)
+        if self.loop and round_ns:
+            # An observer that joins hours later need not read the film so many times.
+            start_ns += max(self.clock() - start_ns, 0) // round_ns * round_ns
         for i, (picture, last) in enumerate(self._all()):
-            offset_ns = round(i * SECOND_NS / self.rate_hz / self.speed) if self.speed else 0
-            captured_ns = wait_until(start_ns + offset_ns, self.speed, stop, self.clock)
+            due_ns = start_ns + self._offset_ns(i)
+            if not last and is_overtaken(due_ns, start_ns + self._offset_ns(i + 1), self.speed, self.clock()):
+                skipped += 1
+                continue
+            if self.repeats:
+                yield from repeated_until(frame, due_ns, self.speed, stop, self.clock)
+            captured_ns = wait_until(due_ns, self.speed, stop, self.clock)
             if captured_ns is None:
                 return
-            yield Frame(captured_ns, picture, round(i * SECOND_NS / self.rate_hz), last)
+            frame = Frame(captured_ns, picture, round(i * SECOND_NS / self.rate_hz), last)
+            yield frame
+            if last and skipped:
+                log.info("the observer was slower than its film: %s skipped", plural(skipped, "picture"))
+                skipped = 0
+
+    def _offset_ns(self, i: int) -> int:
+        return round(i * SECOND_NS / self.rate_hz / self.speed) if self.speed else 0
 
     def _all(self) -> Iterator[tuple[Picture, bool]]:
         """Each picture, and whether it is the last one of the film."""

@@ -1,6 +1,7 @@
 """Opens the source that a text names: a webcam, an address, a video file or a folder of pictures."""
 
 import math
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -9,6 +10,7 @@ from observer.camera.base import NOMINAL_HZ, SCHEMES, Report, Size, ignore_repor
 from observer.camera.capture import connect
 from observer.camera.files import PICTURES, PictureFolder, RecordedPictures, Video
 from observer.camera.live import LiveCamera
+from observer.motion.playback import Start
 from observer.tracks import FrameSource
 
 KNOWN = f'a webcam ("0", "/dev/video0"), an address ({", ".join(SCHEMES)}), a video file, a folder of pictures'
@@ -23,12 +25,13 @@ def open_pictures(
     size_px: Size | None = None,
     speed: float = 1.0,
     loop: bool = False,
-    start_ns: int | None = None,
+    start_ns: Start = None,
+    repeats: bool = False,
 ) -> FrameSource:
     """The source that `text` names; relative paths are below `folder`.
 
     rate_hz: requested from a camera, or used instead of a recording's own rate. size_px: required width and height.
-    speed, loop, start_ns (Unix epoch, ns): playback of recorded pictures, as in `RecordedMotion`. A live camera is
+    speed, loop, start_ns, repeats: playback of recorded pictures, as in `RecordedPictures`. A live camera is
     opened when its frames are asked for, and may be absent until then.
 
     Raises BadInput, which never contains a password, for an unknown scheme, a missing or empty file, an unreadable
@@ -41,15 +44,15 @@ def open_pictures(
         schemes = ", ".join(f"{scheme}://" for scheme in SCHEMES)
         raise BadInput(f"{without_secrets(text)}: unknown kind of address; known: {schemes}")
     if kind == "path":
-        return _open_recorded(text, folder, rate_hz, size_px, speed, loop, start_ns)
+        return replace(
+            _open_recorded(text, folder, rate_hz, size_px), speed=speed, loop=loop, start_ns=start_ns, repeats=repeats
+        )
     rate_hz = rate_hz or NOMINAL_HZ
     name = f"camera {text}" if kind == "index" else without_secrets(text)
     return LiveCamera(name, partial(connect, text, rate_hz, size_px), report, rate_hz, size_px)
 
 
-def _open_recorded(
-    text: str, folder: Path, rate_hz: float | None, size_px: Size | None, speed: float, loop: bool, start_ns: int | None
-) -> RecordedPictures:
+def _open_recorded(text: str, folder: Path, rate_hz: float | None, size_px: Size | None) -> RecordedPictures:
     path = folder / text
     if not text.strip() or not path.exists():
         raise BadInput(f"{path if text.strip() else repr(text)}: no such file or folder; a source is {KNOWN}")
@@ -60,4 +63,4 @@ def _open_recorded(
         actual = "{}x{}".format(*recorded.size_px)
         raise BadInput(f"{path}: {actual} px, but {width}x{height} is expected, as calibrated")
     rate_hz = rate_hz or recorded.rate_hz or NOMINAL_HZ
-    return RecordedPictures(recorded.pictures, rate_hz, recorded.size_px, recorded.count, speed, loop, start_ns)
+    return RecordedPictures(recorded.pictures, rate_hz, recorded.size_px, recorded.count)

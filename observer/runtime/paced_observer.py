@@ -105,7 +105,7 @@ class PacedObserver:
     ) -> None:
         self._observer, self._prepared, self._pace, self._heartbeats = observer, prepared, pace, heartbeats
         prepared.tracker = self._held = HeldTracker(prepared.tracker, cpu_s)
-        self._gate = MotionGate()
+        self._gate, self._skipped = MotionGate(), False
         self._compared_ns = self._stepped_ns = 0
 
     @property
@@ -120,9 +120,12 @@ class PacedObserver:
 
     def step(self, frame: Frame) -> Posterior | None:
         """The posterior after one more frame; None if it was skipped. The last one of a recording never is."""
+        if frame.repeated:
+            return None if self._skipped else self._observer.step(frame)
         at_ns = frame.captured_ns
         due = self._pace.due(at_ns, self._changed(frame)) or frame.last
-        if not due and not (self._pace.quiet(at_ns) and self._heartbeat_due(at_ns)):
+        self._skipped = not due and not (self._pace.quiet(at_ns) and self._heartbeat_due(at_ns))
+        if self._skipped:
             return None
         self._stepped_ns = at_ns
         self._held.hold, self._held.resting = not due, self._pace.quiet(at_ns)

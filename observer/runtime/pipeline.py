@@ -138,6 +138,8 @@ class Observer:
 
         The frame's tracks are left in `tracks`. A frame after the last one of a recording is watched anew.
         """
+        if frame.repeated and self.tracks is not None:
+            return self._posterior(self.tracks)
         if self._ended:
             self._begin_again()
         self.tracks = self._tracker.update(frame)

@@ -22,7 +22,8 @@ from observer.geometry.views import View, parse_view
 from observer.motion.archive import MotionArchive, Recording, resample
 from observer.motion.archive_file import read_archive
 from observer.motion.placing import placed
-from observer.motion.playback import RecordedMotion
+from observer.motion.playback import RecordedMotion, Start
+from observer.runtime.playback_meeting import MEETING, PlaybackMeeting
 from observer.tracking.registry import TrackerSettings, built_tracker, tracker_named
 from observer.tracks import BODY_PARTS, Floats, Frame, FrameSource, Tracker, Tracks
 
@@ -151,11 +152,11 @@ def open_inputs(
     content = content_of(section.source)
     choice = chosen_tracker(section)
     kind = tracker_named(choice.name, f"{key}.tracker", content)
-    start_ns = _start_ns(environment.get(PLAYBACK_START))
+    start_ns = _start(environment, observer)
     if content == "positions":
         motion = _recorded_motion(scene, observer, view, start_ns)
         _require_shown(motion, view, key, pictures=kind.reads == "pictures")
-        source = motion if kind.reads == "positions" else _virtual_camera(motion, view, section)
+        source = replace(motion, repeats=True) if kind.reads == "positions" else _virtual_camera(motion, view, section)
     elif content == "tracks":
         source = _tracks(section.source, report, tuple(wanted))
     else:
@@ -195,7 +196,7 @@ def _use_one_thread() -> None:
     cv2.setNumThreads(1)
 
 
-def _recorded_motion(scene: Scene, observer: str, view: View, start_ns: int | None) -> RecordedMotion:
+def _recorded_motion(scene: Scene, observer: str, view: View, start_ns: Start) -> RecordedMotion:
     """The recordings, for a camera file with the people where the scene says that they stand."""
     section, path = scene.observer(observer), scene.place(scene.observer(observer).source)
     archive = read_archive(path)
@@ -236,7 +237,7 @@ def _virtual_camera(motion: RecordedMotion, view: View, section: ObserverConfig)
     return VirtualCamera(motion, view, section.size_px or SIZE_PX, scenery, room.seed)
 
 
-def _pictures(scene: Scene, section: ObserverConfig, report: Report, start_ns: int | None) -> FrameSource:
+def _pictures(scene: Scene, section: ObserverConfig, report: Report, start_ns: Start) -> FrameSource:
     from observer.camera.opening import open_pictures
 
     return open_pictures(
@@ -248,6 +249,7 @@ def _pictures(scene: Scene, section: ObserverConfig, report: Report, start_ns: i
         speed=section.speed,
         loop=section.loop,
         start_ns=start_ns,
+        repeats=True,
     )
 
 
@@ -267,6 +269,11 @@ def _select(archive: MotionArchive, which: int | Literal["all"], key: str, path:
     if which >= len(archive.recordings):
         raise BadInput(f'{key} = {which}: {path} has recordings 0 to {len(archive.recordings) - 1}; or "all"')
     return archive.recordings[which : which + 1]
+
+
+def _start(environment: Mapping[str, str], observer: str) -> Start:
+    start_ns, folder = _start_ns(environment.get(PLAYBACK_START)), environment.get(MEETING)
+    return PlaybackMeeting(Path(folder), observer, start_ns or 0) if folder else start_ns
 
 
 def _start_ns(text: str | None) -> int | None:

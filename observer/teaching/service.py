@@ -152,6 +152,8 @@ class TeachableObserver:
         if (observer := self._learner.ready()) is not None:
             self._observer = observer
             log.info("new model: %s", ", ".join(observer.vocabulary.labels))
+        if frame.repeated:
+            return None if self._observer is None else self._observer.step(frame)
         posterior, tracks = None, None
         if self._observer is not None:
             posterior, tracks = self._observer.step(frame), self._observer.tracks

@@ -12,8 +12,9 @@ import pytest
 
 from common.config import read_scene
 from common.errors import LabanmeshError
-from deploy.commands import jobs, playback_delay_s, require_free_ports, up
+from deploy.commands import jobs, require_free_ports, up
 from deploy.launcher import Job, Launcher, RestartPolicy
+from deploy.meeting import open_meeting
 
 QUICK = RestartPolicy(first_s=0.01, longest_s=0.02)
 LASTING = "import time; print('ready', flush=True); time.sleep(600)"
@@ -179,13 +180,16 @@ def write_scene(folder, mesh, more=""):
     return folder / "scene.toml"
 
 
-def test_films_begin_after_the_slowest_tracker_has_loaded(tmp_path):
-    mesh, film = 'mode = "machine"', '[observers.cam2]\nsource = "film.mp4"\ntracker = '
-    camshift, mediapipe = (
-        playback_delay_s(read_scene(write_scene(tmp_path, mesh, f'{film}"{tracker}"\n'), {}))
-        for tracker in ("camshift", "mediapipe")
+def test_recordings_that_are_played_in_real_time_are_awaited(tmp_path):
+    others = (
+        'cam2]\nsource = "film.mp4"',
+        'live]\nsource = "0"',
+        'fast]\nsource = "f.mp4"\nspeed = 0.0',
+        'sent]\nsource = "-"',
     )
-    assert mediapipe >= camshift + 3
+    more = "".join(f"[observers.{other}\n" for other in others)
+    meeting = open_meeting(tmp_path, read_scene(write_scene(tmp_path, 'mode = "machine"', more), {}))
+    assert {path.name for path in meeting.iterdir()} == {"cam1.awaited", "cam2.awaited"}
 
 
 @pytest.mark.parametrize(

@@ -85,6 +85,24 @@ def test_speed_0_does_not_wait_and_stamps_the_time_of_playing(video):
     assert {frame.captured_ns for frame in frames} == {START_NS}
 
 
+def test_a_film_does_not_wait_for_an_observer_that_is_too_slow(video):
+    """25 Hz, and 0.2 s for each picture: one of five is looked at; the last one always, as a movement ends with it."""
+    clock, frames = WaitingClock(), []
+    for frame in played(open_pictures("clip.avi", video.parent), clock).frames(clock):
+        frames.append(frame)
+        assert clock.now_ns - frame.captured_ns <= SECOND_NS // 7 or frame.last
+        clock.now_ns += SECOND_NS // 5
+    assert len(frames) <= 5 and frames[-1].last
+    assert captured_s(frames) == pytest.approx([n / 25 for n in numbers(frames)]), "each has its own time"
+
+
+def test_a_film_that_is_played_slowly_shows_each_picture_for_longer(video):
+    clock = WaitingClock()
+    frames = list(played(open_pictures("clip.avi", video.parent, speed=0.1), clock, repeats=True).frames(clock))
+    assert max(np.diff(captured_s(frames))) < 0.15
+    assert len([frame for frame in frames if not frame.repeated]) == 12
+
+
 def test_a_rate_replaces_the_videos_own(video):
     assert open_pictures("clip.avi", video.parent, rate_hz=10).rate_hz == 10
     assert "0 pictures per second" in rejection("clip.avi", video.parent, rate_hz=0.0)
