@@ -21,7 +21,7 @@ WAY_OUT = "Free space, or lower clips.keep_mb"
 
 @dataclass(frozen=True, slots=True)
 class ClipFolder:
-    """Clips in `path`, which several observers of one machine may share; nobody else may enter a folder made here."""
+    """Clips in `path`, which several observers of one machine may share; nobody else may read them."""
 
     path: Path
     keep_days: float
@@ -31,8 +31,10 @@ class ClipFolder:
         """Write a clip, after room was made for it; raises LabanmeshError or OSError."""
         self.path.mkdir(mode=0o700, parents=True, exist_ok=True)
         self.delete_old(now_ns, len(content))
-        write_file(self.path / name, content, WAY_OUT)
-        return self.path / name
+        path = self.path / name
+        write_file(path, content, WAY_OUT)
+        path.chmod(0o600)
+        return path
 
     def delete_old(self, now_ns: int, coming_bytes: int = 0) -> int:
         """Delete clips older than `keep_days`, and the oldest until all fit `keep_mb`; returns how many."""
