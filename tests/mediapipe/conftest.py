@@ -20,13 +20,17 @@ from benchmarks.clips.material import CAMERA
 from observer.motion.archive import MotionArchive
 from observer.motion.importers.florence3d import import_folder
 from observer.tracking.mediapipe_pose import MediapipeTracker
+from observer.tracks import WHOLE_BODY, Tracks
 
 NAMED_BY = "LABANMESH_POSE_MODEL"
 
 
 @dataclass(frozen=True, slots=True)
 class Clip:
-    """truth: (F, 3, 2) px, head_to_hip: (F,) px, both from the joints; tracks: by the palm, then by the wrist."""
+    """truth: (F, 3, 2) px, head_to_hip: (F,) px, both from the joints; tracks: by the palm, then by the wrist.
+
+    joints: (F, 15, 2) px of all joints; whole: (F, 15, 2) px of the parts of WHOLE_BODY that were tracked.
+    """
 
     name: str
     label: str
@@ -35,6 +39,8 @@ class Clip:
     head_to_hip: np.ndarray
     palm: list
     wrist: list
+    joints: np.ndarray
+    whole: np.ndarray
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,14 +67,24 @@ def florence(data, pose_model):
         assert (recording.label, recording.subject) == (label, row["subject"])
         raw = joints[number]["original_skeletal_data"]
         hips = raw[:, (9, 12)].mean(axis=1)[[0, 2, 1]].T
-        points = np.concatenate([recording.positions.astype(np.float64), hips[:, None]], axis=1) @ CAMERA[:, :3].T
-        truth = points[..., :2] / points[..., 2:]
+        truth = in_picture(np.concatenate([recording.positions.astype(np.float64), hips[:, None]], axis=1))
+        all_joints = in_picture(raw.transpose(2, 1, 0)[..., [0, 2, 1]])
         head_to_hip = np.linalg.norm(truth[:, 2] - truth[:, 3], axis=1)
         shown = unmirrored(data / "florence3d_videos" / row["file"])
         assert len(shown) == len(truth)
-        tracks = [follow(MediapipeTracker(pose_model, hand), shown, recording.rate_hz) for hand in ("palm", "wrist")]
-        clips.append(Clip(row["file"], label, row["subject"], truth[:, :3], head_to_hip, *tracks))
+        whole = follow(MediapipeTracker(pose_model, "palm", WHOLE_BODY), shown, recording.rate_hz)
+        palm = [Tracks(t.centres[:3], t.guesses[:3]) for t in whole]
+        wrist = follow(MediapipeTracker(pose_model, "wrist"), shown, recording.rate_hz)
+        centres = np.array([t.centres for t in whole])
+        about = row["file"], label, row["subject"]
+        clips.append(Clip(*about, truth[:, :3], head_to_hip, palm, wrist, all_joints, centres))
     return Florence(CAMERA, archive, clips)
+
+
+def in_picture(metres):
+    """(..., 3) metres -> (..., 2) px."""
+    points = metres @ CAMERA[:, :3].T
+    return points[..., :2] / points[..., 2:]
 
 
 @pytest.fixture(scope="session")

@@ -13,7 +13,7 @@ from observer.geometry.views import View
 from observer.learning.learn import learn_view
 from observer.motion.archive import MotionArchive, labels_of
 from observer.runtime.pipeline import Observer, Resampler
-from observer.tracks import BODY_PARTS, Frame, Tracks
+from observer.tracks import BODY_PARTS, WHOLE_BODY, Frame, Tracks
 from studies.through import RecordedTracks
 
 pytest.importorskip("mediapipe")
@@ -59,6 +59,25 @@ def test_hands_and_head_agree_with_the_joints(florence):
     assert head <= 0.12
     assert seen.mean() > 0.95
     assert outliers <= 0.10
+
+
+HEAD, ANKLES = 0, (11, 14)
+JOINTS = {"left_hand": 5, "right_hand": 8, "head": HEAD, "left_elbow": 4, "right_elbow": 7,
+          "left_foot": ANKLES[0], "right_foot": ANKLES[1]}  # fmt: skip
+"""The joints of Florence 3D; those of the hands are called wrists there."""
+NEAR = 0.10
+"""Of the body's height, head to ankles."""
+
+
+def test_the_whole_body_agrees_with_the_joints_a_frame_later(florence):
+    for part, joint in JOINTS.items():
+        shares = []
+        for clip in florence.clips:
+            height = np.linalg.norm(clip.joints[1:, HEAD] - clip.joints[1:, ANKLES].mean(axis=1), axis=1)
+            off = np.linalg.norm(clip.whole[:-1, WHOLE_BODY.index(part)] - clip.joints[1:, joint], axis=1)
+            shares += (off <= NEAR * height).tolist()
+        print(f"{part}: within {NEAR} of the body's height in {np.mean(shares):.3f} of {len(shares)} frames")
+        assert np.mean(shares) >= (0.9 if part.endswith("hand") else 0.97)
 
 
 def test_left_and_right_are_those_of_the_person_in_every_clip(florence):
