@@ -1,0 +1,75 @@
+"""`python -m benchmarks.taught`: what models taught from 2-D tracks are worth, on recorded people."""
+
+import os
+import sys
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from benchmarks.command_line import run_command
+from benchmarks.taught import clips, few_takes
+from benchmarks.taught.judging import Teaching
+from common.command_options import takes_options
+from common.errors import BadInput
+from common.progress import ProgressBar
+from common.text import named_numbers
+from observer.model.registry import DEFAULT_MODEL
+
+
+class Row(StrEnum):
+    """What is measured. few-takes: five takes by one person. clips: another person's films. sensors: three cameras."""
+
+    FEW_TAKES = "few-takes"
+    CLIPS = "clips"
+    SENSORS = "sensors"
+
+
+@dataclass(frozen=True, slots=True)
+class TaughtOptions:
+    """As typed on the command line."""
+
+    row: Annotated[Row, typer.Argument(help="What is measured.")]
+    model: Annotated[str, typer.Option(help="The kind of model.")] = DEFAULT_MODEL
+    parameter: Annotated[list[str] | None, typer.Option(help="NAME=NUMBER of the model; may be repeated.")] = None
+    data: Annotated[str, typer.Option(help="few-takes: msr or nw_ucla.")] = "msr"
+    life: Annotated[bool, typer.Option("--life", help="few-takes: learn storytelling as something else.")] = False
+    draws: Annotated[int, typer.Option(min=1, help="few-takes: how many people with three movements.")] = 10
+    seed: Annotated[int, typer.Option(min=0, help="Of the draws.")] = 0
+    tracks: Annotated[
+        Path, typer.Option(help="clips: the folder of tracks; those missing are written there, which needs mediapipe.")
+    ] = Path("build/clips")
+    jobs: Annotated[int, typer.Option(min=0, help="Processes to share the work; 0: one per core.")] = 0
+
+
+@takes_options
+def taught(options: TaughtOptions) -> None:
+    """Print how well models taught from 2-D tracks recognise takes that they have not learned.
+
+    LABANMESH_DATA names the folder of recordings.
+
+    Example: python -m benchmarks.taught few-takes --data nw_ucla
+    """
+    place = os.environ.get("LABANMESH_DATA")
+    if not place:
+        raise BadInput("LABANMESH_DATA is not set: name the folder with the recordings of people")
+    data = Path(place)
+    parameters = named_numbers("--parameter", options.parameter or [])
+    if options.row is Row.CLIPS:
+        options.tracks.mkdir(parents=True, exist_ok=True)
+        for line in clips.rows(data, options.tracks, Teaching(options.model, parameters)):
+            print(line, flush=True)
+        return
+    room = (few_takes.msr_room if options.data == "msr" else few_takes.nw_ucla_room)(data)
+    teaching = Teaching(options.model, parameters, few_takes.life_in(room, data) if options.life else {})
+    with ProgressBar() as bar:
+        lines = few_takes.rows(
+            room, teaching, options.draws, options.seed, options.jobs, lambda done, total: bar("draws", done, total)
+        )
+        print("\n".join(lines))
+
+
+if __name__ == "__main__":
+    sys.exit(run_command(taught, "taught"))
