@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from benchmarks.command_line import run_command
-from benchmarks.taught import clips, few_takes
+from benchmarks.taught import clips, few_takes, sensors
 from benchmarks.taught.judging import Teaching
 from common.command_options import takes_options
 from common.errors import BadInput
@@ -61,6 +61,10 @@ def taught(options: TaughtOptions) -> None:
         options.tracks.mkdir(parents=True, exist_ok=True)
         for line in clips.rows(data, options.tracks, Teaching(options.model, parameters)):
             print(line, flush=True)
+        return
+    if options.row is Row.SENSORS:
+        with ProgressBar() as bar:
+            print("\n".join(sensors.rows(data, options.model, options.jobs, bar)))
         return
     room = (few_takes.msr_room if options.data == "msr" else few_takes.nw_ucla_room)(data)
     teaching = Teaching(options.model, parameters, few_takes.life_in(room, data) if options.life else {})

@@ -17,7 +17,7 @@ from common.config_sections import FusionConfig
 from observer.motion.archive import MotionArchive, Recording, TracksCamera
 from observer.motion.even_rate import at_even_rate
 from observer.motion.importers.florence3d import RATE_HZ
-from observer.tracks import BODY_PARTS
+from observer.tracks import BODY_PARTS, Floats
 
 CAMERA = "films"
 LEARNED_HZ = 15.0
@@ -26,7 +26,7 @@ LEARNED_HZ = 15.0
 def rows(data: Path, tracks: Path, teaching: Teaching) -> Iterator[str]:
     """A line for each film whose movement occurs for two people, and one for all."""
     films = {clip.name: (clip, centres_in(clip, tracks)) for clip in gesture_clips(data)}
-    people = {clip.label: set() for clip, _ in films.values()}  # type: dict[str, set[str]]
+    people: dict[str, set[str]] = {clip.label: set() for clip, _ in films.values()}
     for clip, _ in films.values():
         people[clip.label].add(clip.subject)
     results = []
@@ -42,9 +42,7 @@ def rows(data: Path, tracks: Path, teaching: Teaching) -> Iterator[str]:
     )
 
 
-def _judged(
-    clip: Clip, centres: np.ndarray, films: dict[str, tuple[Clip, np.ndarray]], teaching: Teaching
-) -> ClipResult:
+def _judged(clip: Clip, centres: Floats, films: dict[str, tuple[Clip, Floats]], teaching: Teaching) -> ClipResult:
     others = tuple(_take(one, seen) for one, seen in films.values() if one.subject != clip.subject)
     archive = MotionArchive(BODY_PARTS, others, TracksCamera(CAMERA, (640, 480)))
     labels = tuple(dict.fromkeys(take.label for take in others))
@@ -52,6 +50,6 @@ def _judged(
     return judge(clip.name, clip.label, centres, RATE_HZ, model, FusionConfig())
 
 
-def _take(clip: Clip, centres: np.ndarray) -> Recording:
+def _take(clip: Clip, centres: Floats) -> Recording:
     at_ns = np.round(np.arange(len(centres)) * SECOND_NS / RATE_HZ).astype(np.int64)
     return Recording(at_even_rate(at_ns, centres, LEARNED_HZ), LEARNED_HZ, clip.label, clip.subject, clip.name)

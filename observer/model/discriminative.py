@@ -198,6 +198,11 @@ class DiscriminativeWatch(Watch):
         """P(too little has moved of late for the movement | it is one)."""
 
     @property
+    def rows(self) -> Floats32:
+        """(F, 2 P + 3) the newest rows of the trace."""
+        return self._rows
+
+    @property
     def judges_ended(self) -> bool:
         """Whether the posterior is that of the classifier for ended movements."""
         return self._ended and self._log_segment is not None

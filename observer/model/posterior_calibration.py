@@ -22,7 +22,7 @@ DOUBTS = np.array([0.002, 0.005, 0.01, 0.02, 0.03, 0.05, 0.08, 0.12, 0.2])
 SMALLEST_SPREAD = 0.3
 """As a share of the mean spread: a few examples of a movement can be alike by chance."""
 FEWEST_EXAMPLES = 20
-"""With fewer evaluated examples a fit is chance; the result is then at least as cautious as CAUTIOUS."""
+"""With fewer evaluated examples a fit is partly chance; the fewer, the nearer the result is to CAUTIOUS."""
 TINY_P = 1e-12
 MAX_EVIDENCE = 0.5
 """Nats for or against "something else" from one observer: the likelihood of a movement also depends on the tracker.
@@ -129,7 +129,7 @@ def fit_calibration(results: Sequence[HeldOutResult], movements: int) -> Posteri
     truth = np.concatenate([np.full(len(r.posteriors), r.truth) for r in results])
     temperature, doubt = _least_log_loss(posteriors, truth, _weights(truth, movements))
     if len(results) < FEWEST_EXAMPLES:
-        return at_least_cautious(PosteriorCalibration(temperature, doubt))
+        return _nearly_cautious(temperature, doubt, len(results) / FEWEST_EXAMPLES)
     if posteriors.shape[1] > movements or any(r.foreseen is None for r in results):
         return PosteriorCalibration(temperature, doubt)
     statistics = _foreseen_statistics(results, movements)
@@ -137,6 +137,14 @@ def fit_calibration(results: Sequence[HeldOutResult], movements: int) -> Posteri
     other = np.array([_spreads_below(r, _best_other(r), statistics) for r in results])
     slope, unlike = _logistic(own, other)
     return PosteriorCalibration(temperature, doubt, statistics, unlike, slope)
+
+
+def _nearly_cautious(temperature: float, doubt: float, share: float) -> PosteriorCalibration:
+    """The geometric mean of a fit, with this share, and of one that is at least as cautious as CAUTIOUS."""
+    cautious = at_least_cautious(PosteriorCalibration(temperature, doubt))
+    return PosteriorCalibration(
+        cautious.temperature ** (1 - share) * temperature**share, cautious.doubt ** (1 - share) * doubt**share
+    )
 
 
 def at_least_cautious(calibration: PosteriorCalibration) -> PosteriorCalibration:

@@ -21,6 +21,7 @@ from observer.model.chains import fill_gaps
 from observer.model.cross_validation import CrossValidation, LearnedFromOthers
 from observer.model.discriminative import Discriminative, DiscriminativeWatch
 from observer.model.log_linear_pool import SMALLEST
+from observer.model.nearest_take import NEAREST, SCALES, WEIGHT, NearestTakeWatch, scales_in, takes_of
 from observer.model.parameters import Parameter
 from observer.model.phase import Phase, PhaseWatch, posture_reader
 from observer.model.posterior_calibration import HeldOutResult
@@ -49,13 +50,21 @@ class Stacked(LearnsStreams):
         **Discriminative.PARAMETERS,
         **EXPONENTS,
         **AGREEMENT,
+        **NEAREST,
     }
 
     def __init__(
-        self, header: Header, phase: Phase, discriminative: Discriminative, confusions: Floats | None = None
+        self,
+        header: Header,
+        phase: Phase,
+        discriminative: Discriminative,
+        confusions: Floats | None = None,
+        take_scales: Floats | None = None,
     ) -> None:
+        """take_scales: (M,) of `NearestTakes`, empty if the model does not compare with takes; None: measured here."""
         self.header, self.phase, self.discriminative = header, phase, discriminative
         self.confusions = np.eye(header.vocabulary.size) if confusions is None else confusions
+        self.takes = takes_of(header, discriminative.memory.examples, take_scales)
 
     @classmethod
     def learn_with_streams(cls, header: Header, examples: Sequence[Example], streams: Sequence[Stream]) -> Self:
@@ -117,12 +126,14 @@ class Stacked(LearnsStreams):
         confusions = np.asarray(arrays.get("confusions", np.eye(movements)), np.float64)
         if confusions.shape != (movements, movements) or not ((confusions >= 0) & (confusions <= 1)).all():
             raise ValueError(f"confusions {confusions.shape}: {movements} by {movements} from 0 to 1 are expected")
-        phase = Phase.from_arrays(_of_phase(header), arrays)
-        return cls(header, phase, Discriminative.from_arrays(_of_other(header), arrays), confusions)
+        phase, scales = Phase.from_arrays(_of_phase(header), arrays), scales_in(arrays, movements)
+        return cls(header, phase, Discriminative.from_arrays(_of_other(header), arrays), confusions, scales)
 
     def arrays(self) -> Arrays:
-        """Those of both members, whose names differ, and how the movements are confused."""
-        return {**self.phase.arrays(), **self.discriminative.arrays(), "confusions": self.confusions}
+        """Those of both members, whose names differ, how the movements are confused, and how far takes are apart."""
+        scales = np.zeros(0) if self.takes is None else self.takes.scales
+        own = {"confusions": self.confusions, SCALES: scales}
+        return {**self.phase.arrays(), **self.discriminative.arrays(), **own}
 
     def grown(self, header: Header, examples: Sequence[Example]) -> Self:
         """The phase filter as it was, and grown; the discriminative classifiers learned again."""
@@ -195,6 +206,7 @@ class StackedWatch(Watch):
         self._model = model
         self._other: DiscriminativeWatch = model.discriminative.watch(onset)
         self._phase: PhaseWatch | None = None
+        self._nearest: NearestTakeWatch | None = None
         self._reader = posture_reader(model.phase.header)
         # Features and stillness of the last frames.
         self._recent: deque[tuple[Floats, float]] = deque(maxlen=self._other.segment.lag + 1)
@@ -211,13 +223,17 @@ class StackedWatch(Watch):
         if not tracks.visible.any():
             return
         if begun is None:
-            self._phase = None
+            self._phase = self._nearest = None
         elif self._phase is None or (before is None or begun < before):
             self._phase = self._model.phase.watch(Onset(known=True))
             for features, still in list(self._recent)[-begun:]:
                 self._phase.step(features, still)
+            if self._model.takes is not None:
+                self._nearest = NearestTakeWatch(self._model.takes, self._other.rows[len(self._other.rows) - begun :])
         elif not self._other.segment.over:
             self._phase.step(*self._recent[-1])
+            if self._nearest is not None:
+                self._nearest.step(self._other.rows[-1])
         self._follow_facing()
 
     def _follow_facing(self) -> None:
@@ -275,6 +291,9 @@ class StackedWatch(Watch):
         if self._phase is not None and not self._other.judges_ended:
             members = np.array([self._phase.p, self._other.p])
             nats = disagreement(members, self._model.confusions, self._model.header.parameters)
+            p = raised(p, nats * (1 - self._other.doubt))
+        if self._nearest is not None:
+            nats = self._nearest.nats(int(self.p.argmax()), self._model.header.parameters[WEIGHT])
             p = raised(p, nats * (1 - self._other.doubt))
         return p * self._facing
 

@@ -117,9 +117,14 @@ def test_with_one_person_for_a_movement_recordings_are_left_out_in_turn(recordin
         assert evaluated not in learned and {movement for _, _, movement in learned} == {0, 1}
 
 
-@pytest.mark.parametrize("shown", [examples("a", trials=("1",)), examples("ab"), examples("a", trials=("1", "2"))])
-def test_with_few_examples_the_calibration_is_cautious(shown):
+@pytest.mark.parametrize("shown", [examples("a", trials=("1",)), examples("a", trials=("1", "2"))])
+def test_with_few_examples_of_one_person_the_calibration_is_cautious(shown):
     assert calibration_of(header(), shown) == CAUTIOUS
+
+
+def test_with_few_examples_of_two_people_it_is_partly_so():
+    calibration = calibration_of(header(), examples("ab"))
+    assert 0.5 < calibration.temperature < CAUTIOUS.temperature and calibration.doubt <= CAUTIOUS.doubt
 
 
 def test_with_one_person_the_fit_is_at_least_cautious():

@@ -120,12 +120,11 @@ def test_the_fit_finds_temperature_and_doubt(overconfidence, errors, within, dou
     assert doubts[0] <= fitted.doubt <= doubts[1]
 
 
-def test_a_fit_of_few_examples_is_cautious():
-    few = results(np.random.default_rng(0), 1.0, FEWEST_EXAMPLES)
-    fitted = fit_calibration(few[:-1], 6)
-    assert fitted.temperature >= CAUTIOUS.temperature and fitted.doubt >= CAUTIOUS.doubt
+def test_the_fewer_the_examples_the_more_cautious_is_the_fit():
+    enough = results(np.random.default_rng(0), 1.0, FEWEST_EXAMPLES)
+    doubts = [fit_calibration(enough[:n], 6).doubt for n in (0, 15, FEWEST_EXAMPLES)]
+    assert doubts == sorted(doubts, reverse=True) and len(set(doubts)) == len(doubts)
     assert fit_calibration([], 6) == CAUTIOUS
-    assert fit_calibration(few, 6).doubt < CAUTIOUS.doubt
 
 
 def results_with_foreseen(rng, spreads_apart, count=200):

@@ -1,0 +1,154 @@
+"""How near a movement is to the nearest take that was learned: what few takes tell about something else. Pure.
+
+A regression that has seen five takes of each movement hardly knows what else there is. But one person's takes are
+alike: a movement that is farther from every take of its label than these are from each other is something else. The
+distance is that of dynamic time warping (Sakoe and Chiba, IEEE Transactions on Acoustics, Speech, and Signal
+Processing 26, 1978, symmetric form, equation 18), from the begin of the movement to any instant of a take, so that a
+movement in progress is near too.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from observer.model.base import Arrays, Example, Header
+from observer.model.body_trace import Floats32, relative_and_path
+from observer.model.parameters import Parameter, ParameterRange
+from observer.tracks import Floats
+
+WEIGHT = "nearest_weight"
+NEAREST: Mapping[str, Parameter] = {WEIGHT: Parameter(2.0, ParameterRange(0.0, 20.0), earlier=0.0)}
+"""Nats for each distance between takes by which a movement is farther than USUAL."""
+SCALES = "take_scales"
+"""Name of the scales in a model file."""
+MOST_TAKES = 60
+"""With more takes the regressions know enough, and comparing with all would take too long."""
+USUAL = 1.2
+"""Distances between takes: from here on a movement is more likely something else than the regressions say."""
+MOST = 6.0
+"""Nats. A near movement speaks for nothing: it may still be the begin of another one."""
+SHOWN = 0.4
+"""The share of a take from which a movement may be near it."""
+OF_ITSELF = 0.5
+"""The share of a movement's own mean distance, beside that of all movements: few takes can be alike by chance."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NearestTakes:
+    """The takes of the movements. paths: (K, G, 2 P) places since the begin in body sizes, zeros after lengths (K,).
+
+    movements: (K,) indices. scales: (M,) mean distance of each movement's takes from their nearest one.
+    """
+
+    paths: Floats32
+    lengths: NDArray[np.int64]
+    movements: NDArray[np.int64]
+    scales: Floats
+
+    @classmethod
+    def of(cls, examples: Sequence[Example], movements: int, scales: Floats | None = None) -> "NearestTakes | None":
+        """The takes among the examples, whose features are traces; None if they are too many, too few, or turned.
+
+        scales: as learned earlier; otherwise they are measured by leaving out one take at a time.
+        """
+        takes = [e for e in examples if e.movement >= 0 and e.features is not None]
+        if not 2 <= len(takes) <= MOST_TAKES or any(e.facing for e in takes):
+            return None
+        traces = [e.features.astype(np.float32) for e in takes if e.features is not None]
+        paths = [path_of(trace) for trace in traces]
+        lengths = np.array([len(path) for path in paths])
+        padded = np.zeros((len(paths), int(lengths.max()), paths[0].shape[1]), np.float32)
+        for row, path in zip(padded, paths, strict=True):
+            row[: len(path)] = path
+        shown = np.array([e.movement for e in takes])
+        if scales is not None:
+            return cls(padded, lengths, shown, scales)
+        unscaled = cls(padded, lengths, shown, np.ones(movements))
+        measured = unscaled._scales(traces)
+        return None if measured is None else cls(padded, lengths, shown, measured)
+
+    def _scales(self, traces: Sequence[Floats32]) -> Floats | None:
+        """(M,) by leaving out one take at a time; None if no movement has two takes, or if they are all the same."""
+        nearest: list[list[float]] = [[] for _ in self.scales]
+        for k in range(len(traces)):
+            own = self.movements == self.movements[k]
+            own[k] = False
+            if own.any():
+                watch = NearestTakeWatch(self, traces[k])
+                nearest[self.movements[k]].append(float(watch.distances[own].min()))
+        of_all = [distance for distances in nearest for distance in distances]
+        if not of_all or not np.mean(of_all) > 0:
+            return None
+        usual = float(np.mean(of_all))
+        means = np.array([np.mean(distances) if distances else usual for distances in nearest])
+        return OF_ITSELF * means + (1 - OF_ITSELF) * usual
+
+
+class NearestTakeWatch:
+    """Compares one movement with all takes, frame by frame from its begin."""
+
+    def __init__(self, takes: NearestTakes, rows: Iterable[Floats32] = ()) -> None:
+        """rows: (2 P + 3,) of the trace since the begin."""
+        self._takes = takes
+        self._begin: Floats32 | None = None
+        self._frames = 0
+        self._costs: Floats = np.full(takes.paths.shape[:2], np.inf)
+        places = np.arange(takes.paths.shape[1])
+        reachable = (places >= SHOWN * takes.lengths[:, None] - 1) & (places < takes.lengths[:, None])
+        self._unreachable = np.where(reachable, 0.0, np.inf)
+        self._steps = places + 2.0
+        self.distances: Floats = np.full(len(takes.lengths), np.inf)
+        """(K,) mean distance from each take along the best path so far, in body sizes."""
+        for row in rows:
+            self.step(row)
+
+    def step(self, row: Floats32) -> None:
+        """One more frame: (2 P + 3,) a row of the trace."""
+        if self._begin is None:
+            self._begin = row[-3:-1]
+        path = row[:-3] + np.tile(row[-3:-1] - self._begin, (len(row) - 3) // 2)
+        difference = self._takes.paths - path
+        cost = np.sqrt(np.einsum("kgp,kgp->kg", difference, difference) / len(path), dtype=np.float64)
+        before = np.empty_like(cost)
+        before[:, 0] = 0.0 if self._frames == 0 else np.inf
+        before[:, 1:] = self._costs[:, :-1]
+        entered = np.minimum(self._costs + cost, before + 2 * cost)
+        # The best place to have entered this frame's row: D[j] = min over k <= j of entered[k] + cost[k + 1 .. j].
+        total = np.cumsum(cost, axis=1)
+        self._costs = total + np.minimum.accumulate(entered - total, axis=1)
+        self.distances = (self._costs / (self._steps + self._frames) + self._unreachable).min(axis=1)
+        self._frames += 1
+
+    def nats(self, movement: int, weight: float) -> float:
+        """For something else, if the movement is taken for this one."""
+        own = self.distances[self._takes.movements == movement]
+        if not self._frames or not len(own):
+            return 0.0
+        far = float(own.min()) / float(self._takes.scales[movement])
+        return min(max(weight * (far - USUAL), 0.0), MOST)
+
+
+def takes_of(header: Header, examples: Sequence[Example], scales: Floats | None) -> NearestTakes | None:
+    """The takes with which a model compares; None if it does not.
+
+    scales: of its file, empty for a model that does not compare with takes; None: they are measured here.
+    """
+    if not header.parameters[WEIGHT] or (scales is not None and not len(scales)):
+        return None
+    return NearestTakes.of(examples, header.vocabulary.size, scales)
+
+
+def scales_in(arrays: Arrays, movements: int) -> Floats:
+    """`NearestTakes.scales` of a model file, empty for a model without; ValueError if they do not fit."""
+    scales = np.asarray(arrays.get(SCALES, np.zeros(0)), np.float64)
+    if scales.shape not in ((0,), (movements,)) or not (np.isfinite(scales) & (scales > 0)).all():
+        raise ValueError(f"{SCALES} are {scales}; {movements} distances are expected")
+    return scales
+
+
+def path_of(trace: Floats32) -> Floats32:
+    """(F, 2 P + 3) trace from the begin of a movement -> (F, 2 P) where each part is since then."""
+    _, path = relative_and_path(trace)
+    return path - np.tile(trace[0, -3:-1], path.shape[1] // 2)

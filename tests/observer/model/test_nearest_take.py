@@ -1,0 +1,108 @@
+"""A movement that is farther from every learned take than these are from each other is something else."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from common.vocabulary import Vocabulary
+from observer.geometry.views import this_camera
+from observer.learning.learn import learn_view
+from observer.model.base import Example, Onset
+from observer.model.model_file import read_model, write_model
+from observer.model.nearest_take import MOST_TAKES, NearestTakes, NearestTakeWatch
+from observer.motion.archive import MotionArchive, Recording, TracksCamera
+from observer.tracks import Tracks
+
+FRAMES = 24
+
+
+def trace(direction, frames=FRAMES, noise=0.0, seed=0):
+    """Two parts; the first goes one body size away in that direction and back; the body stands still."""
+    way = np.sin(np.linspace(0, np.pi, frames))[:, None] * direction
+    rows = np.concatenate([way, np.ones((frames, 2)), np.zeros((frames, 2)), np.ones((frames, 1))], axis=1)
+    rows[:, :4] += np.random.default_rng(seed).normal(0, noise, (frames, 4))
+    return rows
+
+
+UP, ASIDE, DIAGONAL = (np.array(each) for each in ((0.0, 1.0), (1.0, 0.0), (0.7, -0.7)))
+
+
+@pytest.fixture(scope="module")
+def takes():
+    examples = [
+        Example((), movement, features=trace(direction, frames, 0.03, 10 * movement + frames))
+        for movement, direction in enumerate((UP, ASIDE))
+        for frames in (18, 24, 30)
+    ]
+    return NearestTakes.of(examples, 2)
+
+
+def nats(takes, rows, movement):
+    return NearestTakeWatch(takes, rows.astype(np.float32)).nats(movement, 2.0)
+
+
+def test_another_take_is_near_whatever_its_tempo_and_another_movement_is_far(takes):
+    assert (takes.scales > 0).all()
+    for frames in (14, 24, 40):
+        assert nats(takes, trace(UP, frames, 0.03, 99), 0) < 0.5
+        assert nats(takes, trace(DIAGONAL, frames, 0.03, 98), 0) > 2
+        assert nats(takes, trace(ASIDE, frames, 0.03, 97), 0) > 2
+
+
+def test_a_movement_in_progress_is_near_too(takes):
+    assert nats(takes, trace(UP, FRAMES, 0.03, 99)[:15], 0) < 0.5
+
+
+def test_the_distance_is_that_of_dynamic_time_warping(takes):
+    """Oracle: the recurrence, cell by cell (Sakoe and Chiba 1978, symmetric form)."""
+    rows = trace(DIAGONAL, 20, 0.1, 5).astype(np.float32)
+    watch = NearestTakeWatch(takes, rows)
+    start = rows[:, :-3] + np.tile(rows[:, -3:-1] - rows[0, -3:-1], 2)
+    for k, length in enumerate(takes.lengths):
+        take = takes.paths[k, :length]
+        cost = np.sqrt(((start[:, None] - take[None]) ** 2).mean(axis=2))
+        total = np.full((len(rows) + 1, length + 1), np.inf)
+        total[0, 0] = 0
+        for i in range(1, len(rows) + 1):
+            for j in range(1, length + 1):
+                c = cost[i - 1, j - 1]
+                total[i, j] = min(total[i - 1, j] + c, total[i, j - 1] + c, total[i - 1, j - 1] + 2 * c)
+        means = [total[-1, j] / (len(rows) + j) for j in range(1, length + 1) if j >= 0.4 * length]
+        assert watch.distances[k] == pytest.approx(min(means), rel=1e-4)
+
+
+def test_too_many_takes_single_ones_and_turned_people_are_not_compared():
+    examples = [Example((), 0, features=trace(UP)), Example((), 1, features=trace(ASIDE))]
+    assert NearestTakes.of(examples, 2) is None
+    assert NearestTakes.of(examples * MOST_TAKES, 2) is None
+    assert NearestTakes.of([replace(e, facing=1) for e in examples * 2], 2) is None
+
+
+def shown(direction, seed):
+    rest = np.tile([[-40.0, 0.0], [40.0, 0.0], [0.0, -120.0]], (45, 1, 1))
+    rest[15:35, 1] += 100 * trace(direction, 20)[:, :2] * (1, -1)
+    return rest + np.random.default_rng(seed).normal(0, 1, rest.shape)
+
+
+def test_a_model_of_few_takes_knows_something_else_better_and_stays_so_in_its_file(tmp_path):
+    takes = [
+        Recording(shown(direction, n).astype(np.float32), 15.0, label, "anna", str(n))
+        for label, direction in (("up", UP), ("aside", ASIDE))
+        for n in range(3)
+    ]
+    archive = MotionArchive(("left_hand", "right_hand", "head"), tuple(takes), TracksCamera("sofa"))
+    vocabulary = Vocabulary(("up", "aside"))
+    models = [
+        learn_view(archive, this_camera("sofa"), vocabulary, calibrate=False, parameters={"nearest_weight": weight})
+        for weight in (0.0, 2.0)
+    ]
+    write_model(tmp_path / "sofa.model", models[1])
+    models.append(read_model(tmp_path / "sofa.model"))
+    unlearned = []
+    for model in models:
+        watch = model.watch(Onset())
+        for centres in shown(-UP, 9)[:36]:
+            watch.update(Tracks(centres))
+        unlearned.append(float(watch.unlearned.sum()))
+    assert unlearned[0] < unlearned[1] == unlearned[2]
