@@ -140,6 +140,11 @@ def takes_of(header: Header, examples: Sequence[Example], scales: Floats | None)
     return NearestTakes.of(examples, header.vocabulary.size, scales)
 
 
+def arrays_of(takes: NearestTakes | None) -> Arrays:
+    """For a model file, which has the takes as examples already."""
+    return {SCALES: np.zeros(0) if takes is None else takes.scales}
+
+
 def scales_in(arrays: Arrays, movements: int) -> Floats:
     """`NearestTakes.scales` of a model file, empty for a model without; ValueError if they do not fit."""
     scales = np.asarray(arrays.get(SCALES, np.zeros(0)), np.float64)

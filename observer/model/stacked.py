@@ -21,7 +21,7 @@ from observer.model.chains import fill_gaps
 from observer.model.cross_validation import CrossValidation, LearnedFromOthers
 from observer.model.discriminative import Discriminative, DiscriminativeWatch
 from observer.model.log_linear_pool import SMALLEST
-from observer.model.nearest_take import NEAREST, SCALES, WEIGHT, NearestTakeWatch, scales_in, takes_of
+from observer.model.nearest_take import NEAREST, WEIGHT, NearestTakeWatch, arrays_of, scales_in, takes_of
 from observer.model.parameters import Parameter
 from observer.model.phase import Phase, PhaseWatch, posture_reader
 from observer.model.posterior_calibration import HeldOutResult
@@ -131,8 +131,7 @@ class Stacked(LearnsStreams):
 
     def arrays(self) -> Arrays:
         """Those of both members, whose names differ, how the movements are confused, and how far takes are apart."""
-        scales = np.zeros(0) if self.takes is None else self.takes.scales
-        own = {"confusions": self.confusions, SCALES: scales}
+        own = {"confusions": self.confusions, **arrays_of(self.takes)}
         return {**self.phase.arrays(), **self.discriminative.arrays(), **own}
 
     def grown(self, header: Header, examples: Sequence[Example]) -> Self:
@@ -287,15 +286,13 @@ class StackedWatch(Watch):
     @property
     def unlearned(self) -> Floats | None:
         """(K,) P(something else, facing)."""
-        p = float(self._other.unlearned[0])
+        p, nats = float(self._other.unlearned[0]), 0.0
         if self._phase is not None and not self._other.judges_ended:
             members = np.array([self._phase.p, self._other.p])
             nats = disagreement(members, self._model.confusions, self._model.header.parameters)
-            p = raised(p, nats * (1 - self._other.doubt))
         if self._nearest is not None:
-            nats = self._nearest.nats(int(self.p.argmax()), self._model.header.parameters[WEIGHT])
-            p = raised(p, nats * (1 - self._other.doubt))
-        return p * self._facing
+            nats += self._nearest.nats(int(self.p.argmax()), self._model.header.parameters[WEIGHT])
+        return raised(p, nats * (1 - self._other.doubt)) * self._facing
 
     @property
     def rest(self) -> float:
