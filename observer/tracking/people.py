@@ -23,7 +23,7 @@ CLEAR = 0.5
 """Visibility from which a landmark counts."""
 GRID_PX = 8
 """Motion is looked for in every eighth pixel each way."""
-ON_MARK = 0.2
+ON_MARK = 0.4
 """Share of the height from which a person stands on the marked place."""
 WIDE = 0.4
 """Width of the frame that is drawn around a person, of the height; arms may leave it."""
@@ -82,6 +82,10 @@ class SearchArea:
         """This part of the picture, contiguous."""
         part = rgb[self.top : self.top + self.height, self.left : self.left + self.width]
         return np.ascontiguousarray(part)
+
+    def holds(self, u: float, v: float) -> bool:
+        """Whether a place of the picture, px, lies in it."""
+        return self.left <= u <= self.left + self.width and self.top <= v <= self.top + self.height
 
     def of_grid(self, grid: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """The part of a grid of every GRID_PX-th pixel that lies in it."""

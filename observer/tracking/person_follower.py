@@ -74,7 +74,7 @@ class PersonFollower:
         """As `PoseModel.landmarks`, of the followed person."""
         size = (rgb.shape[1], rgb.shape[0])
         if self._sweep is None or self._sweep.size != size:
-            self._sweep, self._followed, self._candidates, self._pending = Sweep(size), None, [], []
+            self._sweep, self._followed, self._candidates, self._pending = Sweep(size, self._rule.near), None, [], []
         self._ms, self._step_ms = ms, min(ms - self._ms, 1000 * LONGEST_STEP_S)
         pose = None if self._followed is None else self._follow(self._followed, rgb)
         if self._followed is None and ms >= self._not_before_ms:
@@ -178,10 +178,11 @@ class PersonFollower:
                 yield from sweep.next(1, motion)
 
     def _needed(self, sweep: Sweep, level: int) -> list[tuple[int, SearchArea]]:
-        """The areas to search before a choice: people found only in smaller squares are smaller."""
+        """The areas to search before a choice: people found only in smaller squares are smaller, and farther from the
+        mark those outside the squares that hold it."""
         if self._rule.is_met_by(self._candidates, sweep.size):
             return []
-        return sweep.rest_of(level if self._rule.name == "largest" else None)
+        return sweep.rest_of(level)
 
     def _choose(self, size: tuple[int, int], rgb: Rgb) -> Pose | None:
         candidates, self._candidates = self._rule.ordered(distinct(self._candidates), size), []
@@ -202,7 +203,7 @@ class PersonFollower:
         self.choices += 1
         self._followed, self._seen_ms = body, self._ms
         others = [one for one in self._waiting if one.body.distance(body) > BESIDE * body.height]
-        self._company, self._sweep, self._pictures = Company(others), Sweep(size), 1
+        self._company, self._sweep, self._pictures = Company(others), Sweep(size, self._rule.near), 1
         place = f"{body.u:.0f}, {body.v:.0f} of {size[0]}x{size[1]} px"
         self._report(f"follows the person at {place}, {body.height:.0f} px tall ({self._rule}; {people} seen)")
 

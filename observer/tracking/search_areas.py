@@ -43,13 +43,14 @@ def _off_centre(area: SearchArea, width: int, height: int) -> float:
 
 
 class Sweep:
-    """Passes through all areas again and again; areas in which something moves come first.
+    """Passes through all areas again and again: first those that hold the mark, then those in which something moves.
 
-    size: width and height of the pictures, px.
+    size: width and height of the pictures, px. mark: shares of both; None: no mark.
     """
 
-    def __init__(self, size: tuple[int, int]) -> None:
+    def __init__(self, size: tuple[int, int], mark: tuple[float, float] | None = None) -> None:
         self.size = size
+        self._mark = None if mark is None else (mark[0] * size[0], mark[1] * size[1])
         self._levels = search_levels(*size)
         self._due: list[tuple[int, SearchArea]] = []
         self.passes = 0
@@ -67,17 +68,24 @@ class Sweep:
         """
         self._begin_if_done()
         if motion is not None and motion.sum() >= STIRRED:
-            self._due.sort(key=lambda each: -_moving(each[1], motion))
+            self._due.sort(key=lambda each: (not self._is_marked(each[1]), -_moving(each[1], motion)))
         return self._taken(self._due[:count])
 
-    def rest_of(self, level: int | None) -> list[tuple[int, SearchArea]]:
-        """The squares of that level that are still due; None: of all levels."""
+    def rest_of(self, level: int) -> list[tuple[int, SearchArea]]:
+        """The squares that are still due and may hold a better candidate than those found in that level: the others of
+        its size, or those that hold the mark."""
         self._begin_if_done()
-        return self._taken([each for each in self._due if level in (None, each[0])])
+        return self._taken(
+            [(n, area) for n, area in self._due if (n == level if self._mark is None else self._is_marked(area))]
+        )
 
     def _begin_if_done(self) -> None:
         if not self._due:
             self._due = [(n, area) for n, level in enumerate(self._levels) for area in level if n]
+            self._due.sort(key=lambda each: not self._is_marked(each[1]))
+
+    def _is_marked(self, area: SearchArea) -> bool:
+        return self._mark is not None and area.holds(*self._mark)
 
     def _taken(self, areas: Sequence[tuple[int, SearchArea]]) -> list[tuple[int, SearchArea]]:
         due = len(self._due)
