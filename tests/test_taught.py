@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from benchmarks.taught.few_takes import MOVEMENTS, Room, draws, few, judge_draw, streams_of
-from benchmarks.taught.judging import Teaching
+from benchmarks.taught.few_takes import MOVEMENTS, RecordedRoom, draws, few, judge_draw, streams_of
+from benchmarks.taught.judging import TaughtModels
 from observer.geometry.views import parse_view
 from observer.motion.archive import labels_of
 from studies.performer import perform
@@ -14,13 +14,13 @@ LABELS = ("ok", "shake", "lunging", "byebye")
 def room(trials=2):
     archive = perform(("1", "2"), LABELS, trials=trials, seed=3)
     views = {"sofa": parse_view("yaw:-20"), "shelf": parse_view("yaw:50")}
-    return Room("synthetic", dict.fromkeys(views, archive), views, trials)
+    return RecordedRoom("synthetic", dict.fromkeys(views, archive), views, trials)
 
 
 def test_every_take_is_judged_by_models_of_the_others_and_so_are_other_movements():
     here = room()
     (draw,) = draws(here, 1, seed=5)
-    result = judge_draw(draw, here, Teaching("phase"))
+    result = judge_draw(draw, here, TaughtModels("phase"))
     assert (result.takes, result.learned) == (2 * MOVEMENTS, 1)
     assert result.right >= 4 and result.right <= result.named and result.minutes > 0
 

@@ -11,7 +11,7 @@ import typer
 
 from benchmarks.command_line import run_command
 from benchmarks.taught import clips, few_takes, sensors
-from benchmarks.taught.judging import Teaching
+from benchmarks.taught.judging import TaughtModels
 from common.command_options import takes_options
 from common.errors import BadInput
 from common.progress import ProgressBar
@@ -59,7 +59,7 @@ def taught(options: TaughtOptions) -> None:
     parameters = named_numbers("--parameter", options.parameter or [])
     if options.row is Row.CLIPS:
         options.tracks.mkdir(parents=True, exist_ok=True)
-        for line in clips.rows(data, options.tracks, Teaching(options.model, parameters)):
+        for line in clips.rows(data, options.tracks, TaughtModels(options.model, parameters)):
             print(line, flush=True)
         return
     if options.row is Row.SENSORS:
@@ -67,7 +67,7 @@ def taught(options: TaughtOptions) -> None:
             print("\n".join(sensors.rows(data, options.model, options.jobs, bar)))
         return
     room = (few_takes.msr_room if options.data == "msr" else few_takes.nw_ucla_room)(data)
-    teaching = Teaching(options.model, parameters, few_takes.life_in(room, data) if options.life else {})
+    teaching = TaughtModels(options.model, parameters, few_takes.life_in(room, data) if options.life else {})
     with ProgressBar() as bar:
         lines = few_takes.rows(
             room, teaching, options.draws, options.seed, options.jobs, lambda done, total: bar("draws", done, total)

@@ -11,7 +11,7 @@ import numpy as np
 from benchmarks.clips.judging import ClipResult, judge
 from benchmarks.clips.material import Clip, centres_in, gesture_clips
 from benchmarks.clips.report import line
-from benchmarks.taught.judging import Teaching
+from benchmarks.taught.judging import TaughtModels
 from common import SECOND_NS
 from common.config_sections import FusionConfig
 from observer.motion.archive import MotionArchive, Recording, TracksCamera
@@ -23,7 +23,7 @@ CAMERA = "films"
 LEARNED_HZ = 15.0
 
 
-def rows(data: Path, tracks: Path, teaching: Teaching) -> Iterator[str]:
+def rows(data: Path, tracks: Path, teaching: TaughtModels) -> Iterator[str]:
     """A line for each film whose movement occurs for two people, and one for all."""
     films = {clip.name: (clip, centres_in(clip, tracks)) for clip in gesture_clips(data)}
     people: dict[str, set[str]] = {clip.label: set() for clip, _ in films.values()}
@@ -42,7 +42,7 @@ def rows(data: Path, tracks: Path, teaching: Teaching) -> Iterator[str]:
     )
 
 
-def _judged(clip: Clip, centres: Floats, films: dict[str, tuple[Clip, Floats]], teaching: Teaching) -> ClipResult:
+def _judged(clip: Clip, centres: Floats, films: dict[str, tuple[Clip, Floats]], teaching: TaughtModels) -> ClipResult:
     others = tuple(_take(one, seen) for one, seen in films.values() if one.subject != clip.subject)
     archive = MotionArchive(BODY_PARTS, others, TracksCamera(CAMERA, (640, 480)))
     labels = tuple(dict.fromkeys(take.label for take in others))

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.taught.judging import Teaching, names_in, verdicts_on
+from benchmarks.taught.judging import TaughtModels, names_in, verdicts_on
 from common.parallel import cores, run_parts
 from observer.geometry.projection import pinhole_matrix
 from observer.geometry.views import View
@@ -32,7 +32,7 @@ SENSOR = np.array([[-FOCAL_PX, 0.0, 320.0, 0.0], [0.0, -FOCAL_PX, 240.0, 0.0], [
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Room:
+class RecordedRoom:
     """Two cameras and what they recorded in 3-D, each in its own axes. least: takes that a movement needs."""
 
     name: str
@@ -71,7 +71,7 @@ class DrawResult:
     minutes: float
 
 
-def msr_room(data: Path) -> Room:
+def msr_room(data: Path) -> RecordedRoom:
     """MSR Action3D, at most three takes, seen from 20 degrees left and 50 degrees right of the person."""
     archive = import_folder(data / "msr_action3d").archive
     middle = np.nanmean(np.concatenate([r.positions[:, 2] for r in archive.recordings]), axis=0)
@@ -79,17 +79,17 @@ def msr_room(data: Path) -> Room:
         name: View(name, pinhole_matrix(np.deg2rad(yaw), 0.1, DISTANCE_M, FOCAL_PX, CENTRE_PX, tuple(middle.tolist())))
         for name, yaw in (("sofa", -20.0), ("shelf", 50.0))
     }
-    return Room("MSR Action3D", dict.fromkeys(views, archive), views, 3)
+    return RecordedRoom("MSR Action3D", dict.fromkeys(views, archive), views, 3)
 
 
-def nw_ucla_room(data: Path) -> Room:
+def nw_ucla_room(data: Path) -> RecordedRoom:
     """Northwestern-UCLA: five or six takes, two real depth cameras at once, each sees what it recorded."""
     files = {"left": "sensor1.npz", "right": "sensor2.npz"}
     space = {name: with_parts(read_archive(data / "nw_ucla" / file), BODY_PARTS) for name, file in files.items()}
-    return Room("nw_ucla", space, {name: View(name, SENSOR) for name in files}, 5)
+    return RecordedRoom("nw_ucla", space, {name: View(name, SENSOR) for name in files}, 5)
 
 
-def life_in(room: Room, data: Path) -> dict[str, MotionArchive]:
+def life_in(room: RecordedRoom, data: Path) -> dict[str, MotionArchive]:
     """Other people's storytelling as the cameras of the room would see it: what else a person does there."""
     stories = with_parts(read_archive(data / "storytelling" / "storytelling.npz"), BODY_PARTS)
     first = next(iter(room.space.values()))
@@ -102,7 +102,7 @@ def life_in(room: Room, data: Path) -> dict[str, MotionArchive]:
     return room.seen(dict.fromkeys(room.views, moved))
 
 
-def draws(room: Room, count: int, seed: int) -> list[Draw]:
+def draws(room: RecordedRoom, count: int, seed: int) -> list[Draw]:
     """`count` people with three movements each, of which the person has enough takes."""
     rng = np.random.default_rng(seed)
     first = next(iter(room.space.values()))
@@ -118,7 +118,7 @@ def draws(room: Room, count: int, seed: int) -> list[Draw]:
     return result
 
 
-def judge_draw(draw: Draw, room: Room, teaching: Teaching) -> DrawResult:
+def judge_draw(draw: Draw, room: RecordedRoom, teaching: TaughtModels) -> DrawResult:
     """Each take of the three movements, judged by models of the others; then all other movements of the person."""
     own = {name: select(archive, [draw.subject]).recordings for name, archive in room.space.items()}
     takes = {name: [r for r in rs if r.label in draw.labels] for name, rs in own.items()}
@@ -156,7 +156,7 @@ def few(takes: Sequence[Recording]) -> list[Recording]:
     return result
 
 
-def streams_of(room: Room, takes: Sequence[Recording], seed: int) -> dict[str, Recording]:
+def streams_of(room: RecordedRoom, takes: Sequence[Recording], seed: int) -> dict[str, Recording]:
     """The takes with rest between, as each camera sees them; what a camera did not record it does not see."""
     result = {}
     for name, archive in room.space.items():
@@ -168,7 +168,9 @@ def streams_of(room: Room, takes: Sequence[Recording], seed: int) -> dict[str, R
     return result
 
 
-def rows(room: Room, teaching: Teaching, count: int, seed: int, jobs: int, progress: Progress) -> Iterator[str]:
+def rows(
+    room: RecordedRoom, teaching: TaughtModels, count: int, seed: int, jobs: int, progress: Progress
+) -> Iterator[str]:
     """A line for each draw, and one for all."""
     parts = draws(room, count, seed)
     results = run_parts(partial(judge_draw, room=room, teaching=teaching), parts, jobs or cores(), progress)

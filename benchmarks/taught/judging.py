@@ -21,7 +21,7 @@ Cameras = Mapping[str, MotionArchive]
 
 
 @dataclass(frozen=True, slots=True)
-class Teaching:
+class TaughtModels:
     """How models are learned: the kind, its parameters, and what else people do, by camera (none: empty)."""
 
     kind: str
