@@ -30,6 +30,7 @@ from common.messages import (
     VocabularyReference,
     VoteState,
 )
+from common.picture_message import PICTURE_BYTES, PICTURE_SIDE_PX, PictureMessage
 from common.vocabulary import ABSTAIN
 from common.wire import (
     OPTIONAL_DETAIL,
@@ -72,7 +73,11 @@ STATUSES = st.builds(
     status, scene=IDS, id=IDS, state=st.sampled_from(get_args(ProcessState)), reason=WORDS, rate_hz=st.none() | NUMBERS,
     last_frame_ns=st.none() | COUNTS, skew_s=st.none() | NUMBERS, version=WORDS,
 )  # fmt: skip
-KINDS = (PosteriorMessage, JudgementMessage, VerdictMessage, StatusMessage, VocabularyMessage)
+PICTURES = st.builds(
+    PictureMessage, captured_ns=COUNTS, width=st.integers(1, PICTURE_SIDE_PX), height=st.integers(1, PICTURE_SIDE_PX),
+    jpeg=st.binary(min_size=2, max_size=300) | st.just(bytes(PICTURE_BYTES)),
+)  # fmt: skip
+KINDS = (PosteriorMessage, JudgementMessage, VerdictMessage, StatusMessage, VocabularyMessage, PictureMessage)
 
 
 def reason_of(kind, payload):
@@ -112,7 +117,7 @@ def test_a_revision_and_its_end_survive_the_round_trip():
         assert decode(VerdictMessage, encode(message)) == message
 
 
-@given(JUDGEMENTS | VERDICTS | STATUSES)
+@given(JUDGEMENTS | VERDICTS | STATUSES | PICTURES)
 def test_a_message_survives_the_round_trip(message):
     assert decode(type(message), encode(message)) == message
 

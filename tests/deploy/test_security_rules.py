@@ -199,6 +199,13 @@ def test_tracks_over_the_mesh_are_read_and_published_by_their_observer_alone():
     assert may(control, "cam1.1", "egress", "put", "wristband/tracks")
 
 
+@pytest.mark.parametrize("wide", ["laban/dojo/**", "**", "*/*/*/*/*", "laban/dojo/observer/cam1/*"])
+def test_no_wildcard_covers_a_picture(wide):
+    picture = zenoh.KeyExpr(scene().keys.picture("cam1"))
+    assert not zenoh.KeyExpr(wide).intersects(picture)
+    assert zenoh.KeyExpr(scene().keys.picture()).intersects(picture)
+
+
 def test_an_observer_hears_verdicts_if_it_keeps_clips():
     dojo = scene()
     clips = ObserverConfig(source="0", clips=ClipsConfig(folder="clips"))

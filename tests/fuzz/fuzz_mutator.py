@@ -20,6 +20,7 @@ from common.messages import (
     VocabularyReference,
     Vote,
 )
+from common.picture_message import PictureMessage
 from common.vocabulary import Vocabulary
 from common.wire import encode
 
@@ -28,7 +29,7 @@ NAMES = Vocabulary(("bowing", "lunging", "byebye", "stretch"))
 REFERENCE = VocabularyReference(name=NAMES.name, hash=NAMES.digest)
 NOON_NS = 1_700_000_000_000_000_000
 KEY = f"laban/{SCENE}/observer/{{}}/posterior"
-KINDS = (PosteriorMessage, JudgementMessage, VerdictMessage, StatusMessage, VocabularyMessage)
+KINDS = (PosteriorMessage, JudgementMessage, VerdictMessage, StatusMessage, VocabularyMessage, PictureMessage)
 NASTY = (
     *(None, True, False, 0, -1, 1, 2**31, 2**63 - 1, 2**64 - 1, -(2**63)),
     *(0.0, -0.0, 1e-320, 1e308, -1e308, math.nan, math.inf, -math.inf),
@@ -77,6 +78,7 @@ def good_messages(rng):
         ),
         StatusMessage(scene=SCENE, id="cam1", state="running", rate_hz=15.0, last_frame_ns=NOON_NS, at_ns=NOON_NS),
         VocabularyMessage(scene=SCENE, name=NAMES.name, hash=NAMES.digest, labels=list(NAMES.labels)),
+        PictureMessage(captured_ns=NOON_NS, width=320, height=240, jpeg=b"\xff\xd8" + bytes(200)),
     )
 
 
