@@ -16,6 +16,7 @@ import typer
 from common.command_options import takes_options
 from common.errors import BadInput, LabanmeshError
 from common.vocabulary import Vocabulary
+from hub.scene_state import is_abstention
 
 if TYPE_CHECKING:
     from common.config import Scene
@@ -49,6 +50,7 @@ class TeachOptions:
         float | None, typer.Option(min=0.5, help="Length of each take; by default until the person stands still.")
     ] = None
     countdown: Annotated[int, typer.Option(min=0, max=10, help="Seconds before each take.")] = 3
+    test: Annotated[bool, typer.Option("--test/--no-test", help="At the end do each movement once more.")] = True
 
 
 @takes_options
@@ -74,7 +76,7 @@ def teach(options: TeachOptions) -> None:
     _require_teachable(config, options)
     plan = LessonPlan(
         options.labels, secrets.token_hex(8), options.person, options.takes, options.background_minutes * 60,
-        options.seconds, options.countdown, options.add,
+        options.seconds, options.countdown, options.add, options.test,
     )  # fmt: skip
     with stop_on_signals() as stop, Link.open(config.mesh, "hub", scene=config.scene) as link:
         classroom = Classroom(link, config.keys)
@@ -168,6 +170,12 @@ class Terminal:
         """The movements that the fusion service judges now."""
         self._listener.check()
         return self._listener.state.labels
+
+    def verdicts(self) -> Sequence[str]:
+        """The labels of the verdicts since the last call; each movement has one."""
+        arrived = [self._listener.verdicts.popleft() for _ in range(len(self._listener.verdicts))]
+        new = [each.verdict for each in arrived if not each.answered]
+        return [each.label for each in new if each.stage == "decided" or is_abstention(each)]
 
 
 @contextmanager

@@ -10,6 +10,7 @@ from hub.teaching.wording import (
     adopted_line,
     has_kept,
     missing_line,
+    outcome_line,
     presence_line,
     result_lines,
     take_lines,
@@ -28,6 +29,7 @@ RETURN_S = 20.0
 """So long the lesson waits for some observer if all are away."""
 ADOPT_IN_S = 0.7
 FOLLOW_S = 10.0
+TEST_LIMIT_S = 8.0
 REPEAT, DROP = "r", "d"
 
 
@@ -65,10 +67,16 @@ class Room(Protocol):
     def fused_labels(self) -> Sequence[str]:
         """The movements that the fusion service judges now; empty while they are unknown."""
 
+    def verdicts(self) -> Sequence[str]:
+        """The labels that the fusion service has decided since the last call."""
+
 
 @dataclass(frozen=True, slots=True)
 class LessonPlan:
-    """takes: of each movement. seconds: of a take; None: until the person stands still. countdown: from where."""
+    """takes: of each movement. seconds: of a take; None: until the person stands still. countdown: from where.
+
+    test: whether each movement is done once more at the end, for the fusion service.
+    """
 
     labels: Sequence[str]
     teacher: str
@@ -78,6 +86,7 @@ class LessonPlan:
     seconds: float | None = None
     countdown: int = 3
     add: bool = False
+    test: bool = False
 
 
 @dataclass(slots=True)
@@ -101,6 +110,8 @@ class Lesson:
                 self._takes_of(label, takes_done(label, replies))
             self._something_else()
             self._adopt(self._learn())
+            if self.plan.test:
+                self._test()
         finally:
             self.ask(TeachRequest(command="leave", teacher=self.plan.teacher), asked)
 
@@ -180,12 +191,15 @@ class Lesson:
     def _between_s(self) -> float:
         return 1.5 if self.plan.countdown else 0.0
 
-    def _take(self, label: str, number: int, title: str) -> Mapping[str, TeachReply]:
-        self._take_back()
+    def _count_down(self, title: str) -> None:
         for left in range(self.plan.countdown, 0, -1):
             self.room.show(f"{title}: {left}")
             self.room.pause(1.0)
         self.room.show(f"{title}: now\a")
+
+    def _take(self, label: str, number: int, title: str) -> Mapping[str, TeachReply]:
+        self._take_back()
+        self._count_down(title)
         self._request("begin", label=label, take=number, person=self.plan.person)
         limit_s = TAKE_LIMIT_S if self.plan.seconds is None else self.plan.seconds
         begun_s = self.room.now_s()
@@ -258,3 +272,19 @@ class Lesson:
                 self.room.say(adopted_line(len(self.observers), self.labels))
                 return
         raise LabanmeshError("the observers have new models; the fusion service has not followed: is it running?")
+
+    def _test(self) -> None:
+        """Each movement once more: what the fusion service says."""
+        self.room.say("now do each movement once more, and see what the fusion service says")
+        right = 0
+        for label in self.plan.labels:
+            self.room.pause(2.0)
+            self._count_down(f"test: {label}")
+            self.room.verdicts()
+            begun_s, decided = self.room.now_s(), ""
+            while not decided and self.room.now_s() - begun_s < TEST_LIMIT_S:
+                self.room.pause(LOOK_S)
+                decided = next(iter(self.room.verdicts()), "")
+            right += decided == label
+            self.room.say(outcome_line(label, decided))
+        self.room.say(f"{right} of {len(self.plan.labels)} recognised")

@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 
 from common.teaching_messages import LearnedReport, TeachReply
 from common.text import plural
+from common.vocabulary import ABSTAIN
 
 ALIKE = 0.2
 """Two movements look alike from where this share of the takes of one is taken for the other."""
@@ -83,3 +84,12 @@ def missing_line(name: str, labels: Sequence[str]) -> str:
 def adopted_line(count: int, labels: Sequence[str]) -> str:
     """The last line."""
     return f"{plural(count, 'observer')} and the fusion service recognise {', '.join(labels)} from now on"
+
+
+def outcome_line(label: str, decided: str) -> str:
+    """What the fusion service said to a movement; "": nothing."""
+    if decided == label:
+        return f"{label}: recognised"
+    if decided in ("", ABSTAIN):
+        return f"{label}: {'nothing was decided' if not decided else 'the observers did not agree'}"
+    return f"{label}: taken for {decided}"

@@ -54,6 +54,7 @@ class Room:
 
     def __init__(self, observers, keys=""):
         self.lines, self.seconds, self.keys, self.observers, self.asked = [], 0.0, list(keys), observers, []
+        self.decided = ["wave"]
 
     def pause(self, seconds):
         self.seconds += seconds
@@ -73,6 +74,10 @@ class Room:
     def fused_labels(self):
         voices = [tuple(each.labels) for each in self.observers.values() if each.alive]
         return max(voices, key=voices.count)
+
+    def verdicts(self):
+        """Those of before, then one for each movement."""
+        return [self.decided.pop(0)] if self.decided else []
 
     def ask(self, request, names):
         self.asked.append(request)
@@ -102,6 +107,21 @@ def test_the_whole_lesson():
     assert "sofa: wave 2 of 2, clap 1 of 2" in room.lines and "wave and clap look alike from sofa" in room.lines
     assert room.lines[-1] == "2 observers and the fusion service recognise wave, clap from now on"
     assert room.seconds > 60
+
+
+def test_at_the_end_each_movement_is_done_once_more():
+    sofa = Observer()
+    room = Room({"sofa": sofa})
+    room.decided = ["old", "wave", "old", "wave"]
+    Lesson(
+        LessonPlan(["wave", "clap", "nod"], "anna", takes=2, background_s=0, test=True), room, room.ask, ["sofa"]
+    ).run()
+    assert room.lines[-4:] == [
+        "wave: recognised",
+        "clap: taken for wave",
+        "nod: nothing was decided",
+        "1 of 3 recognised",
+    ]
 
 
 def test_takes_are_repeated_dropped_and_go_on_where_they_stopped():
