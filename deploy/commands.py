@@ -282,11 +282,11 @@ def _steps(file: str, sources: Sequence[str], placed: Sequence[tuple[str, str]])
     yield _step("1.", f"labanmesh doctor {file}", "what is missing, and what to do about it")
     yield _step("2.", f"labanmesh look {sources[0]}", "what that camera sees, and how well it can be used")
     yield from (_step("", f"labanmesh look {source}") for source in sources[1:])
-    yield _step("3.", "labanmesh record ...", "your movements as a motion archive, motion.npz; or labanmesh import")
-    yield "# 4. One model for each observer, for the place where it stands:"
+    yield _step("3.", f"labanmesh up {file}", "all processes, on this machine; the cameras need no model yet")
+    yield _step("4.", f"labanmesh teach {file} wave point clap", "your movements, in another terminal")
+    yield _step("5.", f"labanmesh watch {file}", "the observers' posteriors, and the verdicts")
+    yield "# Or learn a model for each observer from recordings in 3-D (labanmesh record, labanmesh import):"
     yield from (_step("", f"labanmesh learn motion.npz --view {view} -o {name}.model") for name, view in placed)
-    yield _step("5.", f"labanmesh up {file}", "all processes, on this machine")
-    yield _step("6.", f"labanmesh watch {file}", "in another terminal: the observers' posteriors, and the verdicts")
 
 
 def _step(number: str, command: str, what: str = "") -> str:

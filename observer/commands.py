@@ -48,9 +48,9 @@ def observe(
     from common.link import Link
     from observer.foreign.sources import MeshTracks
     from observer.model.model_file import read_model
-    from observer.runtime.scene_inputs import open_inputs
+    from observer.runtime.scene_inputs import is_untaught, open_inputs
     from observer.runtime.service import HealthReporter, serve
-    from observer.teaching.service import answer_teachers, is_untaught, teachable
+    from observer.teaching.service import answer_teachers, teachable
     from observer.tracks import BODY_PARTS
 
     log_to_stderr()

@@ -176,7 +176,7 @@ def _observers(facts: SceneFacts) -> Iterator[Finding]:
             )
         if not report.faults and not report.lacks:
             rate = f" at {report.rate_hz:g} Hz" if report.rate_hz else ""
-            model = f"model of {plural(len(report.labels), 'movement')}{rate}"
+            model = f"model of {plural(len(report.labels), 'movement')}{rate}" if report.labels else "no model yet"
             tracker = f", tracker {report.tracker}" if report.tracker else ""
             kind = f" ({report.kind})" if report.kind else ""
             yield ok(GROUP, f"{observer}: {report.source}{tracker}, {model}{kind}")

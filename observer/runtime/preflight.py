@@ -125,9 +125,12 @@ def _check_model(
     from observer.geometry.views import is_this_camera
     from observer.model.base import LearnsStreams, knows_blends_only
     from observer.model.model_file import doubt_of_camera, doubt_of_view, read_model, require_match
-    from observer.runtime.scene_inputs import lacking_parts, person_in
+    from observer.runtime.scene_inputs import is_untaught, lacking_parts, person_in
 
     path = scene.place(section.model)
+    if is_untaught(scene, result.observer):
+        result.doubts.append(f"{path}: no such model file; teach it while it runs: labanmesh teach SCENE LABEL ...")
+        return
     model = result.attempt(lambda: read_model(path))
     if model is None:
         return

@@ -282,3 +282,9 @@ def _start_ns(text: str | None) -> int | None:
     if not text.isdecimal():
         raise BadInput(f"{PLAYBACK_START} = {text!r}: nanoseconds since 1970 are expected, as a whole number")
     return int(text)
+
+
+def is_untaught(scene: Scene, observer: str) -> bool:
+    """Whether the observer waits to be taught: the scene names no model and no vocabulary, and there is no ID.model."""
+    section = scene.observer(observer)
+    return scene.vocabulary is None and section.model == f"{observer}.model" and not scene.place(section.model).exists()

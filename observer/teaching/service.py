@@ -200,12 +200,6 @@ def teachable(
         learner.close()
 
 
-def is_untaught(scene: Scene, observer: str) -> bool:
-    """Whether the observer waits to be taught: the scene names no model and no vocabulary, and there is no ID.model."""
-    section = scene.observer(observer)
-    return scene.vocabulary is None and section.model == f"{observer}.model" and not scene.place(section.model).exists()
-
-
 def answer_teachers(session: SubSession, scene: Scene, observer_id: str, observer: TeachableObserver) -> None:
     """Answer requests under the observer's own key until the session ends."""
     session.answer_requests(scene.keys.teach(observer_id), observer.respond)

@@ -33,7 +33,7 @@ def test_the_file_is_a_scene_of_these_cameras(tmp_path, many, uncommented):
 def test_the_comments_name_the_next_steps():
     text = scene_text(WEBCAMS[:2], "dojo.toml", "dojo")
     for command in (
-        "doctor dojo.toml", "look 0", "look 2", "learn motion.npz --view yaw:30 -o cam1.model", "record",
+        "doctor dojo.toml", "look 0", "look 2", "learn motion.npz --view yaw:30 -o cam1.model", "teach dojo.toml wave",
         "learn motion.npz --view yaw:-30 -o cam2.model", "up dojo.toml", "watch dojo.toml",
     ):  # fmt: skip
         assert f"labanmesh {command}" in text

@@ -102,6 +102,6 @@ def test_what_init_writes_lacks_its_model_alone(stage, doctor, tmp_path):
     done = run(stage, "init", tmp_path / "dojo.toml")
     assert done.returncode == 0, done.stderr
     _, findings, _ = doctor(tmp_path / "dojo.toml", "--for", "0.5")
-    of_scene = [(what, to_do) for mark, what, to_do in findings if mark == "error" and what.startswith("cam1: ")]
-    models = [what for what, to_do in of_scene if "no such model file" in what]
-    assert models and all("/dev/video" in what for what, _ in of_scene if what not in models)
+    errors = [what for mark, what, _ in findings if mark == "error" and what.startswith("cam1: ")]
+    assert marks(findings, "cam1.model: no such model file -> teach it while it runs: labanmesh teach") == {"warning"}
+    assert all("/dev/video" in what for what in errors)

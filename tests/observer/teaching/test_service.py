@@ -13,8 +13,9 @@ from common.teaching_messages import TeachReply, TeachRequest
 from common.wire import decode, encode
 from observer.model.model_file import read_model
 from observer.runtime.pipeline import Observer, Resampler
+from observer.runtime.scene_inputs import is_untaught
 from observer.teaching import service
-from observer.teaching.service import is_untaught, teachable
+from observer.teaching.service import teachable
 from observer.tracks import BODY_PARTS, Frame, Tracks
 
 REST = np.array([[280.0, 300.0], [360.0, 300.0], [320.0, 100.0]])
