@@ -57,6 +57,9 @@ VERBS = {
     ),
     "look": Verb("observer.preview.commands", "look", "show what a tracker finds in a source"),
     "record": Verb("observer.recording.commands", "record", "record a motion archive with several calibrated cameras"),
+    "place": Verb(
+        "observer.recording.commands", "place", "find where a person stands and faces, for models of camera files"
+    ),
     "learn": Verb(
         "observer.learning.commands", "learn", "learn one observer's model for its view from a motion archive"
     ),

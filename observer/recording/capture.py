@@ -16,7 +16,7 @@ from observer.foreign.sources import MeshTracks
 from observer.motion.archive import Recording
 from observer.recording.own_tracks import TracksRecorder
 from observer.recording.reconstruction import CameraTracks
-from observer.runtime.scene_inputs import open_inputs
+from observer.runtime.scene_inputs import ObserverInputs, open_inputs
 from observer.tracks import BODY_PARTS, Floats, Frame, Tracker, Tracks
 
 PROGRESS_S = 0.2
@@ -127,8 +127,12 @@ def read_all(
     return readers
 
 
-def open_cameras(scene: Scene, observers: Sequence[str], stop: threading.Event) -> list[RecordingCamera]:
+def open_cameras(
+    scene: Scene, observers: Sequence[str], stop: threading.Event, also: Sequence[str] = ()
+) -> list[RecordingCamera]:
     """The cameras of `observers`, or of all observers with a camera file; recorded sources play at full speed.
+
+    also: body parts to track beside hands and head, if all trackers find them.
 
     Raises BadInput for fewer than two, for an observer without a camera file, for tracks from the mesh, and as
     `open_inputs` does.
@@ -144,7 +148,13 @@ def open_cameras(scene: Scene, observers: Sequence[str], stop: threading.Event) 
             f"{plural(len(chosen), 'observer')} with a camera file as view{names}; at least two are needed; "
             "labanmesh calibrate writes camera files"
         )
-    return [_open_camera(_at_full_speed(scene), name, BODY_PARTS, stop) for name in chosen]
+    whole = _at_full_speed(scene)
+    opened = {name: _opened(whole, name, BODY_PARTS) for name in chosen}
+    parts = (*BODY_PARTS, *also) if all(_finds(inputs, also) for inputs in opened.values()) else BODY_PARTS
+    for name, inputs in opened.items():
+        if not set(parts).issubset(inputs.tracker.tracker.body_parts):
+            opened[name] = _opened(whole, name, parts)
+    return [_camera(name, inputs, parts, stop) for name, inputs in opened.items()]
 
 
 def open_observers(
@@ -154,7 +164,13 @@ def open_observers(
 
     Raises BadInput for a part that a tracker does not find, for tracks from the mesh, and as `open_inputs` does.
     """
-    return [_open_camera(_at_full_speed(scene), name, body_parts, stop) for name in dict.fromkeys(observers)]
+    whole = _at_full_speed(scene)
+    return [_camera(name, _opened(whole, name, body_parts), body_parts, stop) for name in dict.fromkeys(observers)]
+
+
+def _finds(inputs: ObserverInputs, body_parts: Sequence[str]) -> bool:
+    """Whether the tracker finds all these parts, or the recorded motion has them, which needs no tracker."""
+    return {*inputs.tracker.tracker.body_parts, *inputs.source.body_parts}.issuperset(body_parts)
 
 
 def _at_full_speed(scene: Scene) -> Scene:
@@ -162,11 +178,15 @@ def _at_full_speed(scene: Scene) -> Scene:
     return scene.model_copy(update={"observers": sections})
 
 
-def _open_camera(scene: Scene, name: str, body_parts: Sequence[str], stop: threading.Event) -> RecordingCamera:
+def _opened(scene: Scene, name: str, body_parts: Sequence[str]) -> ObserverInputs:
     inputs = open_inputs(scene, name, body_parts)
     if isinstance(inputs.source, MeshTracks):
         raise BadInput(f"observers.{name}.source: tracks from the mesh cannot be recorded; name a camera")
-    return RecordingCamera(name, inputs.source.frames(stop), inputs.tracker, inputs.view.matrix)
+    return inputs
+
+
+def _camera(name: str, inputs: ObserverInputs, body_parts: Sequence[str], stop: threading.Event) -> RecordingCamera:
+    return RecordingCamera(name, inputs.source.frames(stop), inputs.tracker.of_parts(body_parts), inputs.view.matrix)
 
 
 def _is_calibrated(scene: Scene, name: str) -> bool:

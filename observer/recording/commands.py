@@ -206,3 +206,38 @@ def _progress(bar: ProgressBar, seconds: float | None) -> Callable[[float], None
             bar("recording", round(10 * min(done_s, seconds)), round(10 * seconds))
 
     return show
+
+
+def place(
+    scene: Annotated[Path, typer.Argument(help="The scene file; its observers with a camera file as view take part.")],
+    seconds: Annotated[float | None, typer.Option(min=0.1, help="Duration; recorded sources: until they end.")] = 5.0,
+    observers: Annotated[str, typer.Option(help="Only these observers, separated by commas.")] = "",
+    gate: Annotated[
+        float, typer.Option(min=0.1, help="Largest reprojection error of a camera that counts, px.")
+    ] = 20.0,
+) -> None:
+    """Find where the person stands and faces in the room of the camera files, and print the lines for the scene file.
+
+    Example: labanmesh place scene.toml --seconds 5
+    """
+    from common.config import read_scene
+    from common.lifecycle import log_to_stderr, stop_on_signals
+    from observer.recording.capture import open_cameras, read_cameras
+    from observer.recording.standing import RATE_HZ, TRUNK, seen_person
+
+    log_to_stderr()
+    with stop_on_signals() as stop, ProgressBar() as bar:
+        cameras = open_cameras(read_scene(scene), split_list("--observers", observers), stop, TRUNK)
+        names, parts = ", ".join(camera.name for camera in cameras), tuple(cameras[0].tracker.body_parts)
+        typer.echo(f"looking for a person who stands, with {names}; Ctrl-C ends it earlier")
+        tracks = read_cameras(cameras, stop, seconds, _progress(bar, seconds))
+        person = seen_person(tracks, parts, RATE_HZ, gate, lambda done, total: bar("triangulating", done, total))
+    line = "left and right hand" if person.by_hands else "left and right of the trunk"
+    typer.echo(
+        f"head in {person.head_seen:.0%} of the time, {line} in {person.sides_seen:.0%}, facing to within "
+        f"{person.spread_deg:.0f} degrees; median reprojection error {person.error_px:.1f} px"
+    )
+    for doubt in person.doubts:
+        typer.echo(f"-> {doubt}")
+    x, y, z = person.placement.place
+    typer.echo(f"[person]\nplace = [{x:.2f}, {y:.2f}, {z:.2f}]\nfacing = {person.placement.facing_deg:.0f}")

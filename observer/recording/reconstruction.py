@@ -8,11 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.errors import BadInput
-from observer.calibration.triangulate import GATE_PX, triangulate
+from observer.calibration.triangulate import GATE_PX, triangulate_all
 from observer.tracks import Floats
 
 LONGEST_GAP_S = 0.2
 """Longest gap that is interpolated in a camera's tracks: in a longer one a hand may have gone there and back."""
+BLOCK = 500
+"""Instants that are triangulated at once."""
 SAME_S = 1e-6
 """Instants nearer than this are equal, so that rounding does not require a neighbour that was not seen."""
 
@@ -104,16 +106,14 @@ def reconstruct(
     Raises BadInput for a gate that is not positive.
     """
     count, parts, cameras, _ = centres.shape
-    Hs = np.asarray(matrices, dtype=np.float64)
-    positions = np.full((count, parts, 3), np.nan)
-    inliers = np.zeros((count, parts, cameras), dtype=np.bool_)
-    errors = np.full((count, parts, cameras), np.nan)
-    for instant in range(count):
-        for part in range(parts):
-            result = triangulate(Hs, centres[instant, part], gate_px)
-            positions[instant, part], inliers[instant, part] = result.point, result.used
-            errors[instant, part] = result.errors_px
-        progress(instant + 1, count)
+    blocks = []
+    for begin in range(0, count, BLOCK):
+        block = centres[begin : begin + BLOCK].reshape(-1, cameras, 2)
+        blocks.append(triangulate_all(matrices, block, gate_px))
+        progress(min(begin + BLOCK, count), count)
+    positions = np.concatenate([block.points for block in blocks]).reshape(count, parts, 3)
+    inliers = np.concatenate([block.used for block in blocks]).reshape(count, parts, cameras)
+    errors = np.concatenate([block.errors_px for block in blocks]).reshape(count, parts, cameras)
     return Reconstruction(positions, inliers, np.logical_and.reduce(np.isfinite(centres), axis=-1), errors)
 
 

@@ -87,6 +87,10 @@ class PreparedTracker:
         self.all_tracks: Tracks | None = None
         """The tracker's own rows, of all its body parts, in px of the picture."""
 
+    def of_parts(self, wanted: Sequence[str]) -> "PreparedTracker":
+        """The same tracker for other body parts; raises BadInput if it does not find one of them."""
+        return PreparedTracker(self.tracker, wanted, self._lens)
+
     @property
     def complaint(self) -> str:
         """Why the tracker finds little in the pictures, and what to do about it; "" if all is well."""
