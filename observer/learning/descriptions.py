@@ -26,8 +26,9 @@ def describe_placement(header: "Header", archive: "MotionArchive") -> list[str]:
     if not header.matrix[2, :3].any():
         return []
     if header.placement is not None:
-        facing = "" if header.parameters.get("facings", 1) == 1 else ", and any other way"
-        return [f"for a person at {header.placement}{facing}"]
+        known = header.parameters.get("facings", 1) == 1
+        place = ", ".join(f"{metres:.2f}" for metres in header.placement.place)
+        return [f"for a person at {header.placement}" if known else f"for a person at [{place}] m, facing anywhere"]
     x, z = mean_place(archive)
     return [
         f"for a person where the recordings have theirs, on average at x, z = {x:.1f}, {z:.1f} m, facing -z; if they "

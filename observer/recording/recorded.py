@@ -8,19 +8,18 @@ import numpy as np
 from common.errors import BadInput
 from observer.calibration.triangulate import GATE_PX
 from observer.motion.archive import LABEL_RULE, MotionArchive, Recording, is_label
+from observer.recording.parts import ReconstructedParts, camera_rate_hz, reconstruct_parts
 from observer.recording.reconstruction import (
     FRONT,
     UP,
     CameraTracks,
     Reconstruction,
-    common_instants,
     fill_gaps,
     moving_span,
-    reconstruct,
     remove_spikes,
-    resample_tracks,
     to_performer_axes,
 )
+from observer.recording.smoothing import noise_m, smoothed
 from observer.recording.visibility import NothingRecorded, cause_of, visibility_lines
 from observer.tracks import Floats
 
@@ -83,22 +82,33 @@ def build_recording(
 
     Raises BadInput when the cameras have no common time, and NothingRecorded when no position was found.
     """
-    at_ns = common_instants(tracks, name.rate_hz)
-    cameras = [camera for camera in tracks if len(camera.at_ns)]
-    centres = np.stack([resample_tracks(camera, at_ns) for camera in cameras], axis=2)
-    result = reconstruct([camera.matrix for camera in cameras], centres, options.gate_px, progress)
-    positions = fill_gaps(remove_spikes(result.positions, name.rate_hz), name.rate_hz)
+    each = max(1, round(camera_rate_hz(tracks) / name.rate_hz))
+    rate_hz = each * name.rate_hz
+    seen = reconstruct_parts(tracks, body_parts, rate_hz, options.gate_px, progress)
+    positions = fill_gaps(remove_spikes(seen.result.positions, rate_hz), rate_hz)
+    positions = smoothed(positions, rate_hz, noise_m(seen.matrices, seen.result))[::each]
     positions = to_performer_axes(positions, options.up, options.front)
-    lines = quality_lines([camera.name for camera in cameras], body_parts, result, positions)
+    lines = quality_lines(seen.cameras, body_parts, seen.result, positions)
+    lines += exchange_lines(seen)
     lines += [f"{camera.name}: delivered no picture" for camera in tracks if not len(camera.at_ns)]
     if not np.isfinite(positions).any():
-        raise NothingRecorded(cause_of(result), [*visibility_lines(tracks, body_parts, result)])
+        raise NothingRecorded(cause_of(seen.result), [*visibility_lines(tracks, body_parts, seen.result)])
     if np.isfinite(positions).all(axis=-1).all(axis=-1).mean() < LITTLE:
-        lines += visibility_lines(tracks, body_parts, result)
+        lines += visibility_lines(tracks, body_parts, seen.result)
     if options.trim:
         hands = [row for row, part in enumerate(body_parts) if part.endswith("hand")]
         positions = positions[slice(*moving_span(positions, hands, name.rate_hz))]
     return replace(name, positions=positions.astype(np.float32)), lines
+
+
+def exchange_lines(seen: ReconstructedParts) -> list[str]:
+    """A line for each camera that exchanged left and right more often than OUTLIER_SHARE."""
+    pairs = len(seen.result.positions) * max(len(seen.pairs), 1)
+    return [
+        f"{camera}: left and right were exchanged in {count / pairs:.0%} of the time and have been put right"
+        for camera, count in zip(seen.cameras, seen.exchanged, strict=True)
+        if count > OUTLIER_SHARE * pairs
+    ]
 
 
 def quality_lines(names: Sequence[str], body_parts: Sequence[str], result: Reconstruction, final: Floats) -> list[str]:

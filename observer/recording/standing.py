@@ -9,14 +9,8 @@ import numpy as np
 from common.errors import BadInput
 from observer.calibration.triangulate import GATE_PX
 from observer.geometry.placement import PersonPlacement, facing_of
-from observer.recording.reconstruction import (
-    CameraTracks,
-    Progress,
-    common_instants,
-    reconstruct,
-    remove_spikes,
-    resample_tracks,
-)
+from observer.recording.parts import reconstruct_parts
+from observer.recording.reconstruction import CameraTracks, Progress, remove_spikes
 from observer.tracks import Floats
 
 RATE_HZ = 10.0
@@ -75,10 +69,7 @@ def seen_person(
     Raises BadInput when the cameras have no common time, never agree on the head or on left and right, and when the
     person is not upright along y.
     """
-    at_ns = common_instants(tracks, rate_hz)
-    cameras = [camera for camera in tracks if len(camera.at_ns)]
-    centres = np.stack([resample_tracks(camera, at_ns) for camera in cameras], axis=2)
-    result = reconstruct([camera.matrix for camera in cameras], centres, gate_px, progress)
+    result = reconstruct_parts(tracks, body_parts, rate_hz, gate_px, progress).result
     positions = remove_spikes(result.positions, rate_hz)
     head = positions[:, list(body_parts).index("head")]
     if not np.isfinite(head).any():
@@ -95,7 +86,7 @@ def seen_person(
     return SeenPerson(
         PersonPlacement(float(x), float(z), float(y), facing_deg),
         float(np.isfinite(head).all(axis=1).mean()),
-        len(across) / len(at_ns),
+        len(across) / len(positions),
         spread_deg,
         by_hands,
         float(np.median(errors)),
