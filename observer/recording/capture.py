@@ -149,11 +149,11 @@ def open_cameras(
             "labanmesh calibrate writes camera files"
         )
     whole = _at_full_speed(scene)
-    opened = {name: _opened(whole, name, BODY_PARTS) for name in chosen}
+    opened = {name: _opened(whole, name, BODY_PARTS, smooth=False) for name in chosen}
     parts = (*BODY_PARTS, *also) if all(_finds(inputs, also) for inputs in opened.values()) else BODY_PARTS
     for name, inputs in opened.items():
         if not set(parts).issubset(inputs.tracker.tracker.body_parts):
-            opened[name] = _opened(whole, name, parts)
+            opened[name] = _opened(whole, name, parts, smooth=False)
     return [_camera(name, inputs, parts, stop) for name, inputs in opened.items()]
 
 
@@ -165,7 +165,8 @@ def open_observers(
     Raises BadInput for a part that a tracker does not find, for tracks from the mesh, and as `open_inputs` does.
     """
     whole = _at_full_speed(scene)
-    return [_camera(name, _opened(whole, name, body_parts), body_parts, stop) for name in dict.fromkeys(observers)]
+    opened = {name: _opened(whole, name, body_parts, smooth=True) for name in observers}
+    return [_camera(name, inputs, body_parts, stop) for name, inputs in opened.items()]
 
 
 def _finds(inputs: ObserverInputs, body_parts: Sequence[str]) -> bool:
@@ -178,8 +179,8 @@ def _at_full_speed(scene: Scene) -> Scene:
     return scene.model_copy(update={"observers": sections})
 
 
-def _opened(scene: Scene, name: str, body_parts: Sequence[str]) -> ObserverInputs:
-    inputs = open_inputs(scene, name, body_parts)
+def _opened(scene: Scene, name: str, body_parts: Sequence[str], smooth: bool) -> ObserverInputs:
+    inputs = open_inputs(scene, name, body_parts, smooth=smooth)
     if isinstance(inputs.source, MeshTracks):
         raise BadInput(f"observers.{name}.source: tracks from the mesh cannot be recorded; name a camera")
     return inputs

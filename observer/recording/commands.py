@@ -19,6 +19,12 @@ if TYPE_CHECKING:
     from observer.recording.tracks_file import TracksFile
 
 
+Gate = Annotated[
+    float | None,
+    typer.Option(min=0.1, help="Largest reprojection error that counts, px; default 20, or 8 cm where the person is."),
+]
+
+
 @dataclass(frozen=True, slots=True)
 class RecordOptions:
     """As typed on the command line."""
@@ -56,7 +62,7 @@ class RecordOptions:
     body_parts: Annotated[
         str, typer.Option(help="With --tracks: the parts to record, separated by commas; default: hands and head.")
     ] = ""
-    gate: Annotated[float, typer.Option(min=0.1, help="Largest reprojection error of a camera that counts, px.")] = 20.0
+    gate: Gate = None
     up: Annotated[str, typer.Option(help="The axis of the calibration that points up: x, -x, y, -y, z or -z.")] = "y"
     front: Annotated[str, typer.Option(help="The axis along which the performer faces.")] = "-z"
     trim: Annotated[bool, typer.Option("--trim", help="Cut off the rest before and after the movement.")] = False
@@ -115,7 +121,6 @@ def _record_in_space(options: RecordOptions) -> None:
 def _record_tracks(options: RecordOptions) -> None:
     from common.config import read_scene
     from common.lifecycle import log_to_stderr, stop_on_signals
-    from observer.calibration.triangulate import GATE_PX
     from observer.motion.archive import TracksCamera
     from observer.recording.capture import open_observers, read_all
     from observer.recording.own_tracks import RATE_HZ
@@ -124,7 +129,7 @@ def _record_tracks(options: RecordOptions) -> None:
     from observer.tracks import BODY_PARTS
 
     log_to_stderr()
-    if (options.up, options.front, options.gate) != (UP, FRONT, GATE_PX):
+    if (options.up, options.front, options.gate) != (UP, FRONT, None):
         raise BadInput("--tracks: is about one camera at a time; omit --up, --front and --gate")
     parts = split_list("--body-parts", options.body_parts) or BODY_PARTS
     scene = read_scene(options.scene)
@@ -212,9 +217,7 @@ def place(
     scene: Annotated[Path, typer.Argument(help="The scene file; its observers with a camera file as view take part.")],
     seconds: Annotated[float | None, typer.Option(min=0.1, help="Duration; recorded sources: until they end.")] = 5.0,
     observers: Annotated[str, typer.Option(help="Only these observers, separated by commas.")] = "",
-    gate: Annotated[
-        float, typer.Option(min=0.1, help="Largest reprojection error of a camera that counts, px.")
-    ] = 20.0,
+    gate: Gate = None,
 ) -> None:
     """Find where the person stands and faces in the room of the camera files, and print the lines for the scene file.
 

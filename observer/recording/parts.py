@@ -13,10 +13,14 @@ from observer.recording.reconstruction import (
     CameraTracks,
     Reconstruction,
     common_instants,
+    px_per_m,
     reconstruct,
     resample_tracks,
 )
 from observer.tracks import Floats
+
+PALM_M = 0.08
+"""A palm's width, and twice the usual distance between a joint in space and where a pose model sees it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,19 +48,30 @@ def reconstruct_parts(
     tracks: Sequence[CameraTracks],
     body_parts: Sequence[str],
     rate_hz: float,
-    gate_px: float = GATE_PX,
+    gate_px: float | None = None,
     progress: Callable[[int, int], None] = lambda *_: None,
 ) -> ReconstructedParts:
     """The positions of all parts at this rate; raises BadInput when at no time two cameras deliver.
 
-    Cameras whose left and right the positions contradict are corrected, and count in a second reconstruction.
+    gate_px: None is GATE_PX, or PALM_M where the person is if that is more. Cameras whose left and right the positions
+    contradict are corrected, and count in a second reconstruction.
     """
     at_ns = common_instants(tracks, rate_hz)
     cameras = [camera for camera in tracks if len(camera.at_ns)]
     matrices = tuple(camera.matrix for camera in cameras)
     centres = np.stack([resample_tracks(camera, at_ns) for camera in cameras], axis=2)
-    result, pairs = reconstruct(matrices, centres, gate_px, progress), pairs_in(body_parts)
-    corrected, exchanged = exchanged_back(matrices, centres, result.positions, pairs, gate_px)
+    gate = GATE_PX if gate_px is None else gate_px
+    result, pairs = reconstruct(matrices, centres, gate, progress), pairs_in(body_parts)
+    if gate_px is None and (palm_px := _palm_px(matrices, result)) > gate:
+        gate, result = palm_px, reconstruct(matrices, centres, palm_px, progress)
+    corrected, exchanged = exchanged_back(matrices, centres, result.positions, pairs, gate)
     if exchanged.any():
-        result = reconstruct(matrices, corrected, gate_px, progress)
+        result = reconstruct(matrices, corrected, gate, progress)
     return ReconstructedParts(result, tuple(camera.name for camera in cameras), matrices, tuple(pairs), exchanged)
+
+
+def _palm_px(matrices: Sequence[Floats], result: Reconstruction) -> float:
+    """PALM_M in the cameras' pictures, median over all positions; 0 without one."""
+    scales = px_per_m(matrices, result.positions)
+    known = scales[np.isfinite(scales)]
+    return PALM_M * float(np.median(known)) if len(known) else 0.0

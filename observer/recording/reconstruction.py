@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from common.errors import BadInput
 from observer.calibration.triangulate import GATE_PX, triangulate_all
+from observer.geometry.projection import project
 from observer.tracks import Floats
 
 LONGEST_GAP_S = 0.2
@@ -115,6 +116,21 @@ def reconstruct(
     inliers = np.concatenate([block.used for block in blocks]).reshape(count, parts, cameras)
     errors = np.concatenate([block.errors_px for block in blocks]).reshape(count, parts, cameras)
     return Reconstruction(positions, inliers, np.logical_and.reduce(np.isfinite(centres), axis=-1), errors)
+
+
+STEP_M = 1e-3
+"""Step of the difference quotient from metres to pixels."""
+
+
+def px_per_m(matrices: Sequence[Floats], positions: Floats) -> Floats:
+    """(K, P, 3) -> (K, P) how many pixels a metre is there: the largest of three directions, mean over the cameras."""
+    scales = []
+    for matrix in matrices:
+        image = project(matrix, positions)
+        steps = [np.linalg.norm(project(matrix, positions + step) - image, axis=-1) for step in STEP_M * np.eye(3)]
+        scales.append(np.max(steps, axis=0) / STEP_M)
+    mean: Floats = np.mean(scales, axis=0)
+    return mean
 
 
 SPIKE_M, AROUND_S = 0.25, 0.1

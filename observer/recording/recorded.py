@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from common.errors import BadInput
-from observer.calibration.triangulate import GATE_PX
 from observer.motion.archive import LABEL_RULE, MotionArchive, Recording, is_label
 from observer.recording.parts import ReconstructedParts, camera_rate_hz, reconstruct_parts
 from observer.recording.reconstruction import (
@@ -63,9 +62,12 @@ def appended(archive: MotionArchive | None, body_parts: tuple[str, ...], recordi
 
 @dataclass(frozen=True, slots=True)
 class RecordingOptions:
-    """gate_px: largest reprojection error of an inlier. up, front: axes of the room. trim: cut off the idle ends."""
+    """gate_px: largest reprojection error of an inlier, None: as `reconstruct_parts`. up, front: axes of the room.
 
-    gate_px: float = GATE_PX
+    trim: cut off the idle ends.
+    """
+
+    gate_px: float | None = None
     up: str = UP
     front: str = FRONT
     trim: bool = False

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from common.errors import BadInput
-from observer.calibration.triangulate import GATE_PX
 from observer.geometry.placement import PersonPlacement, facing_of
 from observer.recording.parts import reconstruct_parts
 from observer.recording.reconstruction import CameraTracks, Progress, remove_spikes
@@ -61,7 +60,7 @@ def seen_person(
     tracks: Sequence[CameraTracks],
     body_parts: Sequence[str],
     rate_hz: float,
-    gate_px: float = GATE_PX,
+    gate_px: float | None = None,
     progress: Progress = lambda *_: None,
 ) -> SeenPerson:
     """The person whom calibrated cameras see; tracks: of these body parts, among them the head.

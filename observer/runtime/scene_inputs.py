@@ -144,8 +144,11 @@ def open_inputs(
     report: Report = ignore_report,
     environment: Mapping[str, str] = os.environ,
     fewer_parts: bool = False,
+    smooth: bool = True,
 ) -> ObserverInputs:
     """Open the source and the tracker of `observer`; wanted: the body parts that its model reads.
+
+    smooth: as in `TrackerSettings`.
 
     Raises BadInput for an unknown observer, source, tracker or view, for files that are missing or invalid, and for a
     tracker that cannot read what the source delivers.
@@ -171,7 +174,7 @@ def open_inputs(
         if kind.reads != "pictures":
             raise BadInput(f"{key}.mirrored: only pictures can be mirrored back; this source gives {content}")
         source = UnmirroredSource(source)
-    settings = TrackerSettings(view, source.body_parts, wanted, section, scene.place)
+    settings = TrackerSettings(view, source.body_parts, wanted, section, scene.place, smooth)
     tracker, outcome = built_tracker(choice, kind, settings)
     if kind.reads == "pictures":
         level = logging.INFO if outcome is choice else logging.WARNING

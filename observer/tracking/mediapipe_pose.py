@@ -31,8 +31,10 @@ MOST_PEOPLE = 4
 LIBRARIES = "if it names a system library, install that (Debian: libgl1, libegl1, libgles2)"
 
 
-def open_people(model_path: str | None) -> PersonModel:
+def open_people(model_path: str | None, smooth: bool = True) -> PersonModel:
     """The model in the file `model_path`, or for None the model in the installed mediapipe.
+
+    smooth: the landmarks are smoothed over time, by which they lag; those of a .task file always are.
 
     Raises BadInput without mediapipe, for a mediapipe without a model, and for a file that is not a pose model;
     LabanmeshError when a system library is missing.
@@ -49,14 +51,14 @@ def open_people(model_path: str | None) -> PersonModel:
             " mediapipe 0.10.21, which carries one (Python 3.11 or 3.12)"
         )
     try:
-        return _people_of_the_wheel()
+        return _people_of_the_wheel(smooth)
     except (AttributeError, OSError, RuntimeError, ValueError) as error:
         raise LabanmeshError(f"mediapipe cannot start: {_one_line(error)}; {LIBRARIES}") from None
 
 
-def _people_of_the_wheel() -> PersonModel:
+def _people_of_the_wheel(smooth: bool) -> PersonModel:
     with stderr_silenced():
-        people = GraphPeople()
+        people = GraphPeople(smooth)
         # The first picture starts the models, which then print their warnings.
         people.find(_empty_picture(), SearchArea(0, 0, 64, 64), 0)
         people.pose(_empty_picture(), Body(32, 32, 32), 0)
@@ -153,8 +155,8 @@ def _empty_picture() -> NDArray[np.uint8]:
 class MediapipeTracker(PoseTracker):
     """`PoseTracker` with MediaPipe's model.
 
-    model_path: a pose landmarker .task file, or None for the model in mediapipe's wheel. rule: who is followed. Raises
-    BadInput without mediapipe, without a model, and as `PoseTracker` does.
+    model_path: a pose landmarker .task file, or None for the model in mediapipe's wheel. rule: who is followed. smooth: as
+    for `open_people`. Raises BadInput without mediapipe, without a model, and as `PoseTracker` does.
     """
 
     def __init__(
@@ -163,6 +165,8 @@ class MediapipeTracker(PoseTracker):
         hand: Hand = "palm",
         body_parts: Sequence[str] = BODY_PARTS,
         rule: FollowRule | None = None,
+        smooth: bool = True,
     ) -> None:
         require_hand(hand)
-        super().__init__(PersonFollower(open_people(model_path), rule, log.info), "mediapipe", hand, body_parts)
+        people = open_people(model_path, smooth)
+        super().__init__(PersonFollower(people, rule, log.info), "mediapipe", hand, body_parts)

@@ -61,9 +61,12 @@ PERIOD_US = 33_333
 
 
 class GraphPeople:
-    """A `PersonModel`. Detections: the middle between the hips, and a point on the circle around the body."""
+    """A `PersonModel`. Detections: the middle between the hips, and a point on the circle around the body.
 
-    def __init__(self) -> None:
+    smooth: the landmarks are those that the graph has smoothed over time, by which they lag by about a picture.
+    """
+
+    def __init__(self, smooth: bool = True) -> None:
         root = Path(import_module("mediapipe").__file__ or "").parents[1]
         import_module("mediapipe.python._framework_bindings.resource_util").set_resource_dir(str(root))
         self._create = import_module("mediapipe.python.packet_creator")
@@ -71,7 +74,8 @@ class GraphPeople:
         self._rgb = import_module("mediapipe.python._framework_bindings.image_frame").ImageFormat.SRGB
         self._rectangle = import_module("mediapipe.framework.formats.rect_pb2").NormalizedRect
         self._detector = _Graph(DETECTOR, ("detections",))
-        self._landmarks = _Graph(LANDMARKS, ("landmarks", "next_region"))
+        self._stream = "landmarks" if smooth else "raw"
+        self._landmarks = _Graph(LANDMARKS, (self._stream, "next_region"))
 
     def find(self, rgb: Rgb, area: SearchArea, ms: int) -> Sequence[Body]:
         """As `PersonModel.find`; `ms` is ignored."""
@@ -85,9 +89,9 @@ class GraphPeople:
         """As `PersonModel.pose`; `ms` is ignored: the smoothing assumes 30 pictures a second."""
         height, width = rgb.shape[:2]
         found = self._landmarks.run(image=self._image(rgb), region=self._region(body, width, height))
-        if "landmarks" not in found or "next_region" not in found:
+        if self._stream not in found or "next_region" not in found:
             return None
-        marks = self._get.get_proto(found["landmarks"]).landmark
+        marks = self._get.get_proto(found[self._stream]).landmark
         landmarks = np.array([[mark.x, mark.y, mark.visibility] for mark in marks], dtype=np.float64)
         rect = self._get.get_proto(found["next_region"])
         tall = rect.height * height / REGION

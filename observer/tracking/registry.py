@@ -18,7 +18,8 @@ from observer.tracks import BODY_PARTS, WHOLE_BODY, Tracker
 class TrackerSettings:
     """Arguments of a tracker. recorded: names of the rows of positions or tracks. wanted: parts that the model reads.
 
-    place: from the name of a file in the scene file to its path.
+    place: from the name of a file in the scene file to its path. smooth: tracks may be smoothed as they come, by which
+    they lag; recordings are smoothed afterwards.
     """
 
     view: View
@@ -26,6 +27,7 @@ class TrackerSettings:
     wanted: Sequence[str]
     section: ObserverConfig
     place: Callable[[str], Path]
+    smooth: bool = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +63,8 @@ def _mediapipe(settings: TrackerSettings) -> Tracker:
 
     section = settings.section
     path = str(settings.place(section.pose_model)) if section.pose_model else None
-    return MediapipeTracker(path, section.hand, WHOLE_BODY, FollowRule(section.follow, section.follow_near))
+    rule = FollowRule(section.follow, section.follow_near)
+    return MediapipeTracker(path, section.hand, WHOLE_BODY, rule, settings.smooth)
 
 
 def _onnx(settings: TrackerSettings) -> Tracker:

@@ -153,7 +153,7 @@ def test_a_wrong_shape_or_type_is_rejected_with_one_line(content):
 
 
 def test_an_unknown_hand_is_rejected_before_loading(monkeypatch):
-    monkeypatch.setattr(mediapipe_pose, "open_people", lambda path: pytest.fail("loaded"))
+    monkeypatch.setattr(mediapipe_pose, "open_people", lambda path, smooth: pytest.fail("loaded"))
     with rejected("palm, wrist"):
         MediapipeTracker(hand="thumb")
 

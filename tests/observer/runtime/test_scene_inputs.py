@@ -92,7 +92,7 @@ def test_mirrored_pictures_are_turned_back(opened):
 
 
 def test_a_mediapipe_that_does_not_start_is_replaced_with_one_line(opened, monkeypatch, caplog, tmp_path):
-    def broken(path):
+    def broken(path, smooth):
         raise LabanmeshError("mediapipe cannot start: libEGL.so.1 is missing")
 
     (tmp_path / "film").mkdir()
