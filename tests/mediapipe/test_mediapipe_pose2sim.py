@@ -1,12 +1,18 @@
 """Four calibrated cameras around one person: the parts that each sees, and wrists triangulated, with a reference."""
 
+import json
+import tomllib
+
 import numpy as np
 import pytest
 from mediapipe_stage import follow, pictures
 from observer_stage import pose2sim_markers
 
+from labanmesh import main
 from observer.calibration.formats import read_opencv
 from observer.calibration.triangulate import triangulate
+from observer.geometry.placement import facing_of
+from observer.motion.archive_file import read_archive
 from observer.tracking.mediapipe_pose import MediapipeTracker
 from observer.tracks import WHOLE_BODY
 
@@ -77,3 +83,49 @@ def test_wrists_triangulated_from_four_videos_are_those_of_the_reference(data, c
     )
     assert np.median(off) <= 0.06
     assert np.isfinite(off).mean() > 0.9
+
+
+@pytest.fixture(scope="module")
+def scene(data, pose_model, tmp_path_factory):
+    """A scene file of the four videos, in a room whose y points up."""
+    folder = tmp_path_factory.mktemp("room")
+    call("calibrate", "--read", data / "pose2sim_single/calibration/Calib.qca.txt", "--up", "z", "-o", folder)
+    lines = ['scene = "beam"']
+    for n in (1, 2, 3, 4):
+        source = json.dumps(str(data / f"pose2sim_single/videos/cam0{n}.mp4"))
+        lines += [f"[observers.cam0{n}]", f"source = {source}", f'view = "cam0{n}.toml"', 'tracker = "mediapipe"']
+        lines += ['hand = "wrist"', *([f"pose_model = {json.dumps(pose_model)}"] if pose_model else [])]
+    (folder / "scene.toml").write_text("\n".join(lines))
+    return folder / "scene.toml"
+
+
+def call(*words):
+    assert main([str(word) for word in words]) == 0
+
+
+def upright(points):
+    """(..., 3) metres in the calibration's room -> in the room whose y points up."""
+    return points @ np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]]).T
+
+
+def test_recorded_wrists_are_within_three_centimetres_of_the_reference(data, scene):
+    """Row k of the reference is compared with picture k; by its column Time it is the next picture, and 2.5 cm."""
+    archive = scene.parent / "beam.npz"
+    call("record", scene, "-o", archive, "--label", "beam", "--subject", "a", "--rate", 60)
+    (made,) = read_archive(archive).recordings
+    truth = upright(pose2sim_markers(data, "LWrist", "RWrist"))
+    off = np.linalg.norm(made.positions[:, :2] - truth, axis=2)
+    left, right = np.median(off, axis=0) * 100
+    print(f"\nmedian {np.median(off) * 100:.2f} cm (left {left:.2f}, right {right:.2f})")
+    assert np.isfinite(off).all() and max(left, right) <= 3.0
+
+
+def test_place_finds_where_the_person_stands_and_faces(data, scene, capsys):
+    call("place", scene)
+    lines = tomllib.loads("[person]" + capsys.readouterr().out.partition("[person]")[2])["person"]
+    left, right, head = upright(pose2sim_markers(data, "LShoulder", "RShoulder", "Head")).transpose(1, 0, 2)
+    faces = np.median([facing_of(line) for line in right - left])
+    place, head = np.array(lines["place"]), np.median(head, axis=0)
+    print(f"\nfacing {lines['facing']}, reference {faces:.0f} degrees; place {place}, reference {head.round(2)}")
+    assert abs((lines["facing"] - faces + 180) % 360 - 180) <= 15
+    assert np.linalg.norm(place - head) < 0.25
