@@ -155,8 +155,8 @@ def _empty_picture() -> NDArray[np.uint8]:
 class MediapipeTracker(PoseTracker):
     """`PoseTracker` with MediaPipe's model.
 
-    model_path: a pose landmarker .task file, or None for the model in mediapipe's wheel. rule: who is followed. smooth: as
-    for `open_people`. Raises BadInput without mediapipe, without a model, and as `PoseTracker` does.
+    model_path: a pose landmarker .task file, or None for the model in mediapipe's wheel. rule: who is followed.
+    smooth: as for `open_people`. Raises BadInput without mediapipe, without a model, and as `PoseTracker` does.
     """
 
     def __init__(
