@@ -71,7 +71,7 @@ def mediapipe_lacks() -> str:
         return f"mediapipe, which finds whole bodies, is not installed: {INSTALL_MEDIAPIPE}"
     if any((Path(folder) / CARRIED_MODEL).is_file() for folder in spec.submodule_search_locations or ()):
         return ""
-    return f"mediapipe {_version()} carries no pose model: name a .task file as pose_model, or use Python 3.11 or 3.12"
+    return f"mediapipe {_version()} carries no pose model: name a .task file as pose_model (docs/guide/cameras.md)"
 
 
 def _version() -> str:

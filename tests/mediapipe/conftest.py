@@ -1,11 +1,8 @@
 """Fixtures of the mediapipe tracker's tests: recorded clips with their truth, tracked once, and a model file."""
 
 import csv
-import gc
 import os
 import sys
-import warnings
-import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,6 +17,8 @@ from benchmarks.clips.material import CAMERA
 from observer.motion.archive import MotionArchive
 from observer.motion.importers.florence3d import import_folder
 from observer.tracking.mediapipe_pose import MediapipeTracker
+from observer.tracking.task_file import MODELS
+from observer.tracking.task_file import task_file as make_task
 from observer.tracks import WHOLE_BODY, Tracks
 
 NAMED_BY = "LABANMESH_POSE_MODEL"
@@ -107,41 +106,7 @@ def task_file(pose_model, tmp_path_factory):
         return Path(named_model())
     import mediapipe
 
-    models = Path(mediapipe.__file__).parent / "modules"
+    folder = Path(mediapipe.__file__).parent / "modules"
     file = tmp_path_factory.mktemp("model") / "pose.task"
-    with warnings.catch_warnings(), zipfile.ZipFile(file, "w") as task:
-        warnings.simplefilter("ignore", ResourceWarning)  # mediapipe's populator leaves its files open
-        detector = (models / "pose_detection/pose_detection.tflite").read_bytes()
-        landmarks = (models / "pose_landmark/pose_landmark_full.tflite").read_bytes()
-        task.writestr("pose_detector.tflite", scaled(detector, 127.5, 127.5))
-        task.writestr("pose_landmarks_detector.tflite", scaled(landmarks, 0.0, 255.0))
-        gc.collect()
+    file.write_bytes(make_task({name: (folder / place).read_bytes() for name, (place, _, _) in MODELS.items()}))
     return file
-
-
-def scaled(model, mean, deviation):
-    """The model with what .task files need: how a byte of the picture becomes a number, (byte - mean) / deviation."""
-    import flatbuffers
-    from mediapipe.tasks.metadata import metadata_schema_py_generated as words
-    from mediapipe.tasks.metadata import schema_py_generated as tflite
-    from mediapipe.tasks.python.metadata.metadata import MetadataPopulator
-
-    numbers, step = words.NormalizationOptionsT(), words.ProcessUnitT()
-    numbers.mean, numbers.std = [mean], [deviation]
-    step.optionsType, step.options = words.ProcessUnitOptions.NormalizationOptions, numbers
-    image, picture = words.ContentT(), words.TensorMetadataT()
-    image.contentPropertiesType = words.ContentProperties.ImageProperties
-    image.contentProperties = words.ImagePropertiesT()
-    image.contentProperties.colorSpace = words.ColorSpaceType.RGB
-    picture.content, picture.processUnits = image, [step]
-    graph, whole = words.SubGraphMetadataT(), words.ModelMetadataT()
-    graph.inputTensorMetadata = [picture]
-    outputs = tflite.Model.GetRootAsModel(bytearray(model), 0).Subgraphs(0).OutputsLength()
-    graph.outputTensorMetadata = [words.TensorMetadataT() for _ in range(outputs)]
-    whole.subgraphMetadata = [graph]
-    builder = flatbuffers.Builder(0)
-    builder.Finish(whole.Pack(builder), MetadataPopulator.METADATA_FILE_IDENTIFIER)
-    populator = MetadataPopulator.with_model_buffer(bytearray(model))
-    populator.load_metadata_buffer(bytearray(builder.Output()))
-    populator.populate()
-    return bytes(populator.get_model_buffer())
