@@ -14,9 +14,11 @@ GROWTH = 1.6
 """Heights that differ more are not of the same person."""
 NEAR, MERGED = 1.5, 0.22
 """Distances from which another person is watched closely, and at which two people are taken for one."""
-ALONE_S, COMPANY_S, STIRRED_S, NEAR_S = 1.0, 0.5, 0.2, 0.1
+ALONE_S, COMPANY_S, STIRRED_S, NEAR_S = 3.0, 0.5, 0.2, 0.1
 """Time between two searches for others: with nobody else, with somebody, when something moves beside the followed
-person, and with somebody near."""
+person or that person has moved, and with somebody near."""
+MOVED = 0.4
+"""Distance from the place of the last search from which the followed person has moved."""
 OTHER_S = 1.5
 """Others who are not found again for so long are gone."""
 
@@ -52,19 +54,21 @@ class Company:
 
     def __init__(self, people: Sequence[OtherPerson] = ()) -> None:
         self.people = list(people)
-        self._looked_ms: int | None = None
+        self._looked: tuple[int, Body] | None = None
 
     def is_due(self, followed: Body, stirred: bool, ms: int) -> bool:
         """Whether it is time to look around. stirred: something moves beside the followed person."""
-        if self._looked_ms is None:
+        if self._looked is None:
             return True
+        looked_ms, place = self._looked
+        stirred = stirred or place.distance(followed) > MOVED * followed.height
         near = any(one.at(ms).distance(followed) < NEAR * followed.height for one in self.people)
         pause_s = NEAR_S if near else STIRRED_S if stirred else COMPANY_S if self.people else ALONE_S
-        return ms - self._looked_ms >= 1000 * pause_s
+        return ms - looked_ms >= 1000 * pause_s
 
     def update(self, followed: Body, found: Sequence[Body], ms: int) -> None:
         """The people found about the followed one, who is the nearest of them if near enough."""
-        self._looked_ms = ms
+        self._looked = ms, followed
         rest = sorted(distinct(found), key=followed.distance)
         if rest and rest[0].distance(followed) < MERGED * followed.height:
             rest = rest[1:]

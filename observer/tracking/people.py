@@ -22,7 +22,7 @@ REGION = 1.25
 CLEAR = 0.5
 """Visibility from which a landmark counts."""
 GRID_PX = 8
-"""Motion is looked for in every eighth pixel each way."""
+"""Motion is looked for in cells of so many pixels each way."""
 ON_MARK = 0.4
 """Share of the height from which a person stands on the marked place."""
 WIDE = 0.4
@@ -88,7 +88,7 @@ class SearchArea:
         return self.left <= u <= self.left + self.width and self.top <= v <= self.top + self.height
 
     def of_grid(self, grid: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """The part of a grid of every GRID_PX-th pixel that lies in it."""
+        """The part of a grid of cells of GRID_PX that lies in it."""
         bottom, right = self.top + self.height, self.left + self.width
         return grid[self.top // GRID_PX : bottom // GRID_PX, self.left // GRID_PX : right // GRID_PX]
 

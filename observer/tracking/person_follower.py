@@ -101,7 +101,7 @@ class PersonFollower:
 
     def _is_stirred(self, body: Body, rgb: Rgb) -> bool:
         """Whether something moves beside the person."""
-        motion = self._motion.update(rgb)
+        motion = self._motion.update(rgb, self._ms)
         area = area_about(body, LOOK_AROUND * body.height, (rgb.shape[1], rgb.shape[0]))
         if motion is None or area is None:
             return False
@@ -159,7 +159,7 @@ class PersonFollower:
 
     def _areas(self, sweep: Sweep, rgb: Rgb) -> Iterator[tuple[int, SearchArea]]:
         """What is searched in this picture: what a choice waits for, else the whole picture and some squares."""
-        motion = self._motion.update(rgb)
+        motion = self._motion.update(rgb, self._ms)
         self._pictures += 1
         if self._pending:
             for _ in range(WAITING):
