@@ -6,8 +6,9 @@ import cv2
 import pytest
 from e2e_stage import MOVEMENTS, SOON_S, labanmesh, run, started, write_scene
 
-from common.messages import PosteriorMessage, StatusMessage
-from common.wire import decode
+from common.messages import Agreement, PosteriorMessage, StatusMessage, VerdictMessage, VocabularyReference
+from common.picture_message import PictureMessage
+from common.wire import decode, encode
 from observer.geometry.views import parse_view
 from observer.motion.archive import resample
 from observer.motion.playback import RecordedMotion
@@ -43,11 +44,39 @@ def scene(stage, meeting):
     return write
 
 
+@pytest.fixture
+def verdicts(meeting):
+    """Ten times a second a verdict on the movement that goes on."""
+    reference, agreement = VocabularyReference(name="movements", hash="0" * 16), Agreement(k=1, n=1)
+    verdict = VerdictMessage(
+        scene="dojo", fusion="fusion", seq=1, at_ns=1, vocabulary=reference, p=[0.5, 0.5], label="byebye", votes={},
+        certainty_bits=0.1, rule="log", agreement=agreement, id="dojo-1", began_ns=1, decided_ns=2,
+    )  # fmt: skip
+    publisher, ended = meeting.publisher("laban/dojo/verdict"), threading.Event()
+
+    def decide():
+        while not ended.wait(0.1):
+            publisher.put(encode(verdict))
+
+    thread = threading.Thread(target=decide)
+    thread.start()
+    yield
+    ended.set()
+    thread.join()
+
+
 @pytest.mark.skipif(not have_cascade(), reason="this OpenCV has no face cascade")
-def test_a_film_is_recognised_and_previewed(stage, meeting, scene, film):
+def test_a_film_is_recognised_and_previewed_and_shown_to_those_who_ask(stage, meeting, scene, film, verdicts):
     inbox = meeting.inbox("laban/dojo/observer/cam1/posterior")
-    done = run(stage, "observe", scene("film.avi", "speed = 0\n"), "cam1", "--preview", "seen.mp4")
+    live, rest = meeting.inbox("laban/dojo/observer/cam1/@picture"), meeting.inbox("laban/**")
+    more = 'speed = 0\npicture_hz = 5\n[observers.cam1.clips]\nfolder = "clips"\n'
+    done = run(stage, "observe", scene("film.avi", more), "cam1", "--preview", "seen.mp4")
     assert done.returncode == 0, done.stderr
+    shown = decode(PictureMessage, live.take(SOON_S)[-1].payload)
+    assert (shown.width, shown.height) == (320, 240) and shown.jpeg.startswith(b"\xff\xd8")
+    assert not any("picture" in arrival.key for arrival in rest.take(0.0))
+    (clip,) = (stage / "clips").iterdir()
+    assert clip.name.endswith("Z_cam1_byebye_dojo-1.avi") and cv2.VideoCapture(str(clip)).read()[0]
     messages = [decode(PosteriorMessage, arrival.payload) for arrival in inbox.take(SOON_S)]
     surest = max(messages, key=lambda message: max(message.p) * (1 - message.rest))
     assert MOVEMENTS[surest.p.index(max(surest.p))] == "byebye" and max(surest.p) > 0.8
