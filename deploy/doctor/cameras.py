@@ -144,6 +144,8 @@ def _test(scene: Scene, each: ObserverCamera) -> CameraTest:
         options = ["--tracker", tracker, "-o", f"{folder}/look.png", "--frames", str(TEST_FRAMES)]
         for option, file in (("--skin", section.skin), ("--pose-model", section.pose_model)):
             options += [option, str(scene.place(file))] if file else []
+        # A camera file states the size that the pictures must have.
+        options += ["--view", str(scene.place(section.view))] if section.view.endswith(".toml") else []
         command = [sys.executable, "-P", "-m", "labanmesh", "look", section.source, *options]
         try:
             done = subprocess.run(  # noqa: S603 - the command line is ours

@@ -1,5 +1,6 @@
 """The command `look`: what a tracker finds in a source, as one picture and a few lines."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -26,7 +27,7 @@ def look(
     skin: Annotated[str, typer.Option(help="A histogram saved by --save-skin.")] = "",
     face: Annotated[str, typer.Option(help="X,Y,WIDTH,HEIGHT of the face in the first picture, px.")] = "",
     save_skin: Annotated[Path | None, typer.Option(help="Save the skin colour, for other cameras (.npz).")] = None,
-    view: Annotated[str, typer.Option(help="Where the camera stands: door, yaw:DEG, ...")] = "door",
+    view: Annotated[str, typer.Option(help="Where the camera stands: door, yaw:DEG, a camera file, ...")] = "door",
     recording: Annotated[int, typer.Option(min=0, help="Which recording of a motion archive.")] = 0,
 ) -> None:  # fmt: skip
     """Check a source: write a picture with everything that the tracker finds, and print how to improve it.
@@ -40,6 +41,8 @@ def look(
     from common.config import ObserverConfig
     from observer.camera.base import kind_of, without_secrets
     from observer.camera.files import write_picture
+    from observer.geometry.picture_size import size_advice
+    from observer.geometry.views import parse_view
     from observer.preview.looking import LastReport, look_at
 
     if output.suffix.lower() not in SUFFIXES:
@@ -55,7 +58,7 @@ def look(
     name = Path(source).name if kind_of(source) == "path" else without_secrets(source)
     result = look_at(opened, built, frames, name, choice, last_report)
     write_picture(output, result.painted)
-    _print(result.report, output)
+    _print(replace(result.report, size_note=size_advice(parse_view(view), result.report.size_px)), output)
     if save_skin is not None:
         _save_skin(built, save_skin)
 

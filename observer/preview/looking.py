@@ -46,8 +46,8 @@ class LookReport:
     number of pictures with a face among the `faces_searched`, and face_px the width of the last. skin: share of the
     newest picture in the skin's colour, None for a tracker without one. seen_share: by part, the share of pictures in
     which it was seen. states: in the newest picture. reason: why this tracker, "" if it was named; lacks: why not a
-    better one. doubts: signs that the tracks are wrong. people: in the newest
-    picture, from trackers that tell.
+    better one. doubts: signs that the tracks are wrong. people: in the newest picture, from trackers that tell.
+    size_note: how the pictures differ from those of the camera file, "" if they do not.
     """
 
     source: str
@@ -68,6 +68,7 @@ class LookReport:
     lacks: str = ""
     doubts: Sequence[Doubt] = ()
     people: SeenPeople | None = None
+    size_note: str = ""
 
 
 def report_lines(report: LookReport) -> Iterator[str]:
@@ -108,6 +109,8 @@ def advice(report: LookReport) -> Iterator[str]:
 
 
 def _advice(report: LookReport) -> Iterator[str]:
+    if report.size_note:
+        yield report.size_note
     if report.complaint:
         yield f"{report.tracker} reports: {report.complaint}"
     if report.brightness < DARK:

@@ -22,7 +22,7 @@ from observer.tracks import Frame, Tracker, Tracks
 
 if TYPE_CHECKING:
     from common.vocabulary import Vocabulary
-    from observer.runtime.scene_inputs import PreparedTracker
+    from observer.runtime.prepared_tracker import PreparedTracker
 
 log = logging.getLogger("labanmesh.observer")
 

@@ -23,7 +23,7 @@ from observer.tracks import Floats, Frame, Tracks
 if TYPE_CHECKING:
     from common.link import Link
     from common.vocabulary import Vocabulary
-    from observer.runtime.scene_inputs import PreparedTracker
+    from observer.runtime.prepared_tracker import PreparedTracker
 
 log = logging.getLogger("labanmesh.observer")
 

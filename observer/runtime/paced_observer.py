@@ -20,7 +20,7 @@ from observer.runtime.service import ObserverLike
 from observer.tracks import Floats, Frame, Tracker, Tracks
 
 if TYPE_CHECKING:
-    from observer.runtime.scene_inputs import PreparedTracker
+    from observer.runtime.prepared_tracker import PreparedTracker
 
 GATE_HZ, EMPTY_GATE_HZ = 30.0, 15.0
 """Pictures that come faster are not all compared; in an empty room, where nobody can begin a movement, even fewer."""

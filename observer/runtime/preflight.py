@@ -86,6 +86,7 @@ def check_observer(scene: Scene, observer: str) -> PreflightResult:
 
 def _check_inputs(scene: Scene, section: ObserverConfig, result: PreflightResult, tracker: str) -> float | None:
     """Check source and tracker; returns the rate that the model must have, if the source determines it."""
+    from observer.geometry.picture_size import scale_note
     from observer.runtime.scene_inputs import open_inputs
 
     if tracker in POSE_TRACKERS:
@@ -98,6 +99,9 @@ def _check_inputs(scene: Scene, section: ObserverConfig, result: PreflightResult
         )
         return None
     inputs = result.attempt(lambda: open_inputs(scene, result.observer, environment={}))
+    size_px = section.size_px or getattr(inputs.source if inputs else None, "size_px", None)
+    if inputs and inputs.pictures and size_px and (note := scale_note(inputs.view, size_px)):
+        result.doubts.append(note)
     return inputs.source.rate_hz if inputs and inputs.at_own_rate else None
 
 
@@ -125,7 +129,8 @@ def _check_model(
     from observer.geometry.views import is_this_camera
     from observer.model.base import LearnsStreams, knows_blends_only
     from observer.model.model_file import doubt_of_camera, doubt_of_view, read_model, require_match
-    from observer.runtime.scene_inputs import is_untaught, lacking_parts, person_in
+    from observer.runtime.prepared_tracker import lacking_parts
+    from observer.runtime.scene_inputs import is_untaught, person_in
 
     path = scene.place(section.model)
     if is_untaught(scene, result.observer):

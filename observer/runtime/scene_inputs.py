@@ -16,23 +16,23 @@ from common.errors import BadInput
 from common.tracker_choice import MESH_KEY, STANDARD_INPUT, chosen_tracker, content_of
 from observer.camera.base import Report, ignore_report
 from observer.foreign.sources import LineTracks, MeshTracks, PipedTracks
+from observer.geometry.picture_size import scale_note
 from observer.geometry.placement import PersonPlacement, placement_of
-from observer.geometry.projection import LensDistortion
 from observer.geometry.views import View, parse_view
 from observer.motion.archive import MotionArchive, Recording, resample
 from observer.motion.archive_file import read_archive
 from observer.motion.placing import placed
 from observer.motion.playback import RecordedMotion, Start
 from observer.runtime.playback_meeting import MEETING, PlaybackMeeting
+from observer.runtime.prepared_tracker import PreparedTracker
 from observer.tracking.registry import TrackerSettings, built_tracker, tracker_named
-from observer.tracks import BODY_PARTS, Floats, Frame, FrameSource, Tracker, Tracks
+from observer.tracks import BODY_PARTS, Frame, FrameSource
 
 log = logging.getLogger("labanmesh.observer")
 PLAYBACK_START = "LABANMESH_PLAYBACK_START_NS"
 """Environment variable: when (Unix epoch, ns) all observers of a scene start playback, so that they see the same."""
-NEVER_SEEN = np.full((1, 2), np.nan)
 SIZE_PX = (640, 480)
-"""Default size of the virtual camera's pictures."""
+"""Default size of the virtual camera's pictures, where the camera file has none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,67 +56,6 @@ class UnmirroredSource:
         for frame in self.mirrored.frames(stop):
             # A copy, because OpenCV needs rows that run to the right in memory too.
             yield replace(frame, content=np.ascontiguousarray(frame.content[:, ::-1]))
-
-
-class PreparedTracker:
-    """Adapts a tracker to a model: selects the wanted body parts, in their order, and undistorts the centres.
-
-    lens: of a calibrated camera, whose projective matrix is valid for undistorted pixels only; None: no distortion.
-    fewer_parts: a part that the tracker does not find is never seen. Raises BadInput if it does not find a wanted part,
-    or none of them.
-    """
-
-    def __init__(
-        self,
-        tracker: Tracker,
-        wanted: Sequence[str],
-        lens: LensDistortion | None = None,
-        fewer_parts: bool = False,
-    ) -> None:
-        known = list(tracker.body_parts)
-        self.lacking = tuple(part for part in wanted if part not in known)
-        """Wanted parts that the tracker does not find."""
-        if self.lacking and not (fewer_parts and len(self.lacking) < len(wanted)):
-            raise BadInput(lacking_parts(self.lacking, known))
-        self.body_parts = tuple(wanted)
-        self.tracker = tracker
-        # One row more, which is never seen, stands for the parts that the tracker does not find.
-        self._rows = [known.index(part) if part in known else len(known) for part in wanted]
-        self._lens = lens
-        self.picture_tracks: Tracks | None = None
-        self.all_tracks: Tracks | None = None
-        """The tracker's own rows, of all its body parts, in px of the picture."""
-
-    def of_parts(self, wanted: Sequence[str]) -> "PreparedTracker":
-        """The same tracker for other body parts; raises BadInput if it does not find one of them."""
-        return PreparedTracker(self.tracker, wanted, self._lens)
-
-    @property
-    def complaint(self) -> str:
-        """Why the tracker finds little in the pictures, and what to do about it; "" if all is well."""
-        return str(getattr(self.tracker, "complaint", ""))
-
-    def update(self, frame: Frame) -> Tracks:
-        """Undistorted tracks (P, 2); those in px of the picture, to draw on it, are left in `picture_tracks`."""
-        tracks = self.all_tracks = self.tracker.update(frame)
-        guesses = None if tracks.guesses is None else self._wanted(tracks.guesses)
-        self.picture_tracks = Tracks(self._wanted(tracks.centres), guesses, tracks.people)
-        if self._lens is None:
-            return self.picture_tracks
-        undistorted = None if guesses is None else self._lens.undistorted(guesses)
-        return Tracks(self._lens.undistorted(self.picture_tracks.centres), undistorted)
-
-    def _wanted(self, rows: Floats) -> Floats:
-        wanted: Floats = (np.concatenate([rows, NEVER_SEEN]) if self.lacking else rows)[self._rows]
-        return wanted
-
-
-def lacking_parts(lacking: Sequence[str], found: Sequence[str]) -> str:
-    """One line: a model reads parts that the tracker does not find, and what to do."""
-    return (
-        f"body part {lacking[0]!r}: the model reads it, the tracker finds {', '.join(found)}; use a tracker with a "
-        f'pose model (tracker = "mediapipe"), or learn the model with --body-parts {",".join(found)}'
-    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,6 +109,9 @@ def open_inputs(
         source = _pictures(scene, section, report, start_ns)
     if kind.reads == "pictures":
         _use_one_thread()
+    size_px = section.size_px or getattr(source, "size_px", None)
+    if kind.reads == "pictures" and size_px and (note := scale_note(view, size_px)):
+        log.warning("%s: %s", observer, note)
     if section.mirrored:
         if kind.reads != "pictures":
             raise BadInput(f"{key}.mirrored: only pictures can be mirrored back; this source gives {content}")
@@ -179,7 +121,7 @@ def open_inputs(
     if kind.reads == "pictures":
         level = logging.INFO if outcome is choice else logging.WARNING
         log.log(level, "%s: tracker %s: %s", observer, outcome.name, outcome.reason or "named in the scene file")
-    prepared = PreparedTracker(tracker, wanted, view.lens, fewer_parts)
+    prepared = PreparedTracker(tracker, wanted, view, fewer_parts)
     if prepared.lacking:
         log.warning(
             "%s: judges without %s: %s", observer, ", ".join(prepared.lacking), "the tracker does not find them"
@@ -241,7 +183,7 @@ def _virtual_camera(motion: RecordedMotion, view: View, section: ObserverConfig)
             for left, top, width, height, begin_s, end_s in room.occluders
         ),
     )
-    return VirtualCamera(motion, view, section.size_px or SIZE_PX, scenery, room.seed)
+    return VirtualCamera(motion, view, section.size_px or view.size_px or SIZE_PX, scenery, room.seed)
 
 
 def _pictures(scene: Scene, section: ObserverConfig, report: Report, start_ns: Start) -> FrameSource:

@@ -13,7 +13,7 @@ from observer.camera.opening import open_pictures
 from observer.runtime.motion_gate import COLUMNS, ROWS, MotionGate
 from observer.runtime.paced_observer import Heartbeats, PacedObserver, cells_of
 from observer.runtime.pacing import ACTIVE_SHARE, EMPTY_SHARE, HOLD_S, NOBODY_S, SEARCH_SHARE, PaceLimits, TrackingPace
-from observer.runtime.scene_inputs import PreparedTracker
+from observer.runtime.prepared_tracker import PreparedTracker
 from observer.tracks import Frame, Tracks
 
 BEGIN_NS = 1_700_000_000 * SECOND_NS
