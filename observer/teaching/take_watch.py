@@ -1,17 +1,25 @@
-"""Where a take begins and ends: from when the person begins to move until they stand still again. Pure."""
+"""Where a take begins and ends: from when the person begins to move until they stand still again. Pure.
+
+People also hold still within a movement, with a hand up. So a take ends soon when they stand as they stood before it,
+and later when they hold still in another posture, as after sitting down.
+"""
 
 from collections.abc import Sequence
 from typing import Literal
 
+import numpy as np
+
 from common import SECOND_NS
 from observer.runtime.pipeline import Resampler
 from observer.stillness import Stillness
-from observer.tracks import Tracks
+from observer.tracks import Floats, Tracks
 
 MOVES_S = 0.15
 """A shorter twitch does not begin a movement."""
-RESTS_S = 0.8
-"""Stillness of this length ends it; people pause for less within one."""
+RESTS_S, HOLDS_S = 0.8, 2.0
+"""Stillness of this length ends it: in the posture of before, and in another one."""
+SAME_POSTURE = 0.4
+"""A part that is nearer to its place of before than this share of the body's size is back."""
 WAIT_S = 8.0
 """So long after the signal somebody has moved, or nobody performs."""
 LONGEST_S = 12.0
@@ -34,25 +42,30 @@ class TakeWatch:
         self._moves_since_ns: int | None = None
         self._rests_since_ns: int | None = None
         self._seen = False
+        self._before: Floats | None = None
 
     @property
     def seconds(self) -> float:
         """Length so far."""
         return (self.end_ns - self.begin_ns) / SECOND_NS
 
-    def update(self, at_ns: int, still: float, visible: bool) -> None:
-        """Take in one frame: how probably the person stands still in it, and whether any part is seen."""
+    def update(self, at_ns: int, still: float, tracks: Tracks) -> None:
+        """Take in one frame: how probably the person stands still in it, and where the parts are."""
         if self.phase == "done":
             return
         self.end_ns = max(at_ns, self.end_ns)
+        visible, moves = bool(tracks.visible.any()), still < 0.5
         self._seen = self._seen or visible
-        moves = still < 0.5
+        if visible and self.phase == "waiting" and (self._before is None or not moves):
+            self._before = tracks.centres
         self._moves_since_ns = (self._moves_since_ns or at_ns) if moves else None
         self._rests_since_ns = None if moves else (self._rests_since_ns or at_ns)
         if self.phase == "waiting":
             self._wait(at_ns)
-        elif self._lasts(self._rests_since_ns, at_ns, RESTS_S) or self.seconds >= LONGEST_S:
-            self.phase = "done"
+        else:
+            needed_s = RESTS_S if self._is_back(tracks.centres) else HOLDS_S
+            if self._lasts(self._rests_since_ns, at_ns, needed_s) or self.seconds >= LONGEST_S:
+                self.phase = "done"
 
     def end(self) -> None:
         """The teacher ends the take: what was seen until now is it."""
@@ -65,6 +78,19 @@ class TakeWatch:
             self.phase, self.fault = "done", "nobody was seen: stand where the camera sees head and hands"
         elif self.seconds >= WAIT_S:
             self.phase, self.fault = "done", f"nobody moved within {WAIT_S:g} s of the signal"
+
+    def _is_back(self, centres: Floats) -> bool:
+        """Whether no part is far from its place before the movement, wherever the person has gone since."""
+        if self._before is None:
+            return True
+        known = np.isfinite(centres).all(axis=1) & np.isfinite(self._before).all(axis=1)
+        if not known.any():
+            return True
+        before = self._before[known]
+        way = centres[known] - before
+        way -= np.median(way, axis=0)
+        size = float(np.ptp(before, axis=0).max())
+        return bool(np.hypot(way[:, 0], way[:, 1]).max() <= SAME_POSTURE * size)
 
     @staticmethod
     def _lasts(since_ns: int | None, at_ns: int, seconds: float) -> bool:

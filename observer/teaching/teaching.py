@@ -123,7 +123,7 @@ class Teaching:
             if at_ns - current.piece_ns >= PIECE_S * SECOND_NS:
                 self._write_piece(current, at_ns)
             return
-        current.watch.update(at_ns, self._stream.probability, self._visible)
+        current.watch.update(at_ns, self._stream.probability, tracks)
         if current.watch.phase == "done":
             self._finish(current)
 

@@ -56,9 +56,18 @@ class Room:
             centres = REST.copy() if seen else np.full_like(REST, np.nan)
             if moving:
                 centres[1, 1] -= 150 * abs(np.sin(3 * (self.now_s - begun_s)))
-            tracks, at_ns = Tracks(centres), round(self.now_s * SECOND_NS)
-            self.recorder.update(Frame(at_ns, np.empty(0)), tracks)
-            self.teaching.step(at_ns, tracks, complaint, self.now_s)
+            self.see(Tracks(centres), complaint)
+
+    def hold_s(self, seconds):
+        """The hand stays up."""
+        for _ in range(round(seconds * RATE_HZ)):
+            self.now_s += 1 / RATE_HZ
+            self.see(Tracks(np.add(REST, [[0, 0], [0, -150], [0, 0]])), "")
+
+    def see(self, tracks, complaint):
+        at_ns = round(self.now_s * SECOND_NS)
+        self.recorder.update(Frame(at_ns, np.empty(0)), tracks)
+        self.teaching.step(at_ns, tracks, complaint, self.now_s)
 
     def perform(self, label, take):
         assert self.ask("begin", label=label, take=take, person="anna").fault == ""
@@ -100,6 +109,19 @@ def test_takes_are_cut_by_stillness_written_at_once_learned_and_adopted(room):
     assert room.learner.asked == [["wave", "clap"]] and reply.learned.results == {"wave": {"wave": 5}}
     assert room.ask("adopt", in_s=0.5).state == "idle" and room.learner.adopted == [0.5]
     assert room.ask("adopt").fault == "no new model has been learned"
+
+
+def test_a_hand_that_is_held_up_does_not_end_a_take_soon(room):
+    room.ask("start", labels=["wave", "clap"])
+    room.ask("begin", label="wave", take=1)
+    room.pass_s(1.0), room.pass_s(1.0, moving=True), room.hold_s(1.5)
+    assert room.ask("status").take.state == "moving"
+    room.pass_s(1.0, moving=True), room.pass_s(1.5)
+    assert room.ask("status").take.state == "kept" and 3.0 < room.ask("status").take.seconds < 5.0
+    # Whoever goes on in another posture has ended the movement in the end.
+    room.ask("begin", label="wave", take=2)
+    room.pass_s(1.0), room.pass_s(1.0, moving=True), room.hold_s(3.0)
+    assert room.ask("status").take.state == "kept"
 
 
 def test_what_cannot_be_used_is_said_and_costs_only_that_take(room):
