@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from common.errors import BadInput, reason_of
+from common.tracker_choice import ONNX
 
 GRAPH, INITIALIZER, INPUT, OUTPUT = 7, 5, 11, 12
 """Fields of ModelProto (graph) and of GraphProto."""
@@ -42,6 +43,10 @@ class Signature:
 
 def read_signature(path: Path) -> Signature:
     """The signature of the model in a file; raises BadInput, one line, for a missing file and for another file."""
+    if path.suffix != ONNX:
+        raise BadInput(
+            f'the tracker onnx needs a model file: pose_model = "FILE{ONNX}" (look: --pose-model FILE{ONNX})'
+        )
     try:
         data = memoryview(path.read_bytes())
     except OSError as error:

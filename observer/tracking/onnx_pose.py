@@ -173,8 +173,6 @@ class OnnxTracker(PoseTracker):
         rule: FollowRule | None = None,
     ) -> None:
         require_hand(hand)
-        if not model_path:
-            raise BadInput('tracker = "onnx": name the model file: pose_model = "FILE.onnx"')
         people = CroppedPeople(OnnxPose(model_path))
         super().__init__(PersonFollower(people, rule, log.info), "onnx", hand, body_parts)
 

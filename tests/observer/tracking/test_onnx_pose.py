@@ -106,5 +106,6 @@ def test_a_file_that_is_no_pose_model_is_one_line(write, content, words, monkeyp
 def test_a_missing_file_and_a_missing_setting_are_one_line():
     with rejected("gone.onnx", "no such file"):
         OnnxPose("gone.onnx")
-    with rejected('pose_model = "FILE.onnx"'):
-        OnnxTracker("")
+    for path in ("", "pose.task"):
+        with rejected('pose_model = "FILE.onnx"', "look: --pose-model"):
+            OnnxTracker(path)
