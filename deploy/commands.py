@@ -66,6 +66,8 @@ view = "{view}"
 #model = "{name}.model"
 # For mirrored pictures, as many webcams and phones take them.
 #mirrored = true
+# What it sees, so many times a second, on the dashboard and after a click. Without the line no picture is ever sent.
+#picture_hz = 2
 """
 NO_CAMERA = """\
 # No camera was found here, so this is an example. Other sources, one observer each:
