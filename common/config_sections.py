@@ -162,6 +162,15 @@ class ObserverConfig(Section):
     virtual: VirtualConfig = VirtualConfig()
     clips: ClipsConfig = ClipsConfig()
 
+    @model_validator(mode="after")
+    def _has_a_mark_to_be_near(self) -> "ObserverConfig":
+        if (self.follow == "nearest") != (self.follow_near is not None):
+            raise BadInput(
+                f'follow = "{self.follow}", follow_near = {self.follow_near}: follow = "nearest" needs a marked place,'
+                " follow_near = [u, v], and no other rule has one"
+            )
+        return self
+
 
 class FusionConfig(Section):
     """[fusion]: how posteriors are pooled and verdicts decided; seconds and probabilities.

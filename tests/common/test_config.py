@@ -186,3 +186,13 @@ def test_any_value_anywhere_is_read_or_one_line(tmp_path_factory, key, value):
         read_scene(path, {})
     except BadInput as error:
         assert "\n" not in str(error)
+
+
+@pytest.mark.parametrize("keys", ['follow = "nearest"', "follow_near = [0.5, 0.5]", 'follow = "tallest"'])
+def test_a_mark_belongs_to_the_rule_nearest(tmp_path, keys):
+    file = tmp_path / "scene.toml"
+    file.write_text(f'scene = "dojo"\n[observers.cam1]\nsource = "0"\n{keys}\n')
+    with pytest.raises(BadInput, match="follow"):
+        read_scene(file, {})
+    file.write_text('scene = "d"\n[observers.a]\nsource = "0"\nfollow = "nearest"\nfollow_near = [0.5, 1]\n')
+    assert read_scene(file, {}).observers["a"].follow_near == (0.5, 1.0)
