@@ -14,7 +14,7 @@ from common.notify import Notifier
 from common.status import ProcessStatus
 from common.vocabulary import Vocabulary
 from common.wire import encode_vocabulary
-from fusion.checkpoint import FORGET_S, Checkpoint, CheckpointFile
+from fusion.checkpoint import FORGET_S, NOTHING_LEARNED, Checkpoint, CheckpointFile
 from fusion.engine.engine import EngineOutput, FusionEngine
 from fusion.engine.pooling import PooledPosterior, PoolingCase
 from fusion.engine.roster import POOLED_STATES
@@ -186,7 +186,12 @@ class SceneWorker:
         self.restored = True
 
     def restore(self, checkpoint: Checkpoint) -> None:
-        """Continue from `checkpoint`; one older than FORGET_S gives only its learned reliability."""
+        """Continue from `checkpoint`; one older than FORGET_S gives only its learned reliability.
+
+        What was learned about observers in another vocabulary was learned about other models, and is forgotten.
+        """
+        if checkpoint.judgement.vocabulary.hash != self._engine.vocabulary.digest:
+            checkpoint = checkpoint.model_copy(update={"reliability": NOTHING_LEARNED})
         if checkpoint.age_s(self._clock()) <= FORGET_S:
             self._publisher.restore(checkpoint)
         else:

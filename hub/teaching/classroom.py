@@ -7,7 +7,7 @@ from common.keys import SceneKeys, observer_of
 from common.subsession import SubSession
 from common.teaching_messages import TeachReply, TeachRequest
 from common.wire import BadMessage, decode, encode
-from hub.teaching.lesson import Answers
+from hub.teaching.room import Answers
 
 ANSWER_S = 2.0
 """An observer answers within milliseconds, between two frames; one that learns or writes, a little later."""

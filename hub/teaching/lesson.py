@@ -2,10 +2,10 @@
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
 
 from common.errors import LabanmeshError
 from common.teaching_messages import LearnedReport, TeachCommand, TeachReply, TeachRequest
+from hub.teaching.room import Answers, Room
 from hub.teaching.wording import (
     adopted_line,
     has_kept,
@@ -31,44 +31,6 @@ ADOPT_IN_S = 0.7
 FOLLOW_S = 10.0
 TEST_LIMIT_S = 8.0
 REPEAT, DROP = "r", "d"
-
-
-@dataclass(frozen=True, slots=True)
-class Answers:
-    """The replies by observer; those that were asked and did not answer."""
-
-    replies: Mapping[str, TeachReply]
-    silent: tuple[str, ...] = ()
-
-    @property
-    def faults(self) -> dict[str, str]:
-        """Why an observer did not do what was asked."""
-        return {name: reply.fault for name, reply in self.replies.items() if reply.fault}
-
-
-class Room(Protocol):
-    """What a lesson needs of the outside: `labanmesh teach` has a terminal, a test has none."""
-
-    def pause(self, seconds: float) -> None:
-        """Let time pass; raises KeyboardInterrupt when the teacher ends the lesson."""
-
-    def now_s(self) -> float:
-        """Seconds of a monotonic clock."""
-
-    def say(self, line: str) -> None:
-        """Show a line."""
-
-    def show(self, line: str) -> None:
-        """Show what changes: a countdown, a progress."""
-
-    def key(self, seconds: float) -> str:
-        """The key that is pressed within so many seconds; "" without one, or without a keyboard."""
-
-    def fused_labels(self) -> Sequence[str]:
-        """The movements that the fusion service judges now; empty while they are unknown."""
-
-    def verdicts(self) -> Sequence[str]:
-        """The labels that the fusion service has decided since the last call."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -253,13 +215,21 @@ class Lesson:
             self.room.pause(LOOK_S)
             replies = self._request("status")
             learned |= {name: reply.learned for name, reply in replies.items() if reply.learned is not None}
-            self.observers = [name for name in self.observers if replies[name].state != "idle"]
+            self._learn_again(replies)
         others += sum(bool(replies[name].labels) for name in replies if name not in learned)
         if len(learned) <= others:
             raise LabanmeshError("most observers could not learn; nothing changes, and the takes are kept")
         for line in result_lines(learned):
             self.room.say(line)
         return learned
+
+    def _learn_again(self, replies: Mapping[str, TeachReply]) -> None:
+        """Leave out the observers that could not learn; one that was started again meanwhile learns again."""
+        idle = [name for name in self.observers if replies[name].state == "idle"]
+        restarted = [name for name in idle if not replies[name].fault]
+        if restarted:
+            self.ask(TeachRequest(command="learn", teacher=self.plan.teacher, labels=self.labels), restarted)
+        self.observers = [name for name in self.observers if name not in idle or name in restarted]
 
     def _adopt(self, learned: Mapping[str, LearnedReport]) -> None:
         """All change together; then the fusion service follows."""
@@ -268,6 +238,9 @@ class Lesson:
         begun_s = self.room.now_s()
         while self.room.now_s() - begun_s < FOLLOW_S:
             self.room.pause(LOOK_S)
+            late = [name for name, reply in self._request("status").items() if reply.learned is not None]
+            if late:
+                self.ask(TeachRequest(command="adopt", teacher=self.plan.teacher), late)
             if list(self.room.fused_labels()) == self.labels:
                 self.room.say(adopted_line(len(self.observers), self.labels))
                 return

@@ -4,7 +4,8 @@ import pytest
 
 from common.errors import LabanmeshError
 from common.teaching_messages import LearnedReport, TakeReport, TeachReply
-from hub.teaching.lesson import Answers, Lesson, LessonPlan
+from hub.teaching.lesson import Lesson, LessonPlan
+from hub.teaching.room import Answers
 from hub.teaching.wording import result_lines
 
 
@@ -14,10 +15,10 @@ class Observer:
     def __init__(self, faults=(), dies=None, results=None, labels=("old", "older"), can_learn=True, returns=False):
         self.faults, self.dies, self.results, self.labels = dict(faults), dies, results or {}, list(labels)
         self.takes, self.other_s, self.alive, self.learned, self.last = {}, 0.0, True, None, None
+        self.fault = ""
         self.is_recording, self.can_learn, self.returns = False, can_learn, returns
 
     def answer(self, request):
-        fault = ""
         match request.command:
             case "begin" if request.label:
                 key = request.label, request.take
@@ -39,12 +40,12 @@ class Observer:
             case "learn" if self.can_learn:
                 self.learned = LearnedReport(labels=request.labels, results=self.results)
             case "learn":
-                fault = "wave: one take is not enough"
+                self.fault = "wave: one take is not enough"
             case "adopt":
                 self.labels, self.learned = self.learned.labels, None
         state = "recording" if self.is_recording else "idle" if self.learned is None else "learned"
         return TeachReply(
-            state=state, fault=fault, pictures=True, visible=True, takes=self.takes, other_s=self.other_s,
+            state=state, fault=self.fault, pictures=True, visible=True, takes=self.takes, other_s=self.other_s,
             take=self.last, labels=self.labels, learned=self.learned,
         )  # fmt: skip
 
@@ -170,7 +171,8 @@ def test_all_learn_before_any_changes_and_a_minority_does_not_take_the_others_al
     with pytest.raises(LabanmeshError, match="most observers could not learn; nothing changes"):
         teach(observers)
     assert all(each.labels == ["old", "older"] for each in observers.values())
-    observers["shelf"].can_learn = True
+    observers["shelf"].can_learn, observers["shelf"].fault = True, ""
+    observers["door"].fault = ""
     room = teach(observers)
     assert "door: wave: one take is not enough" in room.lines and observers["door"].labels == ["old", "older"]
     assert room.lines[-1].startswith("2 observers and the fusion service")
