@@ -18,7 +18,7 @@ Cells = NDArray[np.float32]
 ROWS, COLUMNS = 60, 80
 AVERAGE_S, LEARN_S = 0.7, 3.0
 CELLS, LEAST_GREY, NOISES = 2, 4.0, 6.0
-WAITS_S = 0.5
+LEARN_EVERY_S, WAITS_S = 0.1, 0.5
 """A difference is learned as noise only if so much later nobody has moved: the begin of a movement is none."""
 MOST_CHANGED = 0.6
 """If more of the cells have changed the light has, or the camera: the mean starts over."""
@@ -32,7 +32,7 @@ class MotionGate:
         self._variance: Cells = np.zeros((ROWS, COLUMNS), np.float32)
         self._limit: Cells = np.full((ROWS, COLUMNS), LEAST_GREY, np.float32)
         self._waiting: deque[tuple[int, Cells, float]] = deque()
-        self._before_ns = 0
+        self._before_ns, self._unlearned_s = 0, 0.0
 
     def forget(self) -> None:
         """Somebody moves: the next picture is the first to compare with. What was learned of noise stays."""
@@ -47,15 +47,19 @@ class MotionGate:
             self._mean = cells.copy()
             return False
         mean = self._mean * _brighter(cells, self._mean)
-        difference = np.abs(cells - mean)
+        change = cells - mean
+        difference = np.abs(change)
         count = int(np.count_nonzero(difference > self._limit))
         if count > MOST_CHANGED * difference.size:
             self._mean = cells.copy()
             self._waiting.clear()
             return True
         step = np.float32(min(seconds / AVERAGE_S, 1.0))
-        self._mean = np.asarray(mean + (cells - mean) * step, np.float32)
-        self._learn(difference, at_ns, seconds)
+        self._mean = np.asarray(mean + change * step, np.float32)
+        self._unlearned_s += seconds
+        if self._unlearned_s >= LEARN_EVERY_S:
+            self._learn(difference, at_ns, self._unlearned_s)
+            self._unlearned_s = 0.0
         return count >= CELLS
 
     def _learn(self, difference: Cells, at_ns: int, seconds: float) -> None:
