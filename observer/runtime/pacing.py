@@ -22,7 +22,7 @@ from observer.tracks import Floats, Tracks
 ACTIVE_SHARE, SEARCH_SHARE, REST_SHARE, EMPTY_SHARE = 0.4, 0.06, 0.04, 0.01
 """Shares of a core that the tracker may take: of a moving person, of nobody while pictures change, of a person at rest,
 of an empty room. With reading and publishing the process stays below half a core, and 5 % when nobody is there."""
-LEAST_IDLE_HZ, MOST_EMPTY_HZ, LEAST_EMPTY_HZ = 2.0, 2.0, 0.1
+LEAST_IDLE_HZ, MOST_EMPTY_HZ, LEAST_EMPTY_HZ = 2.0, 2.0, 0.05
 STILL_S, STILL = 1.0, 0.12
 """A person is still whose parts stayed this long within this share of the distance between their farthest parts."""
 LEAST_PX = 2.0
