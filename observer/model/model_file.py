@@ -1,7 +1,7 @@
 """Reads and writes model files: .npz without pickles, described in docs/design/model.md.
 
 `header` is a JSON text (format version, kind, vocabulary, view, matrix, rate, body parts, parameters, provenance,
-certainty); all other arrays are the model's own.
+certainty, placement); all other arrays are the model's own.
 """
 
 import json

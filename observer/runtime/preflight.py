@@ -145,6 +145,8 @@ def _check_model(
     lacking = [part for part in header.body_parts if finds and part not in finds]
     if lacking:
         (result.doubts if model.FEWER_PARTS else result.faults).append(lacking_parts(lacking, finds))
+    if view and not view.has_place and (section.place, section.facing) != (None, None):
+        result.doubts.append(f"place, facing: only for camera files; view = {section.view!r} is none and ignores them")
     person = person_in(scene, result.observer, view) if view else None
     if view and (doubt := doubt_of_view(path, header, view, section.view, person)):
         result.doubts.append(doubt)

@@ -22,6 +22,7 @@ from observer.motion.archive_file import write_archive
 from observer.motion.importers.msr_action3d import import_folder
 from observer.motion.placing import mean_place, placed
 from observer.motion.projected import view_tracks
+from observer.runtime.preflight import check_observer
 from observer.runtime.scene_inputs import open_inputs, person_in
 from studies.performer import perform
 
@@ -160,6 +161,9 @@ def test_learn_takes_views_and_the_person_from_the_scene_file(run, scene):
     ):
         doubt = doubt_of_view(folder / "c90.model", header, view, "c90.toml", person)
         assert what in doubt and "learn it again" in doubt
+    own = config.observer("side").model_copy(update={"facing": 10.0})
+    odd = config.model_copy(update={"observers": {**config.observers, "side": own}})
+    assert any("only for camera files" in doubt for doubt in check_observer(odd, "side").doubts)
     moved = open_inputs(config, "c90", environment={}).source.recordings
     assert mean_place(MotionArchive(PARTS, tuple(moved))) == pytest.approx((0.4, 1.3), abs=0.01)
 
