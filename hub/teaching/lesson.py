@@ -69,7 +69,10 @@ class Lesson:
         try:
             replies = self._begin()
             for label in self.plan.labels:
-                self._takes_of(label, takes_done(label, replies))
+                done = takes_done(label, replies)
+                # Of a movement that the models know, --add means more takes.
+                known = self.plan.add and any(label in reply.labels for reply in replies.values())
+                self._takes_of(label, done, self.plan.takes + (len(done) if known else 0))
             self._something_else()
             self._adopt(self._learn())
             if self.plan.test:
@@ -125,14 +128,14 @@ class Lesson:
         self.taught = list(self.observers)
         return {name: started[name] for name in self.observers}
 
-    def _takes_of(self, label: str, done: set[int]) -> None:
+    def _takes_of(self, label: str, done: set[int], wanted: int) -> None:
         """All takes of a movement that are not on a disk yet."""
         if done:
             self.room.say(f"{label}: goes on after {len(done)} takes")
         number, failures = max(done, default=0), 0
-        while len(done) < self.plan.takes:
+        while len(done) < wanted:
             number += 1
-            replies = self._take(label, number, f"{label} {len(done) + 1} of {self.plan.takes}")
+            replies = self._take(label, number, f"{label} {len(done) + 1} of {wanted}")
             if not has_kept(replies):
                 failures += 1
                 if failures == FAILURES_LIMIT:

@@ -181,19 +181,30 @@ class TeachableObserver:
         return encode(reply)
 
 
+def why_not(scene: Scene, observer_id: str) -> str:
+    """Why the observer cannot be taught, in a line; "" if it can."""
+    if scene.vocabulary is not None:
+        named = ", ".join(scene.vocabulary)
+        return f"the scene file names its vocabulary ({named}); remove that line, the models bring theirs"
+    model = scene.observer(observer_id).model
+    others = [name for name, each in scene.observers.items() if each.model == model and name != observer_id]
+    if others:
+        return f"{model} is the model of {' and '.join(others)} too; give each observer a model of its own"
+    return ""
+
+
 @contextmanager
 def teachable(
     scene: Scene, observer_id: str, inputs: "ObserverInputs", observer: Observer | None, build: Build
 ) -> Iterator[TeachableObserver]:
-    """The observer that can be taught; its takes lie beside its model file, as NAME.tracks.npz."""
+    """The observer that can be taught; its takes lie beside its model file, as ID.tracks.npz."""
     model = scene.place(scene.observer(observer_id).model)
     rate_hz = inputs.source.rate_hz if inputs.at_own_rate else RATE_HZ
     parts = tuple(inputs.tracker.body_parts)
     recorder = TracksRecorder(parts, rate_hz)
-    takes = TakesFile(model.with_name(f"{model.stem}.tracks.npz"), parts, TracksCamera(observer_id))
+    takes = TakesFile(model.with_name(f"{observer_id}.tracks.npz"), parts, TracksCamera(observer_id))
     learner = ModelLearner(takes.path, model, build)
-    pinned = scene.named_vocabulary
-    teaching = Teaching(recorder, takes, learner, None if pinned is None else pinned.labels)
+    teaching = Teaching(recorder, takes, learner, why_not(scene, observer_id))
     try:
         yield TeachableObserver(inputs, observer, recorder, teaching, learner)
     finally:

@@ -96,12 +96,10 @@ class _Recording:
 
 
 class Teaching:
-    """The state machine of one observer; not thread-safe. pinned: the movements that the scene file names, if any."""
+    """The state machine of one observer; not thread-safe. refusal: why it cannot be taught; "" if it can."""
 
-    def __init__(
-        self, recorder: TracksRecorder, takes: Takes, learner: Learner, pinned: Sequence[str] | None = None
-    ) -> None:
-        self._recorder, self._takes, self._learner, self._pinned = recorder, takes, learner, pinned
+    def __init__(self, recorder: TracksRecorder, takes: Takes, learner: Learner, refusal: str = "") -> None:
+        self._recorder, self._takes, self._learner, self._refusal = recorder, takes, learner, refusal
         self._stream = StillnessStream(recorder.body_parts, recorder.rate_hz)
         self._teacher, self._asked_s, self._stepped_s = "", float("-inf"), float("-inf")
         self._current: _Recording | None = None
@@ -132,7 +130,7 @@ class Teaching:
 
         labels: the movements of the model in force.
         """
-        fault = self._refusal(request, now_s)
+        fault = self._refused(request, now_s)
         if not fault:
             if request.command != "status":
                 self._teacher = request.teacher
@@ -145,13 +143,12 @@ class Teaching:
                 fault = _line(error)
         return self._reply(fault, now_s, labels)
 
-    def _refusal(self, request: TeachRequest, now_s: float) -> str:
+    def _refused(self, request: TeachRequest, now_s: float) -> str:
         others = request.teacher != self._teacher and now_s - self._asked_s < TEACHER_S
         if others and request.command != "status":
             return f"another `labanmesh teach` is at work with this observer; end it, or wait {TEACHER_S:g} s"
-        if request.command == "start" and self._pinned is not None:
-            named = ", ".join(self._pinned)
-            return f"the scene file names its vocabulary ({named}); remove that line, the models bring theirs"
+        if request.command == "start":
+            return self._refusal
         return ""
 
     def _do(self, request: TeachRequest, now_s: float) -> str:

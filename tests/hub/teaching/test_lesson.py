@@ -133,6 +133,8 @@ def test_takes_are_repeated_dropped_and_go_on_where_they_stopped():
     assert sofa.takes == {"wave": [1], "clap": [1, 2]} and {"again", "dropped"} <= set(room.lines)
     more = teach({"sofa": sofa}, labels=["nod"], add=True)
     assert takes_asked(more) == [("nod", 1), ("nod", 2)] and sofa.labels == ["wave", "clap", "nod"]
+    more = teach({"sofa": sofa}, labels=["nod"], add=True)
+    assert takes_asked(more) == [("nod", 3), ("nod", 4)] and sofa.takes["nod"] == [1, 2, 3, 4]
 
 
 def test_a_take_that_one_observer_lacks_counts_and_one_that_all_lack_is_made_again():

@@ -15,7 +15,7 @@ from observer.model.model_file import read_model
 from observer.runtime.pipeline import Observer, Resampler
 from observer.runtime.scene_inputs import is_untaught
 from observer.teaching import service
-from observer.teaching.service import teachable
+from observer.teaching.service import teachable, why_not
 from observer.tracks import BODY_PARTS, Frame, Tracks
 
 REST = np.array([[280.0, 300.0], [360.0, 300.0], [320.0, 100.0]])
@@ -115,7 +115,14 @@ def test_a_failure_to_learn_is_one_line_and_the_old_model_stays(room, scene):
     assert "not understood" in decode(TeachReply, room.observer.respond(b"\xc1")).fault
 
 
-@pytest.mark.parametrize("line", ['vocabulary = ["a", "b"]\n', 'observers.sofa.model = "x.model"\n'])
-def test_an_observer_whose_scene_names_a_model_or_a_vocabulary_needs_its_model(tmp_path, line):
-    (tmp_path / "s.toml").write_text(f'scene = "home"\n{line}observers.sofa.source = "0"\n')
-    assert not is_untaught(read_scene(tmp_path / "s.toml", {}), "sofa")
+def test_an_observer_whose_scene_names_a_model_or_a_vocabulary_needs_its_model(tmp_path):
+    lines = {'vocabulary = ["a", "b"]\n': "(a, b); remove that line", 'observers.sofa.model = "x.model"\n': ""}
+    for line, reason in lines.items():
+        (tmp_path / "s.toml").write_text(f'scene = "home"\n{line}observers.sofa.source = "0"\n')
+        scene = read_scene(tmp_path / "s.toml", {})
+        assert not is_untaught(scene, "sofa") and reason in why_not(scene, "sofa")
+    (tmp_path / "s.toml").write_text(
+        'scene = "home"\n[observers.sofa]\nsource = "0"\nmodel = "x.model"\n'
+        '[observers.shelf]\nsource = "1"\nmodel = "x.model"\n'
+    )
+    assert why_not(read_scene(tmp_path / "s.toml", {}), "sofa").startswith("x.model is the model of shelf too")

@@ -35,15 +35,15 @@ class FakeLearner:
 class Room:
     """One observer and the person in front of it; time passes only in `pass_s`."""
 
-    def __init__(self, folder, pinned=None):
-        self.path, self.learner, self.pinned = folder / "sofa.tracks.npz", FakeLearner(), pinned
+    def __init__(self, folder, refusal=""):
+        self.path, self.learner, self.refusal = folder / "sofa.tracks.npz", FakeLearner(), refusal
         self.now_s = 1000.0
         self.restart()
 
     def restart(self):
         self.recorder = TracksRecorder(BODY_PARTS)
         takes = TakesFile(self.path, BODY_PARTS, TracksCamera("sofa"))
-        self.teaching = Teaching(self.recorder, takes, self.learner, self.pinned)
+        self.teaching = Teaching(self.recorder, takes, self.learner, self.refusal)
 
     def ask(self, command, teacher="anna", **fields):
         return self.teaching.handle(TeachRequest(command=command, teacher=teacher, **fields), self.now_s, ("a", "b"))
@@ -197,12 +197,12 @@ def test_one_teacher_at_a_time(room):
 
 
 @pytest.mark.parametrize(
-    ("labels", "pinned", "fault"),
+    ("labels", "refusal", "fault"),
     [
-        (["wave"], None, "name at least two movements"),
-        (["Wave!", "clap"], None, "lower case letters"),
-        (["wave", "clap"], ("bow", "lunge"), "the scene file names its vocabulary (bow, lunge)"),
+        (["wave"], "", "name at least two movements"),
+        (["Wave!", "clap"], "", "lower case letters"),
+        (["wave", "clap"], "the scene names its vocabulary", "the scene names its vocabulary"),
     ],
 )
-def test_a_vocabulary_that_cannot_be_is_refused(tmp_path, labels, pinned, fault):
-    assert fault in Room(tmp_path, pinned).ask("start", labels=labels).fault
+def test_a_vocabulary_that_cannot_be_is_refused(tmp_path, labels, refusal, fault):
+    assert fault in Room(tmp_path, refusal).ask("start", labels=labels).fault
