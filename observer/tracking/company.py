@@ -12,8 +12,9 @@ STEP, SPEED = 0.25, 1.5
 """From one picture to the next the hips move by less than STEP, plus SPEED for each second in between: 2.5 m/s."""
 GROWTH = 1.6
 """Heights that differ more are not of the same person."""
-NEAR, MERGED = 1.5, 0.22
-"""Distances from which another person is watched closely, and at which two people are taken for one."""
+NEAR, MERGED, HIDDEN, OWN = 1.5, 0.4, 0.6, 0.22
+"""Distances from which another person is watched closely; at which two people are taken for one, while the followed one
+is seen and while that one is hidden; and at which somebody found is the followed person."""
 ALONE_S, COMPANY_S, STIRRED_S, NEAR_S = 3.0, 0.5, 0.2, 0.1
 """Time between two searches for others: with nobody else, with somebody, when something moves beside the followed
 person or that person has moved, and with somebody near."""
@@ -70,7 +71,7 @@ class Company:
         """The people found about the followed one, who is the nearest of them if near enough."""
         self._looked = ms, followed
         rest = sorted(distinct(found), key=followed.distance)
-        if rest and rest[0].distance(followed) < MERGED * followed.height:
+        if rest and rest[0].distance(followed) < OWN * followed.height:
             rest = rest[1:]
         strangers = self.strangers(rest, ms)
         self.people += [OtherPerson(body, ms) for body in strangers]
@@ -96,11 +97,11 @@ class Company:
     def merges_with(self, followed: Body, seen: bool, ms: int) -> bool:
         """Whether one who was found twice is too near and too alike to be told from the followed person.
 
-        seen: whether the followed person is seen now; else twice the distance is too near.
+        seen: whether the followed person is seen now.
         """
         return any(
             one.sightings > 1
-            and one.at(ms).distance(followed) < MERGED * followed.height * (1 if seen else 2)
+            and one.at(ms).distance(followed) < (MERGED if seen else HIDDEN) * followed.height
             and one.body.resembles(followed, GROWTH)
             for one in self.people
         )

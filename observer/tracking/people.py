@@ -23,6 +23,7 @@ CLEAR = 0.5
 """Visibility from which a landmark counts."""
 GRID_PX = 8
 """Motion is looked for in cells of so many pixels each way."""
+GREY = 120
 ON_MARK = 0.4
 """Share of the height from which a person stands on the marked place."""
 WIDE = 0.4
@@ -82,6 +83,12 @@ class SearchArea:
         """This part of the picture, contiguous."""
         part = rgb[self.top : self.top + self.height, self.left : self.left + self.width]
         return np.ascontiguousarray(part)
+
+    def covered(self, rgb: Rgb) -> Rgb:
+        """A copy of the picture in which this part is grey."""
+        copy = rgb.copy()
+        copy[self.top : self.top + self.height, self.left : self.left + self.width] = GREY
+        return copy
 
     def holds(self, u: float, v: float) -> bool:
         """Whether a place of the picture, px, lies in it."""

@@ -29,6 +29,8 @@ LOOK_AROUND = 2.6
 """Side of the square around the followed person in which others are searched."""
 BESIDE = 0.5
 """Distance to the side of the hips from which motion is not the followed person's own."""
+COVERED = 0.56
+"""Width of the followed person, who is covered while others are searched."""
 FIRST, BUSY, IDLE = 9, 2, 1
 """Searches in the first picture, while something moves or somebody was just lost, and in a still room."""
 WAITING, TRIED = 3, 2
@@ -127,8 +129,15 @@ class PersonFollower:
         return near and not self._company.is_other(body, followed, self._ms)
 
     def _others(self, body: Body, rgb: Rgb) -> Sequence[Body]:
-        """Who is about the followed person; now and then anywhere in the picture."""
+        """Who is about the followed person; now and then anywhere in the picture.
+
+        The followed person is covered: beside a person in full view, detectors often miss another.
+        """
         self._looks += 1
+        size = (rgb.shape[1], rgb.shape[0])
+        cover = area_about(body, COVERED * body.height, size, 1.2 * body.height)
+        if cover is not None:
+            rgb = cover.covered(rgb)
         if self._looks % WHOLE_EVERY == 0:
             return self._model.find(rgb, SearchArea(0, 0, rgb.shape[1], rgb.shape[0]), self._ms)
         return self._found_about(body, rgb)

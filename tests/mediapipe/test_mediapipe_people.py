@@ -1,6 +1,6 @@
 """Several people, small people and long films with the real model: pictures of recorded people pasted together."""
 
-from itertools import cycle, islice
+from itertools import cycle, islice, pairwise
 
 import cv2
 import numpy as np
@@ -92,6 +92,37 @@ def test_the_followed_one_of_two_never_changes(data, pose_model):
         assert count >= 2
         assert np.isfinite(head).mean() > 0.9
         assert (np.abs(head[np.isfinite(head)] - 0.25 - 0.5 * side) < 0.2).all()
+
+
+def passing(room, walkers, px):
+    """Pictures in which a person passes before another from right to left, so many px a picture; and where they are."""
+    for n, (behind, before) in enumerate(zip(room, walkers, strict=True)):
+        shown, middle = np.full((420, 900, 3), 120, np.uint8), 860 - px * max(n - 10, 0)
+        shown[:, 60:480] = behind
+        left, right = max(middle - 100, 0), min(middle + 100, 900)
+        if left < right:
+            shown[:, left:right] = before[:, 90:290][:, left - middle + 100 : right - middle + 100]
+        yield shown, middle
+
+
+@pytest.mark.parametrize("px", [12, 20, 30])
+def test_a_person_who_passes_before_the_followed_one_is_never_taken_for_that_one(data, pose_model, px):
+    room, walkers = (list(pictures(data / f"wave_webcam/{name}.mp4"))[:60] for name in ("wave", "stand"))
+    heads = [tracked(film, pose_model)[0][:, 2, 0] for film in (room, walkers)]
+    tracker, who = MediapipeTracker(pose_model, rule=FollowRule("nearest", (0.3, 0.5))), []
+    for n, (shown, middle) in enumerate(passing(room, walkers, px)):
+        head = tracker.update(Frame(n * 10**8, shown)).centres[2, 0]
+        first, walker = heads[0][n] + 60, heads[1][n] - 190 + middle
+        if np.isnan(head):
+            who.append("nobody")
+        elif abs(first - walker) > 100:  # else one covers the other
+            who.append("walker" if abs(head - walker) < abs(head - first) else "first")
+    tracker.close()
+    assert who[:30] == ["first"] * 30 or px > 12
+    assert who[:10] == ["first"] * 10
+    changes = [pair for pair in pairwise(who) if pair[0] != pair[1]]
+    assert ("first", "walker") not in changes
+    assert ("walker", "first") not in changes
 
 
 def test_who_raises_a_hand_is_followed(data, pose_model):
