@@ -1,12 +1,12 @@
 """Adapts a tracker to a model and to the camera file of its view. Pure."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from common.errors import BadInput
 from observer.camera.base import size_of
-from observer.geometry.picture_size import picture_scale
+from observer.geometry.picture_size import Size, picture_scale, scale_note
 from observer.geometry.views import View
 from observer.tracks import Floats, Frame, Tracker, Tracks
 
@@ -18,7 +18,8 @@ class PreparedTracker:
 
     view: of a calibrated camera, with the size of its pictures, to which centres are scaled, and its lens, whose
     distortion is removed, because the projective matrix is valid for undistorted pixels of that size; None: neither.
-    fewer_parts: a part that the tracker does not find is never seen. Raises BadInput if it does not find a wanted part,
+    fewer_parts: a part that the tracker does not find is never seen. notify: gets one line when pictures of another
+    size are scaled, once for each size. Raises BadInput if it does not find a wanted part,
     or none of them.
     """
 
@@ -28,6 +29,7 @@ class PreparedTracker:
         wanted: Sequence[str],
         view: View | None = None,
         fewer_parts: bool = False,
+        notify: Callable[[str], None] = lambda _: None,
     ) -> None:
         known = list(tracker.body_parts)
         self.lacking = tuple(part for part in wanted if part not in known)
@@ -38,14 +40,16 @@ class PreparedTracker:
         self.tracker = tracker
         # One row more, which is never seen, stands for the parts that the tracker does not find.
         self._rows = [known.index(part) if part in known else len(known) for part in wanted]
-        self._view = view
+        self._view, self._notify = view, notify
+        self._size_px: Size | None = None
+        self._scale = 1.0
         self.picture_tracks: Tracks | None = None
         self.all_tracks: Tracks | None = None
         """The tracker's own rows, of all its body parts, in px of the picture."""
 
     def of_parts(self, wanted: Sequence[str]) -> "PreparedTracker":
         """The same tracker for other body parts; raises BadInput if it does not find one of them."""
-        return PreparedTracker(self.tracker, wanted, self._view)
+        return PreparedTracker(self.tracker, wanted, self._view, notify=self._notify)
 
     @property
     def complaint(self) -> str:
@@ -62,14 +66,22 @@ class PreparedTracker:
         self.picture_tracks = Tracks(self._wanted(tracks.centres), guesses, tracks.people)
         if self._view is None or (self._view.lens is None and self._view.size_px is None):
             return self.picture_tracks
-        scale = picture_scale(self._view, size_of(frame.content)) if frame.content.dtype == np.uint8 else 1.0
-        calibrated = None if guesses is None else self._calibrated(guesses, scale)
-        return Tracks(self._calibrated(self.picture_tracks.centres, scale), calibrated, tracks.people)
+        if frame.content.dtype == np.uint8:
+            self._fit(self._view, size_of(frame.content))
+        calibrated = None if guesses is None else self._calibrated(guesses)
+        return Tracks(self._calibrated(self.picture_tracks.centres), calibrated, tracks.people)
 
-    def _calibrated(self, centres: Floats, scale: float) -> Floats:
+    def _fit(self, view: View, size_px: Size) -> None:
+        """Take the scale of pictures of this size, and say so if they are of another one than the camera file's."""
+        if size_px != self._size_px:
+            self._scale, self._size_px = picture_scale(view, size_px), size_px
+            if note := scale_note(view, size_px):
+                self._notify(note)
+
+    def _calibrated(self, centres: Floats) -> Floats:
         """(P, 2) px of the picture -> undistorted px of the camera file."""
         lens = self._view.lens if self._view else None
-        return centres * scale if lens is None else lens.undistorted(centres * scale)
+        return centres * self._scale if lens is None else lens.undistorted(centres * self._scale)
 
     def _wanted(self, rows: Floats) -> Floats:
         wanted: Floats = (np.concatenate([rows, NEVER_SEEN]) if self.lacking else rows)[self._rows]

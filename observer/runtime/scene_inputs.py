@@ -6,6 +6,7 @@ import sys
 import threading
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Literal
 
@@ -16,7 +17,7 @@ from common.errors import BadInput
 from common.tracker_choice import MESH_KEY, STANDARD_INPUT, chosen_tracker, content_of
 from observer.camera.base import Report, ignore_report
 from observer.foreign.sources import LineTracks, MeshTracks, PipedTracks
-from observer.geometry.picture_size import scale_note
+from observer.geometry.picture_size import picture_scale
 from observer.geometry.placement import PersonPlacement, placement_of
 from observer.geometry.views import View, parse_view
 from observer.motion.archive import MotionArchive, Recording, resample
@@ -109,9 +110,8 @@ def open_inputs(
         source = _pictures(scene, section, report, start_ns)
     if kind.reads == "pictures":
         _use_one_thread()
-    size_px = section.size_px or getattr(source, "size_px", None)
-    if kind.reads == "pictures" and size_px and (note := scale_note(view, size_px)):
-        log.warning("%s: %s", observer, note)
+    if kind.reads == "pictures" and (size_px := section.size_px or getattr(source, "size_px", None)):
+        picture_scale(view, size_px)
     if section.mirrored:
         if kind.reads != "pictures":
             raise BadInput(f"{key}.mirrored: only pictures can be mirrored back; this source gives {content}")
@@ -121,7 +121,7 @@ def open_inputs(
     if kind.reads == "pictures":
         level = logging.INFO if outcome is choice else logging.WARNING
         log.log(level, "%s: tracker %s: %s", observer, outcome.name, outcome.reason or "named in the scene file")
-    prepared = PreparedTracker(tracker, wanted, view, fewer_parts)
+    prepared = PreparedTracker(tracker, wanted, view, fewer_parts, partial(log.warning, "%s: %s", observer))
     if prepared.lacking:
         log.warning(
             "%s: judges without %s: %s", observer, ", ".join(prepared.lacking), "the tracker does not find them"

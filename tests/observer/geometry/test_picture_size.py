@@ -33,8 +33,11 @@ class CentreTracker:
 
 @pytest.mark.parametrize("size", [(1280, 720), (640, 360), (1920, 1080), (854, 480)])
 def test_centres_are_those_of_the_camera_file_whatever_the_size_of_the_pictures(size):
-    tracker = PreparedTracker(CentreTracker(), BODY_PARTS, VIEW)
-    tracks = tracker.update(Frame(0, np.zeros((size[1], size[0], 3), np.uint8)))
+    notes = []
+    tracker = PreparedTracker(CentreTracker(), BODY_PARTS, VIEW, notify=notes.append)
+    for n in range(2):
+        tracks = tracker.update(Frame(n, np.zeros((size[1], size[0], 3), np.uint8)))
+    assert len(notes) == (size != (1280, 720))
     expected = LENS.undistorted(np.array([0.3 * 1280, 0.4 * 720]))
     np.testing.assert_allclose(tracks.centres, np.tile(expected, (3, 1)), atol=0.5)
     assert tracker.picture_tracks.centres[0, 0] == pytest.approx(0.3 * size[0])
@@ -65,9 +68,10 @@ def scene(tmp_path):
     return tmp_path / "scene.toml"
 
 
-def test_doctor_and_observe_say_so_before_the_first_picture(scene, caplog):
+def test_doctor_and_observe_say_so(scene, caplog):
     config = read_scene(scene, {})
-    open_inputs(config, "half", environment={})
+    half = open_inputs(config, "half", environment={})
+    half.tracker.update(Frame(0, np.full((360, 640, 3), 128, np.uint8)))
     assert "half: pictures of 640x360 px are scaled by 2" in caplog.text
     with rejected("360x360", "another shape"):
         open_inputs(config, "square", environment={})
