@@ -167,20 +167,17 @@ class HeadTracker:
         return min(fitting, key=lambda box: float(np.linalg.norm(middle(box) - near)), default=None)
 
     def _faces(self, picture: Picture) -> list[Box]:
-        """Faces about the candidate, or in the whole picture when that is due, largest first."""
+        """Faces in the whole picture when a search is due or one was just found, largest first; else none."""
         if self._away and self._given:
             return []  # a person of known skin colour seen from behind shows no face
         scale = max(1.0, min(picture.shape[:2]) / SHORT_SIDE)
         later_s = SEARCH_LATER * (self._headless_s - SEARCH_FIRST_S)
-        if self._since_whole_s >= min(max(SEARCH_EVERY_S, later_s), SEARCH_LAST_S) - 1e-6:
-            self._since_whole_s = 0.0
-            return self._detect(picture, scale, SMALLEST)
-        if self._candidate is not None:
-            width = self._candidate[2]
-            region = PixelRect.around(middle(self._candidate), (1.2 * width, 1.2 * width), picture.shape)
-            boxes = self._detect(region.cut(picture), scale, max(int(0.7 * width / scale), SMALLEST))
-            return [(x + region.x0, y + region.y0, w, h) for x, y, w, h in boxes]
-        return []
+        due = self._since_whole_s >= min(max(SEARCH_EVERY_S, later_s), SEARCH_LAST_S) - 1e-6
+        # The second look is at the whole picture too: at the place alone, more false faces are found twice.
+        if not due and self._candidate is None:
+            return []
+        self._since_whole_s = 0.0
+        return self._detect(picture, scale, SMALLEST)
 
     def _detect(self, picture: Picture, scale: float, smallest: int) -> list[Box]:
         """Faces in px of `picture`, searched in the picture reduced by `scale`."""
