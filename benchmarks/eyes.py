@@ -2,10 +2,9 @@
 
 Each row is a real `labanmesh observe` process that plays a film of 640x480 pictures at 30 Hz in real time, as a camera
 would deliver them; reading the film is included. The films are made of wave_webcam (LABANMESH_DATA) and kept in a
-folder: a person who waves, who stands and shifts
-about, who keeps still, and the room beside the person. The originals have 10 Hz; pictures
-in between are mixed of their neighbours, each has sensor noise of its own, and a film runs forwards, then backwards, so
-that it can loop without a jump.
+folder: a person who waves, who stands and shifts about, who keeps still, and the room beside the person. The originals
+have 10 Hz; pictures in between are mixed of their neighbours, each has sensor noise of its own, and a film runs
+forwards, then backwards, so that it can loop without a jump.
 """
 
 import os

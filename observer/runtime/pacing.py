@@ -19,7 +19,7 @@ import numpy as np
 from common import SECOND_NS
 from observer.tracks import Floats, Tracks
 
-ACTIVE_SHARE, SEARCH_SHARE, REST_SHARE, EMPTY_SHARE = 0.4, 0.06, 0.04, 0.01
+ACTIVE_SHARE, SEARCH_SHARE, REST_SHARE, EMPTY_SHARE = 0.4, 0.06, 0.04, 0.005
 """Shares of a core that the tracker may take: of a moving person, of nobody while pictures change, of a person at rest,
 of an empty room. With reading and publishing the process stays below half a core, and 5 % when nobody is there."""
 LEAST_IDLE_HZ, MOST_EMPTY_HZ, LEAST_EMPTY_HZ = 2.0, 2.0, 0.05
