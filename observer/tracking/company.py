@@ -73,7 +73,8 @@ class Company:
         rest = sorted(distinct(found), key=followed.distance)
         if rest and rest[0].distance(followed) < OWN * followed.height:
             rest = rest[1:]
-        strangers = self.strangers(rest, ms)
+        # What appears too near is a limb of the followed person that is not covered: others were seen as they came.
+        strangers = [b for b in self.strangers(rest, ms) if b.distance(followed) >= MERGED * followed.height]
         self.people += [OtherPerson(body, ms) for body in strangers]
 
     def strangers(self, found: Sequence[Body], ms: int) -> list[Body]:

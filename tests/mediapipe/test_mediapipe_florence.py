@@ -123,6 +123,8 @@ def verdicts(florence, labels, tracks_of):
         yield judge(clip.name, clip.label, centres, SECOND_NS / PERIOD_NS, model, FusionConfig())
 
 
+# Models of other people are learned for each clip's person.
+@pytest.mark.timeout(300)
 def test_the_last_posterior_is_highest_for_the_right_label(florence):
     """The argmax of the last posterior: what the tracks are worth, not what a user gets."""
     right, wrong = most_probable(florence, FOUR, lambda clip: clip.palm)
@@ -136,6 +138,7 @@ def test_the_last_posterior_is_highest_for_the_right_label(florence):
 VERDICTS_TARGET = 13
 
 
+@pytest.mark.timeout(300)
 @pytest.mark.parametrize(("labels", "reached"), [(FOUR, 3), (None, 12)], ids=["four movements", "nine"])
 def test_verdicts_of_the_fusion_service(florence, labels, reached):
     """What a user gets: the clips whose first verdict is right. reached: today, a bound against regressions."""

@@ -9,6 +9,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from observer_stage import rejected
 
+from observer.tracking.company import Company
 from observer.tracking.people import Body, FollowRule, Pose, SearchArea, distinct
 from observer.tracking.person_follower import APART_S, LOST_S, PersonFollower
 from observer.tracking.search_areas import MotionGrid, Sweep, search_levels
@@ -151,6 +152,22 @@ def test_two_who_merge_are_left_alone_for_a_while():
     number = next(n for n, line in reports if "too near" in line)
     assert set(who[number : number + round(APART_S * 10)]) == {None}
     assert "follows the person" in reports[-1][1]
+
+
+def test_a_limb_that_is_taken_for_somebody_beside_the_followed_person_is_no_other():
+    followed = Body(300.0, 200.0, 300.0)
+    company = Company()
+    for ms in range(100, 1000, 100):
+        company.update(followed, [Body(400.0, 200.0, 280.0)], ms)
+    assert not company.merges_with(followed, seen=True, ms=1000)
+
+
+def test_somebody_who_comes_from_afar_merges_with_the_followed_person():
+    followed = Body(300.0, 200.0, 300.0)
+    company = Company()
+    for ms in range(100, 1000, 100):
+        company.update(followed, [Body(600.0 - ms / 4, 200.0, 280.0)], ms)
+    assert company.merges_with(followed, seen=True, ms=1000)
 
 
 def test_the_followed_person_is_lost_after_a_while_and_another_is_chosen_then():
