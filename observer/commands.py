@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from observer.model.base import Header, MovementModel
     from observer.runtime.pipeline import Observer
     from observer.runtime.scene_inputs import ObserverInputs
-    from observer.runtime.service import ObserverLike
+    from observer.runtime.service import HealthReporter, ObserverLike
 
 log = logging.getLogger("labanmesh.observer")
 
@@ -47,18 +47,12 @@ def observe(
     from common.lifecycle import log_to_stderr, stop_on_signals
     from common.link import Link
     from observer.foreign.sources import MeshTracks
-    from observer.model.model_file import read_model
-    from observer.runtime.scene_inputs import is_untaught, open_inputs
     from observer.runtime.service import HealthReporter, serve
     from observer.teaching.service import answer_teachers, teachable
-    from observer.tracks import BODY_PARTS
 
     log_to_stderr()
     config, health = read_scene(scene), HealthReporter()
-    model = None if is_untaught(config, observer) else read_model(config.place(config.observer(observer).model))
-    wanted = BODY_PARTS if model is None else model.header.body_parts
-    fewer_parts = model is not None and model.FEWER_PARTS
-    inputs = open_inputs(config, observer, wanted, health.record_camera, fewer_parts=fewer_parts)
+    model, inputs = _model_and_inputs(config, observer, health)
     build = partial(_pipeline, config, observer, inputs)
     with ExitStack() as stack:
         stop = stack.enter_context(stop_on_signals())
@@ -73,6 +67,21 @@ def observe(
         answer_teachers(link, config, observer, taught)
         shown = stack.enter_context(_with_pictures(config, observer, shown, inputs, link))
         serve(config, observer, shown, inputs.source, link, stop, health=health)
+
+
+def _model_and_inputs(
+    scene: "Scene", observer: str, health: "HealthReporter"
+) -> tuple["MovementModel | None", "ObserverInputs"]:
+    """The model, None for an observer that has not been taught yet, and the inputs that it reads."""
+    from observer.model.model_file import read_model
+    from observer.runtime.scene_inputs import is_untaught, open_inputs
+    from observer.tracks import BODY_PARTS
+
+    if is_untaught(scene, observer):
+        return None, open_inputs(scene, observer, BODY_PARTS, health.record_camera)
+    model = read_model(scene.place(scene.observer(observer).model))
+    parts, fewer = model.header.body_parts, model.FEWER_PARTS
+    return model, open_inputs(scene, observer, parts, health.record_camera, fewer_parts=fewer)
 
 
 def _pipeline(scene: "Scene", observer: str, inputs: "ObserverInputs", model: "MovementModel") -> "Observer":

@@ -80,10 +80,10 @@ def teach(options: TeachOptions) -> None:
     )  # fmt: skip
     with stop_on_signals() as stop, Link.open(config.mesh, "hub", scene=config.scene) as link:
         classroom = Classroom(link, config.keys)
-        found = _present(config, options.scene, link)
+        present = _present(config, options.scene, link)
         with SceneListener(config, link, lambda _: None) as listener, _keyboard() as keyboard:
             room = Terminal(stop, listener, keyboard)
-            observers = _teachable(classroom, plan.teacher, found, room)
+            observers = _teachable(classroom, plan.teacher, present, room)
             Lesson(plan, room, classroom.ask, observers).run()
     print("see it: labanmesh watch", options.scene)
 
@@ -107,18 +107,18 @@ def _present(scene: "Scene", file: Path, link: "Link") -> list[str]:
     presence = link.presence(scene.keys.observer_alive())
     presence.wait_for(len(scene.roster), FIND_S)
     names = {observer_of(key) for key in presence.alive}
-    found = [name for name in scene.roster if name in names]
+    present = [name for name in scene.roster if name in names]
     for name in set(scene.roster) - names:
         print(f"{name}: does not run; the others are taught without it", flush=True)
-    if not found:
+    if not present:
         raise LabanmeshError(f"no observer of {scene.scene} runs; start them: labanmesh up {file}")
-    return found
+    return present
 
 
-def _teachable(classroom: "Classroom", teacher: str, found: Sequence[str], room: "Terminal") -> list[str]:
+def _teachable(classroom: "Classroom", teacher: str, present: Sequence[str], room: "Terminal") -> list[str]:
     from common.teaching_messages import TeachRequest
 
-    answers = classroom.ask(TeachRequest(command="status", teacher=teacher), found)
+    answers = classroom.ask(TeachRequest(command="status", teacher=teacher), present)
     if not answers.replies:
         raise LabanmeshError(NO_RIGHT)
     for name in answers.silent:

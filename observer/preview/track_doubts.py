@@ -108,16 +108,16 @@ def doubts(
     """What is wrong with the tracks (T, P, 2) px, NaN where not seen; at_ns: T times; boxes: as `confirmed_faces`."""
     rows = {part: centres[:, index] for index, part in enumerate(parts)}
     faces = confirmed_faces(boxes)
-    found = [_head_off(rows[HEAD], faces)] if HEAD in rows else []
+    doubts = [_head_off(rows[HEAD], faces)] if HEAD in rows else []
     height_px = body_height_px(rows, faces)
     if height_px is not None:
-        found += _jumps(rows, np.asarray(at_ns), height_px)
-        found += _hands(rows, height_px)
+        doubts += _jumps(rows, np.asarray(at_ns), height_px)
+        doubts += _hands(rows, height_px)
     if len(faces) >= FACES and all(hand in rows for hand in HANDS):
-        found.append(_sides(*(rows[hand] for hand in HANDS)))
-    found = [each for each in found if each.count >= FEWEST[each.kind] and each.share >= SHARES[each.kind]]
+        doubts.append(_sides(*(rows[hand] for hand in HANDS)))
+    doubts = [each for each in doubts if each.count >= FEWEST[each.kind] and each.share >= SHARES[each.kind]]
     order = list(FINDINGS)
-    return sorted([*found, *_rarely_seen(rows)], key=lambda doubt: order.index(doubt.kind))
+    return sorted([*doubts, *_rarely_seen(rows)], key=lambda doubt: order.index(doubt.kind))
 
 
 def body_height_px(rows: Mapping[str, Floats], faces: Mapping[int, Sequence[Box]]) -> float | None:
@@ -126,7 +126,7 @@ def body_height_px(rows: Mapping[str, Floats], faces: Mapping[int, Sequence[Box]
         lengths = _distances(rows[HEAD], rows["pelvis"])
         if len(lengths):
             return float(np.median(lengths)) / HEAD_TO_PELVIS
-    widths = [box[2] for found in faces.values() for box in found]
+    widths = [box[2] for boxes in faces.values() for box in boxes]
     return float(np.median(widths)) / FACE_WIDTH if widths else None
 
 

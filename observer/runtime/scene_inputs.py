@@ -100,36 +100,35 @@ def open_inputs(
     choice = chosen_tracker(section)
     kind = tracker_named(choice.name, f"{key}.tracker", content)
     start_ns = _start(environment, observer)
+    pictures = kind.reads == "pictures"
+    source: FrameSource
     if content == "positions":
         motion = _recorded_motion(scene, observer, view, start_ns)
-        _require_shown(motion, view, key, pictures=kind.reads == "pictures")
-        source = replace(motion, repeats=True) if kind.reads == "positions" else _virtual_camera(motion, view, section)
+        _require_shown(motion, view, key, pictures=pictures)
+        source = _virtual_camera(motion, view, section) if pictures else replace(motion, repeats=True)
     elif content == "tracks":
         source = _tracks(section.source, report, tuple(wanted))
     else:
         source = _pictures(scene, section, report, start_ns)
-    if kind.reads == "pictures":
+    if pictures:
         _use_one_thread()
-    if kind.reads == "pictures" and (size_px := section.size_px or getattr(source, "size_px", None)):
-        picture_scale(view, size_px)
+        if size_px := section.size_px or getattr(source, "size_px", None):
+            picture_scale(view, size_px)
     if section.mirrored:
-        if kind.reads != "pictures":
+        if not pictures:
             raise BadInput(f"{key}.mirrored: only pictures can be mirrored back; this source gives {content}")
         source = UnmirroredSource(source)
     settings = TrackerSettings(view, source.body_parts, wanted, section, scene.place, smooth)
     tracker, outcome = built_tracker(choice, kind, settings)
-    if kind.reads == "pictures":
+    if pictures:
         level = logging.INFO if outcome is choice else logging.WARNING
         log.log(level, "%s: tracker %s: %s", observer, outcome.name, outcome.reason or "named in the scene file")
     prepared = PreparedTracker(tracker, wanted, view, fewer_parts, partial(log.warning, "%s: %s", observer))
     if prepared.lacking:
-        log.warning(
-            "%s: judges without %s: %s", observer, ", ".join(prepared.lacking), "the tracker does not find them"
-        )
+        lacking = ", ".join(prepared.lacking)
+        log.warning("%s: judges without %s: the tracker does not find them", observer, lacking)
     length = getattr(source, "length", None)
-    return ObserverInputs(
-        source, prepared, view, kind.reads == "positions", length, section.speed == 0, kind.reads == "pictures"
-    )
+    return ObserverInputs(source, prepared, view, kind.reads == "positions", length, section.speed == 0, pictures)
 
 
 def person_in(scene: Scene, observer: str, view: View) -> PersonPlacement | None:

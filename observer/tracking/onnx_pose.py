@@ -150,13 +150,13 @@ class OnnxPose:
     def everybody(self, rgb: NDArray[np.uint8]) -> list[Floats]:
         """(H, W, 3) RGB -> the landmarks (33, 3) of each person; only YOLO-pose finds several."""
         fitted, scale, shift = _fitted(rgb, self._size)
-        found = []
+        people = []
         for keypoints in self._layout.people(self._run(self._layout.picture(fitted))):
             keypoints[:, 2] = _visibility(keypoints[:, 2], self._layout.usual)
             if (keypoints[:, 2] >= LEAST).sum() >= LEAST_KEYPOINTS:
                 keypoints[:, :2] = (keypoints[:, :2] - shift) / (scale * np.array(rgb.shape[1::-1]))
-                found.append(as_landmarks(keypoints))
-        return found
+                people.append(as_landmarks(keypoints))
+        return people
 
     def close(self) -> None:
         """Nothing is to be released."""
@@ -225,8 +225,8 @@ def _layout(signature: Signature, outputs: Sequence[Array], size: tuple[int, int
         return SimCC((shapes[0][2] / size[0], shapes[1][2] / size[1]))
     if not last and len(shapes) == 1 and len(shapes[0]) == 3 and shapes[0][1] == 5 + 3 * KEYPOINTS:
         return YoloPose()
-    found = " and ".join("x".join(map(str, shape)) for shape in shapes)
-    raise BadInput(f"{named}: {signature}, which gives {found}: not a layout of keypoints; {LAYOUTS}")
+    layout = " and ".join("x".join(map(str, shape)) for shape in shapes)
+    raise BadInput(f"{named}: {signature}, which gives {layout}: not a layout of keypoints; {LAYOUTS}")
 
 
 def _with_onnxruntime() -> bool:

@@ -113,8 +113,8 @@ class PersonFollower:
 
     def _find_again(self, followed: Body, rgb: Rgb) -> Pose | None:
         """The followed person, if just one of the people about its last place can be it."""
-        found = distinct(self._found_about(followed, rgb))
-        alike = [body for body in self._company.strangers(found, self._ms) if self._is_same(followed, body)]
+        bodies = distinct(self._found_about(followed, rgb))
+        alike = [body for body in self._company.strangers(bodies, self._ms) if self._is_same(followed, body)]
         if len(alike) > 1:
             self._lose("two people are as likely to be it")
         if len(alike) != 1:
@@ -156,9 +156,9 @@ class PersonFollower:
     def _search(self, sweep: Sweep, rgb: Rgb) -> Pose | None:
         """Search some areas, and choose when the rule has seen all that it must compare."""
         for level, area in self._areas(sweep, rgb):
-            found = self._model.find(rgb, area, self._ms)
-            self._candidates += found
-            if found and not self._pending:
+            bodies = self._model.find(rgb, area, self._ms)
+            self._candidates += bodies
+            if bodies and not self._pending:
                 self._pending = self._needed(sweep, level)
             if self._candidates and not self._pending:
                 pose = self._choose(sweep.size, rgb)

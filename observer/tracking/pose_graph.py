@@ -79,21 +79,21 @@ class GraphPeople:
 
     def find(self, rgb: Rgb, area: SearchArea, ms: int) -> Sequence[Body]:
         """As `PersonModel.find`; `ms` is ignored."""
-        found = self._detector.run(image=self._image(area.cut(rgb)))
-        if "detections" not in found:
+        outputs = self._detector.run(image=self._image(area.cut(rgb)))
+        if "detections" not in outputs:
             return []
-        detections = self._get.get_proto_list(found["detections"])
+        detections = self._get.get_proto_list(outputs["detections"])
         return [_body_of(each, area) for each in sorted(detections, key=lambda each: -each.score[0])]
 
     def pose(self, rgb: Rgb, body: Body, ms: int) -> Pose | None:
         """As `PersonModel.pose`; `ms` is ignored: the smoothing assumes 30 pictures a second."""
         height, width = rgb.shape[:2]
-        found = self._landmarks.run(image=self._image(rgb), region=self._region(body, width, height))
-        if self._stream not in found or "next_region" not in found:
+        outputs = self._landmarks.run(image=self._image(rgb), region=self._region(body, width, height))
+        if self._stream not in outputs or "next_region" not in outputs:
             return None
-        marks = self._get.get_proto(found[self._stream]).landmark
+        marks = self._get.get_proto(outputs[self._stream]).landmark
         landmarks = np.array([[mark.x, mark.y, mark.visibility] for mark in marks], dtype=np.float64)
-        rect = self._get.get_proto(found["next_region"])
+        rect = self._get.get_proto(outputs["next_region"])
         tall = rect.height * height / REGION
         return Pose(landmarks, Body(rect.x_center * width, rect.y_center * height, tall, rect.rotation))
 
