@@ -1,0 +1,51 @@
+"""What teaching needs of the outside: the takes on the disk, and a learner that works in the background."""
+
+from collections.abc import Sequence
+from typing import Protocol
+
+from common.teaching_messages import LearnedReport
+from observer.motion.archive import Recording
+
+
+class Learner(Protocol):
+    """Learns a model in the background: `observer.teaching.service.ModelLearner`."""
+
+    busy: bool
+    """Whether it is learning."""
+    fault: str
+    """Why the last attempt failed; "" if it did not."""
+    learned: LearnedReport | None
+    """The model that waits to be adopted."""
+
+    def learn(self, labels: Sequence[str]) -> None:
+        """Begin to learn these movements from the takes on the disk."""
+
+    def adopt(self, in_s: float) -> None:
+        """Put the learned model in force after so many seconds."""
+
+
+class Takes(Protocol):
+    """The takes on the disk: `observer.teaching.takes_file.TakesFile`."""
+
+    @property
+    def takes(self) -> dict[str, list[int]]:
+        """Numbers of the takes of each movement."""
+
+    @property
+    def other_s(self) -> float:
+        """Seconds of something else."""
+
+    def start(self, labels: Sequence[str], *, add: bool) -> None:
+        """Begin, or go on."""
+
+    def add(self, recording: Recording) -> None:
+        """Write one more."""
+
+    def drop(self, label: str, trial: str) -> int:
+        """Remove one."""
+
+    def write_waiting(self) -> None:
+        """Write what could not be written."""
+
+    def finish(self) -> None:
+        """The takes have been learned."""

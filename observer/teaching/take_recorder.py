@@ -1,0 +1,158 @@
+"""What one observer records of a lesson: one take at a time, or something else in pieces. Pure.
+
+1. A take ends when the person stands still, or when the teacher ends it (`observer.teaching.take_watch`).
+2. What cannot be used is said in the report, and costs only that take.
+3. Something else is written in pieces of PIECE_S, so that little of it is lost when the process is killed.
+
+Times are those of frames, in ns.
+"""
+
+from dataclasses import dataclass
+
+from common import SECOND_NS
+from common.errors import BadInput, LabanmeshError
+from common.teaching_messages import TEXT_LIMIT, TakeReport, TakeState, TeachRequest
+from observer.recording.own_tracks import TracksRecorder, trimmed
+from observer.teaching.interfaces import Takes
+from observer.teaching.take_watch import StillnessStream, TakeWatch
+from observer.tracks import Tracks
+
+PIECE_S = 20.0
+SHORTEST_S = 0.4
+"""No movement that a person means is shorter."""
+SOMEONE = "someone"
+NO_PICTURES = "no pictures"
+
+
+@dataclass(slots=True)
+class CurrentTake:
+    """What is recorded now. watch: of a take; None for something else, of which `piece_ns` is not written yet."""
+
+    label: str
+    take: int
+    person: str
+    watch: TakeWatch | None
+    piece_ns: int = 0
+
+    def is_asked_by(self, request: TeachRequest) -> bool:
+        """Whether the request is about this take."""
+        return (self.label, self.take) == (request.label, request.take)
+
+
+class TakeRecorder:
+    """Cuts takes out of the observer's own tracks, which `recorder` has, and writes them. Not thread-safe."""
+
+    def __init__(self, recorder: TracksRecorder, takes: Takes) -> None:
+        self._recorder, self._takes = recorder, takes
+        self._stream = StillnessStream(recorder.body_parts, recorder.rate_hz)
+        self._last: TakeReport | None = None
+        self.current: CurrentTake | None = None
+        """What is recorded now; None: nothing."""
+
+    @property
+    def still(self) -> float:
+        """How probably the person stands still."""
+        return self._stream.probability
+
+    @property
+    def report(self) -> TakeReport | None:
+        """The take that is recorded now, or the last one."""
+        current = self.current
+        if current is None or current.watch is None:
+            return self._last
+        state: TakeState = "waiting" if current.watch.phase == "waiting" else "moving"
+        return TakeReport(label=current.label, take=current.take, state=state, seconds=current.watch.seconds)
+
+    def step(self, at_ns: int, tracks: Tracks) -> None:
+        """Take in one frame, which the recorder has."""
+        self._stream.update(at_ns, tracks)
+        current = self.current
+        if current is None:
+            return
+        if current.watch is None:
+            if at_ns - current.piece_ns >= PIECE_S * SECOND_NS:
+                self._write_piece(current, at_ns)
+            return
+        current.watch.update(at_ns, self._stream.probability, tracks)
+        if current.watch.phase == "done":
+            self._finish(current)
+
+    def forget(self) -> None:
+        """Another lesson begins."""
+        self.current = self._last = None
+
+    def begin(self, request: TeachRequest, pictures: bool) -> str:
+        """Begin a take, or something else for a request without a label; returns why not, "" if it began."""
+        if self.current is not None:
+            return "" if self.current.is_asked_by(request) else "another take is being recorded; end it first"
+        newest_ns = self._recorder.newest_ns
+        if newest_ns is None or not pictures:
+            self._last = TakeReport(label=request.label, take=request.take, state="failed", fault=NO_PICTURES)
+            return "no pictures now: is the camera working?"
+        watch = TakeWatch(newest_ns) if request.label else None
+        self.current = CurrentTake(request.label, request.take, request.person or SOMEONE, watch, newest_ns)
+        self._last = None
+        return ""
+
+    def abandon(self) -> None:
+        """The teacher has gone: what was recorded of something else is kept, a take is not."""
+        current, self.current = self.current, None
+        if current is not None and current.watch is None and self._recorder.newest_ns is not None:
+            self._write_piece(current, self._recorder.newest_ns)
+
+    def end(self) -> None:
+        """The teacher ends what is recorded now."""
+        current = self.current
+        if current is None:
+            return
+        if current.watch is None:
+            self.current = None
+            self._write_piece(current, self._recorder.newest_ns or 0)
+            return
+        current.watch.end()
+        self._finish(current)
+
+    def _finish(self, current: CurrentTake) -> None:
+        """Cut the take out, write it, and keep the report for the next reply."""
+        watch = current.watch
+        self.current = None
+        fault, seconds = "", 0.0
+        if watch is not None and not (fault := watch.fault):
+            seconds = watch.seconds
+            try:
+                seconds = self._keep(current, watch.begin_ns, watch.end_ns)
+            except LabanmeshError as error:
+                fault = fault_line(error)
+        self._last = TakeReport(
+            label=current.label, take=current.take, state="failed" if fault else "kept", seconds=seconds, fault=fault
+        )
+
+    def _keep(self, current: CurrentTake, begin_ns: int, end_ns: int) -> float:
+        """Write a take without the rest before and after it; returns its length in seconds."""
+        cut = self._recorder.cut(begin_ns, end_ns, label=current.label, subject=current.person, trial=str(current.take))
+        take = trimmed(cut, self._recorder.body_parts)
+        seconds = len(take.positions) / take.rate_hz
+        if seconds < SHORTEST_S:
+            raise BadInput(
+                f"{seconds:.1f} s is too short for a movement: begin after the signal, and stand still after it"
+            )
+        self._takes.add(take)
+        return seconds
+
+    def _write_piece(self, current: CurrentTake, end_ns: int) -> None:
+        """Write the newest piece of something else, unless nobody was seen in it."""
+        begin_ns, current.piece_ns = current.piece_ns, end_ns
+        fault = ""
+        try:
+            self._takes.add(self._recorder.cut(begin_ns, end_ns, subject=current.person))
+        except BadInput:
+            pass  # an empty room teaches nothing
+        except LabanmeshError as error:
+            fault = fault_line(error)
+        state: TakeState = "failed" if fault else "kept"
+        self._last = TakeReport(label="", take=current.take, state=state, seconds=self._takes.other_s, fault=fault)
+
+
+def fault_line(error: LabanmeshError) -> str:
+    """The error for a teacher, who cannot choose another path."""
+    return str(error).split(". Choose another path")[0][:TEXT_LIMIT]
