@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from common.link import Link
     from hub.session import SceneListener
     from hub.teaching.classroom import Classroom
+    from hub.teaching.room import Action, Step
 
 FIND_S = 3.0
 """Observers that run are found within milliseconds."""
@@ -148,15 +149,31 @@ class Terminal:
         """A line of its own."""
         print(("\r\x1b[K" if self._changing else "") + line, flush=True)
 
-    def show(self, line: str) -> None:
+    def show(self, step: "Step") -> None:
         """The line that changes; elsewhere than on a terminal only the signal to begin."""
-        if self._changing:
-            print(f"\r\x1b[K\x1b[1m{line}\x1b[0m", end="", flush=True)
-        elif line.endswith("\a"):
-            print(line.rstrip("\a"), flush=True)
+        from hub.teaching.wording import step_line
 
-    def key(self, seconds: float) -> str:
-        """The key pressed within so many seconds."""
+        line = step_line(step)
+        if line and self._changing:
+            bell = "\a" if step.kind == "now" else ""
+            print(f"\r\x1b[K\x1b[1m{line}{bell}\x1b[0m", end="", flush=True)
+        elif step.kind == "now":
+            print(line, flush=True)
+
+    def between(self, step: "Step", seconds: float) -> "Action":
+        """What the key pressed within so many seconds means."""
+        from hub.teaching.room import GO, Action
+
+        return {"r": Action("repeat"), "d": Action("drop")}.get(self._key(seconds), GO)
+
+    def ready(self, step: "Step") -> "Action":
+        """Whoever performs is away from the keyboard: the lesson goes on."""
+        from hub.teaching.room import GO
+
+        return GO
+
+    def _key(self, seconds: float) -> str:
+        """The key pressed within so many seconds; "" without one, or without a keyboard."""
         end_s = time.monotonic() + seconds
         while self._keyboard and (left_s := end_s - time.monotonic()) > 0:
             if select.select([sys.stdin], [], [], min(left_s, 0.1))[0]:

@@ -2,9 +2,14 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Literal, Protocol
 
 from common.teaching_messages import TeachReply
+
+StepKind = Literal[
+    "look", "ready", "countdown", "now", "review", "other", "learning", "learned", "adopting", "test", "done"
+]
+ActionKind = Literal["go", "repeat", "drop", "more", "skip", "pause"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,8 +25,42 @@ class Answers:
         return {name: reply.fault for name, reply in self.replies.items() if reply.fault}
 
 
+@dataclass(frozen=True, slots=True)
+class Step:
+    """What the lesson does now, for a terminal or a page.
+
+    kind: `look` for somebody to be seen; `ready` before a movement or, with label "", before something else;
+    `countdown` and `now` of a take, or of the test; `review` after a movement; `other`: something else is recorded;
+    `learning`; `learned` before the new models come into force; `adopting`; `test` before the test; `done`. label: the
+    movement. number, of: which take of how many; observers that have learned. left_s: seconds to go, of a countdown or
+    of something else; seconds since the beginning while observers learn.
+    """
+
+    kind: StepKind
+    label: str = ""
+    number: int = 0
+    of: int = 0
+    left_s: float = 0.0
+    is_test: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Action:
+    """What a person presses.
+
+    repeat, drop: remove the take with this number, by default the last one, and make it again or not; more: one more
+    take; skip: leave this part out; pause: wait after this take.
+    """
+
+    kind: ActionKind
+    take: int = 0
+
+
+GO = Action("go")
+
+
 class Room(Protocol):
-    """What a lesson needs of the outside: `labanmesh teach` has a terminal, a test has none."""
+    """What a lesson needs of the outside: `labanmesh teach` has a terminal, the dashboard a page, a test neither."""
 
     def pause(self, seconds: float) -> None:
         """Let time pass; raises KeyboardInterrupt when the teacher ends the lesson."""
@@ -32,11 +71,14 @@ class Room(Protocol):
     def say(self, line: str) -> None:
         """Show a line."""
 
-    def show(self, line: str) -> None:
-        """Show what changes: a countdown, a progress."""
+    def show(self, step: Step) -> None:
+        """Show what happens now: a countdown, a progress."""
 
-    def key(self, seconds: float) -> str:
-        """The key that is pressed within so many seconds; "" without one, or without a keyboard."""
+    def between(self, step: Step, seconds: float) -> Action:
+        """What is pressed within so many seconds; GO for nothing."""
+
+    def ready(self, step: Step) -> Action:
+        """What is pressed where a person may want to look or to rest first; a terminal goes on at once."""
 
     def fused_labels(self) -> Sequence[str]:
         """The movements that the fusion service judges now; empty while they are unknown."""

@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from common.teaching_messages import LearnedReport, TeachReply
 from common.text import plural
 from common.vocabulary import ABSTAIN
+from hub.teaching.room import Step
 
 ALIKE = 0.2
 """Two movements look alike from where this share of the takes of one is taken for the other."""
@@ -15,6 +16,21 @@ def presence_line(name: str, reply: TeachReply) -> str:
     if reply.visible:
         return f"{name}: sees somebody{f'; {reply.complaint}' if reply.complaint else ''}"
     return f"{name}: {reply.complaint or 'sees nobody: stand where it sees head and hands'}"
+
+
+def step_line(step: Step) -> str:
+    """What happens now, for a terminal; "" for what it does not show."""
+    title = f"test: {step.label}" if step.is_test else f"{step.label} {step.number} of {step.of}"
+    match step.kind:
+        case "countdown":
+            return f"{title}: {step.left_s:.0f}"
+        case "now":
+            return f"{title}: now"
+        case "other":
+            return f"something else: {step.left_s:.0f} s to go"
+        case "learning":
+            return f"learning: {step.number} of {step.of}, {step.left_s:.0f} s"
+    return ""
 
 
 def take_lines(replies: Mapping[str, TeachReply]) -> list[str]:

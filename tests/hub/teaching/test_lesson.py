@@ -5,8 +5,10 @@ import pytest
 from common.errors import LabanmeshError
 from common.teaching_messages import LearnedReport, TakeReport, TeachReply
 from hub.teaching.lesson import Lesson, LessonPlan
-from hub.teaching.room import Answers
-from hub.teaching.wording import result_lines
+from hub.teaching.room import GO, Action, Answers
+from hub.teaching.wording import result_lines, step_line
+
+KEYS = {"r": "repeat", "d": "drop", "p": "pause", "s": "skip"}
 
 
 class Observer:
@@ -51,11 +53,11 @@ class Observer:
 
 
 class Room:
-    """No terminal and no clock; keys: what is pressed after the takes, in order."""
+    """No terminal and no clock; keys: pressed after the takes; presses: where the lesson can wait; both in order."""
 
-    def __init__(self, observers, keys=""):
+    def __init__(self, observers, keys="", presses=()):
         self.lines, self.seconds, self.keys, self.observers, self.asked = [], 0.0, list(keys), observers, []
-        self.decided = ["wave"]
+        self.decided, self.shown, self.waited, self.presses = ["wave"], [], [], list(presses)
 
     def pause(self, seconds):
         self.seconds += seconds
@@ -66,11 +68,19 @@ class Room:
     def say(self, line):
         self.lines.append(line)
 
-    def show(self, line):
-        pass
+    def show(self, step):
+        if line := step_line(step):
+            self.shown.append(line)
 
-    def key(self, seconds):
-        return self.keys.pop(0) if self.keys else ""
+    def between(self, step, seconds):
+        if not self.keys:
+            self.pause(seconds)
+            return GO
+        return Action(KEYS[self.keys.pop(0)])
+
+    def ready(self, step):
+        self.waited.append((step.kind, step.label, step.number))
+        return self.presses.pop(0) if self.presses else GO
 
     def fused_labels(self):
         voices = [tuple(each.labels) for each in self.observers.values() if each.alive]
@@ -87,8 +97,8 @@ class Room:
         return Answers(answered, tuple(name for name in names if name not in answered))
 
 
-def teach(observers, keys="", **plan):
-    room = Room(observers, keys)
+def teach(observers, keys="", presses=(), **plan):
+    room = Room(observers, keys, presses)
     values = {"labels": ["wave", "clap"], "teacher": "anna", "takes": 2, "background_s": 60.0, **plan}
     Lesson(LessonPlan(**values), room, room.ask, list(observers)).run()
     return room
@@ -108,6 +118,16 @@ def test_the_whole_lesson():
     assert "sofa: wave 2 of 2, clap 1 of 2" in room.lines and "wave and clap look alike from sofa" in room.lines
     assert room.lines[-1] == "2 observers and the fusion service recognise wave, clap from now on"
     assert room.seconds > 60
+    assert room.shown[:5] == [
+        "wave 1 of 2: 3",
+        "wave 1 of 2: 2",
+        "wave 1 of 2: 1",
+        "wave 1 of 2: now",
+        "wave 2 of 2: 3",
+    ]
+    assert "something else: 60 s to go" in room.shown and "learning: 0 of 2, 0 s" in room.shown
+    ready = [("ready", "wave", 0), ("review", "wave", 2), ("ready", "clap", 0), ("review", "clap", 2), ("ready", "", 0)]
+    assert room.waited == [*ready, ("learned", "", 0)]
 
 
 def test_at_the_end_each_movement_is_done_once_more():
@@ -135,6 +155,22 @@ def test_takes_are_repeated_dropped_and_go_on_where_they_stopped():
     assert takes_asked(more) == [("nod", 1), ("nod", 2)] and sofa.labels == ["wave", "clap", "nod"]
     more = teach({"sofa": sofa}, labels=["nod"], add=True)
     assert takes_asked(more) == [("nod", 3), ("nod", 4)] and sofa.takes["nod"] == [1, 2, 3, 4]
+
+
+def test_a_page_looks_at_the_takes_and_can_leave_parts_out():
+    sofa = Observer()
+    drop, more = Action("drop", 1), Action("more")
+    room = teach({"sofa": sofa}, presses=[GO, drop, Action("drop", 9), more, GO, GO, GO, Action("skip")])
+    assert sofa.takes == {"wave": [2, 3], "clap": [1, 2]} and sofa.other_s == 0 and sofa.labels == ["wave", "clap"]
+    assert [each for each in room.waited if each[0] == "review"][:4] == [("review", "wave", n) for n in (2, 1, 1, 2)]
+    # A take that was made again while the takes went on, a pause, and new models that are not wanted.
+    sofa = Observer()
+    room = Room({"sofa": sofa}, presses=[GO, GO, GO, GO, GO, Action("skip")])
+    pressed = [Action("repeat", 1), Action("pause")]
+    room.between = lambda step, seconds: pressed.pop(0) if pressed else GO
+    Lesson(LessonPlan(["wave", "clap"], "anna", takes=2, background_s=0), room, room.ask, ["sofa"]).run()
+    assert sofa.takes == {"wave": [2, 3], "clap": [1, 2]} and ("ready", "wave", 1) in room.waited
+    assert sofa.labels == ["old", "older"] and room.lines[-1] == "nothing has changed; the takes are kept"
 
 
 def test_a_take_that_one_observer_lacks_counts_and_one_that_all_lack_is_made_again():

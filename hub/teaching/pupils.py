@@ -1,0 +1,86 @@
+"""The observers that take part in a lesson: what is asked of all of them, and those that go and come back."""
+
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass, field
+
+from common.errors import LabanmeshError
+from common.teaching_messages import TeachCommand, TeachReply, TeachRequest
+from hub.teaching.room import Answers, Room
+
+RETURN_S = 20.0
+"""So long the lesson waits for some observer if all are away."""
+Ask = Callable[[TeachRequest, Collection[str]], Answers]
+
+
+@dataclass(slots=True)
+class Pupils:
+    """Those that are taught.
+
+    teacher: the id of this lesson's teacher. ask: sends a request to these observers. observers: those that take part
+    now; taught: all that have begun. labels: the new vocabulary; add: with the takes of earlier ones.
+    """
+
+    teacher: str
+    room: Room
+    ask: Ask
+    observers: list[str]
+    add: bool = False
+    labels: list[str] = field(default_factory=list)
+    taught: list[str] = field(default_factory=list)
+    faults: dict[str, str] = field(default_factory=dict)
+
+    def request(self, command: TeachCommand, **fields: object) -> Mapping[str, TeachReply]:
+        """Ask all that take part; one that does not answer is left out until it does.
+
+        Raises LabanmeshError if none answers for RETURN_S.
+        """
+        answers = self.ask(self._made(command, **fields), self.observers)
+        for name in answers.silent:
+            self.room.say(f"{name}: no answer any more; the others go on")
+        for name, fault in answers.faults.items():
+            # Once, and not at every look.
+            if self.faults.get(name) != fault:
+                self.room.say(f"{name}: {fault}")
+        self.faults = answers.faults
+        self.observers = [name for name in self.observers if name not in answers.silent]
+        if not self.observers:
+            self._wait_for_return()
+            return self.request(command, **fields)
+        return answers.replies
+
+    def request_of(self, command: TeachCommand, observers: Collection[str], **fields: object) -> None:
+        """Ask only these observers, whatever they answer."""
+        self.ask(self._made(command, **fields), observers)
+
+    def start(self, labels: list[str]) -> Mapping[str, TeachReply]:
+        """Begin with this vocabulary; the replies of those that can be taught. Raises LabanmeshError if none can."""
+        self.labels = labels
+        started = self.request("start", labels=labels, add=self.add)
+        self.observers = [name for name, reply in started.items() if not reply.fault]
+        if not self.observers:
+            raise LabanmeshError("no observer can be taught now; the lines above say why")
+        self.taught = list(self.observers)
+        return {name: started[name] for name in self.observers}
+
+    def take_back(self) -> None:
+        """Observers that were away, and answer again, go on with the others."""
+        away = [name for name in self.taught if name not in self.observers]
+        if away:
+            again = self._made("start", labels=self.labels, add=self.add)
+            for name, reply in self.ask(again, away).replies.items():
+                if not reply.fault:
+                    self.room.say(f"{name}: is back")
+                    self.observers.append(name)
+
+    def _made(self, command: TeachCommand, **fields: object) -> TeachRequest:
+        return TeachRequest(command=command, teacher=self.teacher, **fields)  # type: ignore[arg-type]
+
+    def _wait_for_return(self) -> None:
+        """No observer answers: one that is started again, as `labanmesh up` does, goes on."""
+        begun_s = self.room.now_s()
+        while self.taught and self.room.now_s() - begun_s < RETURN_S:
+            self.room.pause(1.0)
+            self.take_back()
+            if self.observers:
+                return
+        raise LabanmeshError("no observer answers any more; what was recorded is kept: the same command goes on")
