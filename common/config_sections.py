@@ -178,7 +178,8 @@ class FusionConfig(Section):
     quorum: least number of observers that must agree; by default half of the scene's observers. fresh_s, fade_s,
     drop_s: how a posterior ages; blind_s: how one fades whose observer sees no body part. step_hz: least rate of
     judgements. standby: ids of further fusion services; one of them takes over if the active one is gone, or silent for
-    takeover_s. memory: a checkpoint file for the movement in progress and the learned reliability; "": none.
+    takeover_s. start_s: how long verdicts wait, after the first posterior, for observers that have not begun; 0: not.
+    memory: a checkpoint file for the movement in progress and the learned reliability; "": none.
     temperature: of the pooled posterior; above 1 makes it less certain.
     """
 
@@ -195,6 +196,7 @@ class FusionConfig(Section):
     step_hz: Annotated[float, Field(ge=0.1, le=1000)] = 10.0
     standby: Annotated[tuple[str, ...], Field(strict=False)] = ()
     takeover_s: PositiveFloat = 0.5
+    start_s: Annotated[float, Field(ge=0, le=60)] = 3.0
     memory: str = ""
 
 

@@ -239,6 +239,7 @@ class SceneMember:
         config = self.scene.fusion.model_copy(update={"id": self._service.own})
         engine = FusionEngine(self.scene.scene, list(self.scene.roster), vocabulary, config)
         engine.session = self._service.session
+        engine.wait_for_roster(config.start_s)
         return engine
 
 

@@ -23,6 +23,7 @@ from fusion.engine.messages import JudgementBuilder, Stamp, build_verdict
 from fusion.engine.pooling import PooledPosterior, PoolingCase, pool_facets, pool_posteriors, pooled_rest
 from fusion.engine.reliability import Reliability, learn_from_verdict
 from fusion.engine.roster import POOLED_STATES, AgedPosterior, ObserverRecord, Roster
+from fusion.engine.roster_start import RosterStart
 from fusion.engine.rules import get_rule
 from fusion.engine.verdict_detector import MovementDecision, MovementProgress, PooledState, VerdictDetector
 
@@ -85,6 +86,7 @@ class FusionEngine:
         self._evidence: Mapping[int, _Evidence] = {}
         self._last_observed: _LastObserved | None = None
         self._nearest = _NearestMiss()
+        self._start = RosterStart()
         self._seq = 0
         self.reliability = Reliability()
 
@@ -108,6 +110,10 @@ class FusionEngine:
             )
             for observer in self._roster.rejected
         }
+
+    def wait_for_roster(self, grace_s: float) -> None:
+        """Withhold verdicts until all observers have begun, at most `grace_s` s after the first (roster_start.py)."""
+        self._start.begin(grace_s)
 
     def receive(self, observer: str, message: PosteriorMessage, now_ns: int) -> str | None:
         """Take one posterior; returns why it was not used, or None."""
@@ -154,7 +160,7 @@ class FusionEngine:
         self._builder = JudgementBuilder(self._scene, vocabulary, self._roster.prior, self._rule.name)
         self._evidence, self._last_observed, self._nearest = {}, None, _NearestMiss()
         self.reliability = Reliability()
-        return verdicts
+        return self._start.end(verdicts)
 
     def step(self, now_ns: int) -> EngineOutput:
         """Fuse the posteriors at `now_ns` to a judgement, and a verdict if one is due."""
@@ -184,6 +190,7 @@ class FusionEngine:
         last = None if observed else self._last_observed
         shown = state if last is None else replace(last.state, at_ns=now_ns, rest=1.0)
         decisions = self._detector.update(shown) if has_posterior else ()
+        self._start.update(posteriors, now_ns)
         self._seq += 1
         facets, movement = pool_facets(self._rule, posteriors), self._ongoing_movement()
         began_ns = now_ns if movement is None else movement.began_ns
@@ -201,7 +208,7 @@ class FusionEngine:
             # It carries the contributions, which take long to compute, to its next publication.
             evidence[verdict.decided_ns] = _Evidence(verdict, why=verdict.why)
         self._keep_evidence(evidence)
-        return EngineOutput(judgement, verdicts)
+        return EngineOutput(judgement, self._start.release(verdicts))
 
     def continue_from(self, judgement: JudgementMessage) -> None:
         """Continue from another service's message: its number and movement; from a verdict also its evidence.
@@ -209,6 +216,7 @@ class FusionEngine:
         Of one from before a change of vocabulary only its number: its movement has ended.
         """
         self._seq = judgement.seq
+        self._start.end()
         if judgement.vocabulary.hash != self.vocabulary.digest:
             return
         if not isinstance(judgement, VerdictMessage):
@@ -238,21 +246,19 @@ class FusionEngine:
         is_nearer = began_ns != self._nearest.began_ns or state.p > self._nearest.p
         if is_nearer and self._detector.movement is not None:
             self._nearest = _NearestMiss(began_ns, state.p, why)
-        return why
+        return self._start.why if self._start.waits and observers else why
 
     def _ongoing_movement(self) -> OngoingMovement | None:
         movement = self._detector.movement
         if movement is None:
             return None
-        label = movement.decision.label if movement.decision else None
-        decided_ns = movement.decision.decided_ns if movement.decision else None
-        revises = movement.decision.revises if movement.decision else None
+        decision = None if self._start.waits else movement.decision
         return OngoingMovement(
             id=self._verdict_id(movement.began_ns),
             began_ns=movement.began_ns,
-            label=label,
-            decided_ns=decided_ns,
-            revises=revises,
+            label=decision.label if decision else None,
+            decided_ns=decision.decided_ns if decision else None,
+            revises=decision.revises if decision else None,
         )
 
     def _verdict(self, now_ns: int, decision: MovementDecision, evidence: Mapping[int, _Evidence]) -> VerdictMessage:

@@ -1,0 +1,66 @@
+"""The start of a scene: no verdict before every observer has begun, or a short grace is over. Pure: time is passed in.
+
+1. The wait begins with the first posterior of any observer. It ends for good when each observer of the roster has sent
+   something, and at the latest after the grace. An observer that dies later delays nothing.
+2. Movements are detected meanwhile. Their verdicts are withheld until the wait ends, so that what the observers that
+   had begun decided is not lost.
+3. An abstention during the wait is dropped: the observers that might have decided had not begun.
+4. A service that continues from another one's messages does not wait: the scene has begun long before.
+"""
+
+from collections.abc import Sequence
+
+from common import SECOND_NS
+from common.messages import VerdictMessage
+from common.vocabulary import ABSTAIN
+from fusion.engine.roster import AgedPosterior
+
+MOST_NAMES = 3
+"""Observers that are waited for and listed by name."""
+
+
+class RosterStart:
+    """Withholds the verdicts of a scene until its roster has begun. Without a grace it never does."""
+
+    def __init__(self) -> None:
+        self._grace_ns = 0
+        self._since_ns: int | None = None
+        self._withheld: list[VerdictMessage] = []
+        self._missing: list[str] = []
+        self.waits = False
+        """Whether verdicts are withheld now."""
+
+    def begin(self, grace_s: float) -> None:
+        """Wait at most `grace_s` seconds after the first posterior."""
+        self._grace_ns, self._since_ns = round(grace_s * SECOND_NS), None
+        self.waits = grace_s > 0
+
+    def end(self, verdicts: Sequence[VerdictMessage] = ()) -> list[VerdictMessage]:
+        """End the wait, because the scene has begun long ago; returns what is to be published, as `release` does."""
+        self.waits = False
+        return self.release(verdicts)
+
+    def update(self, posteriors: Sequence[AgedPosterior], now_ns: int) -> None:
+        """Take one step; posteriors: one for each observer of the roster."""
+        if not self.waits:
+            return
+        self._missing = [each.observer for each in posteriors if each.age_s is None and each.state == "silent"]
+        if len(self._missing) == len(posteriors):
+            return
+        if self._since_ns is None or now_ns < self._since_ns:
+            self._since_ns = now_ns
+        self.waits = bool(self._missing) and now_ns - self._since_ns < self._grace_ns
+
+    def release(self, verdicts: Sequence[VerdictMessage]) -> list[VerdictMessage]:
+        """The verdicts to publish now, of those made in this step and those withheld before."""
+        if not self.waits:
+            released, self._withheld = [*self._withheld, *verdicts], []
+            return released
+        self._withheld += [each for each in verdicts if each.label != ABSTAIN or each.revises is not None]
+        return []
+
+    @property
+    def why(self) -> str:
+        """Which observers have not begun, in a line."""
+        names, more = self._missing[:MOST_NAMES], len(self._missing) - MOST_NAMES
+        return f"waiting for {', '.join(names)}{f' and {more} more' if more > 0 else ''} to begin"
