@@ -8,7 +8,7 @@ PEERS := .venv-peers
 TRANSPORTS := .venv-transports
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-mediapipe test-browser test-home fault-tools mqtt-tools faults fuzz soak-day peers test-peers peers-transport test-transports check bench soak scale clean
+.PHONY: help demo test test-mediapipe test-browser test-home fault-tools mqtt-tools faults attacks fuzz soak-day peers test-peers peers-transport test-transports check bench soak scale clean
 
 help:            ## this list
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*##/\t/' | expand -t 18
@@ -31,6 +31,9 @@ test-home: $(VENV)/.ready mqtt-tools $(HOME_ASSISTANT)/.ready   ## a real Home A
 
 faults: $(VENV)/.ready fault-tools  ## what breaks, broken on purpose: the long form, about half an hour
 	@LABANMESH_FAULTS=long $(BIN)/pytest -q -n0 -rP --timeout 1800 tests/faults
+
+attacks: $(VENV)/.ready mqtt-tools  ## hostile peers against real processes: the long form; each run's history is kept in build/attacks
+	@LABANMESH_ATTACKS=long $(BIN)/pytest -q -n0 -rP --timeout 1800 tests/attacks
 
 fuzz: $(VENV)/.ready   ## a million random and mutated messages
 	@LABANMESH_FUZZ=1000000 $(BIN)/pytest -q -n0 --timeout 3600 tests/fuzz

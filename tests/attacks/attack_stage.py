@@ -1,0 +1,300 @@
+"""A scene to be attacked: several scenes in one fusion service, judges, a standby service, and who attacks them.
+
+`Village` runs the services in this process, `Dojo` as processes of their own behind a router; both are used alike. An
+`Attacker` is a bare Zenoh session that follows no rule of labanmesh.
+"""
+
+import json
+import threading
+import time
+from collections import defaultdict
+from contextlib import ExitStack, closing, contextmanager
+from itertools import pairwise
+
+import zenoh
+from attack_history import History
+from attack_judges import Judges
+from attack_person import VIEWS
+from fault_processes import Process, labanmesh
+from fault_stage import START, free_port
+from mesh_stage import SOON_S, Mesh, until
+
+from common import SECOND_NS
+from common.config import MeshConfig, read_scene
+from common.link import Link
+from common.messages import JudgementMessage, VerdictMessage
+from common.wire import BadMessage, decode
+from fusion.server import serve
+from observer.model.model_file import write_model
+from observer.motion.archive import MotionArchive
+from observer.motion.archive_file import write_archive
+
+SCENES = 10
+"""More than a service fuses event by event (fusion.server.FEW_SCENES)."""
+JUDGES = tuple(VIEWS)
+SECOND = "second"
+LONGEST_GAP_S = 0.2
+"""Between two judgements of a scene, whatever the attack; threads of one process on a busy machine need more."""
+
+
+class Attacker:
+    """A bare Zenoh session: puts, queries, queryables and tokens under any key."""
+
+    def __init__(self, endpoint, history, mode="peer"):
+        config = zenoh.Config()
+        values = {"mode": mode, "connect/endpoints": [endpoint], "listen/endpoints": [], "scouting/delay": 0}
+        values |= {"scouting/multicast/enabled": False, "connect/exit_on_failure": False}
+        for key, value in values.items():
+            config.insert_json5(key, json.dumps(value))
+        self.session, self._history, self._declared = zenoh.open(config), history, []
+
+    def put(self, key, payload, **how):
+        """One message; how: as `zenoh.Session.put`, a congestion control for example."""
+        self._history.note("put", key=key, bytes=len(payload), head=bytes(payload[:24]).hex())
+        self.session.put(key, payload, **how)
+
+    def flood(self, key, payloads, per_s, for_s):
+        """So many messages a second, taken in turn; notes how many were sent."""
+        publisher, sent = self.session.declare_publisher(key), 0
+        begun_s = time.monotonic()
+        while (passed_s := time.monotonic() - begun_s) < for_s:
+            for _ in range(max(round(per_s * passed_s) - sent, 0)):
+                publisher.put(payloads[sent % len(payloads)])
+                sent += 1
+            threading.Event().wait(0.001)
+        publisher.undeclare()
+        self._history.note("flood", key=key, sent=sent, seconds=for_s)
+        return sent
+
+    def ask(self, selector, payload=None, timeout_s=0.5):
+        """All answers to a query, key and bytes."""
+        self._history.note("query", selector=selector, payload=payload)
+        replies = self.session.get(selector, payload=payload, timeout=timeout_s, target=zenoh.QueryTarget.ALL)
+        return [(str(reply.ok.key_expr), reply.ok.payload.to_bytes()) for reply in replies if reply.ok is not None]
+
+    def answer(self, key, respond):
+        """Answer queries for `key` with the payloads that `respond()` returns."""
+
+        def reply(query):
+            with query:
+                for payload in respond():
+                    query.reply(key, payload)
+
+        self._history.note("queryable", key=key)
+        self._declared.append(self.session.declare_queryable(key, reply, complete=True))
+
+    def token(self, key):
+        """A liveliness token, until the attacker leaves."""
+        self._history.note("token", key=key)
+        self._declared.append(self.session.liveliness().declare_token(key))
+
+    def close(self):
+        self.session.close()
+
+
+class Witness:
+    """What was published on judgement and verdict of every scene: (arrived_ns, message), and what nobody can read."""
+
+    def __init__(self, attacker):
+        self.judgements, self.verdicts = defaultdict(list), defaultdict(list)
+        self.unreadable, self.largest = [], 0
+        kinds = {"judgement": (JudgementMessage, self.judgements), "verdict": (VerdictMessage, self.verdicts)}
+
+        def note(sample):
+            _, scene, kind = str(sample.key_expr).split("/")
+            payload, now_ns = sample.payload.to_bytes(), time.time_ns()
+            message_type, taken = kinds[kind]
+            try:
+                taken[scene].append((now_ns, decode(message_type, payload)))
+                self.largest = max(self.largest, len(payload))
+            except BadMessage as error:
+                self.unreadable.append((str(sample.key_expr), error))
+
+        for kind in kinds:
+            attacker.session.declare_subscriber(f"laban/*/{kind}", note)
+
+    def last(self, scene):
+        """The newest judgement of a scene; None before the first."""
+        return self.judgements[scene][-1][1] if self.judgements[scene] else None
+
+    def states(self, scene):
+        """By observer the state of its vote now."""
+        last = self.last(scene)
+        return {} if last is None else {name: vote.state for name, vote in last.votes.items()}
+
+    def longest_gap_s(self, scene, since_ns, until_ns=None, fusion="fusion"):
+        """The longest time without a judgement of `fusion`."""
+        until_ns = until_ns or time.time_ns()
+        own = [at for at, message in self.judgements[scene] if message.fusion == fusion and since_ns < at < until_ns]
+        times = [since_ns, *own, until_ns]
+        return max(b - a for a, b in pairwise(times)) / SECOND_NS
+
+    def leaders(self, scene, since_ns):
+        """The fusion services that published since then."""
+        return {message.fusion for at, message in self.judgements[scene] if at > since_ns}
+
+
+class _Stage:
+    """What both stages share. names: the scenes; the first has a standby service. history: of the present attack."""
+
+    def __init__(self, folder, scenes):
+        self.folder, self._open, self._leaving = folder, ExitStack(), ExitStack()
+        self.history = History("stage", 0)
+        self.names = [f"dojo{n}" for n in range(scenes)]
+        self.scenes, self._puppets = [], None
+
+    def _write(self, mode, endpoint, vocabulary, rate_hz=10):
+        place = self.folder / "scenes"
+        place.mkdir(exist_ok=True)
+        for n, name in enumerate(self.names):
+            lines = [f'scene = "{name}"', f"vocabulary = {json.dumps(list(vocabulary.labels))}"]
+            lines += ["[mesh]", f'mode = "{mode}"', f'endpoint = "{endpoint}"', "[fusion]", f"step_hz = {rate_hz}"]
+            lines += [f'standby = ["{SECOND}"]'] if n == 0 else []
+            for judge in JUDGES:
+                lines += [f"[observers.{judge}]", 'source = "../seen.npz"', f'model = "../{judge}.model"']
+                lines += [f'view = "{VIEWS[judge]}"', "loop = true"]
+            (place / f"{name}.toml").write_text("\n".join(lines) + "\n")
+        self.scenes = [read_scene(place / f"{name}.toml", {}) for name in self.names]
+
+    @contextmanager
+    def attacked(self, history):
+        """One attack, noted in `history`; its attackers leave at its end."""
+        self.history = history
+        with ExitStack() as self._leaving:
+            try:
+                yield self
+            except BaseException as error:
+                history.note("fault", fault=f"{type(error).__name__}: {error}"[:2000])
+                raise
+            finally:
+                history.note("end", memory_kb=self.memory_kb())
+
+    def attacker(self):
+        """One more attacker."""
+        attacker = Attacker(self.endpoint, self.history, self.attacker_mode)
+        self._leaving.callback(attacker.close)
+        return attacker
+
+    def gaps(self, since_ns):
+        """By scene the longest time without a judgement since then."""
+        gaps = {name: self.witness.longest_gap_s(name, since_ns) for name in self.names}
+        self.history.note("gaps", **gaps)
+        return gaps
+
+    def _open_witness(self):
+        return Witness(self._open.enter_context(closing(Attacker(self.endpoint, self.history, self.attacker_mode))))
+
+    def until_all_count(self, judges=JUDGES):
+        """Wait until all judges count in every scene."""
+        until(lambda: all(self.all_count(name, judges) for name in self.names))
+
+    def all_count(self, scene, judges=JUDGES):
+        states = self.witness.states(scene)
+        return all(states.get(judge) == "counted" for judge in judges)
+
+    def close(self):
+        self._open.close()
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.close()
+
+
+class Village(_Stage):
+    """All in this process: real Zenoh sessions, services in threads, judges that publish what they are told."""
+
+    attacker_mode, longest_gap_s = "peer", 2.0
+
+    def __init__(self, person, folder, scenes=SCENES):
+        super().__init__(folder, scenes)
+        self.person, self.mesh = person, Mesh(MeshConfig(mode="process", endpoint="tcp/127.0.0.1:0"))
+        self._open.callback(self.mesh.close)
+        self.endpoint = self.mesh.config.endpoint
+        self._write("process", self.endpoint, person.vocabulary)
+        self.witness = Witness(
+            self._open.enter_context(closing(Attacker(self.endpoint, self.history, self.attacker_mode)))
+        )
+        self.judges = Judges(self.mesh.peer("observer"), self.scenes, person, JUDGES)
+        self.mesh.run(self.judges.publish)
+        self.faults = []
+        for own, served in (("fusion", self.scenes), (SECOND, self.scenes[:1])):
+            self.mesh.run(self._serve, served, own, self.mesh.peer("standby"))
+
+    def _serve(self, scenes, own, link, stop):
+        try:
+            serve(scenes, own, link, stop)
+        except BaseException as error:
+            self.faults.append((own, error))
+            raise
+
+    def alive(self):
+        """Whether no service has ended."""
+        return not self.faults
+
+    def memory_kb(self):
+        """Of this process alone there is no figure."""
+        return {}
+
+
+class Dojo(_Stage):
+    """Real processes behind a router; the first scene's judges are observers that see the person.
+
+    The other scenes' judges publish from this process.
+    """
+
+    attacker_mode, longest_gap_s = "client", LONGEST_GAP_S
+
+    def __init__(self, person, folder, scenes=SCENES):
+        super().__init__(folder, scenes)
+        self.person, self.faults, self.endpoint = person, (), f"tcp/127.0.0.1:{free_port()}"
+        self._write("router", self.endpoint, person.vocabulary)
+        for judge in JUDGES:
+            write_model(folder / f"{judge}.model", person.models[judge])
+        write_archive(folder / "seen.npz", MotionArchive(person.body_parts, (person.stream,)))
+        files = [folder / "scenes" / f"{name}.toml" for name in self.names]
+        commands = {"router": ("router", self.endpoint), "fusion": ("fuse", *files)}
+        commands |= {SECOND: ("fuse", files[0], "--id", SECOND)}
+        commands |= {judge: ("observe", files[0], judge) for judge in JUDGES}
+        self.processes = {name: Process(labanmesh(*words)) for name, words in commands.items()}
+        self._open.callback(self._kill)
+        self._start()
+
+    def _start(self):
+        self.processes["router"].start()
+        self.processes["router"].wait_for("listening on")
+        self.start_ns = time.time_ns() + 2 * SECOND_NS
+        for name, process in self.processes.items():
+            if name != "router":
+                process.start(**{START: str(self.start_ns)})
+        self.witness = Witness(
+            self._open.enter_context(closing(Attacker(self.endpoint, self.history, self.attacker_mode)))
+        )
+        link = self._open.enter_context(Link.open(self.scenes[0].mesh, "observer"))
+        self.judges = Judges(link, self.scenes[1:], self.person, JUDGES)
+        stop = threading.Event()
+        talking = threading.Thread(target=self.judges.publish, args=(stop,), daemon=True)
+        talking.start()
+        self._open.callback(talking.join, SOON_S)
+        self._open.callback(stop.set)
+
+    def start(self, name, *words):
+        """One more process, or one of them again."""
+        if words:
+            self.processes[name] = Process(labanmesh(*words))
+        self.history.note("start", process=name)
+        return self.processes[name].start(**{START: str(self.start_ns)})
+
+    def _kill(self):
+        for name, process in self.processes.items():
+            self.history.note("log", process=name, tail=process.log[-800:])
+            process.kill()
+
+    def alive(self):
+        """Whether every process that was started is there."""
+        return all(process.running for process in self.processes.values())
+
+    def memory_kb(self):
+        """Resident memory of each process."""
+        return {name: process.rss_kb for name, process in self.processes.items() if process.running}

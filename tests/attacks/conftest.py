@@ -1,0 +1,65 @@
+"""What the attacks share. LABANMESH_ATTACKS=long is the long form (`make attacks`): real processes, a recorded person.
+
+In the short form the same attacks meet services in this process. LABANMESH_ATTACKS_SEED repeats a run.
+"""
+
+import os
+import random
+import sys
+from pathlib import Path
+
+import pytest
+
+# The suite's own modules, and those of the suites whose stages it uses.
+sys.path.append(str(Path(__file__).parent))
+sys.path.append(str(Path(__file__).parents[1] / "faults"))
+sys.path.append(str(Path(__file__).parents[1] / "integration"))
+
+from attack_history import SEED, History
+from attack_person import meet, scripted
+from attack_stage import Dojo, Village
+
+LONG = os.environ.get("LABANMESH_ATTACKS") == "long"
+
+
+@pytest.fixture(scope="session")
+def long_form():
+    """Whether to attack real processes, for long."""
+    return LONG
+
+
+@pytest.fixture(scope="session")
+def person():
+    """Whom the judges see: in the long form a recorded person."""
+    return meet() if LONG else scripted()
+
+
+@pytest.fixture(scope="session")
+def shared(person, tmp_path_factory):
+    """Ten scenes in one fusion service, four judges each, a standby service for the first; all count."""
+    with (Dojo if LONG else Village)(person, tmp_path_factory.mktemp("attacks")) as stage:
+        stage.until_all_count()
+        yield stage
+
+
+@pytest.fixture
+def history(request):
+    """The history of this run, which is kept however it ends."""
+    history = History(request.node.nodeid, int(os.environ.get(SEED, "17")))
+    yield history
+    history.keep()
+
+
+@pytest.fixture
+def chance(history):
+    """Chance that the seed repeats."""
+    return random.Random(history.seed)  # noqa: S311 - to be repeated
+
+
+@pytest.fixture
+def stage(shared, history):
+    """The stage, which survives the attack: every service still runs at the end, and all judges count again."""
+    with shared.attacked(history):
+        yield shared
+        shared.until_all_count()
+        assert shared.alive(), shared.faults
