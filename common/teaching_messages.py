@@ -12,7 +12,9 @@ from common.message_types import Count, Identifier, Probability
 from common.messages import LABELS_LIMIT, Message, MessagePart
 
 TEXT_LIMIT = 300
-TeachCommand = Literal["status", "start", "begin", "end", "drop", "learn", "adopt", "leave"]
+SHOWN_UNITS, UNSEEN = 1000, -1
+SHOWN_LIMIT = 8192
+TeachCommand = Literal["status", "show", "start", "begin", "end", "drop", "learn", "adopt", "leave"]
 TeachState = Literal["idle", "recording", "learning", "learned"]
 TakeState = Literal["waiting", "moving", "kept", "failed"]
 Text = Annotated[str, Field(max_length=TEXT_LIMIT)]
@@ -23,7 +25,8 @@ class TeachRequest(Message):
 
     teacher: random per teacher, so that two do not teach at once. labels: for `start` and `learn` all movements of the
     new vocabulary, in its order. add: for `start`, keep the takes of earlier movements. label, take, person: for
-    `begin` and `drop` the movement ("": something else), the number of the performance, and who performs. in_s: for
+    `begin`, `drop` and `show` the movement ("": something else; for `show`: what is seen now), the number of the
+    performance, and who performs. in_s: for
     `adopt`, after so many seconds, so that all observers change together. `leave` lets another teacher begin at once.
     """
 
@@ -57,13 +60,28 @@ class LearnedReport(MessagePart):
     results: dict[str, dict[str, Count]] = Field(default_factory=dict)
 
 
+class ShownTracks(MessagePart):
+    """A few frames of tracks, for people to look at.
+
+    points: for each frame and each body part u and v (down), in thousandths of `size` from `left`, `top`, which are in
+    the unit of the tracks; -1 where a part is not seen. seconds: length of what they show.
+    """
+
+    body_parts: list[str] = Field(max_length=64)
+    points: list[Annotated[int, Field(ge=UNSEEN, le=SHOWN_UNITS)]] = Field(max_length=SHOWN_LIMIT)
+    seconds: FiniteFloat = 0.0
+    left: FiniteFloat = 0.0
+    top: FiniteFloat = 0.0
+    size: FiniteFloat = 1.0
+
+
 class TeachReply(Message):
     """How an observer stands. fault: why it did not do what was asked; "" if it did.
 
     pictures: whether its camera delivers. visible: whether it sees a body part now; still: how probably the person
     stands still. complaint: of its tracker.
     takes: the numbers of the takes of each movement on its disk; other_s: seconds of something else there. labels: the
-    movements of the model in force. learned: the model that waits for `adopt`.
+    movements of the model in force. learned: the model that waits for `adopt`. tracks: what `show` asked for.
     """
 
     state: TeachState
@@ -77,3 +95,4 @@ class TeachReply(Message):
     other_s: FiniteFloat = 0.0
     labels: list[str] = Field(default_factory=list)
     learned: LearnedReport | None = None
+    tracks: ShownTracks | None = None

@@ -68,6 +68,15 @@ class TracksRecorder:
         while self._frames[0][0] < frame.at_ns - self._kept_ns:
             self._frames.popleft()
 
+    def newest(self, seconds: float) -> Floats:
+        """The centres (F, P, 2) of the last so many seconds, as the tracker found them."""
+        frames: list[Floats] = []
+        for at_ns, centres in reversed(self._frames):
+            if at_ns < self._frames[-1][0] - seconds * SECOND_NS:
+                break
+            frames.append(centres)
+        return np.array(frames[::-1], np.float64).reshape(-1, len(self.body_parts), 2)
+
     def cut(
         self,
         begin_ns: int,

@@ -41,6 +41,9 @@ class Takes(Protocol):
     def add(self, recording: Recording) -> None:
         """Write one more."""
 
+    def take(self, label: str, trial: str) -> Recording | None:
+        """One of them; None if there is none."""
+
     def drop(self, label: str, trial: str) -> int:
         """Remove one."""
 

@@ -11,15 +11,18 @@ from dataclasses import dataclass
 
 from common import SECOND_NS
 from common.errors import BadInput, LabanmeshError
-from common.teaching_messages import TEXT_LIMIT, TakeReport, TakeState, TeachRequest
+from common.teaching_messages import TEXT_LIMIT, ShownTracks, TakeReport, TakeState, TeachRequest
 from observer.recording.own_tracks import TracksRecorder, trimmed
 from observer.teaching.interfaces import Takes
+from observer.teaching.shown_tracks import shown_tracks
 from observer.teaching.take_watch import StillnessStream, TakeWatch
 from observer.tracks import Tracks
 
 PIECE_S = 20.0
 SHORTEST_S = 0.4
 """No movement that a person means is shorter."""
+NOW_S = 0.7
+"""So much of what is seen now is shown to a teacher."""
 SOMEONE = "someone"
 NO_PICTURES = "no pictures"
 
@@ -62,6 +65,15 @@ class TakeRecorder:
             return self._last
         state: TakeState = "waiting" if current.watch.phase == "waiting" else "moving"
         return TakeReport(label=current.label, take=current.take, state=state, seconds=current.watch.seconds)
+
+    def shown(self, request: TeachRequest) -> ShownTracks | None:
+        """The take that a request names; without a label what is seen now. None: there is none."""
+        parts = self._recorder.body_parts
+        if not request.label:
+            newest = self._recorder.newest(NOW_S)
+            return shown_tracks(newest, parts, max(len(newest), 1) / NOW_S)
+        take = self._takes.take(request.label, str(request.take))
+        return None if take is None else shown_tracks(take.positions, parts, take.rate_hz)
 
     def step(self, at_ns: int, tracks: Tracks) -> None:
         """Take in one frame, which the recorder has."""

@@ -65,6 +65,11 @@ class TakesFile:
         removed = self._opened().remove(lambda r: (r.label, r.trial) == (label, trial))
         return removed + before - len(self._waiting)
 
+    def take(self, label: str, trial: str) -> Recording | None:
+        """A take, on the disk or in memory; None if there is none."""
+        recordings = (*self._recordings(), *self._waiting)
+        return next((r for r in recordings if (r.label, r.trial) == (label, trial)), None)
+
     @property
     def takes(self) -> dict[str, list[int]]:
         """The numbers of the takes of each movement on the disk."""

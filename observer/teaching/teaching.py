@@ -6,7 +6,7 @@
 3. Learning takes place elsewhere (`Learner`). The new model is in force from `adopt` on, when all observers of the
    scene have learned theirs.
 4. One teacher at a time: another is refused until the first has left, or has been silent for TEACHER_S; what it was
-   recording ends then. Anybody who may ask may ask for the status.
+   recording ends then. Anybody who may ask may ask for the status, and to be shown a take or what is seen now.
 
 Times are seconds of a monotonic clock, and the times of frames in ns.
 """
@@ -14,7 +14,7 @@ Times are seconds of a monotonic clock, and the times of frames in ns.
 from collections.abc import Sequence
 
 from common.errors import LabanmeshError
-from common.teaching_messages import TEXT_LIMIT, TeachReply, TeachRequest, TeachState
+from common.teaching_messages import TEXT_LIMIT, ShownTracks, TeachReply, TeachRequest, TeachState
 from common.vocabulary import Vocabulary
 from observer.recording.own_tracks import TracksRecorder
 from observer.teaching.interfaces import Learner, Takes
@@ -22,6 +22,8 @@ from observer.teaching.take_recorder import TakeRecorder, fault_line
 from observer.tracks import Tracks
 
 TEACHER_S = 10.0
+LOOKING = ("status", "show")
+"""What anybody who may teach may ask at any time."""
 NO_PICTURES_S = 2.0
 
 
@@ -50,7 +52,7 @@ class Teaching:
         """
         fault = self._refused(request, now_s)
         if not fault:
-            if request.command != "status":
+            if request.command not in LOOKING:
                 self._teacher = request.teacher
             if request.teacher == self._teacher:
                 self._asked_s = now_s
@@ -59,11 +61,15 @@ class Teaching:
                 fault = self._do(request, now_s)
             except LabanmeshError as error:
                 fault = fault_line(error)
-        return self._reply(fault, now_s, labels)
+        shows = request.command == "show" and (request.label or self._sees(now_s))
+        tracks = self._recording.shown(request) if shows else None
+        if shows and request.label and tracks is None:
+            fault = f"there is no take {request.take} of {request.label}"
+        return self._reply(fault, now_s, labels, tracks)
 
     def _refused(self, request: TeachRequest, now_s: float) -> str:
         others = request.teacher != self._teacher and now_s - self._asked_s < TEACHER_S
-        if others and request.command != "status":
+        if others and request.command not in LOOKING:
             return f"another `labanmesh teach` is at work with this observer; end it, or wait {TEACHER_S:g} s"
         if request.command == "start":
             return self._refusal
@@ -103,7 +109,7 @@ class Teaching:
         """Whether pictures arrive."""
         return now_s - self._stepped_s <= NO_PICTURES_S
 
-    def _reply(self, fault: str, now_s: float, labels: Sequence[str]) -> TeachReply:
+    def _reply(self, fault: str, now_s: float, labels: Sequence[str], tracks: ShownTracks | None = None) -> TeachReply:
         sees = self._sees(now_s)
         complaint = self._complaint if sees else "no pictures now: is the camera working?"
         return TeachReply(
@@ -118,6 +124,7 @@ class Teaching:
             other_s=self._takes.other_s,
             labels=list(labels),
             learned=self._learner.learned,
+            tracks=tracks,
         )
 
     @property

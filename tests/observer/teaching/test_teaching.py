@@ -7,6 +7,7 @@ import pytest
 
 from common import SECOND_NS
 from common.teaching_messages import LearnedReport, TeachRequest
+from common.wire import encode
 from observer import files
 from observer.motion.archive import TracksCamera
 from observer.motion.archive_file import read_archive
@@ -206,3 +207,23 @@ def test_one_teacher_at_a_time(room):
 )
 def test_a_vocabulary_that_cannot_be_is_refused(tmp_path, labels, refusal, fault):
     assert fault in Room(tmp_path, refusal).ask("start", labels=labels).fault
+
+
+def test_a_teacher_is_shown_takes_and_what_is_seen_now(tmp_path):
+    room = Room(tmp_path)
+    assert room.ask("show").tracks is None, "no picture yet"
+    room.pass_s(1.0)
+    now = room.ask("show", teacher="somebody").tracks
+    assert now.body_parts == list(BODY_PARTS) and (now.left, now.top, now.size) == (280, 100, 200)
+    assert now.points[-6:] == [0, 1000, 400, 1000, 200, 0], "the first is left in the picture, the last on top"
+    room.ask("start", labels=["wave", "clap"])
+    room.ask("begin", label="wave", take=1)
+    room.pass_s(1.0), room.pass_s(2.0, moving=True), room.pass_s(1.5)
+    reply = room.ask("show", teacher="somebody", label="wave", take=1)
+    assert reply.fault == "" and len(reply.tracks.points) == 24 * 3 * 2 and reply.tracks.seconds > 2
+    assert len(encode(reply)) < 1500
+    assert room.ask("show", label="wave", take=2).fault == "there is no take 2 of wave"
+    room.pass_s(1.0, seen=False)
+    assert room.ask("show").tracks is None
+    assert room.ask("status", teacher="somebody").fault == "", "to look is not to teach"
+    assert "another" in room.ask("begin", teacher="somebody", label="wave", take=2).fault
