@@ -67,6 +67,10 @@ class SceneKeys:
         """Queries to the active fusion service to hand over to the sender."""
         return f"{self.root}/fusion/{fusion}/handover"
 
+    def hub_alive(self, kind: str) -> str:
+        """Liveliness token of a hub that does its work: `mqtt` while it is connected to its broker."""
+        return f"{self.root}/hub/{kind}/alive"
+
     @property
     def judgement(self) -> str:
         """Judgements: the pooled posterior of every step."""

@@ -92,6 +92,8 @@ def _rules(scenes: Sequence["Scene"], certificate: IssuedCertificate) -> Iterato
             yield from _fusion(keys, fusion)
         if fusions or roles.is_hub_in(scene.scene):
             yield from _reads(keys)
+        if roles.is_hub_in(scene.scene):
+            yield from _lives(keys.hub_alive("mqtt"))
         if roles.gets_pictures_in(scene.scene):
             yield _rule("ingress", ["declare_subscriber"], [keys.picture()])
             yield _rule("egress", ["put"], [keys.picture()])

@@ -4,10 +4,12 @@
 2. After a new connection, and when Home Assistant has restarted, everything is published again: discovery, then states.
 3. An event waits until the broker has confirmed it: `next_event` returns it, `confirm_event` goes on.
 4. A facet that no observer has reported has no entity.
+5. What belongs to a movement follows the vocabulary: it is published as soon as the movement is known, and removed by
+   an empty retained message when the vocabulary has it no more, also what an earlier hub has left at the broker.
 """
 
 from collections import deque
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -23,6 +25,8 @@ from hub.scene_state import SceneState
 if TYPE_CHECKING:
     from common.config import Scene
 
+ALL = "*"
+"""In `hub.mqtt.movements`: every movement has a binary sensor, also one that is taught later."""
 WAITING_LIMIT = 1000
 """How many verdicts wait for a broker; beyond it the oldest are dropped and counted in `left_out`."""
 
@@ -43,8 +47,8 @@ class _PendingEvent:
 class SceneBridge:
     """What is due for one scene. Times are seconds of a clock that only advances.
 
-    movements: those with a binary sensor. step_s: seconds between two judgements at most. certainty: how probable a
-    movement must be to be named before it is decided.
+    movements: those with a binary sensor, ALL for each. step_s: seconds between two judgements at most. certainty: how
+    probable a movement must be to be named before it is decided.
     """
 
     def __init__(
@@ -56,13 +60,14 @@ class SceneBridge:
         step_s: float = 0.1,
         certainty: float = NEVER,
     ) -> None:
-        self.topics, self.movements, self.left_out = topics, movements, 0
+        self.topics, self._wanted_movements, self.left_out = topics, movements, 0
         self._observers, self._area, self._step_s = observers, area, step_s
         self._names_early = certainty < NEVER
         self._anticipation = Anticipation(certainty)
         self._facets: frozenset[str] = frozenset()
         self._labels: tuple[str, ...] = ()
         self._discovery: dict[str, str] = {}
+        self._of_movements: frozenset[str] = frozenset()
         self._published: dict[str, tuple[RetainedState, float]] = {}
         self._status: dict[str, tuple[StatusMessage, float]] = {}
         self._verdict_events = VerdictEvents(topics)
@@ -87,6 +92,11 @@ class SceneBridge:
         if not self._recalled:
             self._recalled, self._recalled_ns = True, said_ns
 
+    def note_left(self, topic: str) -> None:
+        """The broker has a retained message under `topic`, left there by an earlier hub."""
+        if self.topics.is_of_movement(topic):
+            self._of_movements |= {topic}
+
     def forget(self) -> None:
         """Publish all states again: the other side may have lost them."""
         self._published.clear()
@@ -97,7 +107,8 @@ class SceneBridge:
         snapshot = SceneSnapshot(state, tokens, self._status_ages(state, now_s), self._step_s)
         self._anticipate(snapshot, now_s)
         wanted = {topic: RetainedState(payload) for topic, payload in self._entities(state).items()}
-        wanted |= retained_states(self.topics, snapshot, self._observers, self.movements, self._facets)
+        wanted |= retained_states(self.topics, snapshot, self._observers, self._movements, self._facets)
+        wanted |= self._removals(wanted)
         if self._verdict_events.last is not None:
             wanted[self.topics.of("last_verdict")] = RetainedState(last_verdict_state(self._verdict_events.last))
         due = [topic for topic, retained in wanted.items() if self._is_due(topic, retained, now_s)]
@@ -130,9 +141,30 @@ class SceneBridge:
         if labels != self._labels or facets != self._facets or not self._discovery:
             self._labels, self._facets = labels, facets
             self._discovery = discovery(
-                self.topics, self._observers, labels, self.movements, self._area, facets, self._names_early
+                self.topics, self._observers, labels, self._movements, self._area, facets, self._names_early
             )
+            self._of_movements |= self.topics.of_labels(labels, self._movements)
         return self._discovery
+
+    @property
+    def _movements(self) -> tuple[str, ...]:
+        """The movements with a binary sensor now."""
+        if ALL in self._wanted_movements:
+            return self._labels
+        return tuple(label for label in self._wanted_movements if not self._labels or label in self._labels)
+
+    def unknown_movements(self, labels: Sequence[str]) -> list[str]:
+        """Movements that shall have a binary sensor and that are not among `labels`, if these are known."""
+        return sorted(set(self._wanted_movements) - {ALL} - set(labels)) if labels else []
+
+    def _removals(self, wanted: Collection[str]) -> dict[str, RetainedState]:
+        """An empty message for whatever belongs to a movement that the vocabulary has no more.
+
+        They stay due on every new connection, because a broker may come back with an old state.
+        """
+        if not self._labels:
+            return {}
+        return {topic: RetainedState("") for topic in self._of_movements if topic not in wanted}
 
     def _anticipate(self, snapshot: SceneSnapshot, now_s: float) -> None:
         judgement = snapshot.state.judgement if snapshot.judged else None
@@ -175,7 +207,7 @@ def bridge_of(scene: "Scene", bridge: str) -> SceneBridge:
     """The bridge of `scene`; raises BadInput for a movement that is not in the scene's vocabulary."""
     config, vocabulary = scene.hub.mqtt, scene.named_vocabulary
     for label in config.movements:
-        if vocabulary and label not in vocabulary.labels:
+        if vocabulary and label != ALL and label not in vocabulary.labels:
             known = ", ".join(vocabulary.labels)
             raise BadInput(f"hub.mqtt.movements: {label!r} is no movement of {scene.scene}; known: {known}")
     step_s, certainty = 1 / scene.fusion.step_hz, scene.hub.certainty

@@ -202,7 +202,9 @@ def _is_ours(topic: str, payload: bytes, topics: Topics) -> bool:
     if topic.startswith(f"{topics.root}/"):
         return True
     fields = _json_object(payload)
-    return fields.get("origin") == {"name": ORIGIN} and str(fields.get("state_topic", "")).startswith(f"{topics.root}/")
+    # A device trigger has a topic and no state.
+    source = str(fields.get("state_topic") or fields.get("topic"))
+    return fields.get("origin") == {"name": ORIGIN} and source.startswith(f"{topics.root}/")
 
 
 def _bridges(payloads: Iterable[bytes]) -> set[str]:

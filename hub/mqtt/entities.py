@@ -3,6 +3,7 @@
 1. Ids of scenes and observers are lower case and what joins them is upper case, so that no two ids collide.
 2. All topics of a scene lie below one root; discovery messages lie below Home Assistant's prefix.
 3. Each component is discovered by itself, which every version since 2021 understands; `event` needs 2023.8.
+4. Each movement is a device trigger, which a person picks in Home Assistant's editor: "wave recognised".
 """
 
 import json
@@ -26,6 +27,10 @@ PERCENT = {"unit_of_measurement": "%", "state_class": "measurement"}
 SECONDS = {"unit_of_measurement": "s", "state_class": "measurement", "device_class": "duration"}
 HERTZ = {"unit_of_measurement": "Hz", "state_class": "measurement", "device_class": "frequency"}
 FACING: Final = "facing"
+DOES, RECOGNISED = "DOES", "RECOGNISED"
+"""In the ids of a movement's binary sensor and device trigger."""
+FIRST_WORD = "{{ value_json.event_type if value_json.stage == 'decided' else '' }}"
+"""The movement of an event `verdict`, if it is the first word on it."""
 SceneTopic = Literal["availability", "state", "votes", "facets", "verdict", "ended", "early", "last_verdict"]
 FACET_ICONS: Mapping[str, str] = {
     "effort_time": "mdi:timer-outline",
@@ -75,6 +80,30 @@ class Topics:
     def movement(self, label: str) -> str:
         """`ON` from the decision to the end of this movement."""
         return f"{self.root}/movement/{label}"
+
+    def trigger(self, label: str) -> str:
+        """The discovery message of the device trigger of this movement."""
+        return f"{self.discovery}/device_automation/{self.device()}_{RECOGNISED}_{label}/config"
+
+    @property
+    def of_movements(self) -> tuple[str, ...]:
+        """A topic filter for each kind of retained message that a movement has of its own; they end with its label."""
+        discovered = [f"{self.discovery}/{kind}/+/config" for kind in ("device_automation", "binary_sensor")]
+        return *discovered, self.movement("+")
+
+    def is_of_movement(self, topic: str) -> bool:
+        """Whether the retained message under `topic` belongs to one movement of this scene."""
+        own = self.trigger(""), self.sensor(""), self.movement("")
+        return topic.startswith(tuple(each.removesuffix("/config") for each in own))
+
+    def of_labels(self, labels: Sequence[str], sensors: Sequence[str]) -> frozenset[str]:
+        """The topics of the retained messages of these movements; sensors: those with a binary sensor."""
+        own = [topic for label in sensors for topic in (self.sensor(label), self.movement(label))]
+        return frozenset([*map(self.trigger, labels), *own])
+
+    def sensor(self, label: str) -> str:
+        """The discovery message of the binary sensor of this movement."""
+        return f"{self.discovery}/binary_sensor/{self.device()}_{DOES}_{label}/config"
 
     def observer(self, observer: str, what: str) -> str:
         """One of an observer's topics: availability, connected, health, state."""
@@ -133,13 +162,29 @@ def discovery(
     facets: frozenset[str] = frozenset(),
     early: bool = False,
 ) -> dict[str, str]:
-    """Topic and payload for each entity of the scene; without `labels` there are no event entities.
+    """Topic and payload for each entity and device trigger of the scene; events and triggers need `labels`.
 
     movements: those with a binary sensor. facets: those that observers report. early: whether there are early words.
     """
     entities = [*_scene(topics, movements, facets), *_events(topics, labels, early)]
     entities += [entity for observer in observers for entity in _observer(topics, observer)]
-    return dict(entity.discovery(topics, area) for entity in entities)
+    return dict([*(entity.discovery(topics, area) for entity in entities), *_triggers(topics, labels, area)])
+
+
+def _triggers(topics: Topics, labels: Sequence[str], area: str) -> Iterator[tuple[str, str]]:
+    for label in labels:
+        payload = {
+            "automation_type": "trigger",
+            "type": RECOGNISED.lower(),
+            "subtype": label.replace("_", " "),
+            "topic": topics.of("verdict"),
+            "value_template": FIRST_WORD,
+            "payload": label,
+            "qos": 1,
+            "device": _device(topics, "", area),
+            "origin": {"name": ORIGIN},
+        }
+        yield topics.trigger(label), json.dumps(payload)
 
 
 def _events(topics: Topics, labels: Sequence[str], early: bool) -> Iterator[Entity]:
@@ -171,7 +216,7 @@ def _scene(topics: Topics, movements: Sequence[str], facets: frozenset[str]) -> 
         yield sensor(FACING.upper(), "Facing", _value(topics.of("facets"), FACING) | compass)
     for label in movements:
         settings = {"state_topic": topics.movement(label), "expire_after": EXPIRE_S, "icon": "mdi:human-handsup"}
-        yield Entity("binary_sensor", "DOES", _title(label), settings, available, label=label)
+        yield Entity("binary_sensor", DOES, _title(label), settings, available, label=label)
 
 
 def _observer(topics: Topics, observer: str) -> Iterator[Entity]:

@@ -19,7 +19,7 @@ from aiomqtt import Client, MqttError
 from common.config import MqttConfig, Scene
 from common.errors import BadInput
 from common.link import Link
-from common.messages import JudgementMessage, VerdictMessage
+from common.messages import JudgementMessage, VerdictMessage, VocabularyMessage
 from common.notify import Notifier
 from common.text import plural
 from hub.anticipation import is_early
@@ -44,6 +44,8 @@ log = logging.getLogger("labanmesh.hub")
 class _ServedScene:
     bridge: SceneBridge
     listener: SceneListener
+    link: Link
+    alive: str
 
 
 class MqttHub:
@@ -73,7 +75,8 @@ class MqttHub:
                 if mesh not in links:
                     links[mesh] = stack.enter_context(Link.open(scene.mesh, "hub"))
                 listener = stack.enter_context(self._listener(scene, links[mesh]))
-                self._served.append(_ServedScene(bridge_of(scene, self._broker.bridge), listener))
+                bridge, alive = bridge_of(scene, self._broker.bridge), scene.keys.hub_alive("mqtt")
+                self._served.append(_ServedScene(bridge, listener, links[mesh], alive))
             await self._stay_connected()
 
     def _listener(self, scene: Scene, link: Link) -> SceneListener:
@@ -83,7 +86,7 @@ class MqttHub:
             self._instrumentation.record(update)
             message = update.message
             early = isinstance(message, JudgementMessage) and is_early(message, certainty)
-            if early or isinstance(message, VerdictMessage):
+            if early or isinstance(message, (VerdictMessage, VocabularyMessage)):
                 _set_from_thread(loop, self._news)
 
         return SceneListener(scene, link, note)
@@ -103,6 +106,16 @@ class MqttHub:
 
     async def _serve(self, client: Client) -> None:
         await self._begin(client)
+        with ExitStack() as announced:
+            for served in self._served:
+                # Who teaches or watches can tell that Home Assistant receives the scene.
+                connected = served.link.sub_session()
+                announced.callback(connected.close)
+                connected.announce(served.alive)
+            await self._publish_until_stopped(client)
+        await client.publish(self._broker.bridge, OFFLINE, qos=1, retain=True)
+
+    async def _publish_until_stopped(self, client: Client) -> None:
         births = asyncio.create_task(self._await_births(client))
         publishing = asyncio.create_task(self._publish_all(client))
         done, pending = await asyncio.wait((births, publishing), return_when=asyncio.FIRST_COMPLETED)
@@ -111,7 +124,6 @@ class MqttHub:
         await asyncio.gather(*pending, return_exceptions=True)
         for task in done:
             task.result()
-        await client.publish(self._broker.bridge, OFFLINE, qos=1, retain=True)
 
     async def _begin(self, client: Client) -> None:
         """Start a connection: publish that the hub is online, and the first time recall the last verdicts."""
@@ -129,7 +141,9 @@ class MqttHub:
 
     async def _recall(self, client: Client) -> None:
         bridges = {served.bridge.topics.of("last_verdict"): served.bridge for served in self._served}
-        for topic in (*bridges, self._broker.bridge):
+        # Those of Home Assistant are the same for all scenes.
+        left = {topic for served in self._served for topic in served.bridge.topics.of_movements}
+        for topic in (*bridges, *left, self._broker.bridge):
             await client.subscribe(topic)
         # Retained messages arrive before the echo of this one, which is not marked as retained.
         await client.publish(self._broker.bridge, ONLINE, qos=1, retain=True)
@@ -140,9 +154,11 @@ class MqttHub:
                         break
                     if str(message.topic) in bridges and isinstance(message.payload, bytes):
                         bridges[str(message.topic)].recall(recalled_ns(message.payload))
+                    for served in self._served:
+                        served.bridge.note_left(str(message.topic))
         except TimeoutError:
             log.warning("the broker does not let %s read below %s", self._broker.identifier, self._config.topics)
-        await client.unsubscribe([*bridges, self._broker.bridge])
+        await client.unsubscribe([*bridges, *left, self._broker.bridge])
         self._connected_once = True
 
     @property
@@ -184,8 +200,9 @@ class MqttHub:
             arrived = listener.verdicts.popleft()
             bridge.receive(arrived.verdict, now_s, arrived.answered)
         labels = listener.state.labels
-        unknown = set(bridge.movements) - set(labels) if labels else set()
-        for label in sorted(unknown - self._unknown_movements):
+        for label in bridge.unknown_movements(labels):
+            if label in self._unknown_movements:
+                continue
             self._unknown_movements.add(label)
             scene, known = bridge.topics.scene, ", ".join(labels)
             log.warning("hub.mqtt.movements: %r is no movement of %s; known: %s", label, scene, known)

@@ -102,6 +102,8 @@ def test_each_machine_publishes_its_own_and_nothing_else(machines):
                     ("reply", keys.fusion_handover(fusion)),
                 ):
                     assert may(control, f"{name}.1", "ingress", message, key) == (fusion in fusions)
+            hub = each.roles.is_hub_in(where.scene) and not each.revoked
+            assert may(control, f"{name}.1", "ingress", "liveliness_token", keys.hub_alive("mqtt")) == hub
             for key in (keys.judgement, keys.verdict, keys.vocabulary):
                 assert may(control, f"{name}.1", "ingress", "put", key) == bool(fusions)
             assert not may(control, f"{name}.1", "ingress", "put", f"{keys.root}/**")

@@ -24,6 +24,7 @@ from common.messages import (
     VocabularyMessage,
     Vote,
 )
+from common.vocabulary import Vocabulary
 
 NOON = 1_700_000_000 * SECOND_NS
 
@@ -60,8 +61,9 @@ def verdict(number=1, ended_ns=None, at_ns=NOON, began_ns=NOON - SECOND_NS, **mo
     return judgement(at_ns=at_ns, id=f"v{number}", began_ns=began_ns, decided_ns=NOON, ended_ns=ended_ns, **more)
 
 
-def vocabulary():
-    return VocabularyMessage(scene="room", name="movements", hash=VOCABULARY.digest, labels=list(VOCABULARY.labels))
+def vocabulary(labels=VOCABULARY.labels):
+    digest = Vocabulary(tuple(labels)).digest
+    return VocabularyMessage(scene="room", name="movements", hash=digest, labels=list(labels))
 
 
 def status(process="cam1", state="running", reason="", rate_hz=30.0, **more):

@@ -76,11 +76,13 @@ class PlayedScene:
         self._link = link or Link.open(MeshConfig(), "fusion", listen=["tcp/127.0.0.1:0"])
         self.endpoint = self._link.locator
         self._seq, self._verdicts, self._lock = 0, {}, threading.Lock()
+        self._vocabulary = VOCABULARY
         self._stop, self._processes = threading.Event(), []
-        self._publishers = {key: self._link.publisher(key) for key in (self.keys.judgement, self.keys.verdict)}
+        self._published = (self.keys.judgement, self.keys.verdict, self.keys.vocabulary)
+        self._publishers = {key: self._link.publisher(key) for key in self._published}
         self._link.answer(self.keys.judgement, lambda: encode(self.judgement()) if self._seq else None)
         self._link.answer(self.keys.verdict, lambda: [encode(each) for each in self._verdicts.values()])
-        self._link.answer(self.keys.vocabulary, lambda: encode_vocabulary(name, VOCABULARY))
+        self._link.answer(self.keys.vocabulary, lambda: encode_vocabulary(name, self._vocabulary))
         self._thread = threading.Thread(target=self._judge)
 
     def scene_file(self, path, text="", views=()):
@@ -101,14 +103,15 @@ class PlayedScene:
                  for place, name in enumerate(self.observers)}  # fmt: skip
         counted = [vote for vote in votes.values() if vote is not silent]
         agreement = Agreement(k=sum(vote.label == label for vote in counted), n=len(counted))
+        reference = VocabularyReference(name="movements", hash=self._vocabulary.digest)
         return {
-            "scene": self.name, "fusion": "fusion", "seq": self._seq, "at_ns": time.time_ns(), "vocabulary": REFERENCE,
+            "scene": self.name, "fusion": "fusion", "seq": self._seq, "at_ns": time.time_ns(), "vocabulary": reference,
             "p": list(p), "label": label if counted else "", "certainty_bits": 0.5, "rule": "linear", "votes": votes,
             "agreement": agreement, **self.how,
         }  # fmt: skip
 
     def judgement(self):
-        label = self.movement.label if self.movement and self.movement.label else LABELS[0]
+        label = self.movement.label if self.movement and self.movement.label else self._vocabulary.labels[0]
         with self._lock:
             p = (0.9, 0.05, 0.03, 0.02) if self.movement or not self.doubts else (0.4, 0.3, 0.2, 0.1)
             return JudgementMessage(**self._fields(label, p), movement=self.movement)
@@ -132,6 +135,12 @@ class PlayedScene:
         self._publishers[self.keys.verdict].put(encode(verdict))
         return verdict.id
 
+    def teach(self, labels):
+        """The observers change to a vocabulary of four other `labels`, and the fusion service with them."""
+        with self._lock:
+            self._vocabulary = Vocabulary(labels)
+        self._publishers[self.keys.vocabulary].put(encode_vocabulary(self.name, self._vocabulary))
+
     def _judge(self):
         while not self._stop.wait(self._step_s):
             self._publishers[self.keys.judgement].put(encode(self.judgement()))
@@ -148,6 +157,10 @@ class PlayedScene:
         self._processes.append(subprocess.Popen(command, cwd=ROOT, env=environment()))
         assert presence.wait_for(1, SOON_S)
         return self._processes[-1]
+
+    def mqtt_hubs(self):
+        """The MQTT hubs of the scene that are connected to a broker, now and later."""
+        return self._link.presence(self.keys.hub_alive("mqtt"))
 
     def wait_for_hub(self):
         assert self._publishers[self.keys.verdict].wait_for_subscriber(SOON_S)

@@ -10,7 +10,9 @@ import pytest
 from mqtt_stage import Broker, Hub, Listener, free_port
 from played_scene import LABELS, ROOT, SOON_S, hub_section
 
+from common.config import read_scene
 from deploy.security.authority import issue, make_authority
+from hub.home_assistant import home_assistant_advice
 from labanmesh import main
 
 T = "labanmesh/room"
@@ -224,6 +226,40 @@ def test_scenes_of_one_hub_have_one_broker_and_names_of_their_own(room, tmp_path
         assert words in capsys.readouterr().err
     assert main(["hub", "mqtt", str(one), "--remove"]) == 1
     assert "no MQTT broker at 127.0.0.1:1: connection refused" in capsys.readouterr().err
+
+
+def test_taught_movements_are_discovered_at_once_and_the_old_ones_removed(room, hub, broker, tmp_path):
+    def trigger(label):
+        return f"homeassistant/device_automation/labanmesh_room_RECOGNISED_{label}/config"
+
+    first, second, third = LABELS, ("wave", "maestro", "ok", "nthrow"), ("wave", "clap", "ok", "nthrow")
+    hubs = room.mqtt_hubs()
+    running = hub(movements=["*"]).connected()
+    assert hubs.wait_for(1, SOON_S) and home_assistant_advice(read_scene(tmp_path / "room.toml"), hubs.alive).connected
+    with Listener(broker.port) as listener:
+        listener.wait_for(lambda: set(map(trigger, first)) <= set(listener.last))
+        room.teach(second)
+        # The broker passes an empty retained message on to who listens.
+        listener.wait_for_state(trigger("byebye"), "", 2.0)
+        listener.wait_for(lambda: trigger("wave") in listener.last and f"{T}/movement/wave" in listener.last)
+        listener.wait_for_state(f"{T}/movement/byebye", "")
+        event = "homeassistant/event/labanmesh_room_VERDICT/config"
+        listener.wait_for(lambda: json.loads(listener.last[event])["event_types"] == [*second, "abstain"])
+        assert running.end() == 0
+        room.teach(third)
+        running = hub(movements=["*"]).connected()
+        listener.wait_for_state(trigger("maestro"), "")
+        listener.wait_for(lambda: trigger("clap") in listener.last)
+    broker.stop()
+    assert hubs.wait_for(0, SOON_S)
+    advice = home_assistant_advice(read_scene(tmp_path / "room.toml"), hubs.alive)
+    assert not advice.connected and f"the scene file names the broker 127.0.0.1:{broker.port}" in advice.steps[1]
+    running.wait_for("no MQTT broker")
+    room.teach(first)
+    broker.start()
+    with Listener(broker.port) as late:
+        late.wait_for(lambda: set(map(trigger, first)) <= {topic for topic in late.last if late.last[topic]})
+        assert not late.last.get(trigger("wave")) and not late.last.get(trigger("clap"))
 
 
 def test_a_scene_that_a_hub_serves_is_not_deleted(room, hub, listener, tmp_path, capsys):

@@ -71,13 +71,14 @@ def test_ids_are_legal_and_unique():
         for topic, payload in topics.items():
             head, _, unique_id, tail = topic.split("/")
             assert (head, tail) == ("homeassistant", "config") and re.fullmatch(r"[a-zA-Z0-9_-]+", unique_id)
-            assert json.loads(payload)["unique_id"] == unique_id and unique_id not in ids
+            assert json.loads(payload).get("unique_id") == (None if "_automation" in topic else unique_id)
+            assert unique_id not in ids
             ids.add(unique_id)
 
 
 def test_observers_hang_below_their_scene_and_need_the_hub_and_themselves():
     configs = {t: json.loads(p) for t, p in discovery(TOPICS, OBSERVERS, ("ok",), (), "Dojo").items()}
-    assert len(configs) == 6 + 10 * len(OBSERVERS)
+    assert len(configs) == 7 + 10 * len(OBSERVERS)
     age, verdict = configs[sensor("OBSERVER_cam1_AGE")], configs["homeassistant/event/labanmesh_room_VERDICT/config"]
     assert age["device"]["via_device"] == verdict["device"]["identifiers"][0]
     assert age["availability_mode"] == "all" and age["entity_category"] == "diagnostic"
@@ -100,6 +101,28 @@ def test_verdicts_are_discovered_when_the_movements_are_known(driver, make):
     known = driver.due(1.0, make.judgement())
     assert json.loads(known[config])["event_types"] == [*make.vocabulary().labels, "abstain"]
     assert config not in driver.due(2.0, vocabulary=None), "an unknown vocabulary takes nothing away"
+
+
+def test_what_belongs_to_a_movement_follows_the_vocabulary(make):
+    driver, wave = Driver(make, movements=("*",)), TOPICS.trigger("wave")
+    gone = {TOPICS.trigger("ok"), TOPICS.sensor("ok"), TOPICS.movement("ok")}
+    driver.bridge.note_left(wave)
+    driver.bridge.note_left("homeassistant/binary_sensor/lamp/config")
+    before = driver.due(0.0, vocabulary=None)
+    assert wave not in before, "nothing is removed before the vocabulary is known"
+    first = driver.due(1.0, make.judgement())
+    assert gone <= set(first) and first[wave] == ""
+    trigger = json.loads(first[TOPICS.trigger("ok")])
+    assert (trigger["topic"], trigger["payload"], trigger["subtype"]) == (TOPICS.of("verdict"), "ok", "ok")
+    assert trigger["device"] == json.loads(before[sensor("MOVEMENT")])["device"]
+    taught = make.vocabulary(("wave", "point_up"))
+    judgement = make.judgement().model_copy(update={"vocabulary": taught})
+    second = driver.due(2.0, judgement, vocabulary=taught)
+    assert all(second[topic] == "" for topic in gone) and '"point up"' in second[TOPICS.trigger("point_up")]
+    assert json.loads(second[wave])["payload"] == "wave" and TOPICS.movement("wave") in second
+    driver.bridge.forget()
+    again = driver.due(3.0, judgement, vocabulary=taught)
+    assert {topic for topic, payload in again.items() if payload == ""} >= gone
 
 
 @pytest.mark.parametrize("value", ["", "home#assistant", "home/+", "/home", "home/", "ho me", "höme", "$SYS", "a//b"])
