@@ -75,10 +75,9 @@ def _model_and_inputs(
     """The model, None for an observer that has not been taught yet, and the inputs that it reads."""
     from observer.model.model_file import read_model
     from observer.runtime.scene_inputs import is_untaught, open_inputs
-    from observer.tracks import BODY_PARTS
 
     if is_untaught(scene, observer):
-        return None, open_inputs(scene, observer, BODY_PARTS, health.record_camera)
+        return None, open_inputs(scene, observer, None, health.record_camera)
     model = read_model(scene.place(scene.observer(observer).model))
     parts, fewer = model.header.body_parts, model.FEWER_PARTS
     return model, open_inputs(scene, observer, parts, health.record_camera, fewer_parts=fewer)

@@ -146,14 +146,14 @@ def _learn_movements(part: _Part) -> str:
         source.view,
         part.vocabulary,
         kind=options.model or DEFAULT_MODEL,
-        body_parts=options.parts or None,
+        body_parts=source.body_parts,
         parameters=part.parameters,
         provenance=source.provenance,
         background=source.background,
         placement=sensor.placement,
     )
     write_model(output, learned)
-    header = learned.header
+    header, recorded = learned.header, source.archive.body_parts
     lines = [
         f"{output}: {header.kind} for {header.view}, {header.vocabulary.size} movements from "
         f"{plural(int(header.provenance['examples']), 'example')} of "
@@ -163,7 +163,7 @@ def _learn_movements(part: _Part) -> str:
         *describe_placement(header, source.archive),
     ]
     lines += [describe_background(header)] if header.background is not None else []
-    return "\n".join([*lines, *([describe_camera(header)] if is_this_camera(header.matrix) else [])])
+    return "\n".join([*lines, *([describe_camera(header, recorded)] if is_this_camera(header.matrix) else [])])
 
 
 def _add_movements(

@@ -1,5 +1,6 @@
 """What `learn` and `forget` print about a model. Pure."""
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from common.text import plural
@@ -71,10 +72,13 @@ def describe_background(header: "Header") -> str:
     return f"something else is known by blends of the movements and by {', '.join(known)}"
 
 
-def describe_camera(header: "Header") -> str:
-    """That the model holds for one place of one camera."""
+def describe_camera(header: "Header", recorded: Sequence[str]) -> str:
+    """That the model holds for one place of one camera, and which of the parts `recorded` it reads."""
     camera = header.view.partition(":")[2]
-    return f"taught from the tracks of {camera or 'one camera'}: teach it again when the camera moves"
+    line = f"taught from the tracks of {camera or 'one camera'}: teach it again when the camera moves"
+    left_out = len(set(recorded) - set(header.body_parts))
+    read = ", ".join(header.body_parts)
+    return f"{line}\nreads {read} of {plural(len(recorded), 'part')} in the tracks (--body-parts)" if left_out else line
 
 
 def describe_vocabulary(header: "Header") -> str:

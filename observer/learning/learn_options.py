@@ -59,7 +59,10 @@ class LearnOptions:
         str, typer.Option(help="The people to learn from, separated by commas (default: all of the archive).")
     ] = ""
     body_parts: Annotated[
-        str, typer.Option(help="The parts that the observer's tracker finds (default: all of the archive).")
+        str,
+        typer.Option(
+            help="The parts to learn from (default: all of the archive); auto: hands, head, and feet that move."
+        ),
     ] = ""
     rate: Annotated[
         float | None, typer.Option(min=1, max=1000, help="The observer's frames per second (default: the archive's).")

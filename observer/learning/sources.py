@@ -12,6 +12,7 @@ from observer.geometry.placement import PersonPlacement, placement_of
 from observer.geometry.views import View
 from observer.learning.examples import gather_background
 from observer.learning.learn import BLENDS
+from observer.learning.parts import AUTO, parts_to_learn
 from observer.motion.archive import MotionArchive, common_rate, labels_of, select
 from observer.motion.archive_file import read_archive
 from observer.motion.projected import require_same_camera
@@ -20,12 +21,13 @@ from observer.motion.sensors import SensorFile, parse_sensors
 
 @dataclass(frozen=True, slots=True)
 class LearningSource:
-    """What one model is learned from."""
+    """What one model is learned from. body_parts: those that the model reads."""
 
     archive: MotionArchive
     view: View
     background: MotionArchive | None
     provenance: Mapping[str, str]
+    body_parts: tuple[str, ...]
 
     @property
     def labels(self) -> tuple[str, ...]:
@@ -112,11 +114,12 @@ def read_source(
         "archive_sha256": hashlib.sha256(sensor.path.read_bytes()).hexdigest(),
         "subjects": ",".join(sorted({r.subject for r in whole.recordings})),
     }
-    learned_too = _read_background(*background, sensor.path, whole, people, body_parts or whole.body_parts)
+    parts = parts_to_learn(whole) if body_parts == (AUTO,) else body_parts or whole.body_parts
+    learned_too = _read_background(*background, sensor.path, whole, people, parts)
     view = sensor.view_in(whole)
     if sensor.placement and not view.has_place:
         raise BadInput(f"--place, --facing: for camera files only, and {view.name} is none; write --view yaw:DEG")
-    return LearningSource(whole, view, learned_too, provenance)
+    return LearningSource(whole, view, learned_too, provenance, parts)
 
 
 def _read_background(

@@ -119,10 +119,25 @@ def moving_frames(recording: Recording, body_parts: Sequence[str]) -> tuple[int,
     return max(0, int(moving[0]) - 2 * margin), min(len(still), int(moving[-1]) + margin + 1)
 
 
-def trimmed(recording: Recording, body_parts: Sequence[str]) -> Recording:
-    """The recording of one movement without the rest before and after it; unchanged if the person never moves."""
-    begin, end = moving_frames(recording, body_parts)
+def trimmed(recording: Recording, body_parts: Sequence[str], watched: Sequence[str] = ()) -> Recording:
+    """The recording of one movement without the rest before and after it; unchanged if the person never moves.
+
+    watched: the parts that show it; by default all.
+    """
+    watched = watched or body_parts
+    begin, end = moving_frames(in_parts(recording, body_parts, watched), watched)
     return replace(recording, positions=recording.positions[begin:end]) if end else recording
+
+
+def in_parts(recording: Recording, recorded: Sequence[str], wanted: Sequence[str]) -> Recording:
+    """The recording, with the parts `recorded`, with the parts `wanted`, in that order; others are not seen."""
+    if tuple(recorded) == tuple(wanted):
+        return recording
+    positions = np.full((len(recording.positions), len(wanted), recording.positions.shape[2]), np.nan, np.float32)
+    for row, part in enumerate(wanted):
+        if part in recorded:
+            positions[:, row] = recording.positions[:, list(recorded).index(part)]
+    return replace(recording, positions=positions)
 
 
 def seen_shares(recording: Recording, body_parts: Sequence[str]) -> dict[str, float]:

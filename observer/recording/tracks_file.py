@@ -7,6 +7,7 @@ from pathlib import Path
 from common.errors import BadInput, reason_of
 from observer.motion.archive import MotionArchive, Recording, TracksCamera
 from observer.motion.archive_file import read_archive, write_archive
+from observer.recording.own_tracks import in_parts
 from observer.recording.recorded import appended, with_trial
 
 
@@ -49,6 +50,18 @@ class TracksFile:
     def recordings(self) -> tuple[Recording, ...]:
         """All recordings, in the order in which they were added."""
         return self.archive.recordings if self.archive else ()
+
+    def widen(self, body_parts: Sequence[str]) -> None:
+        """Let recordings have these parts and those of the file; what is there has not seen the new ones.
+
+        The file is written with the next recording.
+        """
+        if self.archive is None or self.archive.body_parts == tuple(body_parts):
+            return
+        theirs = self.archive.body_parts
+        self.body_parts = (*body_parts, *(part for part in theirs if part not in body_parts))
+        recordings = tuple(in_parts(r, theirs, self.body_parts) for r in self.archive.recordings)
+        self.archive = replace(self.archive, body_parts=self.body_parts, recordings=recordings)
 
     def named(self, recording: Recording) -> Recording:
         """The recording, with or without frames, with its trial: its own, or the next free number.

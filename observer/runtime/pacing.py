@@ -121,7 +121,8 @@ class TrackingPace:
 
     def _stays(self, at_ns: int, centres: Floats) -> bool:
         """Whether all parts that are seen have stayed in one place for STILL_S."""
-        if self._tracks and at_ns < self._tracks[-1][0]:
+        # A model that was taught meanwhile may read other parts.
+        if self._tracks and (at_ns < self._tracks[-1][0] or centres.shape != self._tracks[-1][1].shape):
             self._tracks.clear()
         self._tracks.append((at_ns, centres))
         while len(self._tracks) > 1 and self._tracks[1][0] <= at_ns - STILL_S * SECOND_NS:

@@ -125,6 +125,7 @@ class Observer:
         self._ended = False
         self._calibration = model.header.calibration
         self.vocabulary: Vocabulary = model.header.vocabulary
+        self.body_parts = model.header.body_parts
         self._frames = 0
         self.tracks: Tracks | None = None
 

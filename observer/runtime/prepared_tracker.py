@@ -31,21 +31,38 @@ class PreparedTracker:
         fewer_parts: bool = False,
         notify: Callable[[str], None] = lambda _: None,
     ) -> None:
-        known = list(tracker.body_parts)
-        self.lacking = tuple(part for part in wanted if part not in known)
-        """Wanted parts that the tracker does not find."""
-        if self.lacking and not (fewer_parts and len(self.lacking) < len(wanted)):
-            raise BadInput(lacking_parts(self.lacking, known))
-        self.body_parts = tuple(wanted)
+        self.every_part = tuple(tracker.body_parts)
+        """All body parts that the tracker finds, in its order."""
         self.tracker = tracker
-        # One row more, which is never seen, stands for the parts that the tracker does not find.
-        self._rows = [known.index(part) if part in known else len(known) for part in wanted]
+        self.body_parts: tuple[str, ...] = ()
+        self.lacking: tuple[str, ...] = ()
+        """Wanted parts that the tracker does not find."""
+        self._rows: list[int] = []
+        self.want(wanted, fewer_parts)
         self._view, self._notify = view, notify
         self._size_px: Size | None = None
         self._scale = 1.0
         self.picture_tracks: Tracks | None = None
         self.all_tracks: Tracks | None = None
         """The tracker's own rows, of all its body parts, in px of the picture."""
+
+    @property
+    def every_track(self) -> Tracks | None:
+        """The undistorted tracks of `every_part` in the newest frame; None before the first."""
+        tracks = self.all_tracks
+        if tracks is None or self._is_plain:
+            return tracks
+        return Tracks(self._calibrated(tracks.centres), people=tracks.people)
+
+    def want(self, wanted: Sequence[str], fewer_parts: bool = False) -> None:
+        """From now on select these body parts; raises BadInput as the class does, and then changes nothing."""
+        known = self.every_part
+        lacking = tuple(part for part in wanted if part not in known)
+        if lacking and not (fewer_parts and len(lacking) < len(wanted)):
+            raise BadInput(lacking_parts(lacking, known))
+        self.body_parts, self.lacking = tuple(wanted), lacking
+        # One row more, which is never seen, stands for the parts that the tracker does not find.
+        self._rows = [known.index(part) if part in known else len(known) for part in wanted]
 
     def of_parts(self, wanted: Sequence[str]) -> "PreparedTracker":
         """The same tracker for other body parts; raises BadInput if it does not find one of them."""
@@ -64,12 +81,17 @@ class PreparedTracker:
         tracks = self.all_tracks = self.tracker.update(frame)
         guesses = None if tracks.guesses is None else self._wanted(tracks.guesses)
         self.picture_tracks = Tracks(self._wanted(tracks.centres), guesses, tracks.people)
-        if self._view is None or (self._view.lens is None and self._view.size_px is None):
+        if self._view is None or self._is_plain:
             return self.picture_tracks
         if frame.content.dtype == np.uint8:
             self._fit(self._view, size_of(frame.content))
         calibrated = None if guesses is None else self._calibrated(guesses)
         return Tracks(self._calibrated(self.picture_tracks.centres), calibrated, tracks.people)
+
+    @property
+    def _is_plain(self) -> bool:
+        """Whether pixels of the picture are those of the view."""
+        return self._view is None or (self._view.lens is None and self._view.size_px is None)
 
     def _fit(self, view: View, size_px: Size) -> None:
         """Take the scale of pictures of this size, and say so if they are of another one than the camera file's."""

@@ -80,13 +80,16 @@ class ObserverInputs:
 def open_inputs(
     scene: Scene,
     observer: str,
-    wanted: Sequence[str] = BODY_PARTS,
+    wanted: Sequence[str] | None = BODY_PARTS,
     report: Report = ignore_report,
     environment: Mapping[str, str] = os.environ,
     fewer_parts: bool = False,
     smooth: bool = True,
 ) -> ObserverInputs:
     """Open the source and the tracker of `observer`; wanted: the body parts that its model reads.
+
+    None: it has no model yet, and all parts that the tracker finds are wanted (of tracks of other programs hands and
+    head).
 
     smooth: as in `TrackerSettings`.
 
@@ -107,7 +110,7 @@ def open_inputs(
         _require_shown(motion, view, key, pictures=pictures)
         source = _virtual_camera(motion, view, section) if pictures else replace(motion, repeats=True)
     elif content == "tracks":
-        source = _tracks(section.source, report, tuple(wanted))
+        source = _tracks(section.source, report, tuple(wanted or BODY_PARTS))
     else:
         source = _pictures(scene, section, report, start_ns)
     if pictures:
@@ -118,12 +121,13 @@ def open_inputs(
         if not pictures:
             raise BadInput(f"{key}.mirrored: only pictures can be mirrored back; this source gives {content}")
         source = UnmirroredSource(source)
-    settings = TrackerSettings(view, source.body_parts, wanted, section, scene.place, smooth)
+    settings = TrackerSettings(view, source.body_parts, wanted or (), section, scene.place, smooth)
     tracker, outcome = built_tracker(choice, kind, settings)
     if pictures:
         level = logging.INFO if outcome is choice else logging.WARNING
         log.log(level, "%s: tracker %s: %s", observer, outcome.name, outcome.reason or "named in the scene file")
-    prepared = PreparedTracker(tracker, wanted, view, fewer_parts, partial(log.warning, "%s: %s", observer))
+    parts, notify = wanted or tracker.body_parts, partial(log.warning, "%s: %s", observer)
+    prepared = PreparedTracker(tracker, parts, view, fewer_parts, notify)
     if prepared.lacking:
         lacking = ", ".join(prepared.lacking)
         log.warning("%s: judges without %s: the tracker does not find them", observer, lacking)

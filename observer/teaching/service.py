@@ -98,8 +98,9 @@ class ModelLearner:
 
     def _run(self, labels: list[str]) -> None:
         command = [sys.executable, "-P", "-m", "labanmesh", "learn", str(self._takes), "--labels", ",".join(labels)]
+        command += ["--body-parts", "auto", "-o", str(self._next)]
         self._process = process = subprocess.Popen(  # noqa: S603 - the command line is ours
-            [*command, "-o", str(self._next)], stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
+            command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT, text=True, errors="replace",
         )  # fmt: skip
         with suppress(OSError):
@@ -151,13 +152,19 @@ class TeachableObserver:
         """The posterior after one more frame; None without a model."""
         if (observer := self._learner.ready()) is not None:
             self._observer = observer
+            self._tracker.want(observer.body_parts, fewer_parts=True)
             log.info("new model: %s", ", ".join(observer.vocabulary.labels))
         if frame.repeated:
             return None if self._observer is None else self._observer.step(frame)
-        posterior, tracks = None, None
+        posterior = None
         if self._observer is not None:
-            posterior, tracks = self._observer.step(frame), self._observer.tracks
-        tracks = tracks if tracks is not None else self._tracker.update(frame)
+            posterior = self._observer.step(frame)
+        else:
+            self._tracker.update(frame)
+        # All that the tracker finds is recorded, whatever the model reads now.
+        tracks = self._tracker.every_track
+        if tracks is None:
+            return posterior
         with self._lock:
             self._recorder.update(frame, tracks)
             self._teaching.step(frame.at_ns, tracks, self._tracker.complaint, time.monotonic())
@@ -200,7 +207,7 @@ def teachable(
     """The observer that can be taught; its takes lie beside its model file, as ID.tracks.npz."""
     model = scene.place(scene.observer(observer_id).model)
     rate_hz = inputs.source.rate_hz if inputs.at_own_rate else RATE_HZ
-    parts = tuple(inputs.tracker.body_parts)
+    parts = inputs.tracker.every_part
     recorder = TracksRecorder(parts, rate_hz)
     takes = TakesFile(model.with_name(f"{observer_id}.tracks.npz"), parts, TracksCamera(observer_id))
     learner = ModelLearner(takes.path, model, build)

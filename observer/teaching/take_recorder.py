@@ -16,7 +16,7 @@ from observer.recording.own_tracks import TracksRecorder, trimmed
 from observer.teaching.interfaces import Takes
 from observer.teaching.shown_tracks import shown_tracks
 from observer.teaching.take_watch import StillnessStream, TakeWatch
-from observer.tracks import Tracks
+from observer.tracks import BODY_PARTS, Tracks
 
 PIECE_S = 20.0
 SHORTEST_S = 0.4
@@ -24,6 +24,8 @@ SHORTEST_S = 0.4
 NOW_S = 0.7
 """So much of what is seen now is shown to a teacher."""
 SOMEONE = "someone"
+WATCHED = (*BODY_PARTS, "left_knee", "right_knee")
+"""The parts that show whether somebody moves: feet and what lies between tremble too much in a tracker's eyes."""
 NO_PICTURES = "no pictures"
 
 
@@ -47,7 +49,10 @@ class TakeRecorder:
 
     def __init__(self, recorder: TracksRecorder, takes: Takes) -> None:
         self._recorder, self._takes = recorder, takes
-        self._stream = StillnessStream(recorder.body_parts, recorder.rate_hz)
+        watched = tuple(part for part in recorder.body_parts if part in WATCHED)
+        self._watched = watched if len(watched) > 1 else recorder.body_parts
+        self._rows = [recorder.body_parts.index(part) for part in self._watched]
+        self._stream = StillnessStream(self._watched, recorder.rate_hz)
         self._last: TakeReport | None = None
         self.current: CurrentTake | None = None
         """What is recorded now; None: nothing."""
@@ -77,6 +82,7 @@ class TakeRecorder:
 
     def step(self, at_ns: int, tracks: Tracks) -> None:
         """Take in one frame, which the recorder has."""
+        tracks = Tracks(tracks.centres[self._rows], people=tracks.people)
         self._stream.update(at_ns, tracks)
         current = self.current
         if current is None:
@@ -142,7 +148,7 @@ class TakeRecorder:
     def _keep(self, current: CurrentTake, begin_ns: int, end_ns: int) -> float:
         """Write a take without the rest before and after it; returns its length in seconds."""
         cut = self._recorder.cut(begin_ns, end_ns, label=current.label, subject=current.person, trial=str(current.take))
-        take = trimmed(cut, self._recorder.body_parts)
+        take = trimmed(cut, self._recorder.body_parts, self._watched)
         seconds = len(take.positions) / take.rate_hz
         if seconds < SHORTEST_S:
             raise BadInput(

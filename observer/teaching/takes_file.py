@@ -12,13 +12,18 @@ from pathlib import Path
 from common.errors import BadInput, LabanmeshError
 from observer.files import write_file
 from observer.motion.archive import Recording, TracksCamera
+from observer.recording.own_tracks import in_parts
 from observer.recording.tracks_file import TracksFile
 
 WAY_OUT = "Free some space on that disk; the take waits in memory"
 
 
 class TakesFile:
-    """The file `path` (.npz) of the takes of `camera`, and beside it the note (.json) of an unfinished teaching."""
+    """The file `path` (.npz) of the takes of `camera`, and beside it the note (.json) of an unfinished teaching.
+
+    body_parts: of the recordings that are added. In a file of other parts, as after a change of tracker, what is
+    unknown of a recording counts as not seen.
+    """
 
     def __init__(self, path: Path, body_parts: Sequence[str], camera: TracksCamera) -> None:
         self.path, self._parts, self._camera = path, tuple(body_parts), camera
@@ -50,12 +55,14 @@ class TakesFile:
     def write_waiting(self) -> None:
         """Write the takes that wait in memory; raises BadInput or LabanmeshError as TracksFile.add does."""
         while self._waiting:
+            file = self._opened()
+            take = in_parts(self._waiting[0], self._parts, file.body_parts)
             try:
-                self._opened().named(self._waiting[0])
+                file.named(take)
             except BadInput:
                 self._waiting.pop(0)
                 raise
-            self._opened().add(self._waiting[0])
+            file.add(take)
             self._waiting.pop(0)
 
     def drop(self, label: str, trial: str) -> int:
@@ -92,6 +99,7 @@ class TakesFile:
     def _opened(self) -> TracksFile:
         if self._file is None:
             self._file = TracksFile(self.path, self._parts, self._camera)
+            self._file.widen(self._parts)
         return self._file
 
     def _unfinished(self) -> list[str] | None:

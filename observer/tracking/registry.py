@@ -44,7 +44,9 @@ class TrackerKind:
 
 
 def _projected(settings: TrackerSettings) -> Tracker:
-    return ProjectedTracker(settings.view, settings.recorded, settings.wanted)
+    # The wanted parts must have been recorded; the others cost nothing, and an observer that is taught records them.
+    others = tuple(part for part in settings.recorded if part not in settings.wanted)
+    return ProjectedTracker(settings.view, settings.recorded, (*settings.wanted, *others))
 
 
 def _camshift(settings: TrackerSettings) -> Tracker:

@@ -9,7 +9,7 @@ from common import SECOND_NS
 from common.teaching_messages import LearnedReport, TeachRequest
 from common.wire import encode
 from observer import files
-from observer.motion.archive import TracksCamera
+from observer.motion.archive import Recording, TracksCamera
 from observer.motion.archive_file import read_archive
 from observer.recording.own_tracks import TracksRecorder
 from observer.teaching.takes_file import TakesFile
@@ -162,6 +162,20 @@ def test_an_observer_that_is_killed_goes_on_where_it_stopped(room):
     assert room.ask("start", labels=["nod", "bow"], add=True).takes == {"wave": [1], "clap": [1]}
     assert room.ask("start", labels=["nod", "shake"]).takes == {}
     assert {r.label for r in read_archive(room.path.with_suffix(".before.npz")).recordings} == {"wave", "clap"}
+
+
+def test_takes_of_another_tracker_stay_with_what_they_have(tmp_path):
+    def take(label, parts):
+        return Recording(np.ones((10, parts, 2), np.float32), 15.0, label, "anna", "1")
+
+    path, camera = tmp_path / "sofa.tracks.npz", TracksCamera("sofa")
+    TakesFile(path, BODY_PARTS, camera).add(take("wave", 3))
+    wider = (*BODY_PARTS, "left_foot")
+    TakesFile(path, wider, camera).add(take("kick", 4))
+    TakesFile(path, BODY_PARTS, camera).add(take("nod", 3))
+    archive = read_archive(path)
+    assert archive.body_parts == wider and [r.label for r in archive.recordings] == ["wave", "kick", "nod"]
+    assert [bool(np.isfinite(r.positions[:, 3]).all()) for r in archive.recordings] == [False, True, False]
 
 
 def test_a_full_disk_loses_no_take(room, monkeypatch):
