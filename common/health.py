@@ -36,6 +36,10 @@ FRESH_S = 2.0
 """A process without a step for this long is not ready; its status message says degraded after the same time."""
 REQUEST_TIMEOUT_S = 5.0
 """How long a client may take to send its request."""
+REQUESTS_LIMIT = 32
+"""Requests that are answered at the same time, each in a thread of its own; of more the connection is closed."""
+BACK_OFF_S = 0.2
+"""Pause after a connection that could not be accepted, as without descriptors; else the server would spin."""
 SHUTDOWN_POLL_S = 0.1
 """The server ends within this time."""
 
@@ -139,12 +143,42 @@ def _bind(address: Address, health: ProcessHealth, metrics: "Metrics") -> "_Serv
 class _Server(ThreadingHTTPServer):
     daemon_threads = True
     block_on_close = False
+    request_queue_size = 64
 
     def __init__(self, address: Address, health: ProcessHealth, metrics: "Metrics") -> None:
         self.address, self.health, self.metrics = address, health, metrics
         if ":" in address.host:
             self.address_family = socket.AF_INET6
+        self._free = threading.BoundedSemaphore(REQUESTS_LIMIT)
         super().__init__((address.host, address.port), _Handler)
+
+    def get_request(self) -> tuple[socket.socket, object]:
+        """Accept a connection; raises OSError, which the caller ignores."""
+        try:
+            return super().get_request()
+        except OSError as error:
+            log.warning("%s = '%s': cannot accept a connection: %s", LISTEN, self.address, reason_of(error))
+            time.sleep(BACK_OFF_S)
+            raise
+
+    def process_request(self, request: object, client_address: object) -> None:
+        """Answer in a thread, if one is free."""
+        if not self._free.acquire(blocking=False):
+            self.shutdown_request(request)  # type: ignore[arg-type]
+            return
+        try:
+            super().process_request(request, client_address)  # type: ignore[arg-type]
+        except RuntimeError:
+            # No thread could be started.
+            self._free.release()
+            raise
+
+    def process_request_thread(self, request: object, client_address: object) -> None:
+        """Answer one request."""
+        try:
+            super().process_request_thread(request, client_address)  # type: ignore[arg-type]
+        finally:
+            self._free.release()
 
     def server_bind(self) -> None:
         """Bind without a query to the name service for this machine's name, which may take seconds."""

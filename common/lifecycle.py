@@ -12,6 +12,8 @@ from datetime import UTC, datetime
 from types import FrameType
 from typing import TYPE_CHECKING
 
+from common.log_limit import LimitedHandler
+
 if TYPE_CHECKING:
     from common.messages import ProcessRole
 
@@ -23,14 +25,14 @@ FIELDS = ("verdict", "label", "agree", "heard", "ended", "stage", "revises", "wh
 
 
 def log_to_stderr() -> None:
-    """Log one line per record to stderr; the loggers are labanmesh.<package>.
+    """Log one line per record to stderr, none too often (log_limit.py); the loggers are labanmesh.<package>.
 
     LABANMESH_LOG is the level (default info), LABANMESH_LOG_FORMAT is `text` (default) or `json`.
     """
     level = os.environ.get("LABANMESH_LOG", "info").upper()
     log_format = os.environ.get("LABANMESH_LOG_FORMAT", "text").lower()
     level_known = level in logging.getLevelNamesMapping()
-    handler = logging.StreamHandler(sys.stderr)
+    handler = LimitedHandler(sys.stderr)
     handler.setFormatter(formatter(log_format))
     logging.basicConfig(handlers=[handler], level=level if level_known else logging.INFO)
     if log_format not in FORMATS:

@@ -5,7 +5,8 @@
    host name that leads here (DNS rebinding).
 3. A browser keeps a key made from the token, never the token itself; secrets are compared in constant time.
 4. Nothing is loaded from elsewhere, only page.js runs, and no page may frame this one (Content-Security-Policy).
-5. A browser without the key gets the token form, a program 401; a wrong token costs a second.
+5. A browser without the key gets the token form, a program 401. A wrong token costs a second in the form, and an
+   address with too many of them gets 429 for a minute (guesses.py).
 6. No browser may store a live picture, not even for the moment between two of them.
 """
 
@@ -13,7 +14,9 @@ import asyncio
 import hashlib
 import hmac
 import ipaddress
+import logging
 import math
+import time
 from collections.abc import AsyncIterator, Callable, Mapping
 from importlib.resources import files
 from typing import TYPE_CHECKING
@@ -28,12 +31,14 @@ from starlette.routing import Route
 
 from common.address import Address
 from common.errors import BadInput
+from hub.dashboard.guesses import GuessLimit, address_group
 from hub.dashboard.pictures import PictureAnswer, PictureState
 from hub.dashboard.streams import Playhead
 
 if TYPE_CHECKING:
     from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+log = logging.getLogger("labanmesh.hub")
 LISTEN_KEY = "hub.dashboard.listen"
 TOKEN_MIN_LENGTH = 16
 OWN_NAMES = frozenset({"localhost", "127.0.0.1", "::1"})
@@ -43,7 +48,8 @@ COOKIE_S = 30 * 24 * 3600
 PING_S = 10
 """How often an idle stream shows that it is alive; the page reconnects after three times this."""
 WRONG_TOKEN_S = 1.0
-FORM_LIMIT = 2048
+FORM_LIMIT, FORM_S = 2048, 10.0
+"""Bytes of a sent form, and how long sending them may take."""
 MAX_AT_S = 1e9
 MAX_SPEED = 64.0
 HEADERS = {
@@ -92,10 +98,11 @@ def checked_token(text: str, where: str) -> str:
 
 
 class AccessControl:
-    """Decides on each request. token: None where every user of this machine may read."""
+    """Decides on each request. token: None where every user of this machine may read. ticks: monotonic seconds."""
 
-    def __init__(self, token: str | None) -> None:
+    def __init__(self, token: str | None, ticks: Callable[[], float] = time.monotonic) -> None:
         self._token = token.encode() if token is not None else None
+        self._guesses, self._ticks = GuessLimit(), ticks
         self.cookie = "" if self._token is None else hmac.new(self._token, COOKIE_PURPOSE, hashlib.sha256).hexdigest()
 
     def is_token(self, word: str) -> bool:
@@ -110,6 +117,16 @@ class AccessControl:
         return hmac.compare_digest(cookie.encode(), self.cookie.encode()) or (
             kind.lower() == "bearer" and self.is_token(word)
         )
+
+    def wait_s(self, address: str) -> int:
+        """For how many seconds no word of `address` is looked at, because too many were wrong; 0: it is."""
+        return 0 if self._token is None else self._guesses.wait_s(address, self._ticks())
+
+    def record_wrong(self, address: str, word: str) -> None:
+        """Count a wrong word of `address`; "" is none."""
+        if word:
+            self._guesses.wrong(address, word, self._ticks())
+            log.warning("a wrong token from %s", address)
 
     def answers_to(self, host: str) -> bool:
         """Whether a request with this Host header is answered (rule 2)."""
@@ -149,8 +166,12 @@ class AccessMiddleware:
         if path in OPEN_PATHS:
             return None
         cookie, authorization = request.cookies.get(COOKIE, ""), request.headers.get("authorization", "")
+        address = _address(request)
+        if wait_s := self._access.wait_s(address):
+            return _too_many_guesses(wait_s)
         if self._access.admits(cookie, authorization):
             return None
+        self._access.record_wrong(address, cookie + authorization)
         if path == "/":
             return HTMLResponse(token_form(), 401)
         return PlainTextResponse("The token is missing or wrong.", 401, {"www-authenticate": "Bearer"})
@@ -175,13 +196,18 @@ def application(
         return EventSourceResponse(stream(head), ping=PING_S, sep="\n")
 
     async def enter(request: Request) -> Response:
-        body = b""
-        async for piece in request.stream():
-            body += piece
-            if len(body) > FORM_LIMIT:
-                return PlainTextResponse("Too long.", 413)
+        address = _address(request)
+        if wait_s := access.wait_s(address):
+            return _too_many_guesses(wait_s)
+        try:
+            body = await asyncio.wait_for(_body(request), FORM_S)
+        except TimeoutError:
+            return PlainTextResponse("Too slow.", 408)
+        if len(body) > FORM_LIMIT:
+            return PlainTextResponse("Too long.", 413)
         word = parse_qs(body.decode("latin-1")).get("token", [""])[0]
         if not access.is_token(word):
+            access.record_wrong(address, word)
             await asyncio.sleep(WRONG_TOKEN_S)
             return HTMLResponse(token_form("That is not the token."), 401)
         answer = RedirectResponse("./", 303)
@@ -203,6 +229,25 @@ def application(
     routes = [*pages, Route("/events", events), Route("/enter", enter, methods=["POST"])]
     routes.append(Route("/picture/{observer}", picture))
     return Starlette(routes=routes, middleware=[Middleware(AccessMiddleware, access)])
+
+
+async def _body(request: Request) -> bytes:
+    """The body of a request, or the first bytes of one that is longer than FORM_LIMIT."""
+    body = b""
+    async for piece in request.stream():
+        body += piece
+        if len(body) > FORM_LIMIT:
+            break
+    return body
+
+
+def _address(request: Request) -> str:
+    return address_group(request.client.host if request.client else "")
+
+
+def _too_many_guesses(wait_s: int) -> Response:
+    text = f"Too many wrong tokens came from your address. Try again in {wait_s} s.\n"
+    return PlainTextResponse(text, 429, {"retry-after": str(wait_s)})
 
 
 def token_form(fault: str = "") -> str:

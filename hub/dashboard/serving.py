@@ -16,6 +16,7 @@ from common.errors import LabanmeshError
 from common.keys import observer_of
 from common.messages import VerdictMessage
 from hub.dashboard.application import LISTEN_KEY, AccessControl, Stream, application
+from hub.dashboard.connections import accept_connections, protocol_in, table_for_this_process
 from hub.dashboard.history import CaptureTimeline, SceneHistory
 from hub.dashboard.page_data import CROWD, PageSetup, state_data, verdict_data
 from hub.dashboard.pictures import PictureRelay
@@ -151,11 +152,16 @@ async def _serve(
     close: Callable[[], None],
     tidy: Callable[[], None] = lambda: None,
 ) -> None:
+    browser_connection = protocol_in(table := table_for_this_process())
     settings = uvicorn.Config(
-        app, log_config=None, log_level="error", access_log=False, lifespan="off", ws="none", http="h11",
+        app, log_config=None, log_level="error", access_log=False, lifespan="off", ws="none", http=browser_connection,
         server_header=False, timeout_graceful_shutdown=SHUTDOWN_S,
     )  # fmt: skip
+    settings.load()
     server = uvicorn.Server(settings)
+
+    def connection() -> asyncio.BaseProtocol:
+        return browser_connection(config=settings, server_state=server.server_state, app_state={})
 
     async def end() -> None:
         loop = asyncio.get_running_loop()
@@ -163,9 +169,12 @@ async def _serve(
         while not (server.should_exit or run.stop.is_set() or (end_s is not None and loop.time() >= end_s)):
             await asyncio.sleep(CHECK_S)
             tidy()
+        accepting.cancel()
         server.should_exit = True
         close()
 
+    accepting = asyncio.create_task(accept_connections(port, table, connection))
     ending = asyncio.create_task(end())
-    await server.serve(sockets=[port])
+    # Without a socket of its own: connections are accepted above.
+    await server.serve(sockets=[])
     await ending

@@ -30,7 +30,7 @@ ONLY_IN = {
     "mcap": "common/capture_file.py",
     "starlette": "hub/dashboard/*",
     "sse_starlette": "hub/dashboard/*",
-    "uvicorn": "hub/dashboard/serving.py",
+    "uvicorn": "hub/dashboard/serving.py hub/dashboard/connections.py",
     "aiomqtt": "hub/mqtt/*",
     "prometheus_client": "*metrics.py",
     "cv2": "observer/*",
@@ -67,9 +67,11 @@ IMPURE = {
         "studies.run_evaluation"
     ),
     "sockets, signals, processes, the terminal, the supervisor": (
-        "*.commands *.instrumentation *.service common.health common.lifecycle common.notify common.progress "
+        "*.commands *.instrumentation *.service common.health common.lifecycle common.log_limit "
+        "common.notify common.progress "
         "common.tls deploy.doctor.cameras deploy.doctor.network deploy.launcher hub.dashboard.application "
-        "hub.dashboard.serving hub.dashboard.streams hub.healthcheck hub.mqtt.broker studies.demo* studies.effort "
+        "hub.dashboard.connections hub.dashboard.serving hub.dashboard.streams hub.healthcheck hub.mqtt.broker "
+        "studies.demo* studies.effort "
         "studies.evaluate_options observer.learning.learn_options common.parallel"
     ),
     "the clock": (
