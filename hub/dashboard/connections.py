@@ -31,7 +31,7 @@ REQUEST_S = 10.0
 BACK_OFF_S = 0.5
 
 
-class Connection(Protocol):
+class OpenConnection(Protocol):
     """A connection of a browser; `idle`: nothing has been asked on it that is not answered yet."""
 
     @property
@@ -48,8 +48,8 @@ class ConnectionTable:
 
     limit: int = CONNECTIONS_LIMIT
     address_limit: int = ADDRESS_LIMIT
-    _open: dict[Connection, str] = field(default_factory=dict)
-    _of: dict[str, dict[Connection, None]] = field(default_factory=lambda: defaultdict(dict))
+    _open: dict[OpenConnection, str] = field(default_factory=dict)
+    _of: dict[str, dict[OpenConnection, None]] = field(default_factory=lambda: defaultdict(dict))
 
     def __len__(self) -> int:
         return len(self._open)
@@ -61,12 +61,12 @@ class ConnectionTable:
             return self._end_idle(own)
         return len(self._open) < self.limit or self._end_idle(self._open)
 
-    def add(self, connection: Connection, address: str) -> None:
+    def add(self, connection: OpenConnection, address: str) -> None:
         """Take in a connection that was opened."""
         self._open[connection] = address
         self._of[address][connection] = None
 
-    def remove(self, connection: Connection) -> None:
+    def remove(self, connection: OpenConnection) -> None:
         """Forget a connection that was closed."""
         address = self._open.pop(connection, None)
         if address is not None:
@@ -74,7 +74,7 @@ class ConnectionTable:
             if not self._of[address]:
                 del self._of[address]
 
-    def _end_idle(self, connections: dict[Connection, None] | dict[Connection, str]) -> bool:
+    def _end_idle(self, connections: dict[OpenConnection, None] | dict[OpenConnection, str]) -> bool:
         oldest = next((each for each in connections if each.idle), None)
         if oldest is None:
             return False

@@ -141,7 +141,11 @@ class JudgementReplay:
             raise BadInput(NOBODY_LEFT)
         # The rule of the judgement: the environment may have overridden the scene file.
         config = self._scene.fusion.model_copy(update={"rule": judgement.rule})
-        return FusionEngine(judgement.scene, list(observers), vocabulary, self._change.config(config, len(observers)))
+        engine = FusionEngine(judgement.scene, list(observers), vocabulary, self._change.config(config, len(observers)))
+        # A capture from before there was this key has verdicts that did not wait.
+        if judgement.seq == 1 and "start_s" in config.model_fields_set:
+            engine.wait_for_roster(config.start_s)
+        return engine
 
     def _continue(self, engine: FusionEngine, judgement: JudgementMessage, seq: int) -> None:
         ongoing, decided = judgement.movement, self._verdict

@@ -138,6 +138,19 @@ def test_the_same_verdicts_bit_for_bit(write, records):
     assert result.faithful and result.source == "judgements"
 
 
+def test_the_wait_for_the_roster_is_replayed(write):
+    """At the start two observers see a movement that they cannot tell, before the third has begun."""
+    early = steps([(0.3, 0.6, {"door": "bowing", "corner": "lunging"}), (1.0, 0.0, {})], seed=1)
+    alone = [(at - 3_000_000_000, [m.model_copy(update={"captured_ns": m.captured_ns - 3_000_000_000,
+              "sent_ns": m.sent_ns - 3_000_000_000}) for m in few[:2]]) for at, few in early]  # fmt: skip
+    later = [(at, [m.model_copy(update={"seq": m.seq + 100}) for m in few]) for at, few in steps()]
+    engine = new_engine(scene := a_scene())
+    engine.wait_for_roster(scene.fusion.start_s)
+    result = judge_again(write(recorded(scene, [*alone, *later], engine)), ReplayChange())
+    assert labels(result) == ["bowing", "lunging", "stretch"] and result.faithful
+    assert result.same == result.judgements == len(alone) + len(later)
+
+
 @settings(max_examples=15, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
 @given(
     play=st.lists(
