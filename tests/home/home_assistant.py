@@ -1,4 +1,4 @@
-"""A Home Assistant with one integration, MQTT, and its states over HTTP."""
+"""A Home Assistant with one integration, MQTT: its states over HTTP, and what its pages do over the websocket."""
 
 import json
 import subprocess
@@ -11,8 +11,12 @@ from played_scene import SOON_S, until
 
 UP_S = 300.0
 """Its first start installs what its integrations require."""
-OWN = ("zone.", "person.", "automation.")
+OWN = ("zone.", "person.", "automation.", "input_boolean.", "scene.", "light.")
 ANNA = ("anna", "secret")
+MORE = """input_boolean: {curtain: {}, called: {}}
+scene: [{name: Cinema, entities: {input_boolean.curtain: "on"}}]
+"""
+"""What automations of the tests act on."""
 
 
 class HomeAssistant:
@@ -25,7 +29,7 @@ class HomeAssistant:
         (place / "configuration.yaml").write_text(
             "homeassistant:\n  name: test\n  auth_providers:\n    - type: homeassistant\n"
             f"http:\n  server_host: 127.0.0.1\n  server_port: {self._port}\napi:\nlogger:\n  default: warning\n"
-            "automation: !include automations.yaml\n"
+            "automation: !include automations.yaml\nconfig:\n" + MORE
         )
         (place / "automations.yaml").write_text(automation)
         broker = {"broker": "127.0.0.1", "port": broker_port, "discovery": True, "discovery_prefix": "homeassistant"}
@@ -67,6 +71,23 @@ class HomeAssistant:
 
     def wait_for_state(self, entity, state, seconds=SOON_S):
         until(lambda: self.state(entity) == state, lambda: f"{entity} is {self.state(entity)}, not {state}", seconds)
+
+    def send(self, *commands):
+        """The results of commands to the websocket; every one must succeed."""
+        program = Path(self._program).with_name("python")
+        script = Path(__file__).with_name("websocket_commands.py")
+        url = f"ws://127.0.0.1:{self._port}/api/websocket"
+        done = subprocess.run(
+            [program, script, url, self._token], input=json.dumps(commands), capture_output=True, text=True, timeout=60
+        )
+        answers = json.loads(done.stdout or "[]")
+        assert done.returncode == 0 and all(each["success"] for each in answers), done.stderr or answers
+        return [each["result"] for each in answers]
+
+    def save_automation(self, name, fields):
+        """Make an automation as the editor does; it runs when this returns. name: also its id."""
+        self._ask(f"/api/config/automation/config/{name}", {"alias": name, **fields})
+        until(lambda: self.state(f"automation.{name}") == "on", f"automation.{name}")
 
     def devices(self):
         """Its devices by their name."""
