@@ -30,6 +30,9 @@ from common.vocabulary import Vocabulary
 
 __all__ = ["FusionConfig", "MeshConfig", "MqttConfig", "ObserverConfig", "Scene", "read_scene", "scene_files"]
 
+MODELS = "LABANMESH_MODELS"
+"""Names a folder for taught models, where the scene file's own folder must not be written to."""
+
 
 class Scene(Section):
     """A whole scene. `read_scene` makes it, and sets the folder that relative file names start from."""
@@ -44,6 +47,7 @@ class Scene(Section):
     hub: HubConfig = HubConfig()
     metrics: MetricsConfig = MetricsConfig()
     _folder: Path = PrivateAttr(default=Path())
+    _models: Path | None = PrivateAttr(default=None)
 
     @model_validator(mode="after")
     def _is_consistent(self) -> "Scene":
@@ -111,6 +115,16 @@ class Scene(Section):
         """The path of a file that the scene file names; relative names start from the scene file's folder."""
         return self._folder / Path(name).expanduser()
 
+    def taught_model(self, observer: str) -> Path:
+        """Where teaching writes the model of `observer`, with its takes beside it: the folder MODELS if that is set."""
+        named = self.place(self.observer(observer).model)
+        return self._models / named.name if self._models else named
+
+    def model_file(self, observer: str) -> Path:
+        """The model of `observer`: what it was taught, else the file that the scene file names."""
+        taught, named = self.taught_model(observer), self.place(self.observer(observer).model)
+        return taught if taught.exists() or not named.exists() else named
+
 
 def scene_files(paths: Sequence[Path]) -> Iterator[Path]:
     """The files among `paths`, and all *.toml of the folders; raises BadInput for a folder without any."""
@@ -140,6 +154,8 @@ def read_scene(path: Path, environment: Mapping[str, str] | None = None) -> Scen
     except BadInput as error:
         raise BadInput(f"{path}: {error}") from None
     scene._folder = path.absolute().parent
+    models = (os.environ if environment is None else environment).get(MODELS)
+    scene._models = Path(models).expanduser() if models else None
     return scene
 
 

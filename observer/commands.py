@@ -78,7 +78,7 @@ def _model_and_inputs(
 
     if is_untaught(scene, observer):
         return None, open_inputs(scene, observer, None, health.record_camera)
-    model = read_model(scene.place(scene.observer(observer).model))
+    model = read_model(scene.model_file(observer))
     parts, fewer = model.header.body_parts, model.FEWER_PARTS
     return model, open_inputs(scene, observer, parts, health.record_camera, fewer_parts=fewer)
 
@@ -91,7 +91,7 @@ def _pipeline(scene: "Scene", observer: str, inputs: "ObserverInputs", model: "M
     from observer.runtime.scene_inputs import person_in
 
     section, header = scene.observer(observer), model.header
-    path, rate_hz = scene.place(section.model), inputs.source.rate_hz if inputs.at_own_rate else None
+    path, rate_hz = scene.model_file(observer), inputs.source.rate_hz if inputs.at_own_rate else None
     require_match(path, model, scene.named_vocabulary, rate_hz)
     person = person_in(scene, observer, inputs.view)
     doubts = (

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
-from common.config import Scene, read_scene
+from common.config import MODELS, Scene, read_scene
 from common.errors import BadInput
 from common.text import plural
 from common.vocabulary import Vocabulary
@@ -64,8 +64,8 @@ class PreflightReport:
 
 
 @dataclass(frozen=True, slots=True)
-class ClipFolderFacts:
-    """Where an observer keeps its clips, and whether this user can write there."""
+class FolderFacts:
+    """Where an observer keeps its clips, or what it was taught, and whether this user can write there."""
 
     path: Path
     writable: bool
@@ -76,6 +76,7 @@ class SceneFacts:
     """A scene file that could be read. path: its name. here: the observers of this machine; certain: the user said so.
 
     trouble: why observers have no report; "" where all have one. clip_folders: of the observers that keep clips.
+    taught_folders: of the observers that can be taught.
     """
 
     path: str
@@ -85,7 +86,8 @@ class SceneFacts:
     certain: bool
     reports: Mapping[str, PreflightReport] = field(default_factory=dict)
     trouble: str = ""
-    clip_folders: Mapping[str, ClipFolderFacts] = field(default_factory=dict)
+    clip_folders: Mapping[str, FolderFacts] = field(default_factory=dict)
+    taught_folders: Mapping[str, FolderFacts] = field(default_factory=dict)
 
 
 def read_existing_scene(path: Path) -> Scene:
@@ -102,9 +104,16 @@ def scene_facts(path: Path, scene: Scene, here: Sequence[str] | None) -> SceneFa
     reports, trouble = _preflight(path, observers)
     certain = here is not None or scene.mesh.mode != "router"
     settings = settings_in_force(scene, table, os.environ)
-    places = {name: scene.place(clips) for name in observers if (clips := scene.observer(name).clips.folder)}
-    folders = {name: ClipFolderFacts(place, _may_write(place)) for name, place in places.items()}
-    return SceneFacts(str(path), scene, settings, observers, certain, reports, trouble, folders)
+    places = {name: scene.place(kept) for name in observers if (kept := scene.observer(name).clips.folder)}
+    clips = {name: FolderFacts(place, _may_write(place)) for name, place in places.items()}
+    taught = {} if scene.vocabulary else {name: _taught_folder(scene, name) for name in observers}
+    return SceneFacts(str(path), scene, settings, observers, certain, reports, trouble, clips, taught)
+
+
+def _taught_folder(scene: Scene, observer: str) -> FolderFacts:
+    """The folder of the observer's takes and its model. Teaching does not make it."""
+    folder = scene.taught_model(observer).parent
+    return FolderFacts(folder, folder.is_dir() and _may_write(folder))
 
 
 def _preflight(path: Path, observers: Sequence[str]) -> tuple[dict[str, PreflightReport], str]:
@@ -133,7 +142,7 @@ def check_scene(facts: SceneFacts) -> list[Finding]:
     """The findings on a scene file."""
     checks = (
         *(_whole(facts), _overridden(facts.settings), _observers(facts), _shared(facts)),
-        *(_vocabularies(facts), _message_size(facts)),
+        *(_taught(facts), _vocabularies(facts), _message_size(facts)),
     )
     return [finding for findings in checks for finding in findings]
 
@@ -207,6 +216,17 @@ def _shared(facts: SceneFacts) -> Iterator[Finding]:
         if folder is not None and not folder.writable:
             what = f"{observer}: this user cannot write to {folder.path}, so no clips are kept"
             yield warning(GROUP, what, "choose another clips.folder, or make the observer's user its owner")
+
+
+def _taught(facts: SceneFacts) -> Iterator[Finding]:
+    """Where observers of this machine could not be taught, before somebody tries."""
+    closed: dict[Path, list[str]] = {}
+    for observer, folder in facts.taught_folders.items():
+        if not folder.writable:
+            closed.setdefault(folder.path, []).append(observer)
+    for path, observers in closed.items():
+        what = f"{', '.join(observers)}: this user cannot write to {path}, so teaching would fail"
+        yield warning(GROUP, what, f"make the observer's user its owner, or set {MODELS} to a folder of that user")
 
 
 def _may_write(folder: Path) -> bool:

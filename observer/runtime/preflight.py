@@ -132,7 +132,7 @@ def _check_model(
     from observer.runtime.prepared_tracker import lacking_parts
     from observer.runtime.scene_inputs import is_untaught, person_in
 
-    path = scene.place(section.model)
+    path = scene.model_file(result.observer)
     if is_untaught(scene, result.observer):
         result.doubts.append(f"{path}: no such model file; teach it while it runs: labanmesh teach SCENE LABEL ...")
         return

@@ -239,4 +239,4 @@ def _start_ns(text: str | None) -> int | None:
 def is_untaught(scene: Scene, observer: str) -> bool:
     """Whether the observer waits to be taught: the scene names no model and no vocabulary, and there is no ID.model."""
     section = scene.observer(observer)
-    return scene.vocabulary is None and section.model == f"{observer}.model" and not scene.place(section.model).exists()
+    return scene.vocabulary is None and section.model == f"{observer}.model" and not scene.model_file(observer).exists()

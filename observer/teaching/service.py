@@ -12,7 +12,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from common.config import Scene
+from common.config import MODELS, Scene
 from common.errors import LabanmeshError
 from common.subsession import SubSession
 from common.teaching_messages import TEXT_LIMIT, LearnedReport, TeachReply, TeachRequest
@@ -197,6 +197,10 @@ def why_not(scene: Scene, observer_id: str) -> str:
     others = [name for name, each in scene.observers.items() if each.model == model and name != observer_id]
     if others:
         return f"{model} is the model of {' and '.join(others)} too; give each observer a model of its own"
+    folder = scene.taught_model(observer_id).parent
+    if not (folder.is_dir() and os.access(folder, os.W_OK | os.X_OK)):
+        way_out = f"make the observer's user its owner, or set {MODELS} to a folder of that user"
+        return f"this observer cannot write to {folder}, where its takes and its model belong; {way_out}"
     return ""
 
 
@@ -205,7 +209,7 @@ def teachable(
     scene: Scene, observer_id: str, inputs: "ObserverInputs", observer: Observer | None, build: Build
 ) -> Iterator[TeachableObserver]:
     """The observer that can be taught; its takes lie beside its model file, as ID.tracks.npz."""
-    model = scene.place(scene.observer(observer_id).model)
+    model = scene.taught_model(observer_id)
     rate_hz = inputs.source.rate_hz if inputs.at_own_rate else RATE_HZ
     parts = inputs.tracker.every_part
     recorder = TracksRecorder(parts, rate_hz)

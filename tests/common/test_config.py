@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.config import read_scene
+from common.config import MODELS, read_scene
 from common.errors import BadInput
 
 LEAST = 'scene = "dojo"\n[observers.cam1]\nsource = "motion.npz"\n'
@@ -113,6 +113,19 @@ def test_a_file_that_cannot_be_read_is_one_line(tmp_path):
     (tmp_path / "latin.toml").write_bytes(b'scene = "d\xe9"')
     with pytest.raises(BadInput, match="not UTF-8"):
         read_scene(tmp_path / "latin.toml", {})
+
+
+def test_taught_models_have_a_folder_of_their_own_if_one_is_named(tmp_path):
+    (tmp_path / "s.toml").write_text('scene = "home"\n[observers.sofa]\nsource = "0"\nmodel = "models/sofa.model"\n')
+    beside, taught = tmp_path / "models" / "sofa.model", tmp_path / "state" / "sofa.model"
+    plain = read_scene(tmp_path / "s.toml", {})
+    assert plain.taught_model("sofa") == plain.model_file("sofa") == beside
+    apart = read_scene(tmp_path / "s.toml", {MODELS: str(tmp_path / "state")})
+    assert apart.taught_model("sofa") == apart.model_file("sofa") == taught
+    for file, found in ((beside, beside), (taught, taught)):
+        file.parent.mkdir()
+        file.write_bytes(b"")
+        assert apart.model_file("sofa") == found
 
 
 def test_an_unknown_observer_lists_the_known_ones(scene):

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 import typer
 
-from common.config import read_scene
+from common.config import MODELS, read_scene
 from common.notify import HEARTBEAT, Notifier
 from labanmesh import app_of
 
@@ -117,7 +117,8 @@ def test_scene_and_credentials_are_read_only_and_meet_at_the_router(files, reque
     for name, service in services.items():
         mounted = {volume["target"]: volume for volume in service.get("volumes", [])}
         state = mounted.pop("/var/lib/labanmesh", None)
-        assert (state is None) == (name != "fusion")
+        assert (state is None) == (name not in {"fusion", "sofa", "shelf"})
+        assert state is None or not state.get("read_only"), "what an observer is taught is written there"
         assert all(volume.get("read_only") for volume in mounted.values())
         wanted = {"/etc/labanmesh"} if files == "plain" else {"/etc/labanmesh", "/run/credentials"}
         assert set(mounted) == (set() if (name, files) == ("router", "plain") else wanted)
@@ -128,6 +129,11 @@ def test_scene_and_credentials_are_read_only_and_meet_at_the_router(files, reque
             assert mesh.credentials == ("" if files == "plain" else "/run/credentials")
         places = {word for word in service.get("command") or [] if word.startswith("/")}
         assert places <= ({"/etc/labanmesh/router.json5"} if name == "router" else {SCENE})
+
+
+def test_an_observer_keeps_what_it_is_taught_in_its_state_folder():
+    environment = [word for line in instructions("ENV") for word in shlex.split(line)]
+    assert f"{MODELS}=/var/lib/labanmesh" in environment
 
 
 def test_the_health_check_follows_the_heartbeat(tmp_path):

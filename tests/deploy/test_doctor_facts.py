@@ -8,7 +8,7 @@ import time
 
 import pytest
 
-from common.config import MeshConfig, read_scene
+from common.config import MODELS, MeshConfig, read_scene
 from common.errors import BadInput
 from deploy.doctor import cameras
 from deploy.doctor.cameras import Webcam, observer_cameras, webcams
@@ -17,7 +17,7 @@ from deploy.doctor.findings import ok
 from deploy.doctor.machine import MachineNeeds, check_machine, clock_state, machine_facts
 from deploy.doctor.mesh import listen
 from deploy.doctor.network import check_network, connect_to, listener_on, network_facts
-from deploy.doctor.scene_file import ClipFolderFacts, MissingSceneFile, read_existing_scene, scene_facts
+from deploy.doctor.scene_file import FolderFacts, MissingSceneFile, check_scene, read_existing_scene, scene_facts
 
 
 @pytest.fixture
@@ -149,6 +149,17 @@ def test_a_camera_that_is_there_is_looked_at_if_asked(tmp_path, monkeypatch):
     assert not [each for each in observer_cameras(scene, scene.roster, test=False) if each.test]
 
 
+def test_a_folder_that_cannot_be_taught_in_is_named_before_teaching(tmp_path, monkeypatch):
+    monkeypatch.setattr("deploy.doctor.scene_file._preflight", lambda *_: ({}, ""))
+    (tmp_path / "s.toml").write_text('scene = "dojo"\n[observers.a]\nsource = "0"\n[observers.b]\nsource = "1"\n')
+    nowhere = {MODELS: str(tmp_path / "nowhere")}
+    facts = scene_facts(tmp_path / "s.toml", read_scene(tmp_path / "s.toml", nowhere), None)
+    (finding,) = [each for each in check_scene(facts) if "teaching would fail" in each.what]
+    assert (
+        finding.what.startswith(f"a, b: this user cannot write to {tmp_path / 'nowhere'}") and MODELS in finding.to_do
+    )
+
+
 def test_a_scene_that_is_not_there_is_bad_input_and_no_finding(tmp_path):
     with pytest.raises(MissingSceneFile, match="labanmesh init"):
         read_existing_scene(tmp_path / "no.toml")
@@ -164,7 +175,8 @@ def test_observers_are_examined_in_a_process_of_their_own(tmp_path):
     first = '[observers.a]\nsource = "m.npz"\nview = "dor"\n'
     path.write_text(f'scene = "dojo"\n{first}{clips}[observers.b]\nsource = "-"\n')
     facts = scene_facts(path, read_scene(path, {}), ["a"])
-    assert facts.clip_folders == {"a": ClipFolderFacts(path / "x", writable=False)}
+    assert facts.clip_folders == {"a": FolderFacts(path / "x", writable=False)}
+    assert facts.taught_folders == {"a": FolderFacts(tmp_path, writable=True)}
     assert facts.certain and set(facts.reports) == {"a"} and facts.trouble == ""
     faults = " ".join(facts.reports["a"].faults)
     assert "did you mean door?" in faults and "a.model: no such model file; teach it" in facts.reports["a"].doubts[0]

@@ -36,7 +36,7 @@ from deploy.doctor.machine import (
     requirements,
 )
 from deploy.doctor.network import Connection, EndpointParts, NetworkFacts, check_network, is_free
-from deploy.doctor.scene_file import ClipFolderFacts, PreflightReport, SceneFacts, check_scene
+from deploy.doctor.scene_file import FolderFacts, PreflightReport, SceneFacts, check_scene
 from deploy.doctor.security import SecurityFacts, check_security
 
 NOW = datetime(2026, 6, 1, tzinfo=UTC)
@@ -187,7 +187,7 @@ def test_pictures_and_clips_that_are_on_are_named(writable):
     plain = scene_facts(("a", "b"))
     section = ObserverConfig(source="0", picture_hz=2.0, clips=ClipsConfig(folder="clips"))
     scene = plain.scene.model_copy(update={"observers": {"a": section, "b": plain.scene.observer("b")}})
-    findings = check_scene(replace(plain, scene=scene, clip_folders={"a": ClipFolderFacts(Path("/x/clips"), writable)}))
+    findings = check_scene(replace(plain, scene=scene, clip_folders={"a": FolderFacts(Path("/x/clips"), writable)}))
     assert mark_of(findings, ["a: live pictures are on: any process of the mesh may ask for 2 a second"]) == "ok"
     assert mark_of(findings, ["a: clips are on", "/x/clips, for 7 days, at most 500 MB"]) == "ok"
     assert not any(finding.what.startswith("b: ") and "are on" in finding.what for finding in findings)

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 import typer
 
+from common.config import MODELS
 from labanmesh import app_of
 
 UNITS = Path(__file__).parents[2] / "deploy" / "systemd"
@@ -79,6 +80,13 @@ def test_the_users_file_is_understood(tmp_path):
     assert done.returncode == 0, done.stderr
     assert re.search("^labanmesh:", (tmp_path / "etc" / "passwd").read_text(), re.MULTILINE)
     assert {user for name in SERVICES for user in settings(name, "User")} == {"labanmesh"}
+
+
+def test_an_observer_keeps_what_it_is_taught_in_its_state_folder():
+    observer = SERVICES[0]
+    (state,) = settings(observer, "StateDirectory")
+    assert f"{MODELS}=%S/{state}" in " ".join(settings(observer, "Environment")).split()
+    assert settings(observer, "ProtectSystem") == ["strict"] and not settings(observer, "ReadWritePaths")
 
 
 @services

@@ -8,7 +8,7 @@ import pytest
 
 import labanmesh
 from common import SECOND_NS
-from common.config import read_scene
+from common.config import MODELS, read_scene
 from common.teaching_messages import TeachReply, TeachRequest
 from common.wire import decode, encode
 from observer.model.model_file import read_model
@@ -134,3 +134,7 @@ def test_an_observer_whose_scene_names_a_model_or_a_vocabulary_needs_its_model(t
         '[observers.shelf]\nsource = "1"\nmodel = "x.model"\n'
     )
     assert why_not(read_scene(tmp_path / "s.toml", {}), "sofa").startswith("x.model is the model of shelf too")
+    (tmp_path / "s.toml").write_text('scene = "home"\nobservers.sofa.source = "0"\n')
+    assert why_not(read_scene(tmp_path / "s.toml", {}), "sofa") == ""
+    closed = read_scene(tmp_path / "s.toml", {MODELS: str(tmp_path / "nowhere")})
+    assert f"cannot write to {tmp_path / 'nowhere'}" in why_not(closed, "sofa")
