@@ -14,6 +14,7 @@ from common.vocabulary import Vocabulary
 from observer.geometry.views import parse_view
 from observer.learning.learn import learn_view
 from observer.model.base import Onset
+from observer.model.registry import DEFAULT_MODEL
 from observer.motion.archive import MotionArchive, Recording, Span
 from observer.motion.importers import import_recordings
 from observer.motion.projected import ProjectedTracker
@@ -68,7 +69,7 @@ class Person:
         return watch(Observer(OccludedTracker(tracker, 0, frames) if blind else tracker, model, Onset()), self.stream)
 
 
-def meet(folder=None, kind="phase"):
+def meet(folder=None, kind=DEFAULT_MODEL):
     """The person whom real observers see."""
     place = folder or os.environ.get("LABANMESH_DATA")
     if place:

@@ -5,19 +5,23 @@
 """
 
 import json
+import sys
 import threading
 import time
 from collections import defaultdict
 from contextlib import ExitStack, closing, contextmanager
 from itertools import pairwise
+from pathlib import Path
 
 import zenoh
 from attack_history import History
 from attack_judges import Judges
+from attack_peers import opened
 from attack_person import VIEWS
 from fault_processes import Process, labanmesh
 from fault_stage import START, free_port
 from mesh_stage import SOON_S, Mesh, until
+from mqtt_stage import Broker, mosquitto
 
 from common import SECOND_NS
 from common.config import MeshConfig, read_scene
@@ -29,6 +33,7 @@ from observer.model.model_file import write_model
 from observer.motion.archive import MotionArchive
 from observer.motion.archive_file import write_archive
 
+HERE = Path(__file__).parent
 SCENES = 10
 """More than a service fuses event by event (fusion.server.FEW_SCENES)."""
 JUDGES = tuple(VIEWS)
@@ -41,30 +46,12 @@ class Attacker:
     """A bare Zenoh session: puts, queries, queryables and tokens under any key."""
 
     def __init__(self, endpoint, history, mode="peer"):
-        config = zenoh.Config()
-        values = {"mode": mode, "connect/endpoints": [endpoint], "listen/endpoints": [], "scouting/delay": 0}
-        values |= {"scouting/multicast/enabled": False, "connect/exit_on_failure": False}
-        for key, value in values.items():
-            config.insert_json5(key, json.dumps(value))
-        self.session, self._history, self._declared = zenoh.open(config), history, []
+        self.session, self._history, self._declared = opened(endpoint, mode), history, []
 
     def put(self, key, payload, **how):
         """One message; how: as `zenoh.Session.put`, a congestion control for example."""
         self._history.note("put", key=key, bytes=len(payload), head=bytes(payload[:24]).hex())
         self.session.put(key, payload, **how)
-
-    def flood(self, key, payloads, per_s, for_s):
-        """So many messages a second, taken in turn; notes how many were sent."""
-        publisher, sent = self.session.declare_publisher(key), 0
-        begun_s = time.monotonic()
-        while (passed_s := time.monotonic() - begun_s) < for_s:
-            for _ in range(max(round(per_s * passed_s) - sent, 0)):
-                publisher.put(payloads[sent % len(payloads)])
-                sent += 1
-            threading.Event().wait(0.001)
-        publisher.undeclare()
-        self._history.note("flood", key=key, sent=sent, seconds=for_s)
-        return sent
 
     def ask(self, selector, payload=None, timeout_s=0.5):
         """All answers to a query, key and bytes."""
@@ -122,11 +109,10 @@ class Witness:
         last = self.last(scene)
         return {} if last is None else {name: vote.state for name, vote in last.votes.items()}
 
-    def longest_gap_s(self, scene, since_ns, until_ns=None, fusion="fusion"):
-        """The longest time without a judgement of `fusion`."""
-        until_ns = until_ns or time.time_ns()
-        own = [at for at, message in self.judgements[scene] if message.fusion == fusion and since_ns < at < until_ns]
-        times = [since_ns, *own, until_ns]
+    def longest_gap_s(self, scene, since_ns):
+        """The longest time between two judgements that arrived, by the time at which they were made."""
+        made_ns = (message.at_ns for _, message in self.judgements[scene])
+        times = [since_ns, *(at_ns for at_ns in made_ns if at_ns > since_ns)]
         return max(b - a for a, b in pairwise(times)) / SECOND_NS
 
     def leaders(self, scene, since_ns):
@@ -141,7 +127,7 @@ class _Stage:
         self.folder, self._open, self._leaving = folder, ExitStack(), ExitStack()
         self.history = History("stage", 0)
         self.names = [f"dojo{n}" for n in range(scenes)]
-        self.scenes, self._puppets = [], None
+        self.scenes, self._more = [], []
 
     def _write(self, mode, endpoint, vocabulary, rate_hz=10):
         place = self.folder / "scenes"
@@ -153,7 +139,7 @@ class _Stage:
             for judge in JUDGES:
                 lines += [f"[observers.{judge}]", 'source = "../seen.npz"', f'model = "../{judge}.model"']
                 lines += [f'view = "{VIEWS[judge]}"', "loop = true"]
-            (place / f"{name}.toml").write_text("\n".join(lines) + "\n")
+            (place / f"{name}.toml").write_text("\n".join([*lines, *self._more]) + "\n")
         self.scenes = [read_scene(place / f"{name}.toml", {}) for name in self.names]
 
     @contextmanager
@@ -175,6 +161,14 @@ class _Stage:
         self._leaving.callback(attacker.close)
         return attacker
 
+    def flood(self, key, size, per_s=0.0, for_s=0.0, congestion="drop"):
+        """An attacker in a process of its own that sends so many messages of `size` bytes; waits for its end."""
+        words = (self.endpoint, self.attacker_mode, key, size, per_s, for_s, congestion)
+        process = Process([sys.executable, str(HERE / "attack_peers.py"), *map(str, words)])
+        process.start().wait_for("sent ", timeout_s=for_s + SOON_S)
+        self.history.note("flood", key=key, bytes=size, per_s=per_s, for_s=for_s, log=process.log.strip())
+        process.kill()
+
     def gaps(self, since_ns):
         """By scene the longest time without a judgement since then."""
         gaps = {name: self.witness.longest_gap_s(name, since_ns) for name in self.names}
@@ -183,6 +177,11 @@ class _Stage:
 
     def _open_witness(self):
         return Witness(self._open.enter_context(closing(Attacker(self.endpoint, self.history, self.attacker_mode))))
+
+    def await_judgements(self, for_s):
+        """Until every scene was judged by what was captured so much later."""
+        at_ns = time.time_ns() + round(for_s * SECOND_NS)
+        until(lambda: all(self.witness.last(name).at_ns > at_ns for name in self.names))
 
     def until_all_count(self, judges=JUDGES):
         """Wait until all judges count in every scene."""
@@ -249,6 +248,10 @@ class Dojo(_Stage):
     def __init__(self, person, folder, scenes=SCENES):
         super().__init__(folder, scenes)
         self.person, self.faults, self.endpoint = person, (), f"tcp/127.0.0.1:{free_port()}"
+        self._broker = None
+        if mosquitto():
+            self._broker = self._open.enter_context(Broker(folder / "broker"))
+            self._more += ["[hub.mqtt]", f"port = {self._broker.port}"]
         self._write("router", self.endpoint, person.vocabulary)
         for judge in JUDGES:
             write_model(folder / f"{judge}.model", person.models[judge])
@@ -257,6 +260,7 @@ class Dojo(_Stage):
         commands = {"router": ("router", self.endpoint), "fusion": ("fuse", *files)}
         commands |= {SECOND: ("fuse", files[0], "--id", SECOND)}
         commands |= {judge: ("observe", files[0], judge) for judge in JUDGES}
+        commands |= self.hub_commands("kept")
         self.processes = {name: Process(labanmesh(*words)) for name, words in commands.items()}
         self._open.callback(self._kill)
         self._start()
@@ -278,6 +282,16 @@ class Dojo(_Stage):
         talking.start()
         self._open.callback(talking.join, SOON_S)
         self._open.callback(stop.set)
+
+    def hub_commands(self, name, scene=0):
+        """By kind the words of a hub of one scene; MQTT only where there is a broker. name: of its files."""
+        file = self.folder / "scenes" / f"{self.names[scene]}.toml"
+        commands = {
+            "watch": ("watch", file, "--json"),
+            "capture": ("capture", file, "-o", self.folder / f"{name}.mcap"),
+            "dashboard": ("dashboard", file, "--listen", f"127.0.0.1:{free_port()}"),
+        }
+        return commands | ({"mqtt": ("hub", "mqtt", file)} if self._broker else {})
 
     def start(self, name, *words):
         """One more process, or one of them again."""

@@ -1,0 +1,60 @@
+"""A hostile judge among honest ones, more than twenty strategies, before the pure engine: verdicts are as without it.
+
+In the long form the honest judges are observers of a recorded person, at 4 and 30 Hz, some of them blind; a table of
+all is written to build/attacks/hostile.md. With two judges it is one word against the other: these rows are
+reported, and nothing is required of them.
+"""
+
+import pytest
+from attack_history import FOLDER
+from attack_person import scripted
+from attack_strategies import STRATEGIES
+from attack_trial import Case, compare, run
+
+ROOMS = [(2, 0), (3, 0), (3, 1), (4, 0), (4, 1), (4, 2)]
+"""How many judges, and how many of the honest are blind."""
+RATES_HZ = (4, 30)
+SHORT = ("wrong from the first frame", "rest inverted", "junk")
+LONG_ROOMS = [(judges, rate, blind) for judges, blind in ROOMS for rate in RATES_HZ]
+
+
+@pytest.fixture(scope="session")
+def harms(person, long_form):
+    """What each strategy does in each room, by case; made once."""
+    rooms = LONG_ROOMS if long_form else [(4, 10, 0)]
+    person = person if long_form else scripted(movements=2)
+    result = {}
+    for judges, rate, blind in rooms:
+        without = run(person, Case("", judges, rate, blind))
+        for strategy in STRATEGIES if long_form else SHORT:
+            case = Case(strategy, judges, rate, blind)
+            outcome = run(person, case)
+            result[case] = compare(person, without, outcome), outcome
+    if long_form:
+        FOLDER.mkdir(parents=True, exist_ok=True)
+        (FOLDER / "hostile.md").write_text(table(result))
+    return result
+
+
+def table(harms):
+    """Strategies by rooms, as Markdown."""
+    rooms = list(dict.fromkeys(case.label for case in harms))
+    lines = [f"| strategy | {' | '.join(rooms)} |", f"|---|{'---|' * len(rooms)}"]
+    for strategy in dict.fromkeys(case.strategy for case in harms):
+        cells = {case.label: str(harm) for case, (harm, _) in harms.items() if case.strategy == strategy}
+        lines.append(f"| {strategy} | {' | '.join(cells[room] for room in rooms)} |")
+    return "\n".join(lines) + "\n"
+
+
+@pytest.mark.parametrize("strategy", STRATEGIES)
+def test_with_three_or_four_judges_verdicts_are_as_if_the_hostile_one_were_absent(harms, strategy, long_form):
+    rows = {case.label: str(harm) for case, (harm, _) in harms.items() if case.strategy == strategy}
+    if not rows:
+        pytest.skip("in the long form: make attacks")
+    print(strategy, rows)
+    worse = {
+        case.label: str(harm)
+        for case, (harm, _) in harms.items()
+        if case.strategy == strategy and case.judges > 2 and not harm.none
+    }
+    assert not worse
