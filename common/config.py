@@ -46,7 +46,7 @@ class Scene(Section):
     fusion: FusionConfig = FusionConfig()
     hub: HubConfig = HubConfig()
     metrics: MetricsConfig = MetricsConfig()
-    _folder: Path = PrivateAttr(default=Path())
+    _folder: Path | None = PrivateAttr(default=None)
     _models: Path | None = PrivateAttr(default=None)
 
     @model_validator(mode="after")
@@ -113,7 +113,12 @@ class Scene(Section):
 
     def place(self, name: str) -> Path:
         """The path of a file that the scene file names; relative names start from the scene file's folder."""
-        return self._folder / Path(name).expanduser()
+        return (self._folder or Path()) / Path(name).expanduser()
+
+    @property
+    def has_folder(self) -> bool:
+        """Whether the scene comes from a scene file, which lies in a folder."""
+        return self._folder is not None
 
     def taught_model(self, observer: str) -> Path:
         """Where teaching writes the model of `observer`, with its takes beside it: the folder MODELS if that is set."""

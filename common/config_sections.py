@@ -179,7 +179,8 @@ class FusionConfig(Section):
     drop_s: how a posterior ages; blind_s: how one fades whose observer sees no body part. step_hz: least rate of
     judgements. standby: ids of further fusion services; one of them takes over if the active one is gone, or silent for
     takeover_s. start_s: how long verdicts wait, after the first posterior, for observers that have not begun; 0: not.
-    memory: a checkpoint file for the movement in progress and the learned reliability; "": none.
+    memory: a file or folder for checkpoints of the movement in progress and the learned reliability; None: a file in
+    $STATE_DIRECTORY or beside the scene file; "": none.
     temperature: of the pooled posterior; above 1 makes it less certain.
     """
 
@@ -197,7 +198,7 @@ class FusionConfig(Section):
     standby: Annotated[tuple[str, ...], Field(strict=False)] = ()
     takeover_s: PositiveFloat = 0.5
     start_s: Annotated[float, Field(ge=0, le=60)] = 3.0
-    memory: str = ""
+    memory: str | None = None
 
 
 def default_quorum(observers: int) -> int:

@@ -217,6 +217,10 @@ class VerdictMessage(JudgementMessage):
     the movement, and its `why` says what a label lacked. `contributions` are of the observers that were counted or
     stale; those of an abstention are to the label that was most probable. `facets` are those at the end of the
     movement, once it is known.
+
+    `same_as` stands only in the "ended" of a fusion service that stands by again after the network was split: the
+    movement goes on under that id, or, if it is empty, is over. A listener that does not know `id`, or knows its end,
+    ignores the message; any other takes it for the end, and ignores what it receives later about `same_as`.
     """
 
     id: str
@@ -225,6 +229,7 @@ class VerdictMessage(JudgementMessage):
     ended_ns: Time | None = None
     stage: VerdictStage = "decided"
     revises: str | None = None
+    same_as: str | None = None
     contributions: dict[str, Contribution] | None = None
 
     @model_validator(mode="before")

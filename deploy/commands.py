@@ -191,10 +191,8 @@ def _ports(scene: Scene, processes: int) -> Iterator[ScenePort]:
 
 
 def _memory(scene: Scene, folder: Path) -> dict[str, str]:
-    """A single fusion service that is restarted continues its movement; of several, another one does."""
-    if scene.fusion.memory or scene.fusion.standby:
-        return {}
-    return {"LABANMESH_FUSION_MEMORY": str(folder / "movement.json")}
+    """A fusion service that is restarted continues its movement. The folder lasts as long as the launcher."""
+    return {} if scene.fusion.memory is not None else {"LABANMESH_FUSION_MEMORY": str(folder)}
 
 
 def jobs(path: Path, scene: Scene) -> list[Job]:

@@ -4,16 +4,19 @@ A restart neither loses nor doubles the movement in progress, nor forgets the le
 """
 
 import logging
+import os
 from pathlib import Path
 
 from pydantic import AliasChoices, BaseModel, ConfigDict, Field, ValidationError
 
 from common import SECOND_NS
+from common.config import Scene
 from common.messages import JudgementMessage, VerdictMessage
 from fusion.engine.reliability import Reliability
 
 log = logging.getLogger("labanmesh.fusion")
 NOTHING_LEARNED = Reliability()
+SUFFIX = ".memory.json"
 FORGET_S = 30.0
 """A movement that was in progress this long ago is over, and how it ended is unknown."""
 
@@ -33,31 +36,70 @@ class Checkpoint(BaseModel):
         """Seconds between the last judgement and `now_ns`, however the clock was set."""
         return abs(now_ns - self.judgement.at_ns) / SECOND_NS
 
+    @property
+    def unfinished(self) -> VerdictMessage | None:
+        """The verdict on the movement in progress, if it was decided."""
+        return unfinished(self.judgement, self.verdict)
+
     def to_json(self) -> str:
         """The text that `model_validate_json` reads."""
         return self.model_dump_json(by_alias=True)
 
 
-class CheckpointFile:
-    """The file `fusion.memory` of one scene; each fault is logged once, and the service continues without the file."""
+def unfinished(judgement: JudgementMessage | None, verdict: VerdictMessage | None) -> VerdictMessage | None:
+    """`verdict`, if its movement goes on in `judgement`."""
+    movement = None if judgement is None else judgement.movement
+    if verdict is None or movement is None or movement.id != verdict.id or verdict.ended_ns is not None:
+        return None
+    return verdict
 
-    def __init__(self, path: Path) -> None:
-        self._path = path
+
+class CheckpointFile:
+    """The file `fusion.memory` of one scene; each fault is logged once, and the service continues without the file.
+
+    siblings: a pattern for the files of all services of the scene in the same folder, of which the newest is read: the
+    service that wrote last was the owner last.
+    """
+
+    def __init__(self, path: Path, own: str = "", siblings: str = "") -> None:
+        # Services on one machine may share a file that the scene file names.
+        self._path, self._temporary, self._siblings = path, path.with_name(f"{path.name}.{own}.new"), siblings
         self._written: object = None
         self._read_failed = self._write_failed = False
 
+    @classmethod
+    def of(cls, scene: Scene, own: str) -> "CheckpointFile | None":
+        """The file of the service `own`; None if the scene file wants none, or the scene comes from no file.
+
+        Where `fusion.memory` names nothing it is $STATE_DIRECTORY, which systemd sets, or the scene file's folder. In a
+        folder each service has a file of its own.
+        """
+        memory, state = scene.fusion.memory, os.environ.get("STATE_DIRECTORY", "").partition(":")[0]
+        if memory == "" or (memory is None and not scene.has_folder):
+            return None
+        place = scene.place(memory if memory is not None else state)
+        if memory is not None and not place.is_dir():
+            return cls(place, own)
+        return cls(place / f"{scene.scene}.{own}{SUFFIX}", own, f"{scene.scene}.*{SUFFIX}")
+
     def read(self, scene: str) -> Checkpoint | None:
-        """The checkpoint of `scene`, however old; None when there is no file, or not one of this scene."""
+        """The newest checkpoint of `scene`, however old; None when there is no file, or not one of this scene."""
+        paths = self._path.parent.glob(self._siblings) if self._siblings else (self._path,)
+        known = [checkpoint for path in paths if (checkpoint := self._read(path)) is not None]
+        return max(
+            (one for one in known if one.judgement.scene == scene), key=lambda one: one.judgement.at_ns, default=None
+        )
+
+    def _read(self, path: Path) -> Checkpoint | None:
         try:
-            checkpoint = Checkpoint.model_validate_json(self._path.read_text(encoding="utf-8"))
+            return Checkpoint.model_validate_json(path.read_text(encoding="utf-8"))
         except FileNotFoundError:
             return None
         except (OSError, ValueError, ValidationError) as error:
             if not self._read_failed:
-                log.warning("fusion.memory = %s: cannot be used, starting afresh: %s", self._path, str(error)[:100])
+                log.warning("fusion.memory = %s: cannot be used, starting afresh: %s", path, str(error)[:100])
             self._read_failed = True
             return None
-        return checkpoint if checkpoint.judgement.scene == scene else None
 
     def write(self, checkpoint: Checkpoint) -> None:
         """Write if the movement has changed since the last call, and once a second while it goes on."""
@@ -66,12 +108,13 @@ class CheckpointFile:
         if state == self._written:
             return
         self._written = state
-        temporary = self._path.with_name(f"{self._path.name}.new")
         try:
-            temporary.write_text(checkpoint.to_json(), encoding="utf-8")
-            temporary.replace(self._path)
+            self._temporary.write_text(checkpoint.to_json(), encoding="utf-8")
+            self._temporary.replace(self._path)
         except OSError as error:
             if not self._write_failed:
                 reason = (error.strerror or str(error)).lower()
-                log.warning("fusion.memory = %s: cannot be written: %s; choose another file", self._path, reason)
+                log.warning(
+                    "fusion.memory = %s: cannot be written: %s; choose another file or folder", self._path, reason
+                )
             self._write_failed = True

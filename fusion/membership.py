@@ -16,22 +16,21 @@ import logging
 from common.config import Scene
 from common.errors import LabanmeshError
 from common.keys import observer_of as service_of
-from common.messages import JudgementMessage, VocabularyMessage
+from common.messages import JudgementMessage
 from common.status import ProcessStatus, StatusPublisher
 from common.vocabulary import Vocabulary
-from common.wire import decode, require_fits
 from fusion.checkpoint import Checkpoint, CheckpointFile
 from fusion.engine.engine import FusionEngine
 from fusion.ownership import Ownership, Role
 from fusion.scene_worker import SceneWorker, Service
 from fusion.standby import HandoverRequest, StandbyListener
+from fusion.vocabulary_lookup import VocabularyLookup
 
 log = logging.getLogger("labanmesh.fusion")
 STEPS_MISSED = 2.5
 """A service that judges at every step is not silent before it has missed this many."""
 SHARED_TAKEOVER_S = 2.0
 """A process that takes over a hundred scenes at once is busy for some tenths of a second, and is not silent."""
-VOCABULARY_TIMEOUT_S = 1.0
 ASKING = "asking the observers for their vocabulary"
 
 
@@ -49,7 +48,7 @@ class SceneMember:
             takeover_s = max(takeover_s, SHARED_TAKEOVER_S)
         self.ownership = Ownership(service.own, scene.scene, ranked, takeover_s)
         self._warm = len(ranked) > 1
-        self._file = CheckpointFile(scene.place(scene.fusion.memory)) if scene.fusion.memory else None
+        self._file = CheckpointFile.of(scene, service.own)
         self.vocabulary = scene.named_vocabulary
         if self.vocabulary is not None:
             # A bad rule is an error now, not when the scene is taken over.
@@ -115,12 +114,25 @@ class SceneMember:
                     self.ownership.sign_of_life(now_s)
                 elif message.fusion == self._service.own:
                     self._require_only_process(message)
-                elif self.ownership.published(message.fusion, message.epoch or 0, now_s) and self.worker is not None:
-                    self.worker.follow(message)
+                else:
+                    self._take_judgement(message, now_s)
         if self._services.alive is not self._alive:
             # After their last messages, so that these do not bring back an owner that has gone.
             self._alive = self._services.alive
             self.ownership.set_alive(map(service_of, self._alive), now_s)
+
+    def _take_judgement(self, message: JudgementMessage, now_s: float) -> None:
+        """A message of another service: follow it, stand down for it, or take over what it leaves."""
+        was_owner = self.role is Role.OWNER
+        follows = self.ownership.published(message.fusion, message.epoch or 0, now_s)
+        if self.worker is None:
+            return
+        if follows:
+            if was_owner:
+                self.worker.stand_down()
+            self.worker.follow(message)
+        elif was_owner and self.ownership.is_present(message.fusion):
+            self.worker.adopt(message)
 
     def _follow_vocabulary(self) -> None:
         """Change the vocabulary when the observers, or the owner that this service follows, have changed it."""
@@ -168,7 +180,7 @@ class SceneMember:
         fuses = role in (Role.OWNER, Role.REQUESTING) or (role is Role.STANDBY and self._warm)
         if fuses and self.worker is None:
             self._activate()
-        elif not fuses and self.worker is not None:
+        elif not fuses and self.worker is not None and self.worker.settle():
             self.worker.close()
             self.worker = None
         if self.worker is not None:
@@ -176,6 +188,7 @@ class SceneMember:
                 self._restore(self.worker)
             self.worker.owns, self.worker.fuses = role is Role.OWNER, self._warm or role is Role.OWNER
             self.worker.epoch = self.ownership.epoch
+            self.worker.settle()
         if role is not Role.REQUESTING and self._request is not None:
             self._request.close()
             self._request = None
@@ -241,46 +254,6 @@ class SceneMember:
         engine.session = self._service.session
         engine.wait_for_roster(config.start_s)
         return engine
-
-
-class VocabularyLookup:
-    """Asks the observers of a scene for their vocabulary; the first usable answer counts.
-
-    It asks when an observer appears, so that a film of a second is not over before fusion begins, and again every
-    VOCABULARY_TIMEOUT_S.
-    """
-
-    def __init__(self, scene: Scene, service: Service) -> None:
-        self._scene, self._ticks = scene, service.ticks
-        self._session = service.link.sub_session(polled=True)
-        self._present = self._session.presence(scene.keys.observer_alive())
-        self._asked: frozenset[str] = frozenset()
-        self._payloads: list[bytes] = []
-        self._asked_s = float("-inf")
-
-    def poll(self, digest: str | None = None) -> Vocabulary | None:
-        """The vocabulary, once an observer has answered; asks when it is due. digest: its hash; None: any."""
-        self._session.poll()
-        payloads, self._payloads = self._payloads, []
-        for payload in payloads:
-            try:
-                vocabulary = decode(VocabularyMessage, payload).vocabulary
-                if digest in (None, vocabulary.digest):
-                    require_fits(self._scene, vocabulary)
-                    return vocabulary
-            except LabanmeshError as error:
-                log.warning("a vocabulary that cannot be used: %s", error)
-        present = self._present.alive
-        if present - self._asked or self._ticks() - self._asked_s >= VOCABULARY_TIMEOUT_S:
-            self._asked_s, self._asked = self._ticks(), present
-            self._session.request(
-                self._scene.keys.vocabulary, lambda _, payload: self._payloads.append(payload), VOCABULARY_TIMEOUT_S
-            )
-        return None
-
-    def close(self) -> None:
-        """Stop asking."""
-        self._session.close()
 
 
 class SameIdError(LabanmeshError):

@@ -94,6 +94,10 @@ class Ownership:
         self._owner_vanished = False
         return True
 
+    def is_present(self, service: str) -> bool:
+        """Whether the liveliness token of another service exists."""
+        return service in self._others
+
     def sign_of_life(self, now_s: float) -> None:
         """Something was published that was not read; the owner, if it is known, is not silent."""
         if self.role is not Role.OWNER:

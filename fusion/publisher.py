@@ -4,18 +4,23 @@ A verdict is published before the judgement that it came from: a service that ta
 """
 
 import logging
+from collections import deque
 from collections.abc import Sequence
 
 from common.keys import SceneKeys
 from common.messages import JudgementMessage, VerdictMessage
 from common.subsession import SubSession
 from common.wire import encode
-from fusion.checkpoint import Checkpoint, CheckpointFile
+from fusion.checkpoint import Checkpoint, CheckpointFile, unfinished
 from fusion.engine.engine import FusionEngine
 
 log = logging.getLogger("labanmesh.fusion")
 VERDICTS_KEPT = 10
 """Late joiners receive this many of the last verdicts."""
+SETTLE_S = 0.5
+"""After a router is back all processes that try to reconnect have done so."""
+KNOWN_LIMIT = 64
+"""Movements of which it is remembered that they had a verdict."""
 
 
 class VerdictPublisher:
@@ -33,6 +38,7 @@ class VerdictPublisher:
         self._last_verdict: VerdictMessage | None = None
         self._judgement_payload: bytes | None = None
         self._verdict_payloads: tuple[bytes, ...] = ()
+        self._known: deque[str] = deque(maxlen=KNOWN_LIMIT)
         self.answers = False
         """Whether queries are answered: by the owner alone."""
         session.answer(keys.judgement, lambda: self._judgement_payload if self.answers else None)
@@ -44,6 +50,11 @@ class VerdictPublisher:
             self._verdicts.put(self.remember(verdict))
             _log(verdict)
         self._judgements.put(self.remember(judgement))
+
+    def close(self, verdict: VerdictMessage) -> None:
+        """Send the end of a movement after which this service publishes nothing more; it is no owner's last verdict."""
+        self._verdicts.put(encode(verdict))
+        _log(verdict)
 
     def change_vocabulary(self, verdicts: Sequence[VerdictMessage], vocabulary: bytes) -> None:
         """Send the last verdicts in the old vocabulary, then the new one as an encoded message."""
@@ -58,11 +69,26 @@ class VerdictPublisher:
         if isinstance(message, VerdictMessage):
             self._verdict_payloads = (*self._verdict_payloads, payload)[-VERDICTS_KEPT:]
             self._last_verdict = message
+            self._known.append(message.id)
             return payload
         self._last_judgement, self._judgement_payload = message, payload
         if self._file is not None and (checkpoint := self.checkpoint()) is not None:
             self._file.write(checkpoint)
         return payload
+
+    def knows(self, movement_id: str) -> bool:
+        """Whether a verdict on this movement was published lately, by this service or an owner that it followed."""
+        return movement_id in self._known
+
+    @property
+    def unfinished(self) -> VerdictMessage | None:
+        """The verdict on the movement in progress, if it is decided."""
+        return unfinished(self._last_judgement, self._last_verdict)
+
+    def repeat_judgement(self) -> None:
+        """Send the last judgement once more, for a service that did not hear it."""
+        if self._judgement_payload is not None:
+            self._judgements.put(self._judgement_payload)
 
     @property
     def at_rest(self) -> bool:
@@ -84,6 +110,24 @@ class VerdictPublisher:
         for message in sorted(messages, key=lambda message: message.seq):
             self._engine.continue_from(message)
             self.remember(message)
+
+
+class Reachability:
+    """Whether listeners receive what is published now: not while the link is down, nor for SETTLE_S after.
+
+    Zenoh drops messages without a connection. Listeners reconnect within the pauses between their attempts.
+    """
+
+    def __init__(self) -> None:
+        self._down_s: float | None = None
+
+    def update(self, connected: bool, now_s: float) -> bool:
+        """To be called at every step."""
+        if not connected:
+            self._down_s = now_s
+        elif self._down_s is not None and now_s - self._down_s >= SETTLE_S:
+            self._down_s = None
+        return self._down_s is None
 
 
 def _log(verdict: VerdictMessage) -> None:

@@ -19,7 +19,8 @@ from fusion.engine.engine import EngineOutput, FusionEngine
 from fusion.engine.pooling import PooledPosterior, PoolingCase
 from fusion.engine.roster import POOLED_STATES
 from fusion.ingest import PosteriorIngest, newest
-from fusion.publisher import VerdictPublisher
+from fusion.publisher import Reachability, VerdictPublisher
+from fusion.standing_down import OpenMovement
 
 log = logging.getLogger("labanmesh.fusion")
 
@@ -102,6 +103,8 @@ class SceneWorker:
         self._vocabulary = encode_vocabulary(scene.scene, engine.vocabulary)
         self._session.answer(scene.keys.vocabulary, lambda: self._vocabulary)
         self._withheld: list[VerdictMessage] = []
+        self._open: OpenMovement | None = None
+        self._reachable, self._link, self._ticks = Reachability(), service.link, service.ticks
         self._waiting: bool | None = None
         self.fuses = self.owns = self.restored = False
         self.epoch = 0
@@ -146,13 +149,47 @@ class SceneWorker:
             return StepResult()
         self._engine.epoch = self.epoch if self.owns else None
         output = self._engine.output_for(step.case.posteriors, step.now_ns, pooled)
+        if self._open is not None and self.owns:
+            self._open.note(output.judgement)
         self._withheld += output.verdicts
-        if not self.owns:
+        if not self.owns or not self._listeners_hear():
             return StepResult(output)
         published, self._withheld = self._withheld, []
         self._publisher.publish(published, output.judgement)
         self._log_waiting(output.judgement)
         return StepResult(output, published)
+
+    def _listeners_hear(self) -> bool:
+        """Whether what is published now arrives; verdicts wait, and judgements with them, while the router is away."""
+        if self._scene.mesh.mode != "router":
+            return True
+        return self._reachable.update(self._link.connected, self._ticks()) or not self._withheld
+
+    def stand_down(self) -> None:
+        """Another service is the owner from now on, although this one published: see standing_down.py."""
+        verdict = self._publisher.unfinished
+        if verdict is not None:
+            self._open = OpenMovement(verdict, self._clock())
+            self._publisher.repeat_judgement()
+
+    def settle(self) -> bool:
+        """Publish the end of the movement in which this service stood down, once it is due; whether nothing is open."""
+        if self._open is None:
+            return True
+        now_ns = self._clock()
+        same_as = self._open.same_as(now_ns)
+        if same_as is not None:
+            self._engine.epoch = self.epoch
+            self._publisher.close(self._engine.close(self._open.verdict, now_ns, now_ns, same_as))
+        if self._open.settled:
+            self._open = None
+        return self._open is None
+
+    def adopt(self, message: JudgementMessage) -> None:
+        """Continue the movement of a service that stands down, if this one has nothing better."""
+        movement = message.movement
+        if movement is not None and not self._publisher.knows(movement.id) and self._engine.adopt(message):
+            log.info("%s: goes on with %s of %s", self._scene.scene, movement.id, message.fusion)
 
     @property
     def observed_vocabulary(self) -> str | None:
@@ -181,12 +218,14 @@ class SceneWorker:
     def follow(self, message: JudgementMessage) -> None:
         """Continue from the owner's message; this engine decides again what the owner has not published."""
         self._withheld.clear()
+        if self._open is not None:
+            self._open.note(message)
         self._engine.continue_from(message)
         self._publisher.remember(message)
         self.restored = True
 
     def restore(self, checkpoint: Checkpoint) -> None:
-        """Continue from `checkpoint`; one older than FORGET_S gives only its learned reliability.
+        """Continue from `checkpoint`; of one older than FORGET_S a decided movement ends when it was judged last.
 
         What was learned about observers in another vocabulary was learned about other models, and is forgotten.
         """
@@ -196,6 +235,9 @@ class SceneWorker:
             self._publisher.restore(checkpoint)
         else:
             self._engine.reliability = checkpoint.reliability
+            if checkpoint.unfinished is not None:
+                ended_ns = checkpoint.judgement.at_ns
+                self._withheld.append(self._engine.close(checkpoint.unfinished, ended_ns, self._clock()))
         self.restored = True
 
     def checkpoint(self) -> Checkpoint | None:

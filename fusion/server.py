@@ -211,7 +211,7 @@ def require_compatible(scenes: Sequence[Scene]) -> None:
         names.add(scene.scene)
         if scene.mesh != first.mesh:
             raise BadInput(f"scene {scene.scene!r}: another [mesh] than {first.scene!r}; one process has one link")
-        if scene.fusion.memory:
+        if scene.fusion.memory and not scene.place(scene.fusion.memory).is_dir():
             path = str(scene.place(scene.fusion.memory).absolute())
             if path in files:
                 raise BadInput(

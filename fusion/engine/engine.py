@@ -13,19 +13,18 @@ from common.messages import (
     OngoingMovement,
     PosteriorMessage,
     VerdictMessage,
-    VerdictStage,
 )
 from common.vocabulary import ABSTAIN, Vocabulary
 from fusion.engine.clocks import Clocks
 from fusion.engine.contributions import contributions
 from fusion.engine.explanation import explain_undecided
-from fusion.engine.messages import JudgementBuilder, Stamp, build_verdict
-from fusion.engine.pooling import PooledPosterior, PoolingCase, pool_facets, pool_posteriors, pooled_rest
+from fusion.engine.messages import JudgementBuilder, Stamp, build_ongoing, build_verdict, close_verdict, progress_of
+from fusion.engine.pooling import PooledPosterior, PoolingCase, newest_ns, pool_facets, pool_posteriors, pooled_rest
 from fusion.engine.reliability import Reliability, learn_from_verdict
 from fusion.engine.roster import POOLED_STATES, AgedPosterior, ObserverRecord, Roster
 from fusion.engine.roster_start import RosterStart
 from fusion.engine.rules import get_rule
-from fusion.engine.verdict_detector import MovementDecision, MovementProgress, PooledState, VerdictDetector
+from fusion.engine.verdict_detector import MovementDecision, PooledState, VerdictDetector
 
 
 @dataclass(frozen=True, slots=True)
@@ -183,7 +182,8 @@ class FusionEngine:
         unlearned = pooled.unlearned or 0.0
         p = ballot.p * (1.0 - unlearned)
         observed = any(posterior.state in POOLED_STATES for posterior in posteriors)
-        state = PooledState(now_ns, ballot.label, p, ballot.agreement.k, pooled_rest(posteriors), unlearned, observed)
+        rest, heard_ns = pooled_rest(posteriors), newest_ns(posteriors, now_ns)
+        state = PooledState(now_ns, ballot.label, p, ballot.agreement.k, rest, unlearned, observed, heard_ns)
         # Before the first posterior, as after a restart during a movement, the absence of motion means nothing.
         has_posterior = any(posterior.age_s is not None for posterior in posteriors)
         # No observer counts any more, as after a film: waiting would show as little as after the begin of rest.
@@ -220,12 +220,27 @@ class FusionEngine:
         if judgement.vocabulary.hash != self.vocabulary.digest:
             return
         if not isinstance(judgement, VerdictMessage):
-            self._detector.follow(None if judgement.movement is None else _progress(judgement.movement))
+            movement = None if judgement.movement is None else progress_of(judgement.movement)
+            self._detector.follow(movement, judgement.at_ns)
             self._keep_evidence(self._evidence)
             return
-        self._detector.follow(None if judgement.ended_ns is not None else _progress(judgement))
+        self._detector.follow(None if judgement.ended_ns is not None else progress_of(judgement), judgement.at_ns)
         self._keep_evidence({**self._evidence, judgement.decided_ns: _Evidence(judgement, why=judgement.why)})
         self.reliability = learn_from_verdict(self.reliability, judgement, self.vocabulary)
+
+    def adopt(self, judgement: JudgementMessage) -> bool:
+        """Continue the decided movement of a service that stands by from now on; whether there was nothing better."""
+        own, movement = self._detector.movement, judgement.movement
+        if movement is None or movement.label is None or (own is not None and own.decision is not None):
+            return False
+        if judgement.vocabulary.hash != self.vocabulary.digest:
+            return False
+        self._detector.follow(progress_of(movement))
+        return True
+
+    def close(self, verdict: VerdictMessage, ended_ns: int, now_ns: int, same_as: str | None = None) -> VerdictMessage:
+        """The end of a movement that is watched no more, or under another id, `same_as`; see VerdictMessage."""
+        return close_verdict(verdict, ended_ns, same_as, self._stamp(now_ns))
 
     def _case(self, posteriors: Sequence[AgedPosterior]) -> PoolingCase:
         return PoolingCase(self._rule, posteriors, self._roster.prior, self._config.temperature)
@@ -250,16 +265,9 @@ class FusionEngine:
 
     def _ongoing_movement(self) -> OngoingMovement | None:
         movement = self._detector.movement
-        if movement is None:
-            return None
-        decision = None if self._start.waits else movement.decision
-        return OngoingMovement(
-            id=self._verdict_id(movement.began_ns),
-            began_ns=movement.began_ns,
-            label=decision.label if decision else None,
-            decided_ns=decision.decided_ns if decision else None,
-            revises=decision.revises if decision else None,
-        )
+        if movement is not None and self._start.waits:
+            movement = replace(movement, decision=None)
+        return None if movement is None else build_ongoing(movement, self._verdict_id(movement.began_ns))
 
     def _verdict(self, now_ns: int, decision: MovementDecision, evidence: Mapping[int, _Evidence]) -> VerdictMessage:
         """The verdict on its evidence: the votes that decided it, also when its end is published.
@@ -282,13 +290,3 @@ class FusionEngine:
             return evidence.judgement.contributions
         index = None if label == ABSTAIN else self.vocabulary.index(label)
         return contributions(self._case(evidence.posteriors), index)
-
-
-def _progress(message: OngoingMovement | VerdictMessage) -> MovementProgress:
-    if message.label is None or message.decided_ns is None:
-        return MovementProgress(message.began_ns)
-    stage: VerdictStage = "decided" if message.revises is None else "revised"
-    decision = MovementDecision(
-        message.label, message.began_ns, message.decided_ns, stage=stage, revises=message.revises
-    )
-    return MovementProgress(message.began_ns, decision)

@@ -15,6 +15,7 @@ from common.messages import (
     JudgementMessage,
     OngoingMovement,
     VerdictMessage,
+    VerdictStage,
     VocabularyReference,
     Vote,
 )
@@ -22,7 +23,7 @@ from common.probability import Floats, entropy_bits
 from common.vocabulary import Vocabulary
 from fusion.engine.pooling import FACING, PooledPosterior, facing_deg
 from fusion.engine.roster import POOLED_STATES, AgedPosterior
-from fusion.engine.verdict_detector import MovementDecision
+from fusion.engine.verdict_detector import MovementDecision, MovementProgress
 
 LABEL_MARGIN = 0.01
 """A posterior that differs from the prior by no more than this holds no label."""
@@ -154,3 +155,33 @@ def build_verdict(
     fields |= {"began_ns": decision.began_ns, "decided_ns": decision.decided_ns, "ended_ns": decision.ended_ns}
     fields |= {"stage": decision.stage, "revises": decision.revises, "why": why}
     return VerdictMessage.model_validate(fields)
+
+
+def close_verdict(verdict: VerdictMessage, ended_ns: int, same_as: str | None, stamp: Stamp) -> VerdictMessage:
+    """`verdict` once more, as the end of its movement."""
+    fields = {"fusion": stamp.fusion, "seq": stamp.seq, "at_ns": stamp.at_ns}
+    fields |= {"epoch": stamp.epoch, "session": stamp.session, "same_as": same_as}
+    return verdict.model_copy(update={**fields, "stage": "ended", "ended_ns": max(ended_ns, verdict.decided_ns)})
+
+
+def build_ongoing(movement: MovementProgress, movement_id: str) -> OngoingMovement:
+    """The movement in progress as judgements carry it."""
+    decision = movement.decision
+    return OngoingMovement(
+        id=movement_id,
+        began_ns=movement.began_ns,
+        label=None if decision is None else decision.label,
+        decided_ns=None if decision is None else decision.decided_ns,
+        revises=None if decision is None else decision.revises,
+    )
+
+
+def progress_of(message: OngoingMovement | VerdictMessage) -> MovementProgress:
+    """The inverse of `build_ongoing`."""
+    if message.label is None or message.decided_ns is None:
+        return MovementProgress(message.began_ns)
+    stage: VerdictStage = "decided" if message.revises is None else "revised"
+    decision = MovementDecision(
+        message.label, message.began_ns, message.decided_ns, stage=stage, revises=message.revises
+    )
+    return MovementProgress(message.began_ns, decision)

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from common import SECOND_NS
 from common.probability import Floats, decode_facing, temper, uniform
 from fusion.engine.roster import POOLED_STATES, AgedPosterior
 from fusion.engine.rules import Rule, RuleResult
@@ -150,6 +151,13 @@ def pooled_rest(posteriors: Sequence[AgedPosterior]) -> float:
             return last_rest + (rest - last_rest) * (half - last_middle) / (middle - last_middle)
         last_rest, last_middle, before = rest, middle, before + weight
     return last_rest
+
+
+def newest_ns(posteriors: Sequence[AgedPosterior], now_ns: int) -> int | None:
+    """When the newest posterior that is pooled was captured; None without one."""
+    ages_s = (one.age_s for one in posteriors if one.state in POOLED_STATES and one.age_s is not None)
+    age_s = min(ages_s, default=None)
+    return None if age_s is None else now_ns - round(max(age_s, 0.0) * SECOND_NS)
 
 
 def observer_trust(posteriors: Sequence[AgedPosterior]) -> ObserverTrust:

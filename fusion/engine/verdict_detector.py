@@ -21,6 +21,8 @@
    was likelier: that is the next movement. If the other label began earlier and still holds REVISED_S after the
    decision, the decision was premature and is revised.
    An undecided movement that turns into something else was none, and gets no verdict.
+8. If no observer was heard for longer than UNHEARD_S, a movement that was not decided before begins afresh, and a
+   decided one is not revised: another label afterwards is the next movement, and the same one goes on.
 """
 
 from dataclasses import dataclass, replace
@@ -34,6 +36,8 @@ REVISIONS_LIMIT = 3
 FADING = 2
 NEXT_S, REVISED_S = 0.3, 1.0
 """Movements of people follow one another no faster; an observer changes its mind earlier."""
+UNHEARD_S = 1.0
+"""A shorter outage hides no whole movement, nor the whole rest between two."""
 REVOKED_S = 0.3
 """Observers notice so late that a person is still."""
 
@@ -43,7 +47,7 @@ class PooledState:
     """The pooled posterior at one time: the likeliest label, how many observers vote for it, and probabilities.
 
     p: of the label among all answers; unlearned: of "something else", which is no label; rest: of being at rest.
-    observed: whether the posterior of any observer counts.
+    observed: whether the posterior of any observer counts. heard_ns: when the newest of them was captured; None: at_ns.
     """
 
     at_ns: int
@@ -53,6 +57,7 @@ class PooledState:
     rest: float
     unlearned: float = 0.0
     observed: bool = True
+    heard_ns: int | None = None
 
     @property
     def idle(self) -> bool:
@@ -106,6 +111,8 @@ class VerdictDetector:
         self._witnessed: int | None = None
         self._was_idle = False
         self._else_since_ns: int | None = None
+        self._heard_ns: int | None = None
+        self._unheard_from_ns: int | None = None
         self.movement: MovementProgress | None = None
         """The movement that goes on; None at rest."""
 
@@ -123,8 +130,10 @@ class VerdictDetector:
         """Since when the label has met the demand without a break; None while it does not."""
         return None if self._candidate is None else self._candidate.since_ns
 
-    def follow(self, movement: MovementProgress | None) -> None:
-        """Take over the state of another service (rule 6)."""
+    def follow(self, movement: MovementProgress | None, at_ns: int | None = None) -> None:
+        """Take over the state that another service, or this one before a restart, had at `at_ns` (rule 6)."""
+        if self._heard_ns is None:
+            self._heard_ns = at_ns
         if movement is None:
             self._finish()
             return
@@ -138,7 +147,9 @@ class VerdictDetector:
         """Take one step; returns the decisions that are due: a first word, a revision, an end."""
         if state.at_ns < self._last_ns:
             self._finish()
+            self._heard_ns = None
         self._last_ns = at_ns = state.at_ns
+        self._note_gap(state)
         if self.movement is None and (state.idle or not state.observed):
             return ()
         movement = self.movement or self._begin(at_ns)
@@ -171,6 +182,19 @@ class VerdictDetector:
         self._candidate = self._rest_since_ns = self._witnessed = None
         return None if decision is None else replace(decision, ended_ns=at_ns, stage="ended")
 
+    def _note_gap(self, state: PooledState) -> None:
+        """Rule 8: notice that observers are heard again after they were not."""
+        if not state.observed:
+            return
+        heard_ns, last_ns = state.at_ns if state.heard_ns is None else state.heard_ns, self._heard_ns
+        self._heard_ns = heard_ns if last_ns is None else max(heard_ns, last_ns)
+        if self.movement is None or last_ns is None or heard_ns - last_ns <= UNHEARD_S * SECOND_NS:
+            return
+        if self.movement.decision is not None:
+            self._unheard_from_ns = max(last_ns, self.movement.decision.decided_ns)
+        elif not state.idle:
+            self._begin(state.at_ns)
+
     def _change(
         self, movement: MovementProgress, state: PooledState, label: str | None
     ) -> tuple[MovementDecision, ...] | None:
@@ -186,6 +210,8 @@ class VerdictDetector:
             self._faded_since_ns = at_ns
         if decision is not None and label not in (None, decision.label):
             return self._replace(movement, decision, label or "", at_ns)
+        if label is not None:
+            self._unheard_from_ns = None
         if self._faded_since_ns is None or at_ns - self._faded_since_ns < FADING * self._hold_ns:
             return None
         ended_ns = self._faded_since_ns
@@ -198,9 +224,10 @@ class VerdictDetector:
         """Another label has met the demand: the next movement, a revision, or neither yet."""
         since_ns = at_ns if self._candidate is None else self._candidate.since_ns
         # A service that has just taken over may have missed when the label changed.
-        witnessed = self._witnessed == decision.decided_ns
-        if witnessed and (self._was_idle or since_ns - movement.began_ns >= NEXT_S * SECOND_NS):
-            ended = replace(decision, ended_ns=since_ns, stage="ended")
+        witnessed, unheard_ns = self._witnessed == decision.decided_ns, self._unheard_from_ns
+        is_next = witnessed and (self._was_idle or since_ns - movement.began_ns >= NEXT_S * SECOND_NS)
+        if is_next or unheard_ns is not None:
+            ended = replace(decision, ended_ns=since_ns if unheard_ns is None else unheard_ns, stage="ended")
             candidate = self._candidate
             self._begin(since_ns)
             self._candidate = candidate
@@ -218,12 +245,12 @@ class VerdictDetector:
     def _begin(self, at_ns: int) -> MovementProgress:
         self.movement = movement = MovementProgress(at_ns)
         self._candidate = self._rest_since_ns = self._label_at_rest = None
-        self._faded_since_ns = self._else_since_ns = None
+        self._faded_since_ns = self._else_since_ns = self._unheard_from_ns = None
         self._revisions, self._was_idle = 0, False
         return movement
 
     def _finish(self) -> None:
-        self.movement = self._label_at_rest = None
+        self.movement = self._label_at_rest = self._unheard_from_ns = None
 
     def _held_label(self, state: PooledState) -> str | None:
         """The label that has met the demand for `hold_s`, if any."""
@@ -242,7 +269,7 @@ class VerdictDetector:
             since_ns = self._else_since_ns
             is_revoked = since_ns is not None and state.at_ns - since_ns >= REVOKED_S * SECOND_NS
             last = ABSTAIN if is_revoked else label
-            decision = movement.decision
+            decision = None if self._unheard_from_ns is not None else movement.decision
             if decision is not None and last not in (None, decision.label) and self._revisions < REVISIONS_LIMIT:
                 self._label_at_rest = last
                 self._revisions += 1

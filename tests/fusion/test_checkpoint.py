@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from common.config import FusionConfig
+from common.config import FusionConfig, ObserverConfig, Scene, read_scene
 from common.vocabulary import Vocabulary
 from fusion.checkpoint import Checkpoint, CheckpointFile
 from fusion.engine.engine import FusionEngine
@@ -65,7 +65,54 @@ def test_a_file_that_cannot_be_written_is_reported_once(tmp_path, checkpoint, ca
     for second in (1, 2):
         judgement = checkpoint.judgement.model_copy(update={"at_ns": second * 10**9})
         file.write(checkpoint.model_copy(update={"judgement": judgement}))
-    assert caplog.text.count("cannot be written: no such file or directory; choose another file") == 1
+    assert caplog.text.count("cannot be written: no such file or directory; choose another file or folder") == 1
+
+
+@pytest.fixture
+def scene(tmp_path):
+    def read(memory=""):
+        text = f'scene = "dojo"\n[observers.cam1]\nsource = "m.npz"\n[fusion]\n{memory}\n'
+        (tmp_path / "s.toml").write_text(text)
+        return read_scene(tmp_path / "s.toml", {})
+
+    return read
+
+
+@pytest.mark.parametrize(
+    ("memory", "state", "names"),
+    [
+        ("", "", ["dojo.a.memory.json"]),
+        ("", "state", ["state/dojo.a.memory.json"]),
+        ('memory = "kept"', "state", ["kept/dojo.a.memory.json"]),
+        ('memory = "m.json"', "state", ["m.json"]),
+        ('memory = ""', "state", []),
+    ],
+)
+def test_a_service_keeps_its_memory_unless_the_scene_file_wants_none(
+    tmp_path, scene, checkpoint, monkeypatch, memory, state, names
+):
+    for folder in ("state", "kept"):
+        (tmp_path / folder).mkdir()
+    monkeypatch.setenv("STATE_DIRECTORY", str(tmp_path / state) if state else "")
+    file = CheckpointFile.of(scene(memory), "a")
+    if file is not None:
+        file.write(checkpoint)
+    assert [str(p.relative_to(tmp_path)) for p in tmp_path.rglob("*.json")] == names
+    if file is not None:
+        assert CheckpointFile.of(scene(memory), "a").read("dojo") == checkpoint
+
+
+def test_a_scene_that_comes_from_no_file_leaves_none_behind():
+    assert CheckpointFile.of(Scene(scene="dojo", observers={"cam1": ObserverConfig(source="m.npz")}), "a") is None
+
+
+def test_the_newest_file_of_all_services_of_a_scene_counts(scene, checkpoint):
+    """The standby service was killed first, and starts first."""
+    later = checkpoint.judgement.model_copy(update={"at_ns": checkpoint.judgement.at_ns + 10**9})
+    newer = checkpoint.model_copy(update={"judgement": later})
+    CheckpointFile.of(scene(), "b").write(checkpoint)
+    CheckpointFile.of(scene(), "a").write(newer)
+    assert CheckpointFile.of(scene(), "b").read("dojo") == newer
 
 
 def test_pairs_that_are_none_do_no_harm():

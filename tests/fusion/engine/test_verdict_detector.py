@@ -332,3 +332,38 @@ def test_only_differences_of_time_count(steps, shift_ns):
         return [(d.label, *(t and t - start_ns for t in (d.began_ns, d.decided_ns, d.ended_ns))) for d in results]
 
     assert decided(10**9) == decided(10**9 + shift_ns)
+
+
+def words_after_a_gap(before, gap, after, restart=False):
+    """Label and stage of the decisions of a story in which no observer is heard for `gap` steps."""
+    detector, words, heard_ns = VerdictDetector(CONFIG), [], 0
+    for step, (label, p, agreeing, rest_p) in enumerate(chain(before, before[-1:] * gap, after)):
+        at_ns, is_heard = step * STEP_NS, not len(before) <= step < len(before) + gap
+        heard_ns = at_ns if is_heard else heard_ns
+        if restart and not is_heard:
+            # The service was killed: another one continues from its checkpoint.
+            following, detector = detector, VerdictDetector(CONFIG)
+            detector.follow(following.movement, heard_ns)
+            continue
+        state = PooledState(at_ns, label, p, agreeing, rest_p, heard_ns=heard_ns)
+        words += [(d.label, d.stage, d.began_ns // STEP_NS) for d in detector.update(state)]
+    return words
+
+
+@pytest.mark.parametrize("restart", [False, True], ids=["router", "service"])
+def test_8_after_a_gap_another_label_is_the_next_movement_and_the_same_one_goes_on(restart):
+    gone = {"gap": 30, "restart": restart}
+    bow = ("bow", "decided", 1)
+    lunge = [("lunge", "decided", 36), ("lunge", "ended", 36)]
+    assert words_after_a_gap([*rest(1), *sure(5)], after=[*sure(8), *rest(4)], **gone) == [bow, ("bow", "ended", 1)]
+    assert words_after_a_gap([*rest(1), *sure(5)], after=[*sure(8, "lunge"), *rest(4)], **gone) == [
+        bow, ("bow", "ended", 1), *lunge
+    ]  # fmt: skip
+    # A lunge that nobody saw does not replace the bow that was decided.
+    assert words_after_a_gap([*rest(1), *sure(5)], after=sure_at_rest(9, "lunge"), **gone) == [bow, ("bow", "ended", 1)]
+
+
+def test_8_a_movement_that_was_not_decided_before_the_gap_begins_after_it():
+    after = [*sure(8, "lunge"), *rest(4)]
+    begins = {gap: words_after_a_gap([*rest(1), *moving(5)], gap, after)[0][2] for gap in (19, 25)}
+    assert begins == {19: 1, 25: 31}, "an outage of a second does not split a movement"
