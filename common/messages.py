@@ -217,10 +217,7 @@ class VerdictMessage(JudgementMessage):
     the movement, and its `why` says what a label lacked. `contributions` are of the observers that were counted or
     stale; those of an abstention are to the label that was most probable. `facets` are those at the end of the
     movement, once it is known.
-
-    `same_as` stands only in the "ended" of a fusion service that stands by again after the network was split: the
-    movement goes on under that id, or, if it is empty, is over. A listener that does not know `id`, or knows its end,
-    ignores the message; any other takes it for the end, and ignores what it receives later about `same_as`.
+    `same_as`: the other id of the movement, in an "ended" after the network was split (docs/reference/wire.md, 5).
     """
 
     id: str
@@ -259,7 +256,8 @@ class ObserverStatistics(MessagePart):
 class StatusMessage(Message):
     """The state of a process. `at_ns` is its clock when it sends this: a process that queries it learns the skew.
 
-    `observers` are a fusion service's statistics of its observers, including senders that the scene does not name.
+    `session` is random per process. `observers` are a fusion service's statistics of its observers, including senders
+    that the scene does not name.
     """
 
     scene: Identifier
@@ -271,6 +269,7 @@ class StatusMessage(Message):
     skew_s: FiniteFloat | None = None
     version: str = ""
     at_ns: Time | None = None
+    session: str | None = None
     observers: dict[str, ObserverStatistics] | None = None
 
 

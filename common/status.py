@@ -38,6 +38,8 @@ class ProcessStatus:
         self._lock = threading.Lock()
         self.clock_skew_s: float | None = None
         """How far this machine's clock is ahead of the fusion machine's; None if unknown."""
+        self.session: str | None = None
+        """Random per process; None: not published."""
         self.observers: dict[str, ObserverStatistics] | None = None
         """A fusion service's statistics of its observers."""
 
@@ -69,6 +71,7 @@ class ProcessStatus:
                 skew_s=self.clock_skew_s,
                 version=_version(),
                 at_ns=now_ns,
+                session=self.session,
                 observers=self.observers,
             )
 

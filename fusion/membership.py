@@ -12,13 +12,16 @@
 """
 
 import logging
+from contextlib import suppress
 
 from common.config import Scene
 from common.errors import LabanmeshError
+from common.inbox import Arrival
 from common.keys import observer_of as service_of
-from common.messages import JudgementMessage
+from common.messages import JudgementMessage, StatusMessage
 from common.status import ProcessStatus, StatusPublisher
 from common.vocabulary import Vocabulary
+from common.wire import BadMessage, decode_from
 from fusion.checkpoint import Checkpoint, CheckpointFile
 from fusion.engine.engine import FusionEngine
 from fusion.ownership import Ownership, Role
@@ -54,6 +57,7 @@ class SceneMember:
             # A bad rule is an error now, not when the scene is taken over.
             self._new_engine(self.vocabulary)
         self.status = ProcessStatus(scene.scene, service.own)
+        self.status.session = service.session
         self._session = service.link.sub_session(polled=service.polled)
         self._status_publisher = StatusPublisher(
             self._session, scene.keys.fusion_status(service.own), self.status, service.clock,
@@ -61,6 +65,7 @@ class SceneMember:
         )  # fmt: skip
         self._session.announce(scene.keys.fusion_alive(service.own))
         self._services = self._session.presence(scene.keys.fusion_alive())
+        self._same_id = self._session.inbox(scene.keys.fusion_status(service.own), limit=16, remote=True)
         self._alive: frozenset[str] | None = None
         self._listener: StandbyListener | None = None
         self.worker: SceneWorker | None = None
@@ -108,6 +113,8 @@ class SceneMember:
 
     def _take_from_services(self, now_s: float) -> None:
         self._session.poll()
+        for arrival in self._same_id.take(0):
+            self._require_only_status(arrival)
         if self._listener is not None:
             for message in self._listener.messages(now_s, self.vocabulary, every=self._warm or self.role is Role.OWNER):
                 if message is None:
@@ -170,6 +177,14 @@ class SceneMember:
         mine, other = (self.ownership.epoch, self._service.session), (message.epoch or 0, message.session)
         if self.role is not Role.OWNER or mine < other:
             raise SameIdError(self.scene.keys.fusion_alive(self._service.own))
+
+    def _require_only_status(self, arrival: Arrival) -> None:
+        """The same for a service that publishes nothing yet: of two that stand by one ends, and an owner stays."""
+        with suppress(BadMessage):
+            status = decode_from(arrival.key, StatusMessage, arrival.payload)
+            is_other = status.session not in (None, self._service.session) and status.state in ("starting", "running")
+            if is_other and self.role is not Role.OWNER and self._service.session < str(status.session):
+                raise SameIdError(arrival.key)
 
     def _follow_role(self) -> None:
         role, owner = self.role, self.ownership.owner

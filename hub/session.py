@@ -11,6 +11,7 @@ from common import SECOND_NS
 from common.keys import SceneKeys, observer_of
 from common.messages import JudgementMessage, StatusMessage, VerdictMessage
 from common.wire import BadMessage, decode_from
+from hub.same_movement import SameMovement
 from hub.scene_state import KINDS, SceneMessage, SceneState, SenderRole
 
 if TYPE_CHECKING:
@@ -50,7 +51,7 @@ def listen(
     state. `clock` is this machine's time in ns since the epoch. newest_only: of all judgements since the last look only
     the newest is decoded, for hubs that pass on a few a second.
     """
-    keys = scene.keys
+    keys, same = scene.keys, SameMovement()
     state = SceneState(scene.scene, scene.roster, clock())
     events = (keys.verdict, keys.observer_status(), keys.fusion_status(), keys.vocabulary)
     inbox = link.inbox(*events, *([] if newest_only else [keys.judgement]))
@@ -61,7 +62,7 @@ def listen(
     new = {(arrival.key, arrival.payload) for arrival in waiting}
     for key, payload in answers:
         if (key, payload) not in new:
-            update = _ingest(state, keys, key, payload, clock(), answered=True)
+            update = _ingest(state, keys, same, key, payload, clock(), answered=True)
             state = update.state
             yield update
     queried_ns = clock()
@@ -69,14 +70,14 @@ def listen(
         arrivals, waiting = waiting or inbox.take(TAKE_S), []
         # A verdict precedes the judgement that shows it.
         for arrival in (*arrivals, *(newest.take(0.0) if newest else ())):
-            update = _ingest(state, keys, arrival.key, arrival.payload, arrival.arrived_ns)
+            update = _ingest(state, keys, same, arrival.key, arrival.payload, arrival.arrived_ns)
             state = update.state
             yield update
         state = state.at(clock(), inbox.dropped)
         if state.missing_vocabulary and state.now_ns - queried_ns > QUERY_AGAIN_S * SECOND_NS:
             queried_ns = state.now_ns
             for key, payload in link.ask_each(keys.vocabulary, QUERY_S):
-                state = _ingest(state, keys, key, payload, state.now_ns).state
+                state = _ingest(state, keys, same, key, payload, state.now_ns).state
         yield SceneUpdate(state)
 
 
@@ -94,7 +95,13 @@ def decode_for_hub(keys: SceneKeys, key: str, payload: bytes) -> SceneMessage | 
 
 
 def _ingest(
-    state: SceneState, keys: SceneKeys, key: str, payload: bytes, now_ns: int, answered: bool = False
+    state: SceneState,
+    keys: SceneKeys,
+    same: SameMovement,
+    key: str,
+    payload: bytes,
+    now_ns: int,
+    answered: bool = False,
 ) -> SceneUpdate:
     """Fold in one payload; a judgement that answers a query dates from when it was made."""
     state = state.at(now_ns)
@@ -102,7 +109,7 @@ def _ingest(
         message = decode_for_hub(keys, key, payload)
     except BadMessage:
         return SceneUpdate(state.reject(), answered=answered)
-    if message is None:
+    if message is None or (isinstance(message, VerdictMessage) and not same.passes(message)):
         return SceneUpdate(state, answered=answered)
     received_ns = min(now_ns, message.at_ns) if answered and isinstance(message, JudgementMessage) else now_ns
     role: SenderRole = "fusion" if key.startswith(f"{keys.root}/fusion/") else "observer"

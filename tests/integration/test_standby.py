@@ -12,7 +12,7 @@ from common.config import read_scene
 from common.messages import JudgementMessage, StatusMessage, VerdictMessage, VocabularyReference
 from common.status import ProcessStatus, StatusPublisher
 from common.vocabulary import Vocabulary
-from common.wire import decode
+from common.wire import decode, encode
 from fusion.membership import SameIdError
 from fusion.server import SteadyClock, serve
 
@@ -268,6 +268,58 @@ def test_of_two_processes_with_one_id_that_start_together_one_ends(stage, monkey
     ended_ns = time.time_ns()
     session = stage.judgement(lambda j: j.at_ns > ended_ns).session
     assert {j.session for j in stage.judgements(lambda j: j.at_ns > ended_ns + 1e9)} == {session}
+
+
+@pytest.fixture
+def rival(stage):
+    """Another fusion service, as it is heard when a split network is whole again; publishes one judgement."""
+    link = stage.mesh.peer("standby")
+    link.announce(stage.keys.fusion_alive("b"))
+    publisher = link.publisher(stage.keys.judgement)
+
+    def publish(judgement, epoch, movement):
+        fields = {"fusion": "b", "session": "rival", "epoch": epoch, "movement": movement}
+        publisher.put(encode(judgement.model_copy(update=fields)))
+
+    return publish
+
+
+def test_after_a_split_the_service_that_stands_down_ends_its_movement_and_names_the_other(stage, rival):
+    stage.play("a")
+    decided = stage.decide()
+    judgement = stage.judgement(lambda j: j.movement is not None and j.movement.label is not None)
+    rival(judgement, 99, judgement.movement.model_copy(update={"id": "dojo-7", "label": "lunging"}))
+    ended = stage.verdicts(lambda v: v.ended_ns is not None)[-1]
+    assert (ended.id, ended.label, ended.fusion, ended.same_as) == (decided.id, "bowing", "a", "dojo-7")
+
+
+def test_after_a_split_the_owner_goes_on_with_the_movement_of_the_service_that_stands_down(stage, rival):
+    stage.play("a")
+    judgement = stage.judgement(lambda j: j.movement is None)
+    stage.state = [0.5, 0.5], 0.05
+    judgement = stage.judgement(lambda j: j.movement is not None)
+    fields = {"id": "dojo-7", "label": "lunging", "began_ns": 7_000_000, "decided_ns": judgement.at_ns}
+    rival(judgement, 0, judgement.movement.model_copy(update=fields))
+    stage.judgement(lambda j: j.fusion == "a" and j.movement is not None and j.movement.id == "dojo-7")
+    stage.state = REST
+    assert [(v.id, v.label, v.stage) for v in stage.verdicts()] == [("dojo-7", "lunging", "ended")]
+    # A late copy does not begin it again.
+    rival(judgement, 0, judgement.movement.model_copy(update=fields))
+    last = stage.judgement(lambda j: j.fusion == "a" and j.movement is None)
+    assert all(j.movement is None for j in stage.judgements(lambda j: j.seq > last.seq + 20) if j.fusion == "a")
+
+
+def test_of_two_processes_with_one_id_that_stand_by_one_ends_before_it_is_too_late(stage, monkeypatch):
+    monkeypatch.setattr("fusion.server._id_is_free", lambda *_: True)
+    stage.begin("a")
+    stage.judgement(lambda j: j.fusion == "a")
+    stage.begin("b")
+    stage.begin("b2", own="b")
+    until(lambda: stage.same_ids)
+    assert len(stage.same_ids) == 1 and "fusion/b/" in str(stage.same_ids[0])
+    stage.same_ids.clear()
+    stage.end("a")
+    stage.judgement(lambda j: j.fusion == "b")
 
 
 def test_judgements_of_many_observers_fit_and_the_standby_service_stands_by(stage):

@@ -1,0 +1,57 @@
+"""After a split network has healed: the movement of the service that stands down ends once, for each listener."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from common import SECOND_NS
+from common.config_sections import FusionConfig
+from common.messages import OngoingMovement
+from common.vocabulary import Vocabulary
+from fusion.engine.engine import FusionEngine
+from fusion.publisher import Reachability
+from fusion.standing_down import OpenMovement
+
+AT_NS = 1_000 * SECOND_NS
+NAMES = Vocabulary(("bow", "lunge"))
+
+
+def judged(movement_id="", label=None):
+    """A judgement with this movement in progress."""
+    engine = FusionEngine("dojo", ["cam1"], NAMES, FusionConfig(id="b"))
+    decided_ns = None if label is None else AT_NS
+    movement = OngoingMovement(id=movement_id, began_ns=AT_NS, label=label, decided_ns=decided_ns)
+    return engine.step(AT_NS).judgement.model_copy(update={"movement": movement if movement_id else None})
+
+
+class Verdict:
+    id = "dojo-1"
+
+
+@pytest.mark.parametrize(
+    ("messages", "early", "late"),
+    [
+        ([judged("dojo-1", "bow")], None, None),
+        ([judged("dojo-2", "bow")], "dojo-2", None),
+        ([judged("dojo-2")], None, ""),
+        ([judged()], None, ""),
+        ([judged("dojo-2"), judged("dojo-1", "bow")], None, None),
+    ],
+    ids=["adopted", "decided otherwise", "undecided", "at rest", "adopted later"],
+)
+def test_the_movement_ends_unless_the_owner_goes_on_with_it(messages, early, late):
+    movement = OpenMovement(Verdict, AT_NS)
+    for message in messages:
+        movement.note(message)
+    assert movement.same_as(AT_NS) == early
+    assert movement.same_as(AT_NS + SECOND_NS) == late
+    assert movement.settled and movement.same_as(AT_NS + 2 * SECOND_NS) is None
+
+
+@given(st.lists(st.booleans(), max_size=40))
+def test_verdicts_wait_until_half_a_second_after_the_router_is_back(connected):
+    reachable, down_s = Reachability(), float("-inf")
+    for step, up in enumerate(connected):
+        now_s = step / 10
+        down_s = down_s if up else now_s
+        assert reachable.update(up, now_s) == (now_s - down_s >= 0.5)
