@@ -216,8 +216,7 @@ class VerdictMessage(JudgementMessage):
     `p`, `votes` and `agreement` are those at `decided_ns`, at the end too; those of an abstention are from the end of
     the movement, and its `why` says what a label lacked. `contributions` are of the observers that were counted or
     stale; those of an abstention are to the label that was most probable. `facets` are those at the end of the
-    movement, once it is known.
-    `same_as`: the other id of the movement, in an "ended" after the network was split (docs/reference/wire.md, 5).
+    movement, once it is known. `same_as`: the movement's other id, after a split network (docs/reference/wire.md).
     """
 
     id: str
@@ -256,8 +255,7 @@ class ObserverStatistics(MessagePart):
 class StatusMessage(Message):
     """The state of a process. `at_ns` is its clock when it sends this: a process that queries it learns the skew.
 
-    `session` is random per process. `observers` are a fusion service's statistics of its observers, including senders
-    that the scene does not name.
+    `session` is random per process. `observers` are a fusion service's statistics of all senders.
     """
 
     scene: Identifier

@@ -52,8 +52,8 @@ OUTSIDE_WORLD = {
 IMPURE = {
     "the mesh, with threads and clocks": (
         "common.inbox common.link common.status common.subsession deploy.doctor.mesh deploy.security.routing "
-        "fusion.ingest fusion.membership fusion.publisher fusion.scene_worker fusion.server fusion.standby fusion.vocabulary_lookup hub.capture "
-        "hub.dashboard.pictures hub.session hub.teaching.classroom hub.watch observer.foreign.sources "
+        "fusion.ingest fusion.membership fusion.publisher fusion.scene_worker fusion.server fusion.standby "
+        "fusion.vocabulary_lookup hub.capture hub.dashboard.pictures hub.session hub.teaching.classroom hub.watch observer.foreign.sources "
         "studies.replay.playback studies.through"
     ),
     "files": (
