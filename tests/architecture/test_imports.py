@@ -53,8 +53,8 @@ IMPURE = {
     "the mesh, with threads and clocks": (
         "common.inbox common.link common.status common.subsession deploy.doctor.mesh deploy.security.routing "
         "fusion.ingest fusion.membership fusion.publisher fusion.scene_worker fusion.server fusion.standby "
-        "fusion.vocabulary_lookup hub.capture hub.dashboard.pictures hub.session hub.teaching.classroom hub.watch observer.foreign.sources "
-        "studies.replay.playback studies.through"
+        "fusion.vocabulary_lookup hub.capture hub.dashboard.pictures hub.session hub.teaching.classroom hub.watch "
+        "observer.foreign.sources studies.replay.playback studies.through"
     ),
     "files": (
         "common.capture_file common.config common.credentials common.tracker_choice "
