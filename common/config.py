@@ -21,6 +21,7 @@ from common.config_sections import (
     ObserverConfig,
     PersonConfig,
     Section,
+    TeachingConfig,
     default_quorum,
 )
 from common.errors import BadInput, reason_of
@@ -45,6 +46,7 @@ class Scene(Section):
     observers: dict[str, ObserverConfig]
     fusion: FusionConfig = FusionConfig()
     hub: HubConfig = HubConfig()
+    teaching: TeachingConfig = TeachingConfig()
     metrics: MetricsConfig = MetricsConfig()
     _folder: Path | None = PrivateAttr(default=None)
     _models: Path | None = PrivateAttr(default=None)

@@ -245,6 +245,14 @@ class HubConfig(Section):
     dashboard: DashboardConfig = DashboardConfig()
 
 
+class TeachingConfig(Section):
+    """[teaching]: remember_minutes: how long each observer remembers its own tracks, in memory only, so that a wrong or
+    missed verdict can become an example; 0: not at all outside a lesson.
+    """
+
+    remember_minutes: Annotated[float, Field(ge=0, le=60)] = 10.0
+
+
 class MetricsConfig(Section):
     """[metrics]: listen: HOST:PORT where each process answers /metrics, /healthz and /readyz; "": nowhere.
 

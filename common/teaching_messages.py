@@ -8,13 +8,15 @@ from typing import Annotated, Literal
 
 from pydantic import Field, FiniteFloat
 
-from common.message_types import Count, Identifier, Probability
+from common.message_types import Count, Identifier, Probability, Time
 from common.messages import LABELS_LIMIT, Message, MessagePart
 
 TEXT_LIMIT = 300
 SHOWN_UNITS, UNSEEN = 1000, -1
 SHOWN_LIMIT = 8192
-TeachCommand = Literal["status", "show", "start", "begin", "end", "drop", "learn", "adopt", "leave"]
+TeachCommand = Literal[
+    "status", "show", "start", "begin", "end", "drop", "learn", "adopt", "leave", "correct", "forget"
+]
 TeachState = Literal["idle", "recording", "learning", "learned"]
 TakeState = Literal["waiting", "moving", "kept", "failed"]
 Text = Annotated[str, Field(max_length=TEXT_LIMIT)]
@@ -28,6 +30,12 @@ class TeachRequest(Message):
     `begin`, `drop` and `show` the movement ("": something else; for `show`: what is seen now), the number of the
     performance, and who performs. in_s: for
     `adopt`, after so many seconds, so that all observers change together. `leave` lets another teacher begin at once.
+
+    correction: for `correct`, the id of the verdict, or any other id for a movement that had none; a second `correct`
+    with the same id replaces the first. label: what it was ("": something else). from_ns, to_ns: when, by the clock of
+    the observer's machine; to_ns = 0: until the person stands still; to_ns = from_ns: the movement nearest to that
+    time. `forget` removes the takes of `person`, or of `label`, or `everything` that teaching left; models: also the
+    model in force, so that the observer waits to be taught.
     """
 
     command: TeachCommand
@@ -38,6 +46,11 @@ class TeachRequest(Message):
     take: Count = 0
     person: str = ""
     in_s: Annotated[FiniteFloat, Field(ge=0, le=60)] = 0.0
+    correction: Annotated[str, Field(max_length=TEXT_LIMIT)] = ""
+    from_ns: Time = 0
+    to_ns: Time = 0
+    everything: bool = False
+    models: bool = False
 
 
 class TakeReport(MessagePart):
@@ -58,6 +71,28 @@ class LearnedReport(MessagePart):
 
     labels: list[str]
     results: dict[str, dict[str, Count]] = Field(default_factory=dict)
+
+
+class CorrectedReport(MessagePart):
+    """An example made of a verdict. from_ns, to_ns: what was cut out, by the clock of the observer's machine."""
+
+    id: str
+    label: str
+    from_ns: Time
+    to_ns: Time
+    seconds: FiniteFloat
+
+
+class ForgottenReport(MessagePart):
+    """What was removed: takes of movements, seconds of something else, files of models.
+
+    in_model: whether the model in force was learned from it, so that it must be learned anew.
+    """
+
+    takes: Count = 0
+    other_s: FiniteFloat = 0.0
+    models: Count = 0
+    in_model: bool = False
 
 
 class ShownTracks(MessagePart):
@@ -82,6 +117,7 @@ class TeachReply(Message):
     stands still. complaint: of its tracker.
     takes: the numbers of the takes of each movement on its disk; other_s: seconds of something else there. labels: the
     movements of the model in force. learned: the model that waits for `adopt`. tracks: what `show` asked for.
+    corrected, forgotten: in the answer to `correct` and to `forget`, what was done.
     """
 
     state: TeachState
@@ -96,3 +132,5 @@ class TeachReply(Message):
     labels: list[str] = Field(default_factory=list)
     learned: LearnedReport | None = None
     tracks: ShownTracks | None = None
+    corrected: CorrectedReport | None = None
+    forgotten: ForgottenReport | None = None

@@ -3,7 +3,6 @@
 `observer.recording.tracks_file.TracksFile` is the archive that they are added to.
 """
 
-from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -14,6 +13,7 @@ from common import SECOND_NS
 from common.errors import BadInput
 from observer.motion.archive import Recording, Span
 from observer.motion.even_rate import at_even_rate, spans_at_even_rate
+from observer.recording.tracks_ring import TracksRing
 from observer.stillness import Stillness
 from observer.tracks import Floats, Frame, Tracks
 
@@ -42,40 +42,64 @@ class TracksRecorder:
 
     def __init__(self, body_parts: Sequence[str], rate_hz: float = RATE_HZ, kept_s: float = KEPT_S) -> None:
         self.body_parts, self.rate_hz = tuple(body_parts), rate_hz
-        self._kept_ns = kept_s * SECOND_NS
-        self._frames: deque[tuple[int, Floats]] = deque()
+        self._ring = TracksRing(len(self.body_parts), kept_s)
+
+    @property
+    def kept_s(self) -> float:
+        """Older tracks than this are forgotten with the next frame."""
+        return self._ring.kept_s
+
+    @kept_s.setter
+    def kept_s(self, kept_s: float) -> None:
+        self._ring.kept_s = kept_s
 
     @property
     def newest_ns(self) -> int | None:
         """Time of the newest frame; None before the first."""
-        return self._frames[-1][0] if self._frames else None
+        return int(self._ring.at_ns[-1]) if len(self._ring) else None
 
     @property
     def oldest_ns(self) -> int | None:
         """Time of the oldest frame that is still remembered."""
-        return self._frames[0][0] if self._frames else None
+        return int(self._ring.at_ns[0]) if len(self._ring) else None
+
+    @property
+    def captured_ns(self) -> tuple[int, int] | None:
+        """When the oldest and the newest frame were captured, Unix epoch; None before the first."""
+        times = self._ring.captured_ns
+        return (int(times[0]), int(times[-1])) if len(times) else None
+
+    def at_ns_of(self, captured_ns: int) -> int:
+        """The time in the motion of a moment of capture within `captured_ns`: that of the first frame from it on."""
+        frame = int(np.searchsorted(self._ring.captured_ns, captured_ns))
+        return int(self._ring.at_ns[min(frame, len(self._ring) - 1)])
+
+    def captured_ns_of(self, at_ns: int) -> int:
+        """When the first frame from this time in the motion on was captured."""
+        frame = int(np.searchsorted(self._ring.at_ns, at_ns))
+        return int(self._ring.captured_ns[min(frame, len(self._ring) - 1)])
+
+    def forget(self) -> None:
+        """Forget all tracks."""
+        self._ring.clear()
 
     def update(self, frame: Frame, tracks: Tracks) -> None:
         """Take in what the tracker found in a frame: centres (P, 2), NaN where not seen.
 
         If the clock is set back, all earlier tracks are forgotten, because nothing can be cut out of two times.
         """
-        if self._frames and frame.at_ns < self._frames[-1][0]:
-            self._frames.clear()
-        if self._frames and frame.at_ns == self._frames[-1][0]:
+        ring = self._ring
+        if len(ring) and frame.at_ns == ring.at_ns[-1]:
             return
-        self._frames.append((frame.at_ns, np.array(tracks.centres, np.float32)))
-        while self._frames[0][0] < frame.at_ns - self._kept_ns:
-            self._frames.popleft()
+        if len(ring) and (frame.at_ns < ring.at_ns[-1] or frame.captured_ns < ring.captured_ns[-1]):
+            ring.clear()
+        ring.append(frame.at_ns, frame.captured_ns, tracks.centres)
 
     def newest(self, seconds: float) -> Floats:
         """The centres (F, P, 2) of the last so many seconds, as the tracker found them."""
-        frames: list[Floats] = []
-        for at_ns, centres in reversed(self._frames):
-            if at_ns < self._frames[-1][0] - seconds * SECOND_NS:
-                break
-            frames.append(centres)
-        return np.array(frames[::-1], np.float64).reshape(-1, len(self.body_parts), 2)
+        at_ns = self._ring.at_ns
+        begin = np.searchsorted(at_ns, at_ns[-1] - seconds * SECOND_NS) if len(at_ns) else 0
+        return self._ring.centres[begin:].astype(np.float64)
 
     def cut(
         self,
@@ -92,11 +116,11 @@ class TracksRecorder:
         label: the movement that it shows; "": several, which are `marked`, or none. Raises BadInput, one line for
         people, if there are fewer than two frames or no part was seen in any.
         """
-        frames = [(at_ns, centres) for at_ns, centres in self._frames if begin_ns <= at_ns <= end_ns]
-        if len(frames) < 2:
-            raise BadInput(f"{len(frames)} pictures in {(end_ns - begin_ns) / SECOND_NS:.1f} s: is the camera working?")
-        at_ns = np.array([at for at, _ in frames], np.int64)
-        positions = at_even_rate(at_ns, np.array([c for _, c in frames], np.float64), self.rate_hz)
+        begin, end = np.searchsorted(self._ring.at_ns, begin_ns), np.searchsorted(self._ring.at_ns, end_ns, "right")
+        at_ns = self._ring.at_ns[begin:end]
+        if len(at_ns) < 2:
+            raise BadInput(f"{len(at_ns)} pictures in {(end_ns - begin_ns) / SECOND_NS:.1f} s: is the camera working?")
+        positions = at_even_rate(at_ns, self._ring.centres[begin:end].astype(np.float64), self.rate_hz)
         if not np.isfinite(positions).any():
             raise BadInput("nobody was seen: stand where the camera sees head and hands (labanmesh look shows it)")
         return Recording(positions, self.rate_hz, label, subject, trial, self._spans(at_ns, marked))

@@ -1,14 +1,28 @@
 """What teaching needs of the outside: the takes on the disk, and a learner that works in the background."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Protocol
 
 from common.teaching_messages import LearnedReport
 from observer.motion.archive import Recording
 
 
+@dataclass(frozen=True, slots=True)
+class Unwanted:
+    """What is to be forgotten: a person's takes, a movement's, or everything."""
+
+    person: str = ""
+    label: str = ""
+    everything: bool = False
+
+    def covers(self, person: str, label: str) -> bool:
+        """Whether a take of this person and this movement is to be forgotten."""
+        return self.everything or person == (self.person or None) or label == (self.label or None)
+
+
 class Learner(Protocol):
-    """Learns a model in the background: `observer.teaching.service.ModelLearner`."""
+    """Learns a model in the background: `observer.teaching.model_learner.ModelLearner`."""
 
     busy: bool
     """Whether it is learning."""
@@ -22,6 +36,12 @@ class Learner(Protocol):
 
     def adopt(self, in_s: float) -> None:
         """Put the learned model in force after so many seconds."""
+
+    def forget(self, unwanted: Unwanted, *, in_force: bool) -> int:
+        """Remove models that were learned from it; the one in force only if that is asked. Returns how many."""
+
+    def knows(self, unwanted: Unwanted) -> bool:
+        """Whether the model in force was learned from it."""
 
 
 class Takes(Protocol):
@@ -46,6 +66,12 @@ class Takes(Protocol):
 
     def drop(self, label: str, trial: str) -> int:
         """Remove one."""
+
+    def free_take(self, label: str) -> int:
+        """A number that no take of the movement has."""
+
+    def forget(self, unwanted: Unwanted) -> Sequence[Recording]:
+        """Remove these from all files; returns them."""
 
     def write_waiting(self) -> None:
         """Write what could not be written."""

@@ -1,123 +1,33 @@
-"""An observer that is taught while it runs: requests on the mesh, learning in a process of its own, the new model."""
+"""An observer that is taught while it runs: requests on the mesh, its newest tracks in memory, the new model."""
 
-import json
 import logging
 import os
-import subprocess
-import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
-from pathlib import Path
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from common.config import MODELS, Scene
-from common.errors import LabanmeshError
 from common.subsession import SubSession
-from common.teaching_messages import TEXT_LIMIT, LearnedReport, TeachReply, TeachRequest
+from common.teaching_messages import TEXT_LIMIT, TeachReply, TeachRequest
 from common.vocabulary import Vocabulary
 from common.wire import BadMessage, decode, encode
-from observer.model.model_file import read_model
 from observer.motion.archive import TracksCamera
 from observer.recording.own_tracks import RATE_HZ, TracksRecorder
 from observer.runtime.pipeline import Observer, Posterior
+from observer.teaching.model_learner import Build, ModelLearner
 from observer.teaching.takes_file import TakesFile
 from observer.teaching.teaching import Teaching
 from observer.tracks import Frame
 
 if TYPE_CHECKING:
-    from observer.model.base import MovementModel
     from observer.runtime.scene_inputs import ObserverInputs
 
 log = logging.getLogger("labanmesh.observer")
-NICE = 10
-"""Learning waits for whatever else the machine has to do: posteriors go on."""
-END_S = 2.0
 NO_MODEL = "no model yet: labanmesh teach SCENE LABEL LABEL ... teaches this camera"
-Build = Callable[["MovementModel"], Observer]
-
-
-class ModelLearner:
-    """Learns a model from the takes file in a process of its own, and builds the observer that uses it.
-
-    model: the model file, which `adopt` replaces; the last one is kept as NAME.before.model. build: makes an observer
-    of a model. `ready` is that observer from the time on that `adopt` named.
-    """
-
-    def __init__(self, takes: Path, model: Path, build: Build) -> None:
-        self._takes, self._model, self._build = takes, model, build
-        self._next = model.with_name(f"{model.stem}.next{model.suffix}")
-        self._observer: Observer | None = None
-        self._process: subprocess.Popen[str] | None = None
-        self._due_s: float | None = None
-        self.busy, self.fault = False, ""
-        self.learned: LearnedReport | None = None
-
-    def learn(self, labels: Sequence[str]) -> None:
-        """Begin to learn these movements."""
-        self.busy, self.fault, self.learned = True, "", None
-        threading.Thread(target=self._learn, args=(list(labels),), name="learn", daemon=True).start()
-
-    def adopt(self, in_s: float) -> None:
-        """Replace the model file now, and the observer after so many seconds; raises LabanmeshError."""
-        try:
-            if self._model.exists():
-                self._model.replace(self._model.with_name(f"{self._model.stem}.before{self._model.suffix}"))
-            self._next.replace(self._model)
-        except OSError as error:
-            raise LabanmeshError(f"{self._model}: cannot be replaced: {error.strerror or error}") from None
-        self._due_s, self.learned = time.monotonic() + in_s, None
-
-    def ready(self) -> Observer | None:
-        """The observer of the adopted model, once, when it is due."""
-        if self._due_s is None or time.monotonic() < self._due_s:
-            return None
-        observer, self._observer, self._due_s = self._observer, None, None
-        return observer
-
-    def close(self) -> None:
-        """End a process that still learns."""
-        process = self._process
-        if process is not None and process.poll() is None:
-            process.terminate()
-            with suppress(subprocess.TimeoutExpired):
-                process.wait(END_S)
-
-    def _learn(self, labels: list[str]) -> None:
-        try:
-            self._run(labels)
-            model = read_model(self._next)
-            self._observer = self._build(model)
-            self.learned = LearnedReport(labels=list(model.header.vocabulary.labels), results=_results(model))
-        except (LabanmeshError, OSError) as error:
-            self.fault = str(error)[:TEXT_LIMIT]
-            log.warning("learning failed: %s", error)
-        finally:
-            self.busy = False
-
-    def _run(self, labels: list[str]) -> None:
-        command = [sys.executable, "-P", "-m", "labanmesh", "learn", str(self._takes), "--labels", ",".join(labels)]
-        command += ["--body-parts", "auto", "-o", str(self._next)]
-        self._process = process = subprocess.Popen(  # noqa: S603 - the command line is ours
-            command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT, text=True, errors="replace",
-        )  # fmt: skip
-        with suppress(OSError):
-            os.setpriority(os.PRIO_PROCESS, process.pid, NICE)
-        text, _ = process.communicate()
-        lines = [line for line in text.splitlines() if line.strip()]
-        if process.returncode:
-            raise LabanmeshError(lines[-1] if lines else f"learning ended with status {process.returncode}")
-        for line in lines:
-            log.info("%s", line)
-
-
-def _results(model: "MovementModel") -> dict[str, dict[str, int]]:
-    with suppress(ValueError, AttributeError, TypeError):
-        table = json.loads(model.header.provenance.get("held_out", "{}"))
-        return {str(truth): {str(label): int(n) for label, n in row.items()} for truth, row in table.items()}
-    return {}
+LESSON_S, IDLE_S = 60.0, 2.0
+"""How much of the tracks a lesson needs, and what is kept outside of one if the scene wants nothing remembered."""
 
 
 class TeachableObserver:
@@ -136,6 +46,7 @@ class TeachableObserver:
     ) -> None:
         self._tracker, self._observer = inputs.tracker, observer
         self._recorder, self._teaching, self._learner = recorder, teaching, learner
+        self._remembered_s = recorder.kept_s
         self._lock = threading.Lock()
 
     @property
@@ -150,6 +61,9 @@ class TeachableObserver:
 
     def step(self, frame: Frame) -> Posterior | None:
         """The posterior after one more frame; None without a model."""
+        if self._learner.removed:
+            self._observer, self._learner.removed = None, False
+            log.warning("%s", NO_MODEL)
         if (observer := self._learner.ready()) is not None:
             self._observer = observer
             self._tracker.want(observer.body_parts, fewer_parts=True)
@@ -166,8 +80,11 @@ class TeachableObserver:
         if tracks is None:
             return posterior
         with self._lock:
+            now_s = time.monotonic()
+            least_s = LESSON_S if self._teaching.is_taught(now_s) else IDLE_S
+            self._recorder.kept_s = max(self._remembered_s, least_s)
             self._recorder.update(frame, tracks)
-            self._teaching.step(frame.at_ns, tracks, self._tracker.complaint, time.monotonic())
+            self._teaching.step(frame.at_ns, tracks, self._tracker.complaint, now_s)
         return posterior
 
     def end(self) -> Posterior | None:
@@ -212,7 +129,7 @@ def teachable(
     model = scene.taught_model(observer_id)
     rate_hz = inputs.source.rate_hz if inputs.at_own_rate else RATE_HZ
     parts = inputs.tracker.every_part
-    recorder = TracksRecorder(parts, rate_hz)
+    recorder = TracksRecorder(parts, rate_hz, scene.teaching.remember_minutes * 60)
     takes = TakesFile(model.with_name(f"{observer_id}.tracks.npz"), parts, TracksCamera(observer_id))
     learner = ModelLearner(takes.path, model, build)
     teaching = Teaching(recorder, takes, learner, why_not(scene, observer_id))

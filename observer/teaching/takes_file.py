@@ -14,6 +14,7 @@ from observer.files import write_file
 from observer.motion.archive import Recording, TracksCamera
 from observer.recording.own_tracks import in_parts
 from observer.recording.tracks_file import TracksFile
+from observer.teaching.interfaces import Unwanted
 
 WAY_OUT = "Free some space on that disk; the take waits in memory"
 
@@ -27,7 +28,7 @@ class TakesFile:
 
     def __init__(self, path: Path, body_parts: Sequence[str], camera: TracksCamera) -> None:
         self.path, self._parts, self._camera = path, tuple(body_parts), camera
-        self._note = path.with_suffix(".json")
+        self._note, self._before = path.with_suffix(".json"), path.with_suffix(".before.npz")
         self._file: TracksFile | None = None
         self._waiting: list[Recording] = []
 
@@ -38,7 +39,7 @@ class TakesFile:
         BadInput for a file that cannot be used, LabanmeshError if it cannot be written.
         """
         if self._unfinished() != list(labels) and not add and self.path.exists():
-            self.path.replace(self.path.with_suffix(".before.npz"))
+            self.path.replace(self._before)
             self._file = None
         content = json.dumps({"labels": list(labels)})
         write_file(self._note, content.encode(), WAY_OUT)
@@ -71,6 +72,26 @@ class TakesFile:
         self._waiting = [r for r in self._waiting if (r.label, r.trial) != (label, trial)]
         removed = self._opened().remove(lambda r: (r.label, r.trial) == (label, trial))
         return removed + before - len(self._waiting)
+
+    def free_take(self, label: str) -> int:
+        """The number after the highest that a take of the movement has, on the disk or in memory."""
+        trials = [r.trial for r in (*self._recordings(), *self._waiting) if r.label == label]
+        return max((int(trial) for trial in trials if trial.isdecimal()), default=0) + 1
+
+    def forget(self, unwanted: Unwanted) -> list[Recording]:
+        """Remove recordings from the file, from the one that was set aside, and from memory; returns them.
+
+        Raises BadInput or LabanmeshError for a file that cannot be read or written: then it is as before.
+        """
+        gone = [r for r in self._waiting if unwanted.covers(r.subject, r.label)]
+        self._waiting = [r for r in self._waiting if not unwanted.covers(r.subject, r.label)]
+        before = TracksFile(self._before, self._parts, self._camera) if self._before.exists() else None
+        for file in filter(None, (self._opened(), before)):
+            gone += [r for r in file.recordings if unwanted.covers(r.subject, r.label)]
+            file.remove(lambda r: unwanted.covers(r.subject, r.label))
+        if unwanted.everything or unwanted.label in (self._unfinished() or ()):
+            self._note.unlink(missing_ok=True)
+        return gone
 
     def take(self, label: str, trial: str) -> Recording | None:
         """A take, on the disk or in memory; None if there is none."""

@@ -5,7 +5,9 @@
 2. What cannot be done is said in the answer to the request.
 3. Learning takes place elsewhere (`Learner`). The new model is in force from `adopt` on, when all observers of the
    scene have learned theirs.
-4. One teacher at a time: another is refused until the first has left, or has been silent for TEACHER_S; what it was
+4. A wrong verdict becomes an example out of the tracks that are remembered (`observer.teaching.corrections`). What is
+   to be forgotten is removed from the disk and from memory; the model in force knows it until a new one is adopted.
+5. One teacher at a time: another is refused until the first has left, or has been silent for TEACHER_S; what it was
    recording ends then. Anybody who may ask may ask for the status, and to be shown a take or what is seen now.
 
 Times are seconds of a monotonic clock, and the times of frames in ns.
@@ -14,10 +16,19 @@ Times are seconds of a monotonic clock, and the times of frames in ns.
 from collections.abc import Sequence
 
 from common.errors import LabanmeshError
-from common.teaching_messages import TEXT_LIMIT, ShownTracks, TeachReply, TeachRequest, TeachState
+from common.teaching_messages import (
+    TEXT_LIMIT,
+    CorrectedReport,
+    ForgottenReport,
+    ShownTracks,
+    TeachReply,
+    TeachRequest,
+    TeachState,
+)
 from common.vocabulary import Vocabulary
 from observer.recording.own_tracks import TracksRecorder
-from observer.teaching.interfaces import Learner, Takes
+from observer.teaching.corrections import Corrector
+from observer.teaching.interfaces import Learner, Takes, Unwanted
 from observer.teaching.take_recorder import TakeRecorder, fault_line
 from observer.tracks import Tracks
 
@@ -31,19 +42,25 @@ class Teaching:
     """The state machine of one observer; not thread-safe. refusal: why it cannot be taught; "" if it can."""
 
     def __init__(self, recorder: TracksRecorder, takes: Takes, learner: Learner, refusal: str = "") -> None:
-        self._takes, self._learner, self._refusal = takes, learner, refusal
-        self._recording = TakeRecorder(recorder, takes)
+        self._recorder, self._takes, self._learner, self._refusal = recorder, takes, learner, refusal
+        self._recording, self._corrector = TakeRecorder(recorder, takes), Corrector(recorder, takes)
+        self._corrected: CorrectedReport | None = None
+        self._forgotten: ForgottenReport | None = None
         self._teacher, self._asked_s, self._stepped_s = "", float("-inf"), float("-inf")
         self._complaint, self._visible = "", False
 
     def step(self, at_ns: int, tracks: Tracks, complaint: str, now_s: float) -> None:
         """Take in one frame, which the recorder has."""
         self._stepped_s, self._complaint, self._visible = now_s, complaint, bool(tracks.visible.any())
-        if now_s - self._asked_s > TEACHER_S:
+        if not self.is_taught(now_s):
             # Nobody teaches, and stillness costs time.
             self._recording.abandon()
             return
         self._recording.step(at_ns, tracks)
+
+    def is_taught(self, now_s: float) -> bool:
+        """Whether a teacher is at work."""
+        return now_s - self._asked_s <= TEACHER_S
 
     def handle(self, request: TeachRequest, now_s: float, labels: Sequence[str]) -> TeachReply:
         """Do what is asked, if it can be done; the reply says how things stand then.
@@ -51,6 +68,7 @@ class Teaching:
         labels: the movements of the model in force.
         """
         fault = self._refused(request, now_s)
+        self._corrected = self._forgotten = None
         if not fault:
             if request.command not in LOOKING:
                 self._teacher = request.teacher
@@ -71,8 +89,10 @@ class Teaching:
         others = request.teacher != self._teacher and now_s - self._asked_s < TEACHER_S
         if others and request.command not in LOOKING:
             return f"another `labanmesh teach` is at work with this observer; end it, or wait {TEACHER_S:g} s"
-        if request.command == "start":
+        if request.command in ("start", "correct") and self._refusal:
             return self._refusal
+        if request.command in ("correct", "forget") and self._learner.busy:
+            return "learns now; ask again when it has ended"
         return ""
 
     def _do(self, request: TeachRequest, now_s: float) -> str:
@@ -100,10 +120,28 @@ class Teaching:
                     return "no new model has been learned"
                 self._learner.adopt(request.in_s)
                 self._takes.finish()
+            case "correct":
+                self._corrected = self._corrector.correct(request)
+            case "forget":
+                self._forgotten = self._forget(request)
             case "leave" if request.teacher == self._teacher:
                 self._recording.abandon()
                 self._asked_s = float("-inf")
         return ""
+
+    def _forget(self, request: TeachRequest) -> ForgottenReport:
+        unwanted = Unwanted(request.person, request.label, request.everything)
+        self._recording.forget()
+        self._corrector.forget()
+        self._recorder.forget()
+        gone = self._takes.forget(unwanted)
+        models = self._learner.forget(unwanted, in_force=request.models or request.everything)
+        return ForgottenReport(
+            takes=sum(bool(r.label) for r in gone),
+            other_s=sum(len(r.positions) / r.rate_hz for r in gone if not r.label),
+            models=models,
+            in_model=self._learner.knows(unwanted),
+        )
 
     def _sees(self, now_s: float) -> bool:
         """Whether pictures arrive."""
@@ -125,6 +163,8 @@ class Teaching:
             labels=list(labels),
             learned=self._learner.learned,
             tracks=tracks,
+            corrected=self._corrected,
+            forgotten=self._forgotten,
         )
 
     @property

@@ -16,7 +16,7 @@ from observer.motion.archive_file import read_archive
 from observer.runtime.pipeline import Observer, Resampler
 from observer.runtime.prepared_tracker import PreparedTracker
 from observer.runtime.scene_inputs import is_untaught
-from observer.teaching import service
+from observer.teaching import model_learner
 from observer.teaching.service import teachable, why_not
 from observer.tracks import BODY_PARTS, Frame, Tracks
 
@@ -90,7 +90,7 @@ def test_an_observer_without_a_model_is_taught_and_recognises(room, scene, monke
         assert labanmesh.main(words) == 0
 
     # tests/faults/test_teach.py learns in processes.
-    monkeypatch.setattr(service.ModelLearner, "_run", run_here)
+    monkeypatch.setattr(model_learner.ModelLearner, "_run", run_here)
     assert is_untaught(scene, "sofa")
     assert room.film(2.0) is None and room.observer.vocabulary is None and "labanmesh teach" in room.observer.complaint
     assert room.ask("start", labels=["wave", "reach"]).fault == ""

@@ -23,6 +23,7 @@ RATE_HZ = 20
 class FakeLearner:
     def __init__(self):
         self.busy, self.fault, self.learned, self.asked, self.adopted = False, "", None, [], []
+        self.known, self.forgotten = set(), []
 
     def learn(self, labels):
         self.asked.append(list(labels))
@@ -31,6 +32,13 @@ class FakeLearner:
     def adopt(self, in_s):
         self.adopted.append(in_s)
         self.learned = None
+
+    def knows(self, unwanted):
+        return unwanted.everything or bool({unwanted.person, unwanted.label} & self.known)
+
+    def forget(self, unwanted, *, in_force):
+        self.forgotten.append(in_force)
+        return int(in_force)
 
 
 class Room:
@@ -241,3 +249,69 @@ def test_a_teacher_is_shown_takes_and_what_is_seen_now(tmp_path):
     assert room.ask("show").tracks is None
     assert room.ask("status", teacher="somebody").fault == "", "to look is not to teach"
     assert "another" in room.ask("begin", teacher="somebody", label="wave", take=2).fault
+
+
+def ago_ns(room, seconds):
+    return round((room.now_s - seconds) * SECOND_NS)
+
+
+def correct(room, verdict, label, begin_s, end_s=None, **fields):
+    """end_s None: until the person stands still."""
+    to_ns = 0 if end_s is None else ago_ns(room, end_s)
+    return room.ask(
+        "correct", correction=verdict, label=label, from_ns=ago_ns(room, begin_s), to_ns=to_ns, person="anna", **fields
+    )
+
+
+def test_a_wrong_verdict_becomes_an_example_cut_by_the_persons_own_motion(room):
+    room.ask("leave")
+    room.pass_s(3.0), room.pass_s(2.0, moving=True), room.pass_s(30.0)
+    # A verdict begins when a movement has become likely and ends when rest has.
+    reply = correct(room, "home-1", "wave", 31.2, 29.9)
+    assert reply.fault == "" and reply.takes == {"wave": [1]} and 1.8 < reply.corrected.seconds < 3.2
+    assert abs(reply.corrected.from_ns - ago_ns(room, 32)) < 0.7 * SECOND_NS
+    # The end is not known; only the time is, and not well.
+    for verdict, begin_s, end_s in (("home-2", 31.5, None), ("missed-1", 26.0, 26.0)):
+        assert correct(room, verdict, "wave", begin_s, end_s).corrected.seconds == pytest.approx(2.5, abs=0.7)
+    (first, *_) = read_archive(room.path).recordings
+    assert (first.label, first.subject) == ("wave", "anna") and np.isfinite(first.positions).all()
+    assert [r.trial for r in read_archive(room.path).recordings] == ["1", "2", "3"]
+
+
+def test_a_correction_may_be_repeated_and_corrected(room):
+    room.pass_s(2.0, moving=True), room.pass_s(5.0)
+    assert correct(room, "home-1", "wave", 6.0, 5.0).corrected == correct(room, "home-1", "wave", 6.0, 5.0).corrected
+    reply = correct(room, "home-1", "", 6.0, 5.0)
+    assert reply.takes == {} and reply.other_s == pytest.approx(reply.corrected.seconds)
+    assert correct(room, "home-1", "clap", 6.0, 5.0).takes == {"clap": [1]} and room.ask("status").other_s == 0
+
+
+def test_what_an_observer_does_not_remember_cannot_be_corrected(room):
+    room.pass_s(20.0), room.pass_s(2.0, seen=False), room.pass_s(20.0)
+    assert correct(room, "a", "wave", 20.0, 18.0).fault == "saw nobody move then"
+    assert "saw nobody" in correct(room, "b", "", 21.5, 20.5).fault
+    assert correct(room, "c", "wave", 10.0, 10.0).fault == "saw nobody move within 8 s of that time"
+    assert correct(room, "d", "wave", 100.0, 98.0).fault == "remembers only the last 0.7 minutes, and this was before"
+    assert correct(room, "e", "wave", -60.0, -61.0).fault == "has no pictures from that time"
+    assert room.ask("status").takes == {} and not room.path.exists()
+    room.restart()
+    assert correct(room, "f", "wave", 1.0, 0.5).fault == "remembers no tracks"
+
+
+def test_a_person_or_a_label_is_forgotten_in_all_files_and_in_memory(room):
+    room.ask("start", labels=["wave", "clap"])
+    room.perform("wave", 1), room.perform("clap", 1)
+    room.ask("learn", labels=["wave", "clap"]), room.ask("adopt")
+    room.ask("start", labels=["wave", "clap"])
+    room.perform("wave", 1), room.perform("clap", 1)
+    room.ask("begin", take=1, person="ben"), room.pass_s(3.0), room.ask("end")
+    room.learner.known = {"anna"}
+    reply = room.ask("forget", label="clap")
+    assert (reply.forgotten.takes, reply.forgotten.in_model) == (2, False) and reply.takes == {"wave": [1]}
+    assert correct(room, "a", "wave", 1.0, 0.5).fault == "remembers no tracks"
+    reply = room.ask("forget", person="anna")
+    assert reply.forgotten.takes == 2 and reply.forgotten.in_model and reply.other_s == pytest.approx(3, abs=0.3)
+    assert [r.subject for r in read_archive(room.path).recordings] == ["ben"]
+    assert not room.path.with_suffix(".before.npz").exists()
+    assert room.ask("forget", everything=True).forgotten.other_s > 2 and list(room.path.parent.iterdir()) == []
+    assert room.learner.forgotten == [False, False, True]

@@ -1,0 +1,250 @@
+"""Ten corrections: somebody teaches a few takes, others perform, the first wrong verdicts are corrected, and later
+performances are judged before and after.
+
+1. One person teaches some movements with two takes each. Then the first performances of all people of the household
+   are played as a stream, between other movements of theirs.
+2. The first ten wrong or missed verdicts are corrected as `labanmesh teach --was` does: each camera cuts its example
+   out of the tracks that it remembers, by the time of the verdict; of a missed movement by the time it was done.
+3. All cameras learn anew, and judge the later performances, of which none was learned or corrected.
+"""
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from functools import partial
+
+import numpy as np
+
+from benchmarks.taught.few_takes import RecordedRoom, streams_of
+from benchmarks.taught.judging import TaughtModels, verdicts_on
+from common import SECOND_NS
+from common.errors import BadInput
+from common.parallel import cores, run_parts
+from common.vocabulary import ABSTAIN
+from observer.model.base import MovementModel
+from observer.motion.archive import MotionArchive, Recording, Span, labels_of
+from observer.recording.own_tracks import TracksRecorder
+from observer.teaching import corrections
+from observer.tracks import BODY_PARTS, Frame, Tracks
+from studies.spotting import StreamVerdict
+
+Progress = Callable[[int, int], None]
+CORRECTIONS = 10
+TAUGHT_TAKES = 2
+NEAR_S = 0.5
+"""A verdict this near to a performance is about it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Household:
+    """Who teaches, who else lives there; the movements that are taught, and those that are also done."""
+
+    teacher: str
+    others: tuple[str, ...]
+    labels: tuple[str, ...]
+    unlearned: tuple[str, ...]
+    seed: int
+
+
+@dataclass(frozen=True, slots=True)
+class Errors:
+    """Performances of taught movements: shown, missed, named wrongly; other movements: shown, named."""
+
+    shown: int = 0
+    missed: int = 0
+    wrong: int = 0
+    others: int = 0
+    named: int = 0
+
+    @property
+    def share(self) -> float:
+        """Of all performances, how many have no verdict or a wrong one."""
+        return (self.missed + self.wrong + self.named) / max(self.shown + self.others, 1)
+
+    def plus(self, other: "Errors") -> "Errors":
+        """The sum of both."""
+        return Errors(*(getattr(self, f.name) + getattr(other, f.name) for f in fields(Errors)))
+
+
+@dataclass(frozen=True, slots=True)
+class Performance:
+    """A span of a stream in seconds, its movement ("" for one that is not taught), and the verdict about it."""
+
+    begin_s: float
+    end_s: float
+    label: str
+    verdict: StreamVerdict | None
+
+    @property
+    def is_right(self) -> bool:
+        """Whether the first word of the verdict is right; abstaining is right of what is no movement."""
+        name = "" if self.verdict is None or self.verdict.label == ABSTAIN else self.verdict.label
+        return name == self.label
+
+
+@dataclass(frozen=True, slots=True)
+class Corrected:
+    """Of one household: its errors in later performances, before and after; corrections made, and those that failed."""
+
+    household: Household
+    before: Errors
+    after: Errors
+    made: int
+    failed: int
+
+
+@dataclass(frozen=True, slots=True)
+class Sizes:
+    """How many other people, taught movements and other movements a household has."""
+
+    others: int = 1
+    labels: int = 4
+    unlearned: int = 6
+
+
+def households(room: RecordedRoom, people: Sequence[str], count: int, seed: int, sizes: Sizes) -> list[Household]:
+    """`count` draws of a teacher and other people, and of movements of which all of them have three takes."""
+    rng = np.random.default_rng(seed)
+    first = next(iter(room.space.values()))
+    counts = Counter((r.subject, r.label) for r in first.recordings)
+    result: list[Household] = []
+    for n in range(count):
+        enough: list[str] = []
+        while len(enough) < sizes.labels + sizes.unlearned:
+            chosen = [people[k] for k in rng.permutation(len(people))[: sizes.others + 1]]
+            enough = [label for label in labels_of(first) if all(counts[s, label] > TAUGHT_TAKES for s in chosen)]
+        labels = tuple(enough[k] for k in rng.permutation(len(enough)))
+        taught, unlearned = labels[: sizes.labels], labels[sizes.labels : sizes.labels + sizes.unlearned]
+        result.append(Household(chosen[0], tuple(chosen[1:]), taught, unlearned, n))
+    return result
+
+
+@dataclass(frozen=True, slots=True)
+class Evening:
+    """One person's performances as a stream of each camera."""
+
+    streams: Mapping[str, Recording]
+
+    def performances(self, labels: Sequence[str], models: Mapping[str, MovementModel]) -> list[Performance]:
+        """What was done, and what the fusion service said to it."""
+        verdicts = verdicts_on(self.streams, BODY_PARTS, models)
+        first = next(iter(self.streams.values()))
+        return [_performance(span, first.rate_hz, labels, verdicts) for span in first.spans]
+
+    def recorders(self) -> dict[str, TracksRecorder]:
+        """What each camera remembers at the end of it."""
+        result = {}
+        for name, stream in self.streams.items():
+            recorder = TracksRecorder(BODY_PARTS, stream.rate_hz)
+            for n, centres in enumerate(stream.positions):
+                at_ns = round(n / stream.rate_hz * SECOND_NS)
+                recorder.update(Frame(at_ns, np.empty(0)), Tracks(centres.astype(np.float64)))
+            result[name] = recorder
+        return result
+
+
+def _performance(span: Span, rate_hz: float, labels: Sequence[str], verdicts: Sequence[StreamVerdict]) -> Performance:
+    begin_s, end_s = span.start / rate_hz, span.end / rate_hz
+    about = [v for v in verdicts if v.began_s is not None and v.began_s < end_s + NEAR_S and v.at_s > begin_s]
+    about = [v for v in about if (v.ended_s or v.at_s) > begin_s]
+    verdict = next((v for v in about if v.label != ABSTAIN), about[0] if about else None)
+    return Performance(begin_s, end_s, span.label if span.label in labels else "", verdict)
+
+
+def errors_of(performances: Iterable[Performance]) -> Errors:
+    """Counts over performances."""
+    total = Errors()
+    for one in performances:
+        named = one.verdict is not None and one.verdict.label != ABSTAIN
+        if one.label:
+            total = total.plus(Errors(1, missed=not named, wrong=named and not one.is_right))
+        else:
+            total = total.plus(Errors(others=1, named=named))
+    return total
+
+
+def evening(room: RecordedRoom, subject: str, labels: Sequence[str], takes: Sequence[str], seed: int) -> Evening | None:
+    """These takes of a person, in random order between rests; None if there are none."""
+    first = next(iter(room.space.values()))
+    shown = [r for r in first.recordings if r.subject == subject and r.label in labels and r.trial in takes]
+    return Evening(streams_of(room, shown, seed)) if shown else None
+
+
+def examples_from(part: Evening, wrong: Sequence[Performance], subject: str) -> tuple[dict[str, list[Recording]], int]:
+    """What each camera cuts out of what it remembers, as `labanmesh teach --was`; how many could not be cut."""
+    recorders = part.recorders()
+    result: dict[str, list[Recording]] = {name: [] for name in recorders}
+    failed = 0
+    for n, performance in enumerate(wrong):
+        for name, recorder in recorders.items():
+            try:
+                cut = corrections.example_of(recorder, _span(performance), label=performance.label, subject=subject)
+            except BadInput:
+                failed += 1
+                continue
+            result[name].append(replace(cut.recording, trial=f"corrected {subject} {n}"))
+    return result, failed
+
+
+def _span(performance: Performance) -> corrections.Span:
+    """The verdict's, or for none the moment that the person names."""
+    verdict = performance.verdict
+    if verdict is None or verdict.began_s is None:
+        middle_ns = round((performance.begin_s + performance.end_s) / 2 * SECOND_NS)
+        return corrections.Span(middle_ns, middle_ns)
+    ended_s = verdict.ended_s
+    return corrections.Span(round(verdict.began_s * SECOND_NS), None if ended_s is None else round(ended_s * SECOND_NS))
+
+
+def judge_household(home: Household, room: RecordedRoom, teaching: TaughtModels) -> Corrected:
+    """Teach, play, correct, learn anew, and judge what comes later."""
+    first = {t for r in next(iter(room.space.values())).recordings for t in [r.trial]}
+    early, late = sorted(first)[:TAUGHT_TAKES], sorted(first)[TAUGHT_TAKES:]
+    people, every = (home.teacher, *home.others), (*home.labels, *home.unlearned)
+    taught = room.seen({name: _takes(a, home.teacher, home.labels, early) for name, a in room.space.items()})
+    models = teaching.models(taught, home.labels)
+    added: dict[str, list[Recording]] = {name: [] for name in taught}
+    made = failed = 0
+    for subject in reversed(people):
+        labels = home.unlearned if subject == home.teacher else every
+        part = evening(room, subject, labels, early, home.seed)
+        if part is not None and made < CORRECTIONS:
+            wrong = [p for p in part.performances(home.labels, models) if not p.is_right][: CORRECTIONS - made]
+            cut, bad = examples_from(part, wrong, subject)
+            made, failed = made + len(wrong), failed + bad
+            added = {name: [*added[name], *cut[name]] for name in added}
+    grown = {name: replace(a, recordings=(*a.recordings, *added[name])) for name, a in taught.items()}
+    after = teaching.models(grown, home.labels)
+    later = [p for s in people if (p := evening(room, s, every, late, home.seed + 1)) is not None]
+    counts = [errors_of(one for part in later for one in part.performances(home.labels, m)) for m in (models, after)]
+    return Corrected(home, counts[0], counts[1], made, failed)
+
+
+def _takes(archive: MotionArchive, subject: str, labels: Sequence[str], takes: Sequence[str]) -> list[Recording]:
+    return [r for r in archive.recordings if r.subject == subject and r.label in labels and r.trial in takes]
+
+
+def rows(
+    room: RecordedRoom, teaching: TaughtModels, homes: Sequence[Household], jobs: int, progress: Progress
+) -> Iterator[str]:
+    """A line for each household, and one for all."""
+    results = run_parts(partial(judge_household, room=room, teaching=teaching), homes, jobs or cores(), progress)
+    for one in results:
+        home = one.household
+        yield f"  {home.teacher} and {', '.join(home.others)}: {', '.join(home.labels)}: {_figures([one])}"
+    yield f"{room.name}: {_figures(results)}"
+
+
+def _figures(results: Sequence[Corrected]) -> str:
+    before, after = Errors(), Errors()
+    for one in results:
+        before, after = before.plus(one.before), after.plus(one.after)
+    made, failed = sum(one.made for one in results), sum(one.failed for one in results)
+    return f"{_line(before)} -> {_line(after)}; {made} corrections, {failed} examples could not be cut"
+
+
+def _line(errors: Errors) -> str:
+    return (
+        f"error {errors.share:.3f} ({errors.missed} missed and {errors.wrong} wrong of {errors.shown}, "
+        f"{errors.named} of {errors.others} other movements named)"
+    )

@@ -1,0 +1,190 @@
+"""Examples from verdicts that were wrong or missing: spans of the tracks that an observer remembers. Pure.
+
+A verdict begins when a movement has become likely, and ends when rest has: so the example goes from where the person
+began to move to where they stood still again, as a take does. Spans are cut in time of the motion, in ns.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from common import SECOND_NS
+from common.errors import BadInput, LabanmeshError
+from common.teaching_messages import CorrectedReport, TeachRequest
+from observer.motion.archive import Recording
+from observer.recording.own_tracks import MARGIN_S, TracksRecorder
+from observer.stillness import Stillness
+from observer.teaching.interfaces import Takes
+from observer.teaching.take_recorder import SHORTEST_S, SOMEONE
+from observer.tracks import Tracks
+
+LOOK_S = 6.0
+"""So long before a span the person's stillness is looked at: it needs to know how much the tracks tremble."""
+WIDEN_S = 2.0
+"""An example begins and ends no more than this outside of the span: some people never stand still."""
+JOIN_S = 0.8
+"""A shorter rest does not end a movement (`observer.teaching.take_watch.RESTS_S`)."""
+NEAR_S = 8.0
+"""How well people remember when they did something."""
+LONGEST_S = 12.0
+
+
+@dataclass(frozen=True, slots=True)
+class Span:
+    """A span of captured frames, Unix epoch in ns. end_ns None: until the person stands still; equal to begin_ns: the
+    movement nearest to that time."""
+
+    begin_ns: int
+    end_ns: int | None
+
+
+@dataclass(frozen=True, slots=True)
+class Example:
+    """A recording, and when it was captured."""
+
+    recording: Recording
+    span: Span
+
+
+class Corrector:
+    """Writes examples; `recorder` remembers the tracks that they are cut out of. Not thread-safe."""
+
+    def __init__(self, recorder: TracksRecorder, takes: Takes) -> None:
+        self._recorder, self._takes = recorder, takes
+        self._done: dict[str, tuple[CorrectedReport, str]] = {}
+
+    def correct(self, request: TeachRequest) -> CorrectedReport:
+        """Make an example of what the request names; one that is repeated changes nothing more.
+
+        An earlier correction with the same id is replaced. Raises BadInput for a span of which there is no example,
+        LabanmeshError if it cannot be written: then it waits in memory.
+        """
+        earlier = self._done.get(request.correction)
+        if earlier is not None and earlier[0].label == request.label:
+            return earlier[0]
+        span = Span(request.from_ns, request.to_ns or None)
+        example = example_of(self._recorder, span, label=request.label, subject=request.person or SOMEONE)
+        recording, times = example.recording, example.span
+        number = self._takes.free_take(request.label) if request.label else f"corrected {times.begin_ns}"
+        report = CorrectedReport(
+            id=request.correction, label=request.label, from_ns=times.begin_ns, to_ns=times.end_ns or 0,
+            seconds=len(recording.positions) / recording.rate_hz,
+        )  # fmt: skip
+        try:
+            self._takes.add(replace(recording, trial=str(number)))
+        except BadInput:
+            raise
+        except LabanmeshError:
+            self._replace(earlier, report, str(number))
+            raise
+        self._replace(earlier, report, str(number))
+        return report
+
+    def forget(self) -> None:
+        """Forget which corrections were made."""
+        self._done.clear()
+
+    def _replace(self, earlier: tuple[CorrectedReport, str] | None, report: CorrectedReport, trial: str) -> None:
+        self._done[report.id] = report, trial
+        if earlier is not None:
+            self._takes.drop(earlier[0].label, earlier[1])
+
+
+def example_of(recorder: TracksRecorder, span: Span, *, label: str, subject: str) -> Example:
+    """What the recorder remembers of a span as an example of `label`; "": of something else.
+
+    Raises BadInput, one line, if it remembers nothing of it, nobody was seen, or nobody moved.
+    """
+    _require_remembered(recorder, span)
+    begin_ns = recorder.at_ns_of(span.begin_ns)
+    end_ns = None if span.end_ns is None else max(recorder.at_ns_of(span.end_ns), begin_ns)
+    near_s = NEAR_S if end_ns == begin_ns else 0.0
+    first_ns = round(begin_ns - (LOOK_S + near_s) * SECOND_NS)
+    last_ns = round((begin_ns if end_ns is None else end_ns) + (LONGEST_S if end_ns is None else NEAR_S) * SECOND_NS)
+    first_ns = max(first_ns, recorder.oldest_ns or 0)
+    around = recorder.cut(first_ns, last_ns, label=label, subject=subject)
+    frames = _Frames(around.rate_hz, _moving_runs(around, recorder), len(around.positions))
+    begin, end = (round((at_ns - first_ns) / SECOND_NS * around.rate_hz) for at_ns in (begin_ns, end_ns or begin_ns))
+    if end_ns is None:
+        begin, end = frames.from_here(begin)
+    elif near_s:
+        begin, end = frames.nearest(begin)
+    else:
+        begin, end = frames.widened(begin, end, is_movement=bool(label))
+    seconds = (end - begin) / around.rate_hz
+    if not SHORTEST_S <= seconds <= LONGEST_S + 2 * WIDEN_S:
+        length = "short" if seconds < SHORTEST_S else "long"
+        raise BadInput(f"{seconds:.1f} s is too {length} for a movement; name when it began and ended")
+    recording = replace(around, positions=around.positions[begin:end])
+    if not np.isfinite(recording.positions).any():
+        raise BadInput("saw nobody then")
+    times = [recorder.captured_ns_of(first_ns + round(n / around.rate_hz * SECOND_NS)) for n in (begin, end)]
+    return Example(recording, Span(times[0], times[1]))
+
+
+def _require_remembered(recorder: TracksRecorder, span: Span) -> None:
+    captured_ns = recorder.captured_ns
+    if captured_ns is None:
+        raise BadInput("remembers no tracks")
+    oldest_ns, newest_ns = captured_ns
+    if span.begin_ns < oldest_ns:
+        minutes = (newest_ns - oldest_ns) / SECOND_NS / 60
+        raise BadInput(f"remembers only the last {minutes:.1f} minutes, and this was before")
+    if span.begin_ns > newest_ns + SECOND_NS:
+        raise BadInput("has no pictures from that time")
+
+
+@dataclass(frozen=True, slots=True)
+class _Frames:
+    """Frames around a span. runs: (begin, end) of those in which the person moves; count: of all."""
+
+    rate_hz: float
+    runs: list[tuple[int, int]]
+    count: int
+
+    def widened(self, begin: int, end: int, *, is_movement: bool) -> tuple[int, int]:
+        """The movements that the span touches, from their beginning to their end."""
+        touched = [run for run in self.runs if run[0] < end and run[1] > begin]
+        if not touched:
+            if is_movement:
+                raise BadInput("saw nobody move then")
+            return begin, end
+        widen = round(WIDEN_S * self.rate_hz)
+        return self._with_margin(max(touched[0][0], begin - widen), min(touched[-1][1], end + widen))
+
+    def from_here(self, begin: int) -> tuple[int, int]:
+        """The movement that goes on in this frame, or that begins next."""
+        following = [run for run in self.runs if run[1] > begin]
+        if not following:
+            raise BadInput("saw nobody move then")
+        first, last = following[0]
+        return self._with_margin(max(first, begin - round(WIDEN_S * self.rate_hz)), last)
+
+    def nearest(self, frame: int) -> tuple[int, int]:
+        """The movement that is nearest to this frame, and no farther than NEAR_S."""
+        near, shortest = round(NEAR_S * self.rate_hz), SHORTEST_S * self.rate_hz / 2
+        distances = [(max(begin - frame, frame - end, 0), begin, end) for begin, end in self.runs
+                     if end - begin >= shortest]  # fmt: skip
+        distance, begin, end = min(distances, default=(near + 1, 0, 0))
+        if distance > near:
+            raise BadInput(f"saw nobody move within {NEAR_S:g} s of that time")
+        return self._with_margin(begin, end)
+
+    def _with_margin(self, begin: int, end: int) -> tuple[int, int]:
+        """Stillness compares the newest 0.2 s with those before: a movement has begun earlier."""
+        margin = round(MARGIN_S * self.rate_hz)
+        return max(0, begin - 2 * margin), min(self.count, end + margin)
+
+
+def _moving_runs(recording: Recording, recorder: TracksRecorder) -> list[tuple[int, int]]:
+    """(begin, end) of the frames in which the person moves, joined over rests shorter than JOIN_S."""
+    stillness = Stillness(recorder.body_parts, recording.rate_hz)
+    still = np.array([stillness.update(Tracks(c.astype(np.float64))) for c in recording.positions])
+    seen = np.isfinite(recording.positions).any(axis=(1, 2))
+    moving: NDArray[np.int64] = np.flatnonzero((still < 0.5) & seen)
+    if not len(moving):
+        return []
+    breaks = np.flatnonzero(np.diff(moving) > JOIN_S * recording.rate_hz)
+    begins, ends = moving[np.append(0, breaks + 1)], moving[np.append(breaks, len(moving) - 1)] + 1
+    return [(int(begin), int(end)) for begin, end in zip(begins, ends, strict=True)]

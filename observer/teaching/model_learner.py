@@ -1,0 +1,148 @@
+"""Learning a model in a process of its own while the observer goes on with the old one, and the files of models."""
+
+import json
+import logging
+import os
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from common.errors import LabanmeshError
+from common.teaching_messages import TEXT_LIMIT, LearnedReport
+from observer.model.model_file import read_model
+from observer.runtime.pipeline import Observer
+from observer.teaching.interfaces import Unwanted
+
+if TYPE_CHECKING:
+    from observer.model.base import MovementModel
+
+log = logging.getLogger("labanmesh.observer")
+NICE = 10
+"""Learning waits for whatever else the machine has to do: posteriors go on."""
+END_S = 2.0
+Build = Callable[["MovementModel"], Observer]
+
+
+class ModelLearner:
+    """Learns a model from the takes file in a process of its own, and builds the observer that uses it.
+
+    model: the model file, which `adopt` replaces; the last one is kept as NAME.before.model. build: makes an observer
+    of a model. `ready` is that observer from the time on that `adopt` named.
+    """
+
+    def __init__(self, takes: Path, model: Path, build: Build) -> None:
+        self._takes, self._model, self._build = takes, model, build
+        self._next = model.with_name(f"{model.stem}.next{model.suffix}")
+        self._before = model.with_name(f"{model.stem}.before{model.suffix}")
+        self._observer: Observer | None = None
+        self._process: subprocess.Popen[str] | None = None
+        self._due_s: float | None = None
+        self.busy, self.fault = False, ""
+        self.learned: LearnedReport | None = None
+        self.removed = False
+        """Whether the model in force was removed; the observer that uses it sets this back."""
+
+    def learn(self, labels: Sequence[str]) -> None:
+        """Begin to learn these movements."""
+        self.busy, self.fault, self.learned = True, "", None
+        threading.Thread(target=self._learn, args=(list(labels),), name="learn", daemon=True).start()
+
+    def adopt(self, in_s: float) -> None:
+        """Replace the model file now, and the observer after so many seconds; raises LabanmeshError."""
+        try:
+            if self._model.exists():
+                self._model.replace(self._before)
+            self._next.replace(self._model)
+        except OSError as error:
+            raise LabanmeshError(f"{self._model}: cannot be replaced: {error.strerror or error}") from None
+        self._due_s, self.learned = time.monotonic() + in_s, None
+
+    def ready(self) -> Observer | None:
+        """The observer of the adopted model, once, when it is due."""
+        if self._due_s is None or time.monotonic() < self._due_s:
+            return None
+        observer, self._observer, self._due_s = self._observer, None, None
+        return observer
+
+    def forget(self, unwanted: Unwanted, *, in_force: bool) -> int:
+        """Remove the models that were learned from it, the one in force only if that is asked; returns how many.
+
+        Raises LabanmeshError for a file that cannot be removed.
+        """
+        gone = [path for path in (self._next, self._before) if _knows(path, unwanted)]
+        gone += [self._model] if in_force and self._model.exists() else []
+        for path in gone:
+            try:
+                path.unlink()
+            except OSError as error:
+                raise LabanmeshError(f"{path}: cannot be removed: {error.strerror or error}") from None
+        if self._next in gone or self._model in gone:
+            self.learned = self._observer = self._due_s = None
+        self.removed = self.removed or self._model in gone
+        return len(gone)
+
+    def knows(self, unwanted: Unwanted) -> bool:
+        """Whether the model in force was learned from it."""
+        return _knows(self._model, unwanted)
+
+    def close(self) -> None:
+        """End a process that still learns."""
+        process = self._process
+        if process is not None and process.poll() is None:
+            process.terminate()
+            with suppress(subprocess.TimeoutExpired):
+                process.wait(END_S)
+
+    def _learn(self, labels: list[str]) -> None:
+        try:
+            self._run(labels)
+            model = read_model(self._next)
+            self._observer = self._build(model)
+            self.learned = LearnedReport(labels=list(model.header.vocabulary.labels), results=_results(model))
+        except (LabanmeshError, OSError) as error:
+            self.fault = str(error)[:TEXT_LIMIT]
+            log.warning("learning failed: %s", error)
+        finally:
+            self.busy = False
+
+    def _run(self, labels: list[str]) -> None:
+        command = [sys.executable, "-P", "-m", "labanmesh", "learn", str(self._takes), "--labels", ",".join(labels)]
+        command += ["--body-parts", "auto", "-o", str(self._next)]
+        self._process = process = subprocess.Popen(  # noqa: S603 - the command line is ours
+            command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT, text=True, errors="replace",
+        )  # fmt: skip
+        with suppress(OSError):
+            os.setpriority(os.PRIO_PROCESS, process.pid, NICE)
+        text, _ = process.communicate()
+        lines = [line for line in text.splitlines() if line.strip()]
+        if process.returncode:
+            raise LabanmeshError(lines[-1] if lines else f"learning ended with status {process.returncode}")
+        for line in lines:
+            log.info("%s", line)
+
+
+def _results(model: "MovementModel") -> dict[str, dict[str, int]]:
+    with suppress(ValueError, AttributeError, TypeError):
+        table = json.loads(model.header.provenance.get("held_out", "{}"))
+        return {str(truth): {str(label): int(n) for label, n in row.items()} for truth, row in table.items()}
+    return {}
+
+
+def _knows(path: Path, unwanted: Unwanted) -> bool:
+    """Whether a model file was learned from it; also one that cannot be read, or does not say."""
+    if not path.exists():
+        return False
+    try:
+        header = read_model(path).header
+    except LabanmeshError:
+        return True
+    people = header.provenance.get("subjects", unwanted.person)
+    # A name may hold a comma.
+    is_theirs = bool(unwanted.person) and f",{unwanted.person}," in f",{people},"
+    return unwanted.everything or is_theirs or unwanted.label in header.vocabulary.labels
