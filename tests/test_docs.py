@@ -28,6 +28,7 @@ from common.config_sections import (
     MqttConfig,
     ObserverConfig,
     PersonConfig,
+    TeachingConfig,
     VirtualConfig,
 )
 from common.picture_message import PictureMessage
@@ -287,6 +288,7 @@ SECTIONS = {
     "hub.mqtt": MqttConfig,
     "hub.dashboard": DashboardConfig,
     "metrics": MetricsConfig,
+    "teaching": TeachingConfig,
 }
 
 

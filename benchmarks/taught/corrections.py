@@ -67,7 +67,7 @@ class Errors:
 
 
 @dataclass(frozen=True, slots=True)
-class Performance:
+class JudgedPerformance:
     """A span of a stream in seconds, its movement ("" for one that is not taught), and the verdict about it."""
 
     begin_s: float
@@ -125,7 +125,7 @@ class Evening:
 
     streams: Mapping[str, Recording]
 
-    def performances(self, labels: Sequence[str], models: Mapping[str, MovementModel]) -> list[Performance]:
+    def performances(self, labels: Sequence[str], models: Mapping[str, MovementModel]) -> list[JudgedPerformance]:
         """What was done, and what the fusion service said to it."""
         verdicts = verdicts_on(self.streams, BODY_PARTS, models)
         first = next(iter(self.streams.values()))
@@ -143,15 +143,17 @@ class Evening:
         return result
 
 
-def _performance(span: Span, rate_hz: float, labels: Sequence[str], verdicts: Sequence[StreamVerdict]) -> Performance:
+def _performance(
+    span: Span, rate_hz: float, labels: Sequence[str], verdicts: Sequence[StreamVerdict]
+) -> JudgedPerformance:
     begin_s, end_s = span.start / rate_hz, span.end / rate_hz
     about = [v for v in verdicts if v.began_s is not None and v.began_s < end_s + NEAR_S and v.at_s > begin_s]
     about = [v for v in about if (v.ended_s or v.at_s) > begin_s]
     verdict = next((v for v in about if v.label != ABSTAIN), about[0] if about else None)
-    return Performance(begin_s, end_s, span.label if span.label in labels else "", verdict)
+    return JudgedPerformance(begin_s, end_s, span.label if span.label in labels else "", verdict)
 
 
-def errors_of(performances: Iterable[Performance]) -> Errors:
+def errors_of(performances: Iterable[JudgedPerformance]) -> Errors:
     """Counts over performances."""
     total = Errors()
     for one in performances:
@@ -170,7 +172,9 @@ def evening(room: RecordedRoom, subject: str, labels: Sequence[str], takes: Sequ
     return Evening(streams_of(room, shown, seed)) if shown else None
 
 
-def examples_from(part: Evening, wrong: Sequence[Performance], subject: str) -> tuple[dict[str, list[Recording]], int]:
+def examples_from(
+    part: Evening, wrong: Sequence[JudgedPerformance], subject: str
+) -> tuple[dict[str, list[Recording]], int]:
     """What each camera cuts out of what it remembers, as `labanmesh teach --was`; how many could not be cut."""
     recorders = part.recorders()
     result: dict[str, list[Recording]] = {name: [] for name in recorders}
@@ -186,14 +190,16 @@ def examples_from(part: Evening, wrong: Sequence[Performance], subject: str) -> 
     return result, failed
 
 
-def _span(performance: Performance) -> corrections.Span:
+def _span(performance: JudgedPerformance) -> corrections.CapturedSpan:
     """The verdict's, or for none the moment that the person names."""
     verdict = performance.verdict
     if verdict is None or verdict.began_s is None:
         middle_ns = round((performance.begin_s + performance.end_s) / 2 * SECOND_NS)
-        return corrections.Span(middle_ns, middle_ns)
+        return corrections.CapturedSpan(middle_ns, middle_ns)
     ended_s = verdict.ended_s
-    return corrections.Span(round(verdict.began_s * SECOND_NS), None if ended_s is None else round(ended_s * SECOND_NS))
+    return corrections.CapturedSpan(
+        round(verdict.began_s * SECOND_NS), None if ended_s is None else round(ended_s * SECOND_NS)
+    )
 
 
 def judge_household(home: Household, room: RecordedRoom, teaching: TaughtModels) -> Corrected:

@@ -31,7 +31,7 @@ LONGEST_S = 12.0
 
 
 @dataclass(frozen=True, slots=True)
-class Span:
+class CapturedSpan:
     """A span of captured frames, Unix epoch in ns. end_ns None: until the person stands still; equal to begin_ns: the
     movement nearest to that time."""
 
@@ -40,11 +40,11 @@ class Span:
 
 
 @dataclass(frozen=True, slots=True)
-class Example:
+class CutExample:
     """A recording, and when it was captured."""
 
     recording: Recording
-    span: Span
+    span: CapturedSpan
 
 
 class Corrector:
@@ -63,7 +63,7 @@ class Corrector:
         earlier = self._done.get(request.correction)
         if earlier is not None and earlier[0].label == request.label:
             return earlier[0]
-        span = Span(request.from_ns, request.to_ns or None)
+        span = CapturedSpan(request.from_ns, request.to_ns or None)
         example = example_of(self._recorder, span, label=request.label, subject=request.person or SOMEONE)
         recording, times = example.recording, example.span
         number = self._takes.free_take(request.label) if request.label else f"corrected {times.begin_ns}"
@@ -91,7 +91,7 @@ class Corrector:
             self._takes.drop(earlier[0].label, earlier[1])
 
 
-def example_of(recorder: TracksRecorder, span: Span, *, label: str, subject: str) -> Example:
+def example_of(recorder: TracksRecorder, span: CapturedSpan, *, label: str, subject: str) -> CutExample:
     """What the recorder remembers of a span as an example of `label`; "": of something else.
 
     Raises BadInput, one line, if it remembers nothing of it, nobody was seen, or nobody moved.
@@ -120,10 +120,10 @@ def example_of(recorder: TracksRecorder, span: Span, *, label: str, subject: str
     if not np.isfinite(recording.positions).any():
         raise BadInput("saw nobody then")
     times = [recorder.captured_ns_of(first_ns + round(n / around.rate_hz * SECOND_NS)) for n in (begin, end)]
-    return Example(recording, Span(times[0], times[1]))
+    return CutExample(recording, CapturedSpan(times[0], times[1]))
 
 
-def _require_remembered(recorder: TracksRecorder, span: Span) -> None:
+def _require_remembered(recorder: TracksRecorder, span: CapturedSpan) -> None:
     captured_ns = recorder.captured_ns
     if captured_ns is None:
         raise BadInput("remembers no tracks")

@@ -72,7 +72,7 @@ IMPURE = {
         "common.tls deploy.doctor.cameras deploy.doctor.network deploy.launcher hub.dashboard.application "
         "hub.dashboard.connections hub.dashboard.serving hub.dashboard.streams hub.healthcheck hub.mqtt.broker "
         "studies.demo* studies.effort "
-        "studies.evaluate_options observer.learning.learn_options common.parallel"
+        "studies.evaluate_options observer.learning.learn_options observer.teaching.model_learner common.parallel"
     ),
     "the clock": (
         "fusion.metrics observer.motion.playback observer.rendering.virtual_camera studies.evaluate "
