@@ -22,6 +22,15 @@ LEASE_MS = 2000
 """Peers give up the link of a process that is silent for this long (stopped, cable pulled)."""
 MAX_MESSAGE_BYTES = 1 << 20
 """Zenoh drops a longer message while it receives its fragments. Its own limit of 1 GiB lets one put fill a router."""
+NEVER_BLOCKING: dict[str, Any] = {
+    "id": "never blocking",
+    "flows": ["ingress"],
+    "messages": ["put", "delete", "query"],
+    # No wildcard covers a part that begins with @.
+    "key_exprs": ["**", "**/@picture", "**/@teach"],
+    "overwrite": {"congestion_control": "drop"},
+}
+"""For a router, whatever the sender wants: else it waits 5 s for a receiver that is stopped, and all others with it."""
 AUTHORITY_FILE, CERTIFICATE_FILE, KEY_FILE = "ca.pem", "certificate.pem", "key.pem"
 """Files in the folder of credentials."""
 ROLE_URI = "labanmesh:"
@@ -54,7 +63,9 @@ def settings(mesh: "MeshConfig", role: MeshRole, listen: Sequence[str] | None, t
     meeting_point = listen is not None or role == "router" or (role == "fusion" and mesh.mode != "router")
     if meeting_point:
         mode = "router" if role == "router" else "peer"
-        return {**common, "mode": mode, "listen/endpoints": list(listen or [mesh.endpoint]), "connect/endpoints": []}
+        relaying = {"qos/network": [NEVER_BLOCKING]} if role == "router" else {}
+        endpoints = {"listen/endpoints": list(listen or [mesh.endpoint]), "connect/endpoints": []}
+        return {**common, **relaying, **endpoints, "mode": mode}
     connect = {"connect/endpoints": [mesh.endpoint], "connect/retry": RETRY}
     if mesh.mode == "router":
         retrying = {"connect/timeout_ms": round(timeout_s * 1000), "connect/exit_on_failure": True}

@@ -14,6 +14,7 @@ The access rules:
    publish its own if the scene file switches them on, and a hub with the right to them may receive them.
 8. So it is with requests to teach an observer (`SceneKeys.teach`): a hub with the right to teach may query, and the
    observer answers under its own key.
+9. A put that no process of a scene would accept for its size stops at the router, and costs no listener anything.
 """
 
 import ipaddress
@@ -23,6 +24,7 @@ from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any, Literal
 
 from common.keys import SceneKeys
+from common.wire import SIZE_LIMIT
 from common.zenoh_settings import ADMITTED, nested, settings
 from deploy.security.register import IssuedCertificate, Register
 
@@ -56,11 +58,18 @@ def router_config(
     if mesh.credentials:
         # Or somebody could open a plain listener beside the secured one.
         flat["transport/link/protocols"] = sorted({endpoint.partition("/")[0] for endpoint in listen})
+    flat["low_pass_filter"] = [_fitting(scenes)]
     tree = nested(flat)
     if register is not None:
         tree["access_control"] = access_rules(scenes, register)
     names = ", ".join(scene.scene for scene in scenes)
     return HEAD.format(scenes=f"scene{'s' * (len(scenes) > 1)} {names}") + json.dumps(tree, indent=1) + "\n"
+
+
+def _fitting(scenes: Sequence["Scene"]) -> dict[str, Any]:
+    """Zenoh's low pass filter: what is published in a scene has at most SIZE_LIMIT bytes (rule 9)."""
+    keys = [key for scene in scenes for key in (f"{scene.keys.root}/**", scene.keys.picture())]
+    return {"id": "fitting", "flows": ["ingress"], "messages": ["put"], "key_exprs": keys, "size_limit": SIZE_LIMIT}
 
 
 def access_rules(scenes: Sequence["Scene"], register: Register) -> dict[str, Any]:

@@ -2,11 +2,17 @@
 
 import threading
 import time
+from contextlib import ExitStack
+from itertools import pairwise
 
 import pytest
+from attack_peers import flood, opened
 from attack_stage import JUDGES
 
+from common.config import MeshConfig, ObserverConfig, Scene
+from common.link import Link
 from common.wire import SIZE_LIMIT
+from deploy.security.router_config import router_config
 
 MOST_KB = 300_000
 
@@ -63,3 +69,34 @@ def test_a_flood_of_twenty_thousand_messages_a_second(stage, long_form, size, co
     gaps = stage.gaps(since_ns)
     assert max(gaps.values()) <= stage.longest_gap_s, gaps
     assert max(sizes.most_kb.values(), default=0) < MOST_KB, sizes.most_kb
+
+
+def test_a_receiver_that_is_stopped_holds_up_nobody_even_if_the_sender_wants_to_wait_for_it(history):
+    """Zenoh's own router waits for 5 s for the stopped one, and routes nothing else meanwhile."""
+    release, arrived_s = threading.Event(), []
+    text = router_config(
+        [Scene(scene="dojo", observers={"cam1": ObserverConfig(source="m.npz")})], None, ["tcp/127.0.0.1:0"]
+    )
+    with Link.router(text, "the test's router") as router, ExitStack() as sessions:
+        mesh = MeshConfig(mode="router", endpoint=router.locator)
+        stopped, sender, hub = (sessions.enter_context(opened(mesh.endpoint, "client")) for _ in range(3))
+        stopped.declare_subscriber("laban/dojo/**", lambda _: release.wait())
+        hub.declare_subscriber("laban/dojo/judgement", lambda _: arrived_s.append(time.monotonic()))
+        with Link.open(mesh, "fusion") as honest:
+            publisher, ended = honest.publisher("laban/dojo/judgement"), threading.Event()
+            assert publisher.wait_for_subscriber(5.0)
+            talking = threading.Thread(target=lambda: [publisher.put(b"judged") for _ in pauses(ended)])
+            talking.start()
+            flood(sender, "laban/dojo/observer/cam1/posterior", SIZE_LIMIT, 20_000, 0.4, "block")
+            ended.set()
+            talking.join()
+        release.set()
+    gap_s = max(b - a for a, b in pairwise(arrived_s))
+    history.note("gap", seconds=gap_s)
+    assert gap_s < 2.0
+
+
+def pauses(ended):
+    """Every hundredth of a second until `ended`."""
+    while not ended.wait(0.01):
+        yield

@@ -15,11 +15,11 @@ def selectors(scene):
     )
 
 
-def test_queries_with_and_without_a_payload_change_nothing(stage):
+def test_queries_with_and_without_a_payload_change_nothing(stage, long_form):
     attacker, since_ns = stage.attacker(), time.time_ns()
     for scene in (stage.scenes[0], stage.scenes[-1]):
         for selector in selectors(scene):
-            for payload in (None, b"second", b"nobody", b"\xff" * 70_000):
+            for payload in (None, b"second", b"nobody", b"\xff" * 70_000) if long_form else (b"second",):
                 answers = attacker.ask(selector, payload, 0.05)
                 assert not [key for key, _ in answers if key.endswith("/handover")], answers
     gaps = stage.gaps(since_ns)

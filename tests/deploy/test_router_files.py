@@ -14,6 +14,7 @@ from common.link import Link
 from common.zenoh_settings import (
     LEASE_MS,
     MAX_MESSAGE_BYTES,
+    NEVER_BLOCKING,
     nested,
     settings,
 )
@@ -41,11 +42,21 @@ def test_zenoh_reads_it_and_it_has_the_settings_of_ours(file):
     config = zenoh.Config.from_file(str(file))
     read = {
         key: json.loads(config.get_json(key))
-        for key in ("mode", "scouting/multicast/enabled", "transport/link", "adminspace", "listen/endpoints")
+        for key in (
+            "mode",
+            "scouting/multicast/enabled",
+            "transport/link",
+            "adminspace",
+            "listen/endpoints",
+            "qos/network",
+        )
     }
     assert (read["mode"], read["scouting/multicast/enabled"]) == ("router", False)
     assert read["transport/link"]["tx"]["lease"] == LEASE_MS
     assert read["transport/link"]["rx"]["max_message_size"] == MAX_MESSAGE_BYTES
+    (rule,) = read["qos/network"]
+    rule["overwrite"] = {name: value for name, value in rule["overwrite"].items() if value is not None}
+    assert {name: rule[name] for name in NEVER_BLOCKING} == NEVER_BLOCKING
     assert read["adminspace"] == {"enabled": True, "permissions": {"read": True, "write": False}}
     (endpoint,) = read["listen/endpoints"]
     assert endpoint == ("tcp" if file is PLAIN else "tls") + "/0.0.0.0:7447"
