@@ -112,7 +112,7 @@ class Witness:
     def longest_gap_s(self, scene, since_ns):
         """The longest time between two judgements that arrived, by the time at which they were made."""
         made_ns = (message.at_ns for _, message in self.judgements[scene])
-        times = [since_ns, *(at_ns for at_ns in made_ns if at_ns > since_ns)]
+        times = sorted([since_ns, *(at_ns for at_ns in made_ns if at_ns > since_ns)])
         return max(b - a for a, b in pairwise(times)) / SECOND_NS
 
     def leaders(self, scene, since_ns):
@@ -170,7 +170,8 @@ class _Stage:
         process.kill()
 
     def gaps(self, since_ns):
-        """By scene the longest time without a judgement since then."""
+        """By scene the longest time without a judgement since then; every scene is judged once more."""
+        self.await_judgements(0.0)
         gaps = {name: self.witness.longest_gap_s(name, since_ns) for name in self.names}
         self.history.note("gaps", **gaps)
         return gaps

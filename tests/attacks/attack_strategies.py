@@ -113,7 +113,9 @@ def _junk(m):
     return [m.fields(), b"\xc1" * JUNK, b"", msgpack.packb({"v": 2, "p": [0.5] * 5000})]
 
 
+HONEST = "honest"
 STRATEGIES = {
+    HONEST: lambda m: [m.fields()],
     "wrong from the first frame": _wrong_from_the_first_frame,
     "wrong once decided": _wrong_once_decided,
     "second best": _second_best,
@@ -143,4 +145,6 @@ STRATEGIES = {
     "vocabulary flapping": _vocabularies,
     "a prior that vetoes": _vetoing_prior,
 }  # fmt: skip
-"""By name; more than the twenty of the issue."""
+"""By name; the first is none."""
+ABOUT_REST = tuple(name for name in STRATEGIES if name.startswith("rest"))
+"""Those that say what is done as they see it, and lie about rest."""

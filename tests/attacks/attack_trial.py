@@ -24,6 +24,7 @@ HOSTILE = "hostile"
 HONEST = ("door", "corner", "wheel")
 LAG_S = 0.8
 """A verdict belongs to a movement that was over so long before its begin at most: fusion notices late."""
+KINDS = ("blocked", "turned", "doubled", "invented", "unended")
 FORGET_S = 4.0
 """After the end of the film; every verdict has ended by then."""
 
@@ -45,7 +46,7 @@ class Case:
 
 @dataclass(frozen=True)
 class Harm:
-    """What differs from the same trial without the hostile judge, by movement; named: what shows who misbehaves."""
+    """What differs from the same trial without the hostile judge, by movement."""
 
     movements: int
     right: int
@@ -54,16 +55,14 @@ class Harm:
     doubled: list = field(default_factory=list)
     invented: list = field(default_factory=list)
     unended: list = field(default_factory=list)
-    named: str = ""
 
     @property
     def none(self):
         """Whether verdicts are as if the hostile judge were absent."""
-        return not (self.blocked or self.turned or self.doubled or self.invented or self.unended)
+        return not any(getattr(self, kind) for kind in KINDS)
 
     def __str__(self):
-        kinds = ("blocked", "turned", "doubled", "invented", "unended")
-        parts = [f"{len(getattr(self, kind))} {kind}" for kind in kinds if getattr(self, kind)]
+        parts = [f"{len(getattr(self, kind))} {kind}" for kind in KINDS if getattr(self, kind)]
         return ", ".join(parts) or "-"
 
 
@@ -157,8 +156,20 @@ class _Trial:
         return Outcome(verdicts, vote.reliability, dict(self.engine.rejected[HOSTILE]), self.states)
 
 
-def compare(person, without, under):
-    """The harm that `under` shows beside the same trial `without` the hostile judge."""
+def compare(person, without, under, honest=None):
+    """The harm that `under` shows beside the same trial `without` the hostile judge.
+
+    honest: the trial in which it is honest too. What is so there as well, is no harm: its honest word counts.
+    """
+    harm = _compare(person, without, under)
+    if honest is None:
+        return harm
+    other = _compare(person, honest, under)
+    both = {kind: [each for each in getattr(harm, kind) if each in getattr(other, kind)] for kind in KINDS}
+    return Harm(harm.movements, harm.right, **both)
+
+
+def _compare(person, without, under):
     rate = person.stream.rate_hz
     spans = [(s.start / rate, s.end / rate, s.label) for s in person.spans]
     before, after = _by_movement(spans, without), _by_movement(spans, under)

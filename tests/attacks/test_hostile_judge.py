@@ -1,21 +1,28 @@
 """A hostile judge among honest ones, more than twenty strategies, before the pure engine: verdicts are as without it.
 
 In the long form the honest judges are observers of a recorded person, at 4 and 30 Hz, some of them blind; a table of
-all is written to build/attacks/hostile.md. With two judges it is one word against the other: these rows are
-reported, and nothing is required of them.
+all is written to build/attacks/hostile.md. Where one honest judge that sees is left beside the hostile one, it is one
+word against the other: these rows are reported, and required where the lie is about rest.
 """
 
 import pytest
 from attack_history import FOLDER
 from attack_person import scripted
-from attack_strategies import STRATEGIES
+from attack_strategies import ABOUT_REST, HONEST, STRATEGIES
 from attack_trial import Case, compare, run
 
 ROOMS = [(2, 0), (3, 0), (3, 1), (4, 0), (4, 1), (4, 2)]
 """How many judges, and how many of the honest are blind."""
 RATES_HZ = (4, 30)
+HOSTILE = tuple(name for name in STRATEGIES if name != HONEST)
 SHORT = ("wrong from the first frame", "rest inverted", "junk")
 LONG_ROOMS = [(judges, rate, blind) for judges, blind in ROOMS for rate in RATES_HZ]
+
+
+def is_required(case):
+    """Two honest judges who see are enough against one; a single one is, where the lie is about rest."""
+    seeing = case.judges - 1 - case.blind
+    return case.judges > 2 and (seeing > 1 or case.strategy in ABOUT_REST)
 
 
 @pytest.fixture(scope="session")
@@ -26,10 +33,11 @@ def harms(person, long_form):
     result = {}
     for judges, rate, blind in rooms:
         without = run(person, Case("", judges, rate, blind))
-        for strategy in STRATEGIES if long_form else SHORT:
+        honest = run(person, Case(HONEST, judges, rate, blind))
+        for strategy in HOSTILE if long_form else SHORT:
             case = Case(strategy, judges, rate, blind)
             outcome = run(person, case)
-            result[case] = compare(person, without, outcome), outcome
+            result[case] = compare(person, without, outcome, honest), outcome
     if long_form:
         FOLDER.mkdir(parents=True, exist_ok=True)
         (FOLDER / "hostile.md").write_text(table(result))
@@ -46,7 +54,7 @@ def table(harms):
     return "\n".join(lines) + "\n"
 
 
-@pytest.mark.parametrize("strategy", STRATEGIES)
+@pytest.mark.parametrize("strategy", HOSTILE)
 def test_with_three_or_four_judges_verdicts_are_as_if_the_hostile_one_were_absent(harms, strategy, long_form):
     rows = {case.label: str(harm) for case, (harm, _) in harms.items() if case.strategy == strategy}
     if not rows:
@@ -55,6 +63,6 @@ def test_with_three_or_four_judges_verdicts_are_as_if_the_hostile_one_were_absen
     worse = {
         case.label: str(harm)
         for case, (harm, _) in harms.items()
-        if case.strategy == strategy and case.judges > 2 and not harm.none
+        if case.strategy == strategy and is_required(case) and not harm.none
     }
     assert not worse
