@@ -14,8 +14,9 @@ from common.messages import LABELS_LIMIT, Message, MessagePart
 TEXT_LIMIT = 300
 SHOWN_UNITS, UNSEEN = 1000, -1
 SHOWN_LIMIT = 8192
+DOUBTS_LIMIT = 60
 TeachCommand = Literal[
-    "status", "show", "start", "begin", "end", "drop", "learn", "adopt", "leave", "correct", "forget"
+    "status", "show", "start", "begin", "end", "drop", "check", "learn", "adopt", "leave", "correct", "forget"
 ]
 TeachState = Literal["idle", "recording", "learning", "learned"]
 TakeState = Literal["waiting", "moving", "kept", "failed"]
@@ -54,13 +55,25 @@ class TeachRequest(Message):
 
 
 class TakeReport(MessagePart):
-    """The take that is recorded now, or the last one. seconds: of it so far. fault: why it was not kept."""
+    """The take that is recorded now, or the last one. seconds: of it so far. fault: why it was not kept.
+
+    people: the most people who were in the picture for a while during the take; 0 if the tracker does not tell.
+    """
 
     label: str
     take: Count
     state: TakeState
     seconds: FiniteFloat = 0.0
     fault: Text = ""
+    people: Count = 0
+
+
+class TakeDoubt(MessagePart):
+    """A take that looks more like those of another movement."""
+
+    label: str
+    take: Count
+    like: str
 
 
 class LearnedReport(MessagePart):
@@ -116,8 +129,10 @@ class TeachReply(Message):
     pictures: whether its camera delivers. visible: whether it sees a body part now; still: how probably the person
     stands still. complaint: of its tracker.
     takes: the numbers of the takes of each movement on its disk; other_s: seconds of something else there. labels: the
-    movements of the model in force. learned: the model that waits for `adopt`. tracks: what `show` asked for.
-    corrected, forgotten: in the answer to `correct` and to `forget`, what was done.
+    movements of the model in force. learned: the model that waits for `adopt`. tracks: what `show` asked for. people:
+    how many are in the picture now; None if the tracker does not tell. claps: how often somebody has clapped their
+    hands since the observer began to watch for it. doubts: what `check` found. corrected, forgotten: in the answer
+    to `correct` and to `forget`, what was done.
     """
 
     state: TeachState
@@ -134,3 +149,6 @@ class TeachReply(Message):
     tracks: ShownTracks | None = None
     corrected: CorrectedReport | None = None
     forgotten: ForgottenReport | None = None
+    people: Count | None = None
+    claps: Count = 0
+    doubts: list[TakeDoubt] = Field(default_factory=list, max_length=DOUBTS_LIMIT)

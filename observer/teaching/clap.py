@@ -9,7 +9,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from common import SECOND_NS
 from observer.body import BodyFrame
 from observer.runtime.pipeline import Resampler
 from observer.tracks import Floats, Tracks

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from common.teaching_messages import LearnedReport
-from observer.motion.archive import Recording
+from observer.motion.archive import MotionArchive, Recording
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,6 +50,10 @@ class Takes(Protocol):
     @property
     def takes(self) -> dict[str, list[int]]:
         """Numbers of the takes of each movement."""
+
+    @property
+    def archive(self) -> MotionArchive | None:
+        """All of them, and something else; None for nothing."""
 
     @property
     def other_s(self) -> float:

@@ -13,6 +13,7 @@ from common import SECOND_NS
 from common.errors import BadInput, LabanmeshError
 from common.teaching_messages import TEXT_LIMIT, ShownTracks, TakeReport, TakeState, TeachRequest
 from observer.recording.own_tracks import TracksRecorder, trimmed
+from observer.teaching.clap import ClapWatch
 from observer.teaching.interfaces import Takes
 from observer.teaching.shown_tracks import shown_tracks
 from observer.teaching.take_watch import StillnessStream, TakeWatch
@@ -27,17 +28,24 @@ SOMEONE = "someone"
 WATCHED = (*BODY_PARTS, "left_knee", "right_knee")
 """The parts that show whether somebody moves: feet and what lies between tremble too much in a tracker's eyes."""
 NO_PICTURES = "no pictures"
+LOST = "no pictures any more: is the camera working?"
+COMPANY_S = 2.0
+"""So long another person must be seen: trackers take a coat for somebody now and then."""
 
 
 @dataclass(slots=True)
 class CurrentTake:
-    """What is recorded now. watch: of a take; None for something else, of which `piece_ns` is not written yet."""
+    """What is recorded now. watch: of a take; None for something else, of which `piece_ns` is not written yet.
+
+    people: the most people who were in the picture for a while.
+    """
 
     label: str
     take: int
     person: str
     watch: TakeWatch | None
     piece_ns: int = 0
+    people: int = 0
 
     def is_asked_by(self, request: TeachRequest) -> bool:
         """Whether the request is about this take."""
@@ -53,6 +61,7 @@ class TakeRecorder:
         self._watched = watched if len(watched) > 1 else recorder.body_parts
         self._rows = [recorder.body_parts.index(part) for part in self._watched]
         self._stream = StillnessStream(self._watched, recorder.rate_hz)
+        self._claps, self._people = ClapWatch(recorder.body_parts), PeopleCount()
         self._last: TakeReport | None = None
         self.current: CurrentTake | None = None
         """What is recorded now; None: nothing."""
@@ -63,13 +72,24 @@ class TakeRecorder:
         return self._stream.probability
 
     @property
+    def claps(self) -> int:
+        """How often somebody has clapped."""
+        return self._claps.count
+
+    @property
+    def people(self) -> int | None:
+        """How many people are in the picture now; None if the tracker does not tell."""
+        return self._people.now
+
+    @property
     def report(self) -> TakeReport | None:
         """The take that is recorded now, or the last one."""
         current = self.current
         if current is None or current.watch is None:
             return self._last
         state: TakeState = "waiting" if current.watch.phase == "waiting" else "moving"
-        return TakeReport(label=current.label, take=current.take, state=state, seconds=current.watch.seconds)
+        seconds = current.watch.seconds
+        return TakeReport(label=current.label, take=current.take, state=state, seconds=seconds, people=current.people)
 
     def shown(self, request: TeachRequest) -> ShownTracks | None:
         """The take that a request names; without a label what is seen now. None: there is none."""
@@ -82,11 +102,14 @@ class TakeRecorder:
 
     def step(self, at_ns: int, tracks: Tracks) -> None:
         """Take in one frame, which the recorder has."""
-        tracks = Tracks(tracks.centres[self._rows], people=tracks.people)
+        self._claps.update(at_ns, tracks)
+        self._people.update(at_ns, tracks)
+        tracks = Tracks(tracks.centres[self._rows])
         self._stream.update(at_ns, tracks)
         current = self.current
         if current is None:
             return
+        current.people = max(current.people, self._people.lasting)
         if current.watch is None:
             if at_ns - current.piece_ns >= PIECE_S * SECOND_NS:
                 self._write_piece(current, at_ns)
@@ -130,6 +153,13 @@ class TakeRecorder:
         current.watch.end()
         self._finish(current)
 
+    def lose(self) -> None:
+        """No pictures come any more: a take fails at once; something else goes on when they come again."""
+        current = self.current
+        if current is not None and current.watch is not None:
+            current.watch.fail(LOST)
+            self._finish(current)
+
     def _finish(self, current: CurrentTake) -> None:
         """Cut the take out, write it, and keep the report for the next reply."""
         watch = current.watch
@@ -141,8 +171,9 @@ class TakeRecorder:
                 seconds = self._keep(current, watch.begin_ns, watch.end_ns)
             except LabanmeshError as error:
                 fault = fault_line(error)
+        state: TakeState = "failed" if fault else "kept"
         self._last = TakeReport(
-            label=current.label, take=current.take, state="failed" if fault else "kept", seconds=seconds, fault=fault
+            label=current.label, take=current.take, state=state, seconds=seconds, fault=fault, people=current.people
         )
 
     def _keep(self, current: CurrentTake, begin_ns: int, end_ns: int) -> float:
@@ -169,6 +200,27 @@ class TakeRecorder:
             fault = fault_line(error)
         state: TakeState = "failed" if fault else "kept"
         self._last = TakeReport(label="", take=current.take, state=state, seconds=self._takes.other_s, fault=fault)
+
+
+class PeopleCount:
+    """How many people are in the picture, now and for a while."""
+
+    def __init__(self) -> None:
+        self.now: int | None = None
+        self._since_ns: int | None = None
+        self._newest_ns = 0
+
+    @property
+    def lasting(self) -> int:
+        """The people of now, if there have been several for COMPANY_S; else at most one."""
+        if self._since_ns is None or self._newest_ns - self._since_ns < COMPANY_S * SECOND_NS:
+            return min(self.now or 0, 1)
+        return self.now or 0
+
+    def update(self, at_ns: int, tracks: Tracks) -> None:
+        """Take in one frame."""
+        self.now, self._newest_ns = None if tracks.people is None else tracks.people.count, at_ns
+        self._since_ns = None if (self.now or 0) < 2 else min(self._since_ns or at_ns, at_ns)
 
 
 def fault_line(error: LabanmeshError) -> str:

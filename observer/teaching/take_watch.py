@@ -71,6 +71,10 @@ class TakeWatch:
         """The teacher ends the take: what was seen until now is it."""
         self.phase = "done"
 
+    def fail(self, fault: str) -> None:
+        """The take is worth nothing."""
+        self.phase, self.fault = "done", fault
+
     def _wait(self, at_ns: int) -> None:
         if self._lasts(self._moves_since_ns, at_ns, MOVES_S):
             self.phase = "moving"

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from common.errors import BadInput, LabanmeshError
 from observer.files import write_file
-from observer.motion.archive import Recording, TracksCamera
+from observer.motion.archive import MotionArchive, Recording, TracksCamera
 from observer.recording.own_tracks import in_parts
 from observer.recording.tracks_file import TracksFile
 from observer.teaching.interfaces import Unwanted
@@ -94,9 +94,17 @@ class TakesFile:
         return gone
 
     def take(self, label: str, trial: str) -> Recording | None:
-        """A take, on the disk or in memory; None if there is none."""
-        recordings = (*self._recordings(), *self._waiting)
-        return next((r for r in recordings if (r.label, r.trial) == (label, trial)), None)
+        """A take, on the disk or in memory, with the parts of this observer; None if there is none."""
+        stored = self.archive
+        on_disk = () if stored is None else (in_parts(r, stored.body_parts, self._parts) for r in stored.recordings)
+        return next((r for r in (*on_disk, *self._waiting) if (r.label, r.trial) == (label, trial)), None)
+
+    @property
+    def archive(self) -> MotionArchive | None:
+        """All that is on the disk; None if nothing is, or if it cannot be read."""
+        with suppress(LabanmeshError):
+            return self._opened().archive
+        return None
 
     @property
     def takes(self) -> dict[str, list[int]]:

@@ -27,6 +27,7 @@ from common.teaching_messages import (
 )
 from common.vocabulary import Vocabulary
 from observer.recording.own_tracks import TracksRecorder
+from observer.teaching.contradictions import doubtful_takes
 from observer.teaching.corrections import Corrector
 from observer.teaching.interfaces import Learner, Takes, Unwanted
 from observer.teaching.take_recorder import TakeRecorder, fault_line
@@ -69,6 +70,8 @@ class Teaching:
         """
         fault = self._refused(request, now_s)
         self._corrected = self._forgotten = None
+        if not self._sees(now_s):
+            self._recording.lose()
         if not fault:
             if request.command not in LOOKING:
                 self._teacher = request.teacher
@@ -83,7 +86,10 @@ class Teaching:
         tracks = self._recording.shown(request) if shows else None
         if shows and request.label and tracks is None:
             fault = f"there is no take {request.take} of {request.label}"
-        return self._reply(fault, now_s, labels, tracks)
+        reply = self._reply(fault, now_s, labels, tracks)
+        takes = self._takes.archive if request.command == "check" and not fault else None
+        doubts = [] if takes is None else doubtful_takes(takes, request.labels)
+        return reply.model_copy(update={"doubts": doubts}) if doubts else reply
 
     def _refused(self, request: TeachRequest, now_s: float) -> str:
         others = request.teacher != self._teacher and now_s - self._asked_s < TEACHER_S
@@ -165,6 +171,8 @@ class Teaching:
             tracks=tracks,
             corrected=self._corrected,
             forgotten=self._forgotten,
+            people=self._recording.people if sees else None,
+            claps=self._recording.claps,
         )
 
     @property

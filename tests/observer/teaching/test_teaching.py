@@ -14,7 +14,7 @@ from observer.motion.archive_file import read_archive
 from observer.recording.own_tracks import TracksRecorder
 from observer.teaching.takes_file import TakesFile
 from observer.teaching.teaching import Teaching
-from observer.tracks import BODY_PARTS, Frame, Tracks
+from observer.tracks import BODY_PARTS, Frame, Outline, SeenPeople, Tracks
 
 REST = np.array([[280.0, 300.0], [360.0, 300.0], [320.0, 100.0]])
 RATE_HZ = 20
@@ -57,7 +57,12 @@ class Room:
     def ask(self, command, teacher="anna", **fields):
         return self.teaching.handle(TeachRequest(command=command, teacher=teacher, **fields), self.now_s, ("a", "b"))
 
-    def pass_s(self, seconds, moving=False, seen=True, complaint=""):
+    def clap_take(self, take):
+        self.ask("begin", label="clap", take=take, person="anna")
+        self.pass_s(1.0), self.clap(), self.pass_s(1.5)
+        assert self.ask("status").take.state == "kept"
+
+    def pass_s(self, seconds, moving=False, seen=True, complaint="", people=None):
         """The camera films for so long: somebody who waves or rests, or nobody."""
         begun_s = self.now_s
         while self.now_s < begun_s + seconds:
@@ -65,13 +70,19 @@ class Room:
             centres = REST.copy() if seen else np.full_like(REST, np.nan)
             if moving:
                 centres[1, 1] -= 150 * abs(np.sin(3 * (self.now_s - begun_s)))
-            self.see(Tracks(centres), complaint)
+            self.see(Tracks(centres, people=people), complaint)
 
     def hold_s(self, seconds):
         """The hand stays up."""
         for _ in range(round(seconds * RATE_HZ)):
             self.now_s += 1 / RATE_HZ
             self.see(Tracks(np.add(REST, [[0, 0], [0, -150], [0, 0]])), "")
+
+    def clap(self):
+        """The hands go apart, together, and apart, in a second."""
+        for apart in (60, 90, 90, 60, 20, 4, 2, 2, 20, 60, 90, 60, 40, 40, 40, 40):
+            self.now_s += 1 / 15
+            self.see(Tracks(np.array([[320.0 - apart, 220], [320 + apart, 220], [320, 100]])), "")
 
     def see(self, tracks, complaint):
         at_ns = round(self.now_s * SECOND_NS)
@@ -153,6 +164,48 @@ def test_what_cannot_be_used_is_said_and_costs_only_that_take(room):
     room.ask("begin", label="wave", take=5)
     room.now_s += 10
     assert "is the camera working?" in room.ask("end").take.fault
+    # Or it is said by itself, and something else goes on when the camera is back.
+    room.pass_s(1.0)
+    room.ask("begin", label="wave", take=6)
+    room.now_s += 3
+    reply = room.ask("status")
+    assert reply.state == "idle" and "is the camera working?" in reply.take.fault
+    room.pass_s(1.0)
+    room.ask("begin", take=1)
+    room.pass_s(3.0), room.ask("status")
+    room.now_s += 3
+    assert room.ask("status").state == "recording"
+    room.pass_s(3.0)
+    assert room.ask("end").other_s > 5
+
+
+def test_several_people_in_a_take_are_reported_when_they_stay(room):
+    room.ask("start", labels=["wave", "clap"])
+    two = SeenPeople(Outline(0, 0, 10, 10), (Outline(20, 0, 30, 10),))
+    for take, seconds in ((1, 1.0), (2, 3.0)):
+        assert room.ask("begin", label="wave", take=take).people is None
+        room.pass_s(seconds, people=two), room.pass_s(1.5, moving=True), room.pass_s(1.5)
+        report = room.ask("status").take
+        assert (report.state, report.people) == ("kept", take)
+    room.pass_s(0.5, people=two)
+    assert room.ask("status").people == 2
+
+
+def test_claps_are_counted(room):
+    assert room.ask("start", labels=["wave", "clap"]).claps == 0
+    room.pass_s(1.0), room.clap(), room.pass_s(1.0), room.clap()
+    assert room.ask("status").claps == 2
+
+
+def test_takes_that_contradict_each_other_are_named_before_anything_is_learned(room):
+    room.ask("start", labels=["wave", "clap"])
+    for take in (1, 2, 3):
+        room.perform("wave", take)
+        room.clap_take(take)
+    assert room.ask("check", labels=["wave", "clap"]).doubts == []
+    room.perform("clap", 4)
+    (doubt,) = room.ask("check", labels=["wave", "clap"]).doubts
+    assert (doubt.label, doubt.take, doubt.like) == ("clap", 4, "wave")
 
 
 def test_an_observer_that_is_killed_goes_on_where_it_stopped(room):
