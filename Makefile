@@ -8,7 +8,7 @@ PEERS := .venv-peers
 TRANSPORTS := .venv-transports
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-mediapipe test-browser test-home fault-tools mqtt-tools faults attacks fuzz soak-day peers test-peers peers-transport test-transports check bench soak scale clean
+.PHONY: help demo test test-mediapipe test-browser test-home home-assistant-app fault-tools mqtt-tools faults attacks fuzz soak-day peers test-peers peers-transport test-transports check bench soak scale clean
 
 help:            ## this list
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*##/\t/' | expand -t 18
@@ -28,6 +28,11 @@ test-browser: $(VENV)/.ready   ## the dashboard in Chromium, and fifty browsers 
 
 test-home: $(VENV)/.ready mqtt-tools $(HOME_ASSISTANT)/.ready   ## a real Home Assistant and Node-RED, in an environment of their own
 	@LABANMESH_HASS=$(HOME_ASSISTANT)/bin/hass LABANMESH_NODE_RED=$$(ls $(HOME_ASSISTANT)/node-red/node_modules/.bin/node-red 2>/dev/null) LABANMESH_LOAD_S=120 $(BIN)/pytest -q -n0 -rP --timeout 900 tests/home
+
+home-assistant-app: $(VENV)/.ready   ## the Home Assistant app with labanmesh's wheel: an app repository in dist/home-assistant
+	@rm -rf dist/home-assistant && mkdir -p dist && cp -r deploy/home-assistant dist/home-assistant
+	@$(BIN)/python -m pip wheel --quiet --disable-pip-version-check --no-deps --wheel-dir dist/home-assistant/labanmesh .
+	@echo "dist/home-assistant: put its folder labanmesh into the folder addons of your Home Assistant, or all of it into a git repository of its own"
 
 faults: $(VENV)/.ready fault-tools  ## what breaks, broken on purpose: the long form, about half an hour
 	@LABANMESH_FAULTS=long $(BIN)/pytest -q -n0 -rP --timeout 1800 tests/faults
