@@ -69,7 +69,8 @@ IMPURE = {
     "sockets, signals, processes, the terminal, the supervisor": (
         "*.commands *.instrumentation *.service common.health common.lifecycle common.log_limit "
         "common.notify common.progress "
-        "common.tls deploy.doctor.cameras deploy.doctor.network deploy.launcher hub.dashboard.application "
+        "common.tls deploy.doctor.cameras deploy.doctor.network deploy.home-assistant.* deploy.launcher "
+        "hub.dashboard.application "
         "hub.dashboard.connections hub.dashboard.serving hub.dashboard.streams hub.healthcheck hub.mqtt.broker "
         "studies.demo* studies.effort "
         "studies.evaluate_options observer.learning.learn_options observer.teaching.model_learner common.parallel"
