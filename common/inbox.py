@@ -3,7 +3,16 @@
 import threading
 import time
 from collections import deque
+from collections.abc import Iterable
 from typing import NamedTuple
+
+LARGE = 2048
+"""Bytes of a payload from which it is counted; a queue of smaller ones is bounded by their number."""
+BYTES_LIMIT = 16 << 20
+"""All large payloads that wait in a queue: less than floods of the largest messages would fill."""
+STRANGERS_LIMIT = 256
+SHARE = 4
+"""One key may fill a quarter of this, so that a flood under one key costs other keys nothing."""
 
 
 class Arrival(NamedTuple):
@@ -18,17 +27,26 @@ class Arrival(NamedTuple):
 
 
 class Inbox:
-    """A bounded queue that one loop empties. Over `limit` the oldest messages are dropped and counted in `dropped`."""
+    """A bounded queue that one loop empties; what is lost is counted in `dropped`.
 
-    def __init__(self, limit: int = 4096) -> None:
+    Over `limit` messages the oldest are dropped. Payloads over LARGE may have `bytes_limit` bytes together, and a
+    quarter of it under one key; further ones are dropped until the next `take`.
+    """
+
+    def __init__(self, limit: int = 4096, bytes_limit: int = BYTES_LIMIT) -> None:
         self._arrivals: deque[Arrival] = deque(maxlen=limit)
         self._something = threading.Event()
         self._lock = threading.Lock()
+        self._bytes_limit = bytes_limit
+        self._large: dict[str, int] = {}
+        self._large_bytes = 0
         self.dropped = 0
 
     def put(self, key: str, payload: bytes) -> None:
         """Enqueue a message and return at once; called by the mesh's threads."""
         arrivals = self._arrivals
+        if len(payload) > LARGE and not self._has_room(key, len(payload)):
+            return
         if len(arrivals) == arrivals.maxlen:
             with self._lock:
                 self.dropped += 1
@@ -37,10 +55,26 @@ class Inbox:
         if not self._something.is_set():
             self._something.set()
 
+    def _has_room(self, key: str, size: int) -> bool:
+        """Count a large payload, unless it is too much."""
+        with self._lock:
+            own = self._large.get(key, 0) + size
+            fits = own <= self._bytes_limit // SHARE and self._large_bytes + size <= self._bytes_limit
+            if not fits:
+                self.dropped += 1
+                return False
+            self._large[key] = own
+            self._large_bytes += size
+            return True
+
     def take(self, timeout_s: float) -> list[Arrival]:
         """All messages that have arrived, oldest first; waits for a message, a `wake`, or `timeout_s`."""
         self._something.wait(timeout_s)
         self._something.clear()
+        if self._large_bytes:
+            with self._lock:
+                self._large.clear()
+                self._large_bytes = 0
         # Messages that arrive meanwhile wait for the next call; otherwise this one might never end.
         return [self._arrivals.popleft() for _ in range(len(self._arrivals))]
 
@@ -50,15 +84,22 @@ class Inbox:
 
 
 class Presence:
-    """The keys of the liveliness tokens that exist now; read by any thread."""
+    """The keys of the liveliness tokens that exist now; read by any thread.
 
-    def __init__(self) -> None:
+    expected: the keys of processes that the scene names. Of others at most STRANGERS_LIMIT are noted, so that a process
+    that invents names costs little.
+    """
+
+    def __init__(self, expected: Iterable[str] = ()) -> None:
+        self._expected = frozenset(expected)
         self._alive: frozenset[str] = frozenset()
         self._changed = threading.Condition()
 
     def note(self, key: str, *, alive: bool) -> None:
         """The token under `key` has appeared or gone; called by the mesh's threads."""
         with self._changed:
+            if alive and key not in self._expected and len(self._alive - self._expected) >= STRANGERS_LIMIT:
+                return
             self._alive = self._alive | {key} if alive else self._alive - {key}
             self._changed.notify_all()
 

@@ -7,15 +7,16 @@
 
 import contextlib
 import threading
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections import deque
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, Self
 
 import zenoh
 
 from common.errors import LabanmeshError
-from common.inbox import Inbox, Presence
+from common.inbox import BYTES_LIMIT, Inbox, Presence
 from common.wire import SIZE_LIMIT
 
 ENCODING = "application/msgpack"
@@ -23,17 +24,42 @@ OVERSIZE = bytes(SIZE_LIMIT + 1)
 """Replaces a payload that is too large for any message."""
 RETRY_S = 0.05
 """Pause between two queries while nobody answers: declarations of a new peer may still be on their way."""
+ANSWERS_BYTES = 16 << 20
+"""Of the answers to a query of a listener so many bytes are kept: more than a thousand processes answer."""
 RING = 256
 """Samples or queries in each ring of a polled sub-session."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Polled:
-    """A ring that `poll` empties into `take_in`; `finished` is called when a query has all its answers."""
+    """A ring that `poll` empties into `take_in`."""
 
     ring: Any
     take_in: Callable[[Any], None]
-    finished: Callable[[], None] = lambda: None
+
+
+@dataclass(slots=True)
+class _PolledQuery:
+    """The answers to a query until `poll`, at most RING: a flood of them must not hold up the session.
+
+    finished: called by `poll` when all have answered, or the time is over.
+    """
+
+    take_in: Callable[[Any], None]
+    finished: Callable[[], None]
+    waiting: deque[Any] = field(default_factory=lambda: deque(maxlen=RING))
+    has_ended: bool = False
+
+    def end(self) -> None:
+        """No more answers will arrive."""
+        self.has_ended = True
+
+    def empty(self) -> bool:
+        """Pass on all answers that wait; returns whether more may arrive."""
+        has_ended = self.has_ended
+        for _ in range(len(self.waiting)):
+            self.take_in(self.waiting.popleft())
+        return not has_ended
 
 
 class Publisher:
@@ -74,7 +100,7 @@ class SubSession:
         self._declared: list[Any] = []
         self._inboxes: list[Inbox] = []
         self._rings: list[_Polled] = []
-        self._queries: list[_Polled] = []
+        self._queries: list[_PolledQuery] = []
         self._closed = threading.Event()
 
     def sub_session(self, *, polled: bool = False) -> "SubSession":
@@ -86,9 +112,7 @@ class SubSession:
         for polled in self._rings:
             _empty(polled)
         for query in tuple(self._queries):
-            try:
-                _empty(query)
-            except zenoh.ZError:  # all have answered, or the time is over
+            if not query.empty():
                 self._queries.remove(query)
                 query.finished()
 
@@ -99,13 +123,15 @@ class SubSession:
         self._declared.append(publisher)
         return Publisher(publisher)
 
-    def inbox(self, *keys: str, limit: int = 4096, ring: int = RING, remote: bool = False) -> Inbox:
+    def inbox(
+        self, *keys: str, limit: int = 4096, ring: int = RING, remote: bool = False, bytes_limit: int = BYTES_LIMIT
+    ) -> Inbox:
         """One inbox for everything published under `keys`, which may have wildcards; it drops the oldest over `limit`.
 
         ring: entries per key that wait between two polls of a polled sub-session; the oldest are dropped. remote: omit
-        what this process publishes itself.
+        what this process publishes itself. bytes_limit: see Inbox.
         """
-        inbox = Inbox(limit)
+        inbox = Inbox(limit, bytes_limit)
         origin = zenoh.Locality.REMOTE if remote else None
 
         def enqueue(sample: zenoh.Sample) -> None:
@@ -123,9 +149,9 @@ class SubSession:
         """Declare a liveliness token under `key`, until the link is closed or the process dies."""
         self._declared.append(self._session.liveliness().declare_token(key))
 
-    def presence(self, key_expression: str) -> Presence:
-        """The liveliness tokens under `key_expression`, including those declared before."""
-        presence = Presence()
+    def presence(self, key_expression: str, expected: Iterable[str] = ()) -> Presence:
+        """The liveliness tokens under `key_expression`, including those declared before. expected: see Presence."""
+        presence = Presence(expected)
 
         def note(sample: zenoh.Sample) -> None:
             presence.note(str(sample.key_expr), alive=sample.kind == zenoh.SampleKind.PUT)
@@ -187,35 +213,44 @@ class SubSession:
         timeout_s: float,
         finished: Callable[[], None] = lambda: None,
         payload: bytes | None = None,
+        longest: int = SIZE_LIMIT,
     ) -> None:
         """Query without waiting: `answered` gets each key and payload, in a thread of the mesh; it must be fast.
 
-        finished: called once, when no more answers will arrive. payload: of the request.
+        finished: called once, when no more answers will arrive. payload: of the request. longest: bytes of an answer;
+        longer ones are left out.
         """
 
         def pass_on(reply: zenoh.Reply) -> None:
-            if reply.ok is not None:
+            if reply.ok is not None and len(reply.ok.payload) <= longest:
                 answered(str(reply.ok.key_expr), reply.ok.payload.to_bytes())
 
-        # Not a ring, whose content is lost when the query ends. No query has so many answers that this fills up.
+        # Not a ring, whose content is lost when the query ends.
         handler: Any = zenoh.handlers.Callback(pass_on, finished)
+        query = _PolledQuery(pass_on, finished)
         if self._is_polled:
-            handler = zenoh.handlers.FifoChannel(RING)
+            # In Zenoh's own thread, which it does not hold up: a thread for each query would be too many.
+            handler = zenoh.handlers.Callback(query.waiting.append, query.end, indirect=False)
         with contextlib.suppress(zenoh.ZError):  # closed: nobody will answer
             # Several may answer under one key, as for the vocabulary: each answer counts.
             each = zenoh.ConsolidationMode.NONE
-            replies = self._session.get(
+            self._session.get(
                 key, handler, target=zenoh.QueryTarget.ALL, consolidation=each, timeout=timeout_s, payload=payload
             )
             if self._is_polled:
-                self._queries.append(_Polled(replies, pass_on, finished))
+                self._queries.append(query)
 
     def _ask_once(self, key: str, timeout_s: float) -> list[tuple[str, bytes]]:
         # Several answers of one key are a history, of which Zenoh would keep only one.
         each = zenoh.ConsolidationMode.NONE
         replies = self._session.get(key, target=zenoh.QueryTarget.ALL, consolidation=each, timeout=timeout_s)
-        samples = [reply.ok for reply in replies if reply.ok is not None]
-        return [(str(sample.key_expr), sample.payload.to_bytes()) for sample in samples]
+        answers, size = [], 0
+        for reply in replies:
+            # All are received, or those that wait would hold up the session; of a flood only the first are kept.
+            if reply.ok is not None and len(reply.ok.payload) <= SIZE_LIMIT and size < ANSWERS_BYTES:
+                size += len(reply.ok.payload)
+                answers.append((str(reply.ok.key_expr), reply.ok.payload.to_bytes()))
+        return answers
 
     def close(self) -> None:
         """Undeclare everything and wake the threads that wait on an inbox; a second call does nothing."""

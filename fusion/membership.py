@@ -64,7 +64,7 @@ class SceneMember:
             supervisor=service.supervisor,
         )  # fmt: skip
         self._session.announce(scene.keys.fusion_alive(service.own))
-        self._services = self._session.presence(scene.keys.fusion_alive())
+        self._services = self._session.presence(scene.keys.fusion_alive(), map(scene.keys.fusion_alive, scene.services))
         self._same_id = self._session.inbox(scene.keys.fusion_status(service.own), limit=16, remote=True)
         self._alive: frozenset[str] | None = None
         self._listener: StandbyListener | None = None

@@ -94,7 +94,9 @@ class SceneWorker:
         # with 250 of them a message costs ten times as much. With few scenes the server has one inbox.
         names = map(scene.keys.posterior, scene.roster) if service.polled else ()
         self._posteriors = self._session.inbox(*names, ring=1)
-        self._present = self._session.presence(scene.keys.observer_alive())
+        self._present = self._session.presence(
+            scene.keys.observer_alive(), map(scene.keys.observer_alive, scene.roster)
+        )
         self._ingest = PosteriorIngest(engine, status, service.clock)
         self._clocks = ClockQuerier(
             self._session, scene.keys.observer_status(), service.clock, service.wake, service.ask_clocks_s

@@ -10,6 +10,7 @@ from common.link import Link
 from common.messages import JudgementMessage, VerdictMessage
 from common.vocabulary import Vocabulary
 from common.wire import BadMessage, check_vocabulary, decode_from
+from common.zenoh_settings import MAX_MESSAGE_BYTES
 from fusion.checkpoint import Checkpoint
 
 log = logging.getLogger("labanmesh.fusion")
@@ -102,7 +103,12 @@ class HandoverRequest:
 
         key = scene.keys.fusion_handover(owner)
         self._session.request(
-            key, lambda _, payload: self._answers.append(payload), HANDOVER_TIMEOUT_S, finish, own.encode()
+            key,
+            lambda _, payload: self._answers.append(payload),
+            HANDOVER_TIMEOUT_S,
+            finish,
+            own.encode(),
+            MAX_MESSAGE_BYTES,
         )
 
     def poll(self) -> None:

@@ -23,7 +23,9 @@ class VocabularyLookup:
     def __init__(self, scene: Scene, service: Service) -> None:
         self._scene, self._ticks = scene, service.ticks
         self._session = service.link.sub_session(polled=True)
-        self._present = self._session.presence(scene.keys.observer_alive())
+        self._present = self._session.presence(
+            scene.keys.observer_alive(), map(scene.keys.observer_alive, scene.roster)
+        )
         self._asked: frozenset[str] = frozenset()
         self._payloads: list[bytes] = []
         self._asked_s = float("-inf")

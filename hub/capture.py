@@ -32,6 +32,8 @@ QUERY_S = 0.3
 QUERY_AGAIN_NS = 2 * SECOND_NS
 INBOX_LIMIT = 65_536
 """Messages that wait while the disk is slow; a scene of four cameras publishes about 200 a second."""
+INBOX_BYTES = 64 << 20
+"""The largest of them together: twenty seconds of a scene of ten cameras whose messages are full of detail."""
 PROGRESS_EVERY_S = 10.0
 BYTES_PER_MB = 1_000_000
 
@@ -90,7 +92,7 @@ class SceneCapture:
         self._kinds: Counter[str] = Counter()
         self._tokens: frozenset[str] = frozenset()
         self._answers: frozenset[tuple[str, bytes]] = frozenset()
-        self._inbox = link.inbox(f"{self._keys.root}/**", limit=INBOX_LIMIT)
+        self._inbox = link.inbox(f"{self._keys.root}/**", limit=INBOX_LIMIT, bytes_limit=INBOX_BYTES)
         self._presence = link.presence(f"{self._keys.root}/**/alive")
         self._began_ns = self._queried_ns = clock()
         self._vocabulary_missing = False

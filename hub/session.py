@@ -138,7 +138,7 @@ class SceneListener:
         self.verdicts: deque[ArrivedVerdict] = deque()
         self._fault: Exception | None = None
         self._scene, self._link, self._note, self._ended = scene, link, note, threading.Event()
-        self._presence = link.presence(scene.keys.observer_alive())
+        self._presence = link.presence(scene.keys.observer_alive(), map(scene.keys.observer_alive, scene.roster))
         self._thread = threading.Thread(target=self._listen, name=f"listen-{scene.scene}", daemon=True)
 
     @property

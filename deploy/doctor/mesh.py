@@ -118,7 +118,8 @@ def _is_connected(link: Link) -> bool:
 def _traffic(scene: Scene, link: Link, for_s: float) -> MeshTraffic:
     keys, began_s = scene.keys, time.monotonic()
     traffic = MeshTraffic(keys)
-    observers, fusions = link.presence(keys.observer_alive()), link.presence(keys.fusion_alive())
+    observers = link.presence(keys.observer_alive(), map(keys.observer_alive, scene.roster))
+    fusions = link.presence(keys.fusion_alive(), map(keys.fusion_alive, scene.services))
     inbox = link.inbox(keys.posterior(), keys.judgement, keys.observer_status(), keys.fusion_status())
     for key, payload in link.ask(f"{keys.root}/**", min(QUERY_S, for_s)).items():
         traffic.record(key, payload, time.time_ns(), queried=True)

@@ -73,7 +73,7 @@ def follow(
     record: Callable[[SceneUpdate], None],
 ) -> None:
     """Publish to `stream` what happens in `scene` while `go_on()`: verdicts at once, the state ten times a second."""
-    presence = link.presence(scene.keys.observer_alive())
+    presence = link.presence(scene.keys.observer_alive(), map(scene.keys.observer_alive, scene.roster))
     history, sent_ns = first_history(scene), 0
     for update in listen(scene, link, go_on):
         record(update)

@@ -105,7 +105,7 @@ def _present(scene: "Scene", file: Path, link: "Link") -> list[str]:
     """The observers of the scene file that run; raises LabanmeshError without any."""
     from common.keys import observer_of
 
-    presence = link.presence(scene.keys.observer_alive())
+    presence = link.presence(scene.keys.observer_alive(), map(scene.keys.observer_alive, scene.roster))
     presence.wait_for(len(scene.roster), FIND_S)
     names = {observer_of(key) for key in presence.alive}
     present = [name for name in scene.roster if name in names]

@@ -41,6 +41,26 @@ def test_presence_waits_for_tokens_that_appear_and_go():
     assert presence.wait_for(0, 0)
 
 
+def test_one_key_cannot_fill_an_inbox_with_large_messages():
+    inbox = Inbox(bytes_limit=400_000)
+    for _ in range(1000):
+        inbox.put("flood", b"x" * 10_000)
+    inbox.put("verdict", b"y" * 5_000)
+    inbox.put("flood", b"small")
+    taken = [arrival.key for arrival in inbox.take(0)]
+    assert taken == ["flood"] * 10 + ["verdict", "flood"] and inbox.dropped == 990
+    inbox.put("flood", b"x" * 10_000)
+    assert len(inbox.take(0)) == 1
+
+
+def test_invented_processes_are_not_all_noted_and_expected_ones_always():
+    presence = Presence(["laban/dojo/observer/cam1/alive"])
+    for n in range(15_000):
+        presence.note(f"laban/dojo/observer/x{n}/alive", alive=True)
+    presence.note("laban/dojo/observer/cam1/alive", alive=True)
+    assert len(presence.alive) == 257 and "laban/dojo/observer/cam1/alive" in presence.alive
+
+
 @pytest.mark.skipif(sys.platform != "linux", reason="a process can list its own descriptors only on Linux")
 def test_linger_is_switched_off_on_tcp_sockets_only():
     with socket.socket() as tcp, socket.socket(type=socket.SOCK_DGRAM) as udp, socket.socket() as other:

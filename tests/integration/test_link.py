@@ -266,3 +266,23 @@ def test_an_inbox_can_leave_out_what_its_own_process_publishes(fusion, peer):
     own.put(b"own")
     other.put(b"other")
     assert payloads(inbox) == [b"other"]
+
+
+def test_a_flood_of_answers_to_a_polled_query_holds_up_nothing_else(fusion, peer):
+    other, flooding = peer(), peer()
+    flooding.answer("x/flood/status", lambda: [b"a" * 100] * 5_000)
+    session, inbox, answers = fusion.sub_session(polled=True), fusion.inbox("x/posterior"), []
+    assert until(lambda: fusion.ask("x/flood/status", 0.2))
+    session.request("x/*/status", lambda key, payload: answers.append(payload), SOON_S)
+    publisher_to(other, "x/posterior").put(b"judged")
+    flooding.publisher("x/posterior").put(b"after the answers")
+    # Nobody polls: the session goes on all the same.
+    assert set(payloads(inbox, 2)) == {b"judged", b"after the answers"}
+    session.poll()
+    assert 0 < len(answers) <= 256
+
+
+def test_of_a_flood_of_answers_a_listener_keeps_only_so_much(fusion, peer, monkeypatch):
+    monkeypatch.setattr("common.subsession.ANSWERS_BYTES", 100_000)
+    peer().answer("x/status", lambda: [b"a" * 60_000] * 20 + [b"b" * 70_000])
+    assert [len(payload) for _, payload in until(lambda: fusion.ask_each("x/status", 1.0))] == [60_000] * 2
