@@ -227,10 +227,14 @@ class MqttConfig(Section):
 
 
 class DashboardConfig(Section):
-    """[hub.dashboard]: the web page. listen: HOST:PORT. token_file: a file with the token that a browser must send."""
+    """[hub.dashboard]: the web page. listen: HOST:PORT. token_file: a file with the token that a browser must send.
+
+    teach: whoever has the token may also teach the observers on the page.
+    """
 
     listen: str = "127.0.0.1:8420"
     token_file: str = ""
+    teach: bool = False
 
 
 class HubConfig(Section):

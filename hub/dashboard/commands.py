@@ -1,17 +1,23 @@
 """The verb `labanmesh dashboard`: a scene, or a capture of one, as a page in the browser."""
 
+import secrets
 import time
 import tomllib
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from common.address import Address
+from common.address import ANY_HOST, Address
 from common.config import read_scene
 from common.errors import BadInput
-from hub.dashboard.application import LISTEN_KEY, AccessControl, checked_token, is_loopback
+from hub.dashboard.access import LISTEN_KEY, AccessControl, checked_token, is_loopback
 from hub.dashboard.placement import azimuth_of, azimuth_of_camera, floor_positions
+
+UNMISTAKABLE = "abcdefghijkmnpqrstuvwxyz23456789"
+"""Letters and digits that nobody takes for another on a phone."""
 
 if TYPE_CHECKING:
     from common.config import Scene
@@ -30,15 +36,21 @@ def dashboard(
     token_file: Annotated[
         Path | None, typer.Option(metavar="FILE", help="A file with the token, instead of the scene file's.")
     ] = None,
+    teach: Annotated[
+        bool, typer.Option("--teach", help="Whoever has the token may also teach, at /teach; made if there is none.")
+    ] = False,
     for_s: Annotated[
         float | None, typer.Option("--for", metavar="SECONDS", min=0, help="End after this many seconds.")
     ] = None,
 ) -> None:
     """The scene as one page in the browser: the judges on the tatami, the verdicts, and why. Ctrl-C ends it.
 
-    It is read-only. Where other machines can reach it, it asks for a token.
+    It only reads, unless --teach lets those who have the token teach. Where other machines can reach it, it asks for
+    a token.
 
     Example: labanmesh dashboard scene.toml
+
+    Example: labanmesh dashboard scene.toml --teach --listen 0.0.0.0:8420
 
     Example: labanmesh dashboard --capture monday.mcap --listen 127.0.0.1:0
     """
@@ -48,12 +60,24 @@ def dashboard(
     settings = config.hub.dashboard if scene else type(config.hub.dashboard)()
     address = Address.parse(listen or settings.listen, LISTEN_KEY)
     configured = config.place(settings.token_file) if settings.token_file else None
-    _serve(config, timeline, address, AccessControl(_token(address, token_file or configured)), for_s)
+    teaches = bool(scene) and (teach or settings.teach)
+    run = DashboardRun(config, timeline, address, _access(address, token_file or configured, teaches), for_s, scene)
+    _serve(run)
 
 
-def _serve(
-    scene: "Scene", timeline: "CaptureTimeline | None", address: Address, access: AccessControl, for_s: float | None
-) -> None:
+@dataclass(frozen=True, slots=True)
+class DashboardRun:
+    """What is served. timeline: of a capture; file: the scene file of a running scene."""
+
+    scene: "Scene"
+    timeline: "CaptureTimeline | None"
+    address: Address
+    access: AccessControl
+    for_s: float | None = None
+    file: Path | None = None
+
+
+def _serve(run: DashboardRun) -> None:
     from common.lifecycle import log_to_stderr, stop_on_signals
     from common.link import Link
     from common.notify import Notifier
@@ -61,20 +85,45 @@ def _serve(
     from hub.instrumentation import instrumented
 
     log_to_stderr()
+    scene, address = run.scene, run.address
     with bound_socket(address) as port, stop_on_signals() as stop, Notifier.from_environment() as supervisor:
-        where, setup = Address(address.host, port.getsockname()[1]).reachable, _setup(scene, timeline)
-        run = ServingRun(stop, for_s, supervisor.alive)
-        if timeline is not None:
-            print(f"http://{where}/ shows a capture of scene {scene.scene}", flush=True)
-            serve_capture(port, access, setup, timeline, run)
+        own = Address(address.host, port.getsockname()[1])
+        setup, serving = _setup(scene, run.timeline, run.access.teaches), ServingRun(stop, run.for_s, supervisor.alive)
+        if run.timeline is not None:
+            print(f"http://{own.reachable}/ shows a capture of scene {scene.scene}", flush=True)
+            serve_capture(port, run.access, setup, run.timeline, serving)
             return
         with (
             instrumented([scene], "dashboard") as instrumentation,
             Link.open(scene.mesh, "hub", scene=scene.scene) as link,
         ):
-            run.record = instrumentation.record
-            print(f"http://{where}/ shows scene {scene.scene}", flush=True)
-            serve_scene(port, access, setup, scene, link, run)
+            serving.record = instrumentation.record
+            print(f"http://{own.reachable}/ shows scene {scene.scene}", flush=True)
+            for line in _teach_lines(run, own):
+                print(line, flush=True)
+            serve_scene(port, run.access, setup, scene, link, serving)
+
+
+def _teach_lines(run: DashboardRun, own: Address) -> Iterator[str]:
+    """Where to teach; the token is printed only if it was made for this run."""
+    if not run.access.teaches:
+        return
+    made = f"#{run.access.made_token}" if run.access.made_token else ""
+    from hub.dashboard.serving import lan_address
+
+    host = lan_address() if own.host in ANY_HOST else own.host
+    yield f"teach at http://{Address(host, own.port)}/teach{made}"
+    if is_loopback(own):
+        yield f"for a phone: labanmesh dashboard {run.file} --teach --listen 0.0.0.0:{own.port}"
+
+
+def _access(address: Address, path: Path | None, teaches: bool) -> AccessControl:
+    """Who may read and teach; to teach without a token a new one is made."""
+    if path is not None or not teaches:
+        token = _token(address, path)
+        return AccessControl(token, token if teaches else None)
+    made = "-".join("".join(secrets.choice(UNMISTAKABLE) for _ in range(4)) for _ in range(4))
+    return AccessControl(None if is_loopback(address) else made, made, made)
 
 
 def _read_capture(path: Path) -> tuple["Scene", "CaptureTimeline"]:
@@ -107,14 +156,16 @@ def _token(address: Address, path: Path | None) -> str | None:
         raise BadInput(f"{where}: {str(reason).lower()}; make it: openssl rand -hex 16 > {path}") from None
 
 
-def _setup(scene: "Scene", timeline: "CaptureTimeline | None") -> "PageSetup":
+def _setup(scene: "Scene", timeline: "CaptureTimeline | None", teaches: bool) -> "PageSetup":
     from hub.dashboard.page_data import PageSetup
 
     views = {name: observer.view for name, observer in scene.observers.items()}
     azimuths = {name: _azimuth(scene, view) for name, view in views.items()}
     span_s, began_ns = (None, 0) if timeline is None else (timeline.span_s, timeline.began_ns)
     pictures = {name: each.picture_hz for name, each in scene.observers.items() if each.picture_hz and not timeline}
-    return PageSetup(scene.scene, floor_positions(views, azimuths), scene.fusion.quorum, span_s, began_ns, pictures)
+    return PageSetup(
+        scene.scene, floor_positions(views, azimuths), scene.fusion.quorum, span_s, began_ns, pictures, teaches
+    )
 
 
 def _azimuth(scene: "Scene", view: str) -> float | None:

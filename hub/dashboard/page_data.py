@@ -34,7 +34,7 @@ Json = dict[str, Any]
 class PageSetup:
     """What does not change while the page is open. span_s: the length of the capture; None: the scene is live.
 
-    pictures: the observers whose live pictures are switched on, and how many a second.
+    pictures: the observers whose live pictures are switched on, and how many a second. teaches: there is a Teach page.
     """
 
     scene: str
@@ -43,6 +43,7 @@ class PageSetup:
     span_s: float | None = None
     began_ns: int = 0
     pictures: Mapping[str, float] = field(default_factory=dict)
+    teaches: bool = False
 
 
 def snapshot_data(setup: PageSetup, history: "SceneHistory") -> Json:
@@ -53,6 +54,7 @@ def snapshot_data(setup: PageSetup, history: "SceneHistory") -> Json:
         "span": setup.span_s,
         "began": setup.began_ns // NS_PER_MS,
         "pictures": dict(setup.pictures),
+        "teaches": setup.teaches,
         "positions": {
             name: {"azimuth": each.azimuth_deg, "known": each.known, "view": _text(each.view)}
             for name, each in setup.positions.items()

@@ -3,7 +3,8 @@
 import asyncio
 import socket
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,14 +16,17 @@ from common.address import Address
 from common.errors import LabanmeshError
 from common.keys import observer_of
 from common.messages import VerdictMessage
-from hub.dashboard.application import LISTEN_KEY, AccessControl, Stream, application
+from hub.dashboard.access import LISTEN_KEY, AccessControl
+from hub.dashboard.application import Stream, application
 from hub.dashboard.connections import accept_connections, protocol_in, table_for_this_process
 from hub.dashboard.history import CaptureTimeline, SceneHistory
 from hub.dashboard.page_data import CROWD, PageSetup, state_data, verdict_data
 from hub.dashboard.pictures import PictureRelay
 from hub.dashboard.streams import LiveStream, event, play
+from hub.dashboard.teach_routes import OFF, TeachPage
 from hub.scene_state import SceneState
 from hub.session import SceneUpdate, listen
+from hub.teaching.desk import TeachDesk
 
 if TYPE_CHECKING:
     from starlette.applications import Starlette
@@ -33,6 +37,13 @@ if TYPE_CHECKING:
 CHECK_S = 0.1
 SHUTDOWN_S = 2
 """How long the end waits for browsers that do not disconnect."""
+NO_RIGHT = (
+    "This dashboard's certificate has no right to teach. Where the certificates are made: "
+    "labanmesh secure add SCENE NAME --hub --teach; then copy the new folder here."
+)
+CAPTURE = "This page shows a capture. A running scene is taught with: labanmesh dashboard SCENE --teach"
+ELSEWHERE = ("192.0.2.1", 9)
+"""An address that nobody has; nothing is sent to it."""
 STATE_EVERY_NS = SECOND_NS // 10
 CROWD_EVERY_NS = 3 * SECOND_NS // 10
 """The state of many observers is long, and changes faster than anybody reads it."""
@@ -63,6 +74,16 @@ def bound_socket(address: Address) -> socket.socket:
             f"{LISTEN_KEY} = {str(address)!r}: {reason}; stop the other process or choose another port with "
             "--listen HOST:PORT"
         ) from None
+
+
+def lan_address() -> str:
+    """The address under which other machines reach this one, as far as it knows; its name if it has none."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.connect(ELSEWHERE)
+            return str(probe.getsockname()[0])
+        except OSError:
+            return socket.gethostname()
 
 
 def follow(
@@ -102,29 +123,50 @@ def serve_scene(
     """Show the live `scene`; returns when `run` is over."""
 
     async def main() -> None:
-        pictures = PictureRelay(scene.keys, setup.pictures, link, _may_get_pictures(scene))
+        pictures = PictureRelay(scene.keys, setup.pictures, link, _has_right(scene, "pictures"))
         stream = LiveStream(setup, first_history(scene), run.alive)
-        faults: list[BaseException] = []
+        with _teach_page(access, scene, link) as (teach, note):
+            faults: list[BaseException] = []
 
-        def listen_to_mesh() -> None:
+            def record(update: SceneUpdate) -> None:
+                run.record(update)
+                note(update)
+
+            def listen_to_mesh() -> None:
+                try:
+                    follow(scene, link, stream, lambda: not run.ended.is_set(), record)
+                except BaseException as error:  # noqa: BLE001 - raised in the main thread below
+                    faults.append(error)
+                    run.stop.set()
+
+            thread = threading.Thread(target=listen_to_mesh, name="mesh")
+            thread.start()
             try:
-                follow(scene, link, stream, lambda: not run.ended.is_set(), run.record)
-            except BaseException as error:  # noqa: BLE001 - raised in the main thread below
-                faults.append(error)
-                run.stop.set()
-
-        thread = threading.Thread(target=listen_to_mesh, name="mesh")
-        thread.start()
-        try:
-            app = application(access, lambda head: stream.browser(), lambda: stream.is_full, pictures.newest)
-            await _serve(app, port, run, stream.close, pictures.end_unwatched)
-        finally:
-            run.ended.set()
-            await asyncio.to_thread(thread.join)
+                app = application(access, lambda head: stream.browser(), lambda: stream.is_full, pictures.newest, teach)
+                await _serve(app, port, run, stream.close, pictures.end_unwatched)
+            finally:
+                run.ended.set()
+                await asyncio.to_thread(thread.join)
         if faults:
             raise faults[0]
 
     asyncio.run(main())
+
+
+@contextmanager
+def _teach_page(
+    access: AccessControl, scene: "Scene", link: "Link"
+) -> Iterator[tuple[TeachPage, Callable[[SceneUpdate], None]]]:
+    """The Teach page, and what must be called with every update."""
+    if not access.teaches or not _has_right(scene, "teach"):
+        yield TeachPage(access, off=NO_RIGHT if access.teaches else OFF), lambda update: None
+        return
+    hubs = link.presence(scene.keys.hub_alive("mqtt"))
+    desk = TeachDesk(scene, link)
+    try:
+        yield TeachPage(access, desk, scene=scene, hubs=lambda: hubs.alive), desk.note
+    finally:
+        desk.close()
 
 
 def serve_capture(
@@ -132,17 +174,18 @@ def serve_capture(
 ) -> None:
     """Show a capture; returns when `run` is over."""
     stream: Stream = lambda head: play(timeline, setup, head)  # noqa: E731 - named for its type
-    asyncio.run(_serve(application(access, stream, lambda: False), port, run, lambda: None))
+    app = application(access, stream, lambda: False, teach=TeachPage(access, off=CAPTURE))
+    asyncio.run(_serve(app, port, run, lambda: None))
 
 
-def _may_get_pictures(scene: "Scene") -> bool:
-    """Whether this process's certificate, if the mesh has any, is for live pictures too."""
+def _has_right(scene: "Scene", right: str) -> bool:
+    """Whether this process's certificate, if the mesh has any, is for live `pictures`, or to `teach`."""
     if not scene.mesh.credentials:
         return True
     # Slow to import, and needed only with certificates.
     from common.credentials import own_certificate
 
-    return own_certificate(Path(scene.mesh.credentials)).is_for("pictures")
+    return own_certificate(Path(scene.mesh.credentials)).is_for(right)
 
 
 async def _serve(

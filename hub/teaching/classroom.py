@@ -15,15 +15,15 @@ ATTEMPTS = 3
 
 
 class Classroom:
-    """Asks observers under their own exact keys."""
+    """Asks observers under their own exact keys. answer_s: how long it waits for answers; attempts: how often."""
 
-    def __init__(self, link: SubSession, keys: SceneKeys) -> None:
-        self._link, self._keys = link, keys
+    def __init__(self, link: SubSession, keys: SceneKeys, answer_s: float = ANSWER_S, attempts: int = ATTEMPTS) -> None:
+        self._link, self._keys, self._answer_s, self._attempts = link, keys, answer_s, attempts
 
     def ask(self, request: TeachRequest, observers: Collection[str]) -> Answers:
         """Ask all these observers at once; one that does not answer is asked again, since requests may be repeated."""
         replies: dict[str, TeachReply] = {}
-        for _ in range(ATTEMPTS):
+        for _ in range(self._attempts):
             missing = [name for name in observers if name not in replies]
             if not missing:
                 break
@@ -42,7 +42,7 @@ class Classroom:
                 return
 
         for name in observers:
-            self._link.request(self._keys.teach(name), answered, ANSWER_S, finished.release, payload)
+            self._link.request(self._keys.teach(name), answered, self._answer_s, finished.release, payload)
         for _ in observers:
-            finished.acquire(timeout=2 * ANSWER_S)
+            finished.acquire(timeout=2 * self._answer_s)
         return dict(replies)

@@ -16,7 +16,6 @@ import typer
 from common.command_options import takes_options
 from common.errors import BadInput, LabanmeshError
 from common.vocabulary import Vocabulary
-from hub.scene_state import is_abstention
 
 if TYPE_CHECKING:
     from common.config import Scene
@@ -27,10 +26,6 @@ if TYPE_CHECKING:
 
 FIND_S = 3.0
 """Observers that run are found within milliseconds."""
-NO_RIGHT = (
-    "no observer answers a request to teach: they are of an earlier version, or this machine's certificate lacks the "
-    "right to teach (labanmesh secure add SCENE NAME --hub --teach)"
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,6 +113,7 @@ def _present(scene: "Scene", file: Path, link: "Link") -> list[str]:
 
 def _teachable(classroom: "Classroom", teacher: str, present: Sequence[str], room: "Terminal") -> list[str]:
     from common.teaching_messages import TeachRequest
+    from hub.teaching.wording import NO_RIGHT
 
     answers = classroom.ask(TeachRequest(command="status", teacher=teacher), present)
     if not answers.replies:
@@ -190,9 +186,9 @@ class Terminal:
 
     def verdicts(self) -> Sequence[str]:
         """The labels of the verdicts since the last call; each movement has one."""
-        arrived = [self._listener.verdicts.popleft() for _ in range(len(self._listener.verdicts))]
-        new = [each.verdict for each in arrived if not each.answered]
-        return [each.label for each in new if each.stage == "decided" or is_abstention(each)]
+        from hub.teaching.verdicts import newly_decided
+
+        return newly_decided(self._listener.verdicts)
 
 
 @contextmanager

@@ -99,17 +99,17 @@ class Lesson:
         while made < wanted:
             newest += 1
             step = Step("now", label, made + 1, wanted)
-            if not has_kept(self._take(step, newest)):
-                failures += 1
-                if failures == FAILURES_LIMIT:
-                    raise LabanmeshError(
-                        f"{label}: {failures} takes in a row that no observer could keep; "
-                        "the same command goes on where this one stops"
-                    )
-                continue
-            failures, made = 0, made + 1
-            done.add(newest)
-            action = self._room.between(step, BETWEEN_S if self._plan.countdown else 0.0)
+            kept = has_kept(self._take(step, newest))
+            failures = 0 if kept else failures + 1
+            if failures == FAILURES_LIMIT:
+                raise LabanmeshError(
+                    f"{label}: {failures} takes in a row that no observer could keep; "
+                    "the same command goes on where this one stops"
+                )
+            if kept:
+                made += 1
+                done.add(newest)
+            action = self._room.between(replace(step, kind="between"), BETWEEN_S if self._plan.countdown else 0.0)
             if action.kind in ("drop", "repeat"):
                 dropped = self._drop(label, action.take or newest, done)
                 made -= dropped and action.kind == "repeat"

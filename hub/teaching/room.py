@@ -7,7 +7,7 @@ from typing import Literal, Protocol
 from common.teaching_messages import TeachReply
 
 StepKind = Literal[
-    "look", "ready", "countdown", "now", "review", "other", "learning", "learned", "adopting", "test", "done"
+    "look", "ready", "countdown", "now", "between", "review", "other", "learning", "learned", "adopting", "test", "done"
 ]
 ActionKind = Literal["go", "repeat", "drop", "more", "skip", "pause"]
 
@@ -30,10 +30,10 @@ class Step:
     """What the lesson does now, for a terminal or a page.
 
     kind: `look` for somebody to be seen; `ready` before a movement or, with label "", before something else;
-    `countdown` and `now` of a take, or of the test; `review` after a movement; `other`: something else is recorded;
-    `learning`; `learned` before the new models come into force; `adopting`; `test` before the test; `done`. label: the
-    movement. number, of: which take of how many; observers that have learned. left_s: seconds to go, of a countdown or
-    of something else; seconds since the beginning while observers learn.
+    `countdown` and `now` of a take, or of the test; `between` two takes; `review` after a movement; `other`: something
+    else is recorded; `learning`; `learned` before the new models come into force; `adopting`; `test` before the test;
+    `done`. label: the movement. number, of: which take of how many; observers that have learned. left_s: seconds to go,
+    of a countdown or of something else; seconds since the beginning while observers learn.
     """
 
     kind: StepKind

@@ -9,6 +9,10 @@ from hub.teaching.room import Step
 
 ALIKE = 0.2
 """Two movements look alike from where this share of the takes of one is taken for the other."""
+NO_RIGHT = (
+    "no observer answers a request to teach: they are of an earlier version, or this machine's certificate lacks the "
+    "right to teach (labanmesh secure add SCENE NAME --hub --teach)"
+)
 
 
 def presence_line(name: str, reply: TeachReply) -> str:
@@ -109,3 +113,14 @@ def outcome_line(label: str, decided: str) -> str:
     if decided in ("", ABSTAIN):
         return f"{label}: {'nothing was decided' if not decided else 'the observers did not agree'}"
     return f"{label}: taken for {decided}"
+
+
+def known_labels(replies: Mapping[str, TeachReply | None]) -> list[str]:
+    """The movements of all models in force, in the order of the first."""
+    return list(dict.fromkeys(label for reply in replies.values() if reply for label in reply.labels))
+
+
+def begun_labels(replies: Mapping[str, TeachReply | None]) -> list[str]:
+    """The movements that have takes and that no model knows: of a lesson that was not finished."""
+    known = set(known_labels(replies))
+    return sorted({label for reply in replies.values() if reply for label in reply.takes} - known)

@@ -54,7 +54,7 @@ IMPURE = {
         "common.inbox common.link common.status common.subsession deploy.doctor.mesh deploy.security.routing "
         "fusion.ingest fusion.membership fusion.publisher fusion.scene_worker fusion.server fusion.standby "
         "fusion.vocabulary_lookup hub.capture hub.dashboard.pictures hub.session hub.teaching.classroom hub.watch "
-        "observer.foreign.sources studies.replay.playback studies.through"
+        "hub.teaching.desk observer.foreign.sources studies.replay.playback studies.through"
     ),
     "files": (
         "common.capture_file common.config common.credentials common.tracker_choice "
@@ -70,14 +70,14 @@ IMPURE = {
         "*.commands *.instrumentation *.service common.health common.lifecycle common.log_limit "
         "common.notify common.progress "
         "common.tls deploy.doctor.cameras deploy.doctor.network deploy.home-assistant.* deploy.launcher "
-        "hub.dashboard.application "
+        "hub.dashboard.access hub.dashboard.application hub.dashboard.teach_routes "
         "hub.dashboard.connections hub.dashboard.serving hub.dashboard.streams hub.healthcheck hub.mqtt.broker "
         "studies.demo* studies.effort "
         "studies.evaluate_options observer.learning.learn_options observer.teaching.model_learner common.parallel"
     ),
     "the clock": (
-        "fusion.metrics observer.motion.playback observer.rendering.virtual_camera studies.evaluate "
-        "studies.learning_curve studies.observing studies.stream"
+        "fusion.metrics hub.teaching.page_room observer.motion.playback observer.rendering.virtual_camera "
+        "studies.evaluate studies.learning_curve studies.observing studies.stream"
     ),
     "OpenCV or matplotlib, cameras": (
         "observer.calibration.bundle observer.calibration.calibrate observer.calibration.detection "

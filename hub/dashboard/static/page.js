@@ -436,6 +436,7 @@ function onSnapshot(whole) {
   known.minute = whole.minute;
   announced = new Map(whole.verdicts.map((each) => [each.id, each.label]));
   put($("scene"), whole.scene);
+  $("teach").hidden = !whole.teaches;
   document.title = `${whole.scene}: labanmesh`;
   if (!same) { cards.clear(); lines.clear(); layMat(); }
   if (whole.span !== null) layReplay(whole);

@@ -11,7 +11,8 @@ from played_scene import SOON_S, Dashboard
 from common.address import Address
 from common.errors import BadInput, LabanmeshError
 from common.wire import encode
-from hub.dashboard.application import COOKIE, AccessControl, application, checked_token, is_loopback
+from hub.dashboard.access import COOKIE, AccessControl, checked_token, is_loopback
+from hub.dashboard.application import application
 from hub.dashboard.commands import dashboard
 from hub.dashboard.serving import bound_socket
 

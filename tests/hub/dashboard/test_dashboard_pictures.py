@@ -11,7 +11,8 @@ from common.keys import SceneKeys
 from common.link import Link
 from common.picture_message import PictureMessage
 from common.wire import encode
-from hub.dashboard.application import AccessControl, application
+from hub.dashboard.access import AccessControl
+from hub.dashboard.application import application
 from hub.dashboard.pictures import LEASE_S, PictureAnswer, PictureRelay
 
 KEYS = SceneKeys("dojo")

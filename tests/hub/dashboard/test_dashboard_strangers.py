@@ -11,7 +11,8 @@ import pytest
 
 from common.address import Address
 from hub.dashboard import connections, serving
-from hub.dashboard.application import COOKIE, AccessControl, application
+from hub.dashboard.access import COOKIE, AccessControl
+from hub.dashboard.application import application
 from hub.dashboard.connections import ConnectionTable, accept_connections, table_for_this_process
 from hub.dashboard.guesses import ADDRESSES_LIMIT, GUESSES, WINDOW_S, GuessLimit, address_group
 from hub.dashboard.serving import ServingRun, bound_socket
@@ -146,7 +147,7 @@ def ask(access, address, *requests):
 def test_who_guesses_at_the_token_is_answered_429_and_the_household_goes_on(monkeypatch):
     monkeypatch.setattr("hub.dashboard.application.WRONG_TOKEN_S", 0.0)
     clock = SimpleNamespace(now_s=0.0)
-    access = AccessControl(TOKEN, lambda: clock.now_s)
+    access = AccessControl(TOKEN, ticks=lambda: clock.now_s)
     right = {"headers": {"authorization": f"Bearer {TOKEN}"}}
     kinds = [
         lambda n: ("GET", "/page.js", {"headers": {"authorization": f"Bearer {n}"}}),
@@ -168,7 +169,7 @@ def test_who_guesses_at_the_token_is_answered_429_and_the_household_goes_on(monk
 
 
 def test_a_form_that_never_ends_is_given_up(monkeypatch):
-    monkeypatch.setattr("hub.dashboard.application.FORM_S", 0.05)
+    monkeypatch.setattr("hub.dashboard.access.BODY_S", 0.05)
 
     async def slow():
         yield b"token="

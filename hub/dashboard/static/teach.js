@@ -1,0 +1,465 @@
+"use strict";
+/* The Teach page. The lesson lives in the server: this page shows its state and presses, so that it can be reloaded,
+   sleep, or be open on two phones. All words of others are text, never markup. */
+const $ = (id) => document.getElementById(id);
+const SVG = "http://www.w3.org/2000/svg";
+const VIEW_MS = 300, AGAIN_MS = 1000, UNITS = 1000;
+const IDEAS = ["wave", "point", "clap", "circle", "stop"];
+const LABEL = /^[a-z0-9_]{1,64}$/;
+const BONES = [["head", "neck"], ["neck", "pelvis"], ...["left", "right"].flatMap((side) => [
+  ["neck", `${side}_shoulder`], [`${side}_shoulder`, `${side}_elbow`], [`${side}_elbow`, `${side}_hand`],
+  ["pelvis", `${side}_hip`], [`${side}_hip`, `${side}_knee`], [`${side}_knee`, `${side}_foot`]])];
+let key = stored("teach-key"), state = null, chosen = [], wanted = null, sound = null, heard = "";
+
+/* Small helpers. */
+function stored(name) { try { return localStorage.getItem(name) || ""; } catch { return ""; } }
+function store(name, value) { try { if (value) localStorage.setItem(name, value); else localStorage.removeItem(name); } catch { /* a browser without storage */ } }
+function make(tag, name = "", ...content) {
+  const node = document.createElement(tag);
+  if (name) node.className = name;
+  node.append(...content);
+  return node;
+}
+function draw(tag, attributes, ...content) {
+  const node = document.createElementNS(SVG, tag);
+  for (const [name, value] of Object.entries(attributes)) node.setAttribute(name, value);
+  node.append(...content);
+  return node;
+}
+function button(text, act, name = "") {
+  const node = make("button", name, text);
+  node.type = "button";
+  node.addEventListener("click", act);
+  return node;
+}
+function put(node, text) { if (node.textContent !== text) node.textContent = text; }
+/* Builds the content of a node anew only if `value` has changed, so that nothing moves under a finger. */
+function part(node, value, build) {
+  const text = JSON.stringify(value);
+  if (node.dataset.built === text) return;
+  node.dataset.built = text;
+  node.replaceChildren(...build());
+}
+const capital = (text) => text.charAt(0).toUpperCase() + text.slice(1);
+const words = (label) => label.replaceAll("_", " ");
+const listed = (labels) => labels.map(words).join(", ");
+const count = (number, word) => `${number} ${word}${number === 1 ? "" : "s"}`;
+function minutes(seconds) {
+  const whole = Math.max(0, Math.round(seconds));
+  return whole < 60 ? `${whole} s` : `${Math.floor(whole / 60)}:${String(whole % 60).padStart(2, "0")} min`;
+}
+function complain(line) {
+  put($("fault"), line);
+  $("fault").hidden = !line;
+  if (line) $("fault").scrollIntoView({ block: "nearest" });
+}
+
+/* Requests: each has the key in a header; the answer of a POST is nothing, or a line that says why not. */
+async function request(path, fields, token = key, signal = undefined) {
+  const headers = { authorization: `Bearer ${token}` };
+  const options = fields === undefined ? { headers, signal } : { method: "POST", headers: { ...headers, "content-type": "application/json" }, body: JSON.stringify(fields), signal };
+  const answer = await fetch(path, { cache: "no-store", ...options });
+  if (answer.status === 401 && path !== "teach/enter") { key = ""; store("teach-key", ""); show(); }
+  return answer;
+}
+async function send(path, fields) {
+  listen();
+  try {
+    const answer = await request(path, fields);
+    complain(answer.ok ? "" : (await answer.text()).trim());
+    return answer.ok;
+  } catch { complain("The dashboard does not answer. Is this phone in the same network?"); return false; }
+}
+const press = (action, take = 0) => send("teach/press", { lesson: state.lesson.id, number: state.lesson.number, action, take });
+
+/* The token: from the address, where it is after the #, or typed. The browser keeps a key made from it. */
+async function enter(token) {
+  let answer = null;
+  try { answer = await request("teach/enter", {}, token); } catch { complain("The dashboard does not answer."); return; }
+  if (!answer.ok) { complain(answer.status === 401 ? "That is not the token." : (await answer.text()).trim()); return; }
+  key = (await answer.json()).key;
+  store("teach-key", key);
+  complain("");
+  show();
+  watch();
+}
+$("door").addEventListener("submit", (event) => { event.preventDefault(); enter($("token").value.trim()); $("token").value = ""; });
+
+/* The state: each request waits in the server until something is new. */
+let watching = null;
+async function watch() {
+  if (watching || document.hidden || !key) return;
+  const mine = watching = new AbortController();
+  while (watching === mine && key) {
+    try {
+      const answer = await request(`teach/state?after=${state ? state.version : ""}`, undefined, key, mine.signal);
+      if (!answer.ok) throw new Error(answer.status);
+      state = await answer.json();
+      link("live", state.scene);
+      show();
+    } catch {
+      if (watching !== mine) return;
+      link("away", "disconnected, trying again");
+      await new Promise((done) => setTimeout(done, AGAIN_MS));
+    }
+  }
+  if (watching === mine) watching = null;
+}
+function link(kind, text) {
+  $("link").dataset.kind = kind;
+  put($("link"), kind === "live" ? "live" : text);
+  if (kind === "live") put($("scene"), text);
+}
+document.addEventListener("visibilitychange", () => {
+  if (!document.hidden) { watch(); return; }
+  if (watching) watching.abort();
+  watching = null;
+});
+
+/* What is shown. */
+function show() {
+  const off = $("off").textContent.trim() !== "", lesson = state && key ? state.lesson : null;
+  const step = lesson && lesson.step, setup = Boolean(state && key && !lesson) && !off;
+  $("off").hidden = !off;
+  $("door").hidden = off || Boolean(key);
+  $("setup").hidden = !setup;
+  $("lesson").hidden = $("course").hidden = !lesson;
+  $("main").dataset.screen = lesson ? "lesson" : "setup";
+  $("views").hidden = !(setup || (lesson && !lesson.over && lesson.waits && ["ready", "test"].includes(step.kind)));
+  $("stop").hidden = !lesson || lesson.over;
+  $("watch").hidden = !$("stop").hidden;
+  $("link").hidden = off || !key;
+  if (off || !key || !state) return;
+  showCameras();
+  if (setup) showSetup();
+  if (lesson) showLesson(lesson);
+  showCorrections(setup || (lesson && lesson.over));
+  showHome(setup || (lesson && lesson.over));
+}
+function showCameras() {
+  const list = $("cameras");
+  list.classList.toggle("one", state.observers.length === 1);
+  part(list, state.observers.map((each) => each.name), () => state.observers.map((each) => {
+    const item = make("li", "", make("div", "view"), make("p", "", make("b", "", each.name), make("span")));
+    item.dataset.name = each.name;
+    return item;
+  }));
+  state.observers.forEach((each, i) => {
+    const item = list.children[i];
+    item.toggleAttribute("data-ready", each.ready);
+    item.toggleAttribute("data-away", each.state === undefined);
+    put(item.querySelector("span"), each.line);
+  });
+}
+
+/* Before a lesson: which movements. */
+function showSetup() {
+  const { known, begun } = state;
+  $("unfinished").hidden = begun.length === 0;
+  put($("unfinished-labels"), `There are takes of ${listed(begun)} that are not learned yet.`);
+  put($("known"), known.length ? `It knows: ${listed(known)}.` : "It knows none yet. Choose at least two.");
+  $("how").hidden = known.length === 0;
+  part($("chosen"), chosen, () => chosen.map((label) => {
+    const node = button(words(label), () => { chosen = chosen.filter((each) => each !== label); keepDraft(); });
+    node.setAttribute("aria-label", `Leave out ${words(label)}`);
+    return make("li", "", node);
+  }));
+  const ideas = IDEAS.filter((each) => !chosen.includes(each) && !known.includes(each)).slice(0, 3);
+  part($("ideas"), ideas, () => ideas.map((label) => {
+    const node = button(words(label), () => addLabel(label));
+    node.setAttribute("aria-label", `Add ${words(label)}`);
+    return make("li", "", node);
+  }));
+  const takes = Number($("takes").value) || 5, life = Number($("minutes").value) || 0;
+  put($("estimate"), chosen.length ? `About ${count(Math.max(1, Math.round(chosen.length * takes * 10 / 60 + life + 1)), "minute")}. ` : "");
+  $("start").disabled = chosen.length === 0;
+}
+function keepDraft() { store("teach-draft", JSON.stringify(chosen)); show(); }
+function addLabel(text) {
+  const label = text.trim().toLowerCase().replace(/[\s-]+/g, "_");
+  if (!label) { complain("Type the name of a movement first, such as wave."); return false; }
+  if (!LABEL.test(label)) { complain(`“${text.trim()}”: use letters from a to z, digits and spaces in the name of a movement.`); return false; }
+  if (chosen.includes(label)) { complain(`${words(label)} is chosen already.`); return false; }
+  complain("");
+  chosen = [...chosen, label];
+  keepDraft();
+  return true;
+}
+$("adding").addEventListener("submit", (event) => {
+  event.preventDefault();
+  if (addLabel($("label").value)) $("label").value = "";
+});
+for (const id of ["takes", "minutes"]) $(id).addEventListener("input", show);
+function plan(labels, more = {}) {
+  const adds = !$("how").hidden && document.querySelector("input[name=how]:checked").value === "add";
+  const seconds = $("seconds").value === "" ? null : Number($("seconds").value);
+  return { labels, add: adds, takes: Number($("takes").value), minutes: Number($("minutes").value), person: $("person").value.trim(), seconds, ...more };
+}
+$("start").addEventListener("click", async () => {
+  const typed = $("label").value;
+  if (typed.trim() && !addLabel(typed)) return;
+  $("label").value = "";
+  if (await send("teach/start", plan(chosen))) { chosen = []; store("teach-draft", ""); }
+});
+$("resume").addEventListener("click", () => send("teach/start", plan(state.begun, { add: state.known.length > 0 })));
+
+/* A lesson: a stage with one thing, buttons for what can be done now. */
+const STAGES = {
+  look: () => stage("", "One moment", "Looking for the cameras."),
+  ready: (lesson, step) => step.label
+    ? stage("", words(step.label), step.number ? `${step.number} of ${step.of} takes are done.` : "", `After 3, 2, 1 do it once, then stand still. ${count(step.of - step.number, "time")} in all. Put the phone where you see it, and stand where the cameras see head and hands.`)
+    : stage("", "Ordinary life", `For ${minutes(step.left)} do whatever you like except the movements: sit down, walk through, reach for things, scratch your head. It learns what is no movement.`),
+  countdown: (lesson, step) => [which(step), make("p", "number", String(Math.round(step.left))), make("p", "title-line", words(step.label))],
+  now: (lesson, step) => [which(step), make("p", "title-line", isMoving() ? "…" : "Now!"), make("p", "under", isMoving() ? "then stand still" : step.test ? `do it: ${words(step.label)}` : `${words(step.label)}, then stand still`)],
+  between: (lesson, step) => { const good = lastTake(step.label); return [which(step), make("p", "title-line", good ? "Got it" : "Not usable"), make("p", "under", good ? good : "once more; the lines below say why"), make("div", "ways", ...waysOf(lesson, step.label))]; },
+  review: (lesson, step) => stage("", `${words(step.label)}: ${count(step.number, "take")}`, "Delete what went wrong. The lines show the way of the hands: they should look alike."),
+  other: (lesson, step) => {
+    const bar = make("progress");
+    bar.max = Math.max(1, step.of); bar.value = step.of - step.left;
+    bar.setAttribute("aria-label", "Ordinary life");
+    return [...stage("", "Ordinary life", "Sit, walk, reach for things; none of the movements."), bar, make("p", "which", `${minutes(step.left)} to go`)];
+  },
+  learning: () => [make("div", "spin"), ...stage("", "The cameras learn", "Each on its own machine. You can put the phone away."), learners()],
+  learned: (lesson) => [...stage("", "They have learned", "Recognised of your own takes, each left out of the learning:"), wordsOf(lesson.results)],
+  adopting: () => [make("div", "spin"), ...stage("", "All change together", "A few seconds.")],
+  test: (lesson) => stage("", "Now a test", `Do each movement once more: ${listed(lesson.labels)}. You see what it says.`),
+  done: (lesson) => overStage(lesson),
+};
+function stage(over, title, ...under) {
+  return [...(over ? [make("p", "which", over)] : []), make("p", "title-line", title), ...under.filter(Boolean).map((line) => make("p", "under", line))];
+}
+const which = (step) => make("p", "which", step.test ? "test" : `${words(step.label)}: ${step.number} of ${step.of}`);
+const wordsOf = (lines) => make("ul", "words", ...lines.map((line) => make("li", "", line)));
+const isMoving = () => state.observers.some((each) => each.take && each.take.state === "moving");
+function lastTake(label) {
+  const kept = state.observers.filter((each) => each.take && each.take.label === label && each.take.state === "kept");
+  return kept.length ? kept.map((each) => `${each.name} ${each.take.seconds} s`).join(", ") : "";
+}
+function waysOf(lesson, label) {
+  const kept = state.observers.filter((each) => each.take && each.take.label === label && each.take.state === "kept");
+  return kept.slice(0, 2).map((each) => thumbnail(lesson.id, each.name, label, each.take.take, "large"));
+}
+function learners() {
+  return make("ul", "", ...state.observers.filter((each) => each.state !== undefined).map((each) => {
+    const node = make("li", "learner", make("span", "", each.name), make("b", "", each.learned ? "has learned" : each.fault ? "cannot learn" : each.state === "learning" ? "learns …" : "waits"));
+    node.toggleAttribute("data-done", Boolean(each.learned));
+    node.toggleAttribute("data-bad", Boolean(each.fault) && !each.learned);
+    return node;
+  }));
+}
+function overStage(lesson) {
+  if (lesson.fault) return [...stage("", lesson.fault.startsWith("stopped") ? "Stopped" : "It cannot go on", lesson.fault)];
+  if (!lesson.adopted) return stage("", "Nothing has changed", "It goes on with what it knew. The takes are kept.");
+  return [...stage("", "Done", `It recognises ${listed(state.known)}.`), ...(lesson.test.length ? [wordsOf(lesson.test)] : [])];
+}
+function showLesson(lesson) {
+  const step = lesson.over ? { kind: "done", label: "", number: 0, of: 0, left: 0, test: false } : lesson.step;
+  const built = STAGES[step.kind] || STAGES.look;
+  $("stage").dataset.kind = step.kind;
+  const seen = step.kind === "learning" ? state.observers.map((each) => [each.state, each.fault, Boolean(each.learned)])
+    : step.kind === "now" ? isMoving() : step.kind === "between" ? lastTake(step.label) : null;
+  part($("stage"), [lesson.id, step.kind === "learning" ? { ...step, left: 0 } : step, seen, lesson.over, lesson.results, lesson.test, state.known], () => built(lesson, step));
+  showCourse(lesson, step);
+  showTakes(lesson, step);
+  part($("buttons"), [lesson.id, lesson.over, lesson.fault, step.kind, step.label, step.number, step.of, lesson.waits, lesson.number * lesson.waits], () => buttons(lesson, step));
+  part($("news"), lesson.news, () => lesson.news.map((line) => make("li", "", line)));
+  signal(lesson, step);
+}
+function buttons(lesson, step) {
+  if (lesson.over) return [
+    ...(lesson.fault || !lesson.adopted ? [button("Go on with it", () => send("teach/start", { labels: lesson.labels, add: lesson.add, takes: lesson.takes, minutes: lesson.minutes, person: lesson.person, seconds: lesson.seconds }), "main")] : []),
+    button(lesson.fault ? "Choose other movements" : "Teach more", () => send("teach/stop", { lesson: lesson.id }), lesson.fault || !lesson.adopted ? "second" : "main")];
+  const following = lesson.labels[lesson.labels.indexOf(step.label) + 1];
+  if (lesson.waits) switch (step.kind) {
+    case "ready": return step.label ? [button("Start", () => press("go"), "main")]
+      : [button("Start", () => press("go"), "main"), button("Leave it out", () => press("skip"), "second")];
+    case "review": return [button(following ? `Next: ${words(following)}` : "Go on", () => press("go"), "main"), button("One more take", () => press("more"), "second")];
+    case "learned": return [button("Use it", () => press("go"), "main"), button("Not yet", () => press("skip"), "second")];
+    case "test": return [button("Start the test", () => press("go"), "main"), button("Leave it out", () => press("skip"), "second")];
+  }
+  if (step.kind === "other") return [button("That is enough", () => press("skip"), "second")];
+  if (["countdown", "now", "between"].includes(step.kind) && !step.test) return [button("Wait after this take", async (event) => { const node = event.currentTarget; if (await press("pause")) { node.textContent = "It will wait"; node.disabled = true; } }, "second")];
+  return [];
+}
+function showCourse(lesson, step) {
+  const parts = [...lesson.labels, "other", "learn", "test"];
+  const at = lesson.over ? (lesson.fault ? -1 : parts.length) : step.test || step.kind === "test" ? parts.length - 1
+    : ["learning", "learned", "adopting"].includes(step.kind) ? parts.length - 2 : step.kind === "other" || (step.kind === "ready" && !step.label) ? parts.length - 3 : lesson.labels.indexOf(step.label);
+  part($("course"), [parts, at], () => parts.map((each, i) => {
+    const item = make("li", "", make("span", "unseen", `${words(each)}${i < at ? ": done" : i === at ? ": now" : ""}`));
+    item.dataset.state = i < at ? "done" : i === at ? "now" : "later";
+    return item;
+  }));
+}
+
+/* Takes: the ways of the hands, as each camera saw them. */
+const pictures = new Map();
+function showTakes(lesson, step) {
+  const label = !lesson.over && ["ready", "review", "between", "countdown", "now"].includes(step.kind) && !step.test ? step.label : "";
+  const by = new Map();
+  for (const each of state.observers) for (const take of (label && each.takes && each.takes[label]) || []) by.set(take, [...(by.get(take) || []), each.name]);
+  const numbers = [...by.keys()].sort((a, b) => a - b), deletes = lesson.waits && step.kind === "review";
+  $("takes-made").classList.toggle("several", [...by.values()].some((names) => names.length > 1));
+  part($("takes-made"), [lesson.id, label, [...by], deletes ? lesson.number : 0], () => numbers.map((take, i) => {
+    const item = make("li", "", make("div", "views", ...by.get(take).slice(0, 3).map((name) => thumbnail(lesson.id, name, label, take))), make("p", "", `${i + 1}: ${by.get(take).join(", ")}`));
+    if (deletes) {
+      const node = button("Delete", () => press("drop", take));
+      node.setAttribute("aria-label", `Delete take ${i + 1}`);
+      item.append(node);
+    }
+    return item;
+  }));
+}
+function thumbnail(lesson, name, label, take, size = "small") {
+  const id = [lesson, name, label, take, size].join("/");
+  if (!pictures.has(id)) {
+    const node = draw("svg", { viewBox: "-80 -80 1160 1160", role: "img", "aria-label": `${words(label)} as ${name} saw it` });
+    pictures.set(id, node);
+    request(`teach/take/${name}/${label}/${take}`).then(async (answer) => {
+      if (answer.status !== 200) { pictures.delete(id); return; }
+      const tracks = await answer.json();
+      node.replaceChildren(...figure(tracks, square(extent(tracks))));
+    }).catch(() => pictures.delete(id));
+  }
+  return pictures.get(id);
+}
+/* Where the parts were, in the unit of the tracks: left, top, right, bottom. */
+function extent(tracks) {
+  const seen = (first) => tracks.points.filter((value, i) => i % 2 === first && value >= 0 && tracks.points[i + 1 - 2 * first] >= 0).map((value) => value / UNITS * tracks.size + (first ? tracks.top : tracks.left));
+  const [u, v] = [seen(0), seen(1)];
+  return [Math.min(...u), Math.min(...v), Math.max(...u), Math.max(...v)];
+}
+function square([left, top, right, bottom]) {
+  const size = Math.max(right - left, bottom - top) || 1;
+  return { left: (left + right - size) / 2, top: (top + bottom - size) / 2, size };
+}
+/* The body of the last frame and the ways of the hands before it, in a square of thousandths. */
+function figure(tracks, box) {
+  const parts = tracks.body_parts, frames = Math.floor(tracks.points.length / (2 * parts.length));
+  const place = (value, own, origin) => (value / UNITS * tracks.size + own - origin) / box.size * UNITS;
+  const at = (frame, part) => {
+    const i = 2 * (frame * parts.length + part), [u, v] = [tracks.points[i], tracks.points[i + 1]];
+    return u < 0 || v < 0 ? null : [place(u, tracks.left, box.left), place(v, tracks.top, box.top)];
+  };
+  const range = [...Array(frames).keys()];
+  const last = (name) => parts.includes(name) ? range.map((frame) => at(frame, parts.indexOf(name))).reverse().find(Boolean) || null : null;
+  const head = last("head"), hands = ["left", "right"].map((side) => [side, last(`${side}_hand`)]).filter(([, hand]) => hand);
+  const way = (side) => range.map((frame) => at(frame, parts.indexOf(`${side}_hand`))).filter(Boolean).map((point) => point.map(Math.round).join(",")).join(" ");
+  return [
+    ...(parts.length <= 3 ? arms(head, hands) : BONES.map(([one, other]) => [last(one), last(other)]).filter(([one, other]) => one && other)
+      .map(([[x1, y1], [x2, y2]]) => draw("line", { class: "bone", x1, y1, x2, y2 }))),
+    ...hands.map(([side]) => draw("polyline", { class: `trail ${side}`, points: way(side) })),
+    ...hands.map(([side, [cx, cy]]) => draw("circle", { class: `hand ${side}`, cx, cy, r: 42 })),
+    ...(head ? [draw("circle", { class: "head", cx: head[0], cy: head[1], r: 75 })] : []),
+  ];
+}
+/* Of a body of which only head and hands are known: arms that begin at shoulders below the head. */
+function arms(head, hands) {
+  if (!head) return [];
+  const neck = [head[0], head[1] + 130];
+  return hands.map(([side, [x, y]]) => {
+    const out = Math.sign(x - head[0]) || (side === "left" ? 1 : -1), shoulder = [neck[0] + 110 * out, neck[1] + 50];
+    const elbow = [(shoulder[0] + x) / 2 + 70 * out, (shoulder[1] + y) / 2];
+    return draw("path", { class: "bone", d: `M${head[0]} ${head[1]} L${neck} L${shoulder} Q${elbow} ${x} ${y}` });
+  });
+}
+
+/* What the cameras see now: a picture where the scene file switches pictures on, else the body. */
+const boxes = new Map();
+async function look() {
+  if (!document.hidden && !$("views").hidden && key && state) await Promise.all([...$("cameras").children].map(lookAt));
+  setTimeout(look, VIEW_MS);
+}
+async function lookAt(item) {
+  const name = item.dataset.name, view = item.querySelector(".view"), each = state.observers.find((one) => one.name === name);
+  if (!each || each.state === undefined) { view.replaceChildren(); return; }
+  try {
+    if (each.picture && await lookAtPicture(item, view, name)) return;
+    const answer = await request(`teach/now/${name}`);
+    if (answer.status !== 200) { view.replaceChildren(); return; }
+    const tracks = await answer.json(), box = widened(name, extent(tracks));
+    view.replaceChildren(draw("svg", { viewBox: "-80 -80 1160 1160", role: "img", "aria-label": `The body that ${name} sees` }, ...figure(tracks, box)));
+  } catch { /* the state says that nobody answers */ }
+}
+async function lookAtPicture(item, view, name) {
+  const answer = await fetch(`picture/${name}?after=${item.dataset.picture || ""}`, { cache: "no-store" });
+  if (answer.status === 204 && item.dataset.picture) return true;
+  if (answer.status !== 200) return false;
+  const bitmap = await createImageBitmap(await answer.blob());
+  item.dataset.picture = answer.headers.get("x-picture");
+  const canvas = view.querySelector("canvas") || make("canvas");
+  [canvas.width, canvas.height] = [bitmap.width, bitmap.height];
+  canvas.getContext("2d").drawImage(bitmap, 0, 0);
+  if (!canvas.isConnected) view.replaceChildren(canvas);
+  return true;
+}
+/* The square in which somebody has been seen: it grows at once and shrinks slowly, so that the body does not jump. */
+function widened(name, now) {
+  const old = boxes.get(name) || now, edges = now.map((edge, i) => (i < 2 ? Math.min : Math.max)(edge, old[i] + (edge - old[i]) * 0.03));
+  boxes.set(name, edges);
+  return square(edges);
+}
+
+/* Sound, once the page has been touched: a beep for each second, a higher one for now, and one when the take is kept. */
+function listen() {
+  if (sound === null && window.AudioContext) sound = new AudioContext();
+  if (sound && sound.state === "suspended") sound.resume();
+}
+function beep(hertz, seconds) {
+  if (!sound || sound.state !== "running") return;
+  const tone = sound.createOscillator(), volume = sound.createGain();
+  tone.frequency.value = hertz;
+  volume.gain.setValueAtTime(0.3, sound.currentTime);
+  volume.gain.exponentialRampToValueAtTime(0.001, sound.currentTime + seconds);
+  tone.connect(volume).connect(sound.destination);
+  tone.start();
+  tone.stop(sound.currentTime + seconds);
+}
+function signal(lesson, step) {
+  const what = `${lesson.id} ${step.kind} ${step.label} ${step.number} ${step.kind === "countdown" ? step.left : ""} ${lesson.over}`;
+  if (what === heard) return;
+  heard = what;
+  if (step.kind === "countdown") beep(520, 0.12);
+  if (step.kind === "now") { beep(1040, 0.5); if (navigator.vibrate) navigator.vibrate(200); }
+  if (step.kind === "between" || step.kind === "learned") beep(780, 0.2);
+  const spoken = step.kind === "now" ? "Now" : step.kind === "between" ? (lastTake(step.label) ? "Got it" : "Not usable") : lesson.waits || lesson.over ? $("stage").textContent : "";
+  put($("announcement"), spoken);
+}
+
+/* What it said in the last minutes, and Home Assistant. */
+function showCorrections() { $("corrections").hidden = true; }
+let asked = 0;
+function showHome(possible) {
+  $("home").hidden = !possible;
+  if (possible && performance.now() - asked > 5000) { asked = performance.now(); askHome(); }
+}
+async function askHome() {
+  try {
+    const answer = await request("teach/home");
+    if (!answer.ok) return;
+    const home = await answer.json();
+    put($("home-state"), `${capital(home.state)}.`);
+    part($("home-steps"), home.steps, () => home.steps.map((step) => make("li", "", capital(step))));
+  } catch { /* asked again with the next state */ }
+}
+
+/* Stop asks once more: the button says so. */
+$("stop").addEventListener("click", () => {
+  if (wanted) { clearTimeout(wanted); wanted = null; calm(); send("teach/stop", { lesson: state.lesson.id }); return; }
+  put($("stop"), "Really stop?");
+  $("stop").classList.add("sure");
+  wanted = setTimeout(() => { wanted = null; calm(); }, 4000);
+});
+function calm() { put($("stop"), "Stop"); $("stop").classList.remove("sure"); }
+
+/* Colours as chosen on the page that watches. */
+const theme = stored("theme");
+if (theme && theme !== "auto") document.documentElement.dataset.theme = theme;
+try { chosen = JSON.parse(stored("teach-draft") || "[]"); } catch { chosen = []; }
+show();
+if (location.hash.length > 1) {
+  const token = decodeURIComponent(location.hash.slice(1));
+  history.replaceState(null, "", location.pathname);
+  if ($("off").hidden) enter(token);
+} else watch();
+look();

@@ -1,0 +1,164 @@
+"""What the Teach page gets and sends as JSON: how the lesson stands, and what was typed and pressed. Pure."""
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+from common.errors import BadInput
+from common.teaching_messages import ShownTracks, TeachReply
+from common.vocabulary import ABSTAIN, LABEL
+from hub.teaching.lesson import LessonPlan
+from hub.teaching.room import Action, ActionKind, Step
+from hub.teaching.wording import begun_labels, known_labels, presence_line
+
+if TYPE_CHECKING:
+    from hub.teaching.desk import PageLesson, TeachDesk
+
+Json = dict[str, Any]
+LABELS_MOST, TAKES, MINUTES, SECONDS = 30, (2, 20), (0.0, 15.0), (0.5, 12.0)
+NAME_MOST = 64
+NEWS_SHOWN = 4
+TAKE_STEPS = ("ready", "countdown", "now", "between", "review")
+ACTIONS: dict[str, ActionKind] = {kind: kind for kind in ("go", "repeat", "drop", "more", "skip", "pause")}
+
+
+def desk_data(desk: "TeachDesk") -> Json:
+    """How everything stands."""
+    version, replies, lesson = desk.version, desk.observers, desk.lesson
+    pictures = {name for name, section in desk.scene.observers.items() if section.picture_hz}
+    return {
+        "version": version,
+        "scene": desk.scene.scene,
+        "known": known_labels(replies),
+        "begun": begun_labels(replies),
+        "observers": [
+            {**_observer(name, reply, name in desk.silent), "picture": name in pictures}
+            for name, reply in replies.items()
+        ],
+        "lesson": None if lesson is None else _lesson(lesson),
+    }
+
+
+def tracks_data(tracks: ShownTracks) -> Json:
+    """A few frames of tracks: names of the parts, their points, seconds, and the square that they lie in."""
+    return tracks.model_dump()
+
+
+def plan_of(fields: Mapping[str, Any], known: list[str], teacher: str) -> LessonPlan:
+    """The plan that was chosen on the page; raises BadInput, one line, for what cannot be taught.
+
+    known: the movements of the models in force.
+    """
+    labels = fields.get("labels")
+    if not isinstance(labels, list) or not all(isinstance(label, str) for label in labels):
+        raise BadInput("labels: a list of names is expected")
+    add = fields.get("add") is True
+    _check_labels(labels, known if add else [])
+    person = str(fields.get("person") or "someone").strip()
+    if not person.isprintable() or len(person) > NAME_MOST:
+        raise BadInput(f"who performs: at most {NAME_MOST} printable characters are expected")
+    seconds = fields.get("seconds")
+    return LessonPlan(
+        labels=labels, teacher=teacher, person=person, add=add, test=True,
+        takes=int(_number(fields, "takes", 5, *TAKES)),
+        background_s=60 * _number(fields, "minutes", 2.0, *MINUTES),
+        seconds=None if seconds is None else _number(fields, "seconds", 3.0, *SECONDS),
+    )  # fmt: skip
+
+
+def action_of(fields: Mapping[str, Any]) -> Action:
+    """What was pressed; raises BadInput."""
+    kind, take = ACTIONS.get(str(fields.get("action"))), fields.get("take", 0)
+    if kind is None or not isinstance(take, int) or isinstance(take, bool) or take < 0:
+        raise BadInput(f"action: one of {', '.join(ACTIONS)} is expected")
+    return Action(kind, take)
+
+
+def _check_labels(labels: list[str], known: list[str]) -> None:
+    if not labels:
+        raise BadInput("name at least one movement")
+    if len(labels) > LABELS_MOST:
+        raise BadInput(f"{len(labels)} movements at once: teach at most {LABELS_MOST}, and add more later")
+    for label in labels:
+        if not label.strip():
+            raise BadInput("a movement has no name; give it one, such as wave")
+        if not LABEL.match(label):
+            raise BadInput(f"{label[:NAME_MOST]!r}: use lower case letters, digits and _ in the name of a movement")
+        if label == ABSTAIN:
+            raise BadInput(f"{label!r} means that the cameras do not agree; choose another name")
+    if len(set(labels)) != len(labels):
+        raise BadInput("a movement is named twice; name each once")
+    if len({*labels, *known}) < 2:
+        raise BadInput("one movement alone cannot be told from another: name at least two")
+
+
+def _number(fields: Mapping[str, Any], name: str, default: float, least: float, most: float) -> float:
+    value = fields.get(name, default)
+    if isinstance(value, bool) or not isinstance(value, int | float) or not least <= value <= most:
+        raise BadInput(f"{name}: a number from {least:g} to {most:g} is expected")
+    return float(value)
+
+
+def _lesson(lesson: "PageLesson") -> Json:
+    shown, plan = lesson.room.shown, lesson.plan
+    lines = shown.lines
+    return {
+        "id": lesson.id,
+        "number": shown.number,
+        "waits": shown.waits,
+        "step": _step(shown.step),
+        "labels": list(plan.labels),
+        "takes": plan.takes,
+        "add": plan.add,
+        "person": plan.person,
+        "minutes": plan.background_s / 60,
+        "seconds": plan.seconds,
+        "over": lesson.over,
+        "fault": lesson.fault,
+        "news": _news(lesson),
+        "results": [line.text for line in lines if line.kind == "learning"],
+        "test": [line.text for line in lines if line.is_test],
+        "adopted": any(line.kind == "adopting" for line in lines),
+    }
+
+
+def _news(lesson: "PageLesson") -> list[str]:
+    """What was said about what is shown now: the last take; why the lesson cannot go on."""
+    lines, step = lesson.room.shown.lines, lesson.room.shown.step
+    if lesson.over:
+        return [line.text for line in lines[-NEWS_SHOWN:]] if lesson.fault else []
+    if step.kind in TAKE_STEPS and step.label and not step.is_test:
+        newest = [line.text for line in lines if line.kind in TAKE_STEPS and not line.is_test][-2 * NEWS_SHOWN :]
+        begins = [n for n, text in enumerate(newest) if text.startswith(f"{step.label} ")]
+        return newest[begins[-1] if begins else 0 :][-NEWS_SHOWN:]
+    return [line.text for line in lines if line.kind == step.kind and step.kind in ("learning", "other")][-NEWS_SHOWN:]
+
+
+def _step(step: Step) -> Json:
+    return {
+        "kind": step.kind,
+        "label": step.label,
+        "number": step.number,
+        "of": step.of,
+        "left": round(step.left_s, 1),
+        "test": step.is_test,
+    }
+
+
+def _observer(name: str, reply: TeachReply | None, silent: bool) -> Json:
+    if reply is None:
+        line = "runs, and cannot be taught from here" if silent else "does not run"
+        return {"name": name, "ready": False, "line": line}
+    take = reply.take
+    return {
+        "name": name,
+        "ready": reply.visible and not reply.complaint,
+        "pictures": reply.pictures,
+        "line": presence_line(name, reply).partition(": ")[2],
+        "state": reply.state,
+        "fault": reply.fault,
+        "take": None if take is None else {**take.model_dump(), "seconds": round(take.seconds, 1)},
+        "takes": dict(reply.takes),
+        "other": round(reply.other_s),
+        "labels": list(reply.labels),
+        "learned": None if reply.learned is None else reply.learned.results,
+    }

@@ -1,0 +1,202 @@
+"""The Teach page: its files, who may use it, and its requests (docs/guide/own-movements.md#on-the-phone).
+
+1. The page itself says nothing about anybody, so that everybody who reaches the server gets it. Whatever it shows or
+   does needs the token in the header Authorization, as `Bearer TOKEN`, or the key that a browser got for the token.
+2. A foreign page cannot send that header; requests that a browser marks as coming from elsewhere are refused too.
+3. Whatever changes something is a POST with JSON; its answer is 204, or one line that says why not.
+"""
+
+import asyncio
+import json
+import logging
+import secrets
+from collections.abc import Awaitable, Callable
+from typing import TYPE_CHECKING, Any
+from urllib.parse import urlsplit
+
+from starlette.concurrency import run_in_threadpool
+from starlette.requests import Request
+from starlette.responses import JSONResponse, PlainTextResponse, Response
+from starlette.routing import Route
+
+from common.errors import BadInput
+from hub.dashboard.access import (
+    COOKIE,
+    COOKIE_S,
+    NO_STORE,
+    WRONG_TOKEN_S,
+    AccessControl,
+    address_of,
+    body_of,
+    static_file,
+    static_page,
+    too_many_guesses,
+)
+from hub.dashboard.teach_data import action_of, desk_data, plan_of, tracks_data
+from hub.home_assistant import home_assistant_advice
+from hub.teaching.desk import TeachDesk
+from hub.teaching.wording import known_labels
+
+if TYPE_CHECKING:
+    from collections.abc import Collection
+
+    from common.config import Scene
+
+log = logging.getLogger("labanmesh.hub")
+FILES = {"/teach.js": "teach.js", "/teach.css": "teach.css"}
+BODY_LIMIT = 8192
+HOLD_S = 10.0
+"""So long a request for the state waits for something new."""
+CHECK_S = 0.05
+OFF = "Teaching is off on this page. Start it with: labanmesh dashboard SCENE --teach"
+Handle = Callable[[Request], Awaitable[Response]]
+
+
+class TeachPage:
+    """The routes of the page. desk: None where nothing can be taught, `off` says why.
+
+    hubs: the keys of liveliness tokens of MQTT hubs.
+    """
+
+    def __init__(
+        self,
+        access: AccessControl,
+        desk: TeachDesk | None = None,
+        off: str = OFF,
+        scene: "Scene | None" = None,
+        hubs: "Callable[[], Collection[str]]" = tuple,
+    ) -> None:
+        self._access, self._desk, self._off, self._scene, self._hubs = access, desk, off, scene, hubs
+
+    @property
+    def routes(self) -> list[Route]:
+        """All routes; without a desk only the page, which says why."""
+        html = static_file("teach.html").decode()
+        routes = [static_page(path, name) for path, name in FILES.items()]
+        off = "" if self._desk is not None else self._off.replace("&", "&amp;").replace("<", "&lt;")
+        routes.append(static_page("/teach", "teach.html", html.replace("<!--off-->", off).encode()))
+        if self._desk is None:
+            return routes
+        acts = {"start": self._start, "press": self._press, "stop": self._stop}
+        routes += [Route(f"/teach/{name}", self._posted(act), methods=["POST"]) for name, act in acts.items()]
+        routes += [
+            Route("/teach/enter", self._admitted(self._enter), methods=["POST"]),
+            Route("/teach/state", self._admitted(self._state)),
+            Route("/teach/home", self._admitted(self._home)),
+            Route("/teach/now/{observer}", self._admitted(self._now)),
+            Route("/teach/take/{observer}/{label}/{number:int}", self._admitted(self._take)),
+        ]
+        return routes
+
+    def _admitted(self, handle: Handle) -> Handle:
+        """Only for those who have the token, in the header; a BadInput is answered as one line."""
+
+        async def answer(request: Request) -> Response:
+            address, authorization = address_of(request), request.headers.get("authorization", "")
+            if wait_s := self._access.wait_s(address):
+                return too_many_guesses(wait_s)
+            if not self._access.admits_teaching(authorization):
+                self._access.record_wrong(address, authorization)
+                await asyncio.sleep(WRONG_TOKEN_S if authorization else 0.0)
+                return PlainTextResponse("The token is missing or wrong.\n", 401, {"www-authenticate": "Bearer"})
+            try:
+                return await handle(request)
+            except TimeoutError:
+                return PlainTextResponse("Too slow.\n", 408)
+            except BadInput as error:
+                return PlainTextResponse(f"{error}\n", 409)
+
+        return answer
+
+    def _posted(self, act: Callable[[dict[str, Any]], None]) -> Handle:
+        """A POST with JSON from this page or a program, not from a foreign page."""
+
+        async def answer(request: Request) -> Response:
+            if is_foreign(request):
+                return PlainTextResponse("This request comes from another page.\n", 403)
+            if request.headers.get("content-type", "").partition(";")[0] != "application/json":
+                return PlainTextResponse("application/json is expected.\n", 415)
+            fields = await _json(request)
+            await run_in_threadpool(act, fields)
+            return Response(status_code=204)
+
+        return self._admitted(answer)
+
+    async def _enter(self, request: Request) -> Response:
+        """A browser that has the token gets a key made from it, and the cookie for everything that only reads."""
+        if is_foreign(request):
+            return PlainTextResponse("This request comes from another page.\n", 403)
+        answer = JSONResponse({"key": self._access.teach_key}, headers={"cache-control": NO_STORE})
+        if self._access.cookie:
+            answer.set_cookie(COOKIE, self._access.cookie, COOKIE_S, httponly=True, samesite="strict")
+        return answer
+
+    async def _state(self, request: Request) -> Response:
+        """How the lesson stands; with `?after=VERSION` once it stands otherwise."""
+        desk, after = self._required, request.query_params.get("after", "")
+        loop = asyncio.get_running_loop()
+        end_s = loop.time() + HOLD_S
+        desk.looked()
+        while str(desk.version) == after and loop.time() < end_s:
+            await asyncio.sleep(CHECK_S)
+        return _answer(desk_data(desk))
+
+    async def _home(self, request: Request) -> Response:
+        if self._scene is None:
+            return _answer({"connected": False, "state": "", "steps": []})
+        advice = home_assistant_advice(self._scene, self._hubs())
+        return _answer({"connected": advice.connected, "state": advice.state, "steps": list(advice.steps)})
+
+    async def _now(self, request: Request) -> Response:
+        tracks = await run_in_threadpool(self._required.now, request.path_params["observer"])
+        return Response(status_code=204) if tracks is None else _answer(tracks_data(tracks))
+
+    async def _take(self, request: Request) -> Response:
+        names = request.path_params
+        tracks = await run_in_threadpool(self._required.take, names["observer"], names["label"], names["number"])
+        return Response(status_code=204) if tracks is None else _answer(tracks_data(tracks))
+
+    def _start(self, fields: dict[str, Any]) -> None:
+        desk = self._required
+        plan = plan_of(fields, known_labels(desk.observers), secrets.token_hex(8))
+        desk.start(plan)
+        log.info("teaching from the page: %s", ", ".join(plan.labels))
+
+    def _press(self, fields: dict[str, Any]) -> None:
+        number = fields.get("number")
+        self._required.press(str(fields.get("lesson")), number if isinstance(number, int) else -1, action_of(fields))
+
+    def _stop(self, fields: dict[str, Any]) -> None:
+        self._required.stop(str(fields.get("lesson")))
+
+    @property
+    def _required(self) -> TeachDesk:
+        if self._desk is None:
+            raise BadInput(self._off)
+        return self._desk
+
+
+def is_foreign(request: Request) -> bool:
+    """Whether a browser says that another page sends this request; programs say nothing."""
+    site, origin = request.headers.get("sec-fetch-site"), request.headers.get("origin")
+    if site is not None:
+        return site not in ("same-origin", "none")
+    return origin is not None and urlsplit(origin).netloc != request.headers.get("host", "")
+
+
+async def _json(request: Request) -> dict[str, Any]:
+    """The JSON object in the body; raises BadInput."""
+    body = await body_of(request, BODY_LIMIT)
+    if len(body) > BODY_LIMIT:
+        raise BadInput(f"too long: {BODY_LIMIT} bytes are allowed")
+    try:
+        fields = json.loads(body)
+    except ValueError:
+        fields = None
+    if not isinstance(fields, dict):
+        raise BadInput("a JSON object is expected")
+    return fields
+
+
+def _answer(fields: dict[str, Any]) -> Response:
+    return JSONResponse(fields, headers={"cache-control": NO_STORE})

@@ -1,0 +1,218 @@
+"""The lesson of a scene for pages: one at a time, the same for everybody who looks. Safe for several threads.
+
+1. The lesson runs in a thread of this process. A page only shows `state` and presses, so that it may be reloaded or
+   sleep, and a second one sees the same.
+2. Observers are asked how they stand only while somebody looks, or a lesson waits; its own requests count too.
+3. While a lesson waits it keeps its seat with the observers, until nobody has looked for LEFT_S.
+"""
+
+import logging
+import secrets
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass
+
+from common.config import Scene
+from common.errors import BadInput, LabanmeshError
+from common.keys import observer_of
+from common.link import Link
+from common.messages import VerdictMessage
+from common.teaching_messages import ShownTracks, TeachReply, TeachRequest
+from hub.scene_state import SceneState
+from hub.session import ArrivedVerdict, SceneUpdate
+from hub.teaching.classroom import Classroom
+from hub.teaching.lesson import Lesson, LessonPlan
+from hub.teaching.page_room import MOVED_ON, PageRoom
+from hub.teaching.room import Action, Answers
+from hub.teaching.verdicts import newly_decided
+from hub.teaching.wording import NO_RIGHT
+
+log = logging.getLogger("labanmesh.hub")
+LOOK_S = 0.5
+LEASE_S = 5.0
+"""So long after the last page has asked, observers are still asked."""
+LEFT_S = 1800.0
+VERDICTS_LIMIT = 100
+END_S = 5.0
+BUSY = "a lesson is going on, perhaps from another phone; it is shown here"
+
+
+@dataclass(slots=True)
+class PageLesson:
+    """A lesson and how it ended. fault: one line; over: it goes on no more."""
+
+    id: str
+    plan: LessonPlan
+    room: PageRoom
+    thread: threading.Thread | None = None
+    over: bool = False
+    fault: str = ""
+
+
+class TeachDesk:
+    """Where pages look at the lesson of a scene and press; `close` ends it.
+
+    clock: seconds of a monotonic clock.
+    """
+
+    def __init__(self, scene: Scene, link: Link, clock: Callable[[], float] = time.monotonic) -> None:
+        self.scene, self._clock = scene, clock
+        self._classroom = Classroom(link, scene.keys)
+        self._glance = Classroom(link, scene.keys, answer_s=1.0, attempts=1)
+        self._presence = link.presence(scene.keys.observer_alive())
+        self._lock = threading.Lock()
+        self._lesson: PageLesson | None = None
+        self._replies: dict[str, TeachReply] = {}
+        self._silent: frozenset[str] = frozenset()
+        self._scene_state = SceneState(scene.scene, scene.roster)
+        self._arrived: deque[ArrivedVerdict] = deque(maxlen=VERDICTS_LIMIT)
+        self._looked_s = float("-inf")
+        self._own_id, self._closed = secrets.token_hex(8), threading.Event()
+        self.version = 0
+        self._thread = threading.Thread(target=self._look, name="teach-look", daemon=True)
+        self._thread.start()
+
+    @property
+    def lesson(self) -> PageLesson | None:
+        """The lesson that goes on, or the last one."""
+        return self._lesson
+
+    @property
+    def observers(self) -> dict[str, TeachReply | None]:
+        """The newest reply of every observer of the scene file; None for one that does not run or answer."""
+        return {name: self._replies.get(name) for name in self.scene.roster}
+
+    @property
+    def silent(self) -> frozenset[str]:
+        """The observers that run and do not answer."""
+        return self._silent
+
+    @property
+    def scene_state(self) -> SceneState:
+        """What the fusion service says."""
+        return self._scene_state
+
+    def looked(self) -> None:
+        """A page asks how things stand."""
+        self._looked_s = self._clock()
+
+    def note(self, update: SceneUpdate) -> None:
+        """Take in what a listener to the scene has received, in its thread."""
+        changed = update.state.labels != self._scene_state.labels or isinstance(update.message, VerdictMessage)
+        self._scene_state = update.state
+        if isinstance(update.message, VerdictMessage):
+            self._arrived.append(ArrivedVerdict(update.message, update.answered))
+        if changed:
+            self._changed()
+
+    def start(self, plan: LessonPlan) -> None:
+        """Begin a lesson; raises BadInput, one line, if it cannot."""
+        if self.scene.vocabulary is not None:
+            raise BadInput(
+                "the scene file names its vocabulary, so nothing else can be taught; remove that line and start the "
+                "processes again"
+            )
+        present = [name for name in self.scene.roster if name in self._alive()]
+        if not present:
+            raise BadInput("no observer runs; start them with: labanmesh up, and the scene file")
+        with self._lock:
+            if self._lesson is not None and not self._lesson.over:
+                raise BadInput(BUSY)
+            self._arrived.clear()
+            room = PageRoom(self._changed, lambda: self._scene_state.labels, lambda: newly_decided(self._arrived))
+            lesson = PageLesson(plan.teacher, plan, room)
+            lesson.thread = threading.Thread(target=self._run, args=(lesson, present), name="lesson", daemon=True)
+            self._lesson = lesson
+        self._changed()
+        lesson.thread.start()
+
+    def press(self, lesson_id: str, number: int, action: Action) -> None:
+        """Somebody presses, who saw that step of that lesson; raises BadInput, one line, if it cannot be done."""
+        lesson = self._lesson
+        if lesson is None or lesson.over or lesson.id != lesson_id:
+            raise BadInput(MOVED_ON)
+        lesson.room.press(number, action)
+
+    def stop(self, lesson_id: str) -> None:
+        """End the lesson with that id; what was recorded is kept. One that is over is put away."""
+        lesson = self._lesson
+        if lesson is None or lesson.id != lesson_id:
+            return
+        lesson.room.end()
+        if lesson.over:
+            self._lesson = None
+        self._changed()
+
+    def now(self, observer: str) -> ShownTracks | None:
+        """What an observer sees now; raises BadInput for an unknown one."""
+        return self._show(observer, TeachRequest(command="show", teacher=self._own_id))
+
+    def take(self, observer: str, label: str, number: int) -> ShownTracks | None:
+        """A take on an observer's disk; raises BadInput for an unknown observer."""
+        return self._show(observer, TeachRequest(command="show", teacher=self._own_id, label=label, take=number))
+
+    def close(self) -> None:
+        """End the lesson and all requests."""
+        self._closed.set()
+        lesson = self._lesson
+        if lesson is not None and lesson.thread is not None:
+            lesson.room.end()
+            lesson.thread.join(END_S)
+        self._thread.join(END_S)
+
+    def _show(self, observer: str, request: TeachRequest) -> ShownTracks | None:
+        if observer not in self.scene.roster:
+            raise BadInput(f"observer {observer!r} is unknown; known: {', '.join(self.scene.roster)}")
+        reply = self._glance.ask(request, [observer]).replies.get(observer)
+        return None if reply is None else reply.tracks
+
+    def _run(self, lesson: PageLesson, present: Sequence[str]) -> None:
+        try:
+            if not self._ask(TeachRequest(command="status", teacher=lesson.id), present).replies:
+                raise LabanmeshError(NO_RIGHT)
+            Lesson(lesson.plan, lesson.room, self._ask, present).run()
+        except KeyboardInterrupt:
+            lesson.fault = "stopped; every take is kept"
+        except LabanmeshError as error:
+            lesson.fault = str(error).replace("the same command goes on", "Go on continues")
+        except Exception:
+            lesson.fault = "an error of labanmesh ended the lesson; every take is kept"
+            log.exception("lesson")
+        finally:
+            lesson.over = True
+            self._changed()
+
+    def _ask(self, request: TeachRequest, observers: Collection[str]) -> Answers:
+        answers = self._classroom.ask(request, observers)
+        self._take_in(answers)
+        return answers
+
+    def _look(self) -> None:
+        while not self._closed.wait(LOOK_S):
+            lesson = self._lesson
+            idle_s = self._clock() - self._looked_s
+            waits = lesson is not None and not lesson.over and lesson.room.shown.waits
+            if lesson is not None and waits and idle_s > LEFT_S:
+                lesson.room.end()
+            if waits or (idle_s < LEASE_S and (lesson is None or lesson.over)):
+                teacher = lesson.id if lesson is not None and waits else self._own_id
+                self._take_in(self._glance.ask(TeachRequest(command="status", teacher=teacher), sorted(self._alive())))
+
+    def _take_in(self, answers: Answers) -> None:
+        """Remember the replies; those of processes that have ended are forgotten."""
+        alive = self._alive()
+        with self._lock:
+            replies = {name: each for name, each in {**self._replies, **answers.replies}.items() if name in alive}
+            silent = (self._silent | set(answers.silent)) - set(answers.replies)
+            changed = replies != self._replies or silent != self._silent
+            self._replies, self._silent = replies, frozenset(silent & alive)
+        if changed:
+            self._changed()
+
+    def _alive(self) -> set[str]:
+        return {observer_of(key) for key in self._presence.alive} & set(self.scene.roster)
+
+    def _changed(self) -> None:
+        self.version += 1

@@ -1,0 +1,146 @@
+"""The room of a lesson that a page shows: what happens now, and what people press on it. Safe for several threads.
+
+1. Where the lesson waits (`ready`) one press counts: its number names the step that the person saw, so that of two
+   people who press at once the second presses nothing by mistake.
+2. While takes go on, presses wait for the pause after the take.
+"""
+
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+from common.errors import BadInput
+from hub.teaching.room import GO, Action, ActionKind, Step, StepKind
+
+LINES_LIMIT = 200
+WAITING_ACTIONS: dict[StepKind, tuple[ActionKind, ...]] = {
+    "ready": ("go", "skip"),
+    "review": ("go", "more", "drop"),
+    "learned": ("go", "skip"),
+    "test": ("go", "skip"),
+}
+"""What can be pressed where the lesson waits."""
+RUNNING_ACTIONS: dict[StepKind, tuple[ActionKind, ...]] = {
+    "countdown": ("pause", "repeat"),
+    "now": ("pause", "repeat"),
+    "between": ("pause", "repeat"),
+    "other": ("skip",),
+}
+"""What can be pressed meanwhile."""
+MOVED_ON = "the lesson has moved on, perhaps by another phone; look at what it shows now"
+PRESSED = "somebody else has just pressed something else"
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """A line that the lesson said, and in which kind of step."""
+
+    text: str
+    kind: StepKind
+    is_test: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Shown:
+    """What a page shows of a lesson. number: of the step. waits: until somebody presses. lines: the newest ones."""
+
+    step: Step
+    number: int
+    waits: bool
+    lines: tuple[Line, ...]
+
+
+class PageRoom:
+    """A `Room`. changed: called after each change. fused_labels, verdicts: as in `Room`."""
+
+    def __init__(
+        self,
+        changed: Callable[[], None],
+        fused_labels: Callable[[], Sequence[str]],
+        verdicts: Callable[[], Sequence[str]],
+    ) -> None:
+        self._changed = changed
+        self.fused_labels, self.verdicts = fused_labels, verdicts
+        self._condition = threading.Condition()
+        self._shown = Shown(Step("look"), 0, False, ())
+        self._pressed: deque[Action] = deque()
+        self._last: tuple[int, Action] | None = None
+        self._ended = False
+
+    @property
+    def shown(self) -> Shown:
+        """What a page shows now."""
+        return self._shown
+
+    def now_s(self) -> float:
+        """Seconds of a monotonic clock."""
+        return time.monotonic()
+
+    def pause(self, seconds: float) -> None:
+        """Let time pass; raises KeyboardInterrupt once the lesson has been ended."""
+        self._wait(lambda: False, seconds)
+
+    def say(self, line: str) -> None:
+        """Add a line."""
+        step = self._shown.step
+        lines = (*self._shown.lines, Line(line, step.kind, step.is_test))[-LINES_LIMIT:]
+        self._set(replace(self._shown, lines=lines))
+
+    def show(self, step: Step) -> None:
+        """Show what happens now."""
+        self._set(replace(self._shown, step=step, waits=False, number=self._shown.number + (step != self._shown.step)))
+
+    def between(self, step: Step, seconds: float) -> Action:
+        """What is pressed within so many seconds, or was pressed during the take; GO for nothing."""
+        self.show(step)
+        self._wait(lambda: bool(self._pressed), seconds)
+        with self._condition:
+            return self._pressed.popleft() if self._pressed else GO
+
+    def ready(self, step: Step) -> Action:
+        """Wait until somebody presses."""
+        with self._condition:
+            self._pressed.clear()
+        self._set(Shown(step, self._shown.number + 1, True, self._shown.lines))
+        self._wait(lambda: bool(self._pressed), None)
+        with self._condition:
+            action = self._pressed.popleft()
+        self._set(replace(self._shown, waits=False))
+        return action
+
+    def press(self, number: int, action: Action) -> None:
+        """Somebody presses, who saw the step with that number; raises BadInput, one line, if it cannot be done."""
+        with self._condition:
+            if (number, action) == self._last:
+                return  # the same press of two people, or of one with a bad connection
+            shown = self._shown
+            waits = shown.waits
+            if action.kind not in (WAITING_ACTIONS if waits else RUNNING_ACTIONS).get(shown.step.kind, ()):
+                raise BadInput(MOVED_ON)
+            if waits and number != shown.number:
+                raise BadInput(MOVED_ON)
+            if waits and self._pressed:
+                raise BadInput(PRESSED)
+            if action not in self._pressed:
+                self._pressed.append(action)
+            self._last = number, action
+            self._condition.notify_all()
+
+    def end(self) -> None:
+        """End the lesson at its next pause."""
+        with self._condition:
+            self._ended = True
+            self._condition.notify_all()
+
+    def _wait(self, done: Callable[[], bool], seconds: float | None) -> None:
+        with self._condition:
+            self._condition.wait_for(lambda: self._ended or done(), seconds)
+            if self._ended:
+                raise KeyboardInterrupt
+
+    def _set(self, shown: Shown) -> None:
+        with self._condition:
+            self._shown = shown
+        self._changed()
