@@ -4,6 +4,7 @@ Each request is a query under the observer's own exact key (`common.keys.SceneKe
 payload; the answer is a TeachReply. Requests may be repeated: a second one of the same kind changes nothing more.
 """
 
+from dataclasses import dataclass
 from typing import Annotated, Literal
 
 from pydantic import Field, FiniteFloat
@@ -52,6 +53,19 @@ class TeachRequest(Message):
     to_ns: Time = 0
     everything: bool = False
     models: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Unwanted:
+    """What is to be forgotten: a person's takes, a movement's, or everything that teaching left."""
+
+    person: str = ""
+    label: str = ""
+    everything: bool = False
+
+    def covers(self, person: str, label: str) -> bool:
+        """Whether a take of this person and this movement is to be forgotten."""
+        return self.everything or person == (self.person or None) or label == (self.label or None)
 
 
 class TakeReport(MessagePart):

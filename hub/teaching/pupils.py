@@ -52,6 +52,10 @@ class Pupils:
         """Ask only these observers, whatever they answer."""
         self.ask(self._made(command, **fields), observers)
 
+    def ask_one(self, observer: str, command: TeachCommand, **fields: object) -> Answers:
+        """Ask a single observer, whatever it answers."""
+        return self.ask(self._made(command, **fields), [observer])
+
     def start(self, labels: list[str]) -> Mapping[str, TeachReply]:
         """Begin with this vocabulary; the replies of those that can be taught. Raises LabanmeshError if none can."""
         self.labels = labels

@@ -13,10 +13,10 @@ from common import SECOND_NS
 from common.errors import BadInput, LabanmeshError
 from common.teaching_messages import CorrectedReport, TeachRequest
 from observer.motion.archive import Recording
-from observer.recording.own_tracks import MARGIN_S, TracksRecorder
+from observer.recording.own_tracks import MARGIN_S, TracksRecorder, in_parts
 from observer.stillness import Stillness
 from observer.teaching.interfaces import Takes
-from observer.teaching.take_recorder import SHORTEST_S, SOMEONE
+from observer.teaching.take_recorder import SHORTEST_S, SOMEONE, watched_parts
 from observer.tracks import Tracks
 
 LOOK_S = 6.0
@@ -179,8 +179,9 @@ class _Frames:
 
 def _moving_runs(recording: Recording, recorder: TracksRecorder) -> list[tuple[int, int]]:
     """(begin, end) of the frames in which the person moves, joined over rests shorter than JOIN_S."""
-    stillness = Stillness(recorder.body_parts, recording.rate_hz)
-    still = np.array([stillness.update(Tracks(c.astype(np.float64))) for c in recording.positions])
+    parts = watched_parts(recorder.body_parts)
+    stillness, watched = Stillness(parts, recording.rate_hz), in_parts(recording, recorder.body_parts, parts)
+    still = np.array([stillness.update(Tracks(c.astype(np.float64))) for c in watched.positions])
     seen = np.isfinite(recording.positions).any(axis=(1, 2))
     moving: NDArray[np.int64] = np.flatnonzero((still < 0.5) & seen)
     if not len(moving):

@@ -1,24 +1,10 @@
 """What teaching needs of the outside: the takes on the disk, and a learner that works in the background."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Protocol
 
-from common.teaching_messages import LearnedReport
+from common.teaching_messages import LearnedReport, Unwanted
 from observer.motion.archive import MotionArchive, Recording
-
-
-@dataclass(frozen=True, slots=True)
-class Unwanted:
-    """What is to be forgotten: a person's takes, a movement's, or everything."""
-
-    person: str = ""
-    label: str = ""
-    everything: bool = False
-
-    def covers(self, person: str, label: str) -> bool:
-        """Whether a take of this person and this movement is to be forgotten."""
-        return self.everything or person == (self.person or None) or label == (self.label or None)
 
 
 class Learner(Protocol):

@@ -13,10 +13,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from common.errors import LabanmeshError
-from common.teaching_messages import TEXT_LIMIT, LearnedReport
+from common.teaching_messages import TEXT_LIMIT, LearnedReport, Unwanted
 from observer.model.model_file import read_model
 from observer.runtime.pipeline import Observer
-from observer.teaching.interfaces import Unwanted
 
 if TYPE_CHECKING:
     from observer.model.base import MovementModel

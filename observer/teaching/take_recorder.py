@@ -7,6 +7,7 @@
 Times are those of frames, in ns.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from common import SECOND_NS
@@ -52,13 +53,18 @@ class CurrentTake:
         return (self.label, self.take) == (request.label, request.take)
 
 
+def watched_parts(body_parts: Sequence[str]) -> tuple[str, ...]:
+    """Those of the parts that show whether somebody moves."""
+    watched = tuple(part for part in body_parts if part in WATCHED)
+    return watched if len(watched) > 1 else tuple(body_parts)
+
+
 class TakeRecorder:
     """Cuts takes out of the observer's own tracks, which `recorder` has, and writes them. Not thread-safe."""
 
     def __init__(self, recorder: TracksRecorder, takes: Takes) -> None:
         self._recorder, self._takes = recorder, takes
-        watched = tuple(part for part in recorder.body_parts if part in WATCHED)
-        self._watched = watched if len(watched) > 1 else recorder.body_parts
+        self._watched = watched_parts(recorder.body_parts)
         self._rows = [recorder.body_parts.index(part) for part in self._watched]
         self._stream = StillnessStream(self._watched, recorder.rate_hz)
         self._claps, self._people = ClapWatch(recorder.body_parts), PeopleCount()

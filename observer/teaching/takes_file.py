@@ -10,11 +10,11 @@ from contextlib import suppress
 from pathlib import Path
 
 from common.errors import BadInput, LabanmeshError
+from common.teaching_messages import Unwanted
 from observer.files import write_file
 from observer.motion.archive import MotionArchive, Recording, TracksCamera
 from observer.recording.own_tracks import in_parts
 from observer.recording.tracks_file import TracksFile
-from observer.teaching.interfaces import Unwanted
 
 WAY_OUT = "Free some space on that disk; the take waits in memory"
 

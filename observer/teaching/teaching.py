@@ -24,12 +24,13 @@ from common.teaching_messages import (
     TeachReply,
     TeachRequest,
     TeachState,
+    Unwanted,
 )
 from common.vocabulary import Vocabulary
 from observer.recording.own_tracks import TracksRecorder
 from observer.teaching.contradictions import doubtful_takes
 from observer.teaching.corrections import Corrector
-from observer.teaching.interfaces import Learner, Takes, Unwanted
+from observer.teaching.interfaces import Learner, Takes
 from observer.teaching.take_recorder import TakeRecorder, fault_line
 from observer.tracks import Tracks
 

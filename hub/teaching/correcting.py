@@ -1,0 +1,132 @@
+"""Verdicts that were wrong or missed become examples on every observer, and then all learn anew. Pure.
+
+1. Times are the fusion service's, as in verdicts; each observer is asked in the time of its own clock.
+2. Of a movement without a verdict only the moment is known: the first observer that saw somebody move then says from
+   when to when, and the others cut the same.
+3. An observer that cannot make an example says why in a line, and the others go on.
+"""
+
+from collections import Counter
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from common import SECOND_NS
+from common.errors import BadInput, LabanmeshError
+from common.messages import VerdictMessage
+from common.teaching_messages import TeachReply
+from common.text import nearest
+from hub.scene_state import SOMETHING_ELSE, SceneState
+from hub.teaching.learning import adopt, learn
+from hub.teaching.pupils import Pupils
+from hub.wording import clock_time
+
+NOT_TAUGHT = "its model was not made by labanmesh teach, and cannot be corrected"
+
+
+@dataclass(frozen=True, slots=True)
+class Correction:
+    """What somebody did, from `began_ns` to `ended_ns` in the time of the fusion service.
+
+    id: of the verdict, or any other for a movement without one; a second correction with the same id replaces the
+    first. label: what it was; "": none of the movements. ended_ns: None: until the person stood still; the same as
+    began_ns: the movement nearest to that moment.
+    """
+
+    id: str
+    label: str
+    began_ns: int
+    ended_ns: int | None = None
+
+    @classmethod
+    def of_verdict(cls, verdict: VerdictMessage, label: str) -> "Correction":
+        """What the movement of this verdict really was."""
+        return cls(verdict.id, label, verdict.began_ns, verdict.ended_ns)
+
+    @property
+    def is_moment(self) -> bool:
+        """Whether only the moment is known."""
+        return self.ended_ns == self.began_ns
+
+
+def clock_offsets(state: SceneState) -> dict[str, float]:
+    """Seconds by which the clock of each observer is ahead of the fusion service's, as far as it is known."""
+    return {each.name: each.skew_s for each in state.observers if each.skew_s is not None}
+
+
+def correct(
+    pupils: Pupils, corrections: Sequence[Correction], offsets: Mapping[str, float], person: str
+) -> dict[str, int]:
+    """Make examples of these on the observers, which do not learn yet; how many each has made.
+
+    Raises BadInput for a label that they do not know, LabanmeshError if no observer could make any example.
+    """
+    replies = pupils.request("status")
+    _leave_out_the_untaught(pupils, replies)
+    known = tuple(dict.fromkeys(label for name in pupils.observers for label in replies[name].labels))
+    for correction in corrections:
+        if correction.label and correction.label not in known:
+            raise BadInput(
+                f"{correction.label}: {nearest(correction.label, known)}; teach it first: "
+                f"labanmesh teach SCENE {correction.label} --add"
+            )
+    made: dict[str, int] = dict.fromkeys(pupils.observers, 0)
+    for correction in corrections:
+        for name in _correct_one(pupils, correction, offsets, person):
+            made[name] += 1
+    if not any(made.values()):
+        raise LabanmeshError("no observer could make an example; nothing changes")
+    return made
+
+
+def learn_corrections(pupils: Pupils, observers: Collection[str]) -> None:
+    """These observers learn from all their takes, and change together; the movements stay. Raises LabanmeshError."""
+    replies = pupils.request("status")
+    pupils.observers = [name for name in pupils.observers if name in observers]
+    pupils.labels = vocabulary_in_force([replies[name] for name in pupils.observers])
+    adopt(pupils, learn(pupils))
+
+
+def vocabulary_in_force(replies: Sequence[TeachReply]) -> list[str]:
+    """The movements that most of them recognise; raises LabanmeshError if there are none."""
+    voices = [tuple(reply.labels) for reply in replies if reply.labels]
+    if not voices:
+        raise LabanmeshError("no observer has been taught yet: labanmesh teach SCENE LABEL LABEL ...")
+    return list(Counter(voices).most_common(1)[0][0])
+
+
+def _leave_out_the_untaught(pupils: Pupils, replies: Mapping[str, TeachReply]) -> None:
+    for name in list(pupils.observers):
+        reply = replies[name]
+        lacks = [label for label in reply.labels if label not in reply.takes]
+        if lacks or not reply.labels:
+            pupils.room.say(f"{name}: {NOT_TAUGHT if lacks else 'has not been taught yet'}; the others go on")
+            pupils.observers.remove(name)
+    if not pupils.observers:
+        raise LabanmeshError("no observer can be corrected: teach them first: labanmesh teach SCENE LABEL LABEL ...")
+
+
+def _correct_one(pupils: Pupils, correction: Correction, offsets: Mapping[str, float], person: str) -> list[str]:
+    """The observers that have made an example of it."""
+    lengths: dict[str, float] = {}
+    faults: dict[str, str] = {}
+    span = correction
+    for name in pupils.observers:
+        offset_ns = round(offsets.get(name, 0.0) * SECOND_NS)
+        answers = pupils.ask_one(
+            name, "correct", correction=span.id, label=span.label, person=person, from_ns=span.began_ns + offset_ns,
+            to_ns=0 if span.ended_ns is None else span.ended_ns + offset_ns,
+        )  # fmt: skip
+        reply = answers.replies.get(name)
+        if reply is None or reply.corrected is None:
+            faults[name] = "no answer" if reply is None else reply.fault or "is of a version that cannot be corrected"
+            continue
+        report = reply.corrected
+        lengths[name] = report.seconds
+        if span.is_moment:
+            span = replace(span, began_ns=report.from_ns - offset_ns, ended_ns=report.to_ns - offset_ns)
+    kept = ", ".join(f"{name} ({seconds:.1f} s)" for name, seconds in lengths.items())
+    what = correction.label or SOMETHING_ELSE
+    pupils.room.say(f"{clock_time(span.began_ns)} was {what}: {f'kept by {kept}' if kept else 'kept by no observer'}")
+    for name, fault in faults.items():
+        pupils.room.say(f"  {name}: {fault}")
+    return list(lengths)

@@ -1,0 +1,70 @@
+"""A person, a movement, or everything that was taught is forgotten by all observers of a scene. Pure.
+
+1. Each observer removes its takes, also those that were set aside, and its old models. What the model in force was
+   learned from stays in it, so the observers learn anew from what is left, and change together.
+2. An observer without enough takes to learn from loses its model, and waits to be taught.
+3. At the end each is asked again: nothing may be left then, also not in the model that has just been replaced.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+
+from common.errors import LabanmeshError
+from common.teaching_messages import ForgottenReport, TeachReply, Unwanted
+from common.text import plural
+from hub.teaching.correcting import vocabulary_in_force
+from hub.teaching.learning import adopt, learn
+from hub.teaching.pupils import Pupils
+
+
+def forget(pupils: Pupils, unwanted: Unwanted) -> None:
+    """Forget it everywhere and say what each observer removed. Raises LabanmeshError if it is left somewhere."""
+    room, fields = pupils.room, asdict(unwanted)
+    replies = pupils.request("forget", **fields)
+    done = {name: reply for name, reply in replies.items() if reply.forgotten is not None}
+    for name, reply in done.items():
+        room.say(f"{name}: {removed_line(reply.forgotten or ForgottenReport())}")
+    failed = [name for name in replies if name not in done]
+    left = [name for name, reply in done.items() if reply.forgotten and reply.forgotten.in_model]
+    if left and not unwanted.everything:
+        _learn_anew(pupils, unwanted, done, left)
+        pupils.observers = list(done)
+        again = pupils.request("forget", **fields)
+        failed += [name for name, reply in again.items() if reply.forgotten is None or reply.forgotten.in_model]
+    if failed:
+        raise LabanmeshError(f"not forgotten by {', '.join(failed)}: the lines above say why; give the command again")
+
+
+def removed_line(report: ForgottenReport) -> str:
+    """What an observer removed."""
+    parts = [plural(report.takes, "take")] if report.takes else []
+    parts += [f"{report.other_s:.0f} s of something else"] if report.other_s else []
+    parts += [plural(report.models, "model")] if report.models else []
+    line = f"removed {', '.join(parts)}" if parts else "had nothing of it on its disk"
+    return f"{line}; learns anew without it" if report.in_model else line
+
+
+def _learn_anew(pupils: Pupils, unwanted: Unwanted, replies: Mapping[str, TeachReply], left: Sequence[str]) -> None:
+    """Those that are left learn from what remains, and change together; where that cannot be, the model goes too."""
+    room = pupils.room
+    known = [label for label in vocabulary_in_force(list(replies.values())) if label != unwanted.label]
+    # A movement that most have no take of any more is forgotten with the person who taught it.
+    taken = [name for reply in replies.values() for name in reply.takes]
+    pupils.labels = [label for label in known if 2 * taken.count(label) > len(replies)]
+    all_change = pupils.labels != vocabulary_in_force(list(replies.values()))
+    learning = list(replies) if all_change else left
+    changed: list[str] = []
+    if len(pupils.labels) >= 2:
+        has_all = {name: all(replies[name].takes.get(label) for label in pupils.labels) for name in learning}
+        pupils.observers = [name for name in learning if has_all[name]]
+        try:
+            learned = learn(pupils) if pupils.observers else {}
+            changed = list(learned)
+            adopt(pupils, learned)
+        except LabanmeshError as error:
+            room.say(str(error))
+    pupils.observers = [name for name in left if name not in changed]
+    for name in pupils.observers:
+        room.say(f"{name}: too little is left to learn from: its model goes too, and labanmesh teach teaches it again")
+    if pupils.observers:
+        pupils.request("forget", **{**asdict(unwanted), "models": True})
