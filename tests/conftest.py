@@ -16,6 +16,11 @@ if not os.environ.get("CI"):
     settings.load_profile("desk")
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """The slow tests begin first, so that no worker is left with a long one at the end."""
+    items.sort(key=lambda item: item.get_closest_marker("slow") is None)
+
+
 @pytest.fixture(scope="session")
 def data() -> Path:
     """The folder of recordings, named by LABANMESH_DATA; tests that need it skip without it."""

@@ -256,12 +256,18 @@ def test_a_wrong_lens_is_corrected_by_the_other_cameras():
     np.testing.assert_array_equal(unchanged.lenses["two"][0], oblong.K)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("lenses", "most_deg", "most"), [("theirs", 0.75, 0.0075), ("ours", 2.0, 0.03)])
-def test_poses_agree_with_caliscope(data, lenses, most_deg, most):
+@pytest.fixture(scope="module")
+def caliscope(data):
+    """The board, the cameras as caliscope placed them, and what each of them sees of the board."""
     home = data / "caliscope_4_cam"
     board, truth = read_board(str(home / "charuco.toml")), read_opencv(home / "camera_array.toml")
-    cameras_seen = [find_boards(c.name, pictures(home / f"{c.name}.mp4"), board, 1) for c in truth]
+    return board, truth, [find_boards(c.name, pictures(home / f"{c.name}.mp4"), board, 1) for c in truth]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("lenses", "most_deg", "most"), [("theirs", 0.75, 0.0075), ("ours", 2.0, 0.03)])
+def test_poses_agree_with_caliscope(caliscope, lenses, most_deg, most):
+    board, truth, cameras_seen = caliscope
     if lenses == "theirs":
         solved = solve_extrinsics(
             cameras_seen, {c.name: FittedLens(c.K, c.distortion, 0.0, {}) for c in truth}, board
