@@ -30,7 +30,8 @@ from hub.teaching.verdicts import newly_decided
 from hub.teaching.wording import NO_RIGHT
 
 log = logging.getLogger("labanmesh.hub")
-LOOK_S = 0.5
+LOOK_S, FIRST_S = 0.5, 0.1
+"""How often observers are asked, and while none has answered yet."""
 LEASE_S = 5.0
 """So long after the last page has asked, observers are still asked."""
 LEFT_S = 1800.0
@@ -190,15 +191,18 @@ class TeachDesk:
         return answers
 
     def _look(self) -> None:
-        while not self._closed.wait(LOOK_S):
+        """Ask the observers how they stand while somebody looks, or a lesson waits, which keeps its seat so."""
+        while not self._closed.is_set():
             lesson = self._lesson
             idle_s = self._clock() - self._looked_s
-            waits = lesson is not None and not lesson.over and lesson.room.shown.waits
+            goes_on = lesson is not None and not lesson.over
+            waits = goes_on and lesson is not None and lesson.room.shown.waits
             if lesson is not None and waits and idle_s > LEFT_S:
                 lesson.room.end()
-            if waits or (idle_s < LEASE_S and (lesson is None or lesson.over)):
+            if waits or (idle_s < LEASE_S and not goes_on):
                 teacher = lesson.id if lesson is not None and waits else self._own_id
                 self._take_in(self._glance.ask(TeachRequest(command="status", teacher=teacher), sorted(self._alive())))
+            self._closed.wait(LOOK_S if self._replies else FIRST_S)
 
     def _take_in(self, answers: Answers) -> None:
         """Remember the replies; those of processes that have ended are forgotten."""

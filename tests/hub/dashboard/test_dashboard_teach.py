@@ -1,0 +1,238 @@
+"""The Teach page's requests: who may teach, what a foreign page can do, and bad input in one line."""
+
+import asyncio
+import re
+
+import httpx
+import pytest
+
+from common.address import Address
+from common.errors import BadInput
+from common.teaching_messages import LearnedReport, ShownTracks, TakeReport, TeachReply
+from hub.dashboard.access import COOKIE, AccessControl
+from hub.dashboard.application import application
+from hub.dashboard.commands import DashboardRun, _access, _teach_lines
+from hub.dashboard.serving import NO_RIGHT, _teach_page
+from hub.dashboard.teach_data import action_of, desk_data, plan_of
+from hub.dashboard.teach_routes import OFF, TeachPage
+from hub.scene_state import SceneState
+from hub.teaching.desk import PageLesson
+from hub.teaching.page_room import PageRoom
+from hub.teaching.room import Action, Step
+
+TOKEN = "a-word-of-sixteen-and-more"  # noqa: S105 - a test
+BEARER = {"authorization": f"Bearer {TOKEN}"}
+POSTS, TRACKS = ("start", "press", "stop", "enter"), ("now/cam1", "take/cam1/wave/1")
+PAGE = ("GET", "/teach", {})
+PLAN = {"labels": ["wave", "clap"], "takes": 3, "minutes": 1, "person": "anna"}
+
+
+class Desk:
+    """What pages ask and press; nothing is taught."""
+
+    def __init__(self, scene):
+        self.scene, self.version, self.silent, self.scene_state = scene, 7, frozenset(), SceneState("room")
+        self.lesson, self.plans, self.pressed, self.stopped, self.looks = None, [], [], [], 0
+        reply = TeachReply(
+            state="learned", pictures=True, visible=True, takes={"nod": [1, 2], "ok": [1]}, other_s=61.2, labels=["ok"],
+            take=TakeReport(label="nod", take=2, state="kept", seconds=1.44),
+            learned=LearnedReport(labels=["ok", "nod"], results={"nod": {"nod": 2}}),
+        )  # fmt: skip
+        self.observers = {"cam1": reply, "cam2": None}
+
+    def looked(self):
+        self.looks += 1
+
+    def start(self, plan):
+        if self.plans:
+            raise BadInput("a lesson is going on")
+        self.plans.append(plan)
+
+    def press(self, lesson, number, action):
+        self.pressed.append((lesson, number, action))
+
+    def stop(self, lesson):
+        self.stopped.append(lesson)
+
+    def now(self, observer):
+        if observer != "cam1":
+            raise BadInput(f"observer {observer!r} is unknown; known: cam1, cam2")
+        return ShownTracks(body_parts=["head"], points=[0, 1000])
+
+    def take(self, observer, label, number):
+        return None
+
+
+@pytest.fixture
+def desk(scene):
+    return Desk(scene)
+
+
+def ask(desk, *requests, access=None, off=OFF, host="dojo.local"):
+    """The answers to (method, path, more) of one application."""
+    access = access or AccessControl(TOKEN, TOKEN)
+
+    async def main():
+        page = TeachPage(access, desk, off, desk.scene if desk else None)
+        transport = httpx.ASGITransport(application(access, None, lambda: False, None, page))
+        async with httpx.AsyncClient(transport=transport, base_url=f"http://{host}") as client:
+            return [await client.request(method, path, **more) for method, path, more in requests]
+
+    return asyncio.run(main())
+
+
+def post(path, fields, **headers):
+    return "POST", f"/teach/{path}", {"json": fields, "headers": {**BEARER, **headers}}
+
+
+def test_a_lesson_is_begun_pressed_and_stopped_by_those_who_have_the_token(desk):
+    press = {"lesson": "abc", "number": 4, "action": "drop", "take": 2}
+    answers = ask(desk, post("start", PLAN), post("press", press), post("stop", {"lesson": "abc"}))
+    assert [each.status_code for each in answers] == [204] * 3
+    (plan,) = desk.plans
+    assert (plan.labels, plan.takes, plan.background_s, plan.person) == (["wave", "clap"], 3, 60, "anna")
+    assert desk.pressed == [("abc", 4, Action("drop", 2))] and desk.stopped == ["abc"]
+    again, now, unknown, missing, home = ask(
+        desk, post("start", PLAN), *(("GET", f"/teach/{path}", {"headers": BEARER})
+        for path in ("now/cam1", "now/attic", "take/cam1/wave/3", "home")),
+    )  # fmt: skip
+    assert (again.status_code, again.text) == (409, "a lesson is going on\n")
+    assert now.json()["points"] == [0, 1000] and now.headers["cache-control"] == "no-store"
+    assert unknown.status_code == 409 and unknown.text == "observer 'attic' is unknown; known: cam1, cam2\n"
+    assert missing.status_code == 204 and not home.json()["connected"] and home.json()["steps"]
+
+
+def test_nothing_is_taught_without_the_token_in_the_header(desk, monkeypatch):
+    monkeypatch.setattr("hub.dashboard.teach_routes.WRONG_TOKEN_S", 0.0)
+    access = AccessControl(TOKEN, TOKEN)
+    cookie = {"cookie": f"{COOKIE}={access.cookie}"}
+    for headers in ({}, cookie, {"authorization": "Bearer wrong"}, {"authorization": f"Bearer {access.cookie}"}):
+        requests = [("POST", f"/teach/{path}", {"json": PLAN, "headers": headers}) for path in POSTS]
+        requests += [("GET", f"/teach/{path}", {"headers": headers}) for path in ("state", "home", *TRACKS)]
+        assert {each.status_code for each in ask(desk, *requests, access=access)} == {401}
+    assert not (desk.plans or desk.pressed or desk.stopped or desk.looks)
+    gets = [("GET", f"/teach/{path}", {"headers": BEARER}) for path in POSTS]
+    assert {each.status_code for each in ask(desk, *gets)} == {405}, "nothing changes by a GET"
+
+
+def test_a_foreign_page_and_a_form_are_refused(desk):
+    foreign, cross, form, huge, words, ours = ask(
+        desk, post("start", PLAN, origin="http://evil.example"),
+        post("start", PLAN, origin="http://dojo.local", **{"sec-fetch-site": "cross-site"}),
+        ("POST", "/teach/start", {"data": {"labels": "wave"}, "headers": BEARER}),
+        post("start", {"labels": ["x" * 9000]}),
+        ("POST", "/teach/start", {"content": b"[", "headers": {**BEARER, "content-type": "application/json"}}),
+        post("start", PLAN, origin="http://dojo.local"),
+    )  # fmt: skip
+    assert [each.status_code for each in (foreign, cross, form, huge, words, ours)] == [403, 403, 415, 409, 409, 204]
+    assert all(each.text.count("\n") == 1 for each in (foreign, cross, form, huge, words))
+    assert "access-control-allow-origin" not in foreign.headers and len(desk.plans) == 1
+
+
+def test_a_browser_keeps_a_key_made_from_the_token(desk):
+    enter = ("POST", "/teach/enter", {"headers": BEARER})
+    entered, page, script = ask(desk, enter, PAGE, ("GET", "/teach.js", {}))
+    key, cookie = entered.json()["key"], entered.headers["set-cookie"]
+    assert TOKEN not in entered.text + cookie and "HttpOnly" in cookie and "SameSite=strict" in cookie
+    state, picture = ask(
+        desk, ("GET", "/teach/state", {"headers": {"authorization": f"Bearer {key}"}}),
+        ("GET", "/picture/cam1", {"headers": {"cookie": cookie.partition(";")[0]}}),
+    )  # fmt: skip
+    assert state.json()["scene"] == "room" and picture.status_code == 404, "the cookie reads"
+    assert page.status_code == script.status_code == 200, "the page itself shows nothing"
+    for text in (page.text, script.text):
+        assert not re.search(r"(src|href|url\()\W*https?:", text) and "innerHTML" not in text and "style=" not in text
+
+
+def test_where_teaching_is_off_the_page_says_how_to_turn_it_on(scene, desk):
+    state = ("GET", "/teach/state", {"headers": BEARER})
+    for access, off in ((AccessControl(None), OFF), (AccessControl(TOKEN), OFF), (AccessControl(TOKEN, "t"), NO_RIGHT)):
+        page, *others = ask(None, PAGE, state, post("start", PLAN), access=access, off=off, host="127.0.0.1")
+        assert page.status_code == 200 and off in page.text and {each.status_code for each in others} == {404}
+    assert "labanmesh dashboard SCENE --teach" in OFF and "labanmesh secure add SCENE NAME --hub --teach" in NO_RIGHT
+
+
+@pytest.mark.parametrize(("teaches", "right", "line"), [(False, True, OFF), (True, False, NO_RIGHT)])
+def test_a_certificate_without_the_right_does_not_teach(scene, monkeypatch, teaches, right, line):
+    monkeypatch.setattr("hub.dashboard.serving._has_right", lambda scene, what: right and what == "teach")
+    access = AccessControl(TOKEN, TOKEN if teaches else None)
+    with _teach_page(access, scene, None) as (page, _):
+        transport = httpx.ASGITransport(application(access, None, lambda: False, None, page))
+
+        async def text():
+            async with httpx.AsyncClient(transport=transport, base_url="http://dojo.local") as client:
+                return (await client.get("/teach")).text
+
+        assert line in asyncio.run(text())
+
+
+def test_a_token_is_made_where_none_is_configured(tmp_path, scene):
+    (tmp_path / "token").write_text(TOKEN)
+    local, lan = Address("127.0.0.1", 8420), Address("0.0.0.0", 8420)  # noqa: S104 - a test
+    made = _access(local, None, True)
+    assert (
+        re.fullmatch(r"([a-z2-9]{4}-){3}[a-z2-9]{4}", made.made_token)
+        and made.made_token != _access(local, None, True).made_token
+    )
+    assert made.admits("", "") and made.admits_teaching(f"Bearer {made.made_token}") and not made.admits_teaching("")
+    assert not _access(lan, None, True).admits("", ""), "others need it to read, too"
+    own = _access(lan, tmp_path / "token", True)
+    assert own.made_token == "" and own.admits_teaching(f"Bearer {TOKEN}") and own.admits("", f"Bearer {TOKEN}")
+    assert not _access(lan, tmp_path / "token", False).admits_teaching(f"Bearer {TOKEN}")
+    with pytest.raises(BadInput, match="token_file is not set"):
+        _access(lan, None, False)
+    lines = list(_teach_lines(DashboardRun(scene, None, local, made, file="s.toml"), local))
+    assert lines[0] == f"teach at http://127.0.0.1:8420/teach#{made.made_token}"
+    assert lines[1] == "for a phone: labanmesh dashboard s.toml --teach --listen 0.0.0.0:8420"
+    (line,) = _teach_lines(DashboardRun(scene, None, lan, own), lan)
+    assert TOKEN not in line and lan.host not in line
+
+
+@pytest.mark.parametrize(
+    ("fields", "line"),
+    [({"labels": []}, "name at least one movement"), ({}, "a list of names"), ({"labels": [3, 4]}, "a list of names"),
+     ({"labels": ["wave"]}, "one movement alone cannot be told"), ({"labels": ["wave", " "]}, "has no name"),
+     ({"labels": ["wave", "a/b"]}, "'a/b': use lower case letters"), ({"labels": ["wave", "wave"]}, "named twice"),
+     ({"labels": ["wave", "abstain"]}, "choose another name"), ({"labels": ["ok"], "add": True}, "one movement alone"),
+     ({"labels": [f"m{n}" for n in range(31)]}, "at most 30"), ({**PLAN, "takes": 1}, "takes: a number from 2 to 20"),
+     ({**PLAN, "takes": True}, "takes"), ({**PLAN, "minutes": 99}, "minutes: a number from 0 to 15"),
+     ({**PLAN, "minutes": float("nan")}, "minutes"), ({**PLAN, "seconds": "3"}, "seconds: a number from 0.5 to 12"),
+     ({**PLAN, "person": "a\nb"}, "who performs")],
+)  # fmt: skip
+def test_what_cannot_be_taught_is_one_line(fields, line):
+    with pytest.raises(BadInput, match=re.escape(line)) as refused:
+        plan_of(fields, ["ok"], "t" * 16)
+    assert "\n" not in str(refused.value)
+
+
+def test_one_movement_can_be_added_and_presses_are_checked():
+    assert plan_of({"labels": ["nod"], "add": True}, ["ok"], "t" * 16).add
+    for fields in ({}, {"action": "adopt"}, {"action": "drop", "take": -1}, {"action": "drop", "take": "1"}):
+        with pytest.raises(BadInput, match="is expected"):
+            action_of(fields)
+
+
+def test_the_state_says_how_observers_and_lesson_stand(desk):
+    state = desk_data(desk)
+    cam1, cam2 = state["observers"]
+    assert state["known"] == ["ok"] and state["begun"] == ["nod"] and state["lesson"] is None
+    assert cam1["ready"] and cam1["line"] == "sees somebody" and cam1["take"]["seconds"] == 1.4 and cam1["other"] == 61
+    assert cam2 == {"name": "cam2", "ready": False, "line": "does not run", "picture": False}
+    room = PageRoom(lambda: None, tuple, tuple)
+    desk.lesson = PageLesson("abc", plan_of(PLAN, [], "abc"), room)
+    room.say("cam1: sees somebody")
+    for number in (1, 2):
+        room.show(Step("now", "wave", number, 3))
+        room.say(f"wave {number} of 3: kept by cam1 (1.2 s)")
+    room.say("  cam2: nobody was seen")
+    lesson = desk_data(desk)["lesson"]
+    assert lesson["news"] == ["wave 2 of 3: kept by cam1 (1.2 s)", "  cam2: nobody was seen"]
+    assert lesson["step"]["label"] == "wave" and not lesson["waits"] and not lesson["over"]
+    room.show(Step("learning", number=0, of=2))
+    room.say("cam1: wave 2 of 3")
+    room.show(Step("adopting"))
+    room.say("1 observer and the fusion service recognise wave from now on")
+    room.show(Step("now", "wave", is_test=True))
+    room.say("wave: recognised")
+    lesson = desk_data(desk)["lesson"]
+    assert lesson["results"] == ["cam1: wave 2 of 3"] and lesson["test"] == ["wave: recognised"] and lesson["adopted"]
