@@ -4,7 +4,6 @@ config_sections.py holds the sections, config_input.py the environment's overrid
 """
 
 import os
-import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
@@ -25,6 +24,7 @@ from common.config_sections import (
     default_quorum,
 )
 from common.errors import BadInput, reason_of
+from common.files import read_toml
 from common.keys import SceneKeys, identifier
 from common.text import plural
 from common.vocabulary import Vocabulary
@@ -168,13 +168,11 @@ def read_scene(path: Path, environment: Mapping[str, str] | None = None) -> Scen
 
 def _parse(path: Path) -> dict[str, Any]:
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except tomllib.TOMLDecodeError as error:
-        raise BadInput(f"{path}: not TOML: {error}") from None
-    except UnicodeDecodeError:
-        raise BadInput(f"{path}: not UTF-8 text; a scene file is TOML") from None
+        return read_toml(path)
     except OSError as error:
         raise BadInput(f"{path}: {reason_of(error)}; name a scene file (TOML)") from None
+    except ValueError as error:
+        raise BadInput(f"{path}: not TOML: {error}") from None
 
 
 def _resolve_credentials(table: dict[str, Any], folder: Path) -> None:

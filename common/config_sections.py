@@ -9,13 +9,14 @@ from pydantic import (
     ConfigDict,
     Field,
     PlainValidator,
-    PositiveFloat,
-    PositiveInt,
+    field_validator,
     model_validator,
 )
 
 from common.errors import BadInput
 
+MOST_SPEED = 1000.0
+MOST_DIGITS = 9
 ENDPOINT = re.compile(r"(tcp|tls|quic|udp|ws)/[^\s/#?]+:\d{1,5}([#?]\S*)?\Z|unixsock-stream/\S+\Z")
 
 
@@ -25,23 +26,37 @@ def _endpoint(value: str) -> str:
     return value
 
 
+def _speed(value: float) -> float:
+    if value != 0 and not MOST_SPEED >= value >= 1 / MOST_SPEED:
+        raise ValueError(f"must be 0 (as fast as possible), or {1 / MOST_SPEED:g} to {MOST_SPEED:g}")
+    return value
+
+
 def _recording(value: object) -> int | Literal["all"]:
     if value == "all":
         return "all"
-    if isinstance(value, str) and value.isdecimal():
+    if isinstance(value, str) and value.isdecimal() and len(value) < MOST_DIGITS:
         return int(value)
-    if isinstance(value, bool) or not isinstance(value, int) or value < 0:
+    if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value < 10**MOST_DIGITS:
         raise ValueError('must be the index of a recording, from 0, or "all"')
     return value
 
 
 Share = Annotated[float, Field(ge=0, le=1)]
-Seconds = Annotated[float, Field(ge=0)]
+Seconds = Annotated[float, Field(ge=0, le=86_400)]
+Duration = Annotated[float, Field(ge=1e-3, le=86_400)]
+"""Seconds that something is divided by."""
+Hertz = Annotated[float, Field(ge=0.01, le=10_000)]
+Pixels = Annotated[int, Field(ge=1, le=16_384)]
+Position = Annotated[int, Field(ge=-16_384, le=16_384)]
+"""In a picture; px."""
+Metres = Annotated[float, Field(ge=-10_000, le=10_000)]
+Degrees = Annotated[float, Field(ge=-36_000, le=36_000)]
 ClipSeconds = Annotated[float, Field(ge=0, le=30)]
 Occlusion = Annotated[tuple[Share, Share, Share, Share, Seconds, Seconds], Field(strict=False)]
 
 
-Place = Annotated[tuple[float, ...], Field(strict=False, min_length=2, max_length=3)]
+Place = Annotated[tuple[Metres, ...], Field(strict=False, min_length=2, max_length=3)]
 """[x, z] on the floor, or [x, y, z] with the height y of the head; metres, in the axes of the camera files."""
 
 
@@ -49,6 +64,13 @@ class Section(BaseModel):
     """The base of all sections: immutable, without unknown keys, and without conversion of types."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
+
+    @field_validator("*")
+    @classmethod
+    def _is_text(cls, value: object) -> object:
+        if isinstance(value, str) and "\0" in value:
+            raise ValueError("must not contain the character NUL")
+        return value
 
 
 class MeshConfig(Section):
@@ -85,7 +107,7 @@ class PersonConfig(Section):
     """
 
     place: Place | None = None
-    facing: float | None = None
+    facing: Degrees | None = None
 
 
 class VirtualConfig(Section):
@@ -101,7 +123,7 @@ class VirtualConfig(Section):
     sudden_light: Annotated[float, Field(ge=0, le=1)] = 0.0
     blur: Annotated[float, Field(ge=0, le=1)] = 0.0
     occluders: Annotated[tuple[Occlusion, ...], Field(strict=False)] = ()
-    seed: Annotated[int, Field(ge=0)] = 0
+    seed: Annotated[int, Field(ge=0, le=2**63 - 1)] = 0
 
 
 class ClipsConfig(Section):
@@ -113,8 +135,8 @@ class ClipsConfig(Section):
 
     folder: str = ""
     seconds: Annotated[tuple[ClipSeconds, ClipSeconds], Field(strict=False)] = (4.0, 2.0)
-    keep_days: PositiveFloat = 7.0
-    keep_mb: PositiveFloat = 500.0
+    keep_days: Annotated[float, Field(ge=1e-3, le=36_500)] = 7.0
+    keep_mb: Annotated[float, Field(ge=1, le=1e9)] = 500.0
 
 
 class ObserverConfig(Section):
@@ -137,18 +159,18 @@ class ObserverConfig(Section):
     view: Annotated[str, Field(min_length=1)] = "door"
     direction: Literal["known", "unknown"] = "known"
     model: str = ""
-    speed: Annotated[float, Field(ge=0)] = 1.0
+    speed: Annotated[float, AfterValidator(_speed)] = 1.0
     recording: Annotated[int | Literal["all"], PlainValidator(_recording)] = 0
     loop: bool = False
     onset: Literal["unknown", "known"] = "unknown"
     tracker: str = "auto"
-    rate_hz: PositiveFloat | None = None
-    max_hz: PositiveFloat | None = None
-    idle_hz: PositiveFloat | None = None
-    size_px: Annotated[tuple[PositiveInt, PositiveInt] | None, Field(strict=False)] = None
+    rate_hz: Hertz | None = None
+    max_hz: Hertz | None = None
+    idle_hz: Hertz | None = None
+    size_px: Annotated[tuple[Pixels, Pixels] | None, Field(strict=False)] = None
     mirrored: bool = False
     skin: str = ""
-    face: Annotated[tuple[int, int, PositiveInt, PositiveInt] | None, Field(strict=False)] = None
+    face: Annotated[tuple[Position, Position, Pixels, Pixels] | None, Field(strict=False)] = None
     pose_model: str = ""
     hand: Literal["palm", "wrist"] = "palm"
     follow: Literal["largest", "nearest", "raised_hand"] = "largest"
@@ -158,7 +180,7 @@ class ObserverConfig(Section):
     effort: str = ""
     say: Literal["each frame", "on change"] = "each frame"
     place: Place | None = None
-    facing: float | None = None
+    facing: Degrees | None = None
     virtual: VirtualConfig = VirtualConfig()
     clips: ClipsConfig = ClipsConfig()
 
@@ -186,17 +208,17 @@ class FusionConfig(Section):
 
     id: str = "fusion"
     rule: str = "guarded_product"
-    quorum: Annotated[int, Field(ge=1)] = 1
+    quorum: Annotated[int, Field(ge=1, le=1000)] = 1
     temperature: Annotated[float, Field(ge=1e-3, le=1e3)] = 1.0
-    threshold: Annotated[float, Field(gt=0, le=1)] = 0.6
-    hold_s: Annotated[float, Field(ge=0)] = 0.1
-    fresh_s: Annotated[float, Field(ge=0)] = 0.2
-    fade_s: PositiveFloat = 0.5
-    blind_s: PositiveFloat = 0.15
-    drop_s: PositiveFloat = 2.0
+    threshold: Annotated[float, Field(ge=1e-3, le=1)] = 0.6
+    hold_s: Seconds = 0.1
+    fresh_s: Seconds = 0.2
+    fade_s: Duration = 0.5
+    blind_s: Duration = 0.15
+    drop_s: Duration = 2.0
     step_hz: Annotated[float, Field(ge=0.1, le=1000)] = 10.0
     standby: Annotated[tuple[str, ...], Field(strict=False)] = ()
-    takeover_s: PositiveFloat = 0.5
+    takeover_s: Duration = 0.5
     start_s: Annotated[float, Field(ge=0, le=60)] = 3.0
     memory: str | None = None
 

@@ -11,6 +11,7 @@ from pydantic import AliasChoices, BaseModel, ConfigDict, Field, ValidationError
 
 from common import SECOND_NS
 from common.config import Scene
+from common.files import read_text
 from common.messages import JudgementMessage, VerdictMessage
 from fusion.engine.reliability import Reliability
 
@@ -92,7 +93,7 @@ class CheckpointFile:
 
     def _read(self, path: Path) -> Checkpoint | None:
         try:
-            return Checkpoint.model_validate_json(path.read_text(encoding="utf-8"))
+            return Checkpoint.model_validate_json(read_text(path))
         except FileNotFoundError:
             return None
         except (OSError, ValueError, ValidationError) as error:
@@ -109,6 +110,8 @@ class CheckpointFile:
             return
         self._written = state
         try:
+            # Not synced: that may take a second on an SD card, and judgements would wait. What a loss of power costs is
+            # a movement in progress, and weights that are learned anew; a damaged file is reported and not used.
             self._temporary.write_text(checkpoint.to_json(), encoding="utf-8")
             self._temporary.replace(self._path)
         except OSError as error:

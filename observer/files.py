@@ -1,17 +1,22 @@
 """Writes whole files, atomically or directly into a device such as /dev/null; files of named arrays (.npz)."""
 
 import os
+import stat
+import zipfile
 from collections.abc import Mapping
 from io import BytesIO
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from common.errors import BadInput, LabanmeshError
+from common.files import replace_file
 
 WAY_OUT = "Choose another path with -o"
+UNPACKED_BYTES, UNPACKED_TIMES = 64 * 2**20, 100
+"""What a file of arrays may unpack to, beyond so many times its own size: motion packs ten times, at most."""
 
 
 def write_file(path: Path, content: bytes | memoryview, way_out: str = WAY_OUT) -> None:
@@ -24,26 +29,12 @@ def write_file(path: Path, content: bytes | memoryview, way_out: str = WAY_OUT) 
         if path.exists() and not path.is_file() and not path.is_dir():
             path.write_bytes(content)
         else:
-            _replace(path.resolve(), content)
+            replace_file(path.resolve(), content)
     except OSError as error:
         reason = str(error.strerror or error)
         wrong_path = isinstance(error, FileNotFoundError | IsADirectoryError | NotADirectoryError | PermissionError)
         kind = BadInput if wrong_path else LabanmeshError
         raise kind(f"cannot write {path}: {reason[:1].lower()}{reason[1:]}. {way_out}") from error
-
-
-def _replace(target: Path, content: bytes | memoryview) -> None:
-    # In the same folder: replacing is atomic only within one file system.
-    unfinished = target.with_name(f".{target.name}.{os.getpid()}.part")
-    try:
-        with unfinished.open("wb") as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        unfinished.replace(target)
-    finally:
-        # Also after Ctrl-C; after success there is nothing left to remove.
-        unfinished.unlink(missing_ok=True)
 
 
 def write_arrays(path: Path, arrays: Mapping[str, NDArray[Any]], *, compressed: bool) -> None:
@@ -55,12 +46,26 @@ def write_arrays(path: Path, arrays: Mapping[str, NDArray[Any]], *, compressed: 
     write_file(path, content.getbuffer())
 
 
+def require_unpackable(file: IO[bytes]) -> None:
+    """Raises ValueError, one line, if the open .npz file unpacks to far more than arrays of numbers do."""
+    if not stat.S_ISREG(os.fstat(file.fileno()).st_mode) or not zipfile.is_zipfile(file):
+        raise ValueError("not an .npz file, which is a zip of arrays")
+    packed = file.seek(0, os.SEEK_END)
+    with zipfile.ZipFile(file) as members:
+        unpacked = sum(member.file_size for member in members.infolist())
+    file.seek(0)
+    if unpacked > UNPACKED_BYTES + UNPACKED_TIMES * packed:
+        raise ValueError(f"{packed / 1e3:.0f} KB that unpack to {unpacked / 1e6:.0f} MB: made to fill the memory")
+
+
 def read_arrays(path: Path) -> dict[str, NDArray[Any]]:
     """All arrays of a file; raises FileNotFoundError, and ValueError with one line for a file that cannot be read."""
     try:
         # Opened here: numpy leaves a broken zip open.
-        with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
-            return {name: file[name] for name in file.files}
+        with path.open("rb") as opened:
+            require_unpackable(opened)
+            with np.load(opened, allow_pickle=False) as file:
+                return {name: file[name] for name in file.files}
     except FileNotFoundError:
         raise
     # The errors of zipfile, zlib, tokenize and numpy for broken files have no common base class.

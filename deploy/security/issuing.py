@@ -8,7 +8,6 @@
 
 import fcntl
 import os
-import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -17,6 +16,7 @@ from pathlib import Path
 
 from common.config import MeshConfig, Scene, read_scene, scene_files
 from common.errors import BadInput, LabanmeshError, reason_of
+from common.files import read_text, replace_file, sync_folder
 from common.zenoh_settings import AUTHORITY_FILE, CERTIFICATE_FILE, KEY_FILE
 from deploy.security.authority import CERTIFICATE_DAYS, KeyPair, issue, make_authority
 from deploy.security.register import IssuedCertificate, Register, Roles
@@ -193,9 +193,12 @@ def read_register(path: Path, scenes: Sequence[Scene]) -> Register:
 
 def _read(path: Path) -> Register:
     try:
-        return Register.from_json(path.read_text(encoding="utf-8"), str(path))
+        text = read_text(path)
     except OSError as error:
         raise BadInput(f"{path}: {reason_of(error)}; labanmesh secure init SCENE makes an authority") from None
+    except ValueError as error:
+        raise BadInput(f"{path}: {error}; restore the register from a copy of its folder") from None
+    return Register.from_json(text, str(path))
 
 
 def _read_pair(folder: Path) -> KeyPair:
@@ -231,18 +234,17 @@ def _listed(names: Sequence[str]) -> str:
 
 
 def _write_new(path: Path, content: bytes, mode: int) -> None:
-    """A file that was not there before, with `mode` from its first moment on."""
+    """A file that was not there before, with `mode` from its first moment on; on the disk before it is used."""
     with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, mode), "wb") as file:
         file.write(content)
+        file.flush()
+        os.fsync(file.fileno())
+    sync_folder(path.parent)
 
 
 def _replace(path: Path, text: str) -> None:
     """Replaces the file's text atomically; raises LabanmeshError."""
     with _writing(path):
-        with tempfile.NamedTemporaryFile("w", dir=path.parent, encoding="utf-8", delete=False) as file:
-            file.write(text)
-            file.flush()
-            os.fsync(file.fileno())
+        replace_file(path, text.encode())
         # No secrets in these; the router may run as another user.
-        Path(file.name).chmod(0o644)
-        Path(file.name).replace(path)
+        path.chmod(0o644)

@@ -19,6 +19,7 @@ import typer
 from common.config import MeshConfig, scene_files
 from common.credentials import require_credentials
 from common.errors import BadInput, LabanmeshError, reason_of
+from common.files import read_text
 from common.lifecycle import log_to_stderr, stop_on_signals
 from common.link import Link
 from common.notify import Notifier
@@ -95,9 +96,11 @@ def rules_in_file(path: Path) -> RouterRules:
 
     def make() -> str:
         try:
-            return path.read_text(encoding="utf-8")
+            return read_text(path)
         except OSError as error:
             raise BadInput(f"{path}: {reason_of(error)}; `labanmesh secure rules SCENE` makes such a file") from None
+        except ValueError as error:
+            raise BadInput(f"{path}: {error}; `labanmesh secure rules SCENE` makes such a file") from None
 
     return RouterRules(str(path), make, lambda: [path])
 

@@ -1,7 +1,6 @@
 """Calibration boards, the pictures of them (a video, a picture or a folder), and the annotated picture of a result."""
 
 import re
-import tomllib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +12,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 
 from common.errors import BadInput
+from common.files import read_toml
 from observer.camera.capture import silence_opencv
 from observer.camera.files import read_picture
 from observer.geometry.projection import Floats
@@ -115,15 +115,15 @@ def read_board(text: str) -> Board:
         return parse_chessboard(text)
     path = Path(text.strip())
     try:
-        keys = _BoardFileKeys.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
+        keys = _BoardFileKeys.model_validate(read_toml(path))
     except OSError as error:
         raise BadInput(f"cannot read {path}: {error.strerror}; known boards: {KNOWN}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise BadInput(f"{path}: not a TOML file: {error}") from None
     except ValidationError as error:
         first = error.errors()[0]
         key, names = ".".join(map(str, first["loc"])), ", ".join(_BoardFileKeys.model_fields)
         raise BadInput(f"{path}: {key}: {first['msg']}; the keys of a ChArUco file: {names}") from None
+    except ValueError as error:
+        raise BadInput(f"{path}: not a TOML file: {error}; known boards: {KNOWN}") from None
     square = _square_cm(path, keys) / 100
     marker = square * keys.aruco_scale
     return Charuco(keys.columns, keys.rows, square, marker, keys.dictionary, keys.inverted, keys.legacy_pattern)

@@ -2,7 +2,6 @@
 
 import json
 import math
-import tomllib
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -10,6 +9,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from common.errors import BadInput
+from common.files import read_text, read_toml
 from common.text import plural
 from observer.calibration.calibrated import CalibratedCamera, rotation
 from observer.files import write_file
@@ -27,13 +27,13 @@ def read_opencv(path: Path) -> list[CalibratedCamera]:
     Raises BadInput naming file, camera and key.
     """
     try:
-        keys = tomllib.loads(path.read_text(encoding="utf-8"))
+        keys = read_toml(path)
     except OSError as error:
         raise BadInput(
             f"cannot read {path}: {error.strerror}; an OpenCV-style TOML file of cameras is expected"
         ) from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise BadInput(f"{path}: not a TOML file: {error}") from None
+    except ValueError as error:
+        raise BadInput(f"{path}: not a TOML file: {error}; an OpenCV-style TOML file of cameras is expected") from None
     tables = keys["cameras"] if isinstance(keys.get("cameras"), dict) else keys
     cameras = [
         _opencv_camera(
@@ -117,10 +117,12 @@ def read_qualisys(path: Path) -> list[CalibratedCamera]:
     Its cameras look along -z with y up, ours along z with y down: a half turn about x.
     """
     try:
-        text = path.read_bytes()
+        text = read_text(path)
     except OSError as error:
         raise BadInput(f"cannot read {path}: {error.strerror}; a Qualisys calibration (.qca.txt) is expected") from None
-    if b"<!ENTITY" in text:
+    except ValueError as error:
+        raise BadInput(f"{path}: {error}; a Qualisys calibration (.qca.txt) is expected") from None
+    if "<!ENTITY" in text:
         raise BadInput(f"{path}: declares XML entities, which no calibration needs; export it again")
     try:
         root = ElementTree.fromstring(text)  # noqa: S314 - entities are rejected above

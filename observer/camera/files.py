@@ -34,6 +34,8 @@ NEARLY_ALL = 0.9
 """A video is damaged when a smaller share of its stated pictures can be read; the stated count is often a bit off."""
 _CONTAINERS = ((0, b"RIFF", "AVI"), (4, b"ftyp", "MP4"), (0, b"\x1a\x45\xdf\xa3", "Matroska"), (0, b"OggS", "Ogg"))
 _HEADER_BYTES = 16
+PICTURE_BYTES = 256 * 2**20
+"""A picture is shorter; a device that never ends is none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,10 +153,10 @@ def _next(capture: cv2.VideoCapture) -> Picture | None:
 
 
 def _read_bytes(file: Path, count: int = -1) -> bytes:
-    """The file's first `count` bytes, or all of them; BadInput when it is empty or cannot be read."""
+    """The file's first `count` bytes, or the whole picture; BadInput when it is empty or cannot be read."""
     try:
         with file.open("rb") as stream:
-            content = stream.read(count)
+            content = stream.read(count if count >= 0 else PICTURE_BYTES)
     except OSError as error:
         raise BadInput(f"cannot read {file}: {error.strerror}") from None
     if not content:

@@ -1,7 +1,6 @@
 """The camera file (TOML): projective matrix, lens and provenance of one calibrated camera."""
 
 import json
-import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -10,6 +9,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, PositiveInt, ValidationError
 
 from common.errors import BadInput
+from common.files import parse_toml, read_toml
 from common.text import plural
 from observer.files import write_file
 from observer.geometry.projection import (
@@ -45,18 +45,18 @@ class CameraModel:
 def read_camera(path: Path) -> CameraModel:
     """The camera in a file; raises BadInput naming file and key when it is unreadable or not a camera."""
     try:
-        keys = tomllib.loads(path.read_text(encoding="utf-8"))
+        keys = read_toml(path)
     except OSError as error:
         raise BadInput(f"cannot read {path}: {error.strerror}; labanmesh calibrate writes camera files") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise BadInput(f"{path}: not a TOML file: {error}") from None
+    except ValueError as error:
+        raise BadInput(f"{path}: not a TOML file: {error}; labanmesh calibrate writes camera files") from None
     return _checked(path, keys)
 
 
 def write_camera(path: Path, camera: CameraModel) -> None:
     """Write the file atomically; raises BadInput for an invalid camera, LabanmeshError when it cannot be written."""
     text = _toml(camera)
-    _checked(path, tomllib.loads(text))
+    _checked(path, parse_toml(text))
     write_file(path, text.encode())
 
 

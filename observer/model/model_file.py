@@ -25,7 +25,7 @@ from observer.model.posterior_calibration import PosteriorCalibration
 from observer.model.registry import MODELS
 
 FORMAT = 1
-HIGHEST_RATE_HZ = 1e5
+LOWEST_RATE_HZ, HIGHEST_RATE_HZ = 0.1, 1e5
 
 
 def write_model(path: Path, model: MovementModel) -> None:
@@ -157,8 +157,10 @@ def _header_from(document: dict[str, Any]) -> Header:
         background=tuple(str(label) for label in document["background"]) if "background" in document else None,
         placement=_placement_from(document["placement"]) if "placement" in document else None,
     )
-    if not 0 < header.rate_hz <= HIGHEST_RATE_HZ:
-        raise ValueError(f"rate_hz is {header.rate_hz:g}, a rate above 0 and up to {HIGHEST_RATE_HZ:g} Hz is expected")
+    if not LOWEST_RATE_HZ <= header.rate_hz <= HIGHEST_RATE_HZ:
+        raise ValueError(f"rate_hz is {header.rate_hz:g}, {LOWEST_RATE_HZ:g} to {HIGHEST_RATE_HZ:g} Hz is expected")
+    if not header.body_parts or not all(isinstance(part, str) for part in header.body_parts):
+        raise ValueError("body_parts must be names")
     if not np.isfinite(header.matrix).all():
         raise ValueError("matrix contains NaN or infinity")
     return header

@@ -8,12 +8,16 @@ from common.errors import BadInput
 
 @dataclass(frozen=True, slots=True)
 class ParameterRange:
-    """The values that a parameter may have; above: `low` itself is excluded. Larger numbers would overflow float32."""
+    """The values that a parameter may have; above: `low` itself is excluded. Larger numbers would overflow float32.
+
+    not_below: the parameter of the same model that this one must not be below.
+    """
 
     low: float = 0.0
     high: float = 1e6
     above: bool = False
     whole: bool = False
+    not_below: str = ""
 
     def check(self, name: str, value: float) -> None:
         """Raise BadInput, one line with the name, the value and the range, for a value outside it."""
@@ -25,11 +29,13 @@ class ParameterRange:
     def __str__(self) -> str:
         number = "a whole number" if self.whole else "a number"
         low = f"above {self.low:g} and up" if self.above else f"from {self.low:g}"
-        return f"{number} {low} to {self.high:g}"
+        text = f"{number} {low} to {self.high:g}"
+        return f"{text}, not below {self.not_below}" if self.not_below else text
 
 
 PROBABILITY = ParameterRange(0.0, 1.0)
-POSITIVE = ParameterRange(0.0, above=True)
+POSITIVE = ParameterRange(1e-6)
+"""Smaller numbers would overflow where they divide."""
 NOT_NEGATIVE = ParameterRange(0.0)
 MOST_FACINGS = 72
 
@@ -54,6 +60,11 @@ def check_parameters(parameters: Mapping[str, float], known: Mapping[str, Parame
     """Raise BadInput for the first parameter whose value is outside its range."""
     for name, parameter in known.items():
         parameter.allowed.check(name, parameters[name])
+        other = parameter.allowed.not_below
+        if other and parameters[name] < parameters[other]:
+            raise BadInput(
+                f"parameter {name} = {parameters[name]:g}: not below {other} = {parameters[other]:g} is expected"
+            )
 
 
 def facings_in(parameters: Mapping[str, float]) -> int:

@@ -157,14 +157,20 @@ class MiniRocket:
         for name in ("rocket_biases", "rocket_channels"):
             if not np.isfinite(arrays[name].astype(np.float32)).all():
                 raise ValueError(f"{name} contain NaN or infinity")
-        ends = np.cumsum(arrays["rocket_counts"].astype(np.int64))
-        rows = arrays["rocket_biases"].astype(np.float32).reshape(-1, len(KERNELS))
-        parameters = RocketParameters(
-            arrays["rocket_dilations"].astype(np.int64),
+        dilations, counts = (arrays[f"rocket_{name}"].astype(np.int64) for name in ("dilations", "counts"))
+        channels, length = (
             arrays["rocket_channels"].astype(np.float32),
-            tuple(np.split(rows, ends[:-1])),
+            int(arrays["rocket_length"].astype(np.int64)[0]),
         )
-        return cls(int(arrays["rocket_length"].astype(np.int64)[0]), parameters)
+        if dilations.ndim != 1 or counts.shape != dilations.shape or channels.shape[:2] != (len(counts), len(KERNELS)):
+            raise ValueError("rocket_dilations, rocket_counts and rocket_channels are of different lengths")
+        if not ((dilations > 0) & (counts > 0)).all() or not dilations.max() * (TAPS - 1) < length:
+            raise ValueError(f"rocket_dilations do not fit windows of {length} frames")
+        ends = np.cumsum(counts)
+        rows = arrays["rocket_biases"].astype(np.float32).reshape(-1, len(KERNELS))
+        if ends[-1] != len(rows):
+            raise ValueError("rocket_biases are not as many as rocket_counts say")
+        return cls(length, RocketParameters(dilations, channels, tuple(np.split(rows, ends[:-1]))))
 
 
 def choose_channels(dilations: int, channels: int, rng: np.random.Generator) -> NDArray[np.bool_]:

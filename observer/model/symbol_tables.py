@@ -10,7 +10,6 @@ from typing import ClassVar, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from common.errors import BadInput
 from common.probability import softmax, uniform
 from observer.features import SpaceReader, Symbols, VectorSymbol
 from observer.filtering.phase_filter import Dynamics, PhaseFilter
@@ -65,6 +64,10 @@ def log_evidence(log_table: Floats, symbols: Symbols) -> Floats:
     return evidence
 
 
+LEAST_LOG, ROUND_OFF = -1e4, 1e-6
+"""Bounds of the logarithm of a probability; sums of lower ones would no longer be exact."""
+
+
 class SymbolTable:
     """Base of the models of Vector Symbols: a table learned by counting, and its storage.
 
@@ -105,8 +108,11 @@ class SymbolTable:
         shape = (header.vocabulary.size, int(header.parameters[cls.BINS]), len(header.body_parts), SYMBOLS)
         if log_table.shape != shape:
             raise ValueError(f"log_table has shape {log_table.shape}, {shape} is expected")
-        if not np.isfinite(log_table).all() or not 0 < mean_frames < 1e9:
-            raise ValueError("log_table and mean_frames must be finite")
+        # Not NaN either, which fails every comparison.
+        if not (log_table <= ROUND_OFF).all() or not (log_table >= LEAST_LOG).all():
+            raise ValueError(f"log_table holds logarithms of probabilities, {LEAST_LOG:g} to 0")
+        if not 1 <= mean_frames < 1e9:
+            raise ValueError(f"mean_frames is {mean_frames:g}, a mean number of frames is expected")
         return cls(header, log_table, mean_frames)
 
     def arrays(self) -> Arrays:
@@ -194,8 +200,6 @@ MOST_SPEEDS = 100
 def tempo_dynamics(mean_speed: float, parameters: Mapping[str, float]) -> Dynamics:
     """V speeds in phases per frame, geometric from slowest to fastest times `mean_speed`; a step is floor or ceil."""
     count, slowest, fastest = int(parameters["speeds"]), parameters["slowest"], parameters["fastest"]
-    if fastest < slowest:
-        raise BadInput(f"parameter fastest = {fastest:g}: a number not below slowest = {slowest:g} is expected")
     speeds = np.full(1, mean_speed) if count == 1 else mean_speed * np.geomspace(slowest, fastest, count)
     whole = np.floor(speeds).astype(int)
     steps = np.zeros((count, whole.max() + 2))
@@ -224,8 +228,8 @@ class PhaseSymbols(SymbolTable):
         "neighbours": Parameter(10.0, NOT_NEGATIVE),
         "temperature": Parameter(4.0, POSITIVE),
         "speeds": Parameter(10.0, ParameterRange(1, MOST_SPEEDS, whole=True)),
-        "slowest": Parameter(0.5, ParameterRange(0.0, 100.0, above=True)),
-        "fastest": Parameter(2.0, ParameterRange(0.0, 100.0, above=True)),
+        "slowest": Parameter(0.5, ParameterRange(0.01, 100.0)),
+        "fastest": Parameter(2.0, ParameterRange(0.01, 100.0, not_below="slowest")),
         "begin": Parameter(0.05, PROBABILITY),
         "forget": Parameter(0.01, PROBABILITY),
     }

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from common import SECOND_NS
 from common.errors import BadInput
-from observer.files import write_arrays
+from observer.files import require_unpackable, write_arrays
 from observer.motion.archive import MotionArchive, Recording, Span, TracksCamera, check_archive
 from observer.motion.even_rate import at_even_rate, spans_at_even_rate
 
@@ -116,11 +116,13 @@ def _load(path: Path) -> Arrays:
     name = "the list of arrays"
     try:
         # Opened here: numpy leaves a broken zip open.
-        with path.open("rb") as content, np.load(content, allow_pickle=False) as file:
-            for name in _names(path, set(file.files)):
-                arrays[name] = file[name]
-                if not isinstance(arrays[name], np.ndarray):
-                    raise ValueError("not an array")
+        with path.open("rb") as content:
+            require_unpackable(content)
+            with np.load(content, allow_pickle=False) as file:
+                for name in _names(path, set(file.files)):
+                    arrays[name] = file[name]
+                    if not isinstance(arrays[name], np.ndarray):
+                        raise ValueError("not an array")
     except BadInput:
         raise
     # The errors of zipfile, zlib and numpy for broken files have no common base class.
@@ -132,9 +134,9 @@ def _load(path: Path) -> Arrays:
 
 def _check_is_zip(path: Path) -> None:
     try:
-        whole = zipfile.is_zipfile(path)
         with path.open("rb") as file:
             start = file.read(4)
+        whole = path.is_file() and zipfile.is_zipfile(path)
     except OSError as error:
         raise BadInput(f"{path}: cannot be read: {error.strerror or error}; a motion archive is expected") from error
     if not start:

@@ -18,6 +18,8 @@ REPEAT_S = 0.09
 """In slow motion a frame is repeated so often: its posterior stays as new as that of a camera of 10 Hz."""
 LATE_S = 0.1
 """A picture that is so late is skipped if the next one is due too."""
+LONGEST_WAIT_S = 3600.0
+"""At once; the operating system does not take just any number."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,5 +108,5 @@ def wait_until(due_ns: int, speed: float, stop: threading.Event, clock: Clock) -
         now_ns = clock()
         if now_ns >= due_ns:
             return due_ns if speed else now_ns
-        stop.wait((due_ns - now_ns) / SECOND_NS)
+        stop.wait(min((due_ns - now_ns) / SECOND_NS, LONGEST_WAIT_S))
     return None

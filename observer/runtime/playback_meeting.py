@@ -47,7 +47,7 @@ class PlaybackMeeting:
         try:
             begin_ns = self._begin()
             return self._wait(stop) if begin_ns is None else begin_ns
-        except OSError as error:
+        except (OSError, ValueError) as error:
             log.warning("cannot wait for the other recordings: %s", error)
             return max(self.earliest_ns, self.clock())
 

@@ -4,6 +4,7 @@ import logging
 import os
 import sys
 import threading
+import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -12,6 +13,7 @@ from typing import Literal
 
 import numpy as np
 
+from common import SECOND_NS
 from common.config import ObserverConfig, Scene
 from common.errors import BadInput
 from common.tracker_choice import MESH_KEY, STANDARD_INPUT, chosen_tracker, content_of
@@ -32,6 +34,7 @@ from observer.tracks import BODY_PARTS, Frame, FrameSource
 log = logging.getLogger("labanmesh.observer")
 PLAYBACK_START = "LABANMESH_PLAYBACK_START_NS"
 """Environment variable: when (Unix epoch, ns) all observers of a scene start playback, so that they see the same."""
+PLAYBACK_START_DIGITS, PLAYBACK_AHEAD_S = 19, 86400.0
 SIZE_PX = (640, 480)
 """Default size of the virtual camera's pictures, where the camera file has none."""
 
@@ -231,8 +234,14 @@ def _start(environment: Mapping[str, str], observer: str) -> Start:
 def _start_ns(text: str | None) -> int | None:
     if not text:
         return None
-    if not text.isdecimal():
-        raise BadInput(f"{PLAYBACK_START} = {text!r}: nanoseconds since 1970 are expected, as a whole number")
+    if not text.isdecimal() or len(text) > PLAYBACK_START_DIGITS:
+        raise BadInput(f"{PLAYBACK_START} = {text[:40]!r}: nanoseconds since 1970 are expected, as a whole number")
+    ahead_s = int(text) / SECOND_NS - time.time()
+    if ahead_s > PLAYBACK_AHEAD_S:
+        raise BadInput(
+            f"{PLAYBACK_START} = {text!r}: {ahead_s / 86400:.0f} days from now; nanoseconds since 1970 are expected, "
+            "of a time within a day"
+        )
     return int(text)
 
 

@@ -57,7 +57,7 @@ IMPURE = {
         "hub.teaching.desk observer.foreign.sources studies.replay.playback studies.through"
     ),
     "files": (
-        "common.capture_file common.config common.credentials common.tracker_choice "
+        "common.capture_file common.config common.credentials common.files common.tracker_choice "
         "deploy.doctor.machine deploy.doctor.scene_file deploy.meeting "
         "deploy.doctor.security deploy.security.issuing fusion.checkpoint hub.dashboard.history "
         "observer.*_file observer.calibration.board observer.calibration.formats "

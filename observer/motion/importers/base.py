@@ -1,6 +1,8 @@
 """What an importer is, and functions that they share to read text files."""
 
+import io
 import math
+import os
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -28,6 +30,8 @@ class ImportResult:
     notes: tuple[str, ...] = ()
 
 
+TEXT_LIMIT = 512 * 2**20
+"""Bytes of a text file of motion: hours of it."""
 Importer = Callable[[Path, Progress | None], ImportResult]
 """Reads all recordings of one kind at a path, a file or a folder; the body parts are always
 `observer.tracks.BODY_PARTS`. Raises BadInput, one line with the file, the place in it and what is expected."""
@@ -38,10 +42,10 @@ def files_at(path: Path, pattern: str, what: str) -> tuple[Path, ...]:
 
     what: description of the files, for the error if there are none.
     """
-    if path.is_file():
+    if os.path.isfile(path):  # noqa: PTH113 - False, not OSError, for a name that cannot be one
         return (path,)
-    if not path.is_dir():
-        raise BadInput(f"{path}: no such file or folder; {what} expected")
+    if not os.path.isdir(path):  # noqa: PTH112
+        raise BadInput(f"{str(path)[:200]}: no such file or folder; {what} expected")
     files = sorted(path.glob(pattern)) or sorted(path.glob(f"*/{pattern}"))
     if not files:
         raise BadInput(f"{path}: nothing to import here; {what} expected")
@@ -51,11 +55,15 @@ def files_at(path: Path, pattern: str, what: str) -> tuple[Path, ...]:
 def read_text(path: Path) -> str:
     """The whole text of a file, with any line endings; a byte order mark is skipped."""
     try:
-        text = path.read_text(encoding="utf-8-sig")
+        with path.open("rb") as file:
+            content = file.read(TEXT_LIMIT + 1)
+        text = io.TextIOWrapper(io.BytesIO(content), encoding="utf-8-sig").read()
     except OSError as error:
         raise BadInput(f"{path}: cannot be read: {error.strerror or error}") from error
     except UnicodeDecodeError as error:
         raise BadInput(f"{path}: byte {error.start} is no text; a text file is expected") from error
+    if len(content) > TEXT_LIMIT:
+        raise BadInput(f"{path}: longer than {TEXT_LIMIT >> 20} MB; recorded motion is expected")
     if not text.strip():
         raise BadInput(f"{path}: is empty; recorded motion is expected")
     return text

@@ -4,6 +4,7 @@ Source: Seidenari, Varano, Berretti, Del Bimbo, Pala, Recognizing actions from d
 multi-part bag-of-poses, CVPR workshops 2013. The rows of a joint are x, depth, up, in metres; wrists stand for hands.
 """
 
+import os
 from collections import Counter
 from pathlib import Path
 
@@ -32,7 +33,7 @@ def import_folder(path: Path, progress: Progress | None = None) -> ImportResult:
     Raises BadInput for a missing or broken file, naming the clip (counted from 1); LabanmeshError without scipy.
     """
     folder = path.parent if path.name == _DATA else path
-    if not folder.is_dir():
+    if not os.path.isdir(folder):  # noqa: PTH112 - False, not OSError, for a name that cannot be one
         raise BadInput(f"{path}: is not a folder; one that holds {_DATA} and {_NAMES} is expected")
     labels = _labels(folder / _NAMES)
     clips = _variable(folder / _DATA, "skeletal_data")
