@@ -1,13 +1,11 @@
 """The command `labanmesh teach`: own movements for all observers of a scene, without stopping anything."""
 
 import secrets
-import select
-import sys
 import threading
-import time
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -20,12 +18,21 @@ from common.vocabulary import Vocabulary
 if TYPE_CHECKING:
     from common.config import Scene
     from common.link import Link
-    from hub.session import SceneListener
     from hub.teaching.classroom import Classroom
-    from hub.teaching.room import Action, Step
+    from hub.teaching.terminal import Terminal
 
+LOOK_S, PICTURES_S = 0.2, 6.0
 FIND_S = 3.0
 """Observers that run are found within milliseconds."""
+
+
+class BeginOption(StrEnum):
+    """With what the takes of a movement begin."""
+
+    STILL = "still"
+    CLAP = "clap"
+    KEY = "key"
+    NOW = "now"
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,41 +54,88 @@ class TeachOptions:
     ] = None
     countdown: Annotated[int, typer.Option(min=0, max=10, help="Seconds before each take.")] = 3
     test: Annotated[bool, typer.Option("--test/--no-test", help="At the end do each movement once more.")] = True
+    alarm_minutes: Annotated[
+        float, typer.Option(min=0, help="And then so many minutes of anything else: verdicts are false alarms.")
+    ] = 0.5
+    begin: Annotated[
+        BeginOption,
+        typer.Option(help="What begins a movement's takes: you stand still, clap once, or press a key."),
+    ] = BeginOption.STILL
+    beep: Annotated[bool, typer.Option("--beep/--no-beep", help="Beep while it counts down.")] = True
+    up: Annotated[
+        bool, typer.Option("--up", help="If nothing runs yet, run the scene here too, and show it after the lesson.")
+    ] = False
 
 
 @takes_options
 def teach(options: TeachOptions) -> None:
-    """Teach all observers of a running scene some movements: it counts down, you perform, they learn and go on.
+    """Teach all observers of a scene some movements: it counts down, you perform, they learn and go on.
 
     Each observer records its own tracks of the same takes, and learns on its own machine; then all change their
-    vocabulary together, and the fusion service follows. Stand still before and after each movement. Keys: r repeats a
-    take, d drops it. Ctrl-C ends it; the same command goes on where it stopped.
+    vocabulary together, and the fusion service follows. Stand still before and after each movement. The takes of a
+    movement begin when you stand still before a camera, so that no keyboard is needed. Keys: r repeats a take, d drops
+    it, s skips something else. Ctrl-C ends it; the same command goes on where it stopped.
 
     Example: labanmesh teach scene.toml wave point clap
+
+    Example: labanmesh teach scene.toml wave point --up --begin clap
 
     Example: labanmesh teach scene.toml nod --add --takes 8
     """
     from common.config import read_scene
     from common.lifecycle import stop_on_signals
     from common.link import Link
-    from hub.session import SceneListener
-    from hub.teaching.classroom import Classroom
-    from hub.teaching.lesson import Lesson, LessonPlan
 
     config = read_scene(options.scene)
     _require_teachable(config, options)
+    with ExitStack() as here:
+        with stop_on_signals() as stop, Link.open(config.mesh, "hub", scene=config.scene) as link:
+            log = _started_here(options, config, link, stop, here)
+            _lesson(options, config, link, stop)
+        if log is None:
+            print("see it: labanmesh watch", options.scene)
+            return
+        from hub.watch import watch
+
+        print(f"the scene runs until Ctrl-C ends it (its log: {log}); later: labanmesh up {options.scene}", flush=True)
+        watch(options.scene)
+
+
+def _lesson(options: TeachOptions, config: "Scene", link: "Link", stop: threading.Event) -> None:
+    from hub.session import SceneListener
+    from hub.teaching.classroom import Classroom
+    from hub.teaching.lesson import Lesson, LessonPlan
+    from hub.teaching.terminal import Terminal, single_keys
+
     plan = LessonPlan(
         options.labels, secrets.token_hex(8), options.person, options.takes, options.background_minutes * 60,
-        options.seconds, options.countdown, options.add, options.test,
+        options.seconds, options.countdown, options.add, options.test, options.alarm_minutes * 60, options.begin.value,
     )  # fmt: skip
-    with stop_on_signals() as stop, Link.open(config.mesh, "hub", scene=config.scene) as link:
-        classroom = Classroom(link, config.keys)
-        present = _present(config, options.scene, link)
-        with SceneListener(config, link, lambda _: None) as listener, _keyboard() as keyboard:
-            room = Terminal(stop, listener, keyboard)
-            observers = _teachable(classroom, plan.teacher, present, room)
-            Lesson(plan, room, classroom.ask, observers).run()
-    print("see it: labanmesh watch", options.scene)
+    classroom, present = Classroom(link, config.keys), _present(config, options.scene, link)
+    with SceneListener(config, link, lambda _: None) as listener, single_keys() as keyboard:
+        if options.begin is BeginOption.KEY and not keyboard:
+            raise BadInput("--begin key: there is no keyboard here; take still, clap or now")
+        room = Terminal(stop, listener, keyboard, options.beep)
+        observers = _teachable(classroom, plan.teacher, present, room)
+        Lesson(plan, room, classroom.ask, observers).run()
+
+
+def _started_here(
+    options: TeachOptions, config: "Scene", link: "Link", stop: threading.Event, here: ExitStack
+) -> Path | None:
+    """Start the scene in `here` if nothing of it runs and the person wants it; the path of its log, None if not."""
+    from hub.teaching.scene_here import scene_here
+    from hub.teaching.terminal import agrees, wait
+
+    presence = link.presence(config.keys.observer_alive())
+    if presence.wait_for(len(config.roster), FIND_S) or presence.alive or config.mesh.mode != "machine":
+        return None
+    if not (options.up or agrees(f"no observer of {config.scene} runs. Start them here, for the lesson?", stop)):
+        return None
+    print(f"starting {config.scene}: {', '.join(config.roster)}", flush=True)
+    return here.enter_context(
+        scene_here(options.scene, lambda: len(presence.alive) >= len(config.roster), lambda s: wait(s, stop))
+    )
 
 
 def _require_teachable(scene: "Scene", options: TeachOptions) -> None:
@@ -115,94 +169,14 @@ def _teachable(classroom: "Classroom", teacher: str, present: Sequence[str], roo
     from common.teaching_messages import TeachRequest
     from hub.teaching.wording import NO_RIGHT
 
-    answers = classroom.ask(TeachRequest(command="status", teacher=teacher), present)
+    status = TeachRequest(command="status", teacher=teacher)
+    answers, begun_s = classroom.ask(status, present), room.now_s()
+    # A scene that has just been started has no pictures yet.
+    while not all(reply.pictures for reply in answers.replies.values()) and room.now_s() - begun_s < PICTURES_S:
+        room.pause(LOOK_S)
+        answers = classroom.ask(status, present)
     if not answers.replies:
         raise LabanmeshError(NO_RIGHT)
     for name in answers.silent:
         room.say(f"{name}: does not answer a request to teach; the others are taught without it")
     return list(answers.replies)
-
-
-class Terminal:
-    """The teacher's terminal: lines, one line that changes, and single keys where there is a keyboard."""
-
-    def __init__(self, stop: threading.Event, listener: "SceneListener", keyboard: bool) -> None:
-        self._stop, self._listener, self._keyboard = stop, listener, keyboard
-        self._changing = sys.stdout.isatty()
-        self._shown = ""
-
-    def now_s(self) -> float:
-        """Seconds of a monotonic clock."""
-        return time.monotonic()
-
-    def pause(self, seconds: float) -> None:
-        """Wait; raises KeyboardInterrupt after Ctrl-C."""
-        if self._stop.wait(seconds):
-            self.say("ended; what was recorded is kept: the same command goes on where this one stops")
-            raise KeyboardInterrupt
-
-    def say(self, line: str) -> None:
-        """A line of its own."""
-        print(("\r\x1b[K" if self._changing else "") + line, flush=True)
-
-    def show(self, step: "Step") -> None:
-        """The line that changes; elsewhere than on a terminal only the signal to begin."""
-        from hub.teaching.wording import step_line
-
-        line = step_line(step)
-        if line and self._changing:
-            bell = "\a" if step.kind == "now" else ""
-            print(f"\r\x1b[K\x1b[1m{line}{bell}\x1b[0m", end="", flush=True)
-        elif step.kind == "now":
-            print(line, flush=True)
-
-    def between(self, step: "Step", seconds: float) -> "Action":
-        """What the key pressed within so many seconds means."""
-        from hub.teaching.room import GO, Action
-
-        return {"r": Action("repeat"), "d": Action("drop")}.get(self._key(seconds), GO)
-
-    def ready(self, step: "Step") -> "Action":
-        """Whoever performs is away from the keyboard: the lesson goes on."""
-        from hub.teaching.room import GO
-
-        return GO
-
-    def _key(self, seconds: float) -> str:
-        """The key pressed within so many seconds; "" without one, or without a keyboard."""
-        end_s = time.monotonic() + seconds
-        while self._keyboard and (left_s := end_s - time.monotonic()) > 0:
-            if select.select([sys.stdin], [], [], min(left_s, 0.1))[0]:
-                return sys.stdin.read(1).lower()
-            self.pause(0.0)
-        if not self._keyboard:
-            self.pause(seconds)
-        return ""
-
-    def fused_labels(self) -> Sequence[str]:
-        """The movements that the fusion service judges now."""
-        self._listener.check()
-        return self._listener.state.labels
-
-    def verdicts(self) -> Sequence[str]:
-        """The labels of the verdicts since the last call; each movement has one."""
-        from hub.teaching.verdicts import newly_decided
-
-        return newly_decided(self._listener.verdicts)
-
-
-@contextmanager
-def _keyboard() -> Iterator[bool]:
-    """Whether single keys can be read, which then need no Enter."""
-    if not sys.stdin.isatty():
-        yield False
-        return
-    import termios
-    import tty
-
-    before = termios.tcgetattr(sys.stdin)
-    tty.setcbreak(sys.stdin)
-    try:
-        yield True
-    finally:
-        termios.tcsetattr(sys.stdin, termios.TCSADRAIN, before)

@@ -11,14 +11,25 @@ from dataclasses import dataclass, replace
 
 from common.errors import LabanmeshError
 from common.teaching_messages import TeachReply, TeachRequest
+from hub.teaching.beginning import wait_for_sign
 from hub.teaching.learning import adopt, learn
 from hub.teaching.pupils import Ask, Pupils
-from hub.teaching.room import GO, Room, Step
+from hub.teaching.room import GO, Action, Begin, Room, Step
 from hub.teaching.self_test import self_test
-from hub.teaching.wording import has_kept, presence_line, take_lines, takes_done, vocabulary_of
+from hub.teaching.wording import (
+    crowd_lines,
+    doubt_lines,
+    doubted_by_all,
+    has_kept,
+    presence_line,
+    take_lines,
+    takes_done,
+    vocabulary_of,
+)
 
 LOOK_S = 0.2
-BETWEEN_S = 1.5
+BETWEEN_S, OFFER_S = 1.5, 6.0
+"""Seconds in which a take can be repeated or dropped: any take, and one that is doubtful."""
 TAKE_LIMIT_S = 25.0
 """An observer ends a take by itself; one without pictures does not."""
 FAILURES_LIMIT = 3
@@ -29,7 +40,8 @@ FAILURES_LIMIT = 3
 class LessonPlan:
     """takes: of each movement. seconds: of a take; None: until the person stands still. countdown: from where.
 
-    test: whether each movement is done once more at the end, for the fusion service.
+    test: whether each movement is done once more at the end, for the fusion service; alarm_s: and then so long
+    something else, in which verdicts are false alarms. begin: the sign with which the takes of a movement begin.
     """
 
     labels: Sequence[str]
@@ -41,6 +53,8 @@ class LessonPlan:
     countdown: int = 3
     add: bool = False
     test: bool = False
+    alarm_s: float = 0.0
+    begin: Begin = "now"
 
 
 class Lesson:
@@ -60,6 +74,7 @@ class Lesson:
                 # Of a movement that the models know, --add means more takes.
                 known = plan.add and any(label in reply.labels for reply in replies.values())
                 self._takes_of(label, done, plan.takes + (len(done) if known else 0))
+            self._contradictions()
             self._something_else()
             learned = learn(pupils)
             if room.ready(Step("learned")).kind == "skip":
@@ -67,7 +82,7 @@ class Lesson:
                 return
             adopt(pupils, learned)
             if plan.test and room.ready(Step("test")).kind != "skip":
-                self_test(plan.labels, room, self._count_down)
+                self_test(plan.labels, room, self._count_down, plan.alarm_s, learned)
         finally:
             pupils.ask(TeachRequest(command="leave", teacher=plan.teacher), self._asked)
 
@@ -84,6 +99,9 @@ class Lesson:
         newest, action = max(done, default=0), GO
         if len(done) < wanted:
             action = self._room.ready(Step("ready", label, len(done), wanted))
+        if action.kind != "skip" and len(done) < wanted:
+            how = self._plan.begin
+            wait_for_sign(how, self._pupils, Step("waiting", label, len(done) + 1, wanted, how=how))
         while action.kind != "skip":
             if action.kind == "drop":
                 self._drop(label, action.take, done)
@@ -99,7 +117,9 @@ class Lesson:
         while made < wanted:
             newest += 1
             step = Step("now", label, made + 1, wanted)
-            kept = has_kept(self._take(step, newest))
+            replies = self._take(step, newest)
+            kept = has_kept(replies)
+            self._room.show(replace(step, kind="kept" if kept else "failed"))
             failures = 0 if kept else failures + 1
             if failures == FAILURES_LIMIT:
                 raise LabanmeshError(
@@ -109,7 +129,7 @@ class Lesson:
             if kept:
                 made += 1
                 done.add(newest)
-            action = self._room.between(replace(step, kind="between"), BETWEEN_S if self._plan.countdown else 0.0)
+            action = self._after_take(step, replies)
             if action.kind in ("drop", "repeat"):
                 dropped = self._drop(label, action.take or newest, done)
                 made -= dropped and action.kind == "repeat"
@@ -117,6 +137,26 @@ class Lesson:
             elif action.kind == "pause":
                 self._room.ready(Step("ready", label, made, wanted))
         return newest
+
+    def _after_take(self, step: Step, replies: Mapping[str, TeachReply]) -> Action:
+        """What is pressed then; there is more time if somebody else was in the picture."""
+        crowd = crowd_lines(replies) if has_kept(replies) else []
+        for line in crowd:
+            self._room.say(line)
+        pause_s = BETWEEN_S if self._plan.countdown else 0.0
+        return self._room.between(replace(step, kind="between"), OFFER_S if crowd else pause_s)
+
+    def _contradictions(self) -> None:
+        """Say which takes look like those of another movement, and offer to repeat those that do so from everywhere."""
+        answers = self._pupils.check()
+        for line in doubt_lines(answers):
+            self._room.say(line)
+        for label, take in doubted_by_all(answers):
+            step = Step("doubt", label, take)
+            if self._room.between(step, OFFER_S).kind == "repeat":
+                done = takes_done(label, answers)
+                self._drop(label, take, done)
+                self._record(label, max((*done, take)), done, len(done) + 1)
 
     def _drop(self, label: str, take: int, done: set[int]) -> bool:
         if take not in done:

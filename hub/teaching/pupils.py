@@ -28,6 +28,8 @@ class Pupils:
     labels: list[str] = field(default_factory=list)
     taught: list[str] = field(default_factory=list)
     faults: dict[str, str] = field(default_factory=dict)
+    blind: set[str] = field(default_factory=set)
+    """Observers whose cameras deliver nothing."""
 
     def request(self, command: TeachCommand, **fields: object) -> Mapping[str, TeachReply]:
         """Ask all that take part; one that does not answer is left out until it does.
@@ -42,11 +44,27 @@ class Pupils:
             if self.faults.get(name) != fault:
                 self.room.say(f"{name}: {fault}")
         self.faults = answers.faults
+        self._tell_of_pictures(answers)
         self.observers = [name for name in self.observers if name not in answers.silent]
         if not self.observers:
             self._wait_for_return()
             return self.request(command, **fields)
         return answers.replies
+
+    def _tell_of_pictures(self, answers: Answers) -> None:
+        """Say it once when a camera is lost, and when it is back."""
+        for name, reply in answers.replies.items():
+            if self.taught and not reply.pictures and name not in self.blind:
+                self.room.say(f"{name}: {reply.complaint or 'no pictures now: is the camera working?'}")
+                self.blind.add(name)
+            elif reply.pictures and name in self.blind:
+                self.room.say(f"{name}: has pictures again")
+                self.blind.discard(name)
+
+    def check(self) -> Mapping[str, TeachReply]:
+        """The answers of those that can say which takes contradict each other."""
+        replies = self.ask(self._made("check", labels=self.labels), self.observers).replies
+        return {name: reply for name, reply in replies.items() if not reply.fault}
 
     def request_of(self, command: TeachCommand, observers: Collection[str], **fields: object) -> None:
         """Ask only these observers, whatever they answer."""

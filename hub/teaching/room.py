@@ -7,9 +7,12 @@ from typing import Literal, Protocol
 from common.teaching_messages import TeachReply
 
 StepKind = Literal[
-    "look", "ready", "countdown", "now", "between", "review", "other", "learning", "learned", "adopting", "test", "done"
-]
-ActionKind = Literal["go", "repeat", "drop", "more", "skip", "pause"]
+    "look", "ready", "waiting", "countdown", "now", "kept", "failed", "between", "review", "doubt", "other", "learning",
+    "learned", "adopting", "test", "alarms", "done",
+]  # fmt: skip
+ActionKind = Literal["go", "begin", "repeat", "drop", "more", "skip", "pause"]
+Begin = Literal["now", "key", "clap", "still"]
+"""With what the takes of a movement begin: at once, a key, a clap of the hands, or somebody who stands still."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,10 +33,12 @@ class Step:
     """What the lesson does now, for a terminal or a page.
 
     kind: `look` for somebody to be seen; `ready` before a movement or, with label "", before something else;
-    `countdown` and `now` of a take, or of the test; `between` two takes; `review` after a movement; `other`: something
-    else is recorded; `learning`; `learned` before the new models come into force; `adopting`; `test` before the test;
-    `done`. label: the movement. number, of: which take of how many; observers that have learned. left_s: seconds to go,
-    of a countdown or of something else; seconds since the beginning while observers learn.
+    `waiting` for the sign to begin, which `how` names; `countdown` and `now` of a take, or of the test; `kept` or
+    `failed` after a take; `between` two takes; `review` after a movement; `doubt`: the take `number` looks like another
+    movement, and may be repeated; `other`: something else is recorded; `learning`; `learned` before the new models come
+    into force; `adopting`; `test` before the test; `alarms`: verdicts count as false now; `done`. label: the movement.
+    number, of: which take of how many; observers that have learned. left_s: seconds to go, of a countdown or of
+    something else; seconds since the beginning while observers learn.
     """
 
     kind: StepKind
@@ -42,14 +47,15 @@ class Step:
     of: int = 0
     left_s: float = 0.0
     is_test: bool = False
+    how: Begin = "now"
 
 
 @dataclass(frozen=True, slots=True)
 class Action:
     """What a person presses.
 
-    repeat, drop: remove the take with this number, by default the last one, and make it again or not; more: one more
-    take; skip: leave this part out; pause: wait after this take.
+    begin: what the lesson waits for begins. repeat, drop: remove the take with this number, by default the last one,
+    and make it again or not; more: one more take; skip: leave this part out; pause: wait after this take.
     """
 
     kind: ActionKind

@@ -7,6 +7,9 @@ from common.text import plural
 from common.vocabulary import ABSTAIN
 from hub.teaching.room import Step
 
+SIGNS = {"now": "now", "key": "press a key", "clap": "clap", "still": "stand still"}
+LEAST_S = 6.0
+"""A shorter time tells nothing about false alarms."""
 ALIKE = 0.2
 """Two movements look alike from where this share of the takes of one is taken for the other."""
 NO_RIGHT = (
@@ -30,6 +33,14 @@ def step_line(step: Step) -> str:
             return f"{title}: {step.left_s:.0f}"
         case "now":
             return f"{title}: now"
+        case "waiting":
+            return f"{title}: {SIGNS[step.how]}"
+        case "kept" | "failed":
+            return f"{title}: {step.kind}"
+        case "doubt":
+            return f"{step.label} {step.number}: r repeats it"
+        case "alarms":
+            return f"none of the movements: {step.left_s:.0f} s to go, {step.number} false alarms"
         case "other":
             return f"something else: {step.left_s:.0f} s to go"
         case "learning":
@@ -47,6 +58,34 @@ def take_lines(replies: Mapping[str, TeachReply]) -> list[str]:
     return lines
 
 
+def crowd_lines(replies: Mapping[str, TeachReply]) -> list[str]:
+    """What to say if somebody else was in the last take."""
+    seen = {name: reply.take.people for name, reply in replies.items() if reply.take and reply.take.people > 1}
+    if not seen:
+        return []
+    places = ", ".join(f"{plural(count, 'person', 'people')} in the picture of {name}" for name, count in seen.items())
+    return [f"{places}: is the take yours? r repeats it"]
+
+
+def doubt_lines(replies: Mapping[str, TeachReply]) -> list[str]:
+    """Takes that look like another movement's, and from where."""
+    places: dict[tuple[str, int, str], list[str]] = {}
+    for name, reply in replies.items():
+        for doubt in reply.doubts:
+            places.setdefault((doubt.label, doubt.take, doubt.like), []).append(name)
+    return [
+        f"{label} {take} looks more like {like} than like the other takes of {label} from {' and '.join(names)}"
+        for (label, take, like), names in places.items()
+    ]
+
+
+def doubted_by_all(replies: Mapping[str, TeachReply]) -> list[tuple[str, int]]:
+    """The takes, as label and number, that all observers which have them doubt."""
+    doubted = [(doubt.label, doubt.take) for reply in replies.values() for doubt in reply.doubts]
+    had = {each: sum(each[1] in reply.takes.get(each[0], ()) for reply in replies.values()) for each in doubted}
+    return [each for each in dict.fromkeys(doubted) if doubted.count(each) == had[each]]
+
+
 def has_kept(replies: Mapping[str, TeachReply]) -> bool:
     """Whether some observer kept the last take."""
     return any(reply.take is not None and reply.take.state == "kept" for reply in replies.values())
@@ -59,10 +98,11 @@ def result_lines(learned: Mapping[str, LearnedReport]) -> list[str]:
         rows = [(label, report.results.get(label, {})) for label in report.labels]
         known = [f"{label} {row.get(label, 0)} of {sum(row.values())}" for label, row in rows if row]
         lines.append(f"{name}: {', '.join(known) or 'learned'}")
-    return [*lines, *_alike_lines(learned)]
+    return [*lines, *alike_lines(learned)]
 
 
-def _alike_lines(learned: Mapping[str, LearnedReport]) -> list[str]:
+def alike_lines(learned: Mapping[str, LearnedReport]) -> list[str]:
+    """Movements that left-out takes confuse, and from where."""
     places: dict[tuple[str, str], list[str]] = {}
     for name, report in learned.items():
         for one, row in report.results.items():
@@ -104,6 +144,15 @@ def missing_line(name: str, labels: Sequence[str]) -> str:
 def adopted_line(count: int, labels: Sequence[str]) -> str:
     """The last line."""
     return f"{plural(count, 'observer')} and the fusion service recognise {', '.join(labels)} from now on"
+
+
+def summary_line(right: Mapping[str, bool], alarms: int, alarm_s: float, learned: Mapping[str, LearnedReport]) -> str:
+    """The result of the test in a line: each movement, false alarms, and what looks alike from where."""
+    parts = [f"{sum(right.values())} of {len(right)} recognised"]
+    if alarm_s >= LEAST_S:
+        parts = [f"{label} {int(was_right)} of 1" for label, was_right in right.items()]
+        parts.append(f"false alarms {alarms} in {round(alarm_s / 60, 1):g} minutes")
+    return "; ".join([", ".join(parts), *alike_lines(learned)])
 
 
 def outcome_line(label: str, decided: str) -> str:

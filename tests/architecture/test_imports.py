@@ -72,6 +72,7 @@ IMPURE = {
         "common.tls deploy.doctor.cameras deploy.doctor.network deploy.home-assistant.* deploy.launcher "
         "hub.dashboard.access hub.dashboard.application hub.dashboard.teach_routes "
         "hub.dashboard.connections hub.dashboard.serving hub.dashboard.streams hub.healthcheck hub.mqtt.broker "
+        "hub.teaching.scene_here hub.teaching.terminal "
         "studies.demo* studies.effort "
         "studies.evaluate_options observer.learning.learn_options observer.teaching.model_learner common.parallel"
     ),

@@ -3,21 +3,25 @@
 import pytest
 
 from common.errors import LabanmeshError
-from common.teaching_messages import LearnedReport, TakeReport, TeachReply
+from common.teaching_messages import LearnedReport, TakeDoubt, TakeReport, TeachReply
+from common.vocabulary import ABSTAIN
 from hub.teaching.lesson import Lesson, LessonPlan
 from hub.teaching.room import GO, Action, Answers
 from hub.teaching.wording import result_lines, step_line
 
-KEYS = {"r": "repeat", "d": "drop", "p": "pause", "s": "skip"}
+KEYS = {"r": "repeat", "d": "drop", "p": "pause", "s": "skip", ".": "go"}
 
 
 class Observer:
     """Keeps every take, except those in `faults`; `dies` at a take."""
 
-    def __init__(self, faults=(), dies=None, results=None, labels=("old", "older"), can_learn=True, returns=False):
+    def __init__(
+        self, faults=(), dies=None, results=None, labels=("old", "older"), can_learn=True, returns=False, doubts=()
+    ):
         self.faults, self.dies, self.results, self.labels = dict(faults), dies, results or {}, list(labels)
         self.takes, self.other_s, self.alive, self.learned, self.last = {}, 0.0, True, None, None
-        self.fault = ""
+        self.fault, self.doubts = "", doubts
+        self.visible, self.still, self.claps, self.people = True, 1.0, 0, 1
         self.is_recording, self.can_learn, self.returns = False, can_learn, returns
 
     def answer(self, request):
@@ -29,7 +33,12 @@ class Observer:
                     return None
                 state = "failed" if key in self.faults else "kept"
                 self.last = TakeReport(
-                    label=request.label, take=request.take, state=state, seconds=1.2, fault=self.faults.get(key, "")
+                    label=request.label,
+                    take=request.take,
+                    state=state,
+                    seconds=1.2,
+                    fault=self.faults.get(key, ""),
+                    people=self.people,
                 )
                 if state == "kept":
                     self.takes.setdefault(request.label, []).append(request.take)
@@ -47,7 +56,8 @@ class Observer:
                 self.labels, self.learned = self.learned.labels, None
         state = "recording" if self.is_recording else "idle" if self.learned is None else "learned"
         return TeachReply(
-            state=state, fault=self.fault, pictures=True, visible=True, takes=self.takes, other_s=self.other_s,
+            state=state, fault=self.fault, pictures=True, visible=self.visible, still=self.still, claps=self.claps,
+            doubts=list(self.doubts) if request.command == "check" else [], takes=self.takes, other_s=self.other_s,
             take=self.last, labels=self.labels, learned=self.learned,
         )  # fmt: skip
 
@@ -123,7 +133,7 @@ def test_the_whole_lesson():
         "wave 1 of 2: 2",
         "wave 1 of 2: 1",
         "wave 1 of 2: now",
-        "wave 2 of 2: 3",
+        "wave 1 of 2: kept",
     ]
     assert "something else: 60 s to go" in room.shown and "learning: 0 of 2, 0 s" in room.shown
     ready = [("ready", "wave", 0), ("review", "wave", 2), ("ready", "clap", 0), ("review", "clap", 2), ("ready", "", 0)]
@@ -143,6 +153,74 @@ def test_at_the_end_each_movement_is_done_once_more():
         "nod: nothing was decided",
         "1 of 3 recognised",
     ]
+
+
+def test_then_verdicts_count_as_false_alarms_and_one_line_sums_up():
+    results = {"wave": {"wave": 2}, "clap": {"clap": 1, "wave": 1}}
+
+    def tested(keys):
+        room = Room({"sofa": Observer(results=results)}, keys)
+        room.decided = ["old", "wave", "old", "clap", "old", "wave", ABSTAIN]
+        plan = LessonPlan(["wave", "clap"], "anna", takes=2, background_s=0, test=True, alarm_s=30.0)
+        Lesson(plan, room, room.ask, ["sofa"]).run()
+        return room
+
+    room = tested("....")
+    assert "false alarm: wave" in room.lines and "none of the movements: 30 s to go, 0 false alarms" in room.shown
+    alike = "wave and clap look alike from sofa"
+    assert room.lines[-1] == f"wave 1 of 1, clap 1 of 1, false alarms 1 in 0.5 minutes; {alike}"
+    assert tested("....s").lines[-1] == f"2 of 2 recognised; {alike}"
+
+
+@pytest.mark.parametrize("how", ["still", "clap", "key"])
+def test_takes_begin_with_a_sign_and_without_a_keyboard(how):
+    sofa, shelf = Observer(), Observer()
+    sofa.still = shelf.still = 0.0
+    room = Room({"sofa": sofa, "shelf": shelf})
+    looks = iter(range(100))
+
+    def between(step, seconds):
+        room.pause(seconds)
+        look = next(looks) if step.kind == "waiting" else 0
+        sofa.still, shelf.claps = float(look > 5), int(look > 7)
+        return Action("begin") if look > 20 else GO
+
+    room.between = between
+    plan = LessonPlan(["wave", "clap"], "anna", takes=2, background_s=0, begin=how)
+    Lesson(plan, room, room.ask, ["sofa", "shelf"]).run()
+    waited = room.shown.index("wave 1 of 2: 3")
+    assert waited == {"still": 13, "clap": 9, "key": 22}[how] and "begin" in "".join(room.lines)
+
+
+def test_a_lesson_that_waits_for_nobody_ends_with_a_line():
+    sofa = Observer()
+    sofa.visible = False
+    with pytest.raises(LabanmeshError, match="nobody came into the sight of a camera in 3 minutes"):
+        teach({"sofa": sofa}, begin="still")
+    restless = Observer()
+    restless.still = 0.1
+    assert "nobody stands still; it begins all the same" in teach({"sofa": restless}, begin="still").lines
+
+
+def test_takes_that_look_like_another_movement_or_show_two_people_are_offered_again():
+    doubt = TakeDoubt(label="wave", take=2, like="clap")
+    sofa, shelf = Observer(doubts=[doubt]), Observer(doubts=[doubt, TakeDoubt(label="clap", take=1, like="wave")])
+    sofa.people = 2
+    room = teach({"sofa": sofa, "shelf": shelf}, keys="....r")
+    assert "2 people in the picture of sofa: is the take yours? r repeats it" in room.lines
+    assert "wave 2 looks more like clap than like the other takes of wave from sofa and shelf" in room.lines
+    assert "clap 1 looks more like wave than like the other takes of clap from shelf" in room.lines
+    assert takes_asked(room)[4:] == [("wave", 3)] and sofa.takes["wave"] == [1, 3]
+
+
+def test_a_camera_that_is_lost_is_said_once_and_its_return_too():
+    sofa, shelf = Observer(), Observer()
+    pictures = iter([True] * 4 + [False] * 3 + [True] * 100)
+    answer = shelf.answer
+    shelf.answer = lambda request: answer(request).model_copy(update={"pictures": next(pictures)})
+    lines = teach({"sofa": sofa, "shelf": shelf}).lines
+    assert lines.count("shelf: no pictures now: is the camera working?") == 1
+    assert lines.count("shelf: has pictures again") == 1
 
 
 def test_takes_are_repeated_dropped_and_go_on_where_they_stopped():

@@ -1,0 +1,94 @@
+"""The sign with which the takes of a movement begin, so that whoever performs needs no keyboard."""
+
+from collections.abc import Callable, Mapping
+from typing import Protocol
+
+from common.errors import LabanmeshError
+from common.teaching_messages import TeachReply
+from hub.teaching.pupils import Pupils
+from hub.teaching.room import Begin, Step
+
+LOOK_S = 0.2
+STANDS_S = 1.2
+"""Somebody who has stood still for so long, in the sight of one observer, is ready."""
+RESTLESS_S = 30.0
+"""After so long in sight the lesson begins with somebody who never stands still, as in a film."""
+NOBODY_S = 180.0
+HINTS = {
+    "key": "press a key to begin",
+    "clap": "clap your hands once, in front of you, to begin; or press a key",
+    "still": "stand still to begin; or press a key",
+}
+NOBODY = "nobody came into the sight of a camera in {:.0f} minutes; the same command goes on where this one stops"
+
+
+def wait_for_sign(how: Begin, pupils: Pupils, step: Step) -> None:
+    """Wait until the takes of a movement may begin; raises LabanmeshError if nobody comes for NOBODY_S.
+
+    step: the movement, for the screen.
+    """
+    if how == "now":
+        return
+    room = pupils.room
+    room.say(f"{step.label}: {HINTS[how]}")
+    seen_s = sighted_s = room.now_s()
+    sign = SIGNS[how]()
+    while room.now_s() - seen_s < NOBODY_S:
+        room.show(step)
+        if room.between(step, LOOK_S).kind == "begin":
+            return
+        replies = pupils.request("status")
+        if any(reply.visible for reply in replies.values()):
+            seen_s = room.now_s()
+            if how == "still" and seen_s - sighted_s > RESTLESS_S:
+                room.say("nobody stands still; it begins all the same")
+                return
+        else:
+            sighted_s = room.now_s()
+        if sign.is_given(replies, room.now_s()):
+            return
+    raise LabanmeshError(NOBODY.format(NOBODY_S / 60))
+
+
+class Sign(Protocol):
+    """What is looked for in the replies of the observers, look by look."""
+
+    def is_given(self, replies: Mapping[str, TeachReply], now_s: float) -> bool:
+        """Whether the sign is given now."""
+
+
+class Key:
+    """Only a key begins."""
+
+    def is_given(self, replies: Mapping[str, TeachReply], now_s: float) -> bool:
+        """Never: keys are no replies."""
+        return False
+
+
+class Clap:
+    """Somebody has clapped since the first look, as one observer saw."""
+
+    def __init__(self) -> None:
+        self._before: dict[str, int] = {}
+
+    def is_given(self, replies: Mapping[str, TeachReply], now_s: float) -> bool:
+        """Whether an observer counts more claps than before; one that was started again counts anew."""
+        clapped = any(reply.claps > self._before.get(name, reply.claps) for name, reply in replies.items())
+        self._before |= {name: reply.claps for name, reply in replies.items()}
+        return clapped
+
+
+class Still:
+    """Somebody stands still for STANDS_S."""
+
+    def __init__(self) -> None:
+        self._since_s: dict[str, float] = {}
+
+    def is_given(self, replies: Mapping[str, TeachReply], now_s: float) -> bool:
+        """Whether one observer has seen somebody stand still all the time."""
+        still = {name for name, reply in replies.items() if reply.visible and (reply.still or 0.0) >= 0.5}
+        self._since_s = {name: self._since_s.get(name, now_s) for name in still}
+        return any(now_s - since_s >= STANDS_S for since_s in self._since_s.values())
+
+
+SIGNS: Mapping[Begin, Callable[[], Sign]] = {"key": Key, "clap": Clap, "still": Still}

@@ -1,0 +1,52 @@
+"""The processes of the scene, started by `labanmesh teach` where nothing runs yet, so that one command teaches."""
+
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from common.errors import LabanmeshError
+
+START_S = 60.0
+"""Trackers with a pose model take some seconds to start."""
+END_S = 10.0
+LOOK_S = 0.2
+
+
+@contextmanager
+def scene_here(file: Path, is_there: Callable[[], bool], pause: Callable[[float], None]) -> Iterator[Path]:
+    """The scene runs while the context lasts; yields the path of its log. It ends with the context.
+
+    is_there: whether all observers run. pause: waits so many seconds; raises KeyboardInterrupt to give up. Raises
+    LabanmeshError, with the last line of the log, if the scene ends or does not start within START_S.
+    """
+    log = file.with_suffix(".log")
+    try:
+        output = log.open("w", encoding="utf-8")
+    except OSError as error:
+        reason = error.strerror or error
+        raise LabanmeshError(f"cannot write {log}: {reason}; start the scene yourself: labanmesh up {file}") from None
+    with output:
+        # A session of its own: Ctrl-C is for the lesson, which then ends the scene in order.
+        process = subprocess.Popen(  # noqa: S603 - the command line is ours
+            [sys.executable, "-P", "-m", "labanmesh", "up", str(file)],
+            stdin=subprocess.DEVNULL, stdout=output, stderr=subprocess.STDOUT, start_new_session=True,
+        )  # fmt: skip
+        try:
+            end_s = time.monotonic() + START_S
+            while not is_there():
+                if process.poll() is not None or time.monotonic() > end_s:
+                    raise LabanmeshError(f"the scene does not start: {_last_line(log)} (all of it: {log})")
+                pause(LOOK_S)
+            yield log
+        finally:
+            process.terminate()
+            with suppress(subprocess.TimeoutExpired):
+                process.wait(END_S)
+
+
+def _last_line(log: Path) -> str:
+    lines = [line for line in log.read_text(encoding="utf-8", errors="replace").splitlines() if line.strip()]
+    return lines[-1] if lines else "it says nothing"

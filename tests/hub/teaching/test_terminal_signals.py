@@ -1,0 +1,62 @@
+"""What a teacher sees and hears in a terminal: large letters, lines above them, beeps, keys."""
+
+import sys
+import threading
+
+import pytest
+
+from hub.teaching import terminal
+from hub.teaching.big_letters import big
+from hub.teaching.room import GO, Action, Step
+from hub.teaching.terminal import Terminal
+
+
+@pytest.fixture
+def screen(monkeypatch, capsys):
+    monkeypatch.setattr(type(sys.stdout), "isatty", lambda self: True)
+    monkeypatch.setattr(terminal.shutil, "get_terminal_size", lambda: terminal.shutil.os.terminal_size((80, 24)))
+    monkeypatch.setattr(terminal, "BEEP_S", 0.0)
+    return lambda: capsys.readouterr().out
+
+
+@pytest.mark.parametrize("text", ["3", "NOW", "kept"])
+def test_letters_are_as_large_as_fit(text):
+    rows = big(text, 200, 20)
+    assert len(rows) == 20 and max(map(len, rows)) > 20 * len(text) and set("".join(rows)) == {"█", " "}
+    assert len(big(text, 40, 7)) == 5 and big(text, 5, 20) == [] and big("", 80, 24) == []
+
+
+def test_a_countdown_is_large_and_beeps_and_lines_stay_above_it(screen):
+    room = Terminal(threading.Event(), None, keyboard=False)
+    for left in (2, 1):
+        room.show(Step("countdown", "wave", 1, 5, left_s=left))
+    room.show(Step("now", "wave", 1, 5))
+    room.show(Step("kept", "wave", 1, 5))
+    shown = screen()
+    assert shown.count("\a") == 1 + 1 + 2 + 1 and "█" in shown and "wave 1 of 5: now" in shown
+    room.say("wave 1 of 5: kept by sofa (1.9 s)")
+    removed = screen()
+    assert removed.endswith("\x1b[Jwave 1 of 5: kept by sofa (1.9 s)\n") and "A\x1b[J" in removed
+    room.say("next")
+    assert "A\x1b[J" not in screen(), "only what changes is removed"
+    quiet = Terminal(threading.Event(), None, keyboard=False, beeps=False)
+    quiet.show(Step("now", "wave", 1, 5))
+    assert "\a" not in screen()
+
+
+def test_without_a_terminal_there_are_lines_and_no_beeps(capsys):
+    room = Terminal(threading.Event(), None, keyboard=False)
+    room.show(Step("countdown", "wave", 1, 5, left_s=1)), room.show(Step("now", "wave", 1, 5))
+    assert capsys.readouterr().out == "wave 1 of 5: now\n"
+
+
+@pytest.mark.parametrize(
+    ("kind", "key", "action"),
+    [("waiting", " ", Action("begin")), ("now", "r", Action("repeat")), ("doubt", "d", Action("drop")),
+     ("alarms", "s", Action("skip")), ("other", "r", GO), ("now", "x", GO)],
+)  # fmt: skip
+def test_what_keys_mean(monkeypatch, kind, key, action):
+    room = Terminal(threading.Event(), None, keyboard=True)
+    monkeypatch.setattr(terminal.select, "select", lambda *_: ([sys.stdin], [], []))
+    monkeypatch.setattr(sys, "stdin", type("Keys", (), {"read": lambda self, count: key.upper()})())
+    assert room.between(Step(kind, "wave"), 1.0) == action
