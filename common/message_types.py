@@ -6,6 +6,10 @@ from pydantic import AfterValidator, Field, FiniteFloat
 
 ROUND_OFF = 1e-6
 """A probability or entropy may be outside its range by this much: more than a softmax in float32 loses."""
+TEXT_LIMIT = 200
+"""Characters of a text for people; what is over it is cut off."""
+ID_LIMIT = 128
+"""Characters of what identifies a session, a movement or a vocabulary."""
 LAST_INTEGER: Final = 2**63 - 1
 
 
@@ -28,6 +32,8 @@ def _not_negative(value: float) -> float:
 _NearProbability = Annotated[
     FiniteFloat, Field(ge=-ROUND_OFF, le=1 + ROUND_OFF, json_schema_extra={"minimum": 0, "maximum": 1})
 ]
+ShortText = Annotated[str, AfterValidator(lambda text: text[:TEXT_LIMIT])]
+Id = Annotated[str, Field(max_length=ID_LIMIT)]
 Identifier = Annotated[str, Field(pattern=r"^[a-z0-9_-]{1,64}$")]
 Count = Annotated[int, Field(ge=0, le=LAST_INTEGER)]
 Time = Annotated[int, Field(ge=0, le=LAST_INTEGER)]

@@ -14,13 +14,13 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, model_validator
 
 from common.errors import BadInput
 from common.facets import SUM_TOLERANCE, check_facets
-from common.message_types import Bits, Count, Identifier, Probabilities, Probability, Time
+from common.message_types import Bits, Count, Id, Identifier, Probabilities, Probability, ShortText, Time
 from common.vocabulary import Vocabulary
 
 SCHEMA_VERSION: Final = 1
 LABELS_LIMIT = 10_000
+PARTS_LIMIT = 256  # body parts in one posterior
 WHY_LIMIT = 200
-"""Characters of `why`."""
 VoteState = Literal["counted", "stale", "late", "silent", "foreign", "invalid"]
 ProcessRole = Literal["observer", "fusion", "hub"]
 ProcessState = Literal["starting", "running", "degraded", "stopping", "failed"]
@@ -44,14 +44,14 @@ class Message(MessagePart):
 class VocabularyHash(MessagePart):
     """The vocabulary of a probability vector: the hash identifies it; the name is for people and optional."""
 
-    name: str = ""
-    hash: str
+    name: ShortText = ""
+    hash: Id
 
 
 class VocabularyReference(VocabularyHash):
     """The vocabulary of a probability vector: the hash identifies it, the name is for people."""
 
-    name: str
+    name: ShortText
 
 
 class Facing(MessagePart):
@@ -82,7 +82,7 @@ class PosteriorMessage(Message):
     scene: Identifier | None = None
     observer: Identifier | None = None
     seq: Count
-    session: str
+    session: Id
     captured_ns: Time
     sent_ns: Time
     vocabulary: VocabularyHash
@@ -91,7 +91,7 @@ class PosteriorMessage(Message):
     rest: Probability | None = None
     unlearned: Probability | None = None
     frames: Count
-    visible: dict[str, bool] = Field(default_factory=dict)
+    visible: dict[str, bool] = Field(default_factory=dict, max_length=PARTS_LIMIT)
     facing: Facing | None = None
     facets: dict[str, Probabilities] | None = None
 
@@ -152,7 +152,7 @@ class OngoingMovement(MessagePart):
     `revises` is the label that `label` replaced; omitted while the first decision stands.
     """
 
-    id: str
+    id: Id
     began_ns: Time
     label: str | None = None
     decided_ns: Time | None = None
@@ -191,7 +191,7 @@ class JudgementMessage(Message):
     movement: OngoingMovement | None = None
     why: Annotated[str, Field(max_length=WHY_LIMIT)] | None = None
     epoch: Count | None = None
-    session: str | None = None
+    session: Id | None = None
 
 
 class Contribution(MessagePart):
@@ -219,7 +219,7 @@ class VerdictMessage(JudgementMessage):
     movement, once it is known. `same_as`: the movement's other id, after a split network (docs/reference/wire.md).
     """
 
-    id: str
+    id: Id
     began_ns: Time
     decided_ns: Time
     ended_ns: Time | None = None
@@ -261,13 +261,13 @@ class StatusMessage(Message):
     scene: Identifier
     id: Identifier
     state: ProcessState
-    reason: str = ""
+    reason: ShortText = ""
     rate_hz: FiniteFloat | None = None
     last_frame_ns: Time | None = None
     skew_s: FiniteFloat | None = None
-    version: str = ""
+    version: ShortText = ""
     at_ns: Time | None = None
-    session: str | None = None
+    session: Id | None = None
     observers: dict[str, ObserverStatistics] | None = None
 
 
@@ -275,8 +275,8 @@ class VocabularyMessage(Message):
     """The labels of the movements, in the order of every `p`, and their hash."""
 
     scene: Identifier
-    name: str
-    hash: str
+    name: ShortText
+    hash: Id
     labels: list[str] = Field(min_length=2, max_length=LABELS_LIMIT)
 
     @model_validator(mode="after")

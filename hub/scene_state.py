@@ -18,6 +18,8 @@ from common.messages import (
 from common.vocabulary import ABSTAIN
 
 VERDICTS_LIMIT = 10
+STRANGERS_LIMIT = 64
+"""Processes that the scene file does not name are shown up to this number: names can be invented."""
 SOMETHING_ELSE = "something else"
 """Shown for an answer that is none of the movements; no label contains a space."""
 SILENT_AFTER_S = 2.0
@@ -79,11 +81,10 @@ class ObserverState:
 class SceneState:
     """Everything received about a scene until `now_ns` (this machine's clock); `fold` returns the next state.
 
-    roster: the observers in the scene file; each is shown from the start. next_vocabulary: one that the judgement does
-    not have yet. verdicts: newest first, at most
-    VERDICTS_LIMIT. received_ns: when `judgement` arrived, by this machine's clock, so that ages do not depend on
-    synchronised clocks. rejected, dropped: how many messages were rejected, and lost to
-    a full queue.
+    roster: the observers in the scene file; each is shown from the start. services: its fusion services.
+    next_vocabulary: one that the judgement does not have yet. verdicts: newest first, at most VERDICTS_LIMIT.
+    received_ns: when `judgement` arrived, by this machine's clock, so that ages do not depend on synchronised clocks.
+    rejected, dropped: how many messages were rejected, and lost to a full queue.
     """
 
     scene: str
@@ -98,6 +99,7 @@ class SceneState:
     fusion_status: Mapping[str, StatusMessage] = field(default_factory=dict)
     rejected: int = 0
     dropped: int = 0
+    services: tuple[str, ...] = ()
 
     def at(self, now_ns: int, dropped: int | None = None) -> "SceneState":
         """The same knowledge at a later time: only ages change. dropped: messages lost to a full queue so far."""
@@ -117,15 +119,25 @@ class SceneState:
             case JudgementMessage():
                 late = self.judgement is not None and _is_copy(message, self.judgement)
                 return self if late else self._with_judgement(message, received_ns)
-            case StatusMessage() if role == "observer":
-                return replace(self, observer_status={**self.observer_status, message.id: message})
             case StatusMessage():
-                return replace(self, fusion_status={**self.fusion_status, message.id: message})
+                return self._with_status(message, role)
             case VocabularyMessage() if self.judgement and message.hash != self.judgement.vocabulary.hash:
                 # Any process may answer a query, also one that uses another vocabulary; it may be the next one.
                 return replace(self, next_vocabulary=message)
             case VocabularyMessage():
                 return replace(self, vocabulary=message)
+
+    def _with_status(self, message: StatusMessage, role: SenderRole) -> "SceneState":
+        """The state with the status; of processes that the scene does not name, STRANGERS_LIMIT are kept."""
+        known = self.observer_status if role == "observer" else self.fusion_status
+        named = self.roster if role == "observer" else self.services
+        is_new = message.id not in known and message.id not in named
+        if is_new and sum(each not in named for each in known) >= STRANGERS_LIMIT:
+            return self
+        statuses = {**known, message.id: message}
+        if role == "observer":
+            return replace(self, observer_status=statuses)
+        return replace(self, fusion_status=statuses)
 
     def _with_judgement(self, message: JudgementMessage, received_ns: int) -> "SceneState":
         coming = self.next_vocabulary

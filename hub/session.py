@@ -52,7 +52,7 @@ def listen(
     the newest is decoded, for hubs that pass on a few a second.
     """
     keys, same = scene.keys, SameMovement()
-    state = SceneState(scene.scene, scene.roster, clock())
+    state = SceneState(scene.scene, scene.roster, clock(), services=scene.services)
     events = (keys.verdict, keys.observer_status(), keys.fusion_status(), keys.vocabulary)
     inbox = link.inbox(*events, *([] if newest_only else [keys.judgement]))
     newest = link.inbox(keys.judgement, limit=1) if newest_only else None
@@ -133,7 +133,7 @@ class SceneListener:
     """
 
     def __init__(self, scene: "Scene", link: "Link", note: Callable[[SceneUpdate], None]) -> None:
-        self.state = SceneState(scene.scene, scene.roster)
+        self.state = SceneState(scene.scene, scene.roster, services=scene.services)
         self.ready = False
         self.verdicts: deque[ArrivedVerdict] = deque()
         self._fault: Exception | None = None

@@ -45,6 +45,10 @@ class MinutePoint:
     entropy: float
 
 
+KNOWN_LIMIT = 1024
+"""Observers that have had a token; beyond it those that the scene does not name are forgotten when they go."""
+
+
 @dataclass(frozen=True, slots=True)
 class SceneHistory:
     """All that the page shows at one moment. verdicts: newest first.
@@ -85,6 +89,8 @@ class SceneHistory:
         """The same with the observers present now; the same object when that has not changed."""
         now = frozenset(present)
         known = self.known_observers | now
+        if len(known) > KNOWN_LIMIT:
+            known = now | (known & frozenset(self.state.roster))
         return self if now == self.present else replace(self, present=now, known_observers=known)
 
 

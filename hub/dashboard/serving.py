@@ -114,7 +114,7 @@ def follow(
 
 def first_history(scene: "Scene") -> SceneHistory:
     """What is known before anything has been received."""
-    return SceneHistory(SceneState(scene.scene, scene.roster))
+    return SceneHistory(SceneState(scene.scene, scene.roster, services=scene.services))
 
 
 def serve_scene(

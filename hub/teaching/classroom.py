@@ -36,8 +36,12 @@ class Classroom:
         finished = threading.Semaphore(0)
 
         def answered(key: str, content: bytes) -> None:
+            # A reply does not name its observer: it is of the one whose key it came under.
+            observer = observer_of(key)
+            if observer not in observers or key != self._keys.teach(observer):
+                return
             try:
-                replies[observer_of(key)] = decode(TeachReply, content)
+                replies[observer] = decode(TeachReply, content)
             except BadMessage:
                 return
 

@@ -38,6 +38,8 @@ SCENES = 10
 """More than a service fuses event by event (fusion.server.FEW_SCENES)."""
 JUDGES = tuple(VIEWS)
 SECOND = "second"
+ASK_CLOCKS_S = 0.3
+"""In this process a service of many scenes compares clocks so often; else once a minute."""
 LONGEST_GAP_S = 0.2
 """Between two judgements of a scene, whatever the attack; threads of one process on a busy machine need more."""
 
@@ -160,6 +162,10 @@ class _Stage:
         attacker = Attacker(self.endpoint, self.history, self.attacker_mode)
         self._leaving.callback(attacker.close)
         return attacker
+
+    def link(self):
+        """A link of a hub; a context manager."""
+        return Link.open(self.scenes[0].mesh, "hub")
 
     def flood(self, key, size, per_s=0.0, for_s=0.0, congestion="drop"):
         """An attacker in a process of its own that sends so many messages of `size` bytes; waits for its end."""

@@ -19,7 +19,7 @@ sys.path.append(str(Path(__file__).parents[1] / "hub" / "mqtt"))
 
 from attack_history import SEED, History
 from attack_person import meet, scripted
-from attack_stage import Dojo, Village
+from attack_stage import ASK_CLOCKS_S, Dojo, Village
 
 LONG = os.environ.get("LABANMESH_ATTACKS") == "long"
 
@@ -39,8 +39,16 @@ def person():
 @pytest.fixture(scope="session")
 def shared(person, tmp_path_factory):
     """Ten scenes in one fusion service, four judges each, a standby service for the first; all count."""
-    with (Dojo if LONG else Village)(person, tmp_path_factory.mktemp("attacks")) as stage:
-        stage.until_all_count()
+    folder = tmp_path_factory.mktemp("attacks")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("fusion.server.ASK_CLOCKS_S", ASK_CLOCKS_S)
+        stage = (Dojo if LONG else Village)(person, folder)
+        try:
+            stage.until_all_count()
+        except BaseException:
+            stage.close()
+            raise
+    with stage:
         yield stage
 
 

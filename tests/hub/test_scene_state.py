@@ -1,11 +1,14 @@
 """SceneState: messages of a scene folded into what all views show."""
 
+import json
 import math
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from hub.dashboard.history import SceneHistory
+from hub.dashboard.page_data import state_data
 from hub.scene_state import VERDICTS_LIMIT, SceneState, is_waiting
 
 
@@ -118,3 +121,15 @@ def test_answers_are_ranked_by_whole_percents(make, p, fused, unlearned):
     for ranked in (state.fused, state.observers[0].ranked):
         shares = [round(each.p, 2) for each in ranked]
         assert all(0 <= share <= 1 for share in shares) and shares == sorted(shares, reverse=True)
+
+
+def test_invented_processes_do_not_grow_the_state_and_those_of_the_scene_file_are_always_there(make):
+    state = SceneState("room", ("cam1",), services=("fusion",))
+    for n in range(15_000):
+        state = folded(state, make.status(f"invented{n}"), at=make.NOON)
+        if n % 100 == 0:
+            state = state.fold(make.status(f"invented{n}"), make.NOON, "fusion")
+    state = folded(state, make.status("cam1"), at=make.NOON).fold(make.status("fusion"), make.NOON, "fusion")
+    assert (len(state.observer_status), len(state.fusion_status)) == (65, 65)
+    assert "cam1" in state.observer_status and "fusion" in state.fusion_status
+    assert len(json.dumps(state_data(SceneHistory(state)))) < 64_000
