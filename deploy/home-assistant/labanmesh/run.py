@@ -54,7 +54,8 @@ def main(root: Path, supervisor: str) -> int:
                 environment["LABANMESH_FUSION_MEMORY"] = str(root / "data/movement.json")
             if options["blueprints"]:
                 _put_blueprints(root / "homeassistant")
-            print(f"the page asks for this token: {token.read_text('utf-8').strip()}", flush=True)
+            word = token.read_text("utf-8").strip()
+            print(f"the page is at port 8420 of this machine, and asks for this token: {word}", flush=True)
             return Launcher(_jobs(path, scene, options, token), environment=environment).run(stop)
     except LabanmeshError as error:
         print(error, file=sys.stderr, flush=True)
@@ -66,7 +67,7 @@ def _jobs(path: Path, scene: Scene, options: Options, token: Path) -> list[Job]:
     here = {camera["name"] for camera in options["cameras"] if camera.get("source")}
     started = [job for job in jobs(path, scene) if not options.get("router") or job.name in here]
     python = [sys.executable, "-P", "-m", "labanmesh"]
-    page = ["--listen", os.environ.get("LABANMESH_HUB_DASHBOARD_LISTEN", PAGE), "--token-file", str(token)]
+    page = ["--listen", os.environ.get("LABANMESH_HUB_DASHBOARD_LISTEN", PAGE), "--teach", "--token-file", str(token)]
     hubs = [
         Job("[mqtt]", [*python, *HUBS["mqtt"], str(path)], lasting=True),
         Job("[dashboard]", [*python, *HUBS["dashboard"], str(path), *page], lasting=True),
