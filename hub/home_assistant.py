@@ -29,7 +29,8 @@ def home_assistant_advice(scene: "Scene", hubs: Collection[str]) -> HomeAssistan
 
 def _connected(scene: "Scene") -> HomeAssistantAdvice:
     steps = (
-        "Home Assistant, Settings > Automations & scenes > Blueprints: import those of labanmesh, once (the app has done so)",
+        "in Home Assistant, Settings > Automations & scenes > Blueprints, import those of labanmesh, once (its app has "
+        "done so)",
         f"create an automation from it: as the trigger choose Device, {scene.scene}, and a movement, such as "
         f'"{_example(scene)} recognised"; then choose the lamp or the scene',
         "a movement that you teach from now on is offered there at once",
