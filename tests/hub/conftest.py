@@ -121,7 +121,7 @@ class FakeLink:
         box = self.boxes.get(key) or self.boxes[key.replace("/cam1/", "/*/").replace("/cam2/", "/*/")]
         box.put(key, payload)
 
-    def presence(self, key):
+    def presence(self, key, expected=()):
         return Presence()
 
     def ask_each(self, key, timeout_s):
