@@ -63,11 +63,14 @@ VERBS = {
     "learn": Verb(
         "observer.learning.commands", "learn", "learn one observer's model for its view from a motion archive"
     ),
-    "forget": Verb("observer.learning.commands", "forget", "remove movements from a model without learning again"),
+    "forget": Verb("hub.teaching.memory_commands", "forget", "forget a person or a movement everywhere in a scene"),
     "paper": Verb("studies.commands", "paper", "repeat the paper's three experiments beside the paper's tables"),
     "evaluate": Verb("studies.commands", "evaluate", "measure accuracy, earliness and calibration on a motion archive"),
     "effort": Verb("studies.effort", "effort", "evaluate Effort on actions that were not used to learn it"),
 }
+
+FORGET_IN_MODEL = Verb("observer.learning.commands", "forget", "remove movements from a model without learning again")
+"""The other form of `forget`, which names a model file and --labels."""
 
 EXTRAS = {
     "cv2": "observer",
@@ -199,11 +202,15 @@ def _unknown(verb: str) -> "BadInput":
     return BadInput(f"{verb!r}: unknown verb; {nearest(verb, VERBS)}")
 
 
-def app_of(verb: str) -> "typer.Typer":
-    """The command line of a verb: its function, or the Typer application of a verb with sub-verbs."""
+def app_of(verb: str, words: Sequence[str] = ()) -> "typer.Typer":
+    """The command line of a verb: its function, or the Typer application of a verb with sub-verbs.
+
+    words: what was typed after it; it decides between the two forms of `forget`.
+    """
     import typer
 
-    loaded = VERBS[verb].load()
+    in_model = verb == "forget" and any(word.partition("=")[0] == "--labels" for word in words)
+    loaded = (FORGET_IN_MODEL if in_model else VERBS[verb]).load()
     if isinstance(loaded, typer.Typer):
         return loaded
     app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
@@ -220,7 +227,7 @@ def _run(verb: str, words: Sequence[str]) -> int:
     from common.errors import BadInput
 
     try:
-        status = typer.main.get_command(app_of(verb)).main(words, f"labanmesh {verb}", standalone_mode=False)
+        status = typer.main.get_command(app_of(verb, words)).main(words, f"labanmesh {verb}", standalone_mode=False)
     except TyperException as error:
         text = " ".join(error.format_message().split()) if hasattr(error, "format_message") else str(error)
         # Typer names the parameter and the rule; the value is in what was typed.

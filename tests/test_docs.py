@@ -176,13 +176,13 @@ def command_lines(page):
 
 
 @cache
-def command_of(verb):
-    return typer.main.get_command(app_of(verb))
+def command_of(verb, *words):
+    return typer.main.get_command(app_of(verb, words))
 
 
 def subcommand(words):
     """The command or sub-command that the words begin with, and the words after it."""
-    command = command_of(words[0])
+    command = command_of(*words)
     inner = getattr(command, "commands", {}).get(words[1]) if len(words) > 1 else None
     return (inner, words[2:]) if inner else (command, words[1:])
 

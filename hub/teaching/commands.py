@@ -35,14 +35,21 @@ class BeginOption(StrEnum):
     NOW = "now"
 
 
+class LearnWhen(StrEnum):
+    """When observers learn from corrections."""
+
+    NOW = "now"
+    LATER = "later"
+
+
 @dataclass(frozen=True, slots=True)
 class TeachOptions:
     """As typed on the command line."""
 
     scene: Annotated[Path, typer.Argument(help="The scene file; its observers run, wherever they are.")]
     labels: Annotated[
-        list[str], typer.Argument(help="The movements: lower case letters, digits, underscores; at least two.")
-    ]
+        list[str] | None, typer.Argument(help="The movements: lower case letters, digits, underscores; at least two.")
+    ] = None
     takes: Annotated[int, typer.Option(min=2, help="How often each movement is recorded.")] = 5
     background_minutes: Annotated[
         float, typer.Option(min=0, help="Minutes of ordinary life, from which observers learn what is no movement.")
@@ -65,6 +72,17 @@ class TeachOptions:
     up: Annotated[
         bool, typer.Option("--up", help="If nothing runs yet, run the scene here too, and show it after the lesson.")
     ] = False
+    was: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="WHEN",
+            help="Correct a verdict instead, a LABEL or `nothing` for each: its id, last, 20:14:03, two times with .., "
+            "30s or 2min ago.",
+        ),
+    ] = None
+    learn: Annotated[
+        LearnWhen | None, typer.Option(help="With --was: learn now, the default, or later; alone: learn corrections.")
+    ] = None
 
 
 @takes_options
@@ -81,13 +99,21 @@ def teach(options: TeachOptions) -> None:
     Example: labanmesh teach scene.toml wave point --up --begin clap
 
     Example: labanmesh teach scene.toml nod --add --takes 8
+
+    Example: labanmesh teach scene.toml --was last nothing --was 20:14:03 wave
     """
+    if options.was or options.learn is not None:
+        from hub.teaching.memory_commands import correct_verdicts
+
+        learn_now = options.learn is not LearnWhen.LATER
+        correct_verdicts(options.scene, options.was or [], options.labels or [], options.person, learn_now=learn_now)
+        return
     from common.config import read_scene
     from common.lifecycle import stop_on_signals
     from common.link import Link
 
     config = read_scene(options.scene)
-    _require_teachable(config, options)
+    _require_teachable(config, options, options.labels or [])
     with ExitStack() as here:
         with stop_on_signals() as stop, Link.open(config.mesh, "hub", scene=config.scene) as link:
             log = _started_here(options, config, link, stop, here)
@@ -108,7 +134,7 @@ def _lesson(options: TeachOptions, config: "Scene", link: "Link", stop: threadin
     from hub.teaching.terminal import Terminal, single_keys
 
     plan = LessonPlan(
-        options.labels, secrets.token_hex(8), options.person, options.takes, options.background_minutes * 60,
+        options.labels or [], secrets.token_hex(8), options.person, options.takes, options.background_minutes * 60,
         options.seconds, options.countdown, options.add, options.test, options.alarm_minutes * 60, options.begin.value,
     )  # fmt: skip
     classroom, present = Classroom(link, config.keys), _present(config, options.scene, link)
@@ -138,10 +164,16 @@ def _started_here(
     )
 
 
-def _require_teachable(scene: "Scene", options: TeachOptions) -> None:
+def _require_teachable(scene: "Scene", options: TeachOptions, labels: Sequence[str]) -> None:
+    if not labels:
+        raise BadInput(
+            f"teach {options.scene}: name the movements, e.g. labanmesh teach {options.scene} wave point clap"
+        )
+    if "nothing" in labels:
+        raise BadInput("nothing: this word stands for something else than any movement; choose another name")
     if not options.add:
-        Vocabulary(tuple(options.labels))
-    elif len(set(options.labels)) != len(options.labels):
+        Vocabulary(tuple(labels))
+    elif len(set(labels)) != len(labels):
         raise BadInput("a movement is named twice; name each once")
     if scene.vocabulary is not None:
         raise BadInput(

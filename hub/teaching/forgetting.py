@@ -48,9 +48,9 @@ def _learn_anew(pupils: Pupils, unwanted: Unwanted, replies: Mapping[str, TeachR
     """Those that are left learn from what remains, and change together; where that cannot be, the model goes too."""
     room = pupils.room
     known = [label for label in vocabulary_in_force(list(replies.values())) if label != unwanted.label]
-    # A movement that most have no take of any more is forgotten with the person who taught it.
-    taken = [name for reply in replies.values() for name in reply.takes]
-    pupils.labels = [label for label in known if 2 * taken.count(label) > len(replies)]
+    # A movement of which nobody has a take any more is forgotten with the person who taught it.
+    taken = {label for reply in replies.values() for label in reply.takes}
+    pupils.labels = [label for label in known if label in taken]
     all_change = pupils.labels != vocabulary_in_force(list(replies.values()))
     learning = list(replies) if all_change else left
     changed: list[str] = []

@@ -74,7 +74,8 @@ IMPURE = {
         "hub.dashboard.connections hub.dashboard.serving hub.dashboard.streams hub.healthcheck hub.mqtt.broker "
         "hub.teaching.scene_here hub.teaching.terminal "
         "studies.demo* studies.effort "
-        "studies.evaluate_options observer.learning.learn_options observer.teaching.model_learner common.parallel"
+        "studies.evaluate_options observer.learning.learn_options observer.teaching.model_learner common.parallel "
+        "hub.teaching.memory_commands"
     ),
     "the clock": (
         "fusion.metrics hub.teaching.page_room observer.motion.playback observer.rendering.virtual_camera "

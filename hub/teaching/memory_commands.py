@@ -1,0 +1,150 @@
+"""`labanmesh teach --was` and `labanmesh forget`: what the observers of a running scene remember is put right."""
+
+import secrets
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from common import SECOND_NS
+from common.errors import BadInput, LabanmeshError
+
+if TYPE_CHECKING:
+    from collections.abc import Collection
+
+    from hub.scene_state import SceneState
+    from hub.session import SceneListener
+    from hub.teaching.pupils import Pupils
+    from hub.teaching.room import Room
+
+READY_S = 3.0
+"""So long the last verdicts are waited for."""
+
+
+@dataclass(frozen=True, slots=True)
+class TaughtScene:
+    """A running scene. missing: observers that do not run, or do not answer."""
+
+    pupils: "Pupils"
+    room: "Room"
+    listener: "SceneListener"
+    missing: "Collection[str]"
+
+
+@contextmanager
+def _opened(file: Path) -> Iterator[TaughtScene]:
+    """The observers of a scene that can be asked; raises LabanmeshError if none can."""
+    from common.config import read_scene
+    from common.keys import observer_of
+    from common.lifecycle import stop_on_signals
+    from common.link import Link
+    from common.teaching_messages import TeachRequest
+    from hub.session import SceneListener
+    from hub.teaching.classroom import Classroom
+    from hub.teaching.commands import FIND_S
+    from hub.teaching.pupils import Pupils
+    from hub.teaching.terminal import Terminal
+    from hub.teaching.wording import NO_RIGHT
+
+    scene, teacher = read_scene(file), secrets.token_hex(8)
+    with stop_on_signals() as stop, Link.open(scene.mesh, "hub", scene=scene.scene) as link:
+        presence = link.presence(scene.keys.observer_alive(), map(scene.keys.observer_alive, scene.roster))
+        presence.wait_for(len(scene.roster), FIND_S)
+        names = {observer_of(key) for key in presence.alive}
+        present = [name for name in scene.roster if name in names]
+        if not present:
+            raise LabanmeshError(f"no observer of {scene.scene} runs; start them: labanmesh up {file}")
+        with SceneListener(scene, link, lambda _: None) as listener:
+            room, ask = Terminal(stop, listener, keyboard=False), Classroom(link, scene.keys).ask
+            replies = ask(TeachRequest(command="status", teacher=teacher), present).replies
+            if not replies:
+                raise LabanmeshError(NO_RIGHT)
+            missing = [name for name in scene.roster if name not in replies]
+            pupils = Pupils(teacher, room, ask, list(replies), add=True)
+            try:
+                yield TaughtScene(pupils, room, listener, missing)
+            finally:
+                ask(TeachRequest(command="leave", teacher=teacher), list(replies))
+
+
+def correct_verdicts(file: Path, when: Sequence[str], labels: Sequence[str], person: str, *, learn_now: bool) -> None:
+    """Each of `labels` is what somebody did at the moment of `when` in the same place; then all learn, or later.
+
+    Without any, all learn what was corrected before. Raises BadInput, and LabanmeshError if nothing could be done.
+    """
+    from hub.teaching.correcting import clock_offsets, correct, learn_corrections
+    from hub.teaching.moments import correction_of
+
+    if len(when) != len(labels):
+        raise BadInput(
+            f"--was {len(when)} times, and {len(labels)} labels: each --was WHEN is followed by what it was, e.g. "
+            "--was last wave --was 20:14:03 nothing"
+        )
+    with _opened(file) as taught:
+        for name in taught.missing:
+            taught.room.say(f"{name}: does not answer; the others go on")
+        state = _known_state(taught.listener, taught.room)
+        now, pairs = _fusion_time(state), zip(when, labels, strict=True)
+        corrections = [correction_of(moment, label, state.verdicts, now) for moment, label in pairs]
+        observers = list(taught.pupils.observers)
+        if corrections:
+            made = correct(taught.pupils, corrections, clock_offsets(state), person)
+            observers = [name for name, count in made.items() if count]
+        if learn_now:
+            learn_corrections(taught.pupils, observers)
+        else:
+            taught.room.say(f"nothing is learned yet: labanmesh teach {file} --learn now")
+
+
+def forget(
+    scene: Annotated[Path, typer.Argument(help="The scene file; its observers run, wherever they are.")],
+    person: Annotated[str, typer.Option(help="All takes of this person.")] = "",
+    label: Annotated[str, typer.Option(help="All takes of this movement; it is recognised no more.")] = "",
+    everything: Annotated[bool, typer.Option("--all", help="All that teaching left, and the models.")] = False,
+    yes: Annotated[bool, typer.Option("--yes", help="Do not ask whether that is meant.")] = False,
+) -> None:
+    """Make all observers of a running scene forget a person or a movement: takes, old models, what they remember now;
+    then they learn anew without it. Or remove movements from one model file (MODEL --labels A,B -o MODEL).
+
+    Example: labanmesh forget scene.toml --person anna
+
+    Example: labanmesh forget sofa.model --labels wave -o sofa.model
+    """
+    from common.teaching_messages import Unwanted
+    from hub.teaching.forgetting import forget as forget_everywhere
+
+    if bool(person) + bool(label) + everything != 1:
+        raise BadInput("what is to be forgotten? name one of --person NAME, --label LABEL, --all")
+    what = "everything that was taught" if everything else f"all takes {'by ' + person if person else 'of ' + label}"
+    if not yes:
+        if not sys.stdin.isatty():
+            raise BadInput(f"{what} cannot be brought back; add --yes")
+        typer.confirm(f"forget {what}? It cannot be brought back", abort=True)
+    with _opened(scene) as taught:
+        forget_everywhere(taught.pupils, Unwanted(person, label, everything))
+        if taught.missing:
+            names = ", ".join(taught.missing)
+            raise LabanmeshError(f"not forgotten by {names}: no answer; give the command again when it runs")
+
+
+def _known_state(listener: "SceneListener", room: "Room") -> "SceneState":
+    """The scene once its last verdicts have arrived."""
+    begun_s = room.now_s()
+    while not listener.ready and room.now_s() - begun_s < READY_S:
+        listener.check()
+        room.pause(0.05)
+    return listener.state
+
+
+def _fusion_time(state: "SceneState") -> datetime:
+    """Local time by the clock of the fusion service; by this machine's if it says none."""
+    at_s = time.time()
+    if state.judgement is not None:
+        at_s = state.judgement.at_ns / SECOND_NS + state.silence_s
+    return datetime.fromtimestamp(at_s, UTC).astimezone()

@@ -1,0 +1,193 @@
+"""Corrections and forgetting with observers that only answer: what is asked of them, and what a person reads."""
+
+from datetime import UTC, datetime, timedelta
+
+import pytest
+
+from common import SECOND_NS
+from common.errors import BadInput, LabanmeshError
+from common.messages import Agreement, VerdictMessage, VocabularyReference
+from common.teaching_messages import CorrectedReport, ForgottenReport, LearnedReport, TeachReply, Unwanted
+from hub.teaching.correcting import Correction, correct, learn_corrections
+from hub.teaching.forgetting import forget
+from hub.teaching.moments import correction_of
+from hub.teaching.pupils import Pupils
+from hub.teaching.room import Answers
+
+NOON = datetime(2026, 11, 22, 12, 0, 0, tzinfo=UTC)
+NOON_NS = round(NOON.timestamp() * SECOND_NS)
+
+
+class Observer:
+    """Remembers everything unless `fault` says why not; people: who taught which movement."""
+
+    def __init__(self, fault="", people=None, labels=("wave", "clap")):
+        self.fault, self.labels, self.learned, self.examples, self.asked = fault, list(labels), None, {}, []
+        self.people = {"anna": ["wave", "clap"]} if people is None else people
+        self.in_model, self.was_removed = set(self.people), False
+
+    @property
+    def takes(self):
+        return {label: [1] for labels in self.people.values() for label in labels}
+
+    def answer(self, request):
+        self.asked.append(request)
+        corrected = forgotten = None
+        fault = ""
+        match request.command:
+            case "correct" if self.fault:
+                fault = self.fault
+            case "correct":
+                begin_ns, end_ns = request.from_ns - SECOND_NS, (request.to_ns or request.from_ns) + SECOND_NS
+                self.examples[request.correction] = request.label
+                corrected = CorrectedReport(
+                    id=request.correction, label=request.label, from_ns=begin_ns, to_ns=end_ns, seconds=2.0
+                )
+            case "learn":
+                self.learned = LearnedReport(labels=request.labels)
+            case "adopt":
+                self.labels, self.learned, self.in_model = self.learned.labels, None, set(self.people)
+            case "forget":
+                forgotten = self._forget(request)
+        return TeachReply(
+            state="learned" if self.learned else "idle", fault=fault, pictures=True, takes=self.takes,
+            labels=self.labels, learned=self.learned, corrected=corrected, forgotten=forgotten,
+        )  # fmt: skip
+
+    def _forget(self, request):
+        gone = [p for p in self.people if request.everything or p == request.person]
+        takes = sum(len(self.people.pop(person)) for person in gone)
+        for labels in self.people.values():
+            takes += labels.count(request.label)
+            labels[:] = [label for label in labels if label != request.label]
+        if request.everything or request.models:
+            self.labels, self.in_model, self.was_removed = [], set(), True
+        in_model = request.person in self.in_model or request.label in self.labels
+        return ForgottenReport(takes=takes, in_model=in_model)
+
+
+class Room:
+    def __init__(self, observers):
+        self.lines, self.seconds, self.observers = [], 0.0, observers
+
+    def pause(self, seconds):
+        self.seconds += seconds
+
+    def now_s(self):
+        return self.seconds
+
+    def say(self, line):
+        self.lines.append(line)
+
+    def show(self, step):
+        pass
+
+    def fused_labels(self):
+        voices = [tuple(each.labels) for each in self.observers.values() if each.labels]
+        return max(voices, key=voices.count, default=())
+
+    def ask(self, request, names):
+        return Answers({name: self.observers[name].answer(request) for name in names})
+
+
+def pupils_of(**observers):
+    room = Room(observers)
+    return Pupils("anna", room, room.ask, list(observers), add=True), room
+
+
+def verdict(began_s, label="wave", ended_s=None):
+    at_ns = NOON_NS + round(began_s * SECOND_NS)
+    vocabulary, agreement = VocabularyReference(name="m", hash="0"), Agreement(k=1, n=1)
+    ended_ns = None if ended_s is None else at_ns + round(ended_s * SECOND_NS)
+    return VerdictMessage(
+        scene="home", fusion="f", seq=1, at_ns=at_ns, vocabulary=vocabulary, p=[0.5, 0.5], label=label,
+        certainty_bits=1.0, rule="r", votes={}, agreement=agreement, id=f"home-{at_ns // 1_000_000}",
+        began_ns=at_ns, decided_ns=at_ns + SECOND_NS, ended_ns=ended_ns,
+    )  # fmt: skip
+
+
+VERDICTS = (verdict(-10, "clap"), verdict(-60, "wave", ended_s=2.0))
+
+
+@pytest.mark.parametrize(
+    ("when", "correction"),
+    [
+        ("last", Correction(VERDICTS[0].id, "nod", NOON_NS - 10 * SECOND_NS)),
+        (VERDICTS[1].id, Correction(VERDICTS[1].id, "nod", NOON_NS - 60 * SECOND_NS, NOON_NS - 58 * SECOND_NS)),
+        ("11:59:01", Correction(VERDICTS[1].id, "nod", NOON_NS - 60 * SECOND_NS, NOON_NS - 58 * SECOND_NS)),
+        ("home-1795233753790", Correction("home-1795233753790", "nod", 1795233753790 * 1_000_000)),
+    ],
+)
+def test_a_verdict_is_named_by_its_id_or_its_time(when, correction):
+    assert correction_of(when, "nod", VERDICTS, NOON) == correction
+
+
+def test_a_movement_without_a_verdict_is_named_by_its_moment():
+    missed = correction_of("30s", "wave", VERDICTS, NOON)
+    assert missed.is_moment and missed.began_ns == NOON_NS - 30 * SECOND_NS
+    assert correction_of("2min", "nothing", VERDICTS, NOON).label == ""
+    span = correction_of("11:58:00..11:58:03", "wave", VERDICTS, NOON)
+    assert (span.ended_ns - span.began_ns, span.is_moment) == (3 * SECOND_NS, False)
+    # A time of day that has not come yet was yesterday.
+    began_ns = correction_of("23:00:00", "wave", (), NOON).began_ns
+    assert began_ns == NOON_NS - timedelta(hours=13).total_seconds() * SECOND_NS
+
+
+@pytest.mark.parametrize("when", ["", "yesterday", "25:00:00", "11:58:03..11:58:00", "11:58:03..x"])
+def test_a_moment_that_is_none_is_refused_with_what_is_expected(when):
+    with pytest.raises(BadInput, match="expected"):
+        correction_of(when, "wave", VERDICTS, NOON)
+    with pytest.raises(BadInput, match=r"home-\d+ \(.*clap\)"):
+        correction_of("yesterday", "wave", VERDICTS, NOON)
+
+
+def test_each_observer_is_asked_in_its_own_time_and_those_that_can_learn_and_change():
+    pupils, room = pupils_of(sofa=Observer(), shelf=Observer("remembers no tracks"), door=Observer())
+    wrong, missed = Correction("home-1", "clap", NOON_NS, NOON_NS + SECOND_NS), Correction("m", "", NOON_NS, NOON_NS)
+    made = correct(pupils, [wrong, missed], {"sofa": 2.0}, "anna")
+    assert made == {"sofa": 2, "shelf": 0, "door": 2}
+    sofa, door = room.observers["sofa"], room.observers["door"]
+    at_ns = [[r.from_ns - NOON_NS for r in each.asked if r.command == "correct"] for each in (sofa, door)]
+    # Of the missed one the sofa found when it was, and the door was asked for the same.
+    assert at_ns == [[2 * SECOND_NS, 2 * SECOND_NS], [0, -SECOND_NS]]
+    assert "  shelf: remembers no tracks" in room.lines and any("was something else" in line for line in room.lines)
+    learn_corrections(pupils, ["sofa", "door"])
+    assert room.lines[-1] == "2 observers and the fusion service recognise wave, clap from now on"
+    assert room.observers["shelf"].learned is None and sofa.examples == {"home-1": "clap", "m": ""}
+
+
+def test_what_cannot_be_corrected_is_said_in_a_line():
+    pupils, _ = pupils_of(sofa=Observer())
+    with pytest.raises(BadInput, match="nod: known: wave, clap; teach it first"):
+        correct(pupils, [Correction("a", "nod", NOON_NS)], {}, "anna")
+    pupils, room = pupils_of(sofa=Observer("remembers no tracks"))
+    with pytest.raises(LabanmeshError, match="no observer could make an example"):
+        correct(pupils, [Correction("a", "wave", NOON_NS)], {}, "anna")
+    pupils, room = pupils_of(sofa=Observer(people={}), shelf=Observer(labels=()))
+    with pytest.raises(LabanmeshError, match="no observer can be corrected"):
+        correct(pupils, [Correction("a", "wave", NOON_NS)], {}, "anna")
+    assert "sofa: its model was not made by labanmesh teach, and cannot be corrected; the others go on" in room.lines
+
+
+def test_a_person_is_forgotten_and_what_others_taught_stays():
+    people = {"anna": ["wave"], "ben": ["wave", "clap"]}
+    pupils, room = pupils_of(sofa=Observer(people=people), shelf=Observer())
+    forget(pupils, Unwanted(person="anna"))
+    sofa, shelf = room.observers["sofa"], room.observers["shelf"]
+    assert "sofa: removed 1 take; learns anew without it" in room.lines and sofa.labels == ["wave", "clap"]
+    # Only anna had taught the shelf: nothing is left to learn from.
+    assert shelf.was_removed and not sofa.was_removed and sofa.in_model == {"ben"}
+
+
+def test_a_movement_is_forgotten_by_all_and_everything_leaves_no_model():
+    observers = {
+        name: Observer(people={"anna": ["wave", "clap", "nod"]}, labels=("wave", "clap", "nod")) for name in "ab"
+    }
+    pupils, _ = pupils_of(**observers)
+    forget(pupils, Unwanted(label="clap"))
+    assert all(each.labels == ["wave", "nod"] and not each.was_removed for each in observers.values())
+    forget(pupils, Unwanted(label="nod"))
+    assert all(each.was_removed for each in observers.values()), "one movement alone cannot be told from others"
+    pupils, _ = pupils_of(sofa=Observer())
+    forget(pupils, Unwanted(everything=True))
+    assert pupils.observers == ["sofa"]
