@@ -4,8 +4,10 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from common.errors import BadInput
+from common.messages import VerdictMessage
 from common.teaching_messages import ShownTracks, TeachReply
 from common.vocabulary import ABSTAIN, LABEL
+from hub.scene_state import is_abstention
 from hub.teaching.lesson import LessonPlan
 from hub.teaching.room import Action, ActionKind, Step
 from hub.teaching.wording import begun_labels, known_labels, presence_line
@@ -15,7 +17,7 @@ if TYPE_CHECKING:
 
 Json = dict[str, Any]
 LABELS_MOST, TAKES, MINUTES, SECONDS = 30, (2, 20), (0.0, 15.0), (0.5, 12.0)
-NAME_MOST = 64
+NAME_MOST, NS_PER_MS = 64, 1_000_000
 NEWS_SHOWN = 4
 TAKE_STEPS = ("ready", "countdown", "now", "between", "review")
 ACTIONS: dict[str, ActionKind] = {kind: kind for kind in ("go", "repeat", "drop", "more", "skip", "pause")}
@@ -34,6 +36,7 @@ def desk_data(desk: "TeachDesk") -> Json:
             {**_observer(name, reply, name in desk.silent), "picture": name in pictures}
             for name, reply in replies.items()
         ],
+        "said": [_verdict(each) for each in desk.verdicts],
         "lesson": None if lesson is None else _lesson(lesson),
     }
 
@@ -73,6 +76,14 @@ def action_of(fields: Mapping[str, Any]) -> Action:
     return Action(kind, take)
 
 
+def corrections_of(fields: Mapping[str, Any]) -> dict[str, str]:
+    """What movements really were, by the ids of their verdicts; "" for none. Raises BadInput."""
+    labels = fields.get("labels")
+    if not isinstance(labels, dict) or not all(isinstance(label, str) for label in labels.values()):
+        raise BadInput("labels: what each verdict should have been is expected")
+    return {str(verdict): label for verdict, label in labels.items()}
+
+
 def _check_labels(labels: list[str], known: list[str]) -> None:
     if not labels:
         raise BadInput("name at least one movement")
@@ -106,18 +117,36 @@ def _lesson(lesson: "PageLesson") -> Json:
         "number": shown.number,
         "waits": shown.waits,
         "step": _step(shown.step),
+        "corrects": plan is None,
+        **({"labels": []} if plan is None else _plan(plan)),
+        "over": lesson.over,
+        "fault": lesson.fault,
+        "news": _news(lesson),
+        "results": [line.text for line in lines if line.kind == "learning"],
+        "corrected": [line.text for line in lines if plan is None and line.kind == "look"],
+        "test": [line.text for line in lines if line.is_test],
+        "adopted": any(line.kind == "adopting" for line in lines),
+    }
+
+
+def _plan(plan: LessonPlan) -> Json:
+    """As `plan_of` takes it."""
+    return {
         "labels": list(plan.labels),
         "takes": plan.takes,
         "add": plan.add,
         "person": plan.person,
         "minutes": plan.background_s / 60,
         "seconds": plan.seconds,
-        "over": lesson.over,
-        "fault": lesson.fault,
-        "news": _news(lesson),
-        "results": [line.text for line in lines if line.kind == "learning"],
-        "test": [line.text for line in lines if line.is_test],
-        "adopted": any(line.kind == "adopting" for line in lines),
+    }
+
+
+def _verdict(verdict: VerdictMessage) -> Json:
+    return {
+        "id": verdict.id,
+        "label": "" if is_abstention(verdict) else verdict.label,
+        "began": verdict.began_ns // NS_PER_MS,
+        "ended": verdict.ended_ns is not None,
     }
 
 

@@ -32,7 +32,7 @@ from hub.dashboard.access import (
     static_page,
     too_many_guesses,
 )
-from hub.dashboard.teach_data import action_of, desk_data, plan_of, tracks_data
+from hub.dashboard.teach_data import action_of, corrections_of, desk_data, plan_of, tracks_data
 from hub.home_assistant import home_assistant_advice
 from hub.teaching.desk import TeachDesk
 from hub.teaching.wording import known_labels
@@ -77,7 +77,7 @@ class TeachPage:
         routes.append(static_page("/teach", "teach.html", html.replace("<!--off-->", off).encode()))
         if self._desk is None:
             return routes
-        acts = {"start": self._start, "press": self._press, "stop": self._stop}
+        acts = {"start": self._start, "press": self._press, "stop": self._stop, "correct": self._correct}
         routes += [Route(f"/teach/{name}", self._posted(act), methods=["POST"]) for name, act in acts.items()]
         routes += [
             Route("/teach/enter", self._admitted(self._enter), methods=["POST"]),
@@ -161,6 +161,9 @@ class TeachPage:
         plan = plan_of(fields, known_labels(desk.observers), secrets.token_hex(8))
         desk.start(plan)
         log.info("teaching from the page: %s", ", ".join(plan.labels))
+
+    def _correct(self, fields: dict[str, Any]) -> None:
+        self._required.correct(corrections_of(fields))
 
     def _press(self, fields: dict[str, Any]) -> None:
         number = fields.get("number")

@@ -11,9 +11,10 @@ import secrets
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 
+from common import SECOND_NS
 from common.config import Scene
 from common.errors import BadInput, LabanmeshError
 from common.keys import observer_of
@@ -23,8 +24,10 @@ from common.teaching_messages import ShownTracks, TeachReply, TeachRequest
 from hub.scene_state import SceneState
 from hub.session import ArrivedVerdict, SceneUpdate
 from hub.teaching.classroom import Classroom
+from hub.teaching.correcting import Correction, clock_offsets, correct, learn_corrections
 from hub.teaching.lesson import Lesson, LessonPlan
 from hub.teaching.page_room import MOVED_ON, PageRoom
+from hub.teaching.pupils import Pupils
 from hub.teaching.room import Action, Answers
 from hub.teaching.verdicts import newly_decided
 from hub.teaching.wording import NO_RIGHT
@@ -37,15 +40,19 @@ LEASE_S = 5.0
 LEFT_S = 1800.0
 VERDICTS_LIMIT = 100
 END_S = 5.0
+SOMEONE = "someone"
 BUSY = "a lesson is going on, perhaps from another phone; it is shown here"
 
 
 @dataclass(slots=True)
 class PageLesson:
-    """A lesson and how it ended. fault: one line; over: it goes on no more."""
+    """A lesson, or corrections that are learned, and how it ended. plan: None for corrections.
+
+    fault: one line; over: it goes on no more.
+    """
 
     id: str
-    plan: LessonPlan
+    plan: LessonPlan | None
     room: PageRoom
     thread: threading.Thread | None = None
     over: bool = False
@@ -62,7 +69,7 @@ class TeachDesk:
         self.scene, self._clock = scene, clock
         self._classroom = Classroom(link, scene.keys)
         self._glance = Classroom(link, scene.keys, answer_s=1.0, attempts=1)
-        self._presence = link.presence(scene.keys.observer_alive())
+        self._presence = link.presence(scene.keys.observer_alive(), map(scene.keys.observer_alive, scene.roster))
         self._lock = threading.Lock()
         self._lesson: PageLesson | None = None
         self._replies: dict[str, TeachReply] = {}
@@ -108,8 +115,44 @@ class TeachDesk:
         if changed:
             self._changed()
 
+    @property
+    def verdicts(self) -> list[VerdictMessage]:
+        """The verdicts that can be corrected, newest first."""
+        state, kept_s = self._scene_state, 60 * self.scene.teaching.remember_minutes
+        return [each for each in state.verdicts if state.now_ns - each.began_ns < kept_s * SECOND_NS]
+
     def start(self, plan: LessonPlan) -> None:
         """Begin a lesson; raises BadInput, one line, if it cannot."""
+
+        def teach(lesson: PageLesson, present: Sequence[str]) -> None:
+            Lesson(plan, lesson.room, self._ask, present).run()
+
+        self._begin(plan.teacher, plan, teach)
+
+    def correct(self, labels: Mapping[str, str]) -> None:
+        """Learn what the movements of verdicts really were, by their ids; "" for none of the movements.
+
+        Raises BadInput, one line, if it cannot begin.
+        """
+        verdicts = {each.id: each for each in self.verdicts}
+        if not labels or not set(labels) <= set(verdicts):
+            raise BadInput("that verdict is too old: the cameras no longer remember what they saw then")
+        corrections = [Correction.of_verdict(verdicts[verdict], label) for verdict, label in labels.items()]
+        offsets = clock_offsets(self._scene_state)
+
+        def learn_anew(lesson: PageLesson, present: Sequence[str]) -> None:
+            pupils = Pupils(lesson.id, lesson.room, self._ask, list(present), add=True)
+            try:
+                made = correct(pupils, corrections, offsets, SOMEONE)
+                learn_corrections(pupils, [name for name, count in made.items() if count])
+            finally:
+                self._ask(TeachRequest(command="leave", teacher=lesson.id), present)
+
+        self._begin(secrets.token_hex(8), None, learn_anew)
+
+    def _begin(
+        self, lesson_id: str, plan: LessonPlan | None, work: Callable[[PageLesson, Sequence[str]], None]
+    ) -> None:
         if self.scene.vocabulary is not None:
             raise BadInput(
                 "the scene file names its vocabulary, so nothing else can be taught; remove that line and start the "
@@ -123,8 +166,8 @@ class TeachDesk:
                 raise BadInput(BUSY)
             self._arrived.clear()
             room = PageRoom(self._changed, lambda: self._scene_state.labels, lambda: newly_decided(self._arrived))
-            lesson = PageLesson(plan.teacher, plan, room)
-            lesson.thread = threading.Thread(target=self._run, args=(lesson, present), name="lesson", daemon=True)
+            lesson = PageLesson(lesson_id, plan, room)
+            lesson.thread = threading.Thread(target=self._run, args=(lesson, present, work), name="lesson", daemon=True)
             self._lesson = lesson
         self._changed()
         lesson.thread.start()
@@ -169,11 +212,14 @@ class TeachDesk:
         reply = self._glance.ask(request, [observer]).replies.get(observer)
         return None if reply is None else reply.tracks
 
-    def _run(self, lesson: PageLesson, present: Sequence[str]) -> None:
+    def _run(
+        self, lesson: PageLesson, present: Sequence[str], work: Callable[[PageLesson, Sequence[str]], None]
+    ) -> None:
         try:
-            if not self._ask(TeachRequest(command="status", teacher=lesson.id), present).replies:
+            replies = self._ask(TeachRequest(command="status", teacher=lesson.id), present).replies
+            if not replies:
                 raise LabanmeshError(NO_RIGHT)
-            Lesson(lesson.plan, lesson.room, self._ask, present).run()
+            work(lesson, list(replies))
         except KeyboardInterrupt:
             lesson.fault = "stopped; every take is kept"
         except LabanmeshError as error:

@@ -123,7 +123,8 @@ function show() {
   $("off").hidden = !off;
   $("door").hidden = off || Boolean(key);
   $("setup").hidden = !setup;
-  $("lesson").hidden = $("course").hidden = !lesson;
+  $("lesson").hidden = !lesson;
+  $("course").hidden = !lesson || lesson.corrects;
   $("main").dataset.screen = lesson ? "lesson" : "setup";
   $("views").hidden = !(setup || (lesson && !lesson.over && lesson.waits && ["ready", "test"].includes(step.kind)));
   $("stop").hidden = !lesson || lesson.over;
@@ -249,6 +250,7 @@ function learners() {
 }
 function overStage(lesson) {
   if (lesson.fault) return [...stage("", lesson.fault.startsWith("stopped") ? "Stopped" : "It cannot go on", lesson.fault)];
+  if (lesson.corrects) return [...stage("", "Corrected", "The cameras have learned from it."), wordsOf(lesson.corrected)];
   if (!lesson.adopted) return stage("", "Nothing has changed", "It goes on with what it knew. The takes are kept.");
   return [...stage("", "Done", `It recognises ${listed(state.known)}.`), ...(lesson.test.length ? [wordsOf(lesson.test)] : [])];
 }
@@ -267,8 +269,8 @@ function showLesson(lesson) {
 }
 function buttons(lesson, step) {
   if (lesson.over) return [
-    ...(lesson.fault || !lesson.adopted ? [button("Go on with it", () => send("teach/start", { labels: lesson.labels, add: lesson.add, takes: lesson.takes, minutes: lesson.minutes, person: lesson.person, seconds: lesson.seconds }), "main")] : []),
-    button(lesson.fault ? "Choose other movements" : "Teach more", () => send("teach/stop", { lesson: lesson.id }), lesson.fault || !lesson.adopted ? "second" : "main")];
+    ...((lesson.fault || !lesson.adopted) && !lesson.corrects ? [button("Go on with it", () => send("teach/start", { labels: lesson.labels, add: lesson.add, takes: lesson.takes, minutes: lesson.minutes, person: lesson.person, seconds: lesson.seconds }), "main")] : []),
+    button(lesson.corrects ? "Back" : lesson.fault ? "Choose other movements" : "Teach more", () => send("teach/stop", { lesson: lesson.id }), !lesson.corrects && (lesson.fault || !lesson.adopted) ? "second" : "main")];
   const following = lesson.labels[lesson.labels.indexOf(step.label) + 1];
   if (lesson.waits) switch (step.kind) {
     case "ready": return step.label ? [button("Start", () => press("go"), "main")]
@@ -426,8 +428,34 @@ function signal(lesson, step) {
   put($("announcement"), spoken);
 }
 
-/* What it said in the last minutes, and Home Assistant. */
-function showCorrections() { $("corrections").hidden = true; }
+/* What it said in the last minutes, which can be corrected, and Home Assistant. */
+let wrong = new Map(), opened = "";
+function showCorrections(possible) {
+  const said = possible ? state.said.filter((each) => each.ended) : [];
+  $("corrections").hidden = said.length === 0 || state.known.length === 0;
+  wrong = new Map([...wrong].filter(([id]) => said.some((each) => each.id === id)));
+  part($("said"), [said, state.known, [...wrong], opened], () => said.map(verdictLine));
+  $("learn-again").hidden = wrong.size === 0;
+  put($("learn-again"), `Learn from ${count(wrong.size, "correction")}`);
+}
+function verdictLine(verdict) {
+  const chosen = wrong.get(verdict.id), name = (label) => label ? words(label) : "nothing", open = opened === verdict.id;
+  const act = button(chosen !== undefined ? "Undo" : open ? "It was right" : "Wrong?", () => {
+    if (chosen !== undefined) wrong.delete(verdict.id);
+    opened = open || chosen !== undefined ? "" : verdict.id;
+    show();
+  });
+  const item = make("li", "", make("p", "", make("span", "quiet", `${clock(verdict.began)} `), make("b", "", verdict.label ? words(verdict.label) : "no agreement"), ...(chosen === undefined ? [] : [` → ${name(chosen)}`])), act);
+  if (open) {
+    item.append(make("p", "quiet", "What was it?"), make("ul", "chips", ...[...state.known.filter((each) => each !== verdict.label), ""].map((label) =>
+      make("li", "", button(label ? words(label) : "none of them", () => { wrong.set(verdict.id, label); opened = ""; show(); })))));
+  }
+  return item;
+}
+const clock = (ms) => new Date(ms).toLocaleTimeString([], { hour: "2-digit", minute: "2-digit", second: "2-digit", hour12: false });
+$("learn-again").addEventListener("click", async () => {
+  if (await send("teach/correct", { labels: Object.fromEntries(wrong) })) wrong.clear();
+});
 let asked = 0;
 function showHome(possible) {
   $("home").hidden = !possible;

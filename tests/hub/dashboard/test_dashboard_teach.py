@@ -22,7 +22,7 @@ from hub.teaching.room import Action, Step
 
 TOKEN = "a-word-of-sixteen-and-more"  # noqa: S105 - a test
 BEARER = {"authorization": f"Bearer {TOKEN}"}
-POSTS, TRACKS = ("start", "press", "stop", "enter"), ("now/cam1", "take/cam1/wave/1")
+POSTS, TRACKS = ("start", "press", "stop", "correct", "enter"), ("now/cam1", "take/cam1/wave/1")
 PAGE = ("GET", "/teach", {})
 PLAN = {"labels": ["wave", "clap"], "takes": 3, "minutes": 1, "person": "anna"}
 
@@ -33,6 +33,7 @@ class Desk:
     def __init__(self, scene):
         self.scene, self.version, self.silent, self.scene_state = scene, 7, frozenset(), SceneState("room")
         self.lesson, self.plans, self.pressed, self.stopped, self.looks = None, [], [], [], 0
+        self.verdicts, self.corrected = [], []
         reply = TeachReply(
             state="learned", pictures=True, visible=True, takes={"nod": [1, 2], "ok": [1]}, other_s=61.2, labels=["ok"],
             take=TakeReport(label="nod", take=2, state="kept", seconds=1.44),
@@ -53,6 +54,9 @@ class Desk:
 
     def stop(self, lesson):
         self.stopped.append(lesson)
+
+    def correct(self, labels):
+        self.corrected.append(labels)
 
     def now(self, observer):
         if observer != "cam1":
@@ -92,6 +96,8 @@ def test_a_lesson_is_begun_pressed_and_stopped_by_those_who_have_the_token(desk)
     (plan,) = desk.plans
     assert (plan.labels, plan.takes, plan.background_s, plan.person) == (["wave", "clap"], 3, 60, "anna")
     assert desk.pressed == [("abc", 4, Action("drop", 2))] and desk.stopped == ["abc"]
+    right, wrong = ask(desk, post("correct", {"labels": {"v1": "", "v2": "ok"}}), post("correct", {"labels": ["v1"]}))
+    assert (right.status_code, wrong.status_code, desk.corrected) == (204, 409, [{"v1": "", "v2": "ok"}])
     again, now, unknown, missing, home = ask(
         desk, post("start", PLAN), *(("GET", f"/teach/{path}", {"headers": BEARER})
         for path in ("now/cam1", "now/attic", "take/cam1/wave/3", "home")),
@@ -212,12 +218,18 @@ def test_one_movement_can_be_added_and_presses_are_checked():
             action_of(fields)
 
 
-def test_the_state_says_how_observers_and_lesson_stand(desk):
+def test_the_state_says_how_observers_and_lesson_stand(desk, make):
+    desk.verdicts = [make.verdict(2, label="abstain"), make.verdict(1, ended_ns=make.NOON)]
     state = desk_data(desk)
     cam1, cam2 = state["observers"]
     assert state["known"] == ["ok"] and state["begun"] == ["nod"] and state["lesson"] is None
     assert cam1["ready"] and cam1["line"] == "sees somebody" and cam1["take"]["seconds"] == 1.4 and cam1["other"] == 61
     assert cam2 == {"name": "cam2", "ready": False, "line": "does not run", "picture": False}
+    began = (make.NOON - make.SECOND) // 10**6
+    assert state["said"] == [
+        {"id": "v2", "label": "", "began": began, "ended": False},
+        {"id": "v1", "label": "nthrow", "began": began, "ended": True},
+    ]
     room = PageRoom(lambda: None, tuple, tuple)
     desk.lesson = PageLesson("abc", plan_of(PLAN, [], "abc"), room)
     room.say("cam1: sees somebody")

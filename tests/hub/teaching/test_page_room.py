@@ -2,6 +2,7 @@
 
 import contextlib
 import threading
+from types import SimpleNamespace
 
 import pytest
 from played_scene import until
@@ -9,7 +10,7 @@ from played_scene import until
 from common.config import read_scene
 from common.errors import BadInput
 from common.link import Link
-from common.teaching_messages import LearnedReport, ShownTracks, TakeReport, TeachReply, TeachRequest
+from common.teaching_messages import CorrectedReport, LearnedReport, ShownTracks, TakeReport, TeachReply, TeachRequest
 from common.wire import decode, encode
 from hub.session import SceneUpdate
 from hub.teaching.desk import BUSY, TeachDesk
@@ -96,7 +97,7 @@ class Pupil:
     def respond(self, payload):
         if not self.answers:
             return None
-        request, tracks = decode(TeachRequest, payload), None
+        request, tracks, corrected = decode(TeachRequest, payload), None, None
         match request.command:
             case "status":
                 self.seats.add(request.teacher)
@@ -109,12 +110,15 @@ class Pupil:
                 self.learned = LearnedReport(labels=request.labels, results={"wave": {"wave": 2}})
             case "adopt":
                 self.labels, self.learned = self.learned.labels, None
+            case "correct":
+                times = {"from_ns": request.from_ns, "to_ns": request.to_ns, "seconds": 1.0}
+                corrected = CorrectedReport(id=request.correction, label=request.label, **times)
             case "show":
                 tracks = ShownTracks(body_parts=["head"], points=[500, request.take])
         return encode(
             TeachReply(
                 state="learned" if self.learned else "idle", pictures=True, visible=True, takes=self.takes,
-                take=self.last, labels=self.labels, learned=self.learned, tracks=tracks,
+                take=self.last, labels=self.labels, learned=self.learned, tracks=tracks, corrected=corrected,
             )
         )  # fmt: skip
 
@@ -150,7 +154,7 @@ def press(desk, kind, step, take=0, label=None):
     until(lambda: desk.lesson.over or desk.lesson.room.shown.number != number or not desk.lesson.room.shown.waits, step)
 
 
-def test_a_whole_lesson_by_presses(desk):
+def test_a_whole_lesson_by_presses_and_a_correction(desk, make):
     desk, pupil = desk
     assert desk.observers["cam2"] is None
     assert desk.now("cam1").points == [500, 0] and desk.take("cam1", "wave", 7).points == [500, 7]
@@ -169,16 +173,21 @@ def test_a_whole_lesson_by_presses(desk):
     press(desk, "go", "review", label="clap")
     assert pupil.takes == {"wave": [2, 3], "clap": [1, 2]}
     press(desk, "go", "learned")
-    state = desk.scene_state
     until(lambda: pupil.labels, "it adopts")
-    follower = type("State", (), {"labels": ("wave", "clap"), "now_ns": 0})()
-    desk.note(SceneUpdate(follower))
+    verdict = make.verdict(1, label="clap", ended_ns=make.NOON)
+    fused = SimpleNamespace(labels=("wave", "clap"), now_ns=make.NOON, verdicts=(verdict,), observers=())
+    desk.note(SceneUpdate(fused))
     press(desk, "skip", "test")
     until(lambda: desk.lesson.over, "it ends")
-    assert desk.lesson.fault == "" and state.labels == ()
+    assert desk.lesson.fault == ""
     assert "cam1: wave 2 of 2" in [line.text for line in desk.lesson.room.shown.lines if line.kind == "learning"]
     desk.stop(desk.lesson.id)
     assert desk.lesson is None
+    with pytest.raises(BadInput, match="no longer remember"):
+        desk.correct({"v9": "wave"})
+    desk.correct({"v1": "wave"})
+    until(lambda: desk.lesson.over, "it has learned from the correction")
+    assert desk.lesson.fault == "" and "was wave: kept by cam1 (1.0 s)" in desk.lesson.room.shown.lines[0].text
 
 
 def test_a_lesson_keeps_its_seat_while_it_waits_and_says_why_it_ends(desk):
