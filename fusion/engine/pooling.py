@@ -1,4 +1,4 @@
-"""Pooling of everything that observers publish: movements, "something else", facing, facets and rest. Pure.
+"""Pooling of everything that observers publish: movements, "something else", facing and facets. Pure.
 
 1. Unlearned: an observer may say how likely the movement is none of the vocabulary, u. This adds an answer, "something
    else": q = ((1-u) p, u), with a uniform prior over M+1 answers. An observer that does not say it is taken at the
@@ -8,7 +8,7 @@
    the movements alone, mixes movement and facing together, and the facing is then summed out.
 3. Temperature flattens or sharpens the pooled posterior over the answers. The facing, given the answer, stays.
 4. A facet is pooled by the same rule over the observers that publish it.
-5. Rest is the median over all observers whose posterior is pooled, weighted by freshness and not by the rule.
+5. Rest is pooled in rest.py.
 """
 
 from collections import Counter
@@ -26,10 +26,6 @@ from fusion.engine.strengths import ObserverTrust
 FACING = "facing"
 FACETS_LIMIT = 32
 """At most so many facets are pooled, so that invented names cost no time."""
-
-
-LEAST_FRESHNESS = 1e-9
-"""An observer with less left of its opinion has no vote on rest."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,31 +122,6 @@ def pool_facets(rule: Rule, posteriors: Sequence[AgedPosterior]) -> dict[str, Fl
             rows = np.array([posteriors[n].facets[name] for n in places])
             pooled[name] = _pool_rows(rule, rows, uniform(size), trust.subset(places)).p
     return pooled
-
-
-def pooled_rest(posteriors: Sequence[AgedPosterior]) -> float:
-    """The probability that the person is at rest (5): the weighted median, the mean of two.
-
-    An observer that cannot tell two movements apart still sees motion, and one of three that publishes any rest, or
-    flips it, moves the result only between the other two. Old posteriors count too, in proportion, so that observers
-    at 2 Hz are not outvoted by a fast one, and an observer that sees nobody counts less and less. If all have gone,
-    the rest of those that went lately holds a little longer, because the network may have failed; long silence of all
-    is rest.
-    """
-    used = [one for one in posteriors if one.state in POOLED_STATES and one.freshness > LEAST_FRESHNESS]
-    votes = sorted((one.rest, one.freshness) for one in used)
-    if not votes:
-        votes = sorted((one.rest, 1.0) for one in posteriors if one.rest < 1.0) or [(1.0, 1.0)]
-    # Each vote stands at the middle of its weight; between two votes the result is interpolated. Plain Python, because
-    # there are few observers.
-    half, before = sum(weight for _, weight in votes) / 2, 0.0
-    last_rest, last_middle = votes[0][0], 0.0
-    for rest, weight in votes:
-        middle = before + weight / 2
-        if middle >= half:
-            return last_rest + (rest - last_rest) * (half - last_middle) / (middle - last_middle)
-        last_rest, last_middle, before = rest, middle, before + weight
-    return last_rest
 
 
 def newest_ns(posteriors: Sequence[AgedPosterior], now_ns: int) -> int | None:

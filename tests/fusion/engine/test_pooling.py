@@ -1,7 +1,6 @@
 """Pooling of movements, "something else", facing and facets."""
 
 import itertools
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -19,7 +18,6 @@ from fusion.engine.pooling import (
     pool_joint,
     pool_many,
     pool_posteriors,
-    pooled_rest,
 )
 from fusion.engine.rules import DEFAULT_RULE, RULES, Rule, RuleResult, get_rule
 
@@ -213,38 +211,3 @@ def test_many_scenes_at_once_are_pooled_as_each_alone(scenes):
 
 
 # Rest
-
-
-def resting(*votes):
-    """Observers with these (rest, freshness)."""
-    return [aged_rest(n, rest, freshness) for n, (rest, freshness) in enumerate(votes)]
-
-
-def aged_rest(n, rest, freshness, state="counted"):
-    return replace(posterior(n, P[0]), rest=rest, freshness=freshness, state=state)
-
-
-@given(st.lists(st.tuples(st.floats(0, 1), st.floats(0.01, 1)), min_size=1, max_size=6), st.floats(0.1, 1))
-def test_rest_is_a_median_that_needs_no_order_and_no_scale(votes, scale):
-    rest = pooled_rest(resting(*votes))
-    assert min(r for r, _ in votes) <= rest <= max(r for r, _ in votes)
-    assert pooled_rest(resting(*votes[::-1])) == pytest.approx(rest)
-    assert pooled_rest(resting(*((r, w * scale) for r, w in votes))) == pytest.approx(rest)
-    equal = [(r, 1.0) for r, _ in votes]
-    assert pooled_rest(resting(*equal)) == pytest.approx(np.median([r for r, _ in votes]))
-
-
-@given(st.floats(0, 1), st.floats(0, 1), st.floats(0, 1), st.floats(0.5, 1))
-def test_one_of_three_cannot_decide_whether_the_person_rests(one, two, liar, freshness):
-    rest = pooled_rest(resting((one, freshness), (two, freshness), (liar, 1.0)))
-    if min(one, two) > 0.85:
-        assert rest > 0.5
-    if max(one, two) < 0.15:
-        assert rest < 0.5
-
-
-def test_an_observer_that_sees_nobody_leaves_rest_to_the_others_and_silence_of_all_is_rest():
-    assert pooled_rest(resting((0.1, 1.0), (0.99, 1e-6), (1.0, 1e-9))) == pytest.approx(0.1, abs=1e-3)
-    assert pooled_rest(resting((0.3, 5e-324), (0.9, 0.0))) == pytest.approx(0.6)
-    gone = [aged_rest(0, 0.1, 0.0, "silent"), aged_rest(1, 1.0, 0.0, "silent")]
-    assert pooled_rest(gone) == pytest.approx(0.1) and pooled_rest(gone[1:]) == 1.0

@@ -1,0 +1,101 @@
+"""Rest is decided by the observers together: no single one of three, nor a stuck or flapping one of two, decides it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from engine_stage import LABELS, UNIFORM, EngineDriver, aged, sure
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fusion.engine.rest import LEAST_TRUST, RestTrust, pooled_rest
+
+STEP_NS = 100_000_000
+
+
+def resting(*votes):
+    """Observers with these (rest, freshness)."""
+    return [aged_rest(n, rest, freshness) for n, (rest, freshness) in enumerate(votes)]
+
+
+def aged_rest(n, rest, freshness, state="counted"):
+    """An observer's aged posterior with this rest."""
+    return replace(aged(f"cam{n}", UNIFORM, state), rest=rest, freshness=freshness)
+
+
+@given(st.lists(st.tuples(st.floats(0, 1), st.floats(0.01, 1)), min_size=1, max_size=6), st.floats(0.1, 1))
+def test_rest_is_a_median_that_needs_no_order_and_no_scale(votes, scale):
+    rest = pooled_rest(resting(*votes))
+    assert min(r for r, _ in votes) <= rest <= max(r for r, _ in votes)
+    assert pooled_rest(resting(*votes[::-1])) == pytest.approx(rest)
+    assert pooled_rest(resting(*((r, w * scale) for r, w in votes))) == pytest.approx(rest)
+    equal = [(r, 1.0) for r, _ in votes]
+    assert pooled_rest(resting(*equal)) == pytest.approx(np.median([r for r, _ in votes]))
+
+
+@given(st.floats(0, 1), st.floats(0, 1), st.floats(0, 1), st.floats(0.5, 1))
+def test_one_of_three_cannot_decide_whether_the_person_rests(one, two, liar, freshness):
+    rest = pooled_rest(resting((one, freshness), (two, freshness), (liar, 1.0)))
+    if min(one, two) > 0.85:
+        assert rest > 0.5
+    if max(one, two) < 0.15:
+        assert rest < 0.5
+
+
+def test_an_observer_that_sees_nobody_leaves_rest_to_the_others_and_silence_of_all_is_rest():
+    assert pooled_rest(resting((0.1, 1.0), (0.99, 1e-6), (1.0, 1e-9))) == pytest.approx(0.1, abs=1e-3)
+    assert pooled_rest(resting((0.3, 5e-324), (0.9, 0.0))) == pytest.approx(0.6)
+    gone = [aged_rest(0, 0.1, 0.0, "silent"), aged_rest(1, 1.0, 0.0, "silent")]
+    assert pooled_rest(gone) == pytest.approx(0.1) and pooled_rest(gone[1:]) == 1.0
+
+
+def trusted(*courses):
+    """Each observer's trust after courses of rest, a step each: 0 moving, 1 resting, - sees nobody."""
+    trust, result = RestTrust(), []
+    for step, sides in enumerate(zip(*courses, strict=True)):
+        posteriors = [aged_rest(n, float(s == "1"), float(s != "-")) for n, s in enumerate(sides)]
+        result = trust.update(posteriors, (step + 1) * STEP_NS)
+    return result
+
+
+PERSON = ("1" * 15 + "0" * 15) * 4
+LATE = PERSON[-2:] + PERSON[:-2]
+LIARS = {"moving": "0" * 120, "resting": "1" * 120, "flaps": "01" * 60}
+
+
+@pytest.mark.parametrize("lie", LIARS.values(), ids=LIARS)
+@pytest.mark.parametrize("others", [(PERSON,), (PERSON, LATE), (PERSON, "-" * 120, "-" * 120)], ids=len)
+def test_who_is_stuck_or_flaps_loses_trust_and_the_others_keep_it(lie, others):
+    *honest, liar = trusted(*others, lie)
+    assert liar < 0.3 and all(trust > 0.8 for trust in honest)
+
+
+def test_who_contradicts_two_others_loses_trust_and_one_liar_takes_it_from_nobody():
+    inverted = PERSON.translate(str.maketrans("01", "10"))
+    one, two, liar = trusted(PERSON, LATE, inverted)
+    assert one > 0.9 and two > 0.9 and liar == LEAST_TRUST
+
+
+def test_a_clock_that_was_set_back_begins_anew():
+    trust = RestTrust()
+    for n in range(60):
+        trust.update([aged_rest(0, n % 2, 1.0), aged_rest(1, 0.1, 1.0)], n * STEP_NS)
+    assert trust.update([aged_rest(0, 0.1, 1.0), aged_rest(1, 0.1, 1.0)], 0) == [1.0, 1.0]
+
+
+@pytest.mark.parametrize("lie", [(0.0,), (1.0,), (0.0, 1.0)], ids=["moving", "resting", "flips"])
+@pytest.mark.parametrize("every", [1, 3], ids=["10 Hz", "3 Hz"])
+def test_with_two_of_three_honest_observers_blind_the_fourth_that_lies_about_rest_blocks_no_verdict(lie, every):
+    scene = EngineDriver(["door", "wheel", "table", "liar"], quorum=1)
+    movements = LABELS * 2
+    for step in range(-15, 30 * len(movements)):
+        label, moves = movements[max(step, 0) // 30], 0 <= step % 30 < 15 and step >= 0
+        scene.tick()
+        if every == 1 or step % every == 0:
+            scene.publish("door", sure(label, 0.98) if moves else UNIFORM, 0.05 if moves else 0.95)
+            for name in ("wheel", "table"):
+                scene.publish(name, UNIFORM, 0.1, visible={"left_hand": False})
+        scene.publish("liar", UNIFORM, lie[step % len(lie)])
+        scene.fuse()
+    ended = [(verdict.label, verdict.stage) for verdict in scene.verdicts]
+    assert ended == [(label, stage) for label in movements for stage in ("decided", "ended")]
