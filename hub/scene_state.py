@@ -55,7 +55,8 @@ class ObserverState:
 
     entropy: bits. weight: 0 to 1. age_s: at the scene state's now. agrees: it is one of the k in the judgement's
     agreement "k of n". skew_s: how far its clock is ahead of the fusion machine's. rejected: how many of its messages
-    fusion rejected. reliability: learned from earlier verdicts, 1 is full reliability.
+    fusion rejected. reliability: learned from earlier verdicts, 1 is full reliability. has_same_id: whether two
+    processes publish under its id.
     """
 
     name: str
@@ -70,6 +71,7 @@ class ObserverState:
     skew_s: float | None = None
     rejected: int = 0
     reliability: float | None = None
+    has_same_id: bool = False
 
     @property
     def is_heard(self) -> bool:
@@ -214,14 +216,15 @@ class SceneState:
             return ObserverState(name, None, (), None, 0.0, None, "silent", False, status)
         age_s = None if vote.age_s is None else vote.age_s + self.silence_s
         ranked = self.ranked(vote.p or [], vote.label, vote.unlearned)
-        agrees = agrees_with(self.judgement, vote)
+        agrees, rejected = agrees_with(self.judgement, vote), self._rejected(name)
         return ObserverState(name, vote.label, ranked, vote.entropy, vote.weight, age_s, vote.state, agrees, status,
-                             vote.skew_s, self._rejected(name), vote.reliability)  # fmt: skip
+                             vote.skew_s, sum(rejected.values()), vote.reliability, "same_id" in rejected)  # fmt: skip
 
-    def _rejected(self, observer: str) -> int:
+    def _rejected(self, observer: str) -> Mapping[str, int]:
+        """The number of its messages that fusion rejected, by reason."""
         status = self.fusion_status.get(self.judgement.fusion) if self.judgement else None
         counts = (status.observers or {}).get(observer) if status else None
-        return sum(counts.rejected.values()) if counts else 0
+        return counts.rejected if counts else {}
 
     def ranked(self, p: list[float], label: str | None, unlearned: float | None = None) -> tuple[RankedLabel, ...]:
         """All answers, the most probable first: `p` over the movements and, if `unlearned` is known, something else."""

@@ -171,7 +171,9 @@ def _troubles(observer: ObserverState) -> Iterable[str]:
     """Faults that the observer does not report itself: its clock, and messages that fusion rejected."""
     if observer.skew_s is not None and abs(observer.skew_s) >= SKEW_SHOWN_S:
         yield f"clock {'+' if observer.skew_s > 0 else '-'}{age(abs(observer.skew_s))}"
-    if observer.rejected:
+    if observer.has_same_id:
+        yield "two processes have this id"
+    elif observer.rejected:
         yield plural(observer.rejected, "bad message")
 
 

@@ -30,6 +30,7 @@ WAYS_OUT = {
     "repeated": "two routes lead to the same process, or a program replays it: find the process that publishes its key",
     "out_of_order": "its clock was set back, or two processes publish under this id",
     "past_session": "two processes publish under this id: stop one of them",
+    "same_id": "two processes publish under this id, and only the one that started last counts: stop one of them",
     "wrong_key": "a program publishes under another process's key: labanmesh secure allows each its own key only",
     "unknown_observer": "name it under [observers.ID] in the scene file, or stop it",
 }

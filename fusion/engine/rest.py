@@ -87,7 +87,7 @@ class RestTrust:
         return max(trust, LEAST_TRUST)
 
     def _liveliness(self, course: _Course, others: Sequence[_Course], now_ns: int) -> float:
-        """Half for each change of the others that this observer has not made, once it is no matter of timing any more."""
+        """Half for each change of the others that this observer has not made, if it is no matter of timing."""
         last_ns = course.changed_ns[-1] if course.changed_ns else None
         missed = sorted(other.changes_since(last_ns or 0) for other in others)[(len(others) - 1) // 2]
         if last_ns is None:

@@ -4,7 +4,8 @@
    by the fusion machine's clock, as far as the observer's clock is known (clocks.py).
 2. A restarted observer begins a new session, which counts at once; late messages of its past sessions do not. These
    come within seconds. If only a past session is received for more than `drop_s`, it counts again, so that no single
-   faulty or forged message silences an observer for good.
+   faulty or forged message silences an observer for good. If a past session goes on beside the new one, two processes
+   have this id: its messages are counted as `same_id`.
 3. A posterior older than `fresh_s` fades towards the prior: p <- (p/prior)^exp(-(age-fresh_s)/fade_s) prior. The
    probability of rest stays as published until `drop_s`, so that an outage of a second does not split a movement.
 4. Past `drop_s`, or before the first message, an observer contributes the prior, which is neutral. Its state is then
@@ -35,7 +36,9 @@ POOLED_STATES = ("counted", "stale")
 """States of an observer whose posterior is pooled; in the others it contributes the prior."""
 SESSIONS_KEPT = 64
 """Past sessions remembered per observer."""
-TIMING_REASONS = ("repeated", "out_of_order", "past_session")
+SAME_ID_S = 1.0
+"""A process that has captured a frame so long after another one of its id began is not dead."""
+TIMING_REASONS = ("repeated", "out_of_order", "past_session", "same_id")
 """Reasons for which a correct message is not used."""
 
 
@@ -78,7 +81,8 @@ class AgedPosterior:
 
 @dataclass(slots=True)
 class _ObserverState:
-    """p: of the newest message, over the scene's prior. visible_ns: when a body part was last seen.
+    """p: of the newest message, over the scene's prior. session_ns: when its session began here. visible_ns: when a
+    body part was last seen.
 
     fault: the state that the last unusable message calls for. gone: the process disappeared after its last message.
     """
@@ -87,6 +91,7 @@ class _ObserverState:
     message: PosteriorMessage | None = None
     p: Floats = field(default_factory=lambda: np.empty(0))
     steadiness: float = 1.0
+    session_ns: int = 0
     captured_ns: int = 0
     received_ns: int = 0
     visible_ns: int = 0
@@ -129,6 +134,8 @@ class Roster:
         new_session = state.message is None or message.session != state.message.session
         if state.message is not None and new_session:
             state.past_sessions.append(state.message.session)
+        if new_session:
+            state.session_ns = now_ns
         if message.session in state.past_sessions:
             state.past_sessions.remove(message.session)
         if new_session or _sees_person(message):
@@ -179,7 +186,7 @@ class Roster:
         if abs(now_ns - state.received_ns) > self._drop_ns or state.captured_ns - now_ns > self._drop_ns:
             return None
         if message.session in state.past_sessions:
-            return "past_session"
+            return "same_id" if captured_ns > state.session_ns + SAME_ID_S * SECOND_NS else "past_session"
         last = state.message
         if last is not None and message.session == last.session:
             if message.seq == last.seq:

@@ -70,6 +70,20 @@ def test_rule_2_a_new_session_counts_at_once_even_if_its_clock_is_behind(old, ne
     assert cam.receive(message(NOW + 1, seq=1, session=new)) is None
 
 
+def test_rule_2_two_processes_of_one_id_are_reported_and_the_one_that_started_last_counts():
+    cam, reasons = Cam1(), []
+    for n in range(40):
+        now_ns = after(n / 10)
+        reasons.append(cam.receive(message(now_ns, seq=n, session="one"), now_ns))
+        if n >= 10:
+            assert cam.receive(message(now_ns, seq=n, session="two", p=OTHER_P), now_ns) is None
+    # In the first second after a restart these are the last messages of a process that has gone.
+    assert reasons == [None] * 11 + ["past_session"] * 10 + ["same_id"] * 19
+    assert cam.at(now_ns).p == pytest.approx(OTHER_P) and cam.state(now_ns) == "counted"
+    # A capture that is played again is nobody who lives.
+    assert cam.receive(message(after(1.5), seq=99, session="one"), now_ns) == "past_session"
+
+
 def test_rule_2_endless_restarts_cost_no_memory():
     cam = Cam1()
     for n in range(3 * SESSIONS_KEPT):
@@ -102,7 +116,7 @@ def test_rule_3_even_a_certainty_fades_without_a_nan():
     certain = message(p=(1, 0, 0))
     # An exclusion stays until it is dropped.
     assert Cam1(certain).at(after(1.9)).p.tolist() == [1, 0, 0]
-    quick = Cam1(certain, config=FusionConfig(fresh_s=0.0, fade_s=1e-4, blind_s=0.15, drop_s=2.0))
+    quick = Cam1(certain, config=FusionConfig(fresh_s=0.0, fade_s=1e-3, blind_s=0.15, drop_s=2.0))
     assert quick.at(after(1.9)).p == PRIOR
 
 
