@@ -35,7 +35,7 @@ class Verb:
 
 VERBS = {
     "demo": Verb("studies.demo", "demo", "run the whole system on this machine with the data in the package"),
-    "init": Verb("deploy.commands", "init", "write a commented scene file for the cameras of this machine"),
+    "init": Verb("deploy.first_scene.commands", "init", "write a commented scene file for the cameras of this machine"),
     "up": Verb("deploy.commands", "up", "start and supervise all processes of a scene file"),
     "observe": Verb("observer.commands", "observe", "run one observer: it publishes its posterior over the movements"),
     "fuse": Verb("fusion.commands", "fuse", "run the fusion service: it pools posteriors and publishes verdicts"),

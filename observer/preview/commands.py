@@ -1,5 +1,7 @@
 """The command `look`: what a tracker finds in a source, as one picture and a few lines."""
 
+import os
+import shutil
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -13,8 +15,11 @@ if TYPE_CHECKING:
     from common.tracker_choice import TrackerChoice
     from observer.camera.base import Report
     from observer.preview.looking import LookReport
+    from observer.preview.sight import Picture
     from observer.tracks import FrameSource, Tracker
 
+WIDEST, LINES_BESIDE = 100, 8
+"""Characters of a picture in the terminal, and lines that it leaves free."""
 SUFFIXES = (".png", ".jpg", ".jpeg")
 
 
@@ -29,6 +34,7 @@ def look(
     save_skin: Annotated[Path | None, typer.Option(help="Save the skin colour, for other cameras (.npz).")] = None,
     view: Annotated[str, typer.Option(help="Where the camera stands: door, yaw:DEG, a camera file, ...")] = "door",
     recording: Annotated[int, typer.Option(min=0, help="Which recording of a motion archive.")] = 0,
+    show: Annotated[bool, typer.Option("--show", help="Also show the picture in the terminal.")] = False,
 ) -> None:  # fmt: skip
     """Check a source: write a picture with everything that the tracker finds, and print how to improve it.
 
@@ -58,9 +64,21 @@ def look(
     name = Path(source).name if kind_of(source) == "path" else without_secrets(source)
     result = look_at(opened, built, frames, name, choice, last_report)
     write_picture(output, result.painted)
+    if show:
+        _show(result.painted)
     _print(replace(result.report, size_note=size_advice(parse_view(view), result.report.size_px)), output)
     if save_skin is not None:
         _save_skin(built, save_skin)
+
+
+def _show(picture: "Picture") -> None:
+    """As large as fits into the terminal, and leaves room for the lines."""
+    from observer.preview.terminal_picture import picture_lines
+
+    size = shutil.get_terminal_size()
+    exact = os.environ.get("COLORTERM", "") in ("truecolor", "24bit")
+    for line in picture_lines(picture, min(size.columns, WIDEST), max(size.lines - LINES_BESIDE, 8), exact=exact):
+        typer.echo(line, color=True)
 
 
 def _print(report: "LookReport", output: Path) -> None:

@@ -8,17 +8,19 @@ from hypothesis import strategies as st
 
 from common.config import read_scene
 from common.errors import BadInput, LabanmeshError
-from deploy import commands
-from deploy.commands import init, scene_text
 from deploy.doctor.cameras import Webcam
+from deploy.first_scene import commands
+from deploy.first_scene.commands import first_camera, init
+from deploy.first_scene.scene_text import scene_text
 
 WEBCAMS = [Webcam(f"/dev/video{2 * number}", f"Camera {number}") for number in range(6)]
+CAMERAS = [first_camera(webcam) for webcam in WEBCAMS]
 
 
 @pytest.mark.parametrize("many", range(7))
 @pytest.mark.parametrize("uncommented", [False, True])
 def test_the_file_is_a_scene_of_these_cameras(tmp_path, many, uncommented):
-    text = scene_text(WEBCAMS[:many], "scene.toml", "home")
+    text = scene_text(CAMERAS[:many], "scene.toml", "home")
     if uncommented:
         text = re.sub(r"^#(?=\w)", "", text, flags=re.MULTILINE)
     (tmp_path / "scene.toml").write_text(text)
@@ -31,7 +33,7 @@ def test_the_file_is_a_scene_of_these_cameras(tmp_path, many, uncommented):
 
 
 def test_the_comments_name_the_next_steps():
-    text = scene_text(WEBCAMS[:2], "dojo.toml", "dojo")
+    text = scene_text(CAMERAS[:2], "dojo.toml", "dojo")
     for command in (
         "doctor dojo.toml", "look 0", "look 2", "learn motion.npz --view yaw:30 -o cam1.model", "teach dojo.toml wave",
         "learn motion.npz --view yaw:-30 -o cam2.model", "up dojo.toml", "watch dojo.toml",
@@ -45,7 +47,7 @@ def test_the_comments_name_the_next_steps():
 @given(st.text(max_size=30))
 def test_a_cameras_name_cannot_break_the_file(tmp_path_factory, name):
     place = tmp_path_factory.mktemp("scene") / "s.toml"
-    place.write_text(scene_text([Webcam("/dev/video0", name)], "s.toml", "home"), encoding="utf-8")
+    place.write_text(scene_text([first_camera(Webcam("/dev/video0", name))], "s.toml", "home"), encoding="utf-8")
     assert read_scene(place, {}).roster == ("cam1",)
 
 
@@ -75,3 +77,31 @@ def test_the_scenes_name_is_the_files_where_that_is_legal(tmp_path, monkeypatch,
     monkeypatch.setattr(commands, "webcams", list)
     init(tmp_path / file)
     assert read_scene(tmp_path / file, {}).scene == scene
+
+
+def test_cameras_can_be_named_and_films_begin_anew(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "rooms").mkdir()
+    (tmp_path / "wave.mp4").write_bytes(b"film")
+    init(tmp_path / "rooms" / "s.toml", ["rtsp://10.0.0.7/stream", "wave.mp4", "1"])
+    scene = read_scene(tmp_path / "rooms" / "s.toml", {})
+    assert [(s.source, s.loop) for s in scene.observers.values()] == [
+        ("rtsp://10.0.0.7/stream", False), ("../wave.mp4", True), ("1", False),
+    ]  # fmt: skip
+    assert "labanmesh teach" in (output := capsys.readouterr().out) and "--up" in output and "webcam" not in output
+    with pytest.raises(BadInput, match="--source"):
+        init(tmp_path / "other.toml", [" "])
+
+
+def test_in_a_terminal_it_shows_what_cameras_see_and_offers_a_lesson(tmp_path, monkeypatch, capsys):
+    asked, run = [], []
+    monkeypatch.setattr(commands, "webcams", lambda: WEBCAMS[:2])
+    monkeypatch.setattr(commands.sys, "stdin", type("Keyboard", (), {"isatty": lambda self: True})())
+    monkeypatch.setattr(type(commands.sys.stdout), "isatty", lambda self: True)
+    monkeypatch.setattr("builtins.input", lambda question: asked.append(question) or "nod bow")
+    monkeypatch.setattr(commands, "_labanmesh", lambda file, *words: run.append(words) or 0)
+    init(tmp_path / "s.toml")
+    assert [words[:2] for words in run] == [("look", "0"), ("look", "2"), ("teach", str(tmp_path / "s.toml"))]
+    assert run[0][-1] == str(tmp_path / "cam1.png") and run[2][2:] == ("nod", "bow", "--up") and len(asked) == 1
+    init(tmp_path / "t.toml", look=False)
+    assert len(run) == 4

@@ -1,0 +1,118 @@
+"""The verb `labanmesh init`: a scene file for this machine's cameras, what they see, and the first lesson."""
+
+import os
+import re
+import shlex
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from common.errors import BadInput, LabanmeshError, reason_of
+from deploy.doctor.cameras import Webcam, webcams
+from deploy.first_scene.scene_text import FirstCamera, scene_text
+
+DEFAULT_NAME = "home"
+LABELS = "wave point clap"
+QUESTION = f"Teach them movements now? Name them, for example: {LABELS}. Enter: later\n> "
+
+
+def init(
+    file: Annotated[Path, typer.Argument(help="The scene file to write; it must not exist yet.")] = Path("scene.toml"),
+    source: Annotated[
+        list[str] | None,
+        typer.Option(help="A camera in place of the webcams: an address, a film, ...; may be repeated."),
+    ] = None,
+    look: Annotated[bool, typer.Option("--look/--no-look", help="In a terminal show what each camera sees.")] = True,
+) -> None:
+    """Write a commented scene file for the cameras of this machine, to be read and changed. Overwrites nothing.
+
+    In a terminal it shows each camera's picture with what the tracker finds in it, and offers to teach them movements.
+
+    Example: labanmesh init livingroom.toml
+
+    Example: labanmesh init scene.toml --source rtsp://10.0.0.7/stream --source 0
+    """
+    if not file.name.isprintable():
+        raise BadInput(f"{str(file)!r}: this name cannot be printed; choose another")
+    cameras = [_named(text, file) for text in source or []] or _found()
+    _write(file, scene_text(cameras, shlex.quote(file.name), _scene_name(file)))
+    asks = sys.stdin.isatty() and sys.stdout.isatty()
+    if asks and look:
+        _show(cameras, file)
+    name = shlex.quote(str(file))
+    typer.echo(f"wrote {file}; read it, then: labanmesh doctor {name}")
+    if cameras:
+        typer.echo(f"and teach them your movements: labanmesh teach {name} {LABELS} --up")
+    if asks and cameras:
+        _offer_lesson(file)
+
+
+def _found() -> list[FirstCamera]:
+    present = [webcam for webcam in webcams() if webcam.access != "absent"]
+    for webcam in present:
+        typer.echo(f"{webcam.place}: {webcam.name or 'a webcam'}")
+    if not present:
+        typer.echo("no webcam found: the file has an example instead, change its source, or name one with --source")
+    return [first_camera(webcam) for webcam in present]
+
+
+def first_camera(webcam: Webcam) -> FirstCamera:
+    """A webcam that was found, with its maker's name on one line."""
+    name = "".join(filter(str.isprintable, webcam.name)) or "a webcam"
+    return FirstCamera(webcam.place.removeprefix("/dev/video"), f"# {name}, {webcam.place}")
+
+
+def _named(source: str, file: Path) -> FirstCamera:
+    """A camera of --source; a file's path is written as seen from the scene file."""
+    if not source.strip() or not source.isprintable():
+        raise BadInput(f"--source {source!r}: an address, the number of a webcam, or a film is expected")
+    path = Path(source)
+    if path.exists() and not str(path).startswith("/dev/"):
+        return FirstCamera(os.path.relpath(path, file.parent), "# A recording.", film=True)
+    return FirstCamera(source, "# As named with --source.")
+
+
+def _write(file: Path, text: str) -> None:
+    try:
+        with file.open("x", encoding="utf-8") as new:
+            new.write(text)
+    except FileExistsError:
+        raise BadInput(f"{file}: exists already and is not overwritten; name another file") from None
+    except OSError as error:
+        raise LabanmeshError(f"cannot write {file}: {reason_of(error)}. Name another file") from None
+
+
+def _show(cameras: Sequence[FirstCamera], file: Path) -> None:
+    """What each camera sees, as `labanmesh look` shows it; a camera that fails says why and stops nothing."""
+    for number, camera in enumerate(cameras, 1):
+        typer.echo(f"\ncam{number}:")
+        picture = file.with_name(f"cam{number}.png").absolute()
+        _labanmesh(file, "look", camera.source, "--show", "-o", str(picture))
+    typer.echo("")
+
+
+def _offer_lesson(file: Path) -> None:
+    try:
+        labels = input(QUESTION).split()
+    except EOFError:
+        return
+    if labels and _labanmesh(file, "teach", str(file.absolute()), *labels, "--up"):
+        raise LabanmeshError(
+            f"the lesson has ended early; it goes on with: labanmesh teach {file} {' '.join(labels)} --up"
+        )
+
+
+def _labanmesh(file: Path, *words: str) -> int:
+    """Run another verb here, in the folder of the scene file; its exit status."""
+    command = [sys.executable, "-P", "-m", "labanmesh", *words]
+    return subprocess.run(command, cwd=file.absolute().parent, check=False).returncode  # noqa: S603 - it is ours
+
+
+def _scene_name(file: Path) -> str:
+    """The file's name, where that is a legal id and not the default of the command."""
+    name = re.sub(r"[^a-z0-9_-]+", "-", file.stem.lower()).strip("-")[:64]
+    return name if name and name != "scene" else DEFAULT_NAME
