@@ -25,6 +25,9 @@ import hashlib
 from collections.abc import Callable, Iterable
 from enum import Enum
 
+EPOCHS_AHEAD = 1_000_000
+"""An epoch rises by one with each takeover; one that is higher by more is a forgery, and its successor overflows."""
+
 
 class Role(Enum):
     """What a service does for a scene."""
@@ -80,9 +83,10 @@ class Ownership:
     def published(self, service: str, epoch: int, now_s: float) -> bool:
         """Another service published; returns whether it is the owner to follow.
 
-        A message of a service whose liveliness token has disappeared is its last one and changes nothing.
+        A message of a service whose liveliness token has disappeared is its last one and changes nothing; so does one
+        whose epoch no service can have reached.
         """
-        if service not in self._others:
+        if service not in self._others or epoch > self.epoch + EPOCHS_AHEAD:
             return False
         rival = self._own if self.role is Role.OWNER else self.owner
         if rival not in (None, service) and not self._precedes(service, epoch, rival):

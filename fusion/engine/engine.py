@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from common import SECOND_NS
 from common.clock_skew import ClockReading
 from common.config_sections import FusionConfig
+from common.message_types import LAST_INTEGER
 from common.messages import (
     Contribution,
     JudgementMessage,
@@ -217,7 +218,8 @@ class FusionEngine:
 
         Of one from before a change of vocabulary only its number: its movement has ended.
         """
-        self._seq = judgement.seq
+        # A number near the end of its range would leave none for the next judgements.
+        self._seq = judgement.seq if judgement.seq < LAST_INTEGER // 2 else 0
         self._start.end()
         if judgement.vocabulary.hash != self.vocabulary.digest:
             return

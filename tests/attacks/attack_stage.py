@@ -8,6 +8,7 @@ import json
 import sys
 import threading
 import time
+import traceback
 from collections import defaultdict
 from contextlib import ExitStack, closing, contextmanager
 from itertools import pairwise
@@ -232,7 +233,8 @@ class Village(_Stage):
         try:
             serve(scenes, own, link, stop)
         except BaseException as error:
-            self.faults.append((own, error))
+            self.faults.append((own, "".join(traceback.format_exception(error))))
+            self.history.note("died", process=own, fault=self.faults[-1][1])
             raise
 
     def alive(self):
