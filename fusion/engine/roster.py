@@ -16,6 +16,7 @@
 7. An observer that has seen no body part for longer than `fresh_s` fades too, with time constant `blind_s`, however new
    its messages are, because its posterior is from before. The next visible body part restores it.
 8. After a clock was set back, a posterior dated more than `drop_s` in the future neither counts nor blocks newer ones.
+   One older than `drop_s`, as from a capture that is played again, neither replaces a newer one nor keeps one away.
 """
 
 import math
@@ -185,9 +186,14 @@ class Roster:
             return "from_the_future"
         if abs(now_ns - state.received_ns) > self._drop_ns or state.captured_ns - now_ns > self._drop_ns:
             return None
+        is_late = now_ns - state.captured_ns > self._drop_ns
+        if is_late and captured_ns > state.captured_ns:
+            return None
         if message.session in state.past_sessions:
             return "same_id" if captured_ns > state.session_ns + SAME_ID_S * SECOND_NS else "past_session"
         last = state.message
+        if last is not None and not is_late and now_ns - captured_ns > self._drop_ns:
+            return "out_of_order"
         if last is not None and message.session == last.session:
             if message.seq == last.seq:
                 return "repeated"

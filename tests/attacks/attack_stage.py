@@ -195,6 +195,10 @@ class _Stage:
         """Wait until all judges count in every scene."""
         until(lambda: all(self.all_count(name, judges) for name in self.names))
 
+    def wait_for_state(self, scene, judge, *states):
+        """Wait until the vote of a judge has one of these states."""
+        until(lambda: self.witness.states(scene).get(judge) in states)
+
     def all_count(self, scene, judges=JUDGES):
         states = self.witness.states(scene)
         return all(states.get(judge) == "counted" for judge in judges)
