@@ -5,6 +5,8 @@ from collections.abc import Callable
 from functools import wraps
 from typing import TypeVar, get_type_hints
 
+LONGEST_S = 366 * 86_400.0
+"""The largest number of seconds for an option; the operating system does not wait for just any."""
 Options = TypeVar("Options")
 Status = TypeVar("Status")
 

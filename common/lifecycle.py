@@ -121,6 +121,6 @@ def as_json_line(process: str, line: str) -> str:
     try:
         if isinstance(json.loads(line), dict):
             return line
-    except ValueError:
+    except (ValueError, RecursionError):
         pass
     return json.dumps({"process": process, "message": line}, ensure_ascii=False)

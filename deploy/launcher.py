@@ -100,9 +100,9 @@ class MergedLog:
         self._lock = threading.Lock()
 
     def write(self, name: str, line: str) -> None:
-        """One line of `name`; a reader that has gone away does not stop the scene."""
+        """One line of `name`; a reader that has gone away, or a full disk, does not stop the scene."""
         text = as_json_line(name, line) if self._as_json else f"{name:<{self._width}} | {line}"
-        with self._lock, contextlib.suppress(BrokenPipeError, ValueError):
+        with self._lock, contextlib.suppress(OSError, ValueError):
             print(text, file=self._stream, flush=True)
 
 

@@ -70,7 +70,7 @@ def _readiness(address: Address) -> dict[str, object] | None:
     try:
         connection.request("GET", "/readyz")
         answer = json.loads(connection.getresponse().read(65_536))
-    except (OSError, http.client.HTTPException, ValueError):
+    except (OSError, http.client.HTTPException, ValueError, RecursionError):
         return None
     finally:
         connection.close()

@@ -70,7 +70,7 @@ def demo(
         str | None, typer.Option(help="The person of the archive who performs; default: the last.")
     ] = None,
     output: Annotated[Path, typer.Option(help="Folder for scene, models, log and figures.")] = Path("labanmesh-demo"),
-    seed: Annotated[int, typer.Option(min=0, help="Seed of all random choices.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, max=2**63 - 1, help="Seed of all random choices.")] = 0,
     pixels: Annotated[
         bool,
         typer.Option(help="Track hands and head in pictures of virtual cameras, or take their positions as given."),

@@ -35,7 +35,7 @@ def effort(
     ],
     rule: Annotated[str, typer.Option(help="The fusion rule.")] = DEFAULT_RULE,
     rate: Annotated[
-        float | None, typer.Option(min=1, help="Frames per second; default: that of most recordings.")
+        float | None, typer.Option(min=1, max=1000, help="Frames per second; default: that of most recordings.")
     ] = None,
     report: Annotated[Path | None, typer.Option(help="Folder for the tables and figures.")] = None,
     json: Annotated[Path | None, typer.Option(help="File for the figures as JSON.")] = None,

@@ -33,7 +33,11 @@ class EvaluateOptions:
     ] = ""
     facing: Annotated[
         float | None,
-        typer.Option(help="Degrees that people are turned to the left of the direction towards yaw:0 of that room."),
+        typer.Option(
+            min=-36_000,
+            max=36_000,
+            help="Degrees that people are turned to the left of the direction towards yaw:0 of that room.",
+        ),
     ] = None
     sensor: Annotated[
         Texts,
@@ -61,7 +65,7 @@ class EvaluateOptions:
         ),
     ] = None
     facings: Annotated[
-        int, typer.Option(min=0, help="Facings that the model knows: 1 for a known turn, 12 for a random one.")
+        int, typer.Option(min=0, max=72, help="Facings that the model knows: 1 for a known turn, 12 for a random one.")
     ] = 0
     temperature: Annotated[
         float, typer.Option(min=0.1, max=1e3, help="Of the fused posterior: [fusion] temperature.")
@@ -105,7 +109,7 @@ class EvaluateOptions:
             "in the same file are left out; may be repeated."
         ),
     ] = None
-    jobs: Annotated[int, typer.Option(min=0, help="Processes to share the work; 0: one per core.")] = 0
-    seed: Annotated[int, typer.Option(min=0, help="Seed of all random choices.")] = 0
+    jobs: Annotated[int, typer.Option(min=0, max=1024, help="Processes to share the work; 0: one per core.")] = 0
+    seed: Annotated[int, typer.Option(min=0, max=2**63 - 1, help="Seed of all random choices.")] = 0
     report: Annotated[Path | None, typer.Option(help="Folder for tables and figures.")] = None
     json: JsonFile = None

@@ -187,3 +187,29 @@ def test_the_command_and_the_module_are_the_same():
     assert process(name, "--help").stdout == process(sys.executable, "-P", "-m", "labanmesh", "--help").stdout != ""
     ended = process(name, "evalaute")
     assert (ended.returncode, ended.stdout) == (2, "") and ended.stderr.count("\n") == 1
+
+
+def numeric_options():
+    """(words, option, least, most) of every option of every verb and sub-verb that takes a number."""
+
+    def walk(words, command):
+        for name, each in getattr(command, "commands", {}).items():
+            yield from walk((*words, name), each)
+        for parameter in command.params:
+            kind = str(getattr(parameter.type_descriptor, "annotation", ""))
+            if "int" in kind or "float" in kind:
+                yield words, parameter.opts[0], parameter.min, parameter.max
+
+    for name in VERBS:
+        yield from walk((name,), typer.main.get_command(labanmesh.app_of(name)))
+
+
+def test_every_number_on_the_command_line_has_bounds(run):
+    options = list(numeric_options())
+    assert len(options) > 30
+    for words, option, least, most in options:
+        assert least is not None and most is not None, f"{' '.join(words)} {option}: declare min and max"
+        for value in ("nan", "inf", "-inf", "1e308", str(10**30), str(least - 1)):
+            status, out, err = run(*words, f"{option}={value}")
+            assert (status, out) == (2, "") and err.count("\n") == 1 and len(err) < 300, (words, option, value, err)
+            assert option in err, err

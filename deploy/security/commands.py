@@ -36,7 +36,7 @@ To = Annotated[
 Host = Annotated[
     list[str] | None, typer.Option("--host", help="A name or address by which others reach it (a router); repeatable.")
 ]
-Days = Annotated[float, typer.Option(min=0.0, help="How long the certificate is valid.")]
+Days = Annotated[float, typer.Option(min=0.0, max=36_500, help="How long the certificate is valid.")]
 
 secure = typer.Typer(
     add_completion=False,

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from common.address import ANY_HOST, Address
+from common.command_options import LONGEST_S
 from common.config import read_scene
 from common.errors import BadInput
 from hub.dashboard.access import LISTEN_KEY, AccessControl, checked_token, is_loopback
@@ -40,7 +41,8 @@ def dashboard(
         bool, typer.Option("--teach", help="Whoever has the token may also teach, at /teach; made if there is none.")
     ] = False,
     for_s: Annotated[
-        float | None, typer.Option("--for", metavar="SECONDS", min=0, help="End after this many seconds.")
+        float | None,
+        typer.Option("--for", metavar="SECONDS", min=0, max=LONGEST_S, help="End after this many seconds."),
     ] = None,
 ) -> None:
     """The scene as one page in the browser: the judges on the tatami, the verdicts, and why. Ctrl-C ends it.

@@ -194,7 +194,7 @@ async def _json(request: Request) -> dict[str, Any]:
         raise BadInput(f"too long: {BODY_LIMIT} bytes are allowed")
     try:
         fields = json.loads(body)
-    except ValueError:
+    except (ValueError, RecursionError):
         fields = None
     if not isinstance(fields, dict):
         raise BadInput("a JSON object is expected")

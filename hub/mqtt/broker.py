@@ -217,6 +217,6 @@ def _bridges(payloads: Iterable[bytes]) -> set[str]:
 def _json_object(payload: bytes) -> dict[str, object]:
     try:
         value = json.loads(payload)
-    except ValueError:
+    except (ValueError, RecursionError):
         return {}
     return value if isinstance(value, dict) else {}

@@ -113,7 +113,7 @@ def recalled_ns(payload: bytes | str) -> int | None:
     """The `said_ns` that an earlier hub left at the broker; None if the payload is not ours."""
     try:
         fields = json.loads(payload)
-    except ValueError:
+    except (ValueError, RecursionError):
         return None
     said_ns = fields.get("said_ns") if isinstance(fields, dict) else None
     return said_ns if isinstance(said_ns, int) else None

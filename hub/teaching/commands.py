@@ -50,14 +50,16 @@ class TeachOptions:
     labels: Annotated[
         list[str] | None, typer.Argument(help="The movements: lower case letters, digits, underscores; at least two.")
     ] = None
-    takes: Annotated[int, typer.Option(min=2, help="How often each movement is recorded.")] = 5
+    takes: Annotated[int, typer.Option(min=2, max=100, help="How often each movement is recorded.")] = 5
     background_minutes: Annotated[
-        float, typer.Option(min=0, help="Minutes of ordinary life, from which observers learn what is no movement.")
+        float,
+        typer.Option(min=0, max=600, help="Minutes of ordinary life, from which observers learn what is no movement."),
     ] = 2.0
     person: Annotated[str, typer.Option(help="Who performs.")] = "someone"
     add: Annotated[bool, typer.Option("--add", help="Keep the movements that were taught before.")] = False
     seconds: Annotated[
-        float | None, typer.Option(min=0.5, help="Length of each take; by default until the person stands still.")
+        float | None,
+        typer.Option(min=0.5, max=600, help="Length of each take; by default until the person stands still."),
     ] = None
     countdown: Annotated[int, typer.Option(min=0, max=10, help="Seconds before each take.")] = 3
     test: Annotated[bool, typer.Option("--test/--no-test", help="At the end do each movement once more.")] = True

@@ -29,11 +29,13 @@ def calibrate(
     read: Annotated[Path | None, typer.Option(help="Camera file of another program: .qca.txt or OpenCV .toml.")] = None,
     lens: Annotated[Path | None, typer.Option(help="Camera file whose lenses are used, matched by name.")] = None,
     output: Annotated[Path, typer.Option("-o", "--output", help="Output folder.")] = Path("cameras"),
-    origin: Annotated[int | None, typer.Option(min=0, help="Picture whose board is the room's origin.")] = None,
+    origin: Annotated[
+        int | None, typer.Option(min=0, max=10**9, help="Picture whose board is the room's origin.")
+    ] = None,
     lying: Annotated[bool, typer.Option("--lying", help="There the board lies on the floor; else it is held.")] = False,
     apart: Annotated[bool, typer.Option("--apart", help="The cameras' pictures were not taken together.")] = False,
     up: Annotated[str, typer.Option(help="The axis that points up in --points and --read: y or z.")] = "y",
-    every: Annotated[int, typer.Option(min=1, help="Use every Nth picture of a video only.")] = 1,
+    every: Annotated[int, typer.Option(min=1, max=10**6, help="Use every Nth picture of a video only.")] = 1,
 ) -> None:
     """Calibrate cameras from pictures of a board, from known points, or read them from another program's file.
 

@@ -35,7 +35,11 @@ class LearnOptions:
     ] = ""
     facing: Annotated[
         float | None,
-        typer.Option(help="Degrees that the person is turned to the left of the direction towards yaw:0 of that room."),
+        typer.Option(
+            min=-36_000,
+            max=36_000,
+            help="Degrees that the person is turned to the left of the direction towards yaw:0 of that room.",
+        ),
     ] = None
     scene: Annotated[
         Path | None,
@@ -84,7 +88,7 @@ class LearnOptions:
         bool, typer.Option("--effort", help="Learn Effort instead of movements, from trials such as -1_0_1_1.")
     ] = False
     jobs: Annotated[
-        int, typer.Option(min=0, help="Processes to share the work of several --sensor; 0: one per core.")
+        int, typer.Option(min=0, max=1024, help="Processes to share the work of several --sensor; 0: one per core.")
     ] = 0
 
     @property

@@ -27,13 +27,13 @@ def look(
     source: Annotated[str, typer.Argument(help="Webcam (0), address, video, folder of pictures, or motion archive.")],
     tracker: Annotated[str, typer.Option(help="auto, mediapipe, onnx or camshift.")] = "auto",
     output: Annotated[Path, typer.Option("-o", "--output", help="The picture to write.")] = Path("look.png"),
-    frames: Annotated[int, typer.Option(min=1, help="Number of pictures to track; the newest is written.")] = 30,
+    frames: Annotated[int, typer.Option(min=1, max=10**9, help="Pictures to track; the newest is written.")] = 30,
     pose_model: Annotated[str, typer.Option(help="The model file of mediapipe (.task) or onnx (.onnx).")] = "",
     skin: Annotated[str, typer.Option(help="A histogram saved by --save-skin.")] = "",
     face: Annotated[str, typer.Option(help="X,Y,WIDTH,HEIGHT of the face in the first picture, px.")] = "",
     save_skin: Annotated[Path | None, typer.Option(help="Save the skin colour, for other cameras (.npz).")] = None,
     view: Annotated[str, typer.Option(help="Where the camera stands: door, yaw:DEG, a camera file, ...")] = "door",
-    recording: Annotated[int, typer.Option(min=0, help="Which recording of a motion archive.")] = 0,
+    recording: Annotated[int, typer.Option(min=0, max=10**9, help="Which recording of a motion archive.")] = 0,
     show: Annotated[bool, typer.Option("--show", help="Also show the picture in the terminal.")] = False,
 ) -> None:  # fmt: skip
     """Check a source: write a picture with everything that the tracker finds, and print how to improve it.

@@ -21,7 +21,9 @@ if TYPE_CHECKING:
 
 Gate = Annotated[
     float | None,
-    typer.Option(min=0.1, help="Largest reprojection error that counts, px; default 20, or 8 cm where the person is."),
+    typer.Option(
+        min=0.1, max=10_000, help="Largest reprojection error that counts, px; default 20, or 8 cm where the person is."
+    ),
 ]
 
 
@@ -47,9 +49,11 @@ class RecordOptions:
         bool,
         typer.Option("--other-motion", help="In place of --label: anything but the movements, for learn --background."),
     ] = False
-    trial: Annotated[int | None, typer.Option(min=0, help="Number of the trial; by default the next free one.")] = None
+    trial: Annotated[
+        int | None, typer.Option(min=0, max=10**9, help="Number of the trial; by default the next free one.")
+    ] = None
     seconds: Annotated[
-        float | None, typer.Option(min=0.1, help="Duration; by default until the sources end or Ctrl-C.")
+        float | None, typer.Option(min=0.1, max=86_400, help="Duration; by default until the sources end or Ctrl-C.")
     ] = None
     observers: Annotated[str, typer.Option(help="Only these observers, separated by commas.")] = ""
     rate: Annotated[
@@ -215,7 +219,9 @@ def _progress(bar: ProgressBar, seconds: float | None) -> Callable[[float], None
 
 def place(
     scene: Annotated[Path, typer.Argument(help="The scene file; its observers with a camera file as view take part.")],
-    seconds: Annotated[float | None, typer.Option(min=0.1, help="Duration; recorded sources: until they end.")] = 5.0,
+    seconds: Annotated[
+        float | None, typer.Option(min=0.1, max=86_400, help="Duration; recorded sources: until they end.")
+    ] = 5.0,
     observers: Annotated[str, typer.Option(help="Only these observers, separated by commas.")] = "",
     gate: Gate = None,
 ) -> None:

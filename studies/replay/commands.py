@@ -22,7 +22,9 @@ def replay(
         list[str] | None, typer.Option(metavar="OBSERVER", help="Leave this observer out; may be repeated.")
     ] = None,
     rule: Annotated[str | None, typer.Option(help="Another fusion rule.")] = None,
-    quorum: Annotated[int | None, typer.Option(min=1, help="Another number of observers that must agree.")] = None,
+    quorum: Annotated[
+        int | None, typer.Option(min=1, max=1000, help="Another number of observers that must agree.")
+    ] = None,
     threshold: Annotated[float | None, typer.Option(min=0, max=1, help="Another least fused probability.")] = None,
     source: Annotated[
         str | None, typer.Option("--from", help="judgements, or posteriors; default: judgements if there are any.")
@@ -31,7 +33,9 @@ def replay(
     onto: Annotated[
         Path | None, typer.Option(metavar="SCENE", help="Play it onto the mesh of this scene file instead of judging.")
     ] = None,
-    speed: Annotated[float, typer.Option(min=0, help="With --onto: a factor; 0 is as fast as possible.")] = 1.0,
+    speed: Annotated[
+        float, typer.Option(min=0, max=1000, help="With --onto: a factor; 0 is as fast as possible.")
+    ] = 1.0,
     only: Annotated[
         str, typer.Option(help="With --onto: all; or posteriors, for a fusion service that runs there.")
     ] = "all",
