@@ -83,7 +83,10 @@ class LearnOptions:
         str, typer.Option(help="The movements to use of these archives, separated by commas (default: all).")
     ] = ""
     name: Annotated[str, typer.Option(help="A name for the vocabulary.")] = "movements"
-    parameter: Annotated[Texts, typer.Option(help="NAME=NUMBER: a parameter of the model; may be repeated.")] = None
+    parameter: Annotated[
+        Texts,
+        typer.Option(help="NAME=NUMBER: a parameter of the model; may be repeated. docs/design/model.md#parameters."),
+    ] = None
     effort: Annotated[
         bool, typer.Option("--effort", help="Learn Effort instead of movements, from trials such as -1_0_1_1.")
     ] = False

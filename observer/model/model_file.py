@@ -26,6 +26,7 @@ from observer.model.registry import MODELS
 
 FORMAT = 1
 LOWEST_RATE_HZ, HIGHEST_RATE_HZ = 0.1, 1e5
+LINE_LIMIT = 400
 
 
 def write_model(path: Path, model: MovementModel) -> None:
@@ -46,6 +47,9 @@ def read_model(path: Path) -> MovementModel:
         raise BadInput(f"{path}: not a model file: it has no 'header', as labanmesh learn writes it")
     try:
         return _model_from(path, arrays)
+    except BadInput as error:
+        line = str(error)
+        raise BadInput(line[:LINE_LIMIT] if line.startswith(str(path)) else f"{path}: {line}; learn it again") from None
     except (KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError, RecursionError) as error:
         detail = " ".join(f"{type(error).__name__}: {error}".split())[:200]
         raise BadInput(f"{path}: damaged model file ({detail}); learn it again") from None

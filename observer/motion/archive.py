@@ -83,6 +83,11 @@ def clean_label(text: str) -> str:
     return re.sub(r"[^a-z0-9]+", "_", text.lower()).strip("_")[:64].rstrip("_")
 
 
+LOWEST_RATE_HZ, HIGHEST_RATE_HZ = 0.01, 1e5
+LARGEST = 1e12
+"""Of a coordinate, larger than any metre, degree or second: the squares of larger ones would overflow float32."""
+
+
 def check_archive(archive: MotionArchive, place: str = "archive") -> None:
     """Raise BadInput, one line beginning with `place`, for the first rule of the contract that `archive` breaks."""
     names = archive.body_parts
@@ -104,8 +109,8 @@ def check_recording(recording: Recording, parts: int, place: str, axes: int = 3)
     parts: P, the number of body parts that the positions must have; axes: 3 for positions, 2 for tracks. Frames are
     counted from 0.
     """
-    if not (math.isfinite(recording.rate_hz) and recording.rate_hz > 0):
-        raise BadInput(f"{place}: rate_hz = {recording.rate_hz}: a positive, finite rate is expected")
+    if not LOWEST_RATE_HZ <= recording.rate_hz <= HIGHEST_RATE_HZ:
+        raise BadInput(f"{place}: rate_hz = {recording.rate_hz}: a positive, finite rate up to 1e5 Hz is expected")
     if not is_label(recording.label):
         raise BadInput(f"{place}: label {recording.label!r}: {LABEL_RULE}")
     for name, text in (("subject", recording.subject), ("trial", recording.trial)):
@@ -128,6 +133,8 @@ def _check_positions(positions: NDArray[np.float32], shape: tuple[int, int], pla
         raise BadInput(
             f"{place}: {name}, frame {frame}, body part {part}: infinite; {unit} are expected, NaN where not seen"
         )
+    if (positions > LARGEST).any() or (positions < -LARGEST).any():
+        raise BadInput(f"{place}: {name} up to {np.nanmax(np.abs(positions)):g}: {unit} are expected")
     if not np.isfinite(positions).all(axis=2).any():
         raise BadInput(f"{place}: {name}: no body part is seen in any frame; leave the recording out")
 

@@ -14,7 +14,15 @@ from numpy.typing import NDArray
 from common import SECOND_NS
 from common.errors import BadInput
 from observer.files import require_unpackable, write_arrays
-from observer.motion.archive import MotionArchive, Recording, Span, TracksCamera, check_archive
+from observer.motion.archive import (
+    HIGHEST_RATE_HZ,
+    LOWEST_RATE_HZ,
+    MotionArchive,
+    Recording,
+    Span,
+    TracksCamera,
+    check_archive,
+)
 from observer.motion.even_rate import at_even_rate, spans_at_even_rate
 
 Arrays = dict[str, NDArray[Any]]
@@ -29,6 +37,7 @@ _DTYPES = {
 }
 """All other arrays contain text."""
 _AXES = {POSITIONS: 3, TRACKS: 2}
+MOST_FRAMES = 10_000_000
 LONGEST_S = 86400.0
 """Of a recording with times: longer ones would hide a wrong unit, and take all memory at an even rate."""
 
@@ -45,11 +54,12 @@ def read_archive(path: Path) -> MotionArchive:
     _check_shapes(path, arrays)
     content = _content_of(arrays)
     recordings = _recordings(path, arrays, arrays[content].astype(np.float32, copy=False))
-    if TIMES in arrays:
-        recordings = _at_even_rate(path, recordings, arrays[TIMES])
     camera = _camera(path, arrays) if content == TRACKS else None
     archive = MotionArchive(tuple(map(str, arrays["body_parts"])), recordings, camera)
     check_archive(archive, str(path))
+    if TIMES in arrays:
+        archive = replace(archive, recordings=_at_even_rate(path, recordings, arrays[TIMES]))
+        check_archive(archive, str(path))
     return archive
 
 
@@ -77,10 +87,11 @@ def _at_even_rate(path: Path, recordings: tuple[Recording, ...], times_s: NDArra
         end = begin + len(recording.positions)
         at_s = times_s[begin:end] - times_s[begin]
         rising = np.isfinite(at_s).all() and (np.diff(at_s) > 0).all() and at_s[-1] < LONGEST_S
-        if not (rising and np.isfinite(recording.rate_hz) and recording.rate_hz > 0):
+        rate_fits = LOWEST_RATE_HZ <= recording.rate_hz <= HIGHEST_RATE_HZ
+        if not (rising and rate_fits and at_s[-1] * recording.rate_hz <= MOST_FRAMES):
             raise BadInput(
                 f"{path}: {TIMES}, recording {number}: seconds that rise from frame to frame are expected, within "
-                "a day, and a positive rate_hz"
+                f"a day, and a positive rate_hz; at most {MOST_FRAMES:,} frames"
             )
         at_ns = np.round(at_s * SECOND_NS).astype(np.int64)
         centres = at_even_rate(at_ns, recording.positions.astype(np.float64), recording.rate_hz)

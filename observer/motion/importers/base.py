@@ -13,13 +13,10 @@ from numpy.typing import NDArray
 
 from common.errors import BadInput
 from common.text import plural
-from observer.motion.archive import MotionArchive
+from observer.motion.archive import LARGEST, MotionArchive
 
 Progress = Callable[[int, int], None]
 """Called with the number of files or recordings done, and their total."""
-
-LARGEST = 1e12
-"""Larger than any metre, degree or second in a recording; larger numbers would overflow float32 later."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.errors import BadInput, LabanmeshError
-from observer.motion.archive import MotionArchive, Recording, check_recording, clean_label
-from observer.motion.importers.base import LARGEST, ImportResult, Progress
+from observer.motion.archive import LARGEST, MotionArchive, Recording, check_recording, clean_label
+from observer.motion.importers.base import ImportResult, Progress
 from observer.tracks import BODY_PARTS
 
 RATE_HZ = 10.0

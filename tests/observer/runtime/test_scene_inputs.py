@@ -127,6 +127,8 @@ def test_other_programs_may_send_any_part_that_the_model_reads(tmp_path):
     [
         ("recording = 2", "m.npz", {}, r"observers\.cam1\.recording = 2: .*m\.npz has recordings 0 to 1"),
         ("", "m.npz", {PLAYBACK_START: "soon"}, r"LABANMESH_PLAYBACK_START_NS = 'soon': nanoseconds"),
+        ("", "m.npz", {PLAYBACK_START: "9" * 5000}, r"LABANMESH_PLAYBACK_START_NS = '9{40}': nanoseconds"),
+        ("", "m.npz", {PLAYBACK_START: str(2**63 - 1)}, r"= '\d{19}': \d+ days from now; nanoseconds"),
         ('tracker = "camshfit"', "m.npz", {}, r"observers\.cam1\.tracker = 'camshfit': .* did you mean camshift"),
         ('tracker = "foreign"', "m.npz", {}, r"reads tracks, but the source provides positions; use projected"),
         ('tracker = "projected"', "0", {}, r"reads positions, but the source provides pictures; use camshift"),
