@@ -64,7 +64,8 @@ class TeachOptions:
     countdown: Annotated[int, typer.Option(min=0, max=10, help="Seconds before each take.")] = 3
     test: Annotated[bool, typer.Option("--test/--no-test", help="At the end do each movement once more.")] = True
     alarm_minutes: Annotated[
-        float, typer.Option(min=0, help="And then so many minutes of anything else: verdicts are false alarms.")
+        float,
+        typer.Option(min=0, max=600, help="And then so many minutes of anything else: verdicts are false alarms."),
     ] = 0.5
     begin: Annotated[
         BeginOption,
