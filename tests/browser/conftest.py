@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-sys.path.append(str(Path(__file__).parents[1] / "hub"))
+sys.path += [str(Path(__file__).parents[1] / "hub"), str(Path(__file__).parent)]
 
 from played_scene import SOON_S, VOCABULARY, Dashboard, PlayedScene
 

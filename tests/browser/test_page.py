@@ -6,6 +6,7 @@ import sys
 import time
 
 import pytest
+from page_looks import FAINT
 
 # Resolves with the browser's time when the newest line of the log has that label.
 SHOWN = """label => new Promise(done => {
@@ -202,30 +203,6 @@ def test_colours_can_be_chosen_and_text_has_contrast(play, look):
         faint = page.evaluate(FAINT)
         assert not faint, faint
     assert len(backgrounds) == 2
-
-
-# Texts whose colour stands out from what is behind them by less than 4.5:1 (WCAG AA).
-FAINT = """() => {
-  const light = (rgb) => rgb.map(v => v / 255).map(v => v <= .04045 ? v / 12.92 : ((v + .055) / 1.055) ** 2.4)
-    .reduce((sum, v, i) => sum + v * [.2126, .7152, .0722][i], 0);
-  const parse = (text) => text.match(/[\\d.]+/g).map(Number);
-  const behind = (node) => {
-    for (; node; node = node.parentElement) {
-      const colour = parse(getComputedStyle(node).backgroundColor);
-      if (colour.length < 4 || colour[3] > 0) return colour.slice(0, 3);
-    }
-    return [255, 255, 255];
-  };
-  const faint = [];
-  for (const node of document.querySelectorAll('main *, header *')) {
-    if (node.closest('svg') || node.closest('.unseen') || !node.offsetParent) continue;
-    if (![...node.childNodes].some(c => c.nodeType === 3 && c.textContent.trim())) continue;
-    const [a, b] = [light(parse(getComputedStyle(node).color).slice(0, 3)), light(behind(node))];
-    const ratio = (Math.max(a, b) + .05) / (Math.min(a, b) + .05);
-    if (ratio < 4.5) faint.push(`${node.className} ${node.textContent}: ${ratio.toFixed(2)}`);
-  }
-  return faint;
-}"""
 
 
 def test_a_capture_is_played_paused_and_sought(capture, show, look):

@@ -1,0 +1,29 @@
+"""What makes a page hard to read or to press, as scripts that run in it."""
+
+# Texts whose colour stands out from what is behind them by less than 4.5:1 (WCAG AA).
+FAINT = """() => {
+  const light = (rgb) => rgb.map(v => v / 255).map(v => v <= .04045 ? v / 12.92 : ((v + .055) / 1.055) ** 2.4)
+    .reduce((sum, v, i) => sum + v * [.2126, .7152, .0722][i], 0);
+  const parse = (text) => text.match(/[\\d.]+/g).map(Number);
+  const behind = (node) => {
+    for (; node; node = node.parentElement) {
+      const colour = parse(getComputedStyle(node).backgroundColor);
+      if (colour.length < 4 || colour[3] > 0) return colour.slice(0, 3);
+    }
+    return [255, 255, 255];
+  };
+  const faint = [];
+  for (const node of document.querySelectorAll('main *, header *')) {
+    if (node.closest('svg') || node.closest('.unseen') || !node.offsetParent) continue;
+    if (![...node.childNodes].some(c => c.nodeType === 3 && c.textContent.trim())) continue;
+    const [a, b] = [light(parse(getComputedStyle(node).color).slice(0, 3)), light(behind(node))];
+    const ratio = (Math.max(a, b) + .05) / (Math.min(a, b) + .05);
+    if (ratio < 4.5) faint.push(`${node.className} ${node.textContent}: ${ratio.toFixed(2)}`);
+  }
+  return faint;
+}"""
+# Everything that is pressed and lower than a fingertip.
+SMALL = """() => [...document.querySelectorAll('main button, main summary, header button, input:not([type=radio])')]
+  .filter(node => node.offsetParent && node.getBoundingClientRect().height < 40)
+  .map(node => node.textContent || node.id)"""
+NO_SIDEWAYS_SCROLLING = "document.documentElement.scrollWidth <= innerWidth"

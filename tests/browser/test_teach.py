@@ -1,0 +1,204 @@
+"""The Teach page in a browser as wide as a phone: a whole lesson by presses, with a recorded person before cameras."""
+
+import re
+from pathlib import Path
+
+import pytest
+from page_looks import FAINT, NO_SIDEWAYS_SCROLLING, SMALL
+from teach_stage import SOON_S, TaughtScene, until
+
+LEARN_S = 120.0
+WIDTH, HEIGHT = 390, 844
+
+
+@pytest.fixture(scope="module")
+def taught(tmp_path_factory):
+    """The scene; its fusion service, observers and dashboard run until the last test."""
+    with TaughtScene(tmp_path_factory.mktemp("taught")) as scene:
+        yield scene
+
+
+@pytest.fixture
+def phone(taught, chromium):
+    """Opens the page as on a phone; at the end the browser's console must be empty."""
+    contexts, complaints = [], []
+
+    def open_page(address="/teach", scheme="light", entered=True):
+        contexts.append(
+            chromium.new_context(
+                viewport={"width": WIDTH, "height": HEIGHT}, device_scale_factor=2, color_scheme=scheme, has_touch=True
+            )
+        )
+        page = contexts[-1].new_page()
+        page.set_default_timeout(SOON_S * 1000)
+        page.on("console", lambda message: complaints.append(message.text))
+        page.on("pageerror", lambda error: complaints.append(str(error)))
+        page.goto(taught.url + address + (f"#{taught.token}" if entered else ""))
+        return page
+
+    yield open_page
+    for context in contexts:
+        context.close()
+    complaints = [each for each in complaints if "401" not in each and "409" not in each]
+    assert not complaints
+
+
+def looks_right(page, name, folder):
+    """A screenshot; nothing is faint, too small for a finger, or wider than the phone."""
+    page.wait_for_timeout(300)
+    page.screenshot(path=folder / f"{name}.png", full_page=True)
+    assert not (faint := page.evaluate(FAINT)), (name, faint)
+    assert not (small := page.evaluate(SMALL)), (name, small)
+    assert page.evaluate(NO_SIDEWAYS_SCROLLING), f"{name}: no sideways scrolling"
+
+
+def tap(page, name):
+    page.get_by_role("button", name=name, exact=True).tap()
+
+
+def test_the_token_is_asked_for_and_leaves_the_address(phone, taught):
+    page = phone(entered=False)
+    page.fill("#token", "wrong")
+    tap(page, "Enter")
+    page.wait_for_selector("#fault:has-text('That is not the token.')")
+    page.fill("#token", taught.token)
+    tap(page, "Enter")
+    page.wait_for_selector("#setup:visible")
+    assert phone().evaluate("location.hash") == "" and taught.token not in page.evaluate("JSON.stringify(localStorage)")
+    page.reload()
+    page.wait_for_selector("#setup:visible")
+
+
+def test_bad_input_is_one_line_on_the_page(phone):
+    page = phone()
+    page.wait_for_selector("#setup:visible")
+    for text, line in (
+        ("", "Type the name of a movement first"),
+        ("a/b", "use letters from a to z"),
+        ("ü", "use letters"),
+    ):
+        page.fill("#label", text)
+        tap(page, "Add")
+        assert line in page.inner_text("#fault") and "\n" not in page.inner_text("#fault")
+    page.fill("#label", "Wave")
+    tap(page, "Add")
+    assert page.locator("#fault").is_hidden()
+    tap(page, "Begin the lesson")
+    page.wait_for_selector("#fault:has-text('one movement alone cannot be told from another')")
+    tap(page, "Leave out wave")
+
+
+@pytest.mark.timeout(500)
+def test_a_whole_lesson_by_presses(phone, taught, tmp_path):
+    page = phone()
+    page.wait_for_function("() => document.querySelectorAll('.view svg .hand').length >= 4")
+    for label in ("wave", "clap"):
+        page.fill("#label", label)
+        tap(page, "Add")
+    page.locator("summary", has_text="More settings").tap()
+    page.fill("#takes", "3")
+    page.fill("#minutes", "0.15")
+    page.fill("#person", "anna")
+    looks_right(page, "1-setup", tmp_path)
+    tap(page, "Begin the lesson")
+    page.get_by_role("button", name="Start", exact=True).wait_for()
+    looks_right(page, "2-ready", tmp_path)
+    second = phone(scheme="dark")
+    second.wait_for_selector("#stage:has-text('wave')")
+    # Two people press at once: one begins, the other sees it.
+    for each in (page, second):
+        each.evaluate("[...document.querySelectorAll('#buttons button')].find(b => b.textContent === 'Start').click()")
+    for kind in ("countdown", "now", "between"):
+        page.wait_for_selector(f"#stage[data-kind={kind}]")
+        looks_right(page, f"3-{kind}", tmp_path)
+    assert "Got it" in page.inner_text("#stage")
+    page.reload()
+    page.get_by_role("button", name="Next: clap").wait_for()
+    page.wait_for_function("() => document.querySelectorAll('.takes svg .trail').length >= 12")
+    looks_right(page, "4-review", tmp_path)
+    page.get_by_role("button", name="Delete take 2").tap()
+    page.wait_for_function("() => document.querySelectorAll('.takes li').length === 2")
+    tap(page, "One more take")
+    page.wait_for_selector("#stage[data-kind=countdown]")
+    page.wait_for_function(
+        "() => document.querySelectorAll('.takes li').length === 3 && document.querySelector('.takes button')"
+    )
+    assert taught.state()["observers"][0]["takes"]["wave"] == [1, 3, 4]
+    second.get_by_role("button", name="Next: clap").tap()
+    page.get_by_role("button", name="Start", exact=True).tap()
+    page.get_by_role("button", name="Wait after this take").tap()
+    page.wait_for_selector("#stage[data-kind=ready]:has-text('clap')")
+    tap(page, "Start")
+    page.get_by_role("button", name="Go on", exact=True).tap()
+    page.wait_for_selector("#stage[data-kind=ready]:has-text('Ordinary life')")
+    looks_right(page, "5-life", tmp_path)
+    tap(page, "Start")
+    page.wait_for_selector("#stage[data-kind=other] progress")
+    looks_right(page, "6-other", tmp_path)
+    page.wait_for_selector("#stage[data-kind=learning]")
+    # The phone sleeps while they learn, and wakes.
+    page.goto("about:blank")
+    page.goto(f"{taught.url}/teach")
+    page.get_by_role("button", name="Use it").wait_for(timeout=LEARN_S * 1000)
+    assert re.search(r"sofa: wave \d of 3, clap \d of \d", page.inner_text("#stage"))
+    looks_right(page, "7-learned", tmp_path)
+    tap(page, "Use it")
+    page.get_by_role("button", name="Start the test").tap()
+    page.get_by_role("button", name="Teach more").wait_for(timeout=60_000)
+    assert re.search(r"\d of 2 recognised", page.inner_text("#stage"))
+    page.locator("summary", has_text="Home Assistant?").tap()
+    page.wait_for_selector("#home-steps li")
+    looks_right(page, "8-done", tmp_path)
+    looks_right(second, "8-done-dark", tmp_path)
+    print(page.inner_text("#stage"))
+    print("screenshots:", tmp_path)
+    assert {each["line"] for each in taught.state()["observers"]} == {"sees somebody"}
+    correct_one(page, taught, tmp_path)
+
+
+def correct_one(page, taught, folder):
+    """A verdict of the test was wrong, somebody says; the observers learn from it."""
+    until(lambda: any(each["ended"] for each in taught.state()["said"]), "a verdict has ended")
+    tap(page, "Teach more")
+    wrong = page.get_by_role("button", name="Wrong?").first
+    wrong.tap()
+    tap(page, "none of them")
+    looks_right(page, "9-correct", folder)
+    tap(page, "Learn from 1 correction")
+    page.get_by_role("button", name="Back").wait_for(timeout=LEARN_S * 1000)
+    assert "was something else: kept by" in page.inner_text("#stage")
+    looks_right(page, "9-corrected", folder)
+    tap(page, "Back")
+    page.wait_for_selector("#setup:visible")
+
+
+def test_nobody_before_the_cameras_is_said_and_stopping_loses_nothing(phone, taught, tmp_path):
+    page = phone()
+    page.wait_for_selector("#setup:visible")
+    for label in ("nod", "bow"):
+        page.fill("#label", label)
+        tap(page, "Add")
+    taught.performer.away = frozenset(("sofa", "shelf"))
+    page.wait_for_selector(".cameras li:not([data-ready]) >> text=nobody")
+    tap(page, "Begin the lesson")
+    tap(page, "Start")
+    page.wait_for_selector("#stage[data-kind=between]:has-text('Not usable')")
+    assert "nobody was seen" in page.inner_text("#news")
+    looks_right(page, "a-nobody", tmp_path)
+    taught.performer.away = frozenset()
+    tap(page, "Stop")
+    tap(page, "Really stop?")
+    page.wait_for_selector("#stage:has-text('every take is kept')")
+    looks_right(page, "b-stopped", tmp_path)
+    tap(page, "Choose other movements")
+    page.wait_for_selector("#setup:visible")
+
+
+def test_the_page_that_watches_only_reads_and_links_here(taught, chromium):
+    context = chromium.new_context(viewport={"width": WIDTH, "height": HEIGHT})
+    page = context.new_page()
+    page.goto(taught.url)
+    page.get_by_role("link", name="Teach").click()
+    page.wait_for_selector("#door:visible")
+    assert page.locator("#views").is_hidden() and Path(page.url).name == "teach"
+    context.close()
