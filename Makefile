@@ -3,15 +3,19 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 MEDIAPIPE := .venv-mediapipe
+CAMERAS := .venv-cameras
 HOME_ASSISTANT := .venv-home
 PEERS := .venv-peers
 TRANSPORTS := .venv-transports
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test test-mediapipe test-browser test-home home-assistant-app fault-tools mqtt-tools faults attacks fuzz soak-day peers test-peers peers-transport test-transports check bench soak scale clean
+.PHONY: help install demo test test-mediapipe test-browser test-home home-assistant-app fault-tools mqtt-tools faults attacks fuzz soak-day peers test-peers peers-transport test-transports check bench soak scale clean
 
 help:            ## this list
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*##/\t/' | expand -t 18
+
+install: $(CAMERAS)/.ready   ## labanmesh for your own cameras: mediapipe, dashboard and MQTT, in an environment of its own
+	@echo "next: $(CAMERAS)/bin/labanmesh init"
 
 demo: $(VENV)/.ready   ## the whole system on this machine; ends by itself
 	@$(BIN)/labanmesh demo
@@ -95,6 +99,15 @@ $(MEDIAPIPE)/.ready: pyproject.toml
 	@$(MEDIAPIPE)/bin/python -m pip install --quiet --disable-pip-version-check -e '.[mediapipe,dev]'
 	@# MediaPipe brings an OpenCV with windows. Where the system lacks its libGL, the same version without goes on top.
 	@$(MEDIAPIPE)/bin/python -c 'import cv2' 2>/dev/null || $(MEDIAPIPE)/bin/python -m pip install --quiet --disable-pip-version-check --force-reinstall --no-deps "opencv-python-headless==$$($(MEDIAPIPE)/bin/python -c 'from importlib.metadata import version; print(version("opencv-contrib-python"))')"
+	@touch $@
+
+$(CAMERAS)/.ready: pyproject.toml
+	@$(PYTHON) -c 'import sys; sys.exit("labanmesh needs Python >= 3.11, this is " + sys.version.split()[0] + ": make install PYTHON=python3.11") if sys.version_info < (3, 11) else None'
+	@echo "setting up $(CAMERAS) (once, about two minutes) ..."
+	@$(PYTHON) -m venv $(CAMERAS)
+	@$(CAMERAS)/bin/python -m pip install --quiet --disable-pip-version-check -e '.[mediapipe,dashboard,mqtt]'
+	@# MediaPipe brings an OpenCV with windows. Where the system lacks its libGL, the same version without goes on top.
+	@$(CAMERAS)/bin/python -c 'import cv2' 2>/dev/null || $(CAMERAS)/bin/python -m pip install --quiet --disable-pip-version-check --force-reinstall --no-deps "opencv-python-headless==$$($(CAMERAS)/bin/python -c 'from importlib.metadata import version; print(version("opencv-contrib-python"))')"
 	@touch $@
 
 $(HOME_ASSISTANT)/.ready: tests/home/install_home.sh

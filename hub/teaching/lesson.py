@@ -21,6 +21,7 @@ from hub.teaching.wording import (
     doubt_lines,
     doubted_by_all,
     has_kept,
+    place_of,
     presence_line,
     take_lines,
     takes_done,
@@ -153,6 +154,7 @@ class Lesson:
             self._room.say(line)
         for label, take in doubted_by_all(answers):
             step = Step("doubt", label, take)
+            self._room.show(replace(step, number=place_of(label, take, answers)))
             if self._room.between(step, OFFER_S).kind == "repeat":
                 done = takes_done(label, answers)
                 self._drop(label, take, done)

@@ -38,7 +38,7 @@ def step_line(step: Step) -> str:
         case "kept" | "failed":
             return f"{title}: {step.kind}"
         case "doubt":
-            return f"{step.label} {step.number}: r repeats it"
+            return f"{step.label} {step.number}: r makes this take again"
         case "alarms":
             return f"none of the movements: {step.left_s:.0f} s to go, {step.number} false alarms"
         case "other":
@@ -64,7 +64,7 @@ def crowd_lines(replies: Mapping[str, TeachReply]) -> list[str]:
     if not seen:
         return []
     places = ", ".join(f"{plural(count, 'person', 'people')} in the picture of {name}" for name, count in seen.items())
-    return [f"{places}: is the take yours? r repeats it"]
+    return [f"{places}: is the take yours? r makes it again"]
 
 
 def doubt_lines(replies: Mapping[str, TeachReply]) -> list[str]:
@@ -74,9 +74,15 @@ def doubt_lines(replies: Mapping[str, TeachReply]) -> list[str]:
         for doubt in reply.doubts:
             places.setdefault((doubt.label, doubt.take, doubt.like), []).append(name)
     return [
-        f"{label} {take} looks more like {like} than like the other takes of {label} from {' and '.join(names)}"
+        f"{label} {place_of(label, take, replies)} looks more like {like} than like the other takes of {label}, from "
+        f"{' and '.join(names)}"
         for (label, take, like), names in places.items()
     ]
+
+
+def place_of(label: str, take: int, replies: Mapping[str, TeachReply]) -> int:
+    """Which of the takes of a movement it is, as a person counts them: dropped and failed ones have numbers too."""
+    return len([number for number in takes_done(label, replies) if number <= take])
 
 
 def doubted_by_all(replies: Mapping[str, TeachReply]) -> list[tuple[str, int]]:

@@ -30,7 +30,7 @@ WATCHED = (*BODY_PARTS, "left_knee", "right_knee")
 """The parts that show whether somebody moves: feet and what lies between tremble too much in a tracker's eyes."""
 NO_PICTURES = "no pictures"
 LOST = "no pictures any more: is the camera working?"
-COMPANY_S = 2.0
+COMPANY_S = 3.0
 """So long another person must be seen: trackers take a coat for somebody now and then."""
 
 

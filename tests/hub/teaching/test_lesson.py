@@ -207,9 +207,9 @@ def test_takes_that_look_like_another_movement_or_show_two_people_are_offered_ag
     sofa, shelf = Observer(doubts=[doubt]), Observer(doubts=[doubt, TakeDoubt(label="clap", take=1, like="wave")])
     sofa.people = 2
     room = teach({"sofa": sofa, "shelf": shelf}, keys="....r")
-    assert "2 people in the picture of sofa: is the take yours? r repeats it" in room.lines
-    assert "wave 2 looks more like clap than like the other takes of wave from sofa and shelf" in room.lines
-    assert "clap 1 looks more like wave than like the other takes of clap from shelf" in room.lines
+    assert "2 people in the picture of sofa: is the take yours? r makes it again" in room.lines
+    assert "wave 2 looks more like clap than like the other takes of wave, from sofa and shelf" in room.lines
+    assert "clap 1 looks more like wave than like the other takes of clap, from shelf" in room.lines
     assert takes_asked(room)[4:] == [("wave", 3)] and sofa.takes["wave"] == [1, 3]
 
 
