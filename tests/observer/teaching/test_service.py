@@ -111,6 +111,22 @@ def test_an_observer_without_a_model_is_taught_and_recognises(room, scene, monke
     header = read_model(scene.place("sofa.model")).header
     assert header.view == "camera:sofa" and not is_untaught(scene, "sofa")
     assert read_archive(scene.place("sofa.tracks.npz")).body_parts == PARTS and header.body_parts == BODY_PARTS
+    # What was done since is remembered, and can become an example.
+    reply = room.ask("correct", correction="home-1", label="reach", from_ns=room.at_ns - SECOND_NS, to_ns=room.at_ns)
+    assert reply.takes["reach"] == [1, 2, 3, 4] and reply.corrected.seconds > 0.8
+    reply = room.ask("forget", person="anna")
+    assert (reply.forgotten.takes, reply.forgotten.in_model, reply.takes) == (6, True, {"reach": [4]})
+    assert room.ask("forget", person="anna", models=True).forgotten.in_model is False
+    assert room.film(0.2) is None and room.observer.vocabulary is None and is_untaught(scene, "sofa")
+
+
+def test_tracks_are_not_remembered_outside_a_lesson_if_the_scene_says_so(scene, room):
+    assert (scene.teaching.remember_minutes, room.observer._recorder.kept_s) == (10, 600)
+    room.observer._remembered_s = 0.0
+    room.film(30.0)
+    assert room.observer._recorder.newest_ns - room.observer._recorder.oldest_ns <= 2 * SECOND_NS
+    room.ask("start", labels=["wave", "reach"]), room.film(30.0)
+    assert room.observer._recorder.newest_ns - room.observer._recorder.oldest_ns > 25 * SECOND_NS
 
 
 def test_a_failure_to_learn_is_one_line_and_the_old_model_stays(room, scene):
