@@ -1,5 +1,9 @@
-"""`labanmesh teach` on two hosts, secured: four observers learn and change together, and one is killed meanwhile."""
+"""`labanmesh teach` with real processes: on two hosts, secured, four observers learn and change together, and one is
+killed meanwhile; on one machine a wrong verdict is corrected, and a person is forgotten.
+"""
 
+import re
+import socket
 import subprocess
 import time
 
@@ -13,7 +17,7 @@ from common.capture_file import CaptureFile
 from common.messages import JudgementMessage, PosteriorMessage, VerdictMessage, VocabularyMessage
 from common.wire import check_vocabulary, decode
 from observer.motion.archive import MotionArchive, Recording, TracksCamera
-from observer.motion.archive_file import write_archive
+from observer.motion.archive_file import read_archive, write_archive
 from observer.tracks import BODY_PARTS
 
 CAMERAS = ("sofa", "shelf", "door", "window")
@@ -36,6 +40,12 @@ def pointing():
     return [np.add(REST, [[-200 * up, -120 * up], [0, 0], [0, 0]]) for up in np.sin(np.pi * steps(1.6))]
 
 
+def waving_left():
+    """The same with the other hand."""
+    return [np.add(REST, [[-30 - 60 * np.sin(4 * np.pi * t), -220 * min(1, 4 * t, 4 - 4 * t)], [0, 0], [0, 0]])
+            for t in steps(2)]  # fmt: skip
+
+
 def steps(seconds):
     return np.linspace(0, 1, round(seconds * RATE_HZ))
 
@@ -45,10 +55,17 @@ def film(path, seed, scale):
     frames = []
     for movement in 3 * [waving] + 3 * [pointing]:
         frames += [REST] * (3 * RATE_HZ) + movement() + [REST] * (2 * RATE_HZ)
+    write(path, [seen(scale * np.array(frames), seed)], "film")
+
+
+def seen(frames, seed, label="", trial="0"):
+    """What a camera sees of them."""
     noise = np.random.default_rng(seed).normal(0, 1.5, (len(frames), 3, 2))
-    tracks = (scale * np.array(frames) + noise).astype(np.float32)
-    recording = Recording(tracks, RATE_HZ, "", "anna", "0")
-    write_archive(path, MotionArchive(BODY_PARTS, (recording,), camera=TracksCamera("film")))
+    return Recording((frames + noise).astype(np.float32), RATE_HZ, label, "anna", trial)
+
+
+def write(path, recordings, camera):
+    write_archive(path, MotionArchive(BODY_PARTS, tuple(recordings), camera=TracksCamera(camera)))
 
 
 @pytest.fixture
@@ -142,3 +159,53 @@ def changes(path):
                 took_s.append((record.arrived_ns - begun[message.vocabulary.hash]) / SECOND_NS)
             newest = message.vocabulary.hash
     return took_s
+
+
+@pytest.fixture
+def sofa(tmp_path):
+    """A scene with one observer that was taught wrongly, once: waving with the left hand is pointing."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    rest = [REST] * (RATE_HZ // 2)
+    film_frames = 30 * ([REST] * (3 * RATE_HZ) + waving_left() + [REST] * (2 * RATE_HZ))
+    write(tmp_path / "film.npz", [seen(np.array(film_frames), 1)], "film")
+    shown = 3 * [("wave", waving), ("point", pointing)] + [("point", waving_left)]
+    takes = [seen(np.array(rest + movement() + rest), n, label, str(n)) for n, (label, movement) in enumerate(shown)]
+    write(tmp_path / "sofa.tracks.npz", takes, "sofa")
+    file = tmp_path / "home.toml"
+    text = f'scene = "home"\n[mesh]\nendpoint = "tcp/127.0.0.1:{port}"\n[observers.sofa]\nsource = "film.npz"\n'
+    file.write_text(f'{text}view = "camera"\n')
+    run("learn", tmp_path / "sofa.tracks.npz", "-o", tmp_path / "sofa.model")
+    processes = [Process(labanmesh("fuse", file)), Process(labanmesh("observe", file, "sofa"))]
+    for process in processes:
+        process.start()
+    yield file, *processes
+    for process in processes:
+        process.kill()
+
+
+def test_a_wrong_verdict_is_corrected_and_a_person_is_forgotten(sofa, long_form):
+    if not long_form:
+        pytest.skip("the long form: make faults")
+    file, fusion, observer = sofa
+    fusion.wait_for("point, 1 of 1 agree, ended", times=2, timeout_s=60)
+    wrong = re.findall(r"verdict (home-\d+): point, 1 of 1 agree, ended", fusion.log)
+    corrected = subprocess.run(
+        labanmesh("teach", file, "--was", wrong[0], "wave", "--was", wrong[1], "wave", "--person", "ben"),
+        capture_output=True, text=True,
+    )  # fmt: skip
+    print(corrected.stdout)
+    assert corrected.returncode == 0, corrected.stderr
+    assert corrected.stdout.count("was wave: kept by sofa") == 2
+    assert "1 observer and the fusion service recognise wave, point from now on" in corrected.stdout
+    fusion.wait_for("wave, 1 of 1 agree, ended", timeout_s=60)
+    # Of what is left nothing can be learned: ben has only waved.
+    forgotten = subprocess.run(labanmesh("forget", file, "--person", "anna", "--yes"), capture_output=True, text=True)
+    print(forgotten.stdout)
+    assert forgotten.returncode == 0, forgotten.stderr
+    assert "sofa: removed 7 takes" in forgotten.stdout and "its model goes too" in forgotten.stdout
+    observer.wait_for("no model yet")
+    left = read_archive(file.with_name("sofa.tracks.npz")).recordings
+    assert {(r.label, r.subject) for r in left} == {("wave", "ben")}
+    assert not [path for path in file.parent.glob("*.model") if path.exists()]
