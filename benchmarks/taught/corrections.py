@@ -1,11 +1,11 @@
-"""Ten corrections: somebody teaches a few takes, others perform, the first wrong verdicts are corrected, and later
-performances are judged before and after.
+"""Ten corrections: somebody teaches a few takes, and what is named wrongly or missed later is corrected.
 
-1. One person teaches some movements with two takes each. Then the first performances of all people of the household
-   are played as a stream, between other movements of theirs.
-2. The first ten wrong or missed verdicts are corrected as `labanmesh teach --was` does: each camera cuts its example
-   out of the tracks that it remembers, by the time of the verdict; of a missed movement by the time it was done.
-3. All cameras learn anew, and judge the later performances, of which none was learned or corrected.
+1. One person teaches some movements with two takes each, all that MSR Action3D leaves for it.
+2. Three evenings: this person and another one do these and other movements, each of their first two takes once. The
+   first wrong or missed verdicts of each are corrected as `labanmesh teach --was` does, ten in all: each camera cuts
+   its example out of the tracks that it remembers, by the time of the verdict, or of a missed movement by the moment
+   that the person names. All cameras learn anew after each evening.
+3. The third takes of both people are judged before and after. None of them was learned or corrected.
 """
 
 from collections import Counter
@@ -29,8 +29,11 @@ from observer.tracks import BODY_PARTS, Frame, Tracks
 from studies.spotting import StreamVerdict
 
 Progress = Callable[[int, int], None]
-CORRECTIONS = 10
+EVENINGS = (4, 3, 3)
+"""How many verdicts are corrected at most in each."""
 TAUGHT_TAKES = 2
+SOMEONE = "someone"
+"""Takes and corrections without --person are this person's."""
 NEAR_S = 0.5
 """A verdict this near to a performance is about it."""
 
@@ -99,7 +102,7 @@ class Sizes:
 
     others: int = 1
     labels: int = 4
-    unlearned: int = 6
+    unlearned: int = 8
 
 
 def households(room: RecordedRoom, people: Sequence[str], count: int, seed: int, sizes: Sizes) -> list[Household]:
@@ -173,7 +176,7 @@ def evening(room: RecordedRoom, subject: str, labels: Sequence[str], takes: Sequ
 
 
 def examples_from(
-    part: Evening, wrong: Sequence[JudgedPerformance], subject: str
+    part: Evening, wrong: Sequence[JudgedPerformance], name_of_evening: str
 ) -> tuple[dict[str, list[Recording]], int]:
     """What each camera cuts out of what it remembers, as `labanmesh teach --was`; how many could not be cut."""
     recorders = part.recorders()
@@ -182,11 +185,11 @@ def examples_from(
     for n, performance in enumerate(wrong):
         for name, recorder in recorders.items():
             try:
-                cut = corrections.example_of(recorder, _span(performance), label=performance.label, subject=subject)
+                cut = corrections.example_of(recorder, _span(performance), label=performance.label, subject=SOMEONE)
             except BadInput:
                 failed += 1
                 continue
-            result[name].append(replace(cut.recording, trial=f"corrected {subject} {n}"))
+            result[name].append(replace(cut.recording, trial=f"corrected {name_of_evening}.{n}"))
     return result, failed
 
 
@@ -202,27 +205,46 @@ def _span(performance: JudgedPerformance) -> corrections.CapturedSpan:
     )
 
 
-def judge_household(home: Household, room: RecordedRoom, teaching: TaughtModels) -> Corrected:
-    """Teach, play, correct, learn anew, and judge what comes later."""
-    first = {t for r in next(iter(room.space.values())).recordings for t in [r.trial]}
-    early, late = sorted(first)[:TAUGHT_TAKES], sorted(first)[TAUGHT_TAKES:]
+Examples = Mapping[str, Sequence[Recording]]
+Learn = Callable[[TaughtModels, Mapping[str, MotionArchive], Examples, Sequence[str]], Mapping[str, MovementModel]]
+
+
+def learned(
+    teaching: TaughtModels, taught: Mapping[str, MotionArchive], examples: Examples, labels: Sequence[str]
+) -> Mapping[str, MovementModel]:
+    """The models of all takes and examples, as an observer learns them."""
+    grown = {
+        name: replace(a, recordings=tuple(replace(r, subject=SOMEONE) for r in (*a.recordings, *examples[name])))
+        for name, a in taught.items()
+    }
+    return teaching.models(grown, labels)
+
+
+def judge_household(home: Household, room: RecordedRoom, teaching: TaughtModels, learn: Learn = learned) -> Corrected:
+    """Teach, play, correct and learn anew, and judge what comes later. learn: from takes and examples by camera."""
+    trials = sorted({r.trial for r in next(iter(room.space.values())).recordings})
+    early, late = trials[:TAUGHT_TAKES], trials[TAUGHT_TAKES:]
     people, every = (home.teacher, *home.others), (*home.labels, *home.unlearned)
     taught = room.seen({name: _takes(a, home.teacher, home.labels, early) for name, a in room.space.items()})
-    models = teaching.models(taught, home.labels)
-    added: dict[str, list[Recording]] = {name: [] for name in taught}
+    examples: dict[str, list[Recording]] = {name: [] for name in taught}
+    models = before = learn(teaching, taught, examples, home.labels)
     made = failed = 0
-    for subject in reversed(people):
-        labels = home.unlearned if subject == home.teacher else every
-        part = evening(room, subject, labels, early, home.seed)
-        if part is not None and made < CORRECTIONS:
-            wrong = [p for p in part.performances(home.labels, models) if not p.is_right][: CORRECTIONS - made]
-            cut, bad = examples_from(part, wrong, subject)
-            made, failed = made + len(wrong), failed + bad
-            added = {name: [*added[name], *cut[name]] for name in added}
-    grown = {name: replace(a, recordings=(*a.recordings, *added[name])) for name, a in taught.items()}
-    after = teaching.models(grown, home.labels)
-    later = [p for s in people if (p := evening(room, s, every, late, home.seed + 1)) is not None]
-    counts = [errors_of(one for part in later for one in part.performances(home.labels, m)) for m in (models, after)]
+    shown = [
+        (home.others[0], every, early[:1]),
+        (home.teacher, home.unlearned, early),
+        (home.others[-1], every, early[1:]),
+    ]
+    for n, (most, (subject, labels, takes)) in enumerate(zip(EVENINGS, shown, strict=True)):
+        part = evening(room, subject, labels, takes, home.seed + n)
+        if part is None:
+            continue
+        wrong = [p for p in part.performances(home.labels, models) if not p.is_right][:most]
+        cut, bad = examples_from(part, wrong, f"{n}")
+        made, failed = made + len(wrong), failed + bad
+        examples = {name: [*examples[name], *cut[name]] for name in examples}
+        models = learn(teaching, taught, examples, home.labels)
+    later = [p for s in people if (p := evening(room, s, every, late, home.seed + 9)) is not None]
+    counts = [errors_of(one for part in later for one in part.performances(home.labels, m)) for m in (before, models)]
     return Corrected(home, counts[0], counts[1], made, failed)
 
 
