@@ -1,0 +1,157 @@
+"""A storm: processes of one scene are killed, or frozen, every one to three seconds; and what became of the verdicts.
+
+A killed process is started again within a second, as systemd would. What was performed is known to the frame.
+"""
+
+import threading
+import time
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+from fault_stage import SECOND_NS, SERVICES, SETTLE_S, VIEWS
+
+from common.vocabulary import ABSTAIN
+
+KINDS = {
+    "observers": tuple(VIEWS),
+    "hub": ("hub",),
+    "one fusion": SERVICES[:1],
+    "both fusions": SERVICES,
+    "router": ("router",),
+    "all": (*VIEWS, *SERVICES, "router", "hub"),
+}
+PAUSE_S, AWAY_S, FROZEN_S = (1.0, 3.0), (0.0, 1.0), (0.2, 1.5)
+FREEZES = 0.25
+"""The share of faults that freeze a process in place of killing it."""
+DEAF_SHARE = 0.3
+"""A movement of which this share was heard by nobody may be lost."""
+DEAF_S = 0.5
+"""Judgements further apart than this, or without a vote, are no hearing."""
+
+
+def storm(stage, kind, seconds, chance, history):
+    """Faults at the processes of a kind for so long; with "both fusions" both at once."""
+    end_s = time.monotonic() + seconds
+    while time.monotonic() < end_s:
+        names = KINDS[kind]
+        victims = names if kind == "both fusions" else (chance.choice(names),)
+        if kind == "all" and victims[0] in SERVICES and chance.random() < 0.5:
+            victims = SERVICES
+        _strike(stage, victims, chance, history)
+        _pass(chance.uniform(*PAUSE_S))
+
+
+def _strike(stage, victims, chance, history):
+    if chance.random() < FREEZES:
+        history.note("freeze", victims=victims)
+        for name in victims:
+            stage.processes[name].freeze()
+        _pass(chance.uniform(*FROZEN_S))
+        for name in victims:
+            stage.processes[name].thaw()
+        history.note("thaw", victims=victims)
+        return
+    history.note("kill", victims=victims)
+    for name in victims:
+        stage.processes[name].kill()
+    _pass(chance.uniform(*AWAY_S))
+    for name in victims:
+        stage.start(name)
+    history.note("start", victims=victims)
+
+
+@dataclass
+class Aftermath:
+    """What became of the movements: their numbers, and the ids of verdicts without an end."""
+
+    movements: int
+    right: int = 0
+    lost: list = field(default_factory=list)
+    unheard: list = field(default_factory=list)
+    wrong: list = field(default_factory=list)
+    doubled: list = field(default_factory=list)
+    unended: list = field(default_factory=list)
+
+    @property
+    def harmless(self):
+        """Whether only what nobody could hear was lost."""
+        return not (self.lost or self.wrong or self.doubled or self.unended)
+
+    def __str__(self):
+        kinds = ("lost", "unheard", "wrong", "doubled", "unended")
+        parts = [f"{len(getattr(self, kind))} {kind}" for kind in kinds]
+        return f"{self.movements} movements: {self.right} right, {', '.join(parts)}"
+
+
+def aftermath(performed, judgements, verdicts):
+    """Compares the verdicts that a witness received with what was performed."""
+    words = _words(verdicts)
+    result, deaf = Aftermath(len(performed)), _deaf(judgements)
+    ids = [[] for _ in performed]
+    for name, word in words.items():
+        shares = [min(word["end"], one.ended_ns) - max(word["began"], one.began_ns) for one in performed]
+        best = max(range(len(shares)), key=shares.__getitem__)
+        if shares[best] > 0:
+            ids[best].append(name)
+    # A verdict on the last movements may still be due.
+    result.unended = [name for name, word in words.items() if not word["ended"] and word["end"] < _last(performed)]
+    for number, (movement, names) in enumerate(zip(performed, ids, strict=True)):
+        labels = {words[name]["label"] for name in names} - {ABSTAIN}
+        length_ns = movement.ended_ns - movement.began_ns
+        is_unheard = _overlap(deaf, movement) > DEAF_SHARE * length_ns
+        repeated = any(len(words[name]["stages"]) != len(set(words[name]["stages"])) for name in names)
+        if len([name for name in names if words[name]["label"] != ABSTAIN]) > 1 or repeated:
+            result.doubled.append((number, names))
+        if labels - {movement.label}:
+            result.wrong.append((number, movement.label, sorted(labels)))
+        elif labels:
+            result.right += 1
+        else:
+            (result.unheard if is_unheard else result.lost).append((number, movement.label))
+    return result
+
+
+def _last(performed):
+    return max((one.ended_ns for one in performed), default=0)
+
+
+def _words(verdicts):
+    """By id the last label, span and stages; ids that a `same_as` joins are one, as hubs show them."""
+    words, joined = {}, {}
+    for verdict in verdicts:
+        name = joined.get(verdict["id"], verdict["id"])
+        if verdict.get("same_as") is not None:
+            if name not in words or words[name]["ended"]:
+                continue
+            if verdict["same_as"] and verdict["same_as"] not in words:
+                joined[verdict["same_as"]] = name
+        elif name != verdict["id"]:
+            continue
+        word = words.setdefault(name, {"stages": [], "ended": False, "began": verdict["began_ns"]})
+        word["label"], word["end"] = verdict["label"], verdict["ended_ns"] or verdict["decided_ns"]
+        word["stages"].append((verdict["stage"], verdict["label"]))
+        word["ended"] = word["ended"] or verdict["ended_ns"] is not None
+    return words
+
+
+def _deaf(judgements):
+    """Spans in which no observer's vote reached a listener."""
+    heard = [one["at_ns"] for one in judgements if one["agreement"]["n"] > 0]
+    return [(a, b) for a, b in pairwise(heard) if b - a > DEAF_S * SECOND_NS]
+
+
+def _overlap(spans, movement):
+    return sum(max(min(b, movement.ended_ns) - max(a, movement.began_ns), 0) for a, b in spans)
+
+
+def settle(stage, witness):
+    """Until the movements that had ended are judged."""
+    until_ns = time.time_ns()
+    witness.wait_for(
+        lambda w: w.last["at_ns"] > until_ns + 2 * SETTLE_S * SECOND_NS, timeout_s=40.0, why="judgements go on"
+    )
+    return stage.replay.performed(stage.start_ns, stage.start_ns, until_ns)
+
+
+def _pass(seconds):
+    threading.Event().wait(seconds)

@@ -1,0 +1,75 @@
+"""Storms of kills and freezes: no verdict is wrong or doubled, each ends, and none is lost that anybody could hear.
+
+LABANMESH_STORM_S seconds each, 60 by default; LABANMESH_STORMS: how many seeds from LABANMESH_ATTACKS_SEED on.
+"""
+
+import os
+import random
+
+import pytest
+from attack_history import SEED, History
+from attack_storm import KINDS, aftermath, settle, storm
+from fault_processes import Process, labanmesh
+from fault_stage import SECOND_NS, SERVICES, Movement, Replay, Stage, all_count
+
+STORM_S = float(os.environ.get("LABANMESH_STORM_S", "60"))
+SEEDS = range(
+    int(os.environ.get(SEED, "17")), int(os.environ.get(SEED, "17")) + int(os.environ.get("LABANMESH_STORMS", "1"))
+)
+
+
+@pytest.fixture(scope="module")
+def replay(tmp_path_factory):
+    return Replay(tmp_path_factory.mktemp("replay"))
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("kind", KINDS)
+def test_after_a_storm_each_movement_that_was_heard_has_one_right_verdict_that_ended(
+    kind, seed, request, long_form, tmp_path
+):
+    if not long_form:
+        pytest.skip("the long form: make attacks")
+    replay, history = request.getfixturevalue("replay"), History(request.node.nodeid, seed)
+    chance = random.Random(seed)  # noqa: S311 - to be repeated
+    with Stage(replay, tmp_path, fusions=SERVICES) as stage:
+        stage.processes["hub"] = Process(labanmesh("watch", stage.file, "--json"))
+        stage.play()
+        witness = stage.witness()
+        witness.wait_for(all_count, why="all count")
+        since_ns = witness.last["at_ns"]
+        storm(stage, kind, STORM_S, chance, history)
+        performed = [one for one in settle(stage, witness) if one.began_ns > since_ns]
+        result = aftermath(performed, witness.judgements, witness.verdicts)
+        history.note("end", result=str(result), detail=vars(result))
+        history.note(
+            "verdicts", verdicts=[(v["id"], v["label"], v["stage"], v["arrived_ns"]) for v in witness.verdicts]
+        )
+        path = history.keep()
+        print(f"{kind}, seed {seed}: {result}")
+        assert result.harmless, f"{vars(result)}\n{path}\n{stage.logs()}"
+
+
+def judged(at_s, heard=2):
+    return {"at_ns": int(at_s * SECOND_NS), "agreement": {"n": heard}}
+
+
+def word(name, label, began_s, ended_s=None, **fields):
+    end_ns = None if ended_s is None else int(ended_s * SECOND_NS)
+    times = {"began_ns": int(began_s * SECOND_NS), "decided_ns": int((began_s + 0.5) * SECOND_NS), "ended_ns": end_ns}
+    return {"id": name, "label": label, "stage": "decided" if end_ns is None else "ended", **times, **fields}
+
+
+def test_the_aftermath_tells_what_was_lost_from_what_nobody_could_hear():
+    performed = [Movement(label, 4 * n * SECOND_NS, (4 * n + 2) * SECOND_NS) for n, label in enumerate("abcdefg")]
+    times = [t / 10 for t in range(300) if not 120 < t < 140]
+    verdicts = [
+        word("1", "a", 0.1), word("1", "a", 0.1, 2.1),
+        word("2", "x", 4.1), word("2", "x", 4.1, 6.1),
+        word("5", "e", 16.1), word("5", "e", 16.1, 17.9, same_as="5b"), word("5b", "e", 16.2, 18.0),
+        word("6", "f", 20.1), word("7", "g", 24.1), word("7", "g", 24.2, 25.0), word("8", "g", 25.1, 25.9),
+    ]  # fmt: skip
+    result = aftermath(performed, [judged(at_s) for at_s in times], verdicts)
+    assert (result.right, result.unended, result.wrong) == (4, ["6"], [(1, "b", ["x"])])
+    assert (result.lost, result.unheard, result.doubled) == ([(2, "c")], [(3, "d")], [(6, ["7", "8"])])
+    assert not result.harmless
