@@ -86,7 +86,7 @@ class SceneMember:
         if self.worker is not None:
             self.worker.poll_requests()
         self._follow_vocabulary()
-        self.ownership.update(now_s, lambda: self._service.link.connected)
+        self.ownership.update(now_s, lambda: self._hears(now_s))
         if self._request is not None:
             self._request.poll()
             if self._request.finished:
@@ -178,6 +178,10 @@ class SceneMember:
         if self.role is not Role.OWNER or mine < other:
             raise SameIdError(self.scene.keys.fusion_alive(self._service.own))
 
+    def _hears(self, now_s: float) -> bool:
+        """Whether this service can reach others: it is connected, and observers that are there can be heard."""
+        return self._service.link.connected and (self.worker is None or self.worker.hears(now_s))
+
     def _require_only_status(self, arrival: Arrival) -> None:
         """The same for a service that publishes nothing yet: of two that stand by one ends, and an owner stays."""
         with suppress(BadMessage):
@@ -226,6 +230,9 @@ class SceneMember:
             self._end_lookup()
         engine = self._new_engine(self.vocabulary)
         self.worker = SceneWorker(self.scene, self._service, engine, self.status, self._file, self._hand_over)
+        if self._warm and self._file is not None and (state := self._file.read(self.scene.scene)) is not None:
+            # Before the first posterior: later the engine has a movement of its own.
+            self.worker.restore(state)
 
     def _restore(self, active: SceneWorker) -> None:
         """Continue from the newest state: handed over, published by the last owner, given away, or in the file."""

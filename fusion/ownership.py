@@ -13,10 +13,11 @@
 5. Every owner has an epoch, one higher than any epoch it has received. If two services publish, after a network was
    split for example, the one with the lower epoch stands by as soon as it hears the other; at the same epoch the one
    with the lower rank does.
-6. A service that has lost its own connection does not take over: it could reach nobody. It listens for `takeover_s`
-   after it is connected again.
+6. A service that has lost its own connection, or hears none of the observers that are there, does not take over: it
+   could reach nobody. It listens for `takeover_s` after that.
 7. A service that took no step for `takeover_s` (stopped, swapped out) listens for as long before it publishes again,
-   because another service may be the owner by now. A service that knows of no other one goes on at once.
+   because another service may be the owner by now. A service that knows of no other one goes on at once. One that
+   stands by waits twice as long for the owner, which may have been stopped too.
 
 Times are seconds of a monotonic clock.
 """
@@ -60,7 +61,7 @@ class Ownership:
         self._others: frozenset[str] = frozenset()
         self._silent: frozenset[str] = frozenset()
         self._quiet_since_s = 0.0
-        self._owner_vanished = False
+        self._slept_s = float("-inf")
         self._updated_s: float | None = None
         self.role = Role.IDLE
         self.owner: str | None = None
@@ -78,7 +79,6 @@ class Ownership:
         if self.owner in gone:
             # Rule 3: the first of the others need not wait.
             self.owner, self._quiet_since_s = None, now_s - self._takeover_s
-            self._owner_vanished = True
 
     def published(self, service: str, epoch: int, now_s: float) -> bool:
         """Another service published; returns whether it is the owner to follow.
@@ -95,7 +95,6 @@ class Ownership:
         if self.role is Role.OWNER:
             self.role = Role.STANDBY
         self.owner, self.epoch, self._quiet_since_s = service, max(epoch, self.epoch), now_s
-        self._owner_vanished = False
         return True
 
     def is_present(self, service: str) -> bool:
@@ -113,6 +112,8 @@ class Ownership:
         connected: whether this process can reach any other now.
         """
         slept = self._updated_s is None or now_s - self._updated_s > self._takeover_s
+        if slept and self._updated_s is not None:
+            self._slept_s = now_s
         self._updated_s = now_s
         if self._ranked == (self._own,):
             self._own_it()
@@ -137,8 +138,12 @@ class Ownership:
         return True
 
     def _follow_rank(self, now_s: float, connected: Callable[[], bool]) -> None:
+        if not connected():
+            self._quiet_since_s = now_s
         quiet_s = now_s - self._quiet_since_s
-        if self.owner is not None and quiet_s > self._takeover_s:
+        # Rule 7 may have stopped the owner too, which then comes back first.
+        just_woken = now_s - self._slept_s < 4 * self._takeover_s
+        if self.owner is not None and quiet_s > self._takeover_s * (2 if just_woken else 1):
             self._silent |= {self.owner}
             self.owner = None
         place = self._rank({self._own, *self._others} - self._silent).index(self._own)
@@ -150,9 +155,7 @@ class Ownership:
         elif self.owner is None:
             waits_s = self._takeover_s * (1 + place) if self._may_have_others else 0.0
             self.role = Role.STANDBY
-            if self._owner_vanished and not connected():
-                self._quiet_since_s = now_s
-            elif quiet_s >= waits_s:
+            if connected() and quiet_s >= waits_s:
                 self._own_it()
         elif place == 0 and not self._ranked:
             self.role = Role.REQUESTING

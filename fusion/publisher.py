@@ -17,7 +17,7 @@ from fusion.engine.engine import FusionEngine
 log = logging.getLogger("labanmesh.fusion")
 VERDICTS_KEPT = 10
 """Late joiners receive this many of the last verdicts."""
-SETTLE_S = 0.5
+SETTLE_S = 0.3
 """After a router is back all processes that try to reconnect have done so."""
 KNOWN_LIMIT = 64
 """Movements of which it is remembered that they had a verdict."""

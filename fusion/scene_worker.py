@@ -23,6 +23,8 @@ from fusion.publisher import Reachability, VerdictPublisher
 from fusion.standing_down import OpenMovement
 
 log = logging.getLogger("labanmesh.fusion")
+DEAF_S = 0.3
+"""A service that has heard no observer for so long is cut off itself, rather than the owner silent."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,6 +108,7 @@ class SceneWorker:
         self._session.answer(scene.keys.vocabulary, lambda: self._vocabulary)
         self._withheld: list[VerdictMessage] = []
         self._open: OpenMovement | None = None
+        self._heard_s = service.ticks()
         self._reachable, self._link, self._ticks = Reachability(), service.link, service.ticks
         self._waiting: bool | None = None
         self.fuses = self.owns = self.restored = False
@@ -124,6 +127,7 @@ class SceneWorker:
         """Receive `arrivals` and everything else that has arrived; the result has the case to pool."""
         self._session.poll()
         arrivals = arrivals or self._posteriors.take(0)
+        self._heard_s = self._ticks() if arrivals else self._heard_s
         read = newest(arrivals)
         for arrival in read:
             self._ingest.take(arrival)
@@ -166,6 +170,10 @@ class SceneWorker:
         if self._scene.mesh.mode != "router":
             return True
         return self._reachable.update(self._link.connected, self._ticks()) or not self._withheld
+
+    def hears(self, now_s: float) -> bool:
+        """Whether posteriors arrive; without an observer there is nothing to hear."""
+        return not self._present.alive or now_s - self._heard_s < DEAF_S
 
     def stand_down(self) -> None:
         """Another service is the owner from now on, although this one published: see standing_down.py."""

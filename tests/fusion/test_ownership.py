@@ -173,6 +173,30 @@ def test_a_service_that_lost_its_connection_does_not_take_over(standby):
     assert standby.published("a", 1, 3.4) and standby.update(3.4) is Role.STANDBY and standby.epoch == 1
 
 
+def test_a_service_that_hears_no_observer_does_not_take_over_from_a_silent_owner(standby):
+    """The router is frozen: all tokens stay, and everybody is silent."""
+    for n in range(2, 30):
+        assert standby.update(n * STEP_S, connected=lambda: False) is Role.STANDBY
+    assert standby.published("a", 1, 2.9) and standby.update(2.9) is Role.STANDBY and standby.epoch == 1
+    for n in range(30, 36):
+        standby.update(n * STEP_S)
+    assert standby.role is Role.OWNER
+
+
+def test_of_two_services_that_slept_together_the_owner_comes_back():
+    """Its last messages from before arrive at the other one when both wake."""
+    room = Room(NAMED[:2], NAMED[:2])
+    room.step(10)
+    epoch = room.services["a"].epoch
+    room.frozen |= {"a", "b"}
+    room.step(12)
+    room.frozen.clear()
+    room.services["b"].update(room.now_s)
+    assert room.services["b"].published("a", epoch, room.now_s)
+    room.step(20)
+    assert all(owners in ([], ["a"]) for owners in room.owners[-20:]) and room.owner == "a"
+
+
 def test_unread_messages_are_signs_of_life(standby):
     for n in range(2, 50):
         standby.sign_of_life(n * STEP_S)

@@ -244,6 +244,19 @@ def test_a_lone_service_continues_after_a_restart(stage, tmp_path):
     assert [(v.id, v.ended_ns is not None) for v in stage.verdicts()] == [(decided.id, True)]
 
 
+def test_after_both_services_were_killed_the_movement_goes_on_under_its_id(stage):
+    """The standby service fuses before it knows that it is the owner: its own begin of the movement must not count."""
+    stage.play("a", "b")
+    decided = stage.decide()
+    stage.judgement(lambda j: j.movement is not None and j.movement.label is not None)
+    for service in ("a", "b"):
+        stage.end(service)
+    stage.begin("b")
+    stage.judgement(lambda j: j.fusion == "b" and j.movement is not None and j.movement.id == decided.id)
+    stage.state = REST
+    assert [(v.id, v.stage) for v in stage.verdicts()] == [(decided.id, "ended")]
+
+
 def test_a_clock_that_is_set_back_within_a_movement_changes_no_verdict(stage, monkeypatch):
     jump_ns = 0
     real = time.time_ns
