@@ -22,7 +22,7 @@
    decision, the decision was premature and is revised.
    An undecided movement that turns into something else was none, and gets no verdict.
 8. If no observer was heard for longer than UNHEARD_S, a movement that was not decided before begins afresh, and a
-   decided one is not revised: another label afterwards is the next movement, and the same one goes on.
+   decided one is not revised: it ends when it was heard last, unless the same label goes on.
 """
 
 from dataclasses import dataclass, replace
@@ -214,7 +214,7 @@ class VerdictDetector:
             self._unheard_from_ns = None
         if self._faded_since_ns is None or at_ns - self._faded_since_ns < FADING * self._hold_ns:
             return None
-        ended_ns = self._faded_since_ns
+        ended_ns = self._unheard_from_ns or self._faded_since_ns
         self._finish()
         return () if decision is None else (replace(decision, ended_ns=ended_ns, stage="ended"),)
 
@@ -293,7 +293,7 @@ class VerdictDetector:
         return moved_until_ns - movement.began_ns >= self._hold_ns
 
     def _end(self, movement: MovementProgress, label: str | None, at_ns: int) -> MovementDecision | None:
-        decision, ended_ns = movement.decision, self._rest_since_ns
+        decision, ended_ns = movement.decision, self._unheard_from_ns or self._rest_since_ns
         if decision is None and self._is_long_enough(movement, at_ns):
             decision = MovementDecision(label or ABSTAIN, movement.began_ns, at_ns)
         self._finish()

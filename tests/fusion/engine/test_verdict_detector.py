@@ -346,7 +346,10 @@ def words_after_a_gap(before, gap, after, restart=False):
             detector.follow(following.movement, heard_ns)
             continue
         state = PooledState(at_ns, label, p, agreeing, rest_p, heard_ns=heard_ns)
-        words += [(d.label, d.stage, d.began_ns // STEP_NS) for d in detector.update(state)]
+        words += [
+            (d.label, d.stage, (d.ended_ns if d.stage == "ended" else d.began_ns) // STEP_NS)
+            for d in detector.update(state)
+        ]
     return words
 
 
@@ -354,13 +357,13 @@ def words_after_a_gap(before, gap, after, restart=False):
 def test_8_after_a_gap_another_label_is_the_next_movement_and_the_same_one_goes_on(restart):
     gone = {"gap": 30, "restart": restart}
     bow = ("bow", "decided", 1)
-    lunge = [("lunge", "decided", 36), ("lunge", "ended", 36)]
-    assert words_after_a_gap([*rest(1), *sure(5)], after=[*sure(8), *rest(4)], **gone) == [bow, ("bow", "ended", 1)]
-    assert words_after_a_gap([*rest(1), *sure(5)], after=[*sure(8, "lunge"), *rest(4)], **gone) == [
-        bow, ("bow", "ended", 1), *lunge
-    ]  # fmt: skip
+    assert words_after_a_gap([*rest(1), *sure(5)], after=[*sure(8), *rest(4)], **gone) == [bow, ("bow", "ended", 44)]
+    # The bow ended when it was heard last, for all that is known.
+    over = ("bow", "ended", 5)
+    lunge = [("lunge", "decided", 36), ("lunge", "ended", 44)]
+    assert words_after_a_gap([*rest(1), *sure(5)], after=[*sure(8, "lunge"), *rest(4)], **gone) == [bow, over, *lunge]
     # A lunge that nobody saw does not replace the bow that was decided.
-    assert words_after_a_gap([*rest(1), *sure(5)], after=sure_at_rest(9, "lunge"), **gone) == [bow, ("bow", "ended", 1)]
+    assert words_after_a_gap([*rest(1), *sure(5)], after=sure_at_rest(9, "lunge"), **gone) == [bow, over]
 
 
 def test_8_a_movement_that_was_not_decided_before_the_gap_begins_after_it():
