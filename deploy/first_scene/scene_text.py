@@ -58,6 +58,15 @@ mode = "machine"
 # How probable a movement must be, and for how long (seconds).
 #threshold = 0.6
 #hold_s = 0.1
+
+[hub]
+# For Home Assistant and others, over an MQTT broker (docs/guide/home.md): `labanmesh up` then starts this hub too.
+#start = ["mqtt"]
+
+[hub.mqtt]
+#host = "homeassistant.local"
+#username = "labanmesh"
+#password_file = "mqtt-password"
 """
 
 

@@ -104,6 +104,8 @@ def test_a_taught_movement_is_offered_at_once_and_a_forgotten_one_not(home):
     before = home.home.state("light.lamp")
     perform(home, "wave_both_hands")
     until(lambda: home.home.state("light.lamp") != before, "the lamp")
+    event = home.home.attributes("event.room_verdict")
+    assert event["event_type"] == "wave_both_hands" and "ok" not in event["event_types"]
     home.room.teach(LABELS)
     until(lambda: "ok" in offered(home), lambda: offered(home))
     perform(home, "ok")

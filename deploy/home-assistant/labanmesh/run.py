@@ -31,7 +31,7 @@ from deploy.launcher import Job, Launcher
 SUPERVISOR = "http://supervisor"
 BROKER_TIMEOUT_S = 120.0
 """At the start of the machine the broker may come up after this app."""
-RETRY_S = 1.0
+RETRY_S = 0.5
 PAGE = "0.0.0.0:8420"
 """The container's port, which config.yaml publishes; the page asks for a token."""
 ELSEWHERE = "elsewhere"
@@ -84,6 +84,9 @@ def _scene_file(options: Options, root: Path) -> Path:
         raise BadInput(
             f"no camera: add one to the options, or put a scene file of your own into the app's folder ({own})"
         )
+    names = [camera["name"] for camera in options["cameras"]]
+    if twice := [name for name in names if names.count(name) > 1]:
+        raise BadInput(f"cameras: two are called {twice[0]!r}; give each a name of its own")
     made = root / "data/scene.toml"
     made.write_text(scene_text(options["scene"], options["cameras"]), "utf-8")
     return made

@@ -130,7 +130,7 @@ def run():
     [
         ({}, "no camera: add one to the options, or put a scene file of your own"),
         ({"router": "tls/attic:7447", "certificates": "mine"}, "certificates: no folder 'mine' in the app's folder"),
-        ({"cameras": [{"name": "a", "source": "0"}, {"name": "a", "source": "1"}]}, "data/scene.toml: not TOML"),
+        ({"cameras": [{"name": "a", "source": "0"}, {"name": "a", "source": "1"}]}, "cameras: two are called 'a'"),
     ],
 )
 def test_options_that_cannot_work_are_one_line(run, root, capsys, options, line):
