@@ -136,7 +136,7 @@ def test_devices_hang_together(house):
 @pytest.mark.parametrize("order", ORDERS, ids="-".join)
 def test_states_survive_a_restart_of_each(house, order):
     until(lambda: set(house.home.states()) == ALL and not unavailable(house), lambda: house.home.states())
-    number = 10 + ORDERS.index(order)
+    number = 20 + ORDERS.index(order)  # no id is used twice
     house.room.publish_verdict("maestro", number)
     house.home.wait_for_state("binary_sensor.room_maestro", "on")
     until(lambda: event_type(house, "event.room_verdict") == "maestro", "the verdict")
