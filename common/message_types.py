@@ -10,6 +10,8 @@ TEXT_LIMIT = 200
 """Characters of a text for people; what is over it is cut off."""
 ID_LIMIT = 128
 """Characters of what identifies a session, a movement or a vocabulary."""
+CONTRADICTED = 0.6
+"""An observer that is relied on less than this is contradicted by the others; honest ones of people stay above .85."""
 LAST_INTEGER: Final = 2**63 - 1
 
 

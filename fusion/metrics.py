@@ -101,6 +101,10 @@ class FusionMetrics(Metrics):
         yield self.gauge("observer_weight_ratio", "Its share in the pooled posterior.", weights, "observer")
         ages = [((name,), vote.age_s) for name, vote in votes]
         yield self.gauge("observer_age_seconds", "Since its newest frame was captured.", ages, "observer")
+        trusts = [((name,), vote.reliability) for name, vote in votes]
+        yield self.gauge(
+            "observer_reliability_ratio", "How far verdicts have shown that it can be relied on.", trusts, "observer"
+        )
         skews = [((name,), vote.skew_s) for name, vote in votes]
         yield self.gauge("observer_clock_skew_seconds", "How far its clock is ahead of ours.", skews, "observer")
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from common import SECOND_NS
+from common.message_types import CONTRADICTED
 from common.messages import (
     JudgementMessage,
     StatusMessage,
@@ -77,6 +78,11 @@ class ObserverState:
     def is_heard(self) -> bool:
         """Whether its vote enters the judgement."""
         return self.state in HEARD_STATES
+
+    @property
+    def is_contradicted(self) -> bool:
+        """Whether the verdicts of the others have shown it to be wrong so often that it is hardly relied on."""
+        return self.reliability is not None and self.reliability < CONTRADICTED
 
 
 @dataclass(frozen=True, slots=True)

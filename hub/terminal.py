@@ -168,9 +168,11 @@ def _health(observer: ObserverState) -> Text:
 
 
 def _troubles(observer: ObserverState) -> Iterable[str]:
-    """Faults that the observer does not report itself: its clock, and messages that fusion rejected."""
+    """Faults that the observer does not report itself: its clock, lies, and messages that fusion rejected."""
     if observer.skew_s is not None and abs(observer.skew_s) >= SKEW_SHOWN_S:
         yield f"clock {'+' if observer.skew_s > 0 else '-'}{age(abs(observer.skew_s))}"
+    if observer.is_contradicted:
+        yield f"the others contradict it: {observer.reliability or 0.0:.0%} trusted"
     if observer.has_same_id:
         yield "two processes have this id"
     elif observer.rejected:

@@ -43,6 +43,7 @@ SKEW_S = 0.5
 """A clock that is off by more than this is reported; fusion corrects the ages of posteriors for it."""
 STRANGERS = 6
 """So many strangers are named in one line."""
+REVOKE = "labanmesh secure revoke"
 SYNCHRONISE = "timedatectl set-ntp true, or chrony"
 
 
@@ -252,6 +253,10 @@ def _statistics(name: str, process: ProcessTraffic, traffic: MeshTraffic) -> Ite
         if statistics.skew_s is not None and abs(statistics.skew_s) > SKEW_S:
             what = f"{name}: its clock is {relative_clock(statistics.skew_s)} that of fusion"
             yield warning(GROUP, what, f"synchronise it (NTP): {SYNCHRONISE}, on its machine")
+        if name in fusion.contradicted:
+            what = f"{name}: the others contradict it in most verdicts, so it is hardly relied on"
+            to_do = f"labanmesh look shows what it sees; else its model or its place is wrong, or it lies: {REVOKE}"
+            yield warning(GROUP, what, to_do)
         known = {*process.bad, *({"foreign_vocabulary"} if process.hashes else ())}
         for reason, count in sorted(statistics.rejected.items()):
             if count and reason not in known:

@@ -10,6 +10,7 @@ from typing import Final, TypeVar
 
 from common import SECOND_NS
 from common.keys import SceneKeys, observer_of
+from common.message_types import CONTRADICTED
 from common.messages import JudgementMessage, Message, PosteriorMessage, StatusMessage
 from common.text import plural
 from common.wire import BadMessage, decode_from
@@ -43,6 +44,7 @@ LOOK = "labanmesh look SOURCE on its machine shows what its camera delivers"
 class ProcessTraffic:
     """The messages of one process. skew_s: its clock minus ours, by its quickest message; None before any.
 
+    contradicted: observers whom the newest judgement hardly relies on, 0 to 1.
     why: why the newest judgement's movement has no verdict yet; "" without such a movement.
     posteriors: how many were good; hashes: of their vocabularies; turns: how often one session was followed by another,
     or a sequence number by a lower one: once is a restart. bad: messages that cannot be used, by reason.
@@ -52,6 +54,7 @@ class ProcessTraffic:
     status_ns: int = 0
     skew_s: float | None = None
     posteriors: int = 0
+    contradicted: dict[str, float] = field(default_factory=dict)
     judgements: int = 0
     why: str = ""
     hashes: set[str] = field(default_factory=set)
@@ -110,6 +113,8 @@ class MeshTraffic:
             process = _process(self.fusions, judgement.fusion)
             process.judgements += 1
             process.why = judgement.why or ""
+            trusts = {name: vote.reliability for name, vote in judgement.votes.items()}
+            process.contradicted = {name: t for name, t in trusts.items() if t is not None and t < CONTRADICTED}
             process.hashes.add(judgement.vocabulary.hash)
             process.count_number("", judgement.seq)
 

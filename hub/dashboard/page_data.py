@@ -143,6 +143,7 @@ def _observer(observer: ObserverState, gone: bool, labels: int) -> Json:
         "health": None if observer.status is None else _health(observer.status),
         "skew": rounded(observer.skew_s, 2),
         "rejected": observer.rejected,
+        "contradicted": rounded(observer.reliability, 2) if observer.is_contradicted else None,
     }
 
 

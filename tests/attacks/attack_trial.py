@@ -74,6 +74,8 @@ class Outcome:
     reliability: float | None
     rejected: dict
     states: set
+    judgement: object
+    statistics: dict
 
 
 def run(person, case):
@@ -152,8 +154,9 @@ class _Trial:
             end_ns = message.ended_ns or message.decided_ns
             span = tuple((at_ns - BEGAN_NS) / SECOND_NS for at_ns in (message.began_ns, end_ns))
             verdicts[message.id] = (message.label, span, message.ended_ns is not None)
-        vote = self.last.votes[HOSTILE]
-        return Outcome(verdicts, vote.reliability, dict(self.engine.rejected[HOSTILE]), self.states)
+        vote, rejected = self.last.votes[HOSTILE], dict(self.engine.rejected[HOSTILE])
+        statistics = self.ingest.statistics(list(self.last.votes))
+        return Outcome(verdicts, vote.reliability, rejected, self.states, self.last, statistics)
 
 
 def compare(person, without, under, honest=None):

@@ -56,8 +56,9 @@ function health(observer) {
   const status = observer.health ? [observer.health.state, observer.health.rate === null ? "" : `${observer.health.rate} Hz`, observer.health.reason] : [];
   const clockOff = observer.skew !== null && Math.abs(observer.skew) >= 0.5 ? `clock ${observer.skew > 0 ? "+" : "-"}${age(Math.abs(observer.skew))}` : "";
   const rejected = observer.rejected ? count(observer.rejected, "bad message") : "";
-  const text = (observer.gone ? ["its process is gone"] : status).concat(clockOff, rejected).filter(Boolean).join(", ");
-  return [text, observer.gone || Boolean(clockOff || rejected) || Boolean(observer.health && observer.health.state !== "running")];
+  const lies = observer.contradicted === null ? "" : `the others contradict it: ${percent(observer.contradicted)} trusted`;
+  const text = (observer.gone ? ["its process is gone"] : status).concat(clockOff, lies, rejected).filter(Boolean).join(", ");
+  return [text, observer.gone || Boolean(clockOff || lies || rejected) || Boolean(observer.health && observer.health.state !== "running")];
 }
 
 /* Bars: rows of name, bar and share, one for each answer. */
