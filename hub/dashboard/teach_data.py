@@ -120,6 +120,7 @@ def _lesson(lesson: "PageLesson") -> Json:
         "corrects": plan is None,
         **({"labels": []} if plan is None else _plan(plan)),
         "over": lesson.over,
+        "stopped": lesson.stopped,
         "fault": lesson.fault,
         "news": _news(lesson),
         "results": [line.text for line in lines if line.kind == "learning"],
@@ -154,7 +155,7 @@ def _news(lesson: "PageLesson") -> list[str]:
     """What was said about what is shown now: the last take; why the lesson cannot go on."""
     lines, step = lesson.room.shown.lines, lesson.room.shown.step
     if lesson.over:
-        return [line.text for line in lines[-NEWS_SHOWN:]] if lesson.fault else []
+        return [line.text for line in lines[-NEWS_SHOWN:]] if lesson.fault and not lesson.stopped else []
     if step.kind in TAKE_STEPS and step.label and not step.is_test:
         newest = [line.text for line in lines if line.kind in TAKE_STEPS and not line.is_test][-2 * NEWS_SHOWN :]
         begins = [n for n, text in enumerate(newest) if text.startswith(f"{step.label} ")]

@@ -48,7 +48,7 @@ BUSY = "a lesson is going on, perhaps from another phone; it is shown here"
 class PageLesson:
     """A lesson, or corrections that are learned, and how it ended. plan: None for corrections.
 
-    fault: one line; over: it goes on no more.
+    fault: one line; over: it goes on no more; stopped: because somebody pressed so.
     """
 
     id: str
@@ -56,6 +56,7 @@ class PageLesson:
     room: PageRoom
     thread: threading.Thread | None = None
     over: bool = False
+    stopped: bool = False
     fault: str = ""
 
 
@@ -221,7 +222,7 @@ class TeachDesk:
                 raise LabanmeshError(NO_RIGHT)
             work(lesson, list(replies))
         except KeyboardInterrupt:
-            lesson.fault = "stopped; every take is kept"
+            lesson.fault, lesson.stopped = "every take is kept", True
         except LabanmeshError as error:
             lesson.fault = str(error).replace("the same command goes on", "Go on continues")
         except Exception:

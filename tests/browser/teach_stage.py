@@ -31,6 +31,7 @@ from studies.performer import perform
 CAMERAS = {"sofa": "yaw:20", "shelf": "yaw:-50"}
 RECORDED = {"wave": "high_arm_wave", "clap": "hand_clap"}
 PERFORMED = {"wave": "byebye", "clap": "nthrow"}
+FED = {name: f'source = "zenoh:tracks/{name}"\nview = "camera"\n' for name in CAMERAS}
 RATE_HZ = 15.0
 SIZE = 640
 
@@ -64,7 +65,7 @@ class Performer:
         done = None
         while not self._stop.is_set():
             number, label = self._lesson()
-            if label and number != done:
+            if label in self._moves and number != done:
                 done = number
                 self._play(self._next(label))
             self._show(self._rest)
@@ -88,8 +89,8 @@ class Performer:
         for name, view in CAMERAS.items():
             seen = 200 * project(parse_view(view).matrix, positions[None].astype(float))[0] + SIZE / 2
             seen = seen + self._rng.normal(0, 1.0, seen.shape)
-            parts = {} if name in self.away else dict(zip(BODY_PARTS, seen.round(1).tolist(), strict=True))
-            line = {"captured_ns": time.time_ns(), "parts": parts}
+            places = [None] * len(BODY_PARTS) if name in self.away else seen.round(1).tolist()
+            line = {"captured_ns": time.time_ns(), "parts": dict(zip(BODY_PARTS, places, strict=True))}
             self._publishers[name].put(json.dumps(line).encode())
         self._stop.wait(1 / RATE_HZ)
 
@@ -104,18 +105,17 @@ class Performer:
 
 
 class TaughtScene:
-    """Fusion, two observers that wait to be taught, and a dashboard with a Teach page; a context manager."""
+    """Fusion, observers that wait to be taught, and a dashboard with a Teach page; a context manager.
 
-    def __init__(self, folder, extra=""):
-        self.folder, self.file, self._processes = folder, folder / "home.toml", []
-        port = free_port()
-        self.endpoint, self._known = f"tcp/127.0.0.1:{port}", (0, "")
-        observers = "".join(
-            f'[observers.{name}]\nsource = "zenoh:tracks/{name}"\nview = "camera"\n' for name in CAMERAS
-        )
-        self.file.write_text(
-            f'scene = "home"\n{extra}[mesh]\nendpoint = "{self.endpoint}"\n[fusion]\nquorum = 1\n{observers}'
-        )
+    observers: their sections in the scene file; by default two that a performer stands before.
+    """
+
+    def __init__(self, folder, observers=FED):
+        self.folder, self.file, self._processes, self._observers = folder, folder / "home.toml", [], observers
+        self.endpoint, self._known = f"tcp/127.0.0.1:{free_port()}", (0, "")
+        sections = "".join(f"[observers.{name}]\n{section}" for name, section in observers.items())
+        mesh = f'[mesh]\nendpoint = "{self.endpoint}"\n[fusion]\nquorum = 1\n'
+        self.file.write_text(f'scene = "home"\n{mesh}{sections}')
 
     def _start(self, *words):
         with (self.folder / f"{words[0]}-{len(self._processes)}.log").open("w") as log:
@@ -156,7 +156,7 @@ class TaughtScene:
         self.port = free_port()
         self._start("fuse", self.file)
         self.start_dashboard()
-        for name in CAMERAS:
+        for name in self._observers:
             self._start("observe", self.file, name)
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._watch, daemon=True)
@@ -172,7 +172,7 @@ class TaughtScene:
         for process in self._processes:
             process.terminate()
         for process in self._processes:
-            process.wait(SOON_S)
+            process.communicate(timeout=SOON_S)
 
 
 def free_port():

@@ -212,7 +212,7 @@ const STAGES = {
     : stage("", "Ordinary life", `For ${minutes(step.left)} do whatever you like except the movements: sit down, walk through, reach for things, scratch your head. It learns what is no movement.`),
   countdown: (lesson, step) => [which(step), make("p", "number", String(Math.round(step.left))), make("p", "title-line", words(step.label))],
   now: (lesson, step) => [which(step), make("p", "title-line", isMoving() ? "…" : "Now!"), make("p", "under", isMoving() ? "then stand still" : step.test ? `do it: ${words(step.label)}` : `${words(step.label)}, then stand still`)],
-  between: (lesson, step) => { const good = lastTake(step.label); return [which(step), make("p", "title-line", good ? "Got it" : "Not usable"), make("p", "under", good ? good : "once more; the lines below say why"), make("div", "ways", ...waysOf(lesson, step.label))]; },
+  between: (lesson, step) => { const good = lastTake(step.label); return [which(step), make("p", "title-line", good ? "Got it" : "Not usable"), make("p", "under", good || `${whyNot(step.label)}. Once more.`), make("div", "ways", ...waysOf(lesson, step.label))]; },
   review: (lesson, step) => stage("", `${words(step.label)}: ${count(step.number, "take")}`, "Delete what went wrong. The lines show the way of the hands: they should look alike."),
   other: (lesson, step) => {
     const bar = make("progress");
@@ -236,6 +236,10 @@ function lastTake(label) {
   const kept = state.observers.filter((each) => each.take && each.take.label === label && each.take.state === "kept");
   return kept.length ? kept.map((each) => `${each.name} ${each.take.seconds} s`).join(", ") : "";
 }
+function whyNot(label) {
+  const failed = state.observers.find((each) => each.take && each.take.label === label && each.take.fault);
+  return failed ? capital(failed.take.fault) : "No camera kept it";
+}
 function waysOf(lesson, label) {
   const kept = state.observers.filter((each) => each.take && each.take.label === label && each.take.state === "kept");
   return kept.slice(0, 2).map((each) => thumbnail(lesson.id, each.name, label, each.take.take, "large"));
@@ -249,7 +253,7 @@ function learners() {
   }));
 }
 function overStage(lesson) {
-  if (lesson.fault) return [...stage("", lesson.fault.startsWith("stopped") ? "Stopped" : "It cannot go on", lesson.fault)];
+  if (lesson.fault) return stage("", lesson.stopped ? "Stopped" : "It cannot go on", `${capital(lesson.fault)}.`);
   if (lesson.corrects) return [...stage("", "Corrected", "The cameras have learned from it."), wordsOf(lesson.corrected)];
   if (!lesson.adopted) return stage("", "Nothing has changed", "It goes on with what it knew. The takes are kept.");
   return [...stage("", "Done", `It recognises ${listed(state.known)}.`), ...(lesson.test.length ? [wordsOf(lesson.test)] : [])];
@@ -259,7 +263,7 @@ function showLesson(lesson) {
   const built = STAGES[step.kind] || STAGES.look;
   $("stage").dataset.kind = step.kind;
   const seen = step.kind === "learning" ? state.observers.map((each) => [each.state, each.fault, Boolean(each.learned)])
-    : step.kind === "now" ? isMoving() : step.kind === "between" ? lastTake(step.label) : null;
+    : step.kind === "now" ? isMoving() : step.kind === "between" ? [lastTake(step.label), whyNot(step.label)] : null;
   part($("stage"), [lesson.id, step.kind === "learning" ? { ...step, left: 0 } : step, seen, lesson.over, lesson.results, lesson.test, state.known], () => built(lesson, step));
   showCourse(lesson, step);
   showTakes(lesson, step);
