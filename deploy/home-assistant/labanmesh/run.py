@@ -46,12 +46,11 @@ def main(root: Path, supervisor: str) -> int:
         folder = root / "config"
         with stop_on_signals() as stop:
             environment = {**_mesh(options, folder), **_broker(options, root, supervisor, stop)}
-            environment[MODELS] = str(_made(folder / "models"))
+            # What a process keeps over a restart.
+            environment |= {MODELS: str(_made(folder / "models")), "STATE_DIRECTORY": str(root / "data")}
             token = _token(folder)
             path = _scene_file(options, root)
             scene = read_scene(path, {**os.environ, **environment})
-            if not (scene.fusion.memory or scene.fusion.standby):
-                environment["LABANMESH_FUSION_MEMORY"] = str(root / "data/movement.json")
             if options["blueprints"]:
                 _put_blueprints(root / "homeassistant")
             word = token.read_text("utf-8").strip()
@@ -176,8 +175,12 @@ def _token(folder: Path) -> Path:
 def _put_blueprints(home_assistant: Path) -> None:
     """Put the blueprints where Home Assistant looks for them, if its folder is mapped."""
     source = Path(deploy.__path__[0]) / "home-assistant/blueprints/automation/labanmesh"
-    if home_assistant.is_dir():
-        shutil.copytree(source, home_assistant / "blueprints/automation/labanmesh", dirs_exist_ok=True)
+    target = home_assistant / "blueprints/automation/labanmesh"
+    try:
+        if home_assistant.is_dir():
+            shutil.copytree(source, target, dirs_exist_ok=True)
+    except OSError as error:
+        print(f"cannot write the blueprints to {target}: {error}; copy them there yourself", flush=True)
 
 
 def _made(folder: Path) -> Path:

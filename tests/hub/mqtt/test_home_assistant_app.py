@@ -1,119 +1,17 @@
-"""The run script of the Home Assistant app: a SIMULATED supervisor, a real mosquitto with a password, a real router."""
+"""The run script of the Home Assistant app, without processes: what it starts, and what it says of faults."""
 
-import http.server
 import importlib.util
-import json
 import re
-import signal
-import subprocess
-import sys
-import threading
 from pathlib import Path
 
 import pytest
-from mqtt_stage import Broker, Listener, mosquitto
-from played_scene import LABELS, ROOT, SOON_S, PlayedScene, until
-
-from common.config import MeshConfig
-from common.link import Link
-
-RUN = ROOT / "deploy" / "home-assistant" / "labanmesh" / "run.py"
-TOKEN = "given by the supervisor"  # noqa: S105 - of the simulation
-
-
-class Supervisor(http.server.BaseHTTPRequestHandler):
-    """Answers one question of the app; the broker is in `service`, None: it is not known yet."""
-
-    service = None
-    asked = 0
-
-    def do_GET(self):
-        type(self).asked += 1
-        assert self.path == "/services/mqtt" and self.headers["Authorization"] == f"Bearer {TOKEN}"
-        found = self.service is not None
-        body = (
-            {"result": "ok", "data": self.service} if found else {"result": "error", "message": "Service not enabled"}
-        )
-        self.send_response(200 if found else 400)
-        self.end_headers()
-        self.wfile.write(json.dumps(body).encode())
-
-    def log_message(self, *_):
-        pass
-
-
-@pytest.fixture
-def supervisor():
-    """Its address; `Supervisor` says what it knows."""
-    Supervisor.service, Supervisor.asked = None, 0
-    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), Supervisor) as server:
-        threading.Thread(target=server.serve_forever, daemon=True).start()
-        yield f"http://127.0.0.1:{server.server_port}"
-        server.shutdown()
+from app_stage import RUN, TOKEN, Supervisor, app_folders, simulated_supervisor, write_options
+from played_scene import ROOT
 
 
 @pytest.fixture
 def root(tmp_path):
-    """The folders of an app: /data, /config, /homeassistant."""
-    for folder in ("data", "config", "homeassistant"):
-        (tmp_path / "root" / folder).mkdir(parents=True)
-    return tmp_path / "root"
-
-
-def write_options(root, **options):
-    (root / "data/options.json").write_text(json.dumps({"scene": "room", "cameras": [], "blueprints": True, **options}))
-
-
-@pytest.fixture
-def broker(tmp_path):
-    """A mosquitto that admits one user."""
-    if not mosquitto():
-        pytest.skip("mosquitto is not installed: tests/hub/mqtt/install_mosquitto.sh")
-    place = tmp_path / "broker"
-    place.mkdir()
-    subprocess.run(
-        ["mosquitto_passwd", "-b", "-c", place / "passwords", "addons", "s3cret"], check=True, timeout=SOON_S
-    )
-    lines = ["allow_anonymous true", f"password_file {place / 'passwords'}"]
-    with Broker(place, lines) as running:
-        yield running
-
-
-@pytest.fixture
-def room():
-    """A played scene in a real Zenoh router."""
-    mesh = MeshConfig(mode="router", endpoint="tcp/127.0.0.1:0")
-    with Link.open(mesh, "router") as link, PlayedScene(link=link) as scene:
-        yield scene
-
-
-def test_the_app_brings_a_scene_of_other_computers_to_the_broker_that_the_supervisor_names(
-    root, supervisor, broker, room
-):
-    write_options(root, router=room.endpoint, cameras=[{"name": "cam1"}, {"name": "cam2"}])
-    bare = {"PATH": "/usr/bin:/bin", "PYTHONPATH": str(ROOT), "SUPERVISOR_TOKEN": TOKEN}
-    bare |= {"LABANMESH_HUB_DASHBOARD_LISTEN": "127.0.0.1:0"}
-    command = [sys.executable, "-P", RUN, root, supervisor]
-    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
-    with Listener(broker.port) as listener, subprocess.Popen(command, env=bare, cwd=root, **pipes) as app:
-        try:
-            until(lambda: Supervisor.asked, "the app asks the supervisor")
-            service = {"host": "127.0.0.1", "port": broker.port, "ssl": False, "protocol": "3.1.1"}
-            Supervisor.service = {**service, "username": "addons", "password": "s3cret", "addon": "core_mosquitto"}
-            for label in LABELS:
-                topic = f"homeassistant/device_automation/labanmesh_room_RECOGNISED_{label}/config"
-                listener.wait_for(lambda topic=topic: topic in listener.last)
-            room.publish_verdict("ok", 1)
-            listener.wait_for(lambda: "labanmesh/room/verdict" in listener.last)
-        finally:
-            app.send_signal(signal.SIGTERM)
-            log, _ = app.communicate(timeout=SOON_S)
-    assert app.returncode == 0, log
-    token = (root / "config/token.txt").read_text().strip()
-    assert "waiting for the MQTT broker" in log and f"token: {token}" in log and "s3cret" not in log, log
-    assert ((root / "data/mqtt-password").stat().st_mode & 0o777) == 0o600
-    put = {file.name for file in (root / "homeassistant/blueprints/automation/labanmesh").iterdir()}
-    assert put == {file.name for file in (ROOT / "deploy/home-assistant/blueprints/automation/labanmesh").iterdir()}
+    return app_folders(tmp_path / "root")
 
 
 @pytest.fixture(scope="module")
@@ -163,6 +61,23 @@ def test_without_a_router_everything_runs_here_and_an_own_scene_file_goes_first(
     started.clear()
     assert run.main(root, "") == 0 and "door" in started and "sofa" not in started
     assert str(root / "config/scene.toml") in started["[mqtt]"]
+
+
+def test_the_broker_is_the_one_that_the_supervisor_names_as_soon_as_it_does(run, root, capsys, monkeypatch):
+    monkeypatch.setenv("SUPERVISOR_TOKEN", TOKEN)
+    monkeypatch.setattr(run, "RETRY_S", 0.01)
+    service = {"host": "core-mosquitto", "port": 1883, "ssl": True, "username": "addons", "password": "s3cret"}
+    with simulated_supervisor() as supervisor:
+        Supervisor.service, Supervisor.known_after = service, 2
+        environment = run._broker({}, root, supervisor, run.threading.Event())
+    assert (
+        environment["LABANMESH_HUB_MQTT_HOST"] == "core-mosquitto" and environment["LABANMESH_HUB_MQTT_TLS"] == "true"
+    )
+    assert (root / "data/mqtt-password").read_text() == "s3cret"
+    assert capsys.readouterr().out.count("waiting for the MQTT broker") == 1
+    monkeypatch.setattr(run, "BROKER_TIMEOUT_S", 0.05)
+    with simulated_supervisor() as supervisor, pytest.raises(run.LabanmeshError, match="Service not enabled; install"):
+        run._broker({}, root, supervisor, run.threading.Event())
 
 
 def test_the_app_has_the_version_of_labanmesh():
