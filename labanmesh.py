@@ -86,6 +86,7 @@ SYSTEM_LIBRARY = "cannot open shared object file"
 INSTALL_LIBRARY = (
     "install that library of the system (for libGL on Debian and Ubuntu: apt-get install libgl1 libglib2.0-0)"
 )
+LINE_LIMIT = 2000
 WRITE_ERRORS = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO})
 
 
@@ -103,7 +104,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         sys.stdout.flush()
         return status
     except LabanmeshError as error:
-        print(f"labanmesh: {error}", file=sys.stderr)
+        # A value that is quoted may be of any length.
+        print(f"labanmesh: {error}"[:LINE_LIMIT], file=sys.stderr)
         return error.exit_status
     except KeyboardInterrupt:
         return 130

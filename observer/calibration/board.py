@@ -69,6 +69,7 @@ class Charuco:
 
 
 Board = Chessboard | Charuco
+MOST_CORNERS = 100
 
 
 def parse_chessboard(text: str) -> Chessboard:
@@ -78,8 +79,9 @@ def parse_chessboard(text: str) -> Chessboard:
         columns, rows, square = int(match[1]), int(match[2]), float(match[3])  # type: ignore[index]
     except (TypeError, ValueError):
         raise BadInput(f"--board {text!r}: not a board; known: {KNOWN}") from None
-    if min(columns, rows) < 3:
-        raise BadInput(f"--board {text!r}: {columns}x{rows} inner corners; at least 3x3 are needed")
+    if min(columns, rows) < 3 or max(columns, rows) > MOST_CORNERS:
+        wanted = f"at least 3x3 are needed, and at most {MOST_CORNERS}x{MOST_CORNERS} known"
+        raise BadInput(f"--board {text[:40]!r}: {str(columns)[:9]}x{str(rows)[:9]} inner corners; {wanted}")
     if not 0.001 <= square <= 2:
         raise BadInput(f"--board {text!r}: squares of {square:g} m; 0.001 to 2 m is expected; the unit is metres")
     return Chessboard(columns, rows, square)

@@ -9,7 +9,10 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 from common.errors import BadInput
 from observer.tracks import Frame, Tracks
 
-Position = tuple[FiniteFloat, FiniteFloat] | tuple[FiniteFloat, FiniteFloat, Annotated[FiniteFloat, Field(ge=0, le=1)]]
+LARGEST = 1e12
+"""Of a coordinate, in any unit: the squares of larger ones would overflow float32, and the model would say NaN."""
+Coordinate = Annotated[FiniteFloat, Field(ge=-LARGEST, le=LARGEST)]
+Position = tuple[Coordinate, Coordinate] | tuple[Coordinate, Coordinate, Annotated[FiniteFloat, Field(ge=0, le=1)]]
 MAX_BYTES = 64 * 1024
 """Longest line; trackers with hundreds of key points stay below it."""
 LATEST_NS = 2**63 - 1

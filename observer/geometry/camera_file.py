@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, PositiveInt, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError
 
 from common.errors import BadInput
 from common.files import parse_toml, read_toml
@@ -60,8 +60,11 @@ def write_camera(path: Path, camera: CameraModel) -> None:
     write_file(path, text.encode())
 
 
-Row = Annotated[list[FiniteFloat], Field(min_length=4, max_length=4)]
-RowOfThree = Annotated[list[FiniteFloat], Field(min_length=3, max_length=3)]
+Number = Annotated[FiniteFloat, Field(ge=-1e12, le=1e12)]
+Side = Annotated[int, Field(ge=1, le=16_384)]
+"""Of a picture, px."""
+Row = Annotated[list[Number], Field(min_length=4, max_length=4)]
+RowOfThree = Annotated[list[Number], Field(min_length=3, max_length=3)]
 
 
 class _CameraFileKeys(BaseModel):
@@ -70,11 +73,11 @@ class _CameraFileKeys(BaseModel):
     model_config = ConfigDict(extra="forbid")
     name: str = Field(min_length=1)
     projective_matrix: Annotated[list[Row], Field(min_length=3, max_length=3)]
-    image_size_px: tuple[PositiveInt, PositiveInt] | None = None
+    image_size_px: tuple[Side, Side] | None = None
     reprojection_error_px: Annotated[FiniteFloat, Field(ge=0)] | None = None
     provenance: str = ""
     intrinsic_matrix: Annotated[list[RowOfThree], Field(min_length=3, max_length=3)] | None = None
-    distortion: list[FiniteFloat] | None = None
+    distortion: list[Number] | None = None
 
 
 def _checked(path: Path, keys: dict[str, object]) -> CameraModel:

@@ -120,6 +120,7 @@ def test_a_charuco_board_is_detected_from_behind():
         ("checkers", "known: chessboard"),
         ("chessboard:4x7", "not a board"),
         ("chessboard:2x7:0.06", "at least 3x3"),
+        ("chessboard:99999999x99999999:1", "at most 100x100"),
         ("chessboard:4x7:60", "the unit is metres"),
         ("none.toml", "No such file"),
     ],

@@ -43,6 +43,7 @@ def test_a_low_confidence_is_a_guess():
     [
         b"", b"no", b"[]", b"{}", b'{"parts": {}}', b'{"parts": {"tail": [1, 2]}}', b'{"parts": {"head": [1]}}',
         b'{"parts": {"head": [1, 2, 7]}}', b'{"parts": {"head": [1, NaN]}}', b'{"parts": {"head": "left"}}',
+        b'{"parts": {"head": [1e160, 2]}}', b'{"parts": {"head": [1, -1e30]}}',
         b'{"captured_ns": %d, "parts": {"head": [1, 2]}}' % 2**63,
         b'{"captured_ns": %d, "parts": {"head": [1, 2]}}' % 10**400,
         b'{"captured_ns": -3, "parts": {"head": [1, 2]}}', b"\xff\xfe",

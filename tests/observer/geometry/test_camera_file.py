@@ -68,6 +68,8 @@ def test_a_minimal_file_is_read(tmp_path):
         (GOOD.replace("[0,0,0,1]", "[0,0,1]"), "projective_matrix.2: "),
         (GOOD.replace("[0,0,0,1]", "[0,0,0,nan]"), "projective_matrix.2.3: "),
         (GOOD.replace("[0,0,0,1]", "[0,0,0,'x']"), "projective_matrix.2.3: "),
+        (GOOD.replace("[0,0,0,1]", "[0,0,0,1e300]"), "projective_matrix.2.3: "),
+        (GOOD + "image_size_px = [640, 1000000]", "image_size_px.1: "),
         (GOOD.replace("[0,0,0,1]", "[0,2,0,0]"), "projective_matrix: not a camera"),
         (GOOD.replace("[0,1,0,0]", "[2,0,0,0]"), "projective_matrix: not a camera"),
         (GOOD.replace("[0,0,0,1]", "[0,0,0,0]"), "projective_matrix: not a camera"),
