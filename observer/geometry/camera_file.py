@@ -60,7 +60,7 @@ def write_camera(path: Path, camera: CameraModel) -> None:
     write_file(path, text.encode())
 
 
-Number = Annotated[FiniteFloat, Field(ge=-1e12, le=1e12)]
+Number = Annotated[FiniteFloat, Field(ge=-1e30, le=1e30)]
 Side = Annotated[int, Field(ge=1, le=16_384)]
 """Of a picture, px."""
 Row = Annotated[list[Number], Field(min_length=4, max_length=4)]
