@@ -39,7 +39,7 @@ SCENES = 10
 """More than a service fuses event by event (fusion.server.FEW_SCENES)."""
 JUDGES = tuple(VIEWS)
 SECOND = "second"
-ASK_CLOCKS_S = 0.3
+ASK_CLOCKS_S = 0.1
 """In this process a service of many scenes compares clocks so often; else once a minute."""
 LONGEST_GAP_S = 0.2
 """Between two judgements of a scene, whatever the attack; threads of one process on a busy machine need more."""
@@ -82,6 +82,9 @@ class Attacker:
         self.session.close()
 
 
+FORGED_NS = 600 * SECOND_NS
+
+
 class Witness:
     """What was published on judgement and verdict of every scene: (arrived_ns, message), and what nobody can read."""
 
@@ -95,10 +98,14 @@ class Witness:
             payload, now_ns = sample.payload.to_bytes(), time.time_ns()
             message_type, taken = kinds[kind]
             try:
-                taken[scene].append((now_ns, decode(message_type, payload)))
-                self.largest = max(self.largest, len(payload))
+                message = decode(message_type, payload)
             except BadMessage as error:
                 self.unreadable.append((str(sample.key_expr), error))
+                return
+            self.largest = max(self.largest, len(payload))
+            # What an attacker forges is not what a service has said.
+            if abs(message.at_ns - now_ns) < FORGED_NS:
+                taken[scene].append((now_ns, message))
 
         for kind in kinds:
             attacker.session.declare_subscriber(f"laban/*/{kind}", note)
@@ -216,7 +223,7 @@ class _Stage:
 class Village(_Stage):
     """All in this process: real Zenoh sessions, services in threads, judges that publish what they are told."""
 
-    attacker_mode, longest_gap_s = "peer", 2.0
+    attacker_mode, longest_gap_s, longest_flooded_s = "peer", 2.0, 2.0
 
     def __init__(self, person, folder, scenes=SCENES):
         super().__init__(folder, scenes)
@@ -256,7 +263,7 @@ class Dojo(_Stage):
     The other scenes' judges publish from this process.
     """
 
-    attacker_mode, longest_gap_s = "client", LONGEST_GAP_S
+    attacker_mode, longest_gap_s, longest_flooded_s = "client", LONGEST_GAP_S, 2.0
 
     def __init__(self, person, folder, scenes=SCENES):
         super().__init__(folder, scenes)

@@ -45,13 +45,16 @@ class Sizes:
 
 
 def test_a_huge_put_with_blocking_congestion_control(stage, long_form):
-    size, since_ns = (900 if long_form else 12) << 20, time.time_ns()
+    if not long_form:
+        pytest.skip("tests/deploy/test_router_files.py has a small one")
+    size, since_ns = 900 << 20, time.time_ns()
     with Sizes(stage) as sizes:
-        for key in keys_of(stage.scenes[0])[: None if long_form else 1]:
+        for key in keys_of(stage.scenes[0]):
             stage.flood(key, size, congestion="block")
-        stage.await_judgements(2.0 if long_form else 0.2)
+        stage.await_judgements(2.0)
     gaps = stage.gaps(since_ns)
-    assert max(gaps.values()) <= stage.longest_gap_s, gaps
+    print("longest gap", round(max(gaps.values()), 3), "s; most MB", max(sizes.most_kb.values(), default=0) // 1000)
+    assert max(gaps.values()) <= stage.longest_flooded_s, gaps
     assert max(sizes.most_kb.values(), default=0) < MOST_KB, sizes.most_kb
     assert not stage.witness.unreadable
 
@@ -63,11 +66,13 @@ def test_a_flood_of_twenty_thousand_messages_a_second(stage, long_form, size, co
         pytest.skip("one flood is enough for the short form")
     since_ns, own, other = time.time_ns(), stage.scenes[0].keys, stage.scenes[-1].keys
     with Sizes(stage) as sizes:
-        for key in (own.posterior(JUDGES[0]), other.posterior("nobody"), own.observer_status(JUDGES[0])):
+        keys = (own.posterior(JUDGES[0]), other.posterior("nobody"), own.observer_status(JUDGES[0]))
+        for key in keys if long_form else keys[:1]:
             stage.flood(key, size, 20_000, 5.0 if long_form else 0.1, congestion)
         stage.await_judgements(0.2)
     gaps = stage.gaps(since_ns)
-    assert max(gaps.values()) <= stage.longest_gap_s, gaps
+    print("longest gap", round(max(gaps.values()), 3), "s; most MB", max(sizes.most_kb.values(), default=0) // 1000)
+    assert max(gaps.values()) <= stage.longest_flooded_s, gaps
     assert max(sizes.most_kb.values(), default=0) < MOST_KB, sizes.most_kb
 
 

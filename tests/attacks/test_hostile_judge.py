@@ -15,7 +15,7 @@ ROOMS = [(2, 0), (3, 0), (3, 1), (4, 0), (4, 1), (4, 2)]
 """How many judges, and how many of the honest are blind."""
 RATES_HZ = (4, 30)
 HOSTILE = tuple(name for name in STRATEGIES if name != HONEST)
-SHORT = ("wrong from the first frame", "rest inverted", "junk")
+SHORT = ("wrong from the first frame", "junk")
 LONG_ROOMS = [(judges, rate, blind) for judges, blind in ROOMS for rate in RATES_HZ]
 
 
@@ -29,7 +29,7 @@ def is_required(case):
 def harms(person, long_form):
     """What each strategy does in each room, by case; made once."""
     rooms = LONG_ROOMS if long_form else [(4, 10, 0)]
-    person = person if long_form else scripted(movements=2)
+    person = person if long_form else scripted(movements=1)
     result = {}
     for judges, rate, blind in rooms:
         without = run(person, Case("", judges, rate, blind))

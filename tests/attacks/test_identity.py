@@ -81,7 +81,7 @@ def test_a_reply_of_a_lesson_is_of_the_observer_that_was_asked(stage):
 
 def test_thousands_of_invented_processes_are_neither_shown_nor_counted_one_by_one(stage, long_form):
     scene, attacker = stage.scenes[0], stage.attacker()
-    count = 15_000 if long_form else 300
+    count = 15_000 if long_form else 100
     for n in range(count):
         keys = scene.keys
         status = encode(StatusMessage(scene=scene.scene, id=f"x{n}", state="failed", reason="n" * 5000))
@@ -90,7 +90,7 @@ def test_thousands_of_invented_processes_are_neither_shown_nor_counted_one_by_on
         if n < 1000:
             attacker.token(keys.observer_alive(f"x{n}"))
     since_ns = time.time_ns()
-    state = listened(stage, scene, lambda s: s.now_ns > since_ns + SECOND_NS // 2)
+    state = listened(stage, scene, lambda s: s.now_ns > since_ns + SECOND_NS // 4)
     assert len(state.observer_status) <= 64 + len(JUDGES)
     assert all(len(status.reason) <= 200 for status in state.observer_status.values())
     statistics = [status.observers or {} for status in state.fusion_status.values()]

@@ -26,7 +26,7 @@ def names():
     """What each of the four shows of the hostile judge, and of an honest one, after the same lies."""
 
     def shown(strategy):
-        outcome = run(scripted(movements=5), Case(strategy, 4, 10))
+        outcome = run(scripted(movements=4), Case(strategy, 4, 10))
         scene = Scene(scene="dojo", observers={name: ObserverConfig(source="x") for name in outcome.judgement.votes})
         status = StatusMessage(scene="dojo", id="fusion", state="running", observers=outcome.statistics)
         state = SceneState("dojo", scene.roster).fold(outcome.judgement, BEGAN_NS).fold(status, BEGAN_NS, "fusion")
