@@ -22,7 +22,7 @@ from common.errors import BadInput
 from common.parallel import cores, run_parts
 from common.vocabulary import ABSTAIN
 from observer.model.base import MovementModel
-from observer.motion.archive import MotionArchive, Recording, Span, labels_of
+from observer.motion.archive import MotionArchive, Recording, Span, labels_of, of_one_person
 from observer.recording.own_tracks import TracksRecorder
 from observer.teaching import corrections
 from observer.tracks import BODY_PARTS, Frame, Tracks
@@ -213,11 +213,8 @@ def learned(
     teaching: TaughtModels, taught: Mapping[str, MotionArchive], examples: Examples, labels: Sequence[str]
 ) -> Mapping[str, MovementModel]:
     """The models of all takes and examples, as an observer learns them."""
-    grown = {
-        name: replace(a, recordings=tuple(replace(r, subject=SOMEONE) for r in (*a.recordings, *examples[name])))
-        for name, a in taught.items()
-    }
-    return teaching.models(grown, labels)
+    grown = {name: replace(a, recordings=(*a.recordings, *examples[name])) for name, a in taught.items()}
+    return teaching.models({name: of_one_person(archive) for name, archive in grown.items()}, labels)
 
 
 def judge_household(home: Household, room: RecordedRoom, teaching: TaughtModels, learn: Learn = learned) -> Corrected:

@@ -138,11 +138,12 @@ def _learn_movements(part: _Part) -> str:
     from observer.learning.learn import learn_view
     from observer.model.model_file import write_model
     from observer.model.registry import DEFAULT_MODEL
+    from observer.motion.archive import of_one_person
 
     options, sensor, source = part.options, part.sensor, part.source
     output = options.output / f"{sensor.name}.model" if sensor.name else options.output
     learned = learn_view(
-        source.archive,
+        of_one_person(source.archive) if options.known_people else source.archive,
         source.view,
         part.vocabulary,
         kind=options.model or DEFAULT_MODEL,

@@ -90,6 +90,13 @@ class LearnOptions:
     effort: Annotated[
         bool, typer.Option("--effort", help="Learn Effort instead of movements, from trials such as -1_0_1_1.")
     ] = False
+    known_people: Annotated[
+        bool,
+        typer.Option(
+            "--known-people",
+            help="The archive has the people who will be judged: calibrate by leaving out recordings, not people.",
+        ),
+    ] = False
     jobs: Annotated[
         int, typer.Option(min=0, max=1024, help="Processes to share the work of several --sensor; 0: one per core.")
     ] = 0
