@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from benchmarks.command_line import run_command
-from benchmarks.taught import clips, few_takes, sensors
+from benchmarks.taught import clips, corrections, few_takes, sensors
 from benchmarks.taught.judging import TaughtModels
 from common.command_options import takes_options
 from common.errors import BadInput
@@ -20,11 +20,15 @@ from observer.model.registry import DEFAULT_MODEL
 
 
 class Row(StrEnum):
-    """What is measured. few-takes: five takes by one person. clips: another person's films. sensors: three cameras."""
+    """What is measured. few-takes: five takes by one person. clips: another person's films. sensors: three cameras.
+
+    corrections: wrong verdicts that become examples.
+    """
 
     FEW_TAKES = "few-takes"
     CLIPS = "clips"
     SENSORS = "sensors"
+    CORRECTIONS = "corrections"
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +40,9 @@ class TaughtOptions:
     parameter: Annotated[list[str] | None, typer.Option(help="NAME=NUMBER of the model; may be repeated.")] = None
     data: Annotated[str, typer.Option(help="few-takes: msr or nw_ucla.")] = "msr"
     life: Annotated[bool, typer.Option("--life", help="few-takes: learn storytelling as something else.")] = False
-    draws: Annotated[int, typer.Option(min=1, help="few-takes: how many people with three movements.")] = 10
+    draws: Annotated[int, typer.Option(min=1, help="few-takes, corrections: how many people with their movements.")] = (
+        10
+    )
     seed: Annotated[int, typer.Option(min=0, help="Of the draws.")] = 0
     tracks: Annotated[
         Path, typer.Option(help="clips: the folder of tracks; those missing are written there, which needs mediapipe.")
@@ -65,6 +71,14 @@ def taught(options: TaughtOptions) -> None:
     if options.row is Row.SENSORS:
         with ProgressBar() as bar:
             print("\n".join(sensors.rows(data, options.model, options.jobs, bar)))
+        return
+    if options.row is Row.CORRECTIONS:
+        with ProgressBar() as bar:
+            models = TaughtModels(options.model, parameters)
+            lines = corrections.rows(
+                data, models, options.draws, options.seed, options.jobs, lambda done, all_: bar("draws", done, all_)
+            )
+            print("\n".join(lines))
         return
     room = (few_takes.msr_room if options.data == "msr" else few_takes.nw_ucla_room)(data)
     teaching = TaughtModels(options.model, parameters, few_takes.life_in(room, data) if options.life else {})

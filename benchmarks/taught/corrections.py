@@ -12,17 +12,19 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 
-from benchmarks.taught.few_takes import RecordedRoom, streams_of
+from benchmarks.taught.few_takes import RecordedRoom, life_in, msr_room, streams_of
 from benchmarks.taught.judging import TaughtModels, verdicts_on
 from common import SECOND_NS
 from common.errors import BadInput
 from common.parallel import cores, run_parts
 from common.vocabulary import ABSTAIN
+from observer.learning.folds import of_one_person
 from observer.model.base import MovementModel
-from observer.motion.archive import MotionArchive, Recording, Span, labels_of, of_one_person
+from observer.motion.archive import MotionArchive, Recording, Span, labels_of
 from observer.recording.own_tracks import TracksRecorder
 from observer.teaching import corrections
 from observer.tracks import BODY_PARTS, Frame, Tracks
@@ -32,6 +34,11 @@ Progress = Callable[[int, int], None]
 EVENINGS = (4, 3, 3)
 """How many verdicts are corrected at most in each."""
 TAUGHT_TAKES = 2
+LABELS, UNLEARNED = 4, 8
+"""Movements that are taught, and others that are done."""
+LIFE_S = 120.0
+PEOPLE = ("2", "4", "6", "8", "10")
+"""The figures are of these people; ways of learning were chosen with the others."""
 SOMEONE = "someone"
 """Takes and corrections without --person are this person's."""
 NEAR_S = 0.5
@@ -43,7 +50,7 @@ class Household:
     """Who teaches, who else lives there; the movements that are taught, and those that are also done."""
 
     teacher: str
-    others: tuple[str, ...]
+    other: str
     labels: tuple[str, ...]
     unlearned: tuple[str, ...]
     seed: int
@@ -96,29 +103,36 @@ class Corrected:
     failed: int
 
 
-@dataclass(frozen=True, slots=True)
-class Sizes:
-    """How many other people, taught movements and other movements a household has."""
-
-    others: int = 1
-    labels: int = 4
-    unlearned: int = 8
+def one_camera(data: Path) -> RecordedRoom:
+    """MSR Action3D as the first camera of the room sees it."""
+    room = msr_room(data)
+    name = next(iter(room.views))
+    return replace(room, space={name: room.space[name]}, views={name: room.views[name]})
 
 
-def households(room: RecordedRoom, people: Sequence[str], count: int, seed: int, sizes: Sizes) -> list[Household]:
-    """`count` draws of a teacher and other people, and of movements of which all of them have three takes."""
+def ordinary_life(room: RecordedRoom, data: Path) -> dict[str, MotionArchive]:
+    """LIFE_S of storytelling, as a lesson records ordinary life."""
+    whole = life_in(room, data)
+    return {name: replace(a, recordings=(_beginning(a.recordings[0]),)) for name, a in whole.items()}
+
+
+def _beginning(recording: Recording) -> Recording:
+    return replace(recording, positions=recording.positions[: round(LIFE_S * recording.rate_hz)])
+
+
+def households(room: RecordedRoom, people: Sequence[str], count: int, seed: int) -> list[Household]:
+    """`count` draws of two people, and of movements of which both have three takes."""
     rng = np.random.default_rng(seed)
     first = next(iter(room.space.values()))
     counts = Counter((r.subject, r.label) for r in first.recordings)
     result: list[Household] = []
     for n in range(count):
         enough: list[str] = []
-        while len(enough) < sizes.labels + sizes.unlearned:
-            chosen = [people[k] for k in rng.permutation(len(people))[: sizes.others + 1]]
+        while len(enough) < LABELS + UNLEARNED:
+            chosen = [people[k] for k in rng.permutation(len(people))[:2]]
             enough = [label for label in labels_of(first) if all(counts[s, label] > TAUGHT_TAKES for s in chosen)]
         labels = tuple(enough[k] for k in rng.permutation(len(enough)))
-        taught, unlearned = labels[: sizes.labels], labels[sizes.labels : sizes.labels + sizes.unlearned]
-        result.append(Household(chosen[0], tuple(chosen[1:]), taught, unlearned, n))
+        result.append(Household(chosen[0], chosen[1], labels[:LABELS], labels[LABELS : LABELS + UNLEARNED], n))
     return result
 
 
@@ -221,15 +235,15 @@ def judge_household(home: Household, room: RecordedRoom, teaching: TaughtModels,
     """Teach, play, correct and learn anew, and judge what comes later. learn: from takes and examples by camera."""
     trials = sorted({r.trial for r in next(iter(room.space.values())).recordings})
     early, late = trials[:TAUGHT_TAKES], trials[TAUGHT_TAKES:]
-    people, every = (home.teacher, *home.others), (*home.labels, *home.unlearned)
+    people, every = (home.teacher, home.other), (*home.labels, *home.unlearned)
     taught = room.seen({name: _takes(a, home.teacher, home.labels, early) for name, a in room.space.items()})
     examples: dict[str, list[Recording]] = {name: [] for name in taught}
     models = before = learn(teaching, taught, examples, home.labels)
     made = failed = 0
     shown = [
-        (home.others[0], every, early[:1]),
+        (home.other, every, early[:1]),
         (home.teacher, home.unlearned, early),
-        (home.others[-1], every, early[1:]),
+        (home.other, every, early[1:]),
     ]
     for n, (most, (subject, labels, takes)) in enumerate(zip(EVENINGS, shown, strict=True)):
         part = evening(room, subject, labels, takes, home.seed + n)
@@ -249,14 +263,15 @@ def _takes(archive: MotionArchive, subject: str, labels: Sequence[str], takes: S
     return [r for r in archive.recordings if r.subject == subject and r.label in labels and r.trial in takes]
 
 
-def rows(
-    room: RecordedRoom, teaching: TaughtModels, homes: Sequence[Household], jobs: int, progress: Progress
-) -> Iterator[str]:
+def rows(data: Path, teaching: TaughtModels, count: int, seed: int, jobs: int, progress: Progress) -> Iterator[str]:
     """A line for each household, and one for all."""
+    room = one_camera(data)
+    teaching = replace(teaching, life=ordinary_life(room, data))
+    homes = households(room, PEOPLE, count, seed)
     results = run_parts(partial(judge_household, room=room, teaching=teaching), homes, jobs or cores(), progress)
     for one in results:
         home = one.household
-        yield f"  {home.teacher} and {', '.join(home.others)}: {', '.join(home.labels)}: {_figures([one])}"
+        yield f"  {home.teacher} and {home.other}: {', '.join(home.labels)}: {_figures([one])}"
     yield f"{room.name}: {_figures(results)}"
 
 

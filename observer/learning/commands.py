@@ -135,10 +135,10 @@ def _learn_all(parts: Sequence[_Part]) -> None:
 def _learn_movements(part: _Part) -> str:
     """Learn and write one model; what to print about it."""
     from observer.geometry.views import is_this_camera
+    from observer.learning.folds import of_one_person
     from observer.learning.learn import learn_view
     from observer.model.model_file import write_model
     from observer.model.registry import DEFAULT_MODEL
-    from observer.motion.archive import of_one_person
 
     options, sensor, source = part.options, part.sensor, part.source
     output = options.output / f"{sensor.name}.model" if sensor.name else options.output

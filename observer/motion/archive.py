@@ -174,11 +174,6 @@ def select(archive: MotionArchive, subjects: Sequence[str] = (), rate_hz: float 
     return replace(archive, recordings=tuple(recordings))
 
 
-def of_one_person(archive: MotionArchive) -> MotionArchive:
-    """The same recordings as if one person had made them all."""
-    return replace(archive, recordings=tuple(replace(r, subject="somebody") for r in archive.recordings))
-
-
 def movements_in(archive: MotionArchive) -> Iterator[Recording]:
     """Recordings of one movement each: continuous recordings are cut at their spans."""
     for recording in archive.recordings:
