@@ -240,7 +240,7 @@ def test_taught_movements_are_discovered_at_once_and_the_old_ones_removed(room, 
         listener.wait_for(lambda: set(map(trigger, first)) <= set(listener.last))
         room.teach(second)
         # The broker passes an empty retained message on to who listens.
-        listener.wait_for_state(trigger("byebye"), "", 2.0)
+        listener.wait_for_state(trigger("byebye"), "", 5.0)
         listener.wait_for(lambda: trigger("wave") in listener.last and f"{T}/movement/wave" in listener.last)
         listener.wait_for_state(f"{T}/movement/byebye", "")
         event = "homeassistant/event/labanmesh_room_VERDICT/config"
