@@ -25,7 +25,7 @@ from common.errors import BadInput, LabanmeshError
 Picture = NDArray[np.uint8]
 FILM = "wave_webcam"
 RATE_HZ = 10
-BEGIN_S, REST_S, TURN_S = 13.0, 9.0, 5.0
+BEGIN_S, REST_S, TURN_S = 13.0, 12.0, 5.0
 TAKES, LIFE_S, TURNS = 5, 45.0, 12
 ONE, BOTH = slice(0, 44), slice(48, 96)
 """Pictures of the film in which one hand waves, and both."""

@@ -63,6 +63,7 @@ class Lesson:
 
     def __init__(self, plan: LessonPlan, room: Room, ask: Ask, observers: Collection[str]) -> None:
         self._plan, self._room, self._asked = plan, room, list(observers)
+        self._crowds: set[str] = set()
         self._pupils = Pupils(plan.teacher, room, ask, list(observers), plan.add)
 
     def run(self) -> None:
@@ -141,9 +142,11 @@ class Lesson:
 
     def _after_take(self, step: Step, replies: Mapping[str, TeachReply]) -> Action:
         """What is pressed then; there is more time if somebody else was in the picture."""
-        crowd = crowd_lines(replies) if has_kept(replies) else []
+        # Once is enough where somebody else always sits in the picture.
+        crowd = [line for line in crowd_lines(replies) if has_kept(replies) and line not in self._crowds]
         for line in crowd:
             self._room.say(line)
+            self._crowds.add(line)
         pause_s = BETWEEN_S if self._plan.countdown else 0.0
         return self._room.between(replace(step, kind="between"), OFFER_S if crowd else pause_s)
 

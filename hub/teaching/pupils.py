@@ -9,6 +9,8 @@ from hub.teaching.room import Answers, Room
 
 RETURN_S = 20.0
 """So long the lesson waits for some observer if all are away."""
+BUSY, BUSY_S = "another `labanmesh teach`", 12.0
+"""In the refusal of an observer that another teacher has asked lately; one that is gone is forgotten in this time."""
 Ask = Callable[[TeachRequest, Collection[str]], Answers]
 
 
@@ -77,7 +79,12 @@ class Pupils:
     def start(self, labels: list[str]) -> Mapping[str, TeachReply]:
         """Begin with this vocabulary; the replies of those that can be taught. Raises LabanmeshError if none can."""
         self.labels = labels
+        begun_s = self.room.now_s()
         started = self.request("start", labels=labels, add=self.add)
+        # A teacher that was killed counts as gone after some seconds.
+        while any(BUSY in reply.fault for reply in started.values()) and self.room.now_s() - begun_s < BUSY_S:
+            self.room.pause(1.0)
+            started = self.request("start", labels=labels, add=self.add)
         self.observers = [name for name, reply in started.items() if not reply.fault]
         if not self.observers:
             raise LabanmeshError("no observer can be taught now; the lines above say why")

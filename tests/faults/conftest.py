@@ -4,6 +4,8 @@ LABANMESH_FAULTS=long is the long form (`make faults`): a hundred kills instead 
 """
 
 import os
+import shutil
+import subprocess
 import sys
 from pathlib import Path
 
@@ -15,6 +17,9 @@ sys.path.append(str(Path(__file__).parent))
 import fault_hosts
 from fault_processes import Process, labanmesh
 from fault_stage import SERVICES, Replay, Stage
+
+DISK_KB = 96
+"""A scene of three observers fills it in about a second with a capture."""
 
 
 @pytest.fixture(scope="session")
@@ -46,3 +51,17 @@ def hosts():
         pytest.skip(missing)
     with fault_hosts.Hosts() as both:
         yield both
+
+
+@pytest.fixture
+def small_disk(request, tmp_path):
+    """A disk of its own, in memory, of DISK_KB or as many as the test is parametrized with."""
+    if os.geteuid() != 0 or shutil.which("mount") is None:
+        pytest.skip("only root can mount a small disk")
+    place, size_kb = tmp_path / "disk", getattr(request, "param", DISK_KB)
+    place.mkdir()
+    mounted = subprocess.run(["mount", "-t", "tmpfs", "-o", f"size={size_kb}k", "tmpfs", str(place)])
+    if mounted.returncode:
+        pytest.skip("no disk can be mounted here")
+    yield place
+    subprocess.run(["umount", str(place)], check=True)

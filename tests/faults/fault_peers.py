@@ -2,9 +2,11 @@
 
 python fault_peers.py witness SCENE.toml: each message as a line of JSON, {"kind", "arrived_ns", "message"}; the first
 line shows that it listens. python fault_peers.py echo SCENE.toml OF ID: publishes as ID what the observer OF publishes,
-always with the same time. Both end on SIGTERM.
+always with the same time. python fault_peers.py film SCENE.toml KEY FILM.npz: the tracks of a film, again and again, as
+another program's tracks under KEY. All end on SIGTERM.
 """
 
+import itertools
 import json
 import secrets
 import sys
@@ -16,6 +18,7 @@ from common.lifecycle import stop_on_signals
 from common.link import Link
 from common.messages import JudgementMessage, PosteriorMessage, StatusMessage, VerdictMessage
 from common.wire import decode, encode
+from observer.motion.archive_file import read_archive
 
 KINDS = {"judgement": JudgementMessage, "verdict": VerdictMessage, "status": StatusMessage}
 
@@ -50,8 +53,17 @@ def echo(keys, link, stop, of, own):
             seq += 1
 
 
+def film(keys, link, stop, key, path):
+    archive = read_archive(Path(path))
+    (recording,), publisher = archive.recordings, link.publisher(key)
+    for frame in itertools.cycle(recording.positions.tolist()):
+        if stop.wait(1 / recording.rate_hz):
+            return
+        publisher.put(json.dumps({"parts": dict(zip(archive.body_parts, frame, strict=True))}).encode())
+
+
 if __name__ == "__main__":
-    peer, role = {"witness": (witness, "hub"), "echo": (echo, "observer")}[sys.argv[1]]
+    peer, role = {"witness": (witness, "hub"), "echo": (echo, "observer"), "film": (film, "hub")}[sys.argv[1]]
     scene = read_scene(Path(sys.argv[2]))
     with stop_on_signals() as stop, Link.open(scene.mesh, role) as link:
         peer(scene.keys, link, stop, *sys.argv[3:])

@@ -207,10 +207,22 @@ def test_takes_that_look_like_another_movement_or_show_two_people_are_offered_ag
     sofa, shelf = Observer(doubts=[doubt]), Observer(doubts=[doubt, TakeDoubt(label="clap", take=1, like="wave")])
     sofa.people = 2
     room = teach({"sofa": sofa, "shelf": shelf}, keys="....r")
-    assert "2 people in the picture of sofa: is the take yours? r makes it again" in room.lines
+    assert room.lines.count("2 people in the picture of sofa: is the take yours? r makes it again") == 1
     assert "wave 2 looks more like clap than like the other takes of wave, from sofa and shelf" in room.lines
     assert "clap 1 looks more like wave than like the other takes of clap, from shelf" in room.lines
     assert takes_asked(room)[4:] == [("wave", 3)] and sofa.takes["wave"] == [1, 3]
+
+
+def test_a_lesson_waits_for_a_teacher_that_was_killed():
+    sofa = Observer()
+    answer, refusals = sofa.answer, iter(["another `labanmesh teach` is at work with this observer"] * 4)
+
+    def busy(request):
+        fault = next(refusals, "") if request.command == "start" else ""
+        return answer(request).model_copy(update={"fault": fault})
+
+    sofa.answer = busy
+    assert sum("another" in line for line in teach({"sofa": sofa}).lines) == 1 and sofa.labels == ["wave", "clap"]
 
 
 def test_a_camera_that_is_lost_is_said_once_and_its_return_too():
