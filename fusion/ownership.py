@@ -91,6 +91,9 @@ class Ownership:
         rival = self._own if self.role is Role.OWNER else self.owner
         if rival not in (None, service) and not self._precedes(service, epoch, rival):
             return False
+        if rival is None and epoch < self.epoch and self._is_just_woken(now_s):
+            # It was the owner before this service was; following each other, both would be silent.
+            return False
         self._silent -= {service}
         if self.role is Role.OWNER:
             self.role = Role.STANDBY
@@ -142,8 +145,7 @@ class Ownership:
             self._quiet_since_s = now_s
         quiet_s = now_s - self._quiet_since_s
         # Rule 7 may have stopped the owner too, which then comes back first.
-        just_woken = now_s - self._slept_s < 4 * self._takeover_s
-        if self.owner is not None and quiet_s > self._takeover_s * (2 if just_woken else 1):
+        if self.owner is not None and quiet_s > self._takeover_s * (2 if self._is_just_woken(now_s) else 1):
             self._silent |= {self.owner}
             self.owner = None
         place = self._rank({self._own, *self._others} - self._silent).index(self._own)
@@ -161,6 +163,9 @@ class Ownership:
             self.role = Role.REQUESTING
         else:
             self.role = Role.STANDBY
+
+    def _is_just_woken(self, now_s: float) -> bool:
+        return now_s - self._slept_s < 4 * self._takeover_s
 
     @property
     def _may_have_others(self) -> bool:

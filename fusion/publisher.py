@@ -85,10 +85,15 @@ class VerdictPublisher:
         """The verdict on the movement in progress, if it is decided."""
         return unfinished(self._last_judgement, self._last_verdict)
 
-    def repeat_judgement(self) -> None:
-        """Send the last judgement once more, for a service that did not hear it."""
-        if self._judgement_payload is not None:
-            self._judgements.put(self._judgement_payload)
+    @property
+    def judgement_payload(self) -> bytes | None:
+        """The newest judgement, ours or the owner's, as it was published."""
+        return self._judgement_payload
+
+    def repeat(self, judgement: bytes | None) -> None:
+        """Send a judgement once more, for a service that did not hear it."""
+        if judgement is not None:
+            self._judgements.put(judgement)
 
     @property
     def at_rest(self) -> bool:

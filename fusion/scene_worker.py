@@ -108,6 +108,7 @@ class SceneWorker:
         self._session.answer(scene.keys.vocabulary, lambda: self._vocabulary)
         self._withheld: list[VerdictMessage] = []
         self._open: OpenMovement | None = None
+        self._last_words: bytes | None = None
         self._heard_s = service.ticks()
         self._reachable, self._link, self._ticks = Reachability(), service.link, service.ticks
         self._waiting: bool | None = None
@@ -180,7 +181,7 @@ class SceneWorker:
         verdict = self._publisher.unfinished
         if verdict is not None:
             self._open = OpenMovement(verdict, self._clock())
-            self._publisher.repeat_judgement()
+            self._last_words = self._publisher.judgement_payload
 
     def settle(self) -> bool:
         """Publish the end of the movement in which this service stood down, once it is due; whether nothing is open."""
@@ -191,6 +192,8 @@ class SceneWorker:
         if same_as is not None:
             self._engine.epoch = self.epoch
             self._publisher.close(self._engine.close(self._open.verdict, now_ns, now_ns, same_as))
+        if self._open.is_to_repeat(now_ns):
+            self._publisher.repeat(self._last_words)
         if self._open.settled:
             self._open = None
         return self._open is None

@@ -1,4 +1,4 @@
-"""A TCP relay on the loopback that delays everything, as a long line between two machines does."""
+"""A TCP relay on the loopback that delays everything, as a long line between two machines does, and that can be cut."""
 
 import socket
 import threading
@@ -17,13 +17,16 @@ class SlowLine:
         self._listening = socket.create_server(("127.0.0.1", 0))
         self.port = self._listening.getsockname()[1]
         self.passed = 0
-        self._sockets = []
+        self._sockets, self._is_cut = [], False
         threading.Thread(target=self._accept, daemon=True).start()
 
     def _accept(self):
         with suppress(OSError):
             while True:
                 near, _ = self._listening.accept()
+                if self._is_cut:
+                    near.close()
+                    continue
                 far = socket.create_connection(self._to)
                 self._sockets += [near, far]
                 for source, sink in ((near, far), (far, near)):
@@ -61,11 +64,24 @@ class SlowLine:
         for work in (read, write):
             threading.Thread(target=work, daemon=True).start()
 
+    def cut(self):
+        """Ends all connections, and admits none until `heal`."""
+        self._is_cut = True
+        self._end(self._sockets)
+
+    def heal(self):
+        """The line can be used again."""
+        self._is_cut = False
+
     def __enter__(self):
         return self
 
     def __exit__(self, *_):
-        for one in (self._listening, *self._sockets):
+        self._end((self._listening, *self._sockets))
+
+    @staticmethod
+    def _end(sockets):
+        for one in sockets:
             with suppress(OSError):
                 one.shutdown(socket.SHUT_RDWR)
             one.close()

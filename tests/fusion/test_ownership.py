@@ -197,6 +197,21 @@ def test_of_two_services_that_slept_together_the_owner_comes_back():
     assert all(owners in ([], ["a"]) for owners in room.owners[-20:]) and room.owner == "a"
 
 
+def test_an_owner_that_slept_does_not_follow_the_one_that_stands_down_for_it():
+    """After a split network the owner's machine hangs for a moment, and the other's last messages arrive."""
+    owner = Ownership("b", "dojo", NAMED[:2], TAKEOVER_S)
+    for n in range(20):
+        owner.update(n * STEP_S)
+    assert (owner.role, owner.epoch) == (Role.OWNER, 1)
+    owner.epoch = 2
+    owner.set_alive({"a", "b"}, 2.6)
+    assert owner.update(2.6) is Role.STANDBY
+    assert not owner.published("a", 1, 2.6)
+    for n in range(27, 38):
+        owner.update(n * STEP_S)
+    assert (owner.role, owner.epoch) == (Role.OWNER, 3)
+
+
 def test_unread_messages_are_signs_of_life(standby):
     for n in range(2, 50):
         standby.sign_of_life(n * STEP_S)
