@@ -4,6 +4,7 @@ from datetime import UTC, datetime, timedelta
 
 import pytest
 
+import labanmesh
 from common import SECOND_NS
 from common.errors import BadInput, LabanmeshError
 from common.messages import Agreement, VerdictMessage, VocabularyReference
@@ -154,6 +155,26 @@ def test_each_observer_is_asked_in_its_own_time_and_those_that_can_learn_and_cha
     learn_corrections(pupils, ["sofa", "door"])
     assert room.lines[-1] == "2 observers and the fusion service recognise wave, clap from now on"
     assert room.observers["shelf"].learned is None and sofa.examples == {"home-1": "clap", "m": ""}
+
+
+@pytest.mark.parametrize(
+    ("words", "error"),
+    [
+        ("teach x.toml --was last", "--was 1 times, and 0 labels: each --was WHEN is followed by what it was"),
+        ("teach x.toml", "name the movements"),
+        ("teach x.toml nothing wave", "this word stands for something else"),
+        ("forget x.toml", "name one of --person NAME, --label LABEL, --all"),
+        ("forget x.toml --all --label wave", "name one of"),
+        ("forget x.toml --person anna", "all takes by anna cannot be brought back; add --yes"),
+        ("forget x.model --labels wave -o y.model", "x.model: no such model file"),
+    ],
+)
+def test_a_command_that_is_not_complete_is_refused_in_a_line(words, error, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "x.toml").write_text('scene = "home"\n[observers.sofa]\nsource = "0"\n')
+    assert labanmesh.main(words.split()) == 2
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 1 and error in lines[0]
 
 
 def test_what_cannot_be_corrected_is_said_in_a_line():
