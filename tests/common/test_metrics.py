@@ -94,6 +94,7 @@ def test_a_line_of_output_becomes_json_unless_it_is():
     assert as_json_line("cam1", own) == own
     assert json.loads(as_json_line("cam1", "Traceback: {")) == {"process": "cam1", "message": "Traceback: {"}
     assert json.loads(as_json_line("cam1", "3")) == {"process": "cam1", "message": "3"}
+    assert json.loads(as_json_line("cam1", "[" * 100_000))["process"] == "cam1"
 
 
 OBSERVERS = {

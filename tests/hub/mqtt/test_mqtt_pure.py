@@ -323,7 +323,9 @@ def test_without_a_certainty_nothing_is_early(driver, make):
     assert not any("EARLY" in topic for topic in due) and driver.bridge.next_event(0.0) is None
 
 
-@pytest.mark.parametrize("payload", [b"", b"x", b"[]", b'{"said_ns": "1"}', b"\xff", b"null"])
+@pytest.mark.parametrize(
+    "payload", [b"", b"x", b"[]", b'{"said_ns": "1"}', b"\xff", b"null", b"[" * 100_000], ids=range(7)
+)
 def test_a_last_verdict_that_is_not_ours_is_ignored(payload):
     assert recalled_ns(payload) is None
 
