@@ -9,7 +9,8 @@ from common.teaching_messages import ShownTracks, TeachReply
 from common.vocabulary import ABSTAIN, LABEL
 from hub.scene_state import is_abstention
 from hub.teaching.lesson import LessonPlan
-from hub.teaching.room import Action, ActionKind, Step
+from hub.teaching.page_room import Line
+from hub.teaching.room import Action, ActionKind, Begin, Step
 from hub.teaching.wording import begun_labels, known_labels, presence_line
 
 if TYPE_CHECKING:
@@ -19,8 +20,9 @@ Json = dict[str, Any]
 LABELS_MOST, TAKES, MINUTES, SECONDS = 30, (2, 20), (0.0, 15.0), (0.5, 12.0)
 NAME_MOST, NS_PER_MS = 64, 1_000_000
 NEWS_SHOWN = 4
-TAKE_STEPS = ("ready", "countdown", "now", "between", "review")
-ACTIONS: dict[str, ActionKind] = {kind: kind for kind in ("go", "repeat", "drop", "more", "skip", "pause")}
+TAKE_STEPS = ("ready", "waiting", "countdown", "now", "kept", "failed", "between", "review", "doubt")
+ACTIONS: dict[str, ActionKind] = {kind: kind for kind in ("go", "begin", "repeat", "drop", "more", "skip", "pause")}
+BEGINS: dict[str, Begin] = {begin: begin for begin in ("still", "clap", "now")}
 
 
 def desk_data(desk: "TeachDesk") -> Json:
@@ -59,11 +61,14 @@ def plan_of(fields: Mapping[str, Any], known: list[str], teacher: str) -> Lesson
     person = str(fields.get("person") or "someone").strip()
     if not person.isprintable() or len(person) > NAME_MOST:
         raise BadInput(f"who performs: at most {NAME_MOST} printable characters are expected")
-    seconds = fields.get("seconds")
+    seconds, begin = fields.get("seconds"), BEGINS.get(str(fields.get("begin", "still")))
+    if begin is None:
+        raise BadInput(f"begin: one of {', '.join(BEGINS)} is expected")
     return LessonPlan(
-        labels=labels, teacher=teacher, person=person, add=add, test=True,
+        labels=labels, teacher=teacher, person=person, add=add, test=True, begin=begin,
         takes=int(_number(fields, "takes", 5, *TAKES)),
         background_s=60 * _number(fields, "minutes", 2.0, *MINUTES),
+        alarm_s=60 * _number(fields, "alarm_minutes", 1.0, *MINUTES),
         seconds=None if seconds is None else _number(fields, "seconds", 3.0, *SECONDS),
     )  # fmt: skip
 
@@ -125,9 +130,14 @@ def _lesson(lesson: "PageLesson") -> Json:
         "news": _news(lesson),
         "results": [line.text for line in lines if line.kind == "learning"],
         "corrected": [line.text for line in lines if plan is None and line.kind == "look"],
-        "test": [line.text for line in lines if line.is_test],
+        "test": [line.text for line in lines if _is_outcome(line)],
         "adopted": any(line.kind == "adopting" for line in lines),
     }
+
+
+def _is_outcome(line: Line) -> bool:
+    """Whether a line says how the test went; others announce what to do."""
+    return (line.is_test or line.kind == "alarms") and not line.text.startswith("now ")
 
 
 def _plan(plan: LessonPlan) -> Json:
@@ -138,6 +148,8 @@ def _plan(plan: LessonPlan) -> Json:
         "add": plan.add,
         "person": plan.person,
         "minutes": plan.background_s / 60,
+        "alarm_minutes": plan.alarm_s / 60,
+        "begin": plan.begin,
         "seconds": plan.seconds,
     }
 
@@ -156,7 +168,7 @@ def _news(lesson: "PageLesson") -> list[str]:
     lines, step = lesson.room.shown.lines, lesson.room.shown.step
     if lesson.over:
         return [line.text for line in lines[-NEWS_SHOWN:]] if lesson.fault and not lesson.stopped else []
-    if step.kind in TAKE_STEPS and step.label and not step.is_test:
+    if step.kind in TAKE_STEPS and step.kind != "waiting" and step.label and not step.is_test:
         newest = [line.text for line in lines if line.kind in TAKE_STEPS and not line.is_test][-2 * NEWS_SHOWN :]
         begins = [n for n, text in enumerate(newest) if text.startswith(f"{step.label} ")]
         return newest[begins[-1] if begins else 0 :][-NEWS_SHOWN:]
@@ -171,6 +183,7 @@ def _step(step: Step) -> Json:
         "of": step.of,
         "left": round(step.left_s, 1),
         "test": step.is_test,
+        "how": step.how,
     }
 
 

@@ -23,10 +23,11 @@ WAITING_ACTIONS: dict[StepKind, tuple[ActionKind, ...]] = {
 }
 """What can be pressed where the lesson waits."""
 RUNNING_ACTIONS: dict[StepKind, tuple[ActionKind, ...]] = {
-    "countdown": ("pause", "repeat"),
-    "now": ("pause", "repeat"),
-    "between": ("pause", "repeat"),
+    "waiting": ("begin",),
+    **dict.fromkeys(("countdown", "now", "kept", "failed", "between"), ("pause", "repeat")),
+    "doubt": ("repeat",),
     "other": ("skip",),
+    "alarms": ("skip",),
 }
 """What can be pressed meanwhile."""
 MOVED_ON = "the lesson has moved on, perhaps by another phone; look at what it shows now"

@@ -104,6 +104,7 @@ def test_a_whole_lesson_by_presses(phone, taught, tmp_path):
     page.locator("summary", has_text="More settings").tap()
     page.fill("#takes", "3")
     page.fill("#minutes", "0.15")
+    page.fill("#alarm_minutes", "0.1")
     page.fill("#person", "anna")
     looks_right(page, "1-setup", tmp_path)
     tap(page, "Begin the lesson")
@@ -114,7 +115,7 @@ def test_a_whole_lesson_by_presses(phone, taught, tmp_path):
     # Two people press at once: one begins, the other sees it.
     for each in (page, second):
         each.evaluate("[...document.querySelectorAll('#buttons button')].find(b => b.textContent === 'Start').click()")
-    for kind in ("countdown", "now", "between"):
+    for kind in ("waiting", "countdown", "now", "between"):
         page.wait_for_selector(f"#stage[data-kind={kind}]")
         looks_right(page, f"3-{kind}", tmp_path)
     assert "Got it" in page.inner_text("#stage")
@@ -151,7 +152,7 @@ def test_a_whole_lesson_by_presses(phone, taught, tmp_path):
     tap(page, "Use it")
     page.get_by_role("button", name="Start the test").tap()
     page.get_by_role("button", name="Teach more").wait_for(timeout=60_000)
-    assert re.search(r"\d of 2 recognised", page.inner_text("#stage"))
+    assert re.search(r"wave \d of 1, clap \d of 1, false alarms \d in 0.1 minutes", page.inner_text("#stage"))
     page.locator("summary", has_text="Home Assistant?").tap()
     page.wait_for_selector("#home-steps li")
     looks_right(page, "8-done", tmp_path)
@@ -188,6 +189,7 @@ def test_nobody_before_the_cameras_is_said_and_stopping_loses_nothing(phone, tau
     page.wait_for_selector(".cameras li:not([data-ready])")
     tap(page, "Begin the lesson")
     tap(page, "Start")
+    tap(page, "Begin now")
     page.wait_for_selector("#stage[data-kind=between]:has-text('Not usable')")
     assert "Nobody was seen" in page.inner_text("#stage")
     looks_right(page, "a-nobody", tmp_path)
@@ -210,6 +212,16 @@ def test_the_page_that_watches_only_reads_and_links_here(taught, chromium):
     context.close()
 
 
+def get_on(page, name):
+    """Wait for a button. On a busy machine three takes in a row may be lost; then the lesson is gone on with."""
+    wanted, again = (page.get_by_role("button", name=each, exact=True) for each in (name, "Go on with it"))
+    wanted.or_(again).wait_for(timeout=LEARN_S * 1000)
+    if again.is_visible():
+        again.tap()
+        tap(page, "Start")
+        get_on(page, name)
+
+
 @pytest.mark.timeout(500)
 def test_a_lesson_with_a_film_as_camera_and_its_live_picture(data, phone_of, tmp_path):
     film = data / "wave_webcam" / "wave.mp4"
@@ -224,15 +236,15 @@ def test_a_lesson_with_a_film_as_camera_and_its_live_picture(data, phone_of, tmp
         page.fill("#seconds", "2.5")
         page.fill("#takes", "2")
         page.fill("#minutes", "0.1")
+        page.select_option("#begin", "now")
         looks_right(page, "film", tmp_path)
         tap(page, "Begin the lesson")
-        tap(page, "Start")
-        page.get_by_role("button", name="Next: point").wait_for()
-        page.wait_for_function("() => document.querySelectorAll('.takes svg .trail').length >= 2")
-        looks_right(page, "film-takes", tmp_path)
-        tap(page, "Next: point")
-        tap(page, "Start")
-        tap(page, "Go on")
+        for coming in ("Next: point", "Go on"):
+            tap(page, "Start")
+            get_on(page, coming)
+            page.wait_for_function("() => document.querySelectorAll('.takes svg .trail').length >= 2")
+            looks_right(page, "film-takes", tmp_path)
+            tap(page, coming)
         tap(page, "Start")
         page.get_by_role("button", name="Use it").wait_for(timeout=LEARN_S * 1000)
         tap(page, "Use it")

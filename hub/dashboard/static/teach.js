@@ -4,6 +4,7 @@
 const $ = (id) => document.getElementById(id);
 const SVG = "http://www.w3.org/2000/svg";
 const VIEW_MS = 300, AGAIN_MS = 1000, UNITS = 1000;
+const AFTER = ["kept", "failed", "between"], TAKING = ["waiting", "countdown", "now", ...AFTER];
 const IDEAS = ["wave", "point", "clap", "circle", "stop"];
 const LABEL = /^[a-z0-9_]{1,64}$/;
 const BONES = [["head", "neck"], ["neck", "pelvis"], ...["left", "right"].flatMap((side) => [
@@ -194,7 +195,7 @@ for (const id of ["takes", "minutes"]) $(id).addEventListener("input", show);
 function plan(labels, more = {}) {
   const adds = !$("how").hidden && document.querySelector("input[name=how]:checked").value === "add";
   const seconds = $("seconds").value === "" ? null : Number($("seconds").value);
-  return { labels, add: adds, takes: Number($("takes").value), minutes: Number($("minutes").value), person: $("person").value.trim(), seconds, ...more };
+  return { labels, add: adds, takes: Number($("takes").value), minutes: Number($("minutes").value), person: $("person").value.trim(), seconds, begin: $("begin").value, alarm_minutes: Number($("alarm_minutes").value), ...more };
 }
 $("start").addEventListener("click", async () => {
   const typed = $("label").value;
@@ -212,7 +213,10 @@ const STAGES = {
     : stage("", "Ordinary life", `For ${minutes(step.left)} do whatever you like except the movements: sit down, walk through, reach for things, scratch your head. It learns what is no movement.`),
   countdown: (lesson, step) => [which(step), make("p", "number", String(Math.round(step.left))), make("p", "title-line", words(step.label))],
   now: (lesson, step) => [which(step), make("p", "title-line", isMoving() ? "…" : "Now!"), make("p", "under", isMoving() ? "then stand still" : step.test ? `do it: ${words(step.label)}` : `${words(step.label)}, then stand still`)],
-  between: (lesson, step) => { const good = lastTake(step.label); return [which(step), make("p", "title-line", good ? "Got it" : "Not usable"), make("p", "under", good || `${whyNot(step.label)}. Once more.`), make("div", "ways", ...waysOf(lesson, step.label))]; },
+  waiting: (lesson, step) => [which(step), make("p", "title-line", step.how === "clap" ? "Clap once" : "Stand still"), make("p", "under", step.how === "clap" ? "with both hands in front of you: then it counts down" : "where a camera sees head and hands: then it counts down")],
+  between: (lesson, step) => step.test ? [which(step), make("p", "title-line", step.kind === "kept" ? "Recognised" : "Not recognised")] : afterTake(lesson, step),
+  doubt: (lesson, step) => stage("", `${words(step.label)}: one take looks odd`, "It looks more like another movement; the lines below say which one. Is it worth another take?"),
+  alarms: (lesson, step) => stage("", step.number ? count(step.number, "false alarm") : "No false alarm yet", "Do anything but the movements. Whatever it recognises now is a false alarm.", `${minutes(step.left)} to go`),
   review: (lesson, step) => stage("", `${words(step.label)}: ${count(step.number, "take")}`, "Delete what went wrong. The lines show the way of the hands: they should look alike."),
   other: (lesson, step) => {
     const bar = make("progress");
@@ -226,6 +230,11 @@ const STAGES = {
   test: (lesson) => stage("", "Now a test", `Do each movement once more: ${listed(lesson.labels)}. You see what it says.`),
   done: (lesson) => overStage(lesson),
 };
+STAGES.kept = STAGES.failed = STAGES.between;
+function afterTake(lesson, step) {
+  const good = lastTake(step.label);
+  return [which(step), make("p", "title-line", good ? "Got it" : "Not usable"), make("p", "under", good || `${whyNot(step.label)}. Once more.`), make("div", "ways", ...waysOf(lesson, step.label))];
+}
 function stage(over, title, ...under) {
   return [...(over ? [make("p", "which", over)] : []), make("p", "title-line", title), ...under.filter(Boolean).map((line) => make("p", "under", line))];
 }
@@ -261,9 +270,11 @@ function overStage(lesson) {
 function showLesson(lesson) {
   const step = lesson.over ? { kind: "done", label: "", number: 0, of: 0, left: 0, test: false } : lesson.step;
   const built = STAGES[step.kind] || STAGES.look;
+  // The lesson tells what became of a take, and then waits a little: on the page that is one thing.
+  if (AFTER.includes(step.kind) && !step.test) step.kind = "between";
   $("stage").dataset.kind = step.kind;
   const seen = step.kind === "learning" ? state.observers.map((each) => [each.state, each.fault, Boolean(each.learned)])
-    : step.kind === "now" ? isMoving() : step.kind === "between" ? [lastTake(step.label), whyNot(step.label)] : null;
+    : step.kind === "now" ? isMoving() : AFTER.includes(step.kind) ? [lastTake(step.label), whyNot(step.label)] : null;
   part($("stage"), [lesson.id, step.kind === "learning" ? { ...step, left: 0 } : step, seen, lesson.over, lesson.results, lesson.test, state.known], () => built(lesson, step));
   showCourse(lesson, step);
   showTakes(lesson, step);
@@ -273,7 +284,7 @@ function showLesson(lesson) {
 }
 function buttons(lesson, step) {
   if (lesson.over) return [
-    ...((lesson.fault || !lesson.adopted) && !lesson.corrects ? [button("Go on with it", () => send("teach/start", { labels: lesson.labels, add: lesson.add, takes: lesson.takes, minutes: lesson.minutes, person: lesson.person, seconds: lesson.seconds }), "main")] : []),
+    ...((lesson.fault || !lesson.adopted) && !lesson.corrects ? [button("Go on with it", () => send("teach/start", { labels: lesson.labels, add: lesson.add, takes: lesson.takes, minutes: lesson.minutes, person: lesson.person, seconds: lesson.seconds, begin: lesson.begin, alarm_minutes: lesson.alarm_minutes }), "main")] : []),
     button(lesson.corrects ? "Back" : lesson.fault ? "Choose other movements" : "Teach more", () => send("teach/stop", { lesson: lesson.id }), !lesson.corrects && (lesson.fault || !lesson.adopted) ? "second" : "main")];
   const following = lesson.labels[lesson.labels.indexOf(step.label) + 1];
   if (lesson.waits) switch (step.kind) {
@@ -284,12 +295,17 @@ function buttons(lesson, step) {
     case "test": return [button("Start the test", () => press("go"), "main"), button("Leave it out", () => press("skip"), "second")];
   }
   if (step.kind === "other") return [button("That is enough", () => press("skip"), "second")];
-  if (["countdown", "now", "between"].includes(step.kind) && !step.test) return [button("Wait after this take", async (event) => { const node = event.currentTarget; if (await press("pause")) { node.textContent = "It will wait"; node.disabled = true; } }, "second")];
+  if (step.kind === "alarms") return [button("That is enough", () => press("skip"), "second")];
+  if (step.kind === "waiting") return [button("Begin now", () => press("begin"), "main")];
+  if (step.kind === "doubt") return [button("Make it again", () => press("repeat"), "main")];
+  if (TAKING.includes(step.kind) && !step.test) return [
+    ...(step.kind === "between" && lastTake(step.label) ? [button("Make it again", () => press("repeat"), "second")] : []),
+    button("Wait after this take", async (event) => { const node = event.currentTarget; if (await press("pause")) { node.textContent = "It will wait"; node.disabled = true; } }, "second")];
   return [];
 }
 function showCourse(lesson, step) {
   const parts = [...lesson.labels, "other", "learn", "test"];
-  const at = lesson.over ? (lesson.fault ? -1 : parts.length) : step.test || step.kind === "test" ? parts.length - 1
+  const at = lesson.over ? (lesson.fault ? -1 : parts.length) : step.test || ["test", "alarms"].includes(step.kind) ? parts.length - 1
     : ["learning", "learned", "adopting"].includes(step.kind) ? parts.length - 2 : step.kind === "other" || (step.kind === "ready" && !step.label) ? parts.length - 3 : lesson.labels.indexOf(step.label);
   part($("course"), [parts, at], () => parts.map((each, i) => {
     const item = make("li", "", make("span", "unseen", `${words(each)}${i < at ? ": done" : i === at ? ": now" : ""}`));
@@ -301,7 +317,7 @@ function showCourse(lesson, step) {
 /* Takes: the ways of the hands, as each camera saw them. */
 const pictures = new Map();
 function showTakes(lesson, step) {
-  const label = !lesson.over && ["ready", "review", "between", "countdown", "now"].includes(step.kind) && !step.test ? step.label : "";
+  const label = !lesson.over && ["ready", "review", "doubt", ...TAKING].includes(step.kind) && !step.test ? step.label : "";
   const by = new Map();
   for (const each of state.observers) for (const take of (label && each.takes && each.takes[label]) || []) by.set(take, [...(by.get(take) || []), each.name]);
   const numbers = [...by.keys()].sort((a, b) => a - b), deletes = lesson.waits && step.kind === "review";

@@ -203,7 +203,8 @@ def test_a_token_is_made_where_none_is_configured(tmp_path, scene):
      ({"labels": [f"m{n}" for n in range(31)]}, "at most 30"), ({**PLAN, "takes": 1}, "takes: a number from 2 to 20"),
      ({**PLAN, "takes": True}, "takes"), ({**PLAN, "minutes": 99}, "minutes: a number from 0 to 15"),
      ({**PLAN, "minutes": float("nan")}, "minutes"), ({**PLAN, "seconds": "3"}, "seconds: a number from 0.5 to 12"),
-     ({**PLAN, "person": "a\nb"}, "who performs")],
+     ({**PLAN, "person": "a\nb"}, "who performs"), ({**PLAN, "begin": "key"}, "begin: one of still, clap, now"),
+     ({**PLAN, "alarm_minutes": -1}, "alarm_minutes: a number from 0 to 15")],
 )  # fmt: skip
 def test_what_cannot_be_taught_is_one_line(fields, line):
     with pytest.raises(BadInput, match=re.escape(line)) as refused:
@@ -246,5 +247,12 @@ def test_the_state_says_how_observers_and_lesson_stand(desk, make):
     room.say("1 observer and the fusion service recognise wave from now on")
     room.show(Step("now", "wave", is_test=True))
     room.say("wave: recognised")
+    room.say("now 1.0 minutes of anything but the movements")
+    room.show(Step("alarms", number=1, left_s=3))
+    room.say("false alarm: wave")
     lesson = desk_data(desk)["lesson"]
-    assert lesson["results"] == ["cam1: wave 2 of 3"] and lesson["test"] == ["wave: recognised"] and lesson["adopted"]
+    assert (
+        lesson["results"] == ["cam1: wave 2 of 3"]
+        and lesson["test"] == ["wave: recognised", "false alarm: wave"]
+        and lesson["adopted"]
+    )
