@@ -143,7 +143,7 @@ def serve_scene(
             thread.start()
             try:
                 app = application(access, lambda head: stream.browser(), lambda: stream.is_full, pictures.newest, teach)
-                await _serve(app, port, run, stream.close, pictures.end_unwatched)
+                await _serve(app, port, run, lambda: _end(stream, teach), pictures.end_unwatched)
             finally:
                 run.ended.set()
                 await asyncio.to_thread(thread.join)
@@ -151,6 +151,12 @@ def serve_scene(
             raise faults[0]
 
     asyncio.run(main())
+
+
+def _end(stream: LiveStream, teach: TeachPage) -> None:
+    """Answer everything that waits for something new."""
+    stream.close()
+    teach.end()
 
 
 @contextmanager

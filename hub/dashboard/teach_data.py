@@ -9,12 +9,12 @@ from common.teaching_messages import ShownTracks, TeachReply
 from common.vocabulary import ABSTAIN, LABEL
 from hub.scene_state import is_abstention
 from hub.teaching.lesson import LessonPlan
-from hub.teaching.page_room import Line
 from hub.teaching.room import Action, ActionKind, Begin, Step
 from hub.teaching.wording import begun_labels, known_labels, presence_line
 
 if TYPE_CHECKING:
     from hub.teaching.desk import PageLesson, TeachDesk
+    from hub.teaching.page_room import Line
 
 Json = dict[str, Any]
 LABELS_MOST, TAKES, MINUTES, SECONDS = 30, (2, 20), (0.0, 15.0), (0.5, 12.0)
@@ -135,7 +135,7 @@ def _lesson(lesson: "PageLesson") -> Json:
     }
 
 
-def _is_outcome(line: Line) -> bool:
+def _is_outcome(line: "Line") -> bool:
     """Whether a line says how the test went; others announce what to do."""
     return (line.is_test or line.kind == "alarms") and not line.text.startswith("now ")
 

@@ -67,6 +67,7 @@ class TeachPage:
         hubs: "Callable[[], Collection[str]]" = tuple,
     ) -> None:
         self._access, self._desk, self._off, self._scene, self._hubs = access, desk, off, scene, hubs
+        self._ended = False
 
     @property
     def routes(self) -> list[Route]:
@@ -87,6 +88,10 @@ class TeachPage:
             Route("/teach/take/{observer}/{label}/{number:int}", self._admitted(self._take)),
         ]
         return routes
+
+    def end(self) -> None:
+        """The server ends: requests that wait for something new are answered now."""
+        self._ended = True
 
     def _admitted(self, handle: Handle) -> Handle:
         """Only for those who have the token, in the header; a BadInput is answered as one line."""
@@ -137,7 +142,7 @@ class TeachPage:
         loop = asyncio.get_running_loop()
         end_s = loop.time() + HOLD_S
         desk.looked()
-        while str(desk.version) == after and loop.time() < end_s:
+        while str(desk.version) == after and loop.time() < end_s and not self._ended:
             await asyncio.sleep(CHECK_S)
         return _answer(desk_data(desk))
 

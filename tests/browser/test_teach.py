@@ -245,6 +245,8 @@ def test_a_lesson_with_a_film_as_camera_and_its_live_picture(data, phone_of, tmp
             page.wait_for_function("() => document.querySelectorAll('.takes svg .trail').length >= 2")
             looks_right(page, "film-takes", tmp_path)
             tap(page, coming)
+        # Both movements are the same film: takes look like those of the other movement, and are offered again.
+        page.wait_for_selector("#stage[data-kind=ready]:has-text('Ordinary life')", timeout=LEARN_S * 1000)
         tap(page, "Start")
         page.get_by_role("button", name="Use it").wait_for(timeout=LEARN_S * 1000)
         tap(page, "Use it")

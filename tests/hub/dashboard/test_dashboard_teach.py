@@ -121,6 +121,20 @@ def test_nothing_is_taught_without_the_token_in_the_header(desk, monkeypatch):
     assert {each.status_code for each in ask(desk, *gets)} == {405}, "nothing changes by a GET"
 
 
+def test_requests_that_wait_are_answered_when_the_server_ends(desk):
+    page = TeachPage(AccessControl(TOKEN, TOKEN), desk, OFF, desk.scene)
+
+    async def main():
+        app = application(AccessControl(TOKEN, TOKEN), None, lambda: False, None, page)
+        async with httpx.AsyncClient(transport=httpx.ASGITransport(app), base_url="http://dojo.local") as client:
+            waits = asyncio.create_task(client.get("/teach/state?after=7", headers=BEARER))
+            await asyncio.sleep(0)
+            page.end()
+            return await asyncio.wait_for(waits, 2.0)
+
+    assert asyncio.run(main()).json()["version"] == 7
+
+
 def test_a_foreign_page_and_a_form_are_refused(desk):
     foreign, cross, form, huge, words, ours = ask(
         desk, post("start", PLAN, origin="http://evil.example"),
