@@ -318,7 +318,10 @@ class Dojo(_Stage):
         if words:
             self.processes[name] = Process(labanmesh(*words))
         self.history.note("start", process=name)
-        return self.processes[name].start(**{START: str(self.start_ns)})
+        # It falls in with the film where it began last.
+        length_ns = len(self.person.stream.positions) * SECOND_NS // int(self.person.stream.rate_hz)
+        rounds = max((time.time_ns() - self.start_ns) // length_ns, 0)
+        return self.processes[name].start(**{START: str(self.start_ns + rounds * length_ns)})
 
     def _kill(self):
         for name, process in self.processes.items():

@@ -175,10 +175,12 @@ def compare(person, without, under, honest=None):
 def _compare(person, without, under):
     rate = person.stream.rate_hz
     spans = [(s.start / rate, s.end / rate, s.label) for s in person.spans]
-    before, after = _by_movement(spans, without), _by_movement(spans, under)
-    harm = Harm(len(spans), sum(_label(ids, under) == s[2] for s, ids in zip(spans, after[:-1], strict=True)))
+    before, after = by_movement(spans, without.verdicts), by_movement(spans, under.verdicts)
+    harm = Harm(
+        len(spans), sum(label_of(ids, under.verdicts) == s[2] for s, ids in zip(spans, after[:-1], strict=True))
+    )
     for number, (span, ids, known) in enumerate(zip(spans, after[:-1], before[:-1], strict=True)):
-        label, expected = _label(ids, under), _label(known, without)
+        label, expected = label_of(ids, under.verdicts), label_of(known, without.verdicts)
         if expected == span[2] and label in (None, ABSTAIN):
             harm.blocked.append(number)
         if label not in (None, ABSTAIN, expected, span[2]):
@@ -190,10 +192,10 @@ def _compare(person, without, under):
     return harm
 
 
-def _by_movement(spans, outcome):
+def by_movement(spans, verdicts):
     """The ids of each movement's verdicts, and last of those that belong to none."""
     ids = [[] for _ in spans] + [[]]
-    for name, (label, (began_s, ended_s), _) in outcome.verdicts.items():
+    for name, (label, (began_s, ended_s), _) in verdicts.items():
         shares = [min(ended_s, end + LAG_S) - max(began_s, start) for start, end, _ in spans]
         best = int(np.argmax(shares))
         if shares[best] > 0:
@@ -203,7 +205,7 @@ def _by_movement(spans, outcome):
     return ids
 
 
-def _label(ids, outcome):
+def label_of(ids, verdicts):
     """The label of a movement: of its verdicts the first that is no abstention."""
-    labels = [outcome.verdicts[name][0] for name in ids]
+    labels = [verdicts[name][0] for name in ids]
     return next((label for label in labels if label != ABSTAIN), labels[0] if labels else None)
