@@ -6,8 +6,10 @@
 """
 
 import io
+import os
 import struct
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -90,6 +92,10 @@ class CaptureWriter:
         """Write the index and close the file; a second call does nothing."""
         if not self._stream.closed:
             self._try(self._writer.finish)
+            self._try(self._stream.flush)
+            # Some devices, as /dev/null, cannot be synced; a full disk has shown itself above.
+            with suppress(OSError):
+                os.fsync(self._stream.fileno())
             self._try(self._stream.close)
 
     def _begin(self, scene: Scene, text: str, began_ns: int) -> None:
