@@ -37,8 +37,8 @@ BATCH = 32
 """Scenes that are pooled at once; more save little."""
 SETTLE_S = 0.3
 """After opening a link it takes at most this long to know which services are alive."""
-SAME_ID_TIMEOUT_S = 3.0
-"""The token of a service that was killed outlives it by its lease, at most."""
+SAME_ID_TIMEOUT_S = 2.5
+"""The token of a service that was killed outlives it by its lease, at most 2 s."""
 ASK_CLOCKS_S = 60.0
 """Asking a thousand observers every second would cost as much as receiving their posteriors."""
 STATUS_EVERY_S = 1.0
