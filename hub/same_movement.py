@@ -5,6 +5,7 @@ service that stands down when the halves meet again ends its movement with `same
 
 1. A listener that knew the movement takes that message for its end, and ignores later words about the other id.
 2. A listener that did not, or knows the end already, ignores the message: it has heard of the movement by the other id.
+3. Two services may say the same, where a router froze at a takeover: the second of two equal words is ignored.
 """
 
 from collections import OrderedDict
@@ -21,14 +22,17 @@ class SameMovement:
     """Remembers which movements a listener knows; `passes` tells which verdicts it has to take."""
 
     def __init__(self) -> None:
+        self._words: OrderedDict[str, tuple[str, str]] = OrderedDict()
         self._ended: OrderedDict[str, bool] = OrderedDict()
         self._ignored: OrderedDict[str, None] = OrderedDict()
 
     def passes(self, verdict: VerdictMessage) -> bool:
         """Whether the listener takes this verdict."""
         if verdict.same_as is None:
-            if verdict.id in self._ignored:
+            word = verdict.stage, verdict.label
+            if verdict.id in self._ignored or self._words.get(verdict.id) == word:
                 return False
+            _remember(self._words, verdict.id, word)
             ended = verdict.ended_ns is not None or self._ended.get(verdict.id, False)
             _remember(self._ended, verdict.id, ended)
             return True

@@ -12,7 +12,7 @@
 """
 
 import math
-from collections import deque
+from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -26,6 +26,7 @@ LEAST_SHARE = 0.1
 SIGHTED = 0.2
 """The least freshness of an observer with which others are compared."""
 WINDOW_S = 3.0
+CHANGES_KEPT = 32
 CHANGES_LIMIT = 6
 """Observers of recorded people change sides up to eight times in three seconds, seldom more than six."""
 STUCK_S, MISSED = 6.0, 4
@@ -41,16 +42,16 @@ class _Course:
     """One observer: its side, when it changed it (newest last), and how much it differed from the others lately."""
 
     rests: bool
-    changed_ns: deque[int] = field(default_factory=lambda: deque(maxlen=32))
+    changed_ns: list[int] = field(default_factory=list)
     dissent: float = 0.0
 
     def note(self, rests: bool, now_ns: int) -> None:
         if rests != self.rests:
             self.rests = rests
-            self.changed_ns.append(now_ns)
+            self.changed_ns = [*self.changed_ns[1 - CHANGES_KEPT :], now_ns]
 
     def changes_since(self, since_ns: int) -> int:
-        return sum(at_ns > since_ns for at_ns in self.changed_ns)
+        return len(self.changed_ns) - bisect_right(self.changed_ns, since_ns)
 
 
 class RestTrust:

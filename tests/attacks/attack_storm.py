@@ -129,7 +129,10 @@ def _words(verdicts):
             continue
         word = words.setdefault(name, {"stages": [], "ended": False, "began": verdict["began_ns"]})
         word["label"], word["end"] = verdict["label"], verdict["ended_ns"] or verdict["decided_ns"]
-        word["stages"].append((verdict["stage"], verdict["label"]))
+        said = (verdict["stage"], verdict["label"])
+        if word["stages"][-1:] != [said]:
+            # The second of two equal words is ignored by hubs too (hub/same_movement.py).
+            word["stages"].append(said)
         word["ended"] = word["ended"] or verdict["ended_ns"] is not None
     return words
 

@@ -12,6 +12,11 @@ class Word:
     id: str
     ended_ns: int | None = None
     same_as: str | None = None
+    label: str = "bow"
+
+    @property
+    def stage(self):
+        return "decided" if self.ended_ns is None else "ended"
 
 
 DECIDED, ENDED, CLOSED = Word("left"), Word("left", 9), Word("left", 8, "right")
@@ -22,6 +27,7 @@ CASES = {
     "of the other half": ([OTHER[0], CLOSED, OTHER[1]], OTHER),
     "of the other half, where it was over": ([*OTHER, Word("left", 8, "")], OTHER),
     "that heard both": ([DECIDED, OTHER[0], CLOSED, OTHER[1]], [DECIDED, OTHER[0], CLOSED, OTHER[1]]),
+    "that hears the same of two services": ([DECIDED, DECIDED, ENDED, ENDED], [DECIDED, ENDED]),
     "that knows the end": ([DECIDED, ENDED, CLOSED], [DECIDED, ENDED]),
 }
 
