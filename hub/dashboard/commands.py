@@ -108,11 +108,14 @@ def _serve(run: DashboardRun) -> None:
 
 def _teach_lines(run: DashboardRun, own: Address) -> Iterator[str]:
     """Where to teach; the token is printed only if it was made for this run."""
+    from hub.dashboard.serving import NO_RIGHT, has_right, lan_address
+
     if not run.access.teaches:
         return
+    if not has_right(run.scene, "teach"):
+        yield NO_RIGHT
+        return
     made = f"#{run.access.made_token}" if run.access.made_token else ""
-    from hub.dashboard.serving import lan_address
-
     host = lan_address() if own.host in ANY_HOST else own.host
     yield f"teach at http://{Address(host, own.port)}/teach{made}"
     if is_loopback(own):

@@ -123,7 +123,7 @@ def serve_scene(
     """Show the live `scene`; returns when `run` is over."""
 
     async def main() -> None:
-        pictures = PictureRelay(scene.keys, setup.pictures, link, _has_right(scene, "pictures"))
+        pictures = PictureRelay(scene.keys, setup.pictures, link, has_right(scene, "pictures"))
         stream = LiveStream(setup, first_history(scene), run.alive)
         with _teach_page(access, scene, link) as (teach, note):
             faults: list[BaseException] = []
@@ -164,7 +164,7 @@ def _teach_page(
     access: AccessControl, scene: "Scene", link: "Link"
 ) -> Iterator[tuple[TeachPage, Callable[[SceneUpdate], None]]]:
     """The Teach page, and what must be called with every update."""
-    if not access.teaches or not _has_right(scene, "teach"):
+    if not access.teaches or not has_right(scene, "teach"):
         yield TeachPage(access, off=NO_RIGHT if access.teaches else OFF), lambda update: None
         return
     hubs = link.presence(scene.keys.hub_alive("mqtt"))
@@ -184,7 +184,7 @@ def serve_capture(
     asyncio.run(_serve(app, port, run, lambda: None))
 
 
-def _has_right(scene: "Scene", right: str) -> bool:
+def has_right(scene: "Scene", right: str) -> bool:
     """Whether this process's certificate, if the mesh has any, is for live `pictures`, or to `teach`."""
     if not scene.mesh.credentials:
         return True

@@ -174,7 +174,7 @@ def test_where_teaching_is_off_the_page_says_how_to_turn_it_on(scene, desk):
 
 @pytest.mark.parametrize(("teaches", "right", "line"), [(False, True, OFF), (True, False, NO_RIGHT)])
 def test_a_certificate_without_the_right_does_not_teach(scene, monkeypatch, teaches, right, line):
-    monkeypatch.setattr("hub.dashboard.serving._has_right", lambda scene, what: right and what == "teach")
+    monkeypatch.setattr("hub.dashboard.serving.has_right", lambda scene, what: right and what == "teach")
     access = AccessControl(TOKEN, TOKEN if teaches else None)
     with _teach_page(access, scene, None) as (page, _):
         transport = httpx.ASGITransport(application(access, None, lambda: False, None, page))
@@ -186,7 +186,7 @@ def test_a_certificate_without_the_right_does_not_teach(scene, monkeypatch, teac
         assert line in asyncio.run(text())
 
 
-def test_a_token_is_made_where_none_is_configured(tmp_path, scene):
+def test_a_token_is_made_where_none_is_configured(tmp_path, scene, monkeypatch):
     (tmp_path / "token").write_text(TOKEN)
     local, lan = Address("127.0.0.1", 8420), Address("0.0.0.0", 8420)  # noqa: S104 - a test
     made = _access(local, None, True)
@@ -205,6 +205,8 @@ def test_a_token_is_made_where_none_is_configured(tmp_path, scene):
     assert lines[0] == f"teach at http://127.0.0.1:8420/teach#{made.made_token}"
     assert lines[1] == "for a phone: labanmesh dashboard s.toml --teach --listen 0.0.0.0:8420"
     (line,) = _teach_lines(DashboardRun(scene, None, lan, own), lan)
+    monkeypatch.setattr("hub.dashboard.serving.has_right", lambda scene, what: False)
+    assert list(_teach_lines(DashboardRun(scene, None, lan, own), lan)) == [NO_RIGHT]
     assert TOKEN not in line and lan.host not in line
 
 
