@@ -1,7 +1,7 @@
 """Metrics of a fusion service for Prometheus: steps, votes, weights, verdicts, rejections, ownership."""
 
 from collections import Counter as Tally
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from time import time_ns
 from typing import TYPE_CHECKING, get_args
 
@@ -40,6 +40,10 @@ class FusionMetrics(Metrics):
         self._received = self.counter("posteriors_received", "Posteriors that arrived, used or not.")
         self._read = self.counter("posteriors_read", "Posteriors that were read: of a flood only the newest are.")
         self._ended = self.counter("movements_ended", "Movements that have ended, in all scenes of this service.")
+        self._unheard = self.counter(
+            "movements_unheard", "Movements that had begun, were then heard by nobody for long, and have no verdict."
+        )
+        self._undecided: dict[str, str] = {}
         self._revised = self.counter("verdicts_revised", "Decided labels that another label replaced.")
         self._delay = self.histogram("verdict_delay_seconds", "From a movement's begin to its first word.", AGE_BUCKETS)
 
@@ -52,8 +56,19 @@ class FusionMetrics(Metrics):
         for result in step.results:
             if result.output is not None:
                 self._judgement = result.output.judgement
+                self._note_unheard(result.output.judgement, result.published)
             for verdict in result.published:
                 self._record(verdict)
+
+    def _note_unheard(self, judgement: JudgementMessage, published: Sequence[VerdictMessage]) -> None:
+        """A movement without a verdict that another one follows at once began afresh (verdict_detector.py, rule 8)."""
+        movement, before = judgement.movement, self._undecided.pop(judgement.scene, "")
+        if judgement.epoch is None or movement is None:
+            return
+        if before not in ("", movement.id) and all(verdict.id != before for verdict in published):
+            self._unheard.inc()
+        if movement.label is None:
+            self._undecided[judgement.scene] = movement.id
 
     def _record(self, verdict: VerdictMessage) -> None:
         if self._decided.get(verdict.scene) != verdict.id:

@@ -13,6 +13,7 @@ from common.messages import JudgementMessage, StatusMessage, VerdictMessage, Voc
 from common.status import ProcessStatus, StatusPublisher
 from common.vocabulary import Vocabulary
 from common.wire import decode, encode
+from fusion.checkpoint import Checkpoint
 from fusion.membership import SameIdError
 from fusion.server import SteadyClock, serve
 
@@ -242,6 +243,23 @@ def test_a_lone_service_continues_after_a_restart(stage, tmp_path):
     stage.judgement(lambda j: j.movement is not None and j.movement.id == decided.id)
     stage.state = REST
     assert [(v.id, v.ended_ns is not None) for v in stage.verdicts()] == [(decided.id, True)]
+
+
+def test_a_movement_from_long_before_a_restart_ends_when_it_was_judged_last(stage, tmp_path):
+    path = tmp_path / "memory.json"
+    stage.lone(memory=str(path))
+    stage.play("a")
+    decided = stage.decide()
+    stage.judgement(lambda j: j.movement is not None and j.movement.label is not None)
+    stage.end("a")
+    stage.state = REST
+    checkpoint = Checkpoint.model_validate_json(path.read_text())
+    judgement = checkpoint.judgement.model_copy(update={"at_ns": checkpoint.judgement.at_ns - HOUR_NS})
+    verdict = checkpoint.verdict.model_copy(update={"decided_ns": judgement.at_ns - SECOND_NS})
+    path.write_text(checkpoint.model_copy(update={"judgement": judgement, "verdict": verdict}).to_json())
+    stage.begin("a")
+    (ended,) = stage.verdicts()
+    assert (ended.id, ended.stage, ended.ended_ns) == (decided.id, "ended", judgement.at_ns)
 
 
 def test_after_both_services_were_killed_the_movement_goes_on_under_its_id(stage):
