@@ -4,13 +4,14 @@ import os
 import sys
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from benchmarks.command_line import run_command
-from benchmarks.taught import clips, corrections, few_takes, sensors
+from benchmarks.taught import clips, corrections, few_takes, life, sensors
 from benchmarks.taught.judging import TaughtModels
 from common.command_options import takes_options
 from common.errors import BadInput
@@ -22,13 +23,14 @@ from observer.model.registry import DEFAULT_MODEL
 class Row(StrEnum):
     """What is measured. few-takes: five takes by one person. clips: another person's films. sensors: three cameras.
 
-    corrections: wrong verdicts that become examples.
+    corrections: wrong verdicts that become examples. life: false verdicts in ordinary life.
     """
 
     FEW_TAKES = "few-takes"
     CLIPS = "clips"
     SENSORS = "sensors"
     CORRECTIONS = "corrections"
+    LIFE = "life"
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,9 +42,9 @@ class TaughtOptions:
     parameter: Annotated[list[str] | None, typer.Option(help="NAME=NUMBER of the model; may be repeated.")] = None
     data: Annotated[str, typer.Option(help="few-takes: msr or nw_ucla.")] = "msr"
     life: Annotated[bool, typer.Option("--life", help="few-takes: learn storytelling as something else.")] = False
-    draws: Annotated[int, typer.Option(min=1, help="few-takes, corrections: how many people with their movements.")] = (
-        10
-    )
+    draws: Annotated[
+        int, typer.Option(min=1, help="few-takes, corrections, life: how many people with their movements.")
+    ] = 10
     seed: Annotated[int, typer.Option(min=0, help="Of the draws.")] = 0
     tracks: Annotated[
         Path, typer.Option(help="clips: the folder of tracks; those missing are written there, which needs mediapipe.")
@@ -81,12 +83,14 @@ def taught(options: TaughtOptions) -> None:
             print("\n".join(lines))
         return
     room = (few_takes.msr_room if options.data == "msr" else few_takes.nw_ucla_room)(data)
-    teaching = TaughtModels(options.model, parameters, few_takes.life_in(room, data) if options.life else {})
+    learned_life = few_takes.life_in(room, data) if options.life and options.row is Row.FEW_TAKES else {}
+    teaching, seeds = TaughtModels(options.model, parameters, learned_life), (options.draws, options.seed, options.jobs)
     with ProgressBar() as bar:
-        lines = few_takes.rows(
-            room, teaching, options.draws, options.seed, options.jobs, lambda done, total: bar("draws", done, total)
-        )
-        print("\n".join(lines))
+        draws = partial(bar, "draws")
+        if options.row is Row.LIFE:
+            print("\n".join(life.rows(room, teaching, data, *seeds, draws)))
+        else:
+            print("\n".join(few_takes.rows(room, teaching, *seeds, draws)))
 
 
 if __name__ == "__main__":

@@ -92,14 +92,18 @@ def nw_ucla_room(data: Path) -> RecordedRoom:
 def life_in(room: RecordedRoom, data: Path) -> dict[str, MotionArchive]:
     """Other people's storytelling as the cameras of the room would see it: what else a person does there."""
     stories = with_parts(read_archive(data / "storytelling" / "storytelling.npz"), BODY_PARTS)
+    return room.seen(dict.fromkeys(room.views, moved_into(room, stories)))
+
+
+def moved_into(room: RecordedRoom, life: MotionArchive) -> tuple[Recording, ...]:
+    """Recordings of ordinary life at the place and rate of the room's, without labels."""
     first = next(iter(room.space.values()))
     rate_hz = first.recordings[0].rate_hz
-    heads = [np.nanmedian(np.concatenate([r.positions[:, 2] for r in a.recordings]), axis=0) for a in (first, stories)]
-    moved = tuple(
+    heads = [np.nanmedian(np.concatenate([r.positions[:, 2] for r in a.recordings]), axis=0) for a in (first, life)]
+    return tuple(
         replace(r, positions=(r.positions + (heads[0] - heads[1])).astype(np.float32), label="", spans=())
-        for r in (resample(r, rate_hz) for r in stories.recordings)
+        for r in (resample(r, rate_hz) for r in life.recordings)
     )
-    return room.seen(dict.fromkeys(room.views, moved))
 
 
 def draws(room: RecordedRoom, count: int, seed: int) -> list[Draw]:

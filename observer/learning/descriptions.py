@@ -91,9 +91,12 @@ def describe_vocabulary(header: "Header") -> str:
 
 
 def _calibration(header: "Header") -> str:
+    from observer.model.few_takes import CALIBRATION
     from observer.model.posterior_calibration import CAUTIOUS
 
     calibration = header.calibration
+    if calibration == CALIBRATION:
+        return "as cautious as few takes need: other people may do it otherwise"
     # A `phase` model that knows "something else" has no predictive statistics, however well it was evaluated.
     cautious = (
         calibration.temperature >= CAUTIOUS.temperature

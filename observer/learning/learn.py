@@ -171,11 +171,13 @@ def with_calibration(
     provenance count the evaluated examples.
     """
     others = _cross_validate(kind, model.header, examples, streams, explicit)
-    calibration = fit_calibration(others.results, model.header.vocabulary.size)
-    if issubclass(kind, LearnsStreams):
-        calibration = replace(calibration, learned_only=True, foreseen=())
-    if folds_by_person(examples) is None:
-        calibration = at_least_cautious(calibration)
+    calibration = others.calibration
+    if calibration is None:
+        calibration = fit_calibration(others.results, model.header.vocabulary.size)
+        if issubclass(kind, LearnsStreams):
+            calibration = replace(calibration, learned_only=True, foreseen=())
+        if folds_by_person(examples) is None:
+            calibration = at_least_cautious(calibration)
     counts = {"tried": str(len(others.results)), "right": str(right_count(others.results))}
     counts["held_out"] = json.dumps(judged_as(others.results, model.header.vocabulary))
     header = replace(

@@ -7,7 +7,7 @@ from typing import Protocol, runtime_checkable
 
 from common.vocabulary import Vocabulary
 from observer.model.base import Arrays, Example, Header, Stream
-from observer.model.posterior_calibration import HeldOutResult
+from observer.model.posterior_calibration import HeldOutResult, PosteriorCalibration
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,11 +38,15 @@ class CrossValidation:
 
 @dataclass(frozen=True, slots=True)
 class LearnedFromOthers:
-    """What a kind of model learned from people left out: parameters and arrays by name, and the results with these."""
+    """What a kind of model learned from people left out: parameters and arrays by name, and the results with these.
+
+    calibration: the one that fits the kind of model anyway; None: it is fitted to the results.
+    """
 
     parameters: Mapping[str, float]
     results: list[HeldOutResult]
     arrays: Arrays = field(default_factory=dict)
+    calibration: PosteriorCalibration | None = None
 
 
 @runtime_checkable

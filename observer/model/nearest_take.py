@@ -7,6 +7,7 @@ Processing 26, 1978, symmetric form, equation 18), from the begin of the movemen
 movement in progress is near too.
 """
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -121,12 +122,19 @@ class NearestTakeWatch:
         self.distances = (self._costs / (self._steps + self._frames) + self._unreachable).min(axis=1)
         self._frames += 1
 
+    @property
+    def far(self) -> Floats:
+        """(M,) distances between takes of each movement from its nearest take; inf if it cannot be compared (yet)."""
+        nearest = np.full(len(self._takes.scales), np.inf)
+        np.minimum.at(nearest, self._takes.movements, self.distances)
+        far: Floats = nearest / self._takes.scales
+        return far
+
     def nats(self, movement: int, weight: float) -> float:
         """For something else, if the movement is taken for this one."""
-        own = self.distances[self._takes.movements == movement]
-        if not self._frames or not len(own):
+        far = float(self.far[movement])
+        if not self._frames or not (self._takes.movements == movement).any():
             return 0.0
-        far = float(own.min()) / float(self._takes.scales[movement])
         return min(max(weight * (far - USUAL), 0.0), MOST)
 
 
@@ -138,6 +146,32 @@ def takes_of(header: Header, examples: Sequence[Example], scales: Floats | None)
     if not header.parameters[WEIGHT] or (scales is not None and not len(scales)):
         return None
     return NearestTakes.of(examples, header.vocabulary.size, scales)
+
+
+def held_out_distances(
+    header: Header, examples: Sequence[Example], folds: Iterable[Sequence[int]], shares: Sequence[float]
+) -> dict[int, Floats]:
+    """Index of each example of a movement -> (T, M) `NearestTakeWatch.far` from takes of other folds, after these
+    shares of it; inf where too few others are left."""
+    result = {}
+    for fold in folds:
+        left_out = set(fold)
+        takes = takes_of(header, [e for n, e in enumerate(examples) if n not in left_out], None)
+        for n in fold:
+            trace = examples[n].features
+            if examples[n].movement >= 0 and trace is not None:
+                frames = [max(math.ceil(share * len(trace)), 1) for share in shares]
+                far = None if takes is None else _far_after(takes, trace.astype(np.float32), frames)
+                result[n] = np.full((len(shares), header.vocabulary.size), np.inf) if far is None else far
+    return result
+
+
+def _far_after(takes: NearestTakes, trace: Floats32, frames: Sequence[int]) -> Floats:
+    watch, result = NearestTakeWatch(takes), []
+    for row in trace:
+        watch.step(row)
+        result.append(watch.far)
+    return np.array([result[n - 1] for n in frames])
 
 
 def arrays_of(takes: NearestTakes | None) -> Arrays:

@@ -7,7 +7,6 @@ of the discriminative model alone (docs/design/model.md).
 """
 
 import math
-from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import ClassVar, Self
@@ -15,29 +14,25 @@ from typing import ClassVar, Self
 import numpy as np
 
 from common.probability import softmax
-from observer.model.base import Arrays, Example, Header, LearnsStreams, Onset, Stream, Watch, with_defaults
+from observer.model.base import Arrays, Example, Header, LearnsStreams, Onset, Stream, with_defaults
 from observer.model.body_trace import BodyTrace, width_of
 from observer.model.chains import fill_gaps
 from observer.model.cross_validation import CrossValidation, LearnedFromOthers
-from observer.model.discriminative import Discriminative, DiscriminativeWatch
-from observer.model.log_linear_pool import SMALLEST
-from observer.model.nearest_take import NEAREST, WEIGHT, NearestTakeWatch, arrays_of, scales_in, takes_of
+from observer.model.discriminative import Discriminative
+from observer.model.few_takes import BLEND, CALIBRATION, FEW_TAKES, pooled_with_takes
+from observer.model.nearest_take import NEAREST, arrays_of, held_out_distances, scales_in, takes_of
 from observer.model.parameters import Parameter
-from observer.model.phase import Phase, PhaseWatch, posture_reader
+from observer.model.phase import Phase, posture_reader
 from observer.model.posterior_calibration import HeldOutResult
 from observer.model.something_else import (
     AGREED_FROM,
     AGREEMENT,
-    disagreement,
     learn_agreement,
     learn_confusions,
-    raised,
 )
-from observer.model.stack_exponents import ENDED, EXPONENTS, RUNNING, RUNNING_AT, learned_exponents, pooled_at
-from observer.tracks import Floats, Tracks
-
-TURN_S = 5.0
-"""In this time the facing that was last known is forgotten, if nothing shows it."""
+from observer.model.stack_exponents import EXPONENTS, RUNNING_AT, learned_exponents, pooled_at
+from observer.model.stacked_watch import StackedWatch
+from observer.tracks import Floats
 
 
 class Stacked(LearnsStreams):
@@ -51,6 +46,7 @@ class Stacked(LearnsStreams):
         **EXPONENTS,
         **AGREEMENT,
         **NEAREST,
+        **BLEND,
     }
 
     def __init__(
@@ -88,10 +84,11 @@ class Stacked(LearnsStreams):
         )
         of_others, scaling = Discriminative.held_out(_of_other(header), others)
         shares = (*RUNNING_AT, *cross_validation.shares)
-        truth, members = [], []
+        numbers, truth, members = [], [], []
         for n, of_phase in _held_out_phases(header, [p for p, _ in split], cross_validation, shares):
             members.append(np.stack([of_phase, softmax(of_others[n].after(shares))], axis=1))
             truth.append(split[n][0].movement)
+            numbers.append(n)
         if not members:
             return LearnedFromOthers(scaling, [])
         explicit, arrays = cross_validation.explicit, {}
@@ -101,11 +98,14 @@ class Stacked(LearnsStreams):
             of_late = np.array(members)[:, [*late.values()]]
             arrays["confusions"] = confusions = learn_confusions(of_late)
             scaling |= learn_agreement(of_late, np.array(truth), confusions, header.parameters, explicit)
-        results = [
-            HeldOutResult(movement, pooled_at(shares, p, exponents)[len(RUNNING_AT) :], None)
-            for movement, p in zip(truth, members, strict=True)
-        ]
-        return LearnedFromOthers({**scaling, **exponents}, results, arrays)
+        own = [pooled_at(shares, p, exponents) for p in members]
+        calibration = None
+        if header.parameters[FEW_TAKES] and takes_of(header, others.examples, None) is not None:
+            far = held_out_distances(header, others.examples, others.folds, shares)
+            own = [pooled_with_takes(p[:, 0], p[:, 1], far[n]) for n, p in zip(numbers, members, strict=True)]
+            calibration = CALIBRATION
+        results = [HeldOutResult(m, p[len(RUNNING_AT) :], None) for m, p in zip(truth, own, strict=True)]
+        return LearnedFromOthers({**scaling, **exponents}, results, arrays, calibration)
 
     @classmethod
     def read(cls, header: Header, example: Example | Stream) -> Floats:
@@ -155,7 +155,7 @@ class Stacked(LearnsStreams):
         header = replace(self.header, background=discriminative.header.background)
         return type(self)(header, self.phase, discriminative, self.confusions)
 
-    def watch(self, onset: Onset) -> "StackedWatch":
+    def watch(self, onset: Onset) -> StackedWatch:
         """Start watching."""
         return StackedWatch(self, onset)
 
@@ -196,105 +196,3 @@ def _held_out_phases(
                     watch.update(frame)
                     posteriors.append(watch.p)
                 yield n, np.array([posteriors[max(math.ceil(s * len(tracks)), 1) - 1] for s in shares])
-
-
-class StackedWatch(Watch):
-    """Watches one person. The phase filter starts anew at each begin of a segment, with the frames since then."""
-
-    def __init__(self, model: Stacked, onset: Onset) -> None:
-        self._model = model
-        self._other: DiscriminativeWatch = model.discriminative.watch(onset)
-        self._phase: PhaseWatch | None = None
-        self._nearest: NearestTakeWatch | None = None
-        self._reader = posture_reader(model.phase.header)
-        # Features and stillness of the last frames.
-        self._recent: deque[tuple[Floats, float]] = deque(maxlen=self._other.segment.lag + 1)
-        facings = model.phase.facings
-        self._facing: Floats = np.full(facings, 1.0 / facings)
-        self._turned = 1 - math.exp(-1 / (TURN_S * model.header.rate_hz))
-
-    def update(self, tracks: Tracks) -> None:
-        """Take in one frame."""
-        before = self._other.segment.begun
-        self._other.update(tracks)
-        begun, frame = self._other.segment.begun, self._other.trace.frame
-        self._recent.append((self._reader.read(tracks, frame.origin, frame.size), frame.still))
-        if not tracks.visible.any():
-            return
-        if begun is None:
-            self._phase = self._nearest = None
-        elif self._phase is None or (before is None or begun < before):
-            self._phase = self._model.phase.watch(Onset(known=True))
-            for features, still in list(self._recent)[-begun:]:
-                self._phase.step(features, still)
-            if self._model.takes is not None:
-                self._nearest = NearestTakeWatch(self._model.takes, self._other.rows[len(self._other.rows) - begun :])
-        elif not self._other.segment.over:
-            self._phase.step(*self._recent[-1])
-            if self._nearest is not None:
-                self._nearest.step(self._other.rows[-1])
-        self._follow_facing()
-
-    def _follow_facing(self) -> None:
-        """P(facing): that of the phase filter; while it does not run, people turn."""
-        if len(self._facing) == 1:
-            return
-        joint = None if self._phase is None else self._phase.joint
-        facing = np.full_like(self._facing, 1.0 / len(self._facing)) if joint is None else joint.sum(axis=0)
-        self._facing += (facing - self._facing) * (self._turned if joint is None else 1.0)
-
-    def end(self) -> None:
-        """The recording has ended, and with it the movement."""
-        self._other.end()
-
-    @property
-    def _log_joint(self) -> Floats:
-        """(M, K) not normalised; K = 1 without facings."""
-        movements = np.log(np.maximum(self._other.p, SMALLEST))
-        if self._phase is None:
-            # The exponents were learned for both members together; one that judges alone is believed as it is.
-            return movements[:, None] + np.log(np.maximum(self._facing, 1e-300))
-        names = ENDED if self._other.judges_ended else RUNNING
-        generative, discriminative = (self._model.header.parameters[name] for name in names)
-        movements *= discriminative
-        joint, phase = self._phase.joint, self._phase.p
-        movements += generative * np.log(np.maximum(phase, SMALLEST))
-        if joint is None:
-            return movements[:, None]
-        facing = joint / np.maximum(phase, 1e-300)[:, None]
-        return movements[:, None] + np.log(np.maximum(facing, 1e-300))
-
-    @property
-    def _posterior(self) -> Floats:
-        logs = self._log_joint
-        p = np.exp(logs - logs.max())
-        doubt = self._other.doubt
-        posterior: Floats = (1 - doubt) * p / p.sum() + doubt / p.size
-        return posterior
-
-    @property
-    def p(self) -> Floats:
-        """(M,) posterior given that it is one of the movements."""
-        p: Floats = self._posterior.sum(axis=1)
-        return p
-
-    @property
-    def joint(self) -> Floats | None:
-        """(M, K) posterior over movements and facings; None for a model of one facing."""
-        return self._posterior if self._model.phase.facings > 1 else None
-
-    @property
-    def unlearned(self) -> Floats | None:
-        """(K,) P(something else, facing)."""
-        p, nats = float(self._other.unlearned[0]), 0.0
-        if self._phase is not None and not self._other.judges_ended:
-            members = np.array([self._phase.p, self._other.p])
-            nats = disagreement(members, self._model.confusions, self._model.header.parameters)
-        if self._nearest is not None:
-            nats += self._nearest.nats(int(self.p.argmax()), self._model.header.parameters[WEIGHT])
-        return raised(p, nats * (1 - self._other.doubt)) * self._facing
-
-    @property
-    def rest(self) -> float:
-        """P(at rest now)."""
-        return self._other.rest

@@ -9,6 +9,7 @@ from common.vocabulary import Vocabulary
 from observer.geometry.views import this_camera
 from observer.learning.learn import learn_view
 from observer.model.base import Example, Onset
+from observer.model.few_takes import CALIBRATION, FEW_TAKES, pooled_with_takes, something_else_with_takes
 from observer.model.model_file import read_model, write_model
 from observer.model.nearest_take import MOST_TAKES, NearestTakes, NearestTakeWatch
 from observer.motion.archive import MotionArchive, Recording, TracksCamera
@@ -85,24 +86,57 @@ def shown(direction, seed):
     return rest + np.random.default_rng(seed).normal(0, 1, rest.shape)
 
 
-def test_a_model_of_few_takes_knows_something_else_better_and_stays_so_in_its_file(tmp_path):
+def learned(**parameters):
     takes = [
         Recording(shown(direction, n).astype(np.float32), 15.0, label, "anna", str(n))
         for label, direction in (("up", UP), ("aside", ASIDE))
         for n in range(3)
     ]
     archive = MotionArchive(("left_hand", "right_hand", "head"), tuple(takes), TracksCamera("sofa"))
-    vocabulary = Vocabulary(("up", "aside"))
-    models = [
-        learn_view(archive, this_camera("sofa"), vocabulary, calibrate=False, parameters={"nearest_weight": weight})
-        for weight in (0.0, 2.0)
-    ]
+    vocabulary, view = Vocabulary(("up", "aside")), this_camera("sofa")
+    return learn_view(archive, view, vocabulary, calibrate=bool(parameters.get(FEW_TAKES, 1)), parameters=parameters)
+
+
+def watched(model, direction, frames=36):
+    watch = model.watch(Onset())
+    for centres in shown(direction, 9)[:frames]:
+        watch.update(Tracks(centres))
+    return watch
+
+
+def test_earlier_models_know_something_else_by_nearest_weight_and_stay_so_in_their_files(tmp_path):
+    models = [learned(few_takes=0.0, nearest_weight=weight) for weight in (0.0, 2.0)]
     write_model(tmp_path / "sofa.model", models[1])
     models.append(read_model(tmp_path / "sofa.model"))
-    unlearned = []
-    for model in models:
-        watch = model.watch(Onset())
-        for centres in shown(-UP, 9)[:36]:
-            watch.update(Tracks(centres))
-        unlearned.append(float(watch.unlearned.sum()))
+    unlearned = [float(watched(model, -UP).unlearned.sum()) for model in models]
     assert unlearned[0] < unlearned[1] == unlearned[2]
+
+
+def test_a_model_of_few_takes_names_its_movements_and_nothing_else(tmp_path):
+    model = learned()
+    write_model(tmp_path / "sofa.model", model)
+    for one in (model, read_model(tmp_path / "sofa.model")):
+        assert one.header.calibration == CALIBRATION
+        for movement, direction in enumerate((UP, ASIDE)):
+            watch = watched(one, direction)
+            assert (1 - watch.unlearned.sum()) * watch.p[movement] > 0.6
+        assert watched(one, -UP).unlearned.sum() > 0.6
+    assert model.header.provenance["right"] == model.header.provenance["tried"] == "6"
+
+
+def test_a_person_out_of_sight_is_forgotten():
+    watch = watched(learned(), UP)
+    before = [*watch.p, float(watch.unlearned.sum())]
+    for _ in range(600):
+        watch.update(Tracks(np.full((3, 2), np.nan)))
+    after = [*watch.p, float(watch.unlearned.sum())]
+    assert max(after[:2]) < 0.55 < max(before[:2])
+    assert after[2] == pytest.approx(1 / 3, abs=0.05)
+
+
+def test_a_movement_that_cannot_be_compared_yet_is_judged_by_the_members():
+    near, far = np.array([0.5, 2.0]), np.full(2, np.inf)
+    p, other = np.array([0.7, 0.3]), np.array([0.8, 0.2])
+    assert pooled_with_takes(p, other, near)[0] > pooled_with_takes(p, other, far)[0] > 0.5
+    odds = [something_else_with_takes(p, other, distances, 0.5) for distances in (near, near + 2, far)]
+    assert odds[0] < odds[2] < odds[1]
