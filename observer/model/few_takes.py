@@ -14,6 +14,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from common.probability import softmax
+from observer.model.base import Header
 from observer.model.log_linear_pool import SMALLEST
 from observer.model.parameters import PROBABILITY, Parameter
 from observer.model.posterior_calibration import PosteriorCalibration
@@ -23,6 +24,8 @@ from observer.tracks import Floats
 FEW_TAKES = "few_takes"
 BLEND: Mapping[str, Parameter] = {FEW_TAKES: Parameter(1.0, PROBABILITY, earlier=0.0)}
 """1: a model that compares with takes judges by this module; 0: by learned exponents and `nearest_weight`."""
+MOST_MOVEMENTS = 8
+"""The weights were chosen for three movements and tried with four; models of more learn their exponents, as before."""
 CALIBRATION = PosteriorCalibration(doubt=0.02, learned_only=True)
 """The weights were chosen for the posterior as it is."""
 PHASE, DISCRIMINATIVE, NEAREST = 0.22, 0.31, 0.42
@@ -34,6 +37,11 @@ OFFSET, TRAILING, FAR, AGREEMENT, ENTROPY = -1.70, 0.49, 1.16, -0.32, 0.23
 of the likeliest movement (none while it cannot be compared), for each nat by which the members agree, and for each nat
 of entropy of the posterior."""
 MOST_TRAILING = 6.0
+
+
+def is_blended(header: Header) -> bool:
+    """Whether a model that compares with takes judges by this module."""
+    return bool(header.parameters[FEW_TAKES]) and header.vocabulary.size <= MOST_MOVEMENTS
 
 
 def pooled_with_takes(phase: Floats, discriminative: Floats, far: Floats) -> Floats:
