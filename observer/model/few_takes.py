@@ -1,20 +1,20 @@
-"""What a model of few takes makes of its members and of the nearest take: one posterior, of something else too. Pure.
+"""What a model of few takes by several people makes of its members and of the nearest take. Pure.
 
-Exponents, temperature and scales of something else that are learned by leaving out one of two or three takes are
-mostly chance, and so cautious that half of the movements get no name. How far each source can be trusted is therefore
-the same for all models of few takes: the weights below are those of least log loss (multinomial, and logistic for
-something else) on takes left out of models of three movements, two to five takes of one person: subjects 1, 7 and 9 of
-MSR Action3D in two views and the six people of Northwestern-UCLA, beside all their other movements and a stranger's
-storytelling (docs/results/notebook.md, "Few takes").
+Exponents, temperature and scales of something else that are learned by leaving out one of three people are mostly
+chance, and so cautious that half of the movements get no name. How far each source can be trusted is therefore the same
+for all such models: the weights below are those of least log loss (multinomial, and logistic for something else) on
+takes left out of models of three movements, two to five takes of each: subjects 1, 7 and 9 of MSR Action3D in two views
+and the six people of Northwestern-UCLA, beside their other movements and a stranger's storytelling
+(docs/results/notebook.md, "Few takes").
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 
 from common.probability import softmax
-from observer.model.base import Header
+from observer.model.base import Example, Header
 from observer.model.log_linear_pool import SMALLEST
 from observer.model.parameters import PROBABILITY, Parameter
 from observer.model.posterior_calibration import PosteriorCalibration
@@ -23,7 +23,7 @@ from observer.tracks import Floats
 
 FEW_TAKES = "few_takes"
 BLEND: Mapping[str, Parameter] = {FEW_TAKES: Parameter(1.0, PROBABILITY, earlier=0.0)}
-"""1: a model that compares with takes judges by this module; 0: by learned exponents and `nearest_weight`."""
+"""1: a model of few takes by several people judges by this module; 0: by learned exponents and `nearest_weight`."""
 MOST_MOVEMENTS = 8
 """The weights were chosen for three movements and tried with four; models of more learn their exponents, as before."""
 CALIBRATION = PosteriorCalibration(doubt=0.02, learned_only=True)
@@ -39,9 +39,10 @@ of entropy of the posterior."""
 MOST_TRAILING = 6.0
 
 
-def is_blended(header: Header) -> bool:
-    """Whether a model that compares with takes judges by this module."""
-    return bool(header.parameters[FEW_TAKES]) and header.vocabulary.size <= MOST_MOVEMENTS
+def blends(header: Header, examples: Iterable[Example]) -> bool:
+    """Whether a model that compares with takes judges by this module: takes of several people, few movements."""
+    people = {example.subject for example in examples if example.movement >= 0}
+    return bool(header.parameters[FEW_TAKES]) and len(people) > 1 and header.vocabulary.size <= MOST_MOVEMENTS
 
 
 def pooled_with_takes(phase: Floats, discriminative: Floats, far: Floats) -> Floats:

@@ -19,7 +19,7 @@ from observer.model.body_trace import BodyTrace, width_of
 from observer.model.chains import fill_gaps
 from observer.model.cross_validation import CrossValidation, LearnedFromOthers
 from observer.model.discriminative import Discriminative
-from observer.model.few_takes import BLEND, CALIBRATION, is_blended, pooled_with_takes
+from observer.model.few_takes import BLEND, CALIBRATION, blends, pooled_with_takes
 from observer.model.nearest_take import NEAREST, arrays_of, held_out_distances, scales_in, takes_of
 from observer.model.parameters import Parameter
 from observer.model.phase import Phase, posture_reader
@@ -60,7 +60,9 @@ class Stacked(LearnsStreams):
         """take_scales: (M,) of `NearestTakes`, empty if the model does not compare with takes; None: measured here."""
         self.header, self.phase, self.discriminative = header, phase, discriminative
         self.confusions = np.eye(header.vocabulary.size) if confusions is None else confusions
-        self.takes = takes_of(header, discriminative.memory.examples, take_scales)
+        examples = discriminative.memory.examples
+        self.takes = takes_of(header, examples, take_scales)
+        self.blends = self.takes is not None and blends(header, examples)
 
     @classmethod
     def learn_with_streams(cls, header: Header, examples: Sequence[Example], streams: Sequence[Stream]) -> Self:
@@ -100,7 +102,7 @@ class Stacked(LearnsStreams):
             scaling |= learn_agreement(of_late, np.array(truth), confusions, header.parameters, explicit)
         own = [pooled_at(shares, p, exponents) for p in members]
         calibration = None
-        if is_blended(header) and takes_of(header, others.examples, None) is not None:
+        if blends(header, others.examples) and takes_of(header, others.examples, None) is not None:
             far = held_out_distances(header, others.examples, others.folds, shares)
             own = [pooled_with_takes(p[:, 0], p[:, 1], far[n]) for n, p in zip(numbers, members, strict=True)]
             calibration = CALIBRATION

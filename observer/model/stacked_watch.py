@@ -8,7 +8,7 @@ import numpy as np
 
 from observer.model.base import Onset, Watch
 from observer.model.discriminative import DiscriminativeWatch
-from observer.model.few_takes import is_blended, pooled_with_takes, something_else_with_takes
+from observer.model.few_takes import pooled_with_takes, something_else_with_takes
 from observer.model.log_linear_pool import SMALLEST
 from observer.model.nearest_take import WEIGHT, NearestTakeWatch
 from observer.model.phase import PhaseWatch, posture_reader
@@ -74,8 +74,8 @@ class StackedWatch(Watch):
 
     @property
     def _blends(self) -> bool:
-        """Whether the posterior is that of few_takes.py: the model compares with takes, and a begin is known."""
-        return self._nearest is not None and is_blended(self._model.header)
+        """Whether the posterior is that of few_takes.py: few takes by several people, and a begin is known."""
+        return self._nearest is not None and self._model.blends
 
     @property
     def _far(self) -> Floats:

@@ -12,6 +12,7 @@ from observer.model.base import Example, Onset
 from observer.model.few_takes import CALIBRATION, FEW_TAKES, pooled_with_takes, something_else_with_takes
 from observer.model.model_file import read_model, write_model
 from observer.model.nearest_take import MOST_TAKES, NearestTakes, NearestTakeWatch
+from observer.model.posterior_calibration import CAUTIOUS
 from observer.motion.archive import MotionArchive, Recording, TracksCamera
 from observer.tracks import Tracks
 
@@ -86,9 +87,9 @@ def shown(direction, seed):
     return rest + np.random.default_rng(seed).normal(0, 1, rest.shape)
 
 
-def learned(**parameters):
+def learned(people=("anna", "ben"), **parameters):
     takes = [
-        Recording(shown(direction, n).astype(np.float32), 15.0, label, "anna", str(n))
+        Recording(shown(direction, n).astype(np.float32), 15.0, label, people[n % len(people)], str(n))
         for label, direction in (("up", UP), ("aside", ASIDE))
         for n in range(3)
     ]
@@ -123,6 +124,11 @@ def test_a_model_of_few_takes_names_its_movements_and_nothing_else(tmp_path):
             assert (1 - watch.unlearned.sum()) * watch.p[movement] > 0.6
         assert watched(one, -UP).unlearned.sum() > 0.6
     assert model.header.provenance["right"] == model.header.provenance["tried"] == "6"
+
+
+def test_takes_by_one_person_are_calibrated_cautiously():
+    calibration = learned(people=("anna",)).header.calibration
+    assert calibration.doubt == pytest.approx(CAUTIOUS.doubt) and calibration.temperature >= CAUTIOUS.temperature
 
 
 def test_a_person_out_of_sight_is_forgotten():
