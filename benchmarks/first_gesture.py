@@ -38,7 +38,7 @@ LIMIT_S = 900.0
 def first_gesture(
     clone: Annotated[str, typer.Argument(help="The repository to clone: an address or a folder.")],
     folder: Annotated[Path, typer.Argument(help="An empty folder to work in.")],
-    minutes: Annotated[float, typer.Option(min=0, help="Ordinary life in the lesson.")] = 0.5,
+    minutes: Annotated[float, typer.Option(min=0, max=60, help="Ordinary life in the lesson.")] = 0.5,
 ) -> None:
     """Clone, install, init, teach; print how long each took, and when the first own gesture was recognised.
 

@@ -9,6 +9,10 @@ from observer.motion.archive import MotionArchive
 
 MOST_FOLDS = 3
 """The most folds into which people are divided for a kind of model that evaluates a whole fold at once."""
+FEW = 40
+"""Up to so many examples of one person one take of each movement is left out each time, in up to MOST_TAKES folds: a
+model of two thirds of five takes is worse than the one that is used."""
+MOST_TAKES = 6
 
 
 def folds_by_recording(examples: Sequence[Example]) -> list[list[int]]:
@@ -40,8 +44,10 @@ def at_all_facings(examples: Sequence[Example], folds: Sequence[Sequence[int]]) 
 
 
 def fewer_folds(examples: Sequence[Example], folds: list[list[int]]) -> list[list[int]]:
-    """At most MOST_FOLDS, unless a movement would then have no example."""
-    merged = [[n for fold in folds[k::MOST_FOLDS] for n in fold] for k in range(min(MOST_FOLDS, len(folds)))]
+    """At most MOST_FOLDS, or MOST_TAKES of few takes by one person, unless a movement would then have no example."""
+    one_person = len({e.subject for e in examples if e.movement >= 0}) == 1
+    most = MOST_TAKES if one_person and len(examples) <= FEW else MOST_FOLDS
+    merged = [[n for fold in folds[k::most] for n in fold] for k in range(min(most, len(folds)))]
     movements = {e.movement for e in examples if e.movement >= 0}
     for fold in map(set, merged):
         if {e.movement for n, e in enumerate(examples) if n not in fold and e.movement >= 0} != movements:
