@@ -27,8 +27,8 @@ FILM = "wave_webcam"
 RATE_HZ = 10
 BEGIN_S, REST_S, TURN_S = 13.0, 12.0, 5.0
 TAKES, LIFE_S, TURNS = 5, 45.0, 12
-ONE, BOTH = slice(0, 44), slice(48, 96)
-"""Pictures of the film in which one hand waves, and both."""
+ONE, BOTH = (*range(27, 44), *range(44, 27, -1), *range(27, 44)), tuple(range(60, 100))
+"""Pictures of the film in which one hand waves, to and fro, and both."""
 STILL = slice(4, 30)
 """Pictures in which the man hardly moves, of another one."""
 LABELS = ("wave", "wave_both")
@@ -95,14 +95,14 @@ def _write_film(source: Path, target: Path) -> None:
     height, width = waving[0].shape[:2]
     film = cv2.VideoWriter(str(target), cv2.VideoWriter.fourcc(*"mp4v"), RATE_HZ, (width, height))
     rest, life = _standing(standing[STILL]), _standing(standing)
-    parts: list[tuple[slice | None, float]] = [(None, BEGIN_S)]
+    parts: list[tuple[tuple[int, ...], float]] = [((), BEGIN_S)]
     for taught in (ONE, BOTH):
-        parts += TAKES * [(taught, 0.0), (None, REST_S)]
+        parts += TAKES * [(taught, 0.0), ((), REST_S)]
     life_at = len(parts)
-    parts += [(None, LIFE_S), *([(ONE, 0.0), (None, TURN_S), (BOTH, 0.0), (None, TURN_S)] * TURNS)]
+    parts += [((), LIFE_S), *([(ONE, 0.0), ((), TURN_S), (BOTH, 0.0), ((), TURN_S)] * TURNS)]
     for number, (gesture, rest_s) in enumerate(parts):
         still = life if number == life_at else rest
-        shown = waving[gesture] if gesture else [next(still) for _ in range(round(rest_s * RATE_HZ))]
+        shown = [waving[n] for n in gesture] or [next(still) for _ in range(round(rest_s * RATE_HZ))]
         for picture in shown:
             film.write(_varied(picture, number if gesture else 0))
     film.release()

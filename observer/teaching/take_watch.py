@@ -20,6 +20,8 @@ RESTS_S, HOLDS_S = 0.8, 2.0
 """Stillness of this length ends it: in the posture of before, and in another one."""
 SAME_POSTURE = 0.4
 """A part that is nearer to its place of before than this share of the body's size is back."""
+LEAST_WAY = 0.06
+"""A part must go so far, beside what the whole body sways, or the person has only shifted their weight."""
 WAIT_S = 8.0
 """So long after the signal somebody has moved, or nobody performs."""
 LONGEST_S = 12.0
@@ -36,12 +38,13 @@ class TakeWatch:
     """
 
     def __init__(self, begin_ns: int) -> None:
-        self.begin_ns = self.end_ns = begin_ns
+        self.begin_ns = self.end_ns = self._signal_ns = begin_ns
         self.phase: Phase = "waiting"
         self.fault = ""
         self._moves_since_ns: int | None = None
         self._rests_since_ns: int | None = None
         self._seen = False
+        self._way = 0.0
         self._before: Floats | None = None
 
     @property
@@ -60,12 +63,14 @@ class TakeWatch:
             self._before = tracks.centres
         self._moves_since_ns = (self._moves_since_ns or at_ns) if moves else None
         self._rests_since_ns = None if moves else (self._rests_since_ns or at_ns)
+        away = self._away(tracks.centres)
         if self.phase == "waiting":
             self._wait(at_ns)
         else:
-            needed_s = RESTS_S if self._is_back(tracks.centres) else HOLDS_S
+            self._way = max(self._way, away or 0.0)
+            needed_s = RESTS_S if away is None or away <= SAME_POSTURE else HOLDS_S
             if self._lasts(self._rests_since_ns, at_ns, needed_s) or self.seconds >= LONGEST_S:
-                self.phase = "done"
+                self._stop(at_ns, away)
 
     def end(self) -> None:
         """The teacher ends the take: what was seen until now is it."""
@@ -76,25 +81,35 @@ class TakeWatch:
         self.phase, self.fault = "done", fault
 
     def _wait(self, at_ns: int) -> None:
+        waited_s = (at_ns - self._signal_ns) / SECOND_NS
         if self._lasts(self._moves_since_ns, at_ns, MOVES_S):
             self.phase = "moving"
-        elif not self._seen and self.seconds >= UNSEEN_S:
+        elif not self._seen and waited_s >= UNSEEN_S:
             self.phase, self.fault = "done", "nobody was seen: stand where the camera sees head and hands"
-        elif self.seconds >= WAIT_S:
+        elif waited_s >= WAIT_S:
             self.phase, self.fault = "done", f"nobody moved within {WAIT_S:g} s of the signal"
 
-    def _is_back(self, centres: Floats) -> bool:
-        """Whether no part is far from its place before the movement, wherever the person has gone since."""
+    def _stop(self, at_ns: int, away: float | None) -> None:
+        """The person rests: the movement has ended, or there was none and it is still awaited."""
+        if away is None or self._way >= LEAST_WAY:
+            self.phase = "done"
+            return
+        self.phase, self._way, self.begin_ns = "waiting", 0.0, at_ns
+        self._wait(at_ns)
+
+    def _away(self, centres: Floats) -> float | None:
+        """How far a part is from its place before the movement, wherever the person has gone since, as a share of the
+        body's size; None where that is not known."""
         if self._before is None:
-            return True
+            return None
         known = np.isfinite(centres).all(axis=1) & np.isfinite(self._before).all(axis=1)
-        if not known.any():
-            return True
         before = self._before[known]
+        size = float(np.ptp(before, axis=0).max()) if known.any() else 0.0
+        if not size > 0:
+            return None
         way = centres[known] - before
         way -= np.median(way, axis=0)
-        size = float(np.ptp(before, axis=0).max())
-        return bool(np.hypot(way[:, 0], way[:, 1]).max() <= SAME_POSTURE * size)
+        return float(np.hypot(way[:, 0], way[:, 1]).max()) / size
 
     @staticmethod
     def _lasts(since_ns: int | None, at_ns: int, seconds: float) -> bool:
