@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 
 from common import MINUTE_NS
 from common.inbox import Arrival
-from common.keys import observer_of
+from common.keys import IDENTIFIER, observer_of
 from common.messages import ObserverStatistics, PosteriorMessage
 from common.status import ProcessStatus
 from common.wire import BadMessage, decode_from
@@ -50,7 +50,7 @@ class RejectionLog:
 
     def add(self, sender: str, reason: str, detail: str, now_ns: int) -> str | None:
         """Count one message; returns the line to log, or None while the last one is younger than a minute."""
-        if sender not in self.totals and len(self.totals) >= SENDERS_LIMIT:
+        if sender not in self.totals and (len(self.totals) >= SENDERS_LIMIT or not IDENTIFIER.match(sender)):
             sender = "others"
         recent = self._since_logged.setdefault(sender, Counter())
         recent[reason] += 1
@@ -69,11 +69,16 @@ class PosteriorIngest:
     def __init__(self, engine: FusionEngine, status: ProcessStatus, clock: Callable[[], int]) -> None:
         self._engine, self._status, self._clock = engine, status, clock
         self._rejections = RejectionLog()
-        self.vocabularies = ObservedVocabularies(engine.rejected)
+        self._roster = frozenset(engine.rejected)
+        self.vocabularies = ObservedVocabularies(self._roster)
 
     def take(self, arrival: Arrival) -> None:
         """Take one message; a bad one is counted and dropped, never raised."""
         observer, now_ns = observer_of(arrival.key), self._clock()
+        if observer not in self._roster:
+            # Not decoded: whoever invents names costs little.
+            self._log(observer, "unknown_observer", f"{len(arrival.payload)} bytes under {arrival.key}", now_ns)
+            return
         try:
             message = decode_from(arrival.key, PosteriorMessage, arrival.payload)
         except BadMessage as error:

@@ -21,6 +21,7 @@ from attack_history import SEED, History
 from attack_person import meet, scripted
 from attack_stage import ASK_CLOCKS_S, Dojo, Village
 
+HERE = Path(__file__).parent
 LONG = os.environ.get("LABANMESH_ATTACKS") == "long"
 
 
@@ -36,20 +37,29 @@ def person():
     return meet() if LONG else scripted()
 
 
-@pytest.fixture(scope="session")
+OPEN = []
+"""The stage while attacks go on. It ends before other tests, which its services would disturb."""
+
+
+@pytest.fixture
 def shared(person, tmp_path_factory):
     """Ten scenes in one fusion service, four judges each, a standby service for the first; all count."""
-    folder = tmp_path_factory.mktemp("attacks")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("fusion.server.ASK_CLOCKS_S", ASK_CLOCKS_S)
-        stage = (Dojo if LONG else Village)(person, folder)
-        try:
-            stage.until_all_count()
-        except BaseException:
-            stage.close()
-            raise
-    with stage:
-        yield stage
+    if not OPEN:
+        folder = tmp_path_factory.mktemp("attacks")
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr("fusion.server.ASK_CLOCKS_S", ASK_CLOCKS_S)
+            OPEN.append((Dojo if LONG else Village)(person, folder))
+            OPEN[0].until_all_count()
+    return OPEN[0]
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_teardown(item, nextitem):
+    """End the stage when no attack follows."""
+    result = yield
+    if OPEN and (nextitem is None or HERE not in nextitem.path.parents):
+        OPEN.pop().close()
+    return result
 
 
 @pytest.fixture

@@ -25,9 +25,8 @@ def test_captured_posteriors_of_an_hour_ago_count_nothing(stage, long_form):
     scene, attacker, since_ns = stage.scenes[-1], stage.attacker(), time.time_ns()
     for n in range(round((10.0 if long_form else 0.4) / TICK_S)):
         for judge in JUDGES:
-            for again in range(3):
-                attacker.put(scene.keys.posterior(judge), an_hour_ago(stage, scene.scene, judge, 3 * n + again))
-        threading.Event().wait(TICK_S / 2)
+            attacker.put(scene.keys.posterior(judge), an_hour_ago(stage, scene.scene, judge, n))
+        threading.Event().wait(TICK_S)
     stage.await_judgements(0.0)
     judged = [message for at_ns, message in stage.witness.judgements[scene.scene] if at_ns > since_ns]
     states = {(name, vote.state) for message in judged for name, vote in message.votes.items()}

@@ -153,8 +153,9 @@ def test_rejected_messages_are_counted_and_unknown_observers_share_one_label(sta
         publisher = hub.publisher(read.keys.posterior(name))
         assert publisher.wait_for_subscriber(SOON_S)
         publisher.put(b"nonsense")
+    name, reasons = "labanmesh_posteriors_rejected_total", ("unknown_observer", "not_msgpack")
     others, cam1 = (
-        ("labanmesh_posteriors_rejected_total", f"observer={who}", "reason=not_msgpack") for who in ("(others)", "cam1")
+        (name, f"observer={who}", f"reason={why}") for who, why in zip(("(others)", "cam1"), reasons, strict=True)
     )
     counts = until(lambda: (m := metrics(at["fusion"])).get(others) == 2 and m)
     assert counts[cam1] == 1 and not [key for key in counts if "stranger" in str(key)]
