@@ -5,6 +5,7 @@ A restart neither loses nor doubles the movement in progress, nor forgets the le
 
 import logging
 import os
+from contextlib import suppress
 from pathlib import Path
 
 from pydantic import AliasChoices, BaseModel, ConfigDict, Field, ValidationError
@@ -58,8 +59,8 @@ def unfinished(judgement: JudgementMessage | None, verdict: VerdictMessage | Non
 class CheckpointFile:
     """The file `fusion.memory` of one scene; each fault is logged once, and the service continues without the file.
 
-    siblings: a pattern for the files of all services of the scene in the same folder, of which the newest is read: the
-    service that wrote last was the owner last.
+    siblings: how the file names of all services of the scene begin, of which the newest is read: the service that
+    wrote last was the owner last. "": there is one file.
     """
 
     def __init__(self, path: Path, own: str = "", siblings: str = "") -> None:
@@ -81,15 +82,23 @@ class CheckpointFile:
         place = scene.place(memory if memory is not None else state)
         if memory is not None and not place.is_dir():
             return cls(place, own)
-        return cls(place / f"{scene.scene}.{own}{SUFFIX}", own, f"{scene.scene}.*{SUFFIX}")
+        return cls(place / f"{scene.scene}.{own}{SUFFIX}", own, f"{scene.scene}.")
 
     def read(self, scene: str) -> Checkpoint | None:
         """The newest checkpoint of `scene`, however old; None when there is no file, or not one of this scene."""
-        paths = self._path.parent.glob(self._siblings) if self._siblings else (self._path,)
-        known = [checkpoint for path in paths if (checkpoint := self._read(path)) is not None]
+        known = [checkpoint for path in self._paths() if (checkpoint := self._read(path)) is not None]
         return max(
             (one for one in known if one.judgement.scene == scene), key=lambda one: one.judgement.at_ns, default=None
         )
+
+    def _paths(self) -> list[Path]:
+        if not self._siblings:
+            return [self._path]
+        # Many scenes may share the folder; this is quicker than a pattern.
+        with suppress(OSError), os.scandir(self._path.parent) as entries:
+            names = [entry.name for entry in entries]
+            return [Path(self._path.parent, n) for n in names if n.startswith(self._siblings) and n.endswith(SUFFIX)]
+        return []
 
     def _read(self, path: Path) -> Checkpoint | None:
         try:
