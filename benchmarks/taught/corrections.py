@@ -1,10 +1,10 @@
 """Ten corrections: somebody teaches a few takes, and what is named wrongly or missed later is corrected.
 
 1. One person teaches some movements with two takes each, all that MSR Action3D leaves for it.
-2. Three evenings: this person and another one do these and other movements, each of their first two takes once. The
-   first wrong or missed verdicts of each are corrected as `labanmesh teach --was` does, ten in all: each camera cuts
-   its example out of the tracks that it remembers, by the time of the verdict, or of a missed movement by the moment
-   that the person names. All cameras learn anew after each evening.
+2. Evenings: this person and another one do these and other movements, each of their first two takes once, and then
+   again in another tempo. The first ten wrong or missed verdicts are corrected as `labanmesh teach --was` does: each
+   camera cuts its example out of the tracks that it remembers, by the time of the verdict, or of a missed movement by
+   the moment that the person names. All cameras learn anew after each evening.
 3. The third takes of both people are judged before and after. None of them was learned or corrected.
 """
 
@@ -12,6 +12,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import partial
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -24,15 +25,16 @@ from common.parallel import cores, run_parts
 from common.vocabulary import ABSTAIN
 from observer.learning.folds import of_one_person
 from observer.model.base import MovementModel
-from observer.motion.archive import MotionArchive, Recording, Span, labels_of
+from observer.motion.archive import MotionArchive, Recording, Span, labels_of, retime
 from observer.recording.own_tracks import TracksRecorder
 from observer.teaching import corrections
 from observer.tracks import BODY_PARTS, Frame, Tracks
 from studies.spotting import StreamVerdict
 
 Progress = Callable[[int, int], None]
-EVENINGS = (4, 3, 3)
-"""How many verdicts are corrected at most in each."""
+CORRECTIONS = 10
+TEMPI = (1.0, 0.8, 1.25)
+"""If there were fewer errors, the same takes are done again, slower and then faster."""
 TAUGHT_TAKES = 2
 LABELS, UNLEARNED = 4, 8
 """Movements that are taught, and others that are done."""
@@ -182,10 +184,13 @@ def errors_of(performances: Iterable[JudgedPerformance]) -> Errors:
     return total
 
 
-def evening(room: RecordedRoom, subject: str, labels: Sequence[str], takes: Sequence[str], seed: int) -> Evening | None:
+def evening(
+    room: RecordedRoom, subject: str, labels: Sequence[str], takes: Sequence[str], seed: int, tempo: float = 1.0
+) -> Evening | None:
     """These takes of a person, in random order between rests; None if there are none."""
     first = next(iter(room.space.values()))
     shown = [r for r in first.recordings if r.subject == subject and r.label in labels and r.trial in takes]
+    shown = [retime(recording, tempo) for recording in shown] if tempo != 1.0 else shown
     return Evening(streams_of(room, shown, seed)) if shown else None
 
 
@@ -240,21 +245,17 @@ def judge_household(home: Household, room: RecordedRoom, teaching: TaughtModels,
     examples: dict[str, list[Recording]] = {name: [] for name in taught}
     models = before = learn(teaching, taught, examples, home.labels)
     made = failed = 0
-    shown = [
-        (home.other, every, early[:1]),
-        (home.teacher, home.unlearned, early),
-        (home.other, every, early[1:]),
-    ]
-    for n, (most, (subject, labels, takes)) in enumerate(zip(EVENINGS, shown, strict=True)):
-        part = evening(room, subject, labels, takes, home.seed + n)
-        if part is None:
+    shown = [(home.other, every, early[:1]), (home.teacher, home.unlearned, early), (home.other, every, early[1:])]
+    for n, (tempo, (subject, labels, takes)) in enumerate(product(TEMPI, shown)):
+        part = evening(room, subject, labels, takes, home.seed + n, tempo)
+        if part is None or made == CORRECTIONS:
             continue
-        wrong = [p for p in part.performances(home.labels, models) if not p.is_right][:most]
+        wrong = [p for p in part.performances(home.labels, models) if not p.is_right][: CORRECTIONS - made]
         cut, bad = examples_from(part, wrong, f"{n}")
         made, failed = made + len(wrong), failed + bad
         examples = {name: [*examples[name], *cut[name]] for name in examples}
-        models = learn(teaching, taught, examples, home.labels)
-    later = [p for s in people if (p := evening(room, s, every, late, home.seed + 9)) is not None]
+        models = learn(teaching, taught, examples, home.labels) if wrong else models
+    later = [p for s in people if (p := evening(room, s, every, late, home.seed + len(TEMPI) * 3)) is not None]
     counts = [errors_of(one for part in later for one in part.performances(home.labels, m)) for m in (before, models)]
     return Corrected(home, counts[0], counts[1], made, failed)
 
