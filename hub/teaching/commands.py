@@ -196,7 +196,7 @@ def _present(scene: "Scene", file: Path, link: "Link") -> list[str]:
     for name in set(scene.roster) - names:
         print(f"{name}: does not run; the others are taught without it", flush=True)
     if not present:
-        raise LabanmeshError(f"no observer of {scene.scene} runs; start them: labanmesh up {file}")
+        raise LabanmeshError(f"no observer of {scene.scene} runs; start them: labanmesh up {file} (or teach with --up)")
     return present
 
 

@@ -15,9 +15,10 @@ if TYPE_CHECKING:
     from common.tracker_choice import TrackerChoice
     from observer.camera.base import Report
     from observer.preview.looking import LookReport
-    from observer.preview.sight import Picture
+    from observer.preview.small_picture import Sighting
     from observer.tracks import FrameSource, Tracker
 
+SHOWN_PX = 320
 WIDEST, LINES_BESIDE = 100, 8
 """Characters of a picture in the terminal, and lines that it leaves free."""
 SUFFIXES = (".png", ".jpg", ".jpeg")
@@ -65,19 +66,23 @@ def look(
     result = look_at(opened, built, frames, name, choice, last_report)
     write_picture(output, result.painted)
     if show:
-        _show(result.painted)
+        _show(result.sighting)
     _print(replace(result.report, size_note=size_advice(parse_view(view), result.report.size_px)), output)
     if save_skin is not None:
         _save_skin(built, save_skin)
 
 
-def _show(picture: "Picture") -> None:
-    """As large as fits into the terminal, and leaves room for the lines."""
+def _show(sighting: "Sighting") -> None:
+    """The picture with the skeleton, as large as fits into the terminal with room for the lines."""
+    from observer.preview.small_picture import small_picture
     from observer.preview.terminal_picture import picture_lines
 
     size = shutil.get_terminal_size()
     exact = os.environ.get("COLORTERM", "") in ("truecolor", "24bit")
-    for line in picture_lines(picture, min(size.columns, WIDEST), max(size.lines - LINES_BESIDE, 8), exact=exact):
+    lines = picture_lines(
+        small_picture(sighting, SHOWN_PX), min(size.columns, WIDEST), max(size.lines - LINES_BESIDE, 8), exact=exact
+    )
+    for line in lines:
         typer.echo(line, color=True)
 
 

@@ -18,6 +18,7 @@ from observer.camera.live import LiveCamera
 from observer.preview.painting import paint
 from observer.preview.screen import back_projection
 from observer.preview.sight import Picture, PreviewFrame, PreviewHistory
+from observer.preview.small_picture import Sighting
 from observer.preview.track_doubts import Box, Doubt, doubts, explain
 from observer.tracking.back_projection import SKIN
 from observer.tracking.head import FaceFinder, have_cascade
@@ -142,10 +143,11 @@ def _skin_advice(report: LookReport) -> Iterator[str]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LookResult:
-    """report: what was found. painted: the newest picture, as a preview shows it."""
+    """report: what was found. painted: the newest picture, as a preview shows it; sighting: the same for others."""
 
     report: LookReport
     painted: Picture
+    sighting: Sighting
 
 
 class LastReport:
@@ -181,7 +183,8 @@ def look_at(
     captured_ns = [each.captured_ns for each in tracked]
     rate_hz = _measured_hz(captured_ns, source.rate_hz) if live else source.rate_hz
     report = _report(name, choice, frame.content, rate_hz, live, shown, tracked, faces)
-    return LookResult(report, paint(frame.content, shown))
+    sighting = Sighting(frame.content, shown.tracks, shown.body_parts, frame.captured_ns)
+    return LookResult(report, paint(frame.content, shown), sighting)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
