@@ -95,7 +95,8 @@ class SceneCapture:
         self._tokens: frozenset[str] = frozenset()
         self._answers: frozenset[tuple[str, bytes]] = frozenset()
         self._inbox = link.inbox(f"{self._keys.root}/**", limit=INBOX_LIMIT, bytes_limit=INBOX_BYTES)
-        self._presence = link.presence(f"{self._keys.root}/**/alive")
+        named = (*map(self._keys.observer_alive, scene.roster), *map(self._keys.fusion_alive, scene.services))
+        self._presence = link.presence(f"{self._keys.root}/**/alive", named)
         self._began_ns = self._queried_ns = clock()
         self._vocabulary_missing = False
         self._query()
