@@ -62,9 +62,8 @@ def check_parameters(parameters: Mapping[str, float], known: Mapping[str, Parame
         parameter.allowed.check(name, parameters[name])
         other = parameter.allowed.not_below
         if other and parameters[name] < parameters[other]:
-            raise BadInput(
-                f"parameter {name} = {parameters[name]:g}: not below {other} = {parameters[other]:g} is expected"
-            )
+            least = f"a number not below {other} = {parameters[other]:g}"
+            raise BadInput(f"parameter {name} = {parameters[name]:g}: {least} is expected")
 
 
 def facings_in(parameters: Mapping[str, float]) -> int:

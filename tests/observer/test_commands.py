@@ -95,10 +95,10 @@ def test_what_cannot_be_learned_is_one_line_and_exit_2(run, archive, tmp_path, w
     ("kind", "parameter", "error"),
     [
         ("phase", "begin=5", "parameter begin = 5: a number from 0 to 1 is expected"),
-        ("phase", "fast=nan", "parameter fast = nan: a number above 0 and up to 1e+06 is expected"),
+        ("phase", "fast=nan", "parameter fast = nan: a number from 1e-06 to 1e+06 is expected"),
         ("phase", "facings=1.5", "facings = 1.5: a whole number from 1 to 72 is expected"),
         ("phase", "fats=1", "parameter 'fats': not of the model phase"),
-        ("phase-symbols", "slowest=0", "parameter slowest = 0: a number above 0 and up to 100 is expected"),
+        ("phase-symbols", "slowest=0", "parameter slowest = 0: a number from 0.01 to 100 is expected"),
         ("phase-symbols", "slowest=3", "parameter fastest = 2: a number not below slowest = 3 is expected"),
         ("phase-symbols", "phases=0", "parameter phases = 0: a whole number from 1 to 1000 is expected"),
         ("frame-table", "bins=inf", "parameter bins = inf: a whole number from 1 to 1000 is expected"),
@@ -121,7 +121,7 @@ def test_the_error_of_a_model_that_cannot_be_written_names_a_way_out(run, archiv
     def denied(*_):
         raise PermissionError(13, "Permission denied")
 
-    monkeypatch.setattr("observer.files._replace", denied)
+    monkeypatch.setattr("observer.files.replace_file", denied)
     status, _, err = run(*learn, tmp_path / "a.model")
     assert status == 2
     assert err == f"labanmesh: cannot write {tmp_path}/a.model: permission denied. Choose another path with -o\n"

@@ -63,7 +63,7 @@ def vars_of(header):
 
 def test_the_fastest_is_not_slower_than_the_slowest():
     header = Header("phase-symbols", VOCABULARY, "door", np.eye(3, 4), 15.0, BODY_PARTS, {"slowest": 3.0})
-    with pytest.raises(BadInput, match="parameter fastest = 2: not below slowest = 3 is expected"):
+    with pytest.raises(BadInput, match="parameter fastest = 2: a number not below slowest = 3 is expected"):
         with_defaults(header, MODELS["phase-symbols"].PARAMETERS)
 
 
