@@ -26,7 +26,7 @@ from hub.dashboard.streams import LiveStream, event, play
 from hub.dashboard.teach_routes import OFF, TeachPage
 from hub.scene_state import SceneState
 from hub.session import SceneUpdate, listen
-from hub.teaching.desk import TeachDesk
+from hub.teaching.lesson_server import LessonServer
 
 if TYPE_CHECKING:
     from starlette.applications import Starlette
@@ -168,11 +168,11 @@ def _teach_page(
         yield TeachPage(access, off=NO_RIGHT if access.teaches else OFF), lambda update: None
         return
     hubs = link.presence(scene.keys.hub_alive("mqtt"))
-    desk = TeachDesk(scene, link)
+    lesson_server = LessonServer(scene, link)
     try:
-        yield TeachPage(access, desk, scene=scene, hubs=lambda: hubs.alive), desk.note
+        yield TeachPage(access, lesson_server, scene=scene, hubs=lambda: hubs.alive), lesson_server.note
     finally:
-        desk.close()
+        lesson_server.close()
 
 
 def serve_capture(

@@ -8,13 +8,13 @@ from common.messages import VerdictMessage
 from common.teaching_messages import ShownTracks, TeachReply
 from common.vocabulary import ABSTAIN, LABEL
 from hub.scene_state import is_abstention
+from hub.teaching.interface import Action, ActionKind, Begin, Step
 from hub.teaching.lesson import LessonPlan
-from hub.teaching.room import Action, ActionKind, Begin, Step
 from hub.teaching.wording import begun_labels, known_labels, presence_line
 
 if TYPE_CHECKING:
-    from hub.teaching.desk import PageLesson, TeachDesk
-    from hub.teaching.page_room import Line
+    from hub.teaching.lesson_server import LessonServer, PageLesson
+    from hub.teaching.page_interface import Line
 
 Json = dict[str, Any]
 LABELS_MOST, TAKES, MINUTES, SECONDS = 30, (2, 20), (0.0, 15.0), (0.5, 12.0)
@@ -25,20 +25,20 @@ ACTIONS: dict[str, ActionKind] = {kind: kind for kind in ("go", "begin", "repeat
 BEGINS: dict[str, Begin] = {begin: begin for begin in ("still", "clap", "now")}
 
 
-def desk_data(desk: "TeachDesk") -> Json:
+def lesson_server_data(lesson_server: "LessonServer") -> Json:
     """How everything stands."""
-    version, replies, lesson = desk.version, desk.observers, desk.lesson
-    pictures = {name for name, section in desk.scene.observers.items() if section.picture_hz}
+    version, replies, lesson = lesson_server.version, lesson_server.observers, lesson_server.lesson
+    pictures = {name for name, section in lesson_server.scene.observers.items() if section.picture_hz}
     return {
         "version": version,
-        "scene": desk.scene.scene,
+        "scene": lesson_server.scene.scene,
         "known": known_labels(replies),
         "begun": begun_labels(replies),
         "observers": [
-            {**_observer(name, reply, name in desk.silent), "picture": name in pictures}
+            {**_observer(name, reply, name in lesson_server.silent), "picture": name in pictures}
             for name, reply in replies.items()
         ],
-        "said": [_verdict(each) for each in desk.verdicts],
+        "said": [_verdict(each) for each in lesson_server.verdicts],
         "lesson": None if lesson is None else _lesson(lesson),
     }
 
@@ -115,7 +115,7 @@ def _number(fields: Mapping[str, Any], name: str, default: float, least: float, 
 
 
 def _lesson(lesson: "PageLesson") -> Json:
-    shown, plan = lesson.room.shown, lesson.plan
+    shown, plan = lesson.interface.shown, lesson.plan
     lines = shown.lines
     return {
         "id": lesson.id,
@@ -165,7 +165,7 @@ def _verdict(verdict: VerdictMessage) -> Json:
 
 def _news(lesson: "PageLesson") -> list[str]:
     """What was said about what is shown now: the last take; why the lesson cannot go on."""
-    lines, step = lesson.room.shown.lines, lesson.room.shown.step
+    lines, step = lesson.interface.shown.lines, lesson.interface.shown.step
     if lesson.over:
         return [line.text for line in lines[-NEWS_SHOWN:]] if lesson.fault and not lesson.stopped else []
     if step.kind in TAKE_STEPS and step.kind != "waiting" and step.label and not step.is_test:

@@ -32,9 +32,9 @@ from hub.dashboard.access import (
     static_page,
     too_many_guesses,
 )
-from hub.dashboard.teach_data import action_of, corrections_of, desk_data, plan_of, tracks_data
+from hub.dashboard.teach_data import action_of, corrections_of, lesson_server_data, plan_of, tracks_data
 from hub.home_assistant import home_assistant_advice
-from hub.teaching.desk import TeachDesk
+from hub.teaching.lesson_server import LessonServer
 from hub.teaching.wording import known_labels
 
 if TYPE_CHECKING:
@@ -53,7 +53,7 @@ Handle = Callable[[Request], Awaitable[Response]]
 
 
 class TeachPage:
-    """The routes of the page. desk: None where nothing can be taught, `off` says why.
+    """The routes of the page. lesson_server: None where nothing can be taught, `off` says why.
 
     hubs: the keys of liveliness tokens of MQTT hubs.
     """
@@ -61,22 +61,22 @@ class TeachPage:
     def __init__(
         self,
         access: AccessControl,
-        desk: TeachDesk | None = None,
+        lesson_server: LessonServer | None = None,
         off: str = OFF,
         scene: "Scene | None" = None,
         hubs: "Callable[[], Collection[str]]" = tuple,
     ) -> None:
-        self._access, self._desk, self._off, self._scene, self._hubs = access, desk, off, scene, hubs
+        self._access, self._lesson_server, self._off, self._scene, self._hubs = access, lesson_server, off, scene, hubs
         self._ended = False
 
     @property
     def routes(self) -> list[Route]:
-        """All routes; without a desk only the page, which says why."""
+        """All routes; without a lesson server only the page, which says why."""
         html = static_file("teach.html").decode()
         routes = [static_page(path, name) for path, name in FILES.items()]
-        off = "" if self._desk is not None else self._off.replace("&", "&amp;").replace("<", "&lt;")
+        off = "" if self._lesson_server is not None else self._off.replace("&", "&amp;").replace("<", "&lt;")
         routes.append(static_page("/teach", "teach.html", html.replace("<!--off-->", off).encode()))
-        if self._desk is None:
+        if self._lesson_server is None:
             return routes
         acts = {"start": self._start, "press": self._press, "stop": self._stop, "correct": self._correct}
         routes += [Route(f"/teach/{name}", self._posted(act), methods=["POST"]) for name, act in acts.items()]
@@ -138,13 +138,13 @@ class TeachPage:
 
     async def _state(self, request: Request) -> Response:
         """How the lesson stands; with `?after=VERSION` once it stands otherwise."""
-        desk, after = self._required, request.query_params.get("after", "")
+        lesson_server, after = self._required, request.query_params.get("after", "")
         loop = asyncio.get_running_loop()
         end_s = loop.time() + HOLD_S
-        desk.looked()
-        while str(desk.version) == after and loop.time() < end_s and not self._ended:
+        lesson_server.looked()
+        while str(lesson_server.version) == after and loop.time() < end_s and not self._ended:
             await asyncio.sleep(CHECK_S)
-        return _answer(desk_data(desk))
+        return _answer(lesson_server_data(lesson_server))
 
     async def _home(self, request: Request) -> Response:
         if self._scene is None:
@@ -162,9 +162,9 @@ class TeachPage:
         return Response(status_code=204) if tracks is None else _answer(tracks_data(tracks))
 
     def _start(self, fields: dict[str, Any]) -> None:
-        desk = self._required
-        plan = plan_of(fields, known_labels(desk.observers), secrets.token_hex(8))
-        desk.start(plan)
+        lesson_server = self._required
+        plan = plan_of(fields, known_labels(lesson_server.observers), secrets.token_hex(8))
+        lesson_server.start(plan)
         log.info("teaching from the page: %s", ", ".join(plan.labels))
 
     def _correct(self, fields: dict[str, Any]) -> None:
@@ -178,10 +178,10 @@ class TeachPage:
         self._required.stop(str(fields.get("lesson")))
 
     @property
-    def _required(self) -> TeachDesk:
-        if self._desk is None:
+    def _required(self) -> LessonServer:
+        if self._lesson_server is None:
             raise BadInput(self._off)
-        return self._desk
+        return self._lesson_server
 
 
 def is_foreign(request: Request) -> bool:

@@ -5,8 +5,8 @@ from typing import Protocol
 
 from common.errors import LabanmeshError
 from common.teaching_messages import TeachReply
-from hub.teaching.pupils import Pupils
-from hub.teaching.room import Begin, Step
+from hub.teaching.interface import Begin, Step
+from hub.teaching.participants import Participants
 
 LOOK_S = 0.2
 STANDS_S = 1.2
@@ -22,30 +22,30 @@ HINTS = {
 NOBODY = "nobody came into the sight of a camera in {:.0f} minutes; the same command goes on where this one stops"
 
 
-def wait_for_sign(how: Begin, pupils: Pupils, step: Step) -> None:
+def wait_for_sign(how: Begin, participants: Participants, step: Step) -> None:
     """Wait until the takes of a movement may begin; raises LabanmeshError if nobody comes for NOBODY_S.
 
     step: the movement, for the screen.
     """
     if how == "now":
         return
-    room = pupils.room
-    room.say(f"{step.label}: {HINTS[how]}")
-    seen_s = sighted_s = room.now_s()
+    interface = participants.interface
+    interface.say(f"{step.label}: {HINTS[how]}")
+    seen_s = sighted_s = interface.now_s()
     sign = SIGNS[how]()
-    while room.now_s() - seen_s < NOBODY_S:
-        room.show(step)
-        if room.between(step, LOOK_S).kind == "begin":
+    while interface.now_s() - seen_s < NOBODY_S:
+        interface.show(step)
+        if interface.between(step, LOOK_S).kind == "begin":
             return
-        replies = pupils.request("status")
+        replies = participants.request("status")
         if any(reply.visible for reply in replies.values()):
-            seen_s = room.now_s()
+            seen_s = interface.now_s()
             if how == "still" and seen_s - sighted_s > RESTLESS_S:
-                room.say("nobody stands still; it begins all the same")
+                interface.say("nobody stands still; it begins all the same")
                 return
         else:
-            sighted_s = room.now_s()
-        if sign.is_given(replies, room.now_s()):
+            sighted_s = interface.now_s()
+        if sign.is_given(replies, interface.now_s()):
             return
     raise LabanmeshError(NOBODY.format(NOBODY_S / 60))
 

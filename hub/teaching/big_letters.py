@@ -1,4 +1,4 @@
-"""Words as large letters of a terminal, to be read from the other side of the room. Pure."""
+"""Words as large letters of a terminal, to be read from the other side of a room. Pure."""
 
 FONT = {
     "0": "### # # # # # # ###", "1": " #  ##   #   #  ###", "2": "###   # ### #   ###", "3": "###   # ###   # ###",

@@ -18,7 +18,7 @@ from common.vocabulary import Vocabulary
 if TYPE_CHECKING:
     from common.config import Scene
     from common.link import Link
-    from hub.teaching.classroom import Classroom
+    from hub.teaching.teaching_client import TeachingClient
     from hub.teaching.terminal import Terminal
 
 LOOK_S, PICTURES_S = 0.2, 6.0
@@ -132,21 +132,21 @@ def teach(options: TeachOptions) -> None:
 
 def _lesson(options: TeachOptions, config: "Scene", link: "Link", stop: threading.Event) -> None:
     from hub.session import SceneListener
-    from hub.teaching.classroom import Classroom
     from hub.teaching.lesson import Lesson, LessonPlan
+    from hub.teaching.teaching_client import TeachingClient
     from hub.teaching.terminal import Terminal, single_keys
 
     plan = LessonPlan(
         options.labels or [], secrets.token_hex(8), options.person, options.takes, options.background_minutes * 60,
         options.seconds, options.countdown, options.add, options.test, options.alarm_minutes * 60, options.begin.value,
     )  # fmt: skip
-    classroom, present = Classroom(link, config.keys), _present(config, options.scene, link)
+    client, present = TeachingClient(link, config.keys), _present(config, options.scene, link)
     with SceneListener(config, link, lambda _: None) as listener, single_keys() as keyboard:
         if options.begin is BeginOption.KEY and not keyboard:
             raise BadInput("--begin key: there is no keyboard here; take still, clap or now")
-        room = Terminal(stop, listener, keyboard, options.beep)
-        observers = _teachable(classroom, plan.teacher, present, room)
-        Lesson(plan, room, classroom.ask, observers).run()
+        interface = Terminal(stop, listener, keyboard, options.beep)
+        observers = _teachable(client, plan.teacher, present, interface)
+        Lesson(plan, interface, client.ask, observers).run()
 
 
 def _started_here(
@@ -200,18 +200,18 @@ def _present(scene: "Scene", file: Path, link: "Link") -> list[str]:
     return present
 
 
-def _teachable(classroom: "Classroom", teacher: str, present: Sequence[str], room: "Terminal") -> list[str]:
+def _teachable(client: "TeachingClient", teacher: str, present: Sequence[str], interface: "Terminal") -> list[str]:
     from common.teaching_messages import TeachRequest
     from hub.teaching.wording import NO_RIGHT
 
     status = TeachRequest(command="status", teacher=teacher)
-    answers, begun_s = classroom.ask(status, present), room.now_s()
+    answers, begun_s = client.ask(status, present), interface.now_s()
     # A scene that has just been started has no pictures yet.
-    while not all(reply.pictures for reply in answers.replies.values()) and room.now_s() - begun_s < PICTURES_S:
-        room.pause(LOOK_S)
-        answers = classroom.ask(status, present)
+    while not all(reply.pictures for reply in answers.replies.values()) and interface.now_s() - begun_s < PICTURES_S:
+        interface.pause(LOOK_S)
+        answers = client.ask(status, present)
     if not answers.replies:
         raise LabanmeshError(NO_RIGHT)
     for name in answers.silent:
-        room.say(f"{name}: does not answer a request to teach; the others are taught without it")
+        interface.say(f"{name}: does not answer a request to teach; the others are taught without it")
     return list(answers.replies)

@@ -17,7 +17,7 @@ from common.teaching_messages import TeachReply
 from common.text import nearest
 from hub.scene_state import SOMETHING_ELSE, SceneState
 from hub.teaching.learning import adopt, learn
-from hub.teaching.pupils import Pupils
+from hub.teaching.participants import Participants
 from hub.wording import clock_time
 
 NOT_TAUGHT = "its model was not made by labanmesh teach, and cannot be corrected"
@@ -54,36 +54,36 @@ def clock_offsets(state: SceneState) -> dict[str, float]:
 
 
 def correct(
-    pupils: Pupils, corrections: Sequence[Correction], offsets: Mapping[str, float], person: str
+    participants: Participants, corrections: Sequence[Correction], offsets: Mapping[str, float], person: str
 ) -> dict[str, int]:
     """Make examples of these on the observers, which do not learn yet; how many each has made.
 
     Raises BadInput for a label that they do not know, LabanmeshError if no observer could make any example.
     """
-    replies = pupils.request("status")
-    _leave_out_the_untaught(pupils, replies)
-    known = tuple(dict.fromkeys(label for name in pupils.observers for label in replies[name].labels))
+    replies = participants.request("status")
+    _leave_out_the_untaught(participants, replies)
+    known = tuple(dict.fromkeys(label for name in participants.observers for label in replies[name].labels))
     for correction in corrections:
         if correction.label and correction.label not in known:
             raise BadInput(
                 f"{correction.label}: {nearest(correction.label, known)}; teach it first: "
                 f"labanmesh teach SCENE {correction.label} --add"
             )
-    made: dict[str, int] = dict.fromkeys(pupils.observers, 0)
+    made: dict[str, int] = dict.fromkeys(participants.observers, 0)
     for correction in corrections:
-        for name in _correct_one(pupils, correction, offsets, person):
+        for name in _correct_one(participants, correction, offsets, person):
             made[name] += 1
     if not any(made.values()):
         raise LabanmeshError("no observer could make an example; nothing changes")
     return made
 
 
-def learn_corrections(pupils: Pupils, observers: Collection[str]) -> None:
+def learn_corrections(participants: Participants, observers: Collection[str]) -> None:
     """These observers learn from all their takes, and change together; the movements stay. Raises LabanmeshError."""
-    replies = pupils.request("status")
-    pupils.observers = [name for name in pupils.observers if name in observers]
-    pupils.labels = vocabulary_in_force([replies[name] for name in pupils.observers])
-    adopt(pupils, learn(pupils))
+    replies = participants.request("status")
+    participants.observers = [name for name in participants.observers if name in observers]
+    participants.labels = vocabulary_in_force([replies[name] for name in participants.observers])
+    adopt(participants, learn(participants))
 
 
 def vocabulary_in_force(replies: Sequence[TeachReply]) -> list[str]:
@@ -94,25 +94,29 @@ def vocabulary_in_force(replies: Sequence[TeachReply]) -> list[str]:
     return list(Counter(voices).most_common(1)[0][0])
 
 
-def _leave_out_the_untaught(pupils: Pupils, replies: Mapping[str, TeachReply]) -> None:
-    for name in list(pupils.observers):
+def _leave_out_the_untaught(participants: Participants, replies: Mapping[str, TeachReply]) -> None:
+    for name in list(participants.observers):
         reply = replies[name]
         lacks = [label for label in reply.labels if label not in reply.takes]
         if lacks or not reply.labels:
-            pupils.room.say(f"{name}: {NOT_TAUGHT if lacks else 'has not been taught yet'}; the others go on")
-            pupils.observers.remove(name)
-    if not pupils.observers:
+            participants.interface.say(
+                f"{name}: {NOT_TAUGHT if lacks else 'has not been taught yet'}; the others go on"
+            )
+            participants.observers.remove(name)
+    if not participants.observers:
         raise LabanmeshError("no observer can be corrected: teach them first: labanmesh teach SCENE LABEL LABEL ...")
 
 
-def _correct_one(pupils: Pupils, correction: Correction, offsets: Mapping[str, float], person: str) -> list[str]:
+def _correct_one(
+    participants: Participants, correction: Correction, offsets: Mapping[str, float], person: str
+) -> list[str]:
     """The observers that have made an example of it."""
     lengths: dict[str, float] = {}
     faults: dict[str, str] = {}
     span = correction
-    for name in pupils.observers:
+    for name in participants.observers:
         offset_ns = round(offsets.get(name, 0.0) * SECOND_NS)
-        answers = pupils.ask_one(
+        answers = participants.ask_one(
             name, "correct", correction=span.id, label=span.label, person=person, from_ns=span.began_ns + offset_ns,
             to_ns=0 if span.ended_ns is None else span.ended_ns + offset_ns,
         )  # fmt: skip
@@ -126,7 +130,9 @@ def _correct_one(pupils: Pupils, correction: Correction, offsets: Mapping[str, f
             span = replace(span, began_ns=report.from_ns - offset_ns, ended_ns=report.to_ns - offset_ns)
     kept = ", ".join(f"{name} ({seconds:.1f} s)" for name, seconds in lengths.items())
     what = correction.label or SOMETHING_ELSE
-    pupils.room.say(f"{clock_time(span.began_ns)} was {what}: {f'kept by {kept}' if kept else 'kept by no observer'}")
+    participants.interface.say(
+        f"{clock_time(span.began_ns)} was {what}: {f'kept by {kept}' if kept else 'kept by no observer'}"
+    )
     for name, fault in faults.items():
-        pupils.room.say(f"  {name}: {fault}")
+        participants.interface.say(f"  {name}: {fault}")
     return list(lengths)

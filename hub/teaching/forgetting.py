@@ -14,22 +14,22 @@ from common.teaching_messages import ForgottenReport, TeachReply, Unwanted
 from common.text import plural
 from hub.teaching.correcting import vocabulary_in_force
 from hub.teaching.learning import adopt, learn
-from hub.teaching.pupils import Pupils
+from hub.teaching.participants import Participants
 
 
-def forget(pupils: Pupils, unwanted: Unwanted) -> None:
+def forget(participants: Participants, unwanted: Unwanted) -> None:
     """Forget it everywhere and say what each observer removed. Raises LabanmeshError if it is left somewhere."""
-    room, fields = pupils.room, asdict(unwanted)
-    replies = pupils.request("forget", **fields)
+    interface, fields = participants.interface, asdict(unwanted)
+    replies = participants.request("forget", **fields)
     done = {name: reply for name, reply in replies.items() if reply.forgotten is not None}
     for name, reply in done.items():
-        room.say(f"{name}: {removed_line(reply.forgotten or ForgottenReport())}")
+        interface.say(f"{name}: {removed_line(reply.forgotten or ForgottenReport())}")
     failed = [name for name in replies if name not in done]
     left = [name for name, reply in done.items() if reply.forgotten and reply.forgotten.in_model]
     if left and not unwanted.everything:
-        _learn_anew(pupils, unwanted, done, left)
-        pupils.observers = list(done)
-        again = pupils.request("forget", **fields)
+        _learn_anew(participants, unwanted, done, left)
+        participants.observers = list(done)
+        again = participants.request("forget", **fields)
         failed += [name for name, reply in again.items() if reply.forgotten is None or reply.forgotten.in_model]
     if failed:
         raise LabanmeshError(f"not forgotten by {', '.join(failed)}: the lines above say why; give the command again")
@@ -44,27 +44,31 @@ def removed_line(report: ForgottenReport) -> str:
     return f"{line}; learns anew without it" if report.in_model else line
 
 
-def _learn_anew(pupils: Pupils, unwanted: Unwanted, replies: Mapping[str, TeachReply], left: Sequence[str]) -> None:
+def _learn_anew(
+    participants: Participants, unwanted: Unwanted, replies: Mapping[str, TeachReply], left: Sequence[str]
+) -> None:
     """Those that are left learn from what remains, and change together; where that cannot be, the model goes too."""
-    room = pupils.room
+    interface = participants.interface
     known = [label for label in vocabulary_in_force(list(replies.values())) if label != unwanted.label]
     # A movement of which nobody has a take any more is forgotten with the person who taught it.
     taken = {label for reply in replies.values() for label in reply.takes}
-    pupils.labels = [label for label in known if label in taken]
-    all_change = pupils.labels != vocabulary_in_force(list(replies.values()))
+    participants.labels = [label for label in known if label in taken]
+    all_change = participants.labels != vocabulary_in_force(list(replies.values()))
     learning = list(replies) if all_change else left
     changed: list[str] = []
-    if len(pupils.labels) >= 2:
-        has_all = {name: all(replies[name].takes.get(label) for label in pupils.labels) for name in learning}
-        pupils.observers = [name for name in learning if has_all[name]]
+    if len(participants.labels) >= 2:
+        has_all = {name: all(replies[name].takes.get(label) for label in participants.labels) for name in learning}
+        participants.observers = [name for name in learning if has_all[name]]
         try:
-            learned = learn(pupils) if pupils.observers else {}
+            learned = learn(participants) if participants.observers else {}
             changed = list(learned)
-            adopt(pupils, learned)
+            adopt(participants, learned)
         except LabanmeshError as error:
-            room.say(str(error))
-    pupils.observers = [name for name in left if name not in changed]
-    for name in pupils.observers:
-        room.say(f"{name}: too little is left to learn from: its model goes too, and labanmesh teach teaches it again")
-    if pupils.observers:
-        pupils.request("forget", **{**asdict(unwanted), "models": True})
+            interface.say(str(error))
+    participants.observers = [name for name in left if name not in changed]
+    for name in participants.observers:
+        interface.say(
+            f"{name}: too little is left to learn from: its model goes too, and labanmesh teach teaches it again"
+        )
+    if participants.observers:
+        participants.request("forget", **{**asdict(unwanted), "models": True})

@@ -1,9 +1,9 @@
 """One lesson, from the first look at the observers to their new models. Clock, keys and mesh are passed in.
 
-1. `Lesson.run` is the same for the terminal and for the dashboard's page: they differ in their `Room`.
+1. `Lesson.run` is the same for the terminal and for the dashboard's page: they differ in their `LessonInterface`.
 2. A take that no observer could keep is asked for again; whatever was kept lies on the observers' disks, so that a
    lesson that ends anywhere goes on with the same movements.
-3. Where a person may want to look or rest (`Room.ready`) a page waits, and a terminal does not.
+3. Where a person may want to look or rest (`LessonInterface.ready`) a page waits, and a terminal does not.
 """
 
 from collections.abc import Collection, Mapping, Sequence
@@ -12,9 +12,9 @@ from dataclasses import dataclass, replace
 from common.errors import LabanmeshError
 from common.teaching_messages import TeachReply, TeachRequest
 from hub.teaching.beginning import wait_for_sign
+from hub.teaching.interface import GO, Action, Begin, LessonInterface, Step
 from hub.teaching.learning import adopt, learn
-from hub.teaching.pupils import Ask, Pupils
-from hub.teaching.room import GO, Action, Begin, Room, Step
+from hub.teaching.participants import Ask, Participants
 from hub.teaching.self_test import self_test
 from hub.teaching.wording import (
     crowd_lines,
@@ -61,14 +61,14 @@ class LessonPlan:
 class Lesson:
     """Teaches the observers; ask: sends a request to all of these observers."""
 
-    def __init__(self, plan: LessonPlan, room: Room, ask: Ask, observers: Collection[str]) -> None:
-        self._plan, self._room, self._asked = plan, room, list(observers)
+    def __init__(self, plan: LessonPlan, interface: LessonInterface, ask: Ask, observers: Collection[str]) -> None:
+        self._plan, self._interface, self._asked = plan, interface, list(observers)
         self._crowds: set[str] = set()
-        self._pupils = Pupils(plan.teacher, room, ask, list(observers), plan.add)
+        self._participants = Participants(plan.teacher, interface, ask, list(observers), plan.add)
 
     def run(self) -> None:
         """The whole lesson; raises LabanmeshError, one line, if it cannot go on. Takes that were made are kept."""
-        plan, room, pupils = self._plan, self._room, self._pupils
+        plan, interface, participants = self._plan, self._interface, self._participants
         try:
             replies = self._begin()
             for label in plan.labels:
@@ -78,38 +78,38 @@ class Lesson:
                 self._takes_of(label, done, plan.takes + (len(done) if known else 0))
             self._contradictions()
             self._something_else()
-            learned = learn(pupils)
-            if room.ready(Step("learned")).kind == "skip":
-                room.say("nothing has changed; the takes are kept")
+            learned = learn(participants)
+            if interface.ready(Step("learned")).kind == "skip":
+                interface.say("nothing has changed; the takes are kept")
                 return
-            adopt(pupils, learned)
-            if plan.test and room.ready(Step("test")).kind != "skip":
-                self_test(plan.labels, room, self._count_down, plan.alarm_s, learned)
+            adopt(participants, learned)
+            if plan.test and interface.ready(Step("test")).kind != "skip":
+                self_test(plan.labels, interface, self._count_down, plan.alarm_s, learned)
         finally:
-            pupils.ask(TeachRequest(command="leave", teacher=plan.teacher), self._asked)
+            participants.ask(TeachRequest(command="leave", teacher=plan.teacher), self._asked)
 
     def _begin(self) -> Mapping[str, TeachReply]:
-        first = self._pupils.request("status")
+        first = self._participants.request("status")
         for name, reply in first.items():
-            self._room.say(presence_line(name, reply))
-        return self._pupils.start(vocabulary_of(self._plan.labels, first, add=self._plan.add))
+            self._interface.say(presence_line(name, reply))
+        return self._participants.start(vocabulary_of(self._plan.labels, first, add=self._plan.add))
 
     def _takes_of(self, label: str, done: set[int], wanted: int) -> None:
         """All takes of a movement that are not on a disk yet, until the person is content with them."""
         if done:
-            self._room.say(f"{label}: goes on after {len(done)} takes")
+            self._interface.say(f"{label}: goes on after {len(done)} takes")
         newest, action = max(done, default=0), GO
         if len(done) < wanted:
-            action = self._room.ready(Step("ready", label, len(done), wanted))
+            action = self._interface.ready(Step("ready", label, len(done), wanted))
         if action.kind != "skip" and len(done) < wanted:
             how = self._plan.begin
-            wait_for_sign(how, self._pupils, Step("waiting", label, len(done) + 1, wanted, how=how))
+            wait_for_sign(how, self._participants, Step("waiting", label, len(done) + 1, wanted, how=how))
         while action.kind != "skip":
             if action.kind == "drop":
                 self._drop(label, action.take, done)
             else:
                 newest = self._record(label, newest, done, max(wanted, len(done) + (action.kind == "more")))
-            action = self._room.ready(Step("review", label, len(done), wanted))
+            action = self._interface.ready(Step("review", label, len(done), wanted))
             if action.kind == "go":
                 return
 
@@ -121,7 +121,7 @@ class Lesson:
             step = Step("now", label, made + 1, wanted)
             replies = self._take(step, newest)
             kept = has_kept(replies)
-            self._room.show(replace(step, kind="kept" if kept else "failed"))
+            self._interface.show(replace(step, kind="kept" if kept else "failed"))
             failures = 0 if kept else failures + 1
             if failures == FAILURES_LIMIT:
                 raise LabanmeshError(
@@ -135,9 +135,9 @@ class Lesson:
             if action.kind in ("drop", "repeat"):
                 dropped = self._drop(label, action.take or newest, done)
                 made -= dropped and action.kind == "repeat"
-                self._room.say("again" if action.kind == "repeat" else "dropped")
+                self._interface.say("again" if action.kind == "repeat" else "dropped")
             elif action.kind == "pause":
-                self._room.ready(Step("ready", label, made, wanted))
+                self._interface.ready(Step("ready", label, made, wanted))
         return newest
 
     def _after_take(self, step: Step, replies: Mapping[str, TeachReply]) -> Action:
@@ -145,20 +145,20 @@ class Lesson:
         # Once is enough where somebody else always sits in the picture.
         crowd = [line for line in crowd_lines(replies) if has_kept(replies) and line not in self._crowds]
         for line in crowd:
-            self._room.say(line)
+            self._interface.say(line)
             self._crowds.add(line)
         pause_s = BETWEEN_S if self._plan.countdown else 0.0
-        return self._room.between(replace(step, kind="between"), OFFER_S if crowd else pause_s)
+        return self._interface.between(replace(step, kind="between"), OFFER_S if crowd else pause_s)
 
     def _contradictions(self) -> None:
         """Say which takes look like those of another movement, and offer to repeat those that do so from everywhere."""
-        answers = self._pupils.check()
+        answers = self._participants.check()
         for line in doubt_lines(answers):
-            self._room.say(line)
+            self._interface.say(line)
         for label, take in doubted_by_all(answers):
             step = Step("doubt", label, take)
-            self._room.show(replace(step, number=place_of(label, take, answers)))
-            if self._room.between(step, OFFER_S).kind == "repeat":
+            self._interface.show(replace(step, number=place_of(label, take, answers)))
+            if self._interface.between(step, OFFER_S).kind == "repeat":
                 done = takes_done(label, answers)
                 self._drop(label, take, done)
                 self._record(label, max((*done, take)), done, len(done) + 1)
@@ -166,53 +166,53 @@ class Lesson:
     def _drop(self, label: str, take: int, done: set[int]) -> bool:
         if take not in done:
             return False
-        self._pupils.request("drop", label=label, take=take)
+        self._participants.request("drop", label=label, take=take)
         done.discard(take)
         return True
 
     def _count_down(self, step: Step) -> None:
         """Count down to `now`."""
         for left in range(self._plan.countdown, 0, -1):
-            self._room.show(replace(step, kind="countdown", left_s=left))
-            self._room.pause(1.0)
-        self._room.show(step)
+            self._interface.show(replace(step, kind="countdown", left_s=left))
+            self._interface.pause(1.0)
+        self._interface.show(step)
 
     def _take(self, step: Step, number: int) -> Mapping[str, TeachReply]:
-        plan, room, pupils = self._plan, self._room, self._pupils
-        pupils.take_back()
+        plan, interface, participants = self._plan, self._interface, self._participants
+        participants.take_back()
         self._count_down(step)
-        pupils.request("begin", label=step.label, take=number, person=plan.person)
+        participants.request("begin", label=step.label, take=number, person=plan.person)
         limit_s = TAKE_LIMIT_S if plan.seconds is None else plan.seconds
-        begun_s = room.now_s()
-        while room.now_s() - begun_s < limit_s:
-            room.pause(LOOK_S)
-            replies = pupils.request("status")
+        begun_s = interface.now_s()
+        while interface.now_s() - begun_s < limit_s:
+            interface.pause(LOOK_S)
+            replies = participants.request("status")
             if not any(reply.state == "recording" for reply in replies.values()):
                 break
         else:
-            replies = pupils.request("end")
+            replies = participants.request("end")
         for n, line in enumerate(take_lines(replies)):
-            room.say(f"{step.label} {step.number} of {step.of}: {line}" if n == 0 else f"  {line}")
+            interface.say(f"{step.label} {step.number} of {step.of}: {line}" if n == 0 else f"  {line}")
         return replies
 
     def _something_else(self) -> None:
         """Some minutes of ordinary life, less what is on the disks already."""
-        room, pupils = self._room, self._pupils
-        replies = pupils.request("status")
+        interface, participants = self._interface, self._participants
+        replies = participants.request("status")
         left_s = self._plan.background_s - max((reply.other_s for reply in replies.values()), default=0.0)
-        if left_s < 1 or room.ready(Step("ready", left_s=left_s)).kind == "skip":
+        if left_s < 1 or interface.ready(Step("ready", left_s=left_s)).kind == "skip":
             return
-        room.say(
+        interface.say(
             f"now {left_s / 60:.1f} minutes of something else: sit, walk through, reach for things, scratch your head; "
             "none of the movements"
         )
-        pupils.request("begin", label="", take=1, person=self._plan.person)
-        end_s = room.now_s() + left_s
-        while (rest_s := end_s - room.now_s()) > 0:
+        participants.request("begin", label="", take=1, person=self._plan.person)
+        end_s = interface.now_s() + left_s
+        while (rest_s := end_s - interface.now_s()) > 0:
             step = Step("other", of=round(left_s), left_s=rest_s)
-            room.show(step)
-            if room.between(step, min(1.0, rest_s)).kind == "skip":
+            interface.show(step)
+            if interface.between(step, min(1.0, rest_s)).kind == "skip":
                 break
-            pupils.request("status")
-        kept = pupils.request("end")
-        room.say("something else: " + ", ".join(f"{name} {r.other_s:.0f} s" for name, r in kept.items()))
+            participants.request("status")
+        kept = participants.request("end")
+        interface.say("something else: " + ", ".join(f"{name} {r.other_s:.0f} s" for name, r in kept.items()))

@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 
     from hub.scene_state import SceneState
     from hub.session import SceneListener
-    from hub.teaching.pupils import Pupils
-    from hub.teaching.room import Room
+    from hub.teaching.interface import LessonInterface
+    from hub.teaching.participants import Participants
 
 READY_S = 3.0
 """So long the last verdicts are waited for."""
@@ -31,8 +31,8 @@ READY_S = 3.0
 class TaughtScene:
     """A running scene. missing: observers that do not run, or do not answer."""
 
-    pupils: "Pupils"
-    room: "Room"
+    participants: "Participants"
+    interface: "LessonInterface"
     listener: "SceneListener"
     missing: "Collection[str]"
 
@@ -46,9 +46,9 @@ def _opened(file: Path) -> Iterator[TaughtScene]:
     from common.link import Link
     from common.teaching_messages import TeachRequest
     from hub.session import SceneListener
-    from hub.teaching.classroom import Classroom
     from hub.teaching.commands import FIND_S
-    from hub.teaching.pupils import Pupils
+    from hub.teaching.participants import Participants
+    from hub.teaching.teaching_client import TeachingClient
     from hub.teaching.terminal import Terminal
     from hub.teaching.wording import NO_RIGHT
 
@@ -61,14 +61,14 @@ def _opened(file: Path) -> Iterator[TaughtScene]:
         if not present:
             raise LabanmeshError(f"no observer of {scene.scene} runs; start them: labanmesh up {file}")
         with SceneListener(scene, link, lambda _: None) as listener:
-            room, ask = Terminal(stop, listener, keyboard=False), Classroom(link, scene.keys).ask
+            interface, ask = Terminal(stop, listener, keyboard=False), TeachingClient(link, scene.keys).ask
             replies = ask(TeachRequest(command="status", teacher=teacher), present).replies
             if not replies:
                 raise LabanmeshError(NO_RIGHT)
             missing = [name for name in scene.roster if name not in replies]
-            pupils = Pupils(teacher, room, ask, list(replies), add=True)
+            participants = Participants(teacher, interface, ask, list(replies), add=True)
             try:
-                yield TaughtScene(pupils, room, listener, missing)
+                yield TaughtScene(participants, interface, listener, missing)
             finally:
                 ask(TeachRequest(command="leave", teacher=teacher), list(replies))
 
@@ -88,18 +88,18 @@ def correct_verdicts(file: Path, when: Sequence[str], labels: Sequence[str], per
         )
     with _opened(file) as taught:
         for name in taught.missing:
-            taught.room.say(f"{name}: does not answer; the others go on")
-        state = _known_state(taught.listener, taught.room)
+            taught.interface.say(f"{name}: does not answer; the others go on")
+        state = _known_state(taught.listener, taught.interface)
         now, pairs = _fusion_time(state), zip(when, labels, strict=True)
         corrections = [correction_of(moment, label, state.verdicts, now) for moment, label in pairs]
-        observers = list(taught.pupils.observers)
+        observers = list(taught.participants.observers)
         if corrections:
-            made = correct(taught.pupils, corrections, clock_offsets(state), person)
+            made = correct(taught.participants, corrections, clock_offsets(state), person)
             observers = [name for name, count in made.items() if count]
         if learn_now:
-            learn_corrections(taught.pupils, observers)
+            learn_corrections(taught.participants, observers)
         else:
-            taught.room.say(f"nothing is learned yet: labanmesh teach {file} --learn now")
+            taught.interface.say(f"nothing is learned yet: labanmesh teach {file} --learn now")
 
 
 def forget(
@@ -127,18 +127,18 @@ def forget(
             raise BadInput(f"{what} cannot be brought back; add --yes")
         typer.confirm(f"forget {what}? It cannot be brought back", abort=True)
     with _opened(scene) as taught:
-        forget_everywhere(taught.pupils, Unwanted(person, label, everything))
+        forget_everywhere(taught.participants, Unwanted(person, label, everything))
         if taught.missing:
             names = ", ".join(taught.missing)
             raise LabanmeshError(f"not forgotten by {names}: no answer; give the command again when it runs")
 
 
-def _known_state(listener: "SceneListener", room: "Room") -> "SceneState":
+def _known_state(listener: "SceneListener", interface: "LessonInterface") -> "SceneState":
     """The scene once its last verdicts have arrived."""
-    begun_s = room.now_s()
-    while not listener.ready and room.now_s() - begun_s < READY_S:
+    begun_s = interface.now_s()
+    while not listener.ready and interface.now_s() - begun_s < READY_S:
         listener.check()
-        room.pause(0.05)
+        interface.pause(0.05)
     return listener.state
 
 

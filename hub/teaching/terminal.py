@@ -1,4 +1,4 @@
-"""The teacher's terminal: lines, large letters and beeps that are noticed from the other side of the room, and keys."""
+"""The teacher's terminal: lines, large letters and beeps that are noticed from the other side of a room, and keys."""
 
 import select
 import shutil
@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from hub.teaching.big_letters import big
-from hub.teaching.room import GO, Action, Step
+from hub.teaching.interface import GO, Action, Step
 from hub.teaching.verdicts import newly_decided
 from hub.teaching.wording import step_line
 
@@ -27,7 +27,7 @@ REPEAT, DROP, SKIP = "r", "d", "s"
 
 
 class Terminal:
-    """A `Room` in a terminal: lines that stay above, and below them what changes. Elsewhere only lines.
+    """A `LessonInterface` in a terminal: lines that stay above, and below them what changes. Elsewhere only lines.
 
     keyboard: single keys can be read. beeps: the terminal's bell is rung; never where there is no terminal.
     """

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from common.teaching_messages import LearnedReport, TeachReply
 from common.text import plural
 from common.vocabulary import ABSTAIN
-from hub.teaching.room import Step
+from hub.teaching.interface import Step
 
 SIGNS = {"now": "now", "key": "press a key", "clap": "clap", "still": "stand still"}
 LEAST_S = 6.0

@@ -53,8 +53,9 @@ IMPURE = {
     "the mesh, with threads and clocks": (
         "common.inbox common.link common.status common.subsession deploy.doctor.mesh deploy.security.routing "
         "fusion.ingest fusion.membership fusion.publisher fusion.scene_worker fusion.server fusion.standby "
-        "fusion.vocabulary_lookup hub.capture hub.dashboard.pictures hub.session hub.teaching.classroom hub.watch "
-        "hub.teaching.desk observer.foreign.sources studies.replay.playback studies.through"
+        "fusion.vocabulary_lookup hub.capture hub.dashboard.pictures hub.session hub.watch "
+        "hub.teaching.lesson_server hub.teaching.teaching_client "
+        "observer.foreign.sources studies.replay.playback studies.through"
     ),
     "files": (
         "common.capture_file common.config common.credentials common.files common.tracker_choice "
@@ -78,7 +79,7 @@ IMPURE = {
         "hub.teaching.memory_commands"
     ),
     "the clock": (
-        "fusion.metrics hub.teaching.page_room observer.motion.playback observer.rendering.virtual_camera "
+        "fusion.metrics hub.teaching.page_interface observer.motion.playback observer.rendering.virtual_camera "
         "studies.evaluate studies.learning_curve studies.observing studies.stream"
     ),
     "OpenCV or matplotlib, cameras": (

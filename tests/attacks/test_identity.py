@@ -12,7 +12,7 @@ from common.teaching_messages import TeachReply, TeachRequest
 from common.wire import encode
 from hub.scene_state import SceneState
 from hub.session import listen
-from hub.teaching.classroom import Classroom
+from hub.teaching.teaching_client import TeachingClient
 
 VICTIM, LIAR = JUDGES[0], JUDGES[1]
 HOUR_NS = 3600 * SECOND_NS
@@ -73,10 +73,10 @@ def test_a_reply_of_a_lesson_is_of_the_observer_that_was_asked(stage):
     attacker.answer(scene.keys.teach(LIAR), lambda: [liar])
     with stage.link() as link:
         request = TeachRequest(command="status", teacher="t")
-        answers = until(lambda: Classroom(link, scene.keys).ask(request, [LIAR]).replies)
+        answers = until(lambda: TeachingClient(link, scene.keys).ask(request, [LIAR]).replies)
         assert set(answers) == {LIAR}
         attacker.answer(f"{scene.keys.root}/observer/*/@teach", lambda: [liar])
-        assert set(Classroom(link, scene.keys).ask(request, [LIAR]).replies) <= {LIAR}
+        assert set(TeachingClient(link, scene.keys).ask(request, [LIAR]).replies) <= {LIAR}
 
 
 def test_thousands_of_invented_processes_are_neither_shown_nor_counted_one_by_one(stage, long_form):

@@ -10,10 +10,10 @@ from common import SECOND_NS
 from common.config import read_scene
 from common.teaching_messages import Unwanted
 from common.vocabulary import Vocabulary
-from hub.teaching.classroom import Classroom
 from hub.teaching.correcting import Correction, correct
 from hub.teaching.forgetting import forget
-from hub.teaching.pupils import Pupils
+from hub.teaching.participants import Participants
+from hub.teaching.teaching_client import TeachingClient
 from observer.motion.archive import MotionArchive, Recording, TracksCamera
 from observer.motion.archive_file import read_archive, write_archive
 from observer.runtime.prepared_tracker import PreparedTracker
@@ -65,17 +65,19 @@ def test_a_missed_movement_is_cut_by_each_observer_in_its_own_time_and_forgotten
         taught(scene, "door", mesh, 15),
     ]
     lines = []
-    room = SimpleNamespace(say=lines.append, now_s=lambda: 0.0, pause=lambda seconds: None)
-    pupils = Pupils("t", room, Classroom(mesh.peer(), scene.keys).ask, ["sofa", "shelf", "door"], add=True)
+    interface = SimpleNamespace(say=lines.append, now_s=lambda: 0.0, pause=lambda seconds: None)
+    participants = Participants(
+        "t", interface, TeachingClient(mesh.peer(), scene.keys).ask, ["sofa", "shelf", "door"], add=True
+    )
     moment_ns = WAVED_NS + 3 * SECOND_NS
-    made = correct(pupils, [Correction("missed-1", "a", moment_ns, moment_ns)], {"sofa": HOUR_S}, "ben")
+    made = correct(participants, [Correction("missed-1", "a", moment_ns, moment_ns)], {"sofa": HOUR_S}, "ben")
     assert made == {"sofa": 1, "shelf": 1, "door": 0}
     assert lines[-1] == "  door: remembers only the last 0.1 minutes, and this was before"
     for name in ("sofa", "shelf"):
         *_, example = read_archive(scene.place(f"{name}.tracks.npz")).recordings
         assert (example.label, example.subject, example.trial) == ("a", "ben", "2")
         assert 1.8 < len(example.positions) / 15 < 3.2 and np.ptp(example.positions[:, 1, 1]) > 140
-    forget(pupils, Unwanted(person="ben"))
+    forget(participants, Unwanted(person="ben"))
     assert "sofa: removed 1 take" in lines and "door: had nothing of it on its disk" in lines
     for context in contexts:
         context.__exit__(None, None, None)

@@ -13,12 +13,12 @@ from hub.dashboard.access import COOKIE, AccessControl
 from hub.dashboard.application import application
 from hub.dashboard.commands import DashboardRun, _access, _teach_lines
 from hub.dashboard.serving import NO_RIGHT, _teach_page
-from hub.dashboard.teach_data import action_of, desk_data, plan_of
+from hub.dashboard.teach_data import action_of, lesson_server_data, plan_of
 from hub.dashboard.teach_routes import OFF, TeachPage
 from hub.scene_state import SceneState
-from hub.teaching.desk import PageLesson
-from hub.teaching.page_room import PageRoom
-from hub.teaching.room import Action, Step
+from hub.teaching.interface import Action, Step
+from hub.teaching.lesson_server import PageLesson
+from hub.teaching.page_interface import PageInterface
 
 TOKEN = "a-word-of-sixteen-and-more"  # noqa: S105 - a test
 BEARER = {"authorization": f"Bearer {TOKEN}"}
@@ -27,11 +27,11 @@ PAGE = ("GET", "/teach", {})
 PLAN = {"labels": ["wave", "clap"], "takes": 3, "minutes": 1, "person": "anna"}
 
 
-class Desk:
+class FakeLessonServer:
     """What pages ask and press; nothing is taught."""
 
     def __init__(self, scene):
-        self.scene, self.version, self.silent, self.scene_state = scene, 7, frozenset(), SceneState("room")
+        self.scene, self.version, self.silent, self.scene_state = scene, 7, frozenset(), SceneState("interface")
         self.lesson, self.plans, self.pressed, self.stopped, self.looks = None, [], [], [], 0
         self.verdicts, self.corrected = [], []
         reply = TeachReply(
@@ -68,16 +68,16 @@ class Desk:
 
 
 @pytest.fixture
-def desk(scene):
-    return Desk(scene)
+def lesson_server(scene):
+    return FakeLessonServer(scene)
 
 
-def ask(desk, *requests, access=None, off=OFF, host="dojo.local"):
+def ask(lesson_server, *requests, access=None, off=OFF, host="dojo.local"):
     """The answers to (method, path, more) of one application."""
     access = access or AccessControl(TOKEN, TOKEN)
 
     async def main():
-        page = TeachPage(access, desk, off, desk.scene if desk else None)
+        page = TeachPage(access, lesson_server, off, lesson_server.scene if lesson_server else None)
         transport = httpx.ASGITransport(application(access, None, lambda: False, None, page))
         async with httpx.AsyncClient(transport=transport, base_url=f"http://{host}") as client:
             return [await client.request(method, path, **more) for method, path, more in requests]
@@ -89,17 +89,19 @@ def post(path, fields, **headers):
     return "POST", f"/teach/{path}", {"json": fields, "headers": {**BEARER, **headers}}
 
 
-def test_a_lesson_is_begun_pressed_and_stopped_by_those_who_have_the_token(desk):
+def test_a_lesson_is_begun_pressed_and_stopped_by_those_who_have_the_token(lesson_server):
     press = {"lesson": "abc", "number": 4, "action": "drop", "take": 2}
-    answers = ask(desk, post("start", PLAN), post("press", press), post("stop", {"lesson": "abc"}))
+    answers = ask(lesson_server, post("start", PLAN), post("press", press), post("stop", {"lesson": "abc"}))
     assert [each.status_code for each in answers] == [204] * 3
-    (plan,) = desk.plans
+    (plan,) = lesson_server.plans
     assert (plan.labels, plan.takes, plan.background_s, plan.person) == (["wave", "clap"], 3, 60, "anna")
-    assert desk.pressed == [("abc", 4, Action("drop", 2))] and desk.stopped == ["abc"]
-    right, wrong = ask(desk, post("correct", {"labels": {"v1": "", "v2": "ok"}}), post("correct", {"labels": ["v1"]}))
-    assert (right.status_code, wrong.status_code, desk.corrected) == (204, 409, [{"v1": "", "v2": "ok"}])
+    assert lesson_server.pressed == [("abc", 4, Action("drop", 2))] and lesson_server.stopped == ["abc"]
+    right, wrong = ask(
+        lesson_server, post("correct", {"labels": {"v1": "", "v2": "ok"}}), post("correct", {"labels": ["v1"]})
+    )
+    assert (right.status_code, wrong.status_code, lesson_server.corrected) == (204, 409, [{"v1": "", "v2": "ok"}])
     again, now, unknown, missing, home = ask(
-        desk, post("start", PLAN), *(("GET", f"/teach/{path}", {"headers": BEARER})
+        lesson_server, post("start", PLAN), *(("GET", f"/teach/{path}", {"headers": BEARER})
         for path in ("now/cam1", "now/attic", "take/cam1/wave/3", "home")),
     )  # fmt: skip
     assert (again.status_code, again.text) == (409, "a lesson is going on\n")
@@ -108,21 +110,21 @@ def test_a_lesson_is_begun_pressed_and_stopped_by_those_who_have_the_token(desk)
     assert missing.status_code == 204 and not home.json()["connected"] and home.json()["steps"]
 
 
-def test_nothing_is_taught_without_the_token_in_the_header(desk, monkeypatch):
+def test_nothing_is_taught_without_the_token_in_the_header(lesson_server, monkeypatch):
     monkeypatch.setattr("hub.dashboard.teach_routes.WRONG_TOKEN_S", 0.0)
     access = AccessControl(TOKEN, TOKEN)
     cookie = {"cookie": f"{COOKIE}={access.cookie}"}
     for headers in ({}, cookie, {"authorization": "Bearer wrong"}, {"authorization": f"Bearer {access.cookie}"}):
         requests = [("POST", f"/teach/{path}", {"json": PLAN, "headers": headers}) for path in POSTS]
         requests += [("GET", f"/teach/{path}", {"headers": headers}) for path in ("state", "home", *TRACKS)]
-        assert {each.status_code for each in ask(desk, *requests, access=access)} == {401}
-    assert not (desk.plans or desk.pressed or desk.stopped or desk.looks)
+        assert {each.status_code for each in ask(lesson_server, *requests, access=access)} == {401}
+    assert not (lesson_server.plans or lesson_server.pressed or lesson_server.stopped or lesson_server.looks)
     gets = [("GET", f"/teach/{path}", {"headers": BEARER}) for path in POSTS]
-    assert {each.status_code for each in ask(desk, *gets)} == {405}, "nothing changes by a GET"
+    assert {each.status_code for each in ask(lesson_server, *gets)} == {405}, "nothing changes by a GET"
 
 
-def test_requests_that_wait_are_answered_when_the_server_ends(desk):
-    page = TeachPage(AccessControl(TOKEN, TOKEN), desk, OFF, desk.scene)
+def test_requests_that_wait_are_answered_when_the_server_ends(lesson_server):
+    page = TeachPage(AccessControl(TOKEN, TOKEN), lesson_server, OFF, lesson_server.scene)
 
     async def main():
         app = application(AccessControl(TOKEN, TOKEN), None, lambda: False, None, page)
@@ -135,9 +137,9 @@ def test_requests_that_wait_are_answered_when_the_server_ends(desk):
     assert asyncio.run(main()).json()["version"] == 7
 
 
-def test_a_foreign_page_and_a_form_are_refused(desk):
+def test_a_foreign_page_and_a_form_are_refused(lesson_server):
     foreign, cross, form, huge, words, ours = ask(
-        desk, post("start", PLAN, origin="http://evil.example"),
+        lesson_server, post("start", PLAN, origin="http://evil.example"),
         post("start", PLAN, origin="http://dojo.local", **{"sec-fetch-site": "cross-site"}),
         ("POST", "/teach/start", {"data": {"labels": "wave"}, "headers": BEARER}),
         post("start", {"labels": ["x" * 9000]}),
@@ -146,16 +148,16 @@ def test_a_foreign_page_and_a_form_are_refused(desk):
     )  # fmt: skip
     assert [each.status_code for each in (foreign, cross, form, huge, words, ours)] == [403, 403, 415, 409, 409, 204]
     assert all(each.text.count("\n") == 1 for each in (foreign, cross, form, huge, words))
-    assert "access-control-allow-origin" not in foreign.headers and len(desk.plans) == 1
+    assert "access-control-allow-origin" not in foreign.headers and len(lesson_server.plans) == 1
 
 
-def test_a_browser_keeps_a_key_made_from_the_token(desk):
+def test_a_browser_keeps_a_key_made_from_the_token(lesson_server):
     enter = ("POST", "/teach/enter", {"headers": BEARER})
-    entered, page, script = ask(desk, enter, PAGE, ("GET", "/teach.js", {}))
+    entered, page, script = ask(lesson_server, enter, PAGE, ("GET", "/teach.js", {}))
     key, cookie = entered.json()["key"], entered.headers["set-cookie"]
     assert TOKEN not in entered.text + cookie and "HttpOnly" in cookie and "SameSite=strict" in cookie
     state, picture = ask(
-        desk, ("GET", "/teach/state", {"headers": {"authorization": f"Bearer {key}"}}),
+        lesson_server, ("GET", "/teach/state", {"headers": {"authorization": f"Bearer {key}"}}),
         ("GET", "/picture/cam1", {"headers": {"cookie": cookie.partition(";")[0]}}),
     )  # fmt: skip
     assert state.json()["scene"] == "room" and picture.status_code == 404, "the cookie reads"
@@ -164,7 +166,7 @@ def test_a_browser_keeps_a_key_made_from_the_token(desk):
         assert not re.search(r"(src|href|url\()\W*https?:", text) and "innerHTML" not in text and "style=" not in text
 
 
-def test_where_teaching_is_off_the_page_says_how_to_turn_it_on(scene, desk):
+def test_where_teaching_is_off_the_page_says_how_to_turn_it_on(scene, lesson_server):
     state = ("GET", "/teach/state", {"headers": BEARER})
     for access, off in ((AccessControl(None), OFF), (AccessControl(TOKEN), OFF), (AccessControl(TOKEN, "t"), NO_RIGHT)):
         page, *others = ask(None, PAGE, state, post("start", PLAN), access=access, off=off, host="127.0.0.1")
@@ -235,9 +237,9 @@ def test_one_movement_can_be_added_and_presses_are_checked():
             action_of(fields)
 
 
-def test_the_state_says_how_observers_and_lesson_stand(desk, make):
-    desk.verdicts = [make.verdict(2, label="abstain"), make.verdict(1, ended_ns=make.NOON)]
-    state = desk_data(desk)
+def test_the_state_says_how_observers_and_lesson_stand(lesson_server, make):
+    lesson_server.verdicts = [make.verdict(2, label="abstain"), make.verdict(1, ended_ns=make.NOON)]
+    state = lesson_server_data(lesson_server)
     cam1, cam2 = state["observers"]
     assert state["known"] == ["ok"] and state["begun"] == ["nod"] and state["lesson"] is None
     assert cam1["ready"] and cam1["line"] == "sees somebody" and cam1["take"]["seconds"] == 1.4 and cam1["other"] == 61
@@ -247,26 +249,26 @@ def test_the_state_says_how_observers_and_lesson_stand(desk, make):
         {"id": "v2", "label": "", "began": began, "ended": False},
         {"id": "v1", "label": "nthrow", "began": began, "ended": True},
     ]
-    room = PageRoom(lambda: None, tuple, tuple)
-    desk.lesson = PageLesson("abc", plan_of(PLAN, [], "abc"), room)
-    room.say("cam1: sees somebody")
+    interface = PageInterface(lambda: None, tuple, tuple)
+    lesson_server.lesson = PageLesson("abc", plan_of(PLAN, [], "abc"), interface)
+    interface.say("cam1: sees somebody")
     for number in (1, 2):
-        room.show(Step("now", "wave", number, 3))
-        room.say(f"wave {number} of 3: kept by cam1 (1.2 s)")
-    room.say("  cam2: nobody was seen")
-    lesson = desk_data(desk)["lesson"]
+        interface.show(Step("now", "wave", number, 3))
+        interface.say(f"wave {number} of 3: kept by cam1 (1.2 s)")
+    interface.say("  cam2: nobody was seen")
+    lesson = lesson_server_data(lesson_server)["lesson"]
     assert lesson["news"] == ["wave 2 of 3: kept by cam1 (1.2 s)", "  cam2: nobody was seen"]
     assert lesson["step"]["label"] == "wave" and not lesson["waits"] and not lesson["over"]
-    room.show(Step("learning", number=0, of=2))
-    room.say("cam1: wave 2 of 3")
-    room.show(Step("adopting"))
-    room.say("1 observer and the fusion service recognise wave from now on")
-    room.show(Step("now", "wave", is_test=True))
-    room.say("wave: recognised")
-    room.say("now 1.0 minutes of anything but the movements")
-    room.show(Step("alarms", number=1, left_s=3))
-    room.say("false alarm: wave")
-    lesson = desk_data(desk)["lesson"]
+    interface.show(Step("learning", number=0, of=2))
+    interface.say("cam1: wave 2 of 3")
+    interface.show(Step("adopting"))
+    interface.say("1 observer and the fusion service recognise wave from now on")
+    interface.show(Step("now", "wave", is_test=True))
+    interface.say("wave: recognised")
+    interface.say("now 1.0 minutes of anything but the movements")
+    interface.show(Step("alarms", number=1, left_s=3))
+    interface.say("false alarm: wave")
+    lesson = lesson_server_data(lesson_server)["lesson"]
     assert (
         lesson["results"] == ["cam1: wave 2 of 3"]
         and lesson["test"] == ["wave: recognised", "false alarm: wave"]

@@ -11,9 +11,9 @@ from common.messages import Agreement, VerdictMessage, VocabularyReference
 from common.teaching_messages import CorrectedReport, ForgottenReport, LearnedReport, TeachReply, Unwanted
 from hub.teaching.correcting import Correction, correct, learn_corrections
 from hub.teaching.forgetting import forget
+from hub.teaching.interface import Answers
 from hub.teaching.moments import correction_of
-from hub.teaching.pupils import Pupils
-from hub.teaching.room import Answers
+from hub.teaching.participants import Participants
 
 NOON = datetime(2026, 11, 22, 12, 0, 0, tzinfo=UTC)
 NOON_NS = round(NOON.timestamp() * SECOND_NS)
@@ -67,7 +67,7 @@ class Observer:
         return ForgottenReport(takes=takes, in_model=in_model)
 
 
-class Room:
+class FakeInterface:
     def __init__(self, observers):
         self.lines, self.seconds, self.observers = [], 0.0, observers
 
@@ -92,8 +92,8 @@ class Room:
 
 
 def pupils_of(**observers):
-    room = Room(observers)
-    return Pupils("anna", room, room.ask, list(observers), add=True), room
+    interface = FakeInterface(observers)
+    return Participants("anna", interface, interface.ask, list(observers), add=True), interface
 
 
 def verdict(began_s, label="wave", ended_s=None):
@@ -143,18 +143,20 @@ def test_a_moment_that_is_none_is_refused_with_what_is_expected(when):
 
 
 def test_each_observer_is_asked_in_its_own_time_and_those_that_can_learn_and_change():
-    pupils, room = pupils_of(sofa=Observer(), shelf=Observer("remembers no tracks"), door=Observer())
+    participants, interface = pupils_of(sofa=Observer(), shelf=Observer("remembers no tracks"), door=Observer())
     wrong, missed = Correction("home-1", "clap", NOON_NS, NOON_NS + SECOND_NS), Correction("m", "", NOON_NS, NOON_NS)
-    made = correct(pupils, [wrong, missed], {"sofa": 2.0}, "anna")
+    made = correct(participants, [wrong, missed], {"sofa": 2.0}, "anna")
     assert made == {"sofa": 2, "shelf": 0, "door": 2}
-    sofa, door = room.observers["sofa"], room.observers["door"]
+    sofa, door = interface.observers["sofa"], interface.observers["door"]
     at_ns = [[r.from_ns - NOON_NS for r in each.asked if r.command == "correct"] for each in (sofa, door)]
     # Of the missed one the sofa found when it was, and the door was asked for the same.
     assert at_ns == [[2 * SECOND_NS, 2 * SECOND_NS], [0, -SECOND_NS]]
-    assert "  shelf: remembers no tracks" in room.lines and any("was something else" in line for line in room.lines)
-    learn_corrections(pupils, ["sofa", "door"])
-    assert room.lines[-1] == "2 observers and the fusion service recognise wave, clap from now on"
-    assert room.observers["shelf"].learned is None and sofa.examples == {"home-1": "clap", "m": ""}
+    assert "  shelf: remembers no tracks" in interface.lines and any(
+        "was something else" in line for line in interface.lines
+    )
+    learn_corrections(participants, ["sofa", "door"])
+    assert interface.lines[-1] == "2 observers and the fusion service recognise wave, clap from now on"
+    assert interface.observers["shelf"].learned is None and sofa.examples == {"home-1": "clap", "m": ""}
 
 
 @pytest.mark.parametrize(
@@ -178,24 +180,26 @@ def test_a_command_that_is_not_complete_is_refused_in_a_line(words, error, tmp_p
 
 
 def test_what_cannot_be_corrected_is_said_in_a_line():
-    pupils, _ = pupils_of(sofa=Observer())
+    participants, _ = pupils_of(sofa=Observer())
     with pytest.raises(BadInput, match="nod: known: wave, clap; teach it first"):
-        correct(pupils, [Correction("a", "nod", NOON_NS)], {}, "anna")
-    pupils, room = pupils_of(sofa=Observer("remembers no tracks"))
+        correct(participants, [Correction("a", "nod", NOON_NS)], {}, "anna")
+    participants, interface = pupils_of(sofa=Observer("remembers no tracks"))
     with pytest.raises(LabanmeshError, match="no observer could make an example"):
-        correct(pupils, [Correction("a", "wave", NOON_NS)], {}, "anna")
-    pupils, room = pupils_of(sofa=Observer(people={}), shelf=Observer(labels=()))
+        correct(participants, [Correction("a", "wave", NOON_NS)], {}, "anna")
+    participants, interface = pupils_of(sofa=Observer(people={}), shelf=Observer(labels=()))
     with pytest.raises(LabanmeshError, match="no observer can be corrected"):
-        correct(pupils, [Correction("a", "wave", NOON_NS)], {}, "anna")
-    assert "sofa: its model was not made by labanmesh teach, and cannot be corrected; the others go on" in room.lines
+        correct(participants, [Correction("a", "wave", NOON_NS)], {}, "anna")
+    assert (
+        "sofa: its model was not made by labanmesh teach, and cannot be corrected; the others go on" in interface.lines
+    )
 
 
 def test_a_person_is_forgotten_and_what_others_taught_stays():
     people = {"anna": ["wave"], "ben": ["wave", "clap"]}
-    pupils, room = pupils_of(sofa=Observer(people=people), shelf=Observer())
-    forget(pupils, Unwanted(person="anna"))
-    sofa, shelf = room.observers["sofa"], room.observers["shelf"]
-    assert "sofa: removed 1 take; learns anew without it" in room.lines and sofa.labels == ["wave", "clap"]
+    participants, interface = pupils_of(sofa=Observer(people=people), shelf=Observer())
+    forget(participants, Unwanted(person="anna"))
+    sofa, shelf = interface.observers["sofa"], interface.observers["shelf"]
+    assert "sofa: removed 1 take; learns anew without it" in interface.lines and sofa.labels == ["wave", "clap"]
     # Only anna had taught the shelf: nothing is left to learn from.
     assert shelf.was_removed and not sofa.was_removed and sofa.in_model == {"ben"}
 
@@ -204,11 +208,11 @@ def test_a_movement_is_forgotten_by_all_and_everything_leaves_no_model():
     observers = {
         name: Observer(people={"anna": ["wave", "clap", "nod"]}, labels=("wave", "clap", "nod")) for name in "ab"
     }
-    pupils, _ = pupils_of(**observers)
-    forget(pupils, Unwanted(label="clap"))
+    participants, _ = pupils_of(**observers)
+    forget(participants, Unwanted(label="clap"))
     assert all(each.labels == ["wave", "nod"] and not each.was_removed for each in observers.values())
-    forget(pupils, Unwanted(label="nod"))
+    forget(participants, Unwanted(label="nod"))
     assert all(each.was_removed for each in observers.values()), "one movement alone cannot be told from others"
-    pupils, _ = pupils_of(sofa=Observer())
-    forget(pupils, Unwanted(everything=True))
-    assert pupils.observers == ["sofa"]
+    participants, _ = pupils_of(sofa=Observer())
+    forget(participants, Unwanted(everything=True))
+    assert participants.observers == ["sofa"]

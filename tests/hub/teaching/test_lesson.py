@@ -5,8 +5,8 @@ import pytest
 from common.errors import LabanmeshError
 from common.teaching_messages import LearnedReport, TakeDoubt, TakeReport, TeachReply
 from common.vocabulary import ABSTAIN
+from hub.teaching.interface import GO, Action, Answers
 from hub.teaching.lesson import Lesson, LessonPlan
-from hub.teaching.room import GO, Action, Answers
 from hub.teaching.wording import result_lines, step_line
 
 KEYS = {"r": "repeat", "d": "drop", "p": "pause", "s": "skip", ".": "go"}
@@ -62,7 +62,7 @@ class Observer:
         )  # fmt: skip
 
 
-class Room:
+class FakeInterface:
     """No terminal and no clock; keys: pressed after the takes; presses: where the lesson can wait; both in order."""
 
     def __init__(self, observers, keys="", presses=()):
@@ -108,46 +108,51 @@ class Room:
 
 
 def teach(observers, keys="", presses=(), **plan):
-    room = Room(observers, keys, presses)
+    interface = FakeInterface(observers, keys, presses)
     values = {"labels": ["wave", "clap"], "teacher": "anna", "takes": 2, "background_s": 60.0, **plan}
-    Lesson(LessonPlan(**values), room, room.ask, list(observers)).run()
-    return room
+    Lesson(LessonPlan(**values), interface, interface.ask, list(observers)).run()
+    return interface
 
 
-def takes_asked(room):
-    return [(each.label, each.take) for each in room.asked if each.command == "begin" and each.label]
+def takes_asked(interface):
+    return [(each.label, each.take) for each in interface.asked if each.command == "begin" and each.label]
 
 
 def test_the_whole_lesson():
     results = {"wave": {"wave": 2}, "clap": {"clap": 1, "wave": 1}}
     sofa, shelf = Observer(results=results), Observer(results={"wave": {"wave": 2}, "clap": {"clap": 2}})
-    room = teach({"sofa": sofa, "shelf": shelf})
-    assert takes_asked(room) == [("wave", 1), ("wave", 2), ("clap", 1), ("clap", 2)]
+    interface = teach({"sofa": sofa, "shelf": shelf})
+    assert takes_asked(interface) == [("wave", 1), ("wave", 2), ("clap", 1), ("clap", 2)]
     assert sofa.labels == shelf.labels == ["wave", "clap"]
-    assert "wave 1 of 2: kept by sofa (1.2 s), shelf (1.2 s)" in room.lines
-    assert "sofa: wave 2 of 2, clap 1 of 2" in room.lines and "wave and clap look alike from sofa" in room.lines
-    assert room.lines[-1] == "2 observers and the fusion service recognise wave, clap from now on"
-    assert room.seconds > 60
-    assert room.shown[:5] == [
+    assert "wave 1 of 2: kept by sofa (1.2 s), shelf (1.2 s)" in interface.lines
+    assert (
+        "sofa: wave 2 of 2, clap 1 of 2" in interface.lines and "wave and clap look alike from sofa" in interface.lines
+    )
+    assert interface.lines[-1] == "2 observers and the fusion service recognise wave, clap from now on"
+    assert interface.seconds > 60
+    assert interface.shown[:5] == [
         "wave 1 of 2: 3",
         "wave 1 of 2: 2",
         "wave 1 of 2: 1",
         "wave 1 of 2: now",
         "wave 1 of 2: kept",
     ]
-    assert "something else: 60 s to go" in room.shown and "learning: 0 of 2, 0 s" in room.shown
+    assert "something else: 60 s to go" in interface.shown and "learning: 0 of 2, 0 s" in interface.shown
     ready = [("ready", "wave", 0), ("review", "wave", 2), ("ready", "clap", 0), ("review", "clap", 2), ("ready", "", 0)]
-    assert room.waited == [*ready, ("learned", "", 0)]
+    assert interface.waited == [*ready, ("learned", "", 0)]
 
 
 def test_at_the_end_each_movement_is_done_once_more():
     sofa = Observer()
-    room = Room({"sofa": sofa})
-    room.decided = ["old", "wave", "old", "wave"]
+    interface = FakeInterface({"sofa": sofa})
+    interface.decided = ["old", "wave", "old", "wave"]
     Lesson(
-        LessonPlan(["wave", "clap", "nod"], "anna", takes=2, background_s=0, test=True), room, room.ask, ["sofa"]
+        LessonPlan(["wave", "clap", "nod"], "anna", takes=2, background_s=0, test=True),
+        interface,
+        interface.ask,
+        ["sofa"],
     ).run()
-    assert room.lines[-4:] == [
+    assert interface.lines[-4:] == [
         "wave: recognised",
         "clap: taken for wave",
         "nod: nothing was decided",
@@ -159,16 +164,19 @@ def test_then_verdicts_count_as_false_alarms_and_one_line_sums_up():
     results = {"wave": {"wave": 2}, "clap": {"clap": 1, "wave": 1}}
 
     def tested(keys):
-        room = Room({"sofa": Observer(results=results)}, keys)
-        room.decided = ["old", "wave", "old", "clap", "old", "wave", ABSTAIN]
+        interface = FakeInterface({"sofa": Observer(results=results)}, keys)
+        interface.decided = ["old", "wave", "old", "clap", "old", "wave", ABSTAIN]
         plan = LessonPlan(["wave", "clap"], "anna", takes=2, background_s=0, test=True, alarm_s=30.0)
-        Lesson(plan, room, room.ask, ["sofa"]).run()
-        return room
+        Lesson(plan, interface, interface.ask, ["sofa"]).run()
+        return interface
 
-    room = tested("....")
-    assert "false alarm: wave" in room.lines and "none of the movements: 30 s to go, 0 false alarms" in room.shown
+    interface = tested("....")
+    assert (
+        "false alarm: wave" in interface.lines
+        and "none of the movements: 30 s to go, 0 false alarms" in interface.shown
+    )
     alike = "wave and clap look alike from sofa"
-    assert room.lines[-1] == f"wave 1 of 1, clap 1 of 1, false alarms 1 in 0.5 minutes; {alike}"
+    assert interface.lines[-1] == f"wave 1 of 1, clap 1 of 1, false alarms 1 in 0.5 minutes; {alike}"
     assert tested("....s").lines[-1] == f"2 of 2 recognised; {alike}"
 
 
@@ -176,20 +184,20 @@ def test_then_verdicts_count_as_false_alarms_and_one_line_sums_up():
 def test_takes_begin_with_a_sign_and_without_a_keyboard(how):
     sofa, shelf = Observer(), Observer()
     sofa.still = shelf.still = 0.0
-    room = Room({"sofa": sofa, "shelf": shelf})
+    interface = FakeInterface({"sofa": sofa, "shelf": shelf})
     looks = iter(range(100))
 
     def between(step, seconds):
-        room.pause(seconds)
+        interface.pause(seconds)
         look = next(looks) if step.kind == "waiting" else 0
         sofa.still, shelf.claps = float(look > 5), int(look > 7)
         return Action("begin") if look > 20 else GO
 
-    room.between = between
+    interface.between = between
     plan = LessonPlan(["wave", "clap"], "anna", takes=2, background_s=0, begin=how)
-    Lesson(plan, room, room.ask, ["sofa", "shelf"]).run()
-    waited = room.shown.index("wave 1 of 2: 3")
-    assert waited == {"still": 13, "clap": 9, "key": 22}[how] and "begin" in "".join(room.lines)
+    Lesson(plan, interface, interface.ask, ["sofa", "shelf"]).run()
+    waited = interface.shown.index("wave 1 of 2: 3")
+    assert waited == {"still": 13, "clap": 9, "key": 22}[how] and "begin" in "".join(interface.lines)
 
 
 def test_a_lesson_that_waits_for_nobody_ends_with_a_line():
@@ -206,11 +214,11 @@ def test_takes_that_look_like_another_movement_or_show_two_people_are_offered_ag
     doubt = TakeDoubt(label="wave", take=2, like="clap")
     sofa, shelf = Observer(doubts=[doubt]), Observer(doubts=[doubt, TakeDoubt(label="clap", take=1, like="wave")])
     sofa.people = 2
-    room = teach({"sofa": sofa, "shelf": shelf}, keys="....r")
-    assert room.lines.count("2 people in the picture of sofa: is the take yours? r makes it again") == 1
-    assert "wave 2 looks more like clap than like the other takes of wave, from sofa and shelf" in room.lines
-    assert "clap 1 looks more like wave than like the other takes of clap, from shelf" in room.lines
-    assert takes_asked(room)[4:] == [("wave", 3)] and sofa.takes["wave"] == [1, 3]
+    interface = teach({"sofa": sofa, "shelf": shelf}, keys="....r")
+    assert interface.lines.count("2 people in the picture of sofa: is the take yours? r makes it again") == 1
+    assert "wave 2 looks more like clap than like the other takes of wave, from sofa and shelf" in interface.lines
+    assert "clap 1 looks more like wave than like the other takes of clap, from shelf" in interface.lines
+    assert takes_asked(interface)[4:] == [("wave", 3)] and sofa.takes["wave"] == [1, 3]
 
 
 def test_a_lesson_waits_for_a_teacher_that_was_killed():
@@ -238,9 +246,9 @@ def test_a_camera_that_is_lost_is_said_once_and_its_return_too():
 def test_takes_are_repeated_dropped_and_go_on_where_they_stopped():
     sofa = Observer()
     sofa.takes = {"wave": [1]}
-    room = teach({"sofa": sofa}, keys="rd")
-    assert takes_asked(room) == [("wave", 2), ("wave", 3), ("clap", 1), ("clap", 2)]
-    assert sofa.takes == {"wave": [1], "clap": [1, 2]} and {"again", "dropped"} <= set(room.lines)
+    interface = teach({"sofa": sofa}, keys="rd")
+    assert takes_asked(interface) == [("wave", 2), ("wave", 3), ("clap", 1), ("clap", 2)]
+    assert sofa.takes == {"wave": [1], "clap": [1, 2]} and {"again", "dropped"} <= set(interface.lines)
     more = teach({"sofa": sofa}, labels=["nod"], add=True)
     assert takes_asked(more) == [("nod", 1), ("nod", 2)] and sofa.labels == ["wave", "clap", "nod"]
     more = teach({"sofa": sofa}, labels=["nod"], add=True)
@@ -250,48 +258,50 @@ def test_takes_are_repeated_dropped_and_go_on_where_they_stopped():
 def test_a_page_looks_at_the_takes_and_can_leave_parts_out():
     sofa = Observer()
     drop, more = Action("drop", 1), Action("more")
-    room = teach({"sofa": sofa}, presses=[GO, drop, Action("drop", 9), more, GO, GO, GO, Action("skip")])
+    interface = teach({"sofa": sofa}, presses=[GO, drop, Action("drop", 9), more, GO, GO, GO, Action("skip")])
     assert sofa.takes == {"wave": [2, 3], "clap": [1, 2]} and sofa.other_s == 0 and sofa.labels == ["wave", "clap"]
-    assert [each for each in room.waited if each[0] == "review"][:4] == [("review", "wave", n) for n in (2, 1, 1, 2)]
+    assert [each for each in interface.waited if each[0] == "review"][:4] == [
+        ("review", "wave", n) for n in (2, 1, 1, 2)
+    ]
     # A take that was made again while the takes went on, a pause, and new models that are not wanted.
     sofa = Observer()
-    room = Room({"sofa": sofa}, presses=[GO, GO, GO, GO, GO, Action("skip")])
+    interface = FakeInterface({"sofa": sofa}, presses=[GO, GO, GO, GO, GO, Action("skip")])
     pressed = [Action("repeat", 1), Action("pause")]
-    room.between = lambda step, seconds: pressed.pop(0) if pressed else GO
-    Lesson(LessonPlan(["wave", "clap"], "anna", takes=2, background_s=0), room, room.ask, ["sofa"]).run()
-    assert sofa.takes == {"wave": [2, 3], "clap": [1, 2]} and ("ready", "wave", 1) in room.waited
-    assert sofa.labels == ["old", "older"] and room.lines[-1] == "nothing has changed; the takes are kept"
+    interface.between = lambda step, seconds: pressed.pop(0) if pressed else GO
+    Lesson(LessonPlan(["wave", "clap"], "anna", takes=2, background_s=0), interface, interface.ask, ["sofa"]).run()
+    assert sofa.takes == {"wave": [2, 3], "clap": [1, 2]} and ("ready", "wave", 1) in interface.waited
+    assert sofa.labels == ["old", "older"] and interface.lines[-1] == "nothing has changed; the takes are kept"
 
 
 def test_a_take_that_one_observer_lacks_counts_and_one_that_all_lack_is_made_again():
     nobody = "nobody was seen"
     sofa = Observer(faults={("wave", 1): nobody, ("wave", 2): nobody})
     shelf = Observer(faults={("wave", 2): nobody})
-    room = teach({"sofa": sofa, "shelf": shelf})
-    assert takes_asked(room)[:3] == [("wave", 1), ("wave", 2), ("wave", 3)]
+    interface = teach({"sofa": sofa, "shelf": shelf})
+    assert takes_asked(interface)[:3] == [("wave", 1), ("wave", 2), ("wave", 3)]
     assert (sofa.takes["wave"], shelf.takes["wave"]) == ([3], [1, 3])
-    assert "  sofa: nobody was seen" in room.lines
+    assert "  sofa: nobody was seen" in interface.lines
     with pytest.raises(LabanmeshError, match="3 takes in a row"):
         teach({"sofa": Observer(faults={("wave", n): nobody for n in range(1, 9)})})
 
 
 def test_an_observer_that_dies_costs_only_itself():
     sofa, shelf = Observer(), Observer(dies=("clap", 1))
-    room = teach({"sofa": sofa, "shelf": shelf})
-    assert "shelf: no answer any more; the others go on" in room.lines and sofa.labels == ["wave", "clap"]
+    interface = teach({"sofa": sofa, "shelf": shelf})
+    assert "shelf: no answer any more; the others go on" in interface.lines and sofa.labels == ["wave", "clap"]
     with pytest.raises(LabanmeshError, match="no observer answers any more; what was recorded is kept"):
         teach({"shelf": Observer(dies=("wave", 2))})
 
 
 def test_an_observer_that_comes_back_goes_on():
     sofa, shelf = Observer(), Observer(dies=("wave", 1), returns=True)
-    room = teach({"sofa": sofa, "shelf": shelf})
-    assert "shelf: is back" in room.lines and shelf.takes == {"wave": [2], "clap": [1, 2]}
-    assert room.lines[-1].startswith("2 observers")
+    interface = teach({"sofa": sofa, "shelf": shelf})
+    assert "shelf: is back" in interface.lines and shelf.takes == {"wave": [2], "clap": [1, 2]}
+    assert interface.lines[-1].startswith("2 observers")
     # The only one, as under a supervisor: the take is asked again.
     only = Observer(dies=("wave", 2), returns=True)
-    room = teach({"only": only})
-    assert "only: is back" in room.lines and only.takes["wave"] == [1, 2] and only.labels == ["wave", "clap"]
+    interface = teach({"only": only})
+    assert "only: is back" in interface.lines and only.takes["wave"] == [1, 2] and only.labels == ["wave", "clap"]
 
 
 def test_all_learn_before_any_changes_and_a_minority_does_not_take_the_others_along():
@@ -301,9 +311,9 @@ def test_all_learn_before_any_changes_and_a_minority_does_not_take_the_others_al
     assert all(each.labels == ["old", "older"] for each in observers.values())
     observers["shelf"].can_learn, observers["shelf"].fault = True, ""
     observers["door"].fault = ""
-    room = teach(observers)
-    assert "door: wave: one take is not enough" in room.lines and observers["door"].labels == ["old", "older"]
-    assert room.lines[-1].startswith("2 observers and the fusion service")
+    interface = teach(observers)
+    assert "door: wave: one take is not enough" in interface.lines and observers["door"].labels == ["old", "older"]
+    assert interface.lines[-1].startswith("2 observers and the fusion service")
 
 
 def test_movements_look_alike_from_where_they_are_confused():

@@ -7,7 +7,7 @@ import pytest
 
 from hub.teaching import terminal
 from hub.teaching.big_letters import big
-from hub.teaching.room import GO, Action, Step
+from hub.teaching.interface import GO, Action, Step
 from hub.teaching.terminal import Terminal
 
 
@@ -27,17 +27,17 @@ def test_letters_are_as_large_as_fit(text):
 
 
 def test_a_countdown_is_large_and_beeps_and_lines_stay_above_it(screen):
-    room = Terminal(threading.Event(), None, keyboard=False)
+    interface = Terminal(threading.Event(), None, keyboard=False)
     for left in (2, 1):
-        room.show(Step("countdown", "wave", 1, 5, left_s=left))
-    room.show(Step("now", "wave", 1, 5))
-    room.show(Step("kept", "wave", 1, 5))
+        interface.show(Step("countdown", "wave", 1, 5, left_s=left))
+    interface.show(Step("now", "wave", 1, 5))
+    interface.show(Step("kept", "wave", 1, 5))
     shown = screen()
     assert shown.count("\a") == 1 + 1 + 2 + 1 and "█" in shown and "wave 1 of 5: now" in shown
-    room.say("wave 1 of 5: kept by sofa (1.9 s)")
+    interface.say("wave 1 of 5: kept by sofa (1.9 s)")
     removed = screen()
     assert removed.endswith("\x1b[Jwave 1 of 5: kept by sofa (1.9 s)\n") and "A\x1b[J" in removed
-    room.say("next")
+    interface.say("next")
     assert "A\x1b[J" not in screen(), "only what changes is removed"
     quiet = Terminal(threading.Event(), None, keyboard=False, beeps=False)
     quiet.show(Step("now", "wave", 1, 5))
@@ -45,8 +45,8 @@ def test_a_countdown_is_large_and_beeps_and_lines_stay_above_it(screen):
 
 
 def test_without_a_terminal_there_are_lines_and_no_beeps(capsys):
-    room = Terminal(threading.Event(), None, keyboard=False)
-    room.show(Step("countdown", "wave", 1, 5, left_s=1)), room.show(Step("now", "wave", 1, 5))
+    interface = Terminal(threading.Event(), None, keyboard=False)
+    interface.show(Step("countdown", "wave", 1, 5, left_s=1)), interface.show(Step("now", "wave", 1, 5))
     assert capsys.readouterr().out == "wave 1 of 5: now\n"
 
 
@@ -56,7 +56,7 @@ def test_without_a_terminal_there_are_lines_and_no_beeps(capsys):
      ("alarms", "s", Action("skip")), ("other", "r", GO), ("now", "x", GO)],
 )  # fmt: skip
 def test_what_keys_mean(monkeypatch, kind, key, action):
-    room = Terminal(threading.Event(), None, keyboard=True)
+    interface = Terminal(threading.Event(), None, keyboard=True)
     monkeypatch.setattr(terminal.select, "select", lambda *_: ([sys.stdin], [], []))
     monkeypatch.setattr(sys, "stdin", type("Keys", (), {"read": lambda self, count: key.upper()})())
-    assert room.between(Step(kind, "wave"), 1.0) == action
+    assert interface.between(Step(kind, "wave"), 1.0) == action

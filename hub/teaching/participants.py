@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 from common.errors import LabanmeshError
 from common.teaching_messages import TeachCommand, TeachReply, TeachRequest
-from hub.teaching.room import Answers, Room
+from hub.teaching.interface import Answers, LessonInterface
 
 RETURN_S = 20.0
 """So long the lesson waits for some observer if all are away."""
@@ -15,7 +15,7 @@ Ask = Callable[[TeachRequest, Collection[str]], Answers]
 
 
 @dataclass(slots=True)
-class Pupils:
+class Participants:
     """Those that are taught.
 
     teacher: the id of this lesson's teacher. ask: sends a request to these observers. observers: those that take part
@@ -23,7 +23,7 @@ class Pupils:
     """
 
     teacher: str
-    room: Room
+    interface: LessonInterface
     ask: Ask
     observers: list[str]
     add: bool = False
@@ -40,11 +40,11 @@ class Pupils:
         """
         answers = self.ask(self._made(command, **fields), self.observers)
         for name in answers.silent:
-            self.room.say(f"{name}: no answer any more; the others go on")
+            self.interface.say(f"{name}: no answer any more; the others go on")
         for name, fault in answers.faults.items():
             # Once, and not at every look.
             if self.faults.get(name) != fault:
-                self.room.say(f"{name}: {fault}")
+                self.interface.say(f"{name}: {fault}")
         self.faults = answers.faults
         self._tell_of_pictures(answers)
         self.observers = [name for name in self.observers if name not in answers.silent]
@@ -57,10 +57,10 @@ class Pupils:
         """Say it once when a camera is lost, and when it is back."""
         for name, reply in answers.replies.items():
             if self.taught and not reply.pictures and name not in self.blind:
-                self.room.say(f"{name}: {reply.complaint or 'no pictures now: is the camera working?'}")
+                self.interface.say(f"{name}: {reply.complaint or 'no pictures now: is the camera working?'}")
                 self.blind.add(name)
             elif reply.pictures and name in self.blind:
-                self.room.say(f"{name}: has pictures again")
+                self.interface.say(f"{name}: has pictures again")
                 self.blind.discard(name)
 
     def check(self) -> Mapping[str, TeachReply]:
@@ -79,11 +79,11 @@ class Pupils:
     def start(self, labels: list[str]) -> Mapping[str, TeachReply]:
         """Begin with this vocabulary; the replies of those that can be taught. Raises LabanmeshError if none can."""
         self.labels = labels
-        begun_s = self.room.now_s()
+        begun_s = self.interface.now_s()
         started = self.request("start", labels=labels, add=self.add)
         # A teacher that was killed counts as gone after some seconds.
-        while any(BUSY in reply.fault for reply in started.values()) and self.room.now_s() - begun_s < BUSY_S:
-            self.room.pause(1.0)
+        while any(BUSY in reply.fault for reply in started.values()) and self.interface.now_s() - begun_s < BUSY_S:
+            self.interface.pause(1.0)
             started = self.request("start", labels=labels, add=self.add)
         self.observers = [name for name, reply in started.items() if not reply.fault]
         if not self.observers:
@@ -98,7 +98,7 @@ class Pupils:
             again = self._made("start", labels=self.labels, add=self.add)
             for name, reply in self.ask(again, away).replies.items():
                 if not reply.fault:
-                    self.room.say(f"{name}: is back")
+                    self.interface.say(f"{name}: is back")
                     self.observers.append(name)
 
     def _made(self, command: TeachCommand, **fields: object) -> TeachRequest:
@@ -106,9 +106,9 @@ class Pupils:
 
     def _wait_for_return(self) -> None:
         """No observer answers: one that is started again, as `labanmesh up` does, goes on."""
-        begun_s = self.room.now_s()
-        while self.taught and self.room.now_s() - begun_s < RETURN_S:
-            self.room.pause(1.0)
+        begun_s = self.interface.now_s()
+        while self.taught and self.interface.now_s() - begun_s < RETURN_S:
+            self.interface.pause(1.0)
             self.take_back()
             if self.observers:
                 return

@@ -1,4 +1,4 @@
-"""The room of a lesson that a page shows: what happens now, and what people press on it. Safe for several threads.
+"""A lesson as a page shows it: what happens now, and what people press on it. Safe for several threads.
 
 1. Where the lesson waits (`ready`) one press counts: its number names the step that the person saw, so that of two
    people who press at once the second presses nothing by mistake.
@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from common.errors import BadInput
-from hub.teaching.room import GO, Action, ActionKind, Step, StepKind
+from hub.teaching.interface import GO, Action, ActionKind, Step, StepKind
 
 LINES_LIMIT = 200
 WAITING_ACTIONS: dict[StepKind, tuple[ActionKind, ...]] = {
@@ -53,8 +53,8 @@ class Shown:
     lines: tuple[Line, ...]
 
 
-class PageRoom:
-    """A `Room`. changed: called after each change. fused_labels, verdicts: as in `Room`."""
+class PageInterface:
+    """A `LessonInterface`. changed: called after each change. fused_labels, verdicts: as in `LessonInterface`."""
 
     def __init__(
         self,

@@ -1,4 +1,4 @@
-"""What a lesson needs of the outside: answers of observers, and a room with a clock, a screen and keys. Pure."""
+"""What a lesson needs of the outside: answers of observers, a clock, a screen and keys. Pure."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -65,7 +65,7 @@ class Action:
 GO = Action("go")
 
 
-class Room(Protocol):
+class LessonInterface(Protocol):
     """What a lesson needs of the outside: `labanmesh teach` has a terminal, the dashboard a page, a test neither."""
 
     def pause(self, seconds: float) -> None:

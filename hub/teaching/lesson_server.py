@@ -3,7 +3,7 @@
 1. The lesson runs in a thread of this process. A page only shows `state` and presses, so that it may be reloaded or
    sleep, and a second one sees the same.
 2. Observers are asked how they stand only while somebody looks, or a lesson waits; its own requests count too.
-3. While a lesson waits it keeps its seat with the observers, until nobody has looked for LEFT_S.
+3. While a lesson waits it stays the teacher of its observers, until nobody has looked for LEFT_S.
 """
 
 import logging
@@ -23,12 +23,12 @@ from common.messages import VerdictMessage
 from common.teaching_messages import ShownTracks, TeachReply, TeachRequest
 from hub.scene_state import SceneState
 from hub.session import ArrivedVerdict, SceneUpdate
-from hub.teaching.classroom import Classroom
 from hub.teaching.correcting import Correction, clock_offsets, correct, learn_corrections
+from hub.teaching.interface import Action, Answers
 from hub.teaching.lesson import Lesson, LessonPlan
-from hub.teaching.page_room import MOVED_ON, PageRoom
-from hub.teaching.pupils import Pupils
-from hub.teaching.room import Action, Answers
+from hub.teaching.page_interface import MOVED_ON, PageInterface
+from hub.teaching.participants import Participants
+from hub.teaching.teaching_client import TeachingClient
 from hub.teaching.verdicts import newly_decided
 from hub.teaching.wording import NO_RIGHT
 
@@ -53,14 +53,14 @@ class PageLesson:
 
     id: str
     plan: LessonPlan | None
-    room: PageRoom
+    interface: PageInterface
     thread: threading.Thread | None = None
     over: bool = False
     stopped: bool = False
     fault: str = ""
 
 
-class TeachDesk:
+class LessonServer:
     """Where pages look at the lesson of a scene and press; `close` ends it.
 
     clock: seconds of a monotonic clock.
@@ -68,8 +68,8 @@ class TeachDesk:
 
     def __init__(self, scene: Scene, link: Link, clock: Callable[[], float] = time.monotonic) -> None:
         self.scene, self._clock = scene, clock
-        self._classroom = Classroom(link, scene.keys)
-        self._glance = Classroom(link, scene.keys, answer_s=1.0, attempts=1)
+        self._client = TeachingClient(link, scene.keys)
+        self._quick_client = TeachingClient(link, scene.keys, answer_s=1.0, attempts=1)
         self._presence = link.presence(scene.keys.observer_alive(), map(scene.keys.observer_alive, scene.roster))
         self._lock = threading.Lock()
         self._lesson: PageLesson | None = None
@@ -126,7 +126,7 @@ class TeachDesk:
         """Begin a lesson; raises BadInput, one line, if it cannot."""
 
         def teach(lesson: PageLesson, present: Sequence[str]) -> None:
-            Lesson(plan, lesson.room, self._ask, present).run()
+            Lesson(plan, lesson.interface, self._ask, present).run()
 
         self._begin(plan.teacher, plan, teach)
 
@@ -142,10 +142,10 @@ class TeachDesk:
         offsets = clock_offsets(self._scene_state)
 
         def learn_anew(lesson: PageLesson, present: Sequence[str]) -> None:
-            pupils = Pupils(lesson.id, lesson.room, self._ask, list(present), add=True)
+            participants = Participants(lesson.id, lesson.interface, self._ask, list(present), add=True)
             try:
-                made = correct(pupils, corrections, offsets, SOMEONE)
-                learn_corrections(pupils, [name for name, count in made.items() if count])
+                made = correct(participants, corrections, offsets, SOMEONE)
+                learn_corrections(participants, [name for name, count in made.items() if count])
             finally:
                 self._ask(TeachRequest(command="leave", teacher=lesson.id), present)
 
@@ -166,8 +166,10 @@ class TeachDesk:
             if self._lesson is not None and not self._lesson.over:
                 raise BadInput(BUSY)
             self._arrived.clear()
-            room = PageRoom(self._changed, lambda: self._scene_state.labels, lambda: newly_decided(self._arrived))
-            lesson = PageLesson(lesson_id, plan, room)
+            interface = PageInterface(
+                self._changed, lambda: self._scene_state.labels, lambda: newly_decided(self._arrived)
+            )
+            lesson = PageLesson(lesson_id, plan, interface)
             lesson.thread = threading.Thread(target=self._run, args=(lesson, present, work), name="lesson", daemon=True)
             self._lesson = lesson
         self._changed()
@@ -178,14 +180,14 @@ class TeachDesk:
         lesson = self._lesson
         if lesson is None or lesson.over or lesson.id != lesson_id:
             raise BadInput(MOVED_ON)
-        lesson.room.press(number, action)
+        lesson.interface.press(number, action)
 
     def stop(self, lesson_id: str) -> None:
         """End the lesson with that id; what was recorded is kept. One that is over is put away."""
         lesson = self._lesson
         if lesson is None or lesson.id != lesson_id:
             return
-        lesson.room.end()
+        lesson.interface.end()
         if lesson.over:
             self._lesson = None
         self._changed()
@@ -203,14 +205,14 @@ class TeachDesk:
         self._closed.set()
         lesson = self._lesson
         if lesson is not None and lesson.thread is not None:
-            lesson.room.end()
+            lesson.interface.end()
             lesson.thread.join(END_S)
         self._thread.join(END_S)
 
     def _show(self, observer: str, request: TeachRequest) -> ShownTracks | None:
         if observer not in self.scene.roster:
             raise BadInput(f"observer {observer!r} is unknown; known: {', '.join(self.scene.roster)}")
-        reply = self._glance.ask(request, [observer]).replies.get(observer)
+        reply = self._quick_client.ask(request, [observer]).replies.get(observer)
         return None if reply is None else reply.tracks
 
     def _run(
@@ -233,22 +235,24 @@ class TeachDesk:
             self._changed()
 
     def _ask(self, request: TeachRequest, observers: Collection[str]) -> Answers:
-        answers = self._classroom.ask(request, observers)
+        answers = self._client.ask(request, observers)
         self._take_in(answers)
         return answers
 
     def _look(self) -> None:
-        """Ask the observers how they stand while somebody looks, or a lesson waits, which keeps its seat so."""
+        """Ask the observers how they stand while somebody looks, or a lesson waits, which stays their teacher so."""
         while not self._closed.is_set():
             lesson = self._lesson
             idle_s = self._clock() - self._looked_s
             goes_on = lesson is not None and not lesson.over
-            waits = goes_on and lesson is not None and lesson.room.shown.waits
+            waits = goes_on and lesson is not None and lesson.interface.shown.waits
             if lesson is not None and waits and idle_s > LEFT_S:
-                lesson.room.end()
+                lesson.interface.end()
             if waits or (idle_s < LEASE_S and not goes_on):
                 teacher = lesson.id if lesson is not None and waits else self._own_id
-                self._take_in(self._glance.ask(TeachRequest(command="status", teacher=teacher), sorted(self._alive())))
+                self._take_in(
+                    self._quick_client.ask(TeachRequest(command="status", teacher=teacher), sorted(self._alive()))
+                )
             self._closed.wait(LOOK_S if self._replies else FIRST_S)
 
     def _take_in(self, answers: Answers) -> None:

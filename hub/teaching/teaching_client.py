@@ -7,14 +7,14 @@ from common.keys import SceneKeys, observer_of
 from common.subsession import SubSession
 from common.teaching_messages import TeachReply, TeachRequest
 from common.wire import BadMessage, decode, encode
-from hub.teaching.room import Answers
+from hub.teaching.interface import Answers
 
 ANSWER_S = 2.0
 """An observer answers within milliseconds, between two frames; one that learns or writes, a little later."""
 ATTEMPTS = 3
 
 
-class Classroom:
+class TeachingClient:
     """Asks observers under their own exact keys. answer_s: how long it waits for answers; attempts: how often."""
 
     def __init__(self, link: SubSession, keys: SceneKeys, answer_s: float = ANSWER_S, attempts: int = ATTEMPTS) -> None:
