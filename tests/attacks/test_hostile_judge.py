@@ -20,10 +20,10 @@ HOSTILE = tuple(name for name in STRATEGIES if name != HONEST)
 SHORT = ("wrong from the first frame", "junk")
 SHORT_ROOM = (4, 10, 0)
 LONG = os.environ.get("LABANMESH_ATTACKS") == "long"
-TWO_WAVER = "two honest judges waver, and a liar that no verdict has exposed yet splits or blocks 1 or 2 of 12"
+TWO_WAVER = "two honest judges waver, and a liar that no verdict has exposed yet turns or splits 1 of 12"
 WITH_TWO_SEEING = {
-    ("second best", 4), ("label flapping", 4), ("unlearned 1", 4), ("facing", 4), ("largest numbers", 4),
-    ("second best", 30), ("rest 0", 30), ("rest 1", 30), ("rest inverted", 30), ("rest flapping", 30),
+    ("second best", 4), ("label flapping", 4), ("second best", 30), ("a prior that vetoes", 30),
+    ("rest 0", 30), ("rest 1", 30), ("rest inverted", 30), ("rest flapping", 30),
 }  # fmt: skip
 ONE_SEES = "one honest judge that sees, beside blind ones: who says when the person rests is one word against the other"
 WITH_ONE_SEEING = {("rest inverted", 4), ("rest inverted", 30), ("rest flapping", 4)}
