@@ -43,7 +43,7 @@ def test_verdicts_are_the_same_within_a_step_with_less_sent(model, share):
     first, *others = sorted({r.subject for r in archive.recordings})
     people = {"train_subjects": tuple(others), "test_subjects": (first,)}
     settings = EvaluationSettings(
-        views, labels_of(archive)[:5], **people, model=model, onset_known=False, calibrated=False
+        views, labels_of(archive)[:6], **people, model=model, onset_known=False, calibrated=False
     )
     for stream in observed_streams(archive, settings):
         whole, all_count, _ = judged(stream, None)
