@@ -80,7 +80,8 @@ def _lesson(command: list[str]) -> float:
             now_s = time.monotonic()
             print(f"  {now_s - begun_s:5.0f} s  {line}", end="", flush=True)
             adopted = adopted or "from now on" in line
-            if adopted and line.startswith("verdict") and any(label in line for label in LABELS):
+            # As `labanmesh watch` prints it: the time, the kind of message, the label.
+            if adopted and line.split()[1:2] == ["verdict"] and line.split()[2] in LABELS:
                 return now_s
             if now_s - begun_s > LIMIT_S:
                 break
