@@ -28,9 +28,11 @@ def flood(session, key, size, per_s, for_s, congestion):
     publisher = session.declare_publisher(key, congestion_control=kind)
     payload, sent, begun_s = zenoh.ZBytes(b"\xc1" * size), 0, time.monotonic()
     while sent == 0 or (passed_s := time.monotonic() - begun_s) < for_s:
-        for _ in range(1 if sent == 0 else max(round(per_s * passed_s) - sent, 0)):
+        # A put that blocks may take long: what is due later is not sent after the end.
+        while sent == 0 or (sent < per_s * passed_s and time.monotonic() - begun_s < for_s):
             publisher.put(payload)
             sent += 1
+            passed_s = time.monotonic() - begun_s
         time.sleep(BATCH_S)
     return sent
 

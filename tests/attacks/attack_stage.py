@@ -179,9 +179,11 @@ class _Stage:
         """An attacker in a process of its own that sends so many messages of `size` bytes; waits for its end."""
         words = (self.endpoint, self.attacker_mode, key, size, per_s, for_s, congestion)
         process = Process([sys.executable, str(HERE / "attack_peers.py"), *map(str, words)])
-        process.start().wait_for("sent ", timeout_s=for_s + SOON_S)
-        self.history.note("flood", key=key, bytes=size, per_s=per_s, for_s=for_s, log=process.log.strip())
-        process.kill()
+        try:
+            process.start().wait_for("sent ", timeout_s=for_s + SOON_S)
+            self.history.note("flood", key=key, bytes=size, per_s=per_s, for_s=for_s, log=process.log.strip())
+        finally:
+            process.kill()
 
     def gaps(self, since_ns):
         """By scene the longest time without a judgement since then; every scene is judged once more."""
