@@ -8,6 +8,9 @@ HOME_ASSISTANT := .venv-home
 PEERS := .venv-peers
 TRANSPORTS := .venv-transports
 
+# Where it is set, as in many containers, each of the hundreds of processes of a test run compiles all sources anew.
+unexport PYTHONDONTWRITEBYTECODE
+
 .DEFAULT_GOAL := help
 .PHONY: help install demo test test-mediapipe test-browser test-home home-assistant-app fault-tools mqtt-tools faults attacks fuzz soak-day peers test-peers peers-transport test-transports check bench soak scale clean
 

@@ -6,19 +6,42 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
+LONG = {"e2e", "faults", "integration", "attacks"}
+"""Folders of tests that start processes, or wait for them."""
+
 # Before NumPy is imported: the workers, and the processes that tests start, would fight for the cores.
 for _library in ("OMP", "OPENBLAS", "MKL"):
     os.environ.setdefault(f"{_library}_NUM_THREADS", "1")
 
-# A deadline measures the machine. In CI, Hypothesis has a profile of its own, with fixed examples.
-settings.register_profile("desk", deadline=None)
+# A deadline measures the machine. In CI, Hypothesis has a profile of its own, with a hundred fixed examples; at a desk
+# each run draws other ones, and half as many keep `make test` short.
+settings.register_profile("desk", deadline=None, max_examples=50)
 if not os.environ.get("CI"):
     settings.load_profile("desk")
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """The slow tests begin first, so that no worker is left with a long one at the end."""
-    items.sort(key=lambda item: item.get_closest_marker("slow") is None)
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Each worker begins with files of long tests, so that none is left with a long one at the end.
+
+    pytest-xdist gives each worker an equal part of the list, in its order; those that are done take from others.
+    """
+    files: dict[Path, list[pytest.Item]] = {}
+    for item in items:
+        files.setdefault(item.path, []).append(item)
+    long = [path for path, tests in files.items() if LONG & set(path.parts) or any(map(_is_slow, tests))]
+    parts: list[list[pytest.Item]] = [[] for _ in range(getattr(config, "workerinput", {}).get("workercount", 1))]
+    for n, path in enumerate(long):
+        parts[n % len(parts)] += files.pop(path)
+    short = [item for tests in files.values() for item in tests]
+    for part in parts:
+        missing = -(-len(items) // len(parts)) - len(part)
+        part += short[:missing]
+        del short[:missing]
+    items[:] = [item for part in parts for item in part]
+
+
+def _is_slow(item: pytest.Item) -> bool:
+    return item.get_closest_marker("slow") is not None
 
 
 @pytest.fixture(scope="session")

@@ -4,11 +4,11 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from mesh_stage import LOOPBACK
+from mesh_stage import LOOPBACK, until
 
 from common import SECOND_NS
 from common.config import read_scene
-from common.teaching_messages import Unwanted
+from common.teaching_messages import TeachRequest, Unwanted
 from common.vocabulary import Vocabulary
 from hub.teaching.correcting import Correction, correct
 from hub.teaching.forgetting import forget
@@ -66,9 +66,9 @@ def test_a_missed_movement_is_cut_by_each_observer_in_its_own_time_and_forgotten
     ]
     lines = []
     interface = SimpleNamespace(say=lines.append, now_s=lambda: 0.0, pause=lambda seconds: None)
-    participants = Participants(
-        "t", interface, TeachingClient(mesh.peer(), scene.keys).ask, ["sofa", "shelf", "door"], add=True
-    )
+    ask, names = TeachingClient(mesh.peer(), scene.keys).ask, ["sofa", "shelf", "door"]
+    until(lambda: len(ask(TeachRequest(command="status", teacher="t"), names).replies) == len(names))
+    participants = Participants("t", interface, ask, names, add=True)
     moment_ns = WAVED_NS + 3 * SECOND_NS
     made = correct(participants, [Correction("missed-1", "a", moment_ns, moment_ns)], {"sofa": HOUR_S}, "ben")
     assert made == {"sofa": 1, "shelf": 1, "door": 0}
