@@ -1,11 +1,13 @@
 """The command line: it imports the package of a verb only when the verb is called, so that `--help` is fast."""
 
+import atexit
 import errno
 import importlib
 import importlib.util
 import os
 import sys
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -91,7 +93,31 @@ WRITE_ERRORS = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO})
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run one verb; returns the exit status: 0, 1 for a failure at run time, 2 for bad input, 130 for Ctrl-C."""
+    """Run one verb; returns the exit status: 0, 1 for a failure at run time, 2 for bad input, 130 for Ctrl-C.
+
+    arguments: by default those of the process, which then ends here if it has used Zenoh.
+    """
+    status = _status_of(list(sys.argv[1:] if arguments is None else arguments))
+    if arguments is None and "zenoh" in sys.modules:
+        _end_process(status)
+    return status
+
+
+def _end_process(status: int) -> None:
+    """End without the interpreter's own end.
+
+    Zenoh's threads let go of callbacks some time after their session was closed. If the interpreter is being torn down
+    at that moment, the C library aborts the process ("exception not rethrown", status -6).
+    """
+    atexit._run_exitfuncs()
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(OSError, ValueError):
+            stream.flush()
+    os._exit(status)
+
+
+def _status_of(words: Sequence[str]) -> int:
+    """What `main` returns."""
     shadow = shadowed()
     if shadow:
         print(f"labanmesh: {shadow}", file=sys.stderr)
@@ -99,7 +125,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     from common.errors import LabanmeshError, reason_of
 
     try:
-        status = _dispatch(list(sys.argv[1:] if arguments is None else arguments))
+        status = _dispatch(words)
         # Flushed here, because a closed pipe could no longer be handled at the interpreter's exit.
         sys.stdout.flush()
         return status
