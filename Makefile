@@ -11,6 +11,9 @@ TRANSPORTS := .venv-transports
 # Where it is set, as in many containers, each of the hundreds of processes of a test run compiles all sources anew.
 unexport PYTHONDONTWRITEBYTECODE
 
+# MediaPipe brings an OpenCV with windows. Where the system lacks its libGL, the same version without goes on top.
+without_windows = $(1)/bin/python -c 'import cv2' 2>/dev/null || $(1)/bin/python -m pip install --quiet --disable-pip-version-check --force-reinstall --no-deps "opencv-python-headless==$$($(1)/bin/python -c 'from importlib.metadata import version; print(version("opencv-contrib-python"))')"
+
 .DEFAULT_GOAL := help
 .PHONY: help install demo test test-mediapipe test-browser test-home home-assistant-app fault-tools mqtt-tools faults attacks fuzz soak-day peers test-peers peers-transport test-transports check bench soak scale clean
 
@@ -100,8 +103,7 @@ $(MEDIAPIPE)/.ready: pyproject.toml
 	@echo "setting up $(MEDIAPIPE) (once, about two minutes) ..."
 	@$(PYTHON) -m venv $(MEDIAPIPE)
 	@$(MEDIAPIPE)/bin/python -m pip install --quiet --disable-pip-version-check -e '.[mediapipe,dev]'
-	@# MediaPipe brings an OpenCV with windows. Where the system lacks its libGL, the same version without goes on top.
-	@$(MEDIAPIPE)/bin/python -c 'import cv2' 2>/dev/null || $(MEDIAPIPE)/bin/python -m pip install --quiet --disable-pip-version-check --force-reinstall --no-deps "opencv-python-headless==$$($(MEDIAPIPE)/bin/python -c 'from importlib.metadata import version; print(version("opencv-contrib-python"))')"
+	@$(call without_windows,$(MEDIAPIPE))
 	@touch $@
 
 $(CAMERAS)/.ready: pyproject.toml
@@ -109,8 +111,7 @@ $(CAMERAS)/.ready: pyproject.toml
 	@echo "setting up $(CAMERAS) (once, about two minutes) ..."
 	@$(PYTHON) -m venv $(CAMERAS)
 	@$(CAMERAS)/bin/python -m pip install --quiet --disable-pip-version-check -e '.[mediapipe,dashboard,mqtt]'
-	@# MediaPipe brings an OpenCV with windows. Where the system lacks its libGL, the same version without goes on top.
-	@$(CAMERAS)/bin/python -c 'import cv2' 2>/dev/null || $(CAMERAS)/bin/python -m pip install --quiet --disable-pip-version-check --force-reinstall --no-deps "opencv-python-headless==$$($(CAMERAS)/bin/python -c 'from importlib.metadata import version; print(version("opencv-contrib-python"))')"
+	@$(call without_windows,$(CAMERAS))
 	@touch $@
 
 $(HOME_ASSISTANT)/.ready: tests/home/install_home.sh

@@ -15,7 +15,7 @@ from collections import defaultdict
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
@@ -94,50 +94,55 @@ def table_for_this_process() -> ConnectionTable:
     return ConnectionTable(limit, max(1, min(ADDRESS_LIMIT, limit * 3 // 4)))
 
 
-def protocol_in(table: ConnectionTable, request_s: float = REQUEST_S) -> type[H11Protocol]:
-    """uvicorn's HTTP protocol, with connections that are in `table` and end when no request comes for `request_s`."""
+class BrowserConnection(H11Protocol):
+    """One connection of a browser, for uvicorn: it is in `table`, and ends when no request comes for `request_s`."""
 
-    class BrowserConnection(H11Protocol):
-        """One connection of a browser."""
+    table: ClassVar[ConnectionTable]
+    request_s: ClassVar[float] = REQUEST_S
+    _timer: asyncio.TimerHandle | None = None
 
-        _timer: asyncio.TimerHandle | None = None
+    @property
+    def idle(self) -> bool:
+        """Whether no request is being answered."""
+        return self.cycle is None or self.cycle.response_complete
 
-        @property
-        def idle(self) -> bool:
-            """Whether no request is being answered."""
-            return self.cycle is None or self.cycle.response_complete
+    def end(self) -> None:
+        """Close the connection at once."""
+        self.transport.abort()
 
-        def end(self) -> None:
-            """Close the connection at once."""
-            self.transport.abort()
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        """Enter it into the table."""
+        super().connection_made(transport)
+        self.table.add(self, address_group(str((transport.get_extra_info("peername") or ("",))[0])))
+        self._watch()
 
-        def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-            super().connection_made(transport)
-            table.add(self, address_group(str((transport.get_extra_info("peername") or ("",))[0])))
-            self._watch()
+    def connection_lost(self, exc: Exception | None) -> None:
+        """Take it out of the table."""
+        self.table.remove(self)
+        self._unwatch()
+        super().connection_lost(exc)
 
-        def connection_lost(self, exc: Exception | None) -> None:
-            table.remove(self)
+    def data_received(self, data: bytes) -> None:
+        """Take in a part of a request."""
+        super().data_received(data)
+        self._watch()
+
+    def _watch(self) -> None:
+        """Watch the time while the next request is not complete; uvicorn itself watches between two requests."""
+        if not self.idle:
             self._unwatch()
-            super().connection_lost(exc)
+        elif self._timer is None and not self.transport.is_closing():
+            self._timer = self.loop.call_later(self.request_s, self.end)
 
-        def data_received(self, data: bytes) -> None:
-            super().data_received(data)
-            self._watch()
+    def _unwatch(self) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
 
-        def _watch(self) -> None:
-            """Watch the time while the next request is not complete; uvicorn itself watches between two requests."""
-            if not self.idle:
-                self._unwatch()
-            elif self._timer is None and not self.transport.is_closing():
-                self._timer = self.loop.call_later(request_s, self.end)
 
-        def _unwatch(self) -> None:
-            if self._timer is not None:
-                self._timer.cancel()
-                self._timer = None
-
-    return BrowserConnection
+def protocol_in(table: ConnectionTable) -> type[BrowserConnection]:
+    """The protocol whose connections are in `table`; uvicorn makes its instances, so that each server has a class."""
+    return type("TabledConnection", (BrowserConnection,), {"table": table})
 
 
 async def accept_connections(

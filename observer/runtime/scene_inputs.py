@@ -117,13 +117,9 @@ def open_inputs(
     else:
         source = _pictures(scene, section, report, start_ns)
     if pictures:
-        _use_one_thread()
-        if size_px := section.size_px or getattr(source, "size_px", None):
-            picture_scale(view, size_px)
-    if section.mirrored:
-        if not pictures:
-            raise BadInput(f"{key}.mirrored: only pictures can be mirrored back; this source gives {content}")
-        source = UnmirroredSource(source)
+        source = _prepared_pictures(source, view, section)
+    elif section.mirrored:
+        raise BadInput(f"{key}.mirrored: only pictures can be mirrored back; this source gives {content}")
     settings = TrackerSettings(view, source.body_parts, wanted or (), section, scene.place, smooth)
     tracker, outcome = built_tracker(choice, kind, settings)
     if pictures:
@@ -136,6 +132,14 @@ def open_inputs(
         log.warning("%s: judges without %s: the tracker does not find them", observer, lacking)
     length = getattr(source, "length", None)
     return ObserverInputs(source, prepared, view, kind.reads == "positions", length, section.speed == 0, pictures)
+
+
+def _prepared_pictures(source: FrameSource, view: View, section: ObserverConfig) -> FrameSource:
+    """The pictures as the scene file describes them; raises BadInput if their size does not fit the view."""
+    _use_one_thread()
+    if size_px := section.size_px or getattr(source, "size_px", None):
+        picture_scale(view, size_px)
+    return UnmirroredSource(source) if section.mirrored else source
 
 
 def person_in(scene: Scene, observer: str, view: View) -> PersonPlacement | None:

@@ -94,18 +94,21 @@ def test_bad_input_is_one_line_on_the_page(phone):
     tap(page, "Leave out wave")
 
 
+def choose(page, *labels, **settings):
+    """Add these movements, and fill in settings by the ids of their fields."""
+    for label in labels:
+        page.fill("#label", label)
+        tap(page, "Add")
+    page.locator("summary", has_text="More settings").tap()
+    for name, value in settings.items():
+        page.fill(f"#{name}", value)
+
+
 @pytest.mark.timeout(500)
 def test_a_whole_lesson_by_presses(phone, taught, tmp_path):
     page = phone()
     page.wait_for_function("() => document.querySelectorAll('.view svg .hand').length >= 4")
-    for label in ("wave", "clap"):
-        page.fill("#label", label)
-        tap(page, "Add")
-    page.locator("summary", has_text="More settings").tap()
-    page.fill("#takes", "3")
-    page.fill("#minutes", "0.15")
-    page.fill("#alarm_minutes", "0.1")
-    page.fill("#person", "anna")
+    choose(page, "wave", "clap", takes="3", minutes="0.15", alarm_minutes="0.1", person="anna")
     looks_right(page, "1-setup", tmp_path)
     tap(page, "Begin the lesson")
     page.get_by_role("button", name="Start", exact=True).wait_for()
@@ -229,13 +232,7 @@ def test_a_lesson_with_a_film_as_camera_and_its_live_picture(data, phone_of, tmp
     with TaughtScene(tmp_path, {"sofa": section}) as scene:
         page = phone_of(scene)
         page.wait_for_selector(".view canvas")
-        for label in ("wave", "point"):
-            page.fill("#label", label)
-            tap(page, "Add")
-        page.locator("summary", has_text="More settings").tap()
-        page.fill("#seconds", "2.5")
-        page.fill("#takes", "2")
-        page.fill("#minutes", "0.1")
+        choose(page, "wave", "point", seconds="2.5", takes="2", minutes="0.1")
         page.select_option("#begin", "now")
         looks_right(page, "film", tmp_path)
         tap(page, "Begin the lesson")

@@ -62,7 +62,7 @@ async def get(port, path="/", idle=False):
 
 def test_idle_connections_neither_fill_the_page_nor_stay(monkeypatch):
     monkeypatch.setattr(connections, "CONNECTIONS_LIMIT", 20)
-    monkeypatch.setattr(connections.protocol_in, "__defaults__", (0.5,))
+    monkeypatch.setattr(connections.BrowserConnection, "request_s", 0.5)
 
     async def main():
         app = application(AccessControl(None), lambda head: None, lambda: False)

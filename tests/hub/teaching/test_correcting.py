@@ -3,6 +3,7 @@
 from datetime import UTC, datetime, timedelta
 
 import pytest
+from fake_interface import FakeInterface
 
 import labanmesh
 from common import SECOND_NS
@@ -11,7 +12,6 @@ from common.messages import Agreement, VerdictMessage, VocabularyReference
 from common.teaching_messages import CorrectedReport, ForgottenReport, LearnedReport, TeachReply, Unwanted
 from hub.teaching.correcting import Correction, correct, learn_corrections
 from hub.teaching.forgetting import forget
-from hub.teaching.interface import Answers
 from hub.teaching.moments import correction_of
 from hub.teaching.participants import Participants
 
@@ -21,6 +21,8 @@ NOON_NS = round(NOON.timestamp() * SECOND_NS)
 
 class Observer:
     """Remembers everything unless `fault` says why not; people: who taught which movement."""
+
+    alive = True
 
     def __init__(self, fault="", people=None, labels=("wave", "clap")):
         self.fault, self.labels, self.learned, self.examples, self.asked = fault, list(labels), None, {}, []
@@ -67,31 +69,7 @@ class Observer:
         return ForgottenReport(takes=takes, in_model=in_model)
 
 
-class FakeInterface:
-    def __init__(self, observers):
-        self.lines, self.seconds, self.observers = [], 0.0, observers
-
-    def pause(self, seconds):
-        self.seconds += seconds
-
-    def now_s(self):
-        return self.seconds
-
-    def say(self, line):
-        self.lines.append(line)
-
-    def show(self, step):
-        pass
-
-    def fused_labels(self):
-        voices = [tuple(each.labels) for each in self.observers.values() if each.labels]
-        return max(voices, key=voices.count, default=())
-
-    def ask(self, request, names):
-        return Answers({name: self.observers[name].answer(request) for name in names})
-
-
-def pupils_of(**observers):
+def participants_of(**observers):
     interface = FakeInterface(observers)
     return Participants("anna", interface, interface.ask, list(observers), add=True), interface
 
@@ -143,7 +121,7 @@ def test_a_moment_that_is_none_is_refused_with_what_is_expected(when):
 
 
 def test_each_observer_is_asked_in_its_own_time_and_those_that_can_learn_and_change():
-    participants, interface = pupils_of(sofa=Observer(), shelf=Observer("remembers no tracks"), door=Observer())
+    participants, interface = participants_of(sofa=Observer(), shelf=Observer("remembers no tracks"), door=Observer())
     wrong, missed = Correction("home-1", "clap", NOON_NS, NOON_NS + SECOND_NS), Correction("m", "", NOON_NS, NOON_NS)
     made = correct(participants, [wrong, missed], {"sofa": 2.0}, "anna")
     assert made == {"sofa": 2, "shelf": 0, "door": 2}
@@ -180,13 +158,13 @@ def test_a_command_that_is_not_complete_is_refused_in_a_line(words, error, tmp_p
 
 
 def test_what_cannot_be_corrected_is_said_in_a_line():
-    participants, _ = pupils_of(sofa=Observer())
+    participants, _ = participants_of(sofa=Observer())
     with pytest.raises(BadInput, match="nod: known: wave, clap; teach it first"):
         correct(participants, [Correction("a", "nod", NOON_NS)], {}, "anna")
-    participants, interface = pupils_of(sofa=Observer("remembers no tracks"))
+    participants, interface = participants_of(sofa=Observer("remembers no tracks"))
     with pytest.raises(LabanmeshError, match="no observer could make an example"):
         correct(participants, [Correction("a", "wave", NOON_NS)], {}, "anna")
-    participants, interface = pupils_of(sofa=Observer(people={}), shelf=Observer(labels=()))
+    participants, interface = participants_of(sofa=Observer(people={}), shelf=Observer(labels=()))
     with pytest.raises(LabanmeshError, match="no observer can be corrected"):
         correct(participants, [Correction("a", "wave", NOON_NS)], {}, "anna")
     assert (
@@ -196,7 +174,7 @@ def test_what_cannot_be_corrected_is_said_in_a_line():
 
 def test_a_person_is_forgotten_and_what_others_taught_stays():
     people = {"anna": ["wave"], "ben": ["wave", "clap"]}
-    participants, interface = pupils_of(sofa=Observer(people=people), shelf=Observer())
+    participants, interface = participants_of(sofa=Observer(people=people), shelf=Observer())
     forget(participants, Unwanted(person="anna"))
     sofa, shelf = interface.observers["sofa"], interface.observers["shelf"]
     assert "sofa: removed 1 take; learns anew without it" in interface.lines and sofa.labels == ["wave", "clap"]
@@ -208,11 +186,11 @@ def test_a_movement_is_forgotten_by_all_and_everything_leaves_no_model():
     observers = {
         name: Observer(people={"anna": ["wave", "clap", "nod"]}, labels=("wave", "clap", "nod")) for name in "ab"
     }
-    participants, _ = pupils_of(**observers)
+    participants, _ = participants_of(**observers)
     forget(participants, Unwanted(label="clap"))
     assert all(each.labels == ["wave", "nod"] and not each.was_removed for each in observers.values())
     forget(participants, Unwanted(label="nod"))
     assert all(each.was_removed for each in observers.values()), "one movement alone cannot be told from others"
-    participants, _ = pupils_of(sofa=Observer())
+    participants, _ = participants_of(sofa=Observer())
     forget(participants, Unwanted(everything=True))
     assert participants.observers == ["sofa"]

@@ -1,11 +1,12 @@
 """A lesson with observers that only answer: what is asked of them, and what the teacher reads."""
 
 import pytest
+from fake_interface import FakeInterface
 
 from common.errors import LabanmeshError
 from common.teaching_messages import LearnedReport, TakeDoubt, TakeReport, TeachReply
 from common.vocabulary import ABSTAIN
-from hub.teaching.interface import GO, Action, Answers
+from hub.teaching.interface import GO, Action
 from hub.teaching.lesson import Lesson, LessonPlan
 from hub.teaching.wording import result_lines, step_line
 
@@ -62,21 +63,13 @@ class Observer:
         )  # fmt: skip
 
 
-class FakeInterface:
-    """No terminal and no clock; keys: pressed after the takes; presses: where the lesson can wait; both in order."""
+class PressedInterface(FakeInterface):
+    """keys: pressed after the takes; presses: where the lesson can wait; both in order."""
 
     def __init__(self, observers, keys="", presses=()):
-        self.lines, self.seconds, self.keys, self.observers, self.asked = [], 0.0, list(keys), observers, []
-        self.decided, self.shown, self.waited, self.presses = ["wave"], [], [], list(presses)
-
-    def pause(self, seconds):
-        self.seconds += seconds
-
-    def now_s(self):
-        return self.seconds
-
-    def say(self, line):
-        self.lines.append(line)
+        super().__init__(observers)
+        self.keys, self.presses, self.asked = list(keys), list(presses), []
+        self.decided, self.shown, self.waited = ["wave"], [], []
 
     def show(self, step):
         if line := step_line(step):
@@ -92,23 +85,17 @@ class FakeInterface:
         self.waited.append((step.kind, step.label, step.number))
         return self.presses.pop(0) if self.presses else GO
 
-    def fused_labels(self):
-        voices = [tuple(each.labels) for each in self.observers.values() if each.alive]
-        return max(voices, key=voices.count)
-
     def verdicts(self):
         """Those of before, then one for each movement."""
         return [self.decided.pop(0)] if self.decided else []
 
     def ask(self, request, names):
         self.asked.append(request)
-        replies = {name: self.observers[name].answer(request) for name in names if self.observers[name].alive}
-        answered = {name: reply for name, reply in replies.items() if reply is not None}
-        return Answers(answered, tuple(name for name in names if name not in answered))
+        return super().ask(request, names)
 
 
 def teach(observers, keys="", presses=(), **plan):
-    interface = FakeInterface(observers, keys, presses)
+    interface = PressedInterface(observers, keys, presses)
     values = {"labels": ["wave", "clap"], "teacher": "anna", "takes": 2, "background_s": 60.0, **plan}
     Lesson(LessonPlan(**values), interface, interface.ask, list(observers)).run()
     return interface
@@ -144,7 +131,7 @@ def test_the_whole_lesson():
 
 def test_at_the_end_each_movement_is_done_once_more():
     sofa = Observer()
-    interface = FakeInterface({"sofa": sofa})
+    interface = PressedInterface({"sofa": sofa})
     interface.decided = ["old", "wave", "old", "wave"]
     Lesson(
         LessonPlan(["wave", "clap", "nod"], "anna", takes=2, background_s=0, test=True),
@@ -164,7 +151,7 @@ def test_then_verdicts_count_as_false_alarms_and_one_line_sums_up():
     results = {"wave": {"wave": 2}, "clap": {"clap": 1, "wave": 1}}
 
     def tested(keys):
-        interface = FakeInterface({"sofa": Observer(results=results)}, keys)
+        interface = PressedInterface({"sofa": Observer(results=results)}, keys)
         interface.decided = ["old", "wave", "old", "clap", "old", "wave", ABSTAIN]
         plan = LessonPlan(["wave", "clap"], "anna", takes=2, background_s=0, test=True, alarm_s=30.0)
         Lesson(plan, interface, interface.ask, ["sofa"]).run()
@@ -184,7 +171,7 @@ def test_then_verdicts_count_as_false_alarms_and_one_line_sums_up():
 def test_takes_begin_with_a_sign_and_without_a_keyboard(how):
     sofa, shelf = Observer(), Observer()
     sofa.still = shelf.still = 0.0
-    interface = FakeInterface({"sofa": sofa, "shelf": shelf})
+    interface = PressedInterface({"sofa": sofa, "shelf": shelf})
     looks = iter(range(100))
 
     def between(step, seconds):
@@ -265,7 +252,7 @@ def test_a_page_looks_at_the_takes_and_can_leave_parts_out():
     ]
     # A take that was made again while the takes went on, a pause, and new models that are not wanted.
     sofa = Observer()
-    interface = FakeInterface({"sofa": sofa}, presses=[GO, GO, GO, GO, GO, Action("skip")])
+    interface = PressedInterface({"sofa": sofa}, presses=[GO, GO, GO, GO, GO, Action("skip")])
     pressed = [Action("repeat", 1), Action("pause")]
     interface.between = lambda step, seconds: pressed.pop(0) if pressed else GO
     Lesson(LessonPlan(["wave", "clap"], "anna", takes=2, background_s=0), interface, interface.ask, ["sofa"]).run()
