@@ -4,6 +4,7 @@ Each request is a query under the observer's own exact key (`common.keys.SceneKe
 payload; the answer is a TeachReply. Requests may be repeated: a second one of the same kind changes nothing more.
 """
 
+from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
@@ -16,6 +17,9 @@ TEXT_LIMIT = 300
 SHOWN_UNITS, UNSEEN = 1000, -1
 SHOWN_LIMIT = 8192
 DOUBTS_LIMIT = 60
+PERSONS_LIMIT = 100
+SOMEONE = "someone"
+"""Whose takes they are if nobody is named."""
 TeachCommand = Literal[
     "status", "show", "start", "begin", "end", "drop", "check", "learn", "adopt", "leave", "correct", "forget"
 ]
@@ -30,7 +34,7 @@ class TeachRequest(Message):
     teacher: random per teacher, so that two do not teach at once. labels: for `start` and `learn` all movements of the
     new vocabulary, in its order. add: for `start`, keep the takes of earlier movements. label, take, person: for
     `begin`, `drop` and `show` the movement ("": something else; for `show`: what is seen now), the number of the
-    performance, and who performs. in_s: for
+    performance, and who performs ("": for `correct` the only person of whom there are takes; else SOMEONE). in_s: for
     `adopt`, after so many seconds, so that all observers change together. `leave` lets another teacher begin at once.
 
     correction: for `correct`, the id of the verdict, or any other id for a movement that had none; a second `correct`
@@ -146,7 +150,7 @@ class TeachReply(Message):
     movements of the model in force. learned: the model that waits for `adopt`. tracks: what `show` asked for. people:
     how many are in the picture now; None if the tracker does not tell. claps: how often somebody has clapped their
     hands since the observer began to watch for it. doubts: what `check` found. corrected, forgotten: in the answer
-    to `correct` and to `forget`, what was done.
+    to `correct` and to `forget`, what was done. persons: whose takes are on its disk, SOMEONE among them.
     """
 
     state: TeachState
@@ -166,3 +170,10 @@ class TeachReply(Message):
     people: Count | None = None
     claps: Count = 0
     doubts: list[TakeDoubt] = Field(default_factory=list, max_length=DOUBTS_LIMIT)
+    persons: list[str] = Field(default_factory=list, max_length=PERSONS_LIMIT)
+
+
+def only_person(persons: Collection[str]) -> str:
+    """Whose corrections those are for which nobody is named: the only one of `persons`, else SOMEONE."""
+    (person, *others) = persons or (SOMEONE,)
+    return SOMEONE if others else person

@@ -22,6 +22,7 @@ from benchmarks.taught.judging import TaughtModels, verdicts_on
 from common import SECOND_NS
 from common.errors import BadInput
 from common.parallel import cores, run_parts
+from common.teaching_messages import SOMEONE
 from common.vocabulary import ABSTAIN
 from observer.learning.folds import of_one_person
 from observer.model.base import MovementModel
@@ -41,8 +42,6 @@ LABELS, UNLEARNED = 4, 8
 LIFE_S = 120.0
 PEOPLE = ("2", "4", "6", "8", "10")
 """The figures are of these people; ways of learning were chosen with the others."""
-SOMEONE = "someone"
-"""Takes and corrections without --person are this person's."""
 NEAR_S = 0.5
 """A verdict this near to a performance is about it."""
 

@@ -55,7 +55,10 @@ class TeachOptions:
         float,
         typer.Option(min=0, max=600, help="Minutes of ordinary life, from which observers learn what is no movement."),
     ] = 2.0
-    person: Annotated[str, typer.Option(help="Who performs.")] = "someone"
+    person: Annotated[
+        str,
+        typer.Option(help="Who performs; by default someone, and with --was the only person who was taught."),
+    ] = ""
     add: Annotated[bool, typer.Option("--add", help="Keep the movements that were taught before.")] = False
     seconds: Annotated[
         float | None,
@@ -131,14 +134,16 @@ def teach(options: TeachOptions) -> None:
 
 
 def _lesson(options: TeachOptions, config: "Scene", link: "Link", stop: threading.Event) -> None:
+    from common.teaching_messages import SOMEONE
     from hub.session import SceneListener
     from hub.teaching.lesson import Lesson, LessonPlan
     from hub.teaching.teaching_client import TeachingClient
     from hub.teaching.terminal import Terminal, single_keys
 
     plan = LessonPlan(
-        options.labels or [], secrets.token_hex(8), options.person, options.takes, options.background_minutes * 60,
-        options.seconds, options.countdown, options.add, options.test, options.alarm_minutes * 60, options.begin.value,
+        options.labels or [], secrets.token_hex(8), options.person or SOMEONE, options.takes,
+        options.background_minutes * 60, options.seconds, options.countdown, options.add, options.test,
+        options.alarm_minutes * 60, options.begin.value,
     )  # fmt: skip
     client, present = TeachingClient(link, config.keys), _present(config, options.scene, link)
     with SceneListener(config, link, lambda _: None) as listener, single_keys() as keyboard:

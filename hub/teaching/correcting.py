@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from common import SECOND_NS
 from common.errors import BadInput, LabanmeshError
 from common.messages import VerdictMessage
-from common.teaching_messages import TeachReply
+from common.teaching_messages import SOMEONE, TeachReply, only_person
 from common.text import nearest
 from hub.scene_state import SOMETHING_ELSE, SceneState
 from hub.teaching.learning import adopt, learn
@@ -58,11 +58,14 @@ def correct(
 ) -> dict[str, int]:
     """Make examples of these on the observers, which do not learn yet; how many each has made.
 
+    person: who moved; "": the only person whom the observers have takes of, else SOMEONE.
+
     Raises BadInput for a label that they do not know, LabanmeshError if no observer could make any example.
     """
     replies = participants.request("status")
     _leave_out_the_untaught(participants, replies)
     known = tuple(dict.fromkeys(label for name in participants.observers for label in replies[name].labels))
+    person = person or only_person({each for name in participants.observers for each in replies[name].persons})
     for correction in corrections:
         if correction.label and correction.label not in known:
             raise BadInput(
@@ -129,7 +132,7 @@ def _correct_one(
         if span.is_moment:
             span = replace(span, began_ns=report.from_ns - offset_ns, ended_ns=report.to_ns - offset_ns)
     kept = ", ".join(f"{name} ({seconds:.1f} s)" for name, seconds in lengths.items())
-    what = correction.label or SOMETHING_ELSE
+    what = (correction.label or SOMETHING_ELSE) + ("" if person == SOMEONE else f" by {person}")
     participants.interface.say(
         f"{clock_time(span.began_ns)} was {what}: {f'kept by {kept}' if kept else 'kept by no observer'}"
     )

@@ -10,7 +10,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from common.errors import LabanmeshError
-from common.teaching_messages import TeachReply, TeachRequest
+from common.teaching_messages import SOMEONE, TeachReply, TeachRequest
 from hub.teaching.beginning import wait_for_sign
 from hub.teaching.interface import GO, Action, Begin, LessonInterface, Step
 from hub.teaching.learning import adopt, learn
@@ -47,7 +47,7 @@ class LessonPlan:
 
     labels: Sequence[str]
     teacher: str
-    person: str = "someone"
+    person: str = SOMEONE
     takes: int = 5
     background_s: float = 120.0
     seconds: float | None = None

@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 
 from common import SECOND_NS
 from common.errors import BadInput, LabanmeshError
-from common.teaching_messages import CorrectedReport, TeachRequest
+from common.teaching_messages import CorrectedReport, TeachRequest, only_person
 from observer.motion.archive import Recording
 from observer.recording.own_tracks import MARGIN_S, TracksRecorder, in_parts
 from observer.stillness import Stillness
 from observer.teaching.interfaces import Takes
-from observer.teaching.take_recorder import SHORTEST_S, SOMEONE, watched_parts
+from observer.teaching.take_recorder import SHORTEST_S, watched_parts
 from observer.tracks import Tracks
 
 LOOK_S = 6.0
@@ -52,7 +52,7 @@ class Corrector:
 
     def __init__(self, recorder: TracksRecorder, takes: Takes) -> None:
         self._recorder, self._takes = recorder, takes
-        self._done: dict[str, tuple[CorrectedReport, str]] = {}
+        self._done: dict[str, _Correction] = {}
 
     def correct(self, request: TeachRequest) -> CorrectedReport:
         """Make an example of what the request names; one that is repeated changes nothing more.
@@ -60,35 +60,45 @@ class Corrector:
         An earlier correction with the same id is replaced. Raises BadInput for a span of which there is no example,
         LabanmeshError if it cannot be written: then it waits in memory.
         """
-        earlier = self._done.get(request.correction)
-        if earlier is not None and earlier[0].label == request.label:
-            return earlier[0]
+        earlier, person = self._done.get(request.correction), request.person or only_person(self._takes.persons)
+        if earlier is not None and (earlier.report.label, earlier.person) == (request.label, person):
+            return earlier.report
         span = CapturedSpan(request.from_ns, request.to_ns or None)
-        example = example_of(self._recorder, span, label=request.label, subject=request.person or SOMEONE)
+        example = example_of(self._recorder, span, label=request.label, subject=person)
         recording, times = example.recording, example.span
         number = self._takes.free_take(request.label) if request.label else f"corrected {times.begin_ns}"
         report = CorrectedReport(
             id=request.correction, label=request.label, from_ns=times.begin_ns, to_ns=times.end_ns or 0,
             seconds=len(recording.positions) / recording.rate_hz,
         )  # fmt: skip
+        correction = _Correction(report, str(number), person)
         try:
-            self._takes.add(replace(recording, trial=str(number)))
+            self._takes.add(replace(recording, trial=correction.trial))
         except BadInput:
             raise
         except LabanmeshError:
-            self._replace(earlier, report, str(number))
+            self._replace(earlier, correction)
             raise
-        self._replace(earlier, report, str(number))
+        self._replace(earlier, correction)
         return report
 
     def forget(self) -> None:
         """Forget which corrections were made."""
         self._done.clear()
 
-    def _replace(self, earlier: tuple[CorrectedReport, str] | None, report: CorrectedReport, trial: str) -> None:
-        self._done[report.id] = report, trial
+    def _replace(self, earlier: "_Correction | None", correction: "_Correction") -> None:
+        self._done[correction.report.id] = correction
         if earlier is not None:
-            self._takes.drop(earlier[0].label, earlier[1])
+            self._takes.drop(earlier.report.label, earlier.trial)
+
+
+@dataclass(frozen=True, slots=True)
+class _Correction:
+    """What was made of a verdict: the example is `trial` of `person`."""
+
+    report: CorrectedReport
+    trial: str
+    person: str
 
 
 def example_of(recorder: TracksRecorder, span: CapturedSpan, *, label: str, subject: str) -> CutExample:

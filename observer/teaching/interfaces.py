@@ -38,6 +38,10 @@ class Takes(Protocol):
         """Numbers of the takes of each movement."""
 
     @property
+    def persons(self) -> list[str]:
+        """Whose recordings they are, sorted."""
+
+    @property
     def archive(self) -> MotionArchive | None:
         """All of them, and something else; None for nothing."""
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 from common import SECOND_NS
 from common.errors import BadInput, LabanmeshError
-from common.teaching_messages import TEXT_LIMIT, ShownTracks, TakeReport, TakeState, TeachRequest
+from common.teaching_messages import SOMEONE, TEXT_LIMIT, ShownTracks, TakeReport, TakeState, TeachRequest
 from observer.recording.own_tracks import TracksRecorder, trimmed
 from observer.teaching.clap import ClapWatch
 from observer.teaching.interfaces import Takes
@@ -25,7 +25,6 @@ SHORTEST_S = 0.4
 """No movement that a person means is shorter."""
 NOW_S = 0.7
 """So much of what is seen now is shown to a teacher."""
-SOMEONE = "someone"
 WATCHED = (*BODY_PARTS, "left_knee", "right_knee")
 """The parts that show whether somebody moves: feet and what lies between tremble too much in a tracker's eyes."""
 NO_PICTURES = "no pictures"

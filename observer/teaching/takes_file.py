@@ -116,6 +116,11 @@ class TakesFile:
         return result
 
     @property
+    def persons(self) -> list[str]:
+        """Whose recordings are on the disk or in memory, sorted."""
+        return sorted({r.subject for r in (*self._recordings(), *self._waiting) if r.subject})
+
+    @property
     def other_s(self) -> float:
         """Seconds of something else on the disk."""
         return sum(len(r.positions) / r.rate_hz for r in self._recordings() if not r.label)

@@ -17,6 +17,7 @@ from collections.abc import Sequence
 
 from common.errors import LabanmeshError
 from common.teaching_messages import (
+    PERSONS_LIMIT,
     TEXT_LIMIT,
     CorrectedReport,
     ForgottenReport,
@@ -174,6 +175,7 @@ class Teaching:
             forgotten=self._forgotten,
             people=self._recording.people if sees else None,
             claps=self._recording.claps,
+            persons=self._takes.persons[:PERSONS_LIMIT],
         )
 
     @property

@@ -55,6 +55,7 @@ class Observer:
         return TeachReply(
             state="learned" if self.learned else "idle", fault=fault, pictures=True, takes=self.takes,
             labels=self.labels, learned=self.learned, corrected=corrected, forgotten=forgotten,
+            persons=list(self.people),
         )  # fmt: skip
 
     def _forget(self, request):
@@ -155,6 +156,22 @@ def test_a_command_that_is_not_complete_is_refused_in_a_line(words, error, tmp_p
     assert labanmesh.main(words.split()) == 2
     lines = capsys.readouterr().err.splitlines()
     assert len(lines) == 1 and error in lines[0]
+
+
+@pytest.mark.parametrize(
+    ("people", "person", "stored"),
+    [
+        (({"anna": ["wave"]}, {"anna": ["wave"]}), "", "anna"),
+        (({"anna": ["wave"]}, {"ben": ["wave"]}), "", "someone"),
+        (({"anna": ["wave"]}, {"anna": ["wave"]}), "ben", "ben"),
+    ],
+)
+def test_a_correction_is_by_the_only_person_who_was_taught_unless_somebody_is_named(people, person, stored):
+    sofa, shelf = (Observer(people=dict(each), labels=("wave",)) for each in people)
+    participants, interface = participants_of(sofa=sofa, shelf=shelf)
+    correct(participants, [Correction("home-1", "wave", NOON_NS)], {}, person)
+    assert {r.person for o in (sofa, shelf) for r in o.asked if r.command == "correct"} == {stored}
+    assert f"was wave{'' if stored == 'someone' else f' by {stored}'}: kept by sofa" in interface.lines[0]
 
 
 def test_what_cannot_be_corrected_is_said_in_a_line():

@@ -312,7 +312,12 @@ def correct(room, verdict, label, begin_s, end_s=None, **fields):
     """end_s None: until the person stands still."""
     to_ns = 0 if end_s is None else ago_ns(room, end_s)
     return room.ask(
-        "correct", correction=verdict, label=label, from_ns=ago_ns(room, begin_s), to_ns=to_ns, person="anna", **fields
+        "correct",
+        correction=verdict,
+        label=label,
+        from_ns=ago_ns(room, begin_s),
+        to_ns=to_ns,
+        **{"person": "anna"} | fields,
     )
 
 
@@ -337,6 +342,16 @@ def test_a_correction_may_be_repeated_and_corrected(room):
     reply = correct(room, "home-1", "", 6.0, 5.0)
     assert reply.takes == {} and reply.other_s == pytest.approx(reply.corrected.seconds)
     assert correct(room, "home-1", "clap", 6.0, 5.0).takes == {"clap": [1]} and room.ask("status").other_s == 0
+
+
+def test_a_correction_of_nobody_in_particular_is_by_the_only_person_who_was_taught(room):
+    assert room.ask("status").persons == []
+    room.pass_s(2.0, moving=True), room.pass_s(5.0)
+    assert correct(room, "home-1", "wave", 6.0, 5.0).persons == ["anna"]
+    assert correct(room, "home-2", "wave", 6.0, 5.0, person="").persons == ["anna"]
+    reply = correct(room, "home-2", "wave", 6.0, 5.0, person="ben")
+    assert reply.persons == ["anna", "ben"] and reply.takes == {"wave": [1, 3]}, "the last word counts"
+    assert correct(room, "home-3", "", 6.0, 5.0, person="").persons == ["anna", "ben", "someone"]
 
 
 def test_what_an_observer_does_not_remember_cannot_be_corrected(room):
