@@ -5,11 +5,13 @@ from typing import TYPE_CHECKING, Any
 
 from common.errors import BadInput
 from common.messages import VerdictMessage
-from common.teaching_messages import ShownTracks, TeachReply
+from common.teaching_messages import ShownTracks, TeachReply, Unwanted
+from common.text import nearest
 from common.vocabulary import ABSTAIN, LABEL
 from hub.scene_state import is_abstention
 from hub.teaching.interface import Action, ActionKind, Begin, Step
 from hub.teaching.lesson import LessonPlan
+from hub.teaching.page_memory import Missed, WantedCorrections
 from hub.teaching.wording import begun_labels, known_labels, presence_line
 
 if TYPE_CHECKING:
@@ -19,6 +21,7 @@ if TYPE_CHECKING:
 Json = dict[str, Any]
 LABELS_MOST, TAKES, MINUTES, SECONDS = 30, (2, 20), (0.0, 15.0), (0.5, 12.0)
 NAME_MOST, NS_PER_MS = 64, 1_000_000
+MISSED_MOST, AGO_S = 10, (0.0, 3600.0)
 NEWS_SHOWN = 4
 TAKE_STEPS = ("ready", "waiting", "countdown", "now", "kept", "failed", "between", "review", "doubt")
 ACTIONS: dict[str, ActionKind] = {kind: kind for kind in ("go", "begin", "repeat", "drop", "more", "skip", "pause")}
@@ -34,6 +37,7 @@ def lesson_server_data(lesson_server: "LessonServer") -> Json:
         "scene": lesson_server.scene.scene,
         "known": known_labels(replies),
         "begun": begun_labels(replies),
+        "remembers": lesson_server.scene.teaching.remember_minutes > 0,
         "observers": [
             {**_observer(name, reply, name in lesson_server.silent), "picture": name in pictures}
             for name, reply in replies.items()
@@ -58,9 +62,7 @@ def plan_of(fields: Mapping[str, Any], known: list[str], teacher: str) -> Lesson
         raise BadInput("labels: a list of names is expected")
     add = fields.get("add") is True
     _check_labels(labels, known if add else [])
-    person = str(fields.get("person") or "someone").strip()
-    if not person.isprintable() or len(person) > NAME_MOST:
-        raise BadInput(f"who performs: at most {NAME_MOST} printable characters are expected")
+    person = _person(fields, "someone")
     seconds, begin = fields.get("seconds"), BEGINS.get(str(fields.get("begin", "still")))
     if begin is None:
         raise BadInput(f"begin: one of {', '.join(BEGINS)} is expected")
@@ -81,12 +83,39 @@ def action_of(fields: Mapping[str, Any]) -> Action:
     return Action(kind, take)
 
 
-def corrections_of(fields: Mapping[str, Any]) -> dict[str, str]:
-    """What movements really were, by the ids of their verdicts; "" for none. Raises BadInput."""
-    labels = fields.get("labels")
+def corrections_of(fields: Mapping[str, Any], known: list[str]) -> WantedCorrections:
+    """What movements really were; raises BadInput.
+
+    labels: by the ids of verdicts, "" for none of the movements. missed: movements that had no verdict, each with how
+    many seconds ago. person: who performed.
+    """
+    labels, missed = fields.get("labels", {}), fields.get("missed", [])
     if not isinstance(labels, dict) or not all(isinstance(label, str) for label in labels.values()):
         raise BadInput("labels: what each verdict should have been is expected")
-    return {str(verdict): label for verdict, label in labels.items()}
+    if not isinstance(missed, list) or len(missed) > MISSED_MOST or not all(isinstance(each, dict) for each in missed):
+        raise BadInput(f"missed: at most {MISSED_MOST} movements are expected, each with label and ago_s")
+    moments = [Missed(str(each.get("label", "")), _number(each, "ago_s", 0.0, *AGO_S)) for each in missed]
+    for label in (*filter(None, labels.values()), *(each.label for each in moments)):
+        if label not in known:
+            raise BadInput(f"{label[:NAME_MOST] or 'a movement'}: {nearest(label, known)}; teach it first")
+    return WantedCorrections({str(verdict): label for verdict, label in labels.items()}, moments, _person(fields, ""))
+
+
+def unwanted_of(fields: Mapping[str, Any]) -> Unwanted:
+    """What is to be forgotten: a person, a movement, or everything; raises BadInput."""
+    person, label, everything = _person(fields, ""), fields.get("label") or "", fields.get("everything", False)
+    if not isinstance(label, str) or not isinstance(everything, bool) or bool(person) + bool(label) + everything != 1:
+        raise BadInput("what is to be forgotten? One of a person, a movement, and everything is expected")
+    if label and not LABEL.match(label):
+        raise BadInput(f"{label[:NAME_MOST]!r}: no movement can have this name")
+    return Unwanted(person, label, everything)
+
+
+def _person(fields: Mapping[str, Any], default: str) -> str:
+    person = str(fields.get("person") or default).strip()
+    if not person.isprintable() or len(person) > NAME_MOST:
+        raise BadInput(f"who performs: at most {NAME_MOST} printable characters are expected")
+    return person
 
 
 def _check_labels(labels: list[str], known: list[str]) -> None:
@@ -122,14 +151,15 @@ def _lesson(lesson: "PageLesson") -> Json:
         "number": shown.number,
         "waits": shown.waits,
         "step": _step(shown.step),
-        "corrects": plan is None,
+        "purpose": lesson.purpose,
+        "examples": [{"label": each.label, "takes": dict(each.takes)} for each in lesson.examples],
         **({"labels": []} if plan is None else _plan(plan)),
         "over": lesson.over,
         "stopped": lesson.stopped,
         "fault": lesson.fault,
         "news": _news(lesson),
         "results": [line.text for line in lines if line.kind == "learning"],
-        "corrected": [line.text for line in lines if plan is None and line.kind == "look"],
+        "done": [line.text for line in lines if plan is None and line.kind in ("look", "examples")],
         "test": [line.text for line in lines if _is_outcome(line)],
         "adopted": any(line.kind == "adopting" for line in lines),
     }
@@ -201,6 +231,7 @@ def _observer(name: str, reply: TeachReply | None, silent: bool) -> Json:
         "fault": reply.fault,
         "take": None if take is None else {**take.model_dump(), "seconds": round(take.seconds, 1)},
         "takes": dict(reply.takes),
+        "persons": {person: dict(counts) for person, counts in reply.persons.items()},
         "other": round(reply.other_s),
         "labels": list(reply.labels),
         "learned": None if reply.learned is None else reply.learned.results,

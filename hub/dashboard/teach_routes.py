@@ -32,7 +32,7 @@ from hub.dashboard.access import (
     static_page,
     too_many_guesses,
 )
-from hub.dashboard.teach_data import action_of, corrections_of, lesson_server_data, plan_of, tracks_data
+from hub.dashboard.teach_data import action_of, corrections_of, lesson_server_data, plan_of, tracks_data, unwanted_of
 from hub.home_assistant import home_assistant_advice
 from hub.teaching.lesson_server import LessonServer
 from hub.teaching.wording import known_labels
@@ -78,7 +78,8 @@ class TeachPage:
         routes.append(static_page("/teach", "teach.html", html.replace("<!--off-->", off).encode()))
         if self._lesson_server is None:
             return routes
-        acts = {"start": self._start, "press": self._press, "stop": self._stop, "correct": self._correct}
+        acts = {"start": self._start, "press": self._press, "stop": self._stop}
+        acts |= {"correct": self._correct, "forget": self._forget}
         routes += [Route(f"/teach/{name}", self._posted(act), methods=["POST"]) for name, act in acts.items()]
         routes += [
             Route("/teach/enter", self._admitted(self._enter), methods=["POST"]),
@@ -168,7 +169,14 @@ class TeachPage:
         log.info("teaching from the page: %s", ", ".join(plan.labels))
 
     def _correct(self, fields: dict[str, Any]) -> None:
-        self._required.correct(corrections_of(fields))
+        self._required.correct(corrections_of(fields, known_labels(self._required.observers)))
+
+    def _forget(self, fields: dict[str, Any]) -> None:
+        unwanted = unwanted_of(fields)
+        self._required.forget(unwanted)
+        log.info(
+            "forgetting from the page: %s", "everything" if unwanted.everything else unwanted.person or unwanted.label
+        )
 
     def _press(self, fields: dict[str, Any]) -> None:
         number = fields.get("number")

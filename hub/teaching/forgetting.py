@@ -6,7 +6,7 @@
 3. At the end each is asked again: nothing may be left then, also not in the model that has just been replaced.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict
 
 from common.errors import LabanmeshError
@@ -17,8 +17,11 @@ from hub.teaching.learning import adopt, learn
 from hub.teaching.participants import Participants
 
 
-def forget(participants: Participants, unwanted: Unwanted) -> None:
-    """Forget it everywhere and say what each observer removed. Raises LabanmeshError if it is left somewhere."""
+def forget(participants: Participants, unwanted: Unwanted, missing: Collection[str] = ()) -> None:
+    """Forget it everywhere and say what each observer removed. Raises LabanmeshError if it is left somewhere.
+
+    missing: the observers of the scene that cannot be asked.
+    """
     interface, fields = participants.interface, asdict(unwanted)
     replies = participants.request("forget", **fields)
     done = {name: reply for name, reply in replies.items() if reply.forgotten is not None}
@@ -33,6 +36,8 @@ def forget(participants: Participants, unwanted: Unwanted) -> None:
         failed += [name for name, reply in again.items() if reply.forgotten is None or reply.forgotten.in_model]
     if failed:
         raise LabanmeshError(f"not forgotten by {', '.join(failed)}: the lines above say why; give the command again")
+    if missing:
+        raise LabanmeshError(f"not forgotten by {', '.join(missing)}: no answer; give the command again when it runs")
 
 
 def removed_line(report: ForgottenReport) -> str:

@@ -8,7 +8,7 @@ from common.teaching_messages import TeachReply
 
 StepKind = Literal[
     "look", "ready", "waiting", "countdown", "now", "kept", "failed", "between", "review", "doubt", "other", "learning",
-    "learned", "adopting", "test", "alarms", "done",
+    "learned", "adopting", "test", "alarms", "examples", "done",
 ]  # fmt: skip
 ActionKind = Literal["go", "begin", "repeat", "drop", "more", "skip", "pause"]
 Begin = Literal["now", "key", "clap", "still"]
@@ -36,7 +36,8 @@ class Step:
     `waiting` for the sign to begin, which `how` names; `countdown` and `now` of a take, or of the test; `kept` or
     `failed` after a take; `between` two takes; `review` after a movement; `doubt`: the take `number` looks like another
     movement, and may be repeated; `other`: something else is recorded; `learning`; `learned` before the new models come
-    into force; `adopting`; `test` before the test; `alarms`: verdicts count as false now; `done`. label: the movement.
+    into force; `adopting`; `test` before the test; `alarms`: verdicts count as false now; `examples` of movements that
+    were missed, before anybody learns from them; `done`. label: the movement.
     number, of: which take of how many; observers that have learned. left_s: seconds to go, of a countdown or of
     something else; seconds since the beginning while observers learn.
     """

@@ -11,8 +11,9 @@ import secrets
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass, field
+from typing import Literal
 
 from common import SECOND_NS
 from common.config import Scene
@@ -20,17 +21,20 @@ from common.errors import BadInput, LabanmeshError
 from common.keys import observer_of
 from common.link import Link
 from common.messages import VerdictMessage
-from common.teaching_messages import ShownTracks, TeachReply, TeachRequest
+from common.teaching_messages import ShownTracks, TeachReply, TeachRequest, Unwanted
 from hub.scene_state import SceneState
 from hub.session import ArrivedVerdict, SceneUpdate
-from hub.teaching.correcting import Correction, clock_offsets, correct, learn_corrections
+from hub.teaching.correcting import clock_offsets
+from hub.teaching.forgetting import forget
 from hub.teaching.interface import Action, Answers
 from hub.teaching.lesson import Lesson, LessonPlan
+from hub.teaching.moments import fusion_ns
 from hub.teaching.page_interface import MOVED_ON, PageInterface
+from hub.teaching.page_memory import Example, MemoryTask, WantedCorrections, corrections_of, learn_from
 from hub.teaching.participants import Participants
 from hub.teaching.teaching_client import TeachingClient
 from hub.teaching.verdicts import newly_decided
-from hub.teaching.wording import NO_RIGHT
+from hub.teaching.wording import NO_RIGHT, on_a_page
 
 log = logging.getLogger("labanmesh.hub")
 LOOK_S, FIRST_S = 0.5, 0.1
@@ -39,21 +43,26 @@ LEASE_S = 5.0
 """So long after the last page has asked, observers are still asked."""
 LEFT_S = 1800.0
 VERDICTS_LIMIT = 100
+Purpose = Literal["lesson", "correct", "forget"]
 END_S = 5.0
-SOMEONE = "someone"
+TEACH_KEPT, FORGET_KEPT = "every take is kept", "what was removed stays removed; forget it again for the rest"
+"""What stopping loses: nothing."""
 BUSY = "a lesson is going on, perhaps from another phone; it is shown here"
 
 
 @dataclass(slots=True)
 class PageLesson:
-    """A lesson, or corrections that are learned, and how it ended. plan: None for corrections.
+    """A lesson, or what else observers are asked for at length, and how it ended. plan: of a lesson.
 
-    fault: one line; over: it goes on no more; stopped: because somebody pressed so.
+    examples: of movements that were missed. fault: one line; over: it goes on no more; stopped: because somebody
+    pressed so.
     """
 
     id: str
     plan: LessonPlan | None
     interface: PageInterface
+    purpose: Purpose = "lesson"
+    examples: list[Example] = field(default_factory=list)
     thread: threading.Thread | None = None
     over: bool = False
     stopped: bool = False
@@ -120,7 +129,8 @@ class LessonServer:
     def verdicts(self) -> list[VerdictMessage]:
         """The verdicts that can be corrected, newest first."""
         state, kept_s = self._scene_state, 60 * self.scene.teaching.remember_minutes
-        return [each for each in state.verdicts if state.now_ns - each.began_ns < kept_s * SECOND_NS]
+        now_ns = fusion_ns(state, state.now_ns)
+        return [each for each in state.verdicts if now_ns - each.began_ns < kept_s * SECOND_NS]
 
     def start(self, plan: LessonPlan) -> None:
         """Begin a lesson; raises BadInput, one line, if it cannot."""
@@ -128,37 +138,49 @@ class LessonServer:
         def teach(lesson: PageLesson, present: Sequence[str]) -> None:
             Lesson(plan, lesson.interface, self._ask, present).run()
 
+        self._require_teachable()
         self._begin(plan.teacher, plan, teach)
 
-    def correct(self, labels: Mapping[str, str]) -> None:
-        """Learn what the movements of verdicts really were, by their ids; "" for none of the movements.
-
-        Raises BadInput, one line, if it cannot begin.
-        """
-        verdicts = {each.id: each for each in self.verdicts}
-        if not labels or not set(labels) <= set(verdicts):
-            raise BadInput("that verdict is too old: the cameras no longer remember what they saw then")
-        corrections = [Correction.of_verdict(verdicts[verdict], label) for verdict, label in labels.items()]
-        offsets = clock_offsets(self._scene_state)
+    def correct(self, wanted: WantedCorrections) -> None:
+        """Learn what movements really were; raises BadInput, one line, if it cannot begin."""
+        self._require_teachable()
+        state = self._scene_state
+        of_verdicts, of_missed = corrections_of(
+            wanted, self.verdicts, fusion_ns(state, time.time_ns()), 60 * self.scene.teaching.remember_minutes
+        )
+        task = MemoryTask(of_verdicts, of_missed, clock_offsets(state), wanted.person)
 
         def learn_anew(lesson: PageLesson, present: Sequence[str]) -> None:
-            participants = Participants(lesson.id, lesson.interface, self._ask, list(present), add=True)
-            try:
-                made = correct(participants, corrections, offsets, SOMEONE)
-                learn_corrections(participants, [name for name, count in made.items() if count])
-            finally:
-                self._ask(TeachRequest(command="leave", teacher=lesson.id), present)
+            learn_from(self._participants(lesson, present), task, lesson.examples)
 
-        self._begin(secrets.token_hex(8), None, learn_anew)
+        self._begin(secrets.token_hex(8), None, learn_anew, "correct")
 
-    def _begin(
-        self, lesson_id: str, plan: LessonPlan | None, work: Callable[[PageLesson, Sequence[str]], None]
-    ) -> None:
+    def forget(self, unwanted: Unwanted) -> None:
+        """Remove a person's takes, a movement's, or everything; raises BadInput, one line, if it cannot begin."""
+
+        def forget_everywhere(lesson: PageLesson, present: Sequence[str]) -> None:
+            missing = [name for name in self.scene.roster if name not in present]
+            forget(self._participants(lesson, present), unwanted, missing)
+
+        self._begin(secrets.token_hex(8), None, forget_everywhere, "forget")
+
+    def _participants(self, lesson: PageLesson, present: Sequence[str]) -> Participants:
+        return Participants(lesson.id, lesson.interface, self._ask, list(present), add=True)
+
+    def _require_teachable(self) -> None:
         if self.scene.vocabulary is not None:
             raise BadInput(
                 "the scene file names its vocabulary, so nothing else can be taught; remove that line and start the "
                 "processes again"
             )
+
+    def _begin(
+        self,
+        lesson_id: str,
+        plan: LessonPlan | None,
+        work: Callable[[PageLesson, Sequence[str]], None],
+        purpose: Purpose = "lesson",
+    ) -> None:
         present = [name for name in self.scene.roster if name in self._alive()]
         if not present:
             raise BadInput("no observer runs; start them with: labanmesh up, and the scene file")
@@ -169,7 +191,7 @@ class LessonServer:
             interface = PageInterface(
                 self._changed, lambda: self._scene_state.labels, lambda: newly_decided(self._arrived)
             )
-            lesson = PageLesson(lesson_id, plan, interface)
+            lesson = PageLesson(lesson_id, plan, interface, purpose)
             lesson.thread = threading.Thread(target=self._run, args=(lesson, present, work), name="lesson", daemon=True)
             self._lesson = lesson
         self._changed()
@@ -224,13 +246,15 @@ class LessonServer:
                 raise LabanmeshError(NO_RIGHT)
             work(lesson, list(replies))
         except KeyboardInterrupt:
-            lesson.fault, lesson.stopped = "every take is kept", True
+            lesson.fault, lesson.stopped = FORGET_KEPT if lesson.purpose == "forget" else TEACH_KEPT, True
         except LabanmeshError as error:
-            lesson.fault = str(error).replace("the same command goes on", "Go on continues")
+            lesson.fault = on_a_page(str(error))
         except Exception:
-            lesson.fault = "an error of labanmesh ended the lesson; every take is kept"
+            lesson.fault = "an error of labanmesh ended this; its log says more"
             log.exception("lesson")
         finally:
+            if lesson.purpose != "lesson":
+                self._ask(TeachRequest(command="leave", teacher=lesson.id), present)
             lesson.over = True
             self._changed()
 

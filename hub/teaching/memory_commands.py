@@ -127,10 +127,7 @@ def forget(
             raise BadInput(f"{what} cannot be brought back; add --yes")
         typer.confirm(f"forget {what}? It cannot be brought back", abort=True)
     with _opened(scene) as taught:
-        forget_everywhere(taught.participants, Unwanted(person, label, everything))
-        if taught.missing:
-            names = ", ".join(taught.missing)
-            raise LabanmeshError(f"not forgotten by {names}: no answer; give the command again when it runs")
+        forget_everywhere(taught.participants, Unwanted(person, label, everything), taught.missing)
 
 
 def _known_state(listener: "SceneListener", interface: "LessonInterface") -> "SceneState":
@@ -144,7 +141,6 @@ def _known_state(listener: "SceneListener", interface: "LessonInterface") -> "Sc
 
 def _fusion_time(state: "SceneState") -> datetime:
     """Local time by the clock of the fusion service; by this machine's if it says none."""
-    at_s = time.time()
-    if state.judgement is not None:
-        at_s = state.judgement.at_ns / SECOND_NS + state.silence_s
-    return datetime.fromtimestamp(at_s, UTC).astimezone()
+    from hub.teaching.moments import fusion_ns
+
+    return datetime.fromtimestamp(fusion_ns(state, time.time_ns()) / SECOND_NS, UTC).astimezone()

@@ -7,6 +7,7 @@ from datetime import datetime, timedelta
 from common import SECOND_NS
 from common.errors import BadInput
 from common.messages import VerdictMessage
+from hub.scene_state import SceneState
 from hub.teaching.correcting import Correction
 from hub.wording import clock_time, label_words
 
@@ -48,6 +49,13 @@ def correction_of(when: str, label: str, verdicts: Sequence[VerdictMessage], now
     if near:
         return Correction.of_verdict(min(near, key=lambda each: _distance_ns(each, began_ns)), label)
     return Correction(f"moment-{began_ns // 1_000_000}", label, began_ns, began_ns)
+
+
+def fusion_ns(state: SceneState, machine_ns: int) -> int:
+    """The time now by the clock of the fusion service, ns; this machine's if it says none."""
+    if state.judgement is None:
+        return machine_ns
+    return state.judgement.at_ns + round(state.silence_s * SECOND_NS)
 
 
 def remembered(verdicts: Sequence[VerdictMessage]) -> str:

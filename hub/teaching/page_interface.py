@@ -20,6 +20,7 @@ WAITING_ACTIONS: dict[StepKind, tuple[ActionKind, ...]] = {
     "review": ("go", "more", "drop"),
     "learned": ("go", "skip"),
     "test": ("go", "skip"),
+    "examples": ("go", "drop"),
 }
 """What can be pressed where the lesson waits."""
 RUNNING_ACTIONS: dict[StepKind, tuple[ActionKind, ...]] = {

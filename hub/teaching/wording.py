@@ -12,6 +12,12 @@ LEAST_S = 6.0
 """A shorter time tells nothing about false alarms."""
 ALIKE = 0.2
 """Two movements look alike from where this share of the takes of one is taken for the other."""
+TYPED = {
+    "the same command goes on": "Go on continues",
+    "the lines above say why; give the command again": "the lines below say why; forget it again then",
+    "give the command again when it runs": "forget it again when it runs",
+}
+"""Ways out in a terminal, and what they are on a page."""
 NO_RIGHT = (
     "no observer answers a request to teach: they are of an earlier version, or this machine's certificate lacks the "
     "right to teach (labanmesh secure add SCENE NAME --hub --teach)"
@@ -179,3 +185,10 @@ def begun_labels(replies: Mapping[str, TeachReply | None]) -> list[str]:
     """The movements that have takes and that no model knows: of a lesson that was not finished."""
     known = set(known_labels(replies))
     return sorted({label for reply in replies.values() if reply for label in reply.takes} - known)
+
+
+def on_a_page(line: str) -> str:
+    """A line that names what to type in a terminal, for those who look at a page instead."""
+    for typed, pressed in TYPED.items():
+        line = line.replace(typed, pressed)
+    return line

@@ -125,17 +125,18 @@ function show() {
   $("door").hidden = off || Boolean(key);
   $("setup").hidden = !setup;
   $("lesson").hidden = !lesson;
-  $("course").hidden = !lesson || lesson.corrects;
+  $("course").hidden = !lesson || lesson.purpose !== "lesson";
   $("main").dataset.screen = lesson ? "lesson" : "setup";
   $("views").hidden = !(setup || (lesson && !lesson.over && lesson.waits && ["ready", "test"].includes(step.kind)));
-  $("stop").hidden = !lesson || lesson.over;
-  $("watch").hidden = !$("stop").hidden;
+  $("stop").hidden = !lesson || lesson.over || lesson.purpose === "forget";
+  $("watch").hidden = Boolean(lesson) && !lesson.over;
   $("link").hidden = off || !key;
   if (off || !key || !state) return;
   showCameras();
   if (setup) showSetup();
   if (lesson) showLesson(lesson);
   showCorrections(setup || (lesson && lesson.over));
+  showForgetting(setup);
   showHome(setup || (lesson && lesson.over));
 }
 function showCameras() {
@@ -207,7 +208,9 @@ $("resume").addEventListener("click", () => send("teach/start", plan(state.begun
 
 /* A lesson: a stage with one thing, buttons for what can be done now. */
 const STAGES = {
-  look: () => stage("", "One moment", "Looking for the cameras."),
+  look: (lesson) => lesson.purpose === "forget" ? [make("div", "spin"), ...stage("", "The cameras forget", "They remove it, and learn anew from what is left.")]
+    : lesson.purpose === "correct" ? [make("div", "spin"), ...stage("", "The cameras look", "Each cuts it out of what it remembers.")] : stage("", "One moment", "Looking for the cameras."),
+  examples: (lesson) => stage("", lesson.examples.length === 1 ? `Is this ${words(lesson.examples[0].label)}?` : "Is it these?", "The cameras have cut out what moved nearest to that time. The lines show the way of the hands."),
   ready: (lesson, step) => step.label
     ? stage("", words(step.label), step.number ? `${step.number} of ${step.of} takes are done.` : "", `After 3, 2, 1 do it once, then stand still. ${count(step.of - step.number, "time")} in all. Put the phone where you see it, and stand where the cameras see head and hands.`)
     : stage("", "Ordinary life", `For ${minutes(step.left)} do whatever you like except the movements: sit down, walk through, reach for things, scratch your head. It learns what is no movement.`),
@@ -262,11 +265,14 @@ function learners() {
   }));
 }
 function overStage(lesson) {
+  const lines = lesson.done.length ? [wordsOf(lesson.done)] : [];
+  if (lesson.purpose === "forget") return [...stage("", lesson.fault ? "Not all is forgotten" : "Forgotten", lesson.fault ? `${capital(lesson.fault)}.` : knows()), ...lines];
+  if (lesson.purpose === "correct") return [...stage("", lesson.stopped ? "Stopped" : lesson.fault ? "Nothing was learned" : "Corrected", lesson.stopped ? "Nothing was learned." : lesson.fault ? `${capital(lesson.fault)}.` : "The cameras have learned from it."), ...lines];
   if (lesson.fault) return stage("", lesson.stopped ? "Stopped" : "It cannot go on", `${capital(lesson.fault)}.`);
-  if (lesson.corrects) return [...stage("", "Corrected", "The cameras have learned from it."), wordsOf(lesson.corrected)];
   if (!lesson.adopted) return stage("", "Nothing has changed", "It goes on with what it knew. The takes are kept.");
   return [...stage("", "Done", `It recognises ${listed(state.known)}.`), ...(lesson.test.length ? [wordsOf(lesson.test)] : [])];
 }
+const knows = () => state.known.length ? `It recognises ${listed(state.known)}.` : "It knows no movement now.";
 function showLesson(lesson) {
   const step = lesson.over ? { kind: "done", label: "", number: 0, of: 0, left: 0, test: false } : lesson.step;
   const built = STAGES[step.kind] || STAGES.look;
@@ -275,22 +281,25 @@ function showLesson(lesson) {
   $("stage").dataset.kind = step.kind;
   const seen = step.kind === "learning" ? state.observers.map((each) => [each.state, each.fault, Boolean(each.learned)])
     : step.kind === "now" ? isMoving() : AFTER.includes(step.kind) ? [lastTake(step.label), whyNot(step.label)] : null;
-  part($("stage"), [lesson.id, step.kind === "learning" ? { ...step, left: 0 } : step, seen, lesson.over, lesson.results, lesson.test, state.known], () => built(lesson, step));
+  part($("stage"), [lesson.id, step.kind === "learning" ? { ...step, left: 0 } : step, seen, lesson.over, lesson.results, lesson.test, lesson.examples, lesson.over && lesson.done, state.known], () => built(lesson, step));
   showCourse(lesson, step);
   showTakes(lesson, step);
   part($("buttons"), [lesson.id, lesson.over, lesson.fault, step.kind, step.label, step.number, step.of, lesson.waits, lesson.number * lesson.waits], () => buttons(lesson, step));
-  part($("news"), lesson.news, () => lesson.news.map((line) => make("li", "", line)));
+  const news = lesson.over && lesson.purpose !== "lesson" ? [] : lesson.news;
+  part($("news"), news, () => news.map((line) => make("li", "", line)));
   signal(lesson, step);
 }
 function buttons(lesson, step) {
+  const own = lesson.purpose !== "lesson";
   if (lesson.over) return [
-    ...((lesson.fault || !lesson.adopted) && !lesson.corrects ? [button("Go on with it", () => send("teach/start", { labels: lesson.labels, add: lesson.add, takes: lesson.takes, minutes: lesson.minutes, person: lesson.person, seconds: lesson.seconds, begin: lesson.begin, alarm_minutes: lesson.alarm_minutes }), "main")] : []),
-    button(lesson.corrects ? "Back" : lesson.fault ? "Choose other movements" : "Teach more", () => send("teach/stop", { lesson: lesson.id }), !lesson.corrects && (lesson.fault || !lesson.adopted) ? "second" : "main")];
+    ...((lesson.fault || !lesson.adopted) && !own ? [button("Go on with it", () => send("teach/start", { labels: lesson.labels, add: lesson.add, takes: lesson.takes, minutes: lesson.minutes, person: lesson.person, seconds: lesson.seconds, begin: lesson.begin, alarm_minutes: lesson.alarm_minutes }), "main")] : []),
+    button(own ? "Back" : lesson.fault ? "Choose other movements" : "Teach more", () => send("teach/stop", { lesson: lesson.id }), !own && (lesson.fault || !lesson.adopted) ? "second" : "main")];
   const following = lesson.labels[lesson.labels.indexOf(step.label) + 1];
   if (lesson.waits) switch (step.kind) {
     case "ready": return step.label ? [button("Start", () => press("go"), "main")]
       : [button("Start", () => press("go"), "main"), button("Leave it out", () => press("skip"), "second")];
     case "review": return [button(following ? `Next: ${words(following)}` : "Go on", () => press("go"), "main"), button("One more take", () => press("more"), "second")];
+    case "examples": return [button(lesson.examples.length === 1 ? "Yes, learn from it" : "Yes, learn from them", () => press("go"), "main")];
     case "learned": return [button("Use it", () => press("go"), "main"), button("Not yet", () => press("skip"), "second")];
     case "test": return [button("Start the test", () => press("go"), "main"), button("Leave it out", () => press("skip"), "second")];
   }
@@ -317,6 +326,7 @@ function showCourse(lesson, step) {
 /* Takes: the ways of the hands, as each camera saw them. */
 const pictures = new Map();
 function showTakes(lesson, step) {
+  if (!lesson.over && step.kind === "examples" && lesson.waits) { showExamples(lesson); return; }
   const label = !lesson.over && ["ready", "review", "doubt", ...TAKING].includes(step.kind) && !step.test ? step.label : "";
   const by = new Map();
   for (const each of state.observers) for (const take of (label && each.takes && each.takes[label]) || []) by.set(take, [...(by.get(take) || []), each.name]);
@@ -330,6 +340,15 @@ function showTakes(lesson, step) {
       item.append(node);
     }
     return item;
+  }));
+}
+/* What was cut out for movements that were missed. */
+function showExamples(lesson) {
+  $("takes-made").classList.toggle("several", lesson.examples.some((each) => Object.keys(each.takes).length > 1));
+  part($("takes-made"), [lesson.id, lesson.examples, lesson.number], () => lesson.examples.map((each, i) => {
+    const seen = Object.entries(each.takes), drop = button("No, drop it", () => press("drop", i + 1));
+    drop.setAttribute("aria-label", `No, drop ${words(each.label)}`);
+    return make("li", "", make("div", "views", ...seen.slice(0, 3).map(([name, take]) => thumbnail(lesson.id, name, each.label, take))), make("p", "", `${words(each.label)}: ${seen.map(([name]) => name).join(", ")}`), drop);
   }));
 }
 function thumbnail(lesson, name, label, take, size = "small") {
@@ -448,34 +467,126 @@ function signal(lesson, step) {
   put($("announcement"), spoken);
 }
 
-/* What it said in the last minutes, which can be corrected, and Home Assistant. */
-let wrong = new Map(), opened = "";
+/* What it said in the last minutes, or missed, which can be corrected. */
+const MOMENTS = [["just now", 4], ["half a minute ago", 30], ["a minute ago", 60], ["two minutes ago", 120]], ELSE = "?";
+let wrong = new Map(), opened = "", missed = [], pressed = 0, moment = 0;
 function showCorrections(possible) {
-  const said = possible ? state.said.filter((each) => each.ended) : [];
-  $("corrections").hidden = said.length === 0 || state.known.length === 0;
+  const said = possible ? state.said.filter((each) => each.ended) : [], count_ = () => wrong.size + missed.length;
+  $("corrections").hidden = !possible || !state.remembers || state.known.length === 0;
   wrong = new Map([...wrong].filter(([id]) => said.some((each) => each.id === id)));
-  part($("said"), [said, state.known, [...wrong], opened], () => said.map(verdictLine));
-  $("learn-again").hidden = wrong.size === 0;
-  put($("learn-again"), `Learn from ${count(wrong.size, "correction")}`);
+  part($("said"), [said, state.known, [...wrong], opened, missed], () => [...missed.map(missedLine), ...said.map(verdictLine)]);
+  part($("missing"), [state.known, pressed, moment], missing);
+  showPersons(count_() > 0);
+  $("learn-again").hidden = count_() === 0;
+  put($("learn-again"), `Learn from ${count(count_(), "correction")}`);
+}
+function saidLine(ms, text, right) {
+  return make("p", "", make("span", "quiet", `${clock(ms)} `), make("b", "", text), ...(right === undefined ? [] : [` → ${right ? words(right) : "nothing"}`]));
+}
+function missedLine(each) {
+  return make("li", "", saidLine(each.at, "no verdict", each.label), button("Undo", () => { missed = missed.filter((one) => one !== each); show(); }));
 }
 function verdictLine(verdict) {
-  const chosen = wrong.get(verdict.id), name = (label) => label ? words(label) : "nothing", open = opened === verdict.id;
+  const chosen = wrong.get(verdict.id), open = opened === verdict.id;
   const act = button(chosen !== undefined ? "Undo" : open ? "It was right" : "Wrong?", () => {
     if (chosen !== undefined) wrong.delete(verdict.id);
     opened = open || chosen !== undefined ? "" : verdict.id;
     show();
   });
-  const item = make("li", "", make("p", "", make("span", "quiet", `${clock(verdict.began)} `), make("b", "", verdict.label ? words(verdict.label) : "no agreement"), ...(chosen === undefined ? [] : [` → ${name(chosen)}`])), act);
+  const item = make("li", "", saidLine(verdict.began, verdict.label ? words(verdict.label) : "no agreement", chosen), act);
   if (open) {
-    item.append(make("p", "quiet", "What was it?"), make("ul", "chips", ...[...state.known.filter((each) => each !== verdict.label), ""].map((label) =>
-      make("li", "", button(label ? words(label) : "none of them", () => { wrong.set(verdict.id, label); opened = ""; show(); })))));
+    item.append(make("p", "quiet", "What was it?"), chips([...state.known.filter((each) => each !== verdict.label), ""].map((label) =>
+      button(label ? words(label) : "none of them", () => { wrong.set(verdict.id, label); opened = ""; show(); }))));
   }
   return item;
 }
+const chips = (buttons) => make("ul", "chips", ...buttons.map((each) => make("li", "", each)));
+/* A movement that had no verdict. The time counts from the first press, not from the choice. */
+function missing() {
+  if (!pressed) return [button("I did one and nothing happened", () => { pressed = Date.now(); moment = 0; show(); }, "second")];
+  const close = () => { pressed = 0; show(); };
+  return [
+    make("h3", "", "When was it?"), chips(MOMENTS.map(([text], i) => {
+      const node = button(text, () => { moment = i; show(); });
+      node.setAttribute("aria-pressed", String(i === moment));
+      return node;
+    })),
+    make("h3", "", "What did you do?"), chips(state.known.map((label) => button(words(label), () => {
+      missed = [...missed, { label, at: pressed - 1000 * MOMENTS[moment][1] }];
+      close();
+    }))),
+    button("Never mind", close, "second")];
+}
+/* Who performed: by default the only person who has taught. */
+function personsTaught() { return [...new Set(state.observers.flatMap((each) => Object.keys(each.persons || {})))].sort(); }
+function showPersons(possible) {
+  const names = personsTaught(), named = names.filter((each) => each !== "someone");
+  $("whose").hidden = !possible;
+  const options = names.length === 1 ? [["", named.length ? named[0] : "whoever taught it"]] : [["", names.length ? "not said" : "whoever taught it"], ...names.map((each) => [each, each === "someone" ? "someone without a name" : each])];
+  part($("who"), options, () => [...options, [ELSE, "somebody else"]].map(([value, text]) => { const node = make("option", "", text); node.value = value; return node; }));
+  $("who-else").hidden = $("who").value !== ELSE;
+}
+$("who").addEventListener("change", show);
 const clock = (ms) => new Date(ms).toLocaleTimeString([], { hour: "2-digit", minute: "2-digit", second: "2-digit", hour12: false });
 $("learn-again").addEventListener("click", async () => {
-  if (await send("teach/correct", { labels: Object.fromEntries(wrong) })) wrong.clear();
+  const person = $("who").value === ELSE ? $("who-name").value.trim() : $("who").value;
+  if ($("who").value === ELSE && !person) { complain("Type their name first, such as anna."); return; }
+  const moments = missed.map((each) => ({ label: each.label, ago_s: Math.max(0, (Date.now() - each.at) / 1000) }));
+  if (await send("teach/correct", { labels: Object.fromEntries(wrong), missed: moments, person })) { wrong.clear(); missed = []; pressed = 0; show(); }
 });
+
+/* Forgetting: a movement, a person or everything. Nothing happens before what will be removed has been shown. */
+let unwanted = null;
+function showForgetting(possible) {
+  const taken = state.observers.flatMap((each) => Object.keys(each.takes || {})), labels = [...new Set([...state.known, ...taken])], persons = personsTaught();
+  $("forgetting").hidden = !possible;
+  if (!possible) unwanted = null;
+  const choice = (fields, text, name) => {
+    const node = button(text, () => { unwanted = fields; show(); $("sure").scrollIntoView({ block: "nearest" }); });
+    node.setAttribute("aria-label", name);
+    return node;
+  };
+  part($("forget-what"), [labels, persons], () => [
+    ...(labels.length ? [make("h3", "", "A movement, in the takes of everybody"), chips(labels.map((label) => choice({ label }, words(label), `Forget the movement ${words(label)}`)))] : []),
+    ...(persons.length ? [make("h3", "", "A person, with all their takes"), chips(persons.map((person) => choice({ person }, person === "someone" ? "someone without a name" : person, `Forget the person ${person}`)))] : []),
+    choice({ everything: true }, "Everything that was taught", "Forget everything that was taught")]);
+  $("sure").hidden = !unwanted;
+  part($("sure"), unwanted && [unwanted, state.known, state.observers.map((each) => [each.name, each.takes, each.persons, each.other, each.state === undefined])], () => unwanted ? sure() : []);
+}
+function sure() {
+  const { person, label, everything } = unwanted, what = everything ? "everything" : words(label || person), title = make("h3", "", everything ? "Forget everything that was taught?" : person ? `Forget all takes of ${person}?` : `Forget the movement ${words(label)}?`);
+  title.id = "sure-title";
+  const left = state.known.filter((each) => !everything && each !== label && state.observers.some((one) => takesOf(one, (name, of) => of === each && name !== person)));
+  const gone = state.known.filter((each) => !left.includes(each));
+  const then = state.known.length === 0 ? "" : left.length < 2 ? "Then it knows no movement any more, and waits to be taught." : gone.length ? `Then it no longer recognises ${listed(gone)}.` : `It still recognises ${listed(left)}: others have taught them too.`;
+  return [title, make("p", "", "Removed are"), make("ul", "", ...state.observers.map((each) => make("li", "", `${each.name}: ${removed(each)}`))),
+    make("p", "", "and old models that were learned from it, takes of it that were set aside, and what the cameras remember of the last minutes."), ...(then ? [make("p", "", then)] : []),
+    button(`Forget ${what}`, async () => { if (await send("teach/forget", unwanted)) { unwanted = null; $("forget-person").value = ""; show(); } }, "second danger"),
+    button("Keep it", () => { unwanted = null; show(); }, "second")];
+}
+/* How many recordings of an observer are of those (person, movement); "" is something else. */
+function takesOf(each, isMeant) {
+  if (!each.persons) return 0;
+  return Object.entries(each.persons).flatMap(([person, labels]) => Object.entries(labels).filter(([label]) => isMeant(person, label))).reduce((sum, [, number]) => sum + number, 0);
+}
+function removed(each) {
+  if (each.state === undefined) return "does not run now; forget it again when it runs";
+  const { person, label, everything } = unwanted, meant = (name, of) => everything || (person ? name === person : of === label);
+  const takes = takesOf(each, (name, of) => of && meant(name, of)), other = takesOf(each, (name, of) => !of && meant(name, of));
+  const parts = [...(takes ? [count(takes, "take")] : []), ...(other ? [count(other, "piece") + " of ordinary life"] : []), ...(everything && each.labels.length ? ["its model"] : [])];
+  return parts.join(", ") || "no takes";
+}
+$("forget-name").addEventListener("submit", (event) => {
+  event.preventDefault();
+  const person = $("forget-person").value.trim();
+  if (!person) { complain("Type the name of the person first."); return; }
+  complain("");
+  unwanted = { person };
+  show();
+  $("sure").scrollIntoView({ block: "nearest" });
+});
+
+/* Home Assistant. */
 let asked = 0;
 function showHome(possible) {
   $("home").hidden = !possible;
