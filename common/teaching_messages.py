@@ -150,7 +150,8 @@ class TeachReply(Message):
     movements of the model in force. learned: the model that waits for `adopt`. tracks: what `show` asked for. people:
     how many are in the picture now; None if the tracker does not tell. claps: how often somebody has clapped their
     hands since the observer began to watch for it. doubts: what `check` found. corrected, forgotten: in the answer
-    to `correct` and to `forget`, what was done. persons: whose takes are on its disk, SOMEONE among them.
+    to `correct` and to `forget`, what was done. persons: whose recordings are on its disk,
+    SOMEONE among them, and how many of each movement ("": something else).
     """
 
     state: TeachState
@@ -170,7 +171,7 @@ class TeachReply(Message):
     people: Count | None = None
     claps: Count = 0
     doubts: list[TakeDoubt] = Field(default_factory=list, max_length=DOUBTS_LIMIT)
-    persons: list[str] = Field(default_factory=list, max_length=PERSONS_LIMIT)
+    persons: dict[str, dict[str, Count]] = Field(default_factory=dict, max_length=PERSONS_LIMIT)
 
 
 def only_person(persons: Collection[str]) -> str:

@@ -38,8 +38,8 @@ class Takes(Protocol):
         """Numbers of the takes of each movement."""
 
     @property
-    def persons(self) -> list[str]:
-        """Whose recordings they are, sorted."""
+    def persons(self) -> dict[str, dict[str, int]]:
+        """How many of each movement, by whose they are."""
 
     @property
     def archive(self) -> MotionArchive | None:

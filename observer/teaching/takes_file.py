@@ -5,6 +5,7 @@ all; one that cannot be written waits in memory for the next attempt. Earlier ta
 """
 
 import json
+from collections import Counter
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -116,9 +117,12 @@ class TakesFile:
         return result
 
     @property
-    def persons(self) -> list[str]:
-        """Whose recordings are on the disk or in memory, sorted."""
-        return sorted({r.subject for r in (*self._recordings(), *self._waiting) if r.subject})
+    def persons(self) -> dict[str, dict[str, int]]:
+        """How many recordings of each movement ("": something else) are on the disk or in memory, by whose they are."""
+        own = [r for r in (*self._recordings(), *self._waiting) if r.subject]
+        return {
+            name: dict(Counter(r.label for r in own if r.subject == name)) for name in sorted({r.subject for r in own})
+        }
 
     @property
     def other_s(self) -> float:

@@ -175,7 +175,7 @@ class Teaching:
             forgotten=self._forgotten,
             people=self._recording.people if sees else None,
             claps=self._recording.claps,
-            persons=self._takes.persons[:PERSONS_LIMIT],
+            persons=dict(list(self._takes.persons.items())[:PERSONS_LIMIT]),
         )
 
     @property

@@ -3,6 +3,7 @@
 import re
 from pathlib import Path
 
+import httpx
 import pytest
 from page_looks import FAINT, NO_SIDEWAYS_SCROLLING, SMALL
 from teach_stage import SOON_S, TaughtScene, until
@@ -167,16 +168,27 @@ def test_a_whole_lesson_by_presses(phone, taught, tmp_path):
 
 
 def correct_one(page, taught, folder):
-    """A verdict of the test was wrong, somebody says; the observers learn from it."""
+    """A verdict of the test was wrong, and a movement was missed, somebody says; the observers learn from both."""
     until(lambda: any(each["ended"] for each in taught.state()["said"]), "a verdict has ended")
     tap(page, "Teach more")
     wrong = page.get_by_role("button", name="Wrong?").first
     wrong.tap()
     tap(page, "none of them")
+    tap(page, "I did one and nothing happened")
+    tap(page, "a minute ago")
+    looks_right(page, "9-missed", folder)
+    tap(page, "just now")
+    page.locator("#missing").get_by_role("button", name="wave", exact=True).tap()
+    assert page.locator("#who option").all_inner_texts() == ["anna", "somebody else"]
     looks_right(page, "9-correct", folder)
-    tap(page, "Learn from 1 correction")
+    tap(page, "Learn from 2 corrections")
+    page.get_by_role("button", name="Back").or_(page.get_by_role("button", name="Yes, learn from it")).wait_for()
+    if page.get_by_role("button", name="Yes, learn from it").is_visible():
+        page.wait_for_function("() => document.querySelectorAll('.takes svg .trail').length >= 2")
+        looks_right(page, "9-example", folder)
+        tap(page, "No, drop wave")
     page.get_by_role("button", name="Back").wait_for(timeout=LEARN_S * 1000)
-    assert "was something else: kept by" in page.inner_text("#stage")
+    assert "was something else by anna: kept by" in page.inner_text("#stage")
     looks_right(page, "9-corrected", folder)
     tap(page, "Back")
     page.wait_for_selector("#setup:visible")
@@ -252,3 +264,29 @@ def test_a_lesson_with_a_film_as_camera_and_its_live_picture(data, phone_of, tmp
         page.wait_for_selector("#stage:has-text('It recognises wave, point.')")
         looks_right(page, "film-done", tmp_path)
         page.close()
+
+
+def test_forgetting_says_first_what_it_removes(phone, taught, tmp_path):
+    page = phone(scheme="dark")
+    page.wait_for_selector("#setup:visible")
+    known = taught.state()["known"]
+    page.locator("summary", has_text="Forget something").tap()
+    looks_right(page, "c-forget", tmp_path)
+    tap(page, "Forget")
+    assert "Type the name of the person first" in page.inner_text("#fault")
+    page.get_by_role("button", name="Forget the person anna").tap()
+    assert re.search(r"sofa: \d+ takes", page.inner_text("#sure"))
+    looks_right(page, "c-sure", tmp_path)
+    tap(page, "Keep it")
+    assert page.locator("#sure").is_hidden() and taught.state()["known"] == known
+    page.get_by_role("button", name="Forget everything that was taught").tap()
+    assert "Then it knows no movement any more" in page.inner_text("#sure")
+    looks_right(page, "c-sure-everything", tmp_path)
+    tap(page, "Forget everything")
+    page.wait_for_selector("#stage:has-text('It knows no movement now.')", timeout=LEARN_S * 1000)
+    looks_right(page, "c-forgotten", tmp_path)
+    tap(page, "Back")
+    page.wait_for_selector("#setup:visible")
+    assert not any(each["takes"] or each["labels"] for each in taught.state()["observers"])
+    # The same words without the token change nothing.
+    assert httpx.post(f"{taught.url}/teach/forget", json={"everything": True}, timeout=SOON_S).status_code == 401

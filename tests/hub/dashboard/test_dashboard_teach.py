@@ -8,21 +8,22 @@ import pytest
 
 from common.address import Address
 from common.errors import BadInput
-from common.teaching_messages import LearnedReport, ShownTracks, TakeReport, TeachReply
+from common.teaching_messages import LearnedReport, ShownTracks, TakeReport, TeachReply, Unwanted
 from hub.dashboard.access import COOKIE, AccessControl
 from hub.dashboard.application import application
 from hub.dashboard.commands import DashboardRun, _access, _teach_lines
 from hub.dashboard.serving import NO_RIGHT, _teach_page
-from hub.dashboard.teach_data import action_of, lesson_server_data, plan_of
+from hub.dashboard.teach_data import action_of, corrections_of, lesson_server_data, plan_of, unwanted_of
 from hub.dashboard.teach_routes import OFF, TeachPage
 from hub.scene_state import SceneState
 from hub.teaching.interface import Action, Step
 from hub.teaching.lesson_server import PageLesson
 from hub.teaching.page_interface import PageInterface
+from hub.teaching.page_memory import Missed, WantedCorrections
 
 TOKEN = "a-word-of-sixteen-and-more"  # noqa: S105 - a test
 BEARER = {"authorization": f"Bearer {TOKEN}"}
-POSTS, TRACKS = ("start", "press", "stop", "correct", "enter"), ("now/cam1", "take/cam1/wave/1")
+POSTS, TRACKS = ("start", "press", "stop", "correct", "forget", "enter"), ("now/cam1", "take/cam1/wave/1")
 PAGE = ("GET", "/teach", {})
 PLAN = {"labels": ["wave", "clap"], "takes": 3, "minutes": 1, "person": "anna"}
 
@@ -33,11 +34,12 @@ class FakeLessonServer:
     def __init__(self, scene):
         self.scene, self.version, self.silent, self.scene_state = scene, 7, frozenset(), SceneState("interface")
         self.lesson, self.plans, self.pressed, self.stopped, self.looks = None, [], [], [], 0
-        self.verdicts, self.corrected = [], []
+        self.verdicts, self.corrected, self.forgotten = [], [], []
         reply = TeachReply(
             state="learned", pictures=True, visible=True, takes={"nod": [1, 2], "ok": [1]}, other_s=61.2, labels=["ok"],
             take=TakeReport(label="nod", take=2, state="kept", seconds=1.44),
             learned=LearnedReport(labels=["ok", "nod"], results={"nod": {"nod": 2}}),
+            persons={"anna": {"nod": 2, "ok": 1, "": 1}},
         )  # fmt: skip
         self.observers = {"cam1": reply, "cam2": None}
 
@@ -55,8 +57,11 @@ class FakeLessonServer:
     def stop(self, lesson):
         self.stopped.append(lesson)
 
-    def correct(self, labels):
-        self.corrected.append(labels)
+    def correct(self, wanted):
+        self.corrected.append(wanted)
+
+    def forget(self, unwanted):
+        self.forgotten.append(unwanted)
 
     def now(self, observer):
         if observer != "cam1":
@@ -96,10 +101,12 @@ def test_a_lesson_is_begun_pressed_and_stopped_by_those_who_have_the_token(lesso
     (plan,) = lesson_server.plans
     assert (plan.labels, plan.takes, plan.background_s, plan.person) == (["wave", "clap"], 3, 60, "anna")
     assert lesson_server.pressed == [("abc", 4, Action("drop", 2))] and lesson_server.stopped == ["abc"]
-    right, wrong = ask(
-        lesson_server, post("correct", {"labels": {"v1": "", "v2": "ok"}}), post("correct", {"labels": ["v1"]})
-    )
-    assert (right.status_code, wrong.status_code, lesson_server.corrected) == (204, 409, [{"v1": "", "v2": "ok"}])
+    correction = {"labels": {"v1": "", "v2": "ok"}, "missed": [{"label": "ok", "ago_s": 4.5}], "person": " anna "}
+    forgetting = ({"person": "anna"}, {"label": "nod"}, {"everything": True})
+    answers = ask(lesson_server, post("correct", correction), *(post("forget", fields) for fields in forgetting))
+    assert {each.status_code for each in answers} == {204}
+    assert lesson_server.corrected == [WantedCorrections({"v1": "", "v2": "ok"}, [Missed("ok", 4.5)], "anna")]
+    assert lesson_server.forgotten == [Unwanted("anna"), Unwanted(label="nod"), Unwanted(everything=True)]
     again, now, unknown, missing, home = ask(
         lesson_server, post("start", PLAN), *(("GET", f"/teach/{path}", {"headers": BEARER})
         for path in ("now/cam1", "now/attic", "take/cam1/wave/3", "home")),
@@ -230,6 +237,32 @@ def test_what_cannot_be_taught_is_one_line(fields, line):
     assert "\n" not in str(refused.value)
 
 
+@pytest.mark.parametrize(
+    ("fields", "line"),
+    [({"labels": ["v1"]}, "labels: what each verdict"), ({"labels": {"v1": 3}}, "labels: what each verdict"),
+     ({"missed": "ok"}, "missed: at most 10"), ({"missed": [{}] * 11}, "at most 10"), ({"missed": [3]}, "missed"),
+     ({"missed": [{"label": "ok", "ago_s": -1}]}, "ago_s: a number from 0 to 3600"),
+     ({"missed": [{"label": "ok", "ago_s": float("nan")}]}, "ago_s"), ({"missed": [{}]}, "a movement: known: ok"),
+     ({"labels": {"v1": "okk"}}, "okk: did you mean ok?"), ({"person": "a\nb"}, "who performs")],
+)  # fmt: skip
+def test_what_cannot_be_corrected_is_one_line(fields, line):
+    with pytest.raises(BadInput, match=re.escape(line)) as refused:
+        corrections_of(fields, ["ok"])
+    assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("fields", "line"),
+    [({}, "One of a person, a movement, and everything"), ({"person": " "}, "One of"),
+     ({"everything": False}, "One of"), ({"everything": "yes"}, "One of"),
+     ({"person": "anna", "label": "ok"}, "One of"), ({"label": ["ok"]}, "One of"),
+     ({"label": "a/b"}, "'a/b': no movement can have this name"), ({"person": "x" * 65}, "at most 64")],
+)  # fmt: skip
+def test_what_is_to_be_forgotten_must_be_one_thing(fields, line):
+    with pytest.raises(BadInput, match=re.escape(line)):
+        unwanted_of(fields)
+
+
 def test_one_movement_can_be_added_and_presses_are_checked():
     assert plan_of({"labels": ["nod"], "add": True}, ["ok"], "t" * 16).add
     for fields in ({}, {"action": "adopt"}, {"action": "drop", "take": -1}, {"action": "drop", "take": "1"}):
@@ -243,6 +276,7 @@ def test_the_state_says_how_observers_and_lesson_stand(lesson_server, make):
     cam1, cam2 = state["observers"]
     assert state["known"] == ["ok"] and state["begun"] == ["nod"] and state["lesson"] is None
     assert cam1["ready"] and cam1["line"] == "sees somebody" and cam1["take"]["seconds"] == 1.4 and cam1["other"] == 61
+    assert cam1["persons"] == {"anna": {"nod": 2, "ok": 1, "": 1}} and state["remembers"]
     assert cam2 == {"name": "cam2", "ready": False, "line": "does not run", "picture": False}
     began = (make.NOON - make.SECOND) // 10**6
     assert state["said"] == [

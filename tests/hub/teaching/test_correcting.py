@@ -55,7 +55,7 @@ class Observer:
         return TeachReply(
             state="learned" if self.learned else "idle", fault=fault, pictures=True, takes=self.takes,
             labels=self.labels, learned=self.learned, corrected=corrected, forgotten=forgotten,
-            persons=list(self.people),
+            persons={name: dict.fromkeys(labels, 1) for name, labels in self.people.items()},
         )  # fmt: skip
 
     def _forget(self, request):

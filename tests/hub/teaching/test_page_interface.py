@@ -2,21 +2,33 @@
 
 import contextlib
 import threading
+import time
 from types import SimpleNamespace
 
 import pytest
 from played_scene import until
 
+from common import SECOND_NS
 from common.config import read_scene
 from common.errors import BadInput
 from common.link import Link
-from common.teaching_messages import CorrectedReport, LearnedReport, ShownTracks, TakeReport, TeachReply, TeachRequest
+from common.teaching_messages import (
+    CorrectedReport,
+    ForgottenReport,
+    LearnedReport,
+    ShownTracks,
+    TakeReport,
+    TeachReply,
+    TeachRequest,
+    Unwanted,
+)
 from common.wire import decode, encode
 from hub.session import SceneUpdate
 from hub.teaching.interface import GO, Action, Step
 from hub.teaching.lesson import LessonPlan
 from hub.teaching.lesson_server import BUSY, LessonServer
 from hub.teaching.page_interface import MOVED_ON, PRESSED, PageInterface
+from hub.teaching.page_memory import NONE_LEFT, Missed, WantedCorrections
 
 
 @pytest.fixture
@@ -90,14 +102,14 @@ class Pupil:
 
     def __init__(self, link, keys, name):
         self.takes, self.labels, self.learned, self.last, self.answers = {}, [], None, None, True
-        self.seats = set()
+        self.seats, self.asked = set(), []
         link.announce(keys.observer_alive(name))
         link.answer_requests(keys.teach(name), self.respond)
 
     def respond(self, payload):
         if not self.answers:
             return None
-        request, tracks, corrected = decode(TeachRequest, payload), None, None
+        request, tracks, corrected, forgotten = decode(TeachRequest, payload), None, None, None
         match request.command:
             case "status":
                 self.seats.add(request.teacher)
@@ -110,6 +122,14 @@ class Pupil:
                 self.learned = LearnedReport(labels=request.labels, results={"wave": {"wave": 2}})
             case "adopt":
                 self.labels, self.learned = self.learned.labels, None
+            case "correct" if request.to_ns == request.from_ns:
+                self.takes[request.label].append(9)
+                self.asked.append(request)
+                times = {"from_ns": request.from_ns, "to_ns": request.to_ns, "seconds": 1.5}
+                corrected = CorrectedReport(id=request.correction, label=request.label, **times)
+            case "forget":
+                self.takes.pop(request.label, None)
+                forgotten = ForgottenReport(takes=2, in_model=request.label in self.labels)
             case "correct":
                 times = {"from_ns": request.from_ns, "to_ns": request.to_ns, "seconds": 1.0}
                 corrected = CorrectedReport(id=request.correction, label=request.label, **times)
@@ -119,6 +139,7 @@ class Pupil:
             TeachReply(
                 state="learned" if self.learned else "idle", pictures=True, visible=True, takes=self.takes,
                 take=self.last, labels=self.labels, learned=self.learned, tracks=tracks, corrected=corrected,
+                forgotten=forgotten, persons={"anna": {}},
             )
         )  # fmt: skip
 
@@ -182,7 +203,9 @@ def test_a_whole_lesson_by_presses_and_a_correction(lesson_server, make):
     press(lesson_server, "go", "learned")
     until(lambda: participant.labels, "it adopts")
     verdict = make.verdict(1, label="clap", ended_ns=make.NOON)
-    fused = SimpleNamespace(labels=("wave", "clap"), now_ns=make.NOON, verdicts=(verdict,), observers=())
+    fused = SimpleNamespace(
+        labels=("wave", "clap"), now_ns=make.NOON, verdicts=(verdict,), observers=(), judgement=None
+    )
     lesson_server.note(SceneUpdate(fused))
     press(lesson_server, "skip", "test")
     until(lambda: lesson_server.lesson.over, "it ends")
@@ -193,13 +216,62 @@ def test_a_whole_lesson_by_presses_and_a_correction(lesson_server, make):
     lesson_server.stop(lesson_server.lesson.id)
     assert lesson_server.lesson is None
     with pytest.raises(BadInput, match="no longer remember"):
-        lesson_server.correct({"v9": "wave"})
-    lesson_server.correct({"v1": "wave"})
+        lesson_server.correct(WantedCorrections({"v9": "wave"}))
+    lesson_server.correct(WantedCorrections({"v1": "wave"}))
     until(lambda: lesson_server.lesson.over, "it has learned from the correction")
     assert (
         lesson_server.lesson.fault == ""
-        and "was wave: kept by cam1 (1.0 s)" in lesson_server.lesson.interface.shown.lines[0].text
+        and "was wave by anna: kept by cam1 (1.0 s)" in lesson_server.lesson.interface.shown.lines[0].text
     )
+
+
+@pytest.fixture
+def taught(lesson_server):
+    """The same; the observer has been taught three movements, which the fusion service judges."""
+    lesson_server, participant = lesson_server
+    participant.labels = ["wave", "clap", "nod"]
+    participant.takes = {"wave": [1, 2], "clap": [1, 2], "nod": [1]}
+    fused = SimpleNamespace(now_ns=0, verdicts=(), observers=(), judgement=None)
+    fused.labels = participant.labels
+    lesson_server.note(SceneUpdate(fused))
+    return lesson_server, participant
+
+
+def lines(lesson_server):
+    until(lambda: lesson_server.lesson.over, lambda: lesson_server.lesson.interface.shown)
+    return [line.text for line in lesson_server.lesson.interface.shown.lines]
+
+
+def test_a_missed_movement_is_shown_before_anybody_learns_from_it(taught):
+    lesson_server, participant = taught
+    for wanted, line in (
+        (WantedCorrections(), "nothing was corrected"),
+        (WantedCorrections(missed=[Missed("wave", 660.0)]), "no longer remember"),
+    ):
+        with pytest.raises(BadInput, match=line):
+            lesson_server.correct(wanted)
+    lesson_server.correct(WantedCorrections(missed=[Missed("wave", 5.0)], person="ben"))
+    until(lambda: lesson_server.lesson.examples, "it is cut out")
+    assert [(each.label, each.takes) for each in lesson_server.lesson.examples] == [("wave", {"cam1": 9})]
+    press(lesson_server, "drop", "examples", 1)
+    assert any("was wave by ben: kept by cam1" in line for line in lines(lesson_server))
+    assert lesson_server.lesson.fault == NONE_LEFT and participant.takes["wave"] == [1, 2]
+    lesson_server.correct(WantedCorrections(missed=[Missed("wave", 5.0)]))
+    press(lesson_server, "go", "examples")
+    assert lines(lesson_server)[-1] == "1 observer and the fusion service recognise wave, clap, nod from now on"
+    (first, second) = participant.asked
+    assert (first.person, second.person) == ("ben", "anna") and participant.takes["wave"] == [1, 2, 9]
+    assert abs(time.time_ns() - 5 * SECOND_NS - second.from_ns) < 60 * SECOND_NS
+
+
+def test_a_movement_is_forgotten_and_observers_that_do_not_run_are_named(taught):
+    lesson_server, participant = taught
+    fused = SimpleNamespace(labels=["wave", "clap"], now_ns=0, verdicts=(), observers=(), judgement=None)
+    lesson_server.note(SceneUpdate(fused))
+    lesson_server.forget(Unwanted(label="nod"))
+    assert "cam1: removed 2 takes; learns anew without it" in lines(lesson_server)
+    assert participant.labels == ["wave", "clap"] and lesson_server.lesson.purpose == "forget"
+    assert lesson_server.lesson.fault == "not forgotten by cam2: no answer; forget it again when it runs"
 
 
 def test_a_lesson_stays_the_teacher_while_it_waits_and_says_why_it_ends(lesson_server):

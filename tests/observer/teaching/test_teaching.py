@@ -345,13 +345,13 @@ def test_a_correction_may_be_repeated_and_corrected(room):
 
 
 def test_a_correction_of_nobody_in_particular_is_by_the_only_person_who_was_taught(room):
-    assert room.ask("status").persons == []
+    assert room.ask("status").persons == {}
     room.pass_s(2.0, moving=True), room.pass_s(5.0)
-    assert correct(room, "home-1", "wave", 6.0, 5.0).persons == ["anna"]
-    assert correct(room, "home-2", "wave", 6.0, 5.0, person="").persons == ["anna"]
+    assert correct(room, "home-1", "wave", 6.0, 5.0).persons == {"anna": {"wave": 1}}
+    assert correct(room, "home-2", "wave", 6.0, 5.0, person="").persons == {"anna": {"wave": 2}}
     reply = correct(room, "home-2", "wave", 6.0, 5.0, person="ben")
-    assert reply.persons == ["anna", "ben"] and reply.takes == {"wave": [1, 3]}, "the last word counts"
-    assert correct(room, "home-3", "", 6.0, 5.0, person="").persons == ["anna", "ben", "someone"]
+    assert list(reply.persons) == ["anna", "ben"] and reply.takes == {"wave": [1, 3]}, "the last word counts"
+    assert correct(room, "home-3", "", 6.0, 5.0, person="").persons["someone"] == {"": 1}
 
 
 def test_what_an_observer_does_not_remember_cannot_be_corrected(room):
