@@ -36,7 +36,7 @@ class WantedCorrections:
 
 
 @dataclass(frozen=True, slots=True)
-class Example:
+class MissedExample:
     """What was cut out for a movement that was missed: the number of the take on each observer that has one."""
 
     label: str
@@ -73,7 +73,7 @@ def corrections_of(
     )
 
 
-def learn_from(participants: Participants, task: MemoryTask, examples: list[Example]) -> None:
+def learn_from(participants: Participants, task: MemoryTask, examples: list[MissedExample]) -> None:
     """Make examples, show those of missed movements in `examples`, and learn. Raises LabanmeshError if none is left."""
     made: dict[str, int] = {}
     for correction in task.of_verdicts:
@@ -85,7 +85,9 @@ def learn_from(participants: Participants, task: MemoryTask, examples: list[Exam
                 name: numbers - before.get(name, set())
                 for name, numbers in _numbers(participants, correction.label).items()
             }
-            examples.append(Example(correction.label, {name: max(numbers) for name, numbers in new.items() if numbers}))
+            examples.append(
+                MissedExample(correction.label, {name: max(numbers) for name, numbers in new.items() if numbers})
+            )
     _let_choose(participants, examples)
     for example in examples:
         _count(made, example.takes)
@@ -94,7 +96,7 @@ def learn_from(participants: Participants, task: MemoryTask, examples: list[Exam
     learn_corrections(participants, [name for name, count in made.items() if count])
 
 
-def _let_choose(participants: Participants, examples: list[Example]) -> None:
+def _let_choose(participants: Participants, examples: list[MissedExample]) -> None:
     """Wait until somebody goes on; those that are dropped leave the observers' disks and `examples`."""
     try:
         while examples:
@@ -110,7 +112,7 @@ def _let_choose(participants: Participants, examples: list[Example]) -> None:
         raise
 
 
-def _drop(participants: Participants, example: Example) -> None:
+def _drop(participants: Participants, example: MissedExample) -> None:
     for name, number in example.takes.items():
         participants.request_of("drop", [name], label=example.label, take=number)
 
