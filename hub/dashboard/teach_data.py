@@ -199,7 +199,9 @@ def _news(lesson: "PageLesson") -> list[str]:
     if lesson.over:
         return [line.text for line in lines[-NEWS_SHOWN:]] if lesson.fault and not lesson.stopped else []
     if step.kind in TAKE_STEPS and step.kind != "waiting" and step.label and not step.is_test:
-        newest = [line.text for line in lines if line.kind in TAKE_STEPS and not line.is_test][-2 * NEWS_SHOWN :]
+        # How the takes begin is the stage's to say.
+        takes = [line for line in lines if line.kind in TAKE_STEPS and not line.is_test]
+        newest = [line.text for line in takes if not line.text.endswith(" to begin")][-2 * NEWS_SHOWN :]
         begins = [n for n, text in enumerate(newest) if text.startswith(f"{step.label} ")]
         return newest[begins[-1] if begins else 0 :][-NEWS_SHOWN:]
     return [line.text for line in lines if line.kind == step.kind and step.kind in ("learning", "other")][-NEWS_SHOWN:]

@@ -30,7 +30,7 @@ from hub.teaching.interface import Action, Answers
 from hub.teaching.lesson import Lesson, LessonPlan
 from hub.teaching.moments import fusion_ns
 from hub.teaching.page_interface import MOVED_ON, PageInterface
-from hub.teaching.page_memory import MissedExample, MemoryTask, WantedCorrections, corrections_of, learn_from
+from hub.teaching.page_memory import MemoryTask, MissedExample, WantedCorrections, corrections_of, learn_from
 from hub.teaching.participants import Participants
 from hub.teaching.teaching_client import TeachingClient
 from hub.teaching.verdicts import newly_decided

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 from common.errors import BadInput
 from hub.teaching.interface import GO, Action, ActionKind, Step, StepKind
+from hub.teaching.wording import on_a_page
 
 LINES_LIMIT = 200
 WAITING_ACTIONS: dict[StepKind, tuple[ActionKind, ...]] = {
@@ -87,7 +88,7 @@ class PageInterface:
     def say(self, line: str) -> None:
         """Add a line."""
         step = self._shown.step
-        lines = (*self._shown.lines, Line(line, step.kind, step.is_test))[-LINES_LIMIT:]
+        lines = (*self._shown.lines, Line(on_a_page(line), step.kind, step.is_test))[-LINES_LIMIT:]
         self._set(replace(self._shown, lines=lines))
 
     def show(self, step: Step) -> None:

@@ -104,7 +104,9 @@ def _let_choose(participants: Participants, examples: list[MissedExample]) -> No
             if action.kind != "drop":
                 return
             if 1 <= action.take <= len(examples):
-                _drop(participants, examples.pop(action.take - 1))
+                example = examples.pop(action.take - 1)
+                _drop(participants, example)
+                participants.interface.say(f"that was not {example.label}: dropped")
     except KeyboardInterrupt:
         # Nobody has said that these are the movement.
         while examples:

@@ -16,6 +16,8 @@ TYPED = {
     "the same command goes on": "Go on continues",
     "the lines above say why; give the command again": "the lines below say why; forget it again then",
     "give the command again when it runs": "forget it again when it runs",
+    "; or press a key": "",
+    "? r makes it again": "? If not, make it again",
 }
 """Ways out in a terminal, and what they are on a page."""
 NO_RIGHT = (

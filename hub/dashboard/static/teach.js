@@ -210,7 +210,7 @@ $("resume").addEventListener("click", () => send("teach/start", plan(state.begun
 const STAGES = {
   look: (lesson) => lesson.purpose === "forget" ? [make("div", "spin"), ...stage("", "The cameras forget", "They remove it, and learn anew from what is left.")]
     : lesson.purpose === "correct" ? [make("div", "spin"), ...stage("", "The cameras look", "Each cuts it out of what it remembers.")] : stage("", "One moment", "Looking for the cameras."),
-  examples: (lesson) => stage("", lesson.examples.length === 1 ? `Is this ${words(lesson.examples[0].label)}?` : "Is it these?", "The cameras have cut out what moved nearest to that time. The lines show the way of the hands."),
+  examples: (lesson) => stage("", lesson.examples.length === 1 ? `Is this ${words(lesson.examples[0].label)}?` : "Is it these?", "The cameras have cut out what moved nearest to that time. The lines show the way of the hands, green the right one and blue the left."),
   ready: (lesson, step) => step.label
     ? stage("", words(step.label), step.number ? `${step.number} of ${step.of} takes are done.` : "", `After 3, 2, 1 do it once, then stand still. ${count(step.of - step.number, "time")} in all. Put the phone where you see it, and stand where the cameras see head and hands.`)
     : stage("", "Ordinary life", `For ${minutes(step.left)} do whatever you like except the movements: sit down, walk through, reach for things, scratch your head. It learns what is no movement.`),
@@ -220,7 +220,7 @@ const STAGES = {
   between: (lesson, step) => step.test ? [which(step), make("p", "title-line", step.kind === "kept" ? "Recognised" : "Not recognised")] : afterTake(lesson, step),
   doubt: (lesson, step) => stage("", `${words(step.label)}: one take looks odd`, "It looks more like another movement; the lines below say which one. Is it worth another take?"),
   alarms: (lesson, step) => stage("", step.number ? count(step.number, "false alarm") : "No false alarm yet", "Do anything but the movements. Whatever it recognises now is a false alarm.", `${minutes(step.left)} to go`),
-  review: (lesson, step) => stage("", `${words(step.label)}: ${count(step.number, "take")}`, "Delete what went wrong. The lines show the way of the hands: they should look alike."),
+  review: (lesson, step) => stage("", `${words(step.label)}: ${count(step.number, "take")}`, "Delete what went wrong. The lines show the way of the hands, green the right one and blue the left: they should look alike."),
   other: (lesson, step) => {
     const bar = make("progress");
     bar.max = Math.max(1, step.of); bar.value = step.of - step.left;
@@ -475,6 +475,7 @@ function showCorrections(possible) {
   $("corrections").hidden = !possible || !state.remembers || state.known.length === 0;
   wrong = new Map([...wrong].filter(([id]) => said.some((each) => each.id === id)));
   part($("said"), [said, state.known, [...wrong], opened, missed], () => [...missed.map(missedLine), ...said.map(verdictLine)]);
+  put($("said-what"), said.length ? "These are the verdicts of the last minutes. Say what it really was, and the cameras learn from it." : "It has recognised nothing in the last minutes.");
   part($("missing"), [state.known, pressed, moment], missing);
   showPersons(count_() > 0);
   $("learn-again").hidden = count_() === 0;
@@ -542,7 +543,7 @@ function showForgetting(possible) {
   $("forgetting").hidden = !possible;
   if (!possible) unwanted = null;
   const choice = (fields, text, name) => {
-    const node = button(text, () => { unwanted = fields; show(); $("sure").scrollIntoView({ block: "nearest" }); });
+    const node = button(text, () => { complain(""); unwanted = fields; show(); $("sure").scrollIntoView({ block: "nearest" }); });
     node.setAttribute("aria-label", name);
     return node;
   };
@@ -550,6 +551,7 @@ function showForgetting(possible) {
     ...(labels.length ? [make("h3", "", "A movement, in the takes of everybody"), chips(labels.map((label) => choice({ label }, words(label), `Forget the movement ${words(label)}`)))] : []),
     ...(persons.length ? [make("h3", "", "A person, with all their takes"), chips(persons.map((person) => choice({ person }, person === "someone" ? "someone without a name" : person, `Forget the person ${person}`)))] : []),
     choice({ everything: true }, "Everything that was taught", "Forget everything that was taught")]);
+  $("forget-choice").hidden = Boolean(unwanted);
   $("sure").hidden = !unwanted;
   part($("sure"), unwanted && [unwanted, state.known, state.observers.map((each) => [each.name, each.takes, each.persons, each.other, each.state === undefined])], () => unwanted ? sure() : []);
 }
