@@ -7,6 +7,8 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 Surprise = NDArray[np.int64]
+SMALLEST = 1e-300
+"""Stands for 0 in a logarithm and a divisor: a zero stays an almost absolute veto, and two of them give no NaN."""
 
 SURPRISE_UNIT = 8.0
 """Surprise is -8 ln P: one unit is a factor of 0.88, precise enough to be multiplied."""
@@ -39,10 +41,9 @@ def entropy_bits(p: Floats) -> Floats:
 
     Round-off below zero is cut off and the result is never -0.0, because 1/H is used as a weight.
     """
-    safe = np.where(p > 0, p, 1.0)
-    h = -(safe * np.log2(safe)).sum(axis=-1)
-    # np.maximum(-0.0, 0.0) may keep the sign; adding 0.0 clears it.
-    result: Floats = np.minimum(np.maximum(h, 0.0), math.log2(p.shape[-1])) + 0.0
+    # Subtracted from 0.0, because the negative of a sum of 0.0 is -0.0.
+    h = 0.0 - np.add.reduce(p * np.log2(np.maximum(p, SMALLEST)), axis=-1)
+    result: Floats = np.minimum(np.maximum(h, 0.0), math.log2(p.shape[-1]))
     return result
 
 

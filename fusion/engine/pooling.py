@@ -20,8 +20,8 @@ import numpy as np
 from common import SECOND_NS
 from common.probability import Floats, decode_facing, temper, uniform
 from fusion.engine.roster import POOLED_STATES, AgedPosterior
-from fusion.engine.rules import Rule, RuleResult
-from fusion.engine.strengths import ObserverTrust
+from fusion.engine.rules import Rule
+from fusion.engine.strengths import ObserverTrust, RuleResult
 
 FACING = "facing"
 FACETS_LIMIT = 32
@@ -156,6 +156,8 @@ def facing_deg(facing: Floats) -> float:
 
 def _pool_rows(rule: Rule, rows: Floats, prior: Floats, trust: ObserverTrust) -> RuleResult:
     """Pool without facing; p and weights have the leading axes of `rows`."""
+    if rule.pool_movements is not None and rows.ndim == 2:
+        return rule.pool_movements(rows, prior, trust)
     if rule.weigh is None or rule.mix is None:
         return rule.pool(rows, prior)
     weighed = rule.weigh(rows, prior, trust)

@@ -18,10 +18,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from common.errors import BadInput
-from common.probability import Floats, entropy_bits, softmax
+from common.probability import SMALLEST, Floats, entropy_bits, softmax
 from common.text import nearest
-from fusion.engine.guarded_product import guarded_strengths
-from fusion.engine.strengths import ENTROPY_FLOOR_BITS, SMALLEST, ObserverTrust, Strengths, strengths
+from fusion.engine.guarded_product import guarded_pool, guarded_strengths
+from fusion.engine.strengths import ENTROPY_FLOOR_BITS, ObserverTrust, RuleResult, Strengths, strengths
 
 ROBUSTNESS = 0.05
 """eps of (1-eps) p + eps prior in robust_product and median: how often an observer may be plainly wrong."""
@@ -29,18 +29,12 @@ UNSURE_BITS = 10_000.0
 """The entropy that Misra et al. give to a stream beyond the threshold, so that it hardly counts."""
 
 
-@dataclass(frozen=True, slots=True)
-class RuleResult:
-    """The pooled p (M,), or (R, K) of a joint posterior; weights (N,), summing to 1, equal if a rule has none."""
-
-    p: Floats
-    weights: Floats
-
-
 Weigh = Callable[[Floats, Floats, ObserverTrust], Strengths]
 """p (N, M), prior (M,), trust -> strengths."""
 Mix = Callable[[Floats, Floats, Strengths], Floats]
 """cells (N, M, K), summing to 1 per observer, prior (M,), strengths -> (M, K)."""
+PoolMovements = Callable[[Floats, Floats, ObserverTrust], RuleResult]
+"""p (N, M), prior (M,), trust -> the pooled p (M,) and weights (N,): both steps at once."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +43,7 @@ class Rule:
 
     most_observers: limit of the method; None for any number. weigh, mix: the two steps, for posteriors over more than
     movements; None if the rule cannot be split. batched: whether both take leading axes, so that many scenes are pooled
-    at once.
+    at once. pool_movements: both steps of one scene's movements, if there is a faster way than one after the other.
     """
 
     name: str
@@ -58,16 +52,27 @@ class Rule:
     weigh: Weigh | None = None
     mix: Mix | None = None
     batched: bool = False
+    pool_movements: PoolMovements | None = None
 
 
-def two_step_rule(name: str, weigh: Weigh, mix: Mix, most_observers: int | None = None, batched: bool = False) -> Rule:
+def two_step_rule(
+    name: str,
+    weigh: Weigh,
+    mix: Mix,
+    most_observers: int | None = None,
+    batched: bool = False,
+    pool_movements: PoolMovements | None = None,
+) -> Rule:
     """The rule that weighs and then mixes."""
 
     def pool(p: Floats, prior: Floats) -> RuleResult:
-        weighed = weigh(p, prior, ObserverTrust.unknown(len(p)))
+        trust = ObserverTrust.unknown(len(p))
+        if pool_movements is not None:
+            return pool_movements(p, prior, trust)
+        weighed = weigh(p, prior, trust)
         return RuleResult(mix(p[:, :, None], prior, weighed)[:, 0], weighed.shares)
 
-    return Rule(name, pool, most_observers, weigh, mix, batched)
+    return Rule(name, pool, most_observers, weigh, mix, batched, pool_movements)
 
 
 # Weights
@@ -224,7 +229,9 @@ def _safe_log(p: Floats) -> Floats:
 RULES = {
     rule.name: rule
     for rule in (
-        two_step_rule("guarded_product", guarded_strengths, averaged_log_mix, batched=True),
+        two_step_rule(
+            "guarded_product", guarded_strengths, averaged_log_mix, batched=True, pool_movements=guarded_pool
+        ),
         two_step_rule("robust_inverse_entropy", strengths, log_mix, batched=True),
         two_step_rule("inverse_entropy", by_entropy(inverse_entropy), linear_mix),
         two_step_rule("iest", by_entropy(inverse_entropy_static_threshold), linear_mix),

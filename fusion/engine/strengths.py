@@ -27,7 +27,7 @@ from functools import cache
 
 import numpy as np
 
-from common.probability import Floats
+from common.probability import SMALLEST, Floats
 
 PARTICIPATION_BITS = 0.05
 """An observer participates fully from this divergence from the prior, below it in proportion."""
@@ -46,10 +46,10 @@ SIMILARITY_SCALE = 0.05
 UNCERTAIN_MASS = 0.03
 """Two observers are certain if their mean posterior leaves less than this to all labels but one."""
 LOG_FLOOR = 0.01
+LEAST_SIZE = 1e-9
+"""An observer whose logs are smaller together knows nothing."""
 ENTROPY_FLOOR_BITS = 0.01
 """A one-hot posterior has entropy 0 and would weigh infinitely; no observer counts as surer than this."""
-SMALLEST = 1e-300
-"""Stands for 0 in a logarithm and a divisor: a zero stays an almost absolute veto, and two of them give no NaN."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,11 +58,14 @@ class ObserverTrust:
 
     trust: Floats
     correlations: Floats
+    has_correlations: bool = True
+    """False: all are 0."""
 
     @staticmethod
+    @cache
     def unknown(size: int) -> "ObserverTrust":
         """Full trust and no correlation, for `size` observers."""
-        return ObserverTrust(np.ones(size), np.zeros((size, size)))
+        return ObserverTrust(np.ones(size), np.zeros((size, size)), has_correlations=False)
 
     @staticmethod
     def stack(scenes: Sequence["ObserverTrust"]) -> "ObserverTrust":
@@ -72,6 +75,14 @@ class ObserverTrust:
     def subset(self, places: Sequence[int]) -> "ObserverTrust":
         """The observers at these places, of one scene."""
         return ObserverTrust(self.trust[list(places)], self.correlations[np.ix_(places, places)])
+
+
+@dataclass(frozen=True, slots=True)
+class RuleResult:
+    """The pooled p (M,), or (R, K) of a joint posterior; weights (N,), summing to 1, equal if a rule has none."""
+
+    p: Floats
+    weights: Floats
 
 
 @dataclass(frozen=True, slots=True)
@@ -162,8 +173,8 @@ def _bayes_factor(ratio: Floats, prior: Floats, w: Floats, rho: Floats) -> Float
 
 def uncertainty(p: Floats) -> Floats:
     """(..., N, N): falls from 1 to 0 for two that are certain of the same, because that does not show correlation."""
-    mean_top = np.maximum.reduce((p[..., :, None, :] + p[..., None, :, :]) / 2, axis=-1)
-    result: Floats = np.minimum((1.0 - mean_top) / UNCERTAIN_MASS, 1.0)
+    top = np.maximum.reduce(p[..., :, None, :] + p[..., None, :, :], axis=-1)
+    result: Floats = np.minimum((1.0 - top / 2) / UNCERTAIN_MASS, 1.0)
     return result
 
 
@@ -181,9 +192,10 @@ def log_distance(ratio: Floats) -> Floats:
     logs = np.log((1.0 - LOG_FLOOR) * ratio + LOG_FLOOR)
     sizes = sum_last(np.abs(logs))
     mean_size = (sizes[..., :, None] + sizes[..., None, :]) / 2
-    distance = sum_last(np.abs(logs[..., :, None, :] - logs[..., None, :, :]))
+    difference = logs[..., :, None, :] - logs[..., None, :, :]
+    distance = sum_last(np.abs(difference, out=difference))
     # Two observers that know nothing are not correlated.
-    return np.where(mean_size > 1e-9, distance / np.maximum(mean_size, 1e-9), 1.0)
+    return np.where(mean_size > LEAST_SIZE, distance / np.maximum(mean_size, LEAST_SIZE), 1.0)
 
 
 @cache

@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from common.probability import normalise, uniform
-from fusion.engine.guarded_product import BETA, EPSILON, FAULT_PROBABILITY, GAMMA, guarded_strengths
+from fusion.engine.guarded_product import BETA, EPSILON, FAULT_PROBABILITY, GAMMA, guarded_pool, guarded_strengths
 from fusion.engine.rules import DEFAULT_RULE, RULES
-from fusion.engine.strengths import ObserverTrust
+from fusion.engine.strengths import ObserverTrust, off_diagonal
 
 RULE = RULES["guarded_product"]
 HONEST = np.array([[0.7, 0.1, 0.1, 0.1], [0.6, 0.2, 0.05, 0.15], [0.55, 0.1, 0.2, 0.15], [0.5, 0.15, 0.15, 0.2]])
@@ -17,11 +17,16 @@ LIAR = np.array([0.01, 0.01, 0.97, 0.01])
 
 
 def pool(p, prior=None, trust=None):
-    """The pooled posterior."""
+    """The pooled posterior, by the fast form, which is compared with the plain one."""
     p = np.asarray(p, dtype=float)
     prior = uniform(p.shape[1]) if prior is None else np.asarray(prior)
-    weighed = RULE.weigh(p, prior, trust or ObserverTrust.unknown(len(p)))
-    return RULE.mix(p[:, :, None], prior, weighed)[:, 0]
+    trust = trust or ObserverTrust.unknown(len(p))
+    plain, fast = RULE.weigh(p, prior, trust), guarded_pool(p, prior, trust)
+    # The sums of many observers that contradict one another are long, and round off more.
+    round_off = 1e-12 * max(len(p) / 4, 1)
+    assert np.abs(fast.p - RULE.mix(p[:, :, None], prior, plain)[:, 0]).max() < round_off
+    assert np.abs(fast.weights - plain.shares).max() < round_off
+    return fast.p
 
 
 def weighed(p, trust=None):
@@ -79,6 +84,27 @@ def test_it_is_the_average_over_which_observer_is_wrong(observers, labels, seed)
                 unsure = min((1 - (p[i] + p[j]).max() / 2) / 0.03, 1)
                 rho[i, j] = rho[j, i] = max(rho[i, j], np.exp(-distance / 0.05) * unsure)
         assert pool(p, prior, ObserverTrust(trust, rho)) == pytest.approx(oracle(p, prior, trust, rho))
+
+
+ROWS = st.sampled_from([
+    [1.0, 0.0, 0.0, 0.0], [0.0, 1.0000000000000002, -0.0, 0.0], [0.25] * 4, [0.25 + 1e-10, 0.25 - 1e-10, 0.25, 0.25],
+    [1 - 3e-16, 1e-16, 1e-16, 1e-16], [0.97, 0.01, 0.01, 0.01], [0.4, 0.3, 0.2, 0.1], [0.4, 0.3, 0.1, 0.2],
+    [5e-324, 0.0, 0.0, 1.0],
+])  # fmt: skip
+ROWS |= arrays(np.float64, 4, elements=st.floats(0, 1)).map(normalise).map(list)
+TRUSTS = st.none() | st.tuples(st.sampled_from([0.1, 0.5, 1.0]), st.sampled_from([0.0, 0.05, 1.0]))
+
+
+@given(st.lists(ROWS, min_size=1, max_size=6), st.sampled_from([1, 16]), TRUSTS, st.integers(0, 3))
+def test_the_fast_form_gives_what_the_plain_one_gives(rows, copies, known, skew):
+    """Also for certainties, round-off, observers at the prior and next to it, one observer and many."""
+    p = np.array(rows * copies)
+    prior, trust = normalise(uniform(4) + 0.1 * skew * np.arange(4)), None
+    if known is not None:
+        trust = ObserverTrust(
+            np.linspace(known[0], 1, len(p)), np.full((len(p), len(p)), known[1]) * off_diagonal(len(p))
+        )
+    assert pool(p, prior, trust).sum() == pytest.approx(1)
 
 
 @given(posteriors(2, 0.01))
