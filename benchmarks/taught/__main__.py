@@ -33,6 +33,13 @@ class Row(StrEnum):
     LIFE = "life"
 
 
+class People(StrEnum):
+    """Whose movements: gestures (MSR Action3D), or whole-body movements (nw_ucla)."""
+
+    MSR = "msr"
+    NW_UCLA = "nw_ucla"
+
+
 @dataclass(frozen=True, slots=True)
 class TaughtOptions:
     """As typed on the command line."""
@@ -40,7 +47,8 @@ class TaughtOptions:
     row: Annotated[Row, typer.Argument(help="What is measured.")]
     model: Annotated[str, typer.Option(help="The kind of model.")] = DEFAULT_MODEL
     parameter: Annotated[list[str] | None, typer.Option(help="NAME=NUMBER of the model; may be repeated.")] = None
-    data: Annotated[str, typer.Option(help="few-takes: msr or nw_ucla.")] = "msr"
+    data: Annotated[People, typer.Option(help="few-takes, corrections: the recordings.")] = People.MSR
+    people: Annotated[str, typer.Option(help="corrections: households of these people, e.g. 1,3,5.")] = ""
     life: Annotated[bool, typer.Option("--life", help="few-takes: learn storytelling as something else.")] = False
     draws: Annotated[
         int, typer.Option(min=1, help="few-takes, corrections, life: how many people with their movements.")
@@ -77,12 +85,11 @@ def taught(options: TaughtOptions) -> None:
     if options.row is Row.CORRECTIONS:
         with ProgressBar() as bar:
             models = TaughtModels(options.model, parameters)
-            lines = corrections.rows(
-                data, models, options.draws, options.seed, options.jobs, lambda done, all_: bar("draws", done, all_)
-            )
-            print("\n".join(lines))
+            people = options.people.split(",") if options.people else []
+            homes = corrections.Draws(options.data.value, people, options.draws, options.seed)
+            print("\n".join(corrections.rows(data, models, homes, options.jobs, partial(bar, "draws"))))
         return
-    room = (few_takes.msr_room if options.data == "msr" else few_takes.nw_ucla_room)(data)
+    room = (few_takes.msr_room if options.data is People.MSR else few_takes.nw_ucla_room)(data)
     learned_life = few_takes.life_in(room, data) if options.life and options.row is Row.FEW_TAKES else {}
     teaching, seeds = TaughtModels(options.model, parameters, learned_life), (options.draws, options.seed, options.jobs)
     with ProgressBar() as bar:

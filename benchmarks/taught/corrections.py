@@ -1,11 +1,13 @@
 """Ten corrections: somebody teaches a few takes, and what is named wrongly or missed later is corrected.
 
-1. One person teaches some movements with two takes each, all that MSR Action3D leaves for it.
+1. One person teaches some movements with two takes each, all that MSR Action3D leaves for it. Or, of other people than
+   those with whom all this was settled, whole-body movements (nw_ucla).
 2. Evenings: this person and another one do these and other movements, each of their first two takes once, and then
    again in another tempo. The first ten wrong or missed verdicts are corrected as `labanmesh teach --was` does: each
    camera cuts its example out of the tracks that it remembers, by the time of the verdict, or of a missed movement by
    the moment that the person names. All cameras learn anew after each evening.
-3. The third takes of both people are judged before and after. None of them was learned or corrected.
+3. The third takes of both people (of nw_ucla the fourth too) are judged before and after. None of them was learned or
+   corrected.
 """
 
 from collections import Counter
@@ -17,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.taught.few_takes import RecordedRoom, life_in, msr_room, streams_of
+from benchmarks.taught.few_takes import RecordedRoom, life_in, msr_room, nw_ucla_room, streams_of
 from benchmarks.taught.judging import TaughtModels, verdicts_on
 from common import SECOND_NS
 from common.errors import BadInput
@@ -37,11 +39,12 @@ CORRECTIONS = 10
 TEMPI = (1.0, 0.8, 1.25)
 """If there were fewer errors, the same takes are done again, slower and then faster."""
 TAUGHT_TAKES = 2
+LATER_TAKES = 2
 LABELS, UNLEARNED = 4, 8
-"""Movements that are taught, and others that are done."""
+"""Movements that are taught, and others that are done, or as many as there are."""
 LIFE_S = 120.0
-PEOPLE = ("2", "4", "6", "8", "10")
-"""The figures are of these people; ways of learning were chosen with the others."""
+PEOPLE = {"msr": ("2", "4", "6", "8", "10"), "nw_ucla": ("1", "2", "3", "4", "5", "6")}
+"""The figures are of these people; ways of learning were chosen with the others of MSR Action3D."""
 NEAR_S = 0.5
 """A verdict this near to a performance is about it."""
 
@@ -104,9 +107,12 @@ class Corrected:
     failed: int
 
 
-def one_camera(data: Path) -> RecordedRoom:
-    """MSR Action3D as the first camera of the room sees it."""
-    room = msr_room(data)
+ROOMS = {"msr": msr_room, "nw_ucla": nw_ucla_room}
+
+
+def one_camera(data: Path, name: str = "msr") -> RecordedRoom:
+    """MSR Action3D, or nw_ucla, as the first camera of the room sees it."""
+    room = ROOMS[name](data)
     name = next(iter(room.views))
     return replace(room, space={name: room.space[name]}, views={name: room.views[name]})
 
@@ -126,10 +132,11 @@ def households(room: RecordedRoom, people: Sequence[str], count: int, seed: int)
     rng = np.random.default_rng(seed)
     first = next(iter(room.space.values()))
     counts = Counter((r.subject, r.label) for r in first.recordings)
+    needed = min(LABELS + UNLEARNED, len(labels_of(first)))
     result: list[Household] = []
     for n in range(count):
         enough: list[str] = []
-        while len(enough) < LABELS + UNLEARNED:
+        while len(enough) < needed:
             chosen = [people[k] for k in rng.permutation(len(people))[:2]]
             enough = [label for label in labels_of(first) if all(counts[s, label] > TAUGHT_TAKES for s in chosen)]
         labels = tuple(enough[k] for k in rng.permutation(len(enough)))
@@ -237,8 +244,8 @@ def learned(
 
 def judge_household(home: Household, room: RecordedRoom, teaching: TaughtModels, learn: Learn = learned) -> Corrected:
     """Teach, play, correct and learn anew, and judge what comes later. learn: from takes and examples by camera."""
-    trials = sorted({r.trial for r in next(iter(room.space.values())).recordings})
-    early, late = trials[:TAUGHT_TAKES], trials[TAUGHT_TAKES:]
+    trials = sorted({r.trial for r in next(iter(room.space.values())).recordings}, key=int)
+    early, late = trials[:TAUGHT_TAKES], trials[TAUGHT_TAKES : TAUGHT_TAKES + LATER_TAKES]
     people, every = (home.teacher, home.other), (*home.labels, *home.unlearned)
     taught = room.seen({name: _takes(a, home.teacher, home.labels, early) for name, a in room.space.items()})
     examples: dict[str, list[Recording]] = {name: [] for name in taught}
@@ -263,11 +270,21 @@ def _takes(archive: MotionArchive, subject: str, labels: Sequence[str], takes: S
     return [r for r in archive.recordings if r.subject == subject and r.label in labels and r.trial in takes]
 
 
-def rows(data: Path, teaching: TaughtModels, count: int, seed: int, jobs: int, progress: Progress) -> Iterator[str]:
+@dataclass(frozen=True, slots=True)
+class Draws:
+    """So many households of these people (none: as in PEOPLE) out of `recordings`, a name in ROOMS."""
+
+    recordings: str
+    people: Sequence[str]
+    count: int
+    seed: int
+
+
+def rows(data: Path, teaching: TaughtModels, draws: Draws, jobs: int, progress: Progress) -> Iterator[str]:
     """A line for each household, and one for all."""
-    room = one_camera(data)
+    room = one_camera(data, draws.recordings)
     teaching = replace(teaching, life=ordinary_life(room, data))
-    homes = households(room, PEOPLE, count, seed)
+    homes = households(room, draws.people or PEOPLE[draws.recordings], draws.count, draws.seed)
     results = run_parts(partial(judge_household, room=room, teaching=teaching), homes, jobs or cores(), progress)
     for one in results:
         home = one.household

@@ -45,11 +45,13 @@ class Discriminative(LearnsStreams):
     kind: ClassVar[str] = "discriminative"
     FEWER_PARTS: ClassVar[bool] = False
     # kernels: features of the segment classifier. inverse_penalty: of all regressions, for segments and for trailing
-    # windows. Chosen by leaving out training people (docs/design/model.md).
+    # windows. Chosen by leaving out training people (docs/design/model.md). seed: of the kernels and of the blends that
+    # are drawn at random, to find out how much of a difference is chance.
     PARAMETERS: ClassVar[Mapping[str, Parameter]] = {
         "kernels": Parameter(2500.0, ParameterRange(84, 20_000, whole=True)),
         "inverse_penalty": Parameter(0.01, POSITIVE),
         "trailing_penalty": Parameter(0.005, POSITIVE),
+        "seed": Parameter(0.0, ParameterRange(0.0, whole=True), earlier=0.0),
         "facings": FACINGS,
         **SCALING,
     }

@@ -88,13 +88,13 @@ class SegmentTable:
     example_of: Whole
 
     @classmethod
-    def of(cls, examples: Sequence[Example], traces: Sequence[Floats32], kernels: int) -> Self:
-        """From the examples and their traces (F, 2 P + 3)."""
+    def of(cls, examples: Sequence[Example], traces: Sequence[Floats32], kernels: int, seed: int = 0) -> Self:
+        """From the examples and their traces (F, 2 P + 3). seed: of the kernels."""
         own = [n for n, example in enumerate(examples) if example.movement >= 0]
         cuts = [traces[n][: max(round(f * len(traces[n])), 1)] for n in own for f in FRACTIONS]
         windows = np.array([segment_window(cut, LENGTH) for cut in cuts])
         sums = places_and_differences(windows.shape[1] // 2)
-        rocket = MiniRocket.learn(windows[len(FRACTIONS) - 1 :: len(FRACTIONS)], kernels, seed=0, sums=sums)
+        rocket = MiniRocket.learn(windows[len(FRACTIONS) - 1 :: len(FRACTIONS)], kernels, seed, sums)
         return cls(
             rocket,
             _with_length(rocket.transform(windows), np.array([len(cut) for cut in cuts])),

@@ -62,14 +62,14 @@ class TrainingTable:
         self.longest, self.least_extents = max(own), _least_extents(examples, traces, header)
         self._few = max(1.0, ENOUGH_EXAMPLES / len(own))
         windows = Windows.of(header.rate_hz, float(np.median(own)) / header.rate_hz)
-        self.trailing = TrailingFeatures.learn(windows, header.rate_hz, [*traces, *traces_of_streams])
-        movements = header.vocabulary.size
-        self._rows = [*rows_of_examples(examples, traces, movements, header.rate_hz)]
+        seed, movements = int(header.parameters["seed"]), header.vocabulary.size
+        self.trailing = TrailingFeatures.learn(windows, header.rate_hz, [*traces, *traces_of_streams], seed)
+        self._rows = [*rows_of_examples(examples, traces, movements, header.rate_hz, seed)]
         self._of_streams = [*rows_of_streams(streams, traces_of_streams, movements, header.rate_hz)]
         rows = [*self._rows, *self._of_streams]
         self._features = np.concatenate([self.trailing.of(r.trace, r.at) for r in rows])
         self._targets, self._weights = (np.concatenate([getattr(r, a) for r in rows]) for a in ("targets", "weights"))
-        self._segments = SegmentTable.of(examples, traces, int(header.parameters["kernels"]))
+        self._segments = SegmentTable.of(examples, traces, int(header.parameters["kernels"]), seed)
 
     def learn(
         self, left_out: Sequence[int] = (), iterations: int = ITERATIONS
