@@ -124,12 +124,16 @@ class Scene(Section):
 
     def taught_model(self, observer: str) -> Path:
         """Where teaching writes the model of `observer`, with its takes beside it: the folder MODELS if that is set."""
-        named = self.place(self.observer(observer).model)
+        named = self.named_model(observer)
         return self._models / named.name if self._models else named
+
+    def named_model(self, observer: str) -> Path:
+        """The model of `observer` that the scene file names."""
+        return self.place(self.observer(observer).model)
 
     def model_file(self, observer: str) -> Path:
         """The model of `observer`: what it was taught, else the file that the scene file names."""
-        taught, named = self.taught_model(observer), self.place(self.observer(observer).model)
+        taught, named = self.taught_model(observer), self.named_model(observer)
         return taught if taught.exists() or not named.exists() else named
 
 

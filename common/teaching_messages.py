@@ -41,7 +41,8 @@ class TeachRequest(Message):
     with the same id replaces the first. label: what it was ("": something else). from_ns, to_ns: when, by the clock of
     the observer's machine; to_ns = 0: until the person stands still; to_ns = from_ns: the movement nearest to that
     time. `forget` removes the takes of `person`, or of `label`, or `everything` that teaching left; models: also the
-    model in force, so that the observer waits to be taught.
+    model in force, so that the observer waits to be taught; clips: also the observer's clips of verdicts, of `label` if
+    that is given, else all.
     """
 
     command: TeachCommand
@@ -57,6 +58,7 @@ class TeachRequest(Message):
     to_ns: Time = 0
     everything: bool = False
     models: bool = False
+    clips: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,7 +117,7 @@ class CorrectedReport(MessagePart):
 
 
 class ForgottenReport(MessagePart):
-    """What was removed: takes of movements, seconds of something else, files of models.
+    """What was removed: takes of movements, seconds of something else, files of models, clips of verdicts.
 
     in_model: whether the model in force was learned from it, so that it must be learned anew.
     """
@@ -123,6 +125,7 @@ class ForgottenReport(MessagePart):
     takes: Count = 0
     other_s: FiniteFloat = 0.0
     models: Count = 0
+    clips: Count = 0
     in_model: bool = False
 
 

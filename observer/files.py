@@ -11,7 +11,7 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from common.errors import BadInput, LabanmeshError
+from common.errors import BadInput, LabanmeshError, reason_of
 from common.files import replace_file
 
 WAY_OUT = "Choose another path with -o"
@@ -35,6 +35,14 @@ def write_file(path: Path, content: bytes | memoryview, way_out: str = WAY_OUT) 
         wrong_path = isinstance(error, FileNotFoundError | IsADirectoryError | NotADirectoryError | PermissionError)
         kind = BadInput if wrong_path else LabanmeshError
         raise kind(f"cannot write {path}: {reason[:1].lower()}{reason[1:]}. {way_out}") from error
+
+
+def remove_file(path: Path) -> None:
+    """Remove a file, if there is one; raises LabanmeshError, one line."""
+    try:
+        path.unlink(missing_ok=True)
+    except OSError as error:
+        raise LabanmeshError(f"{path}: cannot be removed: {reason_of(error)}. Remove it by hand") from None
 
 
 def write_arrays(path: Path, arrays: Mapping[str, NDArray[Any]], *, compressed: bool) -> None:

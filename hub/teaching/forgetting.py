@@ -17,13 +17,15 @@ from hub.teaching.learning import adopt, learn
 from hub.teaching.participants import Participants
 
 
-def forget(participants: Participants, unwanted: Unwanted, missing: Collection[str] = ()) -> None:
+def forget(
+    participants: Participants, unwanted: Unwanted, missing: Collection[str] = (), *, clips: bool = False
+) -> None:
     """Forget it everywhere and say what each observer removed. Raises LabanmeshError if it is left somewhere.
 
-    missing: the observers of the scene that cannot be asked.
+    missing: the observers of the scene that cannot be asked. clips: delete clips of verdicts too.
     """
     interface, fields = participants.interface, asdict(unwanted)
-    replies = participants.request("forget", **fields)
+    replies = participants.request("forget", clips=clips, **fields)
     done = {name: reply for name, reply in replies.items() if reply.forgotten is not None}
     for name, reply in done.items():
         interface.say(f"{name}: {removed_line(reply.forgotten or ForgottenReport())}")
@@ -45,8 +47,15 @@ def removed_line(report: ForgottenReport) -> str:
     parts = [plural(report.takes, "take")] if report.takes else []
     parts += [f"{report.other_s:.0f} s of something else"] if report.other_s else []
     parts += [plural(report.models, "model")] if report.models else []
+    parts += [plural(report.clips, "clip")] if report.clips else []
     line = f"removed {', '.join(parts)}" if parts else "had nothing of it on its disk"
     return f"{line}; learns anew without it" if report.in_model else line
+
+
+def untouched_line(clip_keepers: Collection[str], *, clips: bool) -> str:
+    """Which files that may show the person are not removed, and how to remove them."""
+    kept = "" if clips or not clip_keepers else f"clips of verdicts by {', '.join(clip_keepers)} (--clips), and "
+    return f"not touched: {kept}files made by labanmesh capture, record and learn: delete those yourself"
 
 
 def _learn_anew(

@@ -29,12 +29,13 @@ READY_S = 3.0
 
 @dataclass(frozen=True, slots=True)
 class TaughtScene:
-    """A running scene. missing: observers that do not run, or do not answer."""
+    """A running scene. missing: observers that do not run, or do not answer. clip_keepers: those that keep clips."""
 
     participants: "Participants"
     interface: "LessonInterface"
     listener: "SceneListener"
     missing: "Collection[str]"
+    clip_keepers: "Collection[str]"
 
 
 @contextmanager
@@ -68,7 +69,8 @@ def _opened(file: Path) -> Iterator[TaughtScene]:
             missing = [name for name in scene.roster if name not in replies]
             participants = Participants(teacher, interface, ask, list(replies), add=True)
             try:
-                yield TaughtScene(participants, interface, listener, missing)
+                clip_keepers = [name for name in scene.roster if scene.observer(name).clips.folder]
+                yield TaughtScene(participants, interface, listener, missing, clip_keepers)
             finally:
                 ask(TeachRequest(command="leave", teacher=teacher), list(replies))
 
@@ -107,6 +109,7 @@ def forget(
     person: Annotated[str, typer.Option(help="All takes of this person.")] = "",
     label: Annotated[str, typer.Option(help="All takes of this movement; it is recognised no more.")] = "",
     everything: Annotated[bool, typer.Option("--all", help="All that teaching left, and the models.")] = False,
+    clips: Annotated[bool, typer.Option("--clips", help="Also the observers' clips: of --label, else all.")] = False,
     yes: Annotated[bool, typer.Option("--yes", help="Do not ask whether that is meant.")] = False,
 ) -> None:
     """Make all observers of a running scene forget a person or a movement: takes, old models, what they remember now;
@@ -118,16 +121,21 @@ def forget(
     """
     from common.teaching_messages import Unwanted
     from hub.teaching.forgetting import forget as forget_everywhere
+    from hub.teaching.forgetting import untouched_line
 
     if bool(person) + bool(label) + everything != 1:
         raise BadInput("what is to be forgotten? name one of --person NAME, --label LABEL, --all")
     what = "everything that was taught" if everything else f"all takes {'by ' + person if person else 'of ' + label}"
+    what += f" and all clips{f' of {label}' if label else ''}" if clips else ""
     if not yes:
         if not sys.stdin.isatty():
             raise BadInput(f"{what} cannot be brought back; add --yes")
         typer.confirm(f"forget {what}? It cannot be brought back", abort=True)
     with _opened(scene) as taught:
-        forget_everywhere(taught.participants, Unwanted(person, label, everything), taught.missing)
+        try:
+            forget_everywhere(taught.participants, Unwanted(person, label, everything), taught.missing, clips=clips)
+        finally:
+            taught.interface.say(untouched_line(taught.clip_keepers, clips=clips))
 
 
 def _known_state(listener: "SceneListener", interface: "LessonInterface") -> "SceneState":

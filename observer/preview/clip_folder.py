@@ -7,7 +7,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from common import SECOND_NS
-from observer.files import write_file
+from observer.files import remove_file, write_file
 
 DAY_NS = 86_400 * SECOND_NS
 MB = 1_000_000
@@ -48,6 +48,13 @@ class ClipFolder:
             total, deleted = total - size, deleted + 1
         return deleted
 
+    def delete_of(self, observer: str, label: str = "") -> int:
+        """Delete the clips of an observer, of this label if one is given; returns how many. Raises LabanmeshError."""
+        own = [path for _, path, _ in self._clips() if _is_of(path, observer, label)]
+        for path in own:
+            remove_file(path)
+        return len(own)
+
     def _clips(self) -> list[tuple[int, Path, int]]:
         if not self.path.is_dir():
             return []
@@ -59,8 +66,17 @@ class ClipFolder:
 def clip_name(at_ns: int, observer: str, label: str, verdict_id: str) -> str:
     """`20261122T145721Z_sofa_wave_f3a1-17.avi`: when it was decided (UTC), the observer, the label, the verdict."""
     moment = datetime.fromtimestamp(at_ns / SECOND_NS, UTC)
-    words = (UNSAFE.sub("-", word)[:LONGEST] or "-" for word in (label, verdict_id))
-    return "_".join([f"{moment:%Y%m%dT%H%M%SZ}", observer, *words]) + ".avi"
+    return "_".join([f"{moment:%Y%m%dT%H%M%SZ}", observer, _safe(label), _safe(verdict_id)]) + ".avi"
+
+
+def _safe(word: str) -> str:
+    return UNSAFE.sub("-", word)[:LONGEST] or "-"
+
+
+def _is_of(path: Path, observer: str, label: str) -> bool:
+    """Whether a clip is of the observer, and of the label unless that is ""; an observer's id may hold underscores."""
+    begin, of_label, _ = path.name.rsplit("_", 2)
+    return begin.split("_", 1)[1] == observer and (not label or of_label == _safe(label))
 
 
 def _status(path: Path) -> os.stat_result | None:

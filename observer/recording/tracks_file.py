@@ -5,6 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from common.errors import BadInput, reason_of
+from observer.files import remove_file
 from observer.motion.archive import MotionArchive, Recording, TracksCamera
 from observer.motion.archive_file import read_archive, write_archive
 from observer.recording.own_tracks import in_parts
@@ -94,6 +95,6 @@ class TracksFile:
             write_archive(self.path, shrunk)
             self.archive = shrunk
         elif removed:
-            self.path.unlink(missing_ok=True)
+            remove_file(self.path)
             self.archive = None
         return removed

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 from common.errors import LabanmeshError
 from common.teaching_messages import TEXT_LIMIT, LearnedReport, Unwanted
+from observer.files import remove_file
 from observer.model.model_file import read_model
 from observer.runtime.pipeline import Observer
 
@@ -31,13 +32,13 @@ class ModelLearner:
     """Learns a model from the takes file in a process of its own, and builds the observer that uses it.
 
     model: the model file, which `adopt` replaces; the last one is kept as NAME.before.model. build: makes an observer
-    of a model. `ready` is that observer from the time on that `adopt` named.
+    of a model. named: the file that is in force while `model` does not exist; the same one by default. `ready` is that
+    observer from the time on that `adopt` named.
     """
 
-    def __init__(self, takes: Path, model: Path, build: Build) -> None:
-        self._takes, self._model, self._build = takes, model, build
-        self._next = model.with_name(f"{model.stem}.next{model.suffix}")
-        self._before = model.with_name(f"{model.stem}.before{model.suffix}")
+    def __init__(self, takes: Path, model: Path, build: Build, named: Path | None = None) -> None:
+        self._takes, self._model, self._build, self._named = takes, model, build, named or model
+        self._next, self._before = _beside(model, "next"), _beside(model, "before")
         self._observer: Observer | None = None
         self._process: subprocess.Popen[str] | None = None
         self._due_s: float | None = None
@@ -68,26 +69,37 @@ class ModelLearner:
         observer, self._observer, self._due_s = self._observer, None, None
         return observer
 
+    @property
+    def _in_force(self) -> Path:
+        return self._model if self._model.exists() else self._named
+
     def forget(self, unwanted: Unwanted, *, in_force: bool) -> int:
         """Remove the models that were learned from it, the one in force only if that is asked; returns how many.
 
-        Raises LabanmeshError for a file that cannot be removed.
+        The file that the scene names would be in force again after the one that was taught: it goes with that one, and
+        if it knows the person. Raises LabanmeshError for a file that cannot be removed; the others are gone then.
         """
-        gone = [path for path in (self._next, self._before) if _knows(path, unwanted)]
-        gone += [self._model] if in_force and self._model.exists() else []
+        now = self._in_force
+        old = {self._next, self._before, _beside(self._named, "next"), _beside(self._named, "before")}
+        old |= {self._named} if in_force or unwanted.person else set()
+        gone = [path for path in sorted(old - {now}) if _knows(path, unwanted)]
+        gone += [now] if in_force and now.exists() else []
+        if self._next in gone or now in gone:
+            self.learned = self._observer = self._due_s = None
+        faults = []
         for path in gone:
             try:
-                path.unlink()
-            except OSError as error:
-                raise LabanmeshError(f"{path}: cannot be removed: {error.strerror or error}") from None
-        if self._next in gone or self._model in gone:
-            self.learned = self._observer = self._due_s = None
-        self.removed = self.removed or self._model in gone
+                remove_file(path)
+            except LabanmeshError as error:
+                faults.append(str(error))
+        self.removed = self.removed or (now in gone and not now.exists())
+        if faults:
+            raise LabanmeshError("; ".join(faults))
         return len(gone)
 
     def knows(self, unwanted: Unwanted) -> bool:
         """Whether the model in force was learned from it."""
-        return _knows(self._model, unwanted)
+        return _knows(self._in_force, unwanted)
 
     def close(self) -> None:
         """End a process that still learns."""
@@ -125,6 +137,10 @@ class ModelLearner:
             raise LabanmeshError(lines[-1] if lines else f"learning ended with status {process.returncode}")
         for line in lines:
             log.info("%s", line)
+
+
+def _beside(model: Path, word: str) -> Path:
+    return model.with_name(f"{model.stem}.{word}{model.suffix}")
 
 
 def _results(model: "MovementModel") -> dict[str, dict[str, int]]:

@@ -4,7 +4,7 @@ import logging
 import os
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
@@ -14,6 +14,7 @@ from common.teaching_messages import TEXT_LIMIT, TeachReply, TeachRequest
 from common.vocabulary import Vocabulary
 from common.wire import BadMessage, decode, encode
 from observer.motion.archive import TracksCamera
+from observer.preview.clip_folder import ClipFolder
 from observer.recording.own_tracks import RATE_HZ, TracksRecorder
 from observer.runtime.pipeline import Observer, Posterior
 from observer.teaching.model_learner import Build, ModelLearner
@@ -121,6 +122,15 @@ def why_not(scene: Scene, observer_id: str) -> str:
     return ""
 
 
+def _clips_of(scene: Scene, observer_id: str) -> Callable[[str], int]:
+    """Deletes the observer's clips of a label, or all for ""; returns how many."""
+    clips = scene.observer(observer_id).clips
+    if not clips.folder:
+        return lambda label: 0
+    folder = ClipFolder(scene.place(clips.folder), clips.keep_days, clips.keep_mb)
+    return lambda label: folder.delete_of(observer_id, label)
+
+
 @contextmanager
 def teachable(
     scene: Scene, observer_id: str, inputs: "ObserverInputs", observer: Observer | None, build: Build
@@ -130,9 +140,11 @@ def teachable(
     rate_hz = inputs.source.rate_hz if inputs.at_own_rate else RATE_HZ
     parts = inputs.tracker.every_part
     recorder = TracksRecorder(parts, rate_hz, scene.teaching.remember_minutes * 60)
-    takes = TakesFile(model.with_name(f"{observer_id}.tracks.npz"), parts, TracksCamera(observer_id))
-    learner = ModelLearner(takes.path, model, build)
-    teaching = Teaching(recorder, takes, learner, why_not(scene, observer_id))
+    named, file = scene.named_model(observer_id), f"{observer_id}.tracks.npz"
+    named = model if named.resolve() == model.resolve() else named
+    takes = TakesFile(model.with_name(file), parts, TracksCamera(observer_id), named.with_name(file))
+    learner = ModelLearner(takes.path, model, build, named)
+    teaching = Teaching(recorder, takes, learner, why_not(scene, observer_id), _clips_of(scene, observer_id))
     try:
         yield TeachableObserver(inputs, observer, recorder, teaching, learner)
     finally:

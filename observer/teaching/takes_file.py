@@ -12,7 +12,7 @@ from pathlib import Path
 
 from common.errors import BadInput, LabanmeshError
 from common.teaching_messages import Unwanted
-from observer.files import write_file
+from observer.files import remove_file, write_file
 from observer.motion.archive import MotionArchive, Recording, TracksCamera
 from observer.recording.own_tracks import in_parts
 from observer.recording.tracks_file import TracksFile
@@ -23,12 +23,15 @@ WAY_OUT = "Free some space on that disk; the take waits in memory"
 class TakesFile:
     """The file `path` (.npz) of the takes of `camera`, and beside it the note (.json) of an unfinished teaching.
 
+    earlier: where the takes were before they got a folder of their own (LABANMESH_MODELS); only `forget` reaches them.
     body_parts: of the recordings that are added. In a file of other parts, as after a change of tracker, what is
     unknown of a recording counts as not seen.
     """
 
-    def __init__(self, path: Path, body_parts: Sequence[str], camera: TracksCamera) -> None:
-        self.path, self._parts, self._camera = path, tuple(body_parts), camera
+    def __init__(
+        self, path: Path, body_parts: Sequence[str], camera: TracksCamera, earlier: Path | None = None
+    ) -> None:
+        self.path, self._parts, self._camera, self._earlier = path, tuple(body_parts), camera, earlier or path
         self._note, self._before = path.with_suffix(".json"), path.with_suffix(".before.npz")
         self._file: TracksFile | None = None
         self._waiting: list[Recording] = []
@@ -39,7 +42,7 @@ class TakesFile:
         add: with the takes of all earlier movements; otherwise these are set aside in a file NAME.before.npz. Raises
         BadInput for a file that cannot be used, LabanmeshError if it cannot be written.
         """
-        if self._unfinished() != list(labels) and not add and self.path.exists():
+        if _unfinished(self._note) != list(labels) and not add and self.path.exists():
             self.path.replace(self._before)
             self._file = None
         content = json.dumps({"labels": list(labels)})
@@ -80,18 +83,20 @@ class TakesFile:
         return max((int(trial) for trial in trials if trial.isdecimal()), default=0) + 1
 
     def forget(self, unwanted: Unwanted) -> list[Recording]:
-        """Remove recordings from the file, from the one that was set aside, and from memory; returns them.
+        """Remove recordings from the file, from those that were set aside or earlier, and from memory; returns them.
 
         Raises BadInput or LabanmeshError for a file that cannot be read or written: then it is as before.
         """
         gone = [r for r in self._waiting if unwanted.covers(r.subject, r.label)]
         self._waiting = [r for r in self._waiting if not unwanted.covers(r.subject, r.label)]
-        before = TracksFile(self._before, self._parts, self._camera) if self._before.exists() else None
-        for file in filter(None, (self._opened(), before)):
+        paths = {self._before, self._earlier, self._earlier.with_suffix(".before.npz")} - {self.path}
+        old = [TracksFile(path, self._parts, self._camera) for path in sorted(paths) if path.exists()]
+        for file in (self._opened(), *old):
             gone += [r for r in file.recordings if unwanted.covers(r.subject, r.label)]
             file.remove(lambda r: unwanted.covers(r.subject, r.label))
-        if unwanted.everything or unwanted.label in (self._unfinished() or ()):
-            self._note.unlink(missing_ok=True)
+        for note in {self._note, self._earlier.with_suffix(".json")}:
+            if unwanted.everything or unwanted.label in (_unfinished(note) or ()):
+                remove_file(note)
         return gone
 
     def take(self, label: str, trial: str) -> Recording | None:
@@ -140,8 +145,10 @@ class TakesFile:
             self._file.widen(self._parts)
         return self._file
 
-    def _unfinished(self) -> list[str] | None:
-        with suppress(OSError, ValueError, TypeError, AttributeError):
-            labels = json.loads(self._note.read_text(encoding="utf-8")).get("labels")
-            return [str(label) for label in labels]
-        return None
+
+def _unfinished(note: Path) -> list[str] | None:
+    """The movements of a teaching that is not finished; None: there is none."""
+    with suppress(OSError, ValueError, TypeError, AttributeError):
+        labels = json.loads(note.read_text(encoding="utf-8")).get("labels")
+        return [str(label) for label in labels]
+    return None

@@ -13,7 +13,7 @@
 Times are seconds of a monotonic clock, and the times of frames in ns.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from common.errors import LabanmeshError
 from common.teaching_messages import (
@@ -42,10 +42,21 @@ NO_PICTURES_S = 2.0
 
 
 class Teaching:
-    """The state machine of one observer; not thread-safe. refusal: why it cannot be taught; "" if it can."""
+    """The state machine of one observer; not thread-safe. refusal: why it cannot be taught; "" if it can.
 
-    def __init__(self, recorder: TracksRecorder, takes: Takes, learner: Learner, refusal: str = "") -> None:
+    delete_clips: deletes the clips of a label, or all for "", and returns how many.
+    """
+
+    def __init__(
+        self,
+        recorder: TracksRecorder,
+        takes: Takes,
+        learner: Learner,
+        refusal: str = "",
+        delete_clips: Callable[[str], int] = lambda label: 0,
+    ) -> None:
         self._recorder, self._takes, self._learner, self._refusal = recorder, takes, learner, refusal
+        self._delete_clips = delete_clips
         self._recording, self._corrector = TakeRecorder(recorder, takes), Corrector(recorder, takes)
         self._corrected: CorrectedReport | None = None
         self._forgotten: ForgottenReport | None = None
@@ -145,6 +156,7 @@ class Teaching:
         gone = self._takes.forget(unwanted)
         models = self._learner.forget(unwanted, in_force=request.models or request.everything)
         return ForgottenReport(
+            clips=self._delete_clips(request.label) if request.clips else 0,
             takes=sum(bool(r.label) for r in gone),
             other_s=sum(len(r.positions) / r.rate_hz for r in gone if not r.label),
             models=models,

@@ -157,7 +157,7 @@ def test_a_wrong_verdict_is_corrected_and_a_person_is_forgotten(sofa, long_form)
     )  # fmt: skip
     print(corrected.stdout)
     assert corrected.returncode == 0, corrected.stderr
-    assert corrected.stdout.count("was wave: kept by sofa") == 2
+    assert corrected.stdout.count("was wave by ben: kept by sofa") == 2
     assert "1 observer and the fusion service recognise wave, point from now on" in corrected.stdout
     fusion.wait_for("wave, 1 of 1 agree, ended", timeout_s=60)
     # Of what is left nothing can be learned: ben has only waved.

@@ -11,7 +11,7 @@ from common.errors import BadInput, LabanmeshError
 from common.messages import Agreement, VerdictMessage, VocabularyReference
 from common.teaching_messages import CorrectedReport, ForgottenReport, LearnedReport, TeachReply, Unwanted
 from hub.teaching.correcting import Correction, correct, learn_corrections
-from hub.teaching.forgetting import forget
+from hub.teaching.forgetting import forget, untouched_line
 from hub.teaching.moments import correction_of
 from hub.teaching.participants import Participants
 
@@ -211,3 +211,10 @@ def test_a_movement_is_forgotten_by_all_and_everything_leaves_no_model():
     participants, _ = participants_of(sofa=Observer())
     forget(participants, Unwanted(everything=True))
     assert participants.observers == ["sofa"]
+
+
+def test_what_is_not_forgotten_is_said_with_the_way_out():
+    assert untouched_line(["sofa"], clips=False).startswith(
+        "not touched: clips of verdicts by sofa (--clips), and files"
+    )
+    assert "clips" not in untouched_line(["sofa"], clips=True) and "capture" in untouched_line([], clips=False)

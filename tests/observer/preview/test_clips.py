@@ -124,6 +124,16 @@ def test_clips_that_are_old_or_too_many_are_deleted_and_nothing_else(tmp_path):
     assert len(names) == 3 and names[-1] == "holiday.avi" and all(len(name) < 160 for name in names)
 
 
+def test_the_clips_of_one_observer_are_deleted_and_of_one_label_if_that_is_meant(tmp_path):
+    folder = ClipFolder(tmp_path, 2.0, 0.5)
+    for observer in ("sofa", "sofa_2"):
+        for label in ("wave", "two_hand_wave"):
+            (tmp_path / clip_name(START_NS, observer, label, "home-1")).write_bytes(b"film")
+    (tmp_path / "holiday.avi").write_bytes(b"film")
+    assert [folder.delete_of("sofa", label) for label in ("wave", "wave", "two_hand_wave")] == [1, 0, 1]
+    assert folder.delete_of("sofa_2") == 2 and [path.name for path in tmp_path.iterdir()] == ["holiday.avi"]
+
+
 def test_an_odd_number_of_bytes_and_one_picture_make_a_film(tmp_path):
     jpeg = encode_jpeg(picture(100), 80_000)[0]
     (tmp_path / "a.avi").write_bytes(motion_jpeg([jpeg + b"\0" * (1 - len(jpeg) % 2)], (640, 480), 10.0))

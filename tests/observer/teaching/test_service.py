@@ -1,6 +1,9 @@
 """An observer that is taught while it runs: learning in a process of its own, and the swap of the model."""
 
+import shutil
 import threading
+from contextlib import contextmanager
+from itertools import product
 from types import SimpleNamespace
 
 import numpy as np
@@ -63,8 +66,8 @@ class Room:
         return posterior
 
 
-@pytest.fixture
-def room(scene):
+@contextmanager
+def room_of(scene):
     tracker = PreparedTracker(Eyes(), PARTS)
     inputs = SimpleNamespace(tracker=tracker, source=SimpleNamespace(rate_hz=30.0), at_own_rate=False)
 
@@ -73,6 +76,12 @@ def room(scene):
 
     with teachable(scene, "sofa", inputs, None, build) as observer:
         yield Room(observer, observer._learner)
+
+
+@pytest.fixture
+def room(scene):
+    with room_of(scene) as room:
+        yield room
 
 
 def learned(room):
@@ -114,10 +123,36 @@ def test_an_observer_without_a_model_is_taught_and_recognises(room, scene, monke
     # What was done since is remembered, and can become an example.
     reply = room.ask("correct", correction="home-1", label="reach", from_ns=room.at_ns - SECOND_NS, to_ns=room.at_ns)
     assert reply.takes["reach"] == [1, 2, 3, 4] and reply.corrected.seconds > 0.8
+    is_forgotten_also_beside_the_scene_file(scene)
     reply = room.ask("forget", person="anna")
     assert (reply.forgotten.takes, reply.forgotten.in_model, reply.takes) == (7, True, {}), "the correction too"
     assert room.ask("forget", person="anna", models=True).forgotten.in_model is False
     assert room.film(0.2) is None and room.observer.vocabulary is None and is_untaught(scene, "sofa")
+
+
+def is_forgotten_also_beside_the_scene_file(taught):
+    """A home that was taught before it had a folder for what is taught: what lies beside the scene file goes too."""
+    home = taught.place("home")
+    (own := home / "models").mkdir(parents=True)
+    (home / "s.toml").write_text('scene = "home"\n[observers.sofa]\nsource = "0"\nclips = { folder = "clips" }\n')
+    scene, files = read_scene(home / "s.toml", {MODELS: str(own)}), ("sofa.model", "sofa.tracks.npz")
+
+    def left_after(*folders, **asked):
+        """What an observer forgets of what was taught into these folders: takes, models, clips; and is it in force?"""
+        for folder, file in product(folders, files):
+            shutil.copy(taught.place(file), folder)
+        with room_of(scene) as room:
+            report = room.ask("forget", **asked).forgotten
+        return report.takes, report.models, report.clips, report.in_model
+
+    (home / "clips").mkdir()
+    (home / "clips/20261122T145721Z_sofa_wave_home-1.avi").write_bytes(b"film")
+    # The model that the scene file names is in force: it can only be learned anew.
+    assert left_after(home, person="anna") == (7, 0, 0, True)
+    assert (home / "sofa.model").exists() and not (home / "sofa.tracks.npz").exists()
+    assert left_after(home, own, person="anna") == (14, 1, 0, True)
+    assert left_after(home, own, everything=True, clips=True) == (14, 2, 1, False)
+    assert [path.name for path in home.rglob("*") if path.is_file()] == ["s.toml"] and is_untaught(scene, "sofa")
 
 
 def test_tracks_are_not_remembered_outside_a_lesson_if_the_scene_says_so(scene, room):
