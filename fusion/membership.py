@@ -12,21 +12,19 @@
 """
 
 import logging
-from contextlib import suppress
 
 from common.config import Scene
-from common.errors import LabanmeshError
-from common.inbox import Arrival
 from common.keys import observer_of as service_of
-from common.messages import JudgementMessage, StatusMessage
+from common.messages import JudgementMessage
 from common.status import ProcessStatus, StatusPublisher
 from common.vocabulary import Vocabulary
-from common.wire import BadMessage, decode_from
 from fusion.checkpoint import Checkpoint, CheckpointFile
 from fusion.engine.engine import FusionEngine
 from fusion.ownership import Ownership, Role
+from fusion.same_id import TAKEN, TwinWatch
 from fusion.scene_worker import SceneWorker, Service
 from fusion.standby import HandoverRequest, StandbyListener
+from fusion.twins import Stance, Twins
 from fusion.vocabulary_lookup import VocabularyLookup
 
 log = logging.getLogger("labanmesh.fusion")
@@ -65,7 +63,8 @@ class SceneMember:
         )  # fmt: skip
         self._session.announce(scene.keys.fusion_alive(service.own))
         self._services = self._session.presence(scene.keys.fusion_alive(), map(scene.keys.fusion_alive, scene.services))
-        self._same_id = self._session.inbox(scene.keys.fusion_status(service.own), limit=16, remote=True)
+        twins = Twins(service.session, service.ticks(), takeover_s)
+        self._twins, self._has_twin = TwinWatch(self._session, scene.keys, service.own, twins), False
         self._alive: frozenset[str] | None = None
         self._listener: StandbyListener | None = None
         self.worker: SceneWorker | None = None
@@ -87,6 +86,7 @@ class SceneMember:
             self.worker.poll_requests()
         self._follow_vocabulary()
         self.ownership.update(now_s, lambda: self._hears(now_s))
+        self._follow_twins(now_s)
         if self._request is not None:
             self._request.poll()
             if self._request.finished:
@@ -113,14 +113,12 @@ class SceneMember:
 
     def _take_from_services(self, now_s: float) -> None:
         self._session.poll()
-        for arrival in self._same_id.take(0):
-            self._require_only_status(arrival)
         if self._listener is not None:
             for message in self._listener.messages(now_s, self.vocabulary, every=self._warm or self.role is Role.OWNER):
                 if message is None:
                     self.ownership.sign_of_life(now_s)
                 elif message.fusion == self._service.own:
-                    self._require_only_process(message)
+                    self._take_own(message, now_s)
                 else:
                     self._take_judgement(message, now_s)
         if self._services.alive is not self._alive:
@@ -140,6 +138,21 @@ class SceneMember:
             self.worker.follow(message)
         elif was_owner and self.ownership.is_present(message.fusion):
             self.worker.adopt(message)
+
+    def _take_own(self, message: JudgementMessage, now_s: float) -> None:
+        """A message under the id of this service: of another process that lives, it is as one of another service."""
+        if self._twins.heard(message, now_s) and self.worker is not None:
+            if self._twins.stance is Stance.STAND_BY:
+                self.worker.follow(message)
+            elif self.role is Role.OWNER:
+                self.worker.adopt(message)
+
+    def _follow_twins(self, now_s: float) -> None:
+        """Stand by for another process of this id, or publish again; raises SameIdError in one that is to end."""
+        before = self._twins.stance
+        self._has_twin = self._twins.update(self.ownership.epoch if self.role is Role.OWNER else None, now_s)
+        if self.worker is not None and self._twins.stance is Stance.STAND_BY is not before:
+            self.worker.stand_down()
 
     def _follow_vocabulary(self) -> None:
         """Change the vocabulary when the observers, or the owner that this service follows, have changed it."""
@@ -170,25 +183,9 @@ class SceneMember:
             self._lookup.close()
             self._lookup = None
 
-    def _require_only_process(self, message: JudgementMessage) -> None:
-        """Raises LabanmeshError in one of two processes with the same id; both decide on the same one."""
-        if message.session in (None, self._service.session):
-            return
-        mine, other = (self.ownership.epoch, self._service.session), (message.epoch or 0, message.session)
-        if self.role is not Role.OWNER or mine < other:
-            raise SameIdError(self.scene.keys.fusion_alive(self._service.own))
-
     def _hears(self, now_s: float) -> bool:
         """Whether this service can reach others: it is connected, and observers that are there can be heard."""
         return self._service.link.connected and (self.worker is None or self.worker.hears(now_s))
-
-    def _require_only_status(self, arrival: Arrival) -> None:
-        """The same for a service that publishes nothing yet: of two that stand by one ends, and an owner stays."""
-        with suppress(BadMessage):
-            status = decode_from(arrival.key, StatusMessage, arrival.payload)
-            is_other = status.session not in (None, self._service.session) and status.state in ("starting", "running")
-            if is_other and self.role is not Role.OWNER and self._service.session < str(status.session):
-                raise SameIdError(arrival.key)
 
     def _follow_role(self) -> None:
         role, owner = self.role, self.ownership.owner
@@ -205,7 +202,8 @@ class SceneMember:
         if self.worker is not None:
             if role is Role.OWNER and not self.worker.restored:
                 self._restore(self.worker)
-            self.worker.owns, self.worker.fuses = role is Role.OWNER, self._warm or role is Role.OWNER
+            self.worker.owns = role is Role.OWNER and self._twins.stance is Stance.GO_ON
+            self.worker.fuses = self._warm or role is Role.OWNER
             self.worker.epoch = self.ownership.epoch
             self.worker.settle()
         if role is not Role.REQUESTING and self._request is not None:
@@ -259,7 +257,9 @@ class SceneMember:
         if self.role is Role.IDLE:
             self._reason = None
             return
-        if self.role is Role.OWNER:
+        if self._has_twin:
+            reason = TAKEN
+        elif self.role is Role.OWNER:
             reason = ASKING if self.worker is None else ""
         else:
             owner = self.ownership.owner
@@ -276,13 +276,3 @@ class SceneMember:
         engine.session = self._service.session
         engine.wait_for_roster(config.start_s)
         return engine
-
-
-class SameIdError(LabanmeshError):
-    """Another fusion service of the same id is alive in the scene."""
-
-    def __init__(self, key: str) -> None:
-        super().__init__(
-            f"{key}: a fusion service of this id is alive already; stop it, or give this one an id of its own: "
-            '[fusion] standby = ["second"] in the scene file, and labanmesh fuse SCENE --id second'
-        )

@@ -18,14 +18,15 @@ from itertools import islice
 from common import SECOND_NS
 from common.config import Scene
 from common.errors import BadInput, LabanmeshError
-from common.inbox import Arrival, Presence
+from common.inbox import Arrival
 from common.keys import scene_of
 from common.link import Link
 from common.notify import Notifier
 from fusion.engine.pooling import pool_many
 from fusion.instrumentation import ServerStep, instrumented
-from fusion.membership import SameIdError, SceneMember
+from fusion.membership import SceneMember
 from fusion.ownership import Role
+from fusion.same_id import id_is_free
 from fusion.scene_worker import SceneWorker, Service, StepInput, StepResult
 
 log = logging.getLogger("labanmesh.fusion")
@@ -37,8 +38,6 @@ BATCH = 32
 """Scenes that are pooled at once; more save little."""
 SETTLE_S = 0.3
 """After opening a link it takes at most this long to know which services are alive."""
-SAME_ID_TIMEOUT_S = 2.5
-"""The token of a service that was killed outlives it by its lease, at most 2 s."""
 ASK_CLOCKS_S = 60.0
 """Asking a thousand observers every second would cost as much as receiving their posteriors."""
 STATUS_EVERY_S = 1.0
@@ -63,7 +62,7 @@ def serve(
     """
     require_compatible(scenes)
     supervisor = Notifier.from_environment()
-    if not _id_is_free(scenes, own, link, stop):
+    if not id_is_free(scenes, own, link, stop):
         return
     server = FusionServer(scenes, own, link, clock, shared=shared, supervisor=supervisor)
     fault = ""
@@ -219,21 +218,6 @@ def require_compatible(scenes: Sequence[Scene]) -> None:
                     "too; each scene needs a file of its own"
                 )
             files[path] = scene.scene
-
-
-def _id_is_free(scenes: Sequence[Scene], own: str, link: Link, stop: threading.Event) -> bool:
-    """Wait for a killed process of the same id to disappear; False when stopped before; raises SameIdError."""
-    keys = [scene.keys.fusion_alive(own) for scene in scenes]
-    with link.sub_session() as session:
-        # One of them suffices: a process announces itself in all of its scenes.
-        presence: Presence = session.presence(keys[0])
-        begun_s = time.monotonic()
-        while (waited_s := time.monotonic() - begun_s) < SETTLE_S / 2 or keys[0] in presence.alive:
-            if stop.wait(0.02):
-                return False
-            if waited_s > SAME_ID_TIMEOUT_S:
-                raise SameIdError(keys[0])
-    return True
 
 
 def _finished(steps: Sequence[tuple[SceneWorker, StepInput]]) -> Iterator[StepResult]:

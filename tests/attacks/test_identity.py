@@ -67,6 +67,23 @@ def test_a_status_and_a_vocabulary_are_those_of_their_key_and_hash(stage):
     assert VICTIM not in state.observer_status or state.observer_status[VICTIM].reason != "it lies"
 
 
+def test_a_message_under_the_id_of_a_fusion_service_does_not_stop_it(stage, long_form):
+    scene, attacker, since_ns = stage.scenes[0], stage.attacker(), time.time_ns()
+    last = until(lambda: stage.witness.last(scene.scene))
+    status = StatusMessage(scene=scene.scene, id=last.fusion, state="running", session="~", at_ns=since_ns)
+    for n in range(50 if long_form else 2):
+        forged = last.model_copy(update={"session": f"~{n}", "epoch": (last.epoch or 0) + 1 + n})
+        attacker.put(scene.keys.judgement, encode(forged))
+        attacker.put(scene.keys.fusion_status(last.fusion), encode(status))
+        stage.await_judgements(0.1)
+    forged_ns = time.time_ns()
+    # A service that is younger than fusion.twins.YOUNG_S waits whether anybody answers.
+    until(lambda: (now := stage.witness.last(scene.scene)).session == last.session and now.at_ns > forged_ns)
+    if long_form:
+        gaps = stage.gaps(since_ns)
+        assert max(gaps.values()) <= stage.longest_gap_s, gaps
+
+
 def test_a_reply_of_a_lesson_is_of_the_observer_that_was_asked(stage):
     scene, attacker = stage.scenes[-1], stage.attacker()
     liar = encode(TeachReply(state="learned", fault="", labels=["bow", "lunge"]))
