@@ -15,13 +15,14 @@ import logging
 
 from common.config import Scene
 from common.keys import observer_of as service_of
+from common.message_types import SAME_ID_REASON
 from common.messages import JudgementMessage
 from common.status import ProcessStatus, StatusPublisher
 from common.vocabulary import Vocabulary
 from fusion.checkpoint import Checkpoint, CheckpointFile
 from fusion.engine.engine import FusionEngine
 from fusion.ownership import Ownership, Role
-from fusion.same_id import TAKEN, TwinWatch
+from fusion.same_id import TwinWatch
 from fusion.scene_worker import SceneWorker, Service
 from fusion.standby import HandoverRequest, StandbyListener
 from fusion.twins import Stance, Twins
@@ -258,7 +259,7 @@ class SceneMember:
             self._reason = None
             return
         if self._has_twin:
-            reason = TAKEN
+            reason = SAME_ID_REASON
         elif self.role is Role.OWNER:
             reason = ASKING if self.worker is None else ""
         else:

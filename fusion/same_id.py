@@ -11,6 +11,7 @@ from common.config import Scene
 from common.errors import LabanmeshError
 from common.keys import SceneKeys
 from common.link import Link
+from common.message_types import SAME_ID_REASON
 from common.messages import JudgementMessage, StatusMessage
 from common.subsession import SubSession
 from common.wire import BadMessage, decode_from
@@ -22,7 +23,6 @@ SETTLE_S = 0.15
 """After opening a link it takes at most this long to know whether a service of the same id is alive."""
 TOKEN_TIMEOUT_S = 2.5
 """The token of a service that was killed outlives it by its lease, at most 2 s."""
-TAKEN = "another process has this id"
 
 
 class SameIdError(LabanmeshError):
@@ -90,7 +90,7 @@ class TwinWatch:
         if self.stance is Stance.END:
             raise SameIdError(self._alive)
         if Stance.STAND_BY in (stance, self.stance) and stance is not self.stance:
-            log.warning("%s: %s: %s", self._alive, TAKEN, self.stance.value)
+            log.warning("%s: %s: %s", self._alive, SAME_ID_REASON, self.stance.value)
         return self._twins.any_confirmed(now_s)
 
 

@@ -17,6 +17,7 @@ from common.messages import (
     VoteState,
 )
 from common.vocabulary import ABSTAIN
+from hub import same_id
 
 VERDICTS_LIMIT = 10
 STRANGERS_LIMIT = 64
@@ -56,8 +57,7 @@ class ObserverState:
 
     entropy: bits. weight: 0 to 1. age_s: at the scene state's now. agrees: it is one of the k in the judgement's
     agreement "k of n". skew_s: how far its clock is ahead of the fusion machine's. rejected: how many of its messages
-    fusion rejected. reliability: learned from earlier verdicts, 1 is full reliability. has_same_id: whether two
-    processes publish under its id.
+    fusion rejected. reliability: learned from earlier verdicts, 1 is full. has_same_id: two processes have its id.
     """
 
     name: str
@@ -92,7 +92,7 @@ class SceneState:
     roster: the observers in the scene file; each is shown from the start. services: its fusion services.
     next_vocabulary: one that the judgement does not have yet. verdicts: newest first, at most VERDICTS_LIMIT.
     received_ns: when `judgement` arrived, by this machine's clock, so that ages do not depend on synchronised clocks.
-    rejected, dropped: how many messages were rejected, and lost to a full queue.
+    rejected, dropped: how many messages were rejected, and lost to a full queue. same_id_reports: see hub/same_id.py.
     """
 
     scene: str
@@ -108,6 +108,7 @@ class SceneState:
     rejected: int = 0
     dropped: int = 0
     services: tuple[str, ...] = ()
+    same_id_reports: same_id.Reports = field(default_factory=dict)
 
     def at(self, now_ns: int, dropped: int | None = None) -> "SceneState":
         """The same knowledge at a later time: only ages change. dropped: messages lost to a full queue so far."""
@@ -128,14 +129,14 @@ class SceneState:
                 late = self.judgement is not None and _is_copy(message, self.judgement)
                 return self if late else self._with_judgement(message, received_ns)
             case StatusMessage():
-                return self._with_status(message, role)
+                return self._with_status(message, role, received_ns)
             case VocabularyMessage() if self.judgement and message.hash != self.judgement.vocabulary.hash:
                 # Any process may answer a query, also one that uses another vocabulary; it may be the next one.
                 return replace(self, next_vocabulary=message)
             case VocabularyMessage():
                 return replace(self, vocabulary=message)
 
-    def _with_status(self, message: StatusMessage, role: SenderRole) -> "SceneState":
+    def _with_status(self, message: StatusMessage, role: SenderRole, received_ns: int) -> "SceneState":
         """The state with the status; of processes that the scene does not name, STRANGERS_LIMIT are kept."""
         known = self.observer_status if role == "observer" else self.fusion_status
         named = self.roster if role == "observer" else self.services
@@ -145,7 +146,8 @@ class SceneState:
         statuses = {**known, message.id: message}
         if role == "observer":
             return replace(self, observer_status=statuses)
-        return replace(self, fusion_status=statuses)
+        reports = same_id.with_reports(self.same_id_reports, known.get(message.id), message, received_ns)
+        return replace(self, fusion_status=statuses, same_id_reports=reports)
 
     def _with_judgement(self, message: JudgementMessage, received_ns: int) -> "SceneState":
         coming = self.next_vocabulary
@@ -161,6 +163,11 @@ class SceneState:
     def is_empty(self) -> bool:
         """Whether nothing has been received from any process of the scene."""
         return not (self.judgement or self.verdicts or self.observer_status or self.fusion_status)
+
+    @property
+    def same_ids(self) -> tuple[str, ...]:
+        """See same_id.at."""
+        return same_id.at(self.same_id_reports, self.now_ns)
 
     @property
     def silence_s(self) -> float:
@@ -224,7 +231,7 @@ class SceneState:
         ranked = self.ranked(vote.p or [], vote.label, vote.unlearned)
         agrees, rejected = agrees_with(self.judgement, vote), self._rejected(name)
         return ObserverState(name, vote.label, ranked, vote.entropy, vote.weight, age_s, vote.state, agrees, status,
-                             vote.skew_s, sum(rejected.values()), vote.reliability, "same_id" in rejected)  # fmt: skip
+                             vote.skew_s, sum(rejected.values()), vote.reliability, name in self.same_ids)  # fmt: skip
 
     def _rejected(self, observer: str) -> Mapping[str, int]:
         """The number of its messages that fusion rejected, by reason."""

@@ -16,6 +16,7 @@ from rich.text import Text
 from common.messages import VerdictMessage
 from common.text import plural
 from hub.anticipation import EarlyWord
+from hub.same_id import in_words
 from hub.scene_state import SOMETHING_ELSE, ObserverState, RankedLabel, SceneState, is_abstention
 from hub.terminal_widgets import MANNER_LINES, ShareBar, grid, manner_table
 from hub.wording import (
@@ -112,6 +113,8 @@ def _header(state: SceneState) -> RenderableType:
 
 
 def _news(state: SceneState) -> Iterable[str]:
+    if state.same_ids:
+        yield in_words(state.same_ids)
     if state.rejected:
         yield f"{plural(state.rejected, 'message')} rejected"
     if state.judgement is None:

@@ -19,6 +19,7 @@ from deploy.doctor.findings import Finding, Mark, error, ok, warning
 from deploy.doctor.network import NetworkFacts
 from deploy.doctor.security import listener_for
 from deploy.doctor.traffic import (
+    WAYS_OUT,
     MeshTraffic,
     ProcessTraffic,
     check_process,
@@ -258,6 +259,11 @@ def _statistics(name: str, process: ProcessTraffic, traffic: MeshTraffic) -> Ite
             to_do = f"labanmesh look shows what it sees; else its model or its place is wrong, or it lies: {REVOKE}"
             yield warning(GROUP, what, to_do)
         known = {*process.bad, *({"foreign_vocabulary"} if process.hashes else ())}
+        if statistics.rejected.get("same_id") and process.turns <= 1:
+            # Not of this doctor's own hearing: it may have been before, or is heard by fusion alone.
+            what = f"two processes published as {name}: {plural(statistics.rejected['same_id'], 'message')} rejected"
+            yield warning(GROUP, what, WAYS_OUT["same_id"])
+        known.add("same_id")
         for reason, count in sorted(statistics.rejected.items()):
             if count and reason not in known:
                 yield replace(rejected(name, reason, count), mark="warning")

@@ -10,7 +10,7 @@ from typing import Final, TypeVar
 
 from common import SECOND_NS
 from common.keys import SceneKeys, observer_of
-from common.message_types import CONTRADICTED
+from common.message_types import CONTRADICTED, SAME_ID_REASON
 from common.messages import JudgementMessage, Message, PosteriorMessage, StatusMessage
 from common.text import plural
 from common.wire import BadMessage, decode_from
@@ -186,6 +186,8 @@ def _state(name: str, process: ProcessTraffic, alive: bool) -> Finding:
     what = f"{name}: {status.state}" + (f": {status.reason}" if status.reason else "")
     if status.state == "failed":
         return error(GROUP, what, "correct the cause, and start it again; its log says more")
+    if status.reason == SAME_ID_REASON:
+        return error(GROUP, f"{name}: {status.reason}", "stop one, or give it an id of its own: fuse --id")
     if not alive:
         return warning(GROUP, f"{what}; this is its last status, it is not alive", "start it again; see its log")
     if status.state == "degraded":

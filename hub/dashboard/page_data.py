@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from common.messages import JudgementMessage, StatusMessage, VerdictMessage, Vote
 from common.text import plural
 from hub.dashboard.placement import FloorPosition
+from hub.same_id import in_words
 from hub.scene_state import ObserverState, RankedLabel, is_abstention, is_heard
 from hub.wording import age, facing, facing_words, leanings, rounded
 
@@ -89,6 +90,7 @@ def state_data(history: "SceneHistory") -> Json:
         "observers": [_observer(each, each.name in history.gone, shown) for each in observers],
         "standby": [_text(name) for name in state.standing_by],
         "rejected": state.rejected,
+        "same_ids": in_words(state.same_ids),
     }
 
 
@@ -143,6 +145,7 @@ def _observer(observer: ObserverState, gone: bool, labels: int) -> Json:
         "health": None if observer.status is None else _health(observer.status),
         "skew": rounded(observer.skew_s, 2),
         "rejected": observer.rejected,
+        "same_id": observer.has_same_id,
         "contradicted": rounded(observer.reliability, 2) if observer.is_contradicted else None,
     }
 

@@ -70,6 +70,6 @@ def test_two_observers_of_one_id_are_reported_and_one_counts(request, tmp_path, 
             return statuses and statuses[-1]["observers"]["wheel"]["rejected"].get("same_id", 0) > 1
 
         begun_s = time.monotonic()
-        witness.wait_for(reported, timeout_s=2 * NOTICED_S, why="the fusion service reports two of one id")
+        witness.wait_for(reported, timeout_s=NOTICED_S, why="the fusion service reports two of one id")
         history.note("reported", after_s=time.monotonic() - begun_s)
         assert counted(witness.last, *VIEWS)

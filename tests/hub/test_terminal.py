@@ -8,8 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rich.console import Console
 
+from common.message_types import SAME_ID_REASON
 from common.messages import Contribution, ObserverStatistics, OngoingMovement
 from hub.anticipation import Anticipation
+from hub.dashboard.history import SceneHistory
+from hub.dashboard.page_data import state_data
 from hub.scene_state import SceneState
 from hub.terminal import render
 from hub.terminal_widgets import ShareBar
@@ -51,6 +54,22 @@ def test_each_observer_fusion_and_the_verdict_are_visible(make):
         assert words in text
     assert "N T H R O W" in drawn(render(scene(make), 80), 80, "ascii")
     assert "A B S T A I N" in drawn(render(scene(make, label="abstain"), 80))
+
+
+def test_two_processes_of_one_id_are_a_line_of_their_own_while_it_lasts(make):
+    state, counts = scene(make), [0, 3, 3, 3, 5]
+    shown = []
+    for second, count in enumerate(counts):
+        at_ns = make.NOON + 6 * second * make.SECOND
+        observers = {"cam1": ObserverStatistics(skew_s=0.0, rejected={"same_id": count} if count else {})}
+        state = state.fold(make.status("fuse1", observers=observers), at_ns, "fusion").at(at_ns)
+        words = "two processes have the id cam1"
+        assert (words in drawn(render(state, 120))) == (state_data(SceneHistory(state))["same_ids"] == words)
+        shown.append(words in drawn(render(state, 120)))
+        assert ("two processes have this id" in drawn(render(state, 120))) == shown[-1]
+    assert shown == [False, True, True, False, True]
+    state = state.fold(make.status("fuse1", reason=SAME_ID_REASON), state.now_ns, "fusion")
+    assert "two processes have the id cam1, fuse1" in drawn(render(state, 120))
 
 
 def test_fusion_stands_between_the_corners(make):

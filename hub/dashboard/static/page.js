@@ -55,7 +55,7 @@ const tone = (observer) => observer.gone ? "silent" : isStale(observer) ? "stale
 function health(observer) {
   const status = observer.health ? [observer.health.state, observer.health.rate === null ? "" : `${observer.health.rate} Hz`, observer.health.reason] : [];
   const clockOff = observer.skew !== null && Math.abs(observer.skew) >= 0.5 ? `clock ${observer.skew > 0 ? "+" : "-"}${age(Math.abs(observer.skew))}` : "";
-  const rejected = observer.rejected ? count(observer.rejected, "bad message") : "";
+  const rejected = observer.same_id ? "two processes have this id" : observer.rejected ? count(observer.rejected, "bad message") : "";
   const lies = observer.contradicted === null ? "" : `the others contradict it: ${percent(observer.contradicted)} trusted`;
   const text = (observer.gone ? ["its process is gone"] : status).concat(clockOff, lies, rejected).filter(Boolean).join(", ");
   return [text, observer.gone || Boolean(clockOff || lies || rejected) || Boolean(observer.health && observer.health.state !== "running")];
@@ -310,6 +310,7 @@ function showHeader(state) {
   const news = state.rule === null ? [] : [`${state.fusion}: ${state.rule}`];
   if (known.setup.quorum) news.push(`${known.setup.quorum} must agree`);
   if (state.standby.length) news.push(`${state.standby.join(", ")} standing by`);
+  if (state.same_ids) news.push(state.same_ids);
   if (state.rejected) news.push(`${count(state.rejected, "message")} rejected`);
   put($("news"), [...news, clock(state.now)].join(" · "));
 }
