@@ -77,8 +77,8 @@ def test_a_message_under_the_id_of_a_fusion_service_does_not_stop_it(stage, long
         attacker.put(scene.keys.fusion_status(last.fusion), encode(status))
         stage.await_judgements(0.1)
     forged_ns = time.time_ns()
-    # A service that is younger than fusion.twins.YOUNG_S waits whether anybody answers.
-    until(lambda: (now := stage.witness.last(scene.scene)).session == last.session and now.at_ns > forged_ns)
+    # A service younger than fusion.twins.YOUNG_S waits whether anybody answers, and the standby service may lead.
+    until(lambda: (now := stage.witness.last(scene.scene)).session[0] != "~" and now.at_ns > forged_ns)
     if long_form:
         gaps = stage.gaps(since_ns)
         assert max(gaps.values()) <= stage.longest_gap_s, gaps
