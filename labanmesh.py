@@ -99,11 +99,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     status = _status_of(list(sys.argv[1:] if arguments is None else arguments))
     if arguments is None and "zenoh" in sys.modules:
-        _end_process(status)
+        end_process(status)
     return status
 
 
-def _end_process(status: int) -> None:
+def end_process(status: int) -> None:
     """End without the interpreter's own end.
 
     Zenoh's threads let go of callbacks some time after their session was closed. If the interpreter is being torn down

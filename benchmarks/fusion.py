@@ -18,7 +18,7 @@ import time
 import urllib.request
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection
 from multiprocessing.synchronize import Event
 from pathlib import Path
@@ -35,7 +35,7 @@ from benchmarks.crowd.crowd import PosteriorTemplate
 from benchmarks.crowd.trial import stop_process
 from benchmarks.posteriors import NAMES, engine_of, message, random_posteriors, scene_of
 from benchmarks.timing import BATCH_S, ROUNDS, BenchmarkRow, compare, free_port, row
-from common.config import MeshConfig
+from common.config import FusionConfig, MeshConfig
 from common.errors import LabanmeshError
 from common.link import Link
 from common.messages import JudgementMessage, PosteriorMessage
@@ -51,11 +51,12 @@ START_NS = 1_700_000_000_000_000_000
 FRAME_NS = 16_666_667
 AGE_NS = 5_000_000
 """Age of the posteriors when they are fused."""
+BYTES_GOAL_US, STEP_GOAL_US, POOL_GOAL_US = 200.0, 120.0, 60.0
 T = TypeVar("T")
 
 
-def step_rows(rounds: int = ROUNDS, batch_s: float = BATCH_S) -> Iterator[BenchmarkRow]:
-    """Two rows of the whole step, and one per rule."""
+def pace_rows(rounds: int = ROUNDS, batch_s: float = BATCH_S) -> list[BenchmarkRow]:
+    """A step from bytes to bytes, one from messages to judgement, and the pool of the default rule; with goals."""
     steps = _steps()
     payloads = [(now_ns, [encode(one) for one in messages]) for now_ns, messages in steps]
     packed, lists = payloads[0][1], [one.p for one in steps[0][1]]
@@ -67,11 +68,23 @@ def step_rows(rounds: int = ROUNDS, batch_s: float = BATCH_S) -> Iterator[Benchm
         return summed
 
     whole = _repeated(payloads, lambda engine, now_ns, own: encode(_judgement(engine, now_ns, _decoded(own))))
-    yield compare(f"fusion step, {OBSERVERS} observers, bytes to bytes", whole, bare_bytes, rounds, batch_s)
-    name = f"fusion step, {OBSERVERS} observers, messages to judgement"
-    yield compare(name, _repeated(steps, _judgement), lambda: weights @ np.array(lists), rounds, batch_s)
+    name = f"fusion step, {OBSERVERS} observers"
+    judging = _repeated(steps, _judgement)
+    return [
+        replace(compare(f"{name}, bytes to bytes", whole, bare_bytes, rounds, batch_s), goal=BYTES_GOAL_US),
+        replace(
+            compare(f"{name}, messages to judgement", judging, lambda: weights @ np.array(lists), rounds, batch_s),
+            goal=STEP_GOAL_US,
+        ),
+        replace(pool_row(FusionConfig().rule, rounds, batch_s), goal=POOL_GOAL_US),
+    ]
+
+
+def rule_rows(rounds: int = ROUNDS, batch_s: float = BATCH_S) -> Iterator[BenchmarkRow]:
+    """One row per rule that is not the default."""
     for rule in RULES:
-        yield pool_row(rule, rounds, batch_s)
+        if rule != FusionConfig().rule:
+            yield pool_row(rule, rounds, batch_s)
 
 
 def pool_row(name: str, rounds: int = ROUNDS, batch_s: float = BATCH_S) -> BenchmarkRow:
@@ -119,8 +132,8 @@ def _repeated(steps: Sequence[tuple[int, T]], work: Callable[[FusionEngine, int,
 
 
 PUBLISHERS = 16
-FLOOD_S = 3.0
-FLOOD_ROUNDS = 3
+FLOOD_S = 2.0
+FLOOD_ROUNDS = 1
 SCENE = "bench"
 
 

@@ -3,7 +3,7 @@
 import os
 import socket
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
@@ -18,7 +18,10 @@ PAGE_BYTES = os.sysconf("SC_PAGE_SIZE")
 
 @dataclass(frozen=True, slots=True)
 class BenchmarkRow:
-    """One figure: `ours` and `floor` in `unit`, ratio = ours / floor; n: how many times ours was measured."""
+    """One figure: `ours` and `floor` in `unit`, ratio = ours / floor; n: how many times ours was measured.
+
+    goal: what ours should be at most, or with `at_least` at least; None: there is none.
+    """
 
     name: str
     ours: float
@@ -26,11 +29,39 @@ class BenchmarkRow:
     ratio: float
     unit: str
     n: int
+    goal: float | None = None
+    at_least: bool = False
+
+    @property
+    def holds(self) -> bool:
+        """Whether the goal is reached, if there is one."""
+        return self.goal is None or (self.ours >= self.goal if self.at_least else self.ours <= self.goal)
 
 
-def row(name: str, ours: float, floor: float, unit: str, n: int) -> BenchmarkRow:
+@dataclass(frozen=True, slots=True)
+class LeftOut:
+    """A part of the benchmarks that could not be measured here, and why, in one line."""
+
+    name: str
+    reason: str
+
+
+def row(
+    name: str, ours: float, floor: float, unit: str, n: int, goal: float | None = None, *, at_least: bool = False
+) -> BenchmarkRow:
     """A row with its ratio."""
-    return BenchmarkRow(name, ours, floor, ours / floor, unit, n)
+    return BenchmarkRow(name, ours, floor, ours / floor, unit, n, goal, at_least)
+
+
+def medians(runs: Sequence[Sequence[BenchmarkRow]]) -> list[BenchmarkRow]:
+    """Each row with the medians of its runs; n: of all together."""
+    return [
+        row(
+            own[0].name, median(r.ours for r in own), median(r.floor for r in own), own[0].unit, sum(r.n for r in own),
+            own[0].goal, at_least=own[0].at_least,
+        )
+        for own in zip(*runs, strict=True)
+    ]  # fmt: skip
 
 
 def compare(

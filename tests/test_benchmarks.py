@@ -1,12 +1,13 @@
 """The benchmarks: rows as in the contract, small runs without a mesh, and which judgement belongs to which put."""
 
 import json
+import threading
 
 import numpy as np
 import pytest
 
-from benchmarks.__main__ import as_json, table, with_progress
-from benchmarks.fusion import step_rows as fusion_rows
+from benchmarks.__main__ import as_json, measured, table
+from benchmarks.fusion import pace_rows, rule_rows
 from benchmarks.mesh import first_judged
 from benchmarks.observer import NOW_NS, sent_bytes
 from benchmarks.observer_steps import FLOORS, camshift_row, halves, learned, measure, memory, pictures, recorded
@@ -26,14 +27,32 @@ AT_NS = 1_700_000_000_123_456_789
 
 
 def test_the_file_and_the_table_have_each_row_with_its_cost_over_the_floor(capsys):
-    rows = with_progress("mesh", 1, 2, [row("a step", 6.0, 4.0, "us", 5), row("a put", 1.0, 0.25, "ms", 7)])
+    rows = measured({"mesh": lambda: [row("a step", 6.0, 4.0, "us", 5), row("a put", 1.0, 0.25, "ms", 7)]}, 60.0)
     first, _ = json.loads(as_json(rows))
     assert first == {"name": "a step", "ours": 6.0, "floor": 4.0, "ratio": 1.5, "unit": "us", "n": 5}
     lines = table(rows).splitlines()
     assert lines[2].split() == ["a", "step", "6.0", "us", "4.0", "us", "1.50", "+2.0", "us", "5"]
     assert lines[3].split()[-3:] == ["+0.750", "ms", "7"]
     progress = capsys.readouterr().err.splitlines()
-    assert progress[0] == "[1/2] mesh ..." and [text.split(" s  ")[1] for text in progress[1:]] == ["a step", "a put"]
+    assert progress[0] == "[1/1] mesh ..." and [text.split(" s  ")[1] for text in progress[1:]] == ["a step", "a put"]
+
+
+def test_a_part_that_fails_or_has_no_time_left_is_left_out_in_one_line_and_the_others_are_measured(capsys):
+    def fails():
+        yield row("first", 2.0, 1.0, "ms", 1, goal=3.0)
+        raise OSError("no such\ndevice")
+
+    def hangs():
+        threading.Event().wait(30)
+        return []
+
+    fast = {"fails": fails, "works": lambda: [row("load", 1.5, 1.0, "times", 1, goal=1.8, at_least=True)]}
+    results = measured({**fast, "hangs": hangs, "late": list}, 0.3)
+    assert [one.name for one in results] == ["first", "fails", "load", "hangs", "late"]
+    assert json.loads(as_json(results))[1] == {"name": "fails", "left_out": "no such device"}
+    text = " ".join(table(results).split())
+    assert "first 2.000 ms at most 3.000 ms reached" in text and "at least 1.80 times missed" in text
+    assert "left out: fails: no such device" in text and text.count("no time was left") == 2
 
 
 def test_ours_and_floor_take_turns_and_both_are_measured():
@@ -45,7 +64,7 @@ def test_ours_and_floor_take_turns_and_both_are_measured():
 
 
 def test_the_fusion_step_takes_every_posterior_and_each_rule_has_its_row():
-    rows = list(fusion_rows(**QUICK))
+    rows = [*pace_rows(**QUICK), *rule_rows(**QUICK)]
     assert len(rows) == 2 + len(RULES)
     assert {"pool, 4 observers, log", "pool, 2 observers, chernoff"} <= {one.name for one in rows}
     assert all(one.ours > 0 and one.floor > 0 and one.n > 0 for one in rows)

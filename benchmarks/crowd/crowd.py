@@ -125,7 +125,7 @@ class Crowd:
     """All observers of `scenes` scenes."""
 
     def __init__(self, link: Link, scenes: int, rate_hz: float) -> None:
-        self._scenes, self._rate_hz = scenes, rate_hz
+        self._scenes, self.rate_hz = scenes, rate_hz
         keys = [SceneKeys(scene_name(n)) for n in range(scenes)]
         ids = [f"cam{observer}" for observer in range(OBSERVERS)]
         self._publishers: list[list[Publisher]] = [[link.publisher(key.posterior(i)) for i in ids] for key in keys]
@@ -146,7 +146,7 @@ class Crowd:
 
     def publish(self, seconds: float) -> None:
         """Publish and receive for that long."""
-        slot_s = 1 / self._rate_hz / SLOTS
+        slot_s = 1 / self.rate_hz / SLOTS
         begun_s = due_s = time.monotonic()
         end_s = due_s + seconds
         while due_s < end_s:

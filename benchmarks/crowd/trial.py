@@ -3,7 +3,6 @@
 import os
 import subprocess
 import sys
-import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
@@ -13,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.crowd.crowd import MOVING_S, NAMES, OBSERVERS, Crowd, CrowdCounts, scene_name
-from benchmarks.timing import BenchmarkRow, cpu_seconds, free_port, resident_bytes, row
+from benchmarks.timing import cpu_seconds, free_port, resident_bytes
 from common.config import MeshConfig
 from common.errors import LabanmeshError
 from common.link import Link
@@ -24,9 +23,6 @@ SETTLE_S = MOVING_S + 1.5
 """How long movements take to end, and the last verdicts to arrive."""
 START_TIMEOUT_S = 60.0
 IDS = tuple(f"fusion{n}" for n in range(16))
-BENCH_SECONDS = 10.0
-FEW, MANY = 1, 250
-"""Scenes of the rows of `make bench`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,19 +104,6 @@ class CrowdResult:
                 f"time, {process.last_bytes / 1e6:.0f} MB at the end"
             )
         return "\n".join(lines)
-
-
-def rows(seconds: float = BENCH_SECONDS) -> Iterator[BenchmarkRow]:
-    """Processor time per posterior and p99 age of judgements, with a thousand observers against four."""
-    few, many = (_bench_trial(scenes, seconds) for scenes in (FEW, MANY))
-    observers = f"{MANY * OBSERVERS} observers, floor: {FEW * OBSERVERS}"
-    yield row(f"one posterior, {observers}", many.cpu_per_posterior_us, few.cpu_per_posterior_us, "us", 1)
-    yield row(f"age of a judgement, p99, {observers}", many.age_p99_ms, few.age_p99_ms, "ms", 1)
-
-
-def _bench_trial(scenes: int, seconds: float) -> CrowdResult:
-    with tempfile.TemporaryDirectory() as folder:
-        return run_trial(CrowdPlan(scenes, 30.0, seconds), Path(folder), lambda line: None)
 
 
 def run_trial(plan: CrowdPlan, folder: Path, report: Callable[[str], None]) -> CrowdResult:
