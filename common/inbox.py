@@ -4,6 +4,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Iterable
+from contextlib import suppress
 from typing import NamedTuple
 
 LARGE = 2048
@@ -35,7 +36,8 @@ class Inbox:
 
     def __init__(self, limit: int = 4096, bytes_limit: int = BYTES_LIMIT) -> None:
         self._arrivals: deque[Arrival] = deque(maxlen=limit)
-        self._something = threading.Event()
+        self._bell = threading.Lock()
+        self._bell.acquire()
         self._lock = threading.Lock()
         self._bytes_limit = bytes_limit
         self._large: dict[str, int] = {}
@@ -51,9 +53,8 @@ class Inbox:
             with self._lock:
                 self.dropped += 1
         arrivals.append(Arrival(key, payload, time.time_ns()))
-        # Set after the message is in the queue: `take` clears first and empties then, so it cannot miss one.
-        if not self._something.is_set():
-            self._something.set()
+        # Rung after the message is in the queue: `take` silences it first and empties then, so it cannot miss one.
+        self.wake()
 
     def _has_room(self, key: str, size: int) -> bool:
         """Count a large payload, unless it is too much."""
@@ -69,8 +70,7 @@ class Inbox:
 
     def take(self, timeout_s: float) -> list[Arrival]:
         """All messages that have arrived, oldest first; waits for a message, a `wake`, or `timeout_s`."""
-        self._something.wait(timeout_s)
-        self._something.clear()
+        self._bell.acquire(timeout=max(timeout_s, 0.0))
         if self._large_bytes:
             with self._lock:
                 self._large.clear()
@@ -80,7 +80,10 @@ class Inbox:
 
     def wake(self) -> None:
         """Make the present or the next `take` return at once."""
-        self._something.set()
+        if self._bell.locked():
+            # Another thread may have rung it meanwhile.
+            with suppress(RuntimeError):
+                self._bell.release()
 
 
 class Presence:

@@ -38,6 +38,7 @@ ADMISSION_TIMEOUT_S = 3.0
 """A router answers an admitted client in a millisecond, and others never; this leaves time for a busy router."""
 LINGER_CHECK_S = 0.5
 """A quarter of the lease, so that every socket is found before its link can be given up."""
+DESCRIPTORS = "/proc/self/fd"
 LINGER_OFF = struct.pack("ii", 0, 0)
 
 log = logging.getLogger("labanmesh.common")
@@ -168,14 +169,24 @@ def _explain(mesh: MeshConfig, message: str, endpoint: str) -> str:
     return reason(message, f"mesh.endpoint = {endpoint!r}") if fault is None else str(fault)
 
 
-def end_lingering() -> int:
-    """Switch SO_LINGER off on all TCP sockets that this process has now; returns the number of sockets changed."""
-    changed = 0
+def end_lingering(known: set[str] | None = None) -> int:
+    """Switch SO_LINGER off on all TCP sockets that this process has now; returns the number of sockets changed.
+
+    known: the sockets that were checked before, which are passed over; it is updated.
+    """
+    changed, checked = 0, set[str]()
     with suppress(OSError):
-        for entry in Path("/proc/self/fd").iterdir():
+        for name in os.listdir(DESCRIPTORS):  # noqa: PTH208 - pathlib would take three times as long
             with suppress(OSError, ValueError):
-                if str(entry.readlink()).startswith("socket:"):
-                    changed += _switch_off_linger(int(entry.name))
+                target = os.readlink(f"{DESCRIPTORS}/{name}")  # noqa: PTH115 - "socket:[inode]"
+                if not target.startswith("socket:"):
+                    continue
+                checked.add(target)
+                if known is None or target not in known:
+                    changed += _switch_off_linger(int(name))
+    if known is not None:
+        known.clear()
+        known.update(checked)
     return changed
 
 
@@ -197,6 +208,7 @@ def _keep_linger_off() -> None:
 
 
 def _repeat() -> None:
+    known = set[str]()
     while True:
-        end_lingering()
+        end_lingering(known)
         time.sleep(LINGER_CHECK_S)
