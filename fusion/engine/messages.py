@@ -66,23 +66,21 @@ class JudgementBuilder:
     """Builds the votes and judgements of one scene."""
 
     def __init__(self, scene: str, vocabulary: Vocabulary, prior: Floats, rule: str) -> None:
-        self._scene, self._vocabulary, self._prior, self._rule = scene, vocabulary, prior, rule
+        self._scene, self._vocabulary, self._prior, self._rule = scene, vocabulary, prior.tolist(), rule
         self._reference = VocabularyReference(name=vocabulary.name, hash=vocabulary.digest)
 
     def ballot(self, posteriors: Sequence[AgedPosterior], pooled: PooledPosterior) -> Ballot:
         """Every observer's vote, and the fused label."""
         # (N + 1, M): the pooled posterior is the last row, so that each function is called once.
         rows = np.array([*(posterior.p for posterior in posteriors), pooled.p])
-        *p, pooled_p = _in_range(rows).tolist()
+        *p, pooled_p = rows.tolist()
         *entropies, entropy = entropy_bits(rows).tolist()
         *likeliest, pooled_likeliest = rows.argmax(axis=1).tolist()
-        # The first label is the likeliest of a uniform posterior, and agrees with nobody.
-        is_informed = (np.abs(rows - self._prior).max(axis=1) > LABEL_MARGIN).tolist()
         weights, names = pooled.weights.tolist(), self._vocabulary.labels
         cells = sum(posterior.surprise.size for posterior in posteriors if posterior.surprise is not None)
         votes, labels = {}, []
         for n, posterior in enumerate(posteriors):
-            label = names[likeliest[n]] if is_informed[n] and _is_learned(posterior, p[n][likeliest[n]]) else None
+            label = names[likeliest[n]] if self._holds_label(posterior, p[n], likeliest[n]) else None
             vote = _vote(posterior, p[n], entropies[n], weights[n], label, cells <= FACING_CELLS_LIMIT)
             votes[posterior.observer] = vote
             if posterior.state in POOLED_STATES:
@@ -90,6 +88,7 @@ class JudgementBuilder:
         # Without a vote the pooled posterior is the prior, and its first label would mean nothing.
         fused = names[pooled_likeliest] if labels else ""
         agreement = unchecked(Agreement, {"k": labels.count(fused), "n": len(labels)})
+        pooled_p = _in_range(pooled_p)
         return Ballot(votes, pooled_p, entropy, fused, pooled_p[pooled_likeliest], agreement)
 
     def judgement(
@@ -102,9 +101,9 @@ class JudgementBuilder:
         stamp: Stamp,
     ) -> JudgementMessage:
         """The pooled posterior with every observer's vote. why: what a label lacks; used while there is none."""
-        pooled_facets = {name: _in_range(p).tolist() for name, p in facets.items()}
+        pooled_facets = {name: _in_range(p.tolist()) for name, p in facets.items()}
         if pooled.facing is not None:
-            pooled_facets[FACING] = _in_range(pooled.facing).tolist()
+            pooled_facets[FACING] = _in_range(pooled.facing.tolist())
         fields = {
             "v": SCHEMA_VERSION,
             "scene": self._scene,
@@ -128,6 +127,19 @@ class JudgementBuilder:
         }
         return unchecked(JudgementMessage, fields)
 
+    def _holds_label(self, posterior: AgedPosterior, p: list[float], likeliest: int) -> bool:
+        """Whether the posterior `p` differs from the prior, and "something else" is no likelier than its first label.
+
+        The first label is the likeliest of a uniform posterior, and agrees with nobody.
+        """
+        unlearned = posterior.unlearned or 0.0
+        if unlearned > p[likeliest] * (1.0 - unlearned):
+            return False
+        prior = self._prior
+        return abs(p[likeliest] - prior[likeliest]) > LABEL_MARGIN or any(
+            abs(each - before) > LABEL_MARGIN for each, before in zip(p, prior, strict=True)
+        )
+
 
 def unchecked(kind: type[P], fields: dict[str, Any]) -> P:
     """The message of type `kind` with `fields`, all of them and in range; in a fifth of the time of validation.
@@ -142,22 +154,16 @@ def unchecked(kind: type[P], fields: dict[str, Any]) -> P:
     return message
 
 
-def _in_range(p: Floats) -> Floats:
-    """Probabilities without the round-off that may leave one above 1."""
-    clamped: Floats = np.minimum(p, 1.0)
-    return clamped
-
-
-def _is_learned(posterior: AgedPosterior, p: float) -> bool:
-    """Whether "something else" is no likelier than the observer's likeliest movement, of probability `p`."""
-    unlearned = posterior.unlearned or 0.0
-    return unlearned <= p * (1.0 - unlearned)
+def _in_range(p: list[float]) -> list[float]:
+    """Pooled probabilities without the round-off that may leave one above 1."""
+    return p if max(p) <= 1.0 else [min(each, 1.0) for each in p]
 
 
 def _vote(
     posterior: AgedPosterior, p: list[float], entropy: float, weight: float, label: str | None, with_facing: bool
 ) -> Vote:
-    is_used, surprise = posterior.state in POOLED_STATES, posterior.surprise if with_facing else None
+    is_used, facets = posterior.state in POOLED_STATES, posterior.facets
+    surprise = posterior.surprise if with_facing else None
     fields = {
         "label": label if is_used else None,
         "entropy": entropy if is_used else None,
@@ -169,9 +175,9 @@ def _vote(
         "skew_s": posterior.skew_s,
         "unlearned": posterior.unlearned,
         "facing": None if surprise is None else unchecked(Facing, {"surprise": surprise.tolist()}),
-        "facets": {name: facet.tolist() for name, facet in posterior.facets.items()} or None,
+        "facets": {name: facet.tolist() for name, facet in facets.items()} if facets else None,
         "reliability": posterior.reliability,
-        "doubles": dict(posterior.correlations) or None,
+        "doubles": dict(posterior.correlations) if posterior.correlations else None,
     }
     return unchecked(Vote, fields)
 

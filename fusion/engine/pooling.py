@@ -60,7 +60,8 @@ class PoolingCase:
 
 def pool_posteriors(case: PoolingCase) -> PooledPosterior:
     """Pool the posteriors of at least one observer (1 to 3)."""
-    trust, rows, prior, has_unlearned = observer_trust(case.posteriors), _rows(case), _prior(case), case.has_unlearned
+    has_unlearned, trust = case.has_unlearned, observer_trust(case.posteriors)
+    rows, prior = _rows(case, has_unlearned), _prior(case, has_unlearned)
     facing = _facing(case.posteriors, len(prior))
     if facing is None:
         pooled = _pool_rows(case.rule, rows, prior, trust)
@@ -92,7 +93,8 @@ def pool_many(cases: Sequence[PoolingCase]) -> list[PooledPosterior]:
 def _pool_batch(cases: Sequence[PoolingCase]) -> Iterator[PooledPosterior]:
     """Cases with equal rule, number of observers, prior and temperature, with `unlearned` in all of them or in none."""
     first = cases[0]
-    rows, prior, has_unlearned = np.array([_rows(case) for case in cases]), _prior(first), first.has_unlearned
+    has_unlearned, prior = first.has_unlearned, _prior(first, first.has_unlearned)
+    rows = np.array([_rows(case, has_unlearned) for case in cases])
     trust = ObserverTrust.stack([observer_trust(case.posteriors) for case in cases])
     pooled = _pool_rows(first.rule, rows, prior, trust)
     for answers, weights in zip(pooled.p, pooled.weights, strict=True):
@@ -133,15 +135,16 @@ def newest_ns(posteriors: Sequence[AgedPosterior], now_ns: int) -> int | None:
 
 def observer_trust(posteriors: Sequence[AgedPosterior]) -> ObserverTrust:
     """The learned trust in the observers; correlations with observers that are not among them are left out."""
-    if all(posterior.reliability == 1.0 and not posterior.correlations for posterior in posteriors):
-        return ObserverTrust.unknown(len(posteriors))
+    unknown, trust = ObserverTrust.unknown(len(posteriors)), np.array([each.reliability for each in posteriors])
+    if not any(posterior.correlations for posterior in posteriors):
+        return ObserverTrust(trust, unknown.correlations, has_correlations=False)
     place = {posterior.observer: n for n, posterior in enumerate(posteriors)}
-    correlations = np.zeros((len(posteriors), len(posteriors)))
+    correlations = unknown.correlations.copy()
     for posterior in posteriors:
         for other, rho in posterior.correlations.items():
             if other in place and other != posterior.observer:
                 correlations[place[posterior.observer], place[other]] = rho
-    return ObserverTrust(np.array([posterior.reliability for posterior in posteriors]), correlations)
+    return ObserverTrust(trust, correlations)
 
 
 def facing_deg(facing: Floats) -> float:
@@ -164,18 +167,18 @@ def _pool_rows(rule: Rule, rows: Floats, prior: Floats, trust: ObserverTrust) ->
     return RuleResult(rule.mix(rows[..., None], prior, weighed)[..., 0], weighed.shares)
 
 
-def _rows(case: PoolingCase) -> Floats:
+def _rows(case: PoolingCase, has_unlearned: bool) -> Floats:
     """(N, M), or (N, M+1) with "something else" last (1)."""
     rows = np.array([posterior.p for posterior in case.posteriors])
-    if not case.has_unlearned:
+    if not has_unlearned:
         return rows
     neutral = 1.0 / (rows.shape[1] + 1)
     unlearned = np.array([[neutral if o.unlearned is None else o.unlearned] for o in case.posteriors])
-    return np.hstack([rows * (1.0 - unlearned), unlearned])
+    return np.concatenate((rows * (1.0 - unlearned), unlearned), axis=1)
 
 
-def _prior(case: PoolingCase) -> Floats:
-    return uniform(len(case.prior) + 1) if case.has_unlearned else case.prior
+def _prior(case: PoolingCase, has_unlearned: bool) -> Floats:
+    return uniform(len(case.prior) + 1) if has_unlearned else case.prior
 
 
 def _facing(posteriors: Sequence[AgedPosterior], answers: int) -> Floats | None:
@@ -201,7 +204,7 @@ def _split(answers: Floats, weights: Floats, has_unlearned: bool, facing: Floats
     if not has_unlearned:
         return PooledPosterior(answers, weights, None, facing)
     movements, unlearned = answers[:-1], float(answers[-1])
-    total = float(movements.sum())
+    total = float(np.add.reduce(movements))
     # If something else is certain, nothing is known of the movements.
     p = movements / total if total > 0 else uniform(len(movements))
     return PooledPosterior(p, weights, min(unlearned, 1.0), facing)

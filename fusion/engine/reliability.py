@@ -86,9 +86,22 @@ class Reliability:
 
 def steadiness_after(steadiness: float, last: Floats, new: Floats, seconds: float) -> float:
     """The steadiness, above 0 to 1, once a posterior follows the last one after `seconds` (6); both (R,) answers."""
+    return steadiness_after_overlap(steadiness, len(last) * float(last @ new), seconds)
+
+
+def overlap_of(p: Floats, unlearned: float | None, q: Floats, unlearned_q: float | None) -> float:
+    """o of (6) for two posteriors (M,) with the probability of something else, None if the observer cannot tell."""
+    answers = len(p) + 1
+    u = 1.0 / answers if unlearned is None else unlearned
+    v = 1.0 / answers if unlearned_q is None else unlearned_q
+    return answers * ((1.0 - u) * (1.0 - v) * float(p.dot(q)) + u * v)
+
+
+def steadiness_after_overlap(steadiness: float, overlap: float, seconds: float) -> float:
+    """The same of o, the Bayes factor in (6) by which the new posterior is likelier if the last one was right."""
     if not 0.0 < seconds <= STEADY_GAP_S:
         return steadiness
-    overlap = min(max(len(last) * float(last @ new), LEAST_OVERLAP), 1.0)
+    overlap = min(max(overlap, LEAST_OVERLAP), 1.0)
     return float(steadiness * (overlap**2 / steadiness) ** (1.0 - math.exp(-seconds / STEADY_S)))
 
 

@@ -22,16 +22,17 @@
 import math
 from collections import Counter, deque
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from common import SECOND_NS
 from common.config_sections import FusionConfig
 from common.messages import PosteriorMessage, VoteState
-from common.probability import Floats, Surprise, decode_facing, encode_facing, entropy_bits, normalise, temper, uniform
+from common.probability import Floats, Surprise, entropy_bits, normalise, temper, uniform
 from common.vocabulary import Vocabulary
-from fusion.engine.reliability import steadiness_after
+from fusion.engine.fading import faded_facet, faded_surprise, faded_unlearned
+from fusion.engine.reliability import overlap_of, steadiness_after_overlap
 
 POOLED_STATES = ("counted", "stale")
 """States of an observer whose posterior is pooled; in the others it contributes the prior."""
@@ -53,11 +54,14 @@ class ObserverRecord:
 
 
 NO_RECORD = ObserverRecord()
+NOTHING: Mapping[str, Floats] = {}
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class AgedPosterior:
     """One observer's posterior as it is pooled: p (M,), and `rest`, the probability that the person is at rest.
+
+    Nothing changes one; it is not frozen, because that takes six times as long to make, and each step makes N.
 
     age_s: since the capture, corrected by skew_s, how far the observer's clock is ahead; None before the first message.
     unlearned: probability that it is none of the movements. surprise (M, K): encoded P(facing | movement). facets by
@@ -82,8 +86,9 @@ class AgedPosterior:
 
 @dataclass(slots=True)
 class _ObserverState:
-    """p: of the newest message, over the scene's prior. session_ns: when its session began here. visible_ns: when a
-    body part was last seen.
+    """p, rest, surprise, facets: of the newest message, as AgedPosterior has them while they are fresh; computed once
+    per message instead of once per step. session_ns: when its session began here. visible_ns: when a body part was last
+    seen.
 
     fault: the state that the last unusable message calls for. gone: the process disappeared after its last message.
     """
@@ -91,6 +96,9 @@ class _ObserverState:
     past_sessions: deque[str] = field(default_factory=lambda: deque(maxlen=SESSIONS_KEPT))
     message: PosteriorMessage | None = None
     p: Floats = field(default_factory=lambda: np.empty(0))
+    rest: float = 1.0
+    surprise: Surprise | None = None
+    facets: Mapping[str, Floats] = field(default_factory=dict)
     steadiness: float = 1.0
     session_ns: int = 0
     captured_ns: int = 0
@@ -105,8 +113,7 @@ class Roster:
     """The observers of one scene with their newest posteriors."""
 
     def __init__(self, observers: list[str], vocabulary: Vocabulary, config: FusionConfig) -> None:
-        self.vocabulary = vocabulary
-        self.prior = uniform(vocabulary.size)
+        self._set_vocabulary(vocabulary)
         self._config = config
         self._drop_ns = config.drop_s * SECOND_NS
         self._states = {observer: _ObserverState() for observer in observers}
@@ -119,9 +126,13 @@ class Roster:
 
     def change_vocabulary(self, vocabulary: Vocabulary) -> None:
         """Take posteriors in `vocabulary` from now on; those in the old one count no more."""
-        self.vocabulary, self.prior = vocabulary, uniform(vocabulary.size)
+        self._set_vocabulary(vocabulary)
         for observer, state in self._states.items():
             self._states[observer] = _ObserverState(gone=state.gone, rejected=state.rejected)
+
+    def _set_vocabulary(self, vocabulary: Vocabulary) -> None:
+        self.vocabulary, self.prior = vocabulary, uniform(vocabulary.size)
+        self._digest, self._size = vocabulary.digest, vocabulary.size
 
     def receive(self, observer: str, message: PosteriorMessage, now_ns: int, captured_ns: int) -> str | None:
         """Take one posterior, captured at `captured_ns` by our clock; returns why it was not used, or None."""
@@ -141,14 +152,18 @@ class Roster:
             state.past_sessions.remove(message.session)
         if new_session or _sees_person(message):
             state.visible_ns = captured_ns
-        # Computed once per message instead of once per step.
         p = self._over_our_prior(message)
         if new_session or state.message is None:
             state.steadiness = 1.0
         else:
-            last, seconds = _answers(state.p, state.message), (captured_ns - state.captured_ns) / SECOND_NS
-            state.steadiness = steadiness_after(state.steadiness, last, _answers(p, message), seconds)
+            seconds = (captured_ns - state.captured_ns) / SECOND_NS
+            overlap = overlap_of(state.p, state.message.unlearned, p, message.unlearned)
+            state.steadiness = steadiness_after_overlap(state.steadiness, overlap, seconds)
         state.message, state.p, state.captured_ns, state.received_ns = message, p, captured_ns, now_ns
+        state.rest = _relative_entropy(p) if message.rest is None else message.rest
+        state.surprise = None if message.facing is None else np.array(message.facing.surprise)
+        facets = message.facets
+        state.facets = {name: normalise(np.array(facet)) for name, facet in facets.items()} if facets else NOTHING
         state.gone, state.fault = False, None
         return None
 
@@ -178,9 +193,9 @@ class Roster:
         return max((s.steadiness for s in pooled if abs(now_ns - s.captured_ns) <= self._drop_ns), default=1.0)
 
     def _rejection(self, state: _ObserverState, message: PosteriorMessage, captured_ns: int, now_ns: int) -> str | None:
-        if message.vocabulary.hash != self.vocabulary.digest:
+        if message.vocabulary.hash != self._digest:
             return "foreign_vocabulary"
-        if len(message.p) != self.vocabulary.size:
+        if len(message.p) != self._size:
             return "wrong_length"
         if captured_ns > now_ns + self._drop_ns:
             return "from_the_future"
@@ -212,28 +227,27 @@ class Roster:
         faded = max(age_s - config.fresh_s, 0.0) / config.fade_s
         sight = math.exp(-max(blind_s - config.fresh_s, 0.0) / config.blind_s)
         exponent = math.exp(-faded) * sight
-        rest = 1.0 - sight * (1.0 - (_relative_entropy(state.p) if message.rest is None else message.rest))
+        rest = 1.0 - sight * (1.0 - state.rest)
         if state.gone or abs(age_s) > config.drop_s:
             return self._unused(observer, self._unused_state(state, now_ns), age_s, rest, record)
-        p, unlearned = state.p, message.unlearned
-        if exponent < 1.0:
-            unlearned = None if unlearned is None else _faded_unlearned(p, unlearned, exponent)
-            p = temper(p, self.prior, exponent)
         # A rounded 1 is exactly 1 again.
-        reliability = record.reliability * round(state.steadiness / steadiest, 3)
-        return AgedPosterior(
-            observer,
-            p,
-            rest,
-            age_s,
-            "counted" if exponent == 1.0 else "stale",
-            record.skew_s,
-            unlearned,
-            None if message.facing is None else _faded_surprise(np.array(message.facing.surprise), exponent),
-            {name: _faded_facet(facet, exponent) for name, facet in (message.facets or {}).items()},
-            reliability,
-            record.correlations,
-            exponent,
+        steadiness = 1.0 if state.steadiness == steadiest else round(state.steadiness / steadiest, 3)
+        fresh = AgedPosterior(
+            observer, state.p, rest, age_s, "counted", record.skew_s, message.unlearned, state.surprise, state.facets,
+            record.reliability * steadiness, record.correlations, exponent,
+        )  # fmt: skip
+        return fresh if exponent == 1.0 else self._faded(fresh)
+
+    def _faded(self, posterior: AgedPosterior) -> AgedPosterior:
+        """As much of the posterior as `freshness` leaves (rules 3 and 7)."""
+        exponent, unlearned, surprise = posterior.freshness, posterior.unlearned, posterior.surprise
+        return replace(
+            posterior,
+            p=temper(posterior.p, self.prior, exponent),
+            state="stale",
+            unlearned=None if unlearned is None else faded_unlearned(posterior.p, unlearned, exponent),
+            surprise=None if surprise is None else faded_surprise(surprise, exponent),
+            facets={name: faded_facet(facet, exponent) for name, facet in posterior.facets.items()},
         )
 
     def _unused(
@@ -253,8 +267,8 @@ class Roster:
 
     def _over_our_prior(self, message: PosteriorMessage) -> Floats:
         # Its sum was checked on arrival to be nearly 1.
-        raw = np.array(message.p)
-        p: Floats = raw / np.add.reduce(raw)
+        p = np.array(message.p)
+        p /= sum(message.p)
         if message.prior is None:
             return p
         # Bayes: the likelihood of the frames is p over the observer's own prior; our prior replaces that.
@@ -268,12 +282,6 @@ def _count(state: _ObserverState, reason: str) -> None:
         state.fault = "foreign" if reason == "foreign_vocabulary" else "invalid"
 
 
-def _answers(p: Floats, message: PosteriorMessage) -> Floats:
-    """(M+1,) the posterior over the movements and something else."""
-    unlearned = 1.0 / (len(p) + 1) if message.unlearned is None else message.unlearned
-    return np.append(p * (1.0 - unlearned), unlearned)
-
-
 def _sees_person(message: PosteriorMessage) -> bool:
     """Whether some body part is visible; an observer that does not say it (an audio classifier) is not blind."""
     return not message.visible or any(message.visible.values())
@@ -282,19 +290,3 @@ def _sees_person(message: PosteriorMessage) -> bool:
 def _relative_entropy(p: Floats) -> float:
     """Entropy over its maximum: the rest of an observer that does not publish rest."""
     return float(entropy_bits(p)) / math.log2(len(p))
-
-
-def _faded_unlearned(p: Floats, unlearned: float, exponent: float) -> float:
-    """`unlearned` after the posterior over all answers has faded."""
-    answers = np.append(p * (1.0 - unlearned), unlearned)
-    return float(temper(answers, uniform(len(answers)), exponent)[-1])
-
-
-def _faded_surprise(surprise: Surprise, exponent: float) -> Surprise:
-    """P(facing | movement)^exponent, encoded again so that the vote carries it as it was pooled."""
-    return surprise if exponent == 1.0 else encode_facing(normalise(decode_facing(surprise) ** exponent))
-
-
-def _faded_facet(facet: list[float], exponent: float) -> Floats:
-    p = normalise(np.array(facet))
-    return p if exponent == 1.0 or len(p) < 2 else temper(p, uniform(len(p)), exponent)
