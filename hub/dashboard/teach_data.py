@@ -24,6 +24,7 @@ NAME_MOST, NS_PER_MS = 64, 1_000_000
 MISSED_MOST, AGO_S = 10, (0.0, 3600.0)
 NEWS_SHOWN = 4
 TAKE_STEPS = ("ready", "waiting", "countdown", "now", "kept", "failed", "between", "review", "doubt")
+MEMORY_STEPS = ("look", "examples")
 ACTIONS: dict[str, ActionKind] = {kind: kind for kind in ("go", "begin", "repeat", "drop", "more", "skip", "pause")}
 BEGINS: dict[str, Begin] = {begin: begin for begin in ("still", "clap", "now")}
 
@@ -39,7 +40,11 @@ def lesson_server_data(lesson_server: "LessonServer") -> Json:
         "begun": begun_labels(replies),
         "remembers": lesson_server.scene.teaching.remember_minutes > 0,
         "observers": [
-            {**_observer(name, reply, name in lesson_server.silent), "picture": name in pictures}
+            {
+                **_observer(name, reply, name in lesson_server.silent),
+                "picture": name in pictures,
+                "clips": name in lesson_server.clip_keepers,
+            }
             for name, reply in replies.items()
         ],
         "said": [_verdict(each) for each in lesson_server.verdicts],
@@ -159,7 +164,9 @@ def _lesson(lesson: "PageLesson") -> Json:
         "fault": lesson.fault,
         "news": _news(lesson),
         "results": [line.text for line in lines if line.kind == "learning"],
-        "done": [line.text for line in lines if plan is None and line.kind in ("look", "examples")],
+        "done": [
+            line.text for line in lines if lesson.purpose == "forget" or (plan is None and line.kind in MEMORY_STEPS)
+        ],
         "test": [line.text for line in lines if _is_outcome(line)],
         "adopted": any(line.kind == "adopting" for line in lines),
     }

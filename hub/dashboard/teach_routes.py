@@ -173,7 +173,7 @@ class TeachPage:
 
     def _forget(self, fields: dict[str, Any]) -> None:
         unwanted = unwanted_of(fields)
-        self._required.forget(unwanted)
+        self._required.forget(unwanted, clips=fields.get("clips") is True)
         log.info(
             "forgetting from the page: %s", "everything" if unwanted.everything else unwanted.person or unwanted.label
         )

@@ -17,6 +17,7 @@ TYPED = {
     "the lines above say why; give the command again": "the lines below say why; forget it again then",
     "give the command again when it runs": "forget it again when it runs",
     "; or press a key": "",
+    " (--clips)": "",
     "? r makes it again": "? If not, make it again",
 }
 """Ways out in a terminal, and what they are on a page."""

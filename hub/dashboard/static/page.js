@@ -298,11 +298,18 @@ function showReferee(state) {
   const when = !last ? "" : last.ended === null ? "now" : ago < 100 ? `${ago} s ago` : `at ${clock(last.ended)}`;
   const before = last && last.revises !== null ? `, corrected from ${words(last.revises)}` : "";
   put($("verdict-facts"), last ? `${when}, ${agree(last.agreement)} agree${before}` : "");
-  put($("undecided"), state.why && !state.silent ? `no verdict yet: ${words(state.why)}` : "");
+  put($("undecided"), state.waiting && !state.silent ? unheard(state.observers) : state.why && !state.silent ? `no verdict yet: ${words(state.why)}` : "");
   bars($("fused"), state.fused);
   showManner(state);
   put($("agreement"), state.waiting ? "-" : agree(state.agreement));
   put($("entropy"), bits(state.entropy));
+}
+// Why nobody counts, and what to do.
+function unheard(observers) {
+  const all = (state) => observers.every((observer) => observer.gone || observer.state === state);
+  if (observers.every((observer) => observer.gone)) return "No judge runs. Start them: labanmesh up, and the scene file.";
+  if (all("late")) return "All judges are late: their machines are too busy, or their clocks or the network are wrong. labanmesh doctor says which.";
+  return all("silent") ? "No judge is heard. Do they run? labanmesh up starts them; labanmesh doctor says what is wrong." : "No judge counts now; their cards say why.";
 }
 function showHeader(state) {
   const kind = known.setup.span !== null ? "capture" : !state.judged ? "waiting" : state.silent ? "silent" : state.waiting ? "unobserved" : "live";

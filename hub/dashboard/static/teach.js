@@ -561,9 +561,13 @@ function sure() {
   const left = state.known.filter((each) => !everything && each !== label && state.observers.some((one) => takesOf(one, (name, of) => of === each && name !== person)));
   const gone = state.known.filter((each) => !left.includes(each));
   const then = state.known.length === 0 ? "" : left.length < 2 ? "Then it knows no movement any more, and waits to be taught." : gone.length ? `Then it no longer recognises ${listed(gone)}.` : `It still recognises ${listed(left)}: others have taught them too.`;
+  const films = make("input");
+  films.type = "checkbox";
+  const keepers = state.observers.filter((each) => each.clips).map((each) => each.name);
+  const filmed = keepers.length ? [make("label", "check", films, make("span", "", `Also the films of ${label ? `verdicts that said ${words(label)}` : "all verdicts"} that ${keepers.join(", ")} kept`))] : [];
   return [title, make("p", "", "Removed are"), make("ul", "", ...state.observers.map((each) => make("li", "", `${each.name}: ${removed(each)}`))),
-    make("p", "", "and old models that were learned from it, takes of it that were set aside, and what the cameras remember of the last minutes."), ...(then ? [make("p", "", then)] : []),
-    button(`Forget ${what}`, async () => { if (await send("teach/forget", unwanted)) { unwanted = null; $("forget-person").value = ""; show(); } }, "second danger"),
+    make("p", "", "and old models that were learned from it, takes of it that were set aside, and what the cameras remember of the last minutes."), ...(then ? [make("p", "", then)] : []), ...filmed,
+    button(`Forget ${what}`, async () => { if (await send("teach/forget", { ...unwanted, clips: films.checked })) { unwanted = null; $("forget-person").value = ""; show(); } }, "second danger"),
     button("Keep it", () => { unwanted = null; show(); }, "second")];
 }
 /* How many recordings of an observer are of those (person, movement); "" is something else. */

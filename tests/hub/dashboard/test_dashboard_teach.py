@@ -34,7 +34,7 @@ class FakeLessonServer:
     def __init__(self, scene):
         self.scene, self.version, self.silent, self.scene_state = scene, 7, frozenset(), SceneState("interface")
         self.lesson, self.plans, self.pressed, self.stopped, self.looks = None, [], [], [], 0
-        self.verdicts, self.corrected, self.forgotten = [], [], []
+        self.verdicts, self.corrected, self.forgotten, self.clip_keepers = [], [], [], ["cam1"]
         reply = TeachReply(
             state="learned", pictures=True, visible=True, takes={"nod": [1, 2], "ok": [1]}, other_s=61.2, labels=["ok"],
             take=TakeReport(label="nod", take=2, state="kept", seconds=1.44),
@@ -60,8 +60,8 @@ class FakeLessonServer:
     def correct(self, wanted):
         self.corrected.append(wanted)
 
-    def forget(self, unwanted):
-        self.forgotten.append(unwanted)
+    def forget(self, unwanted, *, clips):
+        self.forgotten.append((unwanted, clips))
 
     def now(self, observer):
         if observer != "cam1":
@@ -102,11 +102,13 @@ def test_a_lesson_is_begun_pressed_and_stopped_by_those_who_have_the_token(lesso
     assert (plan.labels, plan.takes, plan.background_s, plan.person) == (["wave", "clap"], 3, 60, "anna")
     assert lesson_server.pressed == [("abc", 4, Action("drop", 2))] and lesson_server.stopped == ["abc"]
     correction = {"labels": {"v1": "", "v2": "ok"}, "missed": [{"label": "ok", "ago_s": 4.5}], "person": " anna "}
-    forgetting = ({"person": "anna"}, {"label": "nod"}, {"everything": True})
+    forgetting = ({"person": "anna"}, {"label": "nod", "clips": True}, {"everything": True})
     answers = ask(lesson_server, post("correct", correction), *(post("forget", fields) for fields in forgetting))
     assert {each.status_code for each in answers} == {204}
     assert lesson_server.corrected == [WantedCorrections({"v1": "", "v2": "ok"}, [Missed("ok", 4.5)], "anna")]
-    assert lesson_server.forgotten == [Unwanted("anna"), Unwanted(label="nod"), Unwanted(everything=True)]
+    assert lesson_server.forgotten == [
+        (Unwanted("anna"), False), (Unwanted(label="nod"), True), (Unwanted(everything=True), False)
+    ]  # fmt: skip
     again, now, unknown, missing, home = ask(
         lesson_server, post("start", PLAN), *(("GET", f"/teach/{path}", {"headers": BEARER})
         for path in ("now/cam1", "now/attic", "take/cam1/wave/3", "home")),
@@ -277,7 +279,7 @@ def test_the_state_says_how_observers_and_lesson_stand(lesson_server, make):
     assert state["known"] == ["ok"] and state["begun"] == ["nod"] and state["lesson"] is None
     assert cam1["ready"] and cam1["line"] == "sees somebody" and cam1["take"]["seconds"] == 1.4 and cam1["other"] == 61
     assert cam1["persons"] == {"anna": {"nod": 2, "ok": 1, "": 1}} and state["remembers"]
-    assert cam2 == {"name": "cam2", "ready": False, "line": "does not run", "picture": False}
+    assert cam2 == {"name": "cam2", "ready": False, "line": "does not run", "picture": False, "clips": False}
     began = (make.NOON - make.SECOND) // 10**6
     assert state["said"] == [
         {"id": "v2", "label": "", "began": began, "ended": False},

@@ -268,7 +268,7 @@ def test_a_movement_is_forgotten_and_observers_that_do_not_run_are_named(taught)
     lesson_server, participant = taught
     fused = SimpleNamespace(labels=["wave", "clap"], now_ns=0, verdicts=(), observers=(), judgement=None)
     lesson_server.note(SceneUpdate(fused))
-    lesson_server.forget(Unwanted(label="nod"))
+    lesson_server.forget(Unwanted(label="nod"), clips=False)
     assert "cam1: removed 2 takes; learns anew without it" in lines(lesson_server)
     assert participant.labels == ["wave", "clap"] and lesson_server.lesson.purpose == "forget"
     assert lesson_server.lesson.fault == "not forgotten by cam2: no answer; forget it again when it runs"
