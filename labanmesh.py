@@ -220,7 +220,8 @@ def overview() -> str:
     head = (
         "labanmesh: several cameras recognise one person's movement, over Eclipse Zenoh\n\nusage: labanmesh VERB ...\n"
     )
-    return "\n".join([head, *lines, "", "labanmesh VERB --help explains a verb and shows an example."])
+    begin = "begin with `labanmesh demo`, which needs no camera, or with `labanmesh init`, which finds yours."
+    return "\n".join([head, *lines, "", begin, "labanmesh VERB --help explains a verb and shows an example."])
 
 
 def _unknown(verb: str) -> "BadInput":
@@ -260,10 +261,17 @@ def _run(verb: str, words: Sequence[str]) -> int:
         text = " ".join(error.format_message().split()) if hasattr(error, "format_message") else str(error)
         # Typer names the parameter and the rule; the value is in what was typed.
         typed = shlex.join([verb, *words]) if isinstance(error, typer.BadParameter) else verb
-        raise BadInput(f"{typed}: {text.rstrip('.')}; see labanmesh {verb} --help") from None
+        example = _example(verb) if text.startswith("Missing ") else ""
+        raise BadInput(f"{typed}: {text.rstrip('.')}{example}; see labanmesh {verb} --help") from None
     except typer.Abort:
         raise KeyboardInterrupt from None
     return status if isinstance(status, int) else 0
+
+
+def _example(verb: str) -> str:
+    """The first example of a verb's help, as the middle of a line; "" for a verb with sub-verbs."""
+    examples = (VERBS[verb].load().__doc__ or "").partition("Example: ")[2].splitlines()
+    return f", e.g. {examples[0]}" if examples and examples[0].startswith(f"labanmesh {verb} ") else ""
 
 
 if __name__ == "__main__":

@@ -13,7 +13,7 @@ from common.config_sections import default_quorum
 VIEWS = {1: ("door",), 2: ("yaw:30", "yaw:-30"), 3: ("door", "yaw:45", "yaw:-45")}
 """Where so many cameras usually stand; more than three stand in the corners."""
 CORNERS = ("yaw:45", "yaw:-45", "yaw:135", "yaw:-135")
-COMMAND_WIDTH = 32
+COMMAND_WIDTH = 43
 HEAD = """\
 # A scene of labanmesh: its cameras, where they stand, where the processes meet, and when a movement is decided.
 # Every process reads this file; on several machines each has the same. All keys: docs/reference/scene.md.
