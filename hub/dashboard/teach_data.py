@@ -15,8 +15,8 @@ from hub.teaching.page_memory import Missed, WantedCorrections
 from hub.teaching.wording import begun_labels, known_labels, presence_line
 
 if TYPE_CHECKING:
-    from hub.teaching.lesson_server import LessonServer, PageLesson
-    from hub.teaching.page_interface import Line
+    from hub.teaching.lesson_server import LessonServer
+    from hub.teaching.page_interface import Line, PageLesson
 
 Json = dict[str, Any]
 LABELS_MOST, TAKES, MINUTES, SECONDS = 30, (2, 20), (0.0, 15.0), (0.5, 12.0)

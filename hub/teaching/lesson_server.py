@@ -12,8 +12,6 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass, field
-from typing import Literal
 
 from common import SECOND_NS
 from common.config import Scene
@@ -29,8 +27,8 @@ from hub.teaching.forgetting import forget, untouched_line
 from hub.teaching.interface import Action, Answers
 from hub.teaching.lesson import Lesson, LessonPlan
 from hub.teaching.moments import fusion_ns
-from hub.teaching.page_interface import MOVED_ON, PageInterface
-from hub.teaching.page_memory import MemoryTask, MissedExample, WantedCorrections, corrections_of, learn_from
+from hub.teaching.page_interface import MOVED_ON, PageInterface, PageLesson, Purpose
+from hub.teaching.page_memory import MemoryTask, WantedCorrections, corrections_of, learn_from
 from hub.teaching.participants import Participants
 from hub.teaching.teaching_client import TeachingClient
 from hub.teaching.verdicts import newly_decided
@@ -43,30 +41,10 @@ LEASE_S = 5.0
 """So long after the last page has asked, observers are still asked."""
 LEFT_S = 1800.0
 VERDICTS_LIMIT = 100
-Purpose = Literal["lesson", "correct", "forget"]
 END_S = 5.0
 TEACH_KEPT, FORGET_KEPT = "every take is kept", "what was removed stays removed; forget it again for the rest"
 """What stopping loses: nothing."""
 BUSY = "a lesson is going on, perhaps from another phone; it is shown here"
-
-
-@dataclass(slots=True)
-class PageLesson:
-    """A lesson, or what else observers are asked for at length, and how it ended. plan: of a lesson.
-
-    examples: of movements that were missed. fault: one line; over: it goes on no more; stopped: because somebody
-    pressed so.
-    """
-
-    id: str
-    plan: LessonPlan | None
-    interface: PageInterface
-    purpose: Purpose = "lesson"
-    examples: list[MissedExample] = field(default_factory=list)
-    thread: threading.Thread | None = None
-    over: bool = False
-    stopped: bool = False
-    fault: str = ""
 
 
 class LessonServer:

@@ -9,13 +9,18 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from typing import Literal
 
 from common.errors import BadInput
 from hub.teaching.interface import GO, Action, ActionKind, Step, StepKind
+from hub.teaching.lesson import LessonPlan
+from hub.teaching.page_memory import MissedExample
 from hub.teaching.wording import on_a_page
 
 LINES_LIMIT = 200
+Purpose = Literal["lesson", "correct", "forget"]
+"""What a page asks for at length."""
 WAITING_ACTIONS: dict[StepKind, tuple[ActionKind, ...]] = {
     "ready": ("go", "skip"),
     "review": ("go", "more", "drop"),
@@ -147,3 +152,22 @@ class PageInterface:
         with self._condition:
             self._shown = shown
         self._changed()
+
+
+@dataclass(slots=True)
+class PageLesson:
+    """A lesson, or what else observers are asked for at length, and how it ended. plan: of a lesson.
+
+    examples: of movements that were missed. fault: one line; over: it goes on no more; stopped: because somebody
+    pressed so.
+    """
+
+    id: str
+    plan: LessonPlan | None
+    interface: PageInterface
+    purpose: Purpose = "lesson"
+    examples: list[MissedExample] = field(default_factory=list)
+    thread: threading.Thread | None = None
+    over: bool = False
+    stopped: bool = False
+    fault: str = ""

@@ -17,8 +17,7 @@ from hub.dashboard.teach_data import action_of, corrections_of, lesson_server_da
 from hub.dashboard.teach_routes import OFF, TeachPage
 from hub.scene_state import SceneState
 from hub.teaching.interface import Action, Step
-from hub.teaching.lesson_server import PageLesson
-from hub.teaching.page_interface import PageInterface
+from hub.teaching.page_interface import PageInterface, PageLesson
 from hub.teaching.page_memory import Missed, WantedCorrections
 
 TOKEN = "a-word-of-sixteen-and-more"  # noqa: S105 - a test
