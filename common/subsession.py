@@ -32,9 +32,9 @@ RING = 256
 
 @dataclass(frozen=True, slots=True)
 class _Polled:
-    """A ring that `poll` empties into `take_in`."""
+    """A ring that `poll` empties into `take_in`. try_recv: its next entry, None if it is empty."""
 
-    ring: Any
+    try_recv: Callable[[], Any]
     take_in: Callable[[Any], None]
 
 
@@ -267,7 +267,7 @@ class SubSession:
         declaration = declare(zenoh.handlers.RingChannel(ring) if self._is_polled else take_in)
         self._declared.append(declaration)
         if self._is_polled:
-            self._rings.append(_Polled(declaration, take_in))
+            self._rings.append(_Polled(declaration.try_recv, take_in))
 
     def __enter__(self) -> Self:
         return self
@@ -277,9 +277,10 @@ class SubSession:
 
 
 def _empty(polled: _Polled) -> None:
+    try_recv = polled.try_recv
     # Samples that arrive meanwhile wait for the next poll: a flood must not hold the loop.
     for _ in range(RING):
-        # None if the ring is empty; raises ZError if nothing more will arrive.
-        if (entry := polled.ring.try_recv()) is None:
+        # Raises ZError if nothing more will arrive.
+        if (entry := try_recv()) is None:
             return
         polled.take_in(entry)

@@ -52,6 +52,7 @@ class SceneMember:
         self._warm = len(ranked) > 1
         self._file = CheckpointFile.of(scene, service.own)
         self.vocabulary = scene.named_vocabulary
+        self._is_named = self.vocabulary is not None
         if self.vocabulary is not None:
             # A bad rule is an error now, not when the scene is taken over.
             self._new_engine(self.vocabulary)
@@ -157,7 +158,7 @@ class SceneMember:
 
     def _follow_vocabulary(self) -> None:
         """Change the vocabulary when the observers, or the owner that this service follows, have changed it."""
-        if self.worker is None or self.vocabulary is None or self.scene.named_vocabulary is not None:
+        if self._is_named or self.worker is None or self.vocabulary is None:
             return
         wanted = self._wanted_vocabulary(self.worker)
         if wanted is None or wanted == self.vocabulary.digest:

@@ -99,6 +99,7 @@ class SceneWorker:
         self._present = self._session.presence(
             scene.keys.observer_alive(), map(scene.keys.observer_alive, scene.roster)
         )
+        self._alive: frozenset[str] | None = None
         self._ingest = PosteriorIngest(engine, status, service.clock)
         self._clocks = ClockQuerier(
             self._session, scene.keys.observer_status(), service.clock, service.wake, service.ask_clocks_s
@@ -136,10 +137,12 @@ class SceneWorker:
             self._status.observers = self._ingest.statistics(self._scene.roster)
         for observer, reading in self._clocks.readings():
             self._engine.record_clock(observer, reading)
-        # After the posteriors: a last one must not bring back an observer that has gone.
-        present = frozenset(map(observer_of, self._present.alive))
-        self._engine.set_present(present)
-        self._ingest.vocabularies.set_present(present)
+        if self._present.alive is not self._alive:
+            # After the posteriors: a last one must not bring back an observer that has gone.
+            self._alive = self._present.alive
+            present = frozenset(map(observer_of, self._alive))
+            self._engine.set_present(present)
+            self._ingest.vocabularies.set_present(present)
         if not self.fuses:
             return StepInput(len(arrivals), len(read))
         now_ns = self._clock()

@@ -23,6 +23,7 @@ from common.keys import scene_of
 from common.link import Link
 from common.notify import Notifier
 from fusion.engine.pooling import pool_many
+from fusion.ingest import FLOOD
 from fusion.instrumentation import ServerStep, instrumented
 from fusion.membership import SceneMember
 from fusion.ownership import Role
@@ -36,6 +37,10 @@ PAUSE_S = 0.008
 """Between two rounds over many scenes; the scenes that are due in a round are pooled together."""
 BATCH = 32
 """Scenes that are pooled at once; more save little."""
+LOT_NS = 2_000_000
+"""Posteriors that arrive within this time are one lot."""
+LOT_WAIT_S = 0.0003
+"""The first of a lot waits for the others at most this long."""
 SETTLE_S = 0.3
 """After opening a link it takes at most this long to know which services are alive."""
 ASK_CLOCKS_S = 60.0
@@ -104,7 +109,7 @@ class FusionServer:
         """polled: whether posteriors wait until a scene is due; None: if there are more than FEW_SCENES."""
         self._polled = len(scenes) > FEW_SCENES if polled is None else polled
         self._ticks, self._polling_pause_s = ticks, pause_s
-        self._steady = SteadyClock()
+        self._steady, self._lot = SteadyClock(), LotSize()
         keys = () if self._polled else tuple(scene.keys.posterior() for scene in scenes)
         self._inbox = link.inbox(*keys)
         service = Service(
@@ -132,7 +137,7 @@ class FusionServer:
 
     def step(self) -> ServerStep:
         """Wait until something is due, at most one period, and do it."""
-        arrivals = self._inbox.take(self._pause_s())
+        arrivals = self._take()
         begun_s = self._ticks()
         received = read = 0
         results: list[StepResult] = []
@@ -158,6 +163,19 @@ class FusionServer:
             with suppress(LabanmeshError):
                 member.close(fault)
 
+    def _take(self) -> list[Arrival]:
+        """What has arrived, with the rest of a lot that has begun to arrive; waits until something is due."""
+        arrivals = self._inbox.take(self._pause_s())
+        if self._polled or not 0 < len(arrivals) <= FLOOD:
+            return arrivals
+        waits_until_s = self._ticks() + LOT_WAIT_S
+        self._lot.add(arrivals)
+        while self._lot.missing and (left_s := waits_until_s - self._ticks()) > 0:
+            more = self._inbox.take(left_s)
+            self._lot.add(more)
+            arrivals += more
+        return arrivals
+
     def _pause_s(self) -> float:
         return self._polling_pause_s if self._polled else max(0.0, min(self._due_s) - self._ticks())
 
@@ -174,6 +192,32 @@ class FusionServer:
             else:
                 self._due_s[n] = self._ticks() + period_s
             yield member, own
+
+
+class LotSize:
+    """How many posteriors arrive together: observers whose cameras run in step publish at the same time.
+
+    Judged one by one, the last of a lot would wait for the judgements of all others. Keys that come within LOT_NS of
+    the first belong to its lot. The last lot tells how many to expect; of cameras out of step that is one.
+    """
+
+    def __init__(self) -> None:
+        self._begun_ns = 0
+        self._keys: set[str] = set()
+        self._expected = 1
+
+    def add(self, arrivals: Sequence[Arrival]) -> None:
+        """Note arrivals in order."""
+        for arrival in arrivals:
+            if not 0 <= arrival.arrived_ns - self._begun_ns < LOT_NS:
+                self._begun_ns, self._expected = arrival.arrived_ns, len(self._keys)
+                self._keys = set()
+            self._keys.add(arrival.key)
+
+    @property
+    def missing(self) -> bool:
+        """Whether the present lot has fewer posteriors than the one before."""
+        return len(self._keys) < self._expected
 
 
 class SteadyClock:
