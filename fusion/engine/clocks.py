@@ -19,9 +19,13 @@ IGNORED_SKEW_NS = 5_000_000
 
 @dataclass(slots=True)
 class _ObserverClock:
-    """session, seq, sent_ns: of the last message that was used. doubtful: rule 3 applies."""
+    """correction_ns: what is taken from its stamps (rule 1). session, seq, sent_ns: of the last message that was used.
+
+    doubtful: rule 3 applies.
+    """
 
     skew: ClockSkew = field(default_factory=ClockSkew)
+    correction_ns: int = 0
     session: str = ""
     seq: int = -1
     sent_ns: int = 0
@@ -42,8 +46,9 @@ class Clocks:
     def record_reading(self, observer: str, reading: ClockReading) -> None:
         """Take a reading of an observer's clock."""
         if observer in self._clocks:
-            self._clocks[observer].skew.note(reading)
-            self._clocks[observer].doubtful = False
+            clock = self._clocks[observer]
+            clock.skew.note(reading)
+            clock.correction_ns, clock.doubtful = _correction_ns(clock.skew.best), False
 
     def skew_s(self, observer: str) -> float | None:
         """Seconds by which an observer's clock is ahead of ours; None before the first reading."""
@@ -51,13 +56,13 @@ class Clocks:
 
     def captured_ns(self, observer: str, message: PosteriorMessage, now_ns: int) -> int:
         """When the newest frame in `message`, which arrived at `now_ns`, was captured by our clock."""
-        if observer not in self._clocks:
+        clock = self._clocks.get(observer)
+        if clock is None:
             return message.captured_ns
-        clock = self._clocks[observer]
         sent_now_ns = now_ns - max(0, message.sent_ns - message.captured_ns)
         if clock.is_doubtful_after(message):
             return sent_now_ns
-        captured_ns = min(message.captured_ns, message.sent_ns) - _correction_ns(clock.skew.best)
+        captured_ns = min(message.captured_ns, message.sent_ns) - clock.correction_ns
         return min(captured_ns, sent_now_ns)
 
     def record_message(self, observer: str, message: PosteriorMessage) -> None:

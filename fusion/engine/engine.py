@@ -19,7 +19,7 @@ from common.vocabulary import ABSTAIN, Vocabulary
 from fusion.engine.clocks import Clocks
 from fusion.engine.contributions import contributions
 from fusion.engine.explanation import explain_undecided
-from fusion.engine.messages import JudgementBuilder, Stamp, build_ongoing, build_verdict, close_verdict, progress_of
+from fusion.engine.messages import JudgementBuilder, Stamp, build_verdict, close_verdict, progress_of
 from fusion.engine.pooling import PooledPosterior, PoolingCase, newest_ns, pool_facets, pool_posteriors
 from fusion.engine.reliability import Reliability, learn_from_verdict
 from fusion.engine.rest import RestTrust, pooled_rest
@@ -152,7 +152,10 @@ class FusionEngine:
         verdicts = []
         if decision is not None and (basis := self._evidence.get(decision.decided_ns)) is not None:
             stamp = replace(self._stamp(now_ns), seq=self._seq + 1)
-            verdict_id, contributed = self._verdict_id(decision.began_ns), self._contributions(basis, decision.label)
+            verdict_id, contributed = (
+                self._builder.verdict_id(decision.began_ns),
+                self._contributions(basis, decision.label),
+            )
             why = basis.why if decision.label == ABSTAIN else None
             judgement = basis.judgement
             verdicts = [build_verdict(judgement, judgement, decision, why, contributed, verdict_id, stamp)]
@@ -255,9 +258,6 @@ class FusionEngine:
     def _stamp(self, at_ns: int) -> Stamp:
         return Stamp(self._config.id, self._seq, at_ns, self.epoch, self.session)
 
-    def _verdict_id(self, began_ns: int) -> str:
-        return f"{self._scene}-{began_ns // 1_000_000}"
-
     def _why(self, state: PooledState, observers: int, began_ns: int) -> str | None:
         since_ns = self._detector.held_since_ns
         held_s = None if since_ns is None else (state.at_ns - since_ns) / SECOND_NS
@@ -271,7 +271,7 @@ class FusionEngine:
         movement = self._detector.movement
         if movement is not None and self._start.waits:
             movement = replace(movement, decision=None)
-        return None if movement is None else build_ongoing(movement, self._verdict_id(movement.began_ns))
+        return self._builder.ongoing(movement)
 
     def _verdict(self, now_ns: int, decision: MovementDecision, evidence: Mapping[int, _Evidence]) -> VerdictMessage:
         """The verdict on its evidence: the votes that decided it, also when its end is published.
@@ -281,7 +281,10 @@ class FusionEngine:
         evidence_ns = decision.ended_ns if decision.label == ABSTAIN else decision.decided_ns
         basis = evidence.get(evidence_ns or 0, evidence[now_ns])
         end = evidence.get(decision.ended_ns or 0, basis)
-        verdict_id, contributed = self._verdict_id(decision.began_ns), self._contributions(basis, decision.label)
+        verdict_id, contributed = (
+            self._builder.verdict_id(decision.began_ns),
+            self._contributions(basis, decision.label),
+        )
         why = basis.why if decision.label == ABSTAIN else None
         if why is not None and decision.revises is None and self._nearest.began_ns == decision.began_ns:
             why = self._nearest.why

@@ -68,6 +68,8 @@ class JudgementBuilder:
     def __init__(self, scene: str, vocabulary: Vocabulary, prior: Floats, rule: str) -> None:
         self._scene, self._vocabulary, self._prior, self._rule = scene, vocabulary, prior.tolist(), rule
         self._reference = VocabularyReference(name=vocabulary.name, hash=vocabulary.digest)
+        self._movement: MovementProgress | None = None
+        self._ongoing: OngoingMovement | None = None
 
     def ballot(self, posteriors: Sequence[AgedPosterior], pooled: PooledPosterior) -> Ballot:
         """Every observer's vote, and the fused label."""
@@ -126,6 +128,17 @@ class JudgementBuilder:
             "session": stamp.session,
         }
         return unchecked(JudgementMessage, fields)
+
+    def verdict_id(self, began_ns: int) -> str:
+        """The id of the movement that began then, in all messages about it."""
+        return f"{self._scene}-{began_ns // 1_000_000}"
+
+    def ongoing(self, movement: MovementProgress | None) -> OngoingMovement | None:
+        """The movement in progress as judgements carry it; built once, because it changes seldom."""
+        if movement is not self._movement:
+            self._movement = movement
+            self._ongoing = None if movement is None else _ongoing(movement, self.verdict_id(movement.began_ns))
+        return self._ongoing
 
     def _holds_label(self, posterior: AgedPosterior, p: list[float], likeliest: int) -> bool:
         """Whether the posterior `p` differs from the prior, and "something else" is no likelier than its first label.
@@ -208,8 +221,7 @@ def close_verdict(verdict: VerdictMessage, ended_ns: int, same_as: str | None, s
     return verdict.model_copy(update={**fields, "stage": "ended", "ended_ns": max(ended_ns, verdict.decided_ns)})
 
 
-def build_ongoing(movement: MovementProgress, movement_id: str) -> OngoingMovement:
-    """The movement in progress as judgements carry it."""
+def _ongoing(movement: MovementProgress, movement_id: str) -> OngoingMovement:
     decision = movement.decision
     fields: dict[str, Any] = {"id": movement_id, "began_ns": movement.began_ns}
     if decision is None:
@@ -220,7 +232,7 @@ def build_ongoing(movement: MovementProgress, movement_id: str) -> OngoingMoveme
 
 
 def progress_of(message: OngoingMovement | VerdictMessage) -> MovementProgress:
-    """The inverse of `build_ongoing`."""
+    """The inverse of `JudgementBuilder.ongoing`."""
     if message.label is None or message.decided_ns is None:
         return MovementProgress(message.began_ns)
     stage: VerdictStage = "decided" if message.revises is None else "revised"

@@ -128,7 +128,7 @@ def pool_facets(rule: Rule, posteriors: Sequence[AgedPosterior]) -> dict[str, Fl
 
 def newest_ns(posteriors: Sequence[AgedPosterior], now_ns: int) -> int | None:
     """When the newest posterior that is pooled was captured; None without one."""
-    ages_s = (one.age_s for one in posteriors if one.state in POOLED_STATES and one.age_s is not None)
+    ages_s = [one.age_s for one in posteriors if one.state in POOLED_STATES and one.age_s is not None]
     age_s = min(ages_s, default=None)
     return None if age_s is None else now_ns - round(max(age_s, 0.0) * SECOND_NS)
 

@@ -189,8 +189,13 @@ class Roster:
 
     def _steadiest(self, now_ns: int) -> float:
         """The largest steadiness of an observer that is pooled: a change that all see at once is no contradiction."""
-        pooled = (s for s in self._states.values() if s.message is not None and not s.gone)
-        return max((s.steadiness for s in pooled if abs(now_ns - s.captured_ns) <= self._drop_ns), default=1.0)
+        drop_ns = self._drop_ns
+        pooled = [
+            state.steadiness
+            for state in self._states.values()
+            if state.message is not None and not state.gone and abs(now_ns - state.captured_ns) <= drop_ns
+        ]
+        return max(pooled, default=1.0)
 
     def _rejection(self, state: _ObserverState, message: PosteriorMessage, captured_ns: int, now_ns: int) -> str | None:
         if message.vocabulary.hash != self._digest:
