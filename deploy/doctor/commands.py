@@ -15,6 +15,7 @@ import typer
 from common.config import Scene
 from common.errors import BadInput
 from common.text import split_list
+from deploy.doctor.broker import broker_facts, check_broker
 from deploy.doctor.cameras import TEST_S, check_cameras, no_webcam, observer_cameras, webcams
 from deploy.doctor.findings import EffectiveSetting, Finding, Group, Mark, as_json, page, warning, worst
 from deploy.doctor.machine import MachineNeeds, check_machine, installed_version, machine_facts, machine_needs
@@ -138,6 +139,7 @@ def _with_scene(
         Check("the scene file", SCENE_S, scene_findings),
         Check("cameras", MACHINE_S + (TEST_S if test_cameras else 0), camera_findings),
         Check("network", NETWORK_S + for_s, lambda: list(_mesh_findings(path, scene, for_s))),
+        Check("Home Assistant", MACHINE_S, lambda: list(check_broker(broker_facts(scene)))),
     ])  # fmt: skip
 
 

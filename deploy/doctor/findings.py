@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from common.config import Scene
 
 Mark = Literal["ok", "warning", "error"]
-Group = Literal["this machine", "the scene file", "cameras", "network", "security", "the mesh"]
+Group = Literal["this machine", "the scene file", "cameras", "network", "security", "the mesh", "Home Assistant"]
 GROUPS: tuple[Group, ...] = get_args(Group)
 MARKS: tuple[Mark, ...] = get_args(Mark)
 """From good to bad."""

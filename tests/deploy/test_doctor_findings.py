@@ -9,9 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from common.config import MeshConfig, ObserverConfig, Scene
+from common.config import MeshConfig, ObserverConfig, Scene, read_scene
 from common.config_sections import ClipsConfig
 from common.credentials import Certificate
+from deploy.doctor.broker import BrokerFacts, broker_facts, check_broker
 from deploy.doctor.cameras import CameraTest, NetworkCamera, ObserverCamera, Webcam, check_cameras
 from deploy.doctor.findings import (
     GROUPS,
@@ -368,3 +369,30 @@ def test_no_printed_text_steers_a_terminal(text):
 def test_the_page_of_the_docs_names_every_group():
     text = (Path(__file__).parents[2] / "docs" / "guide" / "doctor.md").read_text(encoding="utf-8")
     assert all(group in text for group in GROUPS)
+
+
+BROKER = BrokerFacts("homeassistant.local:1883", Connection(("10.0.0.2",), 0.004), starts=True, installed=True)
+
+
+@pytest.mark.parametrize(
+    ("facts", "mark", "text"),
+    [
+        (BROKER, "ok", "homeassistant.local:1883: answers, 4.0 ms"),
+        (replace(BROKER, connection=Connection(fault="nothing listens there")), "error", "app Mosquitto broker"),
+        (replace(BROKER, connection=Connection(fault="x"), starts=False), "warning", "correct hub.mqtt.host"),
+        (replace(BROKER, password_file="a/word", password="no such file"), "error", "> word, beside"),  # noqa: S106
+        (replace(BROKER, installed=False), "error", "pip install 'labanmesh[mqtt]'"),
+    ],
+)
+def test_the_broker_of_home_assistant(facts, mark, text):
+    first = next(iter(check_broker(facts)))
+    assert first.mark == mark and text in f"{first.what} {first.to_do}"
+
+
+def test_a_scene_without_a_broker_has_no_word_on_home_assistant(tmp_path):
+    (tmp_path / "s.toml").write_text('scene = "home"\n[observers.sofa]\nsource = "0"\n')
+    assert list(check_broker(broker_facts(read_scene(tmp_path / "s.toml", {})))) == []
+    with (tmp_path / "s.toml").open("a") as file:
+        file.write('[hub.mqtt]\nhost = "127.0.0.1"\nport = 9\npassword_file = "word"\n')
+    (word, broker) = check_broker(broker_facts(read_scene(tmp_path / "s.toml", {})))
+    assert "no such file" in word.what and "127.0.0.1:9: nothing listens there" in broker.what
