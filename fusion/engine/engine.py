@@ -22,7 +22,7 @@ from fusion.engine.explanation import explain_undecided
 from fusion.engine.messages import JudgementBuilder, Stamp, build_verdict, close_verdict, progress_of
 from fusion.engine.pooling import PooledPosterior, PoolingCase, newest_ns, pool_facets, pool_posteriors
 from fusion.engine.reliability import Reliability, learn_from_verdict
-from fusion.engine.rest import RestTrust, pooled_rest
+from fusion.engine.rest import RestPool
 from fusion.engine.roster import POOLED_STATES, AgedPosterior, ObserverRecord, Roster
 from fusion.engine.roster_start import RosterStart
 from fusion.engine.rules import get_rule
@@ -82,7 +82,7 @@ class FusionEngine:
         self._rule = get_rule(config.rule, len(observers))
         self._roster = Roster(observers, vocabulary, config)
         self._clocks = Clocks(observers)
-        self._detector, self._rest_trust = VerdictDetector(config), RestTrust()
+        self._detector, self._rest = VerdictDetector(config), RestPool()
         self._builder = JudgementBuilder(scene, vocabulary, self._roster.prior, self._rule.name)
         self._evidence: Mapping[int, _Evidence] = {}
         self._last_observed: _LastObserved | None = None
@@ -187,7 +187,7 @@ class FusionEngine:
         unlearned = pooled.unlearned or 0.0
         p = ballot.p * (1.0 - unlearned)
         observed = any(posterior.state in POOLED_STATES for posterior in posteriors)
-        rest = pooled_rest(posteriors, self._rest_trust.update(posteriors, now_ns))
+        rest = self._rest.update(posteriors, now_ns)
         heard_ns = newest_ns(posteriors, now_ns)
         state = PooledState(now_ns, ballot.label, p, ballot.agreement.k, rest, unlearned, observed, heard_ns)
         # Before the first posterior, as after a restart during a movement, the absence of motion means nothing.

@@ -19,7 +19,7 @@
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations
 from typing import Annotated
@@ -87,6 +87,12 @@ class Reliability:
 def steadiness_after(steadiness: float, last: Floats, new: Floats, seconds: float) -> float:
     """The steadiness, above 0 to 1, once a posterior follows the last one after `seconds` (6); both (R,) answers."""
     return steadiness_after_overlap(steadiness, len(last) * float(last @ new), seconds)
+
+
+def information_of(p: Sequence[float], unlearned: float | None) -> float:
+    """How much a posterior (M,) knows about the movement: 0 if it is uniform, or of something else; 1 if it is sure."""
+    certainty = math.log(max(len(p) * max(p), 1.0)) / math.log(len(p)) if len(p) > 1 else 0.0
+    return certainty * (1.0 - (unlearned or 0.0))
 
 
 def overlap_of(p: Floats, unlearned: float | None, q: Floats, unlearned_q: float | None) -> float:

@@ -32,7 +32,7 @@ from common.messages import PosteriorMessage, VoteState
 from common.probability import Floats, Surprise, entropy_bits, normalise, temper, uniform
 from common.vocabulary import Vocabulary
 from fusion.engine.fading import faded_facet, faded_surprise, faded_unlearned
-from fusion.engine.reliability import overlap_of, steadiness_after_overlap
+from fusion.engine.reliability import information_of, overlap_of, steadiness_after_overlap
 
 POOLED_STATES = ("counted", "stale")
 """States of an observer whose posterior is pooled; in the others it contributes the prior."""
@@ -62,12 +62,12 @@ class AgedPosterior:
     """One observer's posterior as it is pooled: p (M,), and `rest`, the probability that the person is at rest.
 
     Nothing changes one; it is not frozen, because that takes six times as long to make, and each step makes N.
-
     age_s: since the capture, corrected by skew_s, how far the observer's clock is ahead; None before the first message.
     unlearned: probability that it is none of the movements. surprise (M, K): encoded P(facing | movement). facets by
     name. These are None or absent if the observer does not publish them, and fade like p. reliability, correlations
     with other observers: learned from verdicts; reliability is also less for an observer that contradicts itself
     (reliability.py). freshness: how much of its opinion is left at its age, and after how long it saw nobody, 0 to 1.
+    information: how much its newest message knows about the movement, before it fades, 0 to 1.
     """
 
     observer: str
@@ -82,6 +82,7 @@ class AgedPosterior:
     reliability: float = 1.0
     correlations: Mapping[str, float] = field(default_factory=dict)
     freshness: float = 1.0
+    information: float = 0.0
 
 
 @dataclass(slots=True)
@@ -100,6 +101,7 @@ class _ObserverState:
     surprise: Surprise | None = None
     facets: Mapping[str, Floats] = field(default_factory=dict)
     steadiness: float = 1.0
+    information: float = 0.0
     session_ns: int = 0
     captured_ns: int = 0
     received_ns: int = 0
@@ -165,6 +167,7 @@ class Roster:
         facets = message.facets
         state.facets = {name: normalise(np.array(facet)) for name, facet in facets.items()} if facets else NOTHING
         state.gone, state.fault = False, None
+        state.information = information_of(message.p, message.unlearned)
         return None
 
     def reject(self, observer: str, reason: str) -> None:
@@ -239,7 +242,7 @@ class Roster:
         steadiness = 1.0 if state.steadiness == steadiest else round(state.steadiness / steadiest, 3)
         fresh = AgedPosterior(
             observer, state.p, rest, age_s, "counted", record.skew_s, message.unlearned, state.surprise, state.facets,
-            record.reliability * steadiness, record.correlations, exponent,
+            record.reliability * steadiness, record.correlations, exponent, state.information,
         )  # fmt: skip
         return fresh if exponent == 1.0 else self._faded(fresh)
 

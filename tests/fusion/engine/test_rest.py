@@ -1,5 +1,6 @@
 """Rest is decided by the observers together: no single one of three, nor a stuck or flapping one of two, decides it."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -8,7 +9,8 @@ from engine_stage import LABELS, UNIFORM, EngineDriver, aged, sure
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fusion.engine.rest import LEAST_TRUST, RestTrust, pooled_rest
+from fusion.engine.rest import pooled_rest
+from fusion.engine.rest_trust import AGREED_S, DISSENT_RANGE, EVIDENCE, LEAST_TRUST, USUAL_DISSENT, RestTrust
 
 STEP_NS = 100_000_000
 
@@ -49,11 +51,17 @@ def test_an_observer_that_sees_nobody_leaves_rest_to_the_others_and_silence_of_a
     assert pooled_rest(gone) == pytest.approx(0.1) and pooled_rest(gone[1:]) == 1.0
 
 
-def trusted(*courses):
-    """Each observer's trust after courses of rest, a step each: 0 moving, 1 resting, - sees nobody."""
+def trusted(*courses, information=()):
+    """Each observer's trust after courses of rest, a step each: 0 moving, 1 resting, - sees nobody.
+
+    information: of the first observers in each step, 0 to 9.
+    """
     trust, result = RestTrust(), []
     for step, sides in enumerate(zip(*courses, strict=True)):
-        posteriors = [aged_rest(n, float(s == "1"), float(s != "-")) for n, s in enumerate(sides)]
+        known = [int(course[step]) / 9 for course in information] + [0.0] * len(sides)
+        posteriors = [
+            replace(aged_rest(n, float(s == "1"), float(s != "-")), information=known[n]) for n, s in enumerate(sides)
+        ]
         result = trust.update(posteriors, (step + 1) * STEP_NS)
     return result
 
@@ -74,6 +82,51 @@ def test_who_contradicts_two_others_loses_trust_and_one_liar_takes_it_from_nobod
     inverted = PERSON.translate(str.maketrans("01", "10"))
     one, two, liar = trusted(PERSON, LATE, inverted)
     assert one > 0.9 and two > 0.9 and liar == LEAST_TRUST
+
+
+INVERTED = PERSON.translate(str.maketrans("01", "10"))
+LEARNS = ("0" * 16 + "02468" + "9" * 9) * 4
+"""Knows nothing while the person rests, and then grows sure."""
+
+
+@pytest.mark.parametrize("liar_learns", [LEARNS, "0" * 120], ids=["as the others", "nothing"])
+def test_of_two_that_contradict_each_other_the_one_whose_posterior_learns_at_rest_is_wrong(liar_learns):
+    honest, liar = trusted(PERSON, INVERTED, information=(LEARNS, liar_learns))
+    assert honest == 1.0 and liar == LEAST_TRUST
+
+
+def test_the_trust_of_two_that_contradict_each_other_is_the_bayes_factor_of_their_evidence():
+    steps, gain = 24, 1 / 9
+    information = "0" * 20 + "1" * (steps - 20)
+    honest, liar = trusted("0" * steps, "1" * steps, information=(information, information))
+    contradiction, compared_s = 0.0, AGREED_S
+    for _ in range(steps // 3 - 1):
+        # While nobody changes sides, trust is computed every .3 s here.
+        contradiction += (1 - contradiction) * (1 - math.exp(-0.3 / compared_s))
+        compared_s += 0.3
+    excess = (contradiction - USUAL_DISSENT) / DISSENT_RANGE
+    assert honest == 1.0 and liar == pytest.approx(max(math.exp(-EVIDENCE * excess * 2 * gain), LEAST_TRUST))
+    assert LEAST_TRUST < liar < 0.5
+
+
+def test_one_that_flaps_makes_nobody_look_stuck():
+    still = PERSON + "0" * 120
+    honest, liar = trusted(still, "01" * (len(still) // 2))
+    assert honest == 1.0 and liar == LEAST_TRUST
+
+
+@pytest.mark.parametrize("word", [0.0, 0.98], ids=["says nothing", "sees another person"])
+def test_where_two_contradict_each_other_and_nothing_tells_which_is_wrong_no_movement_is_cut_into_pieces(word):
+    scene = EngineDriver(["door", "liar"], quorum=1)
+    movements = LABELS[:2] * 3
+    for step in range(-15, 30 * len(movements)):
+        label, moves = movements[max(step, 0) // 30], 0 <= step % 30 < 15 and step >= 0
+        scene.tick()
+        scene.publish("door", sure(label, word) if moves and word else UNIFORM, 1.0 - moves)
+        scene.publish("liar", UNIFORM if moves or not word else sure(LABELS[2], word), float(moves))
+        scene.fuse()
+    decided = [verdict.label for verdict in scene.verdicts if verdict.stage == "decided"]
+    assert [label for label in decided if label != LABELS[2]] == (list(movements) if word else [])
 
 
 def test_a_clock_that_was_set_back_begins_anew():

@@ -1,0 +1,181 @@
+"""How far each observer's word on rest is trusted. Pure: time is passed in.
+
+Each observer is a witness of whether the person moves or rests, and may be wrong, stuck or hostile. It loses trust if
+
+1. it changes sides more often than people do (CHANGES_LIMIT in WINDOWS_S);
+2. it has not changed sides while the others did; one that changes too often is no other;
+3. it is on another side than most of two or more others for much of the time. Of several others the lower median
+   counts, so that one of them cannot take trust from anybody;
+4. it and the only other contradict each other for much of the time, and its own posterior speaks less for it. A
+   cumulative posterior learns while the person moves: each gain g of information adds g (1 - rest) to `right` and
+   g rest to `wrong`, and evidence is e = right - wrong, 0 without a gain. Trust is the Bayes factor
+   exp(EVIDENCE c (e - max e)) of its word against the other's, with c, 0 to 1, for how much they contradict.
+
+If two contradict each other and none of this tells which is wrong, rest is `contested`.
+"""
+
+import math
+from bisect import bisect_right
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from common import SECOND_NS
+from fusion.engine.roster import POOLED_STATES, AgedPosterior
+
+SIGHTED = 0.2
+"""The least freshness of an observer with which others are compared."""
+WINDOWS_S, CHANGES_LIMIT = (3.0, 12.0), (6, 16)
+"""Observers of recorded people change sides up to eight times in three seconds, seldom more than six; 16 in twelve."""
+CHANGES_KEPT = 32
+STUCK_S, MISSED = 6.0, 4
+"""An observer that changed sides before is stuck after so long, and so many changes of the others."""
+MET_S = 1.0
+"""One that never changed sides is stuck after so long; those that change too often are known by then."""
+DISSENT_S = 8.0
+USUAL_DISSENT, DISSENT_RANGE = 0.25, 0.25
+"""Observers of recorded people differ from one another in 6 to 12 % of the time, at most 20 % of eight seconds."""
+AGREED_S = 3.0
+"""Imagined agreement of two that have just met."""
+MOVEMENTS_KEPT, EVIDENCE, MOST_EVIDENCE = 4.0, 10.0, 0.5
+"""Gains fade with so many movements, and count so much; an observer has no use for inventing more than half of one."""
+CONTESTED, UNDECIDED = 0.2, 0.5
+"""Rest is contested if two contradict each other so much (c), and are trusted alike to this factor."""
+LEAST_TRUST = 0.05
+REFRESH_S = 0.25
+"""While nobody changes sides, trust is computed anew so often."""
+
+
+@dataclass(slots=True)
+class _Witness:
+    """One observer's side, when it changed it (newest last), its information, and what was gained on each side.
+
+    dissent: how much it lately differed from most of the others; contradiction: from the only other.
+    """
+
+    rests: bool
+    information: float
+    met_ns: int
+    changed_ns: list[int] = field(default_factory=list)
+    right: float = 0.0
+    wrong: float = 0.0
+    dissent: float = 0.0
+    contradiction: float = 0.0
+    compared_s: float = AGREED_S
+
+    def note(self, one: AgedPosterior, now_ns: int) -> None:
+        """Take its newest word."""
+        rests = one.rest >= 0.5
+        if rests != self.rests:
+            self.rests = rests
+            self.changed_ns = [*self.changed_ns[1 - CHANGES_KEPT :], now_ns]
+        gain, self.information = one.information - self.information, one.information
+        if gain > 0.0:
+            kept = math.exp(-gain / MOVEMENTS_KEPT)
+            self.right = self.right * kept + gain * (1.0 - one.rest)
+            self.wrong = self.wrong * kept + gain * one.rest
+
+    def compare(self, others: Sequence["_Witness"], seconds: float) -> None:
+        """Note that it was on its side beside the others for so long (3, 4)."""
+        resting = sum(other.rests for other in others)
+        if len(others) == 1:
+            share = 1.0 - math.exp(-seconds / self.compared_s)
+            self.compared_s = min(self.compared_s + seconds, DISSENT_S)
+            self.contradiction += ((self.rests != others[0].rests) - self.contradiction) * share
+        elif 2 * resting != len(others):
+            differs = self.rests != (2 * resting > len(others))
+            self.dissent += (differs - self.dissent) * (1.0 - math.exp(-seconds / DISSENT_S))
+
+    @property
+    def evidence(self) -> float:
+        """What its own posterior says of its word (4)."""
+        return min(self.right - self.wrong, MOST_EVIDENCE)
+
+    def changes_since(self, since_ns: int) -> int:
+        """How often it has changed sides."""
+        return len(self.changed_ns) - bisect_right(self.changed_ns, since_ns)
+
+    def calmness(self, now_ns: int) -> float:
+        """1, or less if it changes sides too often (1)."""
+        calmness = 1.0
+        for window_s, limit in zip(WINDOWS_S, CHANGES_LIMIT, strict=True):
+            changes = self.changes_since(now_ns - round(window_s * SECOND_NS))
+            calmness *= 1.0 if changes <= limit else (limit / changes) ** 3
+        return calmness
+
+    def liveliness(self, others: Sequence["_Witness"], now_ns: int) -> float:
+        """Half for each change of the others that it has not made, if it is no matter of timing (2)."""
+        last_ns = self.changed_ns[-1] if self.changed_ns else None
+        counts = (o.changes_since(last_ns or 0) if o.calmness(now_ns) == 1.0 else 0 for o in others)
+        missed = sorted(counts)[(len(others) - 1) // 2]
+        if last_ns is None:
+            return float(0.5**missed) if now_ns - self.met_ns > MET_S * SECOND_NS else 1.0
+        is_stuck = missed > MISSED and now_ns - last_ns > STUCK_S * SECOND_NS
+        return float(0.5 ** (missed - MISSED)) if is_stuck else 1.0
+
+
+class RestTrust:
+    """The trust in each observer's word on rest; `update` takes one step."""
+
+    def __init__(self) -> None:
+        self.contested = False
+        """Whether two observers contradict each other, and nothing tells which of them is wrong."""
+        self._witnesses: dict[str, _Witness] = {}
+        self._sides: list[bool | None] = []
+        self._names: list[str] = []
+        self._trust: list[float] = []
+        self._now_ns = 0
+
+    def update(self, posteriors: Sequence[AgedPosterior], now_ns: int) -> list[float]:
+        """The trust in each posterior of this step, LEAST_TRUST to 1."""
+        sides = [one.rest >= 0.5 if _is_sighted(one) else None for one in posteriors]
+        elapsed_ns = now_ns - self._now_ns
+        if sides == self._sides and 0 <= elapsed_ns < REFRESH_S * SECOND_NS:
+            return self._trust
+        if elapsed_ns < 0:
+            self._witnesses.clear()
+        self._now_ns = now_ns
+        # Until now the sides were those of the last update.
+        self._compare(min(elapsed_ns / SECOND_NS, 1.0))
+        sighted = [one for one, side in zip(posteriors, sides, strict=True) if side is not None]
+        for one in sighted:
+            if one.observer not in self._witnesses:
+                self._witnesses[one.observer] = _Witness(one.rest >= 0.5, one.information, now_ns)
+            self._witnesses[one.observer].note(one, now_ns)
+        self._sides, self._names = sides, [one.observer for one in sighted]
+        self._trust = [self._trust_in(one.observer, now_ns) for one in posteriors]
+        self.contested = self._is_contested(dict(zip((one.observer for one in posteriors), self._trust, strict=True)))
+        return self._trust
+
+    def _compare(self, seconds: float) -> None:
+        sighted = [self._witnesses[name] for name in self._names if name in self._witnesses]
+        for witness in sighted:
+            others = [other for other in sighted if other is not witness]
+            if others:
+                witness.compare(others, seconds)
+
+    def _trust_in(self, observer: str, now_ns: int) -> float:
+        witness = self._witnesses.get(observer)
+        others = [self._witnesses[name] for name in self._names if name != observer]
+        if witness is None or not others:
+            return 1.0
+        trust = witness.calmness(now_ns) * witness.liveliness(others, now_ns) * (1.0 - _excess(witness.dissent))
+        if len(others) == 1:
+            behind = max(others[0].evidence - witness.evidence, 0.0)
+            trust *= math.exp(-EVIDENCE * behind * _excess(witness.contradiction))
+        return max(trust, LEAST_TRUST)
+
+    def _is_contested(self, trust: dict[str, float]) -> bool:
+        if len(self._names) != 2:
+            return False
+        one, two = (self._witnesses[name] for name in self._names)
+        low, high = sorted(trust[name] for name in self._names)
+        return _excess(min(one.contradiction, two.contradiction)) >= CONTESTED and low >= UNDECIDED * high
+
+
+def _excess(dissent: float) -> float:
+    """How much more two differ than honest observers do, 0 to 1."""
+    return min(max(dissent - USUAL_DISSENT, 0.0) / DISSENT_RANGE, 1.0)
+
+
+def _is_sighted(posterior: AgedPosterior) -> bool:
+    return posterior.state in POOLED_STATES and posterior.freshness >= SIGHTED
