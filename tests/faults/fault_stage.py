@@ -163,12 +163,16 @@ class Stage:
         begin_ns = self.start_ns + rounds * self.replay.length_ns + round(self._shifts.get(name, 0.0) * SECOND_NS)
         self.processes[name].start(**{START: str(begin_ns)})
 
-    def with_clock(self, name, shift_s):
-        """Let a process that has not been started live by a clock that is `shift_s` ahead."""
+    def with_clock(self, name, shift_s, *later_s):
+        """Let a process that has not been started live by a clock that is `shift_s` ahead; each SIGUSR1 sets it anew.
+
+        later_s: how far it is ahead then, one after the other.
+        """
         self._shifts[name] = shift_s
         process = self.processes[name]
         where = process.command.index("labanmesh")
-        process.command[where - 1 : where + 1] = [str(HERE / "fault_odd_clock.py"), str(shift_s)]
+        shifts = ",".join(map(str, (shift_s, *later_s)))
+        process.command[where - 1 : where + 1] = [str(HERE / "fault_odd_clock.py"), shifts]
 
     def witness(self, inside=(), scene_file=None):
         """A started witness; the router must be there."""
