@@ -5,12 +5,18 @@ python tests/attacks/attack_history.py FILE: whether the file is whole, and how 
 
 import hashlib
 import json
+import os
 import sys
 import time
 from pathlib import Path
 
 FOLDER = Path(__file__).parents[2] / "build" / "attacks"
 SEED = "LABANMESH_ATTACKS_SEED"
+
+
+def storms():
+    """The settings of storms in the environment, with which a run is repeated."""
+    return {name: value for name, value in os.environ.items() if name.startswith("LABANMESH_STORM")}
 
 
 class History:
@@ -23,7 +29,7 @@ class History:
         self.seed, self._began_ns, self._lines, self._chain = seed, time.time_ns(), [], ""
         name = "".join(each if each.isalnum() else "-" for each in test.rpartition("::")[2]).strip("-")
         self.path = folder / f"{name}-{seed}.jsonl"
-        self.note("begin", test=test, seed=seed)
+        self.note("begin", test=test, seed=seed, settings=storms())
 
     def note(self, event, **fields):
         """Record one event."""
@@ -60,5 +66,6 @@ def checked(path):
 
 if __name__ == "__main__":
     first, *_, last = checked(sys.argv[1])
-    again = f"{SEED}={first['seed']} LABANMESH_ATTACKS=long pytest -n0 {first['test']!r}"
+    settings = "".join(f"{name}={value} " for name, value in first.get("settings", {}).items())
+    again = f"{settings}{SEED}={first['seed']} LABANMESH_ATTACKS=long pytest -n0 {first['test']!r}"
     print(f"whole: {last['n'] + 1} events. Again: {again}")

@@ -60,6 +60,9 @@ def _strike(stage, victims, chance, history):
     history.note("start", victims=victims)
 
 
+FAULTS = ("lost", "unheard", "wrong", "doubled", "unended")
+
+
 @dataclass
 class Aftermath:
     """What became of the movements: their numbers, and the ids of verdicts without an end."""
@@ -77,9 +80,12 @@ class Aftermath:
         """Whether only what nobody could hear was lost."""
         return not (self.lost or self.wrong or self.doubled or self.unended)
 
+    def __add__(self, other):
+        lists = {kind: [*getattr(self, kind), *getattr(other, kind)] for kind in FAULTS}
+        return Aftermath(self.movements + other.movements, self.right + other.right, **lists)
+
     def __str__(self):
-        kinds = ("lost", "unheard", "wrong", "doubled", "unended")
-        parts = [f"{len(getattr(self, kind))} {kind}" for kind in kinds]
+        parts = [f"{len(getattr(self, kind))} {kind}" for kind in FAULTS]
         return f"{self.movements} movements: {self.right} right, {', '.join(parts)}"
 
 

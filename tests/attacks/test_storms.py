@@ -1,21 +1,26 @@
 """Storms of kills and freezes: no verdict is wrong or doubled, each ends, and none is lost that anybody could hear.
 
 LABANMESH_STORM_S seconds each, 60 by default; LABANMESH_STORMS: how many seeds from LABANMESH_ATTACKS_SEED on.
+LABANMESH_STORM_SCENES: 1, or 1,20 for both; LABANMESH_STORM_MESHES: plain, or plain,secured.
 """
 
 import os
 import random
 
 import pytest
+from attack_fleet import Fleet
 from attack_history import SEED, History
-from attack_storm import KINDS, aftermath, settle, storm
-from fault_processes import Process, labanmesh
-from fault_stage import SECOND_NS, SERVICES, Movement, Replay, Stage, all_count
+from attack_storm import KINDS, Aftermath, aftermath, settle, storm
+from fault_stage import SECOND_NS, Movement, Replay, all_count
+
+from common.text import plural
 
 STORM_S = float(os.environ.get("LABANMESH_STORM_S", "60"))
 SEEDS = range(
     int(os.environ.get(SEED, "17")), int(os.environ.get(SEED, "17")) + int(os.environ.get("LABANMESH_STORMS", "1"))
 )
+SCENES = [int(word) for word in os.environ.get("LABANMESH_STORM_SCENES", "1").split(",")]
+MESHES = os.environ.get("LABANMESH_STORM_MESHES", "plain").split(",")
 
 
 @pytest.fixture(scope="module")
@@ -23,31 +28,46 @@ def replay(tmp_path_factory):
     return Replay(tmp_path_factory.mktemp("replay"))
 
 
+def all_scenes_count(fleet):
+    """Whether the votes of all observers count in every scene, for a witness."""
+
+    def holds(witness):
+        others = [witness.others.get(name, {}).get("judgement") or [] for name in fleet.scenes[1:]]
+        return all_count(witness) and all(
+            each and all(vote["state"] == "counted" for vote in each[-1]["votes"].values()) for each in others
+        )
+
+    return holds
+
+
 @pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("scenes", SCENES)
+@pytest.mark.parametrize("mesh", MESHES)
 def test_after_a_storm_each_movement_that_was_heard_has_one_right_verdict_that_ended(
-    kind, seed, request, long_form, tmp_path
+    mesh, scenes, kind, seed, request, long_form, tmp_path
 ):
     if not long_form:
         pytest.skip("the long form: make attacks")
     replay, history = request.getfixturevalue("replay"), History(request.node.nodeid, seed)
     chance = random.Random(seed)  # noqa: S311 - to be repeated
-    with Stage(replay, tmp_path, fusions=SERVICES) as stage:
-        stage.processes["hub"] = Process(labanmesh("watch", stage.file, "--json"))
+    with Fleet(replay, tmp_path, scenes=scenes, secured=mesh == "secured") as stage:
         stage.play()
         witness = stage.witness()
-        witness.wait_for(all_count, why="all count")
+        witness.wait_for(all_scenes_count(stage), timeout_s=60.0, why=f"all count\n{stage.logs()}")
         since_ns = witness.last["at_ns"]
         storm(stage, kind, STORM_S, chance, history)
         performed = [one for one in settle(stage, witness) if one.began_ns > since_ns]
-        result = aftermath(performed, witness.judgements, witness.verdicts)
-        history.note("end", result=str(result), detail=vars(result))
-        history.note(
-            "verdicts", verdicts=[(v["id"], v["label"], v["stage"], v["arrived_ns"]) for v in witness.verdicts]
-        )
-        path = history.keep()
-        print(f"{kind}, seed {seed}: {result}")
-        assert result.harmless, f"{vars(result)}\n{path}\n{stage.logs()}"
+        results = {}
+        for name in stage.scenes:
+            of = witness.others[name] if name in witness.others else witness.messages
+            results[name] = aftermath(performed, of["judgement"], of["verdict"])
+            words = [(v["id"], v["label"], v["stage"], v["arrived_ns"]) for v in of["verdict"]]
+            history.note("end", scene=name, result=str(results[name]), detail=vars(results[name]), verdicts=words)
+        path, harmed = history.keep(), {name: each for name, each in results.items() if not each.harmless}
+        print(f"{kind}, seed {seed}, {mesh}: {sum(results.values(), Aftermath(0))} in {plural(scenes, 'scene')}")
+        harm = "\n".join(f"{name}: {vars(each)}" for name, each in harmed.items())
+        assert not harmed, f"{harm}\n{path}\n{stage.logs()}"
 
 
 def judged(at_s, heard=2):

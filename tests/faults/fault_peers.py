@@ -1,7 +1,7 @@
 """Peers of a scene, run as processes: a hub that writes what it receives, and an observer whose clock stands still.
 
 python fault_peers.py witness SCENE.toml: each message as a line of JSON, {"kind", "arrived_ns", "message"}; the first
-line shows that it listens. python fault_peers.py echo SCENE.toml OF ID: publishes as ID what the observer OF publishes,
+line shows that it listens. Of a folder of scene files all; of votes in scenes after the first only the state. python fault_peers.py echo SCENE.toml OF ID: publishes as ID what the observer OF publishes,
 always with the same time. python fault_peers.py film SCENE.toml KEY FILM.npz: the tracks of a film, again and again, as
 another program's tracks under KEY. All end on SIGTERM.
 """
@@ -13,7 +13,7 @@ import sys
 import time
 from pathlib import Path
 
-from common.config import read_scene
+from common.config import read_scene, scene_files
 from common.lifecycle import stop_on_signals
 from common.link import Link
 from common.messages import JudgementMessage, PosteriorMessage, StatusMessage, VerdictMessage
@@ -23,12 +23,26 @@ from observer.motion.archive_file import read_archive
 KINDS = {"judgement": JudgementMessage, "verdict": VerdictMessage, "status": StatusMessage}
 
 
-def witness(keys, link, stop):
+def witness(keys, link, stop, *more):
     inbox = link.inbox(keys.judgement, keys.verdict, keys.observer_status(), keys.fusion_status())
+    others = link.inbox(*(key for other in more for key in (other.judgement, other.verdict)), limit=20_000)
     print(json.dumps({"kind": "listening"}), flush=True)
     while not stop.is_set():
         for arrival in inbox.take(0.1):
             write(arrival)
+        for arrival in others.take(0):
+            write_in_short(arrival)
+
+
+def write_in_short(arrival):
+    """What an aftermath needs."""
+    kind = arrival.key.rsplit("/", 1)[-1]
+    message = decode(KINDS[kind], arrival.payload)
+    names = ("scene", "at_ns", "fusion", "session", "id", "label", "stage", "began_ns", "decided_ns", "ended_ns")
+    facts = {name: getattr(message, name) for name in (*names, "same_as") if hasattr(message, name)}
+    facts["agreement"] = {"n": message.agreement.n}
+    facts["votes"] = {name: {"state": vote.state} for name, vote in message.votes.items()}
+    print(json.dumps({"kind": kind, "arrived_ns": arrival.arrived_ns, "message": facts}), flush=True)
 
 
 def write(arrival):
@@ -64,6 +78,6 @@ def film(keys, link, stop, key, path):
 
 if __name__ == "__main__":
     peer, role = {"witness": (witness, "hub"), "echo": (echo, "observer"), "film": (film, "hub")}[sys.argv[1]]
-    scene = read_scene(Path(sys.argv[2]))
+    scene, *others = (read_scene(path) for path in scene_files([Path(sys.argv[2])]))
     with stop_on_signals() as stop, Link.open(scene.mesh, role) as link:
-        peer(scene.keys, link, stop, *sys.argv[3:])
+        peer(scene.keys, link, stop, *(other.keys for other in others), *sys.argv[3:])

@@ -71,14 +71,22 @@ class Replay:
         return [one for one in whole if from_ns <= one.began_ns and one.ended_ns <= until_ns]
 
 
-class Witness:
-    """A hub process; what it received, in order: lists of messages with `arrived_ns`."""
+SCENE = "dojo"
+"""The name of the scene, or of the first of several."""
 
-    def __init__(self, scene_file, inside=()):
+
+class Witness:
+    """A hub process; what it received, in order: lists of messages with `arrived_ns`.
+
+    others: by name of a further scene of a folder, its judgements and verdicts, by kind.
+    """
+
+    def __init__(self, scene_file, inside=(), environment=None):
         command = [sys.executable, str(HERE / "fault_peers.py"), "witness", str(scene_file)]
-        self.process, self._read = Process(command, inside), 0
-        self._messages = {"judgement": [], "verdict": [], "status": []}
-        self.judgements, self.verdicts, self.statuses = self._messages.values()
+        self.process, self._read = Process(command, inside, environment), 0
+        self.messages = {"judgement": [], "verdict": [], "status": []}
+        self.judgements, self.verdicts, self.statuses = self.messages.values()
+        self.others = {}
 
     def start(self):
         self.process.start()
@@ -95,7 +103,14 @@ class Witness:
             except ValueError:
                 raise AssertionError(f"the witness wrote {line!r}") from None
             if record["kind"] != "listening":
-                self._messages[record["kind"]].append({**record["message"], "arrived_ns": record["arrived_ns"]})
+                self._of(record["message"]["scene"])[record["kind"]].append(
+                    {**record["message"], "arrived_ns": record["arrived_ns"]}
+                )
+
+    def _of(self, scene):
+        if scene == SCENE:
+            return self.messages
+        return self.others.setdefault(scene, {"judgement": [], "verdict": [], "status": []})
 
     @property
     def last(self):
@@ -133,12 +148,12 @@ class Stage:
             self.processes[name] = Process(labanmesh(*words), self._inside.get(name, ()))
         self.start_ns, self._shifts, self._witnesses = 0, {}, []
 
-    def write(self, name, endpoint, fusions=("fusion",), extra=""):
+    def write(self, name, endpoint, fusions=("fusion",), extra="", scene=SCENE, credentials=""):
         """A scene file of this stage that meets at `endpoint`."""
         standby = ", ".join(f'"{one}"' for one in fusions[1:])
         labels = ", ".join(f'"{label}"' for label in MOVEMENTS)
-        lines = ['scene = "dojo"', f"vocabulary = [{labels}]"]
-        lines += ["[mesh]", 'mode = "router"', f'endpoint = "{endpoint}"']
+        lines = [f'scene = "{scene}"', f"vocabulary = [{labels}]"]
+        lines += ["[mesh]", 'mode = "router"', f'endpoint = "{endpoint}"', f'credentials = "{credentials}"']
         lines += ["[fusion]", f'id = "{fusions[0]}"', *([f"standby = [{standby}]"] if standby else []), extra]
         for observer in self._observers:
             lines += [f"[observers.{observer}]", f'source = "{self.replay.folder / "seen.npz"}"']
@@ -147,6 +162,10 @@ class Stage:
         place = self.folder / name
         place.write_text("\n".join(lines) + "\n")
         return place
+
+    def environment(self, _certificate):
+        """What a process needs in a secured mesh; this one is plain."""
+        return {}
 
     def play(self, in_s=1.5):
         """Start all processes, the router first; the performance begins `in_s` from now."""
@@ -176,7 +195,7 @@ class Stage:
 
     def witness(self, inside=(), scene_file=None):
         """A started witness; the router must be there."""
-        one = Witness(scene_file or self.file, inside)
+        one = Witness(scene_file or self.file, inside, self.environment("hub"))
         self._witnesses.append(one)
         return one.start()
 

@@ -1,0 +1,68 @@
+"""A stage of one scene or many, plain or secured: a router, two fusion services, three observers, a hub.
+
+The first scene has real observers; `attack_echo.py` publishes what they do in the other scenes too. One scene has a
+standby service, many are shared by the two services.
+"""
+
+import sys
+from pathlib import Path
+
+from fault_processes import Process, labanmesh
+from fault_stage import SCENE, SERVICES, VIEWS, Stage
+
+import labanmesh as command_line
+
+HERE = Path(__file__).parent
+ECHO = "echo"
+
+
+class Fleet(Stage):
+    """scenes: how many; secured: certificates for each process, and the router's access rules."""
+
+    def __init__(self, replay, folder, *, scenes=1, secured=False):
+        super().__init__(replay, folder, fusions=SERVICES)
+        self.scenes, self._secured = [SCENE, *(f"{SCENE}{n}" for n in range(1, scenes))], secured
+        if secured:
+            self.endpoint = f"tls/127.0.0.1:{self.port}"
+        folder = self.folder = folder / "fleet"
+        folder.mkdir()
+        credentials, services = "secure/hub.1" if secured else "", SERVICES if scenes == 1 else SERVICES[:1]
+        for name in self.scenes:
+            # In the order of their names the first scene is the first file.
+            file = self.write(f"{name}.toml", self.endpoint, services, scene=name, credentials=credentials)
+            self.file = file if name == SCENE else self.file
+        self.place = self.file if scenes == 1 else folder
+        if secured:
+            self._certify()
+        router = ("router", "--scene", self.place) if secured else ("router", self.endpoint)
+        commands = {"router": labanmesh(*router)}
+        commands |= {name: labanmesh("fuse", self.place, "--id", name) for name in SERVICES}
+        commands |= {name: labanmesh("observe", self.file, name) for name in VIEWS}
+        commands["hub"] = labanmesh("watch", self.file, "--json")
+        if scenes > 1:
+            commands[ECHO] = [sys.executable, str(HERE / "attack_echo.py"), str(self.place)]
+        self.processes = {
+            name: Process(command, environment=self.environment(name)) for name, command in commands.items()
+        }
+
+    def environment(self, certificate):
+        if not self._secured:
+            return {}
+        return {"LABANMESH_MESH_CREDENTIALS": str(self.folder / "secure" / f"{certificate}.1")}
+
+    def _certify(self):
+        machines = {"router": (), "hub": ("--hub",)} | {name: ("--fusion", name) for name in SERVICES}
+        machines |= {name: ("--observer", f"{SCENE}/{name}") for name in VIEWS}
+        if len(self.scenes) > 1:
+            # The other scenes' observers, on one machine.
+            places = [("--observer", f"{scene}/{name}") for scene in self.scenes[1:] for name in VIEWS]
+            machines[ECHO] = ("--hub", *(word for place in places for word in place))
+        self._secure("init")
+        for name, rights in machines.items():
+            self._secure("add", name, *rights)
+
+    def _secure(self, verb, *words):
+        assert command_line.main(["secure", verb, str(self.place), *words]) == 0
+
+    def witness(self, inside=(), scene_file=None):
+        return super().witness(inside, scene_file or self.place)
