@@ -4,7 +4,9 @@ The first scene has real observers; `attack_echo.py` publishes what they do in t
 standby service, many are shared by the two services.
 """
 
+import io
 import sys
+from contextlib import redirect_stdout
 from pathlib import Path
 
 from fault_processes import Process, labanmesh
@@ -62,7 +64,8 @@ class Fleet(Stage):
             self._secure("add", name, *rights)
 
     def _secure(self, verb, *words):
-        assert command_line.main(["secure", verb, str(self.place), *words]) == 0
+        with redirect_stdout(io.StringIO()):
+            assert command_line.main(["secure", verb, str(self.place), *words]) == 0
 
     def witness(self, inside=(), scene_file=None):
         return super().witness(inside, scene_file or self.place)

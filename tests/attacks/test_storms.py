@@ -60,7 +60,7 @@ def test_after_a_storm_each_movement_that_was_heard_has_one_right_verdict_that_e
         performed = [one for one in settle(stage, witness) if one.began_ns > since_ns]
         results = {}
         for name in stage.scenes:
-            of = witness.others[name] if name in witness.others else witness.messages
+            of = witness.others.get(name, witness.messages)
             results[name] = aftermath(performed, of["judgement"], of["verdict"])
             words = [(v["id"], v["label"], v["stage"], v["arrived_ns"]) for v in of["verdict"]]
             history.note("end", scene=name, result=str(results[name]), detail=vars(results[name]), verdicts=words)
