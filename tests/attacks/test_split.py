@@ -1,13 +1,15 @@
-"""A network in two halves for fifteen seconds, each with a router, a fusion service, observers and a hub."""
+"""A network in two halves for fifteen seconds, each with a router, a fusion service, observers and hubs of each kind."""
 
 import json
 import time
+from contextlib import ExitStack
 
 import pytest
+from attack_listeners import listeners
 from attack_storm import aftermath
 from fault_processes import Process, labanmesh
 from fault_slow_line import SlowLine
-from fault_stage import SECOND_NS, SERVICES, SETTLE_S, Replay, Stage, all_count, free_port
+from fault_stage import SCENE, SECOND_NS, SERVICES, SETTLE_S, Replay, Stage, all_count, free_port
 
 from deploy.security.routing import plain_rules
 
@@ -41,7 +43,11 @@ def test_after_a_split_there_is_one_leader_and_one_verdict_a_movement_for_every_
     if not long_form:
         pytest.skip("the long form: make attacks")
     replay, port = Replay(tmp_path_factory.mktemp("replay")), free_port()
-    with Stage(replay, tmp_path, fusions=SERVICES, extra="quorum = 1") as stage, SlowLine(stage.port, 0.0) as line:
+    with (
+        Stage(replay, tmp_path, fusions=SERVICES, extra="quorum = 1") as stage,
+        SlowLine(stage.port, 0.0) as line,
+        ExitStack() as hubs,
+    ):
         far_file = str(stage.write("far.toml", f"tcp/127.0.0.1:{port}", SERVICES, "quorum = 1"))
         for name in FAR:
             command = stage.processes[name].command
@@ -51,6 +57,11 @@ def test_after_a_split_there_is_one_leader_and_one_verdict_a_movement_for_every_
         near, far = stage.witness(), stage.witness(scene_file=far_file)
         for witness in (near, far):
             witness.wait_for(all_count, why="all count")
+        others = {}
+        for side, file in (("near", stage.file), ("far", far_file)):
+            for kind, hub in listeners(file, tmp_path / f"{side} broker", SCENE).items():
+                hubs.callback(hub.close)
+                others[f"{side} {kind}"] = hub.open()
         since_ns = near.last["at_ns"]
         history.note("cut")
         line.cut()
@@ -64,8 +75,9 @@ def test_after_a_split_there_is_one_leader_and_one_verdict_a_movement_for_every_
         near.wait_for(lambda w: w.last["at_ns"] > healed_ns + 12 * SECOND_NS, why="movements after the split")
         far.look()
         movements = replay.performed(stage.start_ns, since_ns, near.last["at_ns"] - round(2 * SETTLE_S * SECOND_NS))
-        for name, witness in (("near", near), ("far", far)):
-            result = aftermath(movements, witness.judgements, witness.verdicts)
+        for name, hub in {"near": near, "far": far, **others}.items():
+            judgements = (near if name.startswith("near") else far).judgements
+            result = aftermath(movements, judgements, hub.verdicts)
             history.note(name, result=str(result), detail=vars(result))
             print(name, result)
             assert not (result.doubled or result.unended or result.wrong), f"{vars(result)}\n{stage.logs()}"
