@@ -31,7 +31,7 @@ class Page:
 
     def _follow(self, url):
         # It ends with the dashboard.
-        with suppress(httpx.HTTPError), httpx.stream("GET", f"{url}events", timeout=None) as answer:
+        with suppress(httpx.HTTPError), httpx.stream("GET", f"{url}events", timeout=SOON_S) as answer:
             kind = ""
             for line in answer.iter_lines():
                 self._opened.set()

@@ -1,4 +1,4 @@
-"""A network in two halves for fifteen seconds, each with a router, a fusion service, observers and hubs of each kind."""
+"""A network in two halves for fifteen seconds, each with a router, a fusion service, observers and all kinds of hubs."""
 
 import json
 import time
