@@ -1,4 +1,4 @@
-"""A network in two halves for fifteen seconds, each with a router, a fusion service, observers and all kinds of hubs."""
+"""A network in two halves for fifteen seconds, each with a router, a fusion service, observers and hubs."""
 
 import json
 import time
