@@ -68,7 +68,8 @@ def test_idle_connections_keep_nobody_out(stage, dashboard, descriptors, connect
     gaps = stage.gaps(since_ns)
     took_s = (time.time_ns() - since_ns) / SECOND_NS
     print(
-        f"{took_s:.1f} s; processor time {cpu_s}; longest gap {max(gaps.values()):.2f} s, answer {max(answered_s):.2f} s"
+        f"{took_s:.1f} s; processor time {cpu_s}; longest gap {max(gaps.values()):.2f} s, "
+        f"answer {max(answered_s):.2f} s"
     )
     stage.history.note("answered", seconds=answered_s, cpu_s=cpu_s, most=sizes.most_kb, log=process.log[-2000:])
     assert max(gaps.values()) <= stage.longest_flooded_s, gaps
