@@ -45,11 +45,22 @@ class VerdictPublisher:
         session.answer(keys.verdict, lambda: self._verdict_payloads if self.answers else None)
 
     def publish(self, verdicts: Sequence[VerdictMessage], judgement: JudgementMessage) -> None:
-        """Send the verdicts, then the judgement."""
-        for verdict in verdicts:
-            self._verdicts.put(self.remember(verdict))
+        """Send the verdicts, then the judgement.
+
+        The file knows of a first word before it is sent, and of an end after: a service that is killed in between ends
+        the movement after its restart, perhaps once more, and hubs ignore the second of two equal words.
+        """
+        ended = max((n for n, verdict in enumerate(verdicts, 1) if verdict.ended_ns is not None), default=0)
+        payloads = [self.remember(verdict) for verdict in verdicts]
+        self._send(verdicts[:ended], payloads[:ended])
+        judgement_payload = self.remember(judgement)
+        self._send(verdicts[ended:], payloads[ended:])
+        self._judgements.put(judgement_payload)
+
+    def _send(self, verdicts: Sequence[VerdictMessage], payloads: Sequence[bytes]) -> None:
+        for verdict, payload in zip(verdicts, payloads, strict=True):
+            self._verdicts.put(payload)
             _log(verdict)
-        self._judgements.put(self.remember(judgement))
 
     def close(self, verdict: VerdictMessage) -> None:
         """Send the end of a movement after which this service publishes nothing more; it is no owner's last verdict."""

@@ -21,8 +21,8 @@
    was likelier: that is the next movement. If the other label began earlier and still holds REVISED_S after the
    decision, the decision was premature and is revised.
    An undecided movement that turns into something else was none, and gets no verdict.
-8. If no observer was heard for longer than UNHEARD_S, a movement that was not decided before begins afresh, and a
-   decided one is not revised: it ends when it was heard last, unless the same label goes on.
+8. If no observer was heard for longer than UNHEARD_S, a movement that was not decided before begins afresh with the
+   next motion, and a decided one is not revised: it ends when it was heard last, unless the same label goes on.
 """
 
 from dataclasses import dataclass, replace
@@ -109,7 +109,7 @@ class VerdictDetector:
         self._rest_since_ns: int | None = None
         self._faded_since_ns: int | None = None
         self._witnessed: int | None = None
-        self._was_idle = False
+        self._was_idle = self._is_past = False
         self._else_since_ns: int | None = None
         self._heard_ns: int | None = None
         self._unheard_from_ns: int | None = None
@@ -132,8 +132,7 @@ class VerdictDetector:
 
     def follow(self, movement: MovementProgress | None, at_ns: int | None = None) -> None:
         """Take over the state that another service, or this one before a restart, had at `at_ns` (rule 6)."""
-        if self._heard_ns is None:
-            self._heard_ns = at_ns
+        self._is_past, self._heard_ns = False, at_ns if self._heard_ns is None else self._heard_ns
         if movement is None:
             self._finish()
             return
@@ -188,11 +187,11 @@ class VerdictDetector:
             return
         heard_ns, last_ns = state.at_ns if state.heard_ns is None else state.heard_ns, self._heard_ns
         self._heard_ns = heard_ns if last_ns is None else max(heard_ns, last_ns)
-        if self.movement is None or last_ns is None or heard_ns - last_ns <= UNHEARD_S * SECOND_NS:
-            return
-        if self.movement.decision is not None:
-            self._unheard_from_ns = max(last_ns, self.movement.decision.decided_ns)
-        elif not state.idle:
+        decision = None if self.movement is None else self.movement.decision
+        if last_ns is not None and heard_ns - last_ns > UNHEARD_S * SECOND_NS:
+            self._unheard_from_ns = None if decision is None else max(last_ns, decision.decided_ns)
+            self._is_past = decision is None
+        if self._is_past and self.movement is not None and decision is None and not state.idle:
             self._begin(state.at_ns)
 
     def _change(
@@ -246,7 +245,7 @@ class VerdictDetector:
         self.movement = movement = MovementProgress(at_ns)
         self._candidate = self._rest_since_ns = self._label_at_rest = None
         self._faded_since_ns = self._else_since_ns = self._unheard_from_ns = None
-        self._revisions, self._was_idle = 0, False
+        self._revisions, self._was_idle, self._is_past = 0, False, False
         return movement
 
     def _finish(self) -> None:

@@ -58,20 +58,23 @@ def test_idle_connections_keep_nobody_out(stage, dashboard, descriptors, connect
         Sizes(stage) as sizes,
         subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as crowd,
     ):
-        before_s = {name: each.cpu_s for name, each in stage.processes.items()}
+        before_s = {name: (each.cpu_s, each.waited_s) for name, each in stage.processes.items()}
         for _ in iter(crowd.stdout.readline, f"{connections}\n"):
             begun_s = time.monotonic()
             assert httpx.get(f"http://127.0.0.1:{port}/", timeout=SOON_S).status_code == 200
             answered_s.append(time.monotonic() - begun_s)
-        cpu_s = {name: round(each.cpu_s - before_s[name], 2) for name, each in stage.processes.items()}
+        cpu_s = {name: round(each.cpu_s - before_s[name][0], 2) for name, each in stage.processes.items()}
+        waited_s = {name: round(each.waited_s - before_s[name][1], 2) for name, each in stage.processes.items()}
         crowd.stdin.close()
     gaps = stage.gaps(since_ns)
     took_s = (time.time_ns() - since_ns) / SECOND_NS
     print(
-        f"{took_s:.1f} s; processor time {cpu_s}; longest gap {max(gaps.values()):.2f} s, "
+        f"{took_s:.1f} s; processor time {cpu_s}; waited for it {waited_s}; longest gap {max(gaps.values()):.2f} s, "
         f"answer {max(answered_s):.2f} s"
     )
-    stage.history.note("answered", seconds=answered_s, cpu_s=cpu_s, most=sizes.most_kb, log=process.log[-2000:])
+    stage.history.note(
+        "answered", seconds=answered_s, cpu_s=cpu_s, waited_s=waited_s, most=sizes.most_kb, log=process.log[-2000:]
+    )
     assert max(gaps.values()) <= stage.longest_flooded_s, gaps
     assert max(sizes.most_kb.values()) < MOST_KB, sizes.most_kb
     assert process.lines - lines <= 20, process.log

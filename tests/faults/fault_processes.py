@@ -109,6 +109,11 @@ class Process:
         return len(list(Path(f"/proc/{self.pid}/fd").iterdir()))
 
     @property
+    def waited_s(self):
+        """How long its main thread has waited for a processor so far."""
+        return int(Path(f"/proc/{self.pid}/schedstat").read_text().split()[1]) / 1e9
+
+    @property
     def cpu_s(self):
         """Processor time so far."""
         fields = Path(f"/proc/{self.pid}/stat").read_text().rpartition(")")[2].split()

@@ -370,3 +370,12 @@ def test_8_a_movement_that_was_not_decided_before_the_gap_begins_after_it():
     after = [*sure(8, "lunge"), *rest(4)]
     begins = {gap: words_after_a_gap([*rest(1), *moving(5)], gap, after)[0][2] for gap in (19, 25)}
     assert begins == {19: 1, 25: 31}, "an outage of a second does not split a movement"
+
+
+@pytest.mark.parametrize("restart", [False, True], ids=["router", "service"])
+def test_8_nor_does_one_go_on_that_was_over_when_observers_are_heard_again(restart):
+    before, gone = [*rest(1), *moving(5)], {"gap": 30, "restart": restart}
+    story = [*rest(1), *sure(8, "lunge"), *rest(4)]
+    assert words_after_a_gap(before, after=story, **gone)[0] == ("lunge", "decided", 37)
+    # What observers still say at rest is about the movement that nobody heard to its end.
+    assert words_after_a_gap(before, after=sure_at_rest(9), **gone)[0] == ("bow", "decided", 1)

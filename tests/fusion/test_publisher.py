@@ -1,0 +1,55 @@
+"""What a service that is killed between two puts has told the world, and its own file."""
+
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+sys.path.append(str(Path(__file__).parent / "engine"))
+
+from engine_stage import LABELS, UNIFORM, VIEWS, EngineDriver, sure
+
+from common.keys import SceneKeys
+from common.messages import VerdictMessage
+from common.wire import decode
+from fusion.publisher import VerdictPublisher
+
+
+@pytest.fixture(scope="module")
+def played():
+    """An engine that has decided and ended two movements: its verdicts in order, and its last judgement."""
+    scene = EngineDriver(quorum=2)
+    for label in LABELS[:2]:
+        scene.step(dict.fromkeys(VIEWS, UNIFORM), 0.95, 20)
+        scene.step(dict.fromkeys(VIEWS, sure(label)), 0.05, 20)
+        judgement = scene.step(dict.fromkeys(VIEWS, UNIFORM), 0.95, 20)
+    return scene, judgement
+
+
+@pytest.mark.parametrize(
+    ("sent", "order"),
+    [
+        ([], ["file", "judgement"]),
+        ([0], ["file", "decided", "judgement"]),
+        ([1], ["ended", "file", "judgement"]),
+        ([0, 1], ["decided", "ended", "file", "judgement"]),
+        ([1, 2], ["ended", "file", "decided", "judgement"]),
+    ],
+)
+def test_a_first_word_is_in_the_file_before_it_is_sent_and_an_end_is_sent_before(played, sent, order):
+    """Killed in between, a service ends after its restart what it has decided, and forgets no end that it has sent."""
+    (scene, judgement), events = played, []
+    keys = SceneKeys("dojo")
+
+    def publisher(key):
+        def put(payload):
+            kind = key.rpartition("/")[2]
+            events.append(kind if kind == "judgement" else decode(VerdictMessage, payload).stage)
+
+        return SimpleNamespace(put=put)
+
+    session = SimpleNamespace(publisher=publisher, answer=lambda *_: None)
+    file = SimpleNamespace(write=lambda checkpoint: events.append("file"))
+    VerdictPublisher(session, keys, scene.engine, file).publish([scene.verdicts[n] for n in sent], judgement)
+    assert events == order
