@@ -28,6 +28,7 @@ posteriors. `guarded_pool` gives the same for the movements of one scene in half
 """
 
 import math
+from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
@@ -51,7 +52,6 @@ from fusion.engine.strengths import (
     uncertainty,
 )
 
-Indices = NDArray[np.intp]
 EPSILON = 0.02
 FAULT_PROBABILITY = (0.05, 0.3)
 """Prior probability that an observer is plainly wrong, for three, and for four and more participants.
@@ -115,19 +115,18 @@ def _shared_voice(p: Floats, ratio: Floats) -> Floats:
     size, movements = p.shape
     if size == 1:
         return np.zeros((1, 1))
-    first, second, place = _pairs(size)
-    logs, each = np.log((1.0 - LOG_FLOOR) * ratio + LOG_FLOOR), _ones(movements)
-    sizes = np.abs(logs).dot(each)
-    sizes = sizes.take(first) + sizes.take(second)
-    distance = np.abs(logs.take(first, axis=0) - logs.take(second, axis=0)).dot(each)
+    pairs, each = _pairs(size), _ones(movements)
+    # One call for the sizes of N logs, and the distances of P pairs.
+    sums = np.abs(pairs.singles_and_differences.dot(np.log((1.0 - LOG_FLOOR) * ratio + LOG_FLOOR))).dot(each)
+    sizes, distance = pairs.sums.dot(sums[:size]), sums[size:]
     # Over the sum of both sizes; of two observers that know nothing the distance is 1, over their mean.
     if np.minimum.reduce(sizes) > 2 * LEAST_SIZE:
         relative = distance / sizes
     else:
         relative = np.where(sizes > 2 * LEAST_SIZE, distance / np.maximum(sizes, 2 * LEAST_SIZE), 0.5)
-    top = np.maximum.reduce(p.take(first, axis=0) + p.take(second, axis=0), axis=1)
+    top = np.maximum.reduce(pairs.sums.dot(p), axis=1)
     rho = np.exp(relative * (-2.0 / SIMILARITY_SCALE)) * np.minimum((2.0 - top) / (2.0 * UNCERTAIN_MASS), 1.0)
-    result: Floats = rho.take(place) * off_diagonal(size)
+    result: Floats = rho.take(pairs.place) * off_diagonal(size)
     return result
 
 
@@ -147,13 +146,24 @@ def _posterior_odds(part: list[float], log_z: list[float]) -> list[float]:
     return [1.0 / total, *(each / total for each in doubt)]
 
 
+@dataclass(frozen=True, slots=True)
+class _Pairs:
+    """The P pairs of N observers, as matrices: (P, N) with the sum of each pair, (N + P, N) with each observer and then
+    the difference of each pair; place (N, N): the pair of two observers, any of one with itself."""
+
+    sums: Floats
+    singles_and_differences: Floats
+    place: NDArray[np.intp]
+
+
 @cache
-def _pairs(size: int) -> tuple[Indices, Indices, Indices]:
-    """(P,) and (P,): the observers of each pair; (N, N): the pair of two observers, any of one with itself."""
+def _pairs(size: int) -> _Pairs:
     first, second = np.triu_indices(size, 1)
-    place = np.zeros((size, size), dtype=np.intp)
-    place[first, second] = place[second, first] = np.arange(len(first))
-    return first, second, place
+    number = np.arange(len(first))
+    differences, place = np.zeros((len(first), size)), np.zeros((size, size), dtype=np.intp)
+    differences[number, first], differences[number, second] = 1.0, -1.0
+    place[first, second] = place[second, first] = number
+    return _Pairs(np.abs(differences), np.concatenate((np.eye(size), differences)), place)
 
 
 @cache
