@@ -102,7 +102,9 @@ def corrections_of(fields: Mapping[str, Any], known: list[str]) -> WantedCorrect
     moments = [Missed(str(each.get("label", "")), _number(each, "ago_s", 0.0, *AGO_S)) for each in missed]
     for label in (*filter(None, labels.values()), *(each.label for each in moments)):
         if label not in known:
-            raise BadInput(f"{label[:NAME_MOST] or 'a movement'}: {nearest(label, known)}; teach it first")
+            raise BadInput(
+                f"{label[:NAME_MOST] or 'a movement'} is not taught ({nearest(label, known)}); teach it first"
+            )
     return WantedCorrections({str(verdict): label for verdict, label in labels.items()}, moments, _person(fields, ""))
 
 

@@ -69,7 +69,7 @@ def correct(
     for correction in corrections:
         if correction.label and correction.label not in known:
             raise BadInput(
-                f"{correction.label}: {nearest(correction.label, known)}; teach it first: "
+                f"{correction.label} is not taught ({nearest(correction.label, known)}); teach it first: "
                 f"labanmesh teach SCENE {correction.label} --add"
             )
     made: dict[str, int] = dict.fromkeys(participants.observers, 0)

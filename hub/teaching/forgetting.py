@@ -11,7 +11,7 @@ from dataclasses import asdict
 
 from common.errors import LabanmeshError
 from common.teaching_messages import ForgottenReport, TeachReply, Unwanted
-from common.text import plural
+from common.text import nearest, plural
 from hub.teaching.correcting import vocabulary_in_force
 from hub.teaching.learning import adopt, learn
 from hub.teaching.participants import Participants
@@ -30,6 +30,8 @@ def forget(
     for name, reply in done.items():
         interface.say(f"{name}: {removed_line(reply.forgotten or ForgottenReport())}")
     failed = [name for name in replies if name not in done]
+    if done and not unwanted.everything and not any(_found(reply) for reply in done.values()):
+        interface.say(_unknown_line(unwanted, list(done.values())))
     left = [name for name, reply in done.items() if reply.forgotten and reply.forgotten.in_model]
     if left and not unwanted.everything:
         _learn_anew(participants, unwanted, done, left)
@@ -40,6 +42,21 @@ def forget(
         raise LabanmeshError(f"not forgotten by {', '.join(failed)}: the lines above say why; give the command again")
     if missing:
         raise LabanmeshError(f"not forgotten by {', '.join(missing)}: no answer; give the command again when it runs")
+
+
+def _found(reply: TeachReply) -> bool:
+    """Whether an observer had anything to forget."""
+    report = reply.forgotten or ForgottenReport()
+    return bool(report.takes or report.other_s or report.models or report.clips or report.in_model)
+
+
+def _unknown_line(unwanted: Unwanted, replies: Sequence[TeachReply]) -> str:
+    """Perhaps the name was misspelt: who and what is known."""
+    named = unwanted.person or unwanted.label
+    known = {
+        name for reply in replies for name in (reply.persons if unwanted.person else (*reply.labels, *reply.takes))
+    }
+    return f"nobody had anything of {named}" + (f": {nearest(named, sorted(known))}" if known else "")
 
 
 def removed_line(report: ForgottenReport) -> str:

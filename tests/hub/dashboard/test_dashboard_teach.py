@@ -243,8 +243,8 @@ def test_what_cannot_be_taught_is_one_line(fields, line):
     [({"labels": ["v1"]}, "labels: what each verdict"), ({"labels": {"v1": 3}}, "labels: what each verdict"),
      ({"missed": "ok"}, "missed: at most 10"), ({"missed": [{}] * 11}, "at most 10"), ({"missed": [3]}, "missed"),
      ({"missed": [{"label": "ok", "ago_s": -1}]}, "ago_s: a number from 0 to 3600"),
-     ({"missed": [{"label": "ok", "ago_s": float("nan")}]}, "ago_s"), ({"missed": [{}]}, "a movement: known: ok"),
-     ({"labels": {"v1": "okk"}}, "okk: did you mean ok?"), ({"person": "a\nb"}, "who performs")],
+     ({"missed": [{"label": "ok", "ago_s": float("nan")}]}, "ago_s"), ({"missed": [{}]}, "a movement is not taught"),
+     ({"labels": {"v1": "okk"}}, "okk is not taught (did you mean ok?)"), ({"person": "a\nb"}, "who performs")],
 )  # fmt: skip
 def test_what_cannot_be_corrected_is_one_line(fields, line):
     with pytest.raises(BadInput, match=re.escape(line)) as refused:

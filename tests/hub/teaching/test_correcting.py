@@ -176,7 +176,7 @@ def test_a_correction_is_by_the_only_person_who_was_taught_unless_somebody_is_na
 
 def test_what_cannot_be_corrected_is_said_in_a_line():
     participants, _ = participants_of(sofa=Observer())
-    with pytest.raises(BadInput, match="nod: known: wave, clap; teach it first"):
+    with pytest.raises(BadInput, match=r"nod is not taught \(known: wave, clap\); teach it first"):
         correct(participants, [Correction("a", "nod", NOON_NS)], {}, "anna")
     participants, interface = participants_of(sofa=Observer("remembers no tracks"))
     with pytest.raises(LabanmeshError, match="no observer could make an example"):
@@ -197,6 +197,16 @@ def test_a_person_is_forgotten_and_what_others_taught_stays():
     assert "sofa: removed 1 take; learns anew without it" in interface.lines and sofa.labels == ["wave", "clap"]
     # Only anna had taught the shelf: nothing is left to learn from.
     assert shelf.was_removed and not sofa.was_removed and sofa.in_model == {"ben"}
+
+
+def test_a_misspelt_name_is_answered_with_what_is_known():
+    for unwanted, line in (
+        (Unwanted(label="wavve"), "nobody had anything of wavve: did you mean wave?"),
+        (Unwanted(person="otto"), "nobody had anything of otto: known: anna"),
+    ):
+        participants, interface = participants_of(sofa=Observer(), shelf=Observer())
+        forget(participants, unwanted)
+        assert interface.lines[-1] == line
 
 
 def test_a_movement_is_forgotten_by_all_and_everything_leaves_no_model():
