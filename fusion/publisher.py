@@ -51,11 +51,16 @@ class VerdictPublisher:
         the movement after its restart, perhaps once more, and hubs ignore the second of two equal words.
         """
         ended = max((n for n, verdict in enumerate(verdicts, 1) if verdict.ended_ns is not None), default=0)
-        payloads = [self.remember(verdict) for verdict in verdicts]
+        payloads = [self._note(verdict) for verdict in verdicts]
         self._send(verdicts[:ended], payloads[:ended])
-        judgement_payload = self.remember(judgement)
+        judgement_payload, has_first_word = self._note(judgement), len(verdicts) > ended
+        if has_first_word:
+            self._write()
         self._send(verdicts[ended:], payloads[ended:])
         self._judgements.put(judgement_payload)
+        if not has_first_word:
+            # Nobody has to wait for the disk.
+            self._write()
 
     def _send(self, verdicts: Sequence[VerdictMessage], payloads: Sequence[bytes]) -> None:
         for verdict, payload in zip(verdicts, payloads, strict=True):
@@ -70,12 +75,17 @@ class VerdictPublisher:
     def change_vocabulary(self, verdicts: Sequence[VerdictMessage], vocabulary: bytes) -> None:
         """Send the last verdicts in the old vocabulary, then the new one as an encoded message."""
         for verdict in verdicts:
-            self._verdicts.put(self.remember(verdict))
+            self._verdicts.put(self._note(verdict))
             _log(verdict)
         self._vocabularies.put(vocabulary)
 
-    def remember(self, message: JudgementMessage) -> bytes:
-        """Keep the newest published message, ours or the owner's; returns its bytes."""
+    def remember(self, message: JudgementMessage) -> None:
+        """Keep the newest message that another service has published, or that the file had."""
+        self._note(message)
+        if not isinstance(message, VerdictMessage):
+            self._write()
+
+    def _note(self, message: JudgementMessage) -> bytes:
         payload = encode(message)
         if isinstance(message, VerdictMessage):
             self._verdict_payloads = (*self._verdict_payloads, payload)[-VERDICTS_KEPT:]
@@ -83,9 +93,11 @@ class VerdictPublisher:
             self._known.append(message.id)
             return payload
         self._last_judgement, self._judgement_payload = message, payload
+        return payload
+
+    def _write(self) -> None:
         if self._file is not None and (checkpoint := self.checkpoint()) is not None:
             self._file.write(checkpoint)
-        return payload
 
     def knows(self, movement_id: str) -> bool:
         """Whether a verdict on this movement was published lately, by this service or an owner that it followed."""

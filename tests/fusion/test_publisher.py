@@ -30,10 +30,10 @@ def played():
 @pytest.mark.parametrize(
     ("sent", "order"),
     [
-        ([], ["file", "judgement"]),
+        ([], ["judgement", "file"]),
         ([0], ["file", "decided", "judgement"]),
-        ([1], ["ended", "file", "judgement"]),
-        ([0, 1], ["decided", "ended", "file", "judgement"]),
+        ([1], ["ended", "judgement", "file"]),
+        ([0, 1], ["decided", "ended", "judgement", "file"]),
         ([1, 2], ["ended", "file", "decided", "judgement"]),
     ],
 )
