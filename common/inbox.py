@@ -70,6 +70,8 @@ class Inbox:
 
     def take(self, timeout_s: float) -> list[Arrival]:
         """All messages that have arrived, oldest first; waits for a message, a `wake`, or `timeout_s`."""
+        if timeout_s <= 0 and not self._arrivals:
+            return []
         self._bell.acquire(timeout=max(timeout_s, 0.0))
         if self._large_bytes:
             with self._lock:

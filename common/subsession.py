@@ -110,8 +110,14 @@ class SubSession:
     def poll(self) -> None:
         """Process everything that waits in the rings of a polled sub-session, in this thread."""
         for polled in self._rings:
-            _empty(polled)
-        for query in tuple(self._queries):
+            # Raises ZError if nothing more will arrive.
+            entry, left = polled.try_recv(), RING
+            while entry is not None:
+                polled.take_in(entry)
+                left -= 1
+                # Samples that arrive meanwhile wait for the next poll: a flood must not hold the loop.
+                entry = polled.try_recv() if left else None
+        for query in tuple(self._queries) if self._queries else ():
             if not query.empty():
                 self._queries.remove(query)
                 query.finished()
@@ -274,13 +280,3 @@ class SubSession:
 
     def __exit__(self, *_: object) -> None:
         self.close()
-
-
-def _empty(polled: _Polled) -> None:
-    try_recv = polled.try_recv
-    # Samples that arrive meanwhile wait for the next poll: a flood must not hold the loop.
-    for _ in range(RING):
-        # Raises ZError if nothing more will arrive.
-        if (entry := try_recv()) is None:
-            return
-        polled.take_in(entry)
