@@ -3,6 +3,7 @@ killed meanwhile; on one machine a wrong verdict is corrected, and a person is f
 """
 
 import re
+import shutil
 import socket
 import subprocess
 import time
@@ -169,3 +170,30 @@ def test_a_wrong_verdict_is_corrected_and_a_person_is_forgotten(sofa, long_form)
     left = read_archive(file.with_name("sofa.tracks.npz")).recordings
     assert {(r.label, r.subject) for r in left} == {("wave", "ben")}
     assert not [path for path in file.parent.glob("*.model") if path.exists()]
+
+
+def test_nothing_that_was_taught_counts_again_when_the_observer_starts_anew(sofa, long_form):
+    if not long_form:
+        pytest.skip("the long form: make faults")
+    file, fusion, observer = sofa
+    observer.kill()
+    # Taught beside the scene file at first, and later in a folder for what is taught.
+    (own := file.with_name("own")).mkdir()
+    taught = ("sofa.model", "sofa.tracks.npz")
+    for name in taught:
+        shutil.copy(file.with_name(name), own)
+    anew = Process(labanmesh("observe", file, "sofa"), environment={"LABANMESH_MODELS": str(own)}).start()
+    try:
+        fusion.wait_for("point, 1 of 1 agree, ended", timeout_s=60)
+        forgotten = subprocess.run(labanmesh("forget", file, "--all", "--yes"), capture_output=True, text=True)
+        print(forgotten.stdout)
+        assert forgotten.returncode == 0, forgotten.stderr
+        assert "sofa: removed 14 takes, 2 models" in forgotten.stdout
+        assert "not touched: files made by labanmesh capture" in forgotten.stdout
+        anew.wait_for("no model yet")
+        anew.kill()
+        assert not [path for folder in (own, file.parent) for name in taught if (path := folder / name).exists()]
+        times = anew.log.count("no model yet") + 1
+        anew.start().wait_for("no model yet", times=times)
+    finally:
+        anew.kill()
