@@ -11,7 +11,8 @@ from typing import Annotated
 import typer
 
 from benchmarks.command_line import run_command
-from benchmarks.taught import clips, corrections, few_takes, life, sensors
+from benchmarks.taught import begins, clips, corrections, few_takes, life, sensors
+from benchmarks.taught.households import Draws
 from benchmarks.taught.judging import TaughtModels
 from common.command_options import takes_options
 from common.errors import BadInput
@@ -23,7 +24,8 @@ from observer.model.registry import DEFAULT_MODEL
 class Row(StrEnum):
     """What is measured. few-takes: five takes by one person. clips: another person's films. sensors: three cameras.
 
-    corrections: wrong verdicts that become examples. life: false verdicts in ordinary life.
+    corrections: wrong verdicts that become examples. life: false verdicts in ordinary life. begins: signs to begin that
+    nobody meant, or that were missed.
     """
 
     FEW_TAKES = "few-takes"
@@ -31,6 +33,7 @@ class Row(StrEnum):
     SENSORS = "sensors"
     CORRECTIONS = "corrections"
     LIFE = "life"
+    BEGINS = "begins"
 
 
 class People(StrEnum):
@@ -54,8 +57,12 @@ class TaughtOptions:
         int, typer.Option(min=1, help="few-takes, corrections, life: how many people with their movements.")
     ] = 10
     seed: Annotated[int, typer.Option(min=0, help="Of the draws.")] = 0
+    seeds: Annotated[int, typer.Option(min=1, help="sensors: seeds of the models' random parts.")] = 1
     tracks: Annotated[
-        Path, typer.Option(help="clips: the folder of tracks; those missing are written there, which needs mediapipe.")
+        Path,
+        typer.Option(
+            help="clips, begins: the folder of tracks; those missing are written there, which needs mediapipe."
+        ),
     ] = Path("build/clips")
     jobs: Annotated[int, typer.Option(min=0, help="Processes to share the work; 0: one per core.")] = 0
 
@@ -78,15 +85,20 @@ def taught(options: TaughtOptions) -> None:
         for line in clips.rows(data, options.tracks, TaughtModels(options.model, parameters)):
             print(line, flush=True)
         return
+    if options.row is Row.BEGINS:
+        options.tracks.mkdir(parents=True, exist_ok=True)
+        for line in begins.rows(data, options.tracks):
+            print(line, flush=True)
+        return
     if options.row is Row.SENSORS:
         with ProgressBar() as bar:
-            print("\n".join(sensors.rows(data, options.model, options.jobs, bar)))
+            print("\n".join(sensors.rows(data, options.model, options.seeds, options.jobs, bar)))
         return
     if options.row is Row.CORRECTIONS:
         with ProgressBar() as bar:
             models = TaughtModels(options.model, parameters)
             people = options.people.split(",") if options.people else []
-            homes = corrections.Draws(options.data.value, people, options.draws, options.seed)
+            homes = Draws(options.data.value, people, options.draws, options.seed)
             print("\n".join(corrections.rows(data, models, homes, options.jobs, partial(bar, "draws"))))
         return
     room = (few_takes.msr_room if options.data is People.MSR else few_takes.nw_ucla_room)(data)

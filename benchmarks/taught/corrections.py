@@ -10,7 +10,6 @@
    corrected.
 """
 
-from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import partial
@@ -19,7 +18,8 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.taught.few_takes import RecordedRoom, life_in, msr_room, nw_ucla_room, streams_of
+from benchmarks.taught.few_takes import RecordedRoom, streams_of
+from benchmarks.taught.households import PEOPLE, TAUGHT_TAKES, Draws, Household, households, one_camera, ordinary_life
 from benchmarks.taught.judging import TaughtModels, verdicts_on
 from common import SECOND_NS
 from common.errors import BadInput
@@ -28,7 +28,7 @@ from common.teaching_messages import SOMEONE
 from common.vocabulary import ABSTAIN
 from observer.learning.folds import of_one_person
 from observer.model.base import MovementModel
-from observer.motion.archive import MotionArchive, Recording, Span, labels_of, retime
+from observer.motion.archive import MotionArchive, Recording, Span, retime
 from observer.recording.own_tracks import TracksRecorder
 from observer.teaching import corrections
 from observer.tracks import BODY_PARTS, Frame, Tracks
@@ -38,26 +38,9 @@ Progress = Callable[[int, int], None]
 CORRECTIONS = 10
 TEMPI = (1.0, 0.8, 1.25)
 """If there were fewer errors, the same takes are done again, slower and then faster."""
-TAUGHT_TAKES = 2
 LATER_TAKES = 2
-LABELS, UNLEARNED = 4, 8
-"""Movements that are taught, and others that are done, or as many as there are."""
-LIFE_S = 120.0
-PEOPLE = {"msr": ("2", "4", "6", "8", "10"), "nw_ucla": ("1", "2", "3", "4", "5", "6")}
-"""The figures are of these people; ways of learning were chosen with the others of MSR Action3D."""
 NEAR_S = 0.5
 """A verdict this near to a performance is about it."""
-
-
-@dataclass(frozen=True, slots=True)
-class Household:
-    """Who teaches, who else lives there; the movements that are taught, and those that are also done."""
-
-    teacher: str
-    other: str
-    labels: tuple[str, ...]
-    unlearned: tuple[str, ...]
-    seed: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,43 +88,6 @@ class Corrected:
     after: Errors
     made: int
     failed: int
-
-
-ROOMS = {"msr": msr_room, "nw_ucla": nw_ucla_room}
-
-
-def one_camera(data: Path, name: str = "msr") -> RecordedRoom:
-    """MSR Action3D, or nw_ucla, as the first camera of the room sees it."""
-    room = ROOMS[name](data)
-    name = next(iter(room.views))
-    return replace(room, space={name: room.space[name]}, views={name: room.views[name]})
-
-
-def ordinary_life(room: RecordedRoom, data: Path) -> dict[str, MotionArchive]:
-    """LIFE_S of storytelling, as a lesson records ordinary life."""
-    whole = life_in(room, data)
-    return {name: replace(a, recordings=(_beginning(a.recordings[0]),)) for name, a in whole.items()}
-
-
-def _beginning(recording: Recording) -> Recording:
-    return replace(recording, positions=recording.positions[: round(LIFE_S * recording.rate_hz)])
-
-
-def households(room: RecordedRoom, people: Sequence[str], count: int, seed: int) -> list[Household]:
-    """`count` draws of two people, and of movements of which both have three takes."""
-    rng = np.random.default_rng(seed)
-    first = next(iter(room.space.values()))
-    counts = Counter((r.subject, r.label) for r in first.recordings)
-    needed = min(LABELS + UNLEARNED, len(labels_of(first)))
-    result: list[Household] = []
-    for n in range(count):
-        enough: list[str] = []
-        while len(enough) < needed:
-            chosen = [people[k] for k in rng.permutation(len(people))[:2]]
-            enough = [label for label in labels_of(first) if all(counts[s, label] > TAUGHT_TAKES for s in chosen)]
-        labels = tuple(enough[k] for k in rng.permutation(len(enough)))
-        result.append(Household(chosen[0], chosen[1], labels[:LABELS], labels[LABELS : LABELS + UNLEARNED], n))
-    return result
 
 
 @dataclass(frozen=True, slots=True)
@@ -268,16 +214,6 @@ def judge_household(home: Household, room: RecordedRoom, teaching: TaughtModels,
 
 def _takes(archive: MotionArchive, subject: str, labels: Sequence[str], takes: Sequence[str]) -> list[Recording]:
     return [r for r in archive.recordings if r.subject == subject and r.label in labels and r.trial in takes]
-
-
-@dataclass(frozen=True, slots=True)
-class Draws:
-    """So many households of these people (none: as in PEOPLE) out of `recordings`, a name in ROOMS."""
-
-    recordings: str
-    people: Sequence[str]
-    count: int
-    seed: int
 
 
 def rows(data: Path, teaching: TaughtModels, draws: Draws, jobs: int, progress: Progress) -> Iterator[str]:

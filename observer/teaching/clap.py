@@ -13,15 +13,15 @@ from observer.body import BodyFrame
 from observer.runtime.pipeline import Resampler
 from observer.tracks import Floats, Tracks
 
-APART, TOGETHER, PARTED = 1.3, 0.5, 0.7
+APART, TOGETHER, PARTED = 1.2, 0.5, 1.0
 """Distances of the hands before and after a clap, and in it: trackers see the middle of a palm, or the wrist."""
-CLOSES_S, PARTS_S = 0.6, 1.0
+CLOSES_S, PARTS_S = 0.4, 0.8
 """Longest times from apart to together, and from together to apart again."""
-EACH = 0.25
+EACH = 0.3
 """Share of the way together that each hand goes: a hand that is put to the other one does not clap."""
-LEVEL = 0.3
+LEVEL = 0.25
 """The hands meet at the same height: this is how much they may differ."""
-ASIDE, ABOVE, BELOW = 1.0, 0.1, 1.6
+ASIDE, ABOVE, BELOW = 1.0, 0.3, 1.4
 """They meet so near the head's place to the side, not higher than so far below it, and not lower than so far."""
 RATE_HZ = 15.0
 LEFT, RIGHT, HEAD = "left_hand", "right_hand", "head"
