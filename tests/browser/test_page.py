@@ -87,6 +87,9 @@ def test_without_observers_the_page_waits_for_them(play, look):
     page.wait_for_selector("#link[data-kind=unobserved]")
     assert page.inner_text("#link") == "waiting for observers" == page.inner_text("#phase")
     assert page.locator("#fused li").count() == 0 and page.inner_text("#agreement") == "-"
+    assert page.inner_text("#undecided").startswith("No judge is heard. Do they run?"), "and what to do"
+    page.get_by_text("What the words and figures mean").click()
+    assert page.get_by_role("definition").filter(has_text="0 bit is none").is_visible()
 
 
 def test_why_opens_by_the_keyboard_and_stays_open(play, look):

@@ -298,7 +298,7 @@ function showReferee(state) {
   const when = !last ? "" : last.ended === null ? "now" : ago < 100 ? `${ago} s ago` : `at ${clock(last.ended)}`;
   const before = last && last.revises !== null ? `, corrected from ${words(last.revises)}` : "";
   put($("verdict-facts"), last ? `${when}, ${agree(last.agreement)} agree${before}` : "");
-  put($("undecided"), state.waiting && !state.silent ? unheard(state.observers) : state.why && !state.silent ? `no verdict yet: ${words(state.why)}` : "");
+  put($("undecided"), !state.judged ? "No referee is heard. Start the scene: labanmesh up, and the scene file." : state.waiting && !state.silent ? unheard(state.observers) : state.why && !state.silent ? `no verdict yet: ${words(state.why)}` : "");
   bars($("fused"), state.fused);
   showManner(state);
   put($("agreement"), state.waiting ? "-" : agree(state.agreement));

@@ -50,7 +50,7 @@ function minutes(seconds) {
   return whole < 60 ? `${whole} s` : `${Math.floor(whole / 60)}:${String(whole % 60).padStart(2, "0")} min`;
 }
 function complain(line) {
-  put($("fault"), line);
+  put($("fault"), capital(line));
   $("fault").hidden = !line;
   if (line) $("fault").scrollIntoView({ block: "nearest" });
 }
@@ -100,7 +100,7 @@ async function watch() {
       show();
     } catch {
       if (watching !== mine) return;
-      link("away", "disconnected, trying again");
+      link("away", "no connection");
       await new Promise((done) => setTimeout(done, AGAIN_MS));
     }
   }
