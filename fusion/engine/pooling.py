@@ -26,6 +26,8 @@ from fusion.engine.strengths import ObserverTrust, RuleResult
 FACING = "facing"
 FACETS_LIMIT = 32
 """At most so many facets are pooled, so that invented names cost no time."""
+FEWEST = 4
+"""Fewer cases are pooled one by one, which is faster."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,7 +87,9 @@ def pool_many(cases: Sequence[PoolingCase]) -> list[PooledPosterior]:
         else:
             pooled[n] = pool_posteriors(case)
     for places in batches.values():
-        for n, result in zip(places, _pool_batch([cases[n] for n in places]), strict=True):
+        own = [cases[n] for n in places]
+        results = map(pool_posteriors, own) if len(own) < FEWEST else _pool_batch(own)
+        for n, result in zip(places, results, strict=True):
             pooled[n] = result
     return [result for result in pooled if result is not None]
 
