@@ -167,6 +167,8 @@ function showSetup() {
     node.setAttribute("aria-label", `Leave out ${words(label)}`);
     return make("li", "", node);
   }));
+  const names = personsTaught().filter((each) => each !== "someone");
+  part($("names"), names, () => names.map((each) => { const node = make("option"); node.value = each; return node; }));
   const ideas = IDEAS.filter((each) => !chosen.includes(each) && !known.includes(each)).slice(0, 3);
   part($("ideas"), ideas, () => ideas.map((label) => {
     const node = button(words(label), () => addLabel(label));

@@ -177,7 +177,8 @@ def test_a_browser_keeps_a_key_made_from_the_token(lesson_server):
 def test_where_teaching_is_off_the_page_says_how_to_turn_it_on(scene, lesson_server):
     state = ("GET", "/teach/state", {"headers": BEARER})
     for access, off in ((AccessControl(None), OFF), (AccessControl(TOKEN), OFF), (AccessControl(TOKEN, "t"), NO_RIGHT)):
-        page, *others = ask(None, PAGE, state, post("start", PLAN), access=access, off=off, host="127.0.0.1")
+        forget = post("forget", {"everything": True})
+        page, *others = ask(None, PAGE, state, post("start", PLAN), forget, access=access, off=off, host="127.0.0.1")
         assert page.status_code == 200 and off in page.text and {each.status_code for each in others} == {404}
     assert "labanmesh dashboard SCENE --teach" in OFF and "labanmesh secure add SCENE NAME --hub --teach" in NO_RIGHT
 
