@@ -44,5 +44,10 @@ def check_facets(facets: Mapping[str, Sequence[float]]) -> None:
             raise ValueError(f"facet {name} has {len(p)} values; at most {VALUES_LIMIT} are allowed")
         if name in FACETS and len(p) != len(FACETS[name]):
             raise ValueError(f"facet {name} has {len(p)} values; it has {len(FACETS[name])}: {', '.join(FACETS[name])}")
-        if abs(sum(p) - 1) > SUM_TOLERANCE:
-            raise ValueError(f"facet {name} sums to {sum(p):.6g}, not to 1")
+        require_sum(f"facet {name}", p)
+
+
+def require_sum(name: str, p: Sequence[float]) -> None:
+    """Raises ValueError that names the distribution `name` unless `p` sums to 1 within SUM_TOLERANCE."""
+    if abs(sum(p) - 1) > SUM_TOLERANCE:
+        raise ValueError(f"{name} sums to {sum(p):.6g}, not to 1")

@@ -73,8 +73,13 @@ class SceneKeys:
 
     @property
     def judgement(self) -> str:
-        """Judgements: the pooled posterior of every step."""
+        """Judgements: the pooled posterior of every step, with short votes."""
         return f"{self.root}/judgement"
+
+    @property
+    def votes(self) -> str:
+        """Judgements with whole votes, published while somebody subscribes to them."""
+        return f"{self.root}/votes"
 
     @property
     def verdict(self) -> str:

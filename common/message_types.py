@@ -1,8 +1,9 @@
-"""The types of the fields of messages: numbers with their ranges, and the rounding of probabilities. Pure."""
+"""The types of the fields of messages: numbers with their ranges, distributions in few bytes, facings. Pure."""
 
+from collections.abc import Sequence
 from typing import Annotated, Final
 
-from pydantic import AfterValidator, Field, FiniteFloat
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, FiniteFloat, model_validator
 
 ROUND_OFF = 1e-6
 """A probability or entropy may be outside its range by this much: more than a softmax in float32 loses."""
@@ -14,7 +15,10 @@ CONTRADICTED = 0.6
 """An observer that is relied on less than this is contradicted by the others; honest ones of people stay above .85."""
 SAME_ID_REASON: Final = "another process has this id"
 """The reason in the status of a fusion service that has noticed a second process of its id."""
+LABELS_LIMIT = 10_000
 LAST_INTEGER: Final = 2**63 - 1
+ROOT_LIMIT: Final = 255
+"""What the root of a probability of 1 is in a message."""
 
 
 def _clamp(value: float) -> float:
@@ -44,3 +48,41 @@ Time = Annotated[int, Field(ge=0, le=LAST_INTEGER)]
 Probability = Annotated[_NearProbability, AfterValidator(_clamp)]
 Probabilities = Annotated[list[_NearProbability], AfterValidator(_clamp_all)]
 Bits = Annotated[FiniteFloat, Field(ge=-ROUND_OFF, json_schema_extra={"minimum": 0}), AfterValidator(_not_negative)]
+Roots = list[Annotated[int, Field(ge=0, le=ROOT_LIMIT)]]
+"""A distribution in one byte for each value, two for those over .25: 255 sqrt(p), rounded. See `roots_of`."""
+
+
+def roots_of(p: Sequence[float]) -> list[int]:
+    """The distribution `p` as roots, precise to .004 of a probability near 1, and to .0004 of one near .01."""
+    return [int(ROOT_LIMIT * value**0.5 + 0.5) for value in p]
+
+
+def p_of_roots(roots: Sequence[int]) -> list[float]:
+    """The distribution that `roots` stand for, which sums to 1; raises ValueError if all of them are 0."""
+    squares = [root * root for root in roots]
+    total = sum(squares)
+    if not total:
+        raise ValueError("root_p has no value above 0")
+    return [square / total for square in squares]
+
+
+class MessagePart(BaseModel):
+    """A part of a message, or a whole one. Immutable; unknown fields are ignored."""
+
+    model_config = ConfigDict(frozen=True, extra="ignore")
+
+
+class Facing(MessagePart):
+    """The direction that the person faces in the room's frame, given each movement: P(facing | movement).
+
+    surprise: (M, K) integers from 0 to 255, -8 ln P(facing k | movement m) rounded (`common.probability` converts).
+    Facing k is turned to the left by k * 360/K degrees from the direction in which recordings face the Door.
+    """
+
+    surprise: list[list[Annotated[int, Field(ge=0, le=255)]]] = Field(min_length=2, max_length=LABELS_LIMIT)
+
+    @model_validator(mode="after")
+    def _is_table(self) -> "Facing":
+        if len({len(row) for row in self.surprise}) != 1 or not 1 <= len(self.surprise[0]) <= 72:
+            raise ValueError("surprise has rows of different lengths, or not 1 to 72 facings")
+        return self

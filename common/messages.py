@@ -7,30 +7,37 @@
    -0.0 becomes 0.0.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Annotated, ClassVar, Final, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, model_validator
+from pydantic import Field, FiniteFloat, model_validator
 
 from common.errors import BadInput
-from common.facets import SUM_TOLERANCE, check_facets
-from common.message_types import Bits, Count, Id, Identifier, Probabilities, Probability, ShortText, Time
+from common.facets import check_facets, require_sum
+from common.message_types import (
+    LABELS_LIMIT,
+    Bits,
+    Count,
+    Id,
+    Identifier,
+    Probabilities,
+    Probability,
+    Roots,
+    ShortText,
+    Time,
+    p_of_roots,
+)
+from common.message_types import Facing as Facing
+from common.message_types import MessagePart as MessagePart
 from common.vocabulary import Vocabulary
 
 SCHEMA_VERSION: Final = 1
-LABELS_LIMIT = 10_000
 PARTS_LIMIT = 256  # body parts in one posterior
 WHY_LIMIT = 200
 VoteState = Literal["counted", "stale", "late", "silent", "foreign", "invalid"]
 ProcessRole = Literal["observer", "fusion", "hub"]
 ProcessState = Literal["starting", "running", "degraded", "stopping", "failed"]
 VerdictStage = Literal["decided", "revised", "ended"]
-
-
-class MessagePart(BaseModel):
-    """A part of a message, or a whole one. Immutable; unknown fields are ignored."""
-
-    model_config = ConfigDict(frozen=True, extra="ignore")
 
 
 class Message(MessagePart):
@@ -52,22 +59,6 @@ class VocabularyReference(VocabularyHash):
     """The vocabulary of a probability vector: the hash identifies it, the name is for people."""
 
     name: ShortText
-
-
-class Facing(MessagePart):
-    """The direction that the person faces in the room's frame, given each movement: P(facing | movement).
-
-    surprise: (M, K) integers from 0 to 255, -8 ln P(facing k | movement m) rounded (`common.probability` converts).
-    Facing k is turned to the left by k * 360/K degrees from the direction in which recordings face the Door.
-    """
-
-    surprise: list[list[Annotated[int, Field(ge=0, le=255)]]] = Field(min_length=2, max_length=LABELS_LIMIT)
-
-    @model_validator(mode="after")
-    def _is_table(self) -> "Facing":
-        if len({len(row) for row in self.surprise}) != 1 or not 1 <= len(self.surprise[0]) <= 72:
-            raise ValueError("surprise has rows of different lengths, or not 1 to 72 facings")
-        return self
 
 
 class PosteriorMessage(Message):
@@ -99,9 +90,9 @@ class PosteriorMessage(Message):
     def _is_distribution(self) -> "PosteriorMessage":
         if self.v == 1 and None in (self.scene, self.observer):
             raise ValueError("scene and observer may be omitted from version 2 on; this is version 1")
-        _require_sum("p", self.p)
+        require_sum("p", self.p)
         if self.prior is not None:
-            _require_sum("prior", self.prior)
+            require_sum("prior", self.prior)
             if len(self.prior) != len(self.p):
                 raise ValueError(f"prior has {len(self.prior)} entries, p has {len(self.p)}")
         if self.facing is not None and len(self.facing.surprise) != len(self.p):
@@ -121,7 +112,8 @@ class Vote(MessagePart):
     is the share in the pooled posterior, `rest` the probability that the person rests. `skew_s` is how far the
     observer's clock is ahead of the fusion machine's; `age_s` is corrected by it. `reliability` is learned from earlier
     verdicts, and less while the observer contradicts itself: 1 is full trust. `doubles` are the correlated observers,
-    each with its correlation from 0 to 1.
+    each with its correlation from 0 to 1. In a short vote `root_p` stands for `p`, which is computed when it arrives,
+    and `facing`, `facets` and `doubles` are missing.
     """
 
     label: str | None
@@ -135,8 +127,15 @@ class Vote(MessagePart):
     unlearned: Probability | None = None
     facing: Facing | None = None
     facets: dict[str, Probabilities] | None = None
-    reliability: Probability | None = None
+    reliability: Probability | None = 1.0
     doubles: dict[str, Probability] | None = None
+    root_p: Roots | None = Field(default=None, max_length=LABELS_LIMIT)
+
+    @model_validator(mode="after")
+    def _with_p(self) -> "Vote":
+        if self.root_p is not None and self.p is None:
+            self.__dict__["p"] = p_of_roots(self.root_p)
+        return self
 
 
 class Agreement(MessagePart):
@@ -161,6 +160,8 @@ class OngoingMovement(MessagePart):
 
 class JudgementMessage(Message):
     """The pooled posterior of one fusion step, and every observer's vote. `certainty_bits` is the entropy of `p`.
+
+    On the mesh a judgement is short, which means its votes are; the whole one is published under a key of its own.
 
     `unlearned` is the probability that the person does no movement of the vocabulary, omitted if no observer reports
     it; `p` is conditional on a movement of the vocabulary. `facets` are pooled from the observers that report them;
@@ -293,8 +294,3 @@ class VocabularyMessage(Message):
     def vocabulary(self) -> Vocabulary:
         """The vocabulary itself."""
         return Vocabulary(tuple(self.labels), self.name)
-
-
-def _require_sum(name: str, p: Sequence[float]) -> None:
-    if abs(sum(p) - 1) > SUM_TOLERANCE:
-        raise ValueError(f"{name} sums to {sum(p):.6g}, not to 1")

@@ -10,8 +10,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field, FiniteFloat
 
-from common.message_types import Count, Identifier, Probability, Time
-from common.messages import LABELS_LIMIT, Message, MessagePart
+from common.message_types import LABELS_LIMIT, Count, Identifier, Probability, Time
+from common.messages import Message, MessagePart
 
 TEXT_LIMIT = 300
 SHOWN_UNITS, UNSEEN = 1000, -1

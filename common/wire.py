@@ -1,7 +1,7 @@
 """Messages to bytes and back: the only file that imports MessagePack (docs/reference/wire.md). Pure.
 
 1. A message is one map with string keys. A field that is None is omitted, except a verdict's `ended_ns`, which is null
-   while the movement goes on.
+   while the movement goes on, and the fields of a vote that is not short.
 2. Decoding any bytes gives a checked message or raises BadMessage, and nothing else.
 3. The size is checked before anything is decoded, and no message is sent that a receiver would reject for its size:
    `encode` leaves out optional detail until it fits.
@@ -14,7 +14,7 @@ from pydantic import ValidationError
 
 from common.errors import BadInput, LabanmeshError
 from common.keys import observer_of, scene_of
-from common.message_types import LAST_INTEGER
+from common.message_types import LAST_INTEGER, MessagePart, roots_of
 from common.messages import (
     Agreement,
     JudgementMessage,
@@ -36,6 +36,7 @@ if TYPE_CHECKING:
 SIZE_LIMIT = 64 * 1024
 """Bytes that a receiver accepts; `encode` makes none longer."""
 OPTIONAL_DETAIL = (
+    ("votes", "root_p"),
     ("votes", "p"),
     ("votes", "facing"),
     ("votes", "doubles"),
@@ -51,6 +52,9 @@ DETAIL_LIMIT = 200
 """Characters of a decoding error that are worth a log line."""
 SENT_AS_NULL = frozenset({"ended_ns"})
 """Fields whose None is information (the movement has not ended) and is sent as null."""
+SHORT_VOTE = ("label", "entropy", "weight", "age_s", "state")
+"""What a short vote has in any case; and of the following what is not as in a vote without it."""
+SHORT_VOTE_DEFAULTS = {"rest": None, "skew_s": None, "unlearned": None, "reliability": 1.0}
 
 Reason = Literal[
     "too_large", "not_msgpack", "not_a_map", "wrong_version", "not_finite", "not_a_distribution", "malformed",
@@ -70,20 +74,19 @@ class BadMessage(LabanmeshError):  # noqa: N818 - like BadInput: it names whose 
         super().__init__(f"{reason}: {self.detail}")
 
 
-def encode(message: Message) -> bytes:
+def encode(message: Message, short: bool = False) -> bytes:
     """The message as one MessagePack map of at most SIZE_LIMIT bytes; posteriors in single precision.
 
-    A message that is longer loses OPTIONAL_DETAIL until it fits. Raises LabanmeshError if it does not fit even then.
+    short: a judgement with short votes and in single precision, which is half as long; one that arrived so stays so. A
+    message that is too long loses OPTIONAL_DETAIL until it fits. Raises LabanmeshError if it does not fit even then.
     """
-    fields = _fields(message)
+    short = isinstance(message, JudgementMessage) and (short or _is_short(message))
     # Single precision is more precise than any camera.
-    single = isinstance(message, PosteriorMessage)
-    packed: bytes = msgpack.packb(fields, use_single_float=single)
-    for detail in OPTIONAL_DETAIL:
-        if len(packed) <= SIZE_LIMIT:
-            break
-        if _leave_out(fields, detail):
-            packed = msgpack.packb(fields, use_single_float=single)
+    single = short or isinstance(message, PosteriorMessage)
+    fields = _fields(message, short)
+    packed = _packed(fields, single)
+    if len(packed) > SIZE_LIMIT:
+        packed = _packed_to_fit(fields, single)
     if len(packed) > SIZE_LIMIT:
         raise LabanmeshError(
             f"{type(message).__name__}: {len(packed)} bytes without optional detail, a message holds {SIZE_LIMIT}; "
@@ -185,7 +188,7 @@ def largest_judgement(scene: str, observers: tuple[str, ...], vocabulary: Vocabu
         ended_ns=LAST_INTEGER,
         revises=label,
     )
-    return len(msgpack.packb(_fields(verdict)))
+    return len(_packed(_fields(verdict), single=False))
 
 
 def require_fits(scene: "Scene", vocabulary: Vocabulary | None = None) -> None:
@@ -202,7 +205,7 @@ def require_fits(scene: "Scene", vocabulary: Vocabulary | None = None) -> None:
             f"scene {scene.scene!r}: {' and '.join(parts)} make judgements of up to {size} bytes, a message holds "
             f"{SIZE_LIMIT}; use fewer of them or shorter names, or several scenes"
         )
-    size = len(msgpack.packb(_fields(_vocabulary_message(scene.scene, checked))))
+    size = len(_packed(_fields(_vocabulary_message(scene.scene, checked)), single=False))
     if size > SIZE_LIMIT:
         raise BadInput(
             f"scene {scene.scene!r}: the labels of {plural(checked.size, 'movement')} take {size} bytes, a message "
@@ -214,11 +217,51 @@ def _vocabulary_message(scene: str, vocabulary: Vocabulary) -> VocabularyMessage
     return VocabularyMessage(scene=scene, name=vocabulary.name, hash=vocabulary.digest, labels=list(vocabulary.labels))
 
 
-def _fields(message: Message) -> dict[str, Any]:
+def _fields(message: Message, short: bool = False) -> dict[str, Any]:
     if isinstance(message, PosteriorMessage):
         # The most frequent message: fields with their default value are omitted too.
         return {"v": message.v, **message.model_dump(exclude_defaults=True)}
-    return {name: value for name, value in message.model_dump().items() if value is not None or name in SENT_AS_NULL}
+    values = vars(message)
+    fields = {
+        name: values[name] for name in type(message).model_fields if values[name] is not None or name in SENT_AS_NULL
+    }
+    if short:
+        fields["votes"] = {observer: _short_vote(vote) for observer, vote in values["votes"].items()}
+    return fields
+
+
+def _short_vote(vote: Vote) -> dict[str, Any]:
+    values, roots = vars(vote), vote.root_p
+    fields = {name: values[name] for name in SHORT_VOTE}
+    fields |= {name: values[name] for name, usual in SHORT_VOTE_DEFAULTS.items() if values[name] != usual}
+    if roots is None and vote.p is not None:
+        roots = roots_of(vote.p)
+    return fields | {"root_p": roots} if roots and any(roots) else fields
+
+
+def _is_short(judgement: JudgementMessage) -> bool:
+    return any(vote.root_p is not None for vote in judgement.votes.values())
+
+
+def _packed(fields: dict[str, Any], single: bool) -> bytes:
+    packed: bytes = msgpack.packb(fields, use_single_float=single, default=_part)
+    return packed
+
+
+def _part(part: MessagePart) -> dict[str, Any]:
+    """The fields of a part of a message, with nulls, but for the one that only short votes have."""
+    return {name: value for name, value in vars(part).items() if value is not None or name != "root_p"}
+
+
+def _packed_to_fit(fields: dict[str, Any], single: bool) -> bytes:
+    """The message without as much of OPTIONAL_DETAIL as it takes to fit, or without all of it."""
+    if "votes" in fields:
+        votes = fields["votes"].items()
+        fields["votes"] = {observer: vote if isinstance(vote, dict) else _part(vote) for observer, vote in votes}
+    for detail in OPTIONAL_DETAIL:
+        if _leave_out(fields, detail) and len(packed := _packed(fields, single)) <= SIZE_LIMIT:
+            return packed
+    return _packed(fields, single)
 
 
 def _leave_out(fields: dict[str, Any], detail: tuple[str, ...]) -> bool:
