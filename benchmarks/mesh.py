@@ -39,6 +39,8 @@ OVER_ECHO_MS = (0.5, 2.0)
 """Goals: judging may take so much longer than the echo, median and p99."""
 WARM_UP = 30
 """Frames that do not count, while routes, threads and caches settle."""
+SINGLE_NS = 1000
+"""Ages up to a second are more precise than this; frames are further apart."""
 T = TypeVar("T")
 
 
@@ -125,8 +127,8 @@ def first_judged(put: Iterable[Captured], arrivals: Iterable[Arrival]) -> dict[C
     for arrival in arrivals:
         judgement = decode(JudgementMessage, arrival.payload)
         for observer, vote in judgement.votes.items():
-            # A judgement does not identify its posteriors, but the ages of its votes are exact to the nanosecond.
-            newest_ns = -1 if vote.age_s is None else judgement.at_ns - round(vote.age_s * SECOND_NS)
+            # A judgement does not identify its posteriors, but the ages of its votes are right to the microsecond.
+            newest_ns = -1 if vote.age_s is None else judgement.at_ns - round(vote.age_s * SECOND_NS) + SINGLE_NS
             queue = waiting.get(observer, deque())
             while queue and queue[0] <= newest_ns:
                 first[Captured(observer, queue.popleft())] = arrival.arrived_ns

@@ -203,7 +203,7 @@ class FusionConfig(Section):
     takeover_s. start_s: how long verdicts wait, after the first posterior, for observers that have not begun; 0: not.
     memory: a file or folder for checkpoints of the movement in progress and the learned reliability; None: a file in
     $STATE_DIRECTORY or beside the scene file; "": none.
-    temperature: of the pooled posterior; above 1 makes it less certain.
+    temperature: of the pooled posterior; above 1 makes it less certain. votes: those in judgements.
     """
 
     id: str = "fusion"
@@ -221,6 +221,7 @@ class FusionConfig(Section):
     takeover_s: Duration = 0.5
     start_s: Annotated[float, Field(ge=0, le=60)] = 3.0
     memory: str | None = None
+    votes: Literal["short", "full"] = "short"
 
 
 def default_quorum(observers: int) -> int:

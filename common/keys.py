@@ -78,7 +78,7 @@ class SceneKeys:
 
     @property
     def votes(self) -> str:
-        """Judgements with whole votes, published while somebody subscribes to them."""
+        """Judgements with full votes, published while somebody subscribes to them."""
         return f"{self.root}/votes"
 
     @property

@@ -49,12 +49,7 @@ Probability = Annotated[_NearProbability, AfterValidator(_clamp)]
 Probabilities = Annotated[list[_NearProbability], AfterValidator(_clamp_all)]
 Bits = Annotated[FiniteFloat, Field(ge=-ROUND_OFF, json_schema_extra={"minimum": 0}), AfterValidator(_not_negative)]
 Roots = list[Annotated[int, Field(ge=0, le=ROOT_LIMIT)]]
-"""A distribution in one byte for each value, two for those over .25: 255 sqrt(p), rounded. See `roots_of`."""
-
-
-def roots_of(p: Sequence[float]) -> list[int]:
-    """The distribution `p` as roots, precise to .004 of a probability near 1, and to .0004 of one near .01."""
-    return [int(ROOT_LIMIT * value**0.5 + 0.5) for value in p]
+"""A distribution in one byte for each value, two for those over .25 (`common.probability.roots_of`)."""
 
 
 def p_of_roots(roots: Sequence[int]) -> list[float]:

@@ -127,7 +127,7 @@ class Vote(MessagePart):
     unlearned: Probability | None = None
     facing: Facing | None = None
     facets: dict[str, Probabilities] | None = None
-    reliability: Probability | None = 1.0
+    reliability: Probability | None = None
     doubles: dict[str, Probability] | None = None
     root_p: Roots | None = Field(default=None, max_length=LABELS_LIMIT)
 
@@ -135,6 +135,8 @@ class Vote(MessagePart):
     def _with_p(self) -> "Vote":
         if self.root_p is not None and self.p is None:
             self.__dict__["p"] = p_of_roots(self.root_p)
+            if self.reliability is None:
+                self.__dict__["reliability"] = 1.0
         return self
 
 
@@ -161,7 +163,7 @@ class OngoingMovement(MessagePart):
 class JudgementMessage(Message):
     """The pooled posterior of one fusion step, and every observer's vote. `certainty_bits` is the entropy of `p`.
 
-    On the mesh a judgement is short, which means its votes are; the whole one is published under a key of its own.
+    On the mesh its votes are short; with full votes it is published under a key of its own (`common.keys`).
 
     `unlearned` is the probability that the person does no movement of the vocabulary, omitted if no observer reports
     it; `p` is conditional on a movement of the vocabulary. `facets` are pooled from the observers that report them;

@@ -14,7 +14,8 @@ from pydantic import ValidationError
 
 from common.errors import BadInput, LabanmeshError
 from common.keys import observer_of, scene_of
-from common.message_types import LAST_INTEGER, MessagePart, roots_of
+from common.message_fields import fields_of, is_short, leave_out, part_of
+from common.message_types import LAST_INTEGER
 from common.messages import (
     Agreement,
     JudgementMessage,
@@ -50,12 +51,6 @@ OPTIONAL_DETAIL = (
 """What `encode` leaves out of a message that is too long, in this order, until it fits."""
 DETAIL_LIMIT = 200
 """Characters of a decoding error that are worth a log line."""
-SENT_AS_NULL = frozenset({"ended_ns"})
-"""Fields whose None is information (the movement has not ended) and is sent as null."""
-SHORT_VOTE = ("label", "entropy", "weight", "age_s", "state")
-"""What a short vote has in any case; and of the following what is not as in a vote without it."""
-SHORT_VOTE_DEFAULTS = {"rest": None, "skew_s": None, "unlearned": None, "reliability": 1.0}
-
 Reason = Literal[
     "too_large", "not_msgpack", "not_a_map", "wrong_version", "not_finite", "not_a_distribution", "malformed",
     "wrong_key", "foreign_vocabulary", "wrong_length",
@@ -74,16 +69,16 @@ class BadMessage(LabanmeshError):  # noqa: N818 - like BadInput: it names whose 
         super().__init__(f"{reason}: {self.detail}")
 
 
-def encode(message: Message, short: bool = False) -> bytes:
+def encode(message: Message, full: bool = False) -> bytes:
     """The message as one MessagePack map of at most SIZE_LIMIT bytes; posteriors in single precision.
 
-    short: a judgement with short votes and in single precision, which is half as long; one that arrived so stays so. A
-    message that is too long loses OPTIONAL_DETAIL until it fits. Raises LabanmeshError if it does not fit even then.
+    A judgement whose votes have `root_p` is short, with less in each vote and in single precision, unless it is to have
+    `full` votes. A message that is too long loses OPTIONAL_DETAIL until it fits; LabanmeshError if it never does.
     """
-    short = isinstance(message, JudgementMessage) and (short or _is_short(message))
+    short = not full and is_short(message)
     # Single precision is more precise than any camera.
     single = short or isinstance(message, PosteriorMessage)
-    fields = _fields(message, short)
+    fields = fields_of(message, short)
     packed = _packed(fields, single)
     if len(packed) > SIZE_LIMIT:
         packed = _packed_to_fit(fields, single)
@@ -188,7 +183,7 @@ def largest_judgement(scene: str, observers: tuple[str, ...], vocabulary: Vocabu
         ended_ns=LAST_INTEGER,
         revises=label,
     )
-    return len(_packed(_fields(verdict), single=False))
+    return len(_packed(fields_of(verdict), single=False))
 
 
 def require_fits(scene: "Scene", vocabulary: Vocabulary | None = None) -> None:
@@ -205,7 +200,7 @@ def require_fits(scene: "Scene", vocabulary: Vocabulary | None = None) -> None:
             f"scene {scene.scene!r}: {' and '.join(parts)} make judgements of up to {size} bytes, a message holds "
             f"{SIZE_LIMIT}; use fewer of them or shorter names, or several scenes"
         )
-    size = len(_packed(_fields(_vocabulary_message(scene.scene, checked)), single=False))
+    size = len(_packed(fields_of(_vocabulary_message(scene.scene, checked)), single=False))
     if size > SIZE_LIMIT:
         raise BadInput(
             f"scene {scene.scene!r}: the labels of {plural(checked.size, 'movement')} take {size} bytes, a message "
@@ -217,62 +212,20 @@ def _vocabulary_message(scene: str, vocabulary: Vocabulary) -> VocabularyMessage
     return VocabularyMessage(scene=scene, name=vocabulary.name, hash=vocabulary.digest, labels=list(vocabulary.labels))
 
 
-def _fields(message: Message, short: bool = False) -> dict[str, Any]:
-    if isinstance(message, PosteriorMessage):
-        # The most frequent message: fields with their default value are omitted too.
-        return {"v": message.v, **message.model_dump(exclude_defaults=True)}
-    values = vars(message)
-    fields = {
-        name: values[name] for name in type(message).model_fields if values[name] is not None or name in SENT_AS_NULL
-    }
-    if short:
-        fields["votes"] = {observer: _short_vote(vote) for observer, vote in values["votes"].items()}
-    return fields
-
-
-def _short_vote(vote: Vote) -> dict[str, Any]:
-    values, roots = vars(vote), vote.root_p
-    fields = {name: values[name] for name in SHORT_VOTE}
-    fields |= {name: values[name] for name, usual in SHORT_VOTE_DEFAULTS.items() if values[name] != usual}
-    if roots is None and vote.p is not None:
-        roots = roots_of(vote.p)
-    return fields | {"root_p": roots} if roots and any(roots) else fields
-
-
-def _is_short(judgement: JudgementMessage) -> bool:
-    return any(vote.root_p is not None for vote in judgement.votes.values())
-
-
 def _packed(fields: dict[str, Any], single: bool) -> bytes:
-    packed: bytes = msgpack.packb(fields, use_single_float=single, default=_part)
+    packed: bytes = msgpack.packb(fields, use_single_float=single, default=part_of)
     return packed
-
-
-def _part(part: MessagePart) -> dict[str, Any]:
-    """The fields of a part of a message, with nulls, but for the one that only short votes have."""
-    return {name: value for name, value in vars(part).items() if value is not None or name != "root_p"}
 
 
 def _packed_to_fit(fields: dict[str, Any], single: bool) -> bytes:
     """The message without as much of OPTIONAL_DETAIL as it takes to fit, or without all of it."""
     if "votes" in fields:
         votes = fields["votes"].items()
-        fields["votes"] = {observer: vote if isinstance(vote, dict) else _part(vote) for observer, vote in votes}
+        fields["votes"] = {observer: vote if isinstance(vote, dict) else part_of(vote) for observer, vote in votes}
     for detail in OPTIONAL_DETAIL:
-        if _leave_out(fields, detail) and len(packed := _packed(fields, single)) <= SIZE_LIMIT:
+        if leave_out(fields, detail) and len(packed := _packed(fields, single)) <= SIZE_LIMIT:
             return packed
     return _packed(fields, single)
-
-
-def _leave_out(fields: dict[str, Any], detail: tuple[str, ...]) -> bool:
-    """Whether there was such detail in `fields`. A vote keeps all its fields: what is left out of it becomes null."""
-    name, *inner = detail
-    if not inner:
-        return fields.pop(name, None) is not None
-    parts = [part for part in fields.get(name, {}).values() if part.get(inner[0]) is not None]
-    for part in parts:
-        part[inner[0]] = None
-    return bool(parts)
 
 
 def _unpack(payload: bytes) -> dict[str, Any]:

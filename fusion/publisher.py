@@ -19,6 +19,8 @@ VERDICTS_KEPT = 10
 """Late joiners receive this many of the last verdicts."""
 SETTLE_S = 0.3
 """After a router is back all processes that try to reconnect have done so."""
+FIRST = 20
+"""Judgements that are published with full votes in any case: who subscribes is known only a moment after the start."""
 KNOWN_LIMIT = 64
 """Movements of which it is remembered that they had a verdict."""
 
@@ -27,10 +29,19 @@ class VerdictPublisher:
     """Publishes the judgements and verdicts of one scene while it is the owner's, and answers queries for them.
 
     A standby service passes the owner's messages to `remember`, so that it can answer queries after a takeover.
+    full_votes: whether judgements have them under their usual key, too.
     """
 
-    def __init__(self, session: SubSession, keys: SceneKeys, engine: FusionEngine, file: CheckpointFile | None) -> None:
-        self._judgements = session.publisher(keys.judgement)
+    def __init__(
+        self,
+        session: SubSession,
+        keys: SceneKeys,
+        engine: FusionEngine,
+        file: CheckpointFile | None,
+        full_votes: bool = False,
+    ) -> None:
+        self._judgements, self._votes = session.publisher(keys.judgement), session.publisher(keys.votes)
+        self._full_votes, self._first = full_votes, FIRST
         self._verdicts = session.publisher(keys.verdict)
         self._vocabularies = session.publisher(keys.vocabulary)
         self._engine, self._file = engine, file
@@ -45,7 +56,7 @@ class VerdictPublisher:
         session.answer(keys.verdict, lambda: self._verdict_payloads if self.answers else None)
 
     def publish(self, verdicts: Sequence[VerdictMessage], judgement: JudgementMessage) -> None:
-        """Send the verdicts, then the judgement.
+        """Send the verdicts, then the judgement; before that with full votes, if anybody wants them.
 
         The file knows of a first word before it is sent, and of an end after: a service that is killed in between ends
         the movement after its restart, perhaps once more, and hubs ignore the second of two equal words.
@@ -57,6 +68,9 @@ class VerdictPublisher:
         if has_first_word:
             self._write()
         self._send(verdicts[ended:], payloads[ended:])
+        if self._first or self._votes.has_subscriber:
+            self._first = max(self._first - 1, 0)
+            self._votes.put(encode(judgement, full=True))
         self._judgements.put(judgement_payload)
         if not has_first_word:
             # Nobody has to wait for the disk.
@@ -86,7 +100,7 @@ class VerdictPublisher:
             self._write()
 
     def _note(self, message: JudgementMessage) -> bytes:
-        payload = encode(message)
+        payload = encode(message, self._full_votes)
         if isinstance(message, VerdictMessage):
             self._verdict_payloads = (*self._verdict_payloads, payload)[-VERDICTS_KEPT:]
             self._last_verdict = message

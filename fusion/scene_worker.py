@@ -104,7 +104,8 @@ class SceneWorker:
         self._clocks = ClockQuerier(
             self._session, scene.keys.observer_status(), service.clock, service.wake, service.ask_clocks_s
         )
-        self._publisher = VerdictPublisher(self._session, scene.keys, engine, file)
+        full_votes = scene.fusion.votes == "full"
+        self._publisher = VerdictPublisher(self._session, scene.keys, engine, file, full_votes)
         self._vocabulary = encode_vocabulary(scene.scene, engine.vocabulary)
         self._session.answer(scene.keys.vocabulary, lambda: self._vocabulary)
         self._withheld: list[VerdictMessage] = []

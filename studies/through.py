@@ -89,7 +89,7 @@ def fused_over_mesh(result: EvaluationResult, progress: Progress = lambda *_: No
         links = [Link.open(mesh, "observer") for _ in ids]
         try:
             with Link.open(mesh, "hub") as hub:
-                run = _MeshRun(scene, result.vocabulary, links, hub.inbox(scene.keys.judgement))
+                run = _MeshRun(scene, result.vocabulary, links, hub.inbox(scene.keys.votes))
                 thread.start()
                 labels = [_label(run, r, n, len(result.trials), progress) for n, r in enumerate(result.trials)]
         finally:

@@ -140,7 +140,7 @@ def _shares(scene: "Scene", observer: str) -> Iterator[Rule]:
 def _fusion(keys: SceneKeys, fusion: str) -> Iterator[Rule]:
     """It publishes judgements, verdicts, the vocabulary and its status, and answers for these and its handover."""
     status = keys.fusion_status(fusion)
-    yield _rule("ingress", ["put"], [keys.judgement, keys.verdict, keys.vocabulary, status])
+    yield _rule("ingress", ["put"], [keys.judgement, keys.votes, keys.verdict, keys.vocabulary, status])
     yield from _answers(keys, [keys.judgement, keys.verdict, status, keys.vocabulary, keys.fusion_handover(fusion)])
     yield from _lives(keys.fusion_alive(fusion))
 

@@ -24,7 +24,7 @@ from common.messages import (
     VocabularyReference,
     Vote,
 )
-from common.probability import Floats, entropy_bits
+from common.probability import Floats, entropy_bits, roots_of
 from common.vocabulary import Vocabulary
 from fusion.engine.pooling import FACING, PooledPosterior, facing_deg
 from fusion.engine.roster import POOLED_STATES, AgedPosterior
@@ -76,6 +76,7 @@ class JudgementBuilder:
         # (N + 1, M): the pooled posterior is the last row, so that each function is called once.
         rows = np.array([*(posterior.p for posterior in posteriors), pooled.p])
         *p, pooled_p = rows.tolist()
+        roots = roots_of(rows).tolist()
         *entropies, entropy = entropy_bits(rows).tolist()
         *likeliest, pooled_likeliest = rows.argmax(axis=1).tolist()
         weights, names = pooled.weights.tolist(), self._vocabulary.labels
@@ -83,7 +84,7 @@ class JudgementBuilder:
         votes, labels = {}, []
         for n, posterior in enumerate(posteriors):
             label = names[likeliest[n]] if self._holds_label(posterior, p[n], likeliest[n]) else None
-            vote = _vote(posterior, p[n], entropies[n], weights[n], label, cells <= FACING_CELLS_LIMIT)
+            vote = _vote(posterior, p[n], roots[n], entropies[n], weights[n], label, cells <= FACING_CELLS_LIMIT)
             votes[posterior.observer] = vote
             if posterior.state in POOLED_STATES:
                 labels.append(label)
@@ -173,7 +174,13 @@ def _in_range(p: list[float]) -> list[float]:
 
 
 def _vote(
-    posterior: AgedPosterior, p: list[float], entropy: float, weight: float, label: str | None, with_facing: bool
+    posterior: AgedPosterior,
+    p: list[float],
+    roots: list[int],
+    entropy: float,
+    weight: float,
+    label: str | None,
+    with_facing: bool,
 ) -> Vote:
     is_used, facets = posterior.state in POOLED_STATES, posterior.facets
     surprise = posterior.surprise if with_facing else None
@@ -191,6 +198,7 @@ def _vote(
         "facets": {name: facet.tolist() for name, facet in facets.items()} if facets else None,
         "reliability": posterior.reliability,
         "doubles": dict(posterior.correlations) if posterior.correlations else None,
+        "root_p": roots if is_used else None,
     }
     return unchecked(Vote, fields)
 

@@ -14,6 +14,7 @@ from common.capture_file import APPEARED, GONE, CaptureRecord
 from common.clock_skew import ClockReading
 from common.errors import LabanmeshError
 from common.keys import SceneKeys, observer_of
+from common.message_fields import is_short
 from common.messages import (
     JudgementMessage,
     Message,
@@ -44,13 +45,15 @@ M = TypeVar("M", bound=Message)
 def judge_again(
     capture: "CaptureFile", change: ReplayChange, source: Source | None = None, progress: Progress = lambda *_: None
 ) -> ReplayResult:
-    """Judge `capture` again; source None: from its judgements if it has any, else from its posteriors.
+    """Judge `capture` again; source None: from its judgements if they have full votes, else from its posteriors.
 
     Raises BadInput for an impossible change, LabanmeshError for a capture without anything to judge.
     """
     change.check(capture.scene.roster)
     summary = _summarise(capture)
-    chosen = source or ("judgements" if summary.judgements else "posteriors")
+    # Short votes are not exact; they are better than nothing.
+    exact = summary.judgements and (summary.full or not summary.posteriors)
+    chosen = source or ("judgements" if exact else "posteriors")
     if not (summary.judgements if chosen == "judgements" else summary.posteriors):
         raise LabanmeshError(f"{capture.path}: contains no {chosen}, so there is nothing to judge again")
     if chosen == "judgements":
@@ -68,7 +71,7 @@ def judge_again(
         records=summary.records,
         seconds=(summary.ended_ns - summary.began_ns) / SECOND_NS,
         began_ns=summary.began_ns,
-        judgements=summary.judgements,
+        judgements=replayed.judgements if chosen == "judgements" else summary.judgements,
         same=replayed.same,
         missing=replayed.missing,
     )
@@ -76,7 +79,9 @@ def judge_again(
 
 @dataclass(slots=True)
 class _CaptureSummary:
-    """The contents of a capture; `after_last`: verdicts that follow the last judgement."""
+    """The contents of a capture. after_last: verdicts that follow the last judgement. full: whether all that is in the
+    judgements is known: that there are some with full votes, or none with short ones.
+    """
 
     labels: dict[str, tuple[str, ...]] = field(default_factory=dict)
     verdicts: list[VerdictRecord] = field(default_factory=list)
@@ -84,6 +89,7 @@ class _CaptureSummary:
     judgements: int = 0
     posteriors: int = 0
     after_last: int = 0
+    full: bool = True
     began_ns: int = 0
     ended_ns: int = 0
 
@@ -91,13 +97,14 @@ class _CaptureSummary:
 @dataclass(frozen=True, slots=True)
 class _Replayed:
     verdicts: list[VerdictRecord]
+    judgements: int = 0
     same: int = 0
     missing: int = 0
     gaps: Sequence[Gap] = ()
 
 
 def _summarise(capture: "CaptureFile") -> _CaptureSummary:
-    keys, summary = capture.scene.keys, _CaptureSummary()
+    keys, summary, has_votes = capture.scene.keys, _CaptureSummary(), False
     for record in capture.records():
         summary.records += 1
         summary.began_ns = summary.began_ns or record.arrived_ns
@@ -107,10 +114,15 @@ def _summarise(capture: "CaptureFile") -> _CaptureSummary:
         elif record.kind == "put":
             if record.key == keys.judgement:
                 summary.judgements, summary.after_last = summary.judgements + 1, 0
+                # One is enough to know, and to decode all takes long.
+                judgement = _decoded(JudgementMessage, record) if summary.full else None
+                summary.full = summary.full and not (judgement and is_short(judgement))
+            has_votes = has_votes or record.key == keys.votes
             summary.posteriors += record.key.endswith("/posterior")
             if record.key == keys.verdict and (verdict := _decoded(VerdictMessage, record)):
                 summary.verdicts.append(VerdictRecord(verdict, record.payload))
                 summary.after_last += 1
+    summary.full = summary.full or has_votes
     vocabulary = capture.scene.named_vocabulary
     if vocabulary is not None:
         summary.labels.setdefault(vocabulary.digest, vocabulary.labels)
@@ -121,13 +133,16 @@ def _from_judgements(
     capture: "CaptureFile", summary: _CaptureSummary, change: ReplayChange, progress: Progress
 ) -> _Replayed:
     keys, same, number, verdicts = capture.scene.keys, 0, 0, list[VerdictRecord]()
-    replay = JudgementReplay(capture.scene, summary.labels, change)
+    replay, last = JudgementReplay(capture.scene, summary.labels, change), None
     for record in capture.records():
-        if record.key == keys.judgement and record.kind == "put":
+        if record.kind == "put" and record.key in (keys.judgement, keys.votes):
             judgement = _decoded(JudgementMessage, record)
-            output = None if judgement is None else replay.fuse(judgement)
+            # The same judgement comes with full votes and with short ones.
+            if judgement is None or _step(judgement) == last or (summary.full and is_short(judgement)):
+                continue
+            last, output = _step(judgement), replay.fuse(judgement)
             if output is not None:
-                same += encode(output.judgement) == record.payload
+                same += encode(output.judgement, full=not is_short(judgement)) == record.payload
                 verdicts += _verdict_records([output])
             number += 1
             if number % EVERY == 0:
@@ -136,7 +151,12 @@ def _from_judgements(
             replay.set_verdict(verdict)
         elif record.kind == "token" and record.payload == GONE and record.key.startswith(f"{keys.root}/fusion/"):
             replay.set_gone(observer_of(record.key))
-    return _Replayed(verdicts, same, replay.missing, replay.gaps)
+    return _Replayed(verdicts, number, same, replay.missing, replay.gaps)
+
+
+def _step(judgement: JudgementMessage) -> tuple[str, str | None, int]:
+    """What identifies a step."""
+    return judgement.fusion, judgement.session, judgement.seq
 
 
 def _verdict_records(outputs: Iterable[EngineOutput]) -> Iterator[VerdictRecord]:

@@ -14,6 +14,7 @@ from pydantic import ValidationError
 from common import wire
 from common.config import ObserverConfig, Scene
 from common.errors import BadInput, LabanmeshError
+from common.message_types import p_of_roots
 from common.messages import (
     WHY_LIMIT,
     Agreement,
@@ -31,6 +32,7 @@ from common.messages import (
     VoteState,
 )
 from common.picture_message import PICTURE_BYTES, PICTURE_SIDE_PX, PictureMessage
+from common.probability import roots_of
 from common.vocabulary import ABSTAIN
 from common.wire import (
     OPTIONAL_DETAIL,
@@ -295,14 +297,15 @@ def test_the_hash_of_a_vocabulary_must_fit_its_labels():
 def detail_left_out(fields):
     """Which optional detail is missing in a judgement of which each vote has all of it."""
     first = next(iter(fields["votes"].values()))
-    return [d for d in OPTIONAL_DETAIL if (first[d[1]] is None if len(d) == 2 else d[0] not in fields)]
+    return [d for d in OPTIONAL_DETAIL if (first.get(d[1]) is None if len(d) == 2 else d[0] not in fields)]
 
 
 def test_a_judgement_that_is_too_long_loses_optional_detail_in_order_until_it_fits():
     others, facets = {f"cam{n}": 0.5 for n in range(20)}, {"own": [0.5, 0.5]}
     entry = vote(p=[0.01] * 100, facing=Facing(surprise=[[9] * 12] * 100), facets=facets, doubles=others)
     contributions = dict.fromkeys(others, Contribution(nats=1.0, stands=True))
-    detail = [d for d in OPTIONAL_DETAIL if d not in (("facing",), ("why",), ("observers",))]
+    elsewhere = ("votes", "root_p"), ("facing",), ("why",), ("observers",)
+    detail = [d for d in OPTIONAL_DETAIL if d not in elsewhere]
     steps = set()
     for size in range(1000, 6900, 25):
         message = verdict(
@@ -358,3 +361,46 @@ def test_a_scene_whose_messages_cannot_fit_is_refused(observers, labels, fault):
 @example(payload=b"\x81\xa1v\x01")
 def test_random_bytes_are_bad_messages(kind, payload):
     reason_of(kind, payload)
+
+
+FULL_VOTE = vote(
+    p=[0.25, 0.75], rest=0.25, skew_s=-0.5, unlearned=0.125, facing=Facing(surprise=[[0], [9]]), root_p=[128, 221],
+    facets={"own": [0.5, 0.5]}, reliability=0.75, doubles={"cam2": 0.5},
+)  # fmt: skip
+
+
+def test_a_judgement_whose_votes_have_roots_is_short_unless_it_is_to_be_full():
+    silent = vote(label=None, entropy=None, weight=0.0, age_s=None, state="silent", reliability=1.0)
+    message = judgement(
+        votes={"cam1": FULL_VOTE, "cam2": silent}, movement=OngoingMovement(id="dojo-1", began_ns=3), unlearned=0.25
+    )
+    short = msgpack.unpackb(encode(message))
+    needed = {"label", "entropy", "weight", "age_s", "state"}
+    assert set(short["votes"]["cam1"]) == needed | {"rest", "skew_s", "unlearned", "reliability", "root_p"}
+    assert set(short["votes"]["cam2"]) == needed | {"reliability"} and set(short["movement"]) == {"id", "began_ns"}
+    full = decode(JudgementMessage, encode(message, full=True))
+    first = message.votes["cam1"].model_copy(update={"root_p": None})
+    assert full == message.model_copy(update={"votes": {"cam1": first, "cam2": silent}})
+    # A verdict is evidence, and there is one of each movement.
+    assert decode(VerdictMessage, encode(verdict(votes=message.votes))).votes == full.votes
+
+
+def test_who_receives_a_short_judgement_has_all_that_is_shown():
+    message = judgement(votes={"cam1": FULL_VOTE.model_copy(update={"reliability": 1.0})}, unlearned=0.25)
+    decoded = decode(JudgementMessage, encode(message))
+    assert decoded.model_copy(update={"votes": message.votes}) == message
+    received = decoded.votes["cam1"]
+    assert received.p == pytest.approx([0.25, 0.75], abs=0.004) and sum(received.p) == pytest.approx(1)
+    assert (received.rest, received.skew_s, received.unlearned, received.reliability) == (0.25, -0.5, 0.125, 1.0)
+    assert encode(decoded) == encode(message)
+
+
+@given(DISTRIBUTIONS)
+def test_the_roots_of_a_distribution_are_precise(p):
+    assert p_of_roots(roots_of(np.array(p)).tolist()) == pytest.approx(p, abs=0.004, rel=0)
+
+
+@pytest.mark.parametrize("roots", [[], [0, 0], [-1, 255], [256, 0], [1.5, 2], "ab", [1] * 10_001])
+def test_roots_that_are_no_distribution_are_rejected(roots):
+    fields = {**judgement().model_dump(), "votes": {"cam1": {**vote().model_dump(), "root_p": roots}}}
+    assert reason_of(JudgementMessage, msgpack.packb(fields)) == "malformed"

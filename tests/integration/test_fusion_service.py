@@ -67,6 +67,10 @@ def test_posteriors_become_judgements_and_verdicts_and_late_joiners_get_the_last
     mesh.run(move, publisher)
     decided = collect(verdicts, VerdictMessage, bool)[0]
     assert (decided.label, decided.ended_ns, decided.votes["cam1"].label) == ("bowing", None, "bowing")
+    # Full votes come only where somebody subscribes to them.
+    full = collect(hub.inbox(keys.votes), JudgementMessage, lambda messages: len(messages) > 2)[-1].votes["cam1"]
+    short = collect(judgements, JudgementMessage, bool)[-1].votes["cam1"]
+    assert full.p is not None and full.root_p is None and short.root_p is not None
     answers = peer().ask(f"{keys.root}/**", SOON_S)
     assert set(answers) == {keys.judgement, keys.verdict, keys.vocabulary, keys.fusion_status("fusion")}
     assert decode(VerdictMessage, answers[keys.verdict]).id == decided.id

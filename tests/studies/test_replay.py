@@ -81,8 +81,11 @@ def new_engine(scene, observers=OBSERVERS):
     return FusionEngine("dojo", list(observers), NAMES, scene.fusion)
 
 
-def recorded(scene, played, engine=None, records=None):
-    """The records of a mesh on which an engine judges these posteriors."""
+def recorded(scene, played, engine=None, records=None, short=False):
+    """The records of a mesh on which an engine judges these posteriors.
+
+    short: judgements have short votes, and full ones under their own key; else full ones, as with `votes = "full"`.
+    """
     engine = engine or new_engine(scene)
     if records is None:
         records = [CaptureRecord("answer", f"{ROOT}/vocabulary", encode_vocabulary("dojo", NAMES), NOON)]
@@ -92,7 +95,11 @@ def recorded(scene, played, engine=None, records=None):
         output = step(engine, {message.observer: message for message in posteriors}, at_ns)
         for verdict in output.verdicts:
             records.append(CaptureRecord("put", f"{ROOT}/verdict", encode(verdict), at_ns))
-        records.append(CaptureRecord("put", f"{ROOT}/judgement", encode(output.judgement), at_ns + 1))
+        full = encode(output.judgement, full=True)
+        if short:
+            records.append(CaptureRecord("put", f"{ROOT}/votes", full, at_ns + 1))
+        payload = encode(output.judgement) if short else full
+        records.append(CaptureRecord("put", f"{ROOT}/judgement", payload, at_ns + 1))
     return records
 
 
@@ -136,6 +143,24 @@ def test_the_same_verdicts_bit_for_bit(write, records):
     assert [len(row.recorded) for row in result.rows] == [2, 2, 2]
     assert result.same == result.judgements == len(steps()) and result.missing == 0
     assert result.faithful and result.source == "judgements"
+
+
+def test_short_judgements_are_judged_again_from_the_full_votes_beside_them(write):
+    records = recorded(a_scene(), steps(), short=True)
+    result = judge_again(write(records), ReplayChange())
+    assert (result.source, result.missing) == ("judgements", 0) and result.faithful
+    assert result.same == result.judgements == len(judgements(records))
+    # A capture whose first judgements came before the full ones.
+    late = [r for n, r in enumerate(records) if not r.key.endswith("/votes") or n > len(records) // 3]
+    assert judge_again(write(late), ReplayChange()).faithful
+
+
+def test_without_the_full_votes_a_capture_is_judged_again_from_its_posteriors(write):
+    records = [r for r in recorded(a_scene(), steps(), short=True) if not r.key.endswith("/votes")]
+    result = judge_again(write(records), ReplayChange())
+    assert result.source == "posteriors" and [row.likeness for row in result.rows] == ["same label"] * 3
+    result = judge_again(write(records), ReplayChange(), "judgements")
+    assert labels(result) == ["bowing", "lunging", "stretch"] and result.same < result.judgements
 
 
 def test_the_wait_for_the_roster_is_replayed(write):

@@ -1,0 +1,66 @@
+"""Messages as plain maps, as they are packed: which fields are left out, and what a short judgement has. Pure."""
+
+from typing import Any
+
+from common.message_types import MessagePart
+from common.messages import JudgementMessage, Message, PosteriorMessage, VerdictMessage, Vote
+
+SENT_AS_NULL = frozenset({"ended_ns"})
+"""Fields whose None is information (the movement has not ended) and is sent as null."""
+SHORT_VOTE = ("label", "entropy", "weight", "age_s", "state")
+"""The fields that a short vote always has."""
+SHORT_VOTE_OPTIONAL = ("rest", "skew_s", "unlearned", "reliability", "root_p")
+"""Those that it has unless they are null."""
+
+
+def fields_of(message: Message, short: bool = False) -> dict[str, Any]:
+    """What is sent of `message`; its parts are still objects. short: a judgement with short votes."""
+    if isinstance(message, PosteriorMessage):
+        # The most frequent message: fields with their default value are omitted too.
+        return {"v": message.v, **message.model_dump(exclude_defaults=True)}
+    values = vars(message)
+    fields = {
+        name: values[name] for name in type(message).model_fields if values[name] is not None or name in SENT_AS_NULL
+    }
+    if short:
+        fields["votes"] = {observer: _short_vote(vote) for observer, vote in values["votes"].items()}
+        if values["movement"] is not None:
+            movement = vars(values["movement"]).items()
+            fields["movement"] = {name: value for name, value in movement if value is not None}
+    return fields
+
+
+def _short_vote(vote: Vote) -> dict[str, Any]:
+    values = vars(vote)
+    fields = {name: values[name] for name in SHORT_VOTE}
+    for name in SHORT_VOTE_OPTIONAL:
+        if values[name] is not None:
+            fields[name] = values[name]
+    # Beside `root_p` no reliability is full reliability.
+    if vote.root_p is not None and vote.reliability == 1.0:
+        del fields["reliability"]
+    return fields
+
+
+def is_short(message: Message) -> bool:
+    """Whether it is a judgement whose votes have `root_p`."""
+    # A verdict, one per movement, has full votes.
+    if not isinstance(message, JudgementMessage) or isinstance(message, VerdictMessage):
+        return False
+    return any(vote.root_p is not None for vote in message.votes.values())
+
+
+def part_of(part: MessagePart) -> dict[str, Any]:
+    """All fields of a part of a message, null or not, but for the one that only short votes have."""
+    return {name: value for name, value in vars(part).items() if name != "root_p"}
+
+
+def leave_out(fields: dict[str, Any], detail: tuple[str, ...]) -> bool:
+    """Remove a detail from `fields`; whether it was there. A vote keeps its fields: they become null."""
+    name, *inner = detail
+    if not inner:
+        return fields.pop(name, None) is not None
+    parts = [part for part in fields.get(name, {}).values() if part.get(inner[0]) is not None]
+    for part in parts:
+        part[inner[0]] = None
+    return bool(parts)
