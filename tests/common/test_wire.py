@@ -393,6 +393,9 @@ def test_who_receives_a_short_judgement_has_all_that_is_shown():
     assert received.p == pytest.approx([0.25, 0.75], abs=0.004) and sum(received.p) == pytest.approx(1)
     assert (received.rest, received.skew_s, received.unlearned, received.reliability) == (0.25, -0.5, 0.125, 1.0)
     assert encode(decoded) == encode(message)
+    # A forged number that single precision does not have.
+    forged = message.model_copy(update={"certainty_bits": 1e300})
+    assert decode(JudgementMessage, encode(forged)).certainty_bits == 1e300
 
 
 @given(DISTRIBUTIONS)

@@ -356,7 +356,7 @@ def test_of_two_processes_with_one_id_that_stand_by_one_ends_before_it_is_too_la
 
 
 def test_judgements_of_many_observers_fit_and_the_standby_service_stands_by(stage):
-    """40 observers of 200 movements: with each vote's p a judgement would have 75 kB, and nobody could read it."""
+    """40 observers of 200 movements: with all of each vote's p a judgement would have 75 kB, and nobody could read it."""
     vocabulary = Vocabulary(tuple(f"movement_{n}" for n in range(200)), "many")
     observers = {f"cam{n}": stage.scene.observer("cam1") for n in range(40)}
     changes = {"observers": observers, "vocabulary": vocabulary.labels, "vocabulary_name": vocabulary.name}
@@ -373,6 +373,8 @@ def test_judgements_of_many_observers_fit_and_the_standby_service_stands_by(stag
             publisher.put(posterior(name, seq, vocabulary=reference, p=[0.801, *[0.001] * 199]))
         pause.wait(0.05)
     judgement = stage.judgement(lambda j: j.agreement.n > 30)
-    assert all(vote.p is None for vote in judgement.votes.values()) and judgement.label == "movement_0"
+    assert judgement.label == "movement_0" and {len(vote.p) for vote in judgement.votes.values() if vote.p} == {200}
+    full = decode(JudgementMessage, encode(judgement, full=True))
+    assert {vote.p for vote in full.votes.values()} == {None} and full.label == "movement_0"
     first(statuses, StatusMessage, standing_by)
     assert {j.fusion for j in stage.judgements(lambda j: j.seq > judgement.seq + 10)} == {"a"}
