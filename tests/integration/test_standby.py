@@ -356,7 +356,7 @@ def test_of_two_processes_with_one_id_that_stand_by_one_ends_before_it_is_too_la
 
 
 def test_judgements_of_many_observers_fit_and_the_standby_service_stands_by(stage):
-    """40 observers of 200 movements: with all of each vote's p a judgement would have 75 kB, and nobody could read it."""
+    """40 observers of 200 movements: with each vote's whole p a judgement would have 75 kB, which nobody could read."""
     vocabulary = Vocabulary(tuple(f"movement_{n}" for n in range(200)), "many")
     observers = {f"cam{n}": stage.scene.observer("cam1") for n in range(40)}
     changes = {"observers": observers, "vocabulary": vocabulary.labels, "vocabulary_name": vocabulary.name}
