@@ -12,7 +12,7 @@ import typer
 
 from benchmarks.command_line import run_command
 from benchmarks.taught import begins, clips, corrections, few_takes, life, sensors
-from benchmarks.taught.households import Draws
+from benchmarks.taught.households import ROOMS, Draws
 from benchmarks.taught.judging import TaughtModels
 from common.command_options import takes_options
 from common.errors import BadInput
@@ -37,10 +37,11 @@ class Row(StrEnum):
 
 
 class People(StrEnum):
-    """Whose movements: gestures (MSR Action3D), or whole-body movements (nw_ucla)."""
+    """Whose movements: gestures (MSR Action3D, Florence 3D Actions), or whole-body movements (nw_ucla)."""
 
     MSR = "msr"
     NW_UCLA = "nw_ucla"
+    FLORENCE3D = "florence3d"
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,7 +102,7 @@ def taught(options: TaughtOptions) -> None:
             homes = Draws(options.data.value, people, options.draws, options.seed)
             print("\n".join(corrections.rows(data, models, homes, options.jobs, partial(bar, "draws"))))
         return
-    room = (few_takes.msr_room if options.data is People.MSR else few_takes.nw_ucla_room)(data)
+    room = ROOMS[options.data.value](data)
     learned_life = few_takes.life_in(room, data) if options.life and options.row is Row.FEW_TAKES else {}
     teaching, seeds = TaughtModels(options.model, parameters, learned_life), (options.draws, options.seed, options.jobs)
     with ProgressBar() as bar:

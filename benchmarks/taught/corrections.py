@@ -1,7 +1,8 @@
 """Ten corrections: somebody teaches a few takes, and what is named wrongly or missed later is corrected.
 
 1. One person teaches some movements with two takes each, all that MSR Action3D leaves for it. Or, of other people than
-   those with whom all this was settled, whole-body movements (nw_ucla).
+   those with whom all this was settled: whole-body movements (nw_ucla), gestures (Florence 3D Actions: one take of what
+   is done in the evenings, and the last for later).
 2. Evenings: this person and another one do these and other movements, each of their first two takes once, and then
    again in another tempo. The first ten wrong or missed verdicts are corrected as `labanmesh teach --was` does: each
    camera cuts its example out of the tracks that it remembers, by the time of the verdict, or of a missed movement by

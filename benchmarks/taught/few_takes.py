@@ -18,6 +18,7 @@ from observer.geometry.projection import pinhole_matrix
 from observer.geometry.views import View
 from observer.motion.archive import MotionArchive, Recording, TracksCamera, labels_of, resample, select
 from observer.motion.archive_file import read_archive
+from observer.motion.importers.florence3d import import_folder as import_florence3d
 from observer.motion.importers.msr_action3d import import_folder
 from observer.motion.projected import projected
 from observer.tracks import BODY_PARTS
@@ -25,7 +26,7 @@ from studies.sensors import same_streams, with_parts
 from studies.trials import strung
 
 Progress = Callable[[int, int], None]
-MOVEMENTS, MOST_TAKES = 3, 5
+MOVEMENTS, MOST_TAKES, MOST_OF_FLORENCE = 3, 5, 3
 FOCAL_PX, CENTRE_PX, DISTANCE_M = 580.0, (320.0, 240.0), 3.0
 SENSOR = np.array([[-FOCAL_PX, 0.0, 320.0, 0.0], [0.0, -FOCAL_PX, 240.0, 0.0], [0.0, 0.0, 1.0, 0.0]])
 """(3, 4) a depth camera as it sees positions in its own axes, not mirrored."""
@@ -73,13 +74,29 @@ class DrawResult:
 
 def msr_room(data: Path) -> RecordedRoom:
     """MSR Action3D, at most three takes, seen from 20 degrees left and 50 degrees right of the person."""
-    archive = import_folder(data / "msr_action3d").archive
+    return _gestures("MSR Action3D", import_folder(data / "msr_action3d").archive, 3)
+
+
+def florence3d_room(data: Path) -> RecordedRoom:
+    """Florence 3D Actions, two or three takes, seen as those of MSR Action3D. The last one is numbered 3."""
+    archive = import_florence3d(data / "florence3d").archive
+    counts = Counter((r.subject, r.label) for r in archive.recordings)
+    numbered = (
+        replace(r, trial="3" if int(r.trial) == counts[r.subject, r.label] == 2 else r.trial)
+        for r in archive.recordings
+        if int(r.trial) <= MOST_OF_FLORENCE
+    )
+    return _gestures("Florence 3D Actions", replace(archive, recordings=tuple(numbered)), 2)
+
+
+def _gestures(name: str, archive: MotionArchive, least: int) -> RecordedRoom:
     middle = np.nanmean(np.concatenate([r.positions[:, 2] for r in archive.recordings]), axis=0)
+    at, yaws = tuple(middle.tolist()), {"sofa": -20.0, "shelf": 50.0}
     views = {
-        name: View(name, pinhole_matrix(np.deg2rad(yaw), 0.1, DISTANCE_M, FOCAL_PX, CENTRE_PX, tuple(middle.tolist())))
-        for name, yaw in (("sofa", -20.0), ("shelf", 50.0))
+        camera: View(camera, pinhole_matrix(np.deg2rad(yaw), 0.1, DISTANCE_M, FOCAL_PX, CENTRE_PX, at))
+        for camera, yaw in yaws.items()
     }
-    return RecordedRoom("MSR Action3D", dict.fromkeys(views, archive), views, 3)
+    return RecordedRoom(name, dict.fromkeys(views, archive), views, least)
 
 
 def nw_ucla_room(data: Path) -> RecordedRoom:
