@@ -30,12 +30,21 @@ TIME_LIMIT_S = 280.0
 """What is not measured by then is left out."""
 Rows = Callable[[], Iterable[BenchmarkRow]]
 Results = Sequence[BenchmarkRow | LeftOut]
+PACE: dict[str, Rows] = {
+    "fusion step": pace.step_rows,
+    "latency": pace.latency_rows,
+    "flood of posteriors": pace.flood_rows,
+    "two fusion processes": pace.sharing_rows,
+    "start": pace.start_rows,
+    "size of a judgement": pace.size_rows,
+}
 
 
 def bench(
     flood_minutes: Annotated[
         float, typer.Option(min=0, help="Instead of all this: the flood of posteriors for so many minutes.")
     ] = 0.0,
+    only_pace: Annotated[bool, typer.Option("--pace", help="Only the rows that have a goal, in two minutes.")] = False,
 ) -> None:
     """Measure all rows; print them as tables, and write them as JSON to build/bench.json.
 
@@ -46,15 +55,21 @@ def bench(
     if flood_minutes:
         long_flood(flood_minutes)
         return
+    groups = dict(PACE)
+    if not only_pace:
+        groups |= other_groups()
+    make_folder(RESULT.parent, "a change of directory")
+    results = measured(groups, TIME_LIMIT_S)
+    write_text(RESULT, as_json(results), "a change of directory")
+    print(table(results))
+    print(f"\nMedians of alternating rounds, except rows with p99; written to {RESULT}")
+
+
+def other_groups() -> dict[str, Rows]:
+    """The rows without a goal."""
     place = os.environ.get("LABANMESH_DATA")
     data = Path(place) if place else None
-    groups: dict[str, Rows] = {
-        "fusion step": pace.step_rows,
-        "latency": pace.latency_rows,
-        "flood of posteriors": pace.flood_rows,
-        "two fusion processes": pace.sharing_rows,
-        "start": pace.start_rows,
-        "size of a judgement": pace.size_rows,
+    return {
         "tracking": observer_steps.tracking_rows,
         "observer": lambda: observer.rows(data),
         "rules": fusion.rule_rows,
@@ -64,11 +79,6 @@ def bench(
         "security": security.rows,
         "model updates": lambda: observer_steps.model_rows(data),
     }
-    make_folder(RESULT.parent, "a change of directory")
-    results = measured(groups, TIME_LIMIT_S)
-    write_text(RESULT, as_json(results), "a change of directory")
-    print(table(results))
-    print(f"\nMedians of alternating rounds, except rows with p99; written to {RESULT}")
 
 
 def long_flood(minutes: float) -> None:

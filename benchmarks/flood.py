@@ -119,7 +119,7 @@ class Flood:
             best = rate_hz, window
         if best is None:
             raise LabanmeshError(
-                f"{window.posteriors:,.0f} posteriors a second are too many here: {window.share:.2f} of a core, "
+                f"{window.posteriors:,.0f} posteriors a second were too many here, now: {window.share:.2f} of a core, "
                 f"{window.judgements:,.0f} judgements a second, p99 of their age {window.age_ms:.0f} ms"
             )
         again = [own for _ in range(RUNS - 1) for own in self.window(best[0], window_s)]
