@@ -23,7 +23,7 @@ from fusion.engine.messages import JudgementBuilder, Stamp, build_verdict, close
 from fusion.engine.pooling import PooledPosterior, PoolingCase, newest_ns, pool_facets, pool_posteriors
 from fusion.engine.reliability import Reliability, learn_from_verdict
 from fusion.engine.rest import RestPool
-from fusion.engine.roster import POOLED_STATES, AgedPosterior, ObserverRecord, Roster
+from fusion.engine.roster import AgedPosterior, ObserverRecord, Roster
 from fusion.engine.roster_start import RosterStart
 from fusion.engine.rules import get_rule
 from fusion.engine.verdict_detector import MovementDecision, PooledState, VerdictDetector
@@ -184,14 +184,12 @@ class FusionEngine:
         """
         pooled = pooled or pool_posteriors(self._case(posteriors))
         ballot = self._builder.ballot(posteriors, pooled)
-        unlearned = pooled.unlearned or 0.0
-        p = ballot.p * (1.0 - unlearned)
-        observed = any(posterior.state in POOLED_STATES for posterior in posteriors)
-        rest = self._rest.update(posteriors, now_ns)
+        unlearned, observed = pooled.unlearned or 0.0, ballot.agreement.n > 0
+        p, rest = ballot.p * (1.0 - unlearned), self._rest.update(posteriors, now_ns)
         heard_ns = newest_ns(posteriors, now_ns)
         state = PooledState(now_ns, ballot.label, p, ballot.agreement.k, rest, unlearned, observed, heard_ns)
         # Before the first posterior, as after a restart during a movement, the absence of motion means nothing.
-        has_posterior = any(posterior.age_s is not None for posterior in posteriors)
+        has_posterior = observed or any(posterior.age_s is not None for posterior in posteriors)
         # No observer counts any more, as after a film: waiting would show as little as after the begin of rest.
         last = None if observed else self._last_observed
         shown = state if last is None else replace(last.state, at_ns=now_ns, rest=1.0)

@@ -26,8 +26,8 @@ from fusion.engine.strengths import ObserverTrust, RuleResult
 FACING = "facing"
 FACETS_LIMIT = 32
 """At most so many facets are pooled, so that invented names cost no time."""
-FEWEST = 4
-"""Fewer cases are pooled one by one, which is faster."""
+LEAST_BATCH = 3
+"""Two cases are pooled faster one after the other: 43 us each, against 112 us together (notebook.md)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +77,9 @@ def pool_posteriors(case: PoolingCase) -> PooledPosterior:
 
 
 def pool_many(cases: Sequence[PoolingCase]) -> list[PooledPosterior]:
-    """Pool each case as `pool_posteriors` does. Cases of one kind are pooled together, in a fraction of the time."""
+    """Pool each case as `pool_posteriors` does; LEAST_BATCH or more of one kind together, in a fraction of the time."""
+    if len(cases) < LEAST_BATCH:
+        return [pool_posteriors(case) for case in cases]
     pooled: list[PooledPosterior | None] = [None] * len(cases)
     batches: dict[object, list[int]] = {}
     for n, case in enumerate(cases):
@@ -87,8 +89,8 @@ def pool_many(cases: Sequence[PoolingCase]) -> list[PooledPosterior]:
         else:
             pooled[n] = pool_posteriors(case)
     for places in batches.values():
-        own = [cases[n] for n in places]
-        results = map(pool_posteriors, own) if len(own) < FEWEST else _pool_batch(own)
+        batch = [cases[n] for n in places]
+        results = map(pool_posteriors, batch) if len(batch) < LEAST_BATCH else _pool_batch(batch)
         for n, result in zip(places, results, strict=True):
             pooled[n] = result
     return [result for result in pooled if result is not None]
@@ -133,8 +135,7 @@ def pool_facets(rule: Rule, posteriors: Sequence[AgedPosterior]) -> dict[str, Fl
 def newest_ns(posteriors: Sequence[AgedPosterior], now_ns: int) -> int | None:
     """When the newest posterior that is pooled was captured; None without one."""
     ages_s = [one.age_s for one in posteriors if one.state in POOLED_STATES and one.age_s is not None]
-    age_s = min(ages_s, default=None)
-    return None if age_s is None else now_ns - round(max(age_s, 0.0) * SECOND_NS)
+    return now_ns - round(max(min(ages_s), 0.0) * SECOND_NS) if ages_s else None
 
 
 def observer_trust(posteriors: Sequence[AgedPosterior]) -> ObserverTrust:

@@ -11,6 +11,7 @@ from hypothesis.extra.numpy import arrays
 
 from common.probability import normalise, uniform
 from fusion.engine.pooling import (
+    LEAST_BATCH,
     PoolingCase,
     facing_deg,
     observer_trust,
@@ -200,9 +201,9 @@ def cases(draw):
     return PoolingCase(rule, votes, uniform(m), draw(st.sampled_from([1.0, 1.5])))
 
 
-@given(st.lists(cases(), max_size=6))
-def test_many_scenes_at_once_are_pooled_as_each_alone(scenes):
-    for case, together in zip(scenes, pool_many(scenes), strict=True):
+@given(st.lists(cases(), max_size=4), st.sampled_from([1, LEAST_BATCH]))
+def test_many_scenes_at_once_are_pooled_as_each_alone(scenes, copies):
+    for case, together in zip(scenes * copies, pool_many(scenes * copies), strict=True):
         alone = pool_posteriors(case)
         assert together.p == pytest.approx(alone.p, abs=1e-12)
         assert together.weights == pytest.approx(alone.weights, abs=1e-12)
