@@ -28,13 +28,14 @@ posteriors. `guarded_pool` gives the same for the movements of one scene in half
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
 
-from common.probability import SMALLEST, Floats, uniform
+from common.probability import SMALLEST, Floats
 from fusion.engine.strengths import (
     LEAST_SIZE,
     LOG_FLOOR,
@@ -52,6 +53,8 @@ from fusion.engine.strengths import (
     uncertainty,
 )
 
+Product = Callable[[Floats, Floats], Floats]
+"""np.dot of one scene, np.matmul of many: NumPy multiplies each in the same way, and `dot` begins in half the time."""
 EPSILON = 0.02
 FAULT_PROBABILITY = (0.05, 0.3)
 """Prior probability that an observer is plainly wrong, for three, and for four and more participants.
@@ -84,50 +87,71 @@ def guarded_strengths(p: Floats, prior: Floats, observers: ObserverTrust) -> Str
 def guarded_pool(p: Floats, prior: Floats, observers: ObserverTrust) -> RuleResult:
     """(N, M) posteriors, (M,) prior -> the pooled p (M,), and shares (N,); as the plain form to 1e-12.
 
+    Many scenes, (S, N, M), are pooled to the same bits as each alone, on which a replayed capture relies.
+
     For arrays this small the number of NumPy's calls counts: `dot` is the fastest of them, and of a few numbers plain
     Python is faster. The plain form computes the evidence twice, each pair of observers twice, and normalises each
     hypothesis. Here x_h, ln L_h less its maximum, serves Z_h and P(m | h), and each hypothesis is normalised by its
     factor in the average.
     """
-    ratio = p / prior
+    product = np.dot if p.ndim == 2 else np.matmul
+    ratio, believed = p / prior, _believed(p.shape[-2])
     divergence_bits = divergence_from_prior(p, ratio)
-    part = [min(bits / PARTICIPATION_BITS, 1.0) for bits in divergence_bits.tolist()]
-    believed, rho = _believed(len(p)), _shared_voice(p, ratio)
+    part = np.minimum(divergence_bits / PARTICIPATION_BITS, 1.0)
+    rho = _shared_voice(p, ratio, product)
     if observers.has_correlations:
-        rho = np.maximum(rho, observers.correlations * np.array(part)[:, None])
-    w = believed * observers.trust / (1.0 + believed.dot(rho))
-    log_likelihood = w.dot(np.log((1.0 - EPSILON) * ratio + EPSILON))
-    most = np.maximum.reduce(log_likelihood, axis=1)
-    x = log_likelihood - most[:, None]
-    log_z = np.log(np.exp(x).dot(prior)) + most
-    hypotheses = np.array(_posterior_odds(part, log_z.tolist()))
-    number = (w.dot(divergence_bits) ** 2 + PARTICIPATION_BITS**2) / (w.dot(divergence_bits**2) + PARTICIPATION_BITS**2)
+        rho = np.maximum(rho, observers.correlations * part[..., None])
+    w = believed * observers.trust[..., None, :] / (1.0 + product(believed, rho))
+    log_likelihood = product(w, np.log((1.0 - EPSILON) * ratio + EPSILON))
+    most = np.maximum.reduce(log_likelihood, axis=-1)
+    x = log_likelihood - most[..., None]
+    hypotheses = _hypothesis_probabilities(part, np.log(product(np.exp(x), prior)) + most)
+    squares = _of_each(product, w, divergence_bits**2)
+    number = (_of_each(product, w, divergence_bits) ** 2 + PARTICIPATION_BITS**2) / (squares + PARTICIPATION_BITS**2)
     factor = np.maximum(number, 1.0) ** (GAMMA - 1.0)
-    mass = np.exp(factor[:, None] * x)
-    pooled = (hypotheses / mass.dot(prior)).dot(mass) * prior
-    evidence = (hypotheses * factor).dot(w) * divergence_bits
-    total = float(np.add.reduce(evidence))
-    return RuleResult(pooled, evidence / max(total, SMALLEST) if total > 0 else uniform(len(p)))
+    mass = np.exp(factor[..., None] * x)
+    pooled = _average(product, hypotheses / product(mass, prior), mass) * prior
+    evidence = _average(product, hypotheses * factor, w) * divergence_bits + SMALLEST
+    return RuleResult(pooled, evidence / np.add.reduce(evidence, axis=-1, keepdims=True))
 
 
-def _shared_voice(p: Floats, ratio: Floats) -> Floats:
-    """(N, N) rho of posteriors that are the same, unless both are certain: `similarity` times `uncertainty`."""
-    size, movements = p.shape
+def _of_each(product: Product, matrices: Floats, vectors: Floats) -> Floats:
+    """(..., H, N) times (..., N) -> (..., H)."""
+    return product(matrices, vectors) if vectors.ndim == 1 else product(matrices, vectors[..., None])[..., 0]
+
+
+def _average(product: Product, weights: Floats, rows: Floats) -> Floats:
+    """(..., H) times (..., H, M) -> (..., M)."""
+    return product(weights, rows) if weights.ndim == 1 else product(weights[..., None, :], rows)[..., 0, :]
+
+
+def _shared_voice(p: Floats, ratio: Floats, product: Product) -> Floats:
+    """(..., N, N) rho of posteriors that are the same, unless both are certain: `similarity` times `uncertainty`."""
+    size, movements = p.shape[-2:]
     if size == 1:
         return np.zeros((1, 1))
     pairs, each = _pairs(size), _ones(movements)
     # One call for the sizes of N logs, and the distances of P pairs.
-    sums = np.abs(pairs.singles_and_differences.dot(np.log((1.0 - LOG_FLOOR) * ratio + LOG_FLOOR))).dot(each)
-    sizes, distance = pairs.sums.dot(sums[:size]), sums[size:]
+    logs = np.log((1.0 - LOG_FLOOR) * ratio + LOG_FLOOR)
+    sums = product(np.abs(product(pairs.singles_and_differences, logs)), each)
+    sizes, distance = _of_each(product, pairs.sums, sums[..., :size]), sums[..., size:]
     # Over the sum of both sizes; of two observers that know nothing the distance is 1, over their mean.
-    if np.minimum.reduce(sizes) > 2 * LEAST_SIZE:
+    if np.minimum.reduce(sizes, axis=None) > 2 * LEAST_SIZE:
         relative = distance / sizes
     else:
         relative = np.where(sizes > 2 * LEAST_SIZE, distance / np.maximum(sizes, 2 * LEAST_SIZE), 0.5)
-    top = np.maximum.reduce(pairs.sums.dot(p), axis=1)
+    top = np.maximum.reduce(product(pairs.sums, p), axis=-1)
     rho = np.exp(relative * (-2.0 / SIMILARITY_SCALE)) * np.minimum((2.0 - top) / (2.0 * UNCERTAIN_MASS), 1.0)
-    result: Floats = rho.take(pairs.place) * off_diagonal(size)
+    result: Floats = rho.take(pairs.place, axis=-1) * off_diagonal(size)
     return result
+
+
+def _hypothesis_probabilities(part: Floats, log_z: Floats) -> Floats:
+    """P(h), (..., H)."""
+    if part.ndim == 1:
+        return np.array(_posterior_odds(part.tolist(), log_z.tolist()))
+    scenes = zip(part.tolist(), log_z.tolist(), strict=True)
+    return np.array([_posterior_odds(*scene) for scene in scenes])
 
 
 def _posterior_odds(part: list[float], log_z: list[float]) -> list[float]:

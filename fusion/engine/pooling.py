@@ -26,8 +26,6 @@ from fusion.engine.strengths import ObserverTrust, RuleResult
 FACING = "facing"
 FACETS_LIMIT = 32
 """At most so many facets are pooled, so that invented names cost no time."""
-LEAST_BATCH = 3
-"""Two cases are pooled faster one after the other: 43 us each, against 112 us together (notebook.md)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,9 +75,7 @@ def pool_posteriors(case: PoolingCase) -> PooledPosterior:
 
 
 def pool_many(cases: Sequence[PoolingCase]) -> list[PooledPosterior]:
-    """Pool each case as `pool_posteriors` does; LEAST_BATCH or more of one kind together, in a fraction of the time."""
-    if len(cases) < LEAST_BATCH:
-        return [pool_posteriors(case) for case in cases]
+    """Pool each case as `pool_posteriors` does, to the same bits; those of one kind together, in a fraction of the time."""
     pooled: list[PooledPosterior | None] = [None] * len(cases)
     batches: dict[object, list[int]] = {}
     for n, case in enumerate(cases):
@@ -90,7 +86,7 @@ def pool_many(cases: Sequence[PoolingCase]) -> list[PooledPosterior]:
             pooled[n] = pool_posteriors(case)
     for places in batches.values():
         batch = [cases[n] for n in places]
-        results = map(pool_posteriors, batch) if len(batch) < LEAST_BATCH else _pool_batch(batch)
+        results = _pool_batch(batch) if len(batch) > 1 else map(pool_posteriors, batch)
         for n, result in zip(places, results, strict=True):
             pooled[n] = result
     return [result for result in pooled if result is not None]
@@ -164,7 +160,7 @@ def facing_deg(facing: Floats) -> float:
 
 def _pool_rows(rule: Rule, rows: Floats, prior: Floats, trust: ObserverTrust) -> RuleResult:
     """Pool without facing; p and weights have the leading axes of `rows`."""
-    if rule.pool_movements is not None and rows.ndim == 2:
+    if rule.pool_movements is not None:
         return rule.pool_movements(rows, prior, trust)
     if rule.weigh is None or rule.mix is None:
         return rule.pool(rows, prior)

@@ -70,7 +70,8 @@ class ObserverTrust:
     @staticmethod
     def stack(scenes: Sequence["ObserverTrust"]) -> "ObserverTrust":
         """Several scenes with as many observers each, along a new first axis."""
-        return ObserverTrust(np.array([s.trust for s in scenes]), np.array([s.correlations for s in scenes]))
+        trust, correlations = np.array([s.trust for s in scenes]), np.array([s.correlations for s in scenes])
+        return ObserverTrust(trust, correlations, any(s.has_correlations for s in scenes))
 
     def subset(self, places: Sequence[int]) -> "ObserverTrust":
         """The observers at these places, of one scene."""
