@@ -75,7 +75,7 @@ def pool_posteriors(case: PoolingCase) -> PooledPosterior:
 
 
 def pool_many(cases: Sequence[PoolingCase]) -> list[PooledPosterior]:
-    """Pool each case as `pool_posteriors` does, to the same bits; those of one kind together, in a fraction of the time."""
+    """Pool each case as `pool_posteriors` does, to the same bits; those of one kind in one go."""
     pooled: list[PooledPosterior | None] = [None] * len(cases)
     batches: dict[object, list[int]] = {}
     for n, case in enumerate(cases):
