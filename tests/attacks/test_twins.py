@@ -5,11 +5,17 @@ import time
 import pytest
 from attack_storm import aftermath, settle
 from fault_processes import Process, labanmesh
-from fault_stage import SECOND_NS, VIEWS, Replay, Stage, all_count, counted
+from fault_slow_line import SlowLine
+from fault_stage import SECOND_NS, SETTLE_S, VIEWS, Replay, Stage, all_count, counted, free_port
 from mesh_stage import until
+from test_split import far_router
+
+from common.message_types import SAME_ID_REASON
 
 ROUNDS = 20
 NOTICED_S = 3.0
+APART_S = 8.0
+"""Longer than a service is young."""
 RUN_S = 2.0
 """How long the survivor goes on before the next round."""
 
@@ -54,6 +60,47 @@ def test_of_two_fusion_services_of_one_id_that_start_together_one_ends(request, 
 def published(witness, at_ns):
     """Wait for a judgement made after this time."""
     witness.wait_for(lambda w: w.last["at_ns"] > at_ns, why="one of them publishes")
+
+
+def test_of_two_fusion_services_of_one_id_that_meet_after_a_partition_one_stands_by(
+    request, tmp_path, long_form, history
+):
+    if not long_form:
+        pytest.skip("the long form: make attacks")
+    port = free_port()
+    with (
+        Stage(request.getfixturevalue("replay"), tmp_path, extra="quorum = 1") as stage,
+        SlowLine(stage.port, 0.0) as line,
+    ):
+        far_file = stage.write("far.toml", f"tcp/127.0.0.1:{port}", extra="quorum = 1")
+        stage.processes["far router"] = far_router(tmp_path, port, line.port)
+        line.cut()
+        stage.processes["wheel"] = Process(labanmesh("observe", far_file, "wheel"))
+        stage.processes["twin"] = Process(labanmesh("fuse", far_file))
+        stage.play()
+        near, far = stage.witness(), stage.witness(scene_file=far_file)
+        near.wait_for(lambda w: counted(w.last, "door", "corner"), why="the near half is judged")
+        far.wait_for(lambda w: counted(w.last, "wheel"), why="the far half is judged")
+        since_ns = time.time_ns()
+        near.wait_for(lambda w: w.last["at_ns"] > since_ns + APART_S * SECOND_NS, why="both are old")
+        line.heal()
+        healed_ns = time.time_ns()
+        near.wait_for(all_count, why="one network")
+        joined_ns = near.last["arrived_ns"]
+        near.wait_for(lambda w: w.last["at_ns"] > healed_ns + 12 * SECOND_NS, why="movements together")
+        far.look()
+        until_ns = near.last["at_ns"] - round(2 * SETTLE_S * SECOND_NS)
+        movements = stage.replay.performed(stage.start_ns, since_ns, until_ns)
+        for name, witness in (("near", near), ("far", far)):
+            late = [one for one in witness.judgements if one["arrived_ns"] > joined_ns + NOTICED_S * SECOND_NS]
+            assert len({one["session"] for one in late}) == 1, name
+            result = aftermath(movements, witness.judgements, witness.verdicts)
+            history.note(name, result=str(result), detail=vars(result))
+            print(name, result)
+            assert not (result.doubled or result.unended or result.wrong), f"{vars(result)}\n{stage.logs()}"
+        assert stage.processes["fusion"].running and stage.processes["twin"].running
+        reasons = {one["reason"] for one in near.statuses if one["id"] == "fusion"}
+        assert SAME_ID_REASON in reasons, reasons
 
 
 def test_two_observers_of_one_id_are_reported_and_one_counts(request, tmp_path, long_form, history):
