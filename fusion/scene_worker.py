@@ -194,7 +194,8 @@ class SceneWorker:
         now_ns = self._clock()
         same_as = self._open.same_as(now_ns)
         if same_as is not None:
-            self._engine.epoch = self.epoch
+            # With an epoch it would be the word of an owner, for which the present one stands by.
+            self._engine.epoch = None
             self._publisher.close(self._engine.close(self._open.verdict, now_ns, now_ns, same_as))
         if self._open.is_to_repeat(now_ns):
             self._publisher.repeat(self._last_words)

@@ -323,6 +323,7 @@ def test_after_a_split_the_service_that_stands_down_ends_its_movement_and_names_
     rival(judgement, 99, judgement.movement.model_copy(update={"id": "dojo-7", "label": "lunging"}))
     ended = stage.verdicts(lambda v: v.ended_ns is not None)[-1]
     assert (ended.id, ended.label, ended.fusion, ended.same_as) == (decided.id, "bowing", "a", "dojo-7")
+    assert ended.epoch is None, "the owner would stand by for this service"
 
 
 def test_after_a_split_the_owner_goes_on_with_the_movement_of_the_service_that_stands_down(stage, rival):
