@@ -5,11 +5,11 @@ A verdict is published before the judgement that it came from: a service that ta
 
 import logging
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from common.keys import SceneKeys
 from common.messages import JudgementMessage, VerdictMessage
-from common.subsession import SubSession
+from common.subsession import Publisher, SubSession
 from common.wire import encode
 from fusion.checkpoint import Checkpoint, CheckpointFile, unfinished
 from fusion.engine.engine import FusionEngine
@@ -25,11 +25,34 @@ KNOWN_LIMIT = 64
 """Movements of which it is remembered that they had a verdict."""
 
 
+def put_now(publisher: Publisher, payload: bytes) -> None:
+    """Send at once."""
+    publisher.put(payload)
+
+
+class Outbox:
+    """Judgements of many scenes, sent together: each alone would wake the thread that sends, at twice the cost."""
+
+    def __init__(self) -> None:
+        self._waiting: list[tuple[Publisher, bytes]] = []
+
+    def put(self, publisher: Publisher, payload: bytes) -> None:
+        """Send at the next `flush`."""
+        self._waiting.append((publisher, payload))
+
+    def flush(self) -> None:
+        """Send everything, in order; raises LabanmeshError if the link is closed."""
+        waiting, self._waiting = self._waiting, []
+        for publisher, payload in waiting:
+            publisher.put(payload)
+
+
 class VerdictPublisher:
     """Publishes the judgements and verdicts of one scene while it is the owner's, and answers queries for them.
 
     A standby service passes the owner's messages to `remember`, so that it can answer queries after a takeover.
-    full_votes: whether judgements have them under their usual key, too.
+    full_votes: whether judgements have them under their usual key, too. put: sends a judgement, now or soon; verdicts
+    are sent at once.
     """
 
     def __init__(
@@ -39,9 +62,10 @@ class VerdictPublisher:
         engine: FusionEngine,
         file: CheckpointFile | None,
         full_votes: bool = False,
+        put: Callable[[Publisher, bytes], None] = put_now,
     ) -> None:
         self._judgements, self._votes = session.publisher(keys.judgement), session.publisher(keys.votes)
-        self._full_votes, self._first = full_votes, FIRST
+        self._full_votes, self._first, self._put = full_votes, FIRST, put
         self._verdicts = session.publisher(keys.verdict)
         self._vocabularies = session.publisher(keys.vocabulary)
         self._engine, self._file = engine, file
@@ -71,7 +95,7 @@ class VerdictPublisher:
         if self._first or self._votes.has_subscriber:
             self._first = max(self._first - 1, 0)
             self._votes.put(encode(judgement, full=True))
-        self._judgements.put(judgement_payload)
+        self._put(self._judgements, judgement_payload)
         if not has_first_word:
             # Nobody has to wait for the disk.
             self._write()

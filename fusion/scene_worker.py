@@ -8,7 +8,7 @@ from common.clock_skew import ClockQuerier
 from common.config import Scene
 from common.inbox import Arrival
 from common.keys import observer_of
-from common.link import Link
+from common.link import Link, Publisher
 from common.messages import JudgementMessage, VerdictMessage
 from common.notify import Notifier
 from common.status import ProcessStatus
@@ -35,7 +35,8 @@ class Service:
     ticks: monotonic seconds. shared: whether scenes that name no standby services are shared by all services. polled:
     whether messages wait until the step that takes them (many scenes) instead of being received by a thread for each
     subscription. wake: called when the loop has work. ask_clocks_s: seconds between two readings of a clock.
-    supervisor: receives the state of the scene, if there is only one.
+    put: sends a judgement, now or with those of other scenes. supervisor: receives the state of the scene, if there is
+    only one.
     """
 
     own: str
@@ -47,6 +48,7 @@ class Service:
     polled: bool
     wake: Callable[[], None]
     ask_clocks_s: float
+    put: Callable[[Publisher, bytes], None]
     supervisor: Notifier
 
 
@@ -105,7 +107,7 @@ class SceneWorker:
             self._session, scene.keys.observer_status(), service.clock, service.wake, service.ask_clocks_s
         )
         full_votes = scene.fusion.votes == "full"
-        self._publisher = VerdictPublisher(self._session, scene.keys, engine, file, full_votes)
+        self._publisher = VerdictPublisher(self._session, scene.keys, engine, file, full_votes, service.put)
         self._vocabulary = encode_vocabulary(scene.scene, engine.vocabulary)
         self._session.answer(scene.keys.vocabulary, lambda: self._vocabulary)
         self._withheld: list[VerdictMessage] = []

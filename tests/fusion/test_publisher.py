@@ -13,7 +13,7 @@ from engine_stage import LABELS, UNIFORM, VIEWS, EngineDriver, sure
 from common.keys import SceneKeys
 from common.messages import VerdictMessage
 from common.wire import decode
-from fusion.publisher import VerdictPublisher
+from fusion.publisher import Outbox, VerdictPublisher
 
 
 @pytest.fixture(scope="module")
@@ -54,3 +54,22 @@ def test_a_first_word_is_in_the_file_before_it_is_sent_and_an_end_is_sent_before
     file = SimpleNamespace(write=lambda checkpoint: events.append("file"))
     VerdictPublisher(session, keys, scene.engine, file).publish([scene.verdicts[n] for n in sent], judgement)
     assert events == order
+
+
+def test_judgements_of_many_scenes_are_sent_together_and_verdicts_at_once(played):
+    (scene, judgement), events, outbox = played, [], Outbox()
+
+    def publisher(key):
+        scene_name, kind = key.split("/")[1:]
+        return SimpleNamespace(
+            put=lambda _: events.append((scene_name, kind)) if kind != "votes" else None, has_subscriber=False
+        )
+
+    session = SimpleNamespace(publisher=publisher, answer=lambda *_: None)
+    for name in ("north", "south"):
+        one = VerdictPublisher(session, SceneKeys(name), scene.engine, None, put=outbox.put)
+        one.publish(scene.verdicts[:1], judgement)
+    assert events == [("north", "verdict"), ("south", "verdict")]
+    outbox.flush()
+    outbox.flush()
+    assert events[2:] == [("north", "judgement"), ("south", "judgement")]
