@@ -30,7 +30,7 @@ def put_now(publisher: Publisher, payload: bytes) -> None:
     publisher.put(payload)
 
 
-class Outbox:
+class JudgementBatch:
     """Judgements of many scenes, sent together: each alone would wake the thread that sends, at twice the cost."""
 
     def __init__(self) -> None:

@@ -27,7 +27,7 @@ from fusion.ingest import FLOOD
 from fusion.instrumentation import ServerStep, instrumented
 from fusion.membership import SceneMember
 from fusion.ownership import Role
-from fusion.publisher import Outbox, put_now
+from fusion.publisher import JudgementBatch, put_now
 from fusion.same_id import id_is_free
 from fusion.scene_worker import SceneWorker, Service, StepInput, StepResult
 
@@ -110,7 +110,7 @@ class FusionServer:
         """polled: whether posteriors wait until a scene is due; None: if there are more than FEW_SCENES."""
         self._polled = len(scenes) > FEW_SCENES if polled is None else polled
         self._ticks, self._polling_pause_s = ticks, pause_s
-        self._steady, self._lot, self._outbox = SteadyClock(), LotSize(), Outbox()
+        self._steady, self._lot, self._judgements_out = SteadyClock(), LotSize(), JudgementBatch()
         keys = () if self._polled else tuple(scene.keys.posterior() for scene in scenes)
         self._inbox = link.inbox(*keys)
         service = Service(
@@ -123,7 +123,7 @@ class FusionServer:
             polled=self._polled,
             wake=self._inbox.wake,
             ask_clocks_s=ASK_CLOCKS_S if self._polled else 1.0,
-            put=self._outbox.put if self._polled else put_now,
+            put=self._judgements_out.put if self._polled else put_now,
             supervisor=supervisor if len(scenes) == 1 else Notifier(""),
         )
         self.members = [SceneMember(scene, service) for scene in scenes]
@@ -149,7 +149,7 @@ class FusionServer:
             received += sum(step.received for _, step in steps)
             read += sum(step.read for _, step in steps)
             results += _finished(steps)
-            self._outbox.flush()
+            self._judgements_out.flush()
         if begun_s - self._status_s >= STATUS_EVERY_S:
             self._status_s = begun_s
             for member in self.members:

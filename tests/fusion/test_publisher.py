@@ -13,7 +13,7 @@ from engine_stage import LABELS, UNIFORM, VIEWS, EngineDriver, sure
 from common.keys import SceneKeys
 from common.messages import VerdictMessage
 from common.wire import decode
-from fusion.publisher import Outbox, VerdictPublisher
+from fusion.publisher import JudgementBatch, VerdictPublisher
 
 
 @pytest.fixture(scope="module")
@@ -57,7 +57,7 @@ def test_a_first_word_is_in_the_file_before_it_is_sent_and_an_end_is_sent_before
 
 
 def test_judgements_of_many_scenes_are_sent_together_and_verdicts_at_once(played):
-    (scene, judgement), events, outbox = played, [], Outbox()
+    (scene, judgement), events, outbox = played, [], JudgementBatch()
 
     def publisher(key):
         scene_name, kind = key.split("/")[1:]
