@@ -139,8 +139,9 @@ def _require_remembered(recorder: TracksRecorder, span: CapturedSpan) -> None:
         raise BadInput("remembers no tracks")
     oldest_ns, newest_ns = captured_ns
     if span.begin_ns < oldest_ns:
-        minutes = (newest_ns - oldest_ns) / SECOND_NS / 60
-        raise BadInput(f"remembers only the last {minutes:.1f} minutes, and this was before")
+        seconds = (newest_ns - oldest_ns) / SECOND_NS
+        length = f"{seconds:.0f} s" if seconds < 60 else f"{seconds / 60:.1f} minutes"
+        raise BadInput(f"remembers only the last {length}, and this was before")
     if span.begin_ns > newest_ns + SECOND_NS:
         raise BadInput("has no pictures from that time")
 

@@ -545,7 +545,7 @@ function showForgetting(possible) {
   $("forgetting").hidden = !possible;
   if (!possible) unwanted = null;
   const choice = (fields, text, name) => {
-    const node = button(text, () => { complain(""); unwanted = fields; show(); $("sure").scrollIntoView({ block: "nearest" }); });
+    const node = button(text, () => ask(fields));
     node.setAttribute("aria-label", name);
     return node;
   };
@@ -557,12 +557,21 @@ function showForgetting(possible) {
   $("sure").hidden = !unwanted;
   part($("sure"), unwanted && [unwanted, state.known, state.observers.map((each) => [each.name, each.takes, each.persons, each.other, each.state === undefined])], () => unwanted ? sure() : []);
 }
+/* The question takes the focus, so that a keyboard and a screen reader meet it next. */
+function ask(fields) {
+  complain("");
+  unwanted = fields;
+  show();
+  $("sure-title").focus();
+  $("sure").scrollIntoView({ block: "nearest" });
+}
 function sure() {
   const { person, label, everything } = unwanted, what = everything ? "everything" : words(label || person), title = make("h3", "", everything ? "Forget everything that was taught?" : person ? `Forget all takes of ${person}?` : `Forget the movement ${words(label)}?`);
   title.id = "sure-title";
+  title.tabIndex = -1;
   const left = state.known.filter((each) => !everything && each !== label && state.observers.some((one) => takesOf(one, (name, of) => of === each && name !== person)));
   const gone = state.known.filter((each) => !left.includes(each));
-  const then = state.known.length === 0 ? "" : left.length < 2 ? "Then it knows no movement any more, and waits to be taught." : gone.length ? `Then it no longer recognises ${listed(gone)}.` : `It still recognises ${listed(left)}: others have taught them too.`;
+  const then = state.known.length === 0 ? "" : left.length < 2 ? "Then it knows no movement any more, and waits to be taught." : gone.length ? `Then it no longer recognises ${listed(gone)}.` : `It still recognises ${listed(left)}.`;
   const films = make("input");
   films.type = "checkbox";
   const keepers = state.observers.filter((each) => each.clips).map((each) => each.name);
@@ -588,10 +597,7 @@ $("forget-name").addEventListener("submit", (event) => {
   event.preventDefault();
   const person = $("forget-person").value.trim();
   if (!person) { complain("Type the name of the person first."); return; }
-  complain("");
-  unwanted = { person };
-  show();
-  $("sure").scrollIntoView({ block: "nearest" });
+  ask({ person });
 });
 
 /* Home Assistant. */

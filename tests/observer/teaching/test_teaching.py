@@ -359,7 +359,7 @@ def test_what_an_observer_does_not_remember_cannot_be_corrected(room):
     assert correct(room, "a", "wave", 20.0, 18.0).fault == "saw nobody move then"
     assert "saw nobody" in correct(room, "b", "", 21.5, 20.5).fault
     assert correct(room, "c", "wave", 10.0, 10.0).fault == "saw nobody move within 8 s of that time"
-    assert correct(room, "d", "wave", 100.0, 98.0).fault == "remembers only the last 0.7 minutes, and this was before"
+    assert correct(room, "d", "wave", 100.0, 98.0).fault == "remembers only the last 44 s, and this was before"
     assert correct(room, "e", "wave", -60.0, -61.0).fault == "has no pictures from that time"
     assert room.ask("status").takes == {} and not room.path.exists()
     room.restart()
