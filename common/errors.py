@@ -15,5 +15,4 @@ class BadInput(LabanmeshError):  # noqa: N818 - it names whose fault it is, whic
 
 def reason_of(error: OSError) -> str:
     """The operating system's reason in lower case: `permission denied`."""
-    # socket.create_server adds the address, which the reader of the line knows.
-    return (error.strerror or str(error)).lower().partition(" (while attempting to bind")[0]
+    return (error.strerror or str(error)).lower()

@@ -9,7 +9,7 @@ SENT_AS_NULL = frozenset({"ended_ns"})
 """Fields whose None is information (the movement has not ended) and is sent as null."""
 SHORT_VOTE = ("label", "entropy", "weight", "age_s", "state")
 """The fields that a short vote always has."""
-SHORT_VOTE_OPTIONAL = ("rest", "skew_s", "unlearned", "reliability", "root_p")
+SHORT_VOTE_OPTIONAL = ("rest", "skew_s", "unlearned", "reliability", "rest_reliability", "root_p")
 """Those that it has unless they are null."""
 
 
@@ -51,8 +51,11 @@ def is_short(message: Message) -> bool:
 
 
 def part_of(part: MessagePart) -> dict[str, Any]:
-    """All fields of a part of a message, null or not, but for the one that only short votes have."""
-    return {name: value for name, value in vars(part).items() if name != "root_p"}
+    """All fields of a part of a message, null or not, but for those that few votes have."""
+    fields = {name: value for name, value in vars(part).items() if name != "root_p"}
+    if fields.get("rest_reliability", 0.0) is None:
+        del fields["rest_reliability"]
+    return fields
 
 
 def leave_out(fields: dict[str, Any], detail: tuple[str, ...]) -> bool:

@@ -111,9 +111,9 @@ class Vote(MessagePart):
     `label` is also null while no movement stands out from the prior, and while `unlearned` is more probable. `weight`
     is the share in the pooled posterior, `rest` the probability that the person rests. `skew_s` is how far the
     observer's clock is ahead of the fusion machine's; `age_s` is corrected by it. `reliability` is learned from earlier
-    verdicts, and less while the observer contradicts itself: 1 is full trust. `doubles` are the correlated observers,
-    each with its correlation from 0 to 1. In a short vote `root_p` stands for `p`, which is computed when it arrives,
-    and `facing`, `facets` and `doubles` are missing.
+    verdicts, and less while the observer contradicts itself: 1 is full trust; `rest_reliability` that in `rest`, null
+    if nothing is against it. `doubles` are the correlated observers, each with its correlation from 0 to 1. In a short
+    vote `root_p` stands for `p`, which is computed when it arrives, and `facing`, `facets` and `doubles` are missing.
     """
 
     label: str | None
@@ -128,6 +128,7 @@ class Vote(MessagePart):
     facing: Facing | None = None
     facets: dict[str, Probabilities] | None = None
     reliability: Probability | None = None
+    rest_reliability: Probability | None = None
     doubles: dict[str, Probability] | None = None
     root_p: Roots | None = Field(default=None, max_length=LABELS_LIMIT)
 

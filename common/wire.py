@@ -41,6 +41,7 @@ OPTIONAL_DETAIL = (
     ("votes", "p"),
     ("votes", "facing"),
     ("votes", "doubles"),
+    ("votes", "rest_reliability"),
     ("votes", "facets"),
     ("contributions",),
     ("facing",),

@@ -120,6 +120,10 @@ class FusionMetrics(Metrics):
         yield self.gauge(
             "observer_reliability_ratio", "How far verdicts have shown that it can be relied on.", trusts, "observer"
         )
+        resting = [((name,), 1.0 if v.rest_reliability is None else v.rest_reliability) for name, v in votes]
+        yield self.gauge(
+            "observer_rest_reliability_ratio", "How far its word on rest was trusted lately.", resting, "observer"
+        )
         skews = [((name,), vote.skew_s) for name, vote in votes]
         yield self.gauge("observer_clock_skew_seconds", "How far its clock is ahead of ours.", skews, "observer")
 

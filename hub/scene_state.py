@@ -22,12 +22,9 @@ from hub import same_id
 VERDICTS_LIMIT = 10
 STRANGERS_LIMIT = 64
 """Processes that the scene file does not name are shown up to this number: names can be invented."""
-SOMETHING_ELSE = "something else"
-"""Shown for an answer that is none of the movements; no label contains a space."""
-SILENT_AFTER_S = 2.0
-"""A fusion service publishes several judgements a second; without one for this long it is shown as silent."""
-HEARD_STATES = frozenset({"counted", "stale"})
-"""The states of a vote that enters the judgement, fresh or fading."""
+SOMETHING_ELSE = "something else"  # shown for an answer that is none of the movements; no label contains a space
+SILENT_AFTER_S = 2.0  # a fusion service without a judgement for so long is shown as silent
+HEARD_STATES = frozenset({"counted", "stale"})  # of a vote that enters the judgement, fresh or fading
 REORDERED_NS = SECOND_NS
 """A judgement that is older than the newest by less than this is a late copy; if it is older still, a clock was set."""
 
@@ -58,6 +55,7 @@ class ObserverState:
     entropy: bits. weight: 0 to 1. age_s: at the scene state's now. agrees: it is one of the k in the judgement's
     agreement "k of n". skew_s: how far its clock is ahead of the fusion machine's. rejected: how many of its messages
     fusion rejected. reliability: learned from earlier verdicts, 1 is full. has_same_id: two processes have its id.
+    rest_reliability: how far its word on rest is trusted, if the others contradict it; else None.
     """
 
     name: str
@@ -73,6 +71,7 @@ class ObserverState:
     rejected: int = 0
     reliability: float | None = None
     has_same_id: bool = False
+    rest_reliability: float | None = None
 
     @property
     def is_heard(self) -> bool:
@@ -229,9 +228,10 @@ class SceneState:
             return ObserverState(name, None, (), None, 0.0, None, "silent", False, status)
         age_s = None if vote.age_s is None else vote.age_s + self.silence_s
         ranked = self.ranked(vote.p or [], vote.label, vote.unlearned)
-        agrees, rejected = agrees_with(self.judgement, vote), self._rejected(name)
+        agrees, rejected, rest = agrees_with(self.judgement, vote), self._rejected(name), vote.rest_reliability
         return ObserverState(name, vote.label, ranked, vote.entropy, vote.weight, age_s, vote.state, agrees, status,
-                             vote.skew_s, sum(rejected.values()), vote.reliability, name in self.same_ids)  # fmt: skip
+                             vote.skew_s, sum(rejected.values()), vote.reliability, name in self.same_ids,
+                             None if rest is None or rest >= CONTRADICTED else rest)  # fmt: skip
 
     def _rejected(self, observer: str) -> Mapping[str, int]:
         """The number of its messages that fusion rejected, by reason."""

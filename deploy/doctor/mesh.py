@@ -258,6 +258,11 @@ def _statistics(name: str, process: ProcessTraffic, traffic: MeshTraffic) -> Ite
             what = f"{name}: the others contradict it in most verdicts, so it is hardly relied on"
             to_do = f"labanmesh look shows what it sees; else its model or its place is wrong, or it lies: {REVOKE}"
             yield warning(GROUP, what, to_do)
+        if name in fusion.about_rest:
+            trusted = f"{fusion.about_rest[name]:.0%} trusted"
+            what = f"{name}: its rest contradicts the others ({trusted}), so it does not decide when a movement ends"
+            to_do = f"labanmesh look shows what it sees: its picture may stand still or tremble; or it lies: {REVOKE}"
+            yield warning(GROUP, what, to_do)
         known = {*process.bad, *({"foreign_vocabulary"} if process.hashes else ())}
         if statistics.rejected.get("same_id") and process.turns <= 1:
             # Not of this doctor's own hearing: it may have been before, or is heard by fusion alone.

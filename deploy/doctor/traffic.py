@@ -44,7 +44,7 @@ LOOK = "labanmesh look SOURCE on its machine shows what its camera delivers"
 class ProcessTraffic:
     """The messages of one process. skew_s: its clock minus ours, by its quickest message; None before any.
 
-    contradicted: observers whom the newest judgement hardly relies on, 0 to 1.
+    contradicted: observers whom the newest judgement hardly relies on, 0 to 1. about_rest: of their rest.
     why: why the newest judgement's movement has no verdict yet; "" without such a movement.
     posteriors: how many were good; hashes: of their vocabularies; turns: how often one session was followed by another,
     or a sequence number by a lower one: once is a restart. bad: messages that cannot be used, by reason.
@@ -55,6 +55,7 @@ class ProcessTraffic:
     skew_s: float | None = None
     posteriors: int = 0
     contradicted: dict[str, float] = field(default_factory=dict)
+    about_rest: dict[str, float] = field(default_factory=dict)
     judgements: int = 0
     why: str = ""
     hashes: set[str] = field(default_factory=set)
@@ -115,6 +116,8 @@ class MeshTraffic:
             process.why = judgement.why or ""
             trusts = {name: vote.reliability for name, vote in judgement.votes.items()}
             process.contradicted = {name: t for name, t in trusts.items() if t is not None and t < CONTRADICTED}
+            trusts = {name: vote.rest_reliability for name, vote in judgement.votes.items()}
+            process.about_rest = {name: t for name, t in trusts.items() if t is not None and t < CONTRADICTED}
             process.hashes.add(judgement.vocabulary.hash)
             process.count_number("", judgement.seq)
 

@@ -183,9 +183,10 @@ class FusionEngine:
         pooled: the result of pooling them, if it is known.
         """
         pooled = pooled or pool_posteriors(self._case(posteriors))
-        ballot = self._builder.ballot(posteriors, pooled)
+        rest = self._rest.update(posteriors, now_ns)
+        ballot = self._builder.ballot(posteriors, pooled, self._rest.reliability)
         unlearned, observed = pooled.unlearned or 0.0, ballot.agreement.n > 0
-        p, rest = ballot.p * (1.0 - unlearned), self._rest.update(posteriors, now_ns)
+        p = ballot.p * (1.0 - unlearned)
         heard_ns = newest_ns(posteriors, now_ns)
         state = PooledState(now_ns, ballot.label, p, ballot.agreement.k, rest, unlearned, observed, heard_ns)
         # Before the first posterior, as after a restart during a movement, the absence of motion means nothing.

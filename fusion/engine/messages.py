@@ -71,8 +71,10 @@ class JudgementBuilder:
         self._movement: MovementProgress | None = None
         self._ongoing: OngoingMovement | None = None
 
-    def ballot(self, posteriors: Sequence[AgedPosterior], pooled: PooledPosterior) -> Ballot:
-        """Every observer's vote, and the fused label."""
+    def ballot(
+        self, posteriors: Sequence[AgedPosterior], pooled: PooledPosterior, about_rest: Mapping[str, float]
+    ) -> Ballot:
+        """Every observer's vote, and the fused label. about_rest: reliability about rest, where it is doubted."""
         # (N + 1, M): the pooled posterior is the last row, so that each function is called once.
         rows = np.array([*(posterior.p for posterior in posteriors), pooled.p])
         *p, pooled_p = rows.tolist()
@@ -85,6 +87,8 @@ class JudgementBuilder:
         for n, posterior in enumerate(posteriors):
             label = names[likeliest[n]] if self._holds_label(posterior, p[n], likeliest[n]) else None
             vote = _vote(posterior, p[n], roots[n], entropies[n], weights[n], label, cells <= FACING_CELLS_LIMIT)
+            if posterior.observer in about_rest:
+                vote.__dict__["rest_reliability"] = about_rest[posterior.observer]
             votes[posterior.observer] = vote
             if posterior.state in POOLED_STATES:
                 labels.append(label)
@@ -197,6 +201,7 @@ def _vote(
         "facing": None if surprise is None else unchecked(Facing, {"surprise": surprise.tolist()}),
         "facets": {name: facet.tolist() for name, facet in facets.items()} if facets else None,
         "reliability": posterior.reliability,
+        "rest_reliability": None,
         "doubles": dict(posterior.correlations) if posterior.correlations else None,
         "root_p": roots if is_used else None,
     }

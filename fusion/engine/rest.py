@@ -9,7 +9,7 @@
    failed; long silence of all is rest.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from fusion.engine.rest_trust import RestTrust
 from fusion.engine.roster import POOLED_STATES, AgedPosterior
@@ -30,6 +30,11 @@ class RestPool:
         """The trust in each observer's word, in the order of the posteriors of the last step."""
         self._trust = RestTrust()
         self._last = 1.0
+
+    @property
+    def reliability(self) -> Mapping[str, float]:
+        """How far an observer's word on rest can be relied on, 0 to 1, of those that lately lost trust."""
+        return self._trust.reliability
 
     @property
     def contested(self) -> bool:

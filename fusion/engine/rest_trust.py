@@ -11,12 +11,13 @@ Each observer is a witness of whether the person moves or rests, and may be wron
    g rest to `wrong`, and evidence is e = right - wrong, 0 without a gain. Trust is the Bayes factor
    exp(EVIDENCE c (e - max e)) of its word against the other's, with c, 0 to 1, for how much they contradict.
 
-If two contradict each other and none of this tells which is wrong, rest is `contested`.
+If two contradict each other and none of this tells which is wrong, rest is `contested`. The mean trust in an observer
+over the time in which it saw the person is its reliability about rest, by which it is reported.
 """
 
 import math
 from bisect import bisect_right
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from common import SECOND_NS
@@ -41,6 +42,8 @@ MOVEMENTS_KEPT, EVIDENCE, MOST_EVIDENCE = 4.0, 10.0, 0.5
 CONTESTED, UNDECIDED = 0.2, 0.5
 """Rest is contested if two contradict each other so much (c), and are trusted alike to this factor."""
 LEAST_TRUST = 0.05
+RELIABILITY_S, RELIABLE = 8.0, 0.9
+"""Trust is averaged over so long; observers of recorded people stay above .82, and those that lie fall below .1."""
 REFRESH_S = 0.25
 """While nobody changes sides, trust is computed anew so often."""
 
@@ -61,6 +64,7 @@ class _Witness:
     dissent: float = 0.0
     contradiction: float = 0.0
     compared_s: float = AGREED_S
+    reliability: float = 1.0
 
     def note(self, one: AgedPosterior, now_ns: int) -> None:
         """Take its newest word."""
@@ -119,6 +123,8 @@ class RestTrust:
     def __init__(self) -> None:
         self.contested = False
         """Whether two observers contradict each other, and nothing tells which of them is wrong."""
+        self.reliability: Mapping[str, float] = {}
+        """Mean trust in the observers lately, of those below RELIABLE."""
         self._witnesses: dict[str, _Witness] = {}
         self._sides: list[bool | None] = []
         self._names: list[str] = []
@@ -135,7 +141,8 @@ class RestTrust:
             self._witnesses.clear()
         self._now_ns = now_ns
         # Until now the sides were those of the last update.
-        self._compare(min(elapsed_ns / SECOND_NS, 1.0))
+        seconds = min(max(elapsed_ns / SECOND_NS, 0.0), 1.0)
+        self._compare(seconds)
         sighted = [one for one, side in zip(posteriors, sides, strict=True) if side is not None]
         for one in sighted:
             if one.observer not in self._witnesses:
@@ -143,7 +150,8 @@ class RestTrust:
             self._witnesses[one.observer].note(one, now_ns)
         self._sides, self._names = sides, [one.observer for one in sighted]
         self._trust = [self._trust_in(one.observer, now_ns) for one in posteriors]
-        self.contested = self._is_contested(dict(zip((one.observer for one in posteriors), self._trust, strict=True)))
+        trust = dict(zip((one.observer for one in posteriors), self._trust, strict=True))
+        self.contested, self.reliability = self._is_contested(trust), self._reliability(trust, seconds)
         return self._trust
 
     def _compare(self, seconds: float) -> None:
@@ -164,12 +172,19 @@ class RestTrust:
             trust *= math.exp(-EVIDENCE * behind * _excess(witness.contradiction))
         return max(trust, LEAST_TRUST)
 
-    def _is_contested(self, trust: dict[str, float]) -> bool:
+    def _is_contested(self, trust: Mapping[str, float]) -> bool:
         if len(self._names) != 2:
             return False
         one, two = (self._witnesses[name] for name in self._names)
         low, high = sorted(trust[name] for name in self._names)
         return _excess(min(one.contradiction, two.contradiction)) >= CONTESTED and low >= UNDECIDED * high
+
+    def _reliability(self, trust: Mapping[str, float], seconds: float) -> dict[str, float]:
+        share = 1.0 - math.exp(-seconds / RELIABILITY_S)
+        for name in self._names:
+            witness = self._witnesses[name]
+            witness.reliability += (trust[name] - witness.reliability) * share
+        return {name: round(w.reliability, 3) for name, w in self._witnesses.items() if w.reliability < RELIABLE}
 
 
 def _excess(dissent: float) -> float:

@@ -147,6 +147,7 @@ def _observer(observer: ObserverState, gone: bool, labels: int) -> Json:
         "rejected": observer.rejected,
         "same_id": observer.has_same_id,
         "contradicted": rounded(observer.reliability, 2) if observer.is_contradicted else None,
+        "rest_contradicted": rounded(observer.rest_reliability, 2),
     }
 
 

@@ -13,7 +13,7 @@ import uvicorn
 
 from common import SECOND_NS
 from common.address import Address
-from common.errors import LabanmeshError, reason_of
+from common.errors import LabanmeshError
 from common.keys import observer_of
 from common.messages import VerdictMessage
 from hub.dashboard.access import LISTEN_KEY, AccessControl
@@ -69,8 +69,9 @@ def bound_socket(address: Address) -> socket.socket:
     try:
         return socket.create_server((address.host, address.port), family=family)
     except OSError as error:
+        reason = (error.strerror or str(error)).lower()
         raise LabanmeshError(
-            f"{LISTEN_KEY} = {str(address)!r}: {reason_of(error)}; stop the other process or choose another port with "
+            f"{LISTEN_KEY} = {str(address)!r}: {reason}; stop the other process or choose another port with "
             "--listen HOST:PORT"
         ) from None
 

@@ -18,7 +18,9 @@ from hub.dashboard.page_data import state_data
 from hub.scene_state import SceneState
 from hub.terminal import render
 
-LIES = ("wrong from the first frame", "label flapping", "flood", "junk", "vocabulary flapping")
+LIES_ABOUT_REST = ("rest 0", "rest 0, uniform", "rest 1", "rest inverted", "rest flapping")
+LIES = ("wrong from the first frame", "label flapping", "flood", "junk", "vocabulary flapping", *LIES_ABOUT_REST)
+IN_SHORT = (LIES[0], "rest inverted")
 
 
 @pytest.fixture(scope="module")
@@ -57,7 +59,7 @@ def watched(state):
 
 
 def is_marked(observer):
-    return observer["rejected"] > 0 or observer["contradicted"] is not None
+    return observer["rejected"] > 0 or observer["contradicted"] is not None or observer["rest_contradicted"] is not None
 
 
 def doubted(scene, traffic):
@@ -73,7 +75,7 @@ def measured(outcome, status):
     low = {
         row.labels["observer"]
         for row in rows
-        if (row.name.endswith("observer_reliability_ratio") and row.value < 0.6)
+        if (row.name.endswith("_reliability_ratio") and row.value < 0.6)
         or (row.name.endswith("posteriors_rejected_total") and row.value > 0)
     }
     return low & set(outcome.judgement.votes)
@@ -81,6 +83,6 @@ def measured(outcome, status):
 
 @pytest.mark.parametrize("strategy", LIES)
 def test_a_hostile_judge_is_named_and_no_honest_one(names, strategy, long_form):
-    if not long_form and strategy != LIES[0]:
+    if not long_form and strategy not in IN_SHORT:
         pytest.skip("in the long form: make attacks")
     assert names(strategy) == {place: {HOSTILE} for place in ("watch", "page", "doctor", "metrics")}

@@ -57,8 +57,10 @@ function health(observer) {
   const clockOff = observer.skew !== null && Math.abs(observer.skew) >= 0.5 ? `clock ${observer.skew > 0 ? "+" : "-"}${age(Math.abs(observer.skew))}` : "";
   const rejected = observer.same_id ? "two processes have this id" : observer.rejected ? count(observer.rejected, "bad message") : "";
   const lies = observer.contradicted === null ? "" : `the others contradict it: ${percent(observer.contradicted)} trusted`;
-  const text = (observer.gone ? ["its process is gone"] : status).concat(clockOff, lies, rejected).filter(Boolean).join(", ");
-  return [text, observer.gone || Boolean(clockOff || lies || rejected) || Boolean(observer.health && observer.health.state !== "running")];
+  const doubted = observer.rest_contradicted ?? null;
+  const aboutRest = doubted === null ? "" : `its rest contradicts the others: ${percent(doubted)} trusted`;
+  const text = (observer.gone ? ["its process is gone"] : status).concat(clockOff, lies, aboutRest, rejected).filter(Boolean).join(", ");
+  return [text, observer.gone || Boolean(clockOff || lies || aboutRest || rejected) || Boolean(observer.health && observer.health.state !== "running")];
 }
 
 /* Bars: rows of name, bar and share, one for each answer. */

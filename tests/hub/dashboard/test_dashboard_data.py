@@ -2,12 +2,9 @@
 
 import json
 
-import numpy as np
 import pytest
 
-from common.messages import Contribution, JudgementMessage
-from common.probability import roots_of
-from common.wire import decode, encode
+from common.messages import Contribution
 from hub.dashboard.history import LOG_LIMIT, SceneHistory
 from hub.dashboard.page_data import CROWD, PageSetup, reasons, snapshot_data, state_data, verdict_data
 from hub.dashboard.placement import floor_positions
@@ -98,16 +95,6 @@ def test_a_crowd_is_short(make, after):
     votes = {f"cam{i}": make.vote() for i in range(CROWD + 1)}
     observers = state_data(after(make.judgement(votes=votes), observers=()))["observers"]
     assert len(observers) == CROWD + 1 and all(len(observer["ranked"]) == 1 for observer in observers)
-
-
-def test_short_votes_show_what_each_observer_believes(make, after):
-    shares = (0.1, 0.1, 0.2, 0.6)
-    roots = roots_of(np.array(shares)).tolist()
-    sent = encode(make.judgement(votes={name: make.vote(p=shares, root_p=roots) for name in ("cam1", "cam2")}))
-    assert b"root_p" in sent
-    for observer in state_data(after(decode(JudgementMessage, sent)))["observers"]:
-        ranked = dict(observer["ranked"])
-        assert ranked["nthrow"] == pytest.approx(0.6, abs=0.005) and ranked["ok"] == pytest.approx(0.2, abs=0.005)
 
 
 def test_times_are_those_of_the_fusion_machine(make, after):
