@@ -7,6 +7,7 @@ clamped here (`_in_range`, `entropy_bits`). Tests validate what is made. A verdi
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, TypeVar
 
 import numpy as np
@@ -166,10 +167,16 @@ def unchecked(kind: type[P], fields: dict[str, Any]) -> P:
     """
     message = kind.__new__(kind)
     object.__setattr__(message, "__dict__", fields)
-    object.__setattr__(message, "__pydantic_fields_set__", set(fields))
+    object.__setattr__(message, "__pydantic_fields_set__", _field_names(kind))
     object.__setattr__(message, "__pydantic_extra__", None)
     object.__setattr__(message, "__pydantic_private__", None)
     return message
+
+
+@cache
+def _field_names(kind: type[MessagePart]) -> set[str]:
+    """One set for all messages of a type: pydantic copies it for a message that differs."""
+    return set(kind.model_fields)
 
 
 def _in_range(p: list[float]) -> list[float]:

@@ -20,7 +20,8 @@ import numpy as np
 from common.errors import BadInput
 from common.probability import SMALLEST, Floats, entropy_bits, softmax
 from common.text import nearest
-from fusion.engine.guarded_product import guarded_pool, guarded_strengths
+from fusion.engine.guarded_pool import guarded_pool
+from fusion.engine.guarded_product import guarded_strengths
 from fusion.engine.strengths import ENTROPY_FLOOR_BITS, ObserverTrust, RuleResult, Strengths, strengths
 
 ROBUSTNESS = 0.05

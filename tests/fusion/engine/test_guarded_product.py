@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from common.probability import normalise, uniform
-from fusion.engine.guarded_product import BETA, EPSILON, FAULT_PROBABILITY, GAMMA, guarded_pool, guarded_strengths
+from fusion.engine.guarded_pool import guarded_pool
+from fusion.engine.guarded_product import BETA, EPSILON, FAULT_PROBABILITY, GAMMA, guarded_strengths
 from fusion.engine.rules import DEFAULT_RULE, RULES
 from fusion.engine.strengths import ObserverTrust, off_diagonal
 
