@@ -1,8 +1,8 @@
 """The default rule for movements alone, in half the time of its plain form. Pure.
 
-The formulas stand in guarded_product.py. The result is that of `guarded_strengths` and `averaged_log_mix` to 1e-12; tests compare them. Many scenes are pooled to
-the same bits as each alone, on which a replayed capture relies. With arrays as small as 4 by 20 the number of NumPy's
-calls counts:
+The formulas stand in guarded_product.py. The result is that of `guarded_strengths` and `averaged_log_mix` to 1e-12;
+tests compare them. Many scenes are pooled to the same bits as each alone, on which a replayed capture relies. With
+arrays as small as 4 by 20 the number of NumPy's calls counts:
 
 - x_h(m) = ln L_h(m) less its maximum over m serves both Z_h and P(m | h), and cannot overflow.
 - Each hypothesis is normalised by its factor in the average, not by itself.
