@@ -32,14 +32,11 @@ def fields_of(message: Message, short: bool = False) -> dict[str, Any]:
 
 def _short_vote(vote: Vote) -> dict[str, Any]:
     values = vars(vote)
-    fields = {name: values[name] for name in SHORT_VOTE}
-    for name in SHORT_VOTE_OPTIONAL:
-        if values[name] is not None:
-            fields[name] = values[name]
+    fields = {name: value for name, value in values.items() if value is not None and name in SHORT_VOTE_OPTIONAL}
     # Beside `root_p` no reliability is full reliability.
-    if vote.root_p is not None and vote.reliability == 1.0:
+    if values["root_p"] is not None and values["reliability"] == 1.0:
         del fields["reliability"]
-    return fields
+    return {name: values[name] for name in SHORT_VOTE} | fields
 
 
 def is_short(message: Message) -> bool:

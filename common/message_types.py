@@ -22,6 +22,8 @@ ROOT_LIMIT: Final = 255
 
 
 def _clamp(value: float) -> float:
+    if 0.0 < value <= 1.0:
+        return value
     # max(-0.0, 0.0) may keep the sign; adding 0.0 clears it.
     return min(max(value, 0.0), 1.0) + 0.0
 

@@ -97,7 +97,8 @@ class PosteriorMessage(Message):
                 raise ValueError(f"prior has {len(self.prior)} entries, p has {len(self.p)}")
         if self.facing is not None and len(self.facing.surprise) != len(self.p):
             raise ValueError(f"facing has {len(self.facing.surprise)} rows, p has {len(self.p)} entries")
-        check_facets(self.facets or {})
+        if self.facets:
+            check_facets(self.facets)
         return self
 
     def is_of(self, scene: str, observer: str) -> bool:
