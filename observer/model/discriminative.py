@@ -16,6 +16,7 @@ import numpy as np
 from common.probability import softmax
 from observer.model.base import Arrays, Example, Header, LearnsStreams, Onset, Stream, Watch, with_defaults
 from observer.model.body_trace import BodyTrace, Floats32, extent, read_trace, width_of
+from observer.model.common_gestures import GESTURES, streams_for
 from observer.model.cross_validation import CrossValidation, LearnedFromOthers
 from observer.model.logistic import LogisticRegression
 from observer.model.movement_segment import MovementSegment
@@ -54,6 +55,7 @@ class Discriminative(LearnsStreams):
         "seed": Parameter(0.0, ParameterRange(0.0, whole=True), earlier=0.0),
         "facings": FACINGS,
         **SCALING,
+        **GESTURES,
     }
 
     def __init__(
@@ -80,11 +82,25 @@ class Discriminative(LearnsStreams):
     def _learn(cls, header: Header, examples: Sequence[Example], streams: Sequence[Stream]) -> Self:
         """The header has all parameters."""
         traces, of_streams = [cls._trace(header, e) for e in examples], [cls._trace(header, s) for s in streams]
-        table = TrainingTable(header, examples, traces, streams, of_streams)
+        table = cls._table(header, examples, traces, streams, of_streams)
         movement, segments = table.learn()
         header = replace(header, background=header.background or ())
         memory = TrainingMemory.of(examples, traces, streams, of_streams)
         return cls(header, table.trailing, movement, segments, table.longest, table.least_extents, memory)
+
+    @classmethod
+    def _table(
+        cls,
+        header: Header,
+        examples: Sequence[Example],
+        traces: Sequence[Floats32],
+        streams: Sequence[Stream],
+        of_streams: Sequence[Floats32],
+    ) -> TrainingTable:
+        """The table of all windows, those of common gestures too; the model's memory has only what was shown."""
+        common = streams_for(header, examples, traces)
+        of_common = [cls._trace(header, stream) for stream in common]
+        return TrainingTable(header, examples, traces, [*streams, *common], [*of_streams, *of_common])
 
     @classmethod
     def cross_validated(cls, header: Header, cross_validation: CrossValidation) -> LearnedFromOthers:
@@ -111,7 +127,7 @@ class Discriminative(LearnsStreams):
         examples = [cross_validation.examples[n] for n in chosen]
         streams = thin_facings(cross_validation.streams, facings)
         traces, of_streams = [cls._trace(header, e) for e in examples], [cls._trace(header, s) for s in streams]
-        table = TrainingTable(header, examples, traces, streams, of_streams)
+        table = cls._table(header, examples, traces, streams, of_streams)
         place_of = {n: place for place, n in enumerate(chosen)}
         folds = [[place_of[n] for n in fold if n in place_of] for fold in cross_validation.folds]
         judged = [table.held_out(fold) for fold in folds]

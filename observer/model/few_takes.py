@@ -37,6 +37,8 @@ OFFSET, TRAILING, FAR, AGREEMENT, ENTROPY = -1.70, 0.49, 1.16, -0.32, 0.23
 of the likeliest movement (none while it cannot be compared), for each nat by which the members agree, and for each nat
 of entropy of the posterior."""
 MOST_TRAILING = 6.0
+COMMON_OFFSET = -2.70
+"""OFFSET of a model that learned common gestures: its trailing windows know more of something else."""
 
 
 def blends(header: Header, examples: Iterable[Example]) -> bool:
@@ -51,12 +53,14 @@ def pooled_with_takes(phase: Floats, discriminative: Floats, far: Floats) -> Flo
     return softmax(logs - NEAREST * np.minimum(far, FARTHEST))
 
 
-def something_else_with_takes(phase: Floats, discriminative: Floats, far: Floats, trailing: float) -> float:
+def something_else_with_takes(
+    phase: Floats, discriminative: Floats, far: Floats, trailing: float, offset: float = OFFSET
+) -> float:
     """P(something else). trailing: the same by the trailing windows; the others as for `pooled_with_takes`, (M,)."""
     p = pooled_with_takes(phase, discriminative, far)
     nearest = float(far[int(p.argmax())])
     odds = math.log(max(trailing, 1e-9) / max(1.0 - trailing, 1e-9))
-    nats = OFFSET + TRAILING * min(max(odds, -MOST_TRAILING), MOST_TRAILING)
+    nats = offset + TRAILING * min(max(odds, -MOST_TRAILING), MOST_TRAILING)
     nats += FAR * min(nearest, FARTHEST) if math.isfinite(nearest) else 0.0
     nats += AGREEMENT * float(agreement_of(np.array([phase, discriminative]), np.eye(len(p))))
     nats -= ENTROPY * float(p @ np.log(np.maximum(p, 1e-12)))

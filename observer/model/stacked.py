@@ -17,9 +17,10 @@ from common.probability import softmax
 from observer.model.base import Arrays, Example, Header, LearnsStreams, Onset, Stream, with_defaults
 from observer.model.body_trace import BodyTrace, width_of
 from observer.model.chains import fill_gaps
+from observer.model.common_gestures import learns_gestures
 from observer.model.cross_validation import CrossValidation, LearnedFromOthers
 from observer.model.discriminative import Discriminative
-from observer.model.few_takes import BLEND, CALIBRATION, blends, pooled_with_takes
+from observer.model.few_takes import BLEND, CALIBRATION, COMMON_OFFSET, OFFSET, blends, pooled_with_takes
 from observer.model.nearest_take import NEAREST, arrays_of, held_out_distances, scales_in, takes_of
 from observer.model.parameters import Parameter
 from observer.model.phase import Phase, posture_reader
@@ -63,6 +64,7 @@ class Stacked(LearnsStreams):
         examples = discriminative.memory.examples
         self.takes = takes_of(header, examples, take_scales)
         self.blends = self.takes is not None and blends(header, examples)
+        self.else_offset = COMMON_OFFSET if learns_gestures(discriminative.header, examples) else OFFSET
 
     @classmethod
     def learn_with_streams(cls, header: Header, examples: Sequence[Example], streams: Sequence[Stream]) -> Self:

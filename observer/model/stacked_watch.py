@@ -126,7 +126,8 @@ class StackedWatch(Watch):
         p, nats = float(self._other.unlearned[0]), 0.0
         if self._phase is not None and self._blends:
             # A person out of sight is forgotten by both.
-            blended = something_else_with_takes(self._phase.p, self._other.p, self._far, p)
+            offset = self._model.else_offset
+            blended = something_else_with_takes(self._phase.p, self._other.p, self._far, p, offset)
             return (blended + (p - blended) * self._other.doubt) * self._facing
         if self._phase is not None and not self._other.judges_ended:
             members = np.array([self._phase.p, self._other.p])

@@ -9,6 +9,7 @@ from common.vocabulary import Vocabulary
 from observer.geometry.views import this_camera
 from observer.learning.learn import learn_view
 from observer.model.base import Example, Onset
+from observer.model.common_gestures import COMMON_GESTURES
 from observer.model.few_takes import CALIBRATION, FEW_TAKES, pooled_with_takes, something_else_with_takes
 from observer.model.model_file import read_model, write_model
 from observer.model.nearest_take import MOST_TAKES, NearestTakes, NearestTakeWatch
@@ -96,7 +97,8 @@ def learned(people=("anna", "ben"), **parameters):
     archive = MotionArchive(("left_hand", "right_hand", "head"), tuple(takes), TracksCamera("sofa"))
     vocabulary, view = Vocabulary(("up", "aside")), this_camera("sofa")
     calibrate = bool(parameters.get(FEW_TAKES, 1))
-    return learn_view(archive, view, vocabulary, calibrate=calibrate, parameters={"kernels": 84.0, **parameters})
+    parameters = {"kernels": 84.0, COMMON_GESTURES: 0.0, **parameters}
+    return learn_view(archive, view, vocabulary, calibrate=calibrate, parameters=parameters)
 
 
 def watched(model, direction, frames=36):
