@@ -169,24 +169,17 @@ def _explain(mesh: MeshConfig, message: str, endpoint: str) -> str:
     return reason(message, f"mesh.endpoint = {endpoint!r}") if fault is None else str(fault)
 
 
-def end_lingering(known: set[str] | None = None) -> int:
+def end_lingering() -> int:
     """Switch SO_LINGER off on all TCP sockets that this process has now; returns the number of sockets changed.
 
-    known: the sockets that were checked before, which are passed over; it is updated.
+    All are checked each time: Zenoh sets the option when a connection is made, maybe long after the socket was opened.
     """
-    changed, checked = 0, set[str]()
+    changed = 0
     with suppress(OSError):
-        for name in os.listdir(DESCRIPTORS):  # noqa: PTH208 - pathlib would take three times as long
+        for name in os.listdir(DESCRIPTORS):  # noqa: PTH208 - pathlib takes three times as long
             with suppress(OSError, ValueError):
-                target = os.readlink(f"{DESCRIPTORS}/{name}")  # noqa: PTH115 - "socket:[inode]"
-                if not target.startswith("socket:"):
-                    continue
-                checked.add(target)
-                if known is None or target not in known:
+                if os.readlink(f"{DESCRIPTORS}/{name}").startswith("socket:"):  # noqa: PTH115
                     changed += _switch_off_linger(int(name))
-    if known is not None:
-        known.clear()
-        known.update(checked)
     return changed
 
 
@@ -208,7 +201,6 @@ def _keep_linger_off() -> None:
 
 
 def _repeat() -> None:
-    known = set[str]()
     while True:
-        end_lingering(known)
+        end_lingering()
         time.sleep(LINGER_CHECK_S)
