@@ -3,9 +3,16 @@
 exponent: 1 leaves all of it, 0 nothing; as in common/probability.py:temper, by which movements fade.
 """
 
+import math
+
 import numpy as np
 
 from common.probability import Floats, Surprise, decode_facing, encode_facing, normalise, temper, uniform
+
+
+def left_after(seconds: float, constant_s: float) -> float:
+    """The exponent after fading for so long; 1 before the fading begins."""
+    return 1.0 if seconds <= 0.0 else math.exp(-seconds / constant_s)
 
 
 def faded_unlearned(p: Floats, unlearned: float, exponent: float) -> float:

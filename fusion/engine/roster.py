@@ -31,7 +31,7 @@ from common.config_sections import FusionConfig
 from common.messages import PosteriorMessage, VoteState
 from common.probability import Floats, Surprise, entropy_bits, normalise, temper, uniform
 from common.vocabulary import Vocabulary
-from fusion.engine.fading import faded_facet, faded_surprise, faded_unlearned
+from fusion.engine.fading import faded_facet, faded_surprise, faded_unlearned, left_after
 from fusion.engine.reliability import information_of, overlap_of, steadiness_after_overlap
 
 POOLED_STATES = ("counted", "stale")
@@ -232,9 +232,8 @@ class Roster:
             return self._unused(observer, state.fault or "silent", None, 1.0, record)
         age_s = (now_ns - state.captured_ns) / SECOND_NS
         blind_s = (state.captured_ns - state.visible_ns) / SECOND_NS
-        faded = max(age_s - config.fresh_s, 0.0) / config.fade_s
-        sight = math.exp(-max(blind_s - config.fresh_s, 0.0) / config.blind_s)
-        exponent = math.exp(-faded) * sight
+        sight = left_after(blind_s - config.fresh_s, config.blind_s)
+        exponent = sight * left_after(age_s - config.fresh_s, config.fade_s)
         rest = 1.0 - sight * (1.0 - state.rest)
         if state.gone or abs(age_s) > config.drop_s:
             return self._unused(observer, self._unused_state(state, now_ns), age_s, rest, record)
