@@ -41,6 +41,8 @@ JUDGES = tuple(VIEWS)
 SECOND = "second"
 ASK_CLOCKS_S = 0.1
 """In this process a service of many scenes compares clocks so often; else once a minute."""
+SENT_S = 120.0
+"""Filling and sending 900 MB takes a busy machine more than half a minute."""
 LONGEST_GAP_S = 0.2
 """Between two judgements of a scene, whatever the attack; threads of one process on a busy machine need more."""
 
@@ -180,7 +182,7 @@ class _Stage:
         words = (self.endpoint, self.attacker_mode, key, size, per_s, for_s, congestion)
         process = Process([sys.executable, str(HERE / "attack_peers.py"), *map(str, words)])
         try:
-            process.start().wait_for("sent ", timeout_s=for_s + SOON_S)
+            process.start().wait_for("sent ", timeout_s=for_s + SENT_S)
             self.history.note("flood", key=key, bytes=size, per_s=per_s, for_s=for_s, log=process.log.strip())
         finally:
             process.kill()
