@@ -154,12 +154,20 @@ def _overlap(spans, movement):
 
 
 def settle(stage, witness):
-    """Until the movements that had ended are judged."""
+    """Until the movements that had ended are judged, in every scene; the movements that were performed until now."""
     until_ns = time.time_ns()
+    due_ns = until_ns + 2 * SETTLE_S * SECOND_NS
     witness.wait_for(
-        lambda w: w.last["at_ns"] > until_ns + 2 * SETTLE_S * SECOND_NS, timeout_s=40.0, why="judgements go on"
+        lambda w: all(at_ns > due_ns for at_ns in _judged_until(w)), timeout_s=40.0, why="judgements go on"
     )
     return stage.replay.performed(stage.start_ns, stage.start_ns, until_ns)
+
+
+def _judged_until(witness):
+    """Of each scene when it was judged last."""
+    return [one["judgement"][-1]["at_ns"] for one in witness.others.values() if one["judgement"]] + [
+        witness.last["at_ns"]
+    ]
 
 
 def _pass(seconds):
