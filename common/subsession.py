@@ -67,8 +67,6 @@ class Publisher:
 
     def __init__(self, publisher: zenoh.Publisher) -> None:
         self._publisher = publisher
-        self._matching: dict[str, bool] = {}
-        self._listener: Any = None
 
     def put(self, payload: bytes) -> None:
         """Send to the present subscribers, if any; raises LabanmeshError if the link is closed."""
@@ -83,19 +81,6 @@ class Publisher:
         # The stub of eclipse-zenoh 1.10 declares a bool; it is an object.
         now: Any = self._publisher.matching_status
         return bool(now.matching)
-
-    @property
-    def knows_subscriber(self) -> bool:
-        """The same as Zenoh has reported it: to be asked often, because `has_subscriber` waits during a flood."""
-        if self._listener is None:
-            # In Zenoh's own thread: a thread for each publisher would be too many.
-            note = zenoh.handlers.Callback(self._note_matching, indirect=False)
-            self._listener = self._publisher.declare_matching_listener(note)
-            self._matching.setdefault("now", self.has_subscriber)
-        return self._matching["now"]
-
-    def _note_matching(self, status: zenoh.MatchingStatus) -> None:
-        self._matching["now"] = bool(status.matching)
 
     def wait_for_subscriber(self, timeout_s: float) -> bool:
         """Whether there is a subscriber, within `timeout_s`."""

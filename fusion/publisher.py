@@ -92,7 +92,7 @@ class VerdictPublisher:
         if has_first_word:
             self._write()
         self._send(verdicts[ended:], payloads[ended:])
-        if self._first or self._votes.knows_subscriber:
+        if self._first or self._votes.has_subscriber:
             self._first = max(self._first - 1, 0)
             self._votes.put(encode(judgement, full=True))
         self._put(self._judgements, judgement_payload)

@@ -23,7 +23,7 @@ class Session:
         name = key.rsplit("/", 1)[-1]
 
         class Publisher:
-            knows_subscriber = property(lambda _: name in self.subscribed)
+            has_subscriber = property(lambda _: name in self.subscribed)
             put = staticmethod(lambda payload: self.put.append((name, payload)))
 
         return Publisher()

@@ -62,7 +62,7 @@ def test_judgements_of_many_scenes_are_sent_together_and_verdicts_at_once(played
     def publisher(key):
         scene_name, kind = key.split("/")[1:]
         return SimpleNamespace(
-            put=lambda _: events.append((scene_name, kind)) if kind != "votes" else None, knows_subscriber=False
+            put=lambda _: events.append((scene_name, kind)) if kind != "votes" else None, has_subscriber=False
         )
 
     session = SimpleNamespace(publisher=publisher, answer=lambda *_: None)

@@ -88,16 +88,6 @@ def test_the_order_of_starting_does_not_matter():
                 assert {arrival.payload for arrival in arrivals} == {b"1"}
 
 
-def test_a_publisher_is_told_when_a_subscriber_comes_and_goes(fusion, peer):
-    publisher = fusion.publisher("x/full")
-    assert not publisher.knows_subscriber
-    listener = peer("hub").sub_session()
-    listener.inbox("x/**")
-    assert until(lambda: publisher.knows_subscriber and publisher.has_subscriber)
-    listener.close()
-    assert until(lambda: not publisher.knows_subscriber and not publisher.has_subscriber)
-
-
 def test_messages_published_before_close_still_arrive(fusion, peer):
     inbox, other = fusion.inbox("x/a"), peer()
     publisher = publisher_to(other, "x/a")
