@@ -15,7 +15,9 @@
    p(m) p'(m)/prior(m) is the Bayes factor of the next posterior if the last one was right, against a random one.
    Steadiness is the mean of min(o, 1)^2 over the last STEADY_S, in the logarithm. Posteriors of real observers stay at
    1, also from one movement into the next; one that jumps about falls to .1 within a few frames. What counts is the
-   steadiness over that of the steadiest observer, because a change that all see at once is no contradiction.
+   steadiness over that of the steadiest observer, because a change that all see at once is no contradiction. At 3 to
+   6 messages a second a posterior may change by much in one of them: o is at least SLOW_OVERLAP, the mean is over
+   STEADY_MESSAGES, and STEADY_ENOUGH of the steadiest is enough.
 """
 
 import math
@@ -44,10 +46,12 @@ MIN_CORRELATION = 0.05
 """A smaller rho counts as 0."""
 MIN_COUNT = 0.01
 """A smaller count is dropped, so that an observer that left for good leaves no trace."""
-STEADY_S = 0.25
-STEADY_GAP_S = 0.15
-"""Posteriors further apart may differ."""
-LEAST_OVERLAP = 0.01
+STEADY_S, STEADY_MESSAGES = 0.25, 8
+SHORT_GAP_S, STEADY_GAP_S = 0.15, 0.35
+"""Posteriors further apart than the first may differ for once, further than the second also for good."""
+STEADY_ENOUGH = 0.6
+"""Of posteriors further apart than SHORT_GAP_S: those of recorded people stay above at 4 Hz."""
+LEAST_OVERLAP, SLOW_OVERLAP = 0.01, 0.3
 Counts = Mapping[str, Annotated[float, Field(ge=0, allow_inf_nan=False)]]
 """The annotation is checked when counts are read from a file."""
 
@@ -107,8 +111,15 @@ def steadiness_after_overlap(steadiness: float, overlap: float, seconds: float) 
     """The same of o, the Bayes factor in (6) by which the new posterior is likelier if the last one was right."""
     if not 0.0 < seconds <= STEADY_GAP_S:
         return steadiness
-    overlap = min(max(overlap, LEAST_OVERLAP), 1.0)
-    return float(steadiness * (overlap**2 / steadiness) ** (1.0 - math.exp(-seconds / STEADY_S)))
+    # A posterior may change as much as this in a long gap: only one that does so again and again contradicts itself.
+    overlap = min(max(overlap, LEAST_OVERLAP if seconds <= SHORT_GAP_S else SLOW_OVERLAP), 1.0)
+    memory_s = STEADY_S if seconds <= SHORT_GAP_S else STEADY_MESSAGES * seconds
+    return float(steadiness * (overlap**2 / steadiness) ** (1.0 - math.exp(-seconds / memory_s)))
+
+
+def steady_enough(seconds: float) -> float:
+    """Which share of the greatest steadiness is full steadiness, for posteriors so many seconds apart."""
+    return 1.0 if seconds <= SHORT_GAP_S else STEADY_ENOUGH
 
 
 def learn_from_verdict(reliability: Reliability, verdict: VerdictMessage, vocabulary: Vocabulary) -> Reliability:

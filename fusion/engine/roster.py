@@ -32,7 +32,7 @@ from common.messages import PosteriorMessage, VoteState
 from common.probability import Floats, Surprise, entropy_bits, normalise, temper, uniform
 from common.vocabulary import Vocabulary
 from fusion.engine.fading import faded_facet, faded_surprise, faded_unlearned, left_after
-from fusion.engine.reliability import information_of, overlap_of, steadiness_after_overlap
+from fusion.engine.reliability import information_of, overlap_of, steadiness_after_overlap, steady_enough
 
 POOLED_STATES = ("counted", "stale")
 """States of an observer whose posterior is pooled; in the others it contributes the prior."""
@@ -101,6 +101,7 @@ class _ObserverState:
     surprise: Surprise | None = None
     facets: Mapping[str, Floats] = field(default_factory=dict)
     steadiness: float = 1.0
+    steady_enough: float = 1.0
     information: float = 0.0
     session_ns: int = 0
     captured_ns: int = 0
@@ -160,14 +161,13 @@ class Roster:
         else:
             seconds = (captured_ns - state.captured_ns) / SECOND_NS
             overlap = overlap_of(state.p, state.message.unlearned, p, message.unlearned)
-            state.steadiness = steadiness_after_overlap(state.steadiness, overlap, seconds)
+            steadiness = steadiness_after_overlap(state.steadiness, overlap, seconds)
+            state.steadiness, state.steady_enough = steadiness, steady_enough(seconds)
         state.message, state.p, state.captured_ns, state.received_ns = message, p, captured_ns, now_ns
         state.rest = _relative_entropy(p) if message.rest is None else message.rest
         state.surprise = None if message.facing is None else np.array(message.facing.surprise)
-        facets = message.facets
-        state.facets = {name: normalise(np.array(facet)) for name, facet in facets.items()} if facets else NOTHING
-        state.gone, state.fault = False, None
-        state.information = information_of(message.p, message.unlearned)
+        state.facets = {name: normalise(np.array(facet)) for name, facet in (message.facets or NOTHING).items()}
+        state.gone, state.fault, state.information = False, None, information_of(message.p, message.unlearned)
         return None
 
     def reject(self, observer: str, reason: str) -> None:
@@ -238,7 +238,7 @@ class Roster:
         if state.gone or abs(age_s) > config.drop_s:
             return self._unused(observer, self._unused_state(state, now_ns), age_s, rest, record)
         # A rounded 1 is exactly 1 again.
-        steadiness = 1.0 if state.steadiness == steadiest else round(state.steadiness / steadiest, 3)
+        steadiness = round(min(state.steadiness / (state.steady_enough * steadiest), 1.0), 3)
         fresh = AgedPosterior(
             observer, state.p, rest, age_s, "counted", record.skew_s, message.unlearned, state.surprise, state.facets,
             record.reliability * steadiness, record.correlations, exponent, state.information,

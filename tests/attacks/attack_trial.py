@@ -183,7 +183,7 @@ def _compare(person, without, under):
         label, expected = label_of(ids, under.verdicts), label_of(known, without.verdicts)
         if expected == span[2] and label in (None, ABSTAIN):
             harm.blocked.append(number)
-        if label not in (None, ABSTAIN, expected, span[2]):
+        if label not in (None, ABSTAIN, expected, span[2]) and not is_in(without, first_of(ids, under), under):
             harm.turned.append(number)
         if len(ids) > max(len(known), 1):
             harm.doubled.append(number)
@@ -209,3 +209,21 @@ def label_of(ids, verdicts):
     """The label of a movement: of its verdicts the first that is no abstention."""
     labels = [verdicts[name][0] for name in ids]
     return next((label for label in labels if label != ABSTAIN), labels[0] if labels else None)
+
+
+def first_of(ids, outcome):
+    """The verdict from which a movement has its label."""
+    return next(name for name in ids if outcome.verdicts[name][0] == label_of(ids, outcome.verdicts))
+
+
+def is_in(other, name, outcome):
+    """Whether a verdict is in another outcome too: its label, for at least half of the shorter time.
+
+    One between two movements may lie a tenth of a second within the next, and belong to none in the other outcome.
+    """
+    label, (began_s, ended_s), _ = outcome.verdicts[name]
+    for known, (start_s, end_s), _ in other.verdicts.values():
+        shared_s = min(ended_s, end_s) - max(began_s, start_s)
+        if known == label and 2 * shared_s >= min(ended_s - began_s, end_s - start_s) > 0:
+            return True
+    return False

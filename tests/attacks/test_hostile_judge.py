@@ -21,12 +21,7 @@ SHORT = ("wrong from the first frame", "junk")
 SHORT_ROOM = (4, 10, 0)
 LONG = os.environ.get("LABANMESH_ATTACKS") == "long"
 TWO_WAVER = "two honest judges waver, and a liar that no verdict has exposed yet turns or splits 1 of 12"
-WITH_TWO_SEEING = {
-    ("second best", 4), ("label flapping", 4), ("second best", 30), ("a prior that vetoes", 30),
-    ("rest 0", 30), ("rest 1", 30), ("rest inverted", 30), ("rest flapping", 30),
-}  # fmt: skip
-ONE_SEES = "one honest judge that sees, beside blind ones: who says when the person rests is one word against the other"
-WITH_ONE_SEEING = {("rest inverted", 4), ("rest inverted", 30), ("rest flapping", 4)}
+WITH_TWO_SEEING = {("second best", 4), ("second best", 30), ("a prior that vetoes", 30)}
 LONG_ROOMS = [(judges, rate, blind) for judges, blind in ROOMS for rate in RATES_HZ]
 
 
@@ -69,9 +64,8 @@ def table(harms):
 
 def known(case):
     """Why a case falls short today, or "". Where the two honest judges that see waver, a third vote decides."""
-    if not (case.judges - 1 - case.blind > 1):
-        return ONE_SEES if (case.strategy, case.rate_hz) in WITH_ONE_SEEING else ""
-    return TWO_WAVER if case.judges - case.blind == 3 and (case.strategy, case.rate_hz) in WITH_TWO_SEEING else ""
+    two_see = case.judges - 1 - case.blind == 2
+    return TWO_WAVER if two_see and (case.strategy, case.rate_hz) in WITH_TWO_SEEING else ""
 
 
 def cases():
