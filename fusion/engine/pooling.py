@@ -79,7 +79,7 @@ def pool_many(cases: Sequence[PoolingCase]) -> list[PooledPosterior]:
     pooled: list[PooledPosterior | None] = [None] * len(cases)
     batches: dict[object, list[int]] = {}
     for n, case in enumerate(cases):
-        if case.rule.batched and all(posterior.surprise is None for posterior in case.posteriors):
+        if case.rule.pool_movements is not None and all(posterior.surprise is None for posterior in case.posteriors):
             kind = (case.rule.name, len(case.posteriors), len(case.prior), case.temperature, case.has_unlearned)
             batches.setdefault(kind, []).append(n)
         else:

@@ -35,7 +35,7 @@ Weigh = Callable[[Floats, Floats, ObserverTrust], Strengths]
 Mix = Callable[[Floats, Floats, Strengths], Floats]
 """cells (N, M, K), summing to 1 per observer, prior (M,), strengths -> (M, K)."""
 PoolMovements = Callable[[Floats, Floats, ObserverTrust], RuleResult]
-"""p (N, M), prior (M,), trust -> the pooled p (M,) and weights (N,): both steps at once."""
+"""p (..., N, M), prior (M,), trust -> the pooled p (..., M) and weights (..., N): both steps at once."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,8 +43,8 @@ class Rule:
     """A named way to pool p (N, M) with prior (M,).
 
     most_observers: limit of the method; None for any number. weigh, mix: the two steps, for posteriors over more than
-    movements; None if the rule cannot be split. batched: whether both take leading axes, so that many scenes are pooled
-    at once. pool_movements: both steps of one scene's movements, if there is a faster way than one after the other.
+    movements; None if the rule cannot be split. pool_movements: both steps for movements alone, if there is a quicker
+    way; it takes leading axes, and pools many scenes to the same bits as each alone.
     """
 
     name: str
@@ -52,7 +52,6 @@ class Rule:
     most_observers: int | None = None
     weigh: Weigh | None = None
     mix: Mix | None = None
-    batched: bool = False
     pool_movements: PoolMovements | None = None
 
 
@@ -61,7 +60,6 @@ def two_step_rule(
     weigh: Weigh,
     mix: Mix,
     most_observers: int | None = None,
-    batched: bool = False,
     pool_movements: PoolMovements | None = None,
 ) -> Rule:
     """The rule that weighs and then mixes."""
@@ -73,7 +71,7 @@ def two_step_rule(
         weighed = weigh(p, prior, trust)
         return RuleResult(mix(p[:, :, None], prior, weighed)[:, 0], weighed.shares)
 
-    return Rule(name, pool, most_observers, weigh, mix, batched, pool_movements)
+    return Rule(name, pool, most_observers, weigh, mix, pool_movements)
 
 
 # Weights
@@ -230,10 +228,8 @@ def _safe_log(p: Floats) -> Floats:
 RULES = {
     rule.name: rule
     for rule in (
-        two_step_rule(
-            "guarded_product", guarded_strengths, averaged_log_mix, batched=True, pool_movements=guarded_pool
-        ),
-        two_step_rule("robust_inverse_entropy", strengths, log_mix, batched=True),
+        two_step_rule("guarded_product", guarded_strengths, averaged_log_mix, pool_movements=guarded_pool),
+        two_step_rule("robust_inverse_entropy", strengths, log_mix),
         two_step_rule("inverse_entropy", by_entropy(inverse_entropy), linear_mix),
         two_step_rule("iest", by_entropy(inverse_entropy_static_threshold), linear_mix),
         two_step_rule("ieat", by_entropy(inverse_entropy_average_threshold), linear_mix),

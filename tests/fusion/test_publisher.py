@@ -48,7 +48,7 @@ def test_a_first_word_is_in_the_file_before_it_is_sent_and_an_end_is_sent_before
             if kind != "votes":
                 events.append(kind if kind == "judgement" else decode(VerdictMessage, payload).stage)
 
-        return SimpleNamespace(put=put)
+        return SimpleNamespace(put=put, has_subscriber=False)
 
     session = SimpleNamespace(publisher=publisher, answer=lambda *_: None)
     file = SimpleNamespace(write=lambda checkpoint: events.append("file"))
