@@ -4,7 +4,8 @@
    something, and at the latest after the grace. An observer that dies later delays nothing.
 2. Movements are detected meanwhile. Their verdicts are withheld until the wait ends, so that what the observers that
    had begun decided is not lost.
-3. An abstention during the wait is dropped: the observers that might have decided had not begun.
+3. An abstention on a movement that began during the wait is dropped, also after it: the observers that might have
+   decided had not begun, or have not seen its beginning.
 4. A service that continues from another one's messages does not wait: the scene has begun long before.
 """
 
@@ -25,6 +26,7 @@ class RosterStart:
     def __init__(self) -> None:
         self._grace_ns = 0
         self._since_ns: int | None = None
+        self._until_ns: int | None = None
         self._withheld: list[VerdictMessage] = []
         self._missing: list[str] = []
         self.waits = False
@@ -33,6 +35,7 @@ class RosterStart:
     def begin(self, grace_s: float) -> None:
         """Wait at most `grace_s` seconds after the first posterior."""
         self._grace_ns, self._since_ns = round(grace_s * SECOND_NS), None
+        self._until_ns = None
         self.waits = grace_s > 0
 
     def end(self, verdicts: Sequence[VerdictMessage] = ()) -> list[VerdictMessage]:
@@ -50,14 +53,20 @@ class RosterStart:
         if self._since_ns is None or now_ns < self._since_ns:
             self._since_ns = now_ns
         self.waits = bool(self._missing) and now_ns - self._since_ns < self._grace_ns
+        self._until_ns = now_ns
 
     def release(self, verdicts: Sequence[VerdictMessage]) -> list[VerdictMessage]:
         """The verdicts to publish now, of those made in this step and those withheld before."""
-        if not self.waits:
-            released, self._withheld = [*self._withheld, *verdicts], []
-            return released
-        self._withheld += [each for each in verdicts if each.label != ABSTAIN or each.revises is not None]
-        return []
+        self._withheld += [each for each in verdicts if not self._is_early_abstention(each)]
+        if self.waits:
+            return []
+        released, self._withheld = self._withheld, []
+        return released
+
+    def _is_early_abstention(self, verdict: VerdictMessage) -> bool:
+        if verdict.label != ABSTAIN or verdict.revises is not None:
+            return False
+        return self.waits or (self._until_ns is not None and verdict.began_ns <= self._until_ns)
 
     @property
     def why(self) -> str:

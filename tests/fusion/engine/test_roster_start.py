@@ -33,6 +33,17 @@ def test_no_abstention_before_the_observers_have_begun():
     assert scene.labels == ["bow"]
 
 
+def test_no_abstention_on_motion_that_the_last_observer_did_not_see_begin():
+    scene = starting()
+    scene.step(views(UNIFORM, VIEWS[:2]), MOVING, 3)
+    scene.step(views(UNIFORM), MOVING, 5)
+    scene.step(views(UNIFORM), REST, 8)
+    assert scene.verdicts == []
+    scene.step(views(UNIFORM), MOVING, 5)
+    scene.step(views(UNIFORM), REST, 8)
+    assert scene.labels == [ABSTAIN]
+
+
 @pytest.mark.parametrize("steps", [8, GRACE_STEPS - 4])
 def test_a_movement_goes_on_while_the_last_observers_begin(steps):
     """Nobody waits any longer than for the last one, and the movement has its own begin."""
