@@ -11,6 +11,8 @@ SHORT_VOTE = ("label", "entropy", "weight", "age_s", "state")
 """The fields that a short vote always has."""
 SHORT_VOTE_OPTIONAL = ("rest", "skew_s", "unlearned", "reliability", "rest_reliability", "root_p")
 """Those that it has unless they are null."""
+SELDOM_SENT = ("rest_reliability",)
+"""Fields of a full vote that are left out where they are null, because few votes have them."""
 
 
 def fields_of(message: Message, short: bool = False) -> dict[str, Any]:
@@ -48,11 +50,9 @@ def is_short(message: Message) -> bool:
 
 
 def part_of(part: MessagePart) -> dict[str, Any]:
-    """All fields of a part of a message, null or not, but for those that few votes have."""
-    fields = {name: value for name, value in vars(part).items() if name != "root_p"}
-    if fields.get("rest_reliability", 0.0) is None:
-        del fields["rest_reliability"]
-    return fields
+    """All fields of a part of a message, null or not, but for `root_p` and those that are seldom sent."""
+    values = vars(part).items()
+    return {name: value for name, value in values if name != "root_p" and not (value is None and name in SELDOM_SENT)}
 
 
 def leave_out(fields: dict[str, Any], detail: tuple[str, ...]) -> bool:

@@ -152,10 +152,8 @@ class FusionEngine:
         verdicts = []
         if decision is not None and (basis := self._evidence.get(decision.decided_ns)) is not None:
             stamp = replace(self._stamp(now_ns), seq=self._seq + 1)
-            verdict_id, contributed = (
-                self._builder.verdict_id(decision.began_ns),
-                self._contributions(basis, decision.label),
-            )
+            verdict_id = self._builder.verdict_id(decision.began_ns)
+            contributed = self._contributions(basis, decision.label)
             why = basis.why if decision.label == ABSTAIN else None
             judgement = basis.judgement
             verdicts = [build_verdict(judgement, judgement, decision, why, contributed, verdict_id, stamp)]
@@ -280,10 +278,8 @@ class FusionEngine:
         evidence_ns = decision.ended_ns if decision.label == ABSTAIN else decision.decided_ns
         basis = evidence.get(evidence_ns or 0, evidence[now_ns])
         end = evidence.get(decision.ended_ns or 0, basis)
-        verdict_id, contributed = (
-            self._builder.verdict_id(decision.began_ns),
-            self._contributions(basis, decision.label),
-        )
+        verdict_id = self._builder.verdict_id(decision.began_ns)
+        contributed = self._contributions(basis, decision.label)
         why = basis.why if decision.label == ABSTAIN else None
         if why is not None and decision.revises is None and self._nearest.began_ns == decision.began_ns:
             why = self._nearest.why

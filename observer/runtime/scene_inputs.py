@@ -16,7 +16,7 @@ import numpy as np
 from common import SECOND_NS
 from common.config import ObserverConfig, Scene
 from common.errors import BadInput
-from common.tracker_choice import MESH_KEY, STANDARD_INPUT, chosen_tracker, content_of
+from common.tracker_choice import MESH_KEY, STANDARD_INPUT, TrackerChoice, chosen_tracker, content_of
 from observer.camera.base import Report, ignore_report
 from observer.foreign.sources import LineTracks, MeshTracks, PipedTracks
 from observer.geometry.picture_size import picture_scale
@@ -123,15 +123,18 @@ def open_inputs(
     settings = TrackerSettings(view, source.body_parts, wanted or (), section, scene.place, smooth)
     tracker, outcome = built_tracker(choice, kind, settings)
     if pictures:
-        level = logging.INFO if outcome is choice else logging.WARNING
-        log.log(level, "%s: tracker %s: %s", observer, outcome.name, outcome.reason or "named in the scene file")
+        _log_choice(observer, outcome, as_chosen=outcome is choice)
     parts, notify = wanted or tracker.body_parts, partial(log.warning, "%s: %s", observer)
     prepared = PreparedTracker(tracker, parts, view, fewer_parts, notify)
     if prepared.lacking:
-        lacking = ", ".join(prepared.lacking)
-        log.warning("%s: judges without %s: the tracker does not find them", observer, lacking)
+        log.warning("%s: judges without %s: the tracker does not find them", observer, ", ".join(prepared.lacking))
     length = getattr(source, "length", None)
     return ObserverInputs(source, prepared, view, kind.reads == "positions", length, section.speed == 0, pictures)
+
+
+def _log_choice(observer: str, outcome: TrackerChoice, as_chosen: bool) -> None:
+    level = logging.INFO if as_chosen else logging.WARNING
+    log.log(level, "%s: tracker %s: %s", observer, outcome.name, outcome.reason or "named in the scene file")
 
 
 def _prepared_pictures(source: FrameSource, view: View, section: ObserverConfig) -> FrameSource:
