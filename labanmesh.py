@@ -4,12 +4,13 @@ import atexit
 import errno
 import importlib
 import importlib.util
+import inspect
 import os
 import sys
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     import typer
@@ -256,7 +257,10 @@ def _run(verb: str, words: Sequence[str]) -> int:
     from common.errors import BadInput
 
     try:
-        status = typer.main.get_command(app_of(verb, words)).main(words, f"labanmesh {verb}", standalone_mode=False)
+        command = typer.main.get_command(app_of(verb, words))
+        if "--help" in words:
+            _set_help(command)
+        status = command.main(words, f"labanmesh {verb}", standalone_mode=False)
     except TyperException as error:
         text = " ".join(error.format_message().split()) if hasattr(error, "format_message") else str(error)
         # Typer names the parameter and the rule; the value is in what was typed.
@@ -266,6 +270,22 @@ def _run(verb: str, words: Sequence[str]) -> int:
     except typer.Abort:
         raise KeyboardInterrupt from None
     return status if isinstance(status, int) else 0
+
+
+def _set_help(command: Any) -> None:  # noqa: ANN401 - the class of Typer is private
+    """Prepare the help of a command and its sub-commands for Typer.
+
+    Typer keeps the line breaks of a docstring, and takes words in square brackets, such as [fusion], for markup.
+    """
+    from rich.markup import escape
+
+    paragraphs = inspect.cleandoc(command.help or "").split("\n\n")
+    command.help = escape("\n\n".join(" ".join(paragraph.split()) for paragraph in paragraphs))
+    for parameter in command.params:
+        if isinstance(text := getattr(parameter, "help", None), str):
+            parameter.help = escape(text)
+    for sub_command in getattr(command, "commands", {}).values():
+        _set_help(sub_command)
 
 
 def _example(verb: str) -> str:

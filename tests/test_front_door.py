@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+from typing import Annotated
 
 import pytest
 import typer
@@ -86,6 +87,20 @@ def test_help_of_every_verb_has_an_example(run, name):
     assert (status, err) == (0, ""), err
     assert f"Usage: labanmesh {name}" in out and "Example" in out and f"labanmesh {name}" in out.split("Example", 1)[1]
     assert function.__doc__.splitlines()[0].rstrip(".") in " ".join(out.split())
+
+
+def test_help_flows_and_keeps_words_in_brackets(run, verb):
+    def bow(depth: Annotated[int, typer.Option(help="As [fusion] says.")] = 1) -> None:
+        """Bow to the referee.
+
+        The first line of a paragraph ends where
+        the source ends it ([fusion] standby).
+        """
+
+    verb(bow)
+    out = run("bow", "--help")[1]
+    assert "ends where the source ends it ([fusion] standby)." in " ".join(out.split()) and "As [fusion] says." in out
+    assert any("ends where the source" in line for line in out.splitlines()), out
 
 
 @pytest.mark.parametrize("name", VERBS)
