@@ -1,12 +1,18 @@
 """Checkpoints: a fusion service continues a scene where it, or another service, stopped. And the file for them.
 
 A restart neither loses nor doubles the movement in progress, nor forgets the learned reliability of the observers.
+
+The file has one JSON object per line. The first line is a whole checkpoint; each further line replaces those of its
+parts that have changed. A last line that was cut off, as by a kill, is left out.
 """
 
+import json
 import logging
 import os
+from collections.abc import Set as AbstractSet
 from contextlib import suppress
 from pathlib import Path
+from typing import Any, NamedTuple
 
 from pydantic import AliasChoices, BaseModel, ConfigDict, Field, ValidationError
 
@@ -19,6 +25,9 @@ from fusion.engine.reliability import Reliability
 log = logging.getLogger("labanmesh.fusion")
 NOTHING_LEARNED = Reliability()
 SUFFIX = ".memory.json"
+FILE_LIMIT = 64 * 1024
+"""A file that is longer begins anew with the next line."""
+SELDOM_CHANGED = ("verdict", "reliability")
 FORGET_S = 30.0
 """A movement that was in progress this long ago is over, and how it ended is unknown."""
 
@@ -64,9 +73,11 @@ class CheckpointFile:
     """
 
     def __init__(self, path: Path, own: str = "", siblings: str = "") -> None:
-        # Services on one machine may share a file that the scene file names.
+        # Services on one machine may share a file that the scene file names: then each begins it anew.
         self._path, self._temporary, self._siblings = path, path.with_name(f"{path.name}.{own}.new"), siblings
         self._written: object = None
+        self._last: Checkpoint | None = None
+        self._stamp = _FileStamp(0, 0, 0)
         self._read_failed = self._write_failed = False
 
     @classmethod
@@ -102,31 +113,102 @@ class CheckpointFile:
 
     def _read(self, path: Path) -> Checkpoint | None:
         try:
-            return Checkpoint.model_validate_json(read_text(path))
+            return Checkpoint.model_validate(_merged(read_text(path)))
         except FileNotFoundError:
             return None
-        except (OSError, ValueError, ValidationError) as error:
+        except (OSError, ValueError, TypeError, RecursionError, ValidationError) as error:
             if not self._read_failed:
                 log.warning("fusion.memory = %s: cannot be used, starting afresh: %s", path, str(error)[:100])
             self._read_failed = True
             return None
 
     def write(self, checkpoint: Checkpoint) -> None:
-        """Write if the movement has changed since the last call, and once a second while it goes on."""
+        """Write if the movement has changed since the last call, and once a second while it goes on.
+
+        Not synced: that may take a second on an SD card, and judgements would wait. What a loss of power costs is a
+        movement in progress, and weights that are learned anew; a damaged file is reported and not used.
+        """
         movement = checkpoint.judgement.movement
         state = (movement, movement and checkpoint.judgement.at_ns // SECOND_NS)
         if state == self._written:
             return
         self._written = state
         try:
-            # Not synced: that may take a second on an SD card, and judgements would wait. What a loss of power costs is
-            # a movement in progress, and weights that are learned anew; a damaged file is reported and not used.
-            self._temporary.write_text(checkpoint.to_json(), encoding="utf-8")
-            self._temporary.replace(self._path)
+            if not self._append(checkpoint):
+                self._begin_anew(checkpoint)
+            self._last = checkpoint
         except OSError as error:
+            self._last = None
             if not self._write_failed:
                 reason = (error.strerror or str(error)).lower()
                 log.warning(
                     "fusion.memory = %s: cannot be written: %s; choose another file or folder", self._path, reason
                 )
             self._write_failed = True
+
+    def _append(self, checkpoint: Checkpoint) -> bool:
+        """Add a line with what has changed; False if the whole checkpoint has to be written.
+
+        That is so at the first time, when the file is long enough, and when somebody else has changed it.
+        """
+        last = self._last
+        if last is None or self._stamp.size > FILE_LIMIT:
+            return False
+        parts = {name for name in SELDOM_CHANGED if getattr(checkpoint, name) is getattr(last, name)}
+        line = _line(checkpoint, without=parts)
+        try:
+            descriptor = os.open(self._path, os.O_WRONLY | os.O_APPEND)
+        except OSError:
+            return False
+        try:
+            if _FileStamp.of(descriptor) != self._stamp or os.write(descriptor, line) != len(line):
+                return False
+            self._stamp = _FileStamp.of(descriptor)
+        except OSError:
+            return False
+        finally:
+            os.close(descriptor)
+        return True
+
+    def _begin_anew(self, checkpoint: Checkpoint) -> None:
+        """Replace the file by one with the whole checkpoint; raises OSError."""
+        with self._temporary.open("wb") as file:
+            file.write(_line(checkpoint))
+            file.flush()
+            self._stamp = _FileStamp.of(file.fileno())
+        self._temporary.replace(self._path)
+
+
+class _FileStamp(NamedTuple):
+    """What tells whether a file is as it was left: its inode, its size in bytes, the time of its last change."""
+
+    inode: int
+    size: int
+    changed_ns: int
+
+    @classmethod
+    def of(cls, descriptor: int) -> "_FileStamp":
+        status = os.fstat(descriptor)
+        return cls(status.st_ino, status.st_size, status.st_mtime_ns)
+
+
+def _line(checkpoint: Checkpoint, without: AbstractSet[str] = frozenset()) -> bytes:
+    """One line of a file. without: the parts that have not changed.
+
+    A restarted service needs the number, the time and the movement of the last judgement, not the votes.
+    """
+    judgement = checkpoint.judgement.model_copy(update={"votes": {}, "facets": None, "why": None})
+    own = checkpoint.model_copy(update={"judgement": judgement})
+    return own.model_dump_json(by_alias=True, exclude=set(without)).encode() + b"\n"
+
+
+def _merged(text: str) -> dict[str, Any]:
+    """The checkpoint in a file; raises ValueError or TypeError for another text."""
+    fields: dict[str, Any] = {}
+    # Not splitlines: a label may have other characters that end a line.
+    for line in text.split("\n"):
+        try:
+            fields |= json.loads(line)
+        except ValueError:
+            break
+    return fields or json.loads(text)

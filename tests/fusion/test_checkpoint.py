@@ -1,12 +1,15 @@
 """A scene outlives a restart: its movement for half a minute, the reliability of its observers for ever."""
 
+import errno
 import json
+import os
 
 import pytest
 
 from common.config import FusionConfig, ObserverConfig, Scene, read_scene
+from common.messages import OngoingMovement, VerdictMessage
 from common.vocabulary import Vocabulary
-from fusion.checkpoint import Checkpoint, CheckpointFile
+from fusion.checkpoint import FILE_LIMIT, Checkpoint, CheckpointFile
 from fusion.engine.engine import FusionEngine
 from fusion.engine.reliability import Reliability
 
@@ -20,7 +23,21 @@ def new_engine():
 
 @pytest.fixture
 def checkpoint():
-    return Checkpoint(judgement=new_engine().step(1000 * 10**9).judgement, reliability=LEARNED)
+    judgement = new_engine().step(1000 * 10**9).judgement
+    # A restart needs no votes, and the file has none.
+    return Checkpoint(judgement=judgement.model_copy(update={"votes": {}}), reliability=LEARNED)
+
+
+def moved(checkpoint, second, **changed):
+    """The checkpoint of a later second of a movement."""
+    movement = OngoingMovement(id="dojo-7", began_ns=7)
+    judgement = checkpoint.judgement.model_copy(update={"at_ns": second * 10**9, "movement": movement})
+    return checkpoint.model_copy(update={"judgement": judgement, **changed})
+
+
+def verdict_of(checkpoint, label):
+    fields = vars(checkpoint.judgement) | {"id": "dojo-7", "began_ns": 7, "decided_ns": 8, "label": label}
+    return VerdictMessage.model_validate(fields)
 
 
 @pytest.fixture
@@ -66,6 +83,65 @@ def test_a_file_that_cannot_be_written_is_reported_once(tmp_path, checkpoint, ca
         judgement = checkpoint.judgement.model_copy(update={"at_ns": second * 10**9})
         file.write(checkpoint.model_copy(update={"judgement": judgement}))
     assert caplog.text.count("cannot be written: no such file or directory; choose another file or folder") == 1
+
+
+def test_a_line_is_added_for_what_has_changed_until_the_file_is_long(path, checkpoint):
+    file, sizes = CheckpointFile(path), [0]
+    verdict = verdict_of(checkpoint, "bow")
+    for second in range(400):
+        newest = moved(checkpoint, second, verdict=verdict if second else None)
+        file.write(newest)
+        assert second % 20 or CheckpointFile(path).read("dojo") == newest
+        sizes.append(path.stat().st_size)
+    assert max(sizes) < FILE_LIMIT + 1000 and sorted(sizes) != sizes
+    assert list(path.parent.iterdir()) == [path]
+
+
+def test_a_last_line_that_was_cut_off_costs_only_itself(path, checkpoint):
+    file, verdict = CheckpointFile(path), verdict_of(checkpoint, "bow")
+    before, newest = moved(checkpoint, 1, verdict=verdict), moved(checkpoint, 2, verdict=verdict)
+    file.write(before)
+    whole = path.read_bytes()
+    file.write(newest)
+    for length in range(len(whole), path.stat().st_size - 1):
+        cut = path.with_name("cut.json")
+        cut.write_bytes(path.read_bytes()[:length])
+        assert CheckpointFile(cut).read("dojo") == before
+    assert CheckpointFile(path).read("dojo") == newest
+
+
+@pytest.mark.parametrize(
+    "disturb",
+    [
+        lambda path, other: path.unlink(),
+        lambda path, other: path.write_bytes(path.read_bytes()[:-10]),
+        lambda path, other: path.write_text(other.to_json()),
+        lambda path, other: CheckpointFile(path, "other").write(other),
+    ],
+)
+def test_a_file_that_somebody_else_changed_is_written_whole_again(path, checkpoint, disturb):
+    """Services on one machine may share a file; each leaves its own newest state."""
+    file, verdict = CheckpointFile(path, "own"), verdict_of(checkpoint, "bow")
+    for second in range(3):
+        file.write(moved(checkpoint, second, verdict=verdict))
+        disturb(path, moved(checkpoint, second, verdict=verdict_of(checkpoint, "lunge")))
+    newest = moved(checkpoint, 3, verdict=verdict)
+    file.write(newest)
+    assert CheckpointFile(path).read("dojo") == newest
+
+
+def test_on_a_full_disk_the_last_line_stays_readable(path, checkpoint, caplog, monkeypatch):
+    file = CheckpointFile(path)
+    file.write(moved(checkpoint, 1))
+    with monkeypatch.context() as full:
+        full.setattr("os.write", lambda descriptor, line, write=os.write: write(descriptor, line[:100]))
+        full.setattr("pathlib.Path.open", lambda *_: (_ for _ in ()).throw(OSError(errno.ENOSPC, "No space left")))
+        for second in (2, 3):
+            file.write(moved(checkpoint, second))
+    assert caplog.text.count("cannot be written: no space left") == 1
+    assert CheckpointFile(path).read("dojo") == moved(checkpoint, 1)
+    file.write(moved(checkpoint, 4))
+    assert CheckpointFile(path).read("dojo") == moved(checkpoint, 4)
 
 
 @pytest.fixture

@@ -13,7 +13,7 @@ from common.messages import JudgementMessage, StatusMessage, VerdictMessage, Voc
 from common.status import ProcessStatus, StatusPublisher
 from common.vocabulary import Vocabulary
 from common.wire import decode, encode
-from fusion.checkpoint import Checkpoint
+from fusion.checkpoint import CheckpointFile
 from fusion.same_id import SameIdError
 from fusion.server import SteadyClock, serve
 
@@ -253,7 +253,7 @@ def test_a_movement_from_long_before_a_restart_ends_when_it_was_judged_last(stag
     stage.judgement(lambda j: j.movement is not None and j.movement.label is not None)
     stage.end("a")
     stage.state = REST
-    checkpoint = Checkpoint.model_validate_json(path.read_text())
+    checkpoint = CheckpointFile(path).read(stage.scene.scene)
     judgement = checkpoint.judgement.model_copy(update={"at_ns": checkpoint.judgement.at_ns - HOUR_NS})
     verdict = checkpoint.verdict.model_copy(update={"decided_ns": judgement.at_ns - SECOND_NS})
     path.write_text(checkpoint.model_copy(update={"judgement": judgement, "verdict": verdict}).to_json())
