@@ -25,7 +25,7 @@ from observer.learning.learn_options import LearnOptions
 
 if TYPE_CHECKING:
     from observer.geometry.placement import PersonPlacement
-    from observer.learning.sources import LearningSource, SourceChoice
+    from observer.learning.learning_sources import LearningSource, SourceChoice
     from observer.motion.archive import MotionArchive
     from observer.motion.sensors import SensorFile
 
@@ -54,7 +54,7 @@ def learn(options: LearnOptions) -> None:
 
     Example: labanmesh learn effort.npz --view yaw:45 --effort --rate 30 -o corner1.effort
     """
-    from observer.learning.sources import read_source, sensors_to_learn
+    from observer.learning.learning_sources import read_source, sensors_to_learn
     from observer.motion.archive import require_labels
 
     _require_compatible(options)
@@ -77,7 +77,7 @@ def learn(options: LearnOptions) -> None:
 def _choice(options: LearnOptions) -> "SourceChoice":
     from common.config import read_scene
     from observer.geometry.placement import parse_place, placement_of
-    from observer.learning.sources import SourceChoice
+    from observer.learning.learning_sources import SourceChoice
 
     if options.observers and not options.scene:
         raise BadInput("--observers: of which scene? name it with --scene")

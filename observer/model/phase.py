@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from observer.features import REFERENCE_HZ, PostureReader, without_motion
 from observer.filtering.chain_filter import ChainFilter
 from observer.model.base import Arrays, Example, Header, Onset, Stream, Watch, with_defaults
+from observer.model.chain_dynamics import chain_dynamics
 from observer.model.chains import (
     LivePostures,
     PostureEvidence,
@@ -22,7 +23,6 @@ from observer.model.chains import (
     fill_gaps,
     resample_phases,
 )
-from observer.model.pace import chain_dynamics
 from observer.model.parameters import FACINGS, NOT_NEGATIVE, POSITIVE, PROBABILITY, Parameter
 from observer.model.posterior_calibration import given_learned
 from observer.model.renumbering import indices_of_remaining, without_background_movement

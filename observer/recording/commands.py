@@ -94,8 +94,8 @@ def record(options: RecordOptions) -> None:
 def _record_in_space(options: RecordOptions) -> None:
     from common.lifecycle import log_to_stderr, stop_on_signals
     from observer.motion.archive_file import read_archive, write_archive
+    from observer.recording.new_recording import appended, with_trial
     from observer.recording.reconstruction import performer_axes
-    from observer.recording.recorded import appended, with_trial
     from observer.recording.visibility import NothingRecorded
     from observer.tracks import BODY_PARTS
 
@@ -191,7 +191,7 @@ def _recorded(options: RecordOptions, name: "Recording", stop: threading.Event) 
     """The recording with its frames, and how it went, in lines."""
     from common.config import read_scene
     from observer.recording.capture import open_cameras, read_cameras
-    from observer.recording.recorded import RecordingOptions, build_recording
+    from observer.recording.new_recording import RecordingOptions, build_recording
     from observer.tracks import BODY_PARTS
 
     seconds = options.seconds
@@ -232,7 +232,7 @@ def place(
     from common.config import read_scene
     from common.lifecycle import log_to_stderr, stop_on_signals
     from observer.recording.capture import open_cameras, read_cameras
-    from observer.recording.standing import RATE_HZ, TRUNK, seen_person
+    from observer.recording.person_placement import RATE_HZ, TRUNK, seen_person
 
     log_to_stderr()
     with stop_on_signals() as stop, ProgressBar() as bar:

@@ -8,8 +8,8 @@ from common.errors import BadInput, reason_of
 from observer.files import remove_file
 from observer.motion.archive import MotionArchive, Recording, TracksCamera
 from observer.motion.archive_file import read_archive, write_archive
+from observer.recording.new_recording import appended, with_trial
 from observer.recording.own_tracks import in_parts
-from observer.recording.recorded import appended, with_trial
 
 
 def tracks_files(output: Path, observers: Sequence[str]) -> dict[str, Path]:

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from common.teaching_messages import DOUBTS_LIMIT, TakeDoubt
-from observer.learning.parts import parts_to_learn
+from observer.learning.part_selection import parts_to_learn
 from observer.model.base import Example
 from observer.model.body_trace import read_trace
 from observer.model.nearest_take import MOST_TAKES, NearestTakes, NearestTakeWatch

@@ -62,7 +62,7 @@ IMPURE = {
         "deploy.doctor.machine deploy.doctor.scene_file deploy.meeting "
         "deploy.doctor.security deploy.security.issuing fusion.checkpoint hub.dashboard.history "
         "observer.*_file observer.calibration.board observer.calibration.formats "
-        "observer.files observer.learning.sources observer.motion.importers observer.motion.importers.* "
+        "observer.files observer.learning.learning_sources observer.motion.importers observer.motion.importers.* "
         "observer.runtime.preflight observer.runtime.playback_meeting "
         "observer.runtime.scene_inputs studies.evaluated_archives studies.experiments studies.report "
         "studies.run_evaluation"

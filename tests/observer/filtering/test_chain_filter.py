@@ -14,8 +14,8 @@ from observer.features import PostureReader, without_motion
 from observer.filtering.chain_filter import ChainFilter
 from observer.filtering.phase_filter import Dynamics, PhaseFilter
 from observer.learning.learn import learn_view
+from observer.model.chain_dynamics import ENTRY, STEPS
 from observer.model.chains import LivePostures, PostureEvidence, Postures
-from observer.model.pace import ENTRY, STEPS
 from observer.motion.projected import view_tracks
 from studies.performer import perform
 

@@ -14,9 +14,9 @@ from observer.learning.editing import add_movements, remove_movements
 from observer.learning.examples import ExampleView, gather_background
 from observer.learning.learn import evaluate_example, learn_view, with_calibration
 from observer.model.base import Onset
+from observer.model.chain_dynamics import ENTRY, step_probabilities
 from observer.model.chains import blend_pairs
 from observer.model.model_file import read_model, write_model
-from observer.model.pace import ENTRY, step_probabilities
 from observer.model.phase import Phase
 from observer.model.posterior_calibration import (
     HeldOutResult,

@@ -9,7 +9,7 @@ from performances import DOOR
 from common.vocabulary import Vocabulary
 from observer.learning.learn import learn_view
 from observer.model.base import Onset
-from observer.model.pace import STEPS, step_probabilities
+from observer.model.chain_dynamics import STEPS, step_probabilities
 from observer.motion.archive import MotionArchive, Recording, resample
 from observer.motion.projected import ProjectedTracker, frames_of
 from observer.runtime.pipeline import Observer

@@ -13,8 +13,8 @@ from observer.motion.archive import MotionArchive, Recording
 from observer.motion.archive_file import write_archive
 from observer.motion.placing import placed
 from observer.recording.commands import place
+from observer.recording.person_placement import TRUNK, seen_person
 from observer.recording.reconstruction import CameraTracks
-from observer.recording.standing import TRUNK, seen_person
 from observer.tracks import BODY_PARTS
 
 STANDING = PersonPlacement(0.6, -0.4, 1.5, 75.0)

@@ -22,7 +22,7 @@ from observer.motion.importers import import_recordings
 from observer.motion.projected import view_tracks
 from observer.recording.capture import RecordingCamera, read_cameras
 from observer.recording.commands import record
-from observer.recording.recorded import RecordingOptions, build_recording
+from observer.recording.new_recording import RecordingOptions, build_recording
 from observer.recording.visibility import NothingRecorded
 from observer.tracks import BODY_PARTS, Frame, Tracks
 

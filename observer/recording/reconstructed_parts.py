@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from common import SECOND_NS
 from observer.calibration.triangulate import GATE_PX
-from observer.recording.exchanged import exchanged_back, pairs_in
+from observer.recording.left_right import exchanged_back, pairs_in
 from observer.recording.reconstruction import (
     CameraTracks,
     Reconstruction,

@@ -7,7 +7,7 @@ import numpy as np
 
 from common.errors import BadInput
 from observer.motion.archive import LABEL_RULE, MotionArchive, Recording, is_label
-from observer.recording.parts import ReconstructedParts, camera_rate_hz, reconstruct_parts
+from observer.recording.reconstructed_parts import ReconstructedParts, camera_rate_hz, reconstruct_parts
 from observer.recording.reconstruction import (
     FRONT,
     UP,

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from observer.learning.parts import parts_to_learn
+from observer.learning.part_selection import parts_to_learn
 from observer.motion.archive import MotionArchive, Recording, TracksCamera
 from observer.tracks import BODY_PARTS, WHOLE_BODY
 

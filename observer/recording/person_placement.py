@@ -8,7 +8,7 @@ import numpy as np
 
 from common.errors import BadInput
 from observer.geometry.placement import PersonPlacement, facing_of
-from observer.recording.parts import reconstruct_parts
+from observer.recording.reconstructed_parts import reconstruct_parts
 from observer.recording.reconstruction import CameraTracks, Progress, remove_spikes
 from observer.tracks import Floats
 
