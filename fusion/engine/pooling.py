@@ -28,7 +28,7 @@ FACETS_LIMIT = 32
 """At most so many facets are pooled, so that invented names cost no time."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class PooledPosterior:
     """p (M,), given that it is a movement of the vocabulary; weights (N,); probability that it is none; facing (K,)."""
 
@@ -55,7 +55,8 @@ class PoolingCase:
     @property
     def has_unlearned(self) -> bool:
         """Whether some observer publishes `unlearned`."""
-        return any(posterior.unlearned is not None for posterior in self.posteriors)
+        # A list is made in half the time in which `any` looks at four.
+        return bool([each for each in self.posteriors if each.unlearned is not None])
 
 
 def pool_posteriors(case: PoolingCase) -> PooledPosterior:
@@ -80,7 +81,8 @@ def pool_many(cases: Sequence[PoolingCase]) -> list[PooledPosterior]:
     batches: dict[object, list[int]] = {}
     for n, case in enumerate(cases):
         if case.rule.pool_movements is not None and all(posterior.surprise is None for posterior in case.posteriors):
-            kind = (case.rule.name, len(case.posteriors), len(case.prior), case.temperature, case.has_unlearned)
+            sizes, has_correlations = (len(case.posteriors), len(case.prior)), _has_correlations(case.posteriors)
+            kind = (case.rule.name, *sizes, case.temperature, case.has_unlearned, has_correlations)
             batches.setdefault(kind, []).append(n)
         else:
             pooled[n] = pool_posteriors(case)
@@ -136,16 +138,22 @@ def newest_ns(posteriors: Sequence[AgedPosterior], now_ns: int) -> int | None:
 
 def observer_trust(posteriors: Sequence[AgedPosterior]) -> ObserverTrust:
     """The learned trust in the observers; correlations with observers that are not among them are left out."""
-    unknown, trust = ObserverTrust.unknown(len(posteriors)), np.array([each.reliability for each in posteriors])
-    if not any(posterior.correlations for posterior in posteriors):
-        return ObserverTrust(trust, unknown.correlations, has_correlations=False)
+    unknown, reliability = ObserverTrust.unknown(len(posteriors)), [each.reliability for each in posteriors]
+    has_trust = min(reliability) < 1.0
+    trust = np.array(reliability) if has_trust else unknown.trust
+    if not _has_correlations(posteriors):
+        return ObserverTrust(trust, unknown.correlations, False, has_trust) if has_trust else unknown
     place = {posterior.observer: n for n, posterior in enumerate(posteriors)}
     correlations = unknown.correlations.copy()
     for posterior in posteriors:
         for other, rho in posterior.correlations.items():
             if other in place and other != posterior.observer:
                 correlations[place[posterior.observer], place[other]] = rho
-    return ObserverTrust(trust, correlations)
+    return ObserverTrust(trust, correlations, True, has_trust)
+
+
+def _has_correlations(posteriors: Sequence[AgedPosterior]) -> bool:
+    return bool([each for each in posteriors if each.correlations])
 
 
 def facing_deg(facing: Floats) -> float:

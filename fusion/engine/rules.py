@@ -20,7 +20,7 @@ import numpy as np
 from common.errors import BadInput
 from common.probability import SMALLEST, Floats, entropy_bits, softmax
 from common.text import nearest
-from fusion.engine.guarded_pool import guarded_pool
+from fusion.engine.guarded_pool import MOST_POOLED, guarded_pool
 from fusion.engine.guarded_product import guarded_strengths
 from fusion.engine.strengths import ENTROPY_FLOOR_BITS, ObserverTrust, RuleResult, Strengths, strengths
 
@@ -191,6 +191,18 @@ def averaged_log_mix(cells: Floats, prior: Floats, weighed: Strengths) -> Floats
     return (hypotheses @ softmax(logs)).reshape(evidence.shape[1:])
 
 
+def guarded_product(p: Floats, prior: Floats, trust: ObserverTrust) -> RuleResult:
+    """`guarded_pool`, or the plain form of more observers, of many scenes one by one: their products differ in bits."""
+    if p.shape[-2] <= MOST_POOLED:
+        return guarded_pool(p, prior, trust)
+    if p.ndim == 3:
+        trusts = [ObserverTrust(*scene) for scene in zip(trust.trust, trust.correlations, strict=True)]
+        results = [guarded_product(scene, prior, own) for scene, own in zip(p, trusts, strict=True)]
+        return RuleResult(np.array([each.p for each in results]), np.array([each.weights for each in results]))
+    weighed = guarded_strengths(p, prior, trust)
+    return RuleResult(averaged_log_mix(p[:, :, None], prior, weighed)[:, 0], weighed.shares)
+
+
 def _movement_evidence(p: Floats, prior: Floats, epsilon: Floats) -> Floats:
     """(..., N, M) ln(p~/prior)."""
     return _safe_log((1 - epsilon)[..., None] * (p / prior) + epsilon[..., None])
@@ -228,7 +240,7 @@ def _safe_log(p: Floats) -> Floats:
 RULES = {
     rule.name: rule
     for rule in (
-        two_step_rule("guarded_product", guarded_strengths, averaged_log_mix, pool_movements=guarded_pool),
+        two_step_rule("guarded_product", guarded_strengths, averaged_log_mix, pool_movements=guarded_product),
         two_step_rule("robust_inverse_entropy", strengths, log_mix),
         two_step_rule("inverse_entropy", by_entropy(inverse_entropy), linear_mix),
         two_step_rule("iest", by_entropy(inverse_entropy_static_threshold), linear_mix),

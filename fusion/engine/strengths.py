@@ -21,6 +21,7 @@ the same reason. An observer whose posterior is the prior does not participate. 
 number of participants. The constants were chosen by hand, on posteriors learned without the person they are about.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -48,6 +49,7 @@ UNCERTAIN_MASS = 0.03
 LOG_FLOOR = 0.01
 LEAST_SIZE = 1e-9
 """An observer whose logs are smaller together knows nothing."""
+NATS_TO_BITS = 1.0 / math.log(2.0)
 ENTROPY_FLOOR_BITS = 0.01
 """A one-hot posterior has entropy 0 and would weigh infinitely; no observer counts as surer than this."""
 
@@ -60,27 +62,34 @@ class ObserverTrust:
     correlations: Floats
     has_correlations: bool = True
     """False: all are 0."""
+    has_trust: bool = True
+    """False: all is 1."""
 
     @staticmethod
     @cache
     def unknown(size: int) -> "ObserverTrust":
         """Full trust and no correlation, for `size` observers."""
-        return ObserverTrust(np.ones(size), np.zeros((size, size)), has_correlations=False)
+        return ObserverTrust(np.ones(size), np.zeros((size, size)), has_correlations=False, has_trust=False)
 
     @staticmethod
     def stack(scenes: Sequence["ObserverTrust"]) -> "ObserverTrust":
         """Several scenes with as many observers each, along a new first axis."""
         trust, correlations = np.array([s.trust for s in scenes]), np.array([s.correlations for s in scenes])
-        return ObserverTrust(trust, correlations, any(s.has_correlations for s in scenes))
+        return ObserverTrust(
+            trust, correlations, any(s.has_correlations for s in scenes), any(s.has_trust for s in scenes)
+        )
 
     def subset(self, places: Sequence[int]) -> "ObserverTrust":
         """The observers at these places, of one scene."""
         return ObserverTrust(self.trust[list(places)], self.correlations[np.ix_(places, places)])
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class RuleResult:
-    """The pooled p (M,), or (R, K) of a joint posterior; weights (N,), summing to 1, equal if a rule has none."""
+    """The pooled p (M,), or (R, K) of a joint posterior; weights (N,), summing to 1, equal if a rule has none.
+
+    Nothing changes one; it is not frozen, because that takes four times as long to make, and each step makes some.
+    """
 
     p: Floats
     weights: Floats
@@ -128,7 +137,9 @@ def strengths(p: Floats, prior: Floats, observers: ObserverTrust) -> Strengths:
 
 def divergence_from_prior(p: Floats, ratio: Floats) -> Floats:
     """(..., N, M) posteriors, and the same over the prior -> (..., N) bits, not below 0."""
-    return np.maximum(sum_last(p * np.log2(np.maximum(ratio, SMALLEST))), 0.0)
+    # As guarded_pool.py computes it, to the last bit: shares of almost nothing depend on it.
+    bits: Floats = np.maximum(p * np.log(ratio + SMALLEST) @ np.full(p.shape[-1], NATS_TO_BITS), 0.0)
+    return bits
 
 
 def shares_of(evidence: Floats) -> Floats:

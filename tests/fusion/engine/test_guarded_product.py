@@ -7,7 +7,6 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from common.probability import normalise, uniform
-from fusion.engine.guarded_pool import guarded_pool
 from fusion.engine.guarded_product import BETA, EPSILON, FAULT_PROBABILITY, GAMMA, guarded_strengths
 from fusion.engine.rules import DEFAULT_RULE, RULES
 from fusion.engine.strengths import ObserverTrust, off_diagonal
@@ -22,7 +21,7 @@ def pool(p, prior=None, trust=None):
     p = np.asarray(p, dtype=float)
     prior = uniform(p.shape[1]) if prior is None else np.asarray(prior)
     trust = trust or ObserverTrust.unknown(len(p))
-    plain, fast = RULE.weigh(p, prior, trust), guarded_pool(p, prior, trust)
+    plain, fast = RULE.weigh(p, prior, trust), RULE.pool_movements(p, prior, trust)
     # The sums of many observers that contradict one another are long, and round off more.
     round_off = 1e-12 * max(len(p) / 4, 1)
     assert np.abs(fast.p - RULE.mix(p[:, :, None], prior, plain)[:, 0]).max() < round_off
