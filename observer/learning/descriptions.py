@@ -101,7 +101,7 @@ def _calibration(header: "Header") -> str:
     cautious = (
         calibration.temperature >= CAUTIOUS.temperature
         and calibration.doubt >= CAUTIOUS.doubt
-        and not calibration.foreseen
+        and not calibration.likelihood_statistics
         and (header.background is None or calibration.learned_only)
     )
     reason = ", cautiously: other people may do it otherwise" if cautious else ""

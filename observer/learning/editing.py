@@ -104,8 +104,8 @@ def add_movements(
     added = "; ".join([*filter(None, [old.provenance.get("added")]), addition])
     header = replace(old, vocabulary=vocabulary, provenance={**old.provenance, "added": added})
     results, by_person = _evaluate(model, header, examples)
-    foreseen = _foreseen_of_all(old.calibration, results, vocabulary, by_person)
-    header = replace(header, calibration=replace(old.calibration, foreseen=foreseen))
+    statistics = _likelihood_statistics_of_all(old.calibration, results, vocabulary, by_person)
+    header = replace(header, calibration=replace(old.calibration, likelihood_statistics=statistics))
     edited = _editable(model).grown(header, examples)
     people = len({r.subject for r in recordings})
     return EditedModel(edited, new, len(recordings), people, results, promoted)
@@ -122,12 +122,16 @@ def remove_movements(model: MovementModel, labels: Sequence[str]) -> MovementMod
             f"movements {','.join(labels)}: {stay} would stay, and at least two are needed; learn a new model"
         )
     vocabulary = Vocabulary(tuple(old.vocabulary.labels[m] for m in remaining), old.vocabulary.name)
-    foreseen = tuple(old.calibration.foreseen[m] for m in remaining) if old.calibration.foreseen else ()
+    statistics = (
+        tuple(old.calibration.likelihood_statistics[m] for m in remaining)
+        if old.calibration.likelihood_statistics
+        else ()
+    )
     removed = ",".join([*filter(None, [old.provenance.get("removed")]), *labels])
     header = replace(
         old,
         vocabulary=vocabulary,
-        calibration=replace(old.calibration, foreseen=foreseen),
+        calibration=replace(old.calibration, likelihood_statistics=statistics),
         provenance={**old.provenance, "removed": removed},
     )
     return _editable(model).shrunk(header, remaining)
@@ -212,21 +216,23 @@ def _evaluate(
     return tuple(results), bool(people)
 
 
-def _foreseen_of_all(
+def _likelihood_statistics_of_all(
     calibration: PosteriorCalibration, results: Sequence[HeldOutResult], vocabulary: Vocabulary, by_person: bool
 ) -> tuple[tuple[float, float], ...]:
     """Mean and spread of the predictive likelihood, also of the new movements; empty if unknown for the old ones.
 
-    Evaluated on its own person only, a movement is foreseen too well; evaluated once or never, its spread is unknown.
+    Evaluated on its own person only, a movement is predicted too well; evaluated once or never, its spread is unknown.
     The averages of the old movements then limit or replace its own.
     """
-    old = calibration.foreseen
+    old = calibration.likelihood_statistics
     if not old:
         return ()
     usual = np.array(old).mean(axis=0)
     statistics = list(old)
     for movement in range(len(old), vocabulary.size):
-        own = [float(r.foreseen[movement]) for r in results if r.truth == movement and r.foreseen is not None]
+        own = [
+            float(r.log_likelihood[movement]) for r in results if r.truth == movement and r.log_likelihood is not None
+        ]
         mean = float(np.mean(own)) if len(own) > 1 else float(usual[0])
         spread = float(np.std(own)) if len(own) > 1 else 0.0
         statistics.append((mean if by_person else min(mean, float(usual[0])), max(spread, float(usual[1]))))

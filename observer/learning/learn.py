@@ -175,7 +175,7 @@ def with_calibration(
     if calibration is None:
         calibration = fit_calibration(others.results, model.header.vocabulary.size)
         if issubclass(kind, LearnsStreams):
-            calibration = replace(calibration, learned_only=True, foreseen=())
+            calibration = replace(calibration, learned_only=True, likelihood_statistics=())
         if folds_by_person(examples) is None:
             calibration = at_least_cautious(calibration)
     counts = {"tried": str(len(others.results)), "right": str(right_count(others.results))}
@@ -215,7 +215,7 @@ def evaluate_example(model: MovementModel, example: Example) -> HeldOutResult:
     if not isinstance(model, LearnsStreams):
         for tracks in example.tracks:
             watch.update(tracks)
-        return HeldOutResult(truth, answer_posterior(watch).sum(axis=1)[None], watch.foreseen)
+        return HeldOutResult(truth, answer_posterior(watch).sum(axis=1)[None], watch.predictive_log_likelihood)
     posteriors = []
     stops = [max(math.ceil(share * len(example.tracks)), 1) for share in CALIBRATED_AT]
     for number, tracks in enumerate(example.tracks, 1):

@@ -129,8 +129,8 @@ class Watch(Protocol):
         return None
 
     @property
-    def foreseen(self) -> Floats | None:
-        """(M,) mean predictive log likelihood per frame since the last rest, in nats, for each movement.
+    def predictive_log_likelihood(self) -> Floats | None:
+        """(M,) mean over the frames since the last rest of log P(frame | earlier frames, movement), nats.
 
         None before the first movement, and for a model that predicts no observations.
         """

@@ -108,4 +108,4 @@ def _takes(own: Sequence[tuple[Example, Floats32]], movements: int) -> NearestTa
 
 def _is_like(takes: NearestTakes, trace: Floats32) -> bool:
     watch = NearestTakeWatch(takes, trace)
-    return bool(watch.far.min() < ALIKE)
+    return bool(watch.relative_distances.min() < ALIKE)

@@ -136,10 +136,16 @@ def _as_json(header: Header) -> dict[str, Any]:
         "body_parts": list(header.body_parts),
         "parameters": dict(header.parameters),
         "provenance": dict(header.provenance),
-        "certainty": asdict(header.calibration),
+        "certainty": _calibration_as_json(header.calibration),
         **background,
         **placement,
     }
+
+
+def _calibration_as_json(calibration: PosteriorCalibration) -> dict[str, Any]:
+    """All fields; files call the likelihood statistics `foreseen`."""
+    names_in_file = {"likelihood_statistics": "foreseen"}
+    return {names_in_file.get(name, name): value for name, value in asdict(calibration).items()}
 
 
 def _placement_as_json(placement: PersonPlacement) -> dict[str, Any]:
@@ -179,12 +185,12 @@ def _placement_from(document: dict[str, Any]) -> PersonPlacement | None:
 
 def _calibration_from(document: dict[str, Any], movements: int) -> PosteriorCalibration:
     numbers = {name: float(document[name]) for name in ("temperature", "doubt", "unlike", "slope") if name in document}
-    foreseen = tuple((float(mean), float(spread)) for mean, spread in document.get("foreseen", ()))
+    statistics = tuple((float(mean), float(spread)) for mean, spread in document.get("foreseen", ()))
     calibration = PosteriorCalibration(
-        **numbers, foreseen=foreseen, learned_only=bool(document.get("learned_only", False))
+        **numbers, likelihood_statistics=statistics, learned_only=bool(document.get("learned_only", False))
     )
-    finite = all(math.isfinite(number) for number in (*numbers.values(), *(n for pair in foreseen for n in pair)))
-    spreads_fit = len(foreseen) in (0, movements) and all(spread > 0 for _, spread in foreseen)
+    finite = all(math.isfinite(number) for number in (*numbers.values(), *(n for pair in statistics for n in pair)))
+    spreads_fit = len(statistics) in (0, movements) and all(spread > 0 for _, spread in statistics)
     if not (finite and spreads_fit and calibration.temperature > 0 and 0 <= calibration.doubt <= 1):
         raise ValueError("certainty holds numbers outside their ranges")
     return calibration

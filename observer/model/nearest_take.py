@@ -1,10 +1,15 @@
-"""How near a movement is to the nearest take that was learned: what few takes tell about something else. Pure.
+"""The distance of a movement from the nearest take that was learned, as evidence for something else. Pure.
 
-A regression that has seen five takes of each movement hardly knows what else there is. But one person's takes are
+A regression that has seen five takes of each movement hardly knows what else there is. But takes of one movement are
 alike: a movement that is farther from every take of its label than these are from each other is something else. The
 distance is that of dynamic time warping (Sakoe and Chiba, IEEE Transactions on Acoustics, Speech, and Signal
-Processing 26, 1978, symmetric form, equation 18), from the begin of the movement to any instant of a take, so that a
-movement in progress is near too.
+Processing 26, 1978, symmetric form), from the begin of the movement to any instant of a take, so that a movement in
+progress is near too:
+
+    D(i, j) = min(D(i - 1, j) + d(i, j), D(i, j - 1) + d(i, j), D(i - 1, j - 1) + 2 d(i, j))     mean: D(i, j) / (i + j)
+
+d: root mean square of the 2 P differences of two frames, body sizes. A *relative* distance is in units of the mean
+distance between the movement's own takes.
 """
 
 import math
@@ -21,19 +26,19 @@ from observer.tracks import Floats
 
 WEIGHT = "nearest_weight"
 NEAREST: Mapping[str, Parameter] = {WEIGHT: Parameter(2.0, ParameterRange(0.0, 20.0), earlier=0.0)}
-"""Nats for each distance between takes by which a movement is farther than USUAL."""
+"""Nats for each unit of relative distance above USUAL_DISTANCE."""
 SCALES = "take_scales"
 """Name of the scales in a model file."""
 MOST_TAKES = 60
 """With more takes the regressions know enough, and comparing with all would take too long."""
-USUAL = 1.2
-"""Distances between takes: from here on a movement is more likely something else than the regressions say."""
-MOST = 6.0
-"""Nats. A near movement speaks for nothing: it may still be the begin of another one."""
-SHOWN = 0.4
-"""The share of a take from which a movement may be near it."""
-OF_ITSELF = 0.5
-"""The share of a movement's own mean distance, beside that of all movements: few takes can be alike by chance."""
+USUAL_DISTANCE = 1.2
+"""Relative distance from which a movement is more likely something else than the regressions say."""
+MOST_NATS = 6.0
+"""A near movement is no evidence at all: it may still be the begin of another one."""
+COMPARED_FROM = 0.4
+"""The share of a take from which on a movement in progress is compared with it."""
+OWN_SHARE = 0.5
+"""The weight of a movement's own mean distance beside that of all movements: few takes can be alike by chance."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,7 +55,7 @@ class NearestTakes:
 
     @classmethod
     def of(cls, examples: Sequence[Example], movements: int, scales: Floats | None = None) -> "NearestTakes | None":
-        """The takes among the examples, whose features are traces; None if they are too many, too few, or turned.
+        """The takes among the examples, whose features are traces; None unless they are 2 to MOST_TAKES at facing 0.
 
         scales: as learned earlier; otherwise they are measured by leaving out one take at a time.
         """
@@ -84,7 +89,7 @@ class NearestTakes:
             return None
         usual = float(np.mean(of_all))
         means = np.array([np.mean(distances) if distances else usual for distances in nearest])
-        return OF_ITSELF * means + (1 - OF_ITSELF) * usual
+        return OWN_SHARE * means + (1 - OWN_SHARE) * usual
 
 
 class NearestTakeWatch:
@@ -97,7 +102,7 @@ class NearestTakeWatch:
         self._frames = 0
         self._costs: Floats = np.full(takes.paths.shape[:2], np.inf)
         places = np.arange(takes.paths.shape[1])
-        reachable = (places >= SHOWN * takes.lengths[:, None] - 1) & (places < takes.lengths[:, None])
+        reachable = (places >= COMPARED_FROM * takes.lengths[:, None] - 1) & (places < takes.lengths[:, None])
         self._unreachable = np.where(reachable, 0.0, np.inf)
         self._steps = places + 2.0
         self.distances: Floats = np.full(len(takes.lengths), np.inf)
@@ -116,32 +121,35 @@ class NearestTakeWatch:
         before[:, 0] = 0.0 if self._frames == 0 else np.inf
         before[:, 1:] = self._costs[:, :-1]
         entered = np.minimum(self._costs + cost, before + 2 * cost)
-        # The best place to have entered this frame's row: D[j] = min over k <= j of entered[k] + cost[k + 1 .. j].
+        # Within a row, D(j) = min over k <= j of entered(k) + cost(k + 1) + ... + cost(j): a running minimum.
         total = np.cumsum(cost, axis=1)
         self._costs = total + np.minimum.accumulate(entered - total, axis=1)
         self.distances = (self._costs / (self._steps + self._frames) + self._unreachable).min(axis=1)
         self._frames += 1
 
     @property
-    def far(self) -> Floats:
-        """(M,) distances between takes of each movement from its nearest take; inf if it cannot be compared (yet)."""
+    def relative_distances(self) -> Floats:
+        """(M,) relative distance from the nearest take of each movement; inf while it cannot be compared."""
         nearest = np.full(len(self._takes.scales), np.inf)
         np.minimum.at(nearest, self._takes.movements, self.distances)
-        far: Floats = nearest / self._takes.scales
-        return far
+        distances: Floats = nearest / self._takes.scales
+        return distances
 
     def nats(self, movement: int, weight: float) -> float:
-        """For something else, if the movement is taken for this one."""
-        far = float(self.far[movement])
+        """Evidence for something else where this movement is the likeliest: 0 to MOST_NATS.
+
+        It is `weight` times the relative distance above USUAL_DISTANCE; 0 for a movement without takes.
+        """
+        distance = float(self.relative_distances[movement])
         if not self._frames or not (self._takes.movements == movement).any():
             return 0.0
-        return min(max(weight * (far - USUAL), 0.0), MOST)
+        return min(max(weight * (distance - USUAL_DISTANCE), 0.0), MOST_NATS)
 
 
 def takes_of(header: Header, examples: Sequence[Example], scales: Floats | None) -> NearestTakes | None:
-    """The takes with which a model compares; None if it does not.
+    """The takes with which a model compares movements; None if it compares with none.
 
-    scales: of its file, empty for a model that does not compare with takes; None: they are measured here.
+    scales: those in its file, empty for a model that does not compare with takes; None: measured here.
     """
     if not header.parameters[WEIGHT] or (scales is not None and not len(scales)):
         return None
@@ -151,8 +159,10 @@ def takes_of(header: Header, examples: Sequence[Example], scales: Floats | None)
 def held_out_distances(
     header: Header, examples: Sequence[Example], folds: Iterable[Sequence[int]], shares: Sequence[float]
 ) -> dict[int, Floats]:
-    """Index of each example of a movement -> (T, M) `NearestTakeWatch.far` from takes of other folds, after these
-    shares of it; inf where too few others are left."""
+    """Index of each example of a movement -> (T, M) `NearestTakeWatch.relative_distances` from takes of other folds.
+
+    The T distances are those after these shares of the movement; inf where too few takes are left.
+    """
     result = {}
     for fold in folds:
         left_out = set(fold)
@@ -161,16 +171,16 @@ def held_out_distances(
             trace = examples[n].features
             if examples[n].movement >= 0 and trace is not None:
                 frames = [max(math.ceil(share * len(trace)), 1) for share in shares]
-                far = None if takes is None else _far_after(takes, trace.astype(np.float32), frames)
-                result[n] = np.full((len(shares), header.vocabulary.size), np.inf) if far is None else far
+                distances = None if takes is None else _distances_after(takes, trace.astype(np.float32), frames)
+                result[n] = np.full((len(shares), header.vocabulary.size), np.inf) if distances is None else distances
     return result
 
 
-def _far_after(takes: NearestTakes, trace: Floats32, frames: Sequence[int]) -> Floats:
+def _distances_after(takes: NearestTakes, trace: Floats32, frames: Sequence[int]) -> Floats:
     watch, result = NearestTakeWatch(takes), []
     for row in trace:
         watch.step(row)
-        result.append(watch.far)
+        result.append(watch.relative_distances)
     return np.array([result[n - 1] for n in frames])
 
 

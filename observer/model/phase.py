@@ -198,7 +198,7 @@ class PhaseWatch(Watch):
         return self._filter.rest
 
     @property
-    def foreseen(self) -> Floats | None:
+    def predictive_log_likelihood(self) -> Floats | None:
         """(M,) mean predictive log likelihood per frame of the current movement, else of the last; None before any."""
         return self._log_likelihood / self._frames if self._frames else None
 

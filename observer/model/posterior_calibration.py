@@ -33,16 +33,16 @@ Disagreement between observers says more, and only fusion sees that."""
 class PosteriorCalibration:
     """p' = (1 - doubt) p^(1/temperature)/Z + doubt/M, and P(something else) from the predictive likelihood.
 
-    foreseen: for each movement mean and spread of `Watch.foreseen` over its examples, by models that had not learned
-    from the same person; empty if unknown. unlike, slope: the log odds that a movement is none of the vocabulary are
-    slope (z - unlike), where z is how many spreads its likelihood lies below the mean. A model that knows "something
-    else" leaves these out: it is one more of its answers, and p' covers all of them, or with `learned_only` those that
-    were learned.
+    likelihood_statistics: for each movement mean and standard deviation of `Watch.predictive_log_likelihood` over its
+    examples, by models that had not learned from the same person; empty if unknown. unlike, slope: the log odds that a
+    movement is none of the vocabulary are slope (z - unlike), where z is the number of standard deviations by which its
+    likelihood lies below the mean. A model with the answer "something else" needs none of these; p' then covers all
+    M + 1 answers, or with `learned_only` the M movements.
     """
 
     temperature: float = 1.0
     doubt: float = 0.0
-    foreseen: tuple[tuple[float, float], ...] = ()
+    likelihood_statistics: tuple[tuple[float, float], ...] = ()
     unlike: float = 0.0
     slope: float = 0.0
     learned_only: bool = False
@@ -57,16 +57,16 @@ class PosteriorCalibration:
         calibrated: Floats = ((1 - self.doubt) * tempered + self.doubt / len(cells)).reshape(posterior.shape)
         return calibrated
 
-    def unlearned(self, p: Floats, foreseen: Floats | None) -> float | None:
-        """p (M,), foreseen (M,) mean log likelihood per frame -> P(none of the movements), with the prior 1/(M+1).
+    def unlearned(self, p: Floats, log_likelihood: Floats | None) -> float | None:
+        """P(none of the movements), with the prior 1/(M+1), from p (M,) and `Watch.predictive_log_likelihood` (M,).
 
         None if the calibration knows nothing about it, or if the person has not moved yet.
         """
-        if foreseen is None or not self.foreseen:
+        if log_likelihood is None or not self.likelihood_statistics:
             return None
         m = int(p.argmax())
-        mean, spread = self.foreseen[m]
-        log_odds = self.slope * ((mean - float(foreseen[m])) / spread - self.unlike)
+        mean, spread = self.likelihood_statistics[m]
+        log_odds = self.slope * ((mean - float(log_likelihood[m])) / spread - self.unlike)
         return float(1.0 / (1.0 + len(p) * np.exp(-np.clip(log_odds, -MAX_EVIDENCE, MAX_EVIDENCE))))
 
 
@@ -104,21 +104,21 @@ def calibrated_posterior(watch: "Watch", calibration: PosteriorCalibration) -> t
     answers = calibration.apply(_answers(learned, unlearned))
     if unlearned is not None:
         return given_learned(answers), float(answers[-1].sum())
-    return answers, calibration.unlearned(answers.sum(axis=1), watch.foreseen)
+    return answers, calibration.unlearned(answers.sum(axis=1), watch.predictive_log_likelihood)
 
 
 @dataclass(frozen=True, slots=True)
 class HeldOutResult:
-    """What a model that had not learned from an example's person makes of it; posteriors: (T, A) at T times.
+    """The result for an example by a model that had not learned from its person; posteriors: (T, A) at T times.
 
-    truth: index of the right answer. foreseen: (M,) `Watch.foreseen` at the end, None if the model cannot tell. For a
-    model that knows "something else", this is the last of A = M + 1 answers; truth M is an example of a background
-    movement that the model had not learned.
+    truth: index of the right answer. log_likelihood: (M,) `Watch.predictive_log_likelihood` at the end, None if the
+    model computes none. A model that knows "something else" has A = M + 1 answers, of which this is the last, otherwise
+    A = M; truth M is an example of a background movement that the model had not learned.
     """
 
     truth: int
     posteriors: Floats
-    foreseen: Floats | None
+    log_likelihood: Floats | None
 
 
 def fit_calibration(results: Sequence[HeldOutResult], movements: int) -> PosteriorCalibration:
@@ -130,9 +130,9 @@ def fit_calibration(results: Sequence[HeldOutResult], movements: int) -> Posteri
     temperature, doubt = _least_log_loss(posteriors, truth, _weights(truth, movements))
     if len(results) < FEWEST_EXAMPLES:
         return _nearly_cautious(temperature, doubt, len(results) / FEWEST_EXAMPLES)
-    if posteriors.shape[1] > movements or any(r.foreseen is None for r in results):
+    if posteriors.shape[1] > movements or any(r.log_likelihood is None for r in results):
         return PosteriorCalibration(temperature, doubt)
-    statistics = _foreseen_statistics(results, movements)
+    statistics = _likelihood_statistics(results, movements)
     own = np.array([_spreads_below(r, r.truth, statistics) for r in results])
     other = np.array([_spreads_below(r, _best_other(r), statistics) for r in results])
     slope, unlike = _logistic(own, other)
@@ -177,11 +177,11 @@ def _least_log_loss(posteriors: Floats, truth: Indices, weights: Floats) -> tupl
     return best[1], best[2]
 
 
-def _foreseen_statistics(results: Sequence[HeldOutResult], movements: int) -> tuple[tuple[float, float], ...]:
+def _likelihood_statistics(results: Sequence[HeldOutResult], movements: int) -> tuple[tuple[float, float], ...]:
     own: list[list[float]] = [[] for _ in range(movements)]
     for r in results:
-        if r.foreseen is not None:
-            own[r.truth].append(float(r.foreseen[r.truth]))
+        if r.log_likelihood is not None:
+            own[r.truth].append(float(r.log_likelihood[r.truth]))
     everything = np.array([value for values in own for value in values])
     spreads = np.array([np.std(values) for values in own if len(values) > 1] or [everything.std()])
     smallest = max(SMALLEST_SPREAD * float(spreads.mean()), 1e-6)
@@ -196,7 +196,7 @@ def _foreseen_statistics(results: Sequence[HeldOutResult], movements: int) -> tu
 def _spreads_below(result: HeldOutResult, movement: int, statistics: Sequence[tuple[float, float]]) -> float:
     """By how many spreads the likelihood lies below that movement's mean."""
     mean, spread = statistics[movement]
-    return 0.0 if result.foreseen is None else (mean - float(result.foreseen[movement])) / spread
+    return 0.0 if result.log_likelihood is None else (mean - float(result.log_likelihood[movement])) / spread
 
 
 def _best_other(result: HeldOutResult) -> int:

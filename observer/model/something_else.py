@@ -39,7 +39,7 @@ FEWEST = 20
 """Movements of people left out; fewer do not tell how far members agree."""
 AGREED_FROM = 0.6
 """The share of a movement from which members agree about it, if they know it."""
-TOLERATED, STEEP, MOST = 0.5, 4.0, 9.0
+TOLERATED, STEEP, MOST_NATS = 0.5, 4.0, 9.0
 """Disagreement counts from these log odds on, so many times, and up to so many nats: chosen on people left out."""
 
 
@@ -130,15 +130,15 @@ def learn_agreement(
 
 
 def disagreement(members: Floats, confusions: Floats, parameters: Mapping[str, float]) -> float:
-    """(2, M) posteriors -> nats for something else, from 0 to MOST."""
+    """(2, M) posteriors -> nats for something else, from 0 to MOST_NATS."""
     slope, offset = parameters[AGREEMENT_SLOPE], parameters[AGREEMENT_OFFSET]
     if not slope:
         return 0.0
     nats = STEEP * (slope * float(agreement_of(members, confusions)) + offset - TOLERATED)
-    return min(max(nats, 0.0), MOST)
+    return min(max(nats, 0.0), MOST_NATS)
 
 
-def raised(p: float, nats: float) -> float:
+def add_log_odds(p: float, nats: float) -> float:
     """The probability of what so many nats speak for."""
     odds = math.exp(nats)
     return p * odds / (1.0 - p + p * odds) if nats else p

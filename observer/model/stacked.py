@@ -20,7 +20,8 @@ from observer.model.chains import fill_gaps
 from observer.model.common_gestures import learns_gestures
 from observer.model.cross_validation import CrossValidation, LearnedFromOthers
 from observer.model.discriminative import Discriminative
-from observer.model.few_takes import BLEND, CALIBRATION, COMMON_OFFSET, OFFSET, blends, pooled_with_takes
+from observer.model.few_takes import CALIBRATION, COMMON_OFFSET, OFFSET, judges_by_takes, pooled_with_takes
+from observer.model.few_takes import PARAMETERS as FEW_TAKES_PARAMETERS
 from observer.model.nearest_take import NEAREST, arrays_of, held_out_distances, scales_in, takes_of
 from observer.model.parameters import Parameter
 from observer.model.phase import Phase, posture_reader
@@ -47,7 +48,7 @@ class Stacked(LearnsStreams):
         **EXPONENTS,
         **AGREEMENT,
         **NEAREST,
-        **BLEND,
+        **FEW_TAKES_PARAMETERS,
     }
 
     def __init__(
@@ -63,7 +64,7 @@ class Stacked(LearnsStreams):
         self.confusions = np.eye(header.vocabulary.size) if confusions is None else confusions
         examples = discriminative.memory.examples
         self.takes = takes_of(header, examples, take_scales)
-        self.blends = self.takes is not None and blends(header, examples)
+        self.judges_by_takes = self.takes is not None and judges_by_takes(header, examples)
         self.else_offset = COMMON_OFFSET if learns_gestures(discriminative.header, examples) else OFFSET
 
     @classmethod
@@ -71,9 +72,11 @@ class Stacked(LearnsStreams):
         """Learn both members; the phase filter learns from the movements of the vocabulary only."""
         header = replace(with_defaults(header, cls.PARAMETERS), background=header.background or ())
         members = [_split(header, e) for e in examples]
-        phase = Phase.learn(_of_phase(header), [p for p, _ in members if p.movement >= 0])
+        phase = Phase.learn(_phase_header(header), [p for p, _ in members if p.movement >= 0])
         traces = [_trace_of(header, s) for s in streams]
-        discriminative = Discriminative.learn_with_streams(_of_other(header), [d for _, d in members], traces)
+        discriminative = Discriminative.learn_with_streams(
+            _discriminative_header(header), [d for _, d in members], traces
+        )
         return cls(header, phase, discriminative)
 
     @classmethod
@@ -86,7 +89,7 @@ class Stacked(LearnsStreams):
             examples=[other for _, other in split],
             streams=[_trace_of(header, s) for s in cross_validation.streams],
         )
-        of_others, scaling = Discriminative.held_out(_of_other(header), others)
+        of_others, scaling = Discriminative.held_out(_discriminative_header(header), others)
         shares = (*RUNNING_AT, *cross_validation.shares)
         numbers, truth, members = [], [], []
         for n, of_phase in _held_out_phases(header, [p for p, _ in split], cross_validation, shares):
@@ -104,9 +107,9 @@ class Stacked(LearnsStreams):
             scaling |= learn_agreement(of_late, np.array(truth), confusions, header.parameters, explicit)
         own = [pooled_at(shares, p, exponents) for p in members]
         calibration = None
-        if blends(header, others.examples) and takes_of(header, others.examples, None) is not None:
-            far = held_out_distances(header, others.examples, others.folds, shares)
-            own = [pooled_with_takes(p[:, 0], p[:, 1], far[n]) for n, p in zip(numbers, members, strict=True)]
+        if judges_by_takes(header, others.examples) and takes_of(header, others.examples, None) is not None:
+            distances = held_out_distances(header, others.examples, others.folds, shares)
+            own = [pooled_with_takes(p[:, 0], p[:, 1], distances[n]) for n, p in zip(numbers, members, strict=True)]
             calibration = CALIBRATION
         results = [HeldOutResult(m, p[len(RUNNING_AT) :], None) for m, p in zip(truth, own, strict=True)]
         return LearnedFromOthers({**scaling, **exponents}, results, arrays, calibration)
@@ -115,8 +118,8 @@ class Stacked(LearnsStreams):
     def read(cls, header: Header, example: Example | Stream) -> Floats:
         """(F, D) the phase filter's features, then the trace."""
         if isinstance(example, Stream):
-            return Discriminative.read(_of_other(header), example)
-        reader, trace = posture_reader(_of_phase(header)), BodyTrace(header.body_parts, header.rate_hz)
+            return Discriminative.read(_discriminative_header(header), example)
+        reader, trace = posture_reader(_phase_header(header)), BodyTrace(header.body_parts, header.rate_hz)
         rows, postures = [], []
         for tracks in example.tracks:
             rows.append(trace.update(tracks))
@@ -130,8 +133,10 @@ class Stacked(LearnsStreams):
         confusions = np.asarray(arrays.get("confusions", np.eye(movements)), np.float64)
         if confusions.shape != (movements, movements) or not ((confusions >= 0) & (confusions <= 1)).all():
             raise ValueError(f"confusions {confusions.shape}: {movements} by {movements} from 0 to 1 are expected")
-        phase, scales = Phase.from_arrays(_of_phase(header), arrays), scales_in(arrays, movements)
-        return cls(header, phase, Discriminative.from_arrays(_of_other(header), arrays), confusions, scales)
+        phase, scales = Phase.from_arrays(_phase_header(header), arrays), scales_in(arrays, movements)
+        return cls(
+            header, phase, Discriminative.from_arrays(_discriminative_header(header), arrays), confusions, scales
+        )
 
     def arrays(self) -> Arrays:
         """Those of both members, whose names differ, how the movements are confused, and how far takes are apart."""
@@ -141,17 +146,19 @@ class Stacked(LearnsStreams):
     def grown(self, header: Header, examples: Sequence[Example]) -> Self:
         """The phase filter as it was, and grown; the discriminative classifiers learned again."""
         members = [_split(header, e) for e in examples]
-        phase = self.phase.grown(_of_phase(header), [p for p, _ in members])
-        discriminative = self.discriminative.grown(_of_other(header), [d for _, d in members])
+        phase = self.phase.grown(_phase_header(header), [p for p, _ in members])
+        discriminative = self.discriminative.grown(_discriminative_header(header), [d for _, d in members])
         confusions, known = np.eye(header.vocabulary.size), len(self.confusions)
         confusions[:known, :known] = self.confusions
         return type(self)(header, phase, discriminative, confusions)
 
     def shrunk(self, header: Header, remaining: Sequence[int]) -> Self:
         """The phase filter without the other movements; the discriminative classifiers learned again."""
-        phase = self.phase.shrunk(_of_phase(header), remaining)
+        phase = self.phase.shrunk(_phase_header(header), remaining)
         confusions = self.confusions[np.ix_(remaining, remaining)]
-        return type(self)(header, phase, self.discriminative.shrunk(_of_other(header), remaining), confusions)
+        return type(self)(
+            header, phase, self.discriminative.shrunk(_discriminative_header(header), remaining), confusions
+        )
 
     def without_background(self, gone: int) -> Self:
         """The same phase filter; the discriminative classifiers learned again."""
@@ -164,12 +171,12 @@ class Stacked(LearnsStreams):
         return StackedWatch(self, onset)
 
 
-def _of_phase(header: Header) -> Header:
+def _phase_header(header: Header) -> Header:
     parameters = {name: header.parameters[name] for name in Phase.PARAMETERS}
     return replace(header, kind=Phase.kind, parameters=parameters, background=None)
 
 
-def _of_other(header: Header) -> Header:
+def _discriminative_header(header: Header) -> Header:
     parameters = {name: header.parameters[name] for name in Discriminative.PARAMETERS}
     return replace(header, kind=Discriminative.kind, parameters=parameters)
 
@@ -191,7 +198,7 @@ def _held_out_phases(
     for fold in cross_validation.folds:
         left_out = set(fold)
         others = [e for n, e in enumerate(examples) if n not in left_out and e.movement >= 0]
-        phase = Phase.learn(_of_phase(header), others)
+        phase = Phase.learn(_phase_header(header), others)
         for n in fold:
             if n in cross_validation.watched and examples[n].movement >= 0:
                 tracks, watch = examples[n].tracks, phase.watch(Onset(known=True))

@@ -12,7 +12,7 @@ from observer.model.few_takes import pooled_with_takes, something_else_with_take
 from observer.model.log_linear_pool import SMALLEST
 from observer.model.nearest_take import WEIGHT, NearestTakeWatch
 from observer.model.phase import PhaseWatch, posture_reader
-from observer.model.something_else import disagreement, raised
+from observer.model.something_else import add_log_odds, disagreement
 from observer.model.stack_exponents import ENDED, RUNNING
 from observer.tracks import Floats, Tracks
 
@@ -28,21 +28,21 @@ class StackedWatch(Watch):
 
     def __init__(self, model: "Stacked", onset: Onset) -> None:
         self._model = model
-        self._other: DiscriminativeWatch = model.discriminative.watch(onset)
+        self._discriminative: DiscriminativeWatch = model.discriminative.watch(onset)
         self._phase: PhaseWatch | None = None
         self._nearest: NearestTakeWatch | None = None
         self._reader = posture_reader(model.phase.header)
         # Features and stillness of the last frames.
-        self._recent: deque[tuple[Floats, float]] = deque(maxlen=self._other.segment.lag + 1)
+        self._recent: deque[tuple[Floats, float]] = deque(maxlen=self._discriminative.segment.lag + 1)
         facings = model.phase.facings
         self._facing: Floats = np.full(facings, 1.0 / facings)
         self._turned = 1 - math.exp(-1 / (TURN_S * model.header.rate_hz))
 
     def update(self, tracks: Tracks) -> None:
         """Take in one frame."""
-        before = self._other.segment.begun
-        self._other.update(tracks)
-        begun, frame = self._other.segment.begun, self._other.trace.frame
+        before = self._discriminative.segment.begun
+        self._discriminative.update(tracks)
+        begun, frame = self._discriminative.segment.begun, self._discriminative.trace.frame
         self._recent.append((self._reader.read(tracks, frame.origin, frame.size), frame.still))
         if not tracks.visible.any():
             return
@@ -53,11 +53,12 @@ class StackedWatch(Watch):
             for features, still in list(self._recent)[-begun:]:
                 self._phase.step(features, still)
             if self._model.takes is not None:
-                self._nearest = NearestTakeWatch(self._model.takes, self._other.rows[len(self._other.rows) - begun :])
-        elif not self._other.segment.over:
+                rows = self._discriminative.rows
+                self._nearest = NearestTakeWatch(self._model.takes, rows[len(rows) - begun :])
+        elif not self._discriminative.segment.over:
             self._phase.step(*self._recent[-1])
             if self._nearest is not None:
-                self._nearest.step(self._other.rows[-1])
+                self._nearest.step(self._discriminative.rows[-1])
         self._follow_facing()
 
     def _follow_facing(self) -> None:
@@ -70,28 +71,28 @@ class StackedWatch(Watch):
 
     def end(self) -> None:
         """The recording has ended, and with it the movement."""
-        self._other.end()
+        self._discriminative.end()
 
     @property
-    def _blends(self) -> bool:
-        """Whether the posterior is that of few_takes.py: few takes by several people, and a begin is known."""
-        return self._nearest is not None and self._model.blends
+    def _judges_by_takes(self) -> bool:
+        """Whether the posterior is that of few_takes.py: few takes by several people, and the begin is known."""
+        return self._nearest is not None and self._model.judges_by_takes
 
     @property
-    def _far(self) -> Floats:
-        """(M,) distances between takes from the nearest one of each movement; inf if unknown."""
-        return np.empty(0) if self._nearest is None else self._nearest.far
+    def _take_distances(self) -> Floats:
+        """(M,) relative distance from the nearest take of each movement; inf while unknown."""
+        return np.empty(0) if self._nearest is None else self._nearest.relative_distances
 
     @property
     def _log_joint(self) -> Floats:
         """(M, K) not normalised; K = 1 without facings."""
-        movements = np.log(np.maximum(self._other.p, SMALLEST))
+        movements = np.log(np.maximum(self._discriminative.p, SMALLEST))
         if self._phase is None:
             # The exponents were learned for both members together; one that judges alone is believed as it is.
             return movements[:, None] + np.log(np.maximum(self._facing, 1e-300))
-        if self._blends:
-            return np.log(pooled_with_takes(self._phase.p, self._other.p, self._far))[:, None]
-        names = ENDED if self._other.judges_ended else RUNNING
+        if self._judges_by_takes:
+            return np.log(pooled_with_takes(self._phase.p, self._discriminative.p, self._take_distances))[:, None]
+        names = ENDED if self._discriminative.judges_ended else RUNNING
         generative, discriminative = (self._model.header.parameters[name] for name in names)
         movements *= discriminative
         joint, phase = self._phase.joint, self._phase.p
@@ -105,7 +106,7 @@ class StackedWatch(Watch):
     def _posterior(self) -> Floats:
         logs = self._log_joint
         p = np.exp(logs - logs.max())
-        doubt = self._other.doubt
+        doubt = self._discriminative.doubt
         posterior: Floats = (1 - doubt) * p / p.sum() + doubt / p.size
         return posterior
 
@@ -123,20 +124,20 @@ class StackedWatch(Watch):
     @property
     def unlearned(self) -> Floats | None:
         """(K,) P(something else, facing)."""
-        p, nats = float(self._other.unlearned[0]), 0.0
-        if self._phase is not None and self._blends:
+        p, nats = float(self._discriminative.unlearned[0]), 0.0
+        if self._phase is not None and self._judges_by_takes:
             # A person out of sight is forgotten by both.
             offset = self._model.else_offset
-            blended = something_else_with_takes(self._phase.p, self._other.p, self._far, p, offset)
-            return (blended + (p - blended) * self._other.doubt) * self._facing
-        if self._phase is not None and not self._other.judges_ended:
-            members = np.array([self._phase.p, self._other.p])
+            p_else = something_else_with_takes(self._phase.p, self._discriminative.p, self._take_distances, p, offset)
+            return (p_else + (p - p_else) * self._discriminative.doubt) * self._facing
+        if self._phase is not None and not self._discriminative.judges_ended:
+            members = np.array([self._phase.p, self._discriminative.p])
             nats = disagreement(members, self._model.confusions, self._model.header.parameters)
         if self._nearest is not None:
             nats += self._nearest.nats(int(self.p.argmax()), self._model.header.parameters[WEIGHT])
-        return raised(p, nats * (1 - self._other.doubt)) * self._facing
+        return add_log_odds(p, nats * (1 - self._discriminative.doubt)) * self._facing
 
     @property
     def rest(self) -> float:
         """P(at rest now)."""
-        return self._other.rest
+        return self._discriminative.rest

@@ -74,7 +74,9 @@ def test_facings_and_predictive_likelihood_fit_the_posterior(model):
     for tracks in view_tracks(DOOR, move("wave", 6), BODY_PARTS, BODY_PARTS):
         watch.update(tracks)
         assert watch.joint is None or watch.joint.sum(axis=1) == pytest.approx(watch.p)
-        assert watch.foreseen is None or (watch.foreseen.shape == (3,) and np.isfinite(watch.foreseen).all())
+        assert watch.predictive_log_likelihood is None or (
+            watch.predictive_log_likelihood.shape == (3,) and np.isfinite(watch.predictive_log_likelihood).all()
+        )
         if isinstance(model, LearnsStreams):
             assert watch.unlearned.shape == (1,) and 0 <= watch.unlearned[0] <= 1
         else:

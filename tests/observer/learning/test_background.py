@@ -190,7 +190,7 @@ def test_a_background_example_is_evaluated_by_a_model_without_its_movement(monke
     assert sorted(shown) == [-2, -2, -1, -1, 0, 0, 1, 1]
     for movement, chains in zip(shown, learned, strict=True):
         assert chains == ({-1, 0, 1} if movement < 0 else {-2, -1, 0, 1})
-    assert calibration.foreseen == () and calibration.slope == 0
+    assert calibration.likelihood_statistics == () and calibration.slope == 0
 
 
 def test_all_background_examples_together_weigh_as_one_movement():

@@ -127,9 +127,15 @@ def test_an_added_movement_has_all_facings_and_its_predictive_statistics(with_fa
     assert sorted(arrays["facing_of"][arrays["movement_of"] == 2].tolist()) == sorted([0, 1, 2, 3] * 4)
     calibration = grown.header.calibration
     assert (calibration.temperature, calibration.doubt) == (1.5, 0.03)
-    assert calibration.foreseen[:2] == with_facings.header.calibration.foreseen and len(calibration.foreseen) == 3
-    assert calibration.foreseen[2][1] >= 0.6, "no narrower than is usual among the others"
-    assert remove_movements(grown, ("ok",)).header.calibration.foreseen == calibration.foreseen[1:]
+    assert (
+        calibration.likelihood_statistics[:2] == with_facings.header.calibration.likelihood_statistics
+        and len(calibration.likelihood_statistics) == 3
+    )
+    assert calibration.likelihood_statistics[2][1] >= 0.6, "no narrower than is usual among the others"
+    assert (
+        remove_movements(grown, ("ok",)).header.calibration.likelihood_statistics
+        == calibration.likelihood_statistics[1:]
+    )
 
 
 def test_added_examples_are_evaluated_by_models_without_them(with_facings, people, monkeypatch):
@@ -148,11 +154,13 @@ def test_added_examples_are_evaluated_by_models_without_them(with_facings, peopl
     assert chains == [8] * 3
 
 
-def test_with_one_person_an_added_movement_is_foreseen_no_better_than_the_others(with_facings, people):
+def test_with_one_person_an_added_movement_is_predicted_no_better_than_the_others(with_facings, people):
     single = add_movements(with_facings, recordings_of(people, ("3",), (NEW[0],), trials=1), DOOR)
-    assert single.results == () and single.model.header.calibration.foreseen[2] == pytest.approx((-2.5, 0.6))
+    assert single.results == () and single.model.header.calibration.likelihood_statistics[2] == pytest.approx(
+        (-2.5, 0.6)
+    )
     several = add_movements(with_facings, recordings_of(people, ("3",), (NEW[0],)), DOOR)
-    assert len(several.results) == 3 and several.model.header.calibration.foreseen[2][0] <= -2.5
+    assert len(several.results) == 3 and several.model.header.calibration.likelihood_statistics[2][0] <= -2.5
 
 
 @pytest.mark.parametrize(

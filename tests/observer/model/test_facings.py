@@ -96,7 +96,7 @@ def test_the_file_contains_facings_and_calibration(calibrated, people, tmp_path)
     write_model(tmp_path / "a.model", calibrated)
     again = read_model(tmp_path / "a.model")
     assert again.header.calibration == calibrated.header.calibration != PosteriorCalibration()
-    assert again.header.parameters["facings"] == 2 and len(again.header.calibration.foreseen) == 3
+    assert again.header.parameters["facings"] == 2 and len(again.header.calibration.likelihood_statistics) == 3
     assert np.bincount(again.arrays()["facing_of"]).tolist() == [24, 24]
     recording = third(people)[0]
     for one, other in zip(watched(calibrated, recording, 180), watched(again, recording, 180), strict=True):

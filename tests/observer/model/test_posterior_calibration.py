@@ -59,24 +59,24 @@ def test_one_facing_is_the_same_as_none(seed, temperature, doubt):
 
 
 STATS = ((-1.0, 0.5), (-2.0, 1.0), (-1.5, 0.25))
-KNOWING = PosteriorCalibration(foreseen=STATS, unlike=2.0, slope=1.5)
+KNOWING = PosteriorCalibration(likelihood_statistics=STATS, unlike=2.0, slope=1.5)
 LEAST, MOST = (1 / (1 + 3 * np.exp(-hint)) for hint in (-MAX_EVIDENCE, MAX_EVIDENCE))
 
 
 @pytest.mark.parametrize("m", range(3))
 def test_with_even_odds_unlearned_has_its_prior(m):
     p, (mean, spread) = np.eye(3)[m], STATS[m]
-    foreseen = np.full(3, 7.0)
-    foreseen[m] = mean - 2.0 * spread
-    assert KNOWING.unlearned(p, foreseen) == pytest.approx(1 / 4)
+    log_likelihood = np.full(3, 7.0)
+    log_likelihood[m] = mean - 2.0 * spread
+    assert KNOWING.unlearned(p, log_likelihood) == pytest.approx(1 / 4)
 
 
 @some
 @given(seed=st.integers(0, 999), worse=st.floats(0.01, 3.0))
 def test_unlearned_grows_as_the_likelihood_falls(seed, worse):
     rng = np.random.default_rng(seed)
-    p, foreseen = rng.dirichlet(np.ones(3)), rng.uniform(-3, 0, 3)
-    before, after = KNOWING.unlearned(p, foreseen), KNOWING.unlearned(p, foreseen - worse)
+    p, log_likelihood = rng.dirichlet(np.ones(3)), rng.uniform(-3, 0, 3)
+    before, after = KNOWING.unlearned(p, log_likelihood), KNOWING.unlearned(p, log_likelihood - worse)
     assert 0 < before <= after < 1
     assert before < after or before in (pytest.approx(LEAST), pytest.approx(MOST))
 
@@ -116,7 +116,7 @@ def results(rng, overconfidence, count=1500, movements=6, errors=0.0):
 )
 def test_the_fit_finds_temperature_and_doubt(overconfidence, errors, within, doubts):
     fitted = fit_calibration(results(np.random.default_rng(0), overconfidence, errors=errors), 6)
-    assert fitted.temperature == pytest.approx(overconfidence, rel=within) and fitted.foreseen == ()
+    assert fitted.temperature == pytest.approx(overconfidence, rel=within) and fitted.likelihood_statistics == ()
     assert doubts[0] <= fitted.doubt <= doubts[1]
 
 
@@ -127,22 +127,22 @@ def test_the_fewer_the_examples_the_more_cautious_is_the_fit():
     assert fit_calibration([], 6) == CAUTIOUS
 
 
-def results_with_foreseen(rng, spreads_apart, count=200):
+def results_with_likelihoods(rng, spreads_apart, count=200):
     """Results with mean -1 and -2 and spread 0.3; the other movement lies `spreads_apart` spreads lower."""
     outcome = []
     for n in range(count):
         truth, means = n % 2, np.array([-1.0, -2.0])
-        foreseen = rng.normal(means, 0.3)
-        foreseen[1 - truth] -= spreads_apart * 0.3
-        outcome.append(HeldOutResult(truth, np.array([[0.9, 0.1], [0.1, 0.9]])[[truth]], foreseen))
+        log_likelihood = rng.normal(means, 0.3)
+        log_likelihood[1 - truth] -= spreads_apart * 0.3
+        outcome.append(HeldOutResult(truth, np.array([[0.9, 0.1], [0.1, 0.9]])[[truth]], log_likelihood))
     return outcome
 
 
 @settings(max_examples=10, deadline=None)
 @given(st.integers(0, 20))
 def test_the_fit_learns_statistics_and_odds_of_unlearned(seed):
-    fitted = fit_calibration(results_with_foreseen(np.random.default_rng(seed), spreads_apart=6.0), 2)
-    assert np.array(fitted.foreseen) == pytest.approx(np.array([(-1.0, 0.3), (-2.0, 0.3)]), abs=0.08)
+    fitted = fit_calibration(results_with_likelihoods(np.random.default_rng(seed), spreads_apart=6.0), 2)
+    assert np.array(fitted.likelihood_statistics) == pytest.approx(np.array([(-1.0, 0.3), (-2.0, 0.3)]), abs=0.08)
     assert 1.5 < fitted.unlike < 4.5 and fitted.slope > 0
     for m, mean in enumerate((-1.0, -2.0)):
         like, unlike = (fitted.unlearned(np.eye(2)[m], np.full(2, mean - below)) for below in (0.0, 1.8))
@@ -150,11 +150,12 @@ def test_the_fit_learns_statistics_and_odds_of_unlearned(seed):
 
 
 def test_a_movement_with_one_example_gets_the_statistics_of_the_others():
-    examples = results_with_foreseen(np.random.default_rng(0), 6.0, count=30)
+    examples = results_with_likelihoods(np.random.default_rng(0), 6.0, count=30)
     alone = HeldOutResult(2, np.full((1, 3), 1 / 3), np.array([-3.0, -3.0, -1.2]))
     widened = [
-        HeldOutResult(t.truth, np.append(t.posteriors, [[0.0]], axis=1), np.append(t.foreseen, -9.0)) for t in examples
+        HeldOutResult(t.truth, np.append(t.posteriors, [[0.0]], axis=1), np.append(t.log_likelihood, -9.0))
+        for t in examples
     ]
-    own = [t.foreseen[t.truth] for t in widened] + [-1.2]
-    mean, spread = fit_calibration([*widened, alone], 3).foreseen[2]
+    own = [t.log_likelihood[t.truth] for t in widened] + [-1.2]
+    mean, spread = fit_calibration([*widened, alone], 3).likelihood_statistics[2]
     assert mean == pytest.approx(np.mean(own)) and spread > np.std(own)

@@ -14,13 +14,13 @@ from observer.model.something_else import (
     SCALING,
     SLOPE,
     ElseRows,
+    add_log_odds,
     agreement_of,
     disagreement,
     learn_agreement,
     learn_confusions,
     learn_scaling,
     log_odds_of,
-    raised,
     scaled,
 )
 
@@ -72,7 +72,7 @@ def members_of(truth, sure, movements=6, seed=0):
 def judged(members, parameters, p=0.2, confusions=None):
     """P(something else) after the members have judged."""
     confusions = np.eye(members.shape[-1]) if confusions is None else confusions
-    return raised(p, disagreement(members, confusions, parameters))
+    return add_log_odds(p, disagreement(members, confusions, parameters))
 
 
 def learned_agreement(count=60, sure=4.0, explicit=(), movements=6):
