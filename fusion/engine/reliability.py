@@ -5,11 +5,17 @@
    probabilities. Reliability is ((right + c) / (claimed + c))^2 over both sums, at most 1: an honestly unsure observer
    loses nothing, a sure and wrong one does, also if it is sure of something else. At least three votes are needed,
    because of two that differ either may be right.
+   Such a movement is also evidence whether what the observer publishes has anything to do with the movement at all. Of
+   R answers, a(label) is likelier than a random answer by the factor R a(label), blurred to g = (1-b) R a(label) + b.
+   With E the sum of ln g, from LEAST_EVIDENCE to MOST_EVIDENCE, reliability is multiplied by (1 + odds) / (1 + odds
+   exp(-E)), at most 1: P(not plainly wrong) over its value at the start, with the odds of guarded_product.py. Three
+   movements expose a liar; an observer that agreed before can afford one error more.
 2. The distance of two posteriors (strengths.py) tells whether their observers see the same, whatever is right:
    rho = n/(n + c) exp(-mean distance / CORRELATION_SCALE). Two that are certain of the same teach nothing by it.
 3. All counts are multiplied by DECAY per verdict, so that an observer that agrees again is relied on again after about
    twenty.
-4. Reliability is at least MIN_RELIABILITY: a majority may be wrong and must not silence the one that is right.
+4. A majority may be wrong, and must not silence the one that is right for good: rule 1 counts down to MIN_RATIO, and
+   E has a limit, so that five or six movements in which an observer agrees with the others restore most of its voice.
 5. An abstention teaches nothing. A verdict teaches once, however often it is published.
 6. Steadiness needs no verdict: a posterior is cumulative, and the next one, a frame later, follows from it. o = sum_m
    p(m) p'(m)/prior(m) is the Bayes factor of the next posterior if the last one was right, against a random one.
@@ -32,12 +38,17 @@ from pydantic import Field
 from common.messages import VerdictMessage
 from common.probability import Floats
 from common.vocabulary import ABSTAIN, Vocabulary
+from fusion.engine.guarded_product import ODDS_OF_THREE
 from fusion.engine.strengths import log_distance
 
 DECAY = 0.95
 PRIOR_COUNT = 4.0
 """c: imagined earlier verdicts in which the observer was as reliable and independent as it claimed."""
-MIN_RELIABILITY = 0.1
+MIN_RATIO, MIN_RELIABILITY = 0.1, 0.001
+BLUR = 0.1
+"""b: a calibrated observer is now and then sure and wrong."""
+LEAST_EVIDENCE, MOST_EVIDENCE = -8.0, 3.0
+"""Nats."""
 CORRELATION_SCALE = 0.1
 """Mean distance at which rho is 1/e; views 8, 30 and 90 degrees apart had distances of about .05, .15 and .25."""
 UNCERTAIN_MASS = 0.1
@@ -60,7 +71,7 @@ Counts = Mapping[str, Annotated[float, Field(ge=0, allow_inf_nan=False)]]
 class Reliability:
     """Decaying counts: right and claimed per observer; times and distance per pair, under "one two".
 
-    verdict: id of the last verdict that was counted.
+    verdict: id of the last verdict that was counted. evidence: E of each observer.
     """
 
     right: Counts = field(default_factory=dict)
@@ -68,12 +79,14 @@ class Reliability:
     times: Counts = field(default_factory=dict)
     distance: Counts = field(default_factory=dict)
     verdict: str = ""
+    evidence: Mapping[str, Annotated[float, Field(ge=LEAST_EVIDENCE, le=MOST_EVIDENCE)]] = field(default_factory=dict)
 
     def reliability(self, observer: str) -> float:
         """How far to rely on an observer: MIN_RELIABILITY to 1."""
         right, claimed = self.right.get(observer, 0.0), self.claimed.get(observer, 0.0)
         ratio = (right + PRIOR_COUNT) / (claimed + PRIOR_COUNT)
-        return round(min(1.0, max(MIN_RELIABILITY, ratio**2)), 3)
+        believed = (1.0 + ODDS_OF_THREE) / (1.0 + ODDS_OF_THREE * math.exp(-self.evidence.get(observer, 0.0)))
+        return round(max(MIN_RELIABILITY, min(max(ratio**2, MIN_RATIO), 1.0) * min(believed, 1.0)), 3)
 
     def correlations(self, observer: str) -> dict[str, float]:
         """rho with each correlated observer, MIN_CORRELATION to 1."""
@@ -129,6 +142,7 @@ def learn_from_verdict(reliability: Reliability, verdict: VerdictMessage, vocabu
     size = vocabulary.size
     votes = {name: np.array(v.p) for name, v in verdict.votes.items() if v.p is not None and len(v.p) == size}
     right, claimed = _decayed(reliability.right), _decayed(reliability.claimed)
+    evidence = {name: nats for name, nats in reliability.evidence.items() if name in claimed}
     if len(votes) >= 3 and verdict.label in vocabulary.labels:
         label = vocabulary.index(verdict.label)
         for name, p in votes.items():
@@ -136,13 +150,15 @@ def learn_from_verdict(reliability: Reliability, verdict: VerdictMessage, vocabu
             answers = np.append(p * (1.0 - unlearned), unlearned)
             right[name] = right.get(name, 0.0) + float(answers[label])
             claimed[name] = claimed.get(name, 0.0) + float(answers @ answers)
+            gain = math.log((1.0 - BLUR) * len(answers) * float(answers[label]) + BLUR)
+            evidence[name] = min(max(evidence.get(name, 0.0) + gain, LEAST_EVIDENCE), MOST_EVIDENCE)
     times, distance = _decayed(reliability.times), _decayed(reliability.distance)
     for (one, p), (two, q) in combinations(sorted(votes.items()), 2):
         weight = min(1.0, (1.0 - float((p + q).max()) / 2) / UNCERTAIN_MASS)
         pair = f"{one} {two}"
         times[pair] = times.get(pair, 0.0) + weight
         distance[pair] = distance.get(pair, 0.0) + weight * float(log_distance(np.array([p, q]) * size)[0, 1])
-    return Reliability(right, claimed, times, distance, verdict.id)
+    return Reliability(right, claimed, times, distance, verdict.id, evidence)
 
 
 def _decayed(counts: Mapping[str, float]) -> dict[str, float]:

@@ -54,6 +54,13 @@ def test_only_a_sure_and_wrong_observer_loses_reliability_and_it_recovers_by_agr
 def test_a_wrong_majority_does_not_silence_for_ever():
     reliability = after(500, {"a": sure("kick"), "b": sure("kick"), "right": sure("bow")}, label="kick")
     assert reliability.reliability("right") == MIN_RELIABILITY
+    agreeing = after(12, {name: sure("bow") for name in ("a", "b", "right")}, reliability)
+    assert reliability.reliability("right") < 0.01 < 0.2 < agreeing.reliability("right")
+
+
+def test_three_movements_expose_a_liar_and_one_error_costs_little_after_agreement():
+    liar, erring = after(3, ONE_WRONG), after(1, ONE_WRONG, after(5, {**RIGHT, "d": sure("bow", 0.95)}))
+    assert liar.reliability("d") < 0.05 and erring.reliability("d") > 0.6
 
 
 def test_an_honestly_unsure_observer_loses_nothing():
