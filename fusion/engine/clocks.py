@@ -33,8 +33,9 @@ class _ObserverClock:
 
     def is_doubtful_after(self, message: PosteriorMessage) -> bool:
         """Rule 3. Copies, late messages and new sessions say nothing about the clock."""
-        follows = message.session == self.session and message.seq > self.seq
-        return self.doubtful or (follows and message.sent_ns <= self.sent_ns)
+        if self.doubtful or message.sent_ns > self.sent_ns:
+            return self.doubtful
+        return message.session == self.session and message.seq > self.seq
 
 
 class Clocks:
@@ -59,11 +60,14 @@ class Clocks:
         clock = self._clocks.get(observer)
         if clock is None:
             return message.captured_ns
-        sent_now_ns = now_ns - max(0, message.sent_ns - message.captured_ns)
+        captured_ns, sent_ns = message.captured_ns, message.sent_ns
+        if captured_ns > sent_ns:
+            captured_ns = sent_ns
+        latest_ns = now_ns - (sent_ns - captured_ns)
         if clock.is_doubtful_after(message):
-            return sent_now_ns
-        captured_ns = min(message.captured_ns, message.sent_ns) - clock.correction_ns
-        return min(captured_ns, sent_now_ns)
+            return latest_ns
+        captured_ns -= clock.correction_ns
+        return captured_ns if captured_ns < latest_ns else latest_ns
 
     def record_message(self, observer: str, message: PosteriorMessage) -> None:
         """Remember the stamps of a message that was used, to compare the next one's with."""

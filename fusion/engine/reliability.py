@@ -122,7 +122,7 @@ def overlap_of(p: Floats, unlearned: float | None, q: Floats, unlearned_q: float
 
 def steadiness_after_overlap(steadiness: float, overlap: float, seconds: float) -> float:
     """The same of o, the Bayes factor in (6) by which the new posterior is likelier if the last one was right."""
-    if not 0.0 < seconds <= STEADY_GAP_S:
+    if not 0.0 < seconds <= STEADY_GAP_S or (overlap >= 1.0 and steadiness == 1.0):
         return steadiness
     # A posterior may change as much as this in a long gap: only one that does so again and again contradicts itself.
     overlap = min(max(overlap, LEAST_OVERLAP if seconds <= SHORT_GAP_S else SLOW_OVERLAP), 1.0)

@@ -20,7 +20,7 @@
 """
 
 import math
-from collections import Counter, deque
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
@@ -32,16 +32,13 @@ from common.messages import PosteriorMessage, VoteState
 from common.probability import Floats, Surprise, entropy_bits, normalise, temper, uniform
 from common.vocabulary import Vocabulary
 from fusion.engine.fading import faded_facet, faded_surprise, faded_unlearned, left_after
+from fusion.engine.known_observer import NOTHING, KnownObserver
 from fusion.engine.reliability import information_of, overlap_of, steadiness_after_overlap, steady_enough
 
 POOLED_STATES = ("counted", "stale")
 """States of an observer whose posterior is pooled; in the others it contributes the prior."""
-SESSIONS_KEPT = 64
-"""Past sessions remembered per observer."""
 SAME_ID_S = 1.0
 """A process that has captured a frame so long after another one of its id began is not dead."""
-TIMING_REASONS = ("repeated", "out_of_order", "past_session", "same_id")
-"""Reasons for which a correct message is not used."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +51,6 @@ class ObserverRecord:
 
 
 NO_RECORD = ObserverRecord()
-NOTHING: Mapping[str, Floats] = {}
 
 
 @dataclass(slots=True)
@@ -67,7 +63,7 @@ class AgedPosterior:
     name. These are None or absent if the observer does not publish them, and fade like p. reliability, correlations
     with other observers: learned from verdicts; reliability is also less for an observer that contradicts itself
     (reliability.py). freshness: how much of its opinion is left at its age, and after how long it saw nobody, 0 to 1.
-    information: how much its newest message knows about the movement, before it fades, 0 to 1.
+    message: its newest one, which is not faded.
     """
 
     observer: str
@@ -82,34 +78,12 @@ class AgedPosterior:
     reliability: float = 1.0
     correlations: Mapping[str, float] = field(default_factory=dict)
     freshness: float = 1.0
-    information: float = 0.0
-
-
-@dataclass(slots=True)
-class _ObserverState:
-    """p, rest, surprise, facets: of the newest message, as AgedPosterior has them while they are fresh; computed once
-    per message instead of once per step. session_ns: when its session began here. visible_ns: when a body part was last
-    seen.
-
-    fault: the state that the last unusable message calls for. gone: the process disappeared after its last message.
-    """
-
-    past_sessions: deque[str] = field(default_factory=lambda: deque(maxlen=SESSIONS_KEPT))
     message: PosteriorMessage | None = None
-    p: Floats = field(default_factory=lambda: np.empty(0))
-    rest: float = 1.0
-    surprise: Surprise | None = None
-    facets: Mapping[str, Floats] = field(default_factory=dict)
-    steadiness: float = 1.0
-    steady_enough: float = 1.0
-    information: float = 0.0
-    session_ns: int = 0
-    captured_ns: int = 0
-    received_ns: int = 0
-    visible_ns: int = 0
-    gone: bool = False
-    fault: VoteState | None = None
-    rejected: Counter[str] = field(default_factory=Counter)
+
+    @property
+    def information(self) -> float:
+        """How much its newest message knows about the movement, before it fades, 0 to 1. Wanted some times a second."""
+        return 0.0 if self.message is None else information_of(self.message.p, self.message.unlearned)
 
 
 class Roster:
@@ -119,7 +93,7 @@ class Roster:
         self._set_vocabulary(vocabulary)
         self._config = config
         self._drop_ns = config.drop_s * SECOND_NS
-        self._states = {observer: _ObserverState() for observer in observers}
+        self._states = {observer: KnownObserver() for observer in observers}
         self._present: frozenset[str] = frozenset()
 
     @property
@@ -131,7 +105,7 @@ class Roster:
         """Take posteriors in `vocabulary` from now on; those in the old one count no more."""
         self._set_vocabulary(vocabulary)
         for observer, state in self._states.items():
-            self._states[observer] = _ObserverState(gone=state.gone, rejected=state.rejected)
+            self._states[observer] = KnownObserver(gone=state.gone, rejected=state.rejected)
 
     def _set_vocabulary(self, vocabulary: Vocabulary) -> None:
         self.vocabulary, self.prior = vocabulary, uniform(vocabulary.size)
@@ -144,36 +118,30 @@ class Roster:
             return "unknown_observer"
         reason = self._rejection(state, message, captured_ns, now_ns)
         if reason is not None:
-            _count(state, reason)
+            state.count_rejected(reason)
             return reason
-        new_session = state.message is None or message.session != state.message.session
-        if state.message is not None and new_session:
-            state.past_sessions.append(state.message.session)
-        if new_session:
-            state.session_ns = now_ns
-        if message.session in state.past_sessions:
-            state.past_sessions.remove(message.session)
-        if new_session or _sees_person(message):
-            state.visible_ns = captured_ns
-        p = self._over_our_prior(message)
-        if new_session or state.message is None:
-            state.steadiness = 1.0
+        last, p = state.message, self._over_our_prior(message)
+        if last is None or message.session != last.session:
+            state.begin_session(message, now_ns, captured_ns)
         else:
+            if _sees_person(message):
+                state.visible_ns = captured_ns
             seconds = (captured_ns - state.captured_ns) / SECOND_NS
-            overlap = overlap_of(state.p, state.message.unlearned, p, message.unlearned)
-            steadiness = steadiness_after_overlap(state.steadiness, overlap, seconds)
-            state.steadiness, state.steady_enough = steadiness, steady_enough(seconds)
+            overlap = overlap_of(state.p, last.unlearned, p, message.unlearned)
+            state.steadiness = steadiness_after_overlap(state.steadiness, overlap, seconds)
+            state.steady_enough = steady_enough(seconds)
         state.message, state.p, state.captured_ns, state.received_ns = message, p, captured_ns, now_ns
         state.rest = _relative_entropy(p) if message.rest is None else message.rest
         state.surprise = None if message.facing is None else np.array(message.facing.surprise)
-        state.facets = {name: normalise(np.array(facet)) for name, facet in (message.facets or NOTHING).items()}
-        state.gone, state.fault, state.information = False, None, information_of(message.p, message.unlearned)
+        facets = message.facets
+        state.facets = {name: normalise(np.array(facet)) for name, facet in facets.items()} if facets else NOTHING
+        state.gone, state.fault = False, None
         return None
 
     def reject(self, observer: str, reason: str) -> None:
         """Count a message that could not be read."""
         if observer in self._states:
-            _count(self._states[observer], reason)
+            self._states[observer].count_rejected(reason)
 
     def set_present(self, observers: frozenset[str]) -> None:
         """Record which observers are present on the mesh. One that was never announced still counts."""
@@ -184,29 +152,32 @@ class Roster:
 
     def posteriors(self, now_ns: int, records: Mapping[str, ObserverRecord] | None = None) -> list[AgedPosterior]:
         """The posterior of every observer, in the order of the roster, faded to its age at `now_ns`."""
-        known, steadiest = records or {}, self._steadiest(now_ns)
+        known, steadiest, aged = records or {}, self._steadiest(now_ns), self._aged
         return [
-            self._aged(name, state, now_ns, known.get(name, NO_RECORD), steadiest)
-            for name, state in self._states.items()
+            aged(name, state, now_ns, known.get(name, NO_RECORD), steadiest) for name, state in self._states.items()
         ]
 
     def _steadiest(self, now_ns: int) -> float:
         """The largest steadiness of an observer that is pooled: a change that all see at once is no contradiction."""
-        drop_ns = self._drop_ns
-        pooled = [
-            state.steadiness
-            for state in self._states.values()
-            if state.message is not None and not state.gone and abs(now_ns - state.captured_ns) <= drop_ns
-        ]
-        return max(pooled, default=1.0)
+        drop_ns, steadiest = self._drop_ns, 0.0
+        for state in self._states.values():
+            is_pooled = state.message is not None and not state.gone and abs(now_ns - state.captured_ns) <= drop_ns
+            if is_pooled and state.steadiness > steadiest:
+                steadiest = state.steadiness
+        return steadiest or 1.0
 
-    def _rejection(self, state: _ObserverState, message: PosteriorMessage, captured_ns: int, now_ns: int) -> str | None:
+    def _rejection(self, state: KnownObserver, message: PosteriorMessage, captured_ns: int, now_ns: int) -> str | None:
         if message.vocabulary.hash != self._digest:
             return "foreign_vocabulary"
         if len(message.p) != self._size:
             return "wrong_length"
         if captured_ns > now_ns + self._drop_ns:
             return "from_the_future"
+        last = state.message
+        is_next = last is not None and message.session == last.session and message.seq > last.seq
+        if is_next and state.captured_ns < captured_ns and now_ns - captured_ns <= self._drop_ns:
+            # The usual case first.
+            return None
         if abs(now_ns - state.received_ns) > self._drop_ns or state.captured_ns - now_ns > self._drop_ns:
             return None
         is_late = now_ns - state.captured_ns > self._drop_ns
@@ -214,7 +185,6 @@ class Roster:
             return None
         if message.session in state.past_sessions:
             return "same_id" if captured_ns > state.session_ns + SAME_ID_S * SECOND_NS else "past_session"
-        last = state.message
         if last is not None and not is_late and now_ns - captured_ns > self._drop_ns:
             return "out_of_order"
         if last is not None and message.session == last.session:
@@ -225,7 +195,7 @@ class Roster:
         return None
 
     def _aged(
-        self, observer: str, state: _ObserverState, now_ns: int, record: ObserverRecord, steadiest: float
+        self, observer: str, state: KnownObserver, now_ns: int, record: ObserverRecord, steadiest: float
     ) -> AgedPosterior:
         message, config = state.message, self._config
         if message is None:
@@ -234,14 +204,15 @@ class Roster:
         blind_s = (state.captured_ns - state.visible_ns) / SECOND_NS
         sight = left_after(blind_s - config.fresh_s, config.blind_s)
         exponent = sight * left_after(age_s - config.fresh_s, config.fade_s)
-        rest = 1.0 - sight * (1.0 - state.rest)
+        rest = state.rest if sight == 1.0 else 1.0 - sight * (1.0 - state.rest)
         if state.gone or abs(age_s) > config.drop_s:
             return self._unused(observer, self._unused_state(state, now_ns), age_s, rest, record)
-        # A rounded 1 is exactly 1 again.
-        steadiness = round(min(state.steadiness / (state.steady_enough * steadiest), 1.0), 3)
+        enough = state.steady_enough * steadiest
+        # Rounded, so that one that is hardly less than 1 is exactly 1.
+        steadiness = 1.0 if state.steadiness >= enough else round(state.steadiness / enough, 3)
         fresh = AgedPosterior(
             observer, state.p, rest, age_s, "counted", record.skew_s, message.unlearned, state.surprise, state.facets,
-            record.reliability * steadiness, record.correlations, exponent, state.information,
+            record.reliability * steadiness, record.correlations, exponent, message,
         )  # fmt: skip
         return fresh if exponent == 1.0 else self._faded(fresh)
 
@@ -267,7 +238,7 @@ class Roster:
             record.correlations, 0.0,
         )  # fmt: skip
 
-    def _unused_state(self, state: _ObserverState, now_ns: int) -> VoteState:
+    def _unused_state(self, state: KnownObserver, now_ns: int) -> VoteState:
         publishes = not state.gone and abs(now_ns - state.received_ns) <= self._drop_ns
         late = publishes and state.received_ns - state.captured_ns > self._drop_ns
         return state.fault or ("late" if late else "silent")
@@ -283,15 +254,9 @@ class Roster:
         return normalise(p / own_prior * self.prior)
 
 
-def _count(state: _ObserverState, reason: str) -> None:
-    state.rejected[reason] += 1
-    if reason not in TIMING_REASONS:
-        state.fault = "foreign" if reason == "foreign_vocabulary" else "invalid"
-
-
 def _sees_person(message: PosteriorMessage) -> bool:
     """Whether some body part is visible; an observer that does not say it (an audio classifier) is not blind."""
-    return not message.visible or any(message.visible.values())
+    return not message.visible or True in message.visible.values()
 
 
 def _relative_entropy(p: Floats) -> float:

@@ -9,6 +9,7 @@ from engine_stage import LABELS, UNIFORM, EngineDriver, aged, sure
 from hypothesis import given
 from hypothesis import strategies as st
 
+from common.messages import PosteriorMessage
 from fusion.engine.rest import pooled_rest
 from fusion.engine.rest_trust import AGREED_S, DISSENT_RANGE, EVIDENCE, LEAST_TRUST, USUAL_DISSENT, RestTrust
 
@@ -51,6 +52,12 @@ def test_an_observer_that_sees_nobody_leaves_rest_to_the_others_and_silence_of_a
     assert pooled_rest(gone) == pytest.approx(0.1) and pooled_rest(gone[1:]) == 1.0
 
 
+def informed(information):
+    """A message that knows so much, 0 to 1: of two movements."""
+    top = 2.0 ** (information - 1.0)
+    return PosteriorMessage.model_construct(p=[top, 1.0 - top])
+
+
 def trusted(*courses, information=()):
     """Each observer's trust after courses of rest, a step each: 0 moving, 1 resting, - sees nobody.
 
@@ -60,7 +67,8 @@ def trusted(*courses, information=()):
     for step, sides in enumerate(zip(*courses, strict=True)):
         known = [int(course[step]) / 9 for course in information] + [0.0] * len(sides)
         posteriors = [
-            replace(aged_rest(n, float(s == "1"), float(s != "-")), information=known[n]) for n, s in enumerate(sides)
+            replace(aged_rest(n, float(s == "1"), float(s != "-")), message=informed(known[n]))
+            for n, s in enumerate(sides)
         ]
         result = trust.update(posteriors, (step + 1) * STEP_NS)
     return result

@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 from common import SECOND_NS
 from common.config_sections import FusionConfig
 from common.vocabulary import Vocabulary
-from fusion.engine.roster import SESSIONS_KEPT, Roster
+from fusion.engine.known_observer import SESSIONS_KEPT
+from fusion.engine.roster import Roster
 
 OTHER_VOCABULARY = Vocabulary(("bow", "punch", "lunge"))
 CONFIG = FusionConfig(fresh_s=0.2, fade_s=0.5, blind_s=0.15, drop_s=2.0)
