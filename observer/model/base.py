@@ -21,13 +21,14 @@ Arrays = Mapping[str, NDArray[np.generic]]
 
 @dataclass(frozen=True, slots=True)
 class Header:
-    """What a model was learned for and from.
+    """The vocabulary, view and rate that a model is for, and the origin of what it learned.
 
-    view: name of the view; matrix: (3, 4) the view's projective matrix. parameters: the model's own numbers; after
-    learning all of them, so that new defaults in a later version change nothing. provenance: what it was learned from,
-    for people. calibration: corrects the model's posteriors. background: movements outside the vocabulary from which,
-    and from blends, the model learned "something else"; None: it does not know "something else". placement: where the
-    person stands in the room of a camera file, facing 0 for a model of several facings; None: where the recordings say.
+    view: name of the view; matrix: (3, 4) the view's projective matrix. rate_hz: frames per second. parameters: the
+    model's own numbers; after learning all of them, so that new defaults in a later version change nothing. provenance:
+    the origin of the examples, for people. calibration: corrects the model's posteriors. background: movements outside
+    the vocabulary, from which the model learned "something else", as from blends (means of two movements); (): from
+    blends only; None: it does not know "something else". placement: where the person stands in the room of a camera
+    file, facing 0 for a model of several facings; None: where the recordings say.
     """
 
     kind: str
@@ -58,7 +59,7 @@ def with_defaults(header: Header, known: Mapping[str, Parameter]) -> Header:
 
 @dataclass(frozen=True, slots=True)
 class Example:
-    """One movement as the model's view sees it; movement: its index in the vocabulary.
+    """One movement, cut out of a recording, as the model's view sees it; movement: its index in the vocabulary.
 
     A negative index is a movement of the background: -1 the first in the header, -2 the second. facing: which of the
     model's K facings the person had. subject, trial: who performed it, and which time. features: (F, D) the tracks as
@@ -117,7 +118,7 @@ class Onset:
 
 
 class Watch(Protocol):
-    """A model that is watching one person: frames in, posterior out."""
+    """A model that watches one person: it takes in frames and holds the posterior after the last one."""
 
     @property
     def p(self) -> Floats:
@@ -138,7 +139,7 @@ class Watch(Protocol):
 
     @property
     def unlearned(self) -> Floats | None:
-        """(K,) P(none of the movements, facing), K = 1 without facings; None for a model without a background."""
+        """(K,) P(something else, facing), K = 1 without facings; None for a model that does not know something else."""
         return None
 
     @property
@@ -164,7 +165,7 @@ def end_movement(watch: Watch) -> None:
 
 
 class MovementModel(Protocol):
-    """Computes log P(observation | movement, phase) and filters with it.
+    """Learns movements from examples, and watches a person for them.
 
     A model that can also learn from movements outside its vocabulary has the methods of `WithBackground` too.
 
@@ -175,11 +176,11 @@ class MovementModel(Protocol):
     PARAMETERS: ClassVar[Mapping[str, Parameter]]
     """The model's parameters, by name."""
     FEWER_PARTS: ClassVar[bool]
-    """Whether it judges as well as one of these parts alone when the tracker finds only some of those that it reads."""
+    """Whether it may watch a person of whom the tracker finds only some of the model's body parts."""
 
     @property
     def header(self) -> Header:
-        """What the model was learned for and from."""
+        """The model's header, complete with all parameters."""
 
     @classmethod
     def learn(cls, header: Header, examples: Sequence[Example]) -> Self:
@@ -190,7 +191,7 @@ class MovementModel(Protocol):
         """The inverse of `arrays`; may raise ValueError or KeyError for arrays that do not fit."""
 
     def arrays(self) -> Arrays:
-        """What a file must store, by name."""
+        """The arrays that a file must store, by name."""
 
     def watch(self, onset: Onset) -> Watch:
         """Start watching a person, knowing only the prior."""
@@ -206,7 +207,7 @@ class WithBackground(Protocol):
 
 @runtime_checkable
 class LearnsStreams(Protocol):
-    """The additional method of a kind of model that also learns from streams, above all what else people do."""
+    """The additional method of a kind of model that also learns from streams, mostly to know something else."""
 
     @classmethod
     def learn(cls, header: Header, examples: Sequence[Example]) -> Self:
@@ -251,16 +252,16 @@ def with_features(kind: type[MovementModel], header: Header, examples: Sequence[
     return [replace(e, features=kind.read(complete, e)) for e in examples]
 
 
-def recording_numbers(shown: Sequence[Watched]) -> list[int]:
-    """For each example or stream the number of its recording; at every facing they are in the same order."""
+def recording_numbers(items: Sequence[Watched]) -> list[int]:
+    """For each example or stream the number of its recording; recordings have the same order at every facing."""
     counts = Counter[int]()
     numbers = []
-    for each in shown:
-        numbers.append(counts[each.facing])
-        counts[each.facing] += 1
+    for item in items:
+        numbers.append(counts[item.facing])
+        counts[item.facing] += 1
     return numbers
 
 
 def evenly_spread(number: int) -> float:
-    """Multiples of the golden ratio modulo 1: however many successive numbers there are, they fill [0, 1) evenly."""
+    """The fractional part of `number` times the golden ratio: successive numbers fill [0, 1) evenly, however many."""
     return (number * (math.sqrt(5) - 1) / 2) % 1.0

@@ -1,6 +1,7 @@
-"""Tracks as rows of body sizes: where each part is from the body, and how the body has moved. Pure.
+"""The trace of a person: for each frame the parts' positions relative to the body, and the body's path. Pure.
 
-What is not seen holds its last values. Nothing depends on where the person stands.
+Lengths are in body sizes, so that a trace does not depend on where the person stands. A part that is not seen keeps its
+last values.
 """
 
 from collections.abc import Iterable, Sequence
@@ -15,18 +16,15 @@ Floats32 = NDArray[np.float32]
 Whole = NDArray[np.int64]
 
 FASTEST_PER_S = 40.0
-"""Body sizes: a jump beyond it is a tracker's mistake, unless it lasts."""
+"""Body sizes: a faster part is an error of the tracker, unless it stays there."""
 LONGEST_JUMP = 2
-"""Frames for which a jump is not believed."""
+"""Frames for which a jump counts as an error."""
 LONGEST_BRIDGE_S = 0.3
 """A part that was unseen for longer has not moved in between: it may be another person's."""
 
 
 class BodyTrace:
-    """Brings a stream of tracks to rows of positions relative to the body, and of paths, both in body sizes.
-
-    body_parts: names of the P parts.
-    """
+    """Turns a stream of tracks into the rows of a trace; body_parts: names of the P parts."""
 
     def __init__(self, body_parts: Sequence[str], rate_hz: float) -> None:
         self.frame = BodyFrame(body_parts, rate_hz)
@@ -41,9 +39,10 @@ class BodyTrace:
         self._size = 1.0
 
     def update(self, tracks: Tracks) -> Floats32:
-        """(P, 2) -> (2 P + 3,): each part's position right and up from the body's anchor, the anchor's path, the size.
+        """Tracks (P, 2) of one frame -> (2 P + 3,) row of the trace, body sizes, right and up.
 
-        A part that is not seen keeps its last values.
+        2 P: each part's position from the body's anchor. 2: the anchor's path since the first frame. 1: the body's size
+        in the image, in the tracks' unit.
         """
         _, size = self.frame.update(tracks)
         if np.isfinite(size) and size > 0:
@@ -76,9 +75,9 @@ def width_of(parts: int) -> int:
 
 
 def places_and_differences(parts: int) -> Floats32:
-    """(S, 2 P) sums of the coordinates of P parts: all places, and the difference of every two parts.
+    """(S, 2 P) matrix whose rows are each coordinate of each of P parts, then the differences of every two parts.
 
-    A difference shows the posture, whatever the body does meanwhile.
+    A difference of two parts shows the posture, however the body moves.
     """
     points = np.eye(2 * parts, dtype=np.float32).reshape(parts, 2, -1)
     return np.concatenate([*points, *(points[i] - points[k] for i in range(parts) for k in range(i))])
@@ -95,9 +94,10 @@ EXTENT_S = 2.0
 
 
 def extent(rows: Floats32, rate_hz: float) -> float:
-    """(F, 2 P + 3) trace -> how far a part has gone within the last EXTENT_S, in body sizes: a box's diagonal.
+    """The largest extent of a part within the last EXTENT_S, body sizes: the diagonal of its bounding box.
 
-    Measured from the body's anchor, which may move sideways but not up or down: who stands shifts their weight.
+    rows: (F, 2 P + 3) trace. Positions are relative to the body's anchor, except that its path up and down counts:
+    people who stand shift their weight sideways.
     """
     recent = rows[-max(round(EXTENT_S * rate_hz), 2) :]
     places = recent[:, :-3].copy()

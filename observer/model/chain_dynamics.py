@@ -1,4 +1,4 @@
-"""How people go through the phases of a movement, at any frame rate: their pace, and where they enter. Pure."""
+"""The dynamics of the phase filter at any frame rate: how people advance through the phases of a movement. Pure."""
 
 from collections.abc import Mapping
 
@@ -33,8 +33,8 @@ def step_probabilities(share: float) -> Floats:
 def chain_dynamics(parameters: Mapping[str, float], share: float, onset_known: bool) -> Dynamics:
     """The dynamics of the phase filter; share: of a fifteenth of a second that a frame lasts.
 
-    begin, forget and abandon are probabilities for 1/15 s, settled counts such fifteenths. Who is known to do a
-    movement may hold its pose for long: nothing settles.
+    begin, forget and abandon are probabilities for 1/15 s, settled counts such fifteenths. With a known onset nothing
+    settles, because a person who is known to do a movement may hold its pose for long.
     """
     begin, forget, abandon = (1 - (1 - parameters[name]) ** share for name in ("begin", "forget", "abandon"))
     return Dynamics(

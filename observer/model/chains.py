@@ -1,6 +1,8 @@
-"""Training examples as chains of postures, and the likelihood of an observed posture under all of them.
+"""Training examples as chains of postures, and the likelihood of an observed posture under all of them. Pure.
 
-The likelihood is exp(-sharpness d^2) with bounded outliers.
+    P(posture o | chain c, phase f) proportional to exp(-sharpness |x_cf - o|^2) + exp(-outlier) of the largest one
+
+over the features that are seen (docs/design/model.md).
 """
 
 import numpy as np
@@ -25,7 +27,7 @@ def fill_gaps(features: Floats) -> Floats:
 
 
 def resample_phases(features: Floats, phases: int) -> Floats:
-    """(F, D) -> (Φ, D), linear between frames."""
+    """(F, D) features -> (Φ, D) at Φ instants evenly from the first frame to the last, linear between frames."""
     place = np.linspace(0, len(features) - 1, phases)
     before = np.floor(place).astype(int)
     after = np.minimum(before + 1, len(features) - 1)
@@ -35,7 +37,10 @@ def resample_phases(features: Floats, phases: int) -> Floats:
 
 
 def complete_chains(chains: Floats, movement_of: Indices) -> Floats:
-    """(C, Φ, D) -> the same; features that a chain never shows are means of its movement's other chains, or of all."""
+    """(C, Φ, D) -> the same without NaN: a feature that a chain never shows is the mean of other chains.
+
+    Of those of its movement where they show it, else of all chains, else 0. movement_of: (C,).
+    """
     result = chains.copy()
     for chain in np.flatnonzero(~np.isfinite(chains).all(axis=(1, 2))):
         hole = ~np.isfinite(chains[chain])
@@ -50,7 +55,7 @@ def complete_chains(chains: Floats, movement_of: Indices) -> Floats:
 
 
 def blend_pairs(movement_of: Indices, facing_of: Indices) -> tuple[Indices, Indices]:
-    """(C,) and (C,) -> (B,) and (B,): pairs of chains of different movements at the same facing; deterministic.
+    """(C,) and (C,) -> (B,) and (B,) indices: pairs of chains of different movements at the same facing; deterministic.
 
     The mean of such a pair is neither movement, and so an example of "something else". With several facings only every
     second chain of each facing is paired; the others are paired at the neighbouring facings.
@@ -148,7 +153,7 @@ class PostureEvidence:
         self._after = np.maximum(own, of_facing)
 
     def chains(self, live: Indices | None, phases: int) -> tuple[Masses, float]:
-        """(phases, n) likelihoods relative to the nearest posture's, plus exp(-outlier); and the log of that scale."""
+        """(phases, n) likelihoods relative to the nearest posture's, plus exp(-outlier); and the log of its own."""
         likelihood = self._live_postures.of(live).squared_distances(self._features, phases)
         nearest = likelihood.min()
         likelihood -= nearest

@@ -1,10 +1,10 @@
-"""Motion that any person may show beside the few movements that were taught: examples of something else. Pure.
+"""Common gestures: made examples of something else for models of few takes. Pure.
 
-Whoever teaches three movements by a few takes shows little else, and a regression then takes a stranger movement for
-one of the three. What other people do is known beforehand: 54 prototypes, each the mean of one movement by 6 to 8
-people in one view, and how people and takes differ from such a mean (`common_gestures_table.py`). Gestures are drawn
-from these normal distributions, always the same ones. A gesture that is like a taught take is left out: it may be the
-taught movement.
+A few takes of three movements show little else, and a regression that learns from them takes any other movement for one
+of the three. `common_gestures_table.py` has motion of other people: 54 prototypes, each the mean of one movement by 6
+to 8 people in one view, and the directions in which people and takes differ from such a mean. Gestures are drawn from
+these normal distributions, with a fixed seed. A gesture that is like a taught take is left out: it may be the taught
+movement.
 """
 
 import base64
@@ -24,19 +24,20 @@ from observer.tracks import BODY_PARTS, Floats
 
 COMMON_GESTURES = "common_gestures"
 GESTURES: Mapping[str, Parameter] = {COMMON_GESTURES: Parameter(1.0, ParameterRange(0.0, 2.0, whole=True), earlier=0.0)}
-"""1: a model of few takes by several people learns common gestures as something else; 2: one of takes by one person
-too; 0: a model learns only what it is shown."""
+"""1: a model of few takes by several people learns common gestures as something else; 2: so does one of takes by one
+person; 0: no model does."""
 CHANNELS, COSINES = 6, 10
-"""Two hands from the head and the path of the head, right and up; of each so many cosines over a gesture's duration."""
+"""Channels: both hands relative to the head, and the path of the head, each right and up. COSINES: coefficients of the
+discrete cosine transform of each channel over a gesture's duration."""
 DRAWN = 3
 """Gestures for each prototype."""
 ALIKE = 2.0
-"""Distances between takes: what is nearer to a take may be the taught movement itself."""
+"""Relative distance (`nearest_take.py`) below which a gesture may be the taught movement itself."""
 SEED = 1
 
 
 def cosines(frames: int) -> Floats:
-    """(frames, COSINES): the discrete cosine transform's basis over a gesture."""
+    """(frames, COSINES) cos(π k (n + 1/2) / frames): the basis of the discrete cosine transform, not normalised."""
     at = (np.arange(frames) + 0.5) / frames
     return np.cos(np.pi * np.outer(at, np.arange(COSINES)))
 

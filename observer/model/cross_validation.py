@@ -1,4 +1,4 @@
-"""How a kind of model may evaluate examples of people whom it has not learned from, many at once. Pure."""
+"""Cross-validation of a kind of model that evaluates whole folds at once: its input, its result, its protocol. Pure."""
 
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
@@ -12,11 +12,11 @@ from observer.model.posterior_calibration import HeldOutResult, PosteriorCalibra
 
 @dataclass(frozen=True, slots=True)
 class CrossValidation:
-    """Which examples are left out together, as indices, and which of them are watched if that takes long.
+    """The examples, and how to evaluate them.
 
-    A recording is left out at all its facings, and is watched at some of them.
-    explicit: the names of parameters that the user has set, which stay as they are. shares: of a movement, after
-    which it is evaluated; the last is 1.0, where it has ended.
+    folds: indices of the examples that are left out together; a recording is left out at all its facings. watched: the
+    indices of those that are evaluated where that takes long. explicit: names of the parameters that the user has set,
+    which stay as they are. shares: of a movement, after which it is evaluated; the last is 1.0, where it has ended.
     """
 
     examples: Sequence[Example]
@@ -38,9 +38,9 @@ class CrossValidation:
 
 @dataclass(frozen=True, slots=True)
 class LearnedFromOthers:
-    """What a kind of model learned from people left out: parameters and arrays by name, and the results with these.
+    """The outcome of a cross-validation: parameters and arrays by name, and the held-out results with these.
 
-    calibration: the one that fits the kind of model anyway; None: it is fitted to the results.
+    calibration: the model's, where the kind of model determines it; None: it is fitted to the results.
     """
 
     parameters: Mapping[str, float]
@@ -53,11 +53,11 @@ class LearnedFromOthers:
 class CrossValidates(Protocol):
     """The additional method of a kind of model that evaluates all examples of a fold at once.
 
-    It may also learn parameters that only examples of other people tell.
+    It may also learn parameters for which examples of people left out are needed.
     """
 
     def cross_validated(self, header: Header, cross_validation: CrossValidation) -> LearnedFromOthers:
-        """A classmethod: what is learned so."""
+        """A classmethod: evaluate the examples of each fold with a model of all others."""
 
 
 def judged_as(results: Sequence[HeldOutResult], vocabulary: Vocabulary) -> dict[str, dict[str, int]]:

@@ -34,6 +34,7 @@ from observer.tracks import Floats, Tracks
 LONGEST_SHARE = 1.4
 """A segment longer than this multiple of the longest example is no single movement."""
 STEPS_PER_S = 15.0
+"""Most classifications per second."""
 STEEP = 6
 """P(too little has moved for movement m) is 1 / (1 + (extent / least_extents[m])^STEEP)."""
 FORGET_PER_S = 0.15
@@ -117,9 +118,10 @@ class Discriminative(LearnsStreams):
     def held_out(
         cls, header: Header, cross_validation: CrossValidation
     ) -> tuple[dict[int, HeldOutMembers], dict[str, float]]:
-        """What models of the others make of each example of a movement that they may learn from, or that is watched.
+        """The members' posteriors of each example of a movement by a model of the other folds, and the scaling learned.
 
-        And the scaling of something else.
+        The examples, by index, are those from which a model learns and those that are watched. The scaling is that of
+        something else, by name of the parameter.
         """
         header = with_defaults(header, cls.PARAMETERS)
         facings = facings_in(header.parameters)
@@ -205,7 +207,7 @@ class DiscriminativeWatch(Watch):
         self._since = 0
         self._ended = False
         self.doubt = 1.0
-        """How far the posterior is back at the prior because nobody is seen; 1 before the first sight."""
+        """The weight of the prior in the posterior, which grows while nobody is seen; 1 before the first sight."""
         movements = header.vocabulary.size
         self._log_trailing: Floats = np.log(np.full(movements + 1, 1 / (movements + 1)))
         # Before the first classification there is only the prior, in which something else is unlikely.
@@ -213,7 +215,7 @@ class DiscriminativeWatch(Watch):
         self._something_else = 1 / (movements + 1)
         self._log_segment: Floats | None = None
         self._too_small = 0.0
-        """P(too little has moved of late for the movement | it is one)."""
+        """P(too little has moved within EXTENT_S for the movement | it is one)."""
 
     @property
     def rows(self) -> Floats32:

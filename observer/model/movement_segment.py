@@ -1,19 +1,19 @@
 """The segment of a stream since the begin of a movement, which stillness before the movement shows. Pure.
 
-People also go from one movement into the next. The begin of the next one is then unknown, and the segment has no more
-to say: in continuous karate the classifier of segments is right in 18 % of the frames whose movement began more than
-0.7 s after the segment, the trailing windows in 92 %.
+People also go from one movement into the next without rest. The begin of the next one is then unknown, and the segment
+is no longer used: in continuous karate the classifier of segments is right in 18 % of the frames whose movement began
+more than 0.7 s after the segment, the trailing windows in 92 %.
 """
 
 from observer.model.body_trace import Floats32
 from observer.tracks import Floats
 
 STILL_LAG_S = 0.3
-"""Stillness is noticed so late; a movement begins that long before."""
+"""The delay of stillness: a movement begins this long before stillness ends."""
 SHOWN, PAST, PAST_S = 0.3, 0.7, 0.1
 """P(something else) below SHOWN shows a movement; that movement is past when it exceeds PAST for PAST_S."""
 SURE = 0.8
-"""So likely for PAST_S a movement is named; a segment in which two are named holds more than one."""
+"""A movement with a higher probability for PAST_S is named; a segment in which two are named holds more than one."""
 
 
 class MovementSegment:

@@ -14,9 +14,8 @@ from observer.filtering.phase_filter import Dynamics, PhaseFilter
 def dynamics(steps, begin=0.3, forget=0.2, entry=(0.6, 0.4), abandon=0.4):
     steps = np.atleast_2d(np.array(steps, dtype=float))
     v = len(steps)
-    jitter = (
-        np.full((v, v), 0.1 / max(v - 1, 1)) + np.eye(v) * (0.9 - 0.1 / max(v - 1, 1)) if v > 1 else np.ones((1, 1))
-    )
+    # Not symmetric: P(v' | v) is not P(v | v').
+    jitter = np.array([[0.9, 0.1], [0.4, 0.6]]) if v == 2 else np.eye(v)
     return Dynamics(steps, np.full(v, 1 / v), jitter, np.array(entry), begin, forget, abandon)
 
 

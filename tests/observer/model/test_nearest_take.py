@@ -8,6 +8,7 @@ import pytest
 from common.vocabulary import Vocabulary
 from observer.geometry.views import this_camera
 from observer.learning.learn import learn_view
+from observer.model import few_takes
 from observer.model.base import Example, Onset
 from observer.model.common_gestures import COMMON_GESTURES
 from observer.model.few_takes import CALIBRATION, FEW_TAKES, pooled_with_takes, something_else_with_takes
@@ -141,6 +142,45 @@ def test_a_person_out_of_sight_is_forgotten():
     after = [*watch.p, float(watch.unlearned.sum())]
     assert max(after[:2]) < 0.55 < max(before[:2])
     assert after[2] == pytest.approx(1 / 3, abs=0.05)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_posterior_of_few_takes_and_something_else_are_the_formulas(seed):
+    """Oracle: the formulas of few_takes.py, number by number."""
+    rng = np.random.default_rng(seed)
+    phase, other = rng.dirichlet(np.full(3, 5.0), 2)
+    distances, trailing = rng.uniform(0.5, 5.0, 3), rng.uniform(0.05, 0.95)
+    mass = [
+        a**few_takes.PHASE * b**few_takes.DISCRIMINATIVE * np.exp(-few_takes.DISTANCE * d)
+        for a, b, d in zip(phase, other, distances, strict=True)
+    ]
+    p = np.array(mass) / sum(mass)
+    assert pooled_with_takes(phase, other, distances) == pytest.approx(p)
+    entropy = -sum(q * np.log(q) for q in p)
+    log_odds = few_takes.OFFSET + few_takes.ELSE_TRAILING * np.log(trailing / (1 - trailing))
+    log_odds += few_takes.ELSE_DISTANCE * distances[p.argmax()]
+    log_odds += few_takes.ELSE_AGREEMENT * np.log(sum(phase * other)) + few_takes.ELSE_ENTROPY * entropy
+    result = something_else_with_takes(phase, other, distances, trailing)
+    assert result == pytest.approx(1 / (1 + np.exp(-log_odds)))
+    # Farther, less certain, less in agreement, or something else by the trailing windows: each raises it.
+    assert min(few_takes.ELSE_DISTANCE, few_takes.ELSE_TRAILING, few_takes.ELSE_ENTROPY) > 0 > few_takes.ELSE_AGREEMENT
+
+
+def test_a_scale_is_the_mean_of_its_movement_and_of_all_movements():
+    """Leave one take out: the distance to the nearest other take of the movement."""
+    examples = [
+        Example((), movement, features=trace(direction, 24, noise, 100 * movement + n))
+        for movement, (direction, noise) in enumerate(((UP, 0.02), (ASIDE, 0.2)))
+        for n in range(3)
+    ]
+    ones = NearestTakes.of(examples, 2, np.ones(2))
+    nearest = [[], []]
+    for k, example in enumerate(examples):
+        distances = NearestTakeWatch(ones, example.features.astype(np.float32)).distances
+        same = [n for n, e in enumerate(examples) if e.movement == example.movement and n != k]
+        nearest[example.movement].append(distances[same].min())
+    means = np.mean(nearest, axis=1)
+    assert NearestTakes.of(examples, 2).scales == pytest.approx((means + np.mean(nearest)) / 2)
 
 
 def test_a_movement_that_cannot_be_compared_yet_is_judged_by_the_members():

@@ -8,8 +8,10 @@ from performances import DOOR
 
 from common.vocabulary import Vocabulary
 from observer.learning.learn import learn_view
-from observer.model.base import Onset
-from observer.model.chain_dynamics import STEPS, step_probabilities
+from observer.model.base import Example, Header, Onset, with_defaults
+from observer.model.chain_dynamics import STEPS, chain_dynamics, step_probabilities
+from observer.model.chains import resample_phases
+from observer.model.phase import Phase
 from observer.motion.archive import MotionArchive, Recording, resample
 from observer.motion.projected import ProjectedTracker, frames_of
 from observer.runtime.pipeline import Observer
@@ -27,6 +29,49 @@ def test_the_mean_number_of_phases_is_proportional_to_time(share):
 
 def test_one_fifteenth_of_a_second_is_a_step():
     np.testing.assert_allclose(step_probabilities(1.0), STEPS)
+
+
+def test_probabilities_per_fifteenth_of_a_second_become_those_per_frame():
+    parameters = {"begin": 0.05, "forget": 0.01, "abandon": 0.02, "settled": 15.0}
+    for frames, share in ((2, 0.5), (4, 0.25)):
+        dynamics = chain_dynamics(parameters, share, onset_known=False)
+        for name in ("begin", "forget", "abandon"):
+            assert (1 - getattr(dynamics, name)) ** frames == pytest.approx(1 - parameters[name])
+        assert dynamics.settled == 15.0 * frames
+    assert chain_dynamics(parameters, 0.5, onset_known=True).settled == np.inf
+
+
+def header(rate_hz):
+    own = Header("phase", NAMES, "door", DOOR.matrix, rate_hz, BODY_PARTS, {"outlier": 500.0})
+    return with_defaults(own, Phase.PARAMETERS)
+
+
+def log_likelihoods(rate_hz, features):
+    """(Φ, 2) up to a constant, of two chains of 8 postures."""
+    chains = np.random.default_rng(0).normal(0, 1, (2, 8, 17)).astype(np.float32)
+    model = Phase(header(rate_hz), chains, np.arange(2), np.zeros(2, np.int64))
+    likelihood, _ = model.evidence(features, model.live_postures()).chains(None, 8)
+    return np.log(likelihood)
+
+
+def test_the_evidence_of_a_frame_is_spread_over_the_frames_of_a_fifteenth_of_a_second():
+    features = np.random.default_rng(1).normal(0, 1, 17)
+    np.testing.assert_allclose(2 * log_likelihoods(30.0, features), log_likelihoods(15.0, features), rtol=1e-3)
+
+
+def test_a_phase_lasts_a_fifteenth_of_a_second_at_any_frame_rate():
+    rows = np.random.default_rng(0).normal(0, 1, (60, 17))
+    examples = [Example((), movement, features=rows[:frames]) for movement in (0, 1) for frames in (24, 40, 60)]
+    for rate_hz, phases in ((15.0, 40), (30.0, 20), (7.5, 80)):
+        assert Phase.learn(header(rate_hz), examples).arrays()["chains"].shape[1] == phases
+
+
+@given(frames=st.integers(2, 30), phases=st.integers(2, 30))
+def test_phases_lie_evenly_between_the_first_and_the_last_frame(frames, phases):
+    rows = np.random.default_rng(frames).normal(0, 1, (frames, 2))
+    at = np.linspace(0, frames - 1, phases)
+    expected = np.stack([np.interp(at, np.arange(frames), column) for column in rows.T], axis=1)
+    np.testing.assert_allclose(resample_phases(rows, phases), expected, atol=1e-9)
 
 
 def performed(label, size):
