@@ -14,7 +14,8 @@
    split for example, the one with the lower epoch stands by as soon as it hears the other; at the same epoch the one
    with the lower rank does.
 6. A service that has lost its own connection, or hears none of the observers that are there, does not take over: it
-   could reach nobody. It listens for `takeover_s` after that.
+   could reach nobody. It listens for `takeover_s` after that, also in a shared scene where it knows of no other service
+   any more: their tokens disappeared with the connection, and come back in any order.
 7. A service that took no step for `takeover_s` (stopped, swapped out) listens for as long before it publishes again,
    because another service may be the owner by now. A service that knows of no other one goes on at once. One that
    stands by waits twice as long for the owner, which may have been stopped too.
@@ -60,8 +61,9 @@ class Ownership:
         self._own, self._scene, self._ranked, self._takeover_s = own, scene, ranked, takeover_s
         self._others: frozenset[str] = frozenset()
         self._silent: frozenset[str] = frozenset()
+        self._has_met_others = False
         self._quiet_since_s = 0.0
-        self._slept_s = float("-inf")
+        self._slept_s = self._cut_off_s = float("-inf")
         self._updated_s: float | None = None
         self.role = Role.IDLE
         self.owner: str | None = None
@@ -75,6 +77,7 @@ class Ownership:
         if self._ranked:
             present &= frozenset(self._ranked)
         gone, self._others = self._others - present, present
+        self._has_met_others |= bool(present)
         self._silent &= present
         if self.owner in gone:
             # Rule 3: the first of the others need not wait.
@@ -120,7 +123,7 @@ class Ownership:
         self._updated_s = now_s
         if self._ranked == (self._own,):
             self._own_it()
-        elif slept and self._may_have_others:
+        elif slept and self._may_have_others(now_s):
             self.role, self.owner, self._quiet_since_s = Role.STANDBY, None, now_s
         elif self.role is not Role.OWNER:
             self._follow_rank(now_s, connected)
@@ -142,7 +145,7 @@ class Ownership:
 
     def _follow_rank(self, now_s: float, connected: Callable[[], bool]) -> None:
         if not connected():
-            self._quiet_since_s = now_s
+            self._quiet_since_s = self._cut_off_s = now_s
         quiet_s = now_s - self._quiet_since_s
         # Rule 7 may have stopped the owner too, which then comes back first.
         if self.owner is not None and quiet_s > self._takeover_s * (2 if self._is_just_woken(now_s) else 1):
@@ -151,11 +154,11 @@ class Ownership:
         place = self._rank({self._own, *self._others} - self._silent).index(self._own)
         if place > 1 and not self._ranked:
             self.role, self.owner = Role.IDLE, None
-        elif self.role is Role.IDLE and self._may_have_others:
+        elif self.role is Role.IDLE and self._may_have_others(now_s):
             # It begins to listen now.
             self.role, self.owner, self._quiet_since_s = Role.STANDBY, None, now_s
         elif self.owner is None:
-            waits_s = self._takeover_s * (1 + place) if self._may_have_others else 0.0
+            waits_s = self._takeover_s * (1 + place) if self._may_have_others(now_s) else 0.0
             self.role = Role.STANDBY
             if connected() and quiet_s >= waits_s:
                 self._own_it()
@@ -167,10 +170,11 @@ class Ownership:
     def _is_just_woken(self, now_s: float) -> bool:
         return now_s - self._slept_s < 4 * self._takeover_s
 
-    @property
-    def _may_have_others(self) -> bool:
-        """Whether another service may own the scene; one that the scene file names may be out of reach."""
-        return bool(self._others) or len(self._ranked) > 1
+    def _may_have_others(self, now_s: float) -> bool:
+        """Whether another service may own the scene; one that the scene file names, or that was known before this one
+        lost its connection, may be out of reach."""
+        is_back = self._has_met_others and now_s - self._cut_off_s < self._takeover_s
+        return bool(self._others) or len(self._ranked) > 1 or is_back
 
     def _own_it(self) -> None:
         if self.role is not Role.OWNER:

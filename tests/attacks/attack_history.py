@@ -3,6 +3,7 @@
 python tests/attacks/attack_history.py FILE: whether the file is whole, and how to run the attack again.
 """
 
+import gzip
 import hashlib
 import json
 import os
@@ -37,6 +38,13 @@ class History:
         line = {"n": len(self._lines), "s": seconds, "event": event, **fields}
         self._chain = chained(self._chain, line)
         self._lines.append(json.dumps({**line, "chain": self._chain}, default=str))
+
+    def keep_more(self, what, text):
+        """Write something long beside the history, for whoever looks into a failure; returns its path."""
+        path = self.path.with_suffix(f".{what}.gz")
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(gzip.compress(text.encode()))
+        return path
 
     def keep(self):
         """Write the file; returns its path."""

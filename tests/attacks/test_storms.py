@@ -4,6 +4,7 @@ LABANMESH_STORM_S seconds each, 60 by default; LABANMESH_STORMS: how many seeds 
 LABANMESH_STORM_SCENES: 1, or 1,20 for both; LABANMESH_STORM_MESHES: plain, or plain,secured.
 """
 
+import json
 import os
 import random
 
@@ -67,6 +68,10 @@ def test_after_a_storm_each_movement_that_was_heard_has_one_right_verdict_that_e
             words = [(v["id"], v["label"], v["stage"], v["arrived_ns"]) for v in of["verdict"]]
             history.note("end", scene=name, result=str(results[name]), detail=vars(results[name]), verdicts=words)
         path, harmed = history.keep(), {name: each for name, each in results.items() if not each.harmless}
+        if harmed:
+            messages = {name: witness.others.get(name, witness.messages) for name in harmed}
+            history.keep_more("messages.json", json.dumps(messages))
+            history.keep_more("logs", stage.logs(most=None))
         print(f"{kind}, seed {seed}, {mesh}: {sum(results.values(), Aftermath(0))} in {plural(scenes, 'scene')}")
         harm = "\n".join(f"{name}: {vars(each)}" for name, each in harmed.items())
         assert not harmed, f"{harm}\n{path}\n{stage.logs()}"

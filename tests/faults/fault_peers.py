@@ -1,7 +1,7 @@
 """Peers of a scene, run as processes: a hub that writes what it receives, and an observer whose clock stands still.
 
 python fault_peers.py witness SCENE.toml: each message as a line of JSON, {"kind", "arrived_ns", "message"}; the first
-line shows that it listens. Of a folder of scene files all; of votes in scenes after the first only the state.
+line shows that it listens. Of a folder of scene files all; of judgements in scenes after the first only some fields.
 python fault_peers.py echo SCENE.toml OF ID: publishes as ID what the observer OF publishes, always with the same time.
 python fault_peers.py film SCENE.toml KEY FILM.npz: the tracks of a film, again and again, as another program's tracks
 under KEY. All end on SIGTERM.
@@ -36,14 +36,20 @@ def witness(keys, link, stop, *more):
 
 
 def write_in_short(arrival):
-    """What an aftermath needs."""
+    """What an aftermath needs, and what shows why a verdict came about."""
     kind = arrival.key.rsplit("/", 1)[-1]
     message = decode(KINDS[kind], arrival.payload)
     names = ("scene", "at_ns", "fusion", "session", "id", "label", "stage", "began_ns", "decided_ns", "ended_ns")
-    facts = {name: getattr(message, name) for name in (*names, "same_as") if hasattr(message, name)}
-    facts["agreement"] = {"n": message.agreement.n}
-    facts["votes"] = {name: {"state": vote.state} for name, vote in message.votes.items()}
+    facts = {name: getattr(message, name) for name in (*names, "same_as", "why", "epoch") if hasattr(message, name)}
+    facts["agreement"], facts["likeliest"] = vars(message.agreement), max(message.p)
+    facts["movement"] = None if message.movement is None else message.movement.id
+    facts["votes"] = {name: vote_in_short(vote) for name, vote in message.votes.items()}
     print(json.dumps({"kind": kind, "arrived_ns": arrival.arrived_ns, "message": facts}), flush=True)
+
+
+def vote_in_short(vote):
+    fields = {name: getattr(vote, name) for name in ("state", "label", "age_s", "rest", "weight")}
+    return {**fields, "likeliest": max(vote.p or (0.0,))}
 
 
 def write(arrival):

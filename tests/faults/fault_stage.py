@@ -206,10 +206,12 @@ class Stage:
         for process in (*self.processes.values(), *(one.process for one in self._witnesses)):
             process.kill()
 
-    def logs(self):
-        """All that all have written, for a message."""
+    def logs(self, most=1500):
+        """What all have written, for a message; most: characters of each, the last ones; None: all."""
         return "\n".join(
-            f"--- {name}\n{process.log[-1500:]}" for name, process in self.processes.items() if name != "hub"
+            f"--- {name}\n{process.log[-most if most else 0 :]}"
+            for name, process in self.processes.items()
+            if name != "hub"
         )
 
 

@@ -173,6 +173,20 @@ def test_a_service_that_lost_its_connection_does_not_take_over(standby):
     assert standby.published("a", 1, 3.4) and standby.update(3.4) is Role.STANDBY and standby.epoch == 1
 
 
+def test_a_service_that_shares_scenes_listens_first_when_its_connection_is_back():
+    """The router died and is back; the owner's token comes a moment later than the connection."""
+    shared = Ownership("b", "dojo", (), TAKEOVER_S)
+    shared.set_alive({"a", "b"}, 0.0)
+    assert shared.update(0.0) is Role.STANDBY and shared.published("a", 3, 0.0)
+    shared.set_alive({}, 0.1)
+    for n in range(1, 30):
+        assert shared.update(n * STEP_S, connected=lambda: False) is not Role.OWNER
+    assert [shared.update(n * STEP_S) is Role.OWNER for n in (30, 33, 35)] == [False, False, True]
+    alone = Ownership("b", "dojo", (), TAKEOVER_S)
+    alone.update(0.0, connected=lambda: False)
+    assert alone.update(STEP_S) is Role.OWNER
+
+
 def test_a_service_that_hears_no_observer_does_not_take_over_from_a_silent_owner(standby):
     """The router is frozen: all tokens stay, and everybody is silent."""
     for n in range(2, 30):
