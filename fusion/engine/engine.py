@@ -20,13 +20,14 @@ from fusion.engine.clocks import Clocks
 from fusion.engine.contributions import contributions
 from fusion.engine.explanation import explain_undecided
 from fusion.engine.messages import JudgementBuilder, Stamp, build_verdict, close_verdict, progress_of
+from fusion.engine.movement import MovementDecision, PooledState
 from fusion.engine.pooling import PooledPosterior, PoolingCase, newest_ns, pool_facets, pool_posteriors
 from fusion.engine.reliability import Reliability, learn_from_verdict
 from fusion.engine.rest import RestPool
 from fusion.engine.roster import AgedPosterior, ObserverRecord, Roster
 from fusion.engine.roster_start import RosterStart
 from fusion.engine.rules import get_rule
-from fusion.engine.verdict_detector import MovementDecision, PooledState, VerdictDetector
+from fusion.engine.verdict_detector import VerdictDetector
 
 
 @dataclass(frozen=True, slots=True)

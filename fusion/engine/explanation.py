@@ -4,7 +4,7 @@ from math import floor
 
 from common.config_sections import FusionConfig
 from common.messages import WHY_LIMIT
-from fusion.engine.verdict_detector import PooledState
+from fusion.engine.movement import PooledState
 
 NO_OBSERVERS = "waiting for observers"
 ROUND_OFF = 1e-9

@@ -27,9 +27,9 @@ from common.messages import (
 )
 from common.probability import Floats, entropy_bits, roots_of
 from common.vocabulary import Vocabulary
+from fusion.engine.movement import MovementDecision, MovementProgress
 from fusion.engine.pooling import FACING, PooledPosterior, facing_deg
 from fusion.engine.roster import POOLED_STATES, AgedPosterior
-from fusion.engine.verdict_detector import MovementDecision, MovementProgress
 
 LABEL_MARGIN = 0.01
 """A posterior that differs from the prior by no more than this holds no label."""

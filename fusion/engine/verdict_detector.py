@@ -3,7 +3,8 @@
 1. A movement begins when neither rest nor "something else" is likelier than it. Motion shorter than `hold_s` is no
    movement.
 2. A label is decided when it has been at least `threshold` likely and at least `quorum` observers have voted for it,
-   without a break, for `hold_s`; or as soon as the person comes to rest, because waiting would show nothing more.
+   without a break, for `hold_s`; or as soon as the person comes to rest, because waiting would show nothing more. What
+   the observers named already before the movement began is decided later (label_before.py).
 3. The movement ends when rest has been likelier for `hold_s`, at the time when that rest began. If another label met
    rule 2 when the person came to rest, that label replaces the decided one at once (a revision): the observers have
    then seen the whole movement. Later posteriors only fade, and an observer that is stuck would win. If "something
@@ -29,8 +30,9 @@ from dataclasses import dataclass, replace
 
 from common import SECOND_NS
 from common.config_sections import FusionConfig
-from common.messages import VerdictStage
 from common.vocabulary import ABSTAIN
+from fusion.engine.label_before import LabelBefore
+from fusion.engine.movement import MovementDecision, MovementProgress, PooledState
 
 REVISIONS_LIMIT = 3
 FADING = 2
@@ -40,52 +42,6 @@ UNHEARD_S = 1.0
 """A shorter outage hides no whole movement, nor the whole rest between two."""
 REVOKED_S = 0.3
 """Observers notice so late that a person is still."""
-
-
-@dataclass(frozen=True, slots=True)
-class PooledState:
-    """The pooled posterior at one time: the likeliest label, how many observers vote for it, and probabilities.
-
-    p: of the label among all answers; unlearned: of "something else", which is no label; rest: of being at rest.
-    observed: whether the posterior of any observer counts. heard_ns: when the newest of them was captured; None: at_ns.
-    """
-
-    at_ns: int
-    label: str
-    p: float
-    agreeing: int
-    rest: float
-    unlearned: float = 0.0
-    observed: bool = True
-    heard_ns: int | None = None
-
-    @property
-    def idle(self) -> bool:
-        """Whether no movement of the vocabulary is likelier than one."""
-        return self.rest >= 0.5 or self.unlearned > 0.5
-
-
-@dataclass(frozen=True, slots=True)
-class MovementDecision:
-    """Label or ABSTAIN, begin of the movement, time of decision; the end when it is known.
-
-    revises: the label that `label` replaced; None while the first one stands.
-    """
-
-    label: str
-    began_ns: int
-    decided_ns: int
-    ended_ns: int | None = None
-    stage: VerdictStage = "decided"
-    revises: str | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class MovementProgress:
-    """A movement that has not ended: when it began, and the decision, if there is one."""
-
-    began_ns: int
-    decision: MovementDecision | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,6 +69,8 @@ class VerdictDetector:
         self._else_since_ns: int | None = None
         self._heard_ns: int | None = None
         self._unheard_from_ns: int | None = None
+        self._before = LabelBefore()
+        self._deferred: str | None = None
         self.movement: MovementProgress | None = None
         """The movement that goes on; None at rest."""
 
@@ -146,9 +104,11 @@ class VerdictDetector:
         """Take one step; returns the decisions that are due: a first word, a revision, an end."""
         if state.at_ns < self._last_ns:
             self._finish()
-            self._heard_ns = None
+            self._heard_ns, self._before = None, LabelBefore()
         self._last_ns = at_ns = state.at_ns
         self._note_gap(state)
+        if state.observed and state.p >= self._config.threshold:
+            self._before.name(state.label, at_ns)
         if self.movement is None and (state.idle or not state.observed):
             return ()
         movement = self.movement or self._begin(at_ns)
@@ -166,9 +126,8 @@ class VerdictDetector:
         if label is None and was_moving and self._rest_since_ns is not None and self._candidate is not None:
             label = self._candidate.label
         decision = self._revision(movement)
-        if decision is None and label is not None and movement.decision is None:
-            is_due = self._is_long_enough(movement, at_ns) and not self._is_over(movement, label, at_ns)
-            decision = MovementDecision(label, movement.began_ns, at_ns) if is_due else None
+        if decision is None and movement.decision is None:
+            decision = self._first_word(movement, label, at_ns)
         if decision is not None:
             self.movement = movement = MovementProgress(movement.began_ns, decision)
         end = self._end(movement, label, at_ns) if self._is_over(movement, label, at_ns) else None
@@ -191,6 +150,7 @@ class VerdictDetector:
         if last_ns is not None and heard_ns - last_ns > UNHEARD_S * SECOND_NS:
             self._unheard_from_ns = None if decision is None else max(last_ns, decision.decided_ns)
             self._is_past = decision is None
+            self._before.hear_again(state.at_ns)
         if self._is_past and self.movement is not None and decision is None and not state.idle:
             self._begin(state.at_ns)
 
@@ -245,11 +205,24 @@ class VerdictDetector:
         self.movement = movement = MovementProgress(at_ns)
         self._candidate = self._rest_since_ns = self._label_at_rest = None
         self._faded_since_ns = self._else_since_ns = self._unheard_from_ns = None
-        self._revisions, self._was_idle, self._is_past = 0, False, False
+        self._revisions, self._was_idle, self._is_past, self._deferred = 0, False, False, None
+        self._before.begin(at_ns)
         return movement
 
     def _finish(self) -> None:
         self.movement = self._label_at_rest = self._unheard_from_ns = None
+
+    def _first_word(self, movement: MovementProgress, label: str | None, at_ns: int) -> MovementDecision | None:
+        """The decision of a movement that has none, if it is due (rule 2)."""
+        deferred, self._deferred = self._deferred, None
+        if self._rest_since_ns == at_ns:
+            label = label or deferred
+        if label is None or not self._is_long_enough(movement, at_ns) or self._is_over(movement, label, at_ns):
+            return None
+        if self._rest_since_ns is None and self._before.is_carried(label, movement.began_ns, at_ns):
+            self._deferred = label
+            return None
+        return MovementDecision(label, movement.began_ns, at_ns)
 
     def _held_label(self, state: PooledState) -> str | None:
         """The label that has met the demand for `hold_s`, if any."""

@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 
 from common.config_sections import FusionConfig
 from common.vocabulary import ABSTAIN
-from fusion.engine.verdict_detector import REVISIONS_LIMIT, PooledState, VerdictDetector
+from fusion.engine.movement import PooledState
+from fusion.engine.verdict_detector import REVISIONS_LIMIT, VerdictDetector
 
 STEP_NS = 50_000_000
 CONFIG = FusionConfig(threshold=0.8, quorum=2, hold_s=0.15)
@@ -54,6 +55,18 @@ CASES = {
     "two movements with a rest between are two": (
         (sure(6), sure_at_rest(3), sure_at_rest(3, "lunge"), sure(6, "lunge"), rest(4)),
         {3: ("bow", 0, 3, None), 9: ("bow", 0, 3, 6), 15: ("lunge", 12, 15, None), 21: ("lunge", 12, 15, 18)},
+    ),
+    "2: what was named at rest is not decided again while observers change to the next movement": (
+        (sure_at_rest(10), sure(6), sure(8, "lunge"), rest(4)),
+        {19: ("lunge", 10, 19, None), 27: ("lunge", 10, 19, 24)},
+    ),
+    "2: but the same movement again is decided, later": (
+        (sure_at_rest(10), sure(14), rest(4)),
+        {22: ("bow", 10, 22, None), 27: ("bow", 10, 22, 24)},
+    ),
+    "2: or when the person comes to rest": (
+        (sure_at_rest(10), sure(6), rest(4)),
+        {16: ("bow", 10, 16, None), 19: ("bow", 10, 16, 16)},
     ),
     "1: certainty at rest is no movement": ((sure_at_rest(30),), {}),
     "1: as likely at rest as not is no movement": (([("bow", 0.9, 4, 0.5)] * 30,), {}),
@@ -370,6 +383,14 @@ def test_8_a_movement_that_was_not_decided_before_the_gap_begins_after_it():
     after = [*sure(8, "lunge"), *rest(4)]
     begins = {gap: words_after_a_gap([*rest(1), *moving(5)], gap, after)[0][2] for gap in (19, 25)}
     assert begins == {19: 1, 25: 31}, "an outage of a second does not split a movement"
+
+
+def test_8_what_the_first_heard_again_name_is_the_movement_before():
+    """Both services were killed; the one that starts hears an observer that is frozen, and two that hardly see yet."""
+    begun = [*sure(6, "punch"), *sure(8, "lunge"), *rest(4)]
+    for restart in (False, True):
+        words = words_after_a_gap(rest(2), 30, begun, restart)
+        assert words == [("lunge", "decided", 32), ("lunge", "ended", 46)]
 
 
 @pytest.mark.parametrize("restart", [False, True], ids=["router", "service"])
