@@ -12,6 +12,8 @@ if TYPE_CHECKING:
     import threading
 
 Floats = NDArray[np.float64]
+Floats32 = NDArray[np.float32]
+Integers = NDArray[np.int64]
 
 BODY_PARTS = ("left_hand", "right_hand", "head")
 """The paper's three: lh, rh and face (section V.A), in the order of every per-part array."""

@@ -18,12 +18,12 @@ from common.errors import BadInput
 from observer.geometry.projection import pinhole_matrix
 from observer.geometry.views import View
 from observer.model import common_gestures
-from observer.model.body_trace import Floats32, read_trace
+from observer.model.body_trace import read_trace
 from observer.model.common_gestures import CHANNELS, COSINES, as_text, cosines
 from observer.motion.archive import MotionArchive, Recording, TracksCamera, movements_in, resample
 from observer.motion.archive_file import read_archive
 from observer.motion.projected import projected, view_of, view_tracks
-from observer.tracks import BODY_PARTS, Floats
+from observer.tracks import BODY_PARTS, Floats, Floats32
 from studies.sensors import with_parts
 
 RATE_HZ = 15.0

@@ -10,10 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observer.filtering.phase_filter import FLOOR, Dynamics
-from observer.tracks import Floats
-
-Masses = NDArray[np.float32]
-Indices = NDArray[np.int64]
+from observer.tracks import Floats, Floats32, Integers
 
 NEGLIGIBLE = 1e-8
 """Share of all mass: a chain with less is skipped until the person rests again, and less mass enters no chain."""
@@ -24,7 +21,7 @@ CROWDED = 0.75
 class Evidence(Protocol):
     """The likelihoods of one frame."""
 
-    def chains(self, live: Indices | None, phases: int) -> tuple[Masses, float]:
+    def chains(self, live: Integers | None, phases: int) -> tuple[Floats32, float]:
         """(phases, n) P(observation | chain, phase) of the first phases of the chains `live`, None for all.
 
         Divided by a scale so that the largest is near 1; the logarithm of the scale is returned too.
@@ -49,7 +46,7 @@ class ChainFilter:
 
     def __init__(
         self,
-        cell_of: Indices,
+        cell_of: Integers,
         movements: int,
         facings: int,
         phases: int,
@@ -63,8 +60,8 @@ class ChainFilter:
         count = np.bincount(cell_of, minlength=movements * facings)
         self._prior = (count > 0) / max(int((count > 0).sum()), 1)
         self._entering = np.outer(dynamics.entry, self._prior[cell_of] / count[cell_of]).astype(np.float32)
-        self._live: Indices | None = None
-        self._active: Masses = np.zeros((len(dynamics.entry), len(cell_of)), np.float32)
+        self._live: Integers | None = None
+        self._active: Floats32 = np.zeros((len(dynamics.entry), len(cell_of)), np.float32)
         self._before = 0.0 if onset_known else 1.0
         self._after = np.zeros(movements * facings)
         self._past = np.zeros(movements * facings)
@@ -205,7 +202,7 @@ class ChainFilter:
             self._active = np.ascontiguousarray(self._active[:, counts])
 
 
-def _advance_matrix(steps: Floats, phases: int) -> Masses:
+def _advance_matrix(steps: Floats, phases: int) -> Floats32:
     """(K,) P(advance by k phases) -> (Φ + K - 1, Φ): where each phase's mass goes; the last rows leave the chain."""
     matrix = np.zeros((phases + len(steps) - 1, phases), np.float32)
     for k, share in enumerate(steps):

@@ -101,28 +101,18 @@ def _with_parts(recording: Recording, archive: MotionArchive, body_parts: tuple[
 def streams_apart(
     streams: Sequence[Stream], learned: Sequence[Example], left_out: Sequence[Example]
 ) -> Iterator[Stream]:
-    """What of the streams a model may learn from that is to judge the examples `left_out`.
+    """The streams from which a model may learn that is to judge the examples `left_out`; learned: its examples.
 
     Streams of a person whose examples are all left out are left out too. From other streams the spans of the examples
-    left out are cut, so that a stream may become several.
+    left out are cut out, so that a stream may become several.
     """
     people = {e.subject for e in left_out} - {e.subject for e in learned}
     gone = {(e.subject, e.trial, e.movement) for e in left_out}
     for stream in streams:
-        if stream.subject in people:
-            continue
-        start = 0
-        for span in stream.spans:
-            if (stream.subject, span.trial, span.movement) in gone:
-                yield from _part_of(stream, start, span.begin)
-                start = span.end
-        yield from _part_of(stream, start, len(stream.tracks))
+        if stream.subject not in people:
+            yield from _without_examples(stream, gone)
 
 
-def _part_of(stream: Stream, start: int, end: int) -> Iterator[Stream]:
-    """Frames start..end-1 with the spans within them; nothing if there are none."""
-    if start < end:
-        within = (s for s in stream.spans if start <= s.begin and s.end <= end)
-        spans = tuple(replace(s, begin=s.begin - start, end=s.end - start) for s in within)
-        features = None if stream.features is None else stream.features[start:end]
-        yield replace(stream, tracks=stream.tracks[start:end], spans=spans, features=features)
+def _without_examples(stream: Stream, gone: set[tuple[str, str, int]]) -> Iterator[Stream]:
+    """gone: subject, trial and movement of the examples whose spans are cut out."""
+    return stream.without(lambda span: (stream.subject, span.trial, span.movement) in gone)

@@ -2,7 +2,7 @@
 
 import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import ClassVar, Protocol, Self, TypeVar, runtime_checkable
 
@@ -100,9 +100,30 @@ class Stream:
     features: Floats | None = None
 
     @property
+    def frames(self) -> int:
+        """Number of frames."""
+        return len(self.tracks) if self.features is None else len(self.features)
+
+    @property
     def other_frames(self) -> int:
-        """How many frames lie outside the spans."""
-        return len(self.tracks) - sum(span.end - span.begin for span in self.spans)
+        """Number of frames outside the spans."""
+        return self.frames - sum(span.end - span.begin for span in self.spans)
+
+    def without(self, is_gone: Callable[[StreamSpan], bool]) -> Iterator["Stream"]:
+        """What is left of the stream when the spans for which `is_gone` holds are cut out: pieces with frames."""
+        begin = 0
+        for span in self.spans:
+            if is_gone(span):
+                yield from self._piece(begin, span.begin)
+                begin = span.end
+        yield from self._piece(begin, self.frames)
+
+    def _piece(self, begin: int, end: int) -> Iterator["Stream"]:
+        if begin < end:
+            within = (span for span in self.spans if begin <= span.begin and span.end <= end)
+            spans = tuple(replace(span, begin=span.begin - begin, end=span.end - begin) for span in within)
+            features = None if self.features is None else self.features[begin:end]
+            yield replace(self, tracks=self.tracks[begin:end], spans=spans, features=features)
 
 
 @dataclass(frozen=True, slots=True)

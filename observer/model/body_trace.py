@@ -7,13 +7,9 @@ last values.
 from collections.abc import Iterable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from observer.body import BodyFrame
-from observer.tracks import Floats, Tracks
-
-Floats32 = NDArray[np.float32]
-Whole = NDArray[np.int64]
+from observer.tracks import Floats, Floats32, Integers, Tracks
 
 FASTEST_PER_S = 40.0
 """Body sizes: a faster part is an error of the tracker, unless it stays there."""
@@ -33,7 +29,7 @@ class BodyTrace:
         parts = len(body_parts)
         # The last point is the body's anchor.
         self._last: Floats = np.full((parts + 1, 2), np.nan)
-        self._unseen: Whole = np.zeros(parts + 1, np.int64)
+        self._unseen: Integers = np.zeros(parts + 1, np.int64)
         self._relative: Floats = np.zeros((parts, 2))
         self._path: Floats = np.zeros(2)
         self._size = 1.0

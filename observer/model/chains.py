@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observer.features import groups_of
-from observer.filtering.chain_filter import Indices, Masses
 from observer.filtering.phase_filter import FLOOR
 from observer.model.base import evenly_spread
-from observer.tracks import Floats
+from observer.tracks import Floats, Floats32, Integers
 
 
 def fill_gaps(features: Floats) -> Floats:
@@ -36,7 +35,7 @@ def resample_phases(features: Floats, phases: int) -> Floats:
     return chain
 
 
-def complete_chains(chains: Floats, movement_of: Indices) -> Floats:
+def complete_chains(chains: Floats, movement_of: Integers) -> Floats:
     """(C, Φ, D) -> the same without NaN: a feature that a chain never shows is the mean of other chains.
 
     Of those of its movement where they show it, else of all chains, else 0. movement_of: (C,).
@@ -54,7 +53,7 @@ def complete_chains(chains: Floats, movement_of: Indices) -> Floats:
     return result
 
 
-def blend_pairs(movement_of: Indices, facing_of: Indices) -> tuple[Indices, Indices]:
+def blend_pairs(movement_of: Integers, facing_of: Integers) -> tuple[Integers, Integers]:
     """(C,) and (C,) -> (B,) and (B,) indices: pairs of chains of different movements at the same facing; deterministic.
 
     The mean of such a pair is neither movement, and so an example of "something else". With several facings only every
@@ -84,7 +83,7 @@ class Postures:
         self._length = self._lengths.sum(axis=0)
         self._first_of = np.searchsorted(groups, np.arange(groups[-1] + 1))
 
-    def select(self, chains: Indices) -> "Postures":
+    def select(self, chains: Integers) -> "Postures":
         """The postures of these chains only."""
         selected = object.__new__(Postures)
         selected._postures = np.ascontiguousarray(self._postures[:, :, chains])
@@ -92,7 +91,7 @@ class Postures:
         selected._first_of = self._first_of
         return selected
 
-    def squared_distances(self, features: Floats, phases: int) -> Masses:
+    def squared_distances(self, features: Floats, phases: int) -> Floats32:
         """(D,) features, NaN where not seen -> (phases, C) squared distances over what is seen, of the first phases.
 
         |x - o|^2 = |x|^2 - 2 x.o + |o|^2, so that a frame costs one matrix-vector product.
@@ -102,7 +101,7 @@ class Postures:
         o = (features if whole else np.where(known, features, 0.0)).astype(np.float32)
         # A feature is seen together with its group.
         lengths = self._length[:phases] if whole else self._lengths[known[self._first_of], :phases].sum(axis=0)
-        distances: Masses = np.matmul(np.float32(-2) * o, self._postures[:phases])
+        distances: Floats32 = np.matmul(np.float32(-2) * o, self._postures[:phases])
         distances += lengths
         distances += np.float32(o @ o)
         return np.maximum(distances, 0, out=distances)
@@ -113,9 +112,9 @@ class LivePostures:
 
     def __init__(self, postures: Postures) -> None:
         self._all = self._selected = postures
-        self._live: Indices | None = None
+        self._live: Integers | None = None
 
-    def of(self, live: Indices | None) -> Postures:
+    def of(self, live: Integers | None) -> Postures:
         """The postures of these chains; None: of all."""
         if live is not self._live:
             self._selected = self._all if live is None else self._all.select(live)
@@ -134,7 +133,7 @@ class PostureEvidence:
     def __init__(
         self,
         live_postures: LivePostures,
-        ends: tuple[Postures, Postures, Indices, tuple[int, int]],
+        ends: tuple[Postures, Postures, Integers, tuple[int, int]],
         features: Floats,
         sharpness: float,
         outlier: float,
@@ -152,7 +151,7 @@ class PostureEvidence:
         self._rest = float(of_facing.max())
         self._after = np.maximum(own, of_facing)
 
-    def chains(self, live: Indices | None, phases: int) -> tuple[Masses, float]:
+    def chains(self, live: Integers | None, phases: int) -> tuple[Floats32, float]:
         """(phases, n) likelihoods relative to the nearest posture's, plus exp(-outlier); and the log of its own."""
         likelihood = self._live_postures.of(live).squared_distances(self._features, phases)
         nearest = likelihood.min()

@@ -15,12 +15,11 @@ import numpy as np
 
 from observer.geometry.views import is_this_camera
 from observer.model.base import Example, Header, Stream
-from observer.model.body_trace import Floats32
 from observer.model.common_gestures_table import PROTOTYPES, SPREAD, STEP
 from observer.model.few_takes import MOST_MOVEMENTS
 from observer.model.nearest_take import MOST_TAKES, NearestTakes, NearestTakeWatch
 from observer.model.parameters import Parameter, ParameterRange
-from observer.tracks import BODY_PARTS, Floats
+from observer.tracks import BODY_PARTS, Floats, Floats32
 
 COMMON_GESTURES = "common_gestures"
 GESTURES: Mapping[str, Parameter] = {COMMON_GESTURES: Parameter(1.0, ParameterRange(0.0, 2.0, whole=True), earlier=0.0)}

@@ -15,7 +15,7 @@ import numpy as np
 
 from common.probability import softmax
 from observer.model.base import Arrays, Example, Header, LearnsStreams, Onset, Stream, Watch, with_defaults
-from observer.model.body_trace import BodyTrace, Floats32, extent, read_trace, width_of
+from observer.model.body_trace import BodyTrace, extent, read_trace, width_of
 from observer.model.common_gestures import GESTURES, streams_for
 from observer.model.cross_validation import CrossValidation, LearnedFromOthers
 from observer.model.logistic import LogisticRegression
@@ -29,7 +29,7 @@ from observer.model.trailing_features import TrailingFeatures
 from observer.model.training_memory import TrainingMemory
 from observer.model.training_rows import learned_facings, thin_facings
 from observer.model.training_table import HeldOutMembers, TrainingTable
-from observer.tracks import Floats, Tracks
+from observer.tracks import Floats, Floats32, Tracks
 
 LONGEST_SHARE = 1.4
 """A segment longer than this multiple of the longest example is no single movement."""

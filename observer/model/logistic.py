@@ -10,7 +10,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-Floats32 = NDArray[np.float32]
+from observer.tracks import Floats32
 
 MEMORY = 6
 """Pairs of steps and gradient differences that L-BFGS keeps."""

@@ -5,8 +5,7 @@ is no longer used: in continuous karate the classifier of segments is right in 1
 more than 0.7 s after the segment, the trailing windows in 92 %.
 """
 
-from observer.model.body_trace import Floats32
-from observer.tracks import Floats
+from observer.tracks import Floats, Floats32
 
 STILL_LAG_S = 0.3
 """The delay of stillness: a movement begins this long before stillness ends."""

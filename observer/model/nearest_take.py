@@ -20,9 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observer.model.base import Arrays, Example, Header
-from observer.model.body_trace import Floats32, relative_and_path
+from observer.model.body_trace import relative_and_path
 from observer.model.parameters import Parameter, ParameterRange
-from observer.tracks import Floats
+from observer.tracks import Floats, Floats32
 
 WEIGHT = "nearest_weight"
 NEAREST: Mapping[str, Parameter] = {WEIGHT: Parameter(2.0, ParameterRange(0.0, 20.0), earlier=0.0)}

@@ -8,14 +8,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from common.probability import Floats, softmax
+from observer.tracks import Integers
 
 if TYPE_CHECKING:
     from observer.model.base import Watch
-
-Indices = NDArray[np.int64]
 
 TEMPERATURES = np.geomspace(0.5, 8.0, 33)
 DOUBTS = np.array([0.002, 0.005, 0.01, 0.02, 0.03, 0.05, 0.08, 0.12, 0.2])
@@ -156,14 +154,14 @@ def at_least_cautious(calibration: PosteriorCalibration) -> PosteriorCalibration
     )
 
 
-def _weights(truth: Indices, movements: int) -> Floats:
+def _weights(truth: Integers, movements: int) -> Floats:
     """All examples of "something else" together weigh as much as those of one movement, as its prior 1/(M+1) says."""
     background = truth == movements
     share = (~background).sum() / (movements * max(int(background.sum()), 1))
     return np.where(background, share, 1.0)
 
 
-def _least_log_loss(posteriors: Floats, truth: Indices, weights: Floats) -> tuple[float, float]:
+def _least_log_loss(posteriors: Floats, truth: Integers, weights: Floats) -> tuple[float, float]:
     with np.errstate(divide="ignore"):
         logs = np.log(np.maximum(posteriors, 1e-300))
     best = (np.inf, 1.0, 0.0)

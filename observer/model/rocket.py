@@ -15,9 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.errors import BadInput
-
-Floats32 = NDArray[np.float32]
-Whole = NDArray[np.int64]
+from observer.tracks import Floats32, Integers
 
 TAPS = 9
 KERNELS = np.full((84, TAPS), -1, dtype=np.float32)
@@ -40,12 +38,12 @@ class RocketParameters:
     biases: D arrays (B, 84), each with its own number B of biases for every kernel of that dilation.
     """
 
-    dilations: Whole
+    dilations: Integers
     channels: Floats32
     biases: tuple[Floats32, ...]
 
 
-def choose_dilations(length: int, features: int) -> tuple[Whole, Whole]:
+def choose_dilations(length: int, features: int) -> tuple[Integers, Integers]:
     """(D,) dilations for windows of `length` frames, evenly spaced in their logarithm, and (D,) biases per kernel.
 
     The last dilation lets a kernel span the window at most. Raises BadInput for fewer than 9 frames or 84 features.

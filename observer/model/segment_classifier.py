@@ -15,9 +15,7 @@ from observer.model.body_trace import places_and_differences
 from observer.model.logistic import LogisticRegression
 from observer.model.rocket import MiniRocket
 from observer.model.training_rows import FRACTIONS, segment_window
-
-Floats32 = NDArray[np.float32]
-Whole = NDArray[np.int64]
+from observer.tracks import Floats32, Integers
 
 LENGTH = 60
 """Points to which the window from begin to now is stretched."""
@@ -83,9 +81,9 @@ class SegmentTable:
 
     rocket: MiniRocket
     features: Floats32
-    movement_of: Whole
+    movement_of: Integers
     fraction: NDArray[np.float64]
-    example_of: Whole
+    example_of: Integers
 
     @classmethod
     def of(cls, examples: Sequence[Example], traces: Sequence[Floats32], kernels: int, seed: int = 0) -> Self:

@@ -13,8 +13,9 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from observer.model.body_trace import Floats32, Whole, relative_and_path
+from observer.model.body_trace import relative_and_path
 from observer.model.rocket import GOLDEN_RATIO, KERNELS, TAPS, choose_channels, row_quantiles, weights_of
+from observer.tracks import Floats32, Integers
 
 SHORTEST_S = 0.4
 """The shortest window of convolutions; each further one is twice as long."""
@@ -80,7 +81,7 @@ class TrailingFeatures:
             biases.append(np.where(np.abs(bias) < LEAST_BIAS, LEAST_BIAS, bias))
         return cls(windows, rate_hz, channels, np.array(biases, np.float32))
 
-    def of(self, rows: Floats32, at: Whole) -> Floats32:
+    def of(self, rows: Floats32, at: Integers) -> Floats32:
         """(F, 2 P + 3) trace, (A,) frames -> (A, size); before its first row a trace is taken to be still."""
         values, path = self._values(rows)
         blocks = [*self._shares(path, at), *_statistics(values, at, self.windows.postures)]
@@ -130,7 +131,7 @@ class TrailingFeatures:
             above = _taps(path[-longest - reach :], dilation, longest) @ weights > biases
             yield (self._of_convolutions @ above.astype(np.float32)).ravel()
 
-    def _shares(self, path: Floats32, at: Whole) -> Iterable[Floats32]:
+    def _shares(self, path: Floats32, at: Integers) -> Iterable[Floats32]:
         for dilation, weights, biases in zip(self.windows.dilations, self._weights, self._biases, strict=True):
             above = _convolve(path, dilation, weights) > biases
             counts = np.zeros((len(path) + 1, len(biases)), np.float32)
@@ -193,7 +194,7 @@ def _taps(padded: Floats32, dilation: int, frames: int) -> Floats32:
     return taps.reshape(-1, frames).T
 
 
-def _statistics(values: Floats32, at: Whole, lengths: Sequence[int]) -> list[Floats32]:
+def _statistics(values: Floats32, at: Integers, lengths: Sequence[int]) -> list[Floats32]:
     """(F, C) -> blocks (A, C): the newest, and per window the mean, least, greatest and standard deviation."""
     longest = max(lengths)
     padded = np.concatenate([np.repeat(values[:1], longest, axis=0), values])

@@ -11,9 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observer.model.base import Arrays, Example, Stream, StreamSpan
-from observer.tracks import Floats
-
-Floats32 = NDArray[np.float32]
+from observer.tracks import Floats, Floats32
 
 OF_EXAMPLES, OF_STREAMS = "example", "stream"
 """Prefixes of the arrays' names."""
@@ -45,7 +43,11 @@ class TrainingMemory:
     def renumbered(self, new_index: Mapping[int, int]) -> Self:
         """Only the examples of these movements, with new indices, and streams without the spans of others."""
         examples = [replace(e, movement=new_index[e.movement]) for e in self.examples if e.movement in new_index]
-        streams = [part for stream in self.streams for part in _without_others(stream, new_index)]
+        pieces = [piece for s in self.streams for piece in s.without(lambda span: span.movement not in new_index)]
+        streams = [
+            replace(p, spans=tuple(replace(span, movement=new_index[span.movement]) for span in p.spans))
+            for p in pieces
+        ]
         return type(self)(tuple(examples), tuple(streams))
 
     def with_examples(self, examples: Sequence[Example]) -> Self:
@@ -88,26 +90,6 @@ class TrainingMemory:
         if not all(-background <= movement < movements for movement in shown):
             raise ValueError("an example's movement is outside the vocabulary and the background")
         return cls(tuple(examples), tuple(replace(s, spans=tuple(spans.get(n, ()))) for n, s in enumerate(streams)))
-
-
-def _without_others(stream: Stream, new_index: Mapping[int, int]) -> Iterator[Stream]:
-    start = 0
-    for span in stream.spans:
-        if span.movement not in new_index:
-            yield from _part(stream, start, span.begin, new_index)
-            start = span.end
-    yield from _part(stream, start, len(_trace(stream)), new_index)
-
-
-def _part(stream: Stream, start: int, end: int, new_index: Mapping[int, int]) -> Iterator[Stream]:
-    """Frames start..end-1 of a stream, if there are any."""
-    if start < end:
-        spans = [
-            StreamSpan(span.begin - start, span.end - start, new_index[span.movement], span.trial)
-            for span in stream.spans
-            if start <= span.begin and span.end <= end
-        ]
-        yield replace(stream, spans=tuple(spans), features=_trace(stream)[start:end])
 
 
 def _trace(source: Example | Stream) -> Floats:

@@ -15,9 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from observer.model.base import Example, Stream, evenly_spread, recording_numbers
+from observer.tracks import Floats32, Integers
 
-Floats32 = NDArray[np.float32]
-Whole = NDArray[np.int64]
 Shown = TypeVar("Shown", Example, Stream)
 
 RECOGNISABLE = 0.35
@@ -44,7 +43,7 @@ class Rows:
     """
 
     trace: Floats32
-    at: Whole
+    at: Integers
     targets: Floats32
     weights: Floats32
     examples: tuple[int, ...] = ()
@@ -150,7 +149,7 @@ def resampled(values: Floats32, length: int) -> Floats32:
 
 
 @lru_cache(maxsize=256)
-def _between_frames(frames: int, length: int) -> tuple[Whole, Whole, Floats32, Floats32]:
+def _between_frames(frames: int, length: int) -> tuple[Integers, Integers, Floats32, Floats32]:
     """(length,) frames before and after each of `length` instants, (length, 1) the shares of the later and earlier."""
     place = np.linspace(0, frames - 1, length)
     before = place.astype(np.int64)

@@ -18,9 +18,8 @@ from observer.model.segment_classifier import SegmentClassifier, SegmentTable
 from observer.model.something_else import ElseRows, log_odds_of
 from observer.model.trailing_features import TrailingFeatures, Windows
 from observer.model.training_rows import FRACTIONS, rows_of_examples, rows_of_streams
-from observer.tracks import Floats
+from observer.tracks import Floats, Floats32
 
-Floats32 = NDArray[np.float32]
 Chosen = NDArray[np.bool_]
 
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.optimize import minimize
 
 from common.probability import softmax
 from observer.model.posterior_calibration import (
@@ -12,6 +13,8 @@ from observer.model.posterior_calibration import (
     MAX_EVIDENCE,
     HeldOutResult,
     PosteriorCalibration,
+    _logistic,
+    _nearly_cautious,
     fit_calibration,
 )
 
@@ -125,6 +128,38 @@ def test_the_fewer_the_examples_the_more_cautious_is_the_fit():
     doubts = [fit_calibration(enough[:n], 6).doubt for n in (0, 15, FEWEST_EXAMPLES)]
     assert doubts == sorted(doubts, reverse=True) and len(set(doubts)) == len(doubts)
     assert fit_calibration([], 6) == CAUTIOUS
+
+
+def test_a_fit_of_few_examples_is_the_geometric_mean_of_it_and_of_caution():
+    assert _nearly_cautious(1.0, 0.01, 1.0) == PosteriorCalibration(1.0, 0.01)
+    assert _nearly_cautious(1.0, 0.01, 0.0) == CAUTIOUS
+    half = _nearly_cautious(1.0, 0.01, 0.5)
+    assert half.temperature == pytest.approx(np.sqrt(CAUTIOUS.temperature))
+    assert half.doubt == pytest.approx(np.sqrt(CAUTIOUS.doubt * 0.01))
+
+
+def test_all_examples_of_something_else_weigh_as_much_as_those_of_one_movement():
+    """However many there are: the same ones ten times give the same calibration."""
+    rng = np.random.default_rng(1)
+    own, other = results(rng, 2.0, 300, movements=3), results(rng, 0.5, 300, movements=3)
+    shown = [t for t in own if t.truth < 2]
+    background = [HeldOutResult(2, t.posteriors, None) for t in other]
+    once, often = (fit_calibration([*shown, *background * times], 2) for times in (1, 10))
+    assert once == often != fit_calibration(shown, 2)
+
+
+@pytest.mark.parametrize("apart", [1.0, 30.0])
+def test_the_odds_of_something_else_are_those_of_a_general_minimiser(apart):
+    """Logistic regression with the ridge .05 |w|^2, on values cut off at 10 spreads: also of separable ones."""
+    rng = np.random.default_rng(0)
+    own, other = rng.normal(0, 1, 40), rng.normal(apart, 1, 40)
+    x, y = np.clip(np.concatenate([own, other]), -10, 10), np.repeat([0.0, 1.0], 40)
+
+    def loss(w):
+        return np.logaddexp(0, np.where(y > 0, -1, 1) * (w[0] * x + w[1])).sum() + 0.05 * (w**2).sum()
+
+    slope, offset = minimize(loss, np.zeros(2), tol=1e-12).x
+    assert _logistic(own, other) == pytest.approx((slope, -offset / slope), rel=1e-3)
 
 
 def results_with_likelihoods(rng, spreads_apart, count=200):

@@ -1,9 +1,12 @@
 """P(something else) follows what people left out show, and stays as it is without evidence."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.optimize import minimize
 
 from common.probability import softmax
 from observer.model.something_else import (
@@ -11,6 +14,7 @@ from observer.model.something_else import (
     AGREEMENT_OFFSET,
     AGREEMENT_SLOPE,
     OFFSET,
+    PRIOR,
     SCALING,
     SLOPE,
     ElseRows,
@@ -41,6 +45,21 @@ def test_the_scaling_that_made_the_rows_is_found() -> None:
     learned = learn_scaling([rows(1.6, -0.7, 3000), rows(1.6, -0.7, 3000)], DEFAULTS, ())
     assert learned[SLOPE] == pytest.approx(1.6, abs=0.05)
     assert learned[OFFSET] == pytest.approx(-0.7, abs=0.05)
+
+
+def test_the_scaling_is_that_of_a_general_minimiser() -> None:
+    """Weighted log loss plus PRIOR times the squared distance from the defaults."""
+    made, weights = rows(1.6, -0.7, 200), np.random.default_rng(4).uniform(0.2, 3.0, 200)
+    start = np.array([DEFAULTS[SLOPE], DEFAULTS[OFFSET]])
+
+    def loss(w: np.ndarray) -> float:
+        odds = w[0] * made.log_odds + w[1]
+        losses = np.logaddexp(0, odds) - made.targets * odds
+        return float((weights * losses).sum() + PRIOR * ((w - start) ** 2).sum())
+
+    best = minimize(loss, start, tol=1e-12).x
+    learned = learn_scaling([replace(made, weights=weights)], DEFAULTS, ())
+    assert [learned[SLOPE], learned[OFFSET]] == pytest.approx(best, abs=1e-5)
 
 
 def test_few_rows_change_little() -> None:
