@@ -4,7 +4,6 @@ import threading
 import time
 from collections import deque
 from collections.abc import Iterable
-from contextlib import suppress
 from typing import NamedTuple
 
 LARGE = 2048
@@ -83,9 +82,10 @@ class Inbox:
     def wake(self) -> None:
         """Make the present or the next `take` return at once."""
         if self._bell.locked():
-            # Another thread may have rung it meanwhile.
-            with suppress(RuntimeError):
+            try:  # noqa: SIM105 - quicker than `suppress`, and called for every message
                 self._bell.release()
+            except RuntimeError:
+                pass  # another thread has rung it meanwhile
 
 
 class Presence:

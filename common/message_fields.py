@@ -3,14 +3,12 @@
 from typing import Any
 
 from common.message_types import MessagePart
-from common.messages import JudgementMessage, Message, PosteriorMessage, VerdictMessage, Vote
+from common.messages import JudgementMessage, Message, PosteriorMessage, VerdictMessage
 
 SENT_AS_NULL = frozenset({"ended_ns"})
 """Fields whose None is information (the movement has not ended) and is sent as null."""
-SHORT_VOTE = ("label", "entropy", "weight", "age_s", "state")
-"""The fields that a short vote always has."""
 SHORT_VOTE_OPTIONAL = ("rest", "skew_s", "unlearned", "reliability", "rest_reliability", "root_p")
-"""Those that it has unless they are null."""
+"""The fields that a short vote has unless they are null; five others it always has."""
 SELDOM_SENT = ("rest_reliability",)
 """Fields of a full vote that are left out where they are null, because few votes have them."""
 
@@ -21,24 +19,34 @@ def fields_of(message: Message, short: bool = False) -> dict[str, Any]:
         # The most frequent message: fields with their default value are omitted too.
         return {"v": message.v, **message.model_dump(exclude_defaults=True)}
     values = vars(message)
-    fields = {
-        name: values[name] for name in type(message).model_fields if values[name] is not None or name in SENT_AS_NULL
-    }
+    fields = {name: value for name, value in values.items() if value is not None or name in SENT_AS_NULL}
     if short:
-        fields["votes"] = {observer: _short_vote(vote) for observer, vote in values["votes"].items()}
+        fields["votes"] = {observer: _short_vote(vars(vote)) for observer, vote in values["votes"].items()}
         if values["movement"] is not None:
             movement = vars(values["movement"]).items()
             fields["movement"] = {name: value for name, value in movement if value is not None}
+        # As maps they are packed without a call of `part_of`.
+        fields["vocabulary"], fields["agreement"] = vars(values["vocabulary"]), vars(values["agreement"])
     return fields
 
 
-def _short_vote(vote: Vote) -> dict[str, Any]:
-    values = vars(vote)
-    fields = {name: value for name, value in values.items() if value is not None and name in SHORT_VOTE_OPTIONAL}
+def _short_vote(values: dict[str, Any]) -> dict[str, Any]:
+    # By name and not in a loop: with four observers this is a quarter of what a judgement costs to encode.
+    fields = {
+        "label": values["label"],
+        "entropy": values["entropy"],
+        "weight": values["weight"],
+        "age_s": values["age_s"],
+        "state": values["state"],
+    }
+    for name in SHORT_VOTE_OPTIONAL:
+        value = values[name]
+        if value is not None:
+            fields[name] = value
     # Beside `root_p` no reliability is full reliability.
     if values["root_p"] is not None and values["reliability"] == 1.0:
         del fields["reliability"]
-    return {name: values[name] for name in SHORT_VOTE} | fields
+    return fields
 
 
 def is_short(message: Message) -> bool:

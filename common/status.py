@@ -3,7 +3,7 @@
 import threading
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from typing import Self
@@ -50,10 +50,14 @@ class ProcessStatus:
 
     def record_frame(self, frame_ns: int, now_ns: int) -> None:
         """Count one frame (for fusion: one posterior), captured at `frame_ns` and processed at `now_ns`."""
+        self.record_frames((frame_ns,), now_ns)
+
+    def record_frames(self, frames_ns: Sequence[int], now_ns: int) -> None:
+        """Count several frames at once, at least one."""
         with self._lock:
-            self._steps.append(now_ns)
+            self._steps.extend([now_ns] * len(frames_ns))
             self._last_step_ns = now_ns
-            self._last_frame_ns = max(frame_ns, self._last_frame_ns or 0)
+            self._last_frame_ns = max(*frames_ns, self._last_frame_ns or 0)
 
     def status(self, now_ns: int) -> StatusMessage:
         """The status message at `now_ns`; rate_hz counts the frames of the last two seconds."""

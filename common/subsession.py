@@ -32,10 +32,11 @@ RING = 256
 
 @dataclass(frozen=True, slots=True)
 class _Polled:
-    """A ring that `poll` empties into `take_in`. try_recv: its next entry, None if it is empty."""
+    """A ring that `poll` empties into `take_in`. try_recv: its next entry, None if it is empty. size: of the ring."""
 
     try_recv: Callable[[], Any]
     take_in: Callable[[Any], None]
+    size: int
 
 
 @dataclass(slots=True)
@@ -111,12 +112,15 @@ class SubSession:
         """Process everything that waits in the rings of a polled sub-session, in this thread."""
         for polled in self._rings:
             # Raises ZError if nothing more will arrive.
-            entry, left = polled.try_recv(), RING
-            while entry is not None:
+            entry = polled.try_recv()
+            if entry is None:
+                continue
+            polled.take_in(entry)
+            # Samples that arrive meanwhile wait for the next poll: a flood must not hold the loop.
+            for _ in range(polled.size - 1):
+                if (entry := polled.try_recv()) is None:
+                    break
                 polled.take_in(entry)
-                left -= 1
-                # Samples that arrive meanwhile wait for the next poll: a flood must not hold the loop.
-                entry = polled.try_recv() if left else None
         for query in tuple(self._queries) if self._queries else ():
             if not query.empty():
                 self._queries.remove(query)
@@ -273,7 +277,7 @@ class SubSession:
         declaration = declare(zenoh.handlers.RingChannel(ring) if self._is_polled else take_in)
         self._declared.append(declaration)
         if self._is_polled:
-            self._rings.append(_Polled(declaration.try_recv, take_in))
+            self._rings.append(_Polled(declaration.try_recv, take_in, ring))
 
     def __enter__(self) -> Self:
         return self

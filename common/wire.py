@@ -24,6 +24,7 @@ from common.messages import (
     PosteriorMessage,
     StatusMessage,
     VerdictMessage,
+    VocabularyHash,
     VocabularyMessage,
     VocabularyReference,
     Vote,
@@ -98,18 +99,32 @@ def encode_vocabulary(scene: str, vocabulary: Vocabulary) -> bytes:
 
 def decode(kind: type[M], payload: bytes) -> M:
     """The checked message of type `kind`; raises BadMessage, and nothing else, for any other bytes."""
-    if len(payload) > SIZE_LIMIT:
-        raise BadMessage("too_large", f"more than {SIZE_LIMIT} bytes")
-    fields = _unpack(payload)
-    version = fields.get("v")
-    if type(version) is not int or version not in kind.VERSIONS:
-        raise BadMessage(
-            "wrong_version", f"v = {version!r}; this version reads v = {' and '.join(map(str, kind.VERSIONS))}"
-        )
-    try:
-        return kind.model_validate(fields, strict=True)
-    except ValidationError as error:
-        raise _bad_field(error) from None
+    return _checked(kind, _unpack(payload))
+
+
+class PosteriorDecoder:
+    """Decodes the posteriors that arrive under one key, as `decode_from` does, in nine tenths of its time.
+
+    The vocabulary is checked again only when it differs from that of the message before.
+    """
+
+    def __init__(self, key: str) -> None:
+        self.key, self.scene, self.observer = key, scene_of(key), observer_of(key)
+        self._fields: object = None
+        self._vocabulary: VocabularyHash | None = None
+
+    def decode(self, payload: bytes) -> PosteriorMessage:
+        """The checked message; raises BadMessage."""
+        fields = _unpack(payload)
+        vocabulary, known = fields.get("vocabulary"), self._vocabulary
+        if known is not None and vocabulary == self._fields:
+            fields["vocabulary"] = known
+        message = _checked(PosteriorMessage, fields)
+        if message.vocabulary is not known:
+            self._fields, self._vocabulary = vocabulary, message.vocabulary
+        if not message.is_of(self.scene, self.observer):
+            raise _wrong_key(message.observer, message.scene, self.key)
+        return message
 
 
 def decode_from(key: str, kind: type[M], payload: bytes) -> M:
@@ -128,7 +143,7 @@ def decode_from(key: str, kind: type[M], payload: bytes) -> M:
         claimed = "", getattr(message, "scene", "")
         agrees = claimed[1] == key.rsplit("/", 2)[-2]
     if not agrees:
-        raise BadMessage("wrong_key", f"{' in '.join(filter(None, claimed))} under {key}")
+        raise _wrong_key(*claimed, key)
     return message
 
 
@@ -235,6 +250,8 @@ def _packed_to_fit(fields: dict[str, Any], single: bool) -> bytes:
 
 def _unpack(payload: bytes) -> dict[str, Any]:
     size = len(payload)
+    if size > SIZE_LIMIT:
+        raise BadMessage("too_large", f"more than {SIZE_LIMIT} bytes")
     try:
         # No part may claim more than the payload holds; the schema has no extension types.
         fields = msgpack.unpackb(payload, max_str_len=size, max_array_len=size, max_map_len=size, max_ext_len=0)
@@ -246,6 +263,24 @@ def _unpack(payload: bytes) -> dict[str, Any]:
     if not {*map(type, fields)} <= {str}:
         raise BadMessage("not_a_map", "a key that is not a string; a message is a map with string keys")
     return fields
+
+
+def _checked(kind: type[M], fields: dict[str, Any]) -> M:
+    version = fields.get("v")
+    if type(version) is not int or version not in kind.VERSIONS:
+        raise BadMessage(
+            "wrong_version", f"v = {version!r}; this version reads v = {' and '.join(map(str, kind.VERSIONS))}"
+        )
+    try:
+        # The same as `kind.model_validate`, without its wrapper.
+        message: M = kind.__pydantic_validator__.validate_python(fields, strict=True)
+    except ValidationError as error:
+        raise _bad_field(error) from None
+    return message
+
+
+def _wrong_key(process: str | None, scene: str | None, key: str) -> BadMessage:
+    return BadMessage("wrong_key", f"{' in '.join(filter(None, (process, scene)))} under {key}")
 
 
 def _bad_field(error: ValidationError) -> BadMessage:

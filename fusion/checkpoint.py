@@ -19,7 +19,7 @@ from pydantic import AliasChoices, BaseModel, ConfigDict, Field, ValidationError
 from common import SECOND_NS
 from common.config import Scene
 from common.files import read_text
-from common.messages import JudgementMessage, VerdictMessage
+from common.messages import JudgementMessage, OngoingMovement, VerdictMessage
 from fusion.engine.reliability import Reliability
 
 log = logging.getLogger("labanmesh.fusion")
@@ -75,7 +75,7 @@ class CheckpointFile:
     def __init__(self, path: Path, own: str = "", siblings: str = "") -> None:
         # Services on one machine may share a file that the scene file names: then each begins it anew.
         self._path, self._temporary, self._siblings = path, path.with_name(f"{path.name}.{own}.new"), siblings
-        self._written: object = None
+        self._written: tuple[OngoingMovement | None, int] | None = None
         self._last: Checkpoint | None = None
         self._stamp = _FileStamp(0, 0, 0)
         self._read_failed = self._write_failed = False
@@ -122,17 +122,19 @@ class CheckpointFile:
             self._read_failed = True
             return None
 
+    def is_due(self, judgement: JudgementMessage) -> bool:
+        """Whether the movement has changed since the last checkpoint, or a second of it has passed."""
+        return _written_state(judgement) != self._written
+
     def write(self, checkpoint: Checkpoint) -> None:
-        """Write if the movement has changed since the last call, and once a second while it goes on.
+        """Write if it is due.
 
         Not synced: that may take a second on an SD card, and judgements would wait. What a loss of power costs is a
         movement in progress, and weights that are learned anew; a damaged file is reported and not used.
         """
-        movement = checkpoint.judgement.movement
-        state = (movement, movement and checkpoint.judgement.at_ns // SECOND_NS)
-        if state == self._written:
+        if not self.is_due(checkpoint.judgement):
             return
-        self._written = state
+        self._written = _written_state(checkpoint.judgement)
         try:
             if not self._append(checkpoint):
                 self._begin_anew(checkpoint)
@@ -190,6 +192,11 @@ class _FileStamp(NamedTuple):
     def of(cls, descriptor: int) -> "_FileStamp":
         status = os.fstat(descriptor)
         return cls(status.st_ino, status.st_size, status.st_mtime_ns)
+
+
+def _written_state(judgement: JudgementMessage) -> tuple[OngoingMovement | None, int]:
+    movement = judgement.movement
+    return movement, 0 if movement is None else judgement.at_ns // SECOND_NS
 
 
 def _line(checkpoint: Checkpoint, without: AbstractSet[str] = frozenset()) -> bytes:

@@ -142,7 +142,9 @@ class VerdictPublisher:
         return payload
 
     def _write(self) -> None:
-        if self._file is not None and (checkpoint := self.checkpoint()) is not None:
+        if self._file is None or self._last_judgement is None or not self._file.is_due(self._last_judgement):
+            return
+        if (checkpoint := self.checkpoint()) is not None:
             self._file.write(checkpoint)
 
     def knows(self, movement_id: str) -> bool:

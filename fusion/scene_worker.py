@@ -134,8 +134,8 @@ class SceneWorker:
         arrivals = arrivals or self._posteriors.take(0)
         self._heard_s = self._ticks() if arrivals else self._heard_s
         read = newest(arrivals)
-        for arrival in read:
-            self._ingest.take(arrival)
+        if read:
+            self._ingest.take(*read)
         if self._clocks.ask_if_due():
             self._status.observers = self._ingest.statistics(self._scene.roster)
         for observer, reading in self._clocks.readings():

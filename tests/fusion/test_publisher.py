@@ -51,7 +51,7 @@ def test_a_first_word_is_in_the_file_before_it_is_sent_and_an_end_is_sent_before
         return SimpleNamespace(put=put, has_subscriber=False)
 
     session = SimpleNamespace(publisher=publisher, answer=lambda *_: None)
-    file = SimpleNamespace(write=lambda checkpoint: events.append("file"))
+    file = SimpleNamespace(is_due=lambda judgement: True, write=lambda checkpoint: events.append("file"))
     VerdictPublisher(session, keys, scene.engine, file).publish([scene.verdicts[n] for n in sent], judgement)
     assert events == order
 
