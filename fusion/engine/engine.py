@@ -30,7 +30,7 @@ from fusion.engine.rules import get_rule
 from fusion.engine.verdict_detector import VerdictDetector
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class EngineOutput:
     """The messages of one step."""
 
@@ -38,7 +38,7 @@ class EngineOutput:
     verdicts: Sequence[VerdictMessage]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class _Evidence:
     """A judgement that a verdict may rest on, its posteriors, and what a label lacked then.
 
@@ -50,7 +50,10 @@ class _Evidence:
     why: str | None = None
 
 
-@dataclass(frozen=True, slots=True)
+NO_EVIDENCE: Mapping[int, _Evidence] = {}
+
+
+@dataclass(slots=True)
 class _NearestMiss:
     """The step at which the movement begun at `began_ns` came nearest to a verdict: its label's `p`, what it lacked."""
 
@@ -59,7 +62,7 @@ class _NearestMiss:
     why: str | None = None
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class _LastObserved:
     """The last step, if an observer counted in it."""
 
@@ -251,7 +254,8 @@ class FusionEngine:
         return PoolingCase(self._rule, posteriors, self._roster.prior, self._config.temperature)
 
     def _keep_evidence(self, evidence: Mapping[int, _Evidence]) -> None:
-        self._evidence = {at_ns: evidence[at_ns] for at_ns in self._detector.evidence_times if at_ns in evidence}
+        times = self._detector.evidence_times
+        self._evidence = {at_ns: evidence[at_ns] for at_ns in times if at_ns in evidence} if times else NO_EVIDENCE
 
     def _stamp(self, at_ns: int) -> Stamp:
         return Stamp(self._config.id, self._seq, at_ns, self.epoch, self.session)

@@ -2,15 +2,17 @@
 
 Validation would take longer than pooling, and a service makes hundreds of judgements a second. `unchecked` therefore
 builds them from values that are in range already: those of checked messages, and the engine's own, whose round-off is
-clamped here (`_in_range`, `entropy_bits`). Tests validate what is made. A verdict, one per movement, is validated.
+clamped here (`_in_range`, `_entropies`). Tests validate what is made. A verdict, one per movement, is validated.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Any, TypeVar
 
 import numpy as np
+from pydantic import BaseModel
 
 from common.messages import (
     SCHEMA_VERSION,
@@ -25,7 +27,7 @@ from common.messages import (
     VocabularyReference,
     Vote,
 )
-from common.probability import Floats, entropy_bits, roots_of
+from common.probability import SMALLEST, Floats, roots_of
 from common.vocabulary import Vocabulary
 from fusion.engine.movement import MovementDecision, MovementProgress
 from fusion.engine.pooling import FACING, PooledPosterior, facing_deg
@@ -38,7 +40,7 @@ FACING_CELLS_LIMIT = 8192
 P = TypeVar("P", bound=MessagePart)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Ballot:
     """The votes, the pooled posterior with its entropy, its likeliest label with its probability (rounding apart, the
     largest of `pooled`), and how many votes agree with that label, which is "" without a vote.
@@ -52,7 +54,7 @@ class Ballot:
     agreement: Agreement
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Stamp:
     """The service that publishes a message, and the message's number and time."""
 
@@ -68,6 +70,7 @@ class JudgementBuilder:
 
     def __init__(self, scene: str, vocabulary: Vocabulary, prior: Floats, rule: str) -> None:
         self._scene, self._vocabulary, self._prior, self._rule = scene, vocabulary, prior.tolist(), rule
+        self._minus_ones, self._most_bits = np.full(len(prior), -1.0), math.log2(len(prior))
         self._reference = VocabularyReference(name=vocabulary.name, hash=vocabulary.digest)
         self._movement: MovementProgress | None = None
         self._ongoing: OngoingMovement | None = None
@@ -77,27 +80,32 @@ class JudgementBuilder:
     ) -> Ballot:
         """Every observer's vote, and the fused label. about_rest: reliability about rest, where it is doubted."""
         # (N + 1, M): the pooled posterior is the last row, so that each function is called once.
-        rows = np.array([*(posterior.p for posterior in posteriors), pooled.p])
+        rows, names = pooled.rows, self._vocabulary.labels
         *p, pooled_p = rows.tolist()
-        roots = roots_of(rows).tolist()
-        *entropies, entropy = entropy_bits(rows).tolist()
+        *entropies, entropy = self._entropies(rows)
         *likeliest, pooled_likeliest = rows.argmax(axis=1).tolist()
-        weights, names = pooled.weights.tolist(), self._vocabulary.labels
-        cells = sum(posterior.surprise.size for posterior in posteriors if posterior.surprise is not None)
+        roots, weights = roots_of(rows[:-1]).tolist(), pooled.weights.tolist()
+        with_facing = pooled.facing is not None and _facing_cells(posteriors) <= FACING_CELLS_LIMIT
         votes, labels = {}, []
         for n, posterior in enumerate(posteriors):
+            observer = posterior.observer
             label = names[likeliest[n]] if self._holds_label(posterior, p[n], likeliest[n]) else None
-            vote = _vote(posterior, p[n], roots[n], entropies[n], weights[n], label, cells <= FACING_CELLS_LIMIT)
-            if posterior.observer in about_rest:
-                vote.__dict__["rest_reliability"] = about_rest[posterior.observer]
-            votes[posterior.observer] = vote
+            votes[observer] = _vote(
+                posterior, p[n], roots[n], entropies[n], weights[n], label, with_facing, about_rest.get(observer)
+            )
             if posterior.state in POOLED_STATES:
                 labels.append(label)
         # Without a vote the pooled posterior is the prior, and its first label would mean nothing.
         fused = names[pooled_likeliest] if labels else ""
-        agreement = unchecked(Agreement, {"k": labels.count(fused), "n": len(labels)})
         pooled_p = _in_range(pooled_p)
+        agreement = _agreement(labels.count(fused), len(labels))
         return Ballot(votes, pooled_p, entropy, fused, pooled_p[pooled_likeliest], agreement)
+
+    def _entropies(self, rows: Floats) -> list[float]:
+        """`entropy_bits` of each row, in half the time."""
+        most = self._most_bits
+        bits: list[float] = np.dot(rows * np.log2(rows + SMALLEST), self._minus_ones).tolist()
+        return [0.0 if each <= 0.0 else most if each > most else each for each in bits]
 
     def judgement(
         self,
@@ -160,16 +168,23 @@ class JudgementBuilder:
         )
 
 
+_DICT, _FIELDS_SET, _EXTRA, _PRIVATE = (
+    vars(BaseModel)[name].__set__
+    for name in ("__dict__", "__pydantic_fields_set__", "__pydantic_extra__", "__pydantic_private__")
+)
+"""The slots of a pydantic model, which is frozen otherwise."""
+
+
 def unchecked(kind: type[P], fields: dict[str, Any]) -> P:
-    """The message of type `kind` with `fields`, all of them and in range; in a fifth of the time of validation.
+    """The message of type `kind` with `fields`, all of them and in range; in a tenth of the time of validation.
 
     The same as `kind.model_construct`, which looks each field up.
     """
     message = kind.__new__(kind)
-    object.__setattr__(message, "__dict__", fields)
-    object.__setattr__(message, "__pydantic_fields_set__", _field_names(kind))
-    object.__setattr__(message, "__pydantic_extra__", None)
-    object.__setattr__(message, "__pydantic_private__", None)
+    _DICT(message, fields)
+    _FIELDS_SET(message, _field_names(kind))
+    _EXTRA(message, None)
+    _PRIVATE(message, None)
     return message
 
 
@@ -177,6 +192,16 @@ def unchecked(kind: type[P], fields: dict[str, Any]) -> P:
 def _field_names(kind: type[MessagePart]) -> set[str]:
     """One set for all messages of a type: pydantic copies it for a message that differs."""
     return set(kind.model_fields)
+
+
+@cache
+def _agreement(k: int, n: int) -> Agreement:
+    """There are few, and nothing changes one."""
+    return unchecked(Agreement, {"k": k, "n": n})
+
+
+def _facing_cells(posteriors: Sequence[AgedPosterior]) -> int:
+    return sum(posterior.surprise.size for posterior in posteriors if posterior.surprise is not None)
 
 
 def _in_range(p: list[float]) -> list[float]:
@@ -192,6 +217,7 @@ def _vote(
     weight: float,
     label: str | None,
     with_facing: bool,
+    rest_reliability: float | None,
 ) -> Vote:
     is_used, facets = posterior.state in POOLED_STATES, posterior.facets
     surprise = posterior.surprise if with_facing else None
@@ -208,7 +234,7 @@ def _vote(
         "facing": None if surprise is None else unchecked(Facing, {"surprise": surprise.tolist()}),
         "facets": {name: facet.tolist() for name, facet in facets.items()} if facets else None,
         "reliability": posterior.reliability,
-        "rest_reliability": None,
+        "rest_reliability": rest_reliability,
         "doubles": dict(posterior.correlations) if posterior.correlations else None,
         "root_p": roots if is_used else None,
     }

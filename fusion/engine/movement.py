@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from common.messages import VerdictStage
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class PooledState:
     """The pooled posterior at one time: the likeliest label, how many observers vote for it, and probabilities.
 

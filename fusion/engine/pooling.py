@@ -30,12 +30,17 @@ FACETS_LIMIT = 32
 
 @dataclass(slots=True)
 class PooledPosterior:
-    """p (M,), given that it is a movement of the vocabulary; weights (N,); probability that it is none; facing (K,)."""
+    """The result of pooling.
+
+    p (M,), given that it is a movement of the vocabulary; weights (N,); unlearned: the probability that it is none;
+    facing (K,). rows (N + 1, M): the posteriors that were pooled, and then p.
+    """
 
     p: Floats
     weights: Floats
-    unlearned: float | None = None
-    facing: Floats | None = None
+    unlearned: float | None
+    facing: Floats | None
+    rows: Floats
 
     @property
     def answers(self) -> Floats:
@@ -43,7 +48,7 @@ class PooledPosterior:
         return self.p if self.unlearned is None else np.append(self.p * (1.0 - self.unlearned), self.unlearned)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class PoolingCase:
     """The input of `pool_posteriors`: one scene at one time."""
 
@@ -61,18 +66,18 @@ class PoolingCase:
 
 def pool_posteriors(case: PoolingCase) -> PooledPosterior:
     """Pool the posteriors of at least one observer (1 to 3)."""
-    has_unlearned, trust = case.has_unlearned, observer_trust(case.posteriors)
-    rows, prior = _rows(case, has_unlearned), _prior(case, has_unlearned)
+    has_unlearned, trust, rows = case.has_unlearned, observer_trust(case.posteriors), _rows(case)
+    answers, prior = _answers(case, rows, has_unlearned), _prior(case, has_unlearned)
     facing = _facing(case.posteriors, len(prior))
     if facing is None:
-        pooled = _pool_rows(case.rule, rows, prior, trust)
-        return _split(_tempered(pooled.p, prior, case.temperature), pooled.weights, has_unlearned)
-    joint = pool_joint(case.rule, rows[:, :, None] * facing, prior, trust)
-    answers = joint.p.sum(axis=1)
+        pooled = _pool_rows(case.rule, answers, prior, trust)
+        return _result(rows, _tempered(pooled.p, prior, case.temperature), pooled.weights, has_unlearned)
+    joint = pool_joint(case.rule, answers[:, :, None] * facing, prior, trust)
+    pooled_answers = joint.p.sum(axis=1)
     # The divisor keeps an answer of probability 0 from giving a NaN.
-    facing_of_each = joint.p / np.where(answers > 0, answers, 1.0)[:, None]
-    answers = _tempered(answers, prior, case.temperature)
-    return _split(answers, joint.weights, has_unlearned, answers @ facing_of_each)
+    facing_of_each = joint.p / np.where(pooled_answers > 0, pooled_answers, 1.0)[:, None]
+    pooled_answers = _tempered(pooled_answers, prior, case.temperature)
+    return _result(rows, pooled_answers, joint.weights, has_unlearned, pooled_answers @ facing_of_each)
 
 
 def pool_many(cases: Sequence[PoolingCase]) -> list[PooledPosterior]:
@@ -98,11 +103,12 @@ def _pool_batch(cases: Sequence[PoolingCase]) -> Iterator[PooledPosterior]:
     """Cases with equal rule, number of observers, prior and temperature, with `unlearned` in all of them or in none."""
     first = cases[0]
     has_unlearned, prior = first.has_unlearned, _prior(first, first.has_unlearned)
-    rows = np.array([_rows(case, has_unlearned) for case in cases])
+    rows = [_rows(case) for case in cases]
+    answers = np.array([_answers(case, own, has_unlearned) for case, own in zip(cases, rows, strict=True)])
     trust = ObserverTrust.stack([observer_trust(case.posteriors) for case in cases])
-    pooled = _pool_rows(first.rule, rows, prior, trust)
-    for answers, weights in zip(pooled.p, pooled.weights, strict=True):
-        yield _split(_tempered(answers, prior, first.temperature), weights, has_unlearned)
+    pooled = _pool_rows(first.rule, answers, prior, trust)
+    for own, p, weights in zip(rows, pooled.p, pooled.weights, strict=True):
+        yield _result(own, _tempered(p, prior, first.temperature), weights, has_unlearned)
 
 
 def pool_joint(rule: Rule, cells: Floats, prior: Floats, trust: ObserverTrust | None = None) -> RuleResult:
@@ -117,7 +123,8 @@ def pool_joint(rule: Rule, cells: Floats, prior: Floats, trust: ObserverTrust | 
 
 def pool_facets(rule: Rule, posteriors: Sequence[AgedPosterior]) -> dict[str, Floats]:
     """Every facet that some observer publishes, by name (4)."""
-    names = {name for posterior in posteriors for name in posterior.facets if name != FACING}
+    published = [posterior.facets for posterior in posteriors if posterior.facets]
+    names = {name for facets in published for name in facets if name != FACING}
     if not names:
         return {}
     trust, pooled = observer_trust(posteriors), {}
@@ -132,8 +139,11 @@ def pool_facets(rule: Rule, posteriors: Sequence[AgedPosterior]) -> dict[str, Fl
 
 def newest_ns(posteriors: Sequence[AgedPosterior], now_ns: int) -> int | None:
     """When the newest posterior that is pooled was captured; None without one."""
-    ages_s = [one.age_s for one in posteriors if one.state in POOLED_STATES and one.age_s is not None]
-    return now_ns - round(max(min(ages_s), 0.0) * SECOND_NS) if ages_s else None
+    ages_s = [one.age_s for one in posteriors if one.age_s is not None and one.state in POOLED_STATES]
+    if not ages_s:
+        return None
+    least_s = min(ages_s)
+    return now_ns - round(least_s * SECOND_NS) if least_s > 0.0 else now_ns
 
 
 def observer_trust(posteriors: Sequence[AgedPosterior]) -> ObserverTrust:
@@ -176,14 +186,21 @@ def _pool_rows(rule: Rule, rows: Floats, prior: Floats, trust: ObserverTrust) ->
     return RuleResult(rule.mix(rows[..., None], prior, weighed)[..., 0], weighed.shares)
 
 
-def _rows(case: PoolingCase, has_unlearned: bool) -> Floats:
+def _rows(case: PoolingCase) -> Floats:
+    """(N + 1, M) the posteriors, and room for the pooled one."""
+    return np.array([*[posterior.p for posterior in case.posteriors], case.prior])
+
+
+def _answers(case: PoolingCase, rows: Floats, has_unlearned: bool) -> Floats:
     """(N, M), or (N, M+1) with "something else" last (1)."""
-    rows = np.array([posterior.p for posterior in case.posteriors])
+    p = rows[:-1]
     if not has_unlearned:
-        return rows
-    neutral = 1.0 / (rows.shape[1] + 1)
-    unlearned = np.array([[neutral if o.unlearned is None else o.unlearned] for o in case.posteriors])
-    return np.concatenate((rows * (1.0 - unlearned), unlearned), axis=1)
+        return p
+    observers, size = p.shape
+    neutral, answers = 1.0 / (size + 1), np.empty((observers, size + 1))
+    answers[:, size] = [neutral if each.unlearned is None else each.unlearned for each in case.posteriors]
+    np.multiply(p, 1.0 - answers[:, size:], answers[:, :size])
+    return answers
 
 
 def _prior(case: PoolingCase, has_unlearned: bool) -> Floats:
@@ -208,15 +225,18 @@ def _tempered(answers: Floats, prior: Floats, temperature: float) -> Floats:
     return answers if temperature == 1.0 else temper(answers, prior, 1.0 / temperature)
 
 
-def _split(answers: Floats, weights: Floats, has_unlearned: bool, facing: Floats | None = None) -> PooledPosterior:
-    """The answers as movements and "something else"."""
+def _result(
+    rows: Floats, answers: Floats, weights: Floats, has_unlearned: bool, facing: Floats | None = None
+) -> PooledPosterior:
+    """The pooled answers as movements and "something else"; the movements become the last of the rows."""
     if not has_unlearned:
-        return PooledPosterior(answers, weights, None, facing)
-    movements, unlearned = answers[:-1], float(answers[-1])
+        rows[-1] = answers
+        return PooledPosterior(answers, weights, None, facing, rows)
+    movements, unlearned = answers[:-1], answers.item(-1)
     total = float(np.add.reduce(movements))
     # If something else is certain, nothing is known of the movements.
-    p = movements / total if total > 0 else uniform(len(movements))
-    return PooledPosterior(p, weights, min(unlearned, 1.0), facing)
+    rows[-1] = p = movements / total if total > 0 else uniform(len(movements))
+    return PooledPosterior(p, weights, min(unlearned, 1.0), facing, rows)
 
 
 def _most_common(sizes: Iterable[int]) -> int:

@@ -81,7 +81,7 @@ class VerdictDetector:
             return frozenset()
         decision = self.movement.decision
         times = (None if decision is None else decision.decided_ns, self._rest_since_ns)
-        return frozenset(at_ns for at_ns in times if at_ns is not None)
+        return frozenset([at_ns for at_ns in times if at_ns is not None])
 
     @property
     def held_since_ns(self) -> int | None:
