@@ -51,9 +51,9 @@ def write_scene(path, endpoint, observers, mesh=""):
     return path
 
 
-def played(*names, more=""):
-    """The sections of observers that see the recorded motion; more: further lines of each."""
-    return {name: f'source = "motion.npz"\nview = "{VIEWS[name]}"\n{more}' for name in names or VIEWS}
+def played(*names, more="", motion="motion.npz"):
+    """The sections of observers that see recorded motion; more: further lines of each."""
+    return {name: f'source = "{motion}"\nview = "{VIEWS[name]}"\n{more}' for name in names or VIEWS}
 
 
 def messages(inbox, kind, count):

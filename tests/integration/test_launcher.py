@@ -129,18 +129,21 @@ def test_finished_workers_leave_the_rest_running_until_stopped(launched):
     assert ended() == 0
 
 
-def test_when_all_are_done_lasting_processes_linger_and_are_stopped(launched):
-    text = "import signal, sys, threading; e = threading.Event(); signal.signal(15, lambda *_: e.set()); "
-    text += "print('ready', flush=True); e.wait(600); print('clean', flush=True)"
+def test_when_all_are_done_lasting_processes_linger_and_are_stopped(launched, tmp_path):
+    text = "import signal, threading; from pathlib import Path; e = threading.Event(); "
+    text += f"signal.signal(15, lambda *_: e.set()); Path({str(tmp_path / 'ready')!r}).touch(); "
+    text += "e.wait(600); print('clean', flush=True)"
+    # Else it would end before the other can be stopped cleanly.
+    waits = f"import time\nwhile not __import__('os').path.exists({str(tmp_path / 'ready')!r}): time.sleep(0.01)"
     stream, _, ended = launched(
-        python("fuse", text, lasting=True), python("cam1", "pass"), exit_when_done=True, linger_s=1.0
+        python("fuse", text, lasting=True), python("cam1", waits), exit_when_done=True, linger_s=0.1
     )
     assert ended() == 0
     assert "fuse | clean" in stream.getvalue()
 
 
 def test_all_processes_are_ended_even_those_that_ignore_sigterm(launched, monkeypatch):
-    monkeypatch.setattr("deploy.launcher.TERM_TIMEOUT_S", 0.3)
+    monkeypatch.setattr("deploy.launcher.TERM_TIMEOUT_S", 1.0)
     deaf = "import os, signal, time; signal.signal(15, signal.SIG_IGN); print('pid', os.getpid(), flush=True); "
     stream, stop, ended = launched(python("deaf", deaf + "time.sleep(600)"), python("cam1", LASTING))
     stream.wait_for("deaf | pid ")

@@ -253,7 +253,7 @@ def test_a_request_is_answered_under_its_exact_key_and_a_query_for_everything_is
     fusion.answer("x/ready", lambda: b"yes")
     assert other.ask("x/ready", SOON_S)
     replies, finished = [], threading.Event()
-    other.request(key, lambda key, payload: replies.append(payload), 2.0, finished.set, b"b")
+    other.request(key, lambda key, payload: replies.append(payload), SOON_S, finished.set, b"b")
     assert finished.wait(SOON_S)
     assert (requests, replies) == ([b"b"], [b"state"])
     assert other.ask("laban/dojo/**", 0.2) == {} == other.ask(key, 0.2) and requests == [b"b"]
@@ -285,4 +285,4 @@ def test_a_flood_of_answers_to_a_polled_query_holds_up_nothing_else(fusion, peer
 def test_of_a_flood_of_answers_a_listener_keeps_only_so_much(fusion, peer, monkeypatch):
     monkeypatch.setattr("common.subsession.ANSWERS_BYTES", 100_000)
     peer().answer("x/status", lambda: [b"a" * 60_000] * 20 + [b"b" * 70_000])
-    assert [len(payload) for _, payload in until(lambda: fusion.ask_each("x/status", 1.0))] == [60_000] * 2
+    assert [len(payload) for _, payload in until(lambda: fusion.ask_each("x/status", SOON_S))] == [60_000] * 2

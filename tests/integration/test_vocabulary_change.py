@@ -1,6 +1,5 @@
 """Observers that change their vocabulary while everything runs: fusion services, late joiners and listeners follow."""
 
-import time
 from functools import partial
 
 import pytest
@@ -16,21 +15,23 @@ from hub.session import SceneListener
 OLD, NEW = Vocabulary(("bowing", "lunging")), Vocabulary(("clap", "point", "wave"))
 KNOWN = {vocabulary.digest: vocabulary for vocabulary in (OLD, NEW)}
 CAMERAS = ("cam1", "cam2", "cam3")
+RATE_HZ = 50
 
 
 @pytest.fixture
 def scene(tmp_path, request):
     text = f'scene = "dojo"\n{getattr(request, "param", "")}{LOOPBACK}'
     text += "".join(f'[observers.{name}]\nsource = "m.npz"\n' for name in CAMERAS)
-    text += '[fusion]\nid = "a"\nstandby = ["b"]\nhold_s = 0.05\ntakeover_s = 0.1\nstep_hz = 50\ndrop_s = 0.4\n'
+    text += '[fusion]\nid = "a"\nstandby = ["b"]\nhold_s = 0.05\ntakeover_s = 0.6\nstep_hz = 50\ndrop_s = 0.4\n'
     (tmp_path / "s.toml").write_text(text)
     return read_scene(tmp_path / "s.toml", {})
 
 
 class MovingObserver:
-    """Publishes a movement, sure of its vocabulary's first label, until the test ends."""
+    """Publishes a movement, sure of its vocabulary's first label, RATE_HZ times a second until the test ends."""
 
     def __init__(self, mesh, scene, name):
+        self.seq = 0
         self.link, self.name, self.vocabulary = mesh.peer("observer"), name, OLD
         self.publisher = self.link.publisher(scene.keys.posterior(name))
         self.link.answer(scene.keys.vocabulary, lambda: encode_vocabulary("dojo", self.vocabulary))
@@ -38,17 +39,16 @@ class MovingObserver:
         self.publish()
         mesh.run(self._go_on)
 
-    def publish(self, seq=0):
+    def publish(self):
         vocabulary = self.vocabulary
         p = [0.98] + [0.02 / (vocabulary.size - 1)] * (vocabulary.size - 1)
         reference = VocabularyReference(name="", hash=vocabulary.digest)
-        self.publisher.put(posterior(self.name, seq, p=p, vocabulary=reference))
+        self.publisher.put(posterior(self.name, self.seq, p=p, vocabulary=reference))
 
     def _go_on(self, stop):
-        for seq in range(1, 100_000):
-            if stop.wait(0.02):
-                return
-            self.publish(seq)
+        while not stop.wait(1 / RATE_HZ):
+            self.seq += 1
+            self.publish()
 
 
 class Heard:
@@ -60,16 +60,16 @@ class Heard:
 
     def until(self, fits):
         def found():
-            for key, payload, arrived_ns in self._inbox.take(0.05):
+            for key, payload, _ in self._inbox.take(0.05):
                 kinds = {self.keys.verdict: VerdictMessage, self.keys.vocabulary: VocabularyMessage}
-                self.messages.append((decode(kinds.get(key, JudgementMessage), payload), arrived_ns))
-            return next((each for each in reversed(self.messages) if fits(each[0])), None)
+                self.messages.append(decode(kinds.get(key, JudgementMessage), payload))
+            return next((each for each in reversed(self.messages) if fits(each)), None)
 
         return until(found)
 
     @property
     def verdicts(self):
-        return [message for message, _ in self.messages if isinstance(message, VerdictMessage)]
+        return [message for message in self.messages if isinstance(message, VerdictMessage)]
 
 
 def is_judged_in(vocabulary, label):
@@ -81,28 +81,29 @@ def test_all_follow_within_a_second_and_no_verdict_mixes_vocabularies(mesh, scen
     owner, _ = mesh.run(partial(serve, [scene], "a", mesh.peer("standby")))
     mesh.run(partial(serve, [scene], "b", mesh.peer("standby")))
     with SceneListener(scene, mesh.peer(), lambda _: None) as listener:
-        assert heard.until(lambda m: isinstance(m, VerdictMessage))[0].label == "bowing"
+        assert heard.until(lambda m: isinstance(m, VerdictMessage)).label == "bowing"
         # One observer alone changes nothing.
         cameras[0].vocabulary = NEW
         heard.until(lambda m: isinstance(m, JudgementMessage) and m.votes["cam1"].state == "foreign")
         assert heard.verdicts[-1].vocabulary.hash == OLD.digest
         cameras[1].vocabulary = cameras[2].vocabulary = NEW
-        changed_ns = time.time_ns()
-        _, judged_ns = heard.until(is_judged_in(NEW, "clap"))
-        assert judged_ns - changed_ns < 1_000_000_000
+        changed = cameras[2].seq
+        heard.until(is_judged_in(NEW, "clap"))
+        # By their posteriors, which a busy machine delays as it delays what is shown here.
+        assert cameras[2].seq - changed < 1.0 * RATE_HZ
         until(lambda: listener.state.labels == NEW.labels)
         heard.until(lambda m: isinstance(m, VerdictMessage) and m.label == "clap")
-    for message, _ in heard.messages:
+    for message in heard.messages:
         if isinstance(message, JudgementMessage):
             check_vocabulary(message, KNOWN[message.vocabulary.hash])
     bow, end, clap = heard.verdicts[0], *heard.verdicts[-2:]
     assert (end.id, end.stage, clap.stage) == (bow.id, "ended", "decided") and clap.id != bow.id
-    assert any(isinstance(message, VocabularyMessage) and message.hash == NEW.digest for message, _ in heard.messages)
+    assert any(isinstance(message, VocabularyMessage) and message.hash == NEW.digest for message in heard.messages)
     asked = mesh.peer().ask_each(scene.keys.vocabulary, 1.0)
     assert {decode(VocabularyMessage, payload).hash for _, payload in asked} == {NEW.digest}
     # The standby service has followed: it goes on with the same movement.
     owner.set()
-    went_on, _ = heard.until(lambda m: isinstance(m, JudgementMessage) and m.fusion == "b" and m.label)
+    went_on = heard.until(lambda m: isinstance(m, JudgementMessage) and m.fusion == "b" and m.label)
     assert went_on.vocabulary.hash == NEW.digest and went_on.movement.id == clap.id
 
 
@@ -113,5 +114,5 @@ def test_a_scene_that_names_its_vocabulary_keeps_it(mesh, scene):
     heard.until(is_judged_in(OLD, "bowing"))
     for camera in cameras:
         camera.vocabulary = NEW
-    foreign = heard.until(lambda m: isinstance(m, JudgementMessage) and m.votes["cam3"].state == "foreign")[0]
+    foreign = heard.until(lambda m: isinstance(m, JudgementMessage) and m.votes["cam3"].state == "foreign")
     assert foreign.vocabulary.hash == OLD.digest
