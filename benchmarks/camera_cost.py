@@ -1,4 +1,4 @@
-"""`python -m benchmarks.eyes`: what one observer with a camera costs, by tracker and by what the camera sees.
+"""`python -m benchmarks.camera_cost`: what one observer with a camera costs, by tracker and by what the camera sees.
 
 Each row is a real `labanmesh observe` process that plays a film of 640x480 pictures at 30 Hz in real time, as a camera
 would deliver them; reading the film is included. The films are made of wave_webcam (LABANMESH_DATA) and kept in a
@@ -39,7 +39,7 @@ from observer.camera.files import Video
 from observer.model.model_file import write_model
 from observer.model.registry import DEFAULT_MODEL
 
-FILMS = Path("build/eyes")
+FILMS = Path("build/camera_cost")
 SIZE: Size = (640, 480)
 RATE_HZ, BETWEEN = 30, 3
 """The films' rate, and how many of their pictures are made of one original."""
@@ -55,7 +55,7 @@ HEAD = ("tracker", "in the picture", "share of a core", "memory", "start to firs
 
 
 @dataclass(frozen=True, slots=True)
-class EyesOptions:
+class CameraCostOptions:
     """As typed on the command line."""
 
     tracker: Annotated[str, typer.Option(help="Trackers, separated by commas.")] = "mediapipe,camshift"
@@ -66,12 +66,12 @@ class EyesOptions:
 
 
 @takes_options
-def eyes(options: EyesOptions) -> None:
+def camera_cost(options: CameraCostOptions) -> None:
     """Print the share of a core, the memory and the start of one observer, for trackers and situations.
 
     LABANMESH_DATA names the folder of recordings. The tracker mediapipe needs mediapipe (.venv-mediapipe).
 
-    Example: python -m benchmarks.eyes --tracker mediapipe --shows moving,nobody --setting max_hz=8
+    Example: python -m benchmarks.camera_cost --tracker mediapipe --shows moving,nobody --setting max_hz=8
     """
     place = os.environ.get("LABANMESH_DATA")
     if not place:
@@ -88,7 +88,7 @@ def eyes(options: EyesOptions) -> None:
 
 
 @dataclass(frozen=True, slots=True)
-class EyesCost:
+class CameraCost:
     """share: CPU seconds per second, all threads. memory_mb: resident at the end. start_s: to the first posterior."""
 
     share: float
@@ -102,7 +102,7 @@ class EyesCost:
         return f"{self.share:.1%}", f"{self.memory_mb:.0f} MB", f"{self.start_s:.1f} s", f"{self.posteriors_hz:.1f}"
 
 
-def watched(film: Path, model: Path, tracker: str, options: EyesOptions) -> EyesCost:
+def watched(film: Path, model: Path, tracker: str, options: CameraCostOptions) -> CameraCost:
     """Measure one observer on a film; raises LabanmeshError if it publishes nothing."""
     settings = [f'tracker = "{tracker}"', *(setting.replace("=", " = ", 1) for setting in options.setting or [])]
     begun_s = time.monotonic()
@@ -116,7 +116,7 @@ def watched(film: Path, model: Path, tracker: str, options: EyesOptions) -> Eyes
         time.sleep(options.seconds)
         seconds = time.monotonic() - from_s
         share = (cpu_seconds(process) - spent_s) / seconds
-        return EyesCost(share, resident_bytes(process) / 2**20, start_s, len(inbox.take(0)) / seconds)
+        return CameraCost(share, resident_bytes(process) / 2**20, start_s, len(inbox.take(0)) / seconds)
 
 
 @contextmanager
@@ -213,4 +213,4 @@ def write_film(path: Path, pictures: Iterator[Picture]) -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(run_command(eyes, "eyes"))
+    sys.exit(run_command(camera_cost, "camera_cost"))
