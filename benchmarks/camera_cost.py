@@ -26,7 +26,7 @@ import typer
 from benchmarks.bare_zenoh import LOOPBACK
 from benchmarks.clips.learning import THE_FOUR, Learning, chosen_labels
 from benchmarks.clips.material import WEBCAM, recordings
-from benchmarks.command_line import markdown_table, run_command
+from benchmarks.command_line import markdown_table, recordings_folder, run_command
 from benchmarks.timing import cpu_seconds, resident_bytes
 from common.command_options import takes_options
 from common.config import MeshConfig
@@ -73,15 +73,13 @@ def camera_cost(options: CameraCostOptions) -> None:
 
     Example: python -m benchmarks.camera_cost --tracker mediapipe --shows moving,nobody --setting max_hz=8
     """
-    place = os.environ.get("LABANMESH_DATA")
-    if not place:
-        raise BadInput("LABANMESH_DATA is not set: name the folder with the recordings of people")
+    data = recordings_folder()
     options.films.mkdir(parents=True, exist_ok=True)
     rows = []
     for shows in split_list("--shows", options.shows):
-        film = film_of(shows, Path(place), options.films)
+        film = film_of(shows, data, options.films)
         for tracker in split_list("--tracker", options.tracker):
-            cost = watched(film, model_file(Path(place), options.films), tracker, options)
+            cost = watched(film, model_file(data, options.films), tracker, options)
             rows.append((tracker, shows, *cost.cells))
             print(*rows[-1], sep="  ", file=sys.stderr, flush=True)
     print(markdown_table(HEAD, rows, left=2))

@@ -1,5 +1,6 @@
-"""What the benchmarks with a command line share: options of a function, one-line errors, tables in markdown pages."""
+"""What the benchmarks with a command line share: options, one-line errors, recordings, tables in markdown pages."""
 
+import os
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -32,6 +33,16 @@ def run_command(function: Callable[..., int | None], name: str, arguments: Seque
     except (KeyboardInterrupt, typer.Abort):
         return 130
     return status if isinstance(status, int) else 0
+
+
+def recordings_folder() -> Path:
+    """The folder of recordings that LABANMESH_DATA names; raises BadInput, one line, without one."""
+    place = os.environ.get("LABANMESH_DATA")
+    if not place:
+        raise BadInput("LABANMESH_DATA is not set: name the folder with the recordings of people")
+    if not Path(place).is_dir():
+        raise BadInput(f"LABANMESH_DATA = {place!r}: no such folder; name the folder with the recordings of people")
+    return Path(place)
 
 
 def markdown_table(head: Sequence[str], rows: Sequence[Sequence[str]], left: int = 1) -> str:

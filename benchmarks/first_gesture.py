@@ -5,7 +5,6 @@ each with rest between, ordinary standing, and then both gestures by turns. The 
 docs/guide/own-movements.md, typed one after the other; their times are printed.
 """
 
-import os
 import signal
 import subprocess
 import sys
@@ -17,12 +16,11 @@ from typing import Annotated
 import cv2
 import numpy as np
 import typer
-from numpy.typing import NDArray
 
-from benchmarks.command_line import run_command
+from benchmarks.command_line import recordings_folder, run_command
 from common.errors import BadInput, LabanmeshError
+from observer.camera.base import Picture
 
-Picture = NDArray[np.uint8]
 FILM = "wave_webcam"
 RATE_HZ = 10
 BEGIN_S, REST_S, TURN_S = 13.0, 12.0, 5.0
@@ -46,11 +44,9 @@ def first_gesture(
 
     Example: python -m benchmarks.first_gesture . /tmp/first
     """
-    data = os.environ.get("LABANMESH_DATA")
-    if not data:
-        raise BadInput("LABANMESH_DATA is not set: name the folder with the recordings of people")
+    data = recordings_folder()
     folder.mkdir(parents=True, exist_ok=True)
-    _write_film(Path(data) / FILM, folder / "camera.mp4")
+    _write_film(data / FILM, folder / "camera.mp4")
     begun_s = time.monotonic()
     home = folder / "labanmesh"
     program = str(home / ".venv-cameras" / "bin" / "labanmesh")

@@ -1,6 +1,5 @@
 """`python -m benchmarks.clips`: verdicts on real pictures, from known tracks or through real processes."""
 
-import os
 import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -18,10 +17,10 @@ from benchmarks.clips.processes import judge_through_processes
 from benchmarks.clips.report import by_movement, line, still_summary, summary, timeline, webcam_summary
 from benchmarks.clips.still import SHARES, frozen_film, frozen_recording
 from benchmarks.clips.variants import variants
-from benchmarks.command_line import run_command
+from benchmarks.command_line import recordings_folder, run_command
 from common.command_options import takes_options
 from common.config_sections import FusionConfig
-from common.errors import BadInput, LabanmeshError
+from common.errors import LabanmeshError
 from common.text import named_numbers, split_list
 from observer.model.base import MovementModel
 from observer.model.registry import DEFAULT_MODEL
@@ -111,7 +110,7 @@ def clips(options: ClipsOptions) -> None:
 
 
 def _playing(options: ClipsOptions) -> Playing:
-    data = _data()
+    data = recordings_folder()
     archive = recordings(data)
     learning = Learning(
         archive,
@@ -123,13 +122,6 @@ def _playing(options: ClipsOptions) -> Playing:
     options.tracks.mkdir(parents=True, exist_ok=True)
     config = FusionConfig.model_validate(named_numbers("--fusion", options.fusion or []))
     return Playing(learning, config, options.view, options.rate, options.tracks, data, options.scale)
-
-
-def _data() -> Path:
-    place = os.environ.get("LABANMESH_DATA")
-    if not place:
-        raise BadInput("LABANMESH_DATA is not set: name the folder with the recordings of people")
-    return Path(place)
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,6 +1,5 @@
 """`python -m benchmarks.taught`: what models taught from 2-D tracks are worth, on recorded people."""
 
-import os
 import sys
 from dataclasses import dataclass
 from enum import StrEnum
@@ -10,12 +9,11 @@ from typing import Annotated
 
 import typer
 
-from benchmarks.command_line import run_command
+from benchmarks.command_line import recordings_folder, run_command
 from benchmarks.taught import begins, clips, corrections, few_takes, life, sensors
 from benchmarks.taught.households import ROOMS, Draws
 from benchmarks.taught.judging import TaughtModels
 from common.command_options import takes_options
-from common.errors import BadInput
 from common.progress import ProgressBar
 from common.text import named_numbers
 from observer.model.registry import DEFAULT_MODEL
@@ -76,10 +74,7 @@ def taught(options: TaughtOptions) -> None:
 
     Example: python -m benchmarks.taught few-takes --data nw_ucla
     """
-    place = os.environ.get("LABANMESH_DATA")
-    if not place:
-        raise BadInput("LABANMESH_DATA is not set: name the folder with the recordings of people")
-    data = Path(place)
+    data = recordings_folder()
     parameters = named_numbers("--parameter", options.parameter or [])
     if options.row is Row.CLIPS:
         options.tracks.mkdir(parents=True, exist_ok=True)

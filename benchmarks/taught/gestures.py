@@ -5,7 +5,7 @@ sensors saw them: none of MSR Action3D and of Florence 3D Actions, on which taug
 means over all people and takes of one movement in one view, and how takes spread around such a mean; no recording.
 """
 
-import os
+import sys
 from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import replace
@@ -13,8 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.command_line import recordings_folder, run_command
 from benchmarks.taught.few_takes import CENTRE_PX, DISTANCE_M, FOCAL_PX, SENSOR
-from common.errors import BadInput
 from observer.geometry.projection import pinhole_matrix
 from observer.geometry.views import View
 from observer.model import common_gestures
@@ -107,15 +107,18 @@ def _lines(text: str) -> str:
     return "".join(f'    "{text[n : n + LINE]}"\n' for n in range(0, len(text), LINE))
 
 
-def main() -> None:
-    """Write the module."""
-    place = os.environ.get("LABANMESH_DATA")
-    if not place:
-        raise BadInput("LABANMESH_DATA is not set: name the folder with the recordings of people")
+def gestures() -> None:
+    """Write the module; print its path.
+
+    LABANMESH_DATA names the folder of recordings.
+
+    Example: python -m benchmarks.taught.gestures
+    """
+    data = recordings_folder()
     path = Path(common_gestures.__file__).with_name("common_gestures_table.py")
-    path.write_text(source_of(*learned(Path(place))))
+    path.write_text(source_of(*learned(data)))
     print(path)
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(run_command(gestures, "taught.gestures"))
