@@ -7,32 +7,25 @@ have 10 Hz; pictures in between are mixed of their neighbours, each has sensor n
 forwards, then backwards, so that it can loop without a jump.
 """
 
-import os
-import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import repeat
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Annotated
 
 import cv2
 import numpy as np
 import typer
 
-from benchmarks.bare_zenoh import LOOPBACK
 from benchmarks.clips.learning import THE_FOUR, Learning, chosen_labels
 from benchmarks.clips.material import WEBCAM, recordings
 from benchmarks.command_line import markdown_table, recordings_folder, run_command
+from benchmarks.observer_process import await_first, observing
 from benchmarks.timing import cpu_seconds, resident_bytes
 from common.command_options import takes_options
-from common.config import MeshConfig
-from common.errors import BadInput, LabanmeshError
-from common.inbox import Inbox
-from common.link import Link
+from common.errors import BadInput
 from common.text import split_list
 from observer.camera.base import Picture, Size
 from observer.camera.files import Video
@@ -105,8 +98,7 @@ def watched(film: Path, model: Path, tracker: str, options: CameraCostOptions) -
     settings = [f'tracker = "{tracker}"', *(setting.replace("=", " = ", 1) for setting in options.setting or [])]
     begun_s = time.monotonic()
     with observing(film, model, settings) as (process, inbox):
-        if not inbox.take(FIRST_S):
-            raise LabanmeshError("labanmesh observe published nothing; its output above says why")
+        await_first(inbox, FIRST_S)
         start_s = time.monotonic() - begun_s
         time.sleep(SETTLE_S)
         inbox.take(0)
@@ -115,30 +107,6 @@ def watched(film: Path, model: Path, tracker: str, options: CameraCostOptions) -
         seconds = time.monotonic() - from_s
         share = (cpu_seconds(process) - spent_s) / seconds
         return CameraCost(share, resident_bytes(process) / 2**20, start_s, len(inbox.take(0)) / seconds)
-
-
-@contextmanager
-def observing(film: Path, model: Path, settings: list[str]) -> Iterator[tuple[int, Inbox]]:
-    """A real observer that watches the film in a loop: its process id, and the inbox of its posteriors."""
-    with TemporaryDirectory() as folder, Link.open(MeshConfig(), "fusion", listen=[LOOPBACK]) as link:
-        scene = Path(folder) / "scene.toml"
-        lines = [
-            'scene = "eyes"',
-            "[mesh]",
-            f'endpoint = "{link.locator}"',
-            "[observers.cam]",
-            "loop = true",
-            *settings,
-        ]
-        scene.write_text("\n".join([*lines, f'source = "{film.absolute()}"', f'model = "{model.absolute()}"']) + "\n")
-        inbox = link.inbox("laban/eyes/observer/cam/posterior", limit=100_000)
-        words = [sys.executable, "-P", "-m", "labanmesh", "observe", str(scene), "cam"]
-        process = subprocess.Popen(words, env={**os.environ, "LABANMESH_LOG": "error"})  # noqa: S603 - our verbs
-        try:
-            yield process.pid, inbox
-        finally:
-            process.terminate()
-            process.wait(FIRST_S)
 
 
 def model_file(data: Path, folder: Path) -> Path:

@@ -7,14 +7,12 @@ all movements, and publishes to a subscriber here. Floors:
 - bytes: the numbers of a posterior in single precision, without names, ids and types.
 """
 
-import os
 import subprocess
 import sys
 import tempfile
 import threading
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from statistics import median
@@ -22,13 +20,10 @@ from statistics import median
 import cv2
 import numpy as np
 
-from benchmarks.bare_zenoh import LOOPBACK, TIMEOUT_S
+from benchmarks.bare_zenoh import TIMEOUT_S
+from benchmarks.observer_process import await_first, observing
 from benchmarks.observer_steps import FACINGS, RATE_HZ, halves, learned, plain_calls, recorded
 from benchmarks.timing import BenchmarkRow, cpu_seconds, resident_bytes, row
-from common.config import MeshConfig
-from common.errors import LabanmeshError
-from common.inbox import Inbox
-from common.link import Link
 from common.wire import encode
 from observer.effort.reader import FacetReader
 from observer.geometry.views import parse_view
@@ -48,6 +43,7 @@ FILM_S = 10.0
 SETTLE_S = 4.0
 WATCH_S = 10.0
 STARTS = 7
+MODEL = "bench.model"
 STREAM_RECORDINGS = 8
 NOW_NS = 1_800_000_000_000_000_000
 """A present-day time: its size on the wire counts."""
@@ -144,27 +140,10 @@ def _bare_start(film: Path, starts: int) -> StartCost:
     return StartCost(seconds, spent_s, median(cost.memory_mb for cost in costs))
 
 
-@contextmanager
-def _observing(place: Path, film: Path) -> Iterator[tuple[int, Inbox]]:
-    """A real observer that watches the film in a loop: its process id, and the inbox of its posteriors."""
-    with Link.open(MeshConfig(), "fusion", listen=[LOOPBACK]) as link:
-        scene = place / "scene.toml"
-        mesh = f'scene = "bench"\n[mesh]\nendpoint = "{link.locator}"\n'
-        scene.write_text(f'{mesh}[observers.cam1]\nsource = "{film}"\nmodel = "bench.model"\nloop = true\n')
-        inbox = link.inbox("laban/bench/observer/cam1/posterior", limit=100_000)
-        words = [sys.executable, "-P", "-m", "labanmesh", "observe", str(scene), "cam1"]
-        process = subprocess.Popen(words, env={**os.environ, "LABANMESH_LOG": "warning"})  # noqa: S603
-        try:
-            yield process.pid, inbox
-        finally:
-            process.terminate()
-            process.wait(TIMEOUT_S)
-
-
 def _watched(place: Path, film: Path, model: MovementModel, watch_s: float) -> ProcessCost:
-    write_model(place / "bench.model", model)
-    with _observing(place, film) as (process, inbox):
-        _await_first(inbox)
+    write_model(place / MODEL, model)
+    with observing(film, place / MODEL) as (process, inbox):
+        await_first(inbox, TIMEOUT_S)
         time.sleep(SETTLE_S if watch_s == WATCH_S else 0.0)
         begun_s, spent_s = time.monotonic(), cpu_seconds(process)
         time.sleep(watch_s)
@@ -175,14 +154,9 @@ def _watched(place: Path, film: Path, model: MovementModel, watch_s: float) -> P
 def _start(place: Path, film: Path) -> StartCost:
     """Start a real observer until its first posterior."""
     begun_s = time.monotonic()
-    with _observing(place, film) as (process, inbox):
-        _await_first(inbox)
+    with observing(film, place / MODEL) as (process, inbox):
+        await_first(inbox, TIMEOUT_S)
         return StartCost(time.monotonic() - begun_s, cpu_seconds(process))
-
-
-def _await_first(inbox: Inbox) -> None:
-    if not inbox.take(TIMEOUT_S):
-        raise LabanmeshError("labanmesh observe published nothing; its output above says why")
 
 
 def byte_rows(archive: MotionArchive, models: dict[str, MovementModel]) -> Iterator[BenchmarkRow]:
