@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from hub.teaching.terminal import Terminal
 
 LOOK_S, PICTURES_S = 0.2, 6.0
-FIND_S = 3.0
-"""Observers that run are found within milliseconds."""
+CAMERAS_S = 20.0
+"""So long the lesson waits for a first camera; for the others PICTURES_S."""
 
 
 class BeginOption(StrEnum):
@@ -150,7 +150,7 @@ def _lesson(options: TeachOptions, config: "Scene", link: "Link", stop: threadin
         if options.begin is BeginOption.KEY and not keyboard:
             raise BadInput("--begin key: there is no keyboard here; take still, clap or now")
         interface = Terminal(stop, listener, keyboard, options.beep)
-        observers = _teachable(client, plan.teacher, present, interface)
+        observers = _teachable(client, plan.teacher, present, interface, options.scene)
         Lesson(plan, interface, client.ask, observers).run()
 
 
@@ -159,6 +159,7 @@ def _started_here(
 ) -> Path | None:
     """Start the scene in `here` if nothing of it runs and the person wants it; the path of its log, None if not."""
     from hub.teaching.scene_here import scene_here
+    from hub.teaching.teaching_client import FIND_S
     from hub.teaching.terminal import agrees, wait
 
     presence = link.presence(config.keys.observer_alive())
@@ -179,6 +180,11 @@ def _require_teachable(scene: "Scene", options: TeachOptions, labels: Sequence[s
         )
     if "nothing" in labels:
         raise BadInput("nothing: this word stands for something else than any movement; choose another name")
+    if len(labels) == 1 and not options.add:
+        raise BadInput(
+            f"{labels[0]}: one movement alone cannot be told from another; name at least two, or add it with --add to "
+            "those that were taught"
+        )
     if not options.add:
         Vocabulary(tuple(labels))
     elif len(set(labels)) != len(labels):
@@ -192,31 +198,43 @@ def _require_teachable(scene: "Scene", options: TeachOptions, labels: Sequence[s
 
 def _present(scene: "Scene", file: Path, link: "Link") -> list[str]:
     """The observers of the scene file that run; raises LabanmeshError without any."""
-    from common.keys import observer_of
+    from hub.teaching.teaching_client import running_observers
 
-    presence = link.presence(scene.keys.observer_alive(), map(scene.keys.observer_alive, scene.roster))
-    presence.wait_for(len(scene.roster), FIND_S)
-    names = {observer_of(key) for key in presence.alive}
-    present = [name for name in scene.roster if name in names]
-    for name in set(scene.roster) - names:
-        print(f"{name}: does not run; the others are taught without it", flush=True)
+    present = running_observers(scene, link)
     if not present:
         raise LabanmeshError(f"no observer of {scene.scene} runs; start them: labanmesh up {file} (or teach with --up)")
+    for name in scene.roster:
+        if name not in present:
+            print(f"{name}: does not run; the others are taught without it", flush=True)
     return present
 
 
-def _teachable(client: "TeachingClient", teacher: str, present: Sequence[str], interface: "Terminal") -> list[str]:
+def _teachable(
+    client: "TeachingClient", teacher: str, present: Sequence[str], interface: "Terminal", file: Path
+) -> list[str]:
+    """The observers that answer; raises LabanmeshError if none does, or none has pictures."""
     from common.teaching_messages import TeachRequest
     from hub.teaching.wording import NO_RIGHT
 
     status = TeachRequest(command="status", teacher=teacher)
-    answers, begun_s = client.ask(status, present), interface.now_s()
+    answers, begun_s, waits = client.ask(status, present), interface.now_s(), False
     # A scene that has just been started has no pictures yet.
-    while not all(reply.pictures for reply in answers.replies.values()) and interface.now_s() - begun_s < PICTURES_S:
+    while not all(reply.pictures for reply in answers.replies.values()):
+        waited_s = interface.now_s() - begun_s
+        if waited_s >= (PICTURES_S if any(reply.pictures for reply in answers.replies.values()) else CAMERAS_S):
+            break
+        if waited_s >= PICTURES_S and not waits:
+            interface.say("waiting for the cameras ...")
+            waits = True
         interface.pause(LOOK_S)
         answers = client.ask(status, present)
     if not answers.replies:
         raise LabanmeshError(NO_RIGHT)
+    if not any(reply.pictures for reply in answers.replies.values()):
+        raise LabanmeshError(
+            f"no pictures from {', '.join(answers.replies)}: are the cameras plugged in and switched on? "
+            f"labanmesh doctor {file} says why"
+        )
     for name in answers.silent:
         interface.say(f"{name}: does not answer a request to teach; the others are taught without it")
     return list(answers.replies)

@@ -42,23 +42,18 @@ class TaughtScene:
 def _opened(file: Path) -> Iterator[TaughtScene]:
     """The observers of a scene that can be asked; raises LabanmeshError if none can."""
     from common.config import read_scene
-    from common.keys import observer_of
     from common.lifecycle import stop_on_signals
     from common.link import Link
     from common.teaching_messages import TeachRequest
     from hub.session import SceneListener
-    from hub.teaching.commands import FIND_S
     from hub.teaching.participants import Participants
-    from hub.teaching.teaching_client import TeachingClient
+    from hub.teaching.teaching_client import TeachingClient, running_observers
     from hub.teaching.terminal import Terminal
     from hub.teaching.wording import NO_RIGHT
 
     scene, teacher = read_scene(file), secrets.token_hex(8)
     with stop_on_signals() as stop, Link.open(scene.mesh, "hub", scene=scene.scene) as link:
-        presence = link.presence(scene.keys.observer_alive(), map(scene.keys.observer_alive, scene.roster))
-        presence.wait_for(len(scene.roster), FIND_S)
-        names = {observer_of(key) for key in presence.alive}
-        present = [name for name in scene.roster if name in names]
+        present = running_observers(scene, link)
         if not present:
             raise LabanmeshError(f"no observer of {scene.scene} runs; start them: labanmesh up {file}")
         with SceneListener(scene, link, lambda _: None) as listener:

@@ -2,6 +2,7 @@
 
 import threading
 from collections.abc import Collection
+from typing import TYPE_CHECKING
 
 from common.keys import SceneKeys, observer_of
 from common.subsession import SubSession
@@ -9,9 +10,15 @@ from common.teaching_messages import TeachReply, TeachRequest
 from common.wire import BadMessage, decode, encode
 from hub.teaching.interface import Answers
 
+if TYPE_CHECKING:
+    from common.config import Scene
+    from common.link import Link
+
 ANSWER_S = 2.0
 """An observer answers within milliseconds, between two frames; one that learns or writes, a little later."""
 ATTEMPTS = 3
+FIND_S = 3.0
+"""Observers that run are found within milliseconds."""
 
 
 class TeachingClient:
@@ -50,3 +57,11 @@ class TeachingClient:
         for _ in observers:
             finished.acquire(timeout=2 * self._answer_s)
         return dict(replies)
+
+
+def running_observers(scene: "Scene", link: "Link") -> list[str]:
+    """The observers of the scene file that run, in its order; one that is missing is waited for, at most FIND_S."""
+    presence = link.presence(scene.keys.observer_alive(), map(scene.keys.observer_alive, scene.roster))
+    presence.wait_for(len(scene.roster), FIND_S)
+    names = {observer_of(key) for key in presence.alive}
+    return [name for name in scene.roster if name in names]
