@@ -73,6 +73,10 @@ def _named(source: str, file: Path) -> FirstCamera:
     path = Path(source)
     if path.exists() and not str(path).startswith("/dev/"):
         return FirstCamera(os.path.relpath(path, file.parent), "# A recording.", film=True)
+    if not (source.isdecimal() or source == "-" or "://" in source or source.startswith(("/dev/", "zenoh:"))):
+        raise BadInput(
+            f"--source {source}: no such file or folder; name a webcam (0), an address (rtsp://...) or a film"
+        )
     return FirstCamera(source, "# As named with --source.")
 
 

@@ -89,8 +89,10 @@ def test_cameras_can_be_named_and_films_begin_anew(tmp_path, monkeypatch, capsys
         ("rtsp://10.0.0.7/stream", False), ("../wave.mp4", True), ("1", False),
     ]  # fmt: skip
     assert "labanmesh teach" in (output := capsys.readouterr().out) and "--up" in output and "webcam" not in output
-    with pytest.raises(BadInput, match="--source"):
-        init(tmp_path / "other.toml", [" "])
+    for wrong in (" ", "wave.mp5"):
+        with pytest.raises(BadInput, match=f"--source '?{wrong}"):
+            init(tmp_path / "other.toml", [wrong])
+    assert not (tmp_path / "other.toml").exists()
 
 
 def test_in_a_terminal_it_shows_what_cameras_see_and_offers_a_lesson(tmp_path, monkeypatch, capsys):
