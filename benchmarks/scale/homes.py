@@ -160,7 +160,7 @@ class Flow:
     bytes_hz: float
 
 
-UP, DOWN, OUT = "home to region", "region to home", "region to who listens"
+UP, DOWN, OUT = "home to region", "region to home", "region to listeners"
 
 
 def flows(design: Design, sizes: MessageSizes, assumed: Assumptions, load: Load) -> Iterator[Flow]:
