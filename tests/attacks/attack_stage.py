@@ -20,10 +20,11 @@ from attack_judges import Judges
 from attack_peers import opened
 from attack_person import VIEWS
 from fault_processes import Process, labanmesh
-from fault_stage import START, free_port
+from fault_stage import START
 from mesh_stage import SOON_S, Mesh, until
 from mqtt_stage import Broker, mosquitto
 
+from benchmarks.timing import free_port
 from common import SECOND_NS
 from common.config import MeshConfig, read_scene
 from common.link import Link

@@ -9,8 +9,9 @@ from attack_listeners import listeners
 from attack_storm import aftermath
 from fault_processes import Process, labanmesh
 from fault_slow_line import SlowLine
-from fault_stage import SCENE, SECOND_NS, SERVICES, SETTLE_S, Replay, Stage, all_count, free_port
+from fault_stage import SCENE, SECOND_NS, SERVICES, SETTLE_S, Replay, Stage, all_count
 
+from benchmarks.timing import free_port
 from deploy.security.routing import plain_rules
 
 SPLIT_S = 15.0

@@ -6,10 +6,11 @@ import pytest
 from attack_storm import aftermath, settle
 from fault_processes import Process, labanmesh
 from fault_slow_line import SlowLine
-from fault_stage import SECOND_NS, SETTLE_S, VIEWS, Replay, Stage, all_count, counted, free_port
+from fault_stage import SECOND_NS, SETTLE_S, VIEWS, Replay, Stage, all_count, counted
 from mesh_stage import until
 from test_split import far_router
 
+from benchmarks.timing import free_port
 from common.message_types import SAME_ID_REASON
 
 ROUNDS = 20

@@ -20,6 +20,7 @@ sys.path.append(str(Path(__file__).parents[1] / "hub"))
 
 from played_scene import ROOT, SOON_S, environment, labanmesh, until
 
+from benchmarks.timing import free_port
 from common.config import MeshConfig
 from common.link import Link
 from observer.geometry.projection import project
@@ -173,10 +174,3 @@ class TaughtScene:
             process.terminate()
         for process in self._processes:
             process.communicate(timeout=SOON_S)
-
-
-def free_port():
-    import socket
-
-    with socket.create_server(("127.0.0.1", 0)) as probe:
-        return probe.getsockname()[1]

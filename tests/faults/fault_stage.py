@@ -6,7 +6,6 @@ through the `projected` tracker, which needs no picture.
 
 import json
 import math
-import socket
 import sys
 import time
 from dataclasses import dataclass
@@ -15,6 +14,7 @@ from pathlib import Path
 
 from fault_processes import SOON_S, Process, labanmesh
 
+from benchmarks.timing import free_port
 from common import SECOND_NS
 from common.vocabulary import Vocabulary
 from observer.geometry.views import parse_view
@@ -298,10 +298,3 @@ def counted(judgement, *observers):
 def longest_gap_s(times_ns):
     """The longest time between two neighbours."""
     return max((b - a for a, b in pairwise(times_ns)), default=math.inf) / SECOND_NS
-
-
-def free_port():
-    """A port of this machine that was free a moment ago."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]

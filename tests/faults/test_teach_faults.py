@@ -6,8 +6,9 @@ import sys
 import pytest
 from fault_film import film
 from fault_processes import Process, labanmesh
-from fault_stage import HERE, free_port
+from fault_stage import HERE
 
+from benchmarks.timing import free_port
 from observer.model.model_file import read_model
 from observer.motion.archive import labels_of
 from observer.motion.archive_file import read_archive

@@ -6,8 +6,9 @@ import urllib.error
 import urllib.request
 from pathlib import Path
 
-from mqtt_stage import free_port
 from played_scene import SOON_S, until
+
+from benchmarks.timing import free_port
 
 UP_S = 300.0
 """Its first start installs what its integrations require."""

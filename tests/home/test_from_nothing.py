@@ -14,9 +14,10 @@ import time
 import numpy as np
 import pytest
 from home_assistant import HomeAssistant
-from mqtt_stage import Broker, Listener, free_port, mosquitto
+from mqtt_stage import Broker, Listener, mosquitto
 from played_scene import ROOT, environment, labanmesh, until
 
+from benchmarks.timing import free_port
 from common.config import MeshConfig
 from common.link import Link
 from observer.tracks import BODY_PARTS

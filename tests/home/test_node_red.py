@@ -5,8 +5,10 @@ import os
 import subprocess
 
 import pytest
-from mqtt_stage import Broker, Listener, free_port, mosquitto
+from mqtt_stage import Broker, Listener, mosquitto
 from played_scene import ROOT
+
+from benchmarks.timing import free_port
 
 SECONDS = 60.0
 

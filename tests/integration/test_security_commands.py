@@ -4,7 +4,6 @@ import json
 import os
 import shutil
 import signal
-import socket
 import subprocess
 import threading
 from functools import partial
@@ -12,6 +11,7 @@ from functools import partial
 import pytest
 from mesh_stage import SOON_S, labanmesh, running, until
 
+from benchmarks.timing import free_port
 from common.config import read_scene
 from common.errors import LabanmeshError
 from common.link import Link
@@ -19,11 +19,6 @@ from deploy.security.routing import route, rules_in_file, rules_of_scenes
 from labanmesh import main
 
 OBSERVERS = "".join(f'[observers.{name}]\nsource = "m.npz"\n' for name in ("sofa", "shelf"))
-
-
-def free_port():
-    with socket.create_server(("127.0.0.1", 0)) as listening:
-        return listening.getsockname()[1]
 
 
 @pytest.fixture

@@ -13,16 +13,12 @@ import time
 import paho.mqtt.client as paho
 from played_scene import ROOT, SOON_S, environment, labanmesh, until
 
+from benchmarks.timing import free_port
+
 
 def mosquitto():
     """Where the broker's program is, or None."""
     return shutil.which("mosquitto", path=os.environ.get("PATH", "") + ":/usr/sbin:/usr/local/sbin")
-
-
-def free_port():
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
 
 
 class Broker:

@@ -7,9 +7,10 @@ import time
 from datetime import UTC, datetime
 
 import pytest
-from mqtt_stage import Broker, Hub, Listener, free_port
+from mqtt_stage import Broker, Hub, Listener
 from played_scene import LABELS, ROOT, SOON_S, hub_section
 
+from benchmarks.timing import free_port
 from common.config import read_scene
 from deploy.security.authority import issue, make_authority
 from hub.home_assistant import home_assistant_advice
