@@ -15,7 +15,7 @@ unexport PYTHONDONTWRITEBYTECODE
 without_windows = $(1)/bin/python -c 'import cv2' 2>/dev/null || $(1)/bin/python -m pip install --quiet --disable-pip-version-check --force-reinstall --no-deps "opencv-python-headless==$$($(1)/bin/python -c 'from importlib.metadata import version; print(version("opencv-contrib-python"))')"
 
 .DEFAULT_GOAL := help
-.PHONY: help install demo test test-mediapipe test-browser test-home home-assistant-app fault-tools mqtt-tools faults attacks fuzz soak-day peers test-peers peers-transport test-transports check bench soak scale clean
+.PHONY: help install demo test test-mediapipe test-browser guide-pictures test-home home-assistant-app fault-tools mqtt-tools faults attacks fuzz soak-day peers test-peers peers-transport test-transports check bench soak scale clean
 
 help:            ## this list
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*##/\t/' | expand -t 18
@@ -35,6 +35,10 @@ test-mediapipe: $(MEDIAPIPE)/.ready   ## the mediapipe tracker and its figures, 
 test-browser: $(VENV)/.ready   ## the dashboard in Chromium, and fifty browsers at once
 	@tests/browser/install_chromium.sh
 	@$(BIN)/pytest -q -n0 -rP tests/browser
+
+guide-pictures: $(VENV)/.ready   ## the pictures of docs/guide, made anew with the demo's performer: the only pictures in git
+	@tests/browser/install_chromium.sh
+	@$(BIN)/python tests/browser/guide_pictures.py docs/guide
 
 test-home: $(VENV)/.ready mqtt-tools $(HOME_ASSISTANT)/.ready   ## a real Home Assistant and Node-RED, in an environment of their own
 	@LABANMESH_HASS=$(HOME_ASSISTANT)/bin/hass LABANMESH_NODE_RED=$$(ls $(HOME_ASSISTANT)/node-red/node_modules/.bin/node-red 2>/dev/null) LABANMESH_LOAD_S=120 $(BIN)/pytest -q -n0 -rP --timeout 900 tests/home

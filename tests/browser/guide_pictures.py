@@ -12,6 +12,7 @@ import tempfile
 from contextlib import contextmanager
 from pathlib import Path
 
+from PIL import Image
 from playwright.sync_api import sync_playwright
 
 # The person in the pictures is synthetic: recordings belong to others.
@@ -30,10 +31,10 @@ DASHBOARD = {
     "dashboard-phone": {"viewport": {"width": 360, "height": 760}, "color_scheme": "light"},
 }
 PHONE = {"viewport": {"width": 390, "height": 760}, "device_scale_factor": 1.5, "has_touch": True}
-VERDICTS_BEFORE = 5
+VERDICTS_BEFORE = 6
 WAIT_MS = 180_000
 GOING_ON = f"""() => document.querySelectorAll('#verdicts tr.entry').length >= {VERDICTS_BEFORE}
-  && document.querySelector('#referee').dataset.kind === 'decided'"""
+  && document.querySelector('#referee').dataset.kind === 'open'"""
 
 
 @contextmanager
@@ -51,14 +52,14 @@ def played_demo(folder):
 
 
 def draw_dashboard(chromium, folder, work):
-    """The page while a movement goes on that is decided, in three windows at the same moment."""
+    """The page while a movement goes on that is decided, in three windows."""
     with played_demo(work) as url:
         pages = {name: chromium.new_page(**look) for name, look in DASHBOARD.items()}
         for page in pages.values():
             page.goto(url)
-        next(iter(pages.values())).wait_for_function(GOING_ON, timeout=WAIT_MS)
         for name, page in pages.items():
-            page.screenshot(path=folder / f"{name}.png")
+            page.wait_for_function(GOING_ON, timeout=WAIT_MS)
+            take(page, folder / f"{name}.png")
             page.close()
 
 
@@ -70,13 +71,13 @@ def draw_teach(chromium, folder, work, scheme):
         page.goto(f"{scene.url}/teach#{scene.token}")
         begin_lesson(page)
         page.wait_for_selector("#stage[data-kind=between]:has-text('3 of 4')")
-        draw(page, folder / "teach-phone.png")
+        take_drawn(page, folder / "teach-phone.png")
         page.get_by_role("button", name="Next: clap").wait_for()
-        draw(page, folder / "teach-phone-takes.png")
+        take_drawn(page, folder / "teach-phone-takes.png")
         for name in ("Next: clap", "Start", "Go on", "Start", "Use it", "Start the test", "Teach more"):
             page.get_by_role("button", name=name, exact=True).tap()
         page.get_by_role("button", name="Wrong?").first.tap()
-        draw(page, folder / "teach-phone-correct.png", page.locator("section", has_text="Was it wrong?").last)
+        take(page.locator("section", has_text="Was it wrong?").last, folder / "teach-phone-correct.png")
 
 
 def begin_lesson(page):
@@ -91,10 +92,16 @@ def begin_lesson(page):
         page.get_by_role("button", name=name, exact=True).tap()
 
 
-def draw(page, path, part=None):
-    """A screenshot of the page, or of a part of it, once the ways of the hands are drawn."""
+def take_drawn(page, path):
+    """A screenshot of the page once the ways of the hands are drawn."""
     page.wait_for_timeout(500)
-    (part or page).screenshot(path=path)
+    take(page, path)
+
+
+def take(shown, path):
+    """A screenshot of a page, or of a part of it, in 256 colours: half the bytes."""
+    shown.screenshot(path=path)
+    Image.open(path).convert("RGB").quantize(256, dither=Image.Dither.NONE).save(path, optimize=True)
 
 
 def main(words):
