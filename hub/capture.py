@@ -95,8 +95,8 @@ class SceneCapture:
         self._tokens: frozenset[str] = frozenset()
         self._answers: frozenset[tuple[str, bytes]] = frozenset()
         self._inbox = link.inbox(f"{self._keys.root}/**", limit=INBOX_LIMIT, bytes_limit=INBOX_BYTES)
-        named = (*map(self._keys.observer_alive, scene.roster), *map(self._keys.fusion_alive, scene.services))
-        self._presence = link.presence(f"{self._keys.root}/**/alive", named)
+        expected = (*map(self._keys.observer_alive, scene.roster), *map(self._keys.fusion_alive, scene.services))
+        self._presence = link.presence(f"{self._keys.root}/**/alive", expected)
         self._began_ns = self._queried_ns = clock()
         self._vocabulary_missing = False
         self._query()

@@ -40,11 +40,11 @@ def _connected(scene: "Scene") -> HomeAssistantAdvice:
 
 def _not_connected(scene: "Scene") -> HomeAssistantAdvice:
     broker = scene.hub.mqtt
-    named = broker.host != DEFAULT_HOST or broker.port is not None or bool(broker.username)
+    is_configured = broker.host != DEFAULT_HOST or broker.port is not None or bool(broker.username)
     where = f"{broker.host}:{broker.port}" if broker.port else broker.host
     configure = (
         f"the scene file names the broker {where}; it must run there"
-        if named
+        if is_configured
         else 'in the scene file, under [hub.mqtt]: host = "homeassistant.local", username and password_file'
     )
     steps = (

@@ -138,9 +138,9 @@ class SceneState:
     def _with_status(self, message: StatusMessage, role: SenderRole, received_ns: int) -> "SceneState":
         """The state with the status; of processes that the scene does not name, STRANGERS_LIMIT are kept."""
         known = self.observer_status if role == "observer" else self.fusion_status
-        named = self.roster if role == "observer" else self.services
-        is_new = message.id not in known and message.id not in named
-        if is_new and sum(each not in named for each in known) >= STRANGERS_LIMIT:
+        expected = self.roster if role == "observer" else self.services
+        is_new = message.id not in known and message.id not in expected
+        if is_new and sum(each not in expected for each in known) >= STRANGERS_LIMIT:
             return self
         statuses = {**known, message.id: message}
         if role == "observer":

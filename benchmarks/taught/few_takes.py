@@ -149,9 +149,9 @@ def judge_draw(draw: Draw, room: RecordedRoom, teaching: TaughtModels) -> DrawRe
     for n in range(max(Counter(r.label for r in first).values())):
         out = [take for label in draw.labels for take in [r for r in first if r.label == label][n : n + 1]]
         keys = {(take.label, take.trial) for take in out}
-        kept = {name: few([r for r in rs if (r.label, r.trial) not in keys]) for name, rs in takes.items()}
-        models = teaching.models(room.seen(kept), draw.labels)
-        learned = max(learned, *Counter(r.label for r in kept[next(iter(kept))]).values())
+        shown = {name: few([r for r in rs if (r.label, r.trial) not in keys]) for name, rs in takes.items()}
+        models = teaching.models(room.seen(shown), draw.labels)
+        learned = max(learned, *Counter(r.label for r in shown[next(iter(shown))]).values())
         for take in out:
             names = names_in(verdicts_on(streams_of(room, [take], draw.seed), BODY_PARTS, models))
             judged, right, named = judged + 1, right + (names[:1] == [take.label]), named + bool(names)
@@ -183,9 +183,9 @@ def streams_of(room: RecordedRoom, takes: Sequence[Recording], seed: int) -> dic
     for name, archive in room.space.items():
         own = same_streams(archive, takes)
         (whole,) = strung(own, np.random.default_rng(seed))
-        seen = room.seen({name: [whole]})[name].recordings
-        if seen:
-            result[name] = seen[0]
+        streams = room.seen({name: [whole]})[name].recordings
+        if streams:
+            result[name] = streams[0]
     return result
 
 

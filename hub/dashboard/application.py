@@ -47,8 +47,6 @@ NO_PICTURE: Mapping[PictureState, tuple[int, str]] = {
 Stream = Callable[[Playhead], AsyncIterator[bytes]]
 Newest = Callable[[str], PictureAnswer]
 """The newest live picture of an observer."""
-
-
 Answer = Callable[[Request], Awaitable[Response]]
 
 

@@ -17,13 +17,13 @@ from common.errors import BadInput
 from hub.dashboard.access import LISTEN_KEY, AccessControl, checked_token, is_loopback
 from hub.dashboard.placement import azimuth_of, azimuth_of_camera, floor_positions
 
-UNMISTAKABLE = "abcdefghijkmnpqrstuvwxyz23456789"
-"""Letters and digits that nobody takes for another on a phone."""
-
 if TYPE_CHECKING:
     from common.config import Scene
     from hub.dashboard.history import CaptureTimeline
     from hub.dashboard.page_data import PageSetup
+
+UNMISTAKABLE = "abcdefghijkmnpqrstuvwxyz23456789"
+"""Letters and digits that nobody takes for another on a phone."""
 
 
 def dashboard(

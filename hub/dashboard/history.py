@@ -33,6 +33,8 @@ JUDGEMENTS_LIMIT = 40_000
 STATUSES_LIMIT = 4_000
 JUDGEMENT_EVERY_NS = SECOND_NS // 10
 STATUS_EVERY_NS = SECOND_NS
+KNOWN_LIMIT = 1024
+"""Observers that have had a token; beyond it those that the scene does not name are forgotten when they go."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,10 +45,6 @@ class MinutePoint:
     label: str
     p: float
     entropy: float
-
-
-KNOWN_LIMIT = 1024
-"""Observers that have had a token; beyond it those that the scene does not name are forgotten when they go."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -131,10 +131,10 @@ def _correct_one(
         lengths[name] = report.seconds
         if span.is_moment:
             span = replace(span, began_ns=report.from_ns - offset_ns, ended_ns=report.to_ns - offset_ns)
-    kept = ", ".join(f"{name} ({seconds:.1f} s)" for name, seconds in lengths.items())
+    keepers = ", ".join(f"{name} ({seconds:.1f} s)" for name, seconds in lengths.items())
     what = (correction.label or SOMETHING_ELSE) + ("" if person == SOMEONE else f" by {person}")
     participants.interface.say(
-        f"{clock_time(span.began_ns)} was {what}: {f'kept by {kept}' if kept else 'kept by no observer'}"
+        f"{clock_time(span.began_ns)} was {what}: {f'kept by {keepers}' if keepers else 'kept by no observer'}"
     )
     for name, fault in faults.items():
         participants.interface.say(f"  {name}: {fault}")

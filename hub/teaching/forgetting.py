@@ -52,11 +52,11 @@ def _found(reply: TeachReply) -> bool:
 
 def _unknown_line(unwanted: Unwanted, replies: Sequence[TeachReply]) -> str:
     """Perhaps the name was misspelt: who and what is known."""
-    named = unwanted.person or unwanted.label
+    name = unwanted.person or unwanted.label
     known = {
-        name for reply in replies for name in (reply.persons if unwanted.person else (*reply.labels, *reply.takes))
+        each for reply in replies for each in (reply.persons if unwanted.person else (*reply.labels, *reply.takes))
     }
-    return f"nobody had anything of {named}" + (f": {nearest(named, sorted(known))}" if known else "")
+    return f"nobody had anything of {name}" + (f": {nearest(name, sorted(known))}" if known else "")
 
 
 def removed_line(report: ForgottenReport) -> str:
@@ -71,8 +71,8 @@ def removed_line(report: ForgottenReport) -> str:
 
 def untouched_line(clip_keepers: Collection[str], *, clips: bool) -> str:
     """Which files that may show the person are not removed, and how to remove them."""
-    kept = "" if clips or not clip_keepers else f"clips of verdicts by {', '.join(clip_keepers)} (--clips), and "
-    return f"not touched: {kept}files made by labanmesh capture, record and learn: delete those yourself"
+    clips_line = "" if clips or not clip_keepers else f"clips of verdicts by {', '.join(clip_keepers)} (--clips), and "
+    return f"not touched: {clips_line}files made by labanmesh capture, record and learn: delete those yourself"
 
 
 def _learn_anew(

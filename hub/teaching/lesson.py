@@ -120,15 +120,15 @@ class Lesson:
             newest += 1
             step = Step("now", label, made + 1, wanted)
             replies = self._take(step, newest)
-            kept = has_kept(replies)
-            self._interface.show(replace(step, kind="kept" if kept else "failed"))
-            failures = 0 if kept else failures + 1
+            is_kept = has_kept(replies)
+            self._interface.show(replace(step, kind="kept" if is_kept else "failed"))
+            failures = 0 if is_kept else failures + 1
             if failures == FAILURES_LIMIT:
                 raise LabanmeshError(
                     f"{label}: {failures} takes in a row that no observer could keep; "
                     "the same command goes on where this one stops"
                 )
-            if kept:
+            if is_kept:
                 made += 1
                 done.add(newest)
             action = self._after_take(step, replies)
@@ -214,5 +214,5 @@ class Lesson:
             if interface.between(step, min(1.0, rest_s)).kind == "skip":
                 break
             participants.request("status")
-        kept = participants.request("end")
-        interface.say("something else: " + ", ".join(f"{name} {r.other_s:.0f} s" for name, r in kept.items()))
+        ended = participants.request("end")
+        interface.say("something else: " + ", ".join(f"{name} {r.other_s:.0f} s" for name, r in ended.items()))

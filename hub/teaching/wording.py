@@ -59,20 +59,23 @@ def step_line(step: Step) -> str:
 
 def take_lines(replies: Mapping[str, TeachReply]) -> list[str]:
     """What became of the last take: who kept it, in one line, and a line for each observer that did not."""
-    kept = [(name, reply.take.seconds) for name, reply in replies.items() if reply.take and reply.take.state == "kept"]
-    lines = [f"kept by {', '.join(f'{name} ({seconds:.1f} s)' for name, seconds in kept)}"] if kept else []
+    takes = {name: reply.take for name, reply in replies.items() if reply.take and reply.take.state == "kept"}
+    keepers = ", ".join(f"{name} ({take.seconds:.1f} s)" for name, take in takes.items())
+    lines = [f"kept by {keepers}"] if keepers else []
     for name, reply in replies.items():
-        if reply.take is None or reply.take.state != "kept":
+        if name not in takes:
             lines.append(f"{name}: {reply.take.fault if reply.take and reply.take.fault else 'no take'}")
     return lines
 
 
 def crowd_lines(replies: Mapping[str, TeachReply]) -> list[str]:
     """What to say if somebody else was in the last take."""
-    seen = {name: reply.take.people for name, reply in replies.items() if reply.take and reply.take.people > 1}
-    if not seen:
+    people = {name: reply.take.people for name, reply in replies.items() if reply.take and reply.take.people > 1}
+    if not people:
         return []
-    places = ", ".join(f"{plural(count, 'person', 'people')} in the picture of {name}" for name, count in seen.items())
+    places = ", ".join(
+        f"{plural(count, 'person', 'people')} in the picture of {name}" for name, count in people.items()
+    )
     return [f"{places}: is the take yours? r makes it again"]
 
 
