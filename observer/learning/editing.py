@@ -11,7 +11,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from common.errors import BadInput
-from common.text import plural
+from common.text import nearest, plural
 from common.vocabulary import Vocabulary
 from observer.geometry.placement import PersonPlacement, unlike
 from observer.geometry.views import View
@@ -163,7 +163,7 @@ def _require_match(old: Header, archive: MotionArchive, view: View, kind: str, p
         raise BadInput(f"--model {kind}: the model is of the kind {old.kind}; leave out --model")
     for name, value in parameters.items():
         if name not in old.parameters:
-            raise BadInput(f"--parameter {name!r}: not of the model {old.kind}; it has {', '.join(old.parameters)}")
+            raise BadInput(f"--parameter {name!r}: not of the model {old.kind}; {nearest(name, old.parameters)}")
         if value != old.parameters[name]:
             raise BadInput(f"--parameter {name}={value:g}: the model has {old.parameters[name]:g}; leave it out")
     rate_hz = common_rate(archive)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from common.errors import BadInput
+from common.text import nearest
 from common.vocabulary import Vocabulary
 from observer.geometry.placement import PersonPlacement
 from observer.model.parameters import Parameter, check_parameters
@@ -51,7 +52,7 @@ def with_defaults(header: Header, known: Mapping[str, Parameter]) -> Header:
     """
     for name in header.parameters:
         if name not in known:
-            raise BadInput(f"parameter {name!r}: not of the model {header.kind}; it has {', '.join(known)}")
+            raise BadInput(f"parameter {name!r}: not of the model {header.kind}; {nearest(name, known)}")
     parameters = {**{name: parameter.default for name, parameter in known.items()}, **header.parameters}
     check_parameters(parameters, known)
     return replace(header, parameters=parameters)

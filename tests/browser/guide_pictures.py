@@ -31,7 +31,7 @@ DASHBOARD = {
     "dashboard-phone": {"viewport": {"width": 360, "height": 760}, "color_scheme": "light"},
 }
 PHONE = {"viewport": {"width": 390, "height": 760}, "device_scale_factor": 1.5, "has_touch": True}
-VERDICTS_BEFORE = 6
+VERDICTS_BEFORE = 4
 WAIT_MS = 180_000
 GOING_ON = f"""() => document.querySelectorAll('#verdicts tr.entry').length >= {VERDICTS_BEFORE}
   && document.querySelector('#referee').dataset.kind === 'open'"""
