@@ -124,8 +124,8 @@ class Scene(Section):
 
     def taught_model(self, observer: str) -> Path:
         """Where teaching writes the model of `observer`, with its takes beside it: the folder MODELS if that is set."""
-        named = self.named_model(observer)
-        return self._models / named.name if self._models else named
+        path = self.named_model(observer)
+        return self._models / path.name if self._models else path
 
     def named_model(self, observer: str) -> Path:
         """The model of `observer` that the scene file names."""
@@ -133,8 +133,8 @@ class Scene(Section):
 
     def model_file(self, observer: str) -> Path:
         """The model of `observer`: what it was taught, else the file that the scene file names."""
-        taught, named = self.taught_model(observer), self.named_model(observer)
-        return taught if taught.exists() or not named.exists() else named
+        taught, in_scene = self.taught_model(observer), self.named_model(observer)
+        return taught if taught.exists() or not in_scene.exists() else in_scene
 
 
 def scene_files(paths: Sequence[Path]) -> Iterator[Path]:

@@ -72,13 +72,16 @@ class CameraReader:
             self._at_ns.append(frame.at_ns)
             self._centres.append(self._camera.tracker.update(frame).centres.copy())
 
-    def cut(self, name: Recording) -> Recording:
-        """`name` with all tracks recorded so far, in 2-D, at its own rate; raises BadInput as `TracksRecorder.cut`."""
-        recorder = TracksRecorder(self._camera.tracker.body_parts, name.rate_hz, math.inf)
+    def cut(self, blank: Recording) -> Recording:
+        """`blank`, which has no frames, with all 2-D tracks recorded so far, at its rate.
+
+        Raises BadInput as `TracksRecorder.cut` does.
+        """
+        recorder = TracksRecorder(self._camera.tracker.body_parts, blank.rate_hz, math.inf)
         for at_ns, centres in zip(self._at_ns, self._centres, strict=True):
             recorder.update(Frame(at_ns, np.empty(0)), Tracks(centres))
         begin_ns, end_ns = (self._at_ns[0], self._at_ns[-1]) if self._at_ns else (0, 0)
-        return recorder.cut(begin_ns, end_ns, label=name.label, subject=name.subject, trial=name.trial)
+        return recorder.cut(begin_ns, end_ns, label=blank.label, subject=blank.subject, trial=blank.trial)
 
     def tracks(self) -> CameraTracks:
         """The tracks recorded so far."""

@@ -107,11 +107,11 @@ def _record_in_space(options: RecordOptions) -> None:
     before = read_archive(output) if output.exists() else None
     if before is not None and before.camera is not None:
         raise BadInput(f"{output}: holds 2-D tracks; give --tracks, or choose another file with -o")
-    name = with_trial(_unrecorded(options, 30.0), before, BODY_PARTS, str(output))
+    blank = with_trial(_blank(options, 30.0), before, BODY_PARTS, str(output))
     # Ctrl-C is how a recording without --seconds ends, so what was recorded until then is kept.
     with stop_on_signals() as stop:
         try:
-            recording, lines = _recorded(options, name, stop)
+            recording, lines = _recorded(options, blank, stop)
         except NothingRecorded as nothing:
             typer.echo("\n".join(nothing.lines))
             raise
@@ -140,25 +140,25 @@ def _record_tracks(options: RecordOptions) -> None:
     observers = split_list("--observers", options.observers) or scene.roster
     for observer in observers:
         scene.observer(observer)
-    paths, name = tracks_files(options.output, observers), _unrecorded(options, RATE_HZ)
-    files = {one: TracksFile(paths[one], parts, TracksCamera(one)) for one in observers}
-    names = {one: file.named(name) for one, file in files.items()}
+    paths, blank = tracks_files(options.output, observers), _blank(options, RATE_HZ)
+    files = {observer: TracksFile(paths[observer], parts, TracksCamera(observer)) for observer in observers}
+    blanks = {observer: file.with_trial(blank) for observer, file in files.items()}
     with stop_on_signals() as stop, ProgressBar() as bar:
         cameras = open_observers(scene, observers, parts, stop)
-        _announce(names, options.seconds)
+        _announce(blanks, options.seconds)
         readers = read_all(cameras, stop, options.seconds, _progress(bar, options.seconds))
-    faults = [_add_take(reader, files[reader.name], names[reader.name], options.trim) for reader in readers]
+    faults = [_add_take(reader, files[reader.name], blanks[reader.name], options.trim) for reader in readers]
     if any(faults):
         raise BadInput("; ".join(filter(None, faults)))
 
 
-def _add_take(reader: "CameraReader", file: "TracksFile", name: "Recording", trim: bool) -> str:
+def _add_take(reader: "CameraReader", file: "TracksFile", blank: "Recording", trim: bool) -> str:
     """Add what a camera recorded to its file, and print so; returns why there is nothing to add, "" if there is."""
     from observer.motion.archive import TracksCamera
     from observer.recording.own_tracks import quality_line, trimmed
 
     try:
-        take = reader.cut(name)
+        take = reader.cut(blank)
     except BadInput as error:
         return f"{reader.name}: {error}"
     if reader.picture_size:
@@ -168,15 +168,15 @@ def _add_take(reader: "CameraReader", file: "TracksFile", name: "Recording", tri
     return ""
 
 
-def _announce(names: "Mapping[str, Recording]", seconds: float | None) -> None:
+def _announce(blanks: "Mapping[str, Recording]", seconds: float | None) -> None:
     until = "until their sources end, or Ctrl-C" if seconds is None else f"for {seconds:g} s"
-    first = next(iter(names.values()))
-    trials = ", ".join(f"{observer} (trial {name.trial})" for observer, name in names.items())
+    first = next(iter(blanks.values()))
+    trials = ", ".join(f"{observer} (trial {blank.trial})" for observer, blank in blanks.items())
     typer.echo(f"recording {first.label or 'other motion'} by {first.subject} with {trials}, {until}")
 
 
-def _unrecorded(options: RecordOptions, rate_hz: float) -> "Recording":
-    """The recording without its frames."""
+def _blank(options: RecordOptions, rate_hz: float) -> "Recording":
+    """The recording to be made, without frames."""
     import numpy as np
 
     from observer.motion.archive import Recording
@@ -187,8 +187,8 @@ def _unrecorded(options: RecordOptions, rate_hz: float) -> "Recording":
     return Recording(empty, options.rate or rate_hz, options.label, options.subject, trial)
 
 
-def _recorded(options: RecordOptions, name: "Recording", stop: threading.Event) -> "tuple[Recording, Sequence[str]]":
-    """The recording with its frames, and how it went, in lines."""
+def _recorded(options: RecordOptions, blank: "Recording", stop: threading.Event) -> "tuple[Recording, Sequence[str]]":
+    """`blank` with its frames, and lines about their quality."""
     from common.config import read_scene
     from observer.recording.capture import open_cameras, read_cameras
     from observer.recording.new_recording import RecordingOptions, build_recording
@@ -200,12 +200,12 @@ def _recorded(options: RecordOptions, name: "Recording", stop: threading.Event) 
         until = "until their sources end, or Ctrl-C" if seconds is None else f"for {seconds:g} s"
         names = ", ".join(camera.name for camera in cameras)
         typer.echo(
-            f"recording {name.label or 'other motion'} by {name.subject}, trial {name.trial}, with {names}, {until}"
+            f"recording {blank.label or 'other motion'} by {blank.subject}, trial {blank.trial}, with {names}, {until}"
         )
         tracks = read_cameras(cameras, stop, seconds, _progress(bar, seconds))
         axes_and_gate = RecordingOptions(options.gate, options.up, options.front, options.trim)
         return build_recording(
-            tracks, BODY_PARTS, name, axes_and_gate, lambda done, total: bar("triangulating", done, total)
+            tracks, BODY_PARTS, blank, axes_and_gate, lambda done, total: bar("triangulating", done, total)
         )
 
 

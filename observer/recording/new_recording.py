@@ -29,30 +29,30 @@ LITTLE = 0.5
 """If all parts are known in fewer of the instants, the lines say what each camera saw."""
 
 
-def with_trial(name: Recording, archive: MotionArchive | None, body_parts: tuple[str, ...], path: str) -> Recording:
-    """`name`, still without positions, with its own trial or the next free number. Called before the performance.
+def with_trial(blank: Recording, archive: MotionArchive | None, body_parts: tuple[str, ...], path: str) -> Recording:
+    """`blank`, a recording without frames, with its own trial or the next free number. Called before the performance.
 
     Raises BadInput, naming `path`, for an archive of other body parts or another rate, for a trial that it already
     has, and for an invalid label or subject.
     """
-    if not is_label(name.label):
-        raise BadInput(f"--label {name.label!r}: {LABEL_RULE}")
-    if not name.subject.strip() or not name.subject.isprintable():
-        raise BadInput(f"--subject {name.subject!r}: the performer's name in printable characters is expected")
+    if not is_label(blank.label):
+        raise BadInput(f"--label {blank.label!r}: {LABEL_RULE}")
+    if not blank.subject.strip() or not blank.subject.isprintable():
+        raise BadInput(f"--subject {blank.subject!r}: the performer's name in printable characters is expected")
     if archive is None:
-        return replace(name, trial=name.trial or "1")
+        return replace(blank, trial=blank.trial or "1")
     if archive.body_parts != body_parts:
         theirs, ours = ", ".join(archive.body_parts), ", ".join(body_parts)
         raise BadInput(f"{path}: contains {theirs}, but this records {ours}; choose another file with -o")
-    other = next((r.rate_hz for r in archive.recordings if r.rate_hz != name.rate_hz), None)
+    other = next((r.rate_hz for r in archive.recordings if r.rate_hz != blank.rate_hz), None)
     if other is not None:
         raise BadInput(f"{path}: has a rate of {other:g} Hz; use --rate {other:g}, or another file with -o")
-    trials = [r.trial for r in archive.recordings if (r.label, r.subject) == (name.label, name.subject)]
-    if name.trial in trials:
+    trials = [r.trial for r in archive.recordings if (r.label, r.subject) == (blank.label, blank.subject)]
+    if blank.trial in trials:
         raise BadInput(
-            f"{path}: has trial {name.trial} of {name.label or 'other motion'} by {name.subject}; omit --trial"
+            f"{path}: has trial {blank.trial} of {blank.label or 'other motion'} by {blank.subject}; omit --trial"
         )
-    return replace(name, trial=name.trial or str(max((int(t) for t in trials if t.isdecimal()), default=0) + 1))
+    return replace(blank, trial=blank.trial or str(max((int(t) for t in trials if t.isdecimal()), default=0) + 1))
 
 
 def appended(archive: MotionArchive | None, body_parts: tuple[str, ...], recording: Recording) -> MotionArchive:
@@ -76,16 +76,16 @@ class RecordingOptions:
 def build_recording(
     tracks: Sequence[CameraTracks],
     body_parts: Sequence[str],
-    name: Recording,
+    blank: Recording,
     options: RecordingOptions,
     progress: Progress = lambda *_: None,
 ) -> tuple[Recording, list[str]]:
-    """`name` with triangulated positions at its own rate, and lines about their quality.
+    """`blank` with triangulated positions at its own rate, and lines about their quality.
 
     Raises BadInput when the cameras have no common time, and NothingRecorded when no position was found.
     """
-    each = max(1, round(camera_rate_hz(tracks) / name.rate_hz))
-    rate_hz = each * name.rate_hz
+    each = max(1, round(camera_rate_hz(tracks) / blank.rate_hz))
+    rate_hz = each * blank.rate_hz
     seen = reconstruct_parts(tracks, body_parts, rate_hz, options.gate_px, progress)
     positions = fill_gaps(remove_spikes(seen.result.positions, rate_hz), rate_hz)
     positions = smoothed(positions, rate_hz, noise_m(seen.matrices, seen.result))[::each]
@@ -99,8 +99,8 @@ def build_recording(
         lines += visibility_lines(tracks, body_parts, seen.result)
     if options.trim:
         hands = [row for row, part in enumerate(body_parts) if part.endswith("hand")]
-        positions = positions[slice(*moving_span(positions, hands, name.rate_hz))]
-    return replace(name, positions=positions.astype(np.float32)), lines
+        positions = positions[slice(*moving_span(positions, hands, blank.rate_hz))]
+    return replace(blank, positions=positions.astype(np.float32)), lines
 
 
 def exchange_lines(seen: ReconstructedParts) -> list[str]:

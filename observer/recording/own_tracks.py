@@ -19,7 +19,7 @@ from observer.tracks import Floats, Frame, Tracks
 
 RATE_HZ = 15.0
 """Default rate of recordings: most trackers find people as often on a small machine."""
-KEPT_S = 600.0
+MEMORY_S = 600.0
 MARGIN_S = 0.25
 """Rest that stays before and after a trimmed movement."""
 
@@ -36,22 +36,22 @@ class Marked:
 class TracksRecorder:
     """Remembers the newest tracks of one observer; recordings are cut out of them at any time.
 
-    body_parts: names of the rows of the tracks. rate_hz: of recordings, best the model's. kept_s: tracks older than
-    this are forgotten. Times are `Frame.at_ns`. Not thread-safe.
+    body_parts: names of the rows of the tracks. rate_hz: of recordings, best the model's. memory_s: older tracks are
+    forgotten. Times are `Frame.at_ns`. Not thread-safe.
     """
 
-    def __init__(self, body_parts: Sequence[str], rate_hz: float = RATE_HZ, kept_s: float = KEPT_S) -> None:
+    def __init__(self, body_parts: Sequence[str], rate_hz: float = RATE_HZ, memory_s: float = MEMORY_S) -> None:
         self.body_parts, self.rate_hz = tuple(body_parts), rate_hz
-        self._ring = TracksRing(len(self.body_parts), kept_s)
+        self._ring = TracksRing(len(self.body_parts), memory_s)
 
     @property
-    def kept_s(self) -> float:
+    def memory_s(self) -> float:
         """Older tracks than this are forgotten with the next frame."""
-        return self._ring.kept_s
+        return self._ring.memory_s
 
-    @kept_s.setter
-    def kept_s(self, kept_s: float) -> None:
-        self._ring.kept_s = kept_s
+    @memory_s.setter
+    def memory_s(self, memory_s: float) -> None:
+        self._ring.memory_s = memory_s
 
     @property
     def newest_ns(self) -> int | None:

@@ -64,7 +64,7 @@ class TracksFile:
         recordings = tuple(in_parts(r, theirs, self.body_parts) for r in self.archive.recordings)
         self.archive = replace(self.archive, body_parts=self.body_parts, recordings=recordings)
 
-    def named(self, recording: Recording) -> Recording:
+    def with_trial(self, recording: Recording) -> Recording:
         """The recording, with or without frames, with its trial: its own, or the next free number.
 
         Raises BadInput for an invalid label or subject, another rate than the file's, and a trial that it already has.
@@ -74,10 +74,10 @@ class TracksFile:
     def add(self, recording: Recording) -> Recording:
         """Write the file with one more recording; returns it with its trial.
 
-        Raises BadInput as `named` does, and BadInput or LabanmeshError if it cannot be written (a full disk): then
+        Raises BadInput as `with_trial` does, and BadInput or LabanmeshError if it cannot be written (a full disk): then
         the file is as before.
         """
-        recording = self.named(recording)
+        recording = self.with_trial(recording)
         grown = replace(appended(self.archive, self.body_parts, recording), camera=self.camera)
         write_archive(self.path, grown)
         self.archive = grown

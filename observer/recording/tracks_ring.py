@@ -11,14 +11,14 @@ GROWTH = 1.5
 
 
 class TracksRing:
-    """Frames with their times, oldest first; those older than `kept_s` before the newest are forgotten.
+    """Frames with their times, oldest first; those older than `memory_s` before the newest are forgotten.
 
     Each frame has two times in ns: that of the motion, in which spans are cut, and that of its capture, by which others
     name a moment. Not thread-safe.
     """
 
-    def __init__(self, parts: int, kept_s: float) -> None:
-        self.kept_s = kept_s
+    def __init__(self, parts: int, memory_s: float) -> None:
+        self.memory_s = memory_s
         self._parts = parts
         self.clear()
 
@@ -47,11 +47,6 @@ class TracksRing:
         """(F, P, 2) tracks."""
         return self._centres[self._begin : self._end]
 
-    @property
-    def size_bytes(self) -> int:
-        """Memory that is taken."""
-        return self._at_ns.nbytes + self._captured_ns.nbytes + self._centres.nbytes
-
     def append(self, at_ns: int, captured_ns: int, centres: Floats) -> None:
         """Take in one frame, later than the newest one; (P, 2) tracks."""
         if self._end == len(self._at_ns):
@@ -59,7 +54,7 @@ class TracksRing:
         self._at_ns[self._end], self._captured_ns[self._end] = at_ns, captured_ns
         self._centres[self._end] = centres
         self._end += 1
-        oldest_ns = at_ns - self.kept_s * SECOND_NS
+        oldest_ns = at_ns - self.memory_s * SECOND_NS
         while self._at_ns[self._begin] < oldest_ns:
             self._begin += 1
 

@@ -31,13 +31,13 @@ Build = Callable[["MovementModel"], Observer]
 class ModelLearner:
     """Learns a model from the takes file in a process of its own, and builds the observer that uses it.
 
-    model: the model file, which `adopt` replaces; the last one is kept as NAME.before.model. build: makes an observer
-    of a model. named: the file that is in force while `model` does not exist; the same one by default. `ready` is that
-    observer from the time on that `adopt` named.
+    takes: the archive to learn from. model: the model file, which `adopt` replaces; the old one becomes
+    NAME.before.model. build: makes an observer of a model. scene_model: the file that the scene names, which is in
+    force while `model` does not exist; by default the same one.
     """
 
-    def __init__(self, takes: Path, model: Path, build: Build, named: Path | None = None) -> None:
-        self._takes, self._model, self._build, self._named = takes, model, build, named or model
+    def __init__(self, takes: Path, model: Path, build: Build, scene_model: Path | None = None) -> None:
+        self._takes, self._model, self._build, self._scene_model = takes, model, build, scene_model or model
         self._next, self._before = _beside(model, "next"), _beside(model, "before")
         self._observer: Observer | None = None
         self._process: subprocess.Popen[str] | None = None
@@ -71,7 +71,7 @@ class ModelLearner:
 
     @property
     def _in_force(self) -> Path:
-        return self._model if self._model.exists() else self._named
+        return self._model if self._model.exists() else self._scene_model
 
     def forget(self, unwanted: Unwanted, *, in_force: bool) -> int:
         """Remove the models that were learned from it, the one in force only if that is asked; returns how many.
@@ -80,8 +80,8 @@ class ModelLearner:
         if it knows the person. Raises LabanmeshError for a file that cannot be removed; the others are gone then.
         """
         now = self._in_force
-        old = {self._next, self._before, _beside(self._named, "next"), _beside(self._named, "before")}
-        old |= {self._named} if in_force or unwanted.person else set()
+        old = {self._next, self._before, _beside(self._scene_model, "next"), _beside(self._scene_model, "before")}
+        old |= {self._scene_model} if in_force or unwanted.person else set()
         gone = [path for path in sorted(old - {now}) if _knows(path, unwanted)]
         gone += [now] if in_force and now.exists() else []
         if self._next in gone or now in gone:
@@ -123,7 +123,7 @@ class ModelLearner:
 
     def _run(self, labels: list[str]) -> None:
         command = [sys.executable, "-P", "-m", "labanmesh", "learn", str(self._takes), "--labels", ",".join(labels)]
-        # Whoever teaches is whoever will be judged; few examples by one of them tell little about strangers.
+        # The people who teach are those who will be judged; a few takes by one of them tell little about other people.
         command += ["--known-people", "--body-parts", "auto", "-o", str(self._next)]
         self._process = process = subprocess.Popen(  # noqa: S603 - the command line is ours
             command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,

@@ -1,4 +1,4 @@
-"""An observer that is taught while it runs: requests on the mesh, its newest tracks in memory, the new model."""
+"""An observer that is taught while it runs: it answers teachers, remembers its newest tracks, and changes its model."""
 
 import logging
 import os
@@ -28,13 +28,13 @@ if TYPE_CHECKING:
 log = logging.getLogger("labanmesh.observer")
 NO_MODEL = "no model yet: labanmesh teach SCENE LABEL LABEL ... teaches this camera"
 LESSON_S, IDLE_S = 60.0, 2.0
-"""How much of the tracks a lesson needs, and what is kept outside of one if the scene wants nothing remembered."""
+"""Seconds of tracks that are remembered in a lesson, at least, and outside of one."""
 
 
 class TeachableObserver:
     """An `ObserverLike` whose tracks are remembered, and whose model can be taught and replaced while it runs.
 
-    observer: with the model that it begins with; None: it has none and publishes nothing. respond: answers a request.
+    observer: has the model to begin with; None: there is no model yet, and no posterior.
     """
 
     def __init__(
@@ -47,7 +47,7 @@ class TeachableObserver:
     ) -> None:
         self._tracker, self._observer = inputs.tracker, observer
         self._recorder, self._teaching, self._learner = recorder, teaching, learner
-        self._remembered_s = recorder.kept_s
+        self._remembered_s = recorder.memory_s
         self._lock = threading.Lock()
 
     @property
@@ -83,7 +83,7 @@ class TeachableObserver:
         with self._lock:
             now_s = time.monotonic()
             least_s = LESSON_S if self._teaching.is_taught(now_s) else IDLE_S
-            self._recorder.kept_s = max(self._remembered_s, least_s)
+            self._recorder.memory_s = max(self._remembered_s, least_s)
             self._recorder.update(frame, tracks)
             self._teaching.step(frame.at_ns, tracks, self._tracker.complaint, now_s)
         return posterior
@@ -109,8 +109,8 @@ class TeachableObserver:
 def why_not(scene: Scene, observer_id: str) -> str:
     """Why the observer cannot be taught, in a line; "" if it can."""
     if scene.vocabulary is not None:
-        named = ", ".join(scene.vocabulary)
-        return f"the scene file names its vocabulary ({named}); remove that line, the models bring theirs"
+        labels = ", ".join(scene.vocabulary)
+        return f"the scene file names its vocabulary ({labels}); remove that line, the models bring theirs"
     model = scene.observer(observer_id).model
     others = [name for name, each in scene.observers.items() if each.model == model and name != observer_id]
     if others:
@@ -140,10 +140,10 @@ def teachable(
     rate_hz = inputs.source.rate_hz if inputs.at_own_rate else RATE_HZ
     parts = inputs.tracker.every_part
     recorder = TracksRecorder(parts, rate_hz, scene.teaching.remember_minutes * 60)
-    named, file = scene.named_model(observer_id), f"{observer_id}.tracks.npz"
-    named = model if named.resolve() == model.resolve() else named
-    takes = TakesFile(model.with_name(file), parts, TracksCamera(observer_id), named.with_name(file))
-    learner = ModelLearner(takes.path, model, build, named)
+    scene_model, file = scene.named_model(observer_id), f"{observer_id}.tracks.npz"
+    scene_model = model if scene_model.resolve() == model.resolve() else scene_model
+    takes = TakesFile(model.with_name(file), parts, TracksCamera(observer_id), scene_model.with_name(file))
+    learner = ModelLearner(takes.path, model, build, scene_model)
     teaching = Teaching(recorder, takes, learner, why_not(scene, observer_id), _clips_of(scene, observer_id))
     try:
         yield TeachableObserver(inputs, observer, recorder, teaching, learner)

@@ -63,7 +63,7 @@ class TakesFile:
             file = self._opened()
             take = in_parts(self._waiting[0], self._parts, file.body_parts)
             try:
-                file.named(take)
+                file.with_trial(take)
             except BadInput:
                 self._waiting.pop(0)
                 raise

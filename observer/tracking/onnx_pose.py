@@ -127,10 +127,10 @@ class OnnxPose:
 
     def __init__(self, model_path: str) -> None:
         path = Path(model_path)
-        self._named = f"pose_model = {model_path!r}"
+        self._setting = f"pose_model = {model_path!r}"
         signature = read_signature(path)
-        self._size, last = _input_size(signature, self._named)
-        self._run = _runner(path, signature, self._named)
+        self._size, last = _input_size(signature, self._setting)
+        self._run = _runner(path, signature, self._setting)
         width, height = self._size
         empty = np.zeros(
             (1, height, width, 3) if last else (1, 3, height, width), signature.inputs[0].kind or "float32"
@@ -140,8 +140,8 @@ class OnnxPose:
                 outputs = self._run(empty)
         except Exception as error:  # noqa: BLE001 - of OpenCV or onnxruntime, each of its own class
             reason = " ".join(str(error).split())[:160]
-            raise BadInput(f"{self._named}: {_engine()} cannot run it: {reason}; {_way_out()}") from None
-        self._layout = _layout(signature, outputs, self._size, self._named)
+            raise BadInput(f"{self._setting}: {_engine()} cannot run it: {reason}; {_way_out()}") from None
+        self._layout = _layout(signature, outputs, self._size, self._setting)
 
     def landmarks(self, rgb: NDArray[np.uint8], ms: int) -> Floats | None:
         """As `PoseModel.landmarks`; `ms` is ignored, because each picture is read by itself."""
@@ -205,18 +205,18 @@ def _fitted(rgb: NDArray[np.uint8], size: tuple[int, int]) -> tuple[NDArray[np.u
     return fitted, scale, np.array([left, top], dtype=np.float64)
 
 
-def _input_size(signature: Signature, named: str) -> tuple[tuple[int, int], bool]:
+def _input_size(signature: Signature, setting: str) -> tuple[tuple[int, int], bool]:
     """Width and height of the input, and whether its channels are last."""
     shape = signature.inputs[0].shape
     if len(signature.inputs) != 1 or len(shape) != 4 or 3 not in (shape[1], shape[3]):
-        raise BadInput(f"{named}: {signature}: not a layout of keypoints; {LAYOUTS}")
+        raise BadInput(f"{setting}: {signature}: not a layout of keypoints; {LAYOUTS}")
     last = shape[1] != 3
     height, width = shape[1:3] if last else shape[2:]
     free = "channels last" if last else "two outputs" if len(signature.outputs) == 2 else "channels first"
     return (width or FREE[free][0], height or FREE[free][1]), last
 
 
-def _layout(signature: Signature, outputs: Sequence[Array], size: tuple[int, int], named: str) -> Layout:
+def _layout(signature: Signature, outputs: Sequence[Array], size: tuple[int, int], setting: str) -> Layout:
     """By the shapes of the outputs; raises BadInput for others."""
     shapes, last = [output.shape for output in outputs], signature.inputs[0].shape[1] != 3
     if last and len(shapes) == 1 and shapes[0][-2:] == (KEYPOINTS, 3) and np.prod(shapes[0]) == 3 * KEYPOINTS:
@@ -226,7 +226,7 @@ def _layout(signature: Signature, outputs: Sequence[Array], size: tuple[int, int
     if not last and len(shapes) == 1 and len(shapes[0]) == 3 and shapes[0][1] == 5 + 3 * KEYPOINTS:
         return YoloPose()
     layout = " and ".join("x".join(map(str, shape)) for shape in shapes)
-    raise BadInput(f"{named}: {signature}, which gives {layout}: not a layout of keypoints; {LAYOUTS}")
+    raise BadInput(f"{setting}: {signature}, which gives {layout}: not a layout of keypoints; {LAYOUTS}")
 
 
 def _with_onnxruntime() -> bool:
@@ -241,13 +241,13 @@ def _way_out() -> str:
     return EXPECTED if _with_onnxruntime() else "onnxruntime may: pip install onnxruntime"
 
 
-def _runner(path: Path, signature: Signature, named: str) -> Run:
+def _runner(path: Path, signature: Signature, setting: str) -> Run:
     try:
         with stderr_silenced():
             return _by_onnxruntime(path) if _with_onnxruntime() else _by_opencv(path, signature)
     except Exception as error:  # noqa: BLE001 - of OpenCV or onnxruntime, each of its own class
         reason = " ".join(str(error).split())[:160]
-        raise BadInput(f"{named}: {_engine()} cannot read it: {reason}; {_way_out()}") from None
+        raise BadInput(f"{setting}: {_engine()} cannot read it: {reason}; {_way_out()}") from None
 
 
 def _by_onnxruntime(path: Path) -> Run:

@@ -28,8 +28,8 @@ def raising(second):
     return centres
 
 
-def recorder_after(seconds, camera_hz=23.0, rate_hz=15.0, kept_s=600.0, shown=raising):
-    recorder = TracksRecorder(BODY_PARTS, rate_hz, kept_s)
+def recorder_after(seconds, camera_hz=23.0, rate_hz=15.0, memory_s=600.0, shown=raising):
+    recorder = TracksRecorder(BODY_PARTS, rate_hz, memory_s)
     for n in range(round(seconds * camera_hz)):
         second = n / camera_hz
         recorder.update(Frame(BEGIN_NS + round(second * SECOND_NS), np.empty(0)), Tracks(shown(second)))
@@ -74,7 +74,7 @@ def test_minutes_of_ordinary_life_name_the_movements_within_them():
 
 
 def test_old_tracks_are_forgotten_and_so_are_those_of_another_clock():
-    recorder = recorder_after(5, kept_s=2.0)
+    recorder = recorder_after(5, memory_s=2.0)
     assert recorder.newest_ns - recorder.oldest_ns <= 2 * SECOND_NS
     recorder.update(Frame(at(1), np.empty(0)), Tracks(REST))
     assert recorder.newest_ns == recorder.oldest_ns == at(1)

@@ -156,7 +156,7 @@ def is_forgotten_also_beside_the_scene_file(taught):
 
 
 def test_tracks_are_not_remembered_outside_a_lesson_if_the_scene_says_so(scene, room):
-    assert (scene.teaching.remember_minutes, room.observer._recorder.kept_s) == (10, 600)
+    assert (scene.teaching.remember_minutes, room.observer._recorder.memory_s) == (10, 600)
     room.observer._remembered_s = 0.0
     room.film(30.0)
     assert room.observer._recorder.newest_ns - room.observer._recorder.oldest_ns <= 2 * SECOND_NS
