@@ -21,7 +21,7 @@ from common.errors import BadInput
 from observer.effort.features import Course, features
 from observer.effort.model import EffortModel
 from observer.features import BodySize
-from observer.geometry.projection import oriented
+from observer.geometry.projection import picture_right
 from observer.tracks import BODY_PARTS, Floats, Tracks
 
 AT_REST, MOVING = 0.8, 0.5
@@ -172,14 +172,8 @@ def three_ways(rate: float) -> Floats:
 
 
 def depth_in(matrix: Floats) -> float:
-    """(3, 4) projective matrix -> cosine of the picture's right and the performer's back, -1 to 1; 0 for the Door.
-
-    The first row of the matrix's left part, without its share along the optical axis, the third row.
-    """
-    right, axis = oriented(matrix)[[0, 2], :3]
-    if axis.any():
-        right = right - axis * (right @ axis) / (axis @ axis)
-    return float(right[2] / np.linalg.norm(right))
+    """(3, 4) projective matrix -> cosine of the picture's right and the performer's back, -1 to 1; 0 for the Door."""
+    return float(picture_right(matrix)[2])
 
 
 def _normal(x: float) -> float:

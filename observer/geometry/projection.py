@@ -55,6 +55,18 @@ def oriented(matrix: Floats) -> Floats:
     return result
 
 
+def picture_right(matrix: Floats) -> Floats:
+    """(3, 4) projective matrix -> (3,) unit vector in space along the picture's right.
+
+    The first row of the matrix, made orthogonal to the optical axis, the third row; a parallel matrix has no axis.
+    """
+    right, axis = oriented(matrix)[[0, 2], :3]
+    if axis.any():
+        right = right - axis * (right @ axis) / (axis @ axis)
+    unit: Floats = right / np.linalg.norm(right)
+    return unit
+
+
 def parallel_matrix(yaw_rad: float, pitch_rad: float) -> Floats:
     """(3, 4) parallel projection in metres from that direction; the origin is projected to (0, 0)."""
     right, down, _ = _axes(yaw_rad, pitch_rad)

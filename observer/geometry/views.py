@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from common.errors import BadInput
 from observer.geometry.camera_file import read_camera
-from observer.geometry.projection import Floats, LensDistortion, oriented, parallel_matrix
+from observer.geometry.projection import Floats, LensDistortion, parallel_matrix, picture_right
 
 PRINCIPAL_PLANES_DEG = {"door": (0.0, 0.0), "wheel": (90.0, 0.0), "table": (0.0, 90.0)}
 """Laban's three planes as (yaw, pitch) of a camera that looks at them (section III.A)."""
@@ -80,17 +80,10 @@ def parse_view(text: str, folder: Path | None = None) -> View:
 def facing(view: View) -> float:
     """How much the performer faces the camera: 1 seen from the front, 0 from a side, -1 from behind.
 
-    This is minus the x component of the picture's right (first row of the matrix, made orthogonal to the optical axis,
-    its third row): it points to the left of a performer who faces the camera. 1 for the view `camera`, whose direction
-    is unknown: people in front of a camera mostly face it.
+    This is minus the x component of the picture's right, which points to the left of a performer who faces the camera:
+    the cosine of the camera's yaw. 1 for the view `camera`, whose direction is unknown: people mostly face a camera.
     """
-    if view.is_this_camera:
-        return 1.0
-    matrix = oriented(view.matrix)
-    right, axis = matrix[0, :3], matrix[2, :3]
-    if axis.any():
-        right = right - axis * (right @ axis) / (axis @ axis)
-    return float(-right[0] / np.linalg.norm(right))
+    return 1.0 if view.is_this_camera else -float(picture_right(view.matrix)[0])
 
 
 def split_views(text: str) -> list[str]:

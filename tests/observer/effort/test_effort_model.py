@@ -15,6 +15,7 @@ from observer.effort.model import (
     FACTORS,
     NU,
     RIDGE,
+    SHRINK,
     UNKNOWN_ACTION,
     EffortExample,
     learn_trials,
@@ -80,6 +81,18 @@ def test_the_mixture_is_the_formula():
         return np.mean([(1 + s / NU) ** (-(NU + len(columns)) / 2) for s in squares])
 
     assert log_odds(model, z, "time") == pytest.approx(np.log(likelihood(1) / likelihood(-1)), rel=1e-6)
+
+
+def test_the_spread_is_the_formula():
+    """W: covariances of trials of the same four levels, unbiased and weighted by their number; B: of the actions."""
+    rng = np.random.default_rng(5)
+    z, actions = rng.normal(0, 1, (9, 2)), ["push", "lift", "turn"] * 3
+    levels = np.repeat([[1, 1, 1, 1], [1, -1, 1, 1], [-1, 1, 1, 1]], [4, 4, 1], axis=0)
+    centres = np.array([z[[a == name for a in actions]].mean(axis=0) for name in ACTIONS])
+    own = z - np.array([centres[ACTIONS.index(a)] for a in actions])
+    whole = (np.cov(own[:4].T) + np.cov(own[4:8].T)) / 2 + UNKNOWN_ACTION * np.cov(centres.T)
+    expected = (1 - SHRINK) * whole + SHRINK * np.diag(np.diag(whole)) + RIDGE * np.eye(2)
+    np.testing.assert_allclose(spread(z, levels, actions), expected)
 
 
 def test_unknown_features_are_no_evidence():

@@ -1,5 +1,6 @@
 """Facets during a movement: their formulas, when they are known, from which view, and with hidden parts."""
 
+import itertools
 import math
 
 import numpy as np
@@ -64,6 +65,53 @@ def test_all_features_of_a_whole_wave_are_known_and_none_of_its_first_frames():
     assert len(features(course_of(wave(), BODY_PARTS, RATE))) == len(NAMES)
     assert np.isnan(features(course_of(wave(5), BODY_PARTS, RATE))).all()
     assert np.isnan(features(Course(BODY_PARTS, RATE))).all()
+
+
+def quarter_lean(places, k):
+    """The mean lean in a quarter of the movement; large ones by their logarithm."""
+    lean = places[len(places) * k // 4 : len(places) * (k + 1) // 4, 0].mean()
+    return np.sign(lean) * np.log(1 + abs(lean) / 0.02)
+
+
+def path_over_net(places, frames):
+    """Log of path over net displacement, both summed over all windows of so many frames."""
+    windows = [places[n : n + frames + 1] for n in range(len(places) - frames)]
+    path = sum(math.dist(one, other) for w in windows for one, other in itertools.pairwise(w))
+    return np.log(path + 0.01) - np.log(sum(math.dist(w[0], w[-1]) for w in windows) + 0.01)
+
+
+def test_the_features_are_their_formulas():
+    """Oracle: each feature of docs/design/effort.md from positions and derivatives; the right hand moves more."""
+    course = course_of(wave(seed=3), BODY_PARTS, RATE)
+    places, speed = course.places, np.linalg.norm(course.moves, axis=-1)
+    velocity, acceleration, _ = np.moveaxis(course.moves[:, :, 2], 1, 0)
+    across = np.abs(velocity[:, 0] * acceleration[:, 1] - velocity[:, 1] * acceleration[:, 0])
+    quiet = speed[:, 0, 1] <= np.quantile(speed[:, 0, 1], 0.3)
+    moved, against_head = places[:, 2] - places[0, 2], places[:, :2] - places[:, 2:]
+    log = np.log
+    expected = {
+        "acceleration": log(np.median(speed[:, 1, 1]) + 1e-3),
+        "jerk": log(np.median(speed[:, 2, 1]) + 1e-3),
+        "bending": path_over_net(against_head[:, 1], 8),
+        "bending_other": path_over_net(against_head[:, 0], 15),
+        "head_turning": log(np.median(across / (speed[:, 0, 2] ** 3 + 0.01)) + 1e-3),
+        "head_quiet_speed": log(np.quantile(speed[:, 0, 2], 0.25) + 1e-3),
+        "head_quiet_jerk": log(np.quantile(speed[:, 2, 2], 0.25) + 1e-3),
+        "head_while_hand_quiet": log(np.abs(velocity[quiet, 0]).mean() + 2e-3) - log(speed[:, 0, 1].mean() + 0.01),
+        "head_at_last": log(np.abs(np.diff(places[-18:, 2, 0])).mean() * RATE + 1e-3),
+        "other_right": against_head[:, 0, 0].mean(),
+        "other_up": against_head[:, 0, 1].mean(),
+        "other_share": log(speed[:, 0, 0].mean() + 0.01) - log(speed[:, 0, 1].mean() + 0.01),
+        "lean_last": moved[-1, 0],
+    }
+    for axis, way in enumerate(("lean", "rise")):
+        for name, share in (("least", 0.05), ("median", 0.5), ("most", 0.95)):
+            expected[f"{way}_{name}"] = np.quantile(moved[:, axis], share)
+    for k, name in enumerate(("first", "second", "third", "fourth")):
+        expected[f"lean_{name}_quarter"] = quarter_lean(moved, k)
+    assert expected.keys() == set(NAMES)
+    for name, value in zip(NAMES, features(course), strict=True):
+        assert value == pytest.approx(expected[name], abs=1e-9), name
 
 
 @pytest.mark.parametrize("size", [0.01, 7.0])

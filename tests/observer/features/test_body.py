@@ -8,7 +8,8 @@ from hypothesis.extra.numpy import arrays
 
 from common.errors import BadInput
 from observer.body import BodyFrame
-from observer.tracks import BODY_PARTS, Tracks
+from observer.body_reach import LENGTHS, BodyReach
+from observer.tracks import BODY_PARTS, WHOLE_BODY, Tracks
 
 RATE = 15.0
 CENTRES = arrays(np.float64, (20, 3, 2), elements=st.integers(-300, 300).map(float))
@@ -77,6 +78,19 @@ def test_the_next_person_is_another_one():
     alone = frames_of(stand(0.4))
     np.testing.assert_allclose(sizes[-6:], alone[1], rtol=1e-3)
     np.testing.assert_allclose(origins[-6:], alone[0], atol=0.01)
+
+
+def test_the_size_is_a_length_that_a_quarter_of_the_pairs_reach_third_largest_of_five_frames():
+    """Oracle: the lengths of all known pairs; a single false part does not decide."""
+    rng = np.random.default_rng(2)
+    reach = BodyReach(WHOLE_BODY)
+    sizes = []
+    for _ in range(5):
+        at = dict(zip(WHOLE_BODY, rng.normal(0, 50, (len(WHOLE_BODY), 2)), strict=True))
+        lengths = sorted(share * np.linalg.norm(at[a] - at[b]) for (a, b), share in LENGTHS.items())
+        sizes.append(lengths[-1 - len(lengths) // 4])
+        size = reach.update(np.array(list(at.values())))
+    assert len(lengths) >= 12 and size == pytest.approx(sorted(sizes)[2])
 
 
 def test_two_hands_are_a_body_and_one_is_not():

@@ -81,6 +81,36 @@ def test_a_part_that_is_not_seen_says_nothing():
     assert (still(frames) == 0.5).all()
 
 
+def still_by_formula(frames, size, rate_hz):
+    """Oracle for the newest of fully seen frames (F, 3, 2): docs/design/model.md, written down."""
+    half, every = round(0.2 * rate_hz), round(0.3 * rate_hz)
+    ways = frames[-half:].mean(axis=0) - frames[-2 * half : -half].mean(axis=0)
+    ways[:, 0] -= np.median(ways[:, 0])
+    speeds = np.linalg.norm(ways, axis=1) / (half / rate_hz)
+    # The noise is measured anew every 0.3 s, from the second differences of the last 5 s.
+    measured = frames[: (len(frames) - 1) // every * every + 1]
+    jerks = np.linalg.norm(np.diff(measured, 2, axis=0), axis=-1)[-round(5 * rate_hz) :]
+    count = len(jerks)
+    # A fifth of the lengths of 2-D normal vectors with standard deviation s is below s sqrt(-2 ln .8); s = sqrt(6) sd.
+    noise = np.sort(jerks, axis=0)[int(0.2 * count)] / (np.sqrt(6) * np.sqrt(-2 * np.log(0.8)))
+    weight = count / (count + 10)
+    noise = np.minimum(weight * noise + (1 - weight) * 0.03 * size, 0.08 * size)
+    # The difference of two means of `half` frames has the standard deviation noise sqrt(2 / half).
+    limits = np.hypot(0.35 * size, 2.5 * noise * np.sqrt(2 / half) / (half / rate_hz))
+    return 1 / (1 + (speeds / limits).max() ** 4)
+
+
+@pytest.mark.parametrize("rate_hz", [10.0, 30.0])
+@pytest.mark.parametrize("count", [25, 60, 200])
+def test_stillness_is_the_formula(rate_hz, count):
+    rng = np.random.default_rng(count)
+    frames = STANDING + rng.normal(0, 0.03 * SIZE, (count, 3, 2)) + np.cumsum(rng.normal(0, 0.4, (count, 3, 2)), axis=0)
+    stillness = Stillness(BODY_PARTS, rate_hz)
+    for centres in frames:
+        stillness.update(Tracks(centres), SIZE)
+    assert stillness.probability == pytest.approx(still_by_formula(frames, SIZE, rate_hz), rel=1e-6)
+
+
 @pytest.fixture(scope="module")
 def people(data):
     """Stillness of training people of MSR Action3D in two views, and their tracks."""

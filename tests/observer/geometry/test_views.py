@@ -9,9 +9,10 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from observer_stage import rejected
 
+from observer.effort.reader import depth_in
 from observer.geometry.camera_file import CameraModel, write_camera
 from observer.geometry.projection import parallel_matrix, pinhole_matrix, project
-from observer.geometry.views import parse_view, split_views, turned
+from observer.geometry.views import View, facing, parse_view, split_views, turned
 
 DEGREES = st.integers(-180, 180)
 POSITIONS = arrays(np.float64, (4, 3, 3), elements=st.floats(-2, 2).map(lambda x: round(x, 3)))
@@ -32,6 +33,14 @@ def test_planes_and_angles(text, yaw_deg, pitch_deg):
     view = parse_view(text)
     assert view.name == text.replace(" ", "")
     np.testing.assert_allclose(view.matrix, parallel_matrix(math.radians(yaw_deg), math.radians(pitch_deg)), atol=1e-15)
+
+
+@given(yaw=st.floats(-3.1, 3.1), pitch=st.floats(-1.4, 1.4), scale=st.sampled_from([1.0, -0.01]))
+def test_facing_and_depth_are_the_cosine_and_sine_of_the_yaw_of_any_camera(yaw, pitch, scale):
+    """Wherever its principal point is, and however large or small its matrix."""
+    for matrix in (parallel_matrix(yaw, pitch), scale * pinhole_matrix(yaw, pitch, 3.0, 500.0, (900.0, 50.0))):
+        assert facing(View("one", matrix)) == pytest.approx(math.cos(yaw), abs=1e-9)
+        assert depth_in(matrix) == pytest.approx(-math.sin(yaw), abs=1e-9)
 
 
 def test_a_camera_file_is_relative_to_the_folder(tmp_path):

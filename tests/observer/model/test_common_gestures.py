@@ -10,7 +10,7 @@ from common.vocabulary import Vocabulary
 from observer.geometry.views import parse_view, this_camera
 from observer.model import common_gestures_table
 from observer.model.base import Example, Header
-from observer.model.common_gestures import COMMON_GESTURES, drawn_traces, streams_for
+from observer.model.common_gestures import COMMON_GESTURES, cosines, drawn_traces, streams_for
 from observer.model.discriminative import Discriminative
 from observer.tracks import BODY_PARTS
 
@@ -38,6 +38,12 @@ def far():
     """Takes of two movements that nobody makes: both hands far below and beside the feet."""
     way = np.linspace(0, 1, 20)[:, None]
     return takes(*(np.hstack([way * row, np.ones((20, 1))]).astype(np.float32) for row in 40 * np.eye(8)[2:4]))
+
+
+def test_the_cosines_are_the_basis_of_the_discrete_cosine_transform():
+    basis = cosines(30)
+    np.testing.assert_allclose(basis.T @ basis, np.diag([30.0, *[15.0] * (basis.shape[1] - 1)]), atol=1e-9)
+    assert (np.diff(basis[:, 1]) < 0).all(), "the first one goes from 1 to -1"
 
 
 def test_the_gestures_are_always_the_same_at_any_rate_and_in_any_order_of_parts():

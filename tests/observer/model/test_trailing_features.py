@@ -38,6 +38,23 @@ def test_the_newest_of_a_stream_are_those_of_the_whole_recording(features):
     assert streamed.shape[1] == features.size
 
 
+@pytest.mark.parametrize("rate_hz", [15.0, 30.0])
+def test_features_hold_velocities_per_fifteenth_of_a_second_and_statistics_of_trailing_windows(rate_hz):
+    """Oracle: places and velocities (2 x 10 columns), now and over the last frames; the shares come first."""
+    rng = np.random.default_rng(0)
+    rows = np.cumsum(rng.normal(0, 0.1, (40, 13)), axis=0).astype(np.float32)
+    channels = np.zeros((1, 84, 10), bool)
+    own = TrailingFeatures(Windows((3,), (2, 7), (1,)), rate_hz, channels, np.ones((1, 84), np.float32))
+    path = rows[:, :10] + np.tile(rows[:, 10:12], 5)
+    velocity = np.diff(path, axis=0, prepend=path[:1]) * rate_hz / 15.0
+    values = np.concatenate([rows[:, :10], velocity], axis=1)
+    expected = [values[-1]]
+    for length in (2, 7):
+        last = values[-length:]
+        expected += [last.mean(axis=0), last.min(axis=0), last.max(axis=0), last.std(axis=0)]
+    np.testing.assert_allclose(own.newest(rows)[84:], np.concatenate(expected), atol=1e-4)
+
+
 def test_only_as_many_rows_as_the_history_says_are_needed(features):
     rows = read_trace(PARTS, RATE_HZ, recording(9, frames=200))
     recent = rows[-features.windows.history - 1 :]
