@@ -18,6 +18,7 @@ from common.messages import (
 from common.vocabulary import ABSTAIN, Vocabulary
 from fusion.engine.clocks import Clocks
 from fusion.engine.contributions import contributions
+from fusion.engine.evidence import NO_EVIDENCE, LastObserved, NearestMiss, VerdictEvidence
 from fusion.engine.explanation import explain_undecided
 from fusion.engine.messages import JudgementBuilder, Stamp, build_verdict, close_verdict, progress_of
 from fusion.engine.movement import MovementDecision, PooledState
@@ -38,38 +39,6 @@ class EngineOutput:
     verdicts: Sequence[VerdictMessage]
 
 
-@dataclass(slots=True)
-class _Evidence:
-    """A judgement that a verdict may rest on, its posteriors, and what a label lacked then.
-
-    Without posteriors if it is a verdict, or came from another service.
-    """
-
-    judgement: JudgementMessage
-    posteriors: Sequence[AgedPosterior] = ()
-    why: str | None = None
-
-
-NO_EVIDENCE: Mapping[int, _Evidence] = {}
-
-
-@dataclass(slots=True)
-class _NearestMiss:
-    """The step at which the movement begun at `began_ns` came nearest to a verdict: its label's `p`, what it lacked."""
-
-    began_ns: int = 0
-    p: float = -1.0
-    why: str | None = None
-
-
-@dataclass(slots=True)
-class _LastObserved:
-    """The last step, if an observer counted in it."""
-
-    state: PooledState
-    evidence: _Evidence
-
-
 class FusionEngine:
     """Fuses the posteriors of one scene's observers.
 
@@ -88,9 +57,9 @@ class FusionEngine:
         self._clocks = Clocks(observers)
         self._detector, self._rest = VerdictDetector(config), RestPool()
         self._builder = JudgementBuilder(scene, vocabulary, self._roster.prior, self._rule.name)
-        self._evidence: Mapping[int, _Evidence] = {}
-        self._last_observed: _LastObserved | None = None
-        self._nearest = _NearestMiss()
+        self._evidence: Mapping[int, VerdictEvidence] = {}
+        self._last_observed: LastObserved | None = None
+        self._nearest = NearestMiss()
         self._start = RosterStart()
         self._seq = 0
         self.reliability = Reliability()
@@ -164,7 +133,7 @@ class FusionEngine:
         self._roster.change_vocabulary(vocabulary)
         self.vocabulary = vocabulary
         self._builder = JudgementBuilder(self._scene, vocabulary, self._roster.prior, self._rule.name)
-        self._evidence, self._last_observed, self._nearest = {}, None, _NearestMiss()
+        self._evidence, self._last_observed, self._nearest = {}, None, NearestMiss()
         self.reliability = Reliability()
         return self._start.end(verdicts)
 
@@ -205,16 +174,10 @@ class FusionEngine:
         why = self._why(state, ballot.agreement.n, began_ns) if is_moving or decisions else None
         silence = why if is_moving else None
         judgement = self._builder.judgement(ballot, pooled, facets, movement, silence, self._stamp(now_ns))
-        current = _Evidence(judgement, posteriors, why)
-        evidence = {**self._evidence, now_ns: current if last is None else last.evidence}
-        self._last_observed = _LastObserved(state, current) if observed else None
-        verdicts = []
-        for decision in decisions:
-            verdicts.append(verdict := self._verdict(now_ns, decision, evidence))
-            self.reliability = learn_from_verdict(self.reliability, verdict, self.vocabulary)
-            # It carries the contributions, which take long to compute, to its next publication.
-            evidence[verdict.decided_ns] = _Evidence(verdict, why=verdict.why)
-        self._keep_evidence(evidence)
+        current = VerdictEvidence(judgement, posteriors, why)
+        basis = current if last is None else last.evidence
+        self._last_observed = LastObserved(state, current) if observed else None
+        verdicts = self._verdicts(now_ns, decisions, basis)
         return EngineOutput(judgement, self._start.release(verdicts))
 
     def continue_from(self, judgement: JudgementMessage) -> None:
@@ -233,7 +196,7 @@ class FusionEngine:
             self._keep_evidence(self._evidence)
             return
         self._detector.follow(None if judgement.ended_ns is not None else progress_of(judgement), judgement.at_ns)
-        self._keep_evidence({**self._evidence, judgement.decided_ns: _Evidence(judgement, why=judgement.why)})
+        self._keep_evidence({**self._evidence, judgement.decided_ns: VerdictEvidence(judgement, why=judgement.why)})
         self.reliability = learn_from_verdict(self.reliability, judgement, self.vocabulary)
 
     def adopt(self, judgement: JudgementMessage) -> bool:
@@ -253,9 +216,25 @@ class FusionEngine:
     def _case(self, posteriors: Sequence[AgedPosterior]) -> PoolingCase:
         return PoolingCase(self._rule, posteriors, self._roster.prior, self._config.temperature)
 
-    def _keep_evidence(self, evidence: Mapping[int, _Evidence]) -> None:
-        times = self._detector.evidence_times
-        self._evidence = {at_ns: evidence[at_ns] for at_ns in times if at_ns in evidence} if times else NO_EVIDENCE
+    def _verdicts(
+        self, now_ns: int, decisions: Sequence[MovementDecision], basis: VerdictEvidence
+    ) -> list[VerdictMessage]:
+        """The verdicts on what was decided now, of which `basis` is the evidence; keeps what later ones may need."""
+        verdicts: list[VerdictMessage] = []
+        if decisions or self._detector.evidence_times:
+            evidence = {**self._evidence, now_ns: basis}
+            for decision in decisions:
+                verdicts.append(verdict := self._verdict(now_ns, decision, evidence))
+                self.reliability = learn_from_verdict(self.reliability, verdict, self.vocabulary)
+                # It carries the contributions, which take long to compute, to its next publication.
+                evidence[verdict.decided_ns] = VerdictEvidence(verdict, why=verdict.why)
+            self._keep_evidence(evidence)
+        else:
+            self._evidence = NO_EVIDENCE
+        return verdicts
+
+    def _keep_evidence(self, evidence: Mapping[int, VerdictEvidence]) -> None:
+        self._evidence = {at_ns: evidence[at_ns] for at_ns in self._detector.evidence_times if at_ns in evidence}
 
     def _stamp(self, at_ns: int) -> Stamp:
         return Stamp(self._config.id, self._seq, at_ns, self.epoch, self.session)
@@ -266,7 +245,7 @@ class FusionEngine:
         why = explain_undecided(state, observers, held_s, (state.at_ns - began_ns) / SECOND_NS, self._config)
         is_nearer = began_ns != self._nearest.began_ns or state.p > self._nearest.p
         if is_nearer and self._detector.movement is not None:
-            self._nearest = _NearestMiss(began_ns, state.p, why)
+            self._nearest = NearestMiss(began_ns, state.p, why)
         return self._start.why if self._start.waits and observers else why
 
     def _ongoing_movement(self) -> OngoingMovement | None:
@@ -275,7 +254,9 @@ class FusionEngine:
             movement = replace(movement, decision=None)
         return self._builder.ongoing(movement)
 
-    def _verdict(self, now_ns: int, decision: MovementDecision, evidence: Mapping[int, _Evidence]) -> VerdictMessage:
+    def _verdict(
+        self, now_ns: int, decision: MovementDecision, evidence: Mapping[int, VerdictEvidence]
+    ) -> VerdictMessage:
         """The verdict on its evidence: the votes that decided it, also when its end is published.
 
         The votes of an abstention are those at the end of the movement; after it, the posteriors fade.
@@ -292,7 +273,7 @@ class FusionEngine:
             basis.judgement, end.judgement, decision, why, contributed, verdict_id, self._stamp(now_ns)
         )
 
-    def _contributions(self, evidence: _Evidence, label: str) -> Mapping[str, Contribution] | None:
+    def _contributions(self, evidence: VerdictEvidence, label: str) -> Mapping[str, Contribution] | None:
         if isinstance(evidence.judgement, VerdictMessage):
             return evidence.judgement.contributions
         index = None if label == ABSTAIN else self.vocabulary.index(label)

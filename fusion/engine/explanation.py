@@ -1,5 +1,6 @@
 """Why a movement in progress has no verdict yet, as one line for people. Pure."""
 
+from functools import cache
 from math import floor
 
 from common.config_sections import FusionConfig
@@ -25,7 +26,7 @@ def explain_undecided(
         return NO_OBSERVERS
     lacks, is_likely = [], state.p >= config.threshold
     if not is_likely:
-        lacks.append(f"{state.label} {_percent(state.p)} of the {100 * config.threshold:g} % needed")
+        lacks.append(f"{state.label} {_percent(state.p)} of the {_demand(config.threshold)} needed")
     if state.agreeing < config.quorum:
         lacks.append(_votes(state.label if is_likely else "it", state.agreeing, observers, config.quorum))
     if not lacks:
@@ -33,6 +34,12 @@ def explain_undecided(
     elif not is_likely and state.unlearned >= 0.01:
         lacks.insert(0 if state.unlearned > state.p else len(lacks), f"{_percent(state.unlearned)} something else")
     return "; ".join(lacks)[:WHY_LIMIT] or None
+
+
+@cache
+def _demand(threshold: float) -> str:
+    """Written once: it takes as long as the rest of the sentence."""
+    return f"{100 * threshold:g} %"
 
 
 def _votes(label: str, agreeing: int, observers: int, quorum: int) -> str:

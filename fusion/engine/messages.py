@@ -159,11 +159,10 @@ class JudgementBuilder:
 
         The first label is the likeliest of a uniform posterior, and agrees with nobody.
         """
-        unlearned = posterior.unlearned or 0.0
-        if unlearned > p[likeliest] * (1.0 - unlearned):
+        top, unlearned, prior = p[likeliest], posterior.unlearned, self._prior
+        if unlearned and unlearned > top * (1.0 - unlearned):
             return False
-        prior = self._prior
-        return abs(p[likeliest] - prior[likeliest]) > LABEL_MARGIN or any(
+        return abs(top - prior[likeliest]) > LABEL_MARGIN or any(
             abs(each - before) > LABEL_MARGIN for each, before in zip(p, prior, strict=True)
         )
 

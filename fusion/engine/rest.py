@@ -53,14 +53,19 @@ class RestPool:
 def pooled_rest(posteriors: Sequence[AgedPosterior], trust: Sequence[float] | None = None) -> float:
     """The probability that the person is at rest: the weighted median (1), the mean of two. trust: 1 each if None."""
     weights = [1.0] * len(posteriors) if trust is None else trust
-    pooled = [
+    votes = [
         (one.rest, one.freshness * weight)
         for one, weight in zip(posteriors, weights, strict=True)
         if one.freshness > LEAST_FRESHNESS and one.state in POOLED_STATES
     ]
-    votes = sorted(pooled)
+    votes.sort()
+    shares = [weight for _, weight in votes]
+    most = max(shares, default=0.0)
+    if votes and shares.count(most) == len(shares):
+        # The usual case: all are fresh and trusted.
+        (low, _), (high, _) = votes[(len(votes) - 1) // 2], votes[len(votes) // 2]
+        return low + (high - low) / 2
     # One that hardly counts would still draw the interpolation to its side.
-    most = max([weight for _, weight in votes], default=0.0)
     votes = [vote for vote in votes if vote[1] >= LEAST_SHARE * most]
     if not votes:
         votes = sorted((one.rest, 1.0) for one in posteriors if one.rest < 1.0) or [(1.0, 1.0)]

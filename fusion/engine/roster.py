@@ -92,7 +92,7 @@ class Roster:
     def __init__(self, observers: list[str], vocabulary: Vocabulary, config: FusionConfig) -> None:
         self._set_vocabulary(vocabulary)
         self._config = config
-        self._drop_ns = config.drop_s * SECOND_NS
+        self._drop_ns, self._fresh_s = config.drop_s * SECOND_NS, config.fresh_s
         self._states = {observer: KnownObserver() for observer in observers}
         self._present: frozenset[str] = frozenset()
 
@@ -197,15 +197,16 @@ class Roster:
     def _aged(
         self, observer: str, state: KnownObserver, now_ns: int, record: ObserverRecord, steadiest: float
     ) -> AgedPosterior:
-        message, config = state.message, self._config
+        message = state.message
         if message is None:
             return self._unused(observer, state.fault or "silent", None, 1.0, record)
         age_s = (now_ns - state.captured_ns) / SECOND_NS
         blind_s = (state.captured_ns - state.visible_ns) / SECOND_NS
-        sight = left_after(blind_s - config.fresh_s, config.blind_s)
-        exponent = sight * left_after(age_s - config.fresh_s, config.fade_s)
+        fresh_s = self._fresh_s
+        sight = 1.0 if blind_s <= fresh_s else left_after(blind_s - fresh_s, self._config.blind_s)
+        exponent = sight if age_s <= fresh_s else sight * left_after(age_s - fresh_s, self._config.fade_s)
         rest = state.rest if sight == 1.0 else 1.0 - sight * (1.0 - state.rest)
-        if state.gone or abs(age_s) > config.drop_s:
+        if state.gone or abs(age_s) > self._config.drop_s:
             return self._unused(observer, self._unused_state(state, now_ns), age_s, rest, record)
         enough = state.steady_enough * steadiest
         # Rounded, so that one that is hardly less than 1 is exactly 1.

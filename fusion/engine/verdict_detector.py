@@ -131,7 +131,7 @@ class VerdictDetector:
         if decision is not None:
             self.movement = movement = MovementProgress(movement.began_ns, decision)
         end = self._end(movement, label, at_ns) if self._is_over(movement, label, at_ns) else None
-        return tuple(each for each in (decision, end) if each is not None)
+        return tuple([each for each in (decision, end) if each is not None])
 
     def end_now(self, at_ns: int) -> MovementDecision | None:
         """End the movement at `at_ns`, whatever the person does; its end if it was decided, else None."""
