@@ -71,6 +71,7 @@ class VerdictDetector:
         self._unheard_from_ns: int | None = None
         self._before = LabelBefore()
         self._deferred: str | None = None
+        self._is_tail = False
         self.movement: MovementProgress | None = None
         """The movement that goes on; None at rest."""
 
@@ -175,6 +176,8 @@ class VerdictDetector:
             return None
         ended_ns = self._unheard_from_ns or self._faded_since_ns
         self._finish()
+        if decision is not None:
+            self._before.end(decision.label, ended_ns)
         return () if decision is None else (replace(decision, ended_ns=ended_ns, stage="ended"),)
 
     def _replace(
@@ -205,7 +208,7 @@ class VerdictDetector:
         self.movement = movement = MovementProgress(at_ns)
         self._candidate = self._rest_since_ns = self._label_at_rest = None
         self._faded_since_ns = self._else_since_ns = self._unheard_from_ns = None
-        self._revisions, self._was_idle, self._is_past, self._deferred = 0, False, False, None
+        self._revisions, self._was_idle, self._is_past, self._deferred, self._is_tail = 0, False, False, None, False
         self._before.begin(at_ns)
         return movement
 
@@ -221,6 +224,9 @@ class VerdictDetector:
             return None
         if self._rest_since_ns is None and self._before.is_carried(label, movement.began_ns, at_ns):
             self._deferred = label
+            return None
+        if self._before.is_tail(label, movement.began_ns, at_ns):
+            self._is_tail = True
             return None
         return MovementDecision(label, movement.began_ns, at_ns)
 
@@ -266,7 +272,9 @@ class VerdictDetector:
 
     def _end(self, movement: MovementProgress, label: str | None, at_ns: int) -> MovementDecision | None:
         decision, ended_ns = movement.decision, self._unheard_from_ns or self._rest_since_ns
-        if decision is None and self._is_long_enough(movement, at_ns):
+        if decision is None and self._is_long_enough(movement, at_ns) and not self._is_tail:
             decision = MovementDecision(label or ABSTAIN, movement.began_ns, at_ns)
         self._finish()
+        if decision is not None and ended_ns is not None:
+            self._before.end(decision.label, ended_ns)
         return None if decision is None else replace(decision, ended_ns=ended_ns, stage="ended")

@@ -68,6 +68,18 @@ CASES = {
         (sure_at_rest(10), sure(6), rest(4)),
         {16: ("bow", 10, 16, None), 19: ("bow", 10, 16, 16)},
     ),
+    "3: the rest of a movement that an observer ended too soon is no movement": (
+        (rest(2), sure(12), rest(6), sure(8), rest(9)),
+        {5: ("bow", 2, 5, None), 17: ("bow", 2, 5, 14)},
+    ),
+    "3: but another label is": (
+        (rest(2), sure(12), rest(6), sure(8, "lunge"), rest(9)),
+        {5: ("bow", 2, 5, None), 17: ("bow", 2, 5, 14), 23: ("lunge", 20, 23, None), 31: ("lunge", 20, 23, 28)},
+    ),
+    "3: and a whole movement is, which begins soon after": (
+        (rest(2), sure(12), rest(6), sure(16), rest(9)),
+        {5: ("bow", 2, 5, None), 17: ("bow", 2, 5, 14), 32: ("bow", 20, 32, None), 39: ("bow", 20, 32, 36)},
+    ),
     "1: certainty at rest is no movement": ((sure_at_rest(30),), {}),
     "1: as likely at rest as not is no movement": (([("bow", 0.9, 4, 0.5)] * 30,), {}),
     "1: motion of two steps is no movement": ((rest(5), moving(2), rest(20)), {}),
