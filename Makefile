@@ -18,7 +18,7 @@ without_windows = $(1)/bin/python -c 'import cv2' 2>/dev/null || $(1)/bin/python
 .PHONY: help install demo test test-mediapipe test-browser guide-pictures test-home home-assistant-app fault-tools mqtt-tools faults attacks fuzz soak-day peers test-peers peers-transport test-transports check bench soak scale clean
 
 help:            ## this list
-	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*##/\t/' | expand -t 18
+	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:[^#]*##/\t/' | expand -t 20
 
 install: $(CAMERAS)/.ready   ## labanmesh for your own cameras: mediapipe, dashboard and MQTT, in an environment of its own
 	@echo "next: $(CAMERAS)/bin/labanmesh init"
@@ -92,8 +92,8 @@ scale: $(VENV)/.ready   ## what growing costs, measured anew: the tables of docs
 soak: $(VENV)/.ready  ## ten minutes of a thousand SIMULATED observers before one real fusion process
 	@$(BIN)/python -m benchmarks.crowd
 
-clean:           ## away with the environment and everything built
-	@rm -rf $(VENV) $(MEDIAPIPE) $(HOME_ASSISTANT) $(PEERS) $(TRANSPORTS) build dist *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis labanmesh-demo
+clean:           ## remove all environments and everything built
+	@rm -rf $(VENV) $(CAMERAS) $(MEDIAPIPE) $(HOME_ASSISTANT) $(PEERS) $(TRANSPORTS) build dist *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis labanmesh-demo
 
 $(VENV)/.ready: pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit("labanmesh needs Python >= 3.11, this is " + sys.version.split()[0] + ": make PYTHON=python3.11") if sys.version_info < (3, 11) else None'
