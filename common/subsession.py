@@ -143,15 +143,9 @@ class SubSession:
         """
         inbox = Inbox(limit, bytes_limit)
         origin = zenoh.Locality.REMOTE if remote else None
-
-        def enqueue(sample: zenoh.Sample) -> None:
-            payload = sample.payload
-            # A payload that no message can have is not copied: a queue of them would fill the memory.
-            inbox.put(str(sample.key_expr), payload.to_bytes() if len(payload) <= SIZE_LIMIT else OVERSIZE)
-
         for key in keys:
             declare = partial(self._session.declare_subscriber, key, allowed_origin=origin)
-            self._declare(declare, enqueue, ring)
+            self._declare(declare, partial(_enqueue, inbox, None if "*" in key else key), ring)
         self._inboxes.append(inbox)
         return inbox
 
@@ -284,3 +278,10 @@ class SubSession:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+def _enqueue(inbox: Inbox, key: str | None, sample: zenoh.Sample) -> None:
+    """Put a sample in an inbox. key: the sample's, if it is known."""
+    payload = sample.payload
+    # A payload that no message can have is not copied: a queue of them would fill the memory.
+    inbox.put(key or str(sample.key_expr), payload.to_bytes() if len(payload) <= SIZE_LIMIT else OVERSIZE)

@@ -85,6 +85,8 @@ class TwinWatch:
                 status = decode_from(arrival.key, StatusMessage, arrival.payload)
                 if status.state in LIVING:
                     self._twins.heard(status.session, now_s)
+        if self.stance is Stance.GO_ON and not self._twins.has_suspects and not self._asked.has_answers:
+            return False
         self._asked.ask(now_s, always=False)
         stance, self.stance = self.stance, self._twins.stance(epoch, now_s)
         if self.stance is Stance.END:
@@ -100,6 +102,11 @@ class _Questions:
     def __init__(self, session: SubSession, keys: SceneKeys, own: str, twins: Twins) -> None:
         self._session, self._key, self._twins = session, keys.fusion_status(own), twins
         self._answers: deque[tuple[int, bytes]] = deque(maxlen=64)
+
+    @property
+    def has_answers(self) -> bool:
+        """Whether answers wait."""
+        return bool(self._answers)
 
     def ask(self, now_s: float, *, always: bool = True) -> None:
         """Take what has been answered; ask again if it is due. always: also where nobody is suspected."""

@@ -136,10 +136,6 @@ class SceneWorker:
         read = newest(arrivals)
         if read:
             self._ingest.take(*read)
-        if self._clocks.ask_if_due():
-            self._status.observers = self._ingest.statistics(self._scene.roster)
-        for observer, reading in self._clocks.readings():
-            self._engine.record_clock(observer, reading)
         if self._present.alive is not self._alive:
             # After the posteriors: a last one must not bring back an observer that has gone.
             self._alive = self._present.alive
@@ -171,6 +167,13 @@ class SceneWorker:
         self._publisher.publish(published, output.judgement)
         self._log_waiting(output.judgement)
         return StepResult(output, published)
+
+    def read_clocks(self) -> None:
+        """Ask for the observers' clocks if it is due, and take the answers; after a step, because no listener waits."""
+        if self._clocks.ask_if_due():
+            self._status.observers = self._ingest.statistics(self._scene.roster)
+        for observer, reading in self._clocks.readings():
+            self._engine.record_clock(observer, reading)
 
     def _listeners_hear(self) -> bool:
         """Whether what is published now arrives; verdicts wait, and judgements with them, while the router is away."""

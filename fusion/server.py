@@ -150,6 +150,8 @@ class FusionServer:
             read += sum(step.read for _, step in steps)
             results += _finished(steps)
             self._judgements_out.flush()
+            for worker, _ in steps:
+                worker.read_clocks()
         if begun_s - self._status_s >= STATUS_EVERY_S:
             self._status_s = begun_s
             for member in self.members:
@@ -185,8 +187,9 @@ class FusionServer:
     def _due(self, arrivals: dict[str, list[Arrival]]) -> Iterator[tuple[SceneMember, Sequence[Arrival]]]:
         """Scenes with arrivals, and scenes whose time has come."""
         for n, member in enumerate(self.members):
-            own, late_s = arrivals.get(member.scene.scene, ()), self._ticks() - self._due_s[n]
-            if not own and late_s < 0:
+            own = arrivals.get(member.scene.scene, ()) if arrivals else ()
+            late_s = self._ticks() - self._due_s[n]
+            if late_s < 0 and not own:
                 continue
             period_s = 1 / member.scene.fusion.step_hz
             if self._polled:

@@ -64,6 +64,11 @@ class Twins:
         self._suspects: dict[str, Suspect] = {}
         self._question, self._asked_s = 0, float("-inf")
 
+    @property
+    def has_suspects(self) -> bool:
+        """Whether another session was heard lately."""
+        return bool(self._suspects)
+
     def heard(self, session: str | None, now_s: float, epoch: int | None = None) -> None:
         """A message under this service's id. epoch: of a judgement; None: it is a status."""
         if session is None or session == self._session:
