@@ -22,6 +22,7 @@ from fusion.engine.evidence import NO_EVIDENCE, LastObserved, NearestMiss, Verdi
 from fusion.engine.explanation import explain_undecided
 from fusion.engine.messages import JudgementBuilder, Stamp, build_verdict, close_verdict, progress_of
 from fusion.engine.movement import MovementDecision, PooledState
+from fusion.engine.newcomers import limit_newcomers, newcomers
 from fusion.engine.pooling import PooledPosterior, PoolingCase, newest_ns, pool_facets, pool_posteriors
 from fusion.engine.reliability import Reliability, learn_from_verdict
 from fusion.engine.rest import RestPool
@@ -84,6 +85,7 @@ class FusionEngine:
             )
             for observer in self._roster.rejected
         }
+        self._newcomers = newcomers(self._records, reliability.evidence)
 
     def wait_for_roster(self, grace_s: float) -> None:
         """Withhold verdicts until all observers have begun, at most `grace_s` s after the first (roster_start.py)."""
@@ -128,8 +130,7 @@ class FusionEngine:
             verdict_id = self._builder.verdict_id(decision.began_ns)
             contributed = self._contributions(basis, decision.label)
             why = basis.why if decision.label == ABSTAIN else None
-            judgement = basis.judgement
-            verdicts = [build_verdict(judgement, judgement, decision, why, contributed, verdict_id, stamp)]
+            verdicts = [build_verdict(basis.judgement, basis.judgement, decision, why, contributed, verdict_id, stamp)]
         self._roster.change_vocabulary(vocabulary)
         self.vocabulary = vocabulary
         self._builder = JudgementBuilder(self._scene, vocabulary, self._roster.prior, self._rule.name)
@@ -144,7 +145,7 @@ class FusionEngine:
 
     def pooling_case(self, now_ns: int) -> PoolingCase:
         """The case to pool at `now_ns`; `output_for` takes the result. So many scenes can be pooled at once."""
-        return self._case(self._roster.posteriors(now_ns, self._records))
+        return self._case(limit_newcomers(self._roster.posteriors(now_ns, self._records), self._newcomers))
 
     def output_for(
         self, posteriors: Sequence[AgedPosterior], now_ns: int, pooled: PooledPosterior | None = None

@@ -63,7 +63,8 @@ class AgedPosterior:
     name. These are None or absent if the observer does not publish them, and fade like p. reliability, correlations
     with other observers: learned from verdicts; reliability is also less for an observer that contradicts itself
     (reliability.py). freshness: how much of its opinion is left at its age, and after how long it saw nobody, 0 to 1.
-    message: its newest one, which is not faded.
+    message: its newest one, which is not faded. influence: less than 1 if it is much surer than all others before it is
+    known (newcomers.py).
     """
 
     observer: str
@@ -79,6 +80,7 @@ class AgedPosterior:
     correlations: Mapping[str, float] = field(default_factory=dict)
     freshness: float = 1.0
     message: PosteriorMessage | None = None
+    influence: float = 1.0
 
     @property
     def information(self) -> float:
