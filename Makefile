@@ -66,7 +66,7 @@ fault-tools:
 mqtt-tools:
 	@tests/hub/mqtt/install_mosquitto.sh
 
-peers: $(PEERS)/.ready   ## our judges beside MiniRocket and 1-NN DTW, cut out, with several sensors, in streams: the tables of docs/results/peers.md, written anew
+peers: $(PEERS)/.ready   ## our observers beside MiniRocket and 1-NN DTW, cut out, with several sensors, in streams: the tables of docs/results/peers.md, written anew
 	@$(PEERS)/bin/python -m benchmarks.peers --page docs/results/peers.md
 
 test-peers: $(PEERS)/.ready   ## the tests of that comparison, also those that need aeon
