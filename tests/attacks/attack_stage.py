@@ -1,7 +1,7 @@
-"""A scene to be attacked: several scenes in one fusion service, judges, a standby service, and who attacks them.
+"""A scene to be attacked: several scenes in one fusion service, their observers, and a standby service.
 
-`Village` runs the services in this process, `Dojo` as processes of their own behind a router; both are used alike. An
-`Attacker` is a bare Zenoh session that follows no rule of labanmesh.
+`Village` runs the services in this process, `Dojo` as processes of their own behind a router; both are used alike. The
+attacker, and the witness of what is published, are in attack_session.py.
 """
 
 import json
@@ -9,16 +9,13 @@ import sys
 import threading
 import time
 import traceback
-from collections import defaultdict
 from contextlib import ExitStack, closing, contextmanager
-from itertools import pairwise
 from pathlib import Path
 
-import zenoh
 from attack_history import History
 from attack_judges import Judges
-from attack_peers import opened
 from attack_person import VIEWS
+from attack_session import Attacker, Witness
 from fault_processes import Process, labanmesh
 from fault_stage import START
 from mesh_stage import SOON_S, Mesh, until
@@ -28,8 +25,6 @@ from benchmarks.timing import free_port
 from common import SECOND_NS
 from common.config import MeshConfig, read_scene
 from common.link import Link
-from common.messages import JudgementMessage, VerdictMessage
-from common.wire import BadMessage, decode
 from fusion.server import serve
 from observer.model.model_file import write_model
 from observer.motion.archive import MotionArchive
@@ -46,91 +41,6 @@ SENT_S = 120.0
 """Filling and sending 900 MB takes a busy machine more than half a minute."""
 LONGEST_GAP_S = 0.2
 """Between two judgements of a scene, whatever the attack; threads of one process on a busy machine need more."""
-
-
-class Attacker:
-    """A bare Zenoh session: puts, queries, queryables and tokens under any key."""
-
-    def __init__(self, endpoint, history, mode="peer"):
-        self.session, self._history, self._declared = opened(endpoint, mode), history, []
-
-    def put(self, key, payload, **how):
-        """One message; how: as `zenoh.Session.put`, a congestion control for example."""
-        self._history.note("put", key=key, bytes=len(payload), head=bytes(payload[:24]).hex())
-        self.session.put(key, payload, **how)
-
-    def ask(self, selector, payload=None, timeout_s=0.5):
-        """All answers to a query, key and bytes."""
-        self._history.note("query", selector=selector, payload=payload)
-        replies = self.session.get(selector, payload=payload, timeout=timeout_s, target=zenoh.QueryTarget.ALL)
-        return [(str(reply.ok.key_expr), reply.ok.payload.to_bytes()) for reply in replies if reply.ok is not None]
-
-    def answer(self, key, respond):
-        """Answer queries for `key` with the payloads that `respond()` returns."""
-
-        def reply(query):
-            with query:
-                for payload in respond():
-                    query.reply(key, payload)
-
-        self._history.note("queryable", key=key)
-        self._declared.append(self.session.declare_queryable(key, reply, complete=True))
-
-    def token(self, key):
-        """A liveliness token, until the attacker leaves."""
-        self._history.note("token", key=key)
-        self._declared.append(self.session.liveliness().declare_token(key))
-
-    def close(self):
-        self.session.close()
-
-
-FORGED_NS = 600 * SECOND_NS
-
-
-class Witness:
-    """What was published on judgement and verdict of every scene: (arrived_ns, message), and what nobody can read."""
-
-    def __init__(self, attacker):
-        self.judgements, self.verdicts = defaultdict(list), defaultdict(list)
-        self.unreadable, self.largest = [], 0
-        kinds = {"judgement": (JudgementMessage, self.judgements), "verdict": (VerdictMessage, self.verdicts)}
-
-        def note(sample):
-            _, scene, kind = str(sample.key_expr).split("/")
-            payload, now_ns = sample.payload.to_bytes(), time.time_ns()
-            message_type, taken = kinds[kind]
-            try:
-                message = decode(message_type, payload)
-            except BadMessage as error:
-                self.unreadable.append((str(sample.key_expr), error))
-                return
-            self.largest = max(self.largest, len(payload))
-            # What an attacker forges is not what a service has said.
-            if abs(message.at_ns - now_ns) < FORGED_NS:
-                taken[scene].append((now_ns, message))
-
-        for kind in kinds:
-            attacker.session.declare_subscriber(f"laban/*/{kind}", note)
-
-    def last(self, scene):
-        """The newest judgement of a scene; None before the first."""
-        return self.judgements[scene][-1][1] if self.judgements[scene] else None
-
-    def states(self, scene):
-        """By observer the state of its vote now."""
-        last = self.last(scene)
-        return {} if last is None else {name: vote.state for name, vote in last.votes.items()}
-
-    def longest_gap_s(self, scene, since_ns):
-        """The longest time between two judgements that arrived, by the time at which they were made."""
-        made_ns = (message.at_ns for _, message in self.judgements[scene])
-        times = sorted([since_ns, *(at_ns for at_ns in made_ns if at_ns > since_ns)])
-        return max(b - a for a, b in pairwise(times)) / SECOND_NS
-
-    def leaders(self, scene, since_ns):
-        """The fusion services that published since then."""
-        return {message.fusion for at, message in self.judgements[scene] if at > since_ns}
 
 
 class _Stage:
@@ -236,9 +146,7 @@ class Village(_Stage):
         self._open.callback(self.mesh.close)
         self.endpoint = self.mesh.config.endpoint
         self._write("process", self.endpoint, person.vocabulary)
-        self.witness = Witness(
-            self._open.enter_context(closing(Attacker(self.endpoint, self.history, self.attacker_mode)))
-        )
+        self.witness = self._open_witness()
         self.judges = Judges(self.mesh.peer("observer"), self.scenes, person, JUDGES)
         self.mesh.run(self.judges.publish)
         self.faults = []
@@ -297,9 +205,7 @@ class Dojo(_Stage):
         for name, process in self.processes.items():
             if name != "router":
                 process.start(**{START: str(self.start_ns)})
-        self.witness = Witness(
-            self._open.enter_context(closing(Attacker(self.endpoint, self.history, self.attacker_mode)))
-        )
+        self.witness = self._open_witness()
         link = self._open.enter_context(Link.open(self.scenes[0].mesh, "observer"))
         self.judges = Judges(link, self.scenes[1:], self.person, JUDGES)
         stop = threading.Event()
