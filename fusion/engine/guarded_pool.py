@@ -69,7 +69,9 @@ def guarded_pool(p: Floats, prior: Floats, observers: ObserverTrust) -> RuleResu
     """(..., N, M) posteriors, (M,) prior -> the pooled p (..., M), and shares (..., N). N is at most MOST_POOLED."""
     times = ONE_SCENE if p.ndim == 2 else MANY_SCENES
     fixed = _fixed(p.shape[-2], prior.tobytes(), p.ndim)
-    logs = np.log(p * fixed.scale + fixed.offset)
+    logs = p * fixed.scale
+    logs += fixed.offset
+    np.log(logs, logs)
     bits = np.maximum(times.matrices(p * logs[0], fixed.to_bits), 0.0)
     w = _exponents(p, logs[2], bits, observers, fixed, times)
     x = times.matrices(w, logs[1])
@@ -95,7 +97,7 @@ def _exponents(
         pairs = rho.take(fixed.place, axis=-1) * off_diagonal(size)
         voices = times.matrices(fixed.believed, np.maximum(pairs, observers.correlations * part[..., None]))
     else:
-        voices = times.of_each(fixed.voices, rho).reshape(*rho.shape[:-1], -1, size)
+        voices = times.of_each(fixed.voices, rho).reshape(rho.shape[:-1] + fixed.believed.shape)
     w = fixed.believed / (1.0 + voices)
     return w * observers.trust[..., None, :] if observers.has_trust else w
 
@@ -146,11 +148,12 @@ def _posterior_odds(bits: list[float], z: list[float]) -> list[float]:
     if len(z) == 1:
         return [1.0]
     part = [1.0 if each >= PARTICIPATION_BITS else each / PARTICIPATION_BITS for each in bits]
-    number = sum(part)
-    odds = ODDS_OF_THREE * min(max(number - 2.0, 0.0), 1.0)
-    odds += (ODDS_OF_FOUR - ODDS_OF_THREE) * min(max(number - 3.0, 0.0), 1.0)
-    everybody, *one_wrong = z
-    doubt = [odds * share * (each / everybody) ** BETA for share, each in zip(part, one_wrong, strict=True)]
+    number, odds = sum(part), ODDS_OF_FOUR
+    if number < 4.0:
+        odds = ODDS_OF_THREE * min(max(number - 2.0, 0.0), 1.0)
+        odds += (ODDS_OF_FOUR - ODDS_OF_THREE) * max(number - 3.0, 0.0)
+    everybody = z[0]
+    doubt = [odds * share * (each / everybody) ** BETA for share, each in zip(part, z[1:], strict=True)]
     total = 1.0 + sum(doubt)
     return [1.0 / total, *[each / total for each in doubt]]
 
@@ -159,7 +162,7 @@ def _posterior_odds(bits: list[float], z: list[float]) -> list[float]:
 class _Fixed:
     """What depends on the prior and on the number of observers alone.
 
-    scale (3, ..., 1, M), offset (3, ..., 1, 1): p times scale plus offset is p/prior, kept above 0; (1-eps) p/prior +
+    scale, offset (3, ..., N, M), with one scene: p times scale plus offset is p/prior, kept above 0; (1-eps) p/prior +
     eps; and the same with LOG_FLOOR. to_bits, ones (M,), each (N,): products with them are sums, the first from natural
     logs to bits. believed (H, N). singles_and_differences (N + P, N): each observer, and then the difference of each
     pair. sizes (P, N): the sum of a pair's sizes, times TO_SIZES. place (N, N): the pair of two observers, any of one
@@ -191,10 +194,11 @@ def _fixed(size: int, prior_bytes: bytes, dimensions: int) -> _Fixed:
     voices = np.zeros((*believed.shape, len(first)))
     for pair, (one, other) in enumerate(zip(first, second, strict=True)):
         voices[:, one, pair], voices[:, other, pair] = believed[:, other], believed[:, one]
-    axes = (3, *[1] * dimensions)
+    # In full, because NumPy needs twice as long to repeat a row or a number.
+    axes, full = (3, *[1] * dimensions), (3, *[1] * (dimensions - 2), size, len(prior))
     return _Fixed(
-        weights.reshape(axes) * (1.0 / prior),
-        offsets.reshape(axes),
+        np.broadcast_to(weights.reshape(axes) * (1.0 / prior), full).copy(),
+        np.broadcast_to(offsets.reshape(axes), full).copy(),
         np.full(len(prior), NATS_TO_BITS),
         np.ones(len(prior)),
         np.ones(size),

@@ -32,6 +32,7 @@ from common.vocabulary import Vocabulary
 from fusion.engine.movement import MovementDecision, MovementProgress
 from fusion.engine.pooling import FACING, PooledPosterior, facing_deg
 from fusion.engine.roster import POOLED_STATES, AgedPosterior
+from fusion.engine.strengths import NATS_TO_BITS
 
 LABEL_MARGIN = 0.01
 """A posterior that differs from the prior by no more than this holds no label."""
@@ -70,7 +71,7 @@ class JudgementBuilder:
 
     def __init__(self, scene: str, vocabulary: Vocabulary, prior: Floats, rule: str) -> None:
         self._scene, self._vocabulary, self._prior, self._rule = scene, vocabulary, prior.tolist(), rule
-        self._minus_ones, self._most_bits = np.full(len(prior), -1.0), math.log2(len(prior))
+        self._to_bits, self._most_bits = np.full(len(prior), -NATS_TO_BITS), math.log2(len(prior))
         self._reference = VocabularyReference(name=vocabulary.name, hash=vocabulary.digest)
         self._movement: MovementProgress | None = None
         self._ongoing: OngoingMovement | None = None
@@ -88,13 +89,14 @@ class JudgementBuilder:
         with_facing = pooled.facing is not None and _facing_cells(posteriors) <= FACING_CELLS_LIMIT
         votes, labels = {}, []
         for n, posterior in enumerate(posteriors):
-            observer = posterior.observer
-            label = names[likeliest[n]] if self._holds_label(posterior, p[n], likeliest[n]) else None
-            votes[observer] = _vote(
-                posterior, p[n], roots[n], entropies[n], weights[n], label, with_facing, about_rest.get(observer)
-            )
+            label = None
             if posterior.state in POOLED_STATES:
+                label = names[likeliest[n]] if self._holds_label(posterior, p[n], likeliest[n]) else None
                 labels.append(label)
+            doubted = about_rest.get(posterior.observer) if about_rest else None
+            votes[posterior.observer] = _vote(
+                posterior, p[n], roots[n], entropies[n], weights[n], label, with_facing, doubted
+            )
         # Without a vote the pooled posterior is the prior, and its first label would mean nothing.
         fused = names[pooled_likeliest] if labels else ""
         pooled_p = _in_range(pooled_p)
@@ -104,7 +106,7 @@ class JudgementBuilder:
     def _entropies(self, rows: Floats) -> list[float]:
         """`entropy_bits` of each row, in half the time."""
         most = self._most_bits
-        bits: list[float] = np.dot(rows * np.log2(rows + SMALLEST), self._minus_ones).tolist()
+        bits: list[float] = np.dot(rows * np.log(rows + SMALLEST), self._to_bits).tolist()
         return [0.0 if each <= 0.0 else most if each > most else each for each in bits]
 
     def judgement(
@@ -117,7 +119,7 @@ class JudgementBuilder:
         stamp: Stamp,
     ) -> JudgementMessage:
         """The pooled posterior with every observer's vote. why: what a label lacks; used while there is none."""
-        pooled_facets = {name: _in_range(p.tolist()) for name, p in facets.items()}
+        pooled_facets = {name: _in_range(p.tolist()) for name, p in facets.items()} if facets else {}
         if pooled.facing is not None:
             pooled_facets[FACING] = _in_range(pooled.facing.tolist())
         fields = {
@@ -221,7 +223,7 @@ def _vote(
     is_used, facets = posterior.state in POOLED_STATES, posterior.facets
     surprise = posterior.surprise if with_facing else None
     fields = {
-        "label": label if is_used else None,
+        "label": label,
         "entropy": entropy if is_used else None,
         "weight": weight,
         "age_s": posterior.age_s,

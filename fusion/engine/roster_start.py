@@ -57,6 +57,8 @@ class RosterStart:
 
     def release(self, verdicts: Sequence[VerdictMessage]) -> list[VerdictMessage]:
         """The verdicts to publish now, of those made in this step and those withheld before."""
+        if not verdicts and not self._withheld:
+            return []
         self._withheld += [each for each in verdicts if not self._is_early_abstention(each)]
         if self.waits:
             return []

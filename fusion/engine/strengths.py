@@ -54,7 +54,7 @@ ENTROPY_FLOOR_BITS = 0.01
 """A one-hot posterior has entropy 0 and would weigh infinitely; no observer counts as surer than this."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class ObserverTrust:
     """Learned from verdicts about N observers: trust (..., N), and symmetric correlations (..., N, N); all 0 to 1."""
 
