@@ -17,6 +17,8 @@ from fusion.engine.engine import FusionEngine
 log = logging.getLogger("labanmesh.fusion")
 VERDICTS_KEPT = 10
 """Late joiners receive this many of the last verdicts."""
+UNNOTICED_S = 0.5
+"""A verdict that was sent so shortly before the link was seen to be down may not have arrived."""
 SETTLE_S = 0.3
 """After a router is back all processes that try to reconnect have done so."""
 FIRST = 20
@@ -166,6 +168,11 @@ class VerdictPublisher:
         if judgement is not None:
             self._judgements.put(judgement)
 
+    def repeat_verdict(self) -> None:
+        """Send the last verdict once more; listeners that have it ignore the second of two equal words."""
+        for payload in self._verdict_payloads[-1:]:
+            self._verdicts.put(payload)
+
     @property
     def at_rest(self) -> bool:
         """Whether no movement was in progress at the last judgement."""
@@ -196,14 +203,21 @@ class Reachability:
 
     def __init__(self) -> None:
         self._down_s: float | None = None
+        self._lost_s = self._lost_from_s = float("inf")
 
     def update(self, connected: bool, now_s: float) -> bool:
         """To be called at every step."""
         if not connected:
+            self._lost_s = now_s if self._down_s is None else self._lost_s
             self._down_s = now_s
         elif self._down_s is not None and now_s - self._down_s >= SETTLE_S:
-            self._down_s = None
+            self._down_s, self._lost_from_s = None, self._lost_s - UNNOTICED_S
         return self._down_s is None
+
+    def was_lost(self, sent_s: float) -> bool:
+        """Whether what was sent then may not have arrived; True once after each time without a connection."""
+        from_s, self._lost_from_s = self._lost_from_s, float("inf")
+        return sent_s >= from_s
 
 
 def _log(verdict: VerdictMessage) -> None:

@@ -115,6 +115,7 @@ class SceneWorker:
         self._last_words: bytes | None = None
         self._heard_s = service.ticks()
         self._reachable, self._link, self._ticks = Reachability(), service.link, service.ticks
+        self._sent_s = float("-inf")
         self._waiting: bool | None = None
         self.fuses = self.owns = self.restored = False
         self.epoch = 0
@@ -164,6 +165,9 @@ class SceneWorker:
         if not self.owns or not self._listeners_hear():
             return StepResult(output)
         published, self._withheld = self._withheld, []
+        if self._reachable.was_lost(self._sent_s):
+            self._publisher.repeat_verdict()
+        self._sent_s = self._ticks() if published else self._sent_s
         self._publisher.publish(published, output.judgement)
         self._log_waiting(output.judgement)
         return StepResult(output, published)

@@ -55,3 +55,13 @@ def test_verdicts_wait_until_others_have_found_the_router_too(connected):
         now_s = step / 4
         down_s = down_s if up else now_s
         assert reachable.update(up, now_s) == (now_s - down_s >= SETTLE_S)
+
+
+def test_a_verdict_sent_just_before_the_router_died_is_sent_again_and_once():
+    steps = [(True, 0.0), (False, 1.0), (False, 2.0), (True, 2.1), (True, 2.5)]
+    for sent_s, lost in ((0.2, False), (0.9, True), (1.5, True)):
+        reachable, answers = Reachability(), []
+        for up, now_s in steps:
+            reachable.update(up, now_s)
+            answers.append(reachable.was_lost(sent_s))
+        assert answers == [False, False, False, False, lost] and not reachable.was_lost(sent_s)
