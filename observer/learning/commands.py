@@ -106,7 +106,7 @@ def _require_compatible(options: LearnOptions) -> None:
 
 @dataclass(frozen=True, slots=True)
 class _Part:
-    """What the model of one sensor is learned from."""
+    """The input from which the model of one sensor is learned."""
 
     options: LearnOptions
     sensor: "SensorFile"

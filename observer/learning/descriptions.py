@@ -38,7 +38,7 @@ def describe_placement(header: "Header", archive: "MotionArchive") -> list[str]:
 
 
 def describe_addition(output: "Path", edited: "EditedModel") -> str:
-    """What was added, and how well the new movements are recognised; the calibration is that of the old ones."""
+    """The movements that were added, and how well they are recognised; the calibration is that of the old ones."""
     from observer.learning.learn import right_count
 
     header, labels, results = edited.model.header, ", ".join(edited.labels), edited.results
@@ -56,7 +56,7 @@ def _left_out(count: int) -> str:
 
 
 def describe_background(header: "Header") -> str:
-    """From what the model recognises that a movement is none of its own."""
+    """The background from which the model knows something else."""
     from observer.model.base import knows_blends_only
 
     known = list(header.background or ())

@@ -1,4 +1,4 @@
-"""What a model learns from: recordings as examples and as streams, as one view sees them. Pure."""
+"""Recordings as the examples and streams that a model learns from, as one view sees them. Pure."""
 
 import math
 from collections.abc import Iterator, Sequence

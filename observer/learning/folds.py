@@ -56,5 +56,5 @@ def fewer_folds(examples: Sequence[Example], folds: list[list[int]]) -> list[lis
 
 
 def of_one_person(archive: MotionArchive) -> MotionArchive:
-    """The same recordings as if one person had made them all: people who are known are not left out."""
+    """The same recordings with one subject, so that recordings are left out and not people."""
     return replace(archive, recordings=tuple(replace(r, subject="somebody") for r in archive.recordings))

@@ -1,8 +1,7 @@
-"""Learns a view's model: 3-D recordings, projected into one view, become its movement model (section II.B).
+"""Learns a view's model from 3-D recordings that are projected into the view (section II.B), or from its own tracks.
 
-Tracks of one camera become the model of this camera as it stands.
-
-Cross-validation by person calibrates the model's posteriors.
+A model of one camera's tracks is for this camera where it stands. Cross-validation by person calibrates the model's
+posteriors.
 """
 
 import json
@@ -200,14 +199,15 @@ def right_count(results: Sequence[HeldOutResult]) -> int:
 
 
 CALIBRATED_AT = (0.6, 1.0)
-"""Shares of a movement after which a model that always knows something else is calibrated: when it begins to speak,
+"""Shares of a movement after which a model that learns from streams is calibrated: about where verdicts are decided,
 and at the end."""
 
 
 def evaluate_example(model: MovementModel, example: Example) -> HeldOutResult:
-    """The model's posterior at the end of an example that it has not learned, where verdicts are made.
+    """The model's posterior for an example that it has not learned, at the example's end.
 
-    A model that learns from streams has its own "something else"; of it the movements are evaluated, earlier too.
+    Of a model that learns from streams the posterior is that over the movements alone, after CALIBRATED_AT of the
+    example: such a model has learned by itself how likely something else is.
     """
     watch = model.watch(Onset(known=True, length=len(example.tracks)))
     movements = model.header.vocabulary.size

@@ -21,7 +21,7 @@ from observer.motion.sensors import SensorFile, parse_sensors
 
 @dataclass(frozen=True, slots=True)
 class LearningSource:
-    """What one model is learned from. body_parts: those that the model reads."""
+    """The input from which one model is learned. body_parts: those that the model reads."""
 
     archive: MotionArchive
     view: View

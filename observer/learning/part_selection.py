@@ -23,30 +23,30 @@ MOST, LEAST = 95, 5
 
 
 def parts_to_learn(archive: MotionArchive) -> tuple[str, ...]:
-    """The parts that a model of these tracks reads: hands and head, a foot that half of the takes of a movement move,
-    and parts that are not of the body; each if it is seen.
+    """The parts that a model of these tracks reads, in their order; all parts if fewer than two remain.
 
-    What a camera never sees, such as feet behind a sofa, tells nothing, and what a tracker then guesses misleads. All
-    parts if fewer than two remain.
+    Hands, head and parts that are not of the body, and a foot that moves in half of the takes of a movement; each only
+    if it is seen in SHOWN of every movement. A part that the camera does not see, such as a foot behind a sofa, is no
+    evidence, and a tracker's guesses of it mislead.
     """
     takes: dict[str, list[Recording]] = {}
     for recording in movements_in(archive):
         if recording.label:
             takes.setdefault(recording.label, []).append(recording)
-    shares = [np.mean([_seen(take).mean(axis=0) for take in shown], axis=0) for shown in takes.values()]
+    shares = [np.mean([_visible(take).mean(axis=0) for take in shown], axis=0) for shown in takes.values()]
     least = np.min(shares, axis=0) if shares else np.ones(len(archive.body_parts))
-    seen = [part for part, share in zip(archive.body_parts, least, strict=True) if share >= SHOWN]
-    chosen = [part for part in seen if part in BODY_PARTS or part not in WHOLE_BODY]
-    if len(chosen) > 1:
-        moved = {part for part in FEET if part in seen and _is_moved(part, archive.body_parts, takes.values())}
-        seen = [part for part in seen if part in chosen or part in moved]
-    return tuple(seen) if len(seen) > 1 else archive.body_parts
+    parts = [part for part, share in zip(archive.body_parts, least, strict=True) if share >= SHOWN]
+    always = [part for part in parts if part in BODY_PARTS or part not in WHOLE_BODY]
+    if len(always) > 1:
+        moved = {part for part in FEET if part in parts and _is_moved(part, archive.body_parts, takes.values())}
+        parts = [part for part in parts if part in always or part in moved]
+    return tuple(parts) if len(parts) > 1 else archive.body_parts
 
 
-def _seen(take: Recording) -> Floats:
-    """(F, P) 1 where a part is seen."""
-    seen: Floats = np.isfinite(take.positions).prod(axis=2).astype(np.float64)
-    return seen
+def _visible(take: Recording) -> Floats:
+    """(F, P) 1 where a part is seen, else 0."""
+    visible: Floats = np.isfinite(take.positions).prod(axis=2).astype(np.float64)
+    return visible
 
 
 def _is_moved(part: str, body_parts: Sequence[str], movements: Iterable[Sequence[Recording]]) -> bool:

@@ -142,11 +142,11 @@ def _middle(box: Box) -> tuple[float, float]:
 
 def _head_off(head: Floats, faces: Mapping[int, Sequence[Box]]) -> Doubt:
     """In how many pictures with a face the head is seen further from every face than that is wide."""
-    seen = [number for number in faces if number < len(head) and np.isfinite(head[number]).all()]
+    visible = [number for number in faces if number < len(head) and np.isfinite(head[number]).all()]
     off = 0
-    for number in seen:
+    for number in visible:
         off += all(np.abs(head[number] - _middle(box)).max() > box[2] for box in faces[number])
-    return Doubt("off", HEAD, off, len(seen))
+    return Doubt("off", HEAD, off, len(visible))
 
 
 def _jumps(rows: Mapping[str, Floats], at_ns: NDArray[np.int64], height_px: float) -> Iterator[Doubt]:
@@ -179,9 +179,9 @@ def _sides(left: Floats, right: Floats) -> Doubt:
 
 def _rarely_seen(rows: Mapping[str, Floats]) -> Iterator[Doubt]:
     for part in (HEAD, *HANDS):
-        seen = int(np.isfinite(rows[part]).all(axis=1).sum()) if part in rows else 0
-        if 0 < seen < RARELY * len(rows[part]):
-            yield Doubt("rarely", part, seen, len(rows[part]))
+        count = int(np.isfinite(rows[part]).all(axis=1).sum()) if part in rows else 0
+        if 0 < count < RARELY * len(rows[part]):
+            yield Doubt("rarely", part, count, len(rows[part]))
 
 
 def _exchanges(left: Floats, right: Floats, height_px: float) -> int:

@@ -31,15 +31,15 @@ def exchanged_back(
     for n, matrix in enumerate(matrices):
         image = project(matrix, positions)
         for left, right in pairs:
-            seen = centres[:, [left, right], n]
-            straight, crossed = (_cost(seen[:, rows], image[:, [left, right]], gate_px) for rows in ([0, 1], [1, 0]))
+            pair = centres[:, [left, right], n]
+            straight, crossed = (_cost(pair[:, rows], image[:, [left, right]], gate_px) for rows in ([0, 1], [1, 0]))
             wrong = straight - crossed > gate_px**2
-            result[wrong, left, n], result[wrong, right, n] = seen[wrong, 1], seen[wrong, 0]
+            result[wrong, left, n], result[wrong, right, n] = pair[wrong, 1], pair[wrong, 0]
             counts[n] += int(wrong.sum())
     return result, counts
 
 
-def _cost(seen: Floats, image: Floats, gate_px: float) -> Floats:
+def _cost(centres: Floats, image: Floats, gate_px: float) -> Floats:
     """(K, 2, 2) twice -> (K,) sum of the squared distances, each at most gate_px²; NaN where one is not known."""
-    cost: Floats = np.minimum(((seen - image) ** 2).sum(axis=-1), gate_px**2).sum(axis=-1)
+    cost: Floats = np.minimum(((centres - image) ** 2).sum(axis=-1), gate_px**2).sum(axis=-1)
     return cost

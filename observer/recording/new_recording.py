@@ -86,29 +86,32 @@ def build_recording(
     """
     each = max(1, round(camera_rate_hz(tracks) / blank.rate_hz))
     rate_hz = each * blank.rate_hz
-    seen = reconstruct_parts(tracks, body_parts, rate_hz, options.gate_px, progress)
-    positions = fill_gaps(remove_spikes(seen.result.positions, rate_hz), rate_hz)
-    positions = smoothed(positions, rate_hz, noise_m(seen.matrices, seen.result))[::each]
+    reconstructed = reconstruct_parts(tracks, body_parts, rate_hz, options.gate_px, progress)
+    result = reconstructed.result
+    positions = fill_gaps(remove_spikes(result.positions, rate_hz), rate_hz)
+    positions = smoothed(positions, rate_hz, noise_m(reconstructed.matrices, result))[::each]
     positions = to_performer_axes(positions, options.up, options.front)
-    lines = quality_lines(seen.cameras, body_parts, seen.result, positions)
-    lines += exchange_lines(seen)
+    lines = quality_lines(reconstructed.cameras, body_parts, result, positions)
+    lines += exchange_lines(reconstructed)
     lines += [f"{camera.name}: delivered no picture" for camera in tracks if not len(camera.at_ns)]
     if not np.isfinite(positions).any():
-        raise NothingRecorded(cause_of(seen.result), [*visibility_lines(tracks, body_parts, seen.result)])
+        raise NothingRecorded(
+            cause_of(reconstructed.result), [*visibility_lines(tracks, body_parts, reconstructed.result)]
+        )
     if np.isfinite(positions).all(axis=-1).all(axis=-1).mean() < LITTLE:
-        lines += visibility_lines(tracks, body_parts, seen.result)
+        lines += visibility_lines(tracks, body_parts, result)
     if options.trim:
         hands = [row for row, part in enumerate(body_parts) if part.endswith("hand")]
         positions = positions[slice(*moving_span(positions, hands, blank.rate_hz))]
     return replace(blank, positions=positions.astype(np.float32)), lines
 
 
-def exchange_lines(seen: ReconstructedParts) -> list[str]:
+def exchange_lines(reconstructed: ReconstructedParts) -> list[str]:
     """A line for each camera that exchanged left and right more often than OUTLIER_SHARE."""
-    pairs = len(seen.result.positions) * max(len(seen.pairs), 1)
+    pairs = len(reconstructed.result.positions) * max(len(reconstructed.pairs), 1)
     return [
         f"{camera}: left and right were exchanged in {count / pairs:.0%} of the time and have been put right"
-        for camera, count in zip(seen.cameras, seen.exchanged, strict=True)
+        for camera, count in zip(reconstructed.cameras, reconstructed.exchanged, strict=True)
         if count > OUTLIER_SHARE * pairs
     ]
 

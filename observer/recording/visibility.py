@@ -45,8 +45,8 @@ def visibility_lines(
 ) -> Iterator[str]:
     """One line for each camera: in how many of its pictures it saw each part; and how often two did at one moment."""
     for camera in tracks:
-        seen = np.isfinite(camera.centres).all(axis=-1).sum(axis=0)
-        words = ", ".join(f"{part} in {count}" for part, count in zip(body_parts, seen.tolist(), strict=True))
+        counts = np.isfinite(camera.centres).all(axis=-1).sum(axis=0)
+        words = ", ".join(f"{part} in {count}" for part, count in zip(body_parts, counts.tolist(), strict=True))
         pictures = plural(len(camera.at_ns), "picture")
         line = f"{pictures}; saw {words}" if len(camera.at_ns) else "no picture"
         yield f"{camera.name}: {line}{f'; its tracker says: {camera.complaint}' if camera.complaint else ''}"

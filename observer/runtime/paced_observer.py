@@ -82,8 +82,8 @@ class HeldTracker:
             return tracks
         self._runs.append(tracks.centres)
         runs = np.array(self._runs)
-        seen = np.isfinite(runs)
-        means = np.where(seen, runs, 0.0).sum(axis=0) / np.maximum(seen.sum(axis=0), 1)
+        visible = np.isfinite(runs)
+        means = np.where(visible, runs, 0.0).sum(axis=0) / np.maximum(visible.sum(axis=0), 1)
         return replace(tracks, centres=np.where(np.isfinite(tracks.centres), means, np.nan))
 
 

@@ -138,11 +138,10 @@ def _within(share: float, cost_s: float) -> float:
 
 def is_still(places: Floats) -> bool:
     """(T, P, 2) px, NaN where not seen -> whether each part that is seen more than once stays in one place."""
-    seen = np.isfinite(places).all(axis=2).any(axis=0)
-    if not seen.any():
+    visible = np.isfinite(places).all(axis=2).any(axis=0)
+    if not visible.any():
         return False
-    shown = places[:, seen]
-    most, least = np.nanmax(shown, axis=0), np.nanmin(shown, axis=0)
+    most, least = np.nanmax(places[:, visible], axis=0), np.nanmin(places[:, visible], axis=0)
     middles = (most + least) / 2
     size = max((float(np.hypot(*(one - other))) for n, one in enumerate(middles) for other in middles[:n]), default=0.0)
     ways = np.hypot(*(most - least).T)

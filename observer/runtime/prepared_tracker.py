@@ -110,9 +110,9 @@ class PreparedTracker:
         return wanted
 
 
-def lacking_parts(lacking: Sequence[str], found: Sequence[str]) -> str:
+def lacking_parts(lacking: Sequence[str], tracked: Sequence[str]) -> str:
     """One line: a model reads parts that the tracker does not find, and what to do."""
     return (
-        f"body part {lacking[0]!r}: the model reads it, the tracker finds {', '.join(found)}; use a tracker with a "
-        f'pose model (tracker = "mediapipe"), or learn the model with --body-parts {",".join(found)}'
+        f"body part {lacking[0]!r}: the model reads it, the tracker finds {', '.join(tracked)}; use a tracker with a "
+        f'pose model (tracker = "mediapipe"), or learn the model with --body-parts {",".join(tracked)}'
     )

@@ -1,4 +1,4 @@
-"""A clap of the hands in one observer's tracks: with it somebody away from the keyboard begins a take. Pure.
+"""Claps of the hands in one observer's tracks, by which a person away from the keyboard begins a take. Pure.
 
 Both hands come together quickly, before the body and below the chin, and part again. Lengths are in sizes of the body
 as `observer.body.BodyFrame` measures it: hanging hands are about two below the head.
@@ -22,7 +22,7 @@ EACH = 0.3
 LEVEL = 0.25
 """The hands meet at the same height: this is how much they may differ."""
 ASIDE, ABOVE, BELOW = 1.0, 0.3, 1.4
-"""They meet so near the head's place to the side, not higher than so far below it, and not lower than so far."""
+"""Where they meet: at most ASIDE beside the head, and from ABOVE to BELOW below it."""
 RATE_HZ = 15.0
 LEFT, RIGHT, HEAD = "left_hand", "right_hand", "head"
 
@@ -80,7 +80,7 @@ class ClapWatch:
         middle = (left + right) / 2 - head
         if abs(left[1] - right[1]) > LEVEL or abs(middle[0]) > ASIDE or not ABOVE <= middle[1] <= BELOW:
             return False
-        # How far each hand has gone towards the other one's place of then.
+        # The way of each hand towards where the other one was, relative to the head.
         way = before[1] - before[0]
         length = float(np.hypot(*way))
         towards = way / length

@@ -1,7 +1,7 @@
-"""Takes that contradict each other: a wave that looks more like the points than like the other waves. Pure.
+"""Doubtful takes: those that are nearer to a take of another movement than to those of their own. Pure.
 
-Each take in turn is compared with all others, as a model does (`observer.model.nearest_take`); it is doubtful if the
-nearest of them is of another movement. This needs no model, so that a teacher can say it before anybody learns.
+Each take is compared with all others by the distance that models use (`observer.model.nearest_take`). This needs no
+model, so that a teacher hears of such a take before the observers learn.
 """
 
 from collections import Counter
@@ -23,9 +23,9 @@ CLEARLY = 0.9
 
 
 def doubtful_takes(archive: MotionArchive, labels: Sequence[str]) -> list[TakeDoubt]:
-    """The takes of these movements that are nearer to one of another; of a movement with one take nothing is known.
+    """The doubtful takes of these movements, at most DOUBTS_LIMIT.
 
-    With more than MOST_TAKES takes nothing is said: models do not compare with so many either.
+    None of a movement with a single take, and none among more than MOST_TAKES takes, with which models do not compare.
     """
     takes = [take for take in archive.recordings if take.label in labels and not take.spans]
     counts = Counter(take.label for take in takes)

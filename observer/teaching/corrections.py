@@ -20,13 +20,13 @@ from observer.teaching.take_recorder import SHORTEST_S, watched_parts
 from observer.tracks import Tracks
 
 LOOK_S = 6.0
-"""So long before a span the person's stillness is looked at: it needs to know how much the tracks tremble."""
+"""Stillness is computed from this long before a span on, because it first has to measure the tracker's noise."""
 WIDEN_S = 2.0
 """An example begins and ends no more than this outside of the span: some people never stand still."""
 JOIN_S = 0.8
 """A shorter rest does not end a movement (`observer.teaching.take_watch.RESTS_S`)."""
 NEAR_S = 8.0
-"""How well people remember when they did something."""
+"""A movement of which only the moment is known lies within this time of it."""
 LONGEST_S = 12.0
 
 
@@ -55,7 +55,7 @@ class Corrector:
         self._done: dict[str, _Correction] = {}
 
     def correct(self, request: TeachRequest) -> CorrectedReport:
-        """Make an example of what the request names; one that is repeated changes nothing more.
+        """Make an example of the span that the request names; a repeated request changes nothing.
 
         An earlier correction with the same id is replaced. Raises BadInput for a span of which there is no example,
         LabanmeshError if it cannot be written: then it waits in memory.
@@ -94,7 +94,7 @@ class Corrector:
 
 @dataclass(frozen=True, slots=True)
 class _Correction:
-    """What was made of a verdict: the example is `trial` of `person`."""
+    """A correction that was made; its example is `trial` of `person`."""
 
     report: CorrectedReport
     trial: str
@@ -102,9 +102,9 @@ class _Correction:
 
 
 def example_of(recorder: TracksRecorder, span: CapturedSpan, *, label: str, subject: str) -> CutExample:
-    """What the recorder remembers of a span as an example of `label`; "": of something else.
+    """The remembered tracks of a span as an example of `label`; "": of something else.
 
-    Raises BadInput, one line, if it remembers nothing of it, nobody was seen, or nobody moved.
+    Raises BadInput, one line, if the recorder remembers nothing of the span, nobody was seen, or nobody moved.
     """
     _require_remembered(recorder, span)
     begin_ns = recorder.at_ns_of(span.begin_ns)
@@ -193,8 +193,8 @@ def _moving_runs(recording: Recording, recorder: TracksRecorder) -> list[tuple[i
     parts = watched_parts(recorder.body_parts)
     stillness, watched = Stillness(parts, recording.rate_hz), in_parts(recording, recorder.body_parts, parts)
     still = np.array([stillness.update(Tracks(c.astype(np.float64))) for c in watched.positions])
-    seen = np.isfinite(recording.positions).any(axis=(1, 2))
-    moving: NDArray[np.int64] = np.flatnonzero((still < 0.5) & seen)
+    visible = np.isfinite(recording.positions).any(axis=(1, 2))
+    moving: NDArray[np.int64] = np.flatnonzero((still < 0.5) & visible)
     if not len(moving):
         return []
     breaks = np.flatnonzero(np.diff(moving) > JOIN_S * recording.rate_hz)

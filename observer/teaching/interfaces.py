@@ -1,4 +1,4 @@
-"""What teaching needs of the outside: the takes on the disk, and a learner that works in the background."""
+"""The protocols of teaching's two neighbours: the takes on the disk, and a learner that works in the background."""
 
 from collections.abc import Sequence
 from typing import Protocol
@@ -21,13 +21,13 @@ class Learner(Protocol):
         """Begin to learn these movements from the takes on the disk."""
 
     def adopt(self, in_s: float) -> None:
-        """Put the learned model in force after so many seconds."""
+        """Put the learned model in force after this many seconds; raises LabanmeshError if that fails."""
 
     def forget(self, unwanted: Unwanted, *, in_force: bool) -> int:
-        """Remove models that were learned from it; the one in force only if that is asked. Returns how many."""
+        """Remove models that were learned from what is unwanted, the one in force only if asked; returns the number."""
 
     def knows(self, unwanted: Unwanted) -> bool:
-        """Whether the model in force was learned from it."""
+        """Whether the model in force was learned from what is unwanted."""
 
 
 class Takes(Protocol):
@@ -39,36 +39,36 @@ class Takes(Protocol):
 
     @property
     def persons(self) -> dict[str, dict[str, int]]:
-        """How many of each movement, by whose they are."""
+        """Number of recordings of each movement ("": something else) by each person."""
 
     @property
     def archive(self) -> MotionArchive | None:
-        """All of them, and something else; None for nothing."""
+        """All takes, and recordings of something else; None without any."""
 
     @property
     def other_s(self) -> float:
         """Seconds of something else."""
 
     def start(self, labels: Sequence[str], *, add: bool) -> None:
-        """Begin, or go on."""
+        """Begin to teach these movements, or go on; add: keep the takes of earlier ones."""
 
     def add(self, recording: Recording) -> None:
-        """Write one more."""
+        """Write one more take; raises BadInput or LabanmeshError if it cannot be written."""
 
     def take(self, label: str, trial: str) -> Recording | None:
-        """One of them; None if there is none."""
+        """The take of that movement and number; None if there is none."""
 
     def drop(self, label: str, trial: str) -> int:
-        """Remove one."""
+        """Remove a take; returns the number removed."""
 
     def free_take(self, label: str) -> int:
         """A number that no take of the movement has."""
 
     def forget(self, unwanted: Unwanted) -> Sequence[Recording]:
-        """Remove these from all files; returns them."""
+        """Remove what is unwanted from all files; returns the recordings removed."""
 
     def write_waiting(self) -> None:
-        """Write what could not be written."""
+        """Write the takes that could not be written before."""
 
     def finish(self) -> None:
         """The takes have been learned."""

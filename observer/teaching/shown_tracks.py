@@ -17,15 +17,15 @@ def shown_tracks(centres: NDArray[np.floating[Any]], body_parts: Sequence[str], 
 
     rate_hz: frames per second before they are thinned.
     """
-    seen: NDArray[np.bool_] = np.logical_and.reduce(np.isfinite(centres), axis=2)
-    if not seen.any():
+    visible: NDArray[np.bool_] = np.logical_and.reduce(np.isfinite(centres), axis=2)
+    if not visible.any():
         return None
     chosen = np.unique(np.linspace(0, len(centres) - 1, min(len(centres), SHOWN_FRAMES)).round().astype(int))
-    left, top = np.nanmin(np.where(seen[..., None], centres, np.nan), axis=(0, 1))
-    right, bottom = np.nanmax(np.where(seen[..., None], centres, np.nan), axis=(0, 1))
+    left, top = np.nanmin(np.where(visible[..., None], centres, np.nan), axis=(0, 1))
+    right, bottom = np.nanmax(np.where(visible[..., None], centres, np.nan), axis=(0, 1))
     size = max(float(right - left), float(bottom - top)) or 1.0
     scaled = (centres[chosen] - (left, top)) / size * SHOWN_UNITS
-    points = np.where(seen[chosen][..., None], scaled, UNSEEN).round().astype(int)
+    points = np.where(visible[chosen][..., None], scaled, UNSEEN).round().astype(int)
     return ShownTracks(
         body_parts=list(body_parts),
         points=points.ravel().tolist(),

@@ -1,7 +1,7 @@
-"""What one observer records of a lesson: one take at a time, or something else in pieces. Pure.
+"""Records the takes of a lesson out of one observer's tracks, one at a time, or something else in pieces. Pure.
 
 1. A take ends when the person stands still, or when the teacher ends it (`observer.teaching.take_watch`).
-2. What cannot be used is said in the report, and costs only that take.
+2. The report says why a take cannot be used; the lesson goes on.
 3. Something else is written in pieces of PIECE_S, so that little of it is lost when the process is killed.
 
 Times are those of frames, in ns.
@@ -24,20 +24,21 @@ PIECE_S = 20.0
 SHORTEST_S = 0.4
 """No movement that a person means is shorter."""
 NOW_S = 0.7
-"""So much of what is seen now is shown to a teacher."""
+"""Seconds of the newest tracks that a teacher is shown."""
 WATCHED = (*BODY_PARTS, "left_knee", "right_knee")
 """The parts that show whether somebody moves: feet and what lies between tremble too much in a tracker's eyes."""
 NO_PICTURES = "no pictures"
 LOST = "no pictures any more: is the camera working?"
 COMPANY_S = 3.0
-"""So long another person must be seen: trackers take a coat for somebody now and then."""
+"""A second person counts when seen for this long, because a tracker sometimes takes a coat for a person."""
 
 
 @dataclass(slots=True)
 class CurrentTake:
-    """What is recorded now. watch: of a take; None for something else, of which `piece_ns` is not written yet.
+    """The take that is recorded now. watch: its begin and end; None for something else.
 
-    people: the most people who were in the picture for a while.
+    piece_ns: begin of the piece of something else that is not written yet. people: the most people that were in the
+    picture for a while.
     """
 
     label: str
@@ -69,7 +70,7 @@ class TakeRecorder:
         self._claps, self._people = ClapWatch(recorder.body_parts), PeopleCount()
         self._last: TakeReport | None = None
         self.current: CurrentTake | None = None
-        """What is recorded now; None: nothing."""
+        """The take that is recorded now; None: nothing is."""
 
     @property
     def still(self) -> float:

@@ -23,16 +23,16 @@ SAME_POSTURE = 0.4
 LEAST_WAY = 0.06
 """A part must go so far, beside what the whole body sways, or the person has only shifted their weight."""
 WAIT_S = 8.0
-"""So long after the signal somebody has moved, or nobody performs."""
+"""If nobody has moved by this time after the signal, the take fails."""
 LONGEST_S = 12.0
 """No movement takes longer; a film in which nobody ever stands still is cut here."""
 UNSEEN_S = 3.0
-"""Without anybody in the pictures for so long from the signal on, the take is given up at once."""
+"""If nobody has been seen by this time after the signal, the take fails."""
 Phase = Literal["waiting", "moving", "done"]
 
 
 class TakeWatch:
-    """Follows one take from its signal on; `fault` says why it is worth nothing, "" if it is worth keeping.
+    """Follows one take from its signal on; `fault` says why it cannot be used, "" if it can.
 
     begin_ns: time of the newest frame at the signal.
     """
@@ -73,11 +73,11 @@ class TakeWatch:
                 self._stop(at_ns, away)
 
     def end(self) -> None:
-        """The teacher ends the take: what was seen until now is it."""
+        """The teacher ends the take with the newest frame."""
         self.phase = "done"
 
     def fail(self, fault: str) -> None:
-        """The take is worth nothing."""
+        """The take cannot be used."""
         self.phase, self.fault = "done", fault
 
     def _wait(self, at_ns: int) -> None:
@@ -90,7 +90,7 @@ class TakeWatch:
             self.phase, self.fault = "done", f"nobody moved within {WAIT_S:g} s of the signal"
 
     def _stop(self, at_ns: int, away: float | None) -> None:
-        """The person rests: the movement has ended, or there was none and it is still awaited."""
+        """The person rests: the movement has ended, or there was none yet and the take waits on."""
         if away is None or self._way >= LEAST_WAY:
             self.phase = "done"
             return

@@ -2,11 +2,11 @@
 
 1. A teacher (`labanmesh teach`) asks: start, then for each take begin; the take ends when the person stands still, or
    when the teacher ends it (`observer.teaching.take_recorder`). Then something else for some minutes, learn, and adopt.
-2. What cannot be done is said in the answer to the request.
+2. The reply says why a request cannot be done.
 3. Learning takes place elsewhere (`Learner`). The new model is in force from `adopt` on, when all observers of the
    scene have learned theirs.
-4. A wrong verdict becomes an example out of the tracks that are remembered (`observer.teaching.corrections`). What is
-   to be forgotten is removed from the disk and from memory; the model in force knows it until a new one is adopted.
+4. A wrong verdict becomes an example, cut out of the remembered tracks (`observer.teaching.corrections`). `forget`
+   removes takes from the disk and from memory; the model in force knows them until a new one is adopted.
 5. One teacher at a time: another is refused until the first has left, or has been silent for TEACHER_S; what it was
    recording ends then. Anybody who may ask may ask for the status, and to be shown a take or what is seen now.
 
@@ -37,7 +37,7 @@ from observer.tracks import Tracks
 
 TEACHER_S = 10.0
 LOOKING = ("status", "show")
-"""What anybody who may teach may ask at any time."""
+"""Commands that every teacher may send at any time."""
 NO_PICTURES_S = 2.0
 
 
@@ -77,7 +77,7 @@ class Teaching:
         return now_s - self._asked_s <= TEACHER_S
 
     def handle(self, request: TeachRequest, now_s: float, labels: Sequence[str]) -> TeachReply:
-        """Do what is asked, if it can be done; the reply says how things stand then.
+        """Do what is asked, if it can be done; returns the observer's state afterwards.
 
         labels: the movements of the model in force.
         """

@@ -67,21 +67,21 @@ class Company:
         pause_s = NEAR_S if near else STIRRED_S if stirred else COMPANY_S if self.people else ALONE_S
         return ms - looked_ms >= 1000 * pause_s
 
-    def update(self, followed: Body, found: Sequence[Body], ms: int) -> None:
-        """The people found about the followed one, who is the nearest of them if near enough."""
+    def update(self, followed: Body, bodies: Sequence[Body], ms: int) -> None:
+        """Take in the bodies that a search found; the nearest one is the followed person's, if it is near enough."""
         self._looked = ms, followed
-        rest = sorted(distinct(found), key=followed.distance)
+        rest = sorted(distinct(bodies), key=followed.distance)
         if rest and rest[0].distance(followed) < OWN * followed.height:
             rest = rest[1:]
         # What appears too near is a limb of the followed person that is not covered: others were seen as they came.
         strangers = [b for b in self.strangers(rest, ms) if b.distance(followed) >= MERGED * followed.height]
         self.people += [OtherPerson(body, ms) for body in strangers]
 
-    def strangers(self, found: Sequence[Body], ms: int) -> list[Body]:
-        """Those of the people found who are none of the known others; those who are have now been seen there."""
+    def strangers(self, bodies: Sequence[Body], ms: int) -> list[Body]:
+        """The bodies that belong to none of the known others; the others are updated with theirs."""
         known = [one for one in self.people if ms - one.ms <= 1000 * OTHER_S]
         again, strangers = [], []
-        for body in found:
+        for body in bodies:
             same = min(known, key=lambda one: one.at(ms).distance(body), default=None)
             if same is not None and same.at(ms).distance(body) < same.reach(ms):
                 known.remove(same)
@@ -95,14 +95,14 @@ class Company:
         """Whether one of them is nearer to `body` than the followed person is."""
         return any(one.at(ms).distance(body) < followed.distance(body) for one in self.people)
 
-    def merges_with(self, followed: Body, seen: bool, ms: int) -> bool:
+    def merges_with(self, followed: Body, visible: bool, ms: int) -> bool:
         """Whether one who was found twice is too near and too alike to be told from the followed person.
 
-        seen: whether the followed person is seen now.
+        visible: whether the followed person is seen now.
         """
         return any(
             one.sightings > 1
-            and one.at(ms).distance(followed) < (MERGED if seen else HIDDEN) * followed.height
+            and one.at(ms).distance(followed) < (MERGED if visible else HIDDEN) * followed.height
             and one.body.resembles(followed, GROWTH)
             for one in self.people
         )

@@ -15,7 +15,13 @@ from observer.calibration.calibrate import from_boards
 from observer.calibration.calibrated import angle_between, rotation
 from observer.calibration.detection import BoardDetection, CameraDetections, _upright, detector, find_boards, speeds
 from observer.calibration.formats import read_opencv
-from observer.calibration.parameters import FittedLens, RigidTransform, fit_lens, solve_extrinsics
+from observer.calibration.parameters import (
+    FittedLens,
+    RigidTransform,
+    _relative_pose,
+    fit_lens,
+    solve_extrinsics,
+)
 
 K = np.array([[700.0, 0, 320], [0, 700, 240], [0, 0, 1]])
 LENS = FittedLens(K, np.array([0.1, -0.1, 0, 0, 0.0]), 0.0, {})
@@ -306,3 +312,16 @@ def test_corners_without_neighbours_move_as_the_others():
     np.testing.assert_array_equal(before, [[4, 0], [4, 0]])
     np.testing.assert_array_equal(now, [[4, 0]] * 3)
     np.testing.assert_array_equal(later, np.zeros((3, 2)))
+
+
+@pytest.mark.parametrize("wrong", range(4))
+def test_two_cameras_get_the_relative_pose_that_most_of_their_pictures_agree_with(wrong):
+    """One picture of four was taken at another moment."""
+    rng = np.random.default_rng(wrong)
+    between = RigidTransform(rotation((0.1, 0.8, 0.0), "test"), np.array([1.0, 0.0, 0.5]))
+    known = {n: RigidTransform(rotation(rng.normal(0, 0.3, 3), "test"), rng.normal(0, 1, 3)) for n in range(4)}
+    tremor = [RigidTransform(rotation(rng.normal(0, 0.01, 3), "test"), rng.normal(0, 0.01, 3)) for _ in known]
+    new = {n: tremor[n].after(between.after(pose)) for n, pose in known.items()}
+    new[wrong] = RigidTransform(rotation((0.0, 0.0, 0.9), "test"), np.array([0.0, 1.0, 0.0])).after(new[wrong])
+    pose = _relative_pose(known, new, "one and two")
+    assert angle_between(pose.R, between.R) < 0.05 and np.linalg.norm(pose.t - between.t) < 0.05

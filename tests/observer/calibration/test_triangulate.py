@@ -77,6 +77,16 @@ def test_a_recorded_person_with_noise_and_one_camera_wrong_or_blind(data):
     assert np.median(off) < 0.01
 
 
+@pytest.mark.parametrize("order", [[0, 1, 2, 3], [2, 3, 0, 1], [0, 2, 1, 3]])
+def test_of_two_pairs_that_contradict_each_other_the_one_that_agrees_better_wins(order):
+    point, other = np.array([0.1, 0.0, 0.2]), np.array([-0.6, 0.5, -0.4])
+    pixels = np.array([project(H, point) for H in CAMERAS[:2]] + [project(H, other) for H in CAMERAS[2:]])
+    pixels[3] += (0, 8)
+    result = triangulate(CAMERAS[order], pixels[order])
+    np.testing.assert_allclose(result.point, point, atol=1e-6)
+    assert [order[n] for n in np.flatnonzero(result.used)] == [n for n in order if n < 2]
+
+
 def test_the_majority_outvotes_two_cameras_that_agree_exactly():
     rng = np.random.default_rng(4)
     pixels = np.array([project(H, np.zeros(3)) for H in CAMERAS]) + rng.normal(0, 2, (4, 2))

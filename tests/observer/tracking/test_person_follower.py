@@ -159,7 +159,7 @@ def test_a_limb_that_is_taken_for_somebody_beside_the_followed_person_is_no_othe
     company = Company()
     for ms in range(100, 1000, 100):
         company.update(followed, [Body(400.0, 200.0, 280.0)], ms)
-    assert not company.merges_with(followed, seen=True, ms=1000)
+    assert not company.merges_with(followed, visible=True, ms=1000)
 
 
 def test_somebody_who_comes_from_afar_merges_with_the_followed_person():
@@ -167,7 +167,7 @@ def test_somebody_who_comes_from_afar_merges_with_the_followed_person():
     company = Company()
     for ms in range(100, 1000, 100):
         company.update(followed, [Body(600.0 - ms / 4, 200.0, 280.0)], ms)
-    assert company.merges_with(followed, seen=True, ms=1000)
+    assert company.merges_with(followed, visible=True, ms=1000)
 
 
 def test_the_followed_person_is_lost_after_a_while_and_another_is_chosen_then():
