@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from hub.teaching.big_letters import big
 from hub.teaching.interface import GO, Action, Step
 from hub.teaching.verdicts import newly_decided
-from hub.teaching.wording import step_line
+from hub.teaching.wording import step_line, without_keys
 
 if TYPE_CHECKING:
     from hub.session import SceneListener
@@ -51,7 +51,7 @@ class Terminal:
 
     def say(self, line: str) -> None:
         """A line of its own."""
-        print(self._cleared() + line, flush=True)
+        print(self._cleared() + (line if self._keyboard else without_keys(line)), flush=True)
 
     def show(self, step: Step) -> None:
         """What changes, a signal in large letters; elsewhere than on a terminal only the signal to begin."""

@@ -21,6 +21,8 @@ TYPED = {
     "? r makes it again": "? If not, make it again",
 }
 """Ways out in a terminal, and what they are on a page."""
+KEYS = {"; or press a key": "", " (s: skip)": "", "? r makes it again": "?"}
+"""Keys in a line, and what it says where there is no keyboard."""
 NO_RIGHT = (
     "no observer answers a request to teach: they are of an earlier version, or this machine's certificate lacks the "
     "right to teach (labanmesh secure add SCENE NAME --hub --teach)"
@@ -195,6 +197,15 @@ def begun_labels(replies: Mapping[str, TeachReply | None]) -> list[str]:
 
 def on_a_page(line: str) -> str:
     """A line that names what to type in a terminal, for those who look at a page instead."""
-    for typed, pressed in TYPED.items():
-        line = line.replace(typed, pressed)
+    return _replaced(line, TYPED)
+
+
+def without_keys(line: str) -> str:
+    """A line that names keys to press, for a terminal without a keyboard."""
+    return _replaced(line, KEYS)
+
+
+def _replaced(line: str, words: Mapping[str, str]) -> str:
+    for before, after in words.items():
+        line = line.replace(before, after)
     return line

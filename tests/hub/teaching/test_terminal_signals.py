@@ -60,3 +60,19 @@ def test_what_keys_mean(monkeypatch, kind, key, action):
     monkeypatch.setattr(terminal.select, "select", lambda *_: ([sys.stdin], [], []))
     monkeypatch.setattr(sys, "stdin", type("Keys", (), {"read": lambda self, count: key.upper()})())
     assert interface.between(Step(kind, "wave"), 1.0) == action
+
+
+@pytest.mark.parametrize(
+    ("line", "bare"),
+    [
+        ("wave: stand still to begin; or press a key", "wave: stand still to begin"),
+        ("now 0.5 minutes of anything: each verdict is a false alarm (s: skip)", "each verdict is a false alarm\n"),
+        ("2 people in the picture of sofa: is the take yours? r makes it again", "is the take yours?\n"),
+    ],
+)
+def test_keys_are_named_only_where_there_is_a_keyboard(capsys, line, bare):
+    Terminal(threading.Event(), None, keyboard=True).say(line)
+    assert line in capsys.readouterr().out
+    Terminal(threading.Event(), None, keyboard=False).say(line)
+    output = capsys.readouterr().out
+    assert bare in output and "key" not in output and "r makes" not in output
