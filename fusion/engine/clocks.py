@@ -33,9 +33,8 @@ class _ObserverClock:
 
     def is_doubtful_after(self, message: PosteriorMessage) -> bool:
         """Rule 3. Copies, late messages and new sessions say nothing about the clock."""
-        if self.doubtful or message.sent_ns > self.sent_ns:
-            return self.doubtful
-        return message.session == self.session and message.seq > self.seq
+        follows = message.session == self.session and message.seq > self.seq
+        return self.doubtful or (follows and message.sent_ns <= self.sent_ns)
 
 
 class Clocks:
@@ -64,7 +63,8 @@ class Clocks:
         if captured_ns > sent_ns:
             captured_ns = sent_ns
         latest_ns = now_ns - (sent_ns - captured_ns)
-        if clock.is_doubtful_after(message):
+        # Asked only if it may be: a call costs as much as the rest.
+        if (clock.doubtful or sent_ns <= clock.sent_ns) and clock.is_doubtful_after(message):
             return latest_ns
         captured_ns -= clock.correction_ns
         return captured_ns if captured_ns < latest_ns else latest_ns
@@ -72,7 +72,8 @@ class Clocks:
     def record_message(self, observer: str, message: PosteriorMessage) -> None:
         """Remember the stamps of a message that was used, to compare the next one's with."""
         clock = self._clocks[observer]
-        clock.doubtful = clock.is_doubtful_after(message)
+        if message.sent_ns <= clock.sent_ns:
+            clock.doubtful = clock.is_doubtful_after(message)
         clock.session, clock.seq, clock.sent_ns = message.session, message.seq, message.sent_ns
 
 

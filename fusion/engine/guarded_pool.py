@@ -126,7 +126,7 @@ def _shared_voice(p: Floats, logs: Floats, fixed: "_Fixed", times: _Products) ->
 
 def _trust_certain(p: Floats, rho: Floats, fixed: "_Fixed") -> None:
     """Lower rho (P,) of two that are certain of the same, by `uncertainty`; p (N, M), one scene."""
-    labels = p.argmax(axis=1).tolist()
+    labels = p.argmax(1).tolist()
     if len(set(labels)) == len(labels):
         return
     sure = [(n, label, top) for n, label in enumerate(labels) if (top := p.item(n, label)) > SURE]
@@ -147,15 +147,17 @@ def _posterior_odds(bits: list[float], z: list[float]) -> list[float]:
     """P(h) of the H hypotheses (1), of one scene."""
     if len(z) == 1:
         return [1.0]
-    part = [1.0 if each >= PARTICIPATION_BITS else each / PARTICIPATION_BITS for each in bits]
-    number, odds = sum(part), ODDS_OF_FOUR
+    everybody, number, doubt = z[0], 0.0, []
+    for each, one_wrong in zip(bits, z[1:], strict=True):
+        part = 1.0 if each >= PARTICIPATION_BITS else each / PARTICIPATION_BITS
+        number += part
+        doubt.append(part * (one_wrong / everybody) ** BETA)
+    odds = ODDS_OF_FOUR
     if number < 4.0:
         odds = ODDS_OF_THREE * min(max(number - 2.0, 0.0), 1.0)
         odds += (ODDS_OF_FOUR - ODDS_OF_THREE) * max(number - 3.0, 0.0)
-    everybody = z[0]
-    doubt = [odds * share * (each / everybody) ** BETA for share, each in zip(part, z[1:], strict=True)]
-    total = 1.0 + sum(doubt)
-    return [1.0 / total, *[each / total for each in doubt]]
+    share = 1.0 / (1.0 + odds * sum(doubt))
+    return [share, *[odds * share * each for each in doubt]]
 
 
 @dataclass(frozen=True, slots=True)

@@ -99,7 +99,7 @@ class JudgementBuilder:
             )
         # Without a vote the pooled posterior is the prior, and its first label would mean nothing.
         fused = names[pooled_likeliest] if labels else ""
-        pooled_p = _in_range(pooled_p)
+        pooled_p = pooled_p if pooled_p[pooled_likeliest] <= 1.0 else _in_range(pooled_p)
         agreement = _agreement(labels.count(fused), len(labels))
         return Ballot(votes, pooled_p, entropy, fused, pooled_p[pooled_likeliest], agreement)
 

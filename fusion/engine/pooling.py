@@ -189,7 +189,10 @@ def _pool_rows(rule: Rule, rows: Floats, prior: Floats, trust: ObserverTrust) ->
 
 def _rows(case: PoolingCase) -> Floats:
     """(N + 1, M) the posteriors, and room for the pooled one."""
-    return np.array([*[posterior.p for posterior in case.posteriors], case.prior])
+    rows = np.empty((len(case.posteriors) + 1, len(case.prior)))
+    for n, posterior in enumerate(case.posteriors):
+        rows[n] = posterior.p
+    return rows
 
 
 def _answers(case: PoolingCase, rows: Floats, has_unlearned: bool) -> Floats:

@@ -53,20 +53,21 @@ class RestPool:
 def pooled_rest(posteriors: Sequence[AgedPosterior], trust: Sequence[float] | None = None) -> float:
     """The probability that the person is at rest: the weighted median (1), the mean of two. trust: 1 each if None."""
     weights = [1.0] * len(posteriors) if trust is None else trust
-    votes = [
+    sure = [one.rest for one in posteriors if one.freshness == 1.0 and one.state == "counted"]
+    if sure and len(sure) == len(posteriors) and weights.count(1.0) == len(sure):
+        # The usual case: all are fresh and trusted.
+        sure.sort()
+        low, high = sure[(len(sure) - 1) // 2], sure[len(sure) // 2]
+        return low + (high - low) / 2
+    votes = sorted(
         (one.rest, one.freshness * weight)
         for one, weight in zip(posteriors, weights, strict=True)
-        if one.freshness > LEAST_FRESHNESS and one.state in POOLED_STATES
-    ]
-    votes.sort()
-    shares = [weight for _, weight in votes]
-    most = max(shares, default=0.0)
-    if votes and shares.count(most) == len(shares):
-        # The usual case: all are fresh and trusted.
-        (low, _), (high, _) = votes[(len(votes) - 1) // 2], votes[len(votes) // 2]
-        return low + (high - low) / 2
+        if one.state in POOLED_STATES and one.freshness > LEAST_FRESHNESS
+    )
     # One that hardly counts would still draw the interpolation to its side.
-    votes = [vote for vote in votes if vote[1] >= LEAST_SHARE * most]
+    most = max((weight for _, weight in votes), default=0.0)
+    # With room for round-off, so that the scale of the weights does not matter.
+    votes = [vote for vote in votes if vote[1] >= LEAST_SHARE * most * (1 - 1e-9)]
     if not votes:
         votes = sorted((one.rest, 1.0) for one in posteriors if one.rest < 1.0) or [(1.0, 1.0)]
     # Each vote stands at the middle of its weight; between two votes the result is interpolated. Plain Python, because
