@@ -1,8 +1,8 @@
-"""Left and right of a pose model's landmarks, kept through frames in which the model exchanges them. Pure.
+"""Keeps left and right of a pose model's landmarks through pictures in which the model exchanges them. Pure.
 
-A pose model tells left from right by how the whole body looks, anew in each picture. Of a back, of a cap without a
-face or in profile it changes its mind from one picture to the next, for all of the body or for a pair of limbs. A
-person cannot: the way from the right to the left shoulder, elbow or hip turns in a fifth of a second, not at once.
+A pose model tells left from right in each picture anew, by how the whole body looks. Where it sees a back, no face or a
+profile, it may exchange them from one picture to the next, for the whole body or for a pair of limbs. A person cannot
+turn as fast: the line from the right to the left shoulder, elbow or hip takes a fifth of a second.
 """
 
 import math
@@ -35,10 +35,10 @@ LEAST, LEAST_OF_ALL, LEAST_OF_LIMB = 0.15, 0.5, 0.2
 """Squared body sizes by which it must, for the trunk, all pairs and a limb, so that a body in profile, whose sides
 coincide, is left as it is."""
 LEAP = 1.5
-"""Body sizes: who is farther from where the person was in the last picture is somebody else."""
+"""Body sizes: a person farther from the place in the last picture is another one."""
 TRUST_S, DISTRUST_S = 2.0, 0.2
-"""Most that is held for the sides so far, in seconds of agreement with the model; and how far the model must have
-contradicted them, beyond that, before its sides are taken over: it is right most of the time."""
+"""Most trust in the sides so far, in seconds of agreement with the model; and for how long the model must contradict
+them, once that trust is used up, before its sides are taken over: it is right most of the time."""
 LEVEL, SPREAD = 0.05, 0.1
 """Of a person who faces the camera the toes are lower in the picture than the heels by more than LEVEL body sizes, of
 one who turns away by less (four cameras of pose2sim_single); SPREAD: from doubt to certainty."""
@@ -92,7 +92,10 @@ class _Memory:
         self.differences, self.expected, self.speeds = -self.differences, -self.expected, -self.speeds
 
     def follow(self, points: Floats, size: float, ms: int, seconds: float) -> None:
-        """Take in the mended points of the newest picture, `seconds` after the last, by an alpha-beta filter."""
+        """Take in the mended points of the newest picture, `seconds` after the last, by an alpha-beta filter.
+
+        β = α²/(2 - α): Benedict and Bordner, IRE Transactions on Automatic Control 7, 1962.
+        """
         share = 1 - math.exp(-seconds / MEMORY_S)
         away = _differences(points) - self.expected
         self.differences = self.expected + share * away

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from observer_stage import pose2sim_markers, rejected
 
 from observer.calibration.formats import read_opencv
-from observer.calibration.triangulate import triangulate
+from observer.calibration.triangulate import _linear_points, triangulate
 from observer.geometry.projection import pinhole_matrix, project
 
 CAMERAS = np.array([pinhole_matrix(yaw, 0.2, 4.0, 900, (640, 360)) for yaw in (-0.8, 0.0, 0.9, 2.0)])
@@ -20,6 +20,13 @@ def test_exact_pixels_give_the_exact_point_in_any_order_and_scale(point, order):
     result = triangulate((CAMERAS * SCALES)[order], pixels[order])
     np.testing.assert_allclose(result.point, point, atol=1e-6)
     assert result.used.all() and result.error_px < 1e-4
+
+
+def test_the_scale_of_a_matrix_does_not_weight_its_camera_in_the_linear_solution():
+    pixels = np.array([project(H, np.zeros(3)) for H in CAMERAS]) + np.random.default_rng(1).normal(0, 3, (4, 2))
+    used = np.ones((1, 4), bool)
+    plain, scaled = (_linear_points(Hs, pixels[None], used) for Hs in (CAMERAS, CAMERAS * np.abs(SCALES)))
+    np.testing.assert_allclose(scaled, plain, atol=1e-9)
 
 
 @pytest.mark.parametrize("wrong", range(4))

@@ -15,6 +15,7 @@ from observer.model.posterior_calibration import (
     PosteriorCalibration,
     _logistic,
     _nearly_cautious,
+    _weights,
     fit_calibration,
 )
 
@@ -144,6 +145,9 @@ def test_all_examples_of_something_else_weigh_as_much_as_those_of_one_movement()
     own, other = results(rng, 2.0, 300, movements=3), results(rng, 0.5, 300, movements=3)
     shown = [t for t in own if t.truth < 2]
     background = [HeldOutResult(2, t.posteriors, None) for t in other]
+    truth = np.repeat([0, 1, 2], [20, 40, 7])
+    assert _weights(truth, 2)[truth == 2].sum() == pytest.approx(60 / 2)
+    assert (_weights(truth, 2)[truth < 2] == 1).all()
     once, often = (fit_calibration([*shown, *background * times], 2) for times in (1, 10))
     assert once == often != fit_calibration(shown, 2)
 

@@ -19,19 +19,21 @@ from observer.model.base import (
     with_defaults,
     with_features,
 )
-from observer.model.body_trace import places_and_differences
+from observer.model.body_trace import extent, places_and_differences
 from observer.model.cross_validation import CrossValidation
 from observer.model.discriminative import Discriminative
+from observer.model.logistic import LogisticRegression
 from observer.model.stack_exponents import ENDED, RUNNING
 from observer.model.stacked import Stacked
 from observer.model.training_rows import (
+    RECOGNISABLE,
     between_rests,
     learned_facings,
     rows_of_examples,
     rows_of_streams,
     segment_window,
 )
-from observer.model.training_table import TrainingTable
+from observer.model.training_table import ENOUGH_EXAMPLES, RARELY, SMALL_SHARE, TrainingTable
 from observer.motion.archive import MotionArchive, Recording
 from observer.tracks import BODY_PARTS, Tracks
 
@@ -135,6 +137,46 @@ def test_a_segment_does_not_depend_on_where_it_began_nor_on_the_size_that_was_kn
     late[:10, :-3] /= 2
     late[:10, -1] *= 2
     np.testing.assert_allclose(segment_window(late, 60)[:, 30:], segment_window(trace, 60)[:, 30:], atol=0.2)
+
+
+def test_a_window_holds_the_parts_where_they_are_and_where_the_body_has_gone_since_the_begin():
+    """Two parts: one stays beside the body, which moves, the other moves against it."""
+    frames = np.arange(11)[:, None]
+    first, second = np.array([[1.0, 2.0]] * 11), 0.1 * frames * [1.0, 0.0]
+    path = 5.0 + 0.2 * frames * [1.0, -1.0]
+    trace = np.hstack([first, second, path, np.ones((11, 1))]).astype(np.float32)
+    moved = path - path[0]
+    window = np.hstack([first + moved, second + moved])
+    np.testing.assert_allclose(segment_window(trace, 11), window.T, atol=1e-5)
+    np.testing.assert_allclose(segment_window(trace, 21)[:, ::2], window.T, atol=1e-5)
+
+
+def test_a_movement_in_a_stream_is_shown_fully_from_a_share_of_its_span_on():
+    stream = Stream((), (StreamSpan(20, 60, 1, "1"),), 0, "anna", "1")
+    (rows,) = rows_of_streams([stream], [np.zeros((90, 9), np.float32)], 2, RATE_HZ)
+    for at, targets in zip(rows.at, rows.targets, strict=True):
+        # It counts as shown for 0.1 s after its end too.
+        inside = 20 <= at < 60 + 0.1 * RATE_HZ
+        shown = min((at - 20) / 40 / RECOGNISABLE, 1.0) if inside else 0.0
+        assert targets == pytest.approx([0.0, shown, 1.0 - shown], abs=1e-6)
+
+
+def test_the_least_extents_are_a_share_of_what_all_but_few_examples_reach(examples, table):
+    for movement, least in enumerate(table.least_extents):
+        largest = [
+            max(extent(trace[: n + 1], RATE_HZ) for n in range(len(trace)))
+            for trace, example in zip(traces_of(examples), examples, strict=True)
+            if example.movement == movement
+        ]
+        assert least == pytest.approx(SMALL_SHARE * np.quantile(largest, RARELY))
+        assert 0 < least < min(largest)
+
+
+def test_each_of_few_examples_counts_more(header, examples, table):
+    """The loss of few examples is scaled to that of ENOUGH_EXAMPLES, so that a penalty suits both."""
+    penalty = header.parameters["trailing_penalty"] * ENOUGH_EXAMPLES / len(examples)
+    expected = LogisticRegression.learn(table._features, table._targets, table._weights, penalty)
+    np.testing.assert_allclose(table.learn()[0].weights, expected.weights, atol=1e-4)
 
 
 def test_channels_of_a_segment_are_the_places_of_parts_and_their_differences():

@@ -5,7 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from observer_stage import rejected
+from scipy.stats import chi2
 
+from observer.geometry.projection import pinhole_matrix, project
 from observer.recording.reconstruction import (
     AXES,
     SAME_S,
@@ -14,10 +16,13 @@ from observer.recording.reconstruction import (
     fill_gaps,
     moving_span,
     performer_axes,
+    px_per_m,
+    reconstruct,
     remove_spikes,
     resample_tracks,
     to_performer_axes,
 )
+from observer.recording.smoothing import noise_m
 
 MATRIX = np.eye(3, 4)
 EPOCH_NS = 1_764_000_000_123_456_789
@@ -161,3 +166,21 @@ def test_the_axes_form_a_rotation(up, front):
 def test_an_unknown_axis_is_rejected():
     with rejected("--up 'w'"):
         performer_axes("w", "-z")
+
+
+def test_a_metre_is_as_many_pixels_as_across_the_optical_axis_on_average_over_the_cameras():
+    """900 px of focal length at 4 m and at 2 m."""
+    near, far = (pinhole_matrix(yaw, 0.0, distance, 900, (640, 360)) for yaw, distance in ((0.3, 2.0), (1.2, 4.0)))
+    assert px_per_m([far], np.zeros((1, 1, 3)))[0, 0] == pytest.approx(900 / 4, rel=0.01)
+    assert px_per_m([near, far], np.zeros((1, 1, 3)))[0, 0] == pytest.approx((900 / 2 + 900 / 4) / 2, rel=0.01)
+
+
+@pytest.mark.parametrize("cameras", [2, 4])
+def test_the_noise_of_a_track_is_that_of_one_camera_in_metres(cameras):
+    """The residuals of a point in n cameras have 2n - 3 degrees of freedom; the median of many instants is taken."""
+    matrices = [pinhole_matrix(yaw, 0.1, 3.0, 900, (640, 360)) for yaw in (-0.8, 0.5, 1.6, 2.9)[:cameras]]
+    rng, freedom = np.random.default_rng(0), 2 * cameras - 3
+    centres = np.stack([project(H, np.zeros((800, 1, 3))) for H in matrices], axis=2)
+    result = reconstruct(matrices, centres + rng.normal(0, 2.0, centres.shape))
+    expected = 2.0 * np.sqrt(chi2.median(freedom) / freedom) / px_per_m(matrices, np.zeros((1, 1, 3)))[0, 0]
+    assert noise_m(matrices, result) == pytest.approx([expected], rel=0.06)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from observer.tracking.sides import EXCHANGED, EXCHANGED_LIMBS, SideKeeper
+from observer.tracking.sides import EXCHANGED, EXCHANGED_LIMBS, MEMORY_S, PAIRS, SideKeeper, _Memory
 
 RATE_HZ = 30
 LEFT = {11: (0.2, -0.5), 13: (0.35, -0.25), 15: (0.4, 0.0), 23: (0.12, 0.0), 25: (0.14, 0.4), 27: (0.15, 0.8),
@@ -30,6 +30,24 @@ def mended(frames, rate_hz=RATE_HZ):
 def right_frames(frames, truth, rate_hz=RATE_HZ):
     """Which frames have the sides of the truth."""
     return [np.array_equal(one, other) for one, other in zip(mended(frames, rate_hz), truth, strict=True)]
+
+
+@pytest.mark.parametrize("seconds", [0.02, 0.1])
+def test_the_memory_is_an_alpha_beta_filter(seconds):
+    """Benedict and Bordner 1962: beta = alpha^2 / (2 - alpha)."""
+    alpha = 1 - np.exp(-seconds / MEMORY_S)
+    beta = alpha**2 / (2 - alpha)
+    rng = np.random.default_rng(0)
+    before, now, later = (rng.normal(0, 1, (33, 2)) for _ in range(3))
+    memory = _Memory.of(before, 1.0, 0)
+    position, speed = memory.differences.copy(), np.zeros((6, 2))
+    for points in (now, later):
+        memory.expect(seconds)
+        memory.follow(points, 1.0, 0, seconds)
+        residual = points[[a for a, _ in PAIRS]] - points[[b for _, b in PAIRS]] - (position + seconds * speed)
+        position, speed = position + seconds * speed + alpha * residual, speed + beta / seconds * residual
+        np.testing.assert_allclose(memory.differences, position)
+        np.testing.assert_allclose(memory.speeds, speed)
 
 
 @pytest.mark.parametrize("rate_hz", [60, 30, 10])
