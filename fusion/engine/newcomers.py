@@ -12,9 +12,8 @@ that differ either may be right.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
 
-from fusion.engine.reliability import information_of
+from fusion.engine.reliability import information_of_top
 from fusion.engine.roster import AgedPosterior
 
 SURER = 1.2
@@ -35,7 +34,7 @@ def limit_newcomers(posteriors: Sequence[AgedPosterior], unproven: Mapping[str, 
     """The posteriors, the surest with less influence if it is a newcomer. unproven: as of `newcomers`."""
     if len(posteriors) < 3 or not unproven:
         return posteriors
-    information = [information_of(one.p.tolist(), one.unlearned) for one in posteriors]
+    information = [information_of_top(one.p.item(one.p.argmax()), one.p.size, one.unlearned) for one in posteriors]
     third, second, first = sorted(information)[-3:]
     if third <= 0.0 or SURER * second >= first:
         return posteriors
@@ -45,5 +44,5 @@ def limit_newcomers(posteriors: Sequence[AgedPosterior], unproven: Mapping[str, 
     if share == 0.0:
         return posteriors
     limit = max(SURER * second / first, LEAST_INFLUENCE)
-    limited = replace(surest, influence=1.0 - (1.0 - limit) * share)
+    limited = surest.with_influence(1.0 - (1.0 - limit) * share)
     return [*posteriors[:place], limited, *posteriors[place + 1 :]]

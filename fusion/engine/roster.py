@@ -87,6 +87,13 @@ class AgedPosterior:
         """How much its newest message knows about the movement, before it fades, 0 to 1. Wanted some times a second."""
         return 0.0 if self.message is None else information_of(self.message.p, self.message.unlearned)
 
+    def with_influence(self, influence: float) -> "AgedPosterior":
+        """The same with less influence; `dataclasses.replace` takes six times as long."""
+        return AgedPosterior(
+            self.observer, self.p, self.rest, self.age_s, self.state, self.skew_s, self.unlearned, self.surprise,
+            self.facets, self.reliability, self.correlations, self.freshness, self.message, influence,
+        )  # fmt: skip
+
 
 class Roster:
     """The observers of one scene with their newest posteriors."""
