@@ -21,7 +21,7 @@ from fusion.engine.contributions import contributions
 from fusion.engine.evidence import NO_EVIDENCE, LastObserved, NearestMiss, VerdictEvidence
 from fusion.engine.explanation import explain_undecided
 from fusion.engine.messages import JudgementBuilder, Stamp, build_verdict, close_verdict, progress_of
-from fusion.engine.movement import MovementDecision, PooledState
+from fusion.engine.movement import MovementDecision, PooledState, last_heard_ns
 from fusion.engine.newcomers import limit_newcomers, newcomers
 from fusion.engine.pooling import PooledPosterior, PoolingCase, newest_ns, pool_facets, pool_posteriors
 from fusion.engine.reliability import Reliability, learn_from_verdict
@@ -193,7 +193,7 @@ class FusionEngine:
             return
         if not isinstance(judgement, VerdictMessage):
             movement = None if judgement.movement is None else progress_of(judgement.movement)
-            self._detector.follow(movement, judgement.at_ns)
+            self._detector.follow(movement, last_heard_ns(judgement))
             self._keep_evidence(self._evidence)
             return
         self._detector.follow(None if judgement.ended_ns is not None else progress_of(judgement), judgement.at_ns)

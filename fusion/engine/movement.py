@@ -2,7 +2,8 @@
 
 from dataclasses import dataclass
 
-from common.messages import VerdictStage
+from common import SECOND_NS
+from common.messages import JudgementMessage, VerdictStage
 
 
 @dataclass(slots=True)
@@ -49,3 +50,14 @@ class MovementProgress:
 
     began_ns: int
     decision: MovementDecision | None = None
+
+
+def last_heard_ns(judgement: JudgementMessage) -> int:
+    """When the service that sent a judgement had heard an observer last, as far as the judgement tells; else 0.
+
+    A service that has just started, and hears nobody yet, goes on judging the movement that it continues.
+    """
+    if judgement.agreement.n:
+        return judgement.at_ns
+    ages_s = [vote.age_s for vote in judgement.votes.values() if vote.age_s is not None]
+    return judgement.at_ns - round(max(min(ages_s), 0.0) * SECOND_NS) if ages_s else 0

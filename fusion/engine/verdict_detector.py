@@ -23,7 +23,8 @@
    decision, the decision was premature and is revised.
    An undecided movement that turns into something else was none, and gets no verdict.
 8. If no observer was heard for longer than UNHEARD_S, a movement that was not decided before begins afresh with the
-   next motion, and a decided one is not revised: it ends when it was heard last, unless the same label goes on.
+   next motion, and a decided one is not revised: it ends when it was heard last, unless the same label goes on after no
+   more than FORGOTTEN_S.
 """
 
 from dataclasses import dataclass, replace
@@ -40,6 +41,8 @@ NEXT_S, REVISED_S = 0.3, 1.0
 """Movements of people follow one another no faster; an observer changes its mind earlier."""
 UNHEARD_S = 1.0
 """A shorter outage hides no whole movement, nor the whole rest between two."""
+FORGOTTEN_S = 5.0
+"""After a longer outage the same label is another movement."""
 REVOKED_S = 0.3
 """Observers notice so late that a person is still."""
 
@@ -71,7 +74,7 @@ class VerdictDetector:
         self._unheard_from_ns: int | None = None
         self._before = LabelBefore()
         self._deferred: str | None = None
-        self._is_tail = False
+        self._is_tail = self._is_forgotten = False
         self.movement: MovementProgress | None = None
         """The movement that goes on; None at rest."""
 
@@ -89,9 +92,14 @@ class VerdictDetector:
         """Since when the label has met the demand without a break; None while it does not."""
         return None if self._candidate is None else self._candidate.since_ns
 
-    def follow(self, movement: MovementProgress | None, at_ns: int | None = None) -> None:
-        """Take over the state that another service, or this one before a restart, had at `at_ns` (rule 6)."""
-        self._is_past, self._heard_ns = False, at_ns if self._heard_ns is None else self._heard_ns
+    def follow(self, movement: MovementProgress | None, heard_ns: int | None = None) -> None:
+        """Take over the state of another service, or of this one before a restart (rule 6).
+
+        heard_ns: when that service heard an observer last, if it is known.
+        """
+        self._is_past = False
+        if heard_ns is not None:
+            self._heard_ns = max(heard_ns, self._heard_ns or 0)
         if movement is None:
             self._finish()
             return
@@ -150,7 +158,8 @@ class VerdictDetector:
         decision = None if self.movement is None else self.movement.decision
         if last_ns is not None and heard_ns - last_ns > UNHEARD_S * SECOND_NS:
             self._unheard_from_ns = None if decision is None else max(last_ns, decision.decided_ns)
-            self._is_past = decision is None
+            self._is_past, self._is_forgotten = decision is None, heard_ns - last_ns > FORGOTTEN_S * SECOND_NS
+            self._candidate = None if self._is_forgotten else self._candidate
             self._before.hear_again(state.at_ns)
         if self._is_past and self.movement is not None and decision is None and not state.idle:
             self._begin(state.at_ns)
@@ -168,8 +177,8 @@ class VerdictDetector:
             self._faded_since_ns = None
         elif self._faded_since_ns is None:
             self._faded_since_ns = at_ns
-        if decision is not None and label not in (None, decision.label):
-            return self._replace(movement, decision, label or "", at_ns)
+        if decision is not None and label is not None and (label != decision.label or self._is_forgotten):
+            return self._replace(movement, decision, label, at_ns)
         if label is not None:
             self._unheard_from_ns = None
         if self._faded_since_ns is None or at_ns - self._faded_since_ns < FADING * self._hold_ns:
@@ -193,6 +202,8 @@ class VerdictDetector:
             candidate = self._candidate
             self._begin(since_ns)
             self._candidate = candidate
+            if self._before.is_carried(label, since_ns, at_ns):
+                return (ended,)
             first = MovementDecision(label, since_ns, at_ns)
             self.movement = MovementProgress(since_ns, first)
             return ended, first
@@ -208,12 +219,14 @@ class VerdictDetector:
         self.movement = movement = MovementProgress(at_ns)
         self._candidate = self._rest_since_ns = self._label_at_rest = None
         self._faded_since_ns = self._else_since_ns = self._unheard_from_ns = None
-        self._revisions, self._was_idle, self._is_past, self._deferred, self._is_tail = 0, False, False, None, False
+        self._revisions, self._was_idle, self._is_past, self._deferred = 0, False, False, None
+        self._is_tail = self._is_forgotten = False
         self._before.begin(at_ns)
         return movement
 
     def _finish(self) -> None:
         self.movement = self._label_at_rest = self._unheard_from_ns = None
+        self._is_forgotten = False
 
     def _first_word(self, movement: MovementProgress, label: str | None, at_ns: int) -> MovementDecision | None:
         """The decision of a movement that has none, if it is due (rule 2)."""

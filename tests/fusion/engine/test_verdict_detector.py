@@ -397,6 +397,15 @@ def test_8_a_movement_that_was_not_decided_before_the_gap_begins_after_it():
     assert begins == {19: 1, 25: 31}, "an outage of a second does not split a movement"
 
 
+@pytest.mark.parametrize("restart", [False, True], ids=["router", "service"])
+def test_8_after_a_long_gap_the_same_label_is_another_movement(restart):
+    before, after = [*rest(1), *sure(5)], [*sure(16), *rest(4)]
+    words = words_after_a_gap(before, 120, after, restart)
+    ended = [("bow", "decided", 1), ("bow", "ended", 5)]
+    assert words == [*ended, ("bow", "decided", 126), ("bow", "ended", 142)]
+    assert words_after_a_gap(before, 60, after, restart) == [("bow", "decided", 1), ("bow", "ended", 82)]
+
+
 def test_8_what_the_first_heard_again_name_is_the_movement_before():
     """Both services were killed; the one that starts hears an observer that is frozen, and two that hardly see yet."""
     begun = [*sure(6, "punch"), *sure(8, "lunge"), *rest(4)]
