@@ -81,7 +81,14 @@ def guarded_pool(p: Floats, prior: Floats, observers: ObserverTrust) -> RuleResu
     mass = np.exp(factor[..., None] * x)
     pooled = times.average(hypotheses / times.matrices(mass, prior), mass) * prior
     evidence = times.average(hypotheses * factor, w) * bits + SMALLEST
-    return RuleResult(pooled, evidence / times.matrices(evidence, fixed.each)[..., None])
+    return RuleResult(pooled, evidence / _total(evidence))
+
+
+def _total(evidence: Floats) -> float | Floats:
+    """(..., N) -> the sum of each scene: to the same bits for one as for many, which a product with ones has not."""
+    if evidence.ndim == 1:
+        return float(sum(evidence.tolist()))
+    return np.array([sum(scene) for scene in evidence.tolist()])[:, None]
 
 
 def _exponents(
@@ -165,8 +172,8 @@ class _Fixed:
     """What depends on the prior and on the number of observers alone.
 
     scale, offset (3, ..., N, M), with one scene: p times scale plus offset is p/prior, kept above 0; (1-eps) p/prior +
-    eps; and the same with LOG_FLOOR. to_bits, ones (M,), each (N,): products with them are sums, the first from natural
-    logs to bits. believed (H, N). singles_and_differences (N + P, N): each observer, and then the difference of each
+    eps; and the same with LOG_FLOOR. to_bits, ones (M,): products with them are sums, the first from natural logs to
+    bits. believed (H, N). singles_and_differences (N + P, N): each observer, and then the difference of each
     pair. sizes (P, N): the sum of a pair's sizes, times TO_SIZES. place (N, N): the pair of two observers, any of one
     with itself. voices (H N, P): the pairs that share the voice of each observer, under each hypothesis.
     """
@@ -175,7 +182,6 @@ class _Fixed:
     offset: Floats
     to_bits: Floats
     ones: Floats
-    each: Floats
     believed: Floats
     sizes: Floats
     singles_and_differences: Floats
@@ -203,7 +209,6 @@ def _fixed(size: int, prior_bytes: bytes, dimensions: int) -> _Fixed:
         np.broadcast_to(offsets.reshape(axes), full).copy(),
         np.full(len(prior), NATS_TO_BITS),
         np.ones(len(prior)),
-        np.ones(size),
         believed,
         TO_SIZES * np.abs(differences),
         np.concatenate((np.eye(size), differences)),

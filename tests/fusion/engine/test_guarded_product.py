@@ -227,6 +227,17 @@ def test_many_scenes_at_once_are_pooled_as_each_alone():
     assert together == pytest.approx(np.array([pool(scene) for scene in p]), abs=1e-12)
 
 
+@pytest.mark.parametrize("observers", range(1, 8))
+def test_many_scenes_are_pooled_to_the_same_bits_as_each_alone(observers):
+    rng = np.random.default_rng(observers)
+    p, prior = rng.dirichlet(np.full(20, 0.3), (50, observers)), uniform(20)
+    trust = ObserverTrust.unknown(observers)
+    many = RULE.pool_movements(p, prior, ObserverTrust.stack([trust] * len(p)))
+    alone = [RULE.pool_movements(scene, prior, trust) for scene in p]
+    assert np.array_equal(many.p, [scene.p for scene in alone])
+    assert np.array_equal(many.weights, [scene.weights for scene in alone])
+
+
 @given(posteriors(4), st.lists(st.floats(0.1, 1), min_size=4, max_size=4), st.floats(0, 1))
 def test_with_any_trust_all_is_in_range(p, trust, rho):
     result = weighed(p, ObserverTrust(np.array(trust), np.full((4, 4), rho) * (1 - np.eye(4))))
