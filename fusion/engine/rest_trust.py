@@ -11,13 +11,16 @@ Each observer is a witness of whether the person moves or rests, and may be wron
    g rest to `wrong`, and evidence is e = right - wrong, 0 without a gain. Trust is the Bayes factor
    exp(EVIDENCE c (e - max e)) of its word against the other's, with c, 0 to 1, for how much they contradict.
 
+If frames come late or seldom, words are compared as of the moment when the oldest of them was captured, so that their
+observer contradicts nobody by that.
+
 If two contradict each other and none of this tells which is wrong, rest is `contested`. The mean trust in an observer
 over the time in which it saw the person is its reliability about rest, by which it is reported.
 """
 
 import math
 from bisect import bisect_right
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from common import SECOND_NS
@@ -35,6 +38,8 @@ MET_S = 1.0
 DISSENT_S = 8.0
 USUAL_DISSENT, DISSENT_RANGE = 0.25, 0.25
 """Observers of recorded people differ from one another in 6 to 12 % of the time, at most 20 % of eight seconds."""
+LATE_S = 0.3
+"""A frame older than this is late; at 4 Hz, none in time is."""
 AGREED_S = 3.0
 """Imagined agreement of two that have just met."""
 MOVEMENTS_KEPT, EVIDENCE, MOST_EVIDENCE = 4.0, 10.0, 0.5
@@ -52,12 +57,17 @@ REFRESH_S = 0.25
 class _Witness:
     """One observer's side, when it changed it (newest last), its information, and what was gained on each side.
 
+    Times are those of capture, by our clock. captured_ns: of its newest frame. missed: changes of most of the others
+    since it changed; others_rest: their side at its newest frame.
     dissent: how much it lately differed from most of the others; contradiction: from the only other.
     """
 
     rests: bool
     information: float
     met_ns: int
+    captured_ns: int = 0
+    missed: int = 0
+    others_rest: bool | None = None
     changed_ns: list[int] = field(default_factory=list)
     right: float = 0.0
     wrong: float = 0.0
@@ -69,25 +79,30 @@ class _Witness:
     def note(self, one: AgedPosterior, now_ns: int) -> None:
         """Take its newest word."""
         rests = one.rest >= 0.5
+        self.captured_ns = now_ns - round(max(one.age_s or 0.0, 0.0) * SECOND_NS)
         if rests != self.rests:
-            self.rests = rests
-            self.changed_ns = [*self.changed_ns[1 - CHANGES_KEPT :], now_ns]
+            self.rests, self.missed = rests, 0
+            self.changed_ns = [*self.changed_ns[1 - CHANGES_KEPT :], self.captured_ns]
         gain, self.information = one.information - self.information, one.information
         if gain > 0.0:
             kept = math.exp(-gain / MOVEMENTS_KEPT)
             self.right = self.right * kept + gain * (1.0 - one.rest)
             self.wrong = self.wrong * kept + gain * one.rest
 
-    def compare(self, others: Sequence["_Witness"], seconds: float) -> None:
-        """Note that it was on its side beside the others for so long (3, 4)."""
-        resting = sum(other.rests for other in others)
+    def compare(self, others: Sequence["_Witness"], at_ns: int, seconds: float) -> None:
+        """Note the side that it was on at `at_ns`, beside the others, for so long (3, 4)."""
+        rests, resting = self.rested_at(at_ns), sum(other.rested_at(at_ns) for other in others)
         if len(others) == 1:
             share = 1.0 - math.exp(-seconds / self.compared_s)
             self.compared_s = min(self.compared_s + seconds, DISSENT_S)
-            self.contradiction += ((self.rests != others[0].rests) - self.contradiction) * share
+            self.contradiction += ((rests != bool(resting)) - self.contradiction) * share
         elif 2 * resting != len(others):
-            differs = self.rests != (2 * resting > len(others))
+            differs = rests != (2 * resting > len(others))
             self.dissent += (differs - self.dissent) * (1.0 - math.exp(-seconds / DISSENT_S))
+
+    def rested_at(self, at_ns: int) -> bool:
+        """The side that it was on."""
+        return self.rests != (self.changes_since(at_ns) % 2 == 1)
 
     @property
     def evidence(self) -> float:
@@ -106,15 +121,21 @@ class _Witness:
             calmness *= 1.0 if changes <= limit else (limit / changes) ** 3
         return calmness
 
-    def liveliness(self, others: Sequence["_Witness"], now_ns: int) -> float:
+    def watch(self, others: Sequence["_Witness"], now_ns: int) -> None:
+        """Count changes of most of the others that its own frames might have shown, since it changed sides itself."""
+        sides = [other.rested_at(self.captured_ns) for other in others if other.calmness(now_ns) == 1.0]
+        resting = sum(sides)
+        if 2 * resting != len(sides):
+            others_rest = 2 * resting > len(sides)
+            self.missed += self.others_rest is not None and self.others_rest != others_rest
+            self.others_rest = others_rest
+
+    def liveliness(self, now_ns: int) -> float:
         """Half for each change of the others that it has not made, if it is no matter of timing (2)."""
-        last_ns = self.changed_ns[-1] if self.changed_ns else None
-        counts = (o.changes_since(last_ns or 0) if o.calmness(now_ns) == 1.0 else 0 for o in others)
-        missed = sorted(counts)[(len(others) - 1) // 2]
-        if last_ns is None:
-            return float(0.5**missed) if now_ns - self.met_ns > MET_S * SECOND_NS else 1.0
-        is_stuck = missed > MISSED and now_ns - last_ns > STUCK_S * SECOND_NS
-        return float(0.5 ** (missed - MISSED)) if is_stuck else 1.0
+        if not self.changed_ns:
+            return float(0.5**self.missed) if now_ns - self.met_ns > MET_S * SECOND_NS else 1.0
+        is_stuck = self.missed > MISSED and now_ns - self.changed_ns[-1] > STUCK_S * SECOND_NS
+        return float(0.5 ** (self.missed - MISSED)) if is_stuck else 1.0
 
 
 class RestTrust:
@@ -142,31 +163,39 @@ class RestTrust:
         self._now_ns = now_ns
         # Until now the sides were those of the last update.
         seconds = min(max(elapsed_ns / SECOND_NS, 0.0), 1.0)
-        self._compare(seconds)
+        self._compare(now_ns - elapsed_ns, seconds)
         sighted = [one for one, side in zip(posteriors, sides, strict=True) if side is not None]
         for one in sighted:
             if one.observer not in self._witnesses:
                 self._witnesses[one.observer] = _Witness(one.rest >= 0.5, one.information, now_ns)
             self._witnesses[one.observer].note(one, now_ns)
         self._sides, self._names = sides, [one.observer for one in sighted]
+        for witness, others in self._pairings():
+            witness.watch(others, now_ns)
         self._trust = [self._trust_in(one.observer, now_ns) for one in posteriors]
         trust = dict(zip((one.observer for one in posteriors), self._trust, strict=True))
         self.contested, self.reliability = self._is_contested(trust), self._reliability(trust, seconds)
         return self._trust
 
-    def _compare(self, seconds: float) -> None:
+    def _compare(self, last_ns: int, seconds: float) -> None:
+        """Compare the sides since the last update: of `last_ns`, or of the oldest frame if that came late."""
+        at_ns = min((self._witnesses[name].captured_ns for name in self._names if name in self._witnesses), default=0)
+        at_ns = last_ns if last_ns - at_ns < LATE_S * SECOND_NS else at_ns
+        for witness, others in self._pairings():
+            witness.compare(others, at_ns, seconds)
+
+    def _pairings(self) -> Iterator[tuple[_Witness, list[_Witness]]]:
+        """Each observer that sees the person, with the others that do, if there are any."""
         sighted = [self._witnesses[name] for name in self._names if name in self._witnesses]
-        for witness in sighted:
-            others = [other for other in sighted if other is not witness]
-            if others:
-                witness.compare(others, seconds)
+        for witness in sighted if len(sighted) > 1 else ():
+            yield witness, [other for other in sighted if other is not witness]
 
     def _trust_in(self, observer: str, now_ns: int) -> float:
         witness = self._witnesses.get(observer)
         others = [self._witnesses[name] for name in self._names if name != observer]
         if witness is None or not others:
             return 1.0
-        trust = witness.calmness(now_ns) * witness.liveliness(others, now_ns) * (1.0 - _excess(witness.dissent))
+        trust = witness.calmness(now_ns) * witness.liveliness(now_ns) * (1.0 - _excess(witness.dissent))
         if len(others) == 1:
             behind = max(others[0].evidence - witness.evidence, 0.0)
             trust *= math.exp(-EVIDENCE * behind * _excess(witness.contradiction))

@@ -9,6 +9,7 @@ from engine_stage import LABELS, UNIFORM, EngineDriver, aged, sure
 from hypothesis import given
 from hypothesis import strategies as st
 
+from common import SECOND_NS
 from common.messages import PosteriorMessage
 from fusion.engine.rest import pooled_rest
 from fusion.engine.rest_trust import AGREED_S, DISSENT_RANGE, EVIDENCE, LEAST_TRUST, USUAL_DISSENT, RestTrust
@@ -115,6 +116,25 @@ def test_the_trust_of_two_that_contradict_each_other_is_the_bayes_factor_of_thei
     excess = (contradiction - USUAL_DISSENT) / DISSENT_RANGE
     assert honest == 1.0 and liar == pytest.approx(max(math.exp(-EVIDENCE * excess * 2 * gain), LEAST_TRUST))
     assert LEAST_TRUST < liar < 0.5
+
+
+def least_reliability(course, lag, every):
+    """Of an observer whose frames come `lag` steps late, one in `every`, beside two in time."""
+    trust, least = RestTrust(), 1.0
+    for step in range(len(course)):
+        frame = max((step - lag) // every * every, 0)
+        age_s = (step - frame) * STEP_NS / SECOND_NS
+        late = replace(aged_rest(2, float(course[frame] == "1"), math.exp(-max(age_s - 0.2, 0.0) / 0.5)), age_s=age_s)
+        sides = [aged_rest(n, float(PERSON[step % len(PERSON)] == "1"), 1.0) for n in range(2)]
+        trust.update([*sides, late], (step + 1) * STEP_NS)
+        least = min(least, trust.reliability.get(late.observer, 1.0))
+    return least
+
+
+@pytest.mark.parametrize(("lag", "every"), [(7, 1), (5, 5), (0, 10)], ids=["late", "late and seldom", "seldom"])
+def test_an_observer_whose_frames_come_late_or_seldom_is_not_named_and_a_liar_is(lag, every):
+    assert least_reliability(PERSON * 2, lag, every) > 0.8
+    assert least_reliability(INVERTED * 2, lag, every) < 0.6
 
 
 def test_one_that_flaps_makes_nobody_look_stuck():
