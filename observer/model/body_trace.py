@@ -43,7 +43,9 @@ class BodyTrace:
         _, size = self.frame.update(tracks)
         if np.isfinite(size) and size > 0:
             self._size = size
-            points = np.concatenate([tracks.centres, self.frame.anchor[None]]) * (1.0, -1.0)
+            # The body frame holds its anchor while nobody is seen; a held place is no sight of the body.
+            anchor = self.frame.anchor if tracks.visible.any() else np.full(2, np.nan)
+            points = np.concatenate([tracks.centres, anchor[None]]) * (1.0, -1.0)
             self._follow(points, size)
         return np.concatenate([self._relative.ravel(), self._path, [self._size]]).astype(np.float32)
 

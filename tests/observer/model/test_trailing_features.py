@@ -87,6 +87,51 @@ def test_a_jump_of_one_frame_is_not_believed():
     np.testing.assert_allclose(rows[51:, 0:2], read_trace(PARTS, RATE_HZ, tracks)[51:, 0:2], atol=0.05)
 
 
+def walk(trace, frames, step=(0.0, 0.0), at=(0.0, 0.0), hide=()):
+    """Rows while the person stands as in STANDING and goes by `step` (u, v) in each frame from `at`; hide: frames."""
+    rows = []
+    for n in range(frames):
+        centres = STANDING + at + np.multiply(step, n)
+        rows.append(trace.update(Tracks(np.full_like(centres, np.nan) if n in hide else centres)))
+    return np.array(rows)
+
+
+def test_the_path_is_where_the_body_has_gone_right_and_up_in_body_sizes():
+    trace = BodyTrace(PARTS, RATE_HZ)
+    rows = np.concatenate([walk(trace, 20), walk(trace, 21, (0.02, -0.05))])
+    size = rows[-1, -1]
+    np.testing.assert_allclose(rows[-1, -3:-1] - rows[19, -3:-1], np.array([20 * 0.02, 20 * 0.05]) / size, atol=1e-5)
+    np.testing.assert_allclose(rows[:, :-3], rows[:1, :-3] * rows[0, -1] / rows[:, -1:], atol=1e-5)
+    expected = (STANDING - STANDING[2]) * (1, -1) / size
+    np.testing.assert_allclose(rows[-1, :-3].reshape(-1, 2), expected, atol=1e-5)
+
+
+@pytest.mark.parametrize(("hidden", "bridged"), [(3, True), (6, False), (16, False), (40, False)])
+def test_a_body_that_was_hidden_for_long_has_not_moved(hidden, bridged):
+    """It may be another person: up to 0.3 s without any part are bridged."""
+    trace = BodyTrace(PARTS, RATE_HZ)
+    before = walk(trace, 20)[-1]
+    walk(trace, hidden, hide=range(hidden))
+    after = walk(trace, 1, at=(0.5, 0.0))[-1]
+    moved = 0.5 / after[-1] if bridged else 0.0
+    assert after[-3] - before[-3] == pytest.approx(moved, abs=1e-4)
+
+
+def test_the_longer_a_part_is_hidden_the_farther_it_may_be_and_a_jump_that_lasts_is_true():
+    trace = BodyTrace(PARTS, RATE_HZ)
+    size = walk(trace, 20)[-1, -1]
+    far = STANDING.copy()
+    far[0, 0] += 5.0 * size  # beyond 40 body sizes a second for one frame, within them for two
+    assert trace.update(Tracks(far))[0] == pytest.approx(0.3 / size, abs=1e-4), "a jump"
+    hidden = STANDING.copy()
+    hidden[0] = np.nan
+    trace = BodyTrace(PARTS, RATE_HZ)
+    walk(trace, 20)
+    trace.update(Tracks(hidden))
+    row = trace.update(Tracks(far))
+    assert row[0] == pytest.approx((far[0, 0] - far[2, 0]) / row[-1], abs=1e-4)
+
+
 def test_before_the_first_sight_a_trace_is_still():
     nobody = Tracks(np.full((len(PARTS), 2), np.nan))
     trace = BodyTrace(PARTS, RATE_HZ)
