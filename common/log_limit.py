@@ -1,7 +1,7 @@
 """Limits how often a log line is repeated, so that no fault, and no attack, fills a disk.
 
-1. Lines are the same if logger, level and text without its values are the same. Of WARNINGS, or INFOS, of them in
-   PERIOD_S the rest is counted and not written; then one line says how often it was repeated.
+1. Lines are of one kind if logger, level and text without its values are the same. Up to WARNINGS, or INFOS, lines of
+   a kind are written in PERIOD_S; the others are counted, and one line says how often the last of them was repeated.
 2. Debug lines, and the lines about verdicts, which fusion bounds itself, are all written.
 """
 
@@ -15,7 +15,7 @@ from common.text import plural
 
 PERIOD_S = 10.0
 WARNINGS, INFOS = 10, 200
-"""Lines of one kind in a period; a service of hundreds of scenes tells something about each of them at its start."""
+"""Lines of one kind in a period; a service of hundreds of scenes logs some about each of them at its start."""
 KINDS_LIMIT = 500
 """Kinds of lines that are counted apart; all further ones share one count."""
 QUOTED = 160

@@ -18,7 +18,7 @@ SAME_ID_REASON: Final = "another process has this id"
 LABELS_LIMIT = 10_000
 LAST_INTEGER: Final = 2**63 - 1
 ROOT_LIMIT: Final = 255
-"""What the root of a probability of 1 is in a message."""
+"""The root of a probability of 1 in a message."""
 
 
 def _clamp(value: float) -> float:

@@ -96,7 +96,7 @@ class Metrics(Collector):
         yield from self.collect_own(status)
 
     def collect_own(self, status: StatusMessage | None) -> Iterable[Metric]:
-        """What a subclass adds; status: the present one."""
+        """The metrics that a subclass adds; status: the present one."""
         return ()
 
 

@@ -29,7 +29,7 @@ Text = Annotated[str, Field(max_length=TEXT_LIMIT)]
 
 
 class TeachRequest(Message):
-    """What a teacher asks of one observer.
+    """A teacher's request to one observer.
 
     teacher: random per teacher, so that two do not teach at once. labels: for `start` and `learn` all movements of the
     new vocabulary, in its order. add: for `start`, keep the takes of earlier movements. label, take, person: for
@@ -63,7 +63,7 @@ class TeachRequest(Message):
 
 @dataclass(frozen=True, slots=True)
 class Unwanted:
-    """What is to be forgotten: a person's takes, a movement's, or everything that teaching left."""
+    """The takes to forget: a person's, a movement's, or everything that teaching left."""
 
     person: str = ""
     label: str = ""
@@ -117,7 +117,7 @@ class CorrectedReport(MessagePart):
 
 
 class ForgottenReport(MessagePart):
-    """What was removed: takes of movements, seconds of something else, files of models, clips of verdicts.
+    """The numbers removed: takes of movements, seconds of something else, files of models, clips of verdicts.
 
     in_model: whether the model in force was learned from it, so that it must be learned anew.
     """
@@ -145,7 +145,7 @@ class ShownTracks(MessagePart):
 
 
 class TeachReply(Message):
-    """How an observer stands. fault: why it did not do what was asked; "" if it did.
+    """The state of an observer after a request. fault: why it did not do what was asked; "" if it did.
 
     pictures: whether its camera delivers. visible: whether it sees a body part now; still: how probably the person
     stands still. complaint: of its tracker.

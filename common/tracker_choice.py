@@ -36,7 +36,7 @@ class TrackerChoice:
 
 
 def content_of(source: str) -> Content:
-    """What the frames of a source contain, by its name alone."""
+    """The content of a source's frames, by its name alone."""
     if source == STANDARD_INPUT or source.startswith(MESH_KEY):
         return "tracks"
     return "positions" if Path(source).suffix == ".npz" else "pictures"
@@ -53,7 +53,7 @@ def chosen_tracker(section: ObserverConfig) -> TrackerChoice:
 
 
 def _for_pictures(section: ObserverConfig) -> TrackerChoice:
-    """What only one tracker reads tells which is meant; else mediapipe, if it is installed with a model."""
+    """The only tracker that reads a setting of the section; else mediapipe, if it is installed with a model."""
     if section.pose_model:
         return TrackerChoice("onnx" if section.pose_model.endswith(ONNX) else "mediapipe", "pose_model is set")
     if section.skin or section.face:

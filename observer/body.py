@@ -81,7 +81,7 @@ class BodyFrame:
         return self._origin.copy(), self._size
 
     def _share(self, still: float, still_s: float, moving_s: float) -> float:
-        """Of the way to go in this frame, with time constants for a person who is still and one who moves."""
+        """The share of a difference that is made up in this frame, by the time constants at rest and in movement."""
         return 1 - math.exp(-(still / still_s + (1 - still) / moving_s) / self._rate_hz)
 
     def _forget(self) -> None:
@@ -94,7 +94,7 @@ class BodyFrame:
 TRUNK = (("head",), ("neck",), ("left_shoulder", "right_shoulder"), ("pelvis",), ("left_hip", "right_hip"))
 """Points that stand for the body's place, best first: a part, or the middle of two."""
 STEADY_S = 0.3
-"""For so long the place is the median since the first frame: a mistake in it would misplace all that follows."""
+"""Up to this time the place is the median since the first frame, because one error would misplace all later frames."""
 
 
 class BodyAnchor:

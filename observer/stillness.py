@@ -13,16 +13,17 @@ HALF_S = 0.2
 SLOW_PER_S = 0.35
 """Body sizes a second: half still. Movements are faster."""
 CARRIED_PARTS = 3
-"""So many parts tell a motion of the whole body sideways from that of one part."""
+"""Fewest parts whose median motion sideways is that of the whole body."""
 TREMBLES = 2.5
 """Standard deviations of the tracker's noise that are half still."""
 STEEP = 4
 TREMBLING_S, EVERY_S = 5.0, 0.3
 """How far back a tracker's trembling is measured, and how often."""
 QUIET = 0.2
-"""The quietest fifth of these frames shows it: in the others the person moves."""
+"""The noise is that of the quietest fifth of these frames: in the others the person moves."""
 OF_JERKS = math.sqrt(6) * math.sqrt(-2 * math.log(1 - QUIET))
-"""The QUIET quantile of the length of the second difference of white noise with standard deviation 1."""
+"""The QUIET quantile of the length of the second difference of 2-D white noise with standard deviation 1: the second
+difference has sqrt(1 + 4 + 1) times the deviation, and a length is Rayleigh distributed."""
 USUAL_NOISE, MOST_NOISE, USUAL_FRAMES = 0.03, 0.08, 10.0
 """Body sizes: noise before any frame, its weight in frames, and the most noise. Kinect's hands tremble 1 to 3 cm."""
 

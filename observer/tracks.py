@@ -85,7 +85,7 @@ class Tracks:
     """centres: (P, 2) image coordinates, u to the right, v DOWN, any unit; a row of NaN is a part not seen.
 
     guesses: (P, 2) estimates for parts that the tracker does not see (merged, hidden, doubtful), NaN where it has none.
-    A guess is shown to people and is never evidence. people: who is in the picture, from trackers that tell.
+    A guess is shown to people and is never evidence. people: those in the picture; None if the tracker does not tell.
     """
 
     centres: Floats

@@ -1,7 +1,7 @@
-"""The phase filter for many chains at one speed, and for facings (docs/design/model.md).
+"""The phase filter for many chains at one speed, and for facings (docs/design/model.md). Pure.
 
-It computes the same as `phase_filter.py:PhaseFilter`, its oracle in the tests, but skips what decides nothing: chains
-with negligible mass, and phases that no mass can have reached yet.
+It computes the same as `phase_filter.py:PhaseFilter`, its oracle in the tests, but skips chains with negligible mass,
+and phases that no mass can have reached yet.
 """
 
 from typing import Protocol
@@ -79,7 +79,7 @@ class ChainFilter:
     def posterior(self) -> Floats:
         """(M, K) P(movement, facing): in progress or just ended; the rest before any movement is spread as the prior.
 
-        While the person moves, the previous movement is no answer. Otherwise two observers that are each half sure that
+        While the person moves, the previous movement has no mass. Otherwise two observers that are each half sure that
         a new movement has begun would together be sure of the previous one.
         """
         if self._posterior is None:
@@ -113,9 +113,9 @@ class ChainFilter:
         self._drop_negligible()
 
     def _settle(self) -> None:
-        """All mass to the rest before a movement: who is still for so long rests, even in a posture never learned.
+        """Move all mass to the rest before a movement: a person who is still for this long rests, in any posture.
 
-        A tracker that takes a hand for the head shows such a posture, and no movement ends in it.
+        No movement ends in the posture that a tracker shows when it takes a hand for the head.
         """
         self._active = np.zeros((len(self._entering), len(self._cell_of)), np.float32)
         self._live, self._before = None, 1.0

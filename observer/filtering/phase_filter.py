@@ -26,7 +26,7 @@ class Dynamics:
     P(v' | v) from one frame to the next. entry: (S,) P(enter at phase s). begin: P(leave rest in one frame).
     abandon: P(a movement is given up in one frame | the person is still). forget: P(the rest after a movement becomes
     plain rest, in one frame), and the share of probability that returns to the prior in a frame without any visible
-    part. settled: a person who was still in so many frames in a row rests for certain (ChainFilter only).
+    part. settled: number of still frames in a row after which the person certainly rests (ChainFilter only).
     """
 
     steps: Floats

@@ -1,6 +1,6 @@
 """The motion archive: recordings of people as positions of body parts; its rules; resampling and cutting. Pure.
 
-An archive holds positions in 3-D, or the 2-D tracks of one camera. What is said of 3-D positions (F, P, 3) holds for
+An archive holds positions in 3-D, or the 2-D tracks of one camera. The functions for 3-D positions (F, P, 3) work on
 tracks (F, P, 2) as well.
 """
 

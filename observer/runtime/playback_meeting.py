@@ -23,8 +23,8 @@ MEETING = "LABANMESH_PLAYBACK_MEETING"
 """Environment variable: the folder."""
 AHEAD_S = 0.3
 """From the moment at which the last one is ready to the begin: all others have noticed it by then."""
-PATIENCE_S = 60.0
-"""An observer that is ready waits so long for the others."""
+TIMEOUT_S = 60.0
+"""Longest time for which an observer that is ready waits for the others."""
 CHECK_S = 0.03
 BEGIN = "begin"
 
@@ -40,7 +40,7 @@ class PlaybackMeeting:
     observer: str
     earliest_ns: int = 0
     clock: Callable[[], int] = time.time_ns
-    patience_s: float = PATIENCE_S
+    timeout_s: float = TIMEOUT_S
 
     def __call__(self, stop: threading.Event) -> int:
         """The begin; as soon as possible if the folder is gone or `stop` is set."""
@@ -56,9 +56,9 @@ class PlaybackMeeting:
         self._write(f"{self.observer}.ready", ready_ns)
         while not stop.is_set():
             missing = self._missing()
-            late = self.clock() - ready_ns > self.patience_s * SECOND_NS
+            late = self.clock() - ready_ns > self.timeout_s * SECOND_NS
             if missing and late:
-                log.warning("begins without %s: not ready after %g s", _names(missing), self.patience_s)
+                log.warning("begins without %s: not ready after %g s", _names(missing), self.timeout_s)
             if not missing or late:
                 self._agree()
             if (begin_ns := self._begin()) is not None:

@@ -89,12 +89,11 @@ def open_inputs(
     fewer_parts: bool = False,
     smooth: bool = True,
 ) -> ObserverInputs:
-    """Open the source and the tracker of `observer`; wanted: the body parts that its model reads.
+    """Open the source and the tracker of `observer`.
 
-    None: it has no model yet, and all parts that the tracker finds are wanted (of tracks of other programs hands and
-    head).
-
-    smooth: as in `TrackerSettings`.
+    wanted: the body parts that its model reads; None: it has no model yet, and all parts that the tracker finds are
+    wanted (hands and head of other programs' tracks). fewer_parts: as in `PreparedTracker`. smooth: as in
+    `TrackerSettings`.
 
     Raises BadInput for an unknown observer, source, tracker or view, for files that are missing or invalid, and for a
     tracker that cannot read what the source delivers.
@@ -105,20 +104,12 @@ def open_inputs(
     content = content_of(section.source)
     choice = chosen_tracker(section)
     kind = tracker_named(choice.name, f"{key}.tracker", content)
-    start_ns = _start(environment, observer)
     pictures = kind.reads == "pictures"
-    source: FrameSource
-    if content == "positions":
-        motion = _recorded_motion(scene, observer, view, start_ns)
-        _require_shown(motion, view, key, pictures=pictures)
-        source = _virtual_camera(motion, view, section) if pictures else replace(motion, repeats=True)
-    elif content == "tracks":
-        source = _tracks(section.source, report, tuple(wanted or BODY_PARTS))
+    if content == "tracks":
+        source: FrameSource = _tracks(section.source, report, tuple(wanted or BODY_PARTS))
     else:
-        source = _pictures(scene, section, report, start_ns)
-    if pictures:
-        source = _prepared_pictures(source, view, section)
-    elif section.mirrored:
+        source = _played(scene, observer, view, pictures, report, _start(environment, observer))
+    if section.mirrored and not pictures:
         raise BadInput(f"{key}.mirrored: only pictures can be mirrored back; this source gives {content}")
     settings = TrackerSettings(view, source.body_parts, wanted or (), section, scene.place, smooth)
     tracker, outcome = built_tracker(choice, kind, settings)
@@ -130,6 +121,18 @@ def open_inputs(
         log.warning("%s: judges without %s: the tracker does not find them", observer, ", ".join(prepared.lacking))
     length = getattr(source, "length", None)
     return ObserverInputs(source, prepared, view, kind.reads == "positions", length, section.speed == 0, pictures)
+
+
+def _played(scene: Scene, observer: str, view: View, pictures: bool, report: Report, start_ns: Start) -> FrameSource:
+    """Recorded motion or pictures, the virtual camera's if pictures are wanted of motion."""
+    section = scene.observer(observer)
+    if content_of(section.source) == "pictures":
+        return _prepared_pictures(_pictures(scene, section, report, start_ns), view, section)
+    motion = _recorded_motion(scene, observer, view, start_ns)
+    _require_shown(motion, view, f"observers.{observer}", pictures=pictures)
+    if not pictures:
+        return replace(motion, repeats=True)
+    return _prepared_pictures(_virtual_camera(motion, view, section), view, section)
 
 
 def _log_choice(observer: str, outcome: TrackerChoice, as_chosen: bool) -> None:

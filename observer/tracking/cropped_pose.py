@@ -1,6 +1,6 @@
-"""Any `PoseModel` as a `PersonModel`: it looks at a square of the picture that stands still while the person is inside.
+"""Any `PoseModel` as a `PersonModel`: it gets a square of the picture that stays in place while the person is inside.
 
-Models that remember their last picture see no jump that way; when the square moves, they are made to forget.
+So a model that remembers its last picture sees no jump; when the square moves, the model is made to forget.
 """
 
 from collections.abc import Sequence

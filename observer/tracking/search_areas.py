@@ -1,4 +1,4 @@
-"""Where to search for people: the whole picture, and overlapping squares of it for people who are small. Pure.
+"""Where to search for people: the whole picture, and overlapping squares of it for small people. Pure.
 
 MediaPipe's detector finds people whose height is between 0.35 times and once the side of what it looks at
 (docs/results/trackers.md). Neighbouring squares overlap by half, so a person of up to half a square's side is complete

@@ -34,7 +34,7 @@ def import_archives(path: Path, progress: Progress | None = None) -> ImportResul
 
 
 def _require_new(recording: Recording, file: Path, places: dict[tuple[str, str, str], Path]) -> None:
-    """Two of one file are its own affair."""
+    """Raise BadInput for a recording that another file has; one file may hold a recording twice."""
     key = recording.label, recording.subject, recording.trial
     if places.setdefault(key, file) != file:
         raise BadInput(f"{file}: {' '.join(filter(None, key))} is also in {places[key]}; another trial is expected")

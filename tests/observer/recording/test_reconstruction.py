@@ -5,9 +5,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from observer_stage import rejected
+from scipy.signal import savgol_filter
 from scipy.stats import chi2
 
 from observer.geometry.projection import pinhole_matrix, project
+from observer.recording.left_right import exchanged_back
 from observer.recording.reconstruction import (
     AXES,
     SAME_S,
@@ -22,7 +24,7 @@ from observer.recording.reconstruction import (
     resample_tracks,
     to_performer_axes,
 )
-from observer.recording.smoothing import noise_m
+from observer.recording.smoothing import noise_m, smoothed
 
 MATRIX = np.eye(3, 4)
 EPOCH_NS = 1_764_000_000_123_456_789
@@ -184,3 +186,25 @@ def test_the_noise_of_a_track_is_that_of_one_camera_in_metres(cameras):
     result = reconstruct(matrices, centres + rng.normal(0, 2.0, centres.shape))
     expected = 2.0 * np.sqrt(chi2.median(freedom) / freedom) / px_per_m(matrices, np.zeros((1, 1, 3)))[0, 0]
     assert noise_m(matrices, result) == pytest.approx([expected], rel=0.06)
+
+
+@pytest.mark.parametrize(("apart", "is_exchanged"), [(0.6, False), (0.8, True), (3.0, True)])
+def test_a_pair_is_put_right_only_where_the_gate_shows_that_it_was_exchanged(apart, is_exchanged):
+    """The squared distances, each at most the gate's, must shrink by more than the gate's: 2 d² > gate²."""
+    gate_px = 20.0
+    side = apart * gate_px / 900 * 3.0 / 2
+    positions = np.array([[[-side, 0.0, 0.0], [side, 0.0, 0.0]]])
+    matrices = [pinhole_matrix(0.0, 0.0, 3.0, 900, (640, 360))] * 2
+    centres = np.stack([project(H, positions) for H in matrices], axis=2)
+    centres[:, :, 1] = centres[:, ::-1, 1]
+    mended, counts = exchanged_back(matrices, centres, positions, [(0, 1)], gate_px)
+    assert counts.tolist() == [0, int(is_exchanged)]
+    np.testing.assert_array_equal(mended[:, :, 1], centres[:, ::-1, 1] if is_exchanged else centres[:, :, 1])
+
+
+def test_positions_are_smoothed_over_a_tenth_of_a_second_on_either_side():
+    rng = np.random.default_rng(0)
+    positions = np.cumsum(rng.normal(0, 0.02, (60, 2, 3)), axis=0)
+    result = smoothed(positions, 60.0, np.array([0.01, 0.0]))
+    np.testing.assert_allclose(result[:, 0], savgol_filter(positions[:, 0], 13, 2, axis=0))
+    np.testing.assert_array_equal(result[:, 1], positions[:, 1])

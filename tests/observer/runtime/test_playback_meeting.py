@@ -9,8 +9,8 @@ from observer.runtime.playback_meeting import PlaybackMeeting
 NOW_NS = 1_700_000_000 * SECOND_NS
 
 
-def meeting(folder, observer, patience_s=60.0, **options):
-    return PlaybackMeeting(folder, observer, patience_s=patience_s, **options)
+def meeting(folder, observer, timeout_s=60.0, **options):
+    return PlaybackMeeting(folder, observer, timeout_s=timeout_s, **options)
 
 
 def awaited(folder, *observers):
@@ -41,7 +41,7 @@ def test_nobody_waits_for_one_that_never_comes(tmp_path, caplog):
     awaited(tmp_path, "a", "broken")
     times = iter(range(NOW_NS, NOW_NS + 1000 * SECOND_NS, SECOND_NS // 2))
     with caplog.at_level("WARNING"):
-        meeting(tmp_path, "a", patience_s=1.0, clock=lambda: next(times))(threading.Event())
+        meeting(tmp_path, "a", timeout_s=1.0, clock=lambda: next(times))(threading.Event())
     assert "begins without 1 observer: broken: not ready after 1 s" in caplog.text
 
 

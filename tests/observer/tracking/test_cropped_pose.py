@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from observer.tracking.cropped_pose import CroppedPeople, body_of
+from observer.tracking.cropped_pose import TALL, CroppedPeople, body_of
 from observer.tracking.people import Body, SearchArea
 from observer.tracking.person_follower import PersonFollower
 
@@ -100,3 +100,13 @@ def test_a_body_without_visible_hips_has_a_place_and_a_height():
     assert 250 < body.u < 400
     assert 150 < body.v < 250
     assert body.height > 190
+
+
+@pytest.mark.parametrize(("shoulders", "hips", "span"), [((100, 50), (0, 150), 100), ((100, 50), (0, 50), 100)])
+def test_the_height_follows_from_the_torso_or_from_above_from_the_shoulders(shoulders, hips, span):
+    """Width and row of the shoulders and of the hips, px: 100 px of torso, or 100 px across."""
+    landmarks = np.zeros((33, 3))
+    for rows, (width, v) in (((11, 12), shoulders), ((23, 24), hips)):
+        landmarks[list(rows)] = [[(320 + width / 2) / 640, v / 480, 0.9], [(320 - width / 2) / 640, v / 480, 0.9]]
+    body = body_of(landmarks, SIZE)
+    assert body.height == pytest.approx(TALL * span) and (body.u, body.v) == pytest.approx((320, hips[1]))
