@@ -30,7 +30,7 @@ test: $(VENV)/.ready fault-tools mqtt-tools   ## all tests; those on recorded pe
 	@$(BIN)/pytest -q
 
 test-mediapipe: $(MEDIAPIPE)/.ready   ## the mediapipe tracker and its figures, in an environment of its own
-	@$(MEDIAPIPE)/bin/pytest -q -n0 -rP tests/mediapipe tests/contracts/test_trackers.py
+	@$(MEDIAPIPE)/bin/pytest -q -n0 -rP --timeout 900 tests/mediapipe tests/contracts/test_trackers.py
 
 test-browser: $(VENV)/.ready   ## the dashboard in Chromium, and fifty browsers at once
 	@tests/browser/install_chromium.sh

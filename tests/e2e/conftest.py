@@ -7,10 +7,11 @@ import pytest
 
 sys.path.append(str(Path(__file__).parent))
 
-from e2e_stage import MOVEMENTS, PERFORMED, VIEWS, run
+from e2e_stage import MOVEMENTS, PERFORMED, VIEWS
 
 from common.config import MeshConfig
 from common.link import Link
+from labanmesh import main
 from observer.motion.archive import MotionArchive
 from observer.motion.archive_file import write_archive
 from studies.performer import perform, perform_continuously
@@ -27,7 +28,8 @@ def stage(tmp_path_factory):
     write_archive(place / "learned.npz", learned)
     write_archive(place / "motion.npz", MotionArchive(learned.body_parts, (perform_continuously("1", PERFORMED),)))
     for observer, view in VIEWS.items():
-        assert run(place, "learn", "learned.npz", "--view", view, "-o", f"{observer}.model").returncode == 0
+        paths = [str(place / "learned.npz"), "-o", str(place / f"{observer}.model")]
+        assert main(["learn", *paths, "--view", view]) == 0
     return place
 
 

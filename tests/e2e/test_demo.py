@@ -13,8 +13,8 @@ from studies.performer import perform, perform_continuously
 @pytest.fixture
 def short_archive(tmp_path):
     """Two people to learn from and one who does one movement: the demo in a fraction of its time."""
-    learned = perform(("1", "2"), ("lunging", "shake"), trials=3, seed=2)
-    stream = perform_continuously("3", ("lunging",), seed=2)
+    learned = perform(("1", "2"), ("lunging", "shake"), trials=2, seed=2)
+    stream = perform_continuously("3", ("lunging",), seed=2, rest_s=(0.5, 0.6))
     path = tmp_path / "short.npz"
     write_archive(path, MotionArchive(learned.body_parts, (*learned.recordings, stream)))
     return path

@@ -22,7 +22,7 @@ from common.wire import SIZE_LIMIT, BadMessage, decode, encode
 from fusion.engine.engine import FusionEngine
 from fusion.ingest import PosteriorIngest
 
-MESSAGES = int(os.environ.get("LABANMESH_FUZZ", "20000"))
+MESSAGES = int(os.environ.get("LABANMESH_FUZZ", "10000"))
 SEED = int(os.environ.get("LABANMESH_FUZZ_SEED", "0"))
 OTHER_IDS = ("cam9", "Cam1", "", "a" * 65, "é", "fusion")
 FRAME_NS = 33_333_333

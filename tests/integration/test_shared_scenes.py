@@ -107,7 +107,7 @@ def test_a_service_that_joins_or_dies_moves_only_its_share_and_each_movement_is_
 
 def test_real_processes_one_is_killed_and_another_started(tmp_path):
     log = []
-    plan = CrowdPlan(scenes=8, rate_hz=25.0, seconds=6.0, processes=2, kill=True, warm_up_s=3.0)
+    plan = CrowdPlan(scenes=4, rate_hz=25.0, seconds=6.0, processes=2, kill=True, warm_up_s=3.0)
     outcome = run_trial(plan, tmp_path, log.append)
     assert ["killed fusion1" in log, "started fusion2" in log] == [True, True]
     counts = outcome.counts

@@ -8,7 +8,7 @@ from observer.motion.archive import resample
 from observer.rendering.scenery import Scenery
 from observer.tracking.head import have_cascade
 from studies.evaluate import EvaluationSettings, evaluate
-from studies.performer import perform
+from studies.performer import PEOPLE, perform
 from studies.through import RATE_HZ, Filming, evaluate_pixels, track_pictures
 from studies.trials import EvaluationTrial
 
@@ -18,7 +18,7 @@ LABELS = ("byebye", "stretch")
 
 @pytest.fixture(scope="module")
 def archive():
-    whole = perform()
+    whole = perform(PEOPLE[:3])
     chosen = [r for r in whole.recordings if r.label in LABELS and r.trial == whole.recordings[0].trial]
     return type(whole)(whole.body_parts, tuple(resample(r, RATE_HZ) for r in chosen))
 

@@ -164,7 +164,7 @@ def test_two_sensors_on_the_command_line(command, archive, tmp_path):
     write_archive(tmp_path / "a.npz", archive)
     write_archive(tmp_path / "b.npz", with_recordings(archive, archive.recordings[1:]))
     words = ["--sensor", "left=a.npz", "--sensor", "right=b.npz@wheel", "--labels", "ok,shake", "--rule", "product"]
-    words += ["--leave-one-subject-out", "--jobs", "1", "--stream"]
+    words += ["--leave-one-subject-out", "--jobs", "1", "--stream", "--model", "phase"]
     out = command(*words, "--report", "out", "--json", "out.json")
     assert "of 12 performances the sensors recorded: left 12, right 11; all of them 11 (complete)" in out
     figures = json.loads((tmp_path / "out.json").read_text())

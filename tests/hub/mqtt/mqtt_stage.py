@@ -9,6 +9,7 @@ import socket
 import subprocess
 import threading
 import time
+from pathlib import Path
 
 import paho.mqtt.client as paho
 from played_scene import ROOT, SOON_S, environment, labanmesh, until
@@ -19,6 +20,12 @@ from benchmarks.timing import free_port
 def mosquitto():
     """Where the broker's program is, or None."""
     return shutil.which("mosquitto", path=os.environ.get("PATH", "") + ":/usr/sbin:/usr/local/sbin")
+
+
+def waited_s(*pids):
+    """How long the threads of this process and others have waited for a processor so far; 0 where nobody tells."""
+    files = [file for pid in (os.getpid(), *pids) for file in Path(f"/proc/{pid}/task").glob("*/schedstat")]
+    return sum(int(file.read_text().split()[1]) for file in files) / 1e9
 
 
 class Broker:
@@ -94,6 +101,11 @@ class Listener:
 
     def wait_for_state(self, topic, payload, timeout_s=SOON_S):
         self.wait_for(lambda: self.last.get(topic) == payload, timeout_s)
+
+    def arrived_s(self, topic, payload=None):
+        """When the first message of a topic arrived (monotonic clock); payload: the first that is this."""
+        with self._changed:
+            return next(at_s for at_s, own, text, _ in self.messages if own == topic and payload in (None, text))
 
     def events(self, topic):
         """The events under `topic`, in order."""

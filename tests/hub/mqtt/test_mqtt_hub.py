@@ -7,7 +7,7 @@ import time
 from datetime import UTC, datetime
 
 import pytest
-from mqtt_stage import Broker, Hub, Listener
+from mqtt_stage import Broker, Hub, Listener, waited_s
 from played_scene import LABELS, ROOT, SOON_S, hub_section
 
 from benchmarks.timing import free_port
@@ -32,11 +32,12 @@ def test_a_scene_appears_is_judged_and_is_deleted(room, hub, listener, broker):
     listener.wait_for(lambda: json.loads(listener.last[f"{T}/state"])["confidence"] == 40)
     room.begin(1)
     listener.wait_for(lambda: f"{T}/early" in listener.last)
-    began_s = time.monotonic()
+    began_s, before_s = time.monotonic(), waited_s(running.process.pid)
     room.publish_verdict("nthrow", 1)
     listener.wait_for(lambda: f"{T}/verdict" in listener.last)
-    (arrived_s,) = [at_s for at_s, topic, *_ in listener.messages if topic == f"{T}/verdict"]
-    assert arrived_s - began_s < 0.3
+    assert len(listener.events(f"{T}/verdict")) == 1
+    # On a busy machine all wait for a processor, which is not the hub's time.
+    assert listener.arrived_s(f"{T}/verdict") - began_s < 0.3 + waited_s(running.process.pid) - before_s
     listener.wait_for_state(f"{T}/movement/nthrow", "ON")
     room.publish_verdict("nthrow", 1, ended=True)
     listener.wait_for_state(f"{T}/movement/nthrow", "OFF")
@@ -51,7 +52,7 @@ def test_a_scene_appears_is_judged_and_is_deleted(room, hub, listener, broker):
         retained = {topic for _, topic, _, kept in late.messages if kept}
         assert f"{T}/state" in retained and f"{T}/availability" in retained
     room.stop_judging()
-    listener.wait_for_state(f"{T}/availability", "offline", 3.0)
+    listener.wait_for_state(f"{T}/availability", "offline")
     assert running.end() == 0, running.log
     listener.wait_for_state("labanmesh/room/bridge", "offline")
     taken = subprocess.run(
@@ -130,12 +131,15 @@ def test_when_home_assistant_starts_everything_is_published_again(room, hub, lis
 def test_a_dead_observer_is_unavailable_within_two_seconds(room, hub, listener, number):
     room.silent = frozenset({"cam1"})  # no frames arrive; its process publishes that it runs
     process, topics = room.observer("cam1"), f"{T}/observer"
-    hub().connected()
+    running = hub().connected()
     for topic, payload in (("cam1/availability", "online"), ("cam1/connected", "ON"), ("cam2/availability", "online")):
         listener.wait_for_state(f"{topics}/{topic}", payload)
+    began_s, before_s = time.monotonic(), waited_s(running.process.pid)
     process.send_signal(number)
-    listener.wait_for_state(f"{topics}/cam1/availability", "offline", 2.0)
-    listener.wait_for_state(f"{topics}/cam1/connected", "OFF", 0.5)
+    for topic, payload, most_s in (("cam1/availability", "offline", 2.0), ("cam1/connected", "OFF", 2.5)):
+        listener.wait_for_state(f"{topics}/{topic}", payload)
+        took_s = time.monotonic() - began_s
+        assert took_s < most_s + waited_s(running.process.pid) - before_s, (topic, took_s)
     assert listener.last[f"{topics}/cam2/availability"] == "online"
 
 
@@ -241,7 +245,7 @@ def test_taught_movements_are_discovered_at_once_and_the_old_ones_removed(room, 
         listener.wait_for(lambda: set(map(trigger, first)) <= set(listener.last))
         room.teach(second)
         # The broker passes an empty retained message on to who listens.
-        listener.wait_for_state(trigger("byebye"), "", 5.0)
+        listener.wait_for_state(trigger("byebye"), "")
         listener.wait_for(lambda: trigger("wave") in listener.last and f"{T}/movement/wave" in listener.last)
         listener.wait_for_state(f"{T}/movement/byebye", "")
         event = "homeassistant/event/labanmesh_room_VERDICT/config"
