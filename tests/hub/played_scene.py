@@ -10,6 +10,8 @@ import threading
 import time
 from pathlib import Path
 
+import zenoh
+
 from common import SECOND_NS
 from common.config import MeshConfig
 from common.keys import SceneKeys
@@ -132,7 +134,9 @@ class PlayedScene:
         decision = {"label": label, "decided_ns": now_ns, "revises": verdict.revises}
         going_on = OngoingMovement(id=verdict.id, began_ns=now_ns - SECOND_NS, **decision)
         self.movement = None if ended else going_on
-        self._publishers[self.keys.verdict].put(encode(verdict))
+        # A publisher of ours drops what is due while Zenoh's queues are full, as on a busy machine.
+        block = zenoh.CongestionControl.BLOCK
+        self._link._session.put(self.keys.verdict, encode(verdict), congestion_control=block)
         return verdict.id
 
     def teach(self, labels):
