@@ -27,8 +27,9 @@ from common.messages import (
     VocabularyReference,
     Vote,
 )
-from common.probability import SMALLEST, Floats, roots_of
+from common.probability import Floats, roots_of
 from common.vocabulary import Vocabulary
+from fusion.engine.guarded_pool import TINY
 from fusion.engine.movement import MovementDecision, MovementProgress
 from fusion.engine.pooling import FACING, PooledPosterior, facing_deg
 from fusion.engine.roster import POOLED_STATES, AgedPosterior
@@ -106,7 +107,7 @@ class JudgementBuilder:
     def _entropies(self, rows: Floats) -> list[float]:
         """`entropy_bits` of each row, in half the time."""
         most = self._most_bits
-        bits: list[float] = np.dot(rows * np.log(rows + SMALLEST), self._to_bits).tolist()
+        bits: list[float] = np.dot(rows * np.log(rows + TINY), self._to_bits).tolist()
         return [0.0 if each <= 0.0 else most if each > most else each for each in bits]
 
     def judgement(

@@ -139,10 +139,13 @@ def pool_facets(rule: Rule, posteriors: Sequence[AgedPosterior]) -> dict[str, Fl
 
 def newest_ns(posteriors: Sequence[AgedPosterior], now_ns: int) -> int | None:
     """When the newest posterior that is pooled was captured; None without one."""
-    ages_s = [one.age_s for one in posteriors if one.age_s is not None and one.state in POOLED_STATES]
-    if not ages_s:
+    least_s = None
+    for one in posteriors:
+        age_s = one.age_s
+        if age_s is not None and (least_s is None or age_s < least_s) and one.state in POOLED_STATES:
+            least_s = age_s
+    if least_s is None:
         return None
-    least_s = min(ages_s)
     return now_ns - round(least_s * SECOND_NS) if least_s > 0.0 else now_ns
 
 
