@@ -102,6 +102,27 @@ def test_two_hands_are_a_body_and_one_is_not():
         BodyFrame(("left_hand",), RATE)
 
 
+def test_size_and_origin_follow_the_body_as_it_is_still():
+    """Exponentially, with time constants at rest and in movement: .4 and 30 s if smaller, .15 and 10 s for the place."""
+    near, far = stand(1), stand(2, scale=0.6, at=(40, -20), seed=1)
+    far[15:, 0] += 60 * np.sin(np.arange(15))[:, None]
+    frame, reach = BodyFrame(BODY_PARTS, RATE), BodyReach(BODY_PARTS)
+    origin = size = None
+    for n, centres in enumerate([*near, *far]):
+        own_reach = reach.update(centres)
+        new_origin, new_size = frame.update(Tracks(centres))
+        if n > len(near):
+            still = frame.still
+            share = 1 - np.exp(-(still / 0.15 + (1 - still) / 10) / RATE)
+            assert new_origin == pytest.approx(origin + (frame.anchor - origin) * share)
+            if own_reach <= size:
+                share = 1 - np.exp(-(still / 0.4 + (1 - still) / 30) / RATE)
+                assert new_size == pytest.approx(size + (own_reach - size) * share)
+            else:
+                assert new_size == own_reach
+        origin, size = new_origin, new_size
+
+
 def test_the_neck_stands_in_for_the_head():
     neck = np.array([[[0.0, 20.0]]])
     centres = np.concatenate([stand(3), np.repeat(neck, 45, axis=0)], axis=1)

@@ -12,7 +12,16 @@ from common import SECOND_NS
 from observer.camera.opening import open_pictures
 from observer.runtime.motion_gate import COLUMNS, ROWS, MotionGate
 from observer.runtime.paced_observer import Heartbeats, PacedObserver, cells_of
-from observer.runtime.pacing import ACTIVE_SHARE, EMPTY_SHARE, HOLD_S, NOBODY_S, SEARCH_SHARE, PaceLimits, TrackingPace
+from observer.runtime.pacing import (
+    ACTIVE_SHARE,
+    EMPTY_SHARE,
+    HOLD_S,
+    NOBODY_S,
+    SEARCH_SHARE,
+    PaceLimits,
+    TrackingPace,
+    is_still,
+)
 from observer.runtime.prepared_tracker import PreparedTracker
 from observer.tracks import Frame, Tracks
 
@@ -223,3 +232,13 @@ def test_no_recorded_movement_begins_unnoticed(film, data):
         ]
         noticed = [gate.update(cells(step, n), at(75 + n)) for n, step in enumerate(steps)]
         assert any(noticed[: 1 + round(SOON_S * 30)])
+
+
+@pytest.mark.parametrize(("tremble_px", "apart_px", "still"), [(10, 100, True), (14, 100, False), (1.9, 10, True)])
+def test_parts_that_stay_within_a_share_of_their_distance_are_still(tremble_px, apart_px, still):
+    """12 % of the distance between the farthest parts, or 2 px."""
+    places = np.zeros((20, 3, 2))
+    places[:, 1, 0] = apart_px
+    places[:, 2] = np.nan
+    places[::2, 0, 1] += tremble_px
+    assert is_still(places) == still
