@@ -103,7 +103,7 @@ def test_two_hands_are_a_body_and_one_is_not():
 
 
 def test_size_and_origin_follow_the_body_as_it_is_still():
-    """Exponentially, with time constants at rest and in movement: .4 and 30 s if smaller, .15 and 10 s for the place."""
+    """With time constants at rest and in movement: .4 and 30 s for a smaller size, .15 and 10 s for the place."""
     near, far = stand(1), stand(2, scale=0.6, at=(40, -20), seed=1)
     far[15:, 0] += 60 * np.sin(np.arange(15))[:, None]
     frame, reach = BodyFrame(BODY_PARTS, RATE), BodyReach(BODY_PARTS)

@@ -6,10 +6,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from observer_stage import rejected
 from scipy.signal import savgol_filter
-from scipy.stats import chi2
+from scipy.stats import chi2, circmean, circstd
 
 from observer.geometry.projection import pinhole_matrix, project
+from observer.motion.even_rate import at_even_rate
 from observer.recording.left_right import exchanged_back
+from observer.recording.person_placement import _facing
 from observer.recording.reconstruction import (
     AXES,
     SAME_S,
@@ -208,3 +210,21 @@ def test_positions_are_smoothed_over_a_tenth_of_a_second_on_either_side():
     result = smoothed(positions, 60.0, np.array([0.01, 0.0]))
     np.testing.assert_allclose(result[:, 0], savgol_filter(positions[:, 0], 13, 2, axis=0))
     np.testing.assert_array_equal(result[:, 1], positions[:, 1])
+
+
+@pytest.mark.parametrize("spread", [0.05, 0.6])
+def test_the_facing_is_the_circular_mean_and_its_spread_the_circular_deviation(spread):
+    """Also across 180 degrees, and whatever the lengths of the lines."""
+    rng = np.random.default_rng(0)
+    angles = np.pi + rng.normal(0, spread, 200)
+    lines = rng.uniform(0.2, 3.0, (200, 1)) * np.stack([np.cos(angles), 0 * angles, -np.sin(angles)], axis=1)
+    mean, deviation = _facing(lines)
+    assert mean % 360 == pytest.approx(np.degrees(circmean(angles)) % 360)
+    assert deviation == pytest.approx(np.degrees(circstd(angles)))
+
+
+@pytest.mark.parametrize("rate_hz", [15.0, 29.97, 30.0, 60.0])
+def test_an_even_rate_has_the_last_instant_although_times_are_rounded_to_nanoseconds(rate_hz):
+    at_ns = EPOCH_NS + np.round(np.arange(100) * 1e9 / rate_hz).astype(np.int64)
+    for count in range(2, 101):
+        assert len(at_even_rate(at_ns[:count], np.zeros((count, 1, 2)), rate_hz)) == count
