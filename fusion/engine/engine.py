@@ -19,7 +19,7 @@ from common.vocabulary import ABSTAIN, Vocabulary
 from fusion.engine.clocks import Clocks
 from fusion.engine.contributions import contributions
 from fusion.engine.evidence import NO_EVIDENCE, LastObserved, NearestMiss, VerdictEvidence
-from fusion.engine.explanation import explain_undecided
+from fusion.engine.explanation import explain_undecided, why_contested
 from fusion.engine.messages import JudgementBuilder, Stamp, build_verdict, close_verdict, progress_of
 from fusion.engine.movement import MovementDecision, PooledState, last_heard_ns
 from fusion.engine.newcomers import limit_newcomers, newcomers
@@ -171,7 +171,7 @@ class FusionEngine:
         self._seq += 1
         facets, movement = pool_facets(self._rule, posteriors), self._ongoing_movement()
         began_ns = now_ns if movement is None else movement.began_ns
-        is_moving = movement is not None or (observed and state.rest < 0.5)
+        is_moving = movement is not None or (observed and (state.rest < 0.5 or self._rest.contested))
         why = self._why(state, ballot.agreement.n, began_ns) if is_moving or decisions else None
         silence = why if is_moving else None
         judgement = self._builder.judgement(ballot, pooled, facets, movement, silence, self._stamp(now_ns))
@@ -244,6 +244,7 @@ class FusionEngine:
         since_ns = self._detector.held_since_ns
         held_s = None if since_ns is None else (state.at_ns - since_ns) / SECOND_NS
         why = explain_undecided(state, observers, held_s, (state.at_ns - began_ns) / SECOND_NS, self._config)
+        why = why_contested(why, state.rest >= 0.5) if self._rest.contested else why
         is_nearer = began_ns != self._nearest.began_ns or state.p > self._nearest.p
         if is_nearer and self._detector.movement is not None:
             self._nearest = NearestMiss(began_ns, state.p, why)

@@ -8,6 +8,7 @@ from common.messages import WHY_LIMIT
 from fusion.engine.movement import PooledState
 
 NO_OBSERVERS = "waiting for observers"
+CONTESTED_REST = "two observers contradict each other on whether the person rests"
 ROUND_OFF = 1e-9
 
 
@@ -40,6 +41,14 @@ def explain_undecided(
 def _demand(threshold: float) -> str:
     """Written once: it takes as long as the rest of the sentence."""
     return f"{100 * threshold:g} %"
+
+
+def why_contested(why: str | None, rests: bool) -> str:
+    """The same while two observers contradict each other about rest, and nothing tells which of them is wrong.
+
+    rests: the person rested when they last agreed, so that no label is wanted.
+    """
+    return CONTESTED_REST if why is None or rests else f"{CONTESTED_REST}; {why}"[:WHY_LIMIT]
 
 
 def _votes(label: str, agreeing: int, observers: int, quorum: int) -> str:

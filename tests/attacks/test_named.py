@@ -4,6 +4,7 @@ import io
 
 import pytest
 from attack_person import scripted
+from attack_strategies import HONEST, STRATEGIES
 from attack_trial import BEGAN_NS, HOSTILE, Case, run
 from rich.console import Console
 
@@ -18,9 +19,11 @@ from hub.dashboard.page_data import state_data
 from hub.scene_state import SceneState
 from hub.terminal import render
 
-LIES_ABOUT_REST = ("rest 0", "rest 0, uniform", "rest 1", "rest inverted", "rest flapping")
-LIES = ("wrong from the first frame", "label flapping", "flood", "junk", "vocabulary flapping", *LIES_ABOUT_REST)
-IN_SHORT = (LIES[0], "rest inverted")
+PLACES = ("watch", "page", "doctor", "metrics")
+UNNAMED = "wrong once decided"
+"""It agrees until these judges have decided, and lies when it changes no verdict any more: no harm, and no name."""
+LIES = tuple(name for name in STRATEGIES if name not in (HONEST, UNNAMED))
+IN_SHORT = ("wrong from the first frame", "rest inverted")
 
 
 @pytest.fixture(scope="module")
@@ -85,4 +88,11 @@ def measured(outcome, status):
 def test_a_hostile_judge_is_named_and_no_honest_one(names, strategy, long_form):
     if not long_form and strategy not in IN_SHORT:
         pytest.skip("in the long form: make attacks")
-    assert names(strategy) == {place: {HOSTILE} for place in ("watch", "page", "doctor", "metrics")}
+    assert names(strategy) == {place: {HOSTILE} for place in PLACES}
+
+
+@pytest.mark.parametrize("strategy", [HONEST, UNNAMED])
+def test_nobody_is_named_where_nobody_does_harm(names, strategy, long_form):
+    if not long_form:
+        pytest.skip("in the long form: make attacks")
+    assert names(strategy) == {place: set() for place in PLACES}

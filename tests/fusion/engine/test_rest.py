@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from common import SECOND_NS
 from common.messages import PosteriorMessage
+from fusion.engine.explanation import CONTESTED_REST
 from fusion.engine.rest import pooled_rest
 from fusion.engine.rest_trust import AGREED_S, DISSENT_RANGE, EVIDENCE, LEAST_TRUST, USUAL_DISSENT, RestTrust
 
@@ -146,15 +147,16 @@ def test_one_that_flaps_makes_nobody_look_stuck():
 @pytest.mark.parametrize("word", [0.0, 0.98], ids=["says nothing", "sees another person"])
 def test_where_two_contradict_each_other_and_nothing_tells_which_is_wrong_no_movement_is_cut_into_pieces(word):
     scene = EngineDriver(["door", "liar"], quorum=1)
-    movements = LABELS[:2] * 3
+    movements, reasons = LABELS[:2] * 3, []
     for step in range(-15, 30 * len(movements)):
         label, moves = movements[max(step, 0) // 30], 0 <= step % 30 < 15 and step >= 0
         scene.tick()
         scene.publish("door", sure(label, word) if moves and word else UNIFORM, 1.0 - moves)
         scene.publish("liar", UNIFORM if moves or not word else sure(LABELS[2], word), float(moves))
-        scene.fuse()
+        reasons.append(scene.fuse().why or "")
     decided = [verdict.label for verdict in scene.verdicts if verdict.stage == "decided"]
     assert [label for label in decided if label != LABELS[2]] == (list(movements) if word else [])
+    assert word or reasons[-1].startswith(CONTESTED_REST)
 
 
 def test_a_clock_that_was_set_back_begins_anew():
