@@ -179,9 +179,10 @@ def serve_capture(
     port: socket.socket, access: AccessControl, setup: PageSetup, timeline: CaptureTimeline, run: ServingRun
 ) -> None:
     """Show a capture; returns when `run` is over."""
-    stream: Stream = lambda head: play(timeline, setup, head)  # noqa: E731 - named for its type
+    closed = asyncio.Event()
+    stream: Stream = lambda head: play(timeline, setup, head, closed)  # noqa: E731 - named for its type
     app = application(access, stream, lambda: False, teach=TeachPage(access, off=CAPTURE))
-    asyncio.run(_serve(app, port, run, lambda: None))
+    asyncio.run(_serve(app, port, run, closed.set))
 
 
 def has_right(scene: "Scene", right: str) -> bool:
@@ -192,6 +193,14 @@ def has_right(scene: "Scene", right: str) -> bool:
     from common.credentials import own_certificate
 
     return own_certificate(Path(scene.mesh.credentials)).is_for(right)
+
+
+class _PageServer(uvicorn.Server):
+    """Leaves signals to `stop_on_signals`: on its own, uvicorn cuts the event streams off and reports an error."""
+
+    @contextmanager
+    def capture_signals(self) -> Iterator[None]:
+        yield
 
 
 async def _serve(
@@ -207,7 +216,7 @@ async def _serve(
         server_header=False, timeout_graceful_shutdown=SHUTDOWN_S,
     )  # fmt: skip
     settings.load()
-    server = uvicorn.Server(settings)
+    server = _PageServer(settings)
 
     def connection() -> asyncio.BaseProtocol:
         return browser_connection(config=settings, server_state=server.server_state, app_state={})
@@ -215,7 +224,7 @@ async def _serve(
     async def end() -> None:
         loop = asyncio.get_running_loop()
         end_s = None if run.for_s is None else loop.time() + run.for_s
-        while not (server.should_exit or run.stop.is_set() or (end_s is not None and loop.time() >= end_s)):
+        while not (run.stop.is_set() or (end_s is not None and loop.time() >= end_s)):
             await asyncio.sleep(CHECK_S)
             tidy()
         accepting.cancel()

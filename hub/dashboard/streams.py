@@ -134,23 +134,28 @@ class Playhead:
     speed: float = 1.0
 
 
-async def play(timeline: CaptureTimeline, setup: PageSetup, head: Playhead) -> AsyncIterator[bytes]:
-    """The events of one browser: a snapshot of the playhead's moment, then what follows, and `end` at the end."""
+async def play(
+    timeline: CaptureTimeline, setup: PageSetup, head: Playhead, closed: asyncio.Event
+) -> AsyncIterator[bytes]:
+    """The events of one browser: a snapshot of the playhead's moment, what follows, and `end` at the capture's end.
+
+    They stop when the browser disconnects or `closed` is set.
+    """
     loop = asyncio.get_running_loop()
     began_s = loop.time()
     at_ns = _moment(timeline, head.at_s)
     whole = snapshot_data(setup, timeline.history(at_ns, with_minute=True))
     yield event("snapshot", {**whole, "head": _head_s(timeline, at_ns), "marks": timeline.marks})
-    while head.speed > 0 and at_ns < timeline.ended_ns:
+    while head.speed > 0 and at_ns < timeline.ended_ns and not closed.is_set():
         await asyncio.sleep(STEP_S)
         before_ns, at_ns = at_ns, _moment(timeline, head.at_s + (loop.time() - began_s) * head.speed)
         history = timeline.history(at_ns)
         for verdict in timeline.verdicts_between(before_ns, at_ns):
             yield event("verdict", verdict_data(verdict, history, setup.quorum))
         yield event("state", {**state_data(history), "head": _head_s(timeline, at_ns)})
-    if head.speed > 0:
+    if head.speed > 0 and at_ns >= timeline.ended_ns:
         yield event("end", {"head": _head_s(timeline, at_ns)})
-    await asyncio.Event().wait()
+    await closed.wait()
 
 
 def _moment(timeline: CaptureTimeline, at_s: float) -> int:

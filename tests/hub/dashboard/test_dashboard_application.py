@@ -9,6 +9,8 @@ import pytest
 from played_scene import SOON_S, Dashboard
 
 from common.address import Address
+from common.capture_file import CaptureRecord, CaptureWriter
+from common.config import read_scene
 from common.errors import BadInput, LabanmeshError
 from common.wire import encode
 from hub.dashboard.access import COOKIE, AccessControl, checked_token, is_loopback
@@ -165,3 +167,17 @@ def test_a_verdict_on_the_mesh_reaches_a_browser(fusion, scene_file, make):
         publisher.put(encode(make.verdict(1)))
         verdict = next(fields for kind, fields in received if kind == "verdict")
         assert verdict["label"] == "nthrow" and verdict["why"]
+
+
+def test_a_page_that_is_open_ends_with_the_dashboard(scene_file, tmp_path, make):
+    file, capture, began_ns = scene_file("tcp/127.0.0.1:1"), tmp_path / "capture.mcap", 10**18
+    with CaptureWriter(capture, read_scene(file, {}), file.read_text(), began_ns) as writer:
+        for key, message in (("vocabulary", make.vocabulary()), ("verdict", make.verdict(1))):
+            writer.write(CaptureRecord("put", f"laban/room/{key}", encode(message), began_ns))
+    with httpx.Client(timeout=SOON_S) as browser:
+        with Dashboard("--capture", capture) as page:
+            answer = browser.send(browser.build_request("GET", f"{page.url}events"), stream=True)
+            received = events(answer.iter_lines())
+            assert next(received)[0] == "snapshot"
+        # The process has ended cleanly (see `Dashboard`), and so has the stream.
+        assert "snapshot" not in dict(received)
