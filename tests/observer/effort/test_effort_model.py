@@ -83,6 +83,15 @@ def test_the_mixture_is_the_formula():
     assert log_odds(model, z, "time") == pytest.approx(np.log(likelihood(1) / likelihood(-1)), rel=1e-6)
 
 
+def test_a_posterior_is_the_tempered_odds_of_standardised_features():
+    model = learn_trials(made(), "door", 30)
+    features = made(seed=9)[5].features
+    for q, factor in enumerate(FACTORS):
+        odds = log_odds(model, (features - model.mean) / model.deviation, factor)
+        low, high = model.posterior(features)[f"effort_{factor}"]
+        assert np.log(high / low) == pytest.approx(model.temper[q] * odds) and low + high == pytest.approx(1)
+
+
 def test_the_spread_is_the_formula():
     """W: covariances of trials of the same four levels, unbiased and weighted by their number; B: of the actions."""
     rng = np.random.default_rng(5)
