@@ -40,23 +40,34 @@ def test_while_a_cable_is_pulled_the_near_observers_are_judged(replay, tmp_path,
         near, far = stage.witness(hosts.right.inside), stage.witness(hosts.left.inside)
         near.wait_for(all_count, why="all count")
         far.wait_for(all_count, why="all count at the other host")
+        before_s = waited_s(stage, "router", "fusion", *NEAR)
         pulled_ns, put_back = time.time_ns(), pull(hosts, how)
         near.wait_for(lambda w: w.last["at_ns"] - pulled_ns > OUT_S * SECOND_NS, why="judgements go on")
-        back_ns = time.time_ns()
+        out_waited_s = waited_s(stage, "router", "fusion", *NEAR) - before_s
+        back_ns, before_s = time.time_ns(), waited_s(stage, *stage.processes)
         put_back()
         near.wait_for(lambda w: after(w, back_ns), why="the far observers count again")
         far.wait_for(lambda w: w.last["arrived_ns"] > back_ns, why="the far hub receives again")
+        back_waited_s = waited_s(stage, *stage.processes) - before_s
         meanwhile = [one for one in near.judgements if pulled_ns < one["at_ns"] < back_ns]
         votes = [one["votes"] for one in meanwhile]
         assert all(votes[-1][one]["state"] == "silent" for one in FAR), "the cable was not pulled"
         missed = [round(one["at_ns"] / 1e9 - pulled_ns / 1e9, 2) for one in meanwhile if not counted(one, *NEAR)]
-        assert len(missed) < 0.05 * len(meanwhile), f"seconds after the cable was pulled: {missed}\n{stage.logs()}"
-        assert longest_gap_s([one["at_ns"] for one in meanwhile]) < 0.5
+        # What processes wait for a processor of a busy machine is not the mesh's time, here and below.
+        most = (0.05 + out_waited_s / OUT_S) * len(meanwhile)
+        assert len(missed) < most, f"seconds after the cable was pulled: {missed}\n{stage.logs()}"
+        assert longest_gap_s([one["at_ns"] for one in meanwhile]) < 0.5 + out_waited_s
         received_ns = next(one["arrived_ns"] for one in far.judgements if one["arrived_ns"] > back_ns)
         times_ns = (after(near, back_ns)["at_ns"], received_ns)
         counted_s, received_s = ((time_ns - back_ns) / SECOND_NS for time_ns in times_ns)
-        print(f"{how}: {len(meanwhile)} judgements; counted after {counted_s:.2f} s, received {received_s:.2f}")
-        assert max(counted_s, received_s) < within_s
+        print(f"{how}: {len(meanwhile)} judgements, {len(missed)} missed, {out_waited_s:.1f} s waited for processors")
+        print(f"counted after {counted_s:.2f} s, received {received_s:.2f}, {back_waited_s:.1f} s waited meanwhile")
+        assert max(counted_s, received_s) < within_s + back_waited_s
+
+
+def waited_s(stage, *names):
+    """How long these processes have waited for a processor so far, together."""
+    return sum(stage.processes[name].waited_s for name in names)
 
 
 def after(witness, at_ns):
